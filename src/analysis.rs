@@ -1,0 +1,300 @@
+//! What is computed from a run: identification, verification, friction and warm-up. An answer that
+//! could not be had keeps its reason here; it is never an empty value.
+
+use crate::robot::{JointIndex, ParameterId};
+use crate::run::Stage;
+
+/// Everything computed from one cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleAnalysis {
+    /// Number of the cycle in the run, from 1.
+    pub cycle: u32,
+    /// Time of the first row since the start of the recording, s.
+    pub start: f64,
+    /// Time from the first to the last row, s.
+    pub duration: f64,
+    /// Rows of the cycle.
+    pub rows: usize,
+    /// Sample rate, Hz.
+    pub sample_rate: f64,
+    /// Cut-off of the analysis low-pass, Hz.
+    pub cutoff: f64,
+    /// Parameters, or why there are none.
+    pub identification: Result<Identification, String>,
+    /// Self-verification by joint and stage; empty without parameters.
+    pub verification: Vec<TorqueRmsd>,
+    /// Mean friction on constant-speed plateaus.
+    pub friction_points: Vec<FrictionPoint>,
+    /// What a user should know of the data, in sentences.
+    pub remarks: Vec<String>,
+}
+
+/// Base parameters of one cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identification {
+    /// Kept parameters in natural order.
+    pub parameters: Vec<IdentifiedParameter>,
+    /// Samples used; each gives one row per joint.
+    pub samples: usize,
+    /// Condition number of the observation matrix.
+    pub condition_number: f64,
+    /// Condition number after scaling each column to unit norm.
+    pub scaled_condition_number: f64,
+    /// Standard deviation of the torque residual over all joints, Nm.
+    pub residual_std: f64,
+}
+
+/// A base parameter with its uncertainty. Stands for a grouping: see
+/// [`crate::numerics::base::BaseParameters`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IdentifiedParameter {
+    /// Which parameter.
+    pub id: ParameterId,
+    /// Value in the unit of [`ParameterId::unit`].
+    pub value: f64,
+    /// Standard error, same unit.
+    pub std_error: f64,
+}
+
+/// Rows over which a torque RMSD is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum RmsdScope {
+    /// Rows of one stage.
+    Stage(Stage),
+    /// All rows of the cycle.
+    WholeCycle,
+}
+
+impl RmsdScope {
+    /// Name as in the view `cycle_rmsd`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Stage(stage) => stage.name(),
+            Self::WholeCycle => "all",
+        }
+    }
+}
+
+/// Root-mean-square deviation between estimated and measured torque of a joint [5.1].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TorqueRmsd {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Rows considered.
+    pub scope: RmsdScope,
+    /// Over all rows.
+    pub all_rows: Rmsd,
+    /// Over the rows in which the joint moves; zero samples if it never does.
+    pub moving_rows: Rmsd,
+}
+
+/// An RMSD with its reference.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Rmsd {
+    /// Root of the mean squared deviation, Nm.
+    pub value: f64,
+    /// `value` divided by the RMS of the measured, low-passed torque over the same rows.
+    pub relative: f64,
+    /// Rows.
+    pub samples: usize,
+}
+
+/// Mean friction torque on one constant-speed plateau: joint, speed level and direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FrictionPoint {
+    /// The joint that moves.
+    pub joint: JointIndex,
+    /// Mean time of the plateau's rows since the start of the recording, s.
+    pub time: f64,
+    /// Nominal speed as a fraction of the joint's largest speed.
+    pub speed_fraction: f64,
+    /// Mean measured speed, positive, rad/s.
+    pub speed: f64,
+    /// Sign of the motion, -1 or 1.
+    pub direction: i8,
+    /// Mean friction torque, gravity removed, signed as the motion, Nm.
+    pub torque: f64,
+    /// Standard deviation of the rows about the mean, Nm.
+    pub std: f64,
+    /// Rows of the plateau.
+    pub samples: usize,
+    /// How gravity was removed.
+    pub gravity: GravityRemoval,
+}
+
+/// How the load of gravity was taken from a friction point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GravityRemoval {
+    /// The axis is vertical in this posture: gravity does no work on the joint.
+    AxisVertical,
+    /// Fitted on the friction stage of the joint [5.3] and subtracted [5.2].
+    Fitted,
+    /// Taken from the cycle's identified parameters.
+    Model,
+}
+
+impl GravityRemoval {
+    /// Name as stored.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::AxisVertical => "axis_vertical",
+            Self::Fitted => "fitted",
+            Self::Model => "model",
+        }
+    }
+}
+
+/// Shape of a warm-up curve that the data support.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum WarmUpModel {
+    /// `a + b exp(-t/t1) + c exp(-t/t2)` [5.4].
+    Double,
+    /// `a + b exp(-t/t1)`.
+    Single,
+    /// `a`.
+    Constant,
+}
+
+impl WarmUpModel {
+    /// Name as in the view `warmup_fits`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Double => "double",
+            Self::Single => "single",
+            Self::Constant => "constant",
+        }
+    }
+}
+
+/// A value with its standard error.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// The value.
+    pub value: f64,
+    /// Its standard error, same unit.
+    pub std_error: f64,
+}
+
+/// Friction of a joint at one speed over the time of a run, or of all runs of a robot [5.4].
+/// Times in minutes, as the equation has them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WarmUpFit {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Nominal speed as a fraction of the joint's largest speed.
+    pub speed_fraction: f64,
+    /// Shape chosen.
+    pub model: WarmUpModel,
+    /// Warm friction, Nm.
+    pub a: Estimate,
+    /// Slow part, Nm, and its time constant, min; `None` for a constant.
+    pub slow: Option<Decay>,
+    /// Fast part, Nm, and its time constant, min; only for a double exponential.
+    pub fast: Option<Decay>,
+    /// Root-mean-square deviation of the points from the curve, Nm.
+    pub rmsd: f64,
+    /// Points used.
+    pub samples: usize,
+}
+
+/// One exponential part of a warm-up curve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Decay {
+    /// Height at t = 0, Nm.
+    pub amplitude: Estimate,
+    /// Time constant, min.
+    pub time_constant: Estimate,
+}
+
+/// Cycles over which statistics of a parameter are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum StatisticsWindow {
+    /// All cycles.
+    All,
+    /// Without the first five, in which the arm warms up.
+    AfterFive,
+}
+
+impl StatisticsWindow {
+    /// Name as in the view `parameter_statistics`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::All => "all",
+            Self::AfterFive => "after_5",
+        }
+    }
+}
+
+/// Statistics of one parameter over the cycles of a run, as the thesis defines them (Appendix H).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ParameterStatistics {
+    /// The parameter.
+    pub id: ParameterId,
+    /// Cycles considered.
+    pub window: StatisticsWindow,
+    /// Arithmetic mean.
+    pub mean: f64,
+    /// Smallest value.
+    pub min: f64,
+    /// Largest value.
+    pub max: f64,
+    /// `(max - min) / |max|`; `None` where `max` is zero.
+    pub d_mm: Option<f64>,
+    /// `|last - first| / |first|`; `None` where `first` is zero.
+    pub d_se: Option<f64>,
+    /// Sample standard deviation; `None` for a single cycle.
+    pub sdv: Option<f64>,
+    /// Number of cycles.
+    pub cycles: usize,
+}
+
+/// What one run says of one joint, condensed for the detectors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointSummary {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Friction once warm, or why it is unknown.
+    pub warm_friction: Option<WarmFriction>,
+    /// Median over the cycles of the moving relative RMSD of the excitation stage.
+    pub relative_rmsd: Option<f64>,
+    /// How much that RMSD swings from cycle to cycle.
+    pub rmsd_swing: Option<RmsdSwing>,
+}
+
+/// Friction at the reference speed over the last third of a run's cycles.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WarmFriction {
+    /// Mean of the torque magnitudes of both directions, Nm.
+    pub torque: f64,
+    /// Standard error of that mean, Nm.
+    pub std_error: f64,
+    /// Mean time of the points since the run's start, min. Runs compare at equal warmth only.
+    pub minute: f64,
+    /// Speed of the points as a fraction of the largest.
+    pub speed_fraction: f64,
+}
+
+/// Standard deviation of a series from cycle to cycle, blind to slow trends: root of half the mean
+/// squared successive difference (von Neumann 1941).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RmsdSwing {
+    /// The standard deviation, same unit as the series.
+    pub value: f64,
+    /// Cycles that it stands on.
+    pub cycles: usize,
+}
+
+/// Everything computed from a whole run, once its last cycle is stored.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RunAnalysis {
+    /// Friction against time, by joint and speed.
+    pub warm_up_fits: Vec<WarmUpFit>,
+    /// Statistics of each parameter.
+    pub statistics: Vec<ParameterStatistics>,
+    /// One summary a joint.
+    pub summaries: Vec<JointSummary>,
+}

@@ -1,0 +1,101 @@
+//! TOML files to settings, with every problem found at once.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::robot::Robot;
+
+/// Everything the program is told, read and checked.
+#[derive(Debug, Clone)]
+pub struct Config {
+    /// Database file.
+    pub database: PathBuf,
+    /// Folders to watch and how.
+    pub watch: WatchSettings,
+    /// How a file name gives robot and start time.
+    pub recognition: Recognition,
+    /// Which robots there are; the first entry whose pattern matches a robot's name is its own.
+    pub fleet: Vec<FleetEntry>,
+}
+
+/// Folders to watch.
+#[derive(Debug, Clone)]
+pub struct WatchSettings {
+    /// Folders, searched with their subfolders.
+    pub folders: Vec<PathBuf>,
+    /// Time between two scans.
+    pub scan_interval: Duration,
+    /// How long a file's size and modification time must stand still before it is read.
+    pub settle: Duration,
+}
+
+/// How a file name gives robot and start time.
+#[derive(Debug, Clone)]
+pub struct Recognition {
+    /// Pattern over the file name with the named groups `robot` and, where given, `date` (YYYYMMDD)
+    /// and `time` (HHMM or HHMMSS).
+    pub file_name: regex::Regex,
+    /// IANA time zone of date and time in file names.
+    pub time_zone: String,
+}
+
+/// Robots that share a description and a layout.
+#[derive(Debug, Clone)]
+pub struct FleetEntry {
+    /// Pattern over the whole robot name; `*` stands for any characters.
+    pub robots: String,
+    /// The arm.
+    pub description: Arc<Robot>,
+    /// The layout of its exports.
+    pub layout: Arc<Layout>,
+}
+
+/// How an export's columns become channels in SI.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layout {
+    /// Name, such as `native`.
+    pub name: String,
+    /// Separator between columns.
+    pub delimiter: u8,
+    /// Column of time.
+    pub time: ScaledColumn,
+    /// Columns of joint positions.
+    pub position: ScaledColumn,
+    /// Columns of joint velocities, where recorded.
+    pub velocity: Option<ScaledColumn>,
+    /// Columns of joint torques.
+    pub torque: ScaledColumn,
+    /// Column of the stage signal.
+    pub stage: StageSignal,
+    /// Column of the cycle counter; used if the export has it.
+    pub cycle: Option<String>,
+    /// Column of the joint under friction test, from 1; used if the export has it.
+    pub friction_joint: Option<String>,
+    /// Column of the speed level, from 1; used if the export has it.
+    pub friction_level: Option<String>,
+}
+
+/// A column, or one column a joint, with its unit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScaledColumn {
+    /// Header name; `{joint}` stands for the joint number from 1 where there is one a joint.
+    pub name: String,
+    /// Factor from the column's unit to SI.
+    pub to_si: f64,
+}
+
+/// Which values of a column mean which stage; any other value is between stages.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StageSignal {
+    /// Header name.
+    pub column: String,
+    /// Values of the excitation stage.
+    pub excitation: Vec<i64>,
+    /// Values of the friction stage.
+    pub friction: Vec<i64>,
+    /// Values of the warming stage.
+    pub warming: Vec<i64>,
+    /// Values between stages; a value that is in no list is an error.
+    pub between: Vec<i64>,
+}

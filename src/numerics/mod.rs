@@ -1,0 +1,56 @@
+//! The method: samples in, numbers out. No async, files, clock, randomness or logging in here.
+//!
+//! | symbol | is | shape, unit |
+//! |---|---|---|
+//! | `q`, `qd`, `qdd` | joint position, velocity, acceleration | `[n]` rad, rad/s, rad/s² |
+//! | `tau` | joint torque | `[n]` Nm |
+//! | `y` | regressor of one sample, `tau = y phi` | `[n x 15n]` |
+//! | `phi` | all parameters in natural order | `[15n]` |
+//! | `w` | observation matrix, stacked rows of the kept columns | `[nN x b]` |
+//! | `theta` | base parameters | `[b]` |
+//! | `sigma` | their standard errors | `[b]` |
+//! | `r` | triangular factor of `[w \| tau]` | `[(b+1) x (b+1)]` |
+
+pub mod base;
+pub mod dynamics;
+pub mod kinematics;
+pub mod regressor;
+
+/// Why numbers could not be had. Carries the figures that decided it.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NumericsError {
+    /// Too few rows for what was asked.
+    #[error("{what} has {rows} rows, at least {needed} are needed")]
+    TooShort {
+        /// What was looked at.
+        what: &'static str,
+        /// Rows there are.
+        rows: usize,
+        /// Rows needed.
+        needed: usize,
+    },
+    /// The motion does not excite every parameter.
+    #[error(
+        "the motion does not show {count} of {columns} parameters ({names}): the recorded motion is too poor, \
+         or a joint stands still; record the excitation stage with all joints moving"
+    )]
+    RankDeficient {
+        /// Parameters not seen.
+        count: usize,
+        /// Parameters asked for.
+        columns: usize,
+        /// The first few of them.
+        names: String,
+    },
+    /// The sample rate is too low for the low-pass.
+    #[error("a sample rate of {sample_rate_hz} Hz cannot carry a low-pass at {cutoff_hz} Hz; set a cut-off below {} Hz", .sample_rate_hz / 2.0)]
+    CutoffTooHigh {
+        /// Sample rate, Hz.
+        sample_rate_hz: f64,
+        /// Cut-off asked for, Hz.
+        cutoff_hz: f64,
+    },
+    /// A matrix routine did not converge, or a number is not finite.
+    #[error("{0} did not give finite numbers")]
+    NotFinite(&'static str),
+}

@@ -1,0 +1,199 @@
+//! What was recorded: a run is one export, made of cycles, each made of stages.
+
+use std::fmt;
+
+use jiff::Timestamp;
+
+use crate::robot::JointIndex;
+
+/// Part of a cycle, as the controller's stage signal separates them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Stage {
+    /// Between stages: moving to the next posture or waiting.
+    Between,
+    /// Fourier trajectory and full-speed trajectory, for identification.
+    Excitation,
+    /// Each joint alone, back and forth at constant speeds.
+    Friction,
+    /// All joints together, to warm the gearboxes.
+    Warming,
+}
+
+impl Stage {
+    /// The three stages that are analysed, in the order of a test.
+    pub const ANALYSED: [Self; 3] = [Self::Excitation, Self::Friction, Self::Warming];
+
+    /// Name as in the view `cycle_rmsd`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Between => "between",
+            Self::Excitation => "excitation",
+            Self::Friction => "friction",
+            Self::Warming => "warming",
+        }
+    }
+}
+
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Which joint moves in a row of the friction stage, and at which speed level (from 1), as the
+/// controller's signals say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrictionSignal {
+    /// The joint under test.
+    pub joint: JointIndex,
+    /// Speed level, from 1 upwards.
+    pub level: u8,
+}
+
+/// Consecutive rows of a recording in SI units, one vector per channel.
+///
+/// All vectors have the same length `rows`. Joint channels are `[n][rows]`.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Samples {
+    /// Time since the start of the recording, s.
+    pub time: Vec<f64>,
+    /// Joint positions, rad (m).
+    pub position: Vec<Vec<f64>>,
+    /// Joint velocities, rad/s (m/s), where recorded.
+    pub velocity: Option<Vec<Vec<f64>>>,
+    /// Joint torques, Nm (N).
+    pub torque: Vec<Vec<f64>>,
+    /// Stage of each row.
+    pub stage: Vec<Stage>,
+    /// Cycle counter of each row, from 1, where recorded.
+    pub cycle: Option<Vec<u32>>,
+    /// Joint and level of each row, where recorded; `None` in a row outside the friction stage.
+    pub friction_signal: Option<Vec<Option<FrictionSignal>>>,
+}
+
+impl Samples {
+    /// Number of rows.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.time.len()
+    }
+
+    /// Whether there is no row.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.time.is_empty()
+    }
+
+    /// Number of joints `n`.
+    #[must_use]
+    pub fn joint_count(&self) -> usize {
+        self.position.len()
+    }
+
+    /// Appends `other`, which has the same channels.
+    pub fn append(&mut self, mut other: Self) {
+        if self.is_empty() {
+            *self = other;
+            return;
+        }
+        self.time.append(&mut other.time);
+        append_channels(&mut self.position, &mut other.position);
+        if let (Some(mine), Some(theirs)) = (&mut self.velocity, &mut other.velocity) {
+            append_channels(mine, theirs);
+        }
+        append_channels(&mut self.torque, &mut other.torque);
+        self.stage.append(&mut other.stage);
+        if let (Some(mine), Some(theirs)) = (&mut self.cycle, &mut other.cycle) {
+            mine.append(theirs);
+        }
+        if let (Some(mine), Some(theirs)) = (&mut self.friction_signal, &mut other.friction_signal) {
+            mine.append(theirs);
+        }
+    }
+
+    /// Takes away and returns the first `rows` rows; the rest stays.
+    pub fn take_front(&mut self, rows: usize) -> Self {
+        let rest = Self {
+            time: self.time.split_off(rows),
+            position: split_channels(&mut self.position, rows),
+            velocity: self.velocity.as_mut().map(|v| split_channels(v, rows)),
+            torque: split_channels(&mut self.torque, rows),
+            stage: self.stage.split_off(rows),
+            cycle: self.cycle.as_mut().map(|c| c.split_off(rows)),
+            friction_signal: self.friction_signal.as_mut().map(|f| f.split_off(rows)),
+        };
+        std::mem::replace(self, rest)
+    }
+}
+
+fn append_channels(mine: &mut [Vec<f64>], theirs: &mut [Vec<f64>]) {
+    for (a, b) in mine.iter_mut().zip(theirs) {
+        a.append(b);
+    }
+}
+
+fn split_channels(channels: &mut [Vec<f64>], at: usize) -> Vec<Vec<f64>> {
+    channels.iter_mut().map(|c| c.split_off(at)).collect()
+}
+
+/// One repetition of the test: the unit of transfer and of analysis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cycle {
+    /// Number in the run, from 1.
+    pub number: u32,
+    /// Rows of the cycle, those between stages included.
+    pub samples: Samples,
+}
+
+/// BLAKE3 hash of an export's bytes as they lie on disk: the identity of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct ContentHash(pub [u8; 32]);
+
+impl fmt::Display for ContentHash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+/// What is known of an export before its rows are read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunHeader {
+    /// The individual robot, such as `R00`.
+    pub robot: String,
+    /// Model of its description, such as `er3a`.
+    pub model: String,
+    /// Start of the recording.
+    pub started_at: Timestamp,
+    /// File name of the export, without its folder.
+    pub source_name: String,
+    /// Whole path of the export, as it was found.
+    pub source_path: String,
+    /// Identity of the content.
+    pub content_hash: ContentHash,
+    /// Bytes of the export on disk.
+    pub source_bytes: u64,
+}
+
+/// Where a run stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum RunStatus {
+    /// Cycles are being stored.
+    Streaming,
+    /// Every cycle is stored.
+    Complete,
+    /// The export was not understood; the reason is with the run.
+    Quarantined,
+}
+
+impl RunStatus {
+    /// Name as in the view `runs`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Streaming => "streaming",
+            Self::Complete => "complete",
+            Self::Quarantined => "quarantined",
+        }
+    }
+}
