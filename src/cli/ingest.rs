@@ -1,0 +1,171 @@
+//! `armwatch ingest`: files and folders through the pipeline once.
+
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+use tokio_util::sync::CancellationToken;
+
+use super::{CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, output, runtime, shared};
+use crate::daemon;
+use crate::ingest::watch;
+use crate::pipeline::{Outcome, Pipeline, Progress, Retry};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch ingest R00_20260105_0847_Col23_20s_cycle5.csv.gz
+  armwatch ingest exports/ --db fleet.db
+  armwatch ingest exports/ --json | jq .reason
+
+Folders are searched with their subfolders for *.csv, *.csv.gz and *.csv.zst. A file whose content is
+stored already is named and passed over; a quarantined one is read again. Sources are never changed.
+Exit status 1 if an export was quarantined.")]
+pub(super) struct IngestArgs {
+    /// Exports, or folders of exports
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+}
+
+pub(super) fn ingest(global: &Global, args: &IngestArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    let exports = find_exports(&args.paths)?;
+    runtime()?.block_on(async {
+        let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
+        let store = open_store(&config).await?;
+        let pipeline = Pipeline::new(shared(config), store);
+        let done = take_all(&pipeline, &exports, &stop, global.json).await;
+        pipeline.store().close().await;
+        done
+    })
+}
+
+async fn take_all(
+    pipeline: &Pipeline,
+    exports: &[PathBuf],
+    stop: &CancellationToken,
+    as_json: bool,
+) -> Result<u8, CliError> {
+    let mut code = EXIT_DONE;
+    for path in exports {
+        let bar = progress_bar(path);
+        let moving = bar.clone();
+        let outcome = pipeline
+            .process(path, Retry::Quarantined, stop, move |progress| match progress {
+                Progress::Read(bytes) => moving.set_position(bytes),
+                Progress::Cycle(cycle) => moving.set_message(format!("cycle {cycle}")),
+            })
+            .await;
+        bar.finish_and_clear();
+        let outcome = outcome?;
+        daemon::log_outcome(path, &outcome);
+        print(path, &outcome, as_json);
+        match outcome {
+            Outcome::Quarantined { .. } | Outcome::Changed => code = EXIT_FOUND,
+            Outcome::Interrupted => return Ok(EXIT_STOPPED),
+            Outcome::Stored(_) | Outcome::AlreadyStored { .. } => {}
+        }
+        if stop.is_cancelled() {
+            return Ok(EXIT_STOPPED);
+        }
+    }
+    Ok(code)
+}
+
+/// Files as they were named, folders by their exports in the order of their names.
+fn find_exports(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
+    let mut exports = Vec::new();
+    for path in paths {
+        let metadata =
+            std::fs::metadata(path).map_err(|error| CliError::Usage(format!("{}: {error}", path.display())))?;
+        if !metadata.is_dir() {
+            exports.push(path.clone());
+            continue;
+        }
+        let scan = watch::scan(std::slice::from_ref(path));
+        if scan.files.is_empty() {
+            output::note(&format!(
+                "{}: no exports in this folder (*.csv, *.csv.gz, *.csv.zst)",
+                path.display()
+            ));
+        }
+        exports.extend(scan.files.into_iter().map(|file| file.path));
+    }
+    Ok(exports)
+}
+
+/// A bar over the bytes of a file, hidden where there is no terminal.
+fn progress_bar(path: &Path) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bytes = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    let bar = ProgressBar::new(bytes);
+    let style = "{prefix} [{bar:30}] {bytes}/{total_bytes} {bytes_per_sec} {msg} eta {eta}";
+    if let Ok(style) = ProgressStyle::with_template(style) {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    bar.set_prefix(name);
+    bar
+}
+
+fn print(path: &Path, outcome: &Outcome, as_json: bool) {
+    if as_json {
+        output::json(&as_value(path, outcome));
+    } else {
+        output::line(&as_text(path, outcome));
+    }
+}
+
+fn as_text(path: &Path, outcome: &Outcome) -> String {
+    let file = path.display();
+    match outcome {
+        Outcome::Stored(run) => {
+            let mut text = format!(
+                "stored       {file}: robot {}, run {}, {} cycles, {} rows",
+                run.robot, run.run_id, run.cycles, run.rows
+            );
+            for (cycle, reason) in &run.refused {
+                text.push_str(&format!("\n             cycle {cycle} without parameters: {reason}"));
+            }
+            for anomaly in &run.new_anomalies {
+                text.push_str(&format!("\n{:<12} {} {}: {}", anomaly.severity, run.robot, anomaly.kind, anomaly.message));
+            }
+            text
+        }
+        Outcome::AlreadyStored { run_id, robot } => format!("known        {file}: robot {robot}, run {run_id}"),
+        Outcome::Quarantined { rejection, cycles, .. } => {
+            let kept = if *cycles > 0 { format!(" ({cycles} cycles before it are stored)") } else { String::new() };
+            format!("quarantined  {rejection}{kept}")
+        }
+        Outcome::Interrupted => format!("interrupted  {file}: run again to continue"),
+        Outcome::Changed => format!("changed      {file}: changed or vanished while it was read; run again"),
+    }
+}
+
+fn as_value(path: &Path, outcome: &Outcome) -> serde_json::Value {
+    let file = path.display().to_string();
+    match outcome {
+        Outcome::Stored(run) => json!({
+            "file": file, "outcome": "stored", "run_id": run.run_id, "robot": run.robot,
+            "cycles": run.cycles, "rows": run.rows,
+            "refused": run.refused.iter().map(|(cycle, reason)| json!({"cycle": cycle, "reason": reason})).collect::<Vec<_>>(),
+            "new_anomalies": run.new_anomalies.iter().map(|a| json!({
+                "joint": a.joint.number(), "kind": a.kind.name(), "severity": a.severity.name(), "message": a.message,
+            })).collect::<Vec<_>>(),
+        }),
+        Outcome::AlreadyStored { run_id, robot } => {
+            json!({"file": file, "outcome": "known", "run_id": run_id, "robot": robot})
+        }
+        Outcome::Quarantined { run_id, rejection, cycles } => json!({
+            "file": file, "outcome": "quarantined", "run_id": run_id, "reason": rejection.sentence(),
+            "line": rejection.line, "column": rejection.column, "value": rejection.value,
+            "remedy": rejection.remedy, "cycles": cycles,
+        }),
+        Outcome::Interrupted => json!({"file": file, "outcome": "interrupted"}),
+        Outcome::Changed => json!({"file": file, "outcome": "changed"}),
+    }
+}

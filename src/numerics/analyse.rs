@@ -1,0 +1,230 @@
+//! The method on one screen: condition, identify, verify, friction; then what a whole run says.
+
+use super::NumericsError;
+use super::base::{BaseParameters, base_parameters};
+use super::dynamics::DynamicModel;
+use super::friction::friction_points;
+use super::identify::{identify, observe};
+use super::regressor::KeptColumns;
+use super::signal::{Conditioned, condition};
+use super::statistics::{mean, median, parameter_statistics, standard_deviation, swing};
+use super::verify::torque_rmsd;
+use super::warm_up::{WarmUpPoint, fit_warm_up};
+use crate::analysis::{
+    CycleAnalysis, FrictionPoint, Identification, JointSummary, RunAnalysis, WarmFriction, WarmUpFit,
+};
+use crate::robot::{JointIndex, ParameterId, Robot};
+use crate::run::{Cycle, Samples, Stage};
+
+/// What the method may be told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AnalysisSettings {
+    /// Cut-off of the zero-phase low-pass on position, velocity and torque, Hz.
+    pub cutoff: f64,
+    /// Speed at which friction is compared over runs, as a fraction of the largest speed; the
+    /// nearest measured level is taken. The thesis prints 0.6.
+    pub reference_speed_fraction: f64,
+}
+
+impl Default for AnalysisSettings {
+    fn default() -> Self {
+        Self { cutoff: 12.0, reference_speed_fraction: 0.6 }
+    }
+}
+
+/// A robot with everything that its analysis needs and that no recording changes. Made once.
+#[derive(Debug, Clone)]
+pub struct Method {
+    /// The arm.
+    pub robot: Robot,
+    /// Its base parameters.
+    pub base: BaseParameters,
+    columns: KeptColumns,
+    settings: AnalysisSettings,
+}
+
+impl Method {
+    /// Analyses the robot's structure.
+    ///
+    /// # Errors
+    /// Those of [`base_parameters`].
+    pub fn new(robot: Robot, settings: AnalysisSettings) -> Result<Self, NumericsError> {
+        let base = base_parameters(&robot)?;
+        let columns = KeptColumns::new(&base.kept_columns);
+        Ok(Self { robot, base, columns, settings })
+    }
+}
+
+/// Analyses one cycle. Never fails: what could not be had says why in the result.
+#[must_use]
+pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
+    let samples = &cycle.samples;
+    let mut analysis = CycleAnalysis {
+        cycle: cycle.number,
+        start: samples.time.first().copied().unwrap_or(0.0),
+        duration: duration(samples),
+        rows: samples.rows(),
+        sample_rate: 0.0,
+        cutoff: method.settings.cutoff,
+        identification: Err(String::new()),
+        verification: Vec::new(),
+        friction_points: Vec::new(),
+        remarks: Vec::new(),
+    };
+    let conditioned = match condition(samples, method.settings.cutoff) {
+        Ok(conditioned) => conditioned,
+        Err(error) => {
+            analysis.identification = Err(error.to_string());
+            return analysis;
+        }
+    };
+    analysis.sample_rate = conditioned.sample_rate;
+    note_gaps(samples, &conditioned, &mut analysis.remarks);
+
+    analysis.identification = identify_excitation(method, samples, &conditioned);
+    let model = analysis.identification.as_ref().ok().map(|found| {
+        let parameters = found.parameters.iter().map(|p| (p.id, p.value));
+        DynamicModel::from_parameters(method.robot.joint_count(), parameters)
+    });
+    if let Some(model) = &model {
+        analysis.verification = torque_rmsd(&method.robot, model, &conditioned, &samples.stage);
+    }
+    let friction = friction_points(&method.robot, samples, &conditioned, model.as_ref());
+    analysis.friction_points = friction.points;
+    analysis.remarks.extend(friction.remarks);
+    note_missing_stages(samples, &mut analysis.remarks);
+    analysis
+}
+
+fn duration(samples: &Samples) -> f64 {
+    match (samples.time.first(), samples.time.last()) {
+        (Some(first), Some(last)) => last - first,
+        _ => 0.0,
+    }
+}
+
+fn identify_excitation(
+    method: &Method,
+    samples: &Samples,
+    conditioned: &Conditioned,
+) -> Result<Identification, String> {
+    let in_excitation = |row: &usize| samples.stage[*row] == Stage::Excitation;
+    let rows = conditioned.usable.iter().flat_map(Clone::clone).filter(in_excitation);
+    let factor = observe(&method.robot, &method.columns, conditioned, rows);
+    if factor.rows() == 0 {
+        return Err("the cycle has no excitation stage to identify parameters on".into());
+    }
+    identify(&method.base, &factor, method.robot.joint_count(), conditioned.independent_fraction())
+        .map_err(|error| error.to_string())
+}
+
+fn note_gaps(samples: &Samples, conditioned: &Conditioned, remarks: &mut Vec<String>) {
+    let used: usize = conditioned.usable.iter().map(ExactSizeIterator::len).sum();
+    let (parts, lost) = (conditioned.usable.len(), samples.rows() - used);
+    if parts != 1 || lost > 0 {
+        remarks.push(format!(
+            "time has gaps: {parts} stretches of even steps, {lost} rows in stretches too short to be filtered"
+        ));
+    }
+}
+
+fn note_missing_stages(samples: &Samples, remarks: &mut Vec<String>) {
+    for stage in Stage::ANALYSED {
+        if !samples.stage.contains(&stage) {
+            remarks.push(format!("the cycle has no {stage} stage"));
+        }
+    }
+}
+
+/// What the cycles of a run gave, read back from the store: nothing here needs the recording.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RunResults {
+    /// Friction points with their cycle.
+    pub friction_points: Vec<(u32, FrictionPoint)>,
+    /// Values of each parameter by cycle, in the order of cycles.
+    pub parameters: Vec<(ParameterId, Vec<(u32, f64)>)>,
+    /// Moving relative RMSD of the excitation stage by joint and cycle, in the order of cycles.
+    pub relative_rmsd: Vec<(JointIndex, Vec<(u32, f64)>)>,
+}
+
+/// Looks at a run as a whole: warm-up fits, statistics of parameters, one summary a joint.
+#[must_use]
+pub fn analyse_run(joint_count: usize, settings: &AnalysisSettings, results: &RunResults) -> RunAnalysis {
+    let points: Vec<FrictionPoint> = results.friction_points.iter().map(|(_, point)| *point).collect();
+    RunAnalysis {
+        warm_up_fits: warm_up_fits(&points),
+        statistics: results
+            .parameters
+            .iter()
+            .flat_map(|(id, values)| parameter_statistics(*id, values))
+            .collect(),
+        summaries: (0..joint_count).map(|j| summary(JointIndex::new(j), settings, results)).collect(),
+    }
+}
+
+/// Warm-up curves of the given friction points: one for each joint and speed with enough of them.
+#[must_use]
+pub fn warm_up_fits(points: &[FrictionPoint]) -> Vec<WarmUpFit> {
+    let mut keys: Vec<(JointIndex, f64)> = points.iter().map(|p| (p.joint, p.speed_fraction)).collect();
+    keys.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    keys.dedup();
+    keys.into_iter()
+        .filter_map(|(joint, speed_fraction)| {
+            let curve: Vec<WarmUpPoint> = at_level(points, joint, speed_fraction)
+                .map(|p| WarmUpPoint { minute: p.time / 60.0, torque: p.torque.abs() })
+                .collect();
+            fit_warm_up(joint, speed_fraction, &curve).ok()
+        })
+        .collect()
+}
+
+#[expect(clippy::float_cmp, reason = "levels are copied from one list, never computed")]
+fn at_level(points: &[FrictionPoint], joint: JointIndex, level: f64) -> impl Iterator<Item = &FrictionPoint> {
+    points.iter().filter(move |p| p.joint == joint && p.speed_fraction == level)
+}
+
+fn summary(joint: JointIndex, settings: &AnalysisSettings, results: &RunResults) -> JointSummary {
+    let rmsd: Vec<f64> = results
+        .relative_rmsd
+        .iter()
+        .filter(|(of, _)| *of == joint)
+        .flat_map(|(_, values)| values.iter().map(|(_, value)| *value))
+        .collect();
+    JointSummary {
+        joint,
+        warm_friction: warm_friction(joint, settings, &results.friction_points),
+        relative_rmsd: median(&rmsd),
+        rmsd_swing: swing(&rmsd),
+    }
+}
+
+/// Friction over the last third of the cycles at the level nearest to the reference speed: the mean
+/// over both directions, so that a torque offset cancels.
+fn warm_friction(
+    joint: JointIndex,
+    settings: &AnalysisSettings,
+    points: &[(u32, FrictionPoint)],
+) -> Option<WarmFriction> {
+    let of_joint = || points.iter().filter(|(_, p)| p.joint == joint);
+    let distance = |fraction: f64| (fraction - settings.reference_speed_fraction).abs();
+    let level =
+        of_joint().map(|(_, p)| p.speed_fraction).min_by(|a, b| distance(*a).total_cmp(&distance(*b)))?;
+    let last_cycle = of_joint().map(|(cycle, _)| *cycle).max()?;
+    let warm_from = last_cycle - last_cycle / 3;
+    let warm: Vec<FrictionPoint> =
+        of_joint().filter(|(cycle, _)| *cycle >= warm_from.max(1)).map(|(_, point)| *point).collect();
+    let by_direction = |direction: i8| -> Vec<f64> {
+        at_level(&warm, joint, level).filter(|p| p.direction == direction).map(|p| p.torque.abs()).collect()
+    };
+    let (up, down) = (by_direction(1), by_direction(-1));
+    let means: Vec<f64> = [&up, &down].into_iter().filter_map(|values| mean(values)).collect();
+    let minutes: Vec<f64> = at_level(&warm, joint, level).map(|p| p.time / 60.0).collect();
+    let scatter = |values: &[f64]| standard_deviation(values).map(|sd| sd * sd / values.len() as f64);
+    let variances: Vec<f64> = [&up, &down].into_iter().filter_map(|values| scatter(values)).collect();
+    Some(WarmFriction {
+        torque: mean(&means)?,
+        std_error: variances.iter().sum::<f64>().sqrt() / means.len() as f64,
+        minute: mean(&minutes)?,
+        speed_fraction: level,
+    })
+}

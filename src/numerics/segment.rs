@@ -1,0 +1,253 @@
+//! Where cycles begin, and which rows belong to which stage.
+//!
+//! A cycle begins where the recorded cycle counter changes or, without a counter, where the stage
+//! signal falls back to an earlier stage: excitation, friction and warming follow each other in
+//! this order inside a cycle.
+
+use std::ops::Range;
+
+use crate::run::{Cycle, Samples, Stage};
+
+/// Most rows of one cycle. At 1 kHz this is a cycle of 16 minutes, three times the thesis's; its
+/// samples take 160 MB for six joints, which bounds the memory of a run without boundaries.
+pub const MAX_CYCLE_ROWS: usize = 1_000_000;
+
+/// Why a recording has no cycles.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SegmentError {
+    /// The stage signal never leaves "between stages".
+    #[error(
+        "no stage signal: none of the {rows} rows is in an excitation, friction or warming stage; record the \
+         controller's stage signal, or set its values in the layout's [stage] section"
+    )]
+    NoStage {
+        /// Rows of the recording.
+        rows: u64,
+    },
+    /// A cycle does not end.
+    #[error(
+        "no cycle boundary in {rows} rows from time {start_s} s; record a cycle counter, or the stage signal of \
+         every cycle"
+    )]
+    Endless {
+        /// Rows since the last boundary.
+        rows: usize,
+        /// Time of the first of them, s.
+        start_s: f64,
+    },
+    /// The cycle counter runs backwards.
+    #[error(
+        "the cycle counter falls from {from} to {to} at time {time_s} s; export each test to a file of its own"
+    )]
+    CounterFalls {
+        /// Counter before.
+        from: u32,
+        /// Counter after.
+        to: u32,
+        /// Time of the row, s.
+        time_s: f64,
+    },
+}
+
+/// Cuts a stream of rows into cycles. Chunks may have any size: the cycles are the same.
+#[derive(Debug, Default)]
+pub struct CycleCutter {
+    pending: Samples,
+    /// Rows of `pending` already searched for a boundary.
+    searched: usize,
+    stage_reached: Option<Stage>,
+    counter: Option<u32>,
+    cycles_cut: u32,
+    rows_seen: u64,
+    stage_seen: bool,
+}
+
+impl CycleCutter {
+    /// A cutter at the start of a recording.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes the next rows and returns the cycles that they end.
+    ///
+    /// # Errors
+    /// [`SegmentError::Endless`] and [`SegmentError::CounterFalls`].
+    pub fn push(&mut self, chunk: Samples) -> Result<Vec<Cycle>, SegmentError> {
+        self.rows_seen += chunk.rows() as u64;
+        self.pending.append(chunk);
+        let mut cycles = Vec::new();
+        while self.searched < self.pending.rows() {
+            if self.begins_cycle(self.searched)? {
+                cycles.extend(self.cut(self.searched));
+            }
+            self.note_row(self.searched);
+            self.searched += 1;
+        }
+        if self.pending.rows() > MAX_CYCLE_ROWS {
+            return Err(SegmentError::Endless { rows: self.pending.rows(), start_s: self.pending.time[0] });
+        }
+        Ok(cycles)
+    }
+
+    /// Ends the recording and returns its last cycle, if the rows left hold a stage.
+    ///
+    /// # Errors
+    /// [`SegmentError::NoStage`] if no row of the whole recording was in a stage.
+    pub fn finish(mut self) -> Result<Option<Cycle>, SegmentError> {
+        if !self.stage_seen {
+            return Err(SegmentError::NoStage { rows: self.rows_seen });
+        }
+        Ok(self.cut(self.pending.rows()))
+    }
+
+    fn begins_cycle(&self, row: usize) -> Result<bool, SegmentError> {
+        if let Some(counters) = &self.pending.cycle {
+            let (Some(from), to) = (self.counter, counters[row]) else { return Ok(false) };
+            if to < from {
+                return Err(SegmentError::CounterFalls { from, to, time_s: self.pending.time[row] });
+            }
+            return Ok(to > from);
+        }
+        let stage = self.pending.stage[row];
+        Ok(stage != Stage::Between && self.stage_reached.is_some_and(|reached| stage < reached))
+    }
+
+    fn note_row(&mut self, row: usize) {
+        self.counter = self.pending.cycle.as_ref().map(|counters| counters[row]);
+        let stage = self.pending.stage[row];
+        if stage != Stage::Between {
+            self.stage_reached = Some(stage);
+            self.stage_seen = true;
+        }
+    }
+
+    /// Takes the first `rows` rows as a cycle. Rows before the first stage of a test, and a counter
+    /// of zero, are not a cycle.
+    fn cut(&mut self, rows: usize) -> Option<Cycle> {
+        let samples = self.pending.take_front(rows);
+        self.searched = 0;
+        self.stage_reached = None;
+        let staged = samples.stage.iter().any(|stage| *stage != Stage::Between);
+        let number = match samples.cycle.as_ref().and_then(|counters| counters.first()) {
+            Some(counter) => *counter,
+            None => self.cycles_cut + u32::from(staged),
+        };
+        if !staged || number == 0 {
+            return None;
+        }
+        self.cycles_cut += 1;
+        Some(Cycle { number, samples })
+    }
+}
+
+/// Contiguous row ranges in which the stage signal says `stage`.
+#[must_use]
+pub fn stage_ranges(stages: &[Stage], stage: Stage) -> Vec<Range<usize>> {
+    ranges_where(stages.len(), |row| stages[row] == stage)
+}
+
+/// Contiguous ranges of `0..rows` in which `holds` is true.
+pub fn ranges_where(rows: usize, holds: impl Fn(usize) -> bool) -> Vec<Range<usize>> {
+    let mut ranges = Vec::new();
+    let mut start = None;
+    for row in 0..rows {
+        match (holds(row), start) {
+            (true, None) => start = Some(row),
+            (false, Some(first)) => {
+                ranges.push(first..row);
+                start = None;
+            }
+            _ => {}
+        }
+    }
+    if let Some(first) = start {
+        ranges.push(first..rows);
+    }
+    ranges
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn samples(stages: &[u8], counters: Option<&[u32]>) -> Samples {
+        let stage =
+            |s: &u8| [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming][usize::from(*s)];
+        let time: Vec<f64> = (0..stages.len()).map(|i| i as f64 * 0.01).collect();
+        Samples {
+            position: vec![time.clone()],
+            velocity: Some(vec![time.clone()]),
+            torque: vec![time.clone()],
+            time,
+            stage: stages.iter().map(stage).collect(),
+            cycle: counters.map(<[u32]>::to_vec),
+            friction_signal: None,
+        }
+    }
+
+    fn cut_all(samples: Samples, chunk: usize) -> Vec<(u32, usize)> {
+        let mut rest = samples;
+        let mut cutter = CycleCutter::new();
+        let mut cycles = Vec::new();
+        while !rest.is_empty() {
+            let front = rest.take_front(chunk.min(rest.rows()));
+            cycles.extend(cutter.push(front).expect("cuts"));
+        }
+        cycles.extend(cutter.finish().expect("has stages"));
+        cycles.iter().map(|c| (c.number, c.samples.rows())).collect()
+    }
+
+    #[test]
+    fn the_stage_sequence_cuts_where_it_falls_back() {
+        let stages = [0, 0, 1, 1, 0, 2, 2, 0, 3, 3, 0, 1, 1, 2, 3, 3, 0, 0];
+        assert_eq!(cut_all(samples(&stages, None), 100), vec![(1, 11), (2, 7)]);
+    }
+
+    #[test]
+    fn a_missing_stage_does_not_join_two_cycles() {
+        let stages = [2, 2, 3, 2, 3, 3, 2];
+        assert_eq!(cut_all(samples(&stages, None), 100), vec![(1, 3), (2, 3), (3, 1)]);
+    }
+
+    #[test]
+    fn the_counter_wins_and_zero_is_before_the_test() {
+        let stages = [0, 1, 1, 3, 0, 1, 3, 3];
+        let counters = [0, 1, 1, 1, 3, 3, 3, 3];
+        assert_eq!(cut_all(samples(&stages, Some(&counters)), 100), vec![(1, 3), (3, 4)]);
+    }
+
+    #[test]
+    fn a_counter_that_falls_is_refused_with_both_values() {
+        let mut cutter = CycleCutter::new();
+        let error = cutter.push(samples(&[1, 1, 1], Some(&[5, 5, 3]))).expect_err("falls");
+        assert_eq!(error, SegmentError::CounterFalls { from: 5, to: 3, time_s: 0.02 });
+    }
+
+    #[test]
+    fn a_recording_without_stages_is_refused() {
+        let mut cutter = CycleCutter::new();
+        assert_eq!(cutter.push(samples(&[0, 0, 0], None)), Ok(vec![]));
+        assert_eq!(cutter.finish(), Err(SegmentError::NoStage { rows: 3 }));
+    }
+
+    #[test]
+    fn an_endless_cycle_is_refused_before_memory_grows() {
+        let mut cutter = CycleCutter::new();
+        let chunk = samples(&vec![1; MAX_CYCLE_ROWS + 1], None);
+        assert!(matches!(cutter.push(chunk), Err(SegmentError::Endless { .. })));
+    }
+
+    proptest! {
+        #[test]
+        fn any_chunking_gives_the_same_cycles(
+            stages in prop::collection::vec(0_u8..4, 1..200),
+            chunk in 1_usize..50,
+        ) {
+            prop_assume!(stages.iter().any(|s| *s != 0));
+            let whole = cut_all(samples(&stages, None), stages.len());
+            prop_assert_eq!(cut_all(samples(&stages, None), chunk), whole);
+        }
+    }
+}

@@ -1,0 +1,319 @@
+//! Friction against time while a gearbox warms: `tau(t) = a + b exp(-t/t1) + c exp(-t/t2)` [5.4].
+//!
+//! Amplitudes enter linearly, time constants do not: variable projection (Golub & Pereyra 1973)
+//! solves for the latter alone. Time constants are sought as logarithms, so a rate can never turn
+//! negative. Of a constant, one and two exponentials the one is kept that the data support.
+
+use nalgebra::DVector;
+use varpro::prelude::*;
+use varpro::problem::SeparableProblemBuilder;
+use varpro::solvers::levmar::LevMarSolver;
+use varpro::statistics::FitStatistics;
+
+use super::NumericsError;
+use super::statistics::{mean, standard_deviation};
+use crate::analysis::{Decay, Estimate, WarmUpFit, WarmUpModel};
+use crate::robot::JointIndex;
+
+/// Fewest points of a fit.
+const MIN_POINTS: usize = 4;
+
+/// A time constant longer than this many records is a straight line in disguise: the asymptote
+/// would be an extrapolation (thesis Table N.1 has one with a = 0 and a time constant of a day).
+const LONGEST_IN_RECORDS: f64 = 1.5;
+
+/// Two exponentials whose time constants are closer than this ratio share one decay.
+const MIN_RATIO: f64 = 2.0;
+
+/// A part counts as supported if it and its time constant exceed their standard errors this often.
+const MIN_SIGNIFICANCE: f64 = 2.0;
+
+/// A point of a warm-up curve: time since the run's start in minutes, torque magnitude in Nm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WarmUpPoint {
+    /// Minutes since the run's start.
+    pub minute: f64,
+    /// Magnitude of the friction torque, Nm.
+    pub torque: f64,
+}
+
+/// Fits the warm-up curve of one joint at one speed and chooses its shape.
+///
+/// A shape with more parts wins if it lowers the corrected Akaike criterion (Hurvich & Tsai 1989)
+/// and each of its parts is supported by the data: positive and clear of its standard error, time
+/// constant neither longer than the record allows nor resolved worse than by half of itself.
+///
+/// # Errors
+/// [`NumericsError::TooShort`] below four points, [`NumericsError::NotFinite`] for values that are
+/// not finite.
+pub fn fit_warm_up(
+    joint: JointIndex,
+    speed_fraction: f64,
+    points: &[WarmUpPoint],
+) -> Result<WarmUpFit, NumericsError> {
+    if points.len() < MIN_POINTS {
+        return Err(NumericsError::TooShort {
+            what: "the warm-up curve",
+            rows: points.len(),
+            needed: MIN_POINTS,
+        });
+    }
+    if !points.iter().all(|p| p.minute.is_finite() && p.torque.is_finite()) {
+        return Err(NumericsError::NotFinite("the points of the warm-up curve"));
+    }
+    let constant = constant_fit(joint, speed_fraction, points)?;
+    let single = best_fit(points, &single_starts(points), 1);
+    let double = best_fit(points, &double_starts(points), 2);
+    let mut best = (constant, criterion(points.len(), constant.rmsd, 1));
+    for (parts, candidate) in [(1, single), (2, double)] {
+        let Some(candidate) = candidate.filter(|c| supported(c, points)) else { continue };
+        let score = criterion(points.len(), candidate.rmsd, 1 + 2 * parts);
+        if score < best.1 {
+            best = (candidate.into_fit(joint, speed_fraction, points.len()), score);
+        }
+    }
+    Ok(best.0)
+}
+
+/// Value of a fitted curve at `minute`, Nm.
+#[must_use]
+pub fn warm_up_torque(fit: &WarmUpFit, minute: f64) -> f64 {
+    let part = |decay: &Decay| decay.amplitude.value * (-minute / decay.time_constant.value).exp();
+    fit.a.value + fit.slow.as_ref().map_or(0.0, part) + fit.fast.as_ref().map_or(0.0, part)
+}
+
+/// Corrected Akaike criterion for normal residuals; infinite where there are too few points. The
+/// residual variance counts as one more parameter.
+fn criterion(points: usize, rmsd: f64, parameters: usize) -> f64 {
+    let (n, k) = (points as f64, parameters as f64 + 1.0);
+    if n - k - 1.0 <= 0.0 {
+        return f64::INFINITY;
+    }
+    // a perfect fit of synthetic points has no logarithm
+    n * (rmsd * rmsd).max(f64::MIN_POSITIVE).ln() + 2.0 * k + 2.0 * k * (k + 1.0) / (n - k - 1.0)
+}
+
+fn constant_fit(
+    joint: JointIndex,
+    speed_fraction: f64,
+    points: &[WarmUpPoint],
+) -> Result<WarmUpFit, NumericsError> {
+    let torque: Vec<f64> = points.iter().map(|p| p.torque).collect();
+    let (Some(a), Some(sd)) = (mean(&torque), standard_deviation(&torque)) else {
+        return Err(NumericsError::NotFinite("the mean of the warm-up curve"));
+    };
+    let n = torque.len() as f64;
+    Ok(WarmUpFit {
+        joint,
+        speed_fraction,
+        model: WarmUpModel::Constant,
+        a: Estimate { value: a, std_error: sd / n.sqrt() },
+        slow: None,
+        fast: None,
+        rmsd: sd * ((n - 1.0) / n).sqrt(),
+        samples: torque.len(),
+    })
+}
+
+/// An exponential fit with its parts, slowest first.
+#[derive(Debug, Clone)]
+struct Candidate {
+    a: Estimate,
+    parts: Vec<Decay>,
+    rmsd: f64,
+}
+
+impl Candidate {
+    fn into_fit(self, joint: JointIndex, speed_fraction: f64, samples: usize) -> WarmUpFit {
+        let model = if self.parts.len() == 2 { WarmUpModel::Double } else { WarmUpModel::Single };
+        let mut parts = self.parts.into_iter();
+        WarmUpFit {
+            joint,
+            speed_fraction,
+            model,
+            a: self.a,
+            slow: parts.next(),
+            fast: parts.next(),
+            rmsd: self.rmsd,
+            samples,
+        }
+    }
+}
+
+/// Whether every part of a fit is told by the data and possible for a gearbox that warms up.
+fn supported(candidate: &Candidate, points: &[WarmUpPoint]) -> bool {
+    let (first, last) = extent(points);
+    let record = last - first;
+    let clear = |e: &Estimate| e.std_error.is_finite() && e.value > MIN_SIGNIFICANCE * e.std_error;
+    let parts_clear = candidate.parts.iter().all(|part| {
+        clear(&part.amplitude)
+            && clear(&part.time_constant)
+            && part.time_constant.value < LONGEST_IN_RECORDS * record
+    });
+    let apart = match &candidate.parts[..] {
+        [slow, fast] => slow.time_constant.value > MIN_RATIO * fast.time_constant.value,
+        _ => true,
+    };
+    parts_clear && apart && clear(&candidate.a)
+}
+
+fn extent(points: &[WarmUpPoint]) -> (f64, f64) {
+    points
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| (low.min(p.minute), high.max(p.minute)))
+}
+
+fn single_starts(points: &[WarmUpPoint]) -> Vec<Vec<f64>> {
+    let (first, last) = extent(points);
+    let record = (last - first).max(f64::MIN_POSITIVE);
+    [0.05, 0.2, 0.6].iter().map(|part| vec![(part * record).ln()]).collect()
+}
+
+fn double_starts(points: &[WarmUpPoint]) -> Vec<Vec<f64>> {
+    let (first, last) = extent(points);
+    let record = (last - first).max(f64::MIN_POSITIVE);
+    [(0.3, 0.02), (0.3, 0.08), (0.6, 0.05), (0.9, 0.2)]
+        .iter()
+        .map(|(slow, fast)| vec![(slow * record).ln(), (fast * record).ln()])
+        .collect()
+}
+
+/// Best of the fits from several starts; variable projection finds local minima.
+fn best_fit(points: &[WarmUpPoint], starts: &[Vec<f64>], parts: usize) -> Option<Candidate> {
+    starts
+        .iter()
+        .filter_map(|start| exponential_fit(points, start, parts))
+        .min_by(|x, y| x.rmsd.total_cmp(&y.rmsd))
+}
+
+fn decay(minute: &DVector<f64>, log_time: f64) -> DVector<f64> {
+    minute.map(|t| (-t / log_time.exp()).exp())
+}
+
+fn decay_slope(minute: &DVector<f64>, log_time: f64) -> DVector<f64> {
+    minute.map(|t| {
+        let x = t / log_time.exp();
+        x * (-x).exp()
+    })
+}
+
+fn exponential_fit(points: &[WarmUpPoint], start: &[f64], parts: usize) -> Option<Candidate> {
+    let names = &["log_t1", "log_t2"][..parts];
+    if points.len() <= 1 + 2 * parts {
+        return None;
+    }
+    let minutes = DVector::from_iterator(points.len(), points.iter().map(|p| p.minute));
+    let torques = DVector::from_iterator(points.len(), points.iter().map(|p| p.torque));
+    let mut builder = SeparableModelBuilder::<f64>::new(names)
+        .invariant_function(|t: &DVector<f64>| DVector::from_element(t.len(), 1.0));
+    for name in names {
+        builder = builder.function([*name], decay).partial_deriv(*name, decay_slope);
+    }
+    let model = builder.independent_variable(minutes).initial_parameters(start.to_vec()).build().ok()?;
+    let problem = SeparableProblemBuilder::new(model).observations(torques.clone()).build().ok()?;
+    let fit = LevMarSolver::default().solve(problem).ok()?;
+    let statistics = FitStatistics::try_from(&fit).ok()?;
+    let coefficients = fit.linear_coefficients()?;
+    let linear_variance = statistics.linear_coefficients_variance();
+    let log_times = fit.nonlinear_parameters();
+    let log_variance = statistics.nonlinear_parameters_variance();
+    let residual = fit.best_fit()? - torques;
+
+    let estimate =
+        |k: usize| Estimate { value: coefficients[k], std_error: linear_variance[k].max(0.0).sqrt() };
+    let mut decays: Vec<Decay> = (0..parts)
+        .map(|k| {
+            let time = log_times[k].exp();
+            // the logarithm's standard error is the relative one of the time constant
+            let time_constant = Estimate { value: time, std_error: time * log_variance[k].max(0.0).sqrt() };
+            Decay { amplitude: estimate(k + 1), time_constant }
+        })
+        .collect();
+    decays.sort_by(|x, y| y.time_constant.value.total_cmp(&x.time_constant.value));
+    let rmsd = (residual.norm_squared() / points.len() as f64).sqrt();
+    let finite = rmsd.is_finite() && decays.iter().all(|d| d.time_constant.value.is_finite());
+    finite.then_some(Candidate { a: estimate(0), parts: decays, rmsd })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const JOINT: JointIndex = JointIndex::new(0);
+
+    /// Reproducible noise of unit variance: sums of a Weyl sequence's uniform values.
+    fn noise(i: usize) -> f64 {
+        let uniform = |k: usize| ((i * 12 + k + 1) as f64 * 0.618_033_988_749_895).fract();
+        (0..12).map(uniform).sum::<f64>() - 6.0
+    }
+
+    fn curve(a: f64, b: f64, t1: f64, c: f64, t2: f64, sigma: f64) -> Vec<WarmUpPoint> {
+        (0..48)
+            .map(|i| {
+                let minute = 1.0 + 2.5 * i as f64;
+                let torque = a + b * (-minute / t1).exp() + c * (-minute / t2).exp() + sigma * noise(i);
+                WarmUpPoint { minute, torque }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn table_5_6_comes_back_in_order() {
+        // joint 1 of the thesis's Table 5.6
+        let fit = fit_warm_up(JOINT, 0.6, &curve(16.609, 4.874, 40.94, 8.562, 2.889, 0.02)).expect("fits");
+        assert_eq!(fit.model, WarmUpModel::Double);
+        let (slow, fast) = (fit.slow.expect("slow part"), fit.fast.expect("fast part"));
+        for (estimate, truth) in [
+            (fit.a, 16.609),
+            (slow.amplitude, 4.874),
+            (slow.time_constant, 40.94),
+            (fast.amplitude, 8.562),
+            (fast.time_constant, 2.889),
+        ] {
+            let error = (estimate.value - truth).abs();
+            assert!(error < 4.0 * estimate.std_error, "{estimate:?} {truth}");
+            assert!(estimate.std_error < 0.2 * truth, "{estimate:?}");
+        }
+        assert!(slow.time_constant.value > fast.time_constant.value);
+        assert!(
+            (warm_up_torque(&fit, 0.0) - fit.a.value - slow.amplitude.value - fast.amplitude.value).abs()
+                < 1e-12
+        );
+    }
+
+    #[test]
+    fn one_exponential_is_not_called_two() {
+        let fit = fit_warm_up(JOINT, 0.6, &curve(10.0, 5.0, 20.0, 0.0, 1.0, 0.1)).expect("fits");
+        assert_eq!(fit.model, WarmUpModel::Single);
+        let slow = fit.slow.expect("one part");
+        assert!((slow.time_constant.value - 20.0).abs() < 4.0 * slow.time_constant.std_error);
+        assert!(fit.fast.is_none());
+    }
+
+    #[test]
+    fn a_steady_joint_is_constant() {
+        let fit = fit_warm_up(JOINT, 0.6, &curve(10.0, 0.0, 20.0, 0.0, 1.0, 0.1)).expect("fits");
+        assert_eq!(fit.model, WarmUpModel::Constant);
+        assert!((fit.a.value - 10.0).abs() < 0.1);
+    }
+
+    #[test]
+    fn a_straight_fall_is_not_given_a_time_constant_of_a_day() {
+        let line: Vec<WarmUpPoint> = (0..48)
+            .map(|i| WarmUpPoint { minute: f64::from(i), torque: 30.0 - 0.05 * f64::from(i) })
+            .collect();
+        let fit = fit_warm_up(JOINT, 0.6, &line).expect("fits");
+        for part in [fit.slow, fit.fast].into_iter().flatten() {
+            assert!(part.time_constant.value < LONGEST_IN_RECORDS * 47.0, "{fit:?}");
+        }
+    }
+
+    #[test]
+    fn three_points_are_too_few() {
+        let points = curve(1.0, 0.0, 1.0, 0.0, 1.0, 0.0);
+        assert!(matches!(
+            fit_warm_up(JOINT, 0.6, &points[..3]),
+            Err(NumericsError::TooShort { rows: 3, .. })
+        ));
+    }
+}

@@ -1,0 +1,236 @@
+//! The one way data flows: ingest, segment, identify, friction, verify, store, detect.
+//!
+//! One export at a time goes through three stages that run at once: a reading thread that cuts
+//! cycles, analysis on blocking threads, and recording in the order of the cycles. The daemon and
+//! the one-shot command use the same path. A cycle is done when the transaction that stores its
+//! rows commits; whatever was cut short is read again and picks up after the last stored cycle.
+
+pub mod intake;
+pub mod record;
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use tokio::sync::mpsc;
+use tokio::task::{JoinError, JoinHandle};
+use tokio_util::sync::CancellationToken;
+
+use crate::analysis::CycleAnalysis;
+use crate::config::Config;
+use crate::ingest::rejection::Rejection;
+use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use crate::robot::Robot;
+use crate::run::Cycle;
+use crate::store::{Store, StoreError};
+use intake::{Intake, Known, ReadEnd};
+
+/// Cycles between the reading thread and analysis. One is enough to keep both busy; each takes
+/// 12 MB at 250 Hz and five minutes.
+const CYCLES_READ_AHEAD: usize = 1;
+
+/// Cycles under analysis at once: the two cores that the program is made for.
+const CYCLES_IN_ANALYSIS: usize = 2;
+
+/// What the stages of the pipeline share.
+#[derive(Debug, Clone)]
+pub struct Pipeline {
+    config: Arc<Config>,
+    store: Store,
+    /// Structure analyses by model, made when the first export of a model arrives.
+    methods: Arc<Mutex<HashMap<String, Arc<Method>>>>,
+}
+
+/// What became of an export.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Outcome {
+    /// Every cycle is stored.
+    Stored(StoredRun),
+    /// The same content was stored before.
+    AlreadyStored {
+        /// The run that holds it.
+        run_id: i64,
+        /// The robot.
+        robot: String,
+    },
+    /// The export was not understood; row and reason are stored, the file is untouched.
+    Quarantined {
+        /// The quarantined run.
+        run_id: i64,
+        /// Why, where, and what to do.
+        rejection: Rejection,
+        /// Whole cycles before the fault, which are stored.
+        cycles: u32,
+    },
+    /// A stop was asked for; what is stored stays, the rest is read when the program starts again.
+    Interrupted,
+    /// The file changed or vanished while it was read; it is looked at again later.
+    Changed,
+}
+
+/// A run that was stored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredRun {
+    /// Its key.
+    pub run_id: i64,
+    /// The robot.
+    pub robot: String,
+    /// Cycles of the run.
+    pub cycles: u32,
+    /// Cycles without parameters, each with its reason.
+    pub refused: Vec<(u32, String)>,
+    /// Rows of the export.
+    pub rows: u64,
+    /// Anomalies that this run opened.
+    pub new_anomalies: Vec<crate::anomaly::Anomaly>,
+}
+
+/// How far an export has come, for progress bars.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Progress {
+    /// Bytes of the file read so far.
+    Read(u64),
+    /// A cycle is stored.
+    Cycle(u32),
+}
+
+/// Why the pipeline cannot go on. A bad export is never one of these.
+#[derive(Debug, thiserror::Error)]
+pub enum PipelineError {
+    /// The database failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A task of the program itself panicked.
+    #[error("internal error: {0}")]
+    Task(#[from] JoinError),
+}
+
+impl Pipeline {
+    /// A pipeline into `store`.
+    #[must_use]
+    pub fn new(config: Arc<Config>, store: Store) -> Self {
+        Self { config, store, methods: Arc::default() }
+    }
+
+    /// The configuration that the pipeline follows.
+    #[must_use]
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// The database that the pipeline fills.
+    #[must_use]
+    pub fn store(&self) -> &Store {
+        &self.store
+    }
+
+    /// Takes one export from disk to stored results.
+    ///
+    /// # Errors
+    /// [`PipelineError`] where going on with other files makes no sense.
+    pub async fn process(
+        &self,
+        path: &Path,
+        retry: Retry,
+        stop: &CancellationToken,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Outcome, PipelineError> {
+        let intake = match intake::admit(self, path, retry).await? {
+            Known::No(intake) => intake,
+            Known::Yes(outcome) => return Ok(outcome),
+        };
+        let method = match self.method(&intake).await? {
+            Ok(method) => method,
+            Err(rejection) => return record::quarantine(self, &intake, rejection).await,
+        };
+        let end = self.stream(&intake, &method, stop, progress).await?;
+        match end {
+            ReadEnd::Complete(totals) => record::finish(self, &intake, &method, totals).await,
+            ReadEnd::Rejected(rejection) => record::quarantine(self, &intake, rejection).await,
+            ReadEnd::Interrupted => Ok(Outcome::Interrupted),
+            ReadEnd::Changed => {
+                self.store.discard_run(intake.run_id).await?;
+                Ok(Outcome::Changed)
+            }
+        }
+    }
+
+    /// Reads, analyses and records the cycles of an export.
+    async fn stream(
+        &self,
+        intake: &Intake,
+        method: &Arc<Method>,
+        stop: &CancellationToken,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<ReadEnd, PipelineError> {
+        let (to_analysis, cycles) = mpsc::channel::<Cycle>(CYCLES_READ_AHEAD);
+        // the task being awaited and those in the channel are the cycles in analysis
+        let (to_record, analyses) = mpsc::channel::<JoinHandle<CycleAnalysis>>(CYCLES_IN_ANALYSIS - 1);
+
+        let reader = tokio::task::spawn_blocking({
+            let (intake, stop, progress) = (intake.clone(), stop.clone(), progress.clone());
+            move || intake::read_cycles(&intake, &to_analysis, &stop, |bytes| progress(Progress::Read(bytes)))
+        });
+        let analyser = tokio::spawn(analyse_in_order(Arc::clone(method), cycles, to_record));
+        let recorded = record::cycles(&self.store, intake, analyses, |n| progress(Progress::Cycle(n))).await;
+        // a failed recorder has dropped its end of the channel, so both others end by themselves
+        let panicked = recorded?;
+        analyser.await?;
+        let end = reader.await?;
+        Ok(panicked.map_or(end, ReadEnd::Rejected))
+    }
+
+    /// The structure analysis of the export's robot.
+    async fn method(&self, intake: &Intake) -> Result<Result<Arc<Method>, Rejection>, PipelineError> {
+        if let Some(method) = self.known_method(&intake.robot) {
+            return Ok(Ok(method));
+        }
+        let (robot, settings) = (Robot::clone(&intake.robot), self.settings());
+        let made = tokio::task::spawn_blocking(move || Method::new(robot, settings)).await?;
+        match made {
+            Err(error) => Ok(Err(Rejection::of_file(
+                &intake.path,
+                format!("the description of {} has no base parameters: {error}", intake.robot.model),
+                "check it with `armwatch robot check`",
+            ))),
+            Ok(method) => {
+                self.store.record_base_parameters(&method.robot, &method.base).await?;
+                let method = Arc::new(method);
+                let mut methods = self.methods.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                methods.insert(intake.robot.model.clone(), Arc::clone(&method));
+                Ok(Ok(method))
+            }
+        }
+    }
+
+    fn known_method(&self, robot: &Robot) -> Option<Arc<Method>> {
+        let methods = self.methods.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        methods.get(&robot.model).cloned()
+    }
+
+    fn settings(&self) -> AnalysisSettings {
+        self.config.analysis
+    }
+}
+
+/// Whether a quarantined export is read again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Retry {
+    /// A person asked for it: configuration may have changed.
+    Quarantined,
+    /// Only when its content changes.
+    Never,
+}
+
+/// Starts analyses as cycles arrive and hands on their handles in the order of the cycles.
+async fn analyse_in_order(
+    method: Arc<Method>,
+    mut cycles: mpsc::Receiver<Cycle>,
+    to_record: mpsc::Sender<JoinHandle<CycleAnalysis>>,
+) {
+    while let Some(cycle) = cycles.recv().await {
+        let Ok(place) = to_record.reserve().await else { return };
+        let method = Arc::clone(&method);
+        place.send(tokio::task::spawn_blocking(move || analyse_cycle(&method, &cycle)));
+    }
+}
