@@ -1,1 +1,25 @@
-//! (to come)
+//! The world to samples: folders are watched and scanned, settled exports are opened, identified by
+//! content and read into [`crate::run::Samples`] in SI, or turned away with a
+//! [`rejection::Rejection`].
+//!
+//! In reading order: [`watch`] finds files, [`settle`] says when a writer has finished,
+//! [`fingerprint`] tells one content from another, [`source`] opens plain and compressed exports,
+//! [`blocks`] cuts them at line ends, [`layout`] finds the columns, [`csv`] reads blocks with polars
+//! and [`exact`] reads them cell by cell where polars would guess; [`channels`] turns columns into SI.
+//!
+//! Three rules hold in here. A file is understood whole or not at all: whatever is not read as it
+//! was written becomes a rejection that names line, column, value and remedy. Foreign units, signs
+//! and number formats end in here. Nothing but this module names polars, notify, flate2, zstd or
+//! blake3.
+
+pub mod blocks;
+pub mod channels;
+pub mod csv;
+mod encoding;
+pub mod exact;
+pub mod fingerprint;
+pub mod layout;
+pub mod rejection;
+pub mod settle;
+pub mod source;
+pub mod watch;

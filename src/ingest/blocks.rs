@@ -1,0 +1,281 @@
+//! An export cut into blocks of whole lines, with the line numbers that messages need.
+
+use std::io::Read;
+use std::path::Path;
+
+use super::encoding::{narrow_encoding, wide_encoding, without_bom};
+use super::rejection::Rejection;
+
+/// Bytes read before a block is cut: large enough that polars' fixed cost of about 0.1 ms a call
+/// is below one per cent, small enough that a few blocks in flight stay within tens of megabytes.
+pub const BLOCK_BYTES: usize = 4 << 20;
+
+/// Longest line. A row of a nine-axis arm with two hundred further columns has some five
+/// kilobytes; a file without line ends must not grow the buffer without bound.
+pub const MAX_LINE_BYTES: usize = 1 << 20;
+
+const CUT_REMEDY: &str = "wait until the writer has finished, or export again";
+
+/// Consecutive whole lines, without the header. The last one is not blank.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Block {
+    /// The lines; each ends with a line feed, also where the file's last one does not.
+    pub bytes: Vec<u8>,
+    /// Number of the first line in the decompressed file, from 1.
+    pub first_line: u64,
+    /// The file ends without a line end behind the last line, so that line may be cut.
+    pub unterminated: bool,
+}
+
+/// Cuts a stream into blocks.
+#[derive(Debug)]
+pub struct Blocks<R> {
+    reader: R,
+    block_bytes: usize,
+    /// Read and not yet handed on.
+    pending: Vec<u8>,
+    /// Line number of the first byte in `pending`.
+    line: u64,
+    at_end: bool,
+}
+
+impl<R: Read> Blocks<R> {
+    /// Blocks of about `block_bytes`, at least one line each.
+    #[must_use]
+    pub fn new(reader: R, block_bytes: usize) -> Self {
+        Self { reader, block_bytes: block_bytes.max(1), pending: Vec::new(), line: 1, at_end: false }
+    }
+
+    /// Takes the header: the first line that is not blank, without byte order mark and line end.
+    /// To be called once, before [`Blocks::next_block`].
+    ///
+    /// # Errors
+    /// A rejection for an empty file, an encoding that is not UTF-8, NUL bytes, lines that end with
+    /// carriage returns alone, a line that does not end, or a failed read.
+    pub fn header(&mut self, path: &Path) -> Result<String, Rejection> {
+        loop {
+            let Some(end) = self.line_end(path)? else {
+                return Err(Rejection::of_file(path, "an empty file", CUT_REMEDY));
+            };
+            let line: Vec<u8> = self.pending.drain(..end).collect();
+            let number = self.line;
+            self.line += 1;
+            let text = header_text(&line, path).map_err(|rejection| rejection.at_line(number))?;
+            if !text.is_empty() {
+                return Ok(text);
+            }
+        }
+    }
+
+    /// The next block, `None` at the end. Blank lines at the end of the file are left out.
+    ///
+    /// # Errors
+    /// A rejection for a line that does not end, or a failed read.
+    pub fn next_block(&mut self, path: &Path) -> Result<Option<Block>, Rejection> {
+        let mut wanted = self.block_bytes;
+        loop {
+            self.fill(wanted, path)?;
+            let rest = match last_line_end(&self.pending) {
+                Some(end) => self.pending.split_off(end),
+                None if self.at_end => return Ok(self.unterminated_line()),
+                None => {
+                    self.refuse_endless_line(path)?;
+                    wanted = self.pending.len() + self.block_bytes;
+                    continue;
+                }
+            };
+            let bytes = std::mem::replace(&mut self.pending, rest);
+            let first_line = self.line;
+            self.line += line_count(&bytes);
+            return Ok(Some(Block { bytes, first_line, unterminated: false }));
+        }
+    }
+
+    fn unterminated_line(&mut self) -> Option<Block> {
+        let mut bytes = std::mem::take(&mut self.pending);
+        if bytes.iter().all(|byte| is_blank(*byte) || *byte == b'\n') {
+            return None;
+        }
+        // A carriage return is half of a line end, and says that the line is whole.
+        let unterminated = bytes.last() != Some(&b'\r');
+        bytes.push(b'\n');
+        Some(Block { bytes, first_line: self.line, unterminated })
+    }
+
+    /// Length of the first line with its end; `None` at the end of the file.
+    fn line_end(&mut self, path: &Path) -> Result<Option<usize>, Rejection> {
+        loop {
+            if let Some(at) = self.pending.iter().position(|byte| *byte == b'\n') {
+                return Ok(Some(at + 1));
+            }
+            if self.at_end {
+                return Ok(Some(self.pending.len()).filter(|length| *length > 0));
+            }
+            self.refuse_endless_line(path)?;
+            self.fill(self.pending.len() + self.block_bytes, path)?;
+        }
+    }
+
+    fn fill(&mut self, wanted: usize, path: &Path) -> Result<(), Rejection> {
+        let missing = wanted.saturating_sub(self.pending.len());
+        if missing == 0 || self.at_end {
+            return Ok(());
+        }
+        self.pending.reserve(missing);
+        let count = self
+            .reader
+            .by_ref()
+            .take(missing as u64)
+            .read_to_end(&mut self.pending)
+            .map_err(|error| Rejection::from_io(path, &error))?;
+        self.at_end = count < missing;
+        Ok(())
+    }
+
+    fn refuse_endless_line(&self, path: &Path) -> Result<(), Rejection> {
+        if self.pending.len() <= MAX_LINE_BYTES {
+            return Ok(());
+        }
+        let rejection = if let Some(encoding) = wide_encoding(&self.pending) {
+            wide(path, encoding)
+        } else if self.pending.contains(&0) {
+            nul(path)
+        } else if self.pending.contains(&b'\r') {
+            bare_returns(path)
+        } else {
+            Rejection::of_file(
+                path,
+                format!("a line longer than {} KiB", MAX_LINE_BYTES >> 10),
+                "check that this is a CSV export",
+            )
+        };
+        Err(rejection.at_line(self.line))
+    }
+}
+
+/// Whether a byte is white space inside a line.
+pub(super) fn is_blank(byte: u8) -> bool {
+    matches!(byte, b' ' | b'\t' | b'\r')
+}
+
+/// Number of line feeds.
+pub(super) fn line_count(bytes: &[u8]) -> u64 {
+    bytes.iter().filter(|byte| **byte == b'\n').count() as u64
+}
+
+/// A rejection for zero bytes.
+pub(super) fn nul(path: &Path) -> Rejection {
+    Rejection::of_file(
+        path,
+        "NUL bytes: a hole left by a crash or an unfinished copy",
+        "copy the export again from the controller",
+    )
+}
+
+/// A rejection for text in another eight-bit encoding.
+pub(super) fn narrow(path: &Path, text: &[u8]) -> Rejection {
+    Rejection::of_file(
+        path,
+        format!("text that is not UTF-8; it looks like {}", narrow_encoding(text)),
+        "export as UTF-8",
+    )
+}
+
+/// End of the last line that is not blank. Blank lines stay behind until it is known whether the
+/// file goes on.
+fn last_line_end(bytes: &[u8]) -> Option<usize> {
+    let last = bytes.iter().rposition(|byte| *byte == b'\n')?;
+    let content = bytes[..last].iter().rposition(|byte| !is_blank(*byte) && *byte != b'\n')?;
+    bytes[content..].iter().position(|byte| *byte == b'\n').map(|at| content + at + 1)
+}
+
+fn header_text(line: &[u8], path: &Path) -> Result<String, Rejection> {
+    if let Some(encoding) = wide_encoding(line) {
+        return Err(wide(path, encoding));
+    }
+    if line.contains(&0) {
+        return Err(nul(path));
+    }
+    let line = without_bom(line);
+    let text = std::str::from_utf8(line).map_err(|_| narrow(path, line))?;
+    // Only the line end goes: where tabs separate, a tab at the end is an empty column.
+    let text = text.trim_end_matches(['\r', '\n']);
+    if text.contains('\r') {
+        return Err(bare_returns(path));
+    }
+    Ok(if text.trim().is_empty() { String::new() } else { text.to_owned() })
+}
+
+fn wide(path: &Path, encoding: &str) -> Rejection {
+    Rejection::of_file(path, format!("text that is not UTF-8; it looks like {encoding}"), "export as UTF-8")
+}
+
+fn bare_returns(path: &Path) -> Rejection {
+    Rejection::of_file(path, "lines that end with carriage returns alone", "export with LF or CRLF line ends")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn blocks(text: &str, block_bytes: usize) -> (String, Vec<Block>) {
+        let path = Path::new("a.csv");
+        let mut cutter = Blocks::new(text.as_bytes(), block_bytes);
+        let header = cutter.header(path).unwrap();
+        let blocks = std::iter::from_fn(|| cutter.next_block(path).unwrap()).collect();
+        (header, blocks)
+    }
+
+    #[test]
+    fn blocks_put_together_are_the_lines() {
+        let text = "time,x\r\n1,2\r\n3,4\r\n\r\n5,6\r\n\r\n \t\r\n";
+        for block_bytes in 1..=text.len() + 1 {
+            let (header, blocks) = blocks(text, block_bytes);
+            assert_eq!(header, "time,x");
+            let bytes: Vec<u8> = blocks.iter().flat_map(|b| b.bytes.clone()).collect();
+            assert_eq!(String::from_utf8(bytes).unwrap(), "1,2\r\n3,4\r\n\r\n5,6\r\n", "{block_bytes}");
+            let mut line = 2;
+            for block in &blocks {
+                assert_eq!(block.first_line, line);
+                line += line_count(&block.bytes);
+            }
+        }
+    }
+
+    #[test]
+    fn a_last_line_without_end_is_marked() {
+        for block_bytes in 1..20 {
+            let (_, blocks) = blocks("time\n1\n2", block_bytes);
+            let last = blocks.last().unwrap();
+            assert_eq!((last.bytes.as_slice(), last.first_line, last.unterminated), (&b"2\n"[..], 3, true));
+        }
+        assert!(!blocks("time\n1\n2\r", 4).1.last().unwrap().unterminated);
+        assert!(!blocks("time\n1\n2\n", 4).1.last().unwrap().unterminated);
+        assert!(blocks("time", 4).1.is_empty());
+    }
+
+    #[test]
+    fn blank_lines_before_the_header_count_as_lines() {
+        let (header, blocks) = blocks("\n \n\u{feff}time\n1\n", 3);
+        assert_eq!((header.as_str(), blocks[0].first_line), ("time", 4));
+    }
+
+    #[test]
+    fn a_file_without_line_ends_does_not_fill_the_memory() {
+        let path = Path::new("a.csv");
+        let reason = |bytes: Vec<u8>| {
+            let endless =
+                std::io::repeat(0).take(0).chain(std::io::Cursor::new(bytes)).chain(std::io::repeat(b'7'));
+            Blocks::new(endless, BLOCK_BYTES).header(path).unwrap_err().reason
+        };
+        assert_eq!(reason(b"7".to_vec()), "a line longer than 1024 KiB");
+        assert!(reason(b"77\r77".to_vec()).starts_with("lines that end with carriage"));
+        assert!(reason(b"777\0".to_vec()).starts_with("NUL bytes"));
+        let mut cutter = Blocks::new((&b"time\n1\n"[..]).chain(std::io::repeat(0)), 10);
+        cutter.header(path).unwrap();
+        cutter.next_block(path).unwrap();
+        let rejection = cutter.next_block(path).unwrap_err();
+        assert!(rejection.reason.starts_with("NUL bytes"), "{rejection}");
+        assert_eq!(rejection.line, Some(3));
+    }
+}

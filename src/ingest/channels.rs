@@ -1,0 +1,205 @@
+//! Columns of numbers to channels in SI, and what a number in a column may be.
+//!
+//! Both readers end in [`samples`], so a unit is converted in one place. [`refusal`] says of a single
+//! number what [`samples`] only knows of a column: that there is a bad one.
+
+use super::layout::{ColumnMap, Role};
+use crate::robot::JointIndex;
+use crate::run::{FrictionSignal, Samples, Stage};
+
+/// Largest time, s: three thousand years in seconds, so any clock passes; doubles still tell
+/// fifteen microseconds apart there.
+pub const MAX_TIME: f64 = 1e11;
+/// Largest position, rad (m): an unlimited axis turns through this in some 1600 turns; encoder
+/// counts taken for angles lie beyond.
+pub const MAX_POSITION: f64 = 1e4;
+/// Largest velocity, rad/s (m/s): a hundred thousand turns a minute, faster than any motor shaft.
+pub const MAX_VELOCITY: f64 = 1e4;
+/// Largest torque, Nm (N): a hundred times what the largest arms hold.
+pub const MAX_TORQUE: f64 = 1e7;
+/// Largest cycle number: a thousand times the cycles of a day of shortest tests.
+pub const MAX_CYCLE: u32 = 1_000_000;
+
+/// One column of numbers for each column of the export, in its order and units; empty where the
+/// column is not needed.
+pub type RawColumns = Vec<Vec<f64>>;
+
+/// The channels in SI, or `None` if any number is refused or time does not rise strictly.
+///
+/// `previous_time` is the time of the row before, s. Factors of 1 cost nothing.
+#[must_use]
+pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f64>) -> Option<Samples> {
+    let factors = map.to_si;
+    let time = scaled(taken(&mut columns, map.time), factors.time, MAX_TIME)?;
+    if !rises(&time, previous_time) {
+        return None;
+    }
+    let mut joints = |indices: &[usize], factor: f64, limit: f64| -> Option<Vec<Vec<f64>>> {
+        indices.iter().map(|column| scaled(taken(&mut columns, *column), factor, limit)).collect()
+    };
+    let position = joints(&map.position, factors.position, MAX_POSITION)?;
+    let velocity = match &map.velocity {
+        Some(indices) => Some(joints(indices, factors.velocity, MAX_VELOCITY)?),
+        None => None,
+    };
+    let torque = joints(&map.torque, factors.torque, MAX_TORQUE)?;
+    let stage = stages(&taken(&mut columns, map.stage), map)?;
+    let cycle = match map.cycle {
+        Some(column) => Some(cycles(&taken(&mut columns, column))?),
+        None => None,
+    };
+    let friction_signal = match map.friction {
+        Some(friction) => {
+            let joint = taken(&mut columns, friction.joint);
+            let level = taken(&mut columns, friction.level);
+            Some(friction_signals(&stage, &joint, &level, map)?)
+        }
+        None => None,
+    };
+    Some(Samples { time, position, velocity, torque, stage, cycle, friction_signal })
+}
+
+/// Why `value`, in the export's unit, may not stand in a column of this role; the words complete
+/// "value is ..".
+#[must_use]
+pub fn refusal(value: f64, role: Role, map: &ColumnMap) -> Option<String> {
+    if role == Role::Ignored {
+        return None;
+    }
+    if !value.is_finite() {
+        return Some("not a finite number".into());
+    }
+    let beyond = |factor: f64, limit: f64, what: &str, unit: &str| {
+        let outside = (value * factor).abs() > limit;
+        outside.then(|| format!("beyond any {what} (more than {limit:e} {unit} after conversion)"))
+    };
+    let factors = map.to_si;
+    match role {
+        Role::Ignored => None,
+        Role::Time => beyond(factors.time, MAX_TIME, "clock", "s"),
+        Role::Position(_) => beyond(factors.position, MAX_POSITION, "joint's position", "rad"),
+        Role::Velocity(_) => beyond(factors.velocity, MAX_VELOCITY, "joint's velocity", "rad/s"),
+        Role::Torque(_) => beyond(factors.torque, MAX_TORQUE, "joint's torque", "Nm"),
+        Role::Stage => stage_of(value, map).is_none().then(|| "no known stage".into()),
+        Role::Cycle => out_of_range(value, 1, u64::from(MAX_CYCLE)),
+        Role::FrictionJoint => out_of_range(value, 0, map.joint_count() as u64),
+        Role::FrictionLevel => out_of_range(value, 0, u64::from(max_level(map))),
+    }
+}
+
+/// Whether a number written as `cell` could be the beginning of another number that may stand
+/// there: then a line cut behind it is not known to be whole.
+#[must_use]
+pub fn may_continue(cell: &str, role: Role, map: &ColumnMap) -> bool {
+    let longer = |number: &dyn std::fmt::Display| {
+        let text = number.to_string();
+        text.len() > cell.len() && text.starts_with(cell)
+    };
+    match role {
+        Role::Ignored => false,
+        Role::Time | Role::Position(_) | Role::Velocity(_) | Role::Torque(_) | Role::Cycle => true,
+        Role::Stage => {
+            let signal = &map.stage_signal;
+            let lists = [&signal.between, &signal.excitation, &signal.friction, &signal.warming];
+            lists.into_iter().flatten().any(|value| longer(value))
+        }
+        Role::FrictionJoint => (0..=map.joint_count()).any(|joint| longer(&joint)),
+        Role::FrictionLevel => (0..=max_level(map)).any(|level| longer(&level)),
+    }
+}
+
+fn taken(columns: &mut RawColumns, column: usize) -> Vec<f64> {
+    columns.get_mut(column).map(std::mem::take).unwrap_or_default()
+}
+
+fn scaled(mut values: Vec<f64>, factor: f64, limit: f64) -> Option<Vec<f64>> {
+    if factor != 1.0 {
+        values.iter_mut().for_each(|value| *value *= factor);
+    }
+    // Not a number compares false, so it is refused too. Folding without leaving early lets the
+    // compiler use vector instructions.
+    let inside = values.iter().fold(true, |inside, value| inside & (value.abs() <= limit));
+    inside.then_some(values)
+}
+
+fn rises(time: &[f64], previous: Option<f64>) -> bool {
+    let joins = match (previous, time.first()) {
+        (Some(previous), Some(first)) => previous < *first,
+        _ => true,
+    };
+    joins && time.iter().zip(time.iter().skip(1)).all(|(a, b)| a < b)
+}
+
+fn stages(values: &[f64], map: &ColumnMap) -> Option<Vec<Stage>> {
+    // A stage lasts for thousands of rows: the value of the row before is nearly always this one.
+    let mut last = None;
+    values
+        .iter()
+        .map(|value| match last {
+            Some((known, stage)) if known == *value => Some(stage),
+            _ => {
+                let stage = stage_of(*value, map)?;
+                last = Some((*value, stage));
+                Some(stage)
+            }
+        })
+        .collect()
+}
+
+fn stage_of(value: f64, map: &ColumnMap) -> Option<Stage> {
+    let value = whole(value)?;
+    let signal = &map.stage_signal;
+    let lists = [
+        (&signal.between, Stage::Between),
+        (&signal.excitation, Stage::Excitation),
+        (&signal.friction, Stage::Friction),
+        (&signal.warming, Stage::Warming),
+    ];
+    lists.into_iter().find(|(list, _)| list.contains(&value)).map(|(_, stage)| stage)
+}
+
+fn cycles(values: &[f64]) -> Option<Vec<u32>> {
+    values.iter().map(|value| in_range(*value, 1, u64::from(MAX_CYCLE)).map(|v| v as u32)).collect()
+}
+
+fn friction_signals(
+    stage: &[Stage],
+    joint: &[f64],
+    level: &[f64],
+    map: &ColumnMap,
+) -> Option<Vec<Option<FrictionSignal>>> {
+    let (joints, levels) = (map.joint_count() as u64, u64::from(max_level(map)));
+    stage
+        .iter()
+        .zip(joint.iter().zip(level))
+        .map(|(stage, (joint, level))| {
+            let joint = in_range(*joint, 0, joints)?;
+            let level = in_range(*level, 0, levels)?;
+            // Between two joints of the friction stage either may be zero.
+            let tested = *stage == Stage::Friction && level > 0;
+            let joint = JointIndex::from_number(joint as usize).filter(|_| tested);
+            Some(joint.map(|joint| FrictionSignal { joint, level: level as u8 }))
+        })
+        .collect()
+}
+
+fn max_level(map: &ColumnMap) -> u8 {
+    if map.levels == 0 { u8::MAX } else { u8::try_from(map.levels).unwrap_or(u8::MAX) }
+}
+
+/// The integer that a double is, where it is one. Beyond 2^53 neighbouring integers share a double.
+fn whole(value: f64) -> Option<i64> {
+    (value.fract() == 0.0 && value.abs() < 9_007_199_254_740_992.0).then_some(value as i64)
+}
+
+fn in_range(value: f64, least: u64, most: u64) -> Option<u64> {
+    whole(value).and_then(|v| u64::try_from(v).ok()).filter(|v| (least..=most).contains(v))
+}
+
+fn out_of_range(value: f64, least: u64, most: u64) -> Option<String> {
+    match (whole(value), in_range(value, least, most)) {
+        (_, Some(_)) => None,
+        (None, _) => Some("not a whole number".into()),
+        _ => Some(format!("not in {least} to {most}")),
+    }
+}

@@ -1,0 +1,196 @@
+//! Reading a block cell by cell: slower than polars, and sure of every line and column.
+//!
+//! It decides what polars would guess at: blanks around numbers, quotes, a file's last line. And
+//! it names the first bad cell of a block that polars did not take.
+
+use std::path::Path;
+
+use super::blocks::{Block, is_blank, narrow, nul};
+use super::channels::{self, RawColumns};
+use super::layout::{ColumnMap, Role, fields};
+use super::rejection::Rejection;
+use crate::run::Samples;
+
+const CUT: &str = "last line is cut";
+const CUT_REMEDY: &str = "wait until the writer has finished, or export again";
+const CELL_REMEDY: &str = "export again or correct the cell";
+
+/// The time of the last row of the block before.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PreviousTime {
+    /// In the export's unit, for messages.
+    pub recorded: f64,
+    /// In s.
+    pub seconds: f64,
+}
+
+/// Reads a block whose last line is known to be whole.
+///
+/// # Errors
+/// A rejection of the first cell, in line and then column order, that is not understood.
+pub fn read(
+    block: &Block,
+    map: &ColumnMap,
+    previous: Option<PreviousTime>,
+    path: &Path,
+) -> Result<Samples, Rejection> {
+    let mut columns: RawColumns = vec![Vec::new(); map.names.len()];
+    let mut row = Row { map, path, columns: &mut columns, previous };
+    for (bytes, number) in lines(&block.bytes).zip(block.first_line..) {
+        row.read(bytes).map_err(|rejection| rejection.at_line(number))?;
+    }
+    channels::samples(columns, map, previous.map(|p| p.seconds)).ok_or_else(|| {
+        Rejection::of_file(path, "numbers that cannot be read reliably", CELL_REMEDY)
+            .at_line(block.first_line)
+    })
+}
+
+/// What a last line without a line end is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LastLine {
+    /// All its cells are whole.
+    Whole,
+    /// It reads well, but its last number may have had further digits.
+    Doubtful,
+}
+
+/// Judges the last line of a file that does not end with a line end.
+///
+/// A line with too few fields, or with a last cell that is empty or no number, is cut. With all
+/// fields it is whole if no longer number could stand in its last cell, as in a column of stages 0
+/// to 3 or one that is not needed. Else it is doubtful, since `-12.34` may be the beginning of
+/// `-12.345`: leaving out one row of a recording is harmless, a wrong torque is not.
+///
+/// # Errors
+/// A rejection of a cut line.
+pub fn judge_last_line(
+    line: &[u8],
+    number: u64,
+    map: &ColumnMap,
+    path: &Path,
+) -> Result<LastLine, Rejection> {
+    let cut = || Rejection::of_file(path, CUT, CUT_REMEDY).at_line(number);
+    let text = std::str::from_utf8(line).map_err(|_| cut())?;
+    let cells: Vec<&str> = fields(text, map.delimiter).collect();
+    let last = map.names.len().saturating_sub(1);
+    let (Some(cell), Some(role), Some(name)) = (cells.get(last), map.roles.get(last), map.names.get(last))
+    else {
+        return Err(cut());
+    };
+    let reads = *role == Role::Ignored || cell.parse::<f64>().is_ok();
+    if !reads {
+        return Err(cut().in_column(name));
+    }
+    Ok(if channels::may_continue(cell, *role, map) { LastLine::Doubtful } else { LastLine::Whole })
+}
+
+/// The lines of a block without their line feeds.
+pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+    bytes.split_inclusive(|byte| *byte == b'\n').map(|line| line.strip_suffix(b"\n").unwrap_or(line))
+}
+
+struct Row<'a> {
+    map: &'a ColumnMap,
+    path: &'a Path,
+    columns: &'a mut RawColumns,
+    previous: Option<PreviousTime>,
+}
+
+impl Row<'_> {
+    fn rejection(&self, reason: impl Into<String>) -> Rejection {
+        Rejection::of_file(self.path, reason, CELL_REMEDY)
+    }
+
+    fn read(&mut self, line: &[u8]) -> Result<(), Rejection> {
+        let text = self.text(line)?;
+        self.refuse_wrong_shape(text)?;
+        let map = self.map;
+        for (column, cell) in fields(text, map.delimiter).enumerate() {
+            let role = map.roles.get(column).copied().unwrap_or(Role::Ignored);
+            if role == Role::Ignored {
+                continue;
+            }
+            let value = self
+                .number(cell, role)
+                .map_err(|rejection| rejection.in_column(map.names.get(column).map_or("", String::as_str)))?;
+            if let Some(values) = self.columns.get_mut(column) {
+                values.push(value);
+            }
+        }
+        Ok(())
+    }
+
+    fn text<'t>(&self, line: &'t [u8]) -> Result<&'t str, Rejection> {
+        if line.contains(&0) {
+            return Err(nul(self.path));
+        }
+        std::str::from_utf8(line).map_err(|error| {
+            let before = String::from_utf8_lossy(line.get(..error.valid_up_to()).unwrap_or_default());
+            let column = fields(&before, self.map.delimiter).count().saturating_sub(1);
+            let name = self.map.names.get(column).map_or("", String::as_str);
+            narrow(self.path, line).in_column(name)
+        })
+    }
+
+    fn refuse_wrong_shape(&self, text: &str) -> Result<(), Rejection> {
+        let names = &self.map.names;
+        let count = fields(text, self.map.delimiter).count();
+        if count == names.len() && !fields(text, self.map.delimiter).eq(names.iter().map(String::as_str)) {
+            return Ok(());
+        }
+        let mut rejection = if text.bytes().all(is_blank) {
+            self.rejection("blank line between rows")
+        } else if count == names.len() {
+            self.rejection("repeated header: two exports in one file")
+        } else {
+            let size = if count < names.len() { "short" } else { "long" };
+            self.rejection(format!("line too {size}: {count} fields, the header has {}", names.len()))
+        };
+        rejection.remedy = "export again; each line needs one field for each column".into();
+        Err(rejection)
+    }
+
+    fn number(&mut self, cell: &str, role: Role) -> Result<f64, Rejection> {
+        if cell.is_empty() {
+            return Err(self.rejection("empty cell"));
+        }
+        let refused = |reason: String| self.rejection(reason).with_value(cell);
+        let value: f64 = cell.parse().map_err(|_| {
+            let with_point = cell.replacen(',', ".", 1);
+            let comma = with_point != cell && with_point.parse::<f64>().is_ok();
+            refused(if comma { "a number with a decimal comma" } else { "not a number" }.into())
+        })?;
+        if let Some(reason) = channels::refusal(value, role, self.map) {
+            let mut rejection = refused(reason);
+            if role == Role::Stage {
+                rejection.remedy = "add the value to the stage signal of the layout, or export again".into();
+            }
+            return Err(rejection);
+        }
+        if role == Role::Time {
+            self.step_time(value, cell)?;
+        }
+        Ok(value)
+    }
+
+    fn step_time(&mut self, recorded: f64, cell: &str) -> Result<(), Rejection> {
+        let seconds = scaled_time(recorded, self.map);
+        if let Some(before) = self.previous.filter(|before| before.seconds >= seconds) {
+            let reason = if before.seconds > seconds {
+                format!("earlier than {} in the row before: time runs backwards", before.recorded)
+            } else {
+                format!("not later than {} in the row before: time stands still", before.recorded)
+            };
+            let mut rejection = self.rejection(reason).with_value(cell);
+            rejection.remedy = "export the recording again in one piece, with a finer time if needed".into();
+            return Err(rejection);
+        }
+        self.previous = Some(PreviousTime { recorded, seconds });
+        Ok(())
+    }
+}
+
+/// A time in s, converted exactly as [`channels::samples`] converts it.
+fn scaled_time(recorded: f64, map: &ColumnMap) -> f64 {
+    recorded * map.to_si.time
+}

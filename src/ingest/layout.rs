@@ -1,0 +1,376 @@
+//! Which column of an export is which channel: header names against a layout, by name and never by
+//! position.
+
+use std::path::Path;
+
+use super::rejection::Rejection;
+use crate::config::{Layout, ScaledColumn, StageSignal};
+use crate::robot::{JointIndex, Robot};
+
+/// Most column names listed in a message.
+const LISTED_COLUMNS: usize = 40;
+
+/// What a column of the export is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Not needed; its cells are not looked at.
+    Ignored,
+    /// Time.
+    Time,
+    /// Position of a joint.
+    Position(JointIndex),
+    /// Velocity of a joint.
+    Velocity(JointIndex),
+    /// Torque of a joint.
+    Torque(JointIndex),
+    /// Stage signal.
+    Stage,
+    /// Cycle counter.
+    Cycle,
+    /// Joint under friction test.
+    FrictionJoint,
+    /// Speed level of the friction test.
+    FrictionLevel,
+}
+
+/// Where each channel stands in an export, and in which unit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColumnMap {
+    /// Separator between columns.
+    pub delimiter: u8,
+    /// Names in the export's order, trimmed.
+    pub names: Vec<String>,
+    /// Role of each column, in the export's order.
+    pub roles: Vec<Role>,
+    /// Column index of time.
+    pub time: usize,
+    /// Column index of each joint's position.
+    pub position: Vec<usize>,
+    /// Column index of each joint's velocity, where recorded.
+    pub velocity: Option<Vec<usize>>,
+    /// Column index of each joint's torque.
+    pub torque: Vec<usize>,
+    /// Column index of the stage signal.
+    pub stage: usize,
+    /// Column index of the cycle counter, where recorded.
+    pub cycle: Option<usize>,
+    /// Column indices of friction joint and speed level, where both are recorded.
+    pub friction: Option<FrictionColumns>,
+    /// Factors to SI.
+    pub to_si: Factors,
+    /// Meaning of the stage signal's values.
+    pub stage_signal: StageSignal,
+    /// Largest speed level; 0 if the description names none, then any is taken.
+    pub levels: usize,
+}
+
+/// Column indices of the friction signal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrictionColumns {
+    /// Joint under test.
+    pub joint: usize,
+    /// Speed level.
+    pub level: usize,
+}
+
+/// Factors from the export's units to SI.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Factors {
+    /// To s.
+    pub time: f64,
+    /// To rad (m).
+    pub position: f64,
+    /// To rad/s (m/s).
+    pub velocity: f64,
+    /// To Nm (N).
+    pub torque: f64,
+}
+
+impl ColumnMap {
+    /// Number of joints `n`.
+    #[must_use]
+    pub fn joint_count(&self) -> usize {
+        self.position.len()
+    }
+}
+
+/// Finds the layout's columns in the header line of an export of `robot`.
+///
+/// Order does not matter and unknown columns are ignored. Names are trimmed, quotes around them are
+/// taken off. Velocities may be absent altogether, unless a column is spelled almost like them;
+/// cycle, friction joint and level are used if they are there, the last two only together.
+///
+/// # Errors
+/// A rejection at line 1: no header, a column twice, another number of joints than the robot has,
+/// no stage signal, or a missing column with its nearest spelling.
+pub fn map_columns(
+    header: &str,
+    layout: &Layout,
+    robot: &Robot,
+    path: &Path,
+) -> Result<ColumnMap, Rejection> {
+    let names: Vec<String> = fields(header, layout.delimiter).map(str::to_owned).collect();
+    let search = Search { names: &names, layout, robot, path };
+    search.refuse_missing_header()?;
+    search.refuse_foreign_delimiter()?;
+    search.refuse_joint_count()?;
+
+    let time = search.needed(&layout.time.name)?;
+    let position = search.needed_by_joint(&layout.position)?;
+    let velocity = match &layout.velocity {
+        Some(column) if search.is_recorded(column) => Some(search.needed_by_joint(column)?),
+        _ => None,
+    };
+    let torque = search.needed_by_joint(&layout.torque)?;
+    let stage = search.stage()?;
+    let cycle = search.optional(layout.cycle.as_deref())?;
+    let joint = search.optional(layout.friction_joint.as_deref())?;
+    let level = search.optional(layout.friction_level.as_deref())?;
+    let friction = joint.zip(level).map(|(joint, level)| FrictionColumns { joint, level });
+
+    let mut roles = vec![Role::Ignored; names.len()];
+    let mut assign = |column: usize, role: Role| {
+        if let Some(slot) = roles.get_mut(column) {
+            *slot = role;
+        }
+    };
+    assign(time, Role::Time);
+    for joint in robot.joint_indices() {
+        assign(position[joint.index()], Role::Position(joint));
+        assign(torque[joint.index()], Role::Torque(joint));
+        if let Some(velocity) = &velocity {
+            assign(velocity[joint.index()], Role::Velocity(joint));
+        }
+    }
+    assign(stage, Role::Stage);
+    cycle.into_iter().for_each(|column| assign(column, Role::Cycle));
+    if let Some(friction) = friction {
+        assign(friction.joint, Role::FrictionJoint);
+        assign(friction.level, Role::FrictionLevel);
+    }
+    Ok(ColumnMap {
+        delimiter: layout.delimiter,
+        names,
+        roles,
+        time,
+        position,
+        velocity,
+        torque,
+        stage,
+        cycle,
+        friction,
+        to_si: Factors {
+            time: layout.time.to_si,
+            position: layout.position.to_si,
+            velocity: layout.velocity.as_ref().map_or(1.0, |v| v.to_si),
+            torque: layout.torque.to_si,
+        },
+        stage_signal: layout.stage.clone(),
+        levels: robot.speed_levels.len(),
+    })
+}
+
+/// The fields of a line: blanks around them and quotes taken off. A quoted field may hold the
+/// delimiter; quotes doubled inside it stay doubled, since no number and no column needs them.
+pub(super) fn fields(line: &str, delimiter: u8) -> impl Iterator<Item = &str> {
+    let delimiter = char::from(delimiter);
+    let blank = move |c: char| matches!(c, ' ' | '\t' | '\r') && c != delimiter;
+    let mut rest = Some(line);
+    std::iter::from_fn(move || {
+        let text = rest?;
+        let (field, after) = match quoted_end(text.trim_start_matches(blank)) {
+            Some(end) => {
+                let start = text.len() - text.trim_start_matches(blank).len();
+                split_at_delimiter(text, start + end, delimiter)
+            }
+            None => split_at_delimiter(text, 0, delimiter),
+        };
+        rest = after;
+        let field = field.trim_matches(blank);
+        let inside = field.strip_prefix('"').and_then(|f| f.strip_suffix('"'));
+        Some(inside.map_or(field, |inside| inside.trim_matches(blank)))
+    })
+}
+
+/// Byte behind the closing quote of a text that begins with a quote.
+fn quoted_end(text: &str) -> Option<usize> {
+    let mut quotes = text.strip_prefix('"')?.match_indices('"').map(|(at, _)| at + 1).peekable();
+    while let Some(quote) = quotes.next() {
+        // A doubled quote is a quote inside the field.
+        if quotes.next_if_eq(&(quote + 1)).is_none() {
+            return Some(quote + 1);
+        }
+    }
+    None
+}
+
+fn split_at_delimiter(text: &str, search_from: usize, delimiter: char) -> (&str, Option<&str>) {
+    match text[search_from..].find(delimiter) {
+        Some(at) => {
+            let at = search_from + at;
+            (&text[..at], Some(&text[at + delimiter.len_utf8()..]))
+        }
+        None => (text, None),
+    }
+}
+
+/// What every question to the header needs.
+struct Search<'a> {
+    names: &'a [String],
+    layout: &'a Layout,
+    robot: &'a Robot,
+    path: &'a Path,
+}
+
+impl Search<'_> {
+    fn rejection(&self, reason: impl Into<String>, remedy: impl Into<String>) -> Rejection {
+        Rejection::of_file(self.path, reason, remedy).at_line(1)
+    }
+
+    fn listed(&self) -> String {
+        let shown: Vec<&str> = self.names.iter().take(LISTED_COLUMNS).map(String::as_str).collect();
+        let more = self.names.len().saturating_sub(LISTED_COLUMNS);
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        format!("{}{more}", shown.join(", "))
+    }
+
+    fn refuse_missing_header(&self) -> Result<(), Rejection> {
+        let mut cells = self.names.iter().filter(|name| !name.is_empty()).peekable();
+        if cells.peek().is_some() && !cells.all(|name| name.parse::<f64>().is_ok()) {
+            return Ok(());
+        }
+        Err(self.rejection(
+            "no header line: the first line holds only numbers",
+            format!("export with a line of column names as layout \"{}\" gives them", self.layout.name),
+        ))
+    }
+
+    fn refuse_foreign_delimiter(&self) -> Result<(), Rejection> {
+        let [only] = self.names else { return Ok(()) };
+        let found = [(',', "comma"), (';', "semicolon"), ('\t', "tab"), ('|', "bar")];
+        match found.iter().find(|(sign, _)| only.contains(*sign)) {
+            Some((_, name)) => Err(self.rejection(
+                format!("a header separated by {name}, not by {:?}", char::from(self.layout.delimiter)),
+                format!("set the delimiter of layout \"{}\"", self.layout.name),
+            )),
+            None => Ok(()),
+        }
+    }
+
+    /// Joints are counted by their position columns; an arm with fewer or more is another arm.
+    fn refuse_joint_count(&self) -> Result<(), Rejection> {
+        let Some((before, after)) = self.layout.position.name.split_once("{joint}") else { return Ok(()) };
+        let numbers = self.names.iter().filter_map(|name| {
+            name.strip_prefix(before)?.strip_suffix(after)?.parse::<usize>().ok().filter(|n| *n > 0)
+        });
+        let found = numbers.max().unwrap_or(0);
+        let joints = self.robot.joint_count();
+        // Fewer positions than joints is a missing column if the torques are all there.
+        let torque_of = |joint: usize| self.find(&by_joint(&self.layout.torque.name, joint)).is_some();
+        if found == 0 || found == joints || (found < joints && torque_of(joints)) {
+            return Ok(());
+        }
+        Err(self.rejection(
+            format!(
+                "wrong joint count: the export has positions for {found} joints, the description of {} has {joints}",
+                self.robot.model
+            ),
+            "give this robot the description and layout of its model in the configuration",
+        ))
+    }
+
+    fn find(&self, name: &str) -> Option<usize> {
+        self.names.iter().position(|n| n == name)
+    }
+
+    /// Column of a name that may be absent but not be there twice.
+    fn optional(&self, name: Option<&str>) -> Result<Option<usize>, Rejection> {
+        let Some(name) = name else { return Ok(None) };
+        if self.names.iter().filter(|n| *n == name).count() > 1 {
+            return Err(self
+                .rejection("a column that is there twice", "export each column once")
+                .in_column(name));
+        }
+        Ok(self.find(name))
+    }
+
+    fn needed(&self, name: &str) -> Result<usize, Rejection> {
+        self.optional(Some(name))?.ok_or_else(|| {
+            let nearest = self.nearest(name).map(|n| format!("did you mean {n}? ")).unwrap_or_default();
+            let remedy = format!(
+                "{nearest}correct the export or layout \"{}\"; the export has {}",
+                self.layout.name,
+                self.listed()
+            );
+            self.rejection("missing column", remedy).in_column(name)
+        })
+    }
+
+    fn needed_by_joint(&self, column: &ScaledColumn) -> Result<Vec<usize>, Rejection> {
+        (1..=self.robot.joint_count()).map(|joint| self.needed(&by_joint(&column.name, joint))).collect()
+    }
+
+    fn stage(&self) -> Result<usize, Rejection> {
+        let name = &self.layout.stage.column;
+        self.optional(Some(name))?.ok_or_else(|| {
+            let nearest = self.nearest(name).map(|n| format!("did you mean {n}? ")).unwrap_or_default();
+            let remedy = format!(
+                "{nearest}name the column that tells excitation, friction and warming apart, and its values, \
+                 as the stage signal of layout \"{}\"; the export has {}",
+                self.layout.name,
+                self.listed()
+            );
+            self.rejection("no stage signal: the column is missing", remedy).in_column(name)
+        })
+    }
+
+    /// Whether the export means to have these columns: one is there, or one is spelled almost so.
+    fn is_recorded(&self, column: &ScaledColumn) -> bool {
+        (1..=self.robot.joint_count()).map(|joint| by_joint(&column.name, joint)).any(|name| {
+            self.find(&name).is_some() || self.nearest(&name).is_some_and(|n| edit_distance(n, &name) <= 1)
+        })
+    }
+
+    /// The spelling nearest to `name` among columns that the layout does not name itself.
+    fn nearest(&self, name: &str) -> Option<&str> {
+        let distance = |other: &str| edit_distance(other, name);
+        self.names
+            .iter()
+            .filter(|other| !other.is_empty() && !self.is_named(other))
+            .min_by_key(|other| distance(other))
+            .filter(|other| distance(other) <= name.chars().count() / 2)
+            .map(String::as_str)
+    }
+
+    fn is_named(&self, name: &str) -> bool {
+        let layout = self.layout;
+        let single = [Some(&layout.time.name), Some(&layout.stage.column), layout.cycle.as_ref()]
+            .into_iter()
+            .chain([layout.friction_joint.as_ref(), layout.friction_level.as_ref()]);
+        let joints = [Some(&layout.position), layout.velocity.as_ref(), Some(&layout.torque)];
+        single.flatten().any(|named| named == name)
+            || joints.into_iter().flatten().any(|column| {
+                (1..=self.robot.joint_count()).any(|joint| by_joint(&column.name, joint) == name)
+            })
+    }
+}
+
+fn by_joint(template: &str, joint: usize) -> String {
+    template.replace("{joint}", &joint.to_string())
+}
+
+/// Levenshtein distance, case aside.
+fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.to_lowercase().chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, ca) in a.to_lowercase().chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, cb) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(ca != *cb);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}

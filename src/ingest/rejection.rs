@@ -1,0 +1,135 @@
+//! Why an export was not understood, and what a person can do about it.
+
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Longest value shown in a message, in characters; a damaged line may hold megabytes.
+const SHOWN_VALUE_CHARS: usize = 60;
+
+/// An export that is not understood: where, what, why and the remedy.
+///
+/// Displayed as `R01.csv, line 1234, column trq_3: "abc" is not a number; export again or correct
+/// the cell`.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub struct Rejection {
+    /// The file.
+    pub path: PathBuf,
+    /// Line in the decompressed file, from 1; the header is line 1.
+    pub line: Option<u64>,
+    /// Column name in the header.
+    pub column: Option<String>,
+    /// What stands there.
+    pub value: Option<String>,
+    /// What is wrong, short; where there is a value, it completes the sentence "value is ..".
+    pub reason: String,
+    /// What to do.
+    pub remedy: String,
+}
+
+impl Rejection {
+    /// A rejection of the file as a whole.
+    #[must_use]
+    pub fn of_file(path: &Path, reason: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self {
+            path: path.to_owned(),
+            line: None,
+            column: None,
+            value: None,
+            reason: reason.into(),
+            remedy: remedy.into(),
+        }
+    }
+
+    /// The same at a line, from 1.
+    #[must_use]
+    pub fn at_line(mut self, line: u64) -> Self {
+        self.line = Some(line);
+        self
+    }
+
+    /// The same in a column.
+    #[must_use]
+    pub fn in_column(mut self, column: &str) -> Self {
+        self.column = Some(shortened(column));
+        self
+    }
+
+    /// The same with the value that stands there, shortened where it is very long.
+    #[must_use]
+    pub fn with_value(mut self, value: &str) -> Self {
+        self.value = Some(shortened(value));
+        self
+    }
+
+    /// A rejection from a failed read, with the explanation that [`super::source`] gave the error
+    /// where there is one.
+    #[must_use]
+    pub fn from_io(path: &Path, error: &io::Error) -> Self {
+        match error.get_ref().and_then(|inner| inner.downcast_ref::<Unreadable>()) {
+            Some(known) => Self::of_file(path, known.reason.clone(), known.remedy.clone()),
+            None => Self::of_file(
+                path,
+                format!("read failure: {error}"),
+                "check that the file is there and readable for this user",
+            ),
+        }
+    }
+}
+
+impl fmt::Display for Rejection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.path.display())?;
+        if let Some(line) = self.line {
+            write!(f, ", line {line}")?;
+        }
+        if let Some(column) = &self.column {
+            write!(f, ", column {column}")?;
+        }
+        f.write_str(": ")?;
+        if let Some(value) = &self.value {
+            write!(f, "\"{}\" is ", value.escape_debug())?;
+        }
+        write!(f, "{}; {}", self.reason, self.remedy)
+    }
+}
+
+/// A stream that cannot be read to its end; travels inside an [`io::Error`], because
+/// [`io::Read`] has no other way to say it.
+#[derive(Debug, Clone, thiserror::Error)]
+#[error("{reason}; {remedy}")]
+pub(super) struct Unreadable {
+    pub(super) reason: String,
+    pub(super) remedy: String,
+}
+
+fn shortened(text: &str) -> String {
+    match text.char_indices().nth(SHOWN_VALUE_CHARS) {
+        Some((end, _)) => format!("{}..", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn says_where_what_why_and_the_remedy() {
+        let rejection =
+            Rejection::of_file(Path::new("R01.csv"), "not a number", "export again or correct the cell")
+                .at_line(1234)
+                .in_column("trq_3")
+                .with_value("abc");
+        assert_eq!(
+            rejection.to_string(),
+            "R01.csv, line 1234, column trq_3: \"abc\" is not a number; export again or correct the cell"
+        );
+    }
+
+    #[test]
+    fn a_very_long_value_is_shortened_at_a_character() {
+        let rejection = Rejection::of_file(Path::new("a"), "x", "y").with_value(&"é".repeat(1000));
+        assert_eq!(rejection.value.map(|v| v.chars().count()), Some(SHOWN_VALUE_CHARS + 2));
+    }
+}

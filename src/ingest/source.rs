@@ -1,0 +1,311 @@
+//! Opening exports: plain, gzip or Zstandard, told apart by their first bytes.
+
+use std::io::{self, BufReader, Cursor, Read};
+use std::path::Path;
+
+use flate2::read::MultiGzDecoder;
+
+use super::fingerprint::{HashingReader, RunningHash, regular_file};
+use super::rejection::{Rejection, Unreadable};
+
+/// Most bytes an export may have after decompression. A ten-hour recording of a nine-axis arm at
+/// 1 kHz is about 20 GB; a few kilobytes of gzip can claim any size.
+pub const MAX_DECOMPRESSED_BYTES: u64 = 64 << 30;
+
+/// Bytes read from disk at once for the decoders, whose own requests are small.
+const DISK_BUFFER_BYTES: usize = 256 << 10;
+
+/// Bytes looked at to tell formats apart; the longest mark has six.
+const MAGIC_BYTES: u64 = 8;
+
+/// Opens an export for reading its decompressed bytes.
+///
+/// The format is told by the first bytes, not by the name: plain text, gzip with any number of
+/// members, Zstandard with any number of frames. Reading fails when a compressed stream is cut or
+/// damaged, or passes [`MAX_DECOMPRESSED_BYTES`]; [`Rejection::from_io`] explains such an error.
+///
+/// # Errors
+/// A rejection for what is not a regular file, cannot be opened, or is an archive of another kind.
+pub fn open(path: &Path) -> Result<Box<dyn Read + Send>, Rejection> {
+    open_hashing(path).map(|(reader, _)| reader)
+}
+
+/// As [`open`], and hashes the bytes on disk on the side: at the reader's end the hash equals
+/// [`super::fingerprint::fingerprint`], unless the file changed while it was read.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_hashing(path: &Path) -> Result<(Box<dyn Read + Send>, RunningHash), Rejection> {
+    let file = regular_file(path).map_err(|e| cannot_open(path, &e))?;
+    let (file, hash) = HashingReader::new(file);
+    let decoded = decoded(file, path)?;
+    Ok((Box::new(Limited { inner: decoded, left: MAX_DECOMPRESSED_BYTES }), hash))
+}
+
+/// Whether a file of this name is an export: `.csv`, `.csv.gz` or `.csv.zst` in any case. Hidden
+/// files are not, nor is what a writer calls `.part` or `.tmp` until it is done.
+#[must_use]
+pub fn is_export(path: &Path) -> bool {
+    let Some(name) = path.file_name().and_then(|n| n.to_str()) else { return false };
+    let name = name.to_ascii_lowercase();
+    let stem = [".csv", ".csv.gz", ".csv.zst"].iter().find_map(|ending| name.strip_suffix(ending));
+    stem.is_some_and(|stem| !stem.is_empty() && !stem.starts_with('.'))
+}
+
+fn decoded(mut file: impl Read + Send + 'static, path: &Path) -> Result<Box<dyn Read + Send>, Rejection> {
+    let mut head = Vec::new();
+    file.by_ref()
+        .take(MAGIC_BYTES)
+        .read_to_end(&mut head)
+        .map_err(|error| Rejection::from_io(path, &error))?;
+    let format = format(&head);
+    let whole = Cursor::new(head).chain(file);
+    match format {
+        Format::Plain => Ok(Box::new(whole)),
+        Format::Gzip => {
+            let decoder = MultiGzDecoder::new(BufReader::with_capacity(DISK_BUFFER_BYTES, whole));
+            Ok(Box::new(Explained { inner: decoder, format: "gzip" }))
+        }
+        Format::Zstandard => {
+            let decoder = zstd::Decoder::with_buffer(BufReader::with_capacity(DISK_BUFFER_BYTES, whole))
+                .map_err(|error| Rejection::from_io(path, &error))?;
+            Ok(Box::new(Explained { inner: decoder, format: "zstd" }))
+        }
+        Format::Other(name) => {
+            Err(Rejection::of_file(path, name, "unpack it, or compress the export with gzip or zstd"))
+        }
+    }
+}
+
+enum Format {
+    Plain,
+    Gzip,
+    Zstandard,
+    /// Known, and not read here.
+    Other(&'static str),
+}
+
+fn format(head: &[u8]) -> Format {
+    match head {
+        [0x1F, 0x8B, ..] => Format::Gzip,
+        [0x28, 0xB5, 0x2F, 0xFD, ..] => Format::Zstandard,
+        // A zstd stream may begin with a skippable frame, marked 0x184D2A50 to 0x184D2A5F.
+        [0x50..=0x5F, 0x2A, 0x4D, 0x18, ..] => Format::Zstandard,
+        [b'P', b'K', 3, 4, ..] => Format::Other("a zip archive or spreadsheet, not a CSV export"),
+        [0xFD, b'7', b'z', b'X', b'Z', 0, ..] => Format::Other("xz compression, which is not read"),
+        [b'B', b'Z', b'h', b'1'..=b'9', ..] => Format::Other("bzip2 compression, which is not read"),
+        [b'7', b'z', 0xBC, 0xAF, ..] => Format::Other("a 7z archive, not a CSV export"),
+        _ => Format::Plain,
+    }
+}
+
+fn cannot_open(path: &Path, error: &io::Error) -> Rejection {
+    match error.kind() {
+        io::ErrorKind::InvalidInput => {
+            Rejection::of_file(path, error.to_string(), "give the path of a CSV export")
+        }
+        io::ErrorKind::NotFound => Rejection::of_file(path, "no such file", "check the path"),
+        io::ErrorKind::PermissionDenied => {
+            Rejection::of_file(path, "no permission to read", "let this user read the file")
+        }
+        _ => Rejection::from_io(path, error),
+    }
+}
+
+/// Gives the decoder's errors words that a person can act on.
+struct Explained<R> {
+    inner: R,
+    format: &'static str,
+}
+
+impl<R: Read> Read for Explained<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.inner.read(buffer).map_err(|error| match error.kind() {
+            io::ErrorKind::Interrupted => error,
+            io::ErrorKind::UnexpectedEof => unreadable(
+                format!("a {} stream that ends too early", self.format),
+                "the copy or the compression was cut off; copy the export again",
+            ),
+            _ => unreadable(
+                format!("a damaged {} stream ({error})", self.format),
+                "copy or compress the export again",
+            ),
+        })
+    }
+}
+
+/// Ends a stream with an error once it gives more than its limit.
+struct Limited<R> {
+    inner: R,
+    left: u64,
+}
+
+impl<R: Read> Read for Limited<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.inner.read(buffer)?;
+        self.left = self.left.checked_sub(count as u64).ok_or_else(|| {
+            unreadable(
+                format!("more than {} GiB after decompression", MAX_DECOMPRESSED_BYTES >> 30),
+                "split the recording into several exports",
+            )
+        })?;
+        Ok(count)
+    }
+}
+
+fn unreadable(reason: String, remedy: &str) -> io::Error {
+    io::Error::other(Unreadable { reason, remedy: remedy.to_owned() })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+    use std::path::PathBuf;
+
+    use flate2::Compression;
+    use flate2::write::GzEncoder;
+
+    use super::super::fingerprint::fingerprint;
+    use super::*;
+
+    const TEXT: &[u8] = b"time,pos_1\n0.0,1.5\n0.002,1.6\n";
+
+    fn gzip(bytes: &[u8]) -> Vec<u8> {
+        let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+        encoder.write_all(bytes).unwrap();
+        encoder.finish().unwrap()
+    }
+
+    fn zstandard(bytes: &[u8]) -> Vec<u8> {
+        zstd::encode_all(bytes, 3).unwrap()
+    }
+
+    struct Case {
+        _folder: tempfile::TempDir,
+        path: PathBuf,
+    }
+
+    fn case(name: &str, bytes: &[u8]) -> Case {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        Case { _folder: folder, path }
+    }
+
+    fn read(path: &Path) -> Result<Vec<u8>, Rejection> {
+        let mut bytes = Vec::new();
+        open(path)?.read_to_end(&mut bytes).map_err(|e| Rejection::from_io(path, &e))?;
+        Ok(bytes)
+    }
+
+    #[test]
+    fn the_first_bytes_decide_not_the_name() {
+        let (front, back) = TEXT.split_at(13);
+        let members = [gzip(front), gzip(back)].concat();
+        let frames = [zstandard(front), zstandard(back)].concat();
+        for (name, bytes) in [
+            ("a.csv", TEXT.to_vec()),
+            ("a.csv.gz", gzip(TEXT)),
+            ("a.csv.zst", zstandard(TEXT)),
+            ("gzip_called_plain.csv", gzip(TEXT)),
+            ("plain_called_gzip.csv.gz", TEXT.to_vec()),
+            ("members.csv.gz", members),
+            ("frames.csv.zst", frames),
+        ] {
+            assert_eq!(read(&case(name, &bytes).path).unwrap(), TEXT, "{name}");
+        }
+        assert_eq!(read(&case("empty.csv.gz", b"").path).unwrap(), b"");
+    }
+
+    #[test]
+    fn a_cut_stream_is_said_to_be_cut_wherever_it_is_cut() {
+        let long = TEXT.repeat(50);
+        for (format, bytes) in [("gzip", gzip(&long)), ("zstd", zstandard(&long))] {
+            for keep in [6, bytes.len() / 2, bytes.len() - 1] {
+                let rejection = read(&case("a.csv.gz", &bytes[..keep]).path).unwrap_err();
+                assert_eq!(rejection.reason, format!("a {format} stream that ends too early"), "{keep}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_damaged_stream_is_said_to_be_damaged() {
+        let mut bytes = gzip(&TEXT.repeat(50));
+        let checksum = bytes.len() - 8;
+        bytes[checksum] ^= 0xFF;
+        let rejection = read(&case("a.csv.gz", &bytes).path).unwrap_err();
+        assert!(rejection.reason.starts_with("a damaged gzip stream"), "{rejection}");
+    }
+
+    #[test]
+    fn other_archives_are_named() {
+        let rejection = read(&case("a.csv", b"PK\x03\x04....").path).unwrap_err();
+        assert_eq!(rejection.reason, "a zip archive or spreadsheet, not a CSV export");
+    }
+
+    #[test]
+    fn only_regular_files_are_opened() {
+        let folder = tempfile::tempdir().unwrap();
+        let reason = |path: &Path| open(path).err().unwrap().reason;
+        assert_eq!(reason(folder.path()), "a folder, not a regular file");
+        assert_eq!(reason(&folder.path().join("none.csv")), "no such file");
+        #[cfg(unix)]
+        {
+            let special = "a special file (pipe, socket or device), not a regular file";
+            assert_eq!(reason(Path::new("/dev/zero")), special);
+            let socket = folder.path().join("socket.csv");
+            let _bound = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+            assert_eq!(reason(&socket), special);
+            let link = folder.path().join("link.csv");
+            let target = case("a.csv", TEXT);
+            std::os::unix::fs::symlink(&target.path, &link).unwrap();
+            assert_eq!(read(&link).unwrap(), TEXT);
+        }
+    }
+
+    #[test]
+    fn a_stream_over_the_limit_ends_with_an_error() {
+        let mut stream = Limited { inner: io::repeat(b'0'), left: 100_000 };
+        let error = io::copy(&mut stream, &mut io::sink()).unwrap_err();
+        let rejection = Rejection::from_io(Path::new("bomb.csv.gz"), &error);
+        assert_eq!(rejection.reason, "more than 64 GiB after decompression");
+        let mut exact = Limited { inner: io::repeat(b'0').take(100_000), left: 100_000 };
+        assert_eq!(io::copy(&mut exact, &mut io::sink()).unwrap(), 100_000);
+    }
+
+    #[test]
+    fn hash_on_the_side_is_of_the_bytes_on_disk() {
+        for (name, bytes) in [
+            ("a.csv", TEXT.repeat(9000)),
+            ("a.csv.gz", gzip(&TEXT.repeat(9000))),
+            ("a.csv.zst", zstandard(&TEXT.repeat(9000))),
+        ] {
+            let case = case(name, &bytes);
+            let (mut reader, hash) = open_hashing(&case.path).unwrap();
+            io::copy(&mut reader, &mut io::sink()).unwrap();
+            assert_eq!(hash.so_far(), fingerprint(&case.path).unwrap(), "{name}");
+        }
+    }
+
+    #[test]
+    fn names_of_exports() {
+        for yes in ["R01_20260101_0800.csv", "a/b/R01.csv.gz", "R01.csv.zst", "R01.CSV"] {
+            assert!(is_export(Path::new(yes)), "{yes}");
+        }
+        for no in [
+            ".R01.csv",
+            ".csv",
+            "R01.csv.part",
+            "R01.csv.tmp",
+            "R01.csv.gz.part",
+            "R01.truth.json",
+            "R01.csv.truth.json",
+            "R01.txt",
+            "R01.gz",
+            "csv",
+            "..",
+        ] {
+            assert!(!is_export(Path::new(no)), "{no}");
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! Finding exports. Events only say "look again"; the scan is what finds.
+//!
+//! Events get lost: queues overflow, and file servers report nothing that others write. A scan at
+//! start and every so often sees everything, and looking twice is harmless.
+
+use std::collections::HashSet;
+use std::fs::{self, Metadata};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use notify::event::{AccessKind, AccessMode};
+use notify::{EventKind, RecommendedWatcher, RecursiveMode, Watcher};
+use tokio::sync::mpsc;
+
+use super::source::is_export;
+
+/// Deepest folder below a watched one. Exports lie a few folders deep; a mount inside itself would
+/// go on for ever.
+const MAX_DEPTH: usize = 32;
+
+/// An export that a scan found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FoundFile {
+    /// Path, below the folder as it was given.
+    pub path: PathBuf,
+    /// Size, bytes.
+    pub size: u64,
+    /// Time of the last modification.
+    pub modified: SystemTime,
+}
+
+/// What a scan saw.
+#[derive(Debug, Default)]
+pub struct Scan {
+    /// Exports, by file name and then by path, so that every scan gives the same order.
+    pub files: Vec<FoundFile>,
+    /// Folders and files that could not be looked at.
+    pub unreadable: Vec<Unreadable>,
+}
+
+/// A place that could not be looked at.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {error}; check that it exists and that this user may read it", path.display())]
+pub struct Unreadable {
+    /// The place.
+    pub path: PathBuf,
+    /// Why.
+    pub error: io::Error,
+}
+
+/// Looks through `folders` and their subfolders for exports, see [`is_export`].
+///
+/// Hidden subfolders are skipped and links to folders not followed, so a loop of links ends here; a
+/// link to an export counts as the export. A path in `folders` that is a file is taken as it is,
+/// whatever its name, because a person named it. A file below two of the folders comes once.
+#[must_use]
+pub fn scan(folders: &[PathBuf]) -> Scan {
+    let mut scan = Scan::default();
+    let mut seen = HashSet::new();
+    for folder in folders {
+        match fs::metadata(folder) {
+            Ok(metadata) if metadata.is_dir() => scan.folder(folder, 0, &mut seen),
+            Ok(metadata) => scan.file(folder.clone(), &metadata),
+            Err(error) => scan.unreadable.push(Unreadable { path: folder.clone(), error }),
+        }
+    }
+    scan.files.sort_by(|a, b| (a.path.file_name(), &a.path).cmp(&(b.path.file_name(), &b.path)));
+    scan.files.dedup_by(|a, b| a.path == b.path);
+    scan
+}
+
+impl Scan {
+    fn folder(&mut self, folder: &Path, depth: usize, seen: &mut HashSet<PathBuf>) {
+        // Overlapping watch folders, and the same folder by two spellings, are looked at once.
+        let first = fs::canonicalize(folder).map_or(true, |real| seen.insert(real));
+        if !first || depth > MAX_DEPTH {
+            return;
+        }
+        let entries = match fs::read_dir(folder) {
+            Ok(entries) => entries,
+            Err(error) => return self.unreadable.push(Unreadable { path: folder.to_owned(), error }),
+        };
+        for entry in entries {
+            match entry.and_then(|entry| Ok((entry.path(), entry.file_type()?))) {
+                Ok((path, kind)) if kind.is_dir() => {
+                    if !is_hidden(&path) {
+                        self.folder(&path, depth + 1, seen);
+                    }
+                }
+                Ok((path, _)) if is_export(&path) => match fs::metadata(&path) {
+                    Ok(metadata) => self.file(path, &metadata),
+                    // Gone since the folder was listed, or a link to nothing: not there is not wrong.
+                    Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                    Err(error) => self.unreadable.push(Unreadable { path, error }),
+                },
+                Ok(_) => {}
+                Err(error) => self.unreadable.push(Unreadable { path: folder.to_owned(), error }),
+            }
+        }
+    }
+
+    fn file(&mut self, path: PathBuf, metadata: &Metadata) {
+        if !metadata.is_file() {
+            return;
+        }
+        // A file system without modification times leaves only the size to tell a change.
+        let modified = metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH);
+        self.files.push(FoundFile { path, size: metadata.len(), modified });
+    }
+}
+
+/// Remembers which places were complained about, so that a folder that stays unreadable is warned
+/// of once and not at every scan.
+#[derive(Debug, Default)]
+pub struct Complaints(HashSet<PathBuf>);
+
+impl Complaints {
+    /// Those of a scan's unreadable places that are new; places that have recovered are forgotten.
+    pub fn fresh<'s>(&mut self, scan: &'s Scan) -> Vec<&'s Unreadable> {
+        let fresh = scan.unreadable.iter().filter(|place| !self.0.contains(&place.path)).collect();
+        self.0 = scan.unreadable.iter().map(|place| place.path.clone()).collect();
+        fresh
+    }
+
+    /// Logs the new ones as warnings.
+    pub fn warn(&mut self, scan: &Scan) {
+        for place in self.fresh(scan) {
+            tracing::warn!(path = %place.path.display(), error = %place.error, "cannot look into a watched place");
+        }
+    }
+}
+
+/// Keeps the watch alive; dropping it ends the hints.
+///
+/// The receiver stays open as long as the guard lives, also without any watch: then no hint comes
+/// and the periodic scan alone finds files.
+#[derive(Debug)]
+pub struct FolderWatch {
+    watcher: Option<RecommendedWatcher>,
+    folders: Vec<PathBuf>,
+    watched: HashSet<PathBuf>,
+    failed: HashSet<PathBuf>,
+    _sender: mpsc::Sender<()>,
+}
+
+/// Watches `folders` with their subfolders. A hint on the receiver means: scan again. Hints that
+/// come while one is waiting merge with it.
+///
+/// Nothing fails: where the system's watch is not to be had, a warning says so and the periodic scan
+/// goes on. A folder that is missing is not created, since a misspelt path or an absent mount would
+/// go unnoticed; [`FolderWatch::watch_missing`] takes it up once it is there.
+#[must_use]
+pub fn watch_folders(folders: &[PathBuf]) -> (FolderWatch, mpsc::Receiver<()>) {
+    // One place: a second hint says nothing that the first does not.
+    let (sender, receiver) = mpsc::channel(1);
+    let hints = sender.clone();
+    let handler = move |event: notify::Result<notify::Event>| {
+        // An error may be a full queue: looking again is right then too.
+        if event.as_ref().map_or(true, is_change) {
+            // A full channel already holds the hint; a closed one has nobody left to look.
+            let _ = hints.try_send(());
+        }
+    };
+    let config = notify::Config::default().with_follow_symlinks(false);
+    let watcher = RecommendedWatcher::new(handler, config)
+        .inspect_err(|error| {
+            tracing::warn!(%error, "no file events on this system; new exports are found by the periodic scan");
+        })
+        .ok();
+    let mut watch = FolderWatch {
+        watcher,
+        folders: folders.to_vec(),
+        watched: HashSet::new(),
+        failed: HashSet::new(),
+        _sender: sender,
+    };
+    watch.watch_missing();
+    (watch, receiver)
+}
+
+impl FolderWatch {
+    /// Tries again to watch folders that could not be watched so far; to be called at each periodic
+    /// scan. Each folder is warned of once.
+    pub fn watch_missing(&mut self) {
+        let Some(watcher) = &mut self.watcher else { return };
+        // A folder that was removed has lost its watch with it.
+        self.watched.retain(|folder| folder.is_dir());
+        for folder in &self.folders {
+            if self.watched.contains(folder) {
+                continue;
+            }
+            match watcher.watch(folder, RecursiveMode::Recursive) {
+                Ok(()) => {
+                    self.watched.insert(folder.clone());
+                    self.failed.remove(folder);
+                }
+                Err(error) => {
+                    if self.failed.insert(folder.clone()) {
+                        tracing::warn!(
+                            path = %folder.display(), %error,
+                            "cannot watch the folder; new exports in it are found by the periodic scan"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    /// Number of folders watched by the system.
+    #[must_use]
+    pub fn watched_count(&self) -> usize {
+        self.watched.len()
+    }
+}
+
+/// Whether an event may mean a new or changed file. Opening and reading do not: the scan itself
+/// opens folders and would wake itself for ever.
+fn is_change(event: &notify::Event) -> bool {
+    match event.kind {
+        EventKind::Access(kind) => kind == AccessKind::Close(AccessMode::Write) || event.need_rescan(),
+        _ => true,
+    }
+}
+
+fn is_hidden(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."))
+}
