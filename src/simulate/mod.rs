@@ -1,1 +1,440 @@
-//! (to come)
+//! Exports of an arm that does not exist: known motion, dynamics, friction and faults.
+//!
+//! Nothing here uses the identifier's formulas, so that one checks the other.
+
+pub mod dynamics;
+pub mod excitation;
+pub mod export;
+pub mod fault;
+mod fixed_point;
+pub mod friction;
+pub mod motion;
+pub mod recording;
+#[cfg(test)]
+mod test_arms;
+pub mod trajectory;
+pub mod truth;
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use jiff::Timestamp;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+use crate::robot::{JointIndex, MAX_JOINTS, Robot};
+use dynamics::rigid_chain;
+use export::{ExportWriter, column_count};
+use fault::{Fault, wear};
+use friction::{STRIBECK_FRACTION, ThermalState, joint_friction};
+use recording::{Recording, SensorSettings, record};
+use trajectory::{PlanSettings, plan_cycle};
+use truth::{CycleTruth, FaultTruth, JointTruth, RunTruth, write_truth};
+
+/// Rows between two reports of progress.
+const PROGRESS_ROWS: u64 = 10_000;
+/// Sample rates that an export carries: time has four decimals.
+const SAMPLE_RATE_HZ: [f64; 2] = [10.0, 5000.0];
+
+/// What to simulate: one robot over its runs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimulationSettings {
+    /// Name of the individual robot, such as `R01`; begins the file name.
+    pub robot_name: String,
+    /// Everything random follows from it, from the robot's name and from the run.
+    pub seed: u64,
+    /// Rows a second, Hz; 10 to 5000.
+    pub sample_rate_hz: f64,
+    /// Cycles of a run.
+    pub cycles: u32,
+    /// Duration of each warming stage, s; 0 leaves it out.
+    pub warming_s: f64,
+    /// Number of runs.
+    pub runs: u32,
+    /// Start of the first run.
+    pub first_start: Timestamp,
+    /// Time from the start of a run to the start of the next; at least a minute, the resolution of
+    /// file names.
+    pub interval: Duration,
+    /// Faults that the robot develops.
+    pub faults: Vec<Fault>,
+    /// Whether exports are compressed.
+    pub gzip: bool,
+    /// Time between the cold start and the first row of each run, s.
+    pub initial_warm_s: f64,
+    /// Mean ambient temperature against the usual one, K.
+    pub ambient_offset_k: f64,
+    /// Standard deviation of the ambient temperature from run to run, K.
+    pub ambient_std_k: f64,
+    /// Errors of the position and velocity signals.
+    pub sensors: SensorSettings,
+    /// Folder of the truth files; beside the exports if `None`.
+    pub truth_dir: Option<PathBuf>,
+}
+
+impl Default for SimulationSettings {
+    /// A small healthy robot: one run of five cycles at 50 Hz with 20 s of warming.
+    fn default() -> Self {
+        Self {
+            robot_name: "R01".into(),
+            seed: 1,
+            sample_rate_hz: 50.0,
+            cycles: 5,
+            warming_s: 20.0,
+            runs: 1,
+            first_start: Timestamp::UNIX_EPOCH,
+            interval: Duration::from_secs(24 * 60 * 60),
+            faults: Vec::new(),
+            gzip: false,
+            initial_warm_s: 0.0,
+            ambient_offset_k: 0.0,
+            ambient_std_k: 1.0,
+            sensors: SensorSettings::default(),
+            truth_dir: None,
+        }
+    }
+}
+
+impl SimulationSettings {
+    /// A test as the source made it: 24 cycles at 250 Hz with 180 s of warming.
+    #[must_use]
+    pub fn full_test() -> Self {
+        Self { sample_rate_hz: 250.0, cycles: 24, warming_s: 180.0, ..Self::default() }
+    }
+}
+
+/// How far a run is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SimulationProgress {
+    /// Cycle being written, from 1.
+    pub cycle: u32,
+    /// Cycles in all.
+    pub cycles: u32,
+    /// Rows written.
+    pub rows: u64,
+    /// Rows in all.
+    pub rows_total: u64,
+}
+
+/// What a simulated run left on disk.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RunFiles {
+    /// The export.
+    pub export: PathBuf,
+    /// Its truth file.
+    pub truth: PathBuf,
+    /// Start of the recording.
+    pub started_at: Timestamp,
+    /// Rows without the header.
+    pub rows: u64,
+}
+
+/// Why a run could not be simulated.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SimulateError {
+    /// The description says nothing of a joint's dynamics.
+    #[error(
+        "joint {joint} has no nominal parameters, and there is nothing to simulate without them; add a nominal \
+         section to joint {joint} in the robot description: ten inertial parameters, motor inertia, warm friction \
+         f1..f4, warm-up and torque noise"
+    )]
+    NoNominal {
+        /// The joint.
+        joint: JointIndex,
+    },
+    /// A link's first moment needs a mass to have a centre.
+    #[error("link {joint} has a first moment mP but no mass m; give its mass in the robot description")]
+    FirstMomentWithoutMass {
+        /// The joint that moves the link.
+        joint: JointIndex,
+    },
+    /// Too few or too many joints.
+    #[error("the robot has {joints} joints; 1 to {MAX_JOINTS} can be simulated")]
+    JointCount {
+        /// Joints of the description.
+        joints: usize,
+    },
+    /// Limits that no motion can keep.
+    #[error(
+        "the limits of joint {joint} leave no motion; position_min must lie below position_max, and velocity and \
+         acceleration must be positive"
+    )]
+    BadLimits {
+        /// The joint.
+        joint: JointIndex,
+    },
+    /// The excitation lacks coefficients.
+    #[error(
+        "the excitation of the robot description does not fit its {joints} joints: a, b and centre need one row a \
+         joint, a and b equally many coefficients, and the base frequency must be positive"
+    )]
+    ExcitationShape {
+        /// Joints of the description.
+        joints: usize,
+    },
+    /// The excitation leaves the limits.
+    #[error(
+        "the excitation takes joint {joint} to a {what} of {value:.4}, its limit is {limit:.4}; \
+         scale its coefficients or move its centre"
+    )]
+    ExcitationOutsideLimits {
+        /// The joint.
+        joint: JointIndex,
+        /// The quantity that leaves its limit.
+        what: &'static str,
+        /// Its extreme, SI.
+        value: f64,
+        /// The limit, SI.
+        limit: f64,
+    },
+    /// The start of the excitation cannot be reached from rest.
+    #[error(
+        "joint {joint} cannot reach the start of the excitation from rest inside its limits; \
+         choose coefficients with zero speed at the start (sum of a = 0)"
+    )]
+    NoBlend {
+        /// The joint.
+        joint: JointIndex,
+    },
+    /// A setting out of its range.
+    #[error("{key} = {value} is not possible; {hint}")]
+    Setting {
+        /// Name of the setting.
+        key: &'static str,
+        /// Its value.
+        value: String,
+        /// What is possible.
+        hint: &'static str,
+    },
+    /// A file could not be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// Writes the export of run `run_index`, counted from 0, and its truth file.
+///
+/// The truth file is complete before the export shows. The folder `out_dir` is made if it is missing.
+/// `progress` hears every ten thousand rows and the end.
+///
+/// # Errors
+/// [`SimulateError`]: a description that cannot be simulated, a setting out of range, a file that
+/// cannot be written. No half export is left behind.
+pub fn simulate_run(
+    robot: &Robot,
+    settings: &SimulationSettings,
+    run_index: u32,
+    out_dir: &Path,
+    progress: &mut dyn FnMut(SimulationProgress),
+) -> Result<RunFiles, SimulateError> {
+    check_settings(robot, settings)?;
+    let started_at = start_of_run(settings, run_index)?;
+    let recording = recording_of_run(robot, settings, run_index)?;
+    let stem = file_stem(robot.joint_count(), settings, started_at);
+    let export = out_dir.join(format!("{stem}.csv{}", if settings.gzip { ".gz" } else { "" }));
+    let truth_dir = settings.truth_dir.as_deref().unwrap_or(out_dir);
+    let truth = truth_dir.join(format!("{stem}.truth.json"));
+    for folder in [out_dir, truth_dir] {
+        fs::create_dir_all(folder).map_err(|source| write_error(folder, source))?;
+    }
+    let mut writer =
+        ExportWriter::create(&export, robot.joint_count()).map_err(|e| write_error(&export, e))?;
+    let cycle_truth = write_rows(&recording, settings, run_index, &mut writer, progress)
+        .map_err(|e| write_error(&export, e))?;
+    let run_truth = run_truth(robot, settings, &recording, run_index, &export, cycle_truth)?;
+    write_truth(&truth, &run_truth).map_err(|e| write_error(&truth, e))?;
+    writer.finish().map_err(|e| write_error(&export, e))?;
+    Ok(RunFiles { export, truth, started_at, rows: recording.rows() })
+}
+
+/// File name without extension: `{robot}_{YYYYMMDD}_{HHMM}_Col{columns}_{warming}s_cycle{cycles}`, UTC.
+#[must_use]
+pub fn file_stem(joint_count: usize, settings: &SimulationSettings, started_at: Timestamp) -> String {
+    let SimulationSettings { robot_name, warming_s, cycles, .. } = settings;
+    let (columns, start) = (column_count(joint_count), started_at.strftime("%Y%m%d_%H%M"));
+    format!("{robot_name}_{start}_Col{columns}_{warming_s:.0}s_cycle{cycles}")
+}
+
+/// Everything that decides the rows of a run, noise apart.
+///
+/// # Errors
+/// As [`simulate_run`], without those of files.
+pub fn recording_of_run(
+    robot: &Robot,
+    settings: &SimulationSettings,
+    run_index: u32,
+) -> Result<Recording, SimulateError> {
+    let plan = plan_cycle(robot, &PlanSettings { warming_s: settings.warming_s, seed: settings.seed })?;
+    let run = run_index.saturating_add(1);
+    let mut friction = Vec::new();
+    let mut torque_noise = Vec::new();
+    for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
+        let nominal = joint.nominal.as_ref().ok_or(SimulateError::NoNominal { joint: index })?;
+        friction.push(joint_friction(joint, nominal, wear(&settings.faults, index, run)));
+        torque_noise.push(nominal.torque_noise);
+    }
+    Ok(Recording {
+        plan,
+        chain: rigid_chain(robot)?,
+        friction,
+        torque_noise,
+        sensors: settings.sensors,
+        sample_rate_hz: settings.sample_rate_hz,
+        cycles: settings.cycles,
+        initial: ThermalState {
+            seconds: settings.initial_warm_s,
+            ambient_offset_k: ambient_offset(settings, run_index),
+        },
+    })
+}
+
+fn write_rows(
+    recording: &Recording,
+    settings: &SimulationSettings,
+    run_index: u32,
+    writer: &mut ExportWriter,
+    progress: &mut dyn FnMut(SimulationProgress),
+) -> io::Result<Vec<CycleTruth>> {
+    let (mut rows, rows_total, cycles) = (0, recording.rows(), recording.cycles);
+    record(recording, robot_seed(settings), noise_stream(run_index), |row| {
+        writer.push(row)?;
+        rows += 1;
+        if rows % PROGRESS_ROWS == 0 || rows == rows_total {
+            progress(SimulationProgress { cycle: row.cycle, cycles, rows, rows_total });
+        }
+        Ok(())
+    })
+}
+
+fn run_truth(
+    robot: &Robot,
+    settings: &SimulationSettings,
+    recording: &Recording,
+    run_index: u32,
+    export: &Path,
+    cycle_truth: Vec<CycleTruth>,
+) -> Result<RunTruth, SimulateError> {
+    let run = run_index.saturating_add(1);
+    let fault_truth =
+        |f: &Fault| FaultTruth { fault: f.to_string(), joint: f.joint().number(), size: f.size(run) };
+    Ok(RunTruth {
+        file: export.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+        robot: settings.robot_name.clone(),
+        model: robot.model.clone(),
+        started_at: start_of_run(settings, run_index)?.to_string(),
+        run,
+        seed: settings.seed,
+        rows: recording.rows(),
+        rows_per_cycle: recording.rows_per_cycle(),
+        cycles: recording.cycles,
+        sample_rate_hz: recording.sample_rate_hz,
+        warming_s: settings.warming_s,
+        initial_warm_s: recording.initial.seconds,
+        ambient_offset_k: recording.initial.ambient_offset_k,
+        position_noise_rad: recording.sensors.position_noise,
+        velocity_noise_rad_s: recording.sensors.velocity_noise,
+        joints: joint_truths(robot, settings, recording, run)?,
+        faults: settings.faults.iter().map(fault_truth).collect(),
+        cycle_truth,
+    })
+}
+
+fn joint_truths(
+    robot: &Robot,
+    settings: &SimulationSettings,
+    recording: &Recording,
+    run: u32,
+) -> Result<Vec<JointTruth>, SimulateError> {
+    let joints = robot.joints.iter().zip(robot.joint_indices()).zip(&recording.friction);
+    joints
+        .map(|((joint, index), friction)| {
+            let nominal = joint.nominal.ok_or(SimulateError::NoNominal { joint: index })?;
+            Ok(JointTruth {
+                joint: index.number(),
+                inertial: nominal.inertial.0,
+                motor_inertia_kg_m2: nominal.motor_inertia,
+                warm_friction_f1_f4: friction.warm,
+                wear: wear(&settings.faults, index, run),
+                stribeck_nm: STRIBECK_FRACTION * friction.warm[0],
+                stribeck_rad_s: friction.stribeck_speed,
+                ripple_nm: friction.ripple,
+                torque_noise_nm: nominal.torque_noise,
+            })
+        })
+        .collect()
+}
+
+fn check_settings(robot: &Robot, settings: &SimulationSettings) -> Result<(), SimulateError> {
+    let setting = |key, value: String, hint| Err(SimulateError::Setting { key, value, hint });
+    let name = &settings.robot_name;
+    if name.is_empty()
+        || name.starts_with('.')
+        || name.contains(['/', '\\'])
+        || name.contains(char::is_control)
+    {
+        return setting("robot_name", format!("{name:?}"), "it begins a file name");
+    }
+    let [low, high] = SAMPLE_RATE_HZ;
+    if !(low..=high).contains(&settings.sample_rate_hz) {
+        return setting("sample_rate_hz", settings.sample_rate_hz.to_string(), "choose 10 to 5000 Hz");
+    }
+    if settings.cycles == 0 {
+        return setting("cycles", "0".into(), "a run has at least one cycle");
+    }
+    let durations = [
+        ("warming_s", settings.warming_s),
+        ("initial_warm_s", settings.initial_warm_s),
+        ("ambient_std_k", settings.ambient_std_k),
+    ];
+    if let Some((key, value)) = durations.into_iter().find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
+        return setting(key, value.to_string(), "it must be 0 or more");
+    }
+    if settings.runs > 1 && settings.interval < Duration::from_secs(60) {
+        let hint = "file names have a resolution of one minute, so runs must start at least 60 s apart";
+        return setting("interval", format!("{} s", settings.interval.as_secs_f64()), hint);
+    }
+    match settings.faults.iter().find(|f| f.joint().index() >= robot.joint_count()) {
+        Some(fault) => setting("fault", fault.to_string(), "the robot has no such joint"),
+        None => Ok(()),
+    }
+}
+
+fn start_of_run(settings: &SimulationSettings, run_index: u32) -> Result<Timestamp, SimulateError> {
+    let start = settings.interval.checked_mul(run_index);
+    start.and_then(|after| settings.first_start.checked_add(after).ok()).ok_or(SimulateError::Setting {
+        key: "interval",
+        value: format!("{} s", settings.interval.as_secs_f64()),
+        hint: "the last run would start beyond the calendar",
+    })
+}
+
+/// Streams of the random generator: one of noise and one of ambient a run.
+fn noise_stream(run_index: u32) -> u64 {
+    2 * u64::from(run_index)
+}
+
+fn ambient_offset(settings: &SimulationSettings, run_index: u32) -> f64 {
+    let mut rng = ChaCha8Rng::seed_from_u64(robot_seed(settings));
+    rng.set_stream(noise_stream(run_index) + 1);
+    let deviation: f64 = rng.sample(StandardNormal);
+    settings.ambient_offset_k + settings.ambient_std_k * deviation
+}
+
+/// Two robots of one seed must not share their noise. FNV-1a stays the same over versions and
+/// machines, which the standard hasher does not promise.
+fn robot_seed(settings: &SimulationSettings) -> u64 {
+    let fnv = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+    settings.seed ^ settings.robot_name.bytes().fold(0xcbf2_9ce4_8422_2325, fnv)
+}
+
+fn write_error(path: &Path, source: io::Error) -> SimulateError {
+    SimulateError::Write { path: path.to_owned(), source }
+}

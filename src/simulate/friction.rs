@@ -1,0 +1,173 @@
+//! Friction as a gearbox shows it: near the identifier's polynomial [3.10], but not equal to it.
+//!
+//! A bump at low speed, a sign that is smooth through zero, a ripple with the angle of the gear and
+//! a warm-up that takes more of the viscous part than of the Coulomb part.
+
+use std::f64::consts::TAU;
+
+use crate::robot::{FRICTION_COUNT, Joint, NominalJoint, WarmUpShape};
+
+/// Part of the thermal excess that the Coulomb friction f1 shows; the oil's viscosity shows all of it.
+pub const COULOMB_EXCESS: f64 = 0.3;
+/// Height of the bump at low speed, as a fraction of f1.
+pub const STRIBECK_FRACTION: f64 = 0.15;
+/// Speed at which the bump has fallen to 1/e, as a fraction of the largest speed.
+pub const STRIBECK_SPEED: f64 = 0.02;
+/// Speed scale of the smooth sign, as a fraction of the largest speed: some mrad/s.
+pub const SIGN_SPEED: f64 = 0.001;
+/// Amplitude of the ripple, as a fraction of f1.
+pub const RIPPLE_FRACTION: f64 = 0.04;
+/// Ripples a turn of the motor: a wave generator is an ellipse and passes twice.
+const RIPPLES_A_TURN: f64 = 2.0;
+/// Frequency above which inertia and the current loop smooth the ripple away, Hz.
+const RIPPLE_CORNER_HZ: f64 = 10.0;
+/// Change of the thermal excess and of warm friction per kelvin below the usual ambient.
+const EXCESS_PER_KELVIN: f64 = 0.03;
+const WARM_PER_KELVIN: f64 = 0.004;
+
+/// How warm the gearboxes are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ThermalState {
+    /// Time since the cold start, s.
+    pub seconds: f64,
+    /// Ambient temperature against the usual one, K.
+    pub ambient_offset_k: f64,
+}
+
+/// Friction of one joint in one run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointFriction {
+    /// Warm coefficients f1..f4 with wear.
+    pub warm: [f64; FRICTION_COUNT],
+    /// Growth towards cold.
+    pub warm_up: WarmUpShape,
+    /// Scale of the bump at low speed, rad/s.
+    pub stribeck_speed: f64,
+    /// Scale of the smooth sign, rad/s.
+    pub sign_speed: f64,
+    /// Amplitude of the ripple, Nm.
+    pub ripple: f64,
+    /// Ripples per radian of the joint, times 2 pi.
+    pub ripple_wave_number: f64,
+}
+
+/// Friction of a joint whose wear adds the fraction `wear` to all warm coefficients.
+#[must_use]
+pub fn joint_friction(joint: &Joint, nominal: &NominalJoint, wear: f64) -> JointFriction {
+    let warm = nominal.friction.map(|f| f * (1.0 + wear));
+    JointFriction {
+        warm,
+        warm_up: nominal.warm_up,
+        stribeck_speed: STRIBECK_SPEED * joint.limits.velocity,
+        sign_speed: SIGN_SPEED * joint.limits.velocity,
+        ripple: RIPPLE_FRACTION * warm[0].abs(),
+        ripple_wave_number: RIPPLES_A_TURN * joint.gear_ratio,
+    }
+}
+
+/// Friction relative to warm friction in the usual ambient, `1 + b exp(-t/t1) + c exp(-t/t2)` [5.4],
+/// with the ambient's influence.
+#[must_use]
+pub fn thermal_multiplier(shape: &WarmUpShape, state: ThermalState) -> f64 {
+    let part = |amplitude: f64, constant: f64| {
+        if constant > 0.0 { amplitude * (-state.seconds / constant).exp() } else { 0.0 }
+    };
+    let excess = part(shape.b, shape.t1) + part(shape.c, shape.t2);
+    let colder = -state.ambient_offset_k;
+    1.0 + excess * (1.0 + EXCESS_PER_KELVIN * colder).max(0.0) + WARM_PER_KELVIN * colder
+}
+
+/// Coefficients f1..f4 at a moment: the Coulomb part shows [`COULOMB_EXCESS`] of what the others show.
+#[must_use]
+pub fn coefficients_at(friction: &JointFriction, state: ThermalState) -> [f64; FRICTION_COUNT] {
+    let multiplier = thermal_multiplier(&friction.warm_up, state);
+    let [f1, f2, f3, f4] = friction.warm;
+    let coulomb = 1.0 + COULOMB_EXCESS * (multiplier - 1.0);
+    [f1 * coulomb, f2 * multiplier, f3 * multiplier, f4 * multiplier]
+}
+
+/// Friction torque without ripple at the speed `qd`, signed as the motion, Nm.
+///
+/// `f1 (1 + s exp(-(qd/v_s)²)) tanh(qd/v_0) + f2 qd + f3 qd² sign(qd) + f4 qd³` after [3.10].
+#[must_use]
+pub fn friction_torque(friction: &JointFriction, coefficients: &[f64; FRICTION_COUNT], qd: f64) -> f64 {
+    let [f1, f2, f3, f4] = coefficients;
+    let bump = 1.0 + STRIBECK_FRACTION * (-(qd / friction.stribeck_speed).powi(2)).exp();
+    f1 * bump * (qd / friction.sign_speed).tanh() + f2 * qd + f3 * qd * qd.abs() + f4 * qd.powi(3)
+}
+
+/// Torque of the gear's ripple at the position `q` and speed `qd`, Nm; weaker where it is fast.
+#[must_use]
+pub fn ripple_torque(friction: &JointFriction, q: f64, qd: f64) -> f64 {
+    let frequency = friction.ripple_wave_number * qd / (TAU * RIPPLE_CORNER_HZ);
+    friction.ripple * (friction.ripple_wave_number * q).sin() / (1.0 + frequency * frequency)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::er3a;
+
+    fn first_joint(wear: f64) -> JointFriction {
+        let robot = er3a();
+        joint_friction(&robot.joints[0], &robot.joints[0].nominal.unwrap(), wear)
+    }
+
+    fn after(seconds: f64) -> ThermalState {
+        ThermalState { seconds, ambient_offset_k: 0.0 }
+    }
+
+    #[test]
+    fn friction_falls_while_the_arm_warms_and_ends_at_the_warm_value() {
+        let friction = first_joint(0.0);
+        let at = |s: f64| friction_torque(&friction, &coefficients_at(&friction, after(s)), 2.0);
+        let torques: Vec<f64> = (0..30).map(|k| at(f64::from(k) * 240.0)).collect();
+        assert!(torques.windows(2).all(|w| w[1] < w[0]), "{torques:?}");
+        // 1 + 8 * 2 - 4 + 0.2 * 8 of the test arm; the bump is long gone at 2 rad/s.
+        assert!((at(1e6) - 14.6).abs() < 1e-9, "{}", at(1e6));
+        assert!((thermal_multiplier(&friction.warm_up, after(0.0)) - 1.6).abs() < 1e-15);
+    }
+
+    #[test]
+    fn the_coulomb_part_shows_less_of_the_cold() {
+        let friction = first_joint(0.0);
+        let [f1, f2, ..] = coefficients_at(&friction, after(0.0));
+        assert!((f1 - 1.18).abs() < 1e-12 && (f2 - 8.0 * 1.6).abs() < 1e-12);
+    }
+
+    #[test]
+    fn wear_raises_friction_by_its_fraction() {
+        let (healthy, worn) = (first_joint(0.0), first_joint(0.12));
+        for qd in [-3.0, -0.1, 0.4, 3.5] {
+            let of = |f: &JointFriction| friction_torque(f, &coefficients_at(f, after(300.0)), qd);
+            assert!((of(&worn) / of(&healthy) - 1.12).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn friction_is_odd_smooth_at_zero_and_bumps_at_low_speed() {
+        let friction = first_joint(0.0);
+        let warm = friction.warm;
+        let at = |qd: f64| friction_torque(&friction, &warm, qd);
+        assert_eq!(at(0.0), 0.0);
+        assert!((at(0.3) + at(-0.3)).abs() < 1e-12);
+        let polynomial = |qd: f64| warm[0] + warm[1] * qd + warm[2] * qd * qd + warm[3] * qd.powi(3);
+        assert!(at(0.03) > polynomial(0.03) + 0.05, "the bump is missing");
+        assert!((at(2.0) - polynomial(2.0)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_colder_room_adds_friction() {
+        let friction = first_joint(0.0);
+        let cold = ThermalState { seconds: 60.0, ambient_offset_k: -5.0 };
+        assert!(
+            thermal_multiplier(&friction.warm_up, cold) > thermal_multiplier(&friction.warm_up, after(60.0))
+        );
+    }
+
+    #[test]
+    fn no_time_constant_means_no_excess() {
+        let shape = WarmUpShape { b: 0.5, t1: 0.0, c: 0.0, t2: 0.0 };
+        assert_eq!(thermal_multiplier(&shape, after(0.0)), 1.0);
+    }
+}

@@ -1,0 +1,257 @@
+//! A run row by row: what the arm does, and what its controller would record of it.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+use super::dynamics::{RigidChain, joint_torque};
+use super::friction::{
+    JointFriction, ThermalState, coefficients_at, friction_torque, ripple_torque, thermal_multiplier,
+};
+use super::motion::{Motion, MotionState, PerJoint};
+use super::trajectory::{CyclePlan, Segment};
+use super::truth::{CycleTruth, FrictionLevelTruth, JointThermalTruth};
+use crate::robot::{FRICTION_COUNT, MAX_JOINTS};
+use crate::run::{FrictionSignal, Stage};
+
+/// What the position and velocity signals add to the motion: rad and rad/s (m and m/s).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SensorSettings {
+    /// Standard deviation of the position signal.
+    pub position_noise: f64,
+    /// Step of the position signal; 0 for none.
+    pub position_step: f64,
+    /// Standard deviation of the velocity signal.
+    pub velocity_noise: f64,
+    /// Step of the velocity signal; 0 for none.
+    pub velocity_step: f64,
+}
+
+impl Default for SensorSettings {
+    /// Noise as in the controller's exports: 20 µrad and 2 mrad/s.
+    fn default() -> Self {
+        Self { position_noise: 2e-5, position_step: 5e-6, velocity_noise: 2e-3, velocity_step: 5e-4 }
+    }
+}
+
+/// One arm in one run.
+#[derive(Debug, Clone)]
+pub struct Recording {
+    /// Motions of each cycle.
+    pub plan: CyclePlan,
+    /// Rigid dynamics.
+    pub chain: RigidChain,
+    /// Friction of each joint in this run.
+    pub friction: Vec<JointFriction>,
+    /// Standard deviation of each torque signal, Nm.
+    pub torque_noise: Vec<f64>,
+    /// Errors of the position and velocity signals.
+    pub sensors: SensorSettings,
+    /// Rows a second, Hz.
+    pub sample_rate_hz: f64,
+    /// Cycles.
+    pub cycles: u32,
+    /// Warmth at the first row.
+    pub initial: ThermalState,
+}
+
+/// One row as recorded; arrays are zero beyond the arm's joints.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Row {
+    /// Time since the start of the run, s.
+    pub time: f64,
+    /// Position signals, rad.
+    pub position: PerJoint,
+    /// Velocity signals, rad/s.
+    pub velocity: PerJoint,
+    /// Torque signals, Nm.
+    pub torque: PerJoint,
+    /// Stage signal.
+    pub stage: Stage,
+    /// Cycle counter, from 1.
+    pub cycle: u32,
+    /// Joint and level during the friction stage.
+    pub signal: Option<FrictionSignal>,
+}
+
+impl Recording {
+    /// Rows of each cycle: every cycle starts on a row, the last rest fills it up.
+    #[must_use]
+    pub fn rows_per_cycle(&self) -> u32 {
+        // A duration that is whole but for rounding must not gain a row.
+        (self.plan.duration * self.sample_rate_hz - 1e-6).ceil().max(1.0) as u32
+    }
+
+    /// All rows.
+    #[must_use]
+    pub fn rows(&self) -> u64 {
+        u64::from(self.rows_per_cycle()) * u64::from(self.cycles)
+    }
+}
+
+/// Hands each row of the run to `sink` and returns the truth behind it, cycle by cycle.
+///
+/// `seed` and `stream` choose the noise.
+///
+/// # Errors
+/// The first error of `sink`.
+pub fn record<E>(
+    recording: &Recording,
+    seed: u64,
+    stream: u64,
+    mut sink: impl FnMut(&Row) -> Result<(), E>,
+) -> Result<Vec<CycleTruth>, E> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(stream);
+    let rows_per_cycle = recording.rows_per_cycle();
+    let mut truths = Vec::new();
+    for cycle in 1..=recording.cycles {
+        let first = u64::from(cycle - 1) * u64::from(rows_per_cycle);
+        let start_s = first as f64 / recording.sample_rate_hz;
+        let mut tally = Tally::new(&recording.plan);
+        for k in 0..rows_per_cycle {
+            let t = f64::from(k) / recording.sample_rate_hz;
+            let segment = tally.segment_at(&recording.plan, t);
+            let state = segment.state_at(t);
+            let time = (first + u64::from(k)) as f64 / recording.sample_rate_hz;
+            let torque = true_torque(recording, &state, time, segment, t, &mut tally);
+            sink(&measured(recording, &mut rng, time, cycle, segment, &state, torque))?;
+        }
+        truths.push(tally.into_truth(recording, cycle, start_s));
+    }
+    Ok(truths)
+}
+
+/// Torque at each joint; plateau friction is tallied on the way.
+fn true_torque(
+    recording: &Recording,
+    state: &MotionState,
+    time: f64,
+    segment: &Segment,
+    t: f64,
+    tally: &mut Tally,
+) -> PerJoint {
+    let thermal = thermal_at(recording, time);
+    let plateau = match &segment.motion {
+        Motion::Plateaus(p) => p.plateau_direction(t - segment.start).map(|direction| (p.joint, direction)),
+        _ => None,
+    };
+    let mut torque = joint_torque(&recording.chain, state);
+    for (j, friction) in recording.friction.iter().enumerate() {
+        let (q, qd) = (state.position[j], state.velocity[j]);
+        let lost = friction_torque(friction, &coefficients_at(friction, thermal), qd);
+        torque[j] += lost + ripple_torque(friction, q, qd);
+        if let Some((joint, direction)) = plateau
+            && joint == j
+        {
+            tally.add(time, direction, qd.abs(), lost);
+        }
+    }
+    torque
+}
+
+fn thermal_at(recording: &Recording, time: f64) -> ThermalState {
+    ThermalState { seconds: recording.initial.seconds + time, ..recording.initial }
+}
+
+fn measured(
+    recording: &Recording,
+    rng: &mut ChaCha8Rng,
+    time: f64,
+    cycle: u32,
+    segment: &Segment,
+    state: &MotionState,
+    mut torque: PerJoint,
+) -> Row {
+    let sensors = &recording.sensors;
+    let (mut position, mut velocity) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
+    for (j, noise) in recording.torque_noise.iter().enumerate() {
+        let [p, v, t]: [f64; 3] =
+            [rng.sample(StandardNormal), rng.sample(StandardNormal), rng.sample(StandardNormal)];
+        position[j] = stepped(state.position[j] + sensors.position_noise * p, sensors.position_step);
+        velocity[j] = stepped(state.velocity[j] + sensors.velocity_noise * v, sensors.velocity_step);
+        torque[j] += noise * t;
+    }
+    Row { time, position, velocity, torque, stage: segment.stage, cycle, signal: segment.signal }
+}
+
+fn stepped(value: f64, step: f64) -> f64 {
+    if step > 0.0 { (value / step).round() * step } else { value }
+}
+
+/// Sums over the plateaus of one cycle, and where in the plan the rows are.
+struct Tally {
+    current: usize,
+    /// One entry a friction segment of the plan, by its index in the plan.
+    levels: Vec<(usize, LevelSums)>,
+}
+
+#[derive(Default)]
+struct LevelSums {
+    rows: u32,
+    time: f64,
+    speed: f64,
+    /// Rows and sum of friction, downwards and upwards.
+    direction: [(u32, f64); 2],
+}
+
+impl Tally {
+    fn new(plan: &CyclePlan) -> Self {
+        let friction = plan.segments.iter().enumerate().filter(|(_, s)| s.signal.is_some());
+        Self { current: 0, levels: friction.map(|(i, _)| (i, LevelSums::default())).collect() }
+    }
+
+    /// The segment at `t`; times may only rise. The last one holds after its end.
+    fn segment_at<'p>(&mut self, plan: &'p CyclePlan, t: f64) -> &'p Segment {
+        while self.current + 1 < plan.segments.len() && t >= plan.segments[self.current + 1].start {
+            self.current += 1;
+        }
+        &plan.segments[self.current]
+    }
+
+    fn add(&mut self, time: f64, direction: i8, speed: f64, friction: f64) {
+        if let Ok(at) = self.levels.binary_search_by_key(&self.current, |(segment, _)| *segment) {
+            let sums = &mut self.levels[at].1;
+            sums.rows += 1;
+            sums.time += time;
+            sums.speed += speed;
+            let (rows, sum) = &mut sums.direction[usize::from(direction > 0)];
+            *rows += 1;
+            *sum += friction;
+        }
+    }
+
+    fn into_truth(self, recording: &Recording, cycle: u32, start_s: f64) -> CycleTruth {
+        let thermal = thermal_at(recording, start_s);
+        let joints = recording.friction.iter().map(|friction| thermal_truth(friction, thermal)).collect();
+        let friction_levels = self
+            .levels
+            .iter()
+            .filter_map(|(segment, sums)| level_truth(&recording.plan.segments[*segment], sums))
+            .collect();
+        CycleTruth { cycle, start_s, joints, friction_levels }
+    }
+}
+
+fn thermal_truth(friction: &JointFriction, thermal: ThermalState) -> JointThermalTruth {
+    let coefficients: [f64; FRICTION_COUNT] = coefficients_at(friction, thermal);
+    JointThermalTruth {
+        multiplier: thermal_multiplier(&friction.warm_up, thermal),
+        friction_f1_f4: coefficients,
+    }
+}
+
+fn level_truth(segment: &Segment, sums: &LevelSums) -> Option<FrictionLevelTruth> {
+    let signal = segment.signal?;
+    let mean = |sum: f64, rows: u32| (rows > 0).then(|| sum / f64::from(rows));
+    let [(rows_down, down), (rows_up, up)] = sums.direction;
+    Some(FrictionLevelTruth {
+        joint: signal.joint.number(),
+        level: signal.level,
+        minute: mean(sums.time, sums.rows).map(|s| s / 60.0),
+        speed_rad_s: mean(sums.speed, sums.rows),
+        rows: sums.rows,
+        torque_positive_nm: mean(up, rows_up),
+        torque_negative_nm: mean(down, rows_down),
+    })
+}

@@ -1,0 +1,302 @@
+//! One cycle of the test as a sequence of motions with their stage signals.
+//!
+//! Rest, excitation (Fourier series, then full speed over the range), friction joint by joint and
+//! level by level, warming, rest; moves between them belong to no stage.
+
+use super::SimulateError;
+use super::excitation::fourier_excitation;
+use super::motion::{Motion, MotionState, PerJoint, Plateaus, RAMP_EDGE, Shuttle, Stroke, quintic, state_at};
+use crate::robot::{Joint, JointIndex, JointLimits, MAX_JOINTS, Robot};
+use crate::run::{FrictionSignal, Stage};
+
+/// Part of the position range that strokes over the whole range use.
+const RANGE_USE: f64 = 0.985;
+/// Part of the largest acceleration and speed that full-speed motions use.
+const FULL_USE: f64 = 0.985;
+/// Part of the largest speed and acceleration that moves between stages use.
+const MOVE_USE: f64 = 0.9;
+/// Shortest move, s; also the shortest ramp of a slow level is a third of it.
+const MOVE_MIN_S: f64 = 0.3;
+/// Durations tried for a move, each a fifth longer: the last is 30 times the first, and beyond that
+/// a start speed only carries further out.
+const BLEND_TRIES: usize = 20;
+/// Rest before and after the motions of a cycle, s.
+const REST_S: f64 = 0.6;
+/// Longest way of the full-speed trajectory, s: a joint of many turns needs no more.
+const FULL_SPEED_STROKE_S: f64 = 2.5;
+/// Intended and longest duration of a friction level, s.
+const LEVEL_S: [f64; 2] = [3.6, 5.0];
+/// Part of the largest acceleration for ramps that have room.
+const GENTLE_RAMP: f64 = 0.7;
+/// A plateau shorter than this is lengthened by steeper ramps, s.
+const PLATEAU_SHORT_S: f64 = 0.35;
+/// Shortest plateau, s: five rows at 50 Hz. A joint whose range is too short for it runs slower.
+const PLATEAU_MIN_S: f64 = 0.1;
+/// Part of range and of speed of the warming stage.
+const WARMING_RANGE: f64 = 0.8;
+const WARMING_SPEED: f64 = 0.8;
+
+/// What shapes a cycle, beyond the robot itself.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlanSettings {
+    /// Duration of the warming stage, s; 0 leaves it out.
+    pub warming_s: f64,
+    /// Seed of the random excitation of a robot whose description gives none.
+    pub seed: u64,
+}
+
+/// The motions of one cycle in their order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CyclePlan {
+    /// Motions, each starting where and when the one before ends.
+    pub segments: Vec<Segment>,
+    /// Duration, s.
+    pub duration: f64,
+}
+
+/// A motion with the signals that the controller shows during it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Segment {
+    /// Start within the cycle, s.
+    pub start: f64,
+    /// Duration, s.
+    pub duration: f64,
+    /// Stage signal.
+    pub stage: Stage,
+    /// Joint and level during the friction stage.
+    pub signal: Option<FrictionSignal>,
+    /// The motion, in its own time from 0.
+    pub motion: Motion,
+}
+
+impl Segment {
+    /// State at time `t` within the cycle, s.
+    #[must_use]
+    pub fn state_at(&self, t: f64) -> MotionState {
+        state_at(&self.motion, (t - self.start).clamp(0.0, self.duration))
+    }
+}
+
+/// Plans one cycle inside the limits of every joint.
+///
+/// # Errors
+/// [`SimulateError::JointCount`], [`SimulateError::BadLimits`], those of the description's own
+/// excitation, or [`SimulateError::NoBlend`] if its start cannot be reached from rest.
+pub fn plan_cycle(robot: &Robot, settings: &PlanSettings) -> Result<CyclePlan, SimulateError> {
+    check_robot(robot)?;
+    let mut plan = Builder { robot, segments: Vec::new(), clock: 0.0, state: home(robot) };
+    plan.rest(REST_S);
+    plan.excitation(settings.seed)?;
+    plan.friction()?;
+    plan.warming(settings.warming_s)?;
+    plan.move_to(&home(robot), Stage::Between)?;
+    plan.rest(REST_S);
+    Ok(CyclePlan { duration: plan.clock, segments: plan.segments })
+}
+
+fn check_robot(robot: &Robot) -> Result<(), SimulateError> {
+    let n = robot.joint_count();
+    if n == 0 || n > MAX_JOINTS {
+        return Err(SimulateError::JointCount { joints: n });
+    }
+    for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
+        let JointLimits { position_min, position_max, velocity, acceleration } = joint.limits;
+        let finite = [position_min, position_max, velocity, acceleration].iter().all(|x| x.is_finite());
+        if !(finite && position_min < position_max && velocity > 0.0 && acceleration > 0.0) {
+            return Err(SimulateError::BadLimits { joint: index });
+        }
+    }
+    Ok(())
+}
+
+/// Rest at zero, or as near to zero as the middle 90 % of each joint's range allows.
+fn home(robot: &Robot) -> MotionState {
+    let mut posture = [0.0; MAX_JOINTS];
+    for (q, joint) in posture.iter_mut().zip(&robot.joints) {
+        let (middle, range) = middle_and_range(&joint.limits);
+        *q = 0.0_f64.clamp(middle - 0.45 * range, middle + 0.45 * range);
+    }
+    MotionState::at_rest(posture)
+}
+
+fn middle_and_range(limits: &JointLimits) -> (f64, f64) {
+    (0.5 * (limits.position_min + limits.position_max), limits.position_max - limits.position_min)
+}
+
+struct Builder<'a> {
+    robot: &'a Robot,
+    segments: Vec<Segment>,
+    clock: f64,
+    state: MotionState,
+}
+
+impl Builder<'_> {
+    fn push(&mut self, stage: Stage, signal: Option<FrictionSignal>, duration: f64, motion: Motion) {
+        self.state = state_at(&motion, duration);
+        self.segments.push(Segment { start: self.clock, duration, stage, signal, motion });
+        self.clock += duration;
+    }
+
+    fn rest(&mut self, duration: f64) {
+        self.push(Stage::Between, None, duration, Motion::Hold(self.state.position));
+    }
+
+    fn move_to(&mut self, target: &MotionState, stage: Stage) -> Result<(), SimulateError> {
+        let (duration, motion) = blend(self.robot, &self.state, target)?;
+        self.push(stage, None, duration, motion);
+        Ok(())
+    }
+
+    /// One period of the Fourier series, then every joint over its range near full speed.
+    fn excitation(&mut self, seed: u64) -> Result<(), SimulateError> {
+        let series = fourier_excitation(self.robot, seed)?;
+        let period = 1.0 / series.base_frequency;
+        let motion = Motion::Fourier(series);
+        self.move_to(&state_at(&motion, 0.0), Stage::Between)?;
+        self.push(Stage::Excitation, None, period, motion);
+        let shuttles: Vec<Shuttle> =
+            self.robot.joints.iter().enumerate().map(|(j, joint)| full_speed(joint, j % 2 == 1)).collect();
+        self.shuttle(shuttles, Stage::Excitation)
+    }
+
+    /// Each joint alone through its levels, the others at home.
+    fn friction(&mut self) -> Result<(), SimulateError> {
+        let robot = self.robot;
+        for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
+            let (middle, range) = middle_and_range(&joint.limits);
+            let mut posture = home(robot).position;
+            posture[index.index()] = middle - 0.5 * RANGE_USE * range;
+            self.move_to(&MotionState::at_rest(posture), Stage::Between)?;
+            for (level, fraction) in (1..=u8::MAX).zip(&robot.speed_levels) {
+                let plateaus = level_motion(joint, index, posture, *fraction);
+                let signal = FrictionSignal { joint: index, level };
+                self.push(Stage::Friction, Some(signal), plateaus.duration(), Motion::Plateaus(plateaus));
+            }
+        }
+        Ok(())
+    }
+
+    fn warming(&mut self, warming_s: f64) -> Result<(), SimulateError> {
+        if warming_s <= 0.0 {
+            return Ok(());
+        }
+        let shuttles: Vec<Shuttle> =
+            self.robot.joints.iter().map(|j| warming_shuttle(j, warming_s)).collect();
+        self.move_to(&shuttle_start(&shuttles), Stage::Between)?;
+        self.push(Stage::Warming, None, warming_s, Motion::Shuttle(shuttles));
+        Ok(())
+    }
+
+    fn shuttle(&mut self, shuttles: Vec<Shuttle>, stage: Stage) -> Result<(), SimulateError> {
+        self.move_to(&shuttle_start(&shuttles), stage)?;
+        let duration = shuttles.iter().map(|s| f64::from(s.strokes) * s.stroke_s).fold(0.0, f64::max);
+        self.push(stage, None, duration, Motion::Shuttle(shuttles));
+        Ok(())
+    }
+}
+
+fn shuttle_start(shuttles: &[Shuttle]) -> MotionState {
+    let mut posture: PerJoint = [0.0; MAX_JOINTS];
+    for (q, shuttle) in posture.iter_mut().zip(shuttles) {
+        *q = shuttle.start;
+    }
+    MotionState::at_rest(posture)
+}
+
+/// The shortest polynomial between two states that keeps inside all limits.
+fn blend(robot: &Robot, from: &MotionState, to: &MotionState) -> Result<(f64, Motion), SimulateError> {
+    // Peaks of the rest-to-rest polynomial: 15/8 D/T and 10/sqrt(3) D/T².
+    let mut duration = robot.joints.iter().enumerate().fold(MOVE_MIN_S, |longest, (j, joint)| {
+        let distance = (to.position[j] - from.position[j]).abs();
+        let by_speed = 1.875 * distance / (MOVE_USE * joint.limits.velocity);
+        let by_acceleration =
+            (10.0 / 3.0_f64.sqrt() * distance / (MOVE_USE * joint.limits.acceleration)).sqrt();
+        longest.max(by_speed).max(by_acceleration)
+    });
+    let mut blocked = JointIndex::new(0);
+    for _ in 0..BLEND_TRIES {
+        let motion = quintic(from, to, robot.joint_count(), duration);
+        match first_outside(robot, &motion, duration) {
+            None => return Ok((duration, motion)),
+            Some(joint) => blocked = joint,
+        }
+        duration *= 1.2;
+    }
+    Err(SimulateError::NoBlend { joint: blocked })
+}
+
+fn first_outside(robot: &Robot, motion: &Motion, duration: f64) -> Option<JointIndex> {
+    const STEPS: u32 = 100;
+    (0..=STEPS).find_map(|k| {
+        let state = state_at(motion, duration * f64::from(k) / f64::from(STEPS));
+        robot.joint_indices().find(|index| {
+            let (j, limits) = (index.index(), &robot.joints[index.index()].limits);
+            state.position[j] < limits.position_min
+                || state.position[j] > limits.position_max
+                || state.velocity[j].abs() > limits.velocity
+                || state.acceleration[j].abs() > limits.acceleration
+        })
+    })
+}
+
+/// Out and back over the range in the shortest time that limits allow [4.22-4.24]. Neighbours run
+/// against each other, which tells their parameters apart.
+fn full_speed(joint: &Joint, from_the_top: bool) -> Shuttle {
+    let (middle, range) = middle_and_range(&joint.limits);
+    let (speed, acceleration) = (FULL_USE * joint.limits.velocity, FULL_USE * joint.limits.acceleration);
+    let travel = (RANGE_USE * range).min(0.5 * speed * FULL_SPEED_STROKE_S);
+    let direction = if from_the_top { -1.0 } else { 1.0 };
+    Shuttle {
+        start: middle - 0.5 * direction * travel,
+        travel: direction * travel,
+        stroke_s: cycloid_s(travel, speed, acceleration),
+        strokes: 2,
+    }
+}
+
+/// Shortest cycloid over `travel`: its peaks are `2 D/T` and `2 pi D/T²` [4.23, 4.24].
+fn cycloid_s(travel: f64, speed: f64, acceleration: f64) -> f64 {
+    (2.0 * travel / speed).max((std::f64::consts::TAU * travel / acceleration).sqrt())
+}
+
+/// To and fro for exactly `warming_s` seconds; over less of the range if even one round trip over
+/// it takes longer.
+fn warming_shuttle(joint: &Joint, warming_s: f64) -> Shuttle {
+    let (middle, range) = middle_and_range(&joint.limits);
+    let (speed, acceleration) = (WARMING_SPEED * joint.limits.velocity, FULL_USE * joint.limits.acceleration);
+    let travel = WARMING_RANGE * range;
+    let rounds = (warming_s / (2.0 * cycloid_s(travel, speed, acceleration))).floor().max(1.0);
+    let stroke_s = 0.5 * warming_s / rounds;
+    let reachable = (0.5 * speed * stroke_s).min(acceleration * stroke_s * stroke_s / std::f64::consts::TAU);
+    let travel = travel.min(reachable);
+    Shuttle { start: middle - 0.5 * travel, travel, stroke_s, strokes: 2 * rounds as u32 }
+}
+
+/// The strokes of one friction level, from the posture upwards and back.
+fn level_motion(joint: &Joint, index: JointIndex, posture: PerJoint, fraction: f64) -> Plateaus {
+    let room = RANGE_USE * (joint.limits.position_max - joint.limits.position_min);
+    let stroke = level_stroke(&joint.limits, room, fraction.clamp(1e-3, 1.0));
+    let pairs = (LEVEL_S[1] / (2.0 * stroke.duration())).floor();
+    let wanted = (LEVEL_S[0] / (2.0 * stroke.duration())).ceil();
+    Plateaus { posture, joint: index.index(), stroke, strokes: 2 * pairs.min(wanted).max(1.0) as u32 }
+}
+
+fn level_stroke(limits: &JointLimits, room: f64, fraction: f64) -> Stroke {
+    let speed = fraction * limits.velocity;
+    let ramp = |part: f64| (speed / ((1.0 - RAMP_EDGE) * part * limits.acceleration)).max(MOVE_MIN_S / 3.0);
+    let plateau = |ramp_s: f64| (room / speed - ramp_s).min(0.5 * LEVEL_S[0] - 2.0 * ramp_s);
+    let gentle = ramp(GENTLE_RAMP);
+    if plateau(gentle) >= PLATEAU_SHORT_S {
+        return Stroke { speed, ramp_s: gentle, plateau_s: plateau(gentle) };
+    }
+    let steep = ramp(FULL_USE);
+    let plateau_s = room / speed - steep;
+    if plateau_s >= PLATEAU_MIN_S {
+        return Stroke { speed, ramp_s: steep, plateau_s: plateau_s.min(PLATEAU_SHORT_S) };
+    }
+    // speed (plateau + speed / a) = room: as fast as the shortest plateau leaves room for.
+    let a = (1.0 - RAMP_EDGE) * FULL_USE * limits.acceleration;
+    let reachable = 0.5 * a * ((PLATEAU_MIN_S * PLATEAU_MIN_S + 4.0 * room / a).sqrt() - PLATEAU_MIN_S);
+    let speed = speed.min(reachable);
+    Stroke { speed, ramp_s: speed / a, plateau_s: (room / speed - speed / a).max(0.0) }
+}
