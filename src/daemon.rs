@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::alert;
 use crate::ingest::settle::{Observation, Settling};
-use crate::ingest::watch::{self, FoundFile};
+use crate::ingest::watch::{self, Complaints, FoundFile};
 use crate::pipeline::{Outcome, Pipeline, PipelineError, Retry};
 
 /// Hints that arrive within this time cause one scan: a copy of a large file makes thousands.
@@ -38,11 +38,13 @@ pub async fn watch(
     mut report: impl FnMut(&Path, &Outcome),
 ) -> Result<(), PipelineError> {
     let settings = pipeline.config().watch.clone();
-    let mut watcher = watch::watch_folders(&settings.folders);
+    let (mut watcher, mut hints) = watch::watch_folders(&settings.folders);
+    let mut complaints = Complaints::default();
     let mut states: HashMap<PathBuf, FileState> = HashMap::new();
     while !stop.is_cancelled() {
         let folders = settings.folders.clone();
         let scan = tokio::task::spawn_blocking(move || watch::scan(&folders)).await?;
+        complaints.warn(&scan);
         states.retain(|path, _| scan.files.iter().any(|file| file.path == *path));
         for file in &scan.files {
             if stop.is_cancelled() || !is_due(&mut states, file, settings.settle) {
@@ -58,8 +60,9 @@ pub async fn watch(
         tokio::select! {
             () = stop.cancelled() => {}
             () = tokio::time::sleep(settings.scan_interval) => {}
-            () = watcher.hinted() => tokio::time::sleep(HINT_PAUSE).await,
+            _ = hints.recv() => tokio::time::sleep(HINT_PAUSE).await,
         }
+        watcher.watch_missing();
     }
     Ok(())
 }

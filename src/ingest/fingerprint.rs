@@ -20,6 +20,12 @@ pub fn fingerprint(path: &Path) -> io::Result<(ContentHash, u64)> {
     Ok(identity(&hasher))
 }
 
+/// Identity of a few bytes that stand for a file whose content cannot be read.
+#[must_use]
+pub fn of_bytes(bytes: &[u8]) -> ContentHash {
+    ContentHash(*blake3::hash(bytes).as_bytes())
+}
+
 /// Opens `path` for reading if it is a regular file or a symbolic link to one.
 ///
 /// # Errors

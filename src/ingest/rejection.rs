@@ -62,6 +62,31 @@ impl Rejection {
         self
     }
 
+    /// A rejection that was stored earlier as its [`Rejection::sentence`].
+    #[must_use]
+    pub fn stored(path: &Path, sentence: impl Into<String>) -> Self {
+        Self::of_file(path, sentence, "")
+    }
+
+    /// Place, fault and remedy without the file, as it stands in the ledger beside the file's name.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        let places = self.places();
+        if places.is_empty() { self.fault() } else { format!("{places}: {}", self.fault()) }
+    }
+
+    fn places(&self) -> String {
+        let line = self.line.map(|line| format!("line {line}"));
+        let column = self.column.as_ref().map(|column| format!("column {column}"));
+        line.into_iter().chain(column).collect::<Vec<_>>().join(", ")
+    }
+
+    fn fault(&self) -> String {
+        let value = self.value.as_ref().map(|value| format!("\"{}\" is ", value.escape_debug()));
+        let remedy = if self.remedy.is_empty() { String::new() } else { format!("; {}", self.remedy) };
+        format!("{}{}{remedy}", value.unwrap_or_default(), self.reason)
+    }
+
     /// A rejection from a failed read, with the explanation that [`super::source`] gave the error
     /// where there is one.
     #[must_use]
@@ -80,17 +105,11 @@ impl Rejection {
 impl fmt::Display for Rejection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.path.display())?;
-        if let Some(line) = self.line {
-            write!(f, ", line {line}")?;
+        let places = self.places();
+        if !places.is_empty() {
+            write!(f, ", {places}")?;
         }
-        if let Some(column) = &self.column {
-            write!(f, ", column {column}")?;
-        }
-        f.write_str(": ")?;
-        if let Some(value) = &self.value {
-            write!(f, "\"{}\" is ", value.escape_debug())?;
-        }
-        write!(f, "{}; {}", self.reason, self.remedy)
+        write!(f, ": {}", self.fault())
     }
 }
 

@@ -9,8 +9,8 @@ use tokio_util::sync::CancellationToken;
 
 use super::{Outcome, Pipeline, PipelineError, Retry};
 use crate::config::Layout;
-use crate::ingest::csv::ExportReader;
-use crate::ingest::fingerprint::{HashingReader, fingerprint};
+use crate::ingest::csv::{ExportReader, ReadOptions};
+use crate::ingest::fingerprint::fingerprint;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
 use crate::numerics::segment::CycleCutter;
@@ -121,7 +121,7 @@ pub fn read_cycles(
     intake: &Intake,
     cycles: &mpsc::Sender<Cycle>,
     stop: &CancellationToken,
-    progress: impl Fn(u64) + Send + Sync + 'static,
+    progress: impl Fn(u64),
 ) -> ReadEnd {
     match read(intake, cycles, stop, progress) {
         Ok(end) => end,
@@ -133,14 +133,13 @@ fn read(
     intake: &Intake,
     cycles: &mpsc::Sender<Cycle>,
     stop: &CancellationToken,
-    progress: impl Fn(u64) + Send + Sync + 'static,
+    progress: impl Fn(u64),
 ) -> Result<ReadEnd, Rejection> {
-    let raw = source::open_raw(&intake.path)?;
-    let (raw, hash) = HashingReader::new(raw, progress);
-    let bytes = source::decompress(&intake.path, raw)?;
+    let (bytes, hash) = source::open_hashing(&intake.path)?;
+    let mut export =
+        ExportReader::new(bytes, &intake.path, &intake.layout, &intake.robot, ReadOptions::default())?;
     let mut cutter = CycleCutter::new();
     let mut to_skip = intake.cycles_stored;
-    let mut rows = 0;
     let segmented = |error: crate::numerics::segment::SegmentError| {
         Rejection::of_file(&intake.path, error.to_string(), "")
     };
@@ -151,9 +150,9 @@ fn read(
         }
         cycles.blocking_send(cycle).is_ok()
     };
-    for chunk in ExportReader::new(&intake.path, bytes, &intake.layout, &intake.robot)? {
+    for chunk in export.by_ref() {
         let chunk = chunk?;
-        rows += chunk.samples.rows() as u64;
+        progress(hash.so_far().1);
         for cycle in cutter.push(chunk.samples).map_err(segmented)? {
             if stop.is_cancelled() || !send(cycle) {
                 return Ok(ReadEnd::Interrupted);
@@ -168,8 +167,8 @@ fn read(
     {
         return Ok(ReadEnd::Interrupted);
     }
-    let unchanged = hash.finish().is_ok_and(|hash| hash == intake.header.content_hash);
-    Ok(if unchanged { ReadEnd::Complete(ReadTotals { rows }) } else { ReadEnd::Changed })
+    let unchanged = hash.so_far().0 == intake.header.content_hash;
+    Ok(if unchanged { ReadEnd::Complete(ReadTotals { rows: export.rows() }) } else { ReadEnd::Changed })
 }
 
 type Recognition<'a> = (&'a crate::config::FleetEntry, String, Timestamp);
@@ -227,7 +226,7 @@ fn file_name(path: &Path) -> String {
 
 /// Identity of a file whose content cannot be read: its path stands in.
 fn path_identity(path: &Path) -> ContentHash {
-    crate::ingest::fingerprint::hash_of(path.as_os_str().as_encoded_bytes())
+    crate::ingest::fingerprint::of_bytes(path.as_os_str().as_encoded_bytes())
 }
 
 /// Modification time of a file, the best guess at its recording where its name has none.

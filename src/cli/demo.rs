@@ -1,0 +1,223 @@
+//! `armwatch demo`: a small fleet, from simulated exports to findings.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::Args;
+use jiff::Timestamp;
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+
+use super::{CliError, EXIT_DONE, EXIT_STOPPED, Global, open_store, output, runtime, shared};
+use crate::config::Config;
+use crate::config::files::shipped_robot;
+use crate::daemon;
+use crate::pipeline::{Outcome, Pipeline};
+use crate::robot::{JointIndex, Robot};
+use crate::simulate::fault::Fault;
+use crate::simulate::{SimulateError, SimulationSettings, simulate_run};
+use crate::store::Store;
+
+/// Runs of each arm: five to learn, then wear has time to show.
+const RUNS: u32 = 11;
+/// Cycles of a run.
+const CYCLES: u32 = 3;
+/// First of the demo's test days.
+const FIRST_START: &str = "2026-01-05T08:47:00Z";
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch demo
+  armwatch demo --once --dir /tmp/fleet
+
+Three ER3A arms are tested once a day for eleven days; the gearbox of one joint of one arm wears. The
+exports are written into a watched folder while the daemon takes them. The database stays, to be
+opened with any SQLite program.")]
+pub(super) struct DemoArgs {
+    /// End after the last result instead of watching on
+    #[arg(long)]
+    once: bool,
+    /// Folder for exports and database, which must be empty or missing [default: a new temporary
+    /// folder]
+    #[arg(long, value_name = "DIR")]
+    dir: Option<PathBuf>,
+    /// Everything random follows from it
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+pub(super) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliError> {
+    let folder = demo_folder(args)?;
+    let inbox = folder.join("inbox");
+    std::fs::create_dir_all(&inbox).map_err(|e| CliError::Io(format!("{}: {e}", inbox.display())))?;
+    let mut config = Config::shipped()?;
+    config.database = global.db.clone().unwrap_or_else(|| folder.join("armwatch.db"));
+    config.watch.folders = vec![inbox.clone()];
+    config.watch.scan_interval = Duration::from_millis(500);
+    // exports appear whole, by renaming
+    config.watch.settle = Duration::from_millis(200);
+    let database = config.database.clone();
+    output::note(&format!("exports   {}\ndatabase  {}", inbox.display(), database.display()));
+    runtime()?.block_on(async {
+        let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
+        let store = open_store(&config).await?;
+        let pipeline = Pipeline::new(shared(config), store);
+        let writer = write_fleet(shipped_robot()?, inbox, args.seed, stop.clone());
+        let watched = watch_fleet(&pipeline, args.once, &stop, writer).await;
+        let shown = show_findings(pipeline.store(), &database).await;
+        pipeline.store().close().await;
+        watched?;
+        shown?;
+        Ok(if args.once && stop.is_cancelled() { EXIT_STOPPED } else { EXIT_DONE })
+    })
+}
+
+fn demo_folder(args: &DemoArgs) -> Result<PathBuf, CliError> {
+    let Some(folder) = &args.dir else {
+        let made = tempfile::Builder::new().prefix("armwatch-demo-").tempdir();
+        return made.map(tempfile::TempDir::keep).map_err(|error| CliError::Io(format!("no temporary folder: {error}")));
+    };
+    let filled = std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
+    if filled {
+        return Err(CliError::Usage(format!("{}: not empty; name another folder for the demo", folder.display())));
+    }
+    Ok(folder.clone())
+}
+
+/// The demo's arms: two healthy ones, and one whose joint 3 wears.
+fn fleet(seed: u64) -> Result<Vec<SimulationSettings>, CliError> {
+    let first_start: Timestamp =
+        FIRST_START.parse().map_err(|error| CliError::Internal(format!("{FIRST_START}: {error}")))?;
+    let wear = Fault::Wear { joint: JointIndex::new(2), start_run: 7, rate_per_run: 0.04, cap: 1.0 };
+    let arm = |name: &str, minutes: i64, faults: Vec<Fault>| SimulationSettings {
+        robot_name: name.into(),
+        seed,
+        cycles: CYCLES,
+        runs: RUNS,
+        first_start: first_start + jiff::SignedDuration::from_mins(minutes),
+        faults,
+        ..SimulationSettings::default()
+    };
+    Ok(vec![arm("Left", 0, vec![]), arm("Middle", 20, vec![wear]), arm("Right", 40, vec![])])
+}
+
+type Written = JoinHandle<Result<Vec<PathBuf>, CliError>>;
+
+/// Writes the fleet's exports day by day, as the controllers would.
+fn write_fleet(robot: Robot, inbox: PathBuf, seed: u64, stop: CancellationToken) -> Written {
+    tokio::task::spawn_blocking(move || {
+        let mut written = Vec::new();
+        for run in 0..RUNS {
+            for settings in fleet(seed)? {
+                if stop.is_cancelled() {
+                    return Ok(written);
+                }
+                let files = simulate_run(&robot, &settings, run, &inbox, &mut |_| ()).map_err(as_cli_error)?;
+                written.push(files.export);
+            }
+        }
+        Ok(written)
+    })
+}
+
+fn as_cli_error(error: SimulateError) -> CliError {
+    match error {
+        SimulateError::Write { .. } => CliError::Io(error.to_string()),
+        _ => CliError::Internal(error.to_string()),
+    }
+}
+
+/// Runs the daemon beside the writer until every export has its outcome or a stop is asked for.
+async fn watch_fleet(
+    pipeline: &Pipeline,
+    once: bool,
+    stop: &CancellationToken,
+    writer: Written,
+) -> Result<(), CliError> {
+    let (to_tally, mut outcomes) = tokio::sync::mpsc::unbounded_channel::<PathBuf>();
+    let done = stop.child_token();
+    let tally = tokio::spawn({
+        let done = done.clone();
+        async move {
+            let mut seen = HashSet::new();
+            let written = writer.await.map_err(|error| CliError::Internal(error.to_string()))?;
+            let written = match written {
+                Ok(written) => written,
+                Err(error) => {
+                    done.cancel();
+                    return Err(error);
+                }
+            };
+            while !written.iter().all(|path| seen.contains(path)) {
+                let Some(path) = outcomes.recv().await else { break };
+                seen.insert(path);
+            }
+            if once {
+                done.cancel();
+            } else {
+                output::note("every export is stored; watching on, Ctrl-C ends");
+            }
+            Ok(())
+        }
+    });
+    daemon::watch(pipeline, &done, |path, outcome| {
+        show_outcome(path, outcome);
+        // the tally may be done already when the demo watches on
+        let _ = to_tally.send(path.to_path_buf());
+    })
+    .await?;
+    drop(to_tally);
+    tally.await.map_err(|error| CliError::Internal(error.to_string()))?
+}
+
+fn show_outcome(path: &Path, outcome: &Outcome) {
+    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    match outcome {
+        Outcome::Stored(run) => {
+            output::line(&format!("stored  {name}: {} cycles, {} rows", run.cycles, run.rows));
+            for anomaly in &run.new_anomalies {
+                output::line(&format!("{}  {} {}: {}", anomaly.severity, run.robot, anomaly.kind, anomaly.message));
+            }
+        }
+        Outcome::Quarantined { rejection, .. } => output::line(&format!("quarantined  {rejection}")),
+        Outcome::AlreadyStored { .. } | Outcome::Interrupted | Outcome::Changed => {}
+    }
+}
+
+/// What the database says in the end.
+async fn show_findings(store: &Store, database: &Path) -> Result<(), CliError> {
+    let health = store.fleet_health().await?;
+    let rows: Vec<Vec<String>> = health
+        .iter()
+        .map(|row| {
+            let number = |value: Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.3}"));
+            vec![
+                row.robot.clone(),
+                row.joint.to_string(),
+                row.status.clone(),
+                number(row.friction_index),
+                number(row.moving_relative_rmsd),
+                row.open_anomalies.to_string(),
+            ]
+        })
+        .collect();
+    let header = ["robot", "joint", "status", "friction_index", "moving_relative_rmsd", "open_anomalies"];
+    output::line(&format!("\n{}", output::table(&header, &rows)));
+    let anomalies = store.anomalies().await?;
+    if anomalies.is_empty() {
+        output::line("\nno anomalies");
+    }
+    for anomaly in &anomalies {
+        output::line(&format!(
+            "\n{} {} on {}, {} since {}: {}",
+            anomaly.severity, anomaly.kind, anomaly.robot, anomaly.state, anomaly.first_seen_at, anomaly.message
+        ));
+    }
+    output::line(&format!(
+        "\nthe database stays; ask it with any SQLite program:\n  sqlite3 {} \"SELECT * FROM fleet_health\"",
+        database.display()
+    ));
+    Ok(())
+}

@@ -1,0 +1,146 @@
+//! `armwatch simulate`: exports of a described arm.
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+
+use super::{CliError, EXIT_DONE, Global, output};
+use crate::config::files::{read_robot, shipped_robot};
+use crate::robot::Robot;
+use crate::simulate::fault::Fault;
+use crate::simulate::{SimulateError, SimulationSettings, simulate_run};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch simulate -o exports
+  armwatch simulate -o exports --name R07 --runs 12 --cycles 8 --fault wear:joint=3,from=6,rate=0.03
+  armwatch simulate -o exports --full-test --gzip
+  armwatch simulate -o exports --robot config/robots/scara.toml
+
+Each run is one export in the native layout, with a truth file NAME.truth.json beside it that holds
+the parameters, friction and faults behind the numbers. The same seed gives the same bytes.")]
+pub(super) struct SimulateArgs {
+    /// Folder for exports and truth files; made if missing
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Robot description with nominal parameters [default: the shipped ER3A]
+    #[arg(long, value_name = "FILE")]
+    robot: Option<PathBuf>,
+    /// Name of the individual robot; begins the file names
+    #[arg(long, default_value = "R01")]
+    name: String,
+    /// Everything random follows from it
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Number of runs, one export each
+    #[arg(long, default_value_t = 1)]
+    runs: u32,
+    /// Cycles of a run [default: 5, with --full-test 24]
+    #[arg(long)]
+    cycles: Option<u32>,
+    /// Rows a second, Hz [default: 50, with --full-test 250]
+    #[arg(long, value_name = "HZ")]
+    rate_hz: Option<f64>,
+    /// Duration of each warming stage, s [default: 20, with --full-test 180]
+    #[arg(long, value_name = "S")]
+    warming_s: Option<f64>,
+    /// The whole two-hour test: 24 cycles at 250 Hz with 180 s of warming
+    #[arg(long)]
+    full_test: bool,
+    /// Start of the first run, UTC, RFC 3339
+    #[arg(long, default_value = "2026-01-05T08:47:00Z", value_name = "TIME")]
+    start: jiff::Timestamp,
+    /// Time from the start of a run to the start of the next, h
+    #[arg(long, default_value_t = 24.0, value_name = "H")]
+    interval_h: f64,
+    /// Fault to develop, such as wear:joint=3,from=6,rate=0.03 (friction of joint 3 grows by 3 % of
+    /// its healthy value a run from run 6 on); may be repeated
+    #[arg(long = "fault", value_name = "FAULT")]
+    faults: Vec<Fault>,
+    /// Standard deviation of the hall's temperature from run to run, K
+    #[arg(long, default_value_t = 1.0, value_name = "K")]
+    ambient_std_k: f64,
+    /// Time between the cold start and the first row, s
+    #[arg(long, default_value_t = 0.0, value_name = "S")]
+    initial_warm_s: f64,
+    /// Write .csv.gz instead of .csv
+    #[arg(long)]
+    gzip: bool,
+    /// Folder for truth files, instead of beside the exports
+    #[arg(long, value_name = "DIR")]
+    truth: Option<PathBuf>,
+}
+
+pub(super) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u8, CliError> {
+    let robot = match &args.robot {
+        Some(path) => read_robot(path)?,
+        None => shipped_robot()?,
+    };
+    let settings = args.settings()?;
+    for run in 0..settings.runs {
+        simulate_one(&robot, &settings, run, args, global.json)?;
+    }
+    Ok(EXIT_DONE)
+}
+
+impl SimulateArgs {
+    fn settings(&self) -> Result<SimulationSettings, CliError> {
+        let usual = if self.full_test { SimulationSettings::full_test() } else { SimulationSettings::default() };
+        let interval = Duration::try_from_secs_f64(self.interval_h * 3600.0)
+            .map_err(|error| CliError::Usage(format!("--interval-h {}: {error}", self.interval_h)))?;
+        Ok(SimulationSettings {
+            robot_name: self.name.clone(),
+            seed: self.seed,
+            sample_rate_hz: self.rate_hz.unwrap_or(usual.sample_rate_hz),
+            cycles: self.cycles.unwrap_or(usual.cycles),
+            warming_s: self.warming_s.unwrap_or(usual.warming_s),
+            runs: self.runs,
+            first_start: self.start,
+            interval,
+            faults: self.faults.clone(),
+            gzip: self.gzip,
+            initial_warm_s: self.initial_warm_s,
+            ambient_std_k: self.ambient_std_k,
+            truth_dir: self.truth.clone(),
+            ..usual
+        })
+    }
+}
+
+fn simulate_one(
+    robot: &Robot,
+    settings: &SimulationSettings,
+    run: u32,
+    args: &SimulateArgs,
+    as_json: bool,
+) -> Result<(), CliError> {
+    let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1) } else { ProgressBar::hidden() };
+    if let Ok(style) = ProgressStyle::with_template("run {prefix} [{bar:30}] {pos}/{len} rows {msg} eta {eta}") {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar.set_prefix(format!("{}/{}", run + 1, settings.runs));
+    let files = simulate_run(robot, settings, run, &args.output, &mut |progress| {
+        bar.set_length(progress.rows_total);
+        bar.set_position(progress.rows);
+        bar.set_message(format!("cycle {}/{}", progress.cycle, progress.cycles));
+    })
+    .map_err(|error| match error {
+        SimulateError::Write { .. } => CliError::Io(error.to_string()),
+        _ => CliError::Usage(error.to_string()),
+    })?;
+    bar.finish_and_clear();
+    if as_json {
+        output::json(&json!({
+            "export": files.export, "truth": files.truth, "started_at": files.started_at.to_string(),
+            "rows": files.rows,
+        }));
+    } else {
+        output::line(&format!("{} ({} rows)", files.export.display(), files.rows));
+    }
+    Ok(())
+}
