@@ -1,0 +1,289 @@
+//! The daemon's file, `armwatch.toml`, with the arms and layouts that it refers to.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::limits::Limits;
+use super::problem::ConfigErrors;
+use super::reader::{Table, Value, read_document};
+use super::recognition::{DEFAULT_FILE_NAME, time_zone};
+use super::{AnalysisSettings, Config, DetectSettings, FleetEntry, Layout, Recognition, WatchSettings};
+use super::{parse_layout, parse_robot, pattern};
+use crate::robot::Robot;
+
+const DEFAULT_DATABASE: &str = "armwatch.db";
+const DEFAULT_FOLDER: &str = "inbox";
+const DEFAULT_SCAN_INTERVAL_S: f64 = 5.0;
+const DEFAULT_SETTLE_S: f64 = 3.0;
+
+/// Most folders to watch; each is walked at every scan.
+const MAX_FOLDERS: usize = 1000;
+
+/// Gives the text of the file at a path.
+pub(super) type ReadText<'r> = dyn Fn(&Path) -> Result<String, ConfigErrors> + 'r;
+
+/// Reads the configuration at `path` and the files that it refers to, all through `read_text`.
+///
+/// # Errors
+///
+/// Every problem of all those files at once.
+pub(super) fn read(path: &Path, read_text: &ReadText<'_>) -> Result<Config, ConfigErrors> {
+    let text = read_text(path)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut references = References { folder, read_text, robots: BTreeMap::new(), layouts: BTreeMap::new() };
+    read_document(&path.display().to_string(), &text, |root| read_root(root, &mut references))
+}
+
+fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config> {
+    let database = root.text_or("database", DEFAULT_DATABASE);
+    let watch = read_watch(root.table("watch").as_ref());
+    let recognition = read_recognition(root.table("recognition").as_ref());
+    let fleet = read_fleet(root, references);
+    let analysis =
+        root.table("analysis").map_or_else(|| Some(AnalysisSettings::default()), |t| read_analysis(&t));
+    let detect = root.table("detect").map_or_else(|| Some(DetectSettings::default()), |t| read_detect(&t));
+    Some(Config {
+        database: PathBuf::from(database?),
+        watch: watch?,
+        recognition: recognition?,
+        fleet: fleet?,
+        analysis: analysis?,
+        detect: detect?,
+    })
+}
+
+fn read_watch(table: Option<&Table<'_>>) -> Option<WatchSettings> {
+    let interval = Limits::between(0.1, 86_400.0, "s");
+    let settle = Limits::between(0.0, 3600.0, "s");
+    let number = |key, limits, default| table.map_or(Some(default), |t| t.number_or(key, limits, default));
+    let scan_interval = number("scan_interval_s", &interval, DEFAULT_SCAN_INTERVAL_S);
+    let settle = number("settle_s", &settle, DEFAULT_SETTLE_S);
+    let folders = match table.and_then(|t| t.optional("folders")) {
+        Some(value) => read_folders(&value),
+        None => Some(vec![PathBuf::from(DEFAULT_FOLDER)]),
+    };
+    Some(WatchSettings {
+        folders: folders?,
+        scan_interval: Duration::try_from_secs_f64(scan_interval?).ok()?,
+        settle: Duration::try_from_secs_f64(settle?).ok()?,
+    })
+}
+
+fn read_folders(value: &Value<'_>) -> Option<Vec<PathBuf>> {
+    let items = value.items()?;
+    if items.is_empty() || items.len() > MAX_FOLDERS {
+        value.refuse(format!("has {} entries, must have 1 to {MAX_FOLDERS}", items.len()), None);
+        return None;
+    }
+    let mut folders: Vec<PathBuf> = Vec::new();
+    for item in &items {
+        let folder = PathBuf::from(item.text()?);
+        if folders.contains(&folder) {
+            item.refuse("is named twice".into(), Some("leave one out".into()));
+            return None;
+        }
+        folders.push(folder);
+    }
+    Some(folders)
+}
+
+fn read_recognition(table: Option<&Table<'_>>) -> Option<Recognition> {
+    let file_name = match table.and_then(|t| t.optional("file_name")) {
+        Some(value) => read_file_name(&value),
+        None => regex::Regex::new(DEFAULT_FILE_NAME).ok(),
+    };
+    let zone = match table.and_then(|t| t.optional("time_zone")) {
+        Some(value) => read_time_zone(&value),
+        None => Some("UTC".to_owned()),
+    };
+    Some(Recognition { file_name: file_name?, time_zone: zone? })
+}
+
+fn read_file_name(value: &Value<'_>) -> Option<regex::Regex> {
+    let pattern = match regex::Regex::new(value.text()?) {
+        Ok(pattern) => pattern,
+        Err(error) => {
+            // The last line says what is wrong; those before draw arrows under the pattern.
+            let message = error.to_string();
+            let reason =
+                message.lines().last().unwrap_or_default().trim().trim_start_matches("error: ").to_owned();
+            value.refuse(
+                format!("is not a regular expression: {reason}"),
+                Some("write it between single quotes, so that backslashes stay as they are".into()),
+            );
+            return None;
+        }
+    };
+    let has = |group: &str| pattern.capture_names().flatten().any(|name| name == group);
+    if !has("robot") {
+        value.refuse("has no group robot".into(), Some(format!("write it like '{DEFAULT_FILE_NAME}'")));
+        return None;
+    }
+    if has("time") && !has("date") {
+        value.refuse(
+            "has a group time but no group date".into(),
+            Some("a time without a date is no moment".into()),
+        );
+        return None;
+    }
+    Some(pattern)
+}
+
+fn read_time_zone(value: &Value<'_>) -> Option<String> {
+    let name = value.text()?;
+    if time_zone(name).is_none() {
+        let hint = "write an IANA name such as \"Europe/Rome\" or \"UTC\"; names other than UTC need the time zone \
+                    database of the operating system (package tzdata)";
+        value.refuse("is no time zone known on this machine".into(), Some(hint.into()));
+        return None;
+    }
+    Some(name.to_owned())
+}
+
+/// Files that the fleet refers to. Several entries may share one, which is then read once and
+/// whose problems are told once.
+struct References<'r> {
+    folder: &'r Path,
+    read_text: &'r ReadText<'r>,
+    robots: BTreeMap<PathBuf, Option<Arc<Robot>>>,
+    layouts: BTreeMap<PathBuf, Option<Arc<Layout>>>,
+}
+
+impl References<'_> {
+    fn robot(&mut self, table: &Table<'_>, key: &str) -> Option<Arc<Robot>> {
+        refer(self.folder, self.read_text, &mut self.robots, table, key, parse_robot)
+    }
+
+    fn layout(&mut self, table: &Table<'_>, key: &str) -> Option<Arc<Layout>> {
+        refer(self.folder, self.read_text, &mut self.layouts, table, key, parse_layout)
+    }
+}
+
+fn refer<T>(
+    folder: &Path,
+    read_text: &ReadText<'_>,
+    known: &mut BTreeMap<PathBuf, Option<Arc<T>>>,
+    table: &Table<'_>,
+    key: &str,
+    parse: impl FnOnce(&str, &str) -> Result<T, ConfigErrors>,
+) -> Option<Arc<T>> {
+    let value = table.required(key)?;
+    let path = folder.join(value.text()?);
+    if let Some(seen) = known.get(&path) {
+        return seen.clone();
+    }
+    let read = match read_text(&path) {
+        Ok(text) => parse(&path.display().to_string(), &text).map_err(|errors| table.adopt(errors)).ok(),
+        Err(errors) => {
+            let reasons = errors.0.iter().map(|p| p.problem.as_str()).collect::<Vec<_>>().join(", ");
+            let hint = "paths are relative to the folder of this file".to_owned();
+            value.refuse(format!("{} {reasons}", path.display()), Some(hint));
+            None
+        }
+    };
+    let read = read.map(Arc::new);
+    known.insert(path, read.clone());
+    read
+}
+
+fn read_fleet(root: &Table<'_>, references: &mut References<'_>) -> Option<Vec<FleetEntry>> {
+    let hint = || Some("write [[robot]] with name = \"*\", description and layout".into());
+    let items = root.required_or_else("robot", hint)?.items()?;
+    if items.is_empty() {
+        root.refuse("there is no robot".into(), hint());
+        return None;
+    }
+    let mut patterns: Vec<&str> = Vec::new();
+    let entries: Vec<_> = items
+        .iter()
+        .map(|item| {
+            let table = item.table()?;
+            let robots = table.required("name").and_then(|value| read_pattern(&value, &mut patterns));
+            let description = references.robot(&table, "description");
+            let layout = references.layout(&table, "layout");
+            Some(FleetEntry { robots: robots?.to_owned(), description: description?, layout: layout? })
+        })
+        .collect();
+    entries.into_iter().collect()
+}
+
+/// A pattern, which must leave no robot with two arms to choose from. One that is narrower than a
+/// later one is the normal way to make an exception.
+fn read_pattern<'d>(value: &Value<'d>, earlier: &mut Vec<&'d str>) -> Option<&'d str> {
+    let robots = value.text()?;
+    let conflict = earlier.iter().find_map(|known| {
+        if *known == robots {
+            Some((format!("the pattern \"{known}\" is already given"), "leave one out"))
+        } else if pattern::covers(known, robots) {
+            let problem = format!("is never used: \"{known}\", given before, matches these robots first");
+            Some((problem, "put the narrower pattern first"))
+        } else if pattern::overlap(known, robots) && !pattern::covers(robots, known) {
+            Some((
+                format!("some names match this and \"{known}\", given before"),
+                "make one of them narrower",
+            ))
+        } else {
+            None
+        }
+    });
+    earlier.push(robots);
+    match conflict {
+        Some((problem, hint)) => {
+            value.refuse(problem, Some(hint.into()));
+            None
+        }
+        None => Some(robots),
+    }
+}
+
+fn read_analysis(table: &Table<'_>) -> Option<AnalysisSettings> {
+    let default = AnalysisSettings::default();
+    let cutoff = table.number_or("cutoff_hz", &Limits::between(0.5, 1000.0, "Hz"), default.cutoff);
+    let fraction = Limits::above(0.0, 1.0, "of the largest speed");
+    let reference = table.number_or("reference_speed_fraction", &fraction, default.reference_speed_fraction);
+    Some(AnalysisSettings { cutoff: cutoff?, reference_speed_fraction: reference? })
+}
+
+fn read_detect(table: &Table<'_>) -> Option<DetectSettings> {
+    let default = DetectSettings::default();
+    let runs = match table.optional("baseline_runs") {
+        Some(value) => value.integer(2..=1000).and_then(|runs| usize::try_from(runs).ok()),
+        None => Some(default.baseline_runs),
+    };
+    let drift = read_levels(table, "drift", (default.drift_warning, default.drift_critical));
+    let sigma = table.number_or(
+        "drift_sigma",
+        &Limits::between(0.0, 100.0, "standard deviations"),
+        default.drift_sigma,
+    );
+    let ratio =
+        table.number_or("oscillation_ratio", &Limits::above(1.0, 1000.0, ""), default.oscillation_ratio);
+    let accuracy = read_levels(table, "accuracy", (default.accuracy_warning, default.accuracy_critical));
+    let ((drift_warning, drift_critical), (accuracy_warning, accuracy_critical)) = (drift?, accuracy?);
+    Some(DetectSettings {
+        baseline_runs: runs?,
+        drift_warning,
+        drift_critical,
+        drift_sigma: sigma?,
+        oscillation_ratio: ratio?,
+        accuracy_warning,
+        accuracy_critical,
+    })
+}
+
+/// The fractions from which a quantity is a warning and critical.
+fn read_levels(table: &Table<'_>, stem: &str, default: (f64, f64)) -> Option<(f64, f64)> {
+    let fraction = Limits::above(0.0, 10.0, "");
+    let warning = table.number_or(&format!("{stem}_warning_fraction"), &fraction, default.0);
+    let key = format!("{stem}_critical_fraction");
+    let critical = table.number_or(&key, &fraction, default.1);
+    let (warning, critical) = (warning?, critical?);
+    if warning >= critical {
+        let problem = format!("{stem}_warning_fraction = {warning} must be smaller than {key} = {critical}");
+        table.refuse(problem, None);
+        return None;
+    }
+    Some((warning, critical))
+}

@@ -1,0 +1,105 @@
+//! Patterns over robot names: `*` stands for any characters, everything else for itself.
+
+/// Whether `pattern` matches the whole of `name`.
+pub(super) fn matches(pattern: &str, name: &str) -> bool {
+    let name: Vec<_> = name.chars().map(Piece::One).collect();
+    meet(&pieces(pattern), &name)
+}
+
+/// Whether `wide` matches every name that `narrow` matches.
+pub(super) fn covers(wide: &str, narrow: &str) -> bool {
+    // Only a star can match a character that nobody can write; what matches it there matches
+    // whatever the narrow pattern's star may stand for.
+    let narrow: Vec<_> = pieces(narrow)
+        .into_iter()
+        .map(|piece| if piece == Piece::Any { Piece::Unwritable } else { piece })
+        .collect();
+    meet(&pieces(wide), &narrow)
+}
+
+/// Whether some name matches both patterns.
+pub(super) fn overlap(a: &str, b: &str) -> bool {
+    meet(&pieces(a), &pieces(b))
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Piece {
+    Any,
+    One(char),
+    Unwritable,
+}
+
+fn pieces(pattern: &str) -> Vec<Piece> {
+    pattern.chars().map(|c| if c == '*' { Piece::Any } else { Piece::One(c) }).collect()
+}
+
+/// Whether two sequences have a text in common: `reachable[i][j]` says that the first `i` and `j`
+/// pieces have.
+fn meet(a: &[Piece], b: &[Piece]) -> bool {
+    let mut reachable = vec![vec![false; b.len() + 1]; a.len() + 1];
+    for i in 0..=a.len() {
+        for j in 0..=b.len() {
+            let star_a = i > 0 && a[i - 1] == Piece::Any;
+            let star_b = j > 0 && b[j - 1] == Piece::Any;
+            let without_a = i > 0 && reachable[i - 1][j];
+            let without_b = j > 0 && reachable[i][j - 1];
+            // A star may end here, or take in the other side's last piece.
+            reachable[i][j] = (i == 0 && j == 0)
+                || ((star_a || star_b) && (without_a || without_b))
+                || (i > 0 && j > 0 && a[i - 1] == b[j - 1] && reachable[i - 1][j - 1]);
+        }
+    }
+    reachable[a.len()][b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_star_stands_for_any_characters_and_the_whole_name_counts() {
+        for (pattern, name, expected) in [
+            ("*", "R00", true),
+            ("*", "", true),
+            ("R00", "R00", true),
+            ("R00", "R001", false),
+            ("R00", "XR00", false),
+            ("R*", "R00", true),
+            ("*0", "R00", true),
+            ("R*0", "R0", true),
+            ("R*0*", "R1", false),
+            ("line-1-*", "line-1-left", true),
+            ("r00", "R00", false),
+            ("R.0", "R00", false),
+            ("", "R00", false),
+        ] {
+            assert_eq!(matches(pattern, name), expected, "{pattern} {name}");
+        }
+    }
+
+    #[test]
+    fn covering_and_overlap_agree_with_all_short_names() {
+        // Second road: every name up to four letters over an alphabet with one letter that no
+        // pattern holds is enough to tell patterns of up to three pieces apart.
+        let patterns = words(&['a', 'b', '*'], 3);
+        let names = words(&['a', 'b', 'c'], 4);
+        for p in &patterns {
+            for q in &patterns {
+                let both = names.iter().any(|n| matches(p, n) && matches(q, n));
+                assert_eq!(overlap(p, q), both, "{p} {q}");
+                let all = names.iter().all(|n| !matches(q, n) || matches(p, n));
+                assert_eq!(covers(p, q), all, "{p} {q}");
+            }
+        }
+    }
+
+    fn words(letters: &[char], longest: usize) -> Vec<String> {
+        let mut words = vec![String::new()];
+        let mut last = words.clone();
+        for _ in 0..longest {
+            last = last.iter().flat_map(|w| letters.iter().map(move |l| format!("{w}{l}"))).collect();
+            words.extend(last.clone());
+        }
+        words
+    }
+}

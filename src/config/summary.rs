@@ -1,0 +1,107 @@
+//! What a configuration amounts to, for people.
+
+use std::fmt::Write as _;
+use std::time::Duration;
+
+use super::{Config, FleetEntry, Layout};
+use crate::robot::{JointKind, Robot};
+
+/// What was read and which settings are in force, with units, one topic a paragraph.
+#[must_use]
+pub fn summary(config: &Config) -> String {
+    let mut out = String::new();
+    let mut line = |name: &str, value: String| {
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "{name:<26}{value}");
+    };
+    line("database", config.database.display().to_string());
+    for folder in &config.watch.folders {
+        line("watched folder", folder.display().to_string());
+    }
+    line("scan interval", seconds(config.watch.scan_interval));
+    line("settling time of a file", seconds(config.watch.settle));
+    line("file names", config.recognition.file_name.to_string());
+    line("time zone of file names", config.recognition.time_zone.clone());
+    for entry in &config.fleet {
+        line(&format!("robot {}", entry.robots), fleet_entry(entry));
+    }
+    let analysis = &config.analysis;
+    line("low-pass cut-off", format!("{} Hz", analysis.cutoff));
+    line("reference speed", format!("{} of the largest", percent(analysis.reference_speed_fraction)));
+    let detect = &config.detect;
+    line("baseline", format!("{} runs", detect.baseline_runs));
+    let levels =
+        |warning, critical| format!("warning from {}, critical from {}", percent(warning), percent(critical));
+    line("friction drift", levels(detect.drift_warning, detect.drift_critical));
+    line("drift significance", format!("{} standard deviations", detect.drift_sigma));
+    line("oscillation", format!("{} times the baseline's swing", detect.oscillation_ratio));
+    line("relative RMSD", levels(detect.accuracy_warning, detect.accuracy_critical));
+    out
+}
+
+fn fleet_entry(entry: &FleetEntry) -> String {
+    format!("{}; {}", arm(&entry.description), layout(&entry.layout))
+}
+
+fn arm(robot: &Robot) -> String {
+    let sliding = robot.joints.iter().filter(|joint| joint.kind == JointKind::Prismatic).count();
+    let kinds = match sliding {
+        0 => String::new(),
+        _ => format!(" ({sliding} sliding)"),
+    };
+    let nominal = robot.joints.iter().filter(|joint| joint.nominal.is_some()).count();
+    let excitation = if robot.excitation.is_some() { "an excitation" } else { "no excitation" };
+    format!(
+        "{} with {} joints{kinds}, {} speed levels, nominal parameters of {nominal} joints, {excitation}",
+        robot.model,
+        robot.joint_count(),
+        robot.speed_levels.len(),
+    )
+}
+
+fn layout(layout: &Layout) -> String {
+    let velocity = if layout.velocity.is_some() { "velocity recorded" } else { "velocity derived" };
+    format!("layout {}, {velocity}", layout.name)
+}
+
+fn seconds(duration: Duration) -> String {
+    format!("{} s", duration.as_secs_f64())
+}
+
+/// A fraction in percent, without the digits that binary fractions add.
+fn percent(fraction: f64) -> String {
+    format!("{} %", (fraction * 1e5).round() / 1e3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentages_are_round_where_the_file_has_round_numbers() {
+        let shown: Vec<_> = [0.05, 0.15, 0.6, 1.0, 0.07, 0.0125].map(percent).into();
+        assert_eq!(shown, ["5 %", "15 %", "60 %", "100 %", "7 %", "1.25 %"]);
+    }
+
+    #[test]
+    fn the_shipped_summary_names_every_setting_with_its_unit() {
+        let text = summary(&Config::shipped().expect("no problems"));
+        for expected in [
+            "database                  armwatch.db",
+            "watched folder            inbox",
+            "scan interval             5 s",
+            "settling time of a file   3 s",
+            "time zone of file names   UTC",
+            "robot *                   er3a with 6 joints, 6 speed levels, nominal parameters of 6 joints, an excitation; layout native, velocity recorded",
+            "low-pass cut-off          12 Hz",
+            "reference speed           60 % of the largest",
+            "baseline                  5 runs",
+            "friction drift            warning from 5 %, critical from 15 %",
+            "drift significance        4 standard deviations",
+            "oscillation               3 times the baseline's swing",
+            "relative RMSD             warning from 10 %, critical from 15 %",
+        ] {
+            assert!(text.lines().any(|line| line == expected), "{expected}\nnot in\n{text}");
+        }
+    }
+}
