@@ -91,10 +91,10 @@ pub fn log_outcome(path: &Path, outcome: &Outcome) {
                 tracing::warn!(%file, cycle, "no parameters: {reason}");
             }
             for anomaly in &run.new_anomalies {
-                alert::log_opened(&run.robot, anomaly);
+                alert::log_opened(anomaly);
             }
         }
-        Outcome::AlreadyStored { run_id, .. } => tracing::debug!(%file, run_id, "already stored"),
+        Outcome::AlreadyStored { run_id } => tracing::debug!(%file, run_id, "already stored"),
         Outcome::Quarantined { rejection, .. } => tracing::warn!("quarantined: {rejection}"),
         Outcome::Interrupted => tracing::info!(%file, "stopped at a cycle; the rest follows at the next start"),
         Outcome::Changed => tracing::info!(%file, "changed while being read; looking again"),

@@ -1,14 +1,26 @@
 //! armwatch: exports of robot arms in, dynamic parameters, friction and anomalies out.
+//!
+//! # Layout, in reading order
+//!
+//! A robot makes runs; a run has an analysis; analyses yield anomalies. [`robot`], [`run`],
+//! [`analysis`] and [`anomaly`] are these nouns. The others are machinery that takes one to the next:
+//! `ingest -> segment -> identify -> friction -> verify -> store -> detect -> alert`, never back.
 
-pub mod analysis;
-pub mod anomaly;
-pub mod config;
-pub mod ingest;
-pub mod numerics;
 pub mod robot;
 pub mod run;
-pub mod simulate;
+pub mod analysis;
+pub mod anomaly;
+
+pub mod numerics;
+pub mod config;
+pub mod telemetry;
+pub mod ingest;
 pub mod store;
+pub mod pipeline;
+pub mod alert;
+pub mod simulate;
+pub mod daemon;
+pub mod cli;
 
 #[cfg(test)]
 mod testing;

@@ -11,7 +11,6 @@ use tokio_util::sync::CancellationToken;
 
 use super::{CliError, EXIT_DONE, EXIT_STOPPED, Global, open_store, output, runtime, shared};
 use crate::config::Config;
-use crate::config::files::shipped_robot;
 use crate::daemon;
 use crate::pipeline::{Outcome, Pipeline};
 use crate::robot::{JointIndex, Robot};
@@ -53,6 +52,7 @@ pub(super) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliError> {
     let inbox = folder.join("inbox");
     std::fs::create_dir_all(&inbox).map_err(|e| CliError::Io(format!("{}: {e}", inbox.display())))?;
     let mut config = Config::shipped()?;
+    let robot = Robot::clone(&config.fleet.first().ok_or_else(no_robot)?.description);
     config.database = global.db.clone().unwrap_or_else(|| folder.join("armwatch.db"));
     config.watch.folders = vec![inbox.clone()];
     config.watch.scan_interval = Duration::from_millis(500);
@@ -64,14 +64,18 @@ pub(super) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliError> {
         let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
         let store = open_store(&config).await?;
         let pipeline = Pipeline::new(shared(config), store);
-        let writer = write_fleet(shipped_robot()?, inbox, args.seed, stop.clone());
+        let writer = write_fleet(robot, inbox, args.seed, stop.clone());
         let watched = watch_fleet(&pipeline, args.once, &stop, writer).await;
         let shown = show_findings(pipeline.store(), &database).await;
-        pipeline.store().close().await;
         watched?;
         shown?;
+        pipeline.close().await?;
         Ok(if args.once && stop.is_cancelled() { EXIT_STOPPED } else { EXIT_DONE })
     })
+}
+
+fn no_robot() -> CliError {
+    CliError::Internal("the shipped configuration describes no robot".into())
 }
 
 fn demo_folder(args: &DemoArgs) -> Result<PathBuf, CliError> {
@@ -196,7 +200,7 @@ async fn show_findings(store: &Store, database: &Path) -> Result<(), CliError> {
             vec![
                 row.robot.clone(),
                 row.joint.to_string(),
-                row.status.clone(),
+                row.status.name().to_owned(),
                 number(row.friction_index),
                 number(row.moving_relative_rmsd),
                 row.open_anomalies.to_string(),
@@ -205,7 +209,7 @@ async fn show_findings(store: &Store, database: &Path) -> Result<(), CliError> {
         .collect();
     let header = ["robot", "joint", "status", "friction_index", "moving_relative_rmsd", "open_anomalies"];
     output::line(&format!("\n{}", output::table(&header, &rows)));
-    let anomalies = store.anomalies().await?;
+    let anomalies = store.anomalies_after(0).await?;
     if anomalies.is_empty() {
         output::line("\nno anomalies");
     }

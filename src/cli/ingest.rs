@@ -37,7 +37,7 @@ pub(super) fn ingest(global: &Global, args: &IngestArgs) -> Result<u8, CliError>
         let store = open_store(&config).await?;
         let pipeline = Pipeline::new(shared(config), store);
         let done = take_all(&pipeline, &exports, &stop, global.json).await;
-        pipeline.store().close().await;
+        pipeline.close().await?;
         done
     })
 }
@@ -136,7 +136,7 @@ fn as_text(path: &Path, outcome: &Outcome) -> String {
             }
             text
         }
-        Outcome::AlreadyStored { run_id, robot } => format!("known        {file}: robot {robot}, run {run_id}"),
+        Outcome::AlreadyStored { run_id } => format!("known        {file}: stored as run {run_id}"),
         Outcome::Quarantined { rejection, cycles, .. } => {
             let kept = if *cycles > 0 { format!(" ({cycles} cycles before it are stored)") } else { String::new() };
             format!("quarantined  {rejection}{kept}")
@@ -154,12 +154,10 @@ fn as_value(path: &Path, outcome: &Outcome) -> serde_json::Value {
             "cycles": run.cycles, "rows": run.rows,
             "refused": run.refused.iter().map(|(cycle, reason)| json!({"cycle": cycle, "reason": reason})).collect::<Vec<_>>(),
             "new_anomalies": run.new_anomalies.iter().map(|a| json!({
-                "joint": a.joint.number(), "kind": a.kind.name(), "severity": a.severity.name(), "message": a.message,
+                "joint": a.joint.number(), "kind": a.kind, "severity": a.severity.name(), "message": a.message,
             })).collect::<Vec<_>>(),
         }),
-        Outcome::AlreadyStored { run_id, robot } => {
-            json!({"file": file, "outcome": "known", "run_id": run_id, "robot": robot})
-        }
+        Outcome::AlreadyStored { run_id } => json!({"file": file, "outcome": "known", "run_id": run_id}),
         Outcome::Quarantined { run_id, rejection, cycles } => json!({
             "file": file, "outcome": "quarantined", "run_id": run_id, "reason": rejection.sentence(),
             "line": rejection.line, "column": rejection.column, "value": rejection.value,

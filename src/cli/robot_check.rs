@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, output};
-use crate::config::files::read_robot;
+use crate::config::read_robot;
 use crate::numerics::robot_check::{self, ReferenceAgreement, ReferenceRow, RobotCheck};
 use crate::robot::Robot;
 

@@ -26,8 +26,8 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
         tracing::info!(database = %config.database.display(), folders = folders.join(", "), "watching");
         let pipeline = Pipeline::new(shared(config), store);
         let watched = daemon::watch(&pipeline, &stop, |_, _| ()).await;
-        pipeline.store().close().await;
         watched?;
+        pipeline.close().await?;
         tracing::info!("stopped");
         Ok(EXIT_DONE)
     })

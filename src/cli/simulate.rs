@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
 use super::{CliError, EXIT_DONE, Global, output};
-use crate::config::files::{read_robot, shipped_robot};
+use crate::config::{Config, read_robot};
 use crate::robot::Robot;
 use crate::simulate::fault::Fault;
 use crate::simulate::{SimulateError, SimulationSettings, simulate_run};
@@ -86,6 +86,15 @@ pub(super) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u8, CliEr
         simulate_one(&robot, &settings, run, args, global.json)?;
     }
     Ok(EXIT_DONE)
+}
+
+/// The arm of the shipped configuration.
+fn shipped_robot() -> Result<Robot, CliError> {
+    let shipped = Config::shipped()?;
+    let entry = shipped.fleet.first();
+    entry
+        .map(|entry| Robot::clone(&entry.description))
+        .ok_or_else(|| CliError::Internal("the shipped configuration describes no robot".into()))
 }
 
 impl SimulateArgs {

@@ -25,6 +25,8 @@ pub use self::recognition::{RecogniseError, Recognised};
 pub use self::robot_file::{parse_robot, read_robot};
 pub use self::source::ConfigSource;
 pub use self::summary::summary;
+use crate::numerics::analyse::AnalysisSettings;
+use crate::numerics::detect::DetectSettings;
 use crate::robot::Robot;
 
 /// Everything the program is told, read and checked.
@@ -49,54 +51,6 @@ impl Config {
     #[must_use]
     pub fn robot_entry(&self, robot: &str) -> Option<&FleetEntry> {
         self.fleet.iter().find(|entry| pattern::matches(&entry.robots, robot))
-    }
-}
-
-/// How a cycle is analysed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AnalysisSettings {
-    /// Cut-off of the zero-phase low-pass before identification, Hz.
-    pub cutoff: f64,
-    /// Speed at which friction is compared between runs, as a fraction of each joint's largest.
-    pub reference_speed_fraction: f64,
-}
-
-impl Default for AnalysisSettings {
-    fn default() -> Self {
-        Self { cutoff: 12.0, reference_speed_fraction: 0.6 }
-    }
-}
-
-/// When a change counts as an anomaly. Fractions are relative: 0.05 is 5 %.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DetectSettings {
-    /// Runs that make up a robot's own baseline; until then it is learning.
-    pub baseline_runs: usize,
-    /// Change of warm friction against the baseline that warrants a warning.
-    pub drift_warning: f64,
-    /// Change of warm friction against the baseline that is critical.
-    pub drift_critical: f64,
-    /// Standard deviations of the baseline that a change must exceed besides.
-    pub drift_sigma: f64,
-    /// Swing of the RMSD from cycle to cycle against the baseline's that counts as oscillation.
-    pub oscillation_ratio: f64,
-    /// Relative RMSD that warrants a warning.
-    pub accuracy_warning: f64,
-    /// Relative RMSD that is critical.
-    pub accuracy_critical: f64,
-}
-
-impl Default for DetectSettings {
-    fn default() -> Self {
-        Self {
-            baseline_runs: 5,
-            drift_warning: 0.05,
-            drift_critical: 0.15,
-            drift_sigma: 4.0,
-            oscillation_ratio: 3.0,
-            accuracy_warning: 0.10,
-            accuracy_critical: 0.15,
-        }
     }
 }
 

@@ -13,7 +13,8 @@ use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::fingerprint::fingerprint;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
-use crate::numerics::segment::CycleCutter;
+use crate::numerics::segment::{CycleCutter, SegmentError};
+use crate::numerics::signal::median_step;
 use crate::robot::Robot;
 use crate::run::{ContentHash, Cycle, RunHeader, RunStatus};
 
@@ -64,6 +65,10 @@ pub enum ReadEnd {
 pub struct ReadTotals {
     /// Rows, those outside cycles included.
     pub rows: u64,
+    /// Rows per second, from the median time step of the first rows, Hz; zero where it is unknown.
+    pub sample_rate: f64,
+    /// Cycles, those stored by an earlier attempt included.
+    pub cycles: u32,
 }
 
 /// Looks an export up by its content and lets it in if it is new, or was left unfinished.
@@ -86,7 +91,7 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
     let known = pipeline.store().lookup(&content_hash).await?;
     match known {
         Some(known) if known.status == RunStatus::Complete => {
-            return Ok(Known::Yes(Outcome::AlreadyStored { run_id: known.run_id, robot: known.robot }));
+            return Ok(Known::Yes(Outcome::AlreadyStored { run_id: known.run_id }));
         }
         Some(known) if known.status == RunStatus::Quarantined && retry == Retry::Never => {
             let rejection = Rejection::stored(path, known.reason.unwrap_or_default());
@@ -139,20 +144,19 @@ fn read(
     let mut export =
         ExportReader::new(bytes, &intake.path, &intake.layout, &intake.robot, ReadOptions::default())?;
     let mut cutter = CycleCutter::new();
-    let mut to_skip = intake.cycles_stored;
-    let segmented = |error: crate::numerics::segment::SegmentError| {
+    let mut cycle_count = 0;
+    let mut sample_rate = None;
+    let segmented = |error: SegmentError| {
         Rejection::of_file(&intake.path, error.to_string(), "")
     };
     let mut send = |cycle: Cycle| {
-        if to_skip > 0 {
-            to_skip -= 1;
-            return true;
-        }
-        cycles.blocking_send(cycle).is_ok()
+        cycle_count += 1;
+        cycle_count <= intake.cycles_stored || cycles.blocking_send(cycle).is_ok()
     };
     for chunk in export.by_ref() {
         let chunk = chunk?;
         progress(hash.so_far().1);
+        sample_rate = sample_rate.or_else(|| median_step(&chunk.samples.time).map(|step| 1.0 / step));
         for cycle in cutter.push(chunk.samples).map_err(segmented)? {
             if stop.is_cancelled() || !send(cycle) {
                 return Ok(ReadEnd::Interrupted);
@@ -168,7 +172,11 @@ fn read(
         return Ok(ReadEnd::Interrupted);
     }
     let unchanged = hash.so_far().0 == intake.header.content_hash;
-    Ok(if unchanged { ReadEnd::Complete(ReadTotals { rows: export.rows() }) } else { ReadEnd::Changed })
+    Ok(if unchanged { ReadEnd::Complete(ReadTotals {
+        rows: export.rows(),
+        sample_rate: sample_rate.unwrap_or(0.0),
+        cycles: cycle_count,
+    }) } else { ReadEnd::Changed })
 }
 
 type Recognition<'a> = (&'a crate::config::FleetEntry, String, Timestamp);

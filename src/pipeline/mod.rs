@@ -19,10 +19,10 @@ use tokio_util::sync::CancellationToken;
 use crate::analysis::CycleAnalysis;
 use crate::config::Config;
 use crate::ingest::rejection::Rejection;
-use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use crate::numerics::analyse::{Method, analyse_cycle};
 use crate::robot::Robot;
 use crate::run::Cycle;
-use crate::store::{Store, StoreError};
+use crate::store::{AnomalyRow, Store, StoreError};
 use intake::{Intake, Known, ReadEnd};
 
 /// Cycles between the reading thread and analysis. One is enough to keep both busy; each takes
@@ -50,8 +50,6 @@ pub enum Outcome {
     AlreadyStored {
         /// The run that holds it.
         run_id: i64,
-        /// The robot.
-        robot: String,
     },
     /// The export was not understood; row and reason are stored, the file is untouched.
     Quarantined {
@@ -82,7 +80,7 @@ pub struct StoredRun {
     /// Rows of the export.
     pub rows: u64,
     /// Anomalies that this run opened.
-    pub new_anomalies: Vec<crate::anomaly::Anomaly>,
+    pub new_anomalies: Vec<AnomalyRow>,
 }
 
 /// How far an export has come, for progress bars.
@@ -124,6 +122,14 @@ impl Pipeline {
         &self.store
     }
 
+    /// Closes the database; what is committed is safe without it, but its log stays behind.
+    ///
+    /// # Errors
+    /// Those of the last checkpoint.
+    pub async fn close(self) -> Result<(), StoreError> {
+        self.store.close().await
+    }
+
     /// Takes one export from disk to stored results.
     ///
     /// # Errors
@@ -136,16 +142,16 @@ impl Pipeline {
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
         let intake = match intake::admit(self, path, retry).await? {
-            Known::No(intake) => intake,
+            Known::No(intake) => *intake,
             Known::Yes(outcome) => return Ok(outcome),
         };
         let method = match self.method(&intake).await? {
             Ok(method) => method,
             Err(rejection) => return record::quarantine(self, &intake, rejection).await,
         };
-        let end = self.stream(&intake, &method, stop, progress).await?;
+        let (end, refused) = self.stream(&intake, &method, stop, progress).await?;
         match end {
-            ReadEnd::Complete(totals) => record::finish(self, &intake, &method, totals).await,
+            ReadEnd::Complete(totals) => record::finish(self, &intake, &method, totals, refused).await,
             ReadEnd::Rejected(rejection) => record::quarantine(self, &intake, rejection).await,
             ReadEnd::Interrupted => Ok(Outcome::Interrupted),
             ReadEnd::Changed => {
@@ -155,14 +161,15 @@ impl Pipeline {
         }
     }
 
-    /// Reads, analyses and records the cycles of an export.
+    /// Reads, analyses and records the cycles of an export. Returns how reading ended and the cycles
+    /// without parameters.
     async fn stream(
         &self,
         intake: &Intake,
         method: &Arc<Method>,
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
-    ) -> Result<ReadEnd, PipelineError> {
+    ) -> Result<(ReadEnd, Vec<(u32, String)>), PipelineError> {
         let (to_analysis, cycles) = mpsc::channel::<Cycle>(CYCLES_READ_AHEAD);
         // the task being awaited and those in the channel are the cycles in analysis
         let (to_record, analyses) = mpsc::channel::<JoinHandle<CycleAnalysis>>(CYCLES_IN_ANALYSIS - 1);
@@ -173,11 +180,11 @@ impl Pipeline {
         });
         let analyser = tokio::spawn(analyse_in_order(Arc::clone(method), cycles, to_record));
         let recorded = record::cycles(&self.store, intake, analyses, |n| progress(Progress::Cycle(n))).await;
-        // a failed recorder has dropped its end of the channel, so both others end by themselves
-        let panicked = recorded?;
+        // a recorder that ended early has dropped its end of the channel, so both others end too
+        let recorded = recorded?;
         analyser.await?;
         let end = reader.await?;
-        Ok(panicked.map_or(end, ReadEnd::Rejected))
+        Ok((recorded.rejection.map_or(end, ReadEnd::Rejected), recorded.refused))
     }
 
     /// The structure analysis of the export's robot.
@@ -185,7 +192,7 @@ impl Pipeline {
         if let Some(method) = self.known_method(&intake.robot) {
             return Ok(Ok(method));
         }
-        let (robot, settings) = (Robot::clone(&intake.robot), self.settings());
+        let (robot, settings) = (Robot::clone(&intake.robot), self.config.analysis);
         let made = tokio::task::spawn_blocking(move || Method::new(robot, settings)).await?;
         match made {
             Err(error) => Ok(Err(Rejection::of_file(
@@ -194,7 +201,8 @@ impl Pipeline {
                 "check it with `armwatch robot check`",
             ))),
             Ok(method) => {
-                self.store.record_base_parameters(&method.robot, &method.base).await?;
+                let formulas = method.base.kept.iter().enumerate().map(|(k, id)| (*id, method.base.grouping_formula(k)));
+                self.store.describe_model(&method.robot, &formulas.collect::<Vec<_>>()).await?;
                 let method = Arc::new(method);
                 let mut methods = self.methods.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
                 methods.insert(intake.robot.model.clone(), Arc::clone(&method));
@@ -206,10 +214,6 @@ impl Pipeline {
     fn known_method(&self, robot: &Robot) -> Option<Arc<Method>> {
         let methods = self.methods.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         methods.get(&robot.model).cloned()
-    }
-
-    fn settings(&self) -> AnalysisSettings {
-        self.config.analysis
     }
 }
 

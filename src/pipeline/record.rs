@@ -5,42 +5,59 @@ use tokio::task::JoinHandle;
 
 use super::intake::{Intake, ReadTotals};
 use super::{Outcome, Pipeline, PipelineError, StoredRun};
-use crate::analysis::CycleAnalysis;
+use crate::analysis::{CycleAnalysis, FrictionPoint, RunAnalysis};
 use crate::ingest::rejection::Rejection;
-use crate::numerics::analyse::{Method, analyse_run, warm_up_fits};
+use crate::numerics::analyse::{Method, RunResults, analyse_run, warm_up_fits};
 use crate::numerics::detect::detect;
-use crate::store::Store;
+use crate::robot::{JointIndex, ParameterId};
+use crate::store::{AnomalyRow, RunMeasurements, RunTotals, Store};
 
-/// Records analyses in the order of their cycles. Returns a rejection if an analysis panicked: the
-/// run cannot be complete then, and other runs are not touched.
+/// Up to this many runs of a robot, the fits over all its runs are renewed with every run; later,
+/// each time the history has grown by this fraction. Renewing them always would make the work of a
+/// long history grow with its square.
+const MIXED_FITS_EVERY_RUN_UP_TO: usize = 20;
+
+/// What recording the cycles of an export came to.
+#[derive(Debug, Default)]
+pub struct Recorded {
+    /// Cycles without parameters, each with its reason.
+    pub refused: Vec<(u32, String)>,
+    /// Why the run cannot be complete, if an analysis panicked.
+    pub rejection: Option<Rejection>,
+}
+
+/// Records analyses in the order of their cycles.
 ///
 /// # Errors
-/// Those of the store.
+/// Those of the store. A panic of an analysis is a rejection of this run; other runs go on.
 pub async fn cycles(
     store: &Store,
     intake: &Intake,
     mut analyses: mpsc::Receiver<JoinHandle<CycleAnalysis>>,
-    recorded: impl Fn(u32),
-) -> Result<Option<Rejection>, PipelineError> {
+    stored: impl Fn(u32),
+) -> Result<Recorded, PipelineError> {
+    let mut recorded = Recorded::default();
     while let Some(handle) = analyses.recv().await {
         let analysis = match handle.await {
             Ok(analysis) => analysis,
             Err(error) => {
                 tracing::error!(file = %intake.path.display(), %error, "an analysis panicked");
-                return Ok(Some(Rejection::of_file(
-                    &intake.path,
-                    format!("internal error while analysing a cycle: {error}"),
-                    "report it with this file",
-                )));
+                let reason = format!("internal error while analysing a cycle: {error}");
+                recorded.rejection =
+                    Some(Rejection::of_file(&intake.path, reason, "report it with this file"));
+                return Ok(recorded);
             }
         };
         for remark in &analysis.remarks {
             tracing::debug!(robot = %intake.header.robot, cycle = analysis.cycle, "{remark}");
         }
         store.record_cycle(intake.run_id, &analysis, &intake.robot).await?;
-        recorded(analysis.cycle);
+        stored(analysis.cycle);
+        if let Err(reason) = analysis.identification {
+            recorded.refused.push((analysis.cycle, reason));
+        }
     }
-    Ok(None)
+    Ok(recorded)
 }
 
 /// Ends a run: what it says as a whole, what the robot's history says with it, and its mark of
@@ -53,25 +70,37 @@ pub async fn finish(
     intake: &Intake,
     method: &Method,
     totals: ReadTotals,
+    refused: Vec<(u32, String)>,
 ) -> Result<Outcome, PipelineError> {
-    let mut ending = pipeline.store().begin_finish(intake.run_id).await?;
-    let results = ending.run_results().await?;
-    let analysis = analyse_run(method.robot.joint_count(), &pipeline.settings(), &results);
-    ending.record_run_analysis(&analysis).await?;
-    ending.mark_complete(totals.rows).await?;
-    let mixed = warm_up_fits(&ending.robot_friction_points().await?);
-    ending.replace_mixed_fits(&mixed).await?;
-    let history = ending.history().await?;
+    let measurements = pipeline.store().run_measurements(intake.run_id).await?;
+    let (joints, settings) = (method.robot.joint_count(), pipeline.config().analysis);
+    let analysis =
+        tokio::task::spawn_blocking(move || analyse_run(joints, &settings, &as_results(measurements))).await?;
+
+    let mut ending = pipeline.store().finish_run(intake.run_id).await?;
+    ending.store_analysis(&analysis).await?;
+    let history = ending.run_summaries().await?;
+    if mixed_fits_due(history.len()) {
+        let points = ending.friction_history(reference_level(&analysis, &settings)).await?;
+        let fits = tokio::task::spawn_blocking(move || warm_up_fits(&points)).await?;
+        ending.replace_mixed_fits(&fits).await?;
+    }
     let findings = detect(&history, &pipeline.config().detect);
-    let new_anomalies = ending.reconcile(&findings).await?;
-    let run = ending.commit().await?;
+    let reconciled = ending.reconcile(&findings).await?;
+    let figures = RunTotals {
+        rows: usize::try_from(totals.rows).unwrap_or(usize::MAX),
+        sample_rate: totals.sample_rate,
+        cycles: totals.cycles,
+    };
+    ending.complete(figures).await?;
+    ending.commit().await?;
     Ok(Outcome::Stored(StoredRun {
         run_id: intake.run_id,
         robot: intake.header.robot.clone(),
-        cycles: run.cycles,
-        refused: run.refused,
+        cycles: totals.cycles,
+        refused,
         rows: totals.rows,
-        new_anomalies,
+        new_anomalies: opened(pipeline.store(), &reconciled.opened).await?,
     }))
 }
 
@@ -90,4 +119,49 @@ pub async fn quarantine(
         .await?;
     let cycles = pipeline.store().lookup(&intake.header.content_hash).await?.map_or(0, |run| run.cycles_stored);
     Ok(Outcome::Quarantined { run_id, rejection, cycles })
+}
+
+async fn opened(store: &Store, ids: &[i64]) -> Result<Vec<AnomalyRow>, PipelineError> {
+    if ids.is_empty() {
+        return Ok(Vec::new());
+    }
+    let before = ids.iter().min().map_or(0, |first| first - 1);
+    let rows = store.anomalies_after(before).await?;
+    Ok(rows.into_iter().filter(|row| ids.contains(&row.anomaly_id)).collect())
+}
+
+fn mixed_fits_due(runs: usize) -> bool {
+    let step = runs.div_ceil(MIXED_FITS_EVERY_RUN_UP_TO);
+    step > 0 && runs.is_multiple_of(step)
+}
+
+/// The speed level that this run's warm friction was taken at, the reference itself without one.
+fn reference_level(analysis: &RunAnalysis, settings: &crate::numerics::analyse::AnalysisSettings) -> f64 {
+    let levels = analysis.summaries.iter().filter_map(|summary| summary.warm_friction).map(|warm| warm.speed_fraction);
+    let distance = |level: f64| (level - settings.reference_speed_fraction).abs();
+    levels.min_by(|a, b| distance(*a).total_cmp(&distance(*b))).unwrap_or(settings.reference_speed_fraction)
+}
+
+/// Turns rows by cycle into series by parameter and joint.
+fn as_results(measurements: RunMeasurements) -> RunResults {
+    let friction_points: Vec<(u32, FrictionPoint)> =
+        measurements.friction_points.into_iter().map(|row| (row.cycle, row.point)).collect();
+    let mut parameters: Vec<(ParameterId, Vec<(u32, f64)>)> = Vec::new();
+    for row in measurements.parameters {
+        for (place, parameter) in row.parameters.into_iter().enumerate() {
+            // every cycle has the same parameters in the same order
+            match parameters.get_mut(place).filter(|(id, _)| *id == parameter.id) {
+                Some((_, values)) => values.push((row.cycle, parameter.value)),
+                None => parameters.push((parameter.id, vec![(row.cycle, parameter.value)])),
+            }
+        }
+    }
+    let mut relative_rmsd: Vec<(JointIndex, Vec<(u32, f64)>)> = Vec::new();
+    for row in measurements.relative_rmsd {
+        match relative_rmsd.iter_mut().find(|(joint, _)| *joint == row.joint) {
+            Some((_, values)) => values.push((row.cycle, row.relative_rmsd)),
+            None => relative_rmsd.push((row.joint, vec![(row.cycle, row.relative_rmsd)])),
+        }
+    }
+    RunResults { friction_points, parameters, relative_rmsd }
 }
