@@ -13,6 +13,7 @@
 
 pub mod analyse;
 pub mod base;
+pub mod robot_check;
 pub mod detect;
 pub mod dynamics;
 pub mod friction;

@@ -1,1 +1,13 @@
-fn main() {}
+//! Tests of the program as its users meet it: the real binary, real files, a real database.
+//!
+//! `support` starts things; every other module is named after what it looks at. Tests of one
+//! function stand beside the function.
+
+mod support;
+
+mod architecture;
+mod bad_input;
+mod cli;
+mod daemon;
+mod reference_export;
+mod shipped;

@@ -1,0 +1,90 @@
+//! The command line: results on standard output, words on standard error, exit status a contract.
+
+use crate::support::{Workshop, reference, text};
+
+#[test]
+fn every_command_has_help_with_examples() {
+    let workshop = Workshop::new();
+    for command in [&["demo"][..], &["run"], &["ingest"], &["simulate"], &["robot", "check"]] {
+        let out = workshop.stdout(&[command, &["--help"]].concat(), 0);
+        assert!(out.contains("Examples:") && out.contains("armwatch"), "{command:?}: {out}");
+    }
+    assert!(workshop.stdout(&["--help"], 0).contains("Exit status:"));
+}
+
+#[test]
+fn a_wrong_command_line_or_configuration_is_2() {
+    let workshop = Workshop::new();
+    workshop.stdout(&["ingest"], 2);
+    workshop.stdout(&["ingest", "not-there.csv"], 2);
+    workshop.stdout(&["no-such-command"], 2);
+    workshop.stdout(&["ingest", "inbox", "--config", "not-there.toml"], 2);
+    std::fs::write(workshop.path("bad.toml"), "databse = \"x.db\"\n[watch]\nsettle_s = -1\n").expect("written");
+    let out = workshop.stdout(&["config", "check", "--config", "bad.toml"], 2);
+    assert!(out.contains("bad.toml:1:") && out.contains("database"), "no place or suggestion: {out}");
+    assert!(out.contains("bad.toml:3:") && out.contains("settle_s"), "only one problem shown: {out}");
+    let output = workshop.run(&["ingest", "inbox", "--config", "bad.toml"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("bad.toml:1:"), "{}", text(&output.stderr));
+}
+
+#[test]
+fn a_database_that_is_none_or_cannot_be_written_is_74() {
+    let workshop = Workshop::new();
+    workshop.add_reference("inbox");
+    std::fs::write(workshop.path("text.db"), "this is a text and no database, and long enough to be one").expect("written");
+    let output = workshop.run(&["ingest", "inbox", "--db", "text.db"]);
+    assert_eq!(output.status.code(), Some(74));
+    assert!(text(&output.stderr).contains("text.db"), "{}", text(&output.stderr));
+    let output = workshop.run(&["ingest", "inbox", "--db", "/proc/armwatch.db"]);
+    assert_eq!(output.status.code(), Some(74), "{}", text(&output.stderr));
+}
+
+#[test]
+fn an_empty_folder_is_said_and_is_no_error() {
+    let workshop = Workshop::new();
+    let output = workshop.run(&["ingest", "inbox"]);
+    assert_eq!(output.status.code(), Some(0));
+    assert!(text(&output.stderr).contains("no exports"), "{}", text(&output.stderr));
+}
+
+#[test]
+fn json_is_one_object_a_line() {
+    let workshop = Workshop::new();
+    workshop.add_reference("inbox");
+    std::fs::write(workshop.inbox("AA_20260101_0000.csv"), "").expect("written");
+    let out = workshop.stdout(&["ingest", "inbox", "--json"], 1);
+    let objects: Vec<serde_json::Value> =
+        out.lines().map(|line| serde_json::from_str(line).expect("an object")).collect();
+    assert_eq!(objects.len(), 2);
+    assert_eq!((&objects[0]["outcome"], &objects[1]["outcome"]), (&"quarantined".into(), &"stored".into()));
+    assert_eq!(objects[1]["cycles"], 5);
+    let robot: serde_json::Value = serde_json::from_str(
+        &workshop.stdout(
+            &["robot", "check", &format!("{}/config/robots/er3a.toml", env!("CARGO_MANIFEST_DIR")), "--json"],
+            0,
+        ),
+    )
+    .expect("an object");
+    assert_eq!(robot["parameter_count"], 64);
+}
+
+#[test]
+fn the_er3a_has_the_64_parameters_of_the_thesis_and_agrees_with_the_reference() {
+    let workshop = Workshop::new();
+    let description = format!("{}/config/robots/er3a.toml", env!("CARGO_MANIFEST_DIR"));
+    let table = reference("er3a_inverse_dynamics.csv");
+    let arguments = ["robot", "check", &description, "--reference", table.to_str().expect("a path")];
+    let out = workshop.stdout(&arguments, 0);
+    for said in ["64", "36", "40", "J1_Izz", "J6_I_m"] {
+        assert!(out.contains(said), "{said} is not in {out}");
+    }
+    // a reference that is not this arm's is noticed
+    let text = std::fs::read_to_string(&table).expect("the table");
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    let mut cells: Vec<String> = lines[7].split(',').map(str::to_owned).collect();
+    cells[18] = "1.5".into();
+    lines[7] = cells.join(",");
+    std::fs::write(workshop.path("other.csv"), lines.join("\n")).expect("written");
+    workshop.stdout(&["robot", "check", &description, "--reference", "other.csv"], 1);
+}

@@ -1,0 +1,139 @@
+//! The daemon as a process: it takes what appears, stops when told, and loses nothing when killed.
+
+use std::io::Write;
+use std::time::Duration;
+
+use crate::bad_input::decompressed;
+use crate::support::{REFERENCE_NAME, Workshop};
+
+const COMPLETE_RUNS: &str = "SELECT COUNT(*) FROM runs WHERE status = 'complete'";
+
+/// Two robots with a few runs each, simulated at half the usual rate to keep the test quick.
+fn fleet(workshop: &Workshop) -> i64 {
+    let shape = ["--runs", "2", "--cycles", "3", "--warming-s", "5"];
+    let a = workshop.simulate("inbox", &[&shape[..], &["--name", "A", "--seed", "7"]].concat());
+    let b = workshop.simulate("inbox", &[&shape[..], &["--name", "B", "--seed", "8", "--gzip"]].concat());
+    i64::try_from(a.len() + b.len()).expect("few")
+}
+
+#[test]
+fn exports_that_appear_are_taken_and_a_stop_is_clean() {
+    let workshop = Workshop::new();
+    let daemon = workshop.daemon();
+    workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
+    workshop.add_reference("inbox");
+    workshop.wait_for(COMPLETE_RUNS, 1);
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+    assert!(!workshop.path("armwatch.db-wal").exists(), "the log was not taken into the database");
+}
+
+#[test]
+fn an_interrupt_stops_it_too() {
+    let workshop = Workshop::new();
+    let daemon = workshop.daemon();
+    workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
+    daemon.signal("INT");
+    assert_eq!(daemon.end(), Some(0));
+}
+
+#[test]
+fn a_file_that_is_still_written_is_left_alone_until_it_stands_still() {
+    let workshop = Workshop::new();
+    let daemon = workshop.daemon();
+    workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
+    let text = decompressed();
+    let mut file = std::fs::File::create(workshop.inbox("R00_20260105_0847.csv")).expect("an export");
+    // pauses shorter than the time to settle, cuts inside lines
+    for part in text.as_bytes().chunks(text.len() / 12 + 1) {
+        file.write_all(part).expect("written");
+        file.flush().expect("flushed");
+        std::thread::sleep(Duration::from_millis(60));
+    }
+    drop(file);
+    workshop.wait_for(COMPLETE_RUNS, 1);
+    assert_eq!(workshop.query("SELECT status, rows, cycles FROM runs"), ["complete|42545|5"]);
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+}
+
+#[test]
+fn a_broken_export_does_not_hold_up_the_others() {
+    let workshop = Workshop::new();
+    std::fs::write(workshop.inbox("AA_20260101_0000.csv"), "time,pos_1\n1,2\n").expect("an export");
+    let daemon = workshop.daemon();
+    workshop.add_reference("inbox");
+    workshop.wait_for(COMPLETE_RUNS, 1);
+    workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'quarantined'", 1);
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+}
+
+#[test]
+fn a_daemon_killed_at_any_time_ends_with_the_rows_of_one_that_was_not() {
+    let calm = Workshop::new();
+    let runs = fleet(&calm);
+    calm.stdout(&["ingest", "inbox"], 0);
+    let golden = calm.dump();
+    assert!(golden.lines().count() > 500, "{}", golden.lines().count());
+
+    let troubled = Workshop::new();
+    assert_eq!(fleet(&troubled), runs);
+    // kills spread over the time that a whole ingest takes, from before the first row on
+    let mut kills = 0;
+    for delay_ms in (0..).map(|k| 40 + 130 * k) {
+        let daemon = troubled.daemon();
+        std::thread::sleep(Duration::from_millis(delay_ms));
+        if troubled.path("armwatch.db").exists() && troubled.number(COMPLETE_RUNS) == runs {
+            break;
+        }
+        daemon.signal("KILL");
+        assert_eq!(daemon.end(), None);
+        kills += 1;
+        assert!(kills < 60, "the daemon makes no headway");
+    }
+    assert!(kills >= 3, "only {kills} kills before all was done");
+    assert_eq!(troubled.dump(), golden);
+    assert_eq!(troubled.query("PRAGMA integrity_check"), ["ok"]);
+    assert_eq!(troubled.query("PRAGMA foreign_key_check"), [""; 0]);
+}
+
+#[test]
+fn a_stop_in_the_middle_of_a_run_is_continued() {
+    let calm = Workshop::new();
+    let shape = ["--cycles", "8", "--warming-s", "5", "--name", "A"];
+    calm.simulate("inbox", &shape);
+    calm.stdout(&["ingest", "inbox"], 0);
+
+    let stopped = Workshop::new();
+    stopped.simulate("inbox", &shape);
+    let mut stops = 0;
+    while stopped.query(COMPLETE_RUNS) != ["1"] {
+        let daemon = stopped.daemon();
+        let before = stopped.number("SELECT COUNT(*) FROM cycles");
+        for _ in 0..200 {
+            if stopped.number("SELECT COUNT(*) FROM cycles") > before {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        daemon.signal("TERM");
+        assert_eq!(daemon.end(), Some(0));
+        stops += 1;
+        assert!(stops < 20, "no headway");
+    }
+    assert_eq!(stopped.dump(), calm.dump());
+}
+
+#[test]
+fn the_same_export_twice_in_the_folder_is_one_run() {
+    let workshop = Workshop::new();
+    workshop.add_reference("inbox");
+    std::fs::copy(workshop.inbox(REFERENCE_NAME), workshop.inbox("R07_20260105_0847.csv.gz")).expect("a copy");
+    let daemon = workshop.daemon();
+    workshop.wait_for(COMPLETE_RUNS, 1);
+    std::thread::sleep(Duration::from_millis(500));
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+    assert_eq!(workshop.query("SELECT robot, cycles FROM runs"), ["R00|5"]);
+}

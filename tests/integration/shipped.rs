@@ -1,0 +1,54 @@
+//! What is shipped works as it is.
+
+use std::fs;
+use std::path::Path;
+
+use crate::support::Workshop;
+
+#[test]
+fn every_shipped_robot_passes_its_check() {
+    let workshop = Workshop::new();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/robots");
+    let mut robots = 0;
+    for entry in fs::read_dir(folder).expect("robots") {
+        let path = entry.expect("an entry").path();
+        workshop.stdout(&["robot", "check", path.to_str().expect("a path")], 0);
+        robots += 1;
+    }
+    assert!(robots >= 2, "{robots}");
+}
+
+#[test]
+fn the_shipped_configuration_has_no_problems() {
+    let workshop = Workshop::new();
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/armwatch.toml");
+    let out = workshop.stdout(&["config", "check", "--config", config.to_str().expect("a path")], 0);
+    assert!(out.contains("no problems") && out.contains("er3a"), "{out}");
+    // a lone binary in an empty folder has it too
+    fs::remove_file(workshop.path("armwatch.toml")).expect("removed");
+    let out = workshop.stdout(&["config", "check"], 0);
+    assert!(out.contains("shipped configuration"), "{out}");
+}
+
+#[test]
+fn the_demo_finds_the_wear_and_only_that() {
+    let workshop = Workshop::new();
+    let out = workshop.stdout(&["demo", "--once", "--dir", "show"], 0);
+    assert!(out.contains("drift on Middle") && out.contains("joint 3"), "{out}");
+    let database = workshop.path("show/armwatch.db");
+    let found = crate::support::query(&database, "SELECT DISTINCT robot, joint, kind FROM anomalies");
+    assert_eq!(found, ["Middle|3|drift"]);
+    assert_eq!(crate::support::query(&database, "SELECT COUNT(*) FROM runs WHERE status = 'complete'"), ["33"]);
+    assert_eq!(crate::support::query(&database, "SELECT COUNT(*) FROM fleet_health WHERE status = 'ok'"), ["17"]);
+}
+
+#[test]
+fn the_readme_names_the_two_commands_and_every_view() {
+    let readme = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).expect("a README");
+    for said in ["cargo run --release -- demo", "cargo test"] {
+        assert!(readme.contains(said), "{said}");
+    }
+    for (view, _) in crate::support::VIEWS {
+        assert!(readme.contains(&format!("`{view}`")), "{view}");
+    }
+}
