@@ -1,0 +1,172 @@
+//! Results of one cycle: every row of it, or none.
+
+use std::collections::HashMap;
+
+use sqlx::sqlite::SqliteExecutor;
+use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
+
+use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number};
+use super::{ledger, models};
+use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, Rmsd, TorqueRmsd};
+use crate::robot::{ParameterId, Robot};
+
+/// What became of a cycle that was offered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Recorded {
+    /// Its rows are written and the run's mark of progress has moved.
+    Stored,
+    /// It had been stored before; nothing is written.
+    Known,
+    /// The run takes no cycles.
+    RunNotOpen,
+}
+
+/// Writes the rows of a cycle and moves the mark of progress. Call in a transaction.
+pub(super) async fn record_cycle(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    analysis: &CycleAnalysis,
+    robot: &Robot,
+) -> Result<Recorded, sqlx::Error> {
+    let Some(run_start) = ledger::open_run_start(&mut *connection, run_id).await? else {
+        return Ok(Recorded::RunNotOpen);
+    };
+    let Some(cycle_id) = insert_cycle(&mut *connection, run_id, run_start, analysis).await? else {
+        return Ok(Recorded::Known);
+    };
+    let parameters = analysis.identification.as_ref().map_or(&[][..], |i| &i.parameters[..]);
+    let wanted: Vec<ParameterId> = parameters.iter().map(|p| p.id).collect();
+    let model = models::robot_model_id(&mut *connection, robot).await?;
+    let keys = models::ensure_parameters(&mut *connection, model, robot, &wanted).await?;
+    for rows in parameters.chunks(ROWS_PER_STATEMENT) {
+        insert_parameters(&mut *connection, cycle_id, &keys, rows).await?;
+    }
+    for rows in analysis.verification.chunks(ROWS_PER_STATEMENT) {
+        insert_rmsd(&mut *connection, cycle_id, rows).await?;
+    }
+    let numbered: Vec<(i64, FrictionPoint)> = (1..).zip(analysis.friction_points.iter().copied()).collect();
+    for rows in numbered.chunks(ROWS_PER_STATEMENT) {
+        insert_friction_points(&mut *connection, cycle_id, rows).await?;
+    }
+    ledger::advance(connection, run_id, model).await?;
+    Ok(Recorded::Stored)
+}
+
+/// Enters a cycle; `None` if the run has one of that number.
+async fn insert_cycle(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    run_start: i64,
+    analysis: &CycleAnalysis,
+) -> Result<Option<i64>, sqlx::Error> {
+    let identification = analysis.identification.as_ref();
+    let remarks = (!analysis.remarks.is_empty()).then(|| analysis.remarks.join("\n"));
+    sqlx::query_scalar(
+        "INSERT INTO cycle (run_id, number, started_at, duration_s, rows, sample_rate_hz, cutoff_hz, status, reason,
+                            remarks, samples, condition_number, scaled_condition_number, residual_std_nm)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+         ON CONFLICT (run_id, number) DO NOTHING
+         RETURNING cycle_id",
+    )
+    .bind(run_id)
+    .bind(analysis.cycle)
+    .bind(after(run_start, analysis.start))
+    .bind(finite(analysis.duration))
+    .bind(count(analysis.rows))
+    .bind(finite(analysis.sample_rate))
+    .bind(finite(analysis.cutoff))
+    .bind(identification.map_or("refused", |_| "complete"))
+    .bind(identification.err())
+    .bind(remarks)
+    .bind(identification.map(|i| count(i.samples)).ok())
+    .bind(identification.ok().and_then(|i| finite(i.condition_number)))
+    .bind(identification.ok().and_then(|i| finite(i.scaled_condition_number)))
+    .bind(identification.ok().and_then(|i| finite(i.residual_std)))
+    .fetch_optional(executor)
+    .await
+}
+
+async fn insert_parameters(
+    executor: impl SqliteExecutor<'_>,
+    cycle_id: i64,
+    keys: &HashMap<ParameterId, i64>,
+    rows: &[IdentifiedParameter],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO cycle_parameter (cycle_id, model_parameter_id, value, std_error) ",
+    )
+    .push_values(rows, |mut row, parameter| {
+        row.push_bind(cycle_id)
+            .push_bind(keys.get(&parameter.id).copied())
+            .push_bind(finite(parameter.value))
+            .push_bind(finite(parameter.std_error));
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_rmsd(
+    executor: impl SqliteExecutor<'_>,
+    cycle_id: i64,
+    rows: &[TorqueRmsd],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO torque_rmsd (cycle_id, joint, stage, verification, rmsd_nm, relative_rmsd, samples,
+                                  moving_rmsd_nm, moving_relative_rmsd, moving_samples) ",
+    )
+    .push_values(rows, |mut row, rmsd| {
+        row.push_bind(cycle_id)
+            .push_bind(joint_number(rmsd.joint))
+            .push_bind(rmsd.scope.name())
+            .push_bind("self");
+        for part in [rmsd.all_rows, rmsd.moving_rows] {
+            row.push_bind(of_some_rows(part, part.value))
+                .push_bind(of_some_rows(part, part.relative))
+                .push_bind(count(part.samples));
+        }
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_friction_points(
+    executor: impl SqliteExecutor<'_>,
+    cycle_id: i64,
+    rows: &[(i64, FrictionPoint)],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO friction_point (cycle_id, number, joint, time_s, speed_fraction, speed_rad_s, direction,
+                                     torque_nm, std_nm, samples, gravity) ",
+    )
+    .push_values(rows, |mut row, (number, point)| {
+        row.push_bind(cycle_id)
+            .push_bind(*number)
+            .push_bind(joint_number(point.joint))
+            .push_bind(finite(point.time))
+            .push_bind(finite(point.speed_fraction))
+            .push_bind(finite(point.speed))
+            .push_bind(point.direction)
+            .push_bind(finite(point.torque))
+            .push_bind(finite(point.std))
+            .push_bind(count(point.samples))
+            .push_bind(point.gravity.name());
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// A deviation over no rows is unknown, not zero.
+fn of_some_rows(rmsd: Rmsd, value: f64) -> Option<f64> {
+    if rmsd.samples == 0 { None } else { finite(value) }
+}
+
+/// Microseconds UTC, `seconds` after `start`. The cast saturates, and recordings last hours.
+fn after(start: i64, seconds: f64) -> i64 {
+    start.saturating_add((seconds * 1e6).round() as i64)
+}

@@ -1,0 +1,271 @@
+//! What detection and fits read back: one run's measurements, one robot's history.
+
+use std::collections::BTreeMap;
+
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+use sqlx::{Row, SqliteConnection};
+
+use super::values::{joint, named, parameter, size, time};
+use crate::analysis::{
+    FrictionPoint, GravityRemoval, IdentifiedParameter, JointSummary, RmsdSwing, WarmFriction,
+};
+use crate::anomaly::RunSummary;
+use crate::robot::JointIndex;
+
+const GRAVITY_REMOVALS: [GravityRemoval; 3] =
+    [GravityRemoval::AxisVertical, GravityRemoval::Fitted, GravityRemoval::Model];
+
+/// Nominal speeds closer than this are one level; levels lie some percent apart, and a fraction
+/// may have been computed in more than one way.
+const SAME_SPEED: f64 = 1e-9;
+
+/// What the analysis of a whole run starts from.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RunMeasurements {
+    /// Friction points by cycle, in the order of their cycle's analysis.
+    pub friction_points: Vec<CyclePoint>,
+    /// Parameters by cycle, in natural order; refused cycles have none.
+    pub parameters: Vec<CycleParameters>,
+    /// Moving relative RMSD of the excitation stage, by cycle and joint, where it is known.
+    pub relative_rmsd: Vec<CycleRmsd>,
+}
+
+/// A friction point and its cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CyclePoint {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// The point.
+    pub point: FrictionPoint,
+}
+
+/// Parameters of one cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleParameters {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// Values with standard errors.
+    pub parameters: Vec<IdentifiedParameter>,
+}
+
+/// Moving relative RMSD of the excitation stage of one joint in one cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CycleRmsd {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// The joint.
+    pub joint: JointIndex,
+    /// As a fraction of the measured torque's RMS.
+    pub relative_rmsd: f64,
+}
+
+pub(super) async fn run_measurements(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+) -> Result<RunMeasurements, sqlx::Error> {
+    Ok(RunMeasurements {
+        friction_points: friction_points(&mut *connection, run_id).await?,
+        parameters: parameters_by_cycle(&mut *connection, run_id).await?,
+        relative_rmsd: excitation_rmsd(connection, run_id).await?,
+    })
+}
+
+/// Every friction point of a run.
+async fn friction_points(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Vec<CyclePoint>, sqlx::Error> {
+    sqlx::query(
+        "SELECT cycle.number AS cycle, joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm,
+                friction_point.samples, gravity
+         FROM cycle
+         JOIN friction_point USING (cycle_id)
+         WHERE cycle.run_id = ?
+         ORDER BY cycle.number, friction_point.number",
+    )
+    .bind(run_id)
+    .try_map(|row| Ok(CyclePoint { cycle: size(&row, "cycle")?, point: friction_point(&row)? }))
+    .fetch_all(executor)
+    .await
+}
+
+/// Parameters of every identified cycle of a run.
+async fn parameters_by_cycle(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+) -> Result<Vec<CycleParameters>, sqlx::Error> {
+    let rows = sqlx::query(
+        "SELECT cycle.number AS cycle, joint, name, value, std_error
+         FROM cycle
+         JOIN cycle_parameter USING (cycle_id)
+         JOIN model_parameter USING (model_parameter_id)
+         WHERE cycle.run_id = ?
+         ORDER BY cycle.number",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        let std_error: Option<f64> = row.try_get("std_error")?;
+        let identified = IdentifiedParameter {
+            id: parameter(&row, "joint", "name")?,
+            value: row.try_get("value")?,
+            std_error: std_error.unwrap_or(f64::NAN),
+        };
+        Ok((size::<u32>(&row, "cycle")?, identified))
+    })
+    .fetch_all(connection)
+    .await?;
+    let mut cycles: BTreeMap<u32, Vec<IdentifiedParameter>> = BTreeMap::new();
+    for (cycle, identified) in rows {
+        cycles.entry(cycle).or_default().push(identified);
+    }
+    Ok(cycles
+        .into_iter()
+        .map(|(cycle, mut parameters)| {
+            // Natural order: inertia by link, friction by joint, motor inertia by joint.
+            parameters.sort_by_key(|p| natural_place(p));
+            CycleParameters { cycle, parameters }
+        })
+        .collect())
+}
+
+/// Moving relative RMSD of the excitation stage under self-verification.
+async fn excitation_rmsd(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Vec<CycleRmsd>, sqlx::Error> {
+    sqlx::query(
+        "SELECT cycle.number AS cycle, joint, moving_relative_rmsd
+         FROM cycle
+         JOIN torque_rmsd USING (cycle_id)
+         WHERE cycle.run_id = ? AND stage = 'excitation' AND verification = 'self'
+               AND moving_relative_rmsd IS NOT NULL
+         ORDER BY cycle.number, joint",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        Ok(CycleRmsd {
+            cycle: size(&row, "cycle")?,
+            joint: joint(&row, "joint")?,
+            relative_rmsd: row.try_get("moving_relative_rmsd")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Summaries of a robot's complete runs and of `finishing_run_id`, oldest first.
+pub(super) async fn run_summaries(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+    finishing_run_id: i64,
+) -> Result<Vec<RunSummary>, sqlx::Error> {
+    // A run without a summary still belongs to the history, hence the left join.
+    let rows = sqlx::query(
+        "SELECT run.run_id, run.started_at, run.cycles_stored, summary.joint, summary.warm_friction_nm,
+                summary.warm_friction_std_error_nm, summary.warm_minute, summary.warm_speed_fraction,
+                summary.relative_rmsd, summary.rmsd_swing, summary.rmsd_swing_cycles
+         FROM run
+         LEFT JOIN run_joint_summary AS summary USING (run_id)
+         WHERE run.robot_id = ? AND (run.status = 'complete' OR run.run_id = ?)
+         ORDER BY run.started_at, run.run_id, summary.joint",
+    )
+    .bind(robot_id)
+    .bind(finishing_run_id)
+    .try_map(|row: SqliteRow| {
+        let run = RunSummary {
+            run_id: row.try_get("run_id")?,
+            started_at: time(&row, "started_at")?,
+            cycles: size(&row, "cycles_stored")?,
+            joints: Vec::new(),
+        };
+        let has_summary = row.try_get::<Option<i64>, _>("joint")?.is_some();
+        Ok((run, if has_summary { Some(joint_summary(&row)?) } else { None }))
+    })
+    .fetch_all(executor)
+    .await?;
+    let mut runs: Vec<RunSummary> = Vec::new();
+    for (run, joint) in rows {
+        match runs.last_mut() {
+            Some(last) if last.run_id == run.run_id => last.joints.extend(joint),
+            _ => runs.push(RunSummary { joints: joint.into_iter().collect(), ..run }),
+        }
+    }
+    Ok(runs)
+}
+
+/// Friction points of a robot's complete runs and of `finishing_run_id` at one nominal speed,
+/// oldest run first. Times count from the start of each point's own run.
+pub(super) async fn friction_history(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+    finishing_run_id: i64,
+    speed_fraction: f64,
+) -> Result<Vec<FrictionPoint>, sqlx::Error> {
+    sqlx::query(
+        "SELECT joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm, friction_point.samples,
+                gravity
+         FROM run
+         CROSS JOIN cycle USING (run_id)
+         CROSS JOIN friction_point USING (cycle_id)
+         WHERE run.robot_id = ? AND (run.status = 'complete' OR run.run_id = ?)
+               AND speed_fraction BETWEEN ? AND ?
+         ORDER BY run.started_at, run.run_id, cycle.number, friction_point.number",
+    )
+    .bind(robot_id)
+    .bind(finishing_run_id)
+    .bind(speed_fraction - SAME_SPEED)
+    .bind(speed_fraction + SAME_SPEED)
+    .try_map(|row| friction_point(&row))
+    .fetch_all(executor)
+    .await
+}
+
+fn friction_point(row: &SqliteRow) -> Result<FrictionPoint, sqlx::Error> {
+    let std: Option<f64> = row.try_get("std_nm")?;
+    Ok(FrictionPoint {
+        joint: joint(row, "joint")?,
+        time: row.try_get("time_s")?,
+        speed_fraction: row.try_get("speed_fraction")?,
+        speed: row.try_get("speed_rad_s")?,
+        direction: row.try_get("direction")?,
+        torque: row.try_get("torque_nm")?,
+        std: std.unwrap_or(f64::NAN),
+        samples: size(row, "samples")?,
+        gravity: named(row, "gravity", &GRAVITY_REMOVALS, GravityRemoval::name)?,
+    })
+}
+
+fn joint_summary(row: &SqliteRow) -> Result<JointSummary, sqlx::Error> {
+    let warm: (Option<f64>, Option<f64>, Option<f64>, Option<f64>) = (
+        row.try_get("warm_friction_nm")?,
+        row.try_get("warm_friction_std_error_nm")?,
+        row.try_get("warm_minute")?,
+        row.try_get("warm_speed_fraction")?,
+    );
+    let warm_friction = match warm {
+        (Some(torque), std_error, Some(minute), Some(speed_fraction)) => {
+            Some(WarmFriction { torque, std_error: std_error.unwrap_or(f64::NAN), minute, speed_fraction })
+        }
+        _ => None,
+    };
+    let rmsd_swing = match row.try_get("rmsd_swing")? {
+        Some(value) => Some(RmsdSwing { value, cycles: size(row, "rmsd_swing_cycles")? }),
+        None => None,
+    };
+    Ok(JointSummary {
+        joint: joint(row, "joint")?,
+        warm_friction,
+        relative_rmsd: row.try_get("relative_rmsd")?,
+        rmsd_swing,
+    })
+}
+
+/// Sort key that gives the order of [`crate::robot::ParameterId::natural_order`].
+fn natural_place(parameter: &IdentifiedParameter) -> (u8, JointIndex, u8) {
+    use crate::robot::ParameterKind::{Friction, Inertial, MotorInertia};
+    match parameter.id.kind {
+        Inertial(k) => (0, parameter.id.joint, k),
+        Friction(k) => (1, parameter.id.joint, k),
+        MotorInertia => (2, parameter.id.joint, 0),
+    }
+}

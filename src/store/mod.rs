@@ -1,0 +1,228 @@
+//! Results in SQLite. One writer, several readers; every write is one transaction that starts with
+//! the write lock, so that waiting for another writer happens once, at its beginning.
+//!
+//! The views of `migrations/` are what users read; the tables behind them are this module's own.
+//! Functions below the facade hold one statement each and take any connection, so that they compose.
+
+mod analyses;
+mod anomalies;
+mod error;
+mod finish;
+mod history;
+mod ledger;
+mod models;
+mod open;
+mod read;
+mod run_analysis;
+#[cfg(test)]
+mod tests;
+mod values;
+
+use std::path::Path;
+use std::sync::Arc;
+
+use sqlx::{Sqlite, SqlitePool, Transaction};
+
+pub use anomalies::Reconciled;
+pub use error::StoreError;
+pub use finish::FinishTransaction;
+pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
+pub use ledger::{KnownRun, RunTotals};
+pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
+
+use crate::analysis::CycleAnalysis;
+use crate::robot::{ParameterId, Robot};
+use crate::run::{ContentHash, RunHeader};
+use analyses::Recorded;
+
+/// An open database. Clones share it.
+#[derive(Debug, Clone)]
+pub struct Store {
+    path: Arc<Path>,
+    writer: SqlitePool,
+    readers: SqlitePool,
+}
+
+impl Store {
+    /// Opens the database at `path`; makes it, and its folder, if there is none, and brings its
+    /// schema up to date.
+    ///
+    /// # Errors
+    /// [`StoreError::NotADatabase`], [`StoreError::Newer`], [`StoreError::NotWritable`] and others;
+    /// a file that is refused is left as it is.
+    pub async fn open(path: &Path) -> Result<Self, StoreError> {
+        open::open(path, open::BUSY_TIMEOUT).await
+    }
+
+    /// Moves the write-ahead log into the database file and closes it, for all clones.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the last checkpoint; what was committed is safe all the same.
+    pub async fn close(self) -> Result<(), StoreError> {
+        // Readers first: a checkpoint cannot empty the log while they look at it.
+        self.readers.close().await;
+        let checkpoint = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&self.writer).await;
+        self.writer.close().await;
+        self.checked(checkpoint).map(|_| ())
+    }
+
+    /// What the ledger knows of an export with this content.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn lookup(&self, hash: &ContentHash) -> Result<Option<KnownRun>, StoreError> {
+        self.checked(ledger::find_run(&self.readers, hash).await)
+    }
+
+    /// Begins a run. A run with this content that was begun before, or is complete, is returned as it
+    /// stands; a quarantined one begins afresh, since its export is only read again after a
+    /// correction.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn begin_run(&self, header: &RunHeader) -> Result<KnownRun, StoreError> {
+        let mut transaction = self.begin().await?;
+        let run = self.checked(ledger::begin_run(&mut transaction, header).await)?;
+        self.commit(transaction).await?;
+        Ok(run)
+    }
+
+    /// Stores all rows of a cycle and the run's mark of progress in one transaction. Returns `false`,
+    /// and writes nothing, if the run has this cycle already.
+    ///
+    /// # Errors
+    /// [`StoreError::RunNotOpen`] if the run is not streaming.
+    pub async fn record_cycle(
+        &self,
+        run_id: i64,
+        analysis: &CycleAnalysis,
+        robot: &Robot,
+    ) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        match self.checked(analyses::record_cycle(&mut transaction, run_id, analysis, robot).await)? {
+            Recorded::Stored => self.commit(transaction).await.map(|()| true),
+            Recorded::Known => Ok(false),
+            Recorded::RunNotOpen => Err(self.run_not_open(run_id)),
+        }
+    }
+
+    /// Writes down which sums of standard parameters the base parameters of a description stand for.
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] for a parameter of a joint that the robot does not have.
+    pub async fn describe_model(
+        &self,
+        robot: &Robot,
+        groupings: &[(ParameterId, String)],
+    ) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        let wanted: Vec<ParameterId> = groupings.iter().map(|(id, _)| *id).collect();
+        let model = self.checked(models::robot_model_id(&mut transaction, robot).await)?;
+        let keys = self.checked(models::ensure_parameters(&mut transaction, model, robot, &wanted).await)?;
+        for (key, grouping) in groupings.iter().filter_map(|(id, text)| Some((keys.get(id)?, text))) {
+            self.checked(models::set_grouping(&mut *transaction, *key, grouping).await)?;
+        }
+        self.commit(transaction).await
+    }
+
+    /// Writes down that an export was not understood, why and where. Cycles already stored stay. A
+    /// complete run stays complete. Returns the key of the run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn quarantine(
+        &self,
+        header: &RunHeader,
+        reason: &str,
+        line: Option<u64>,
+        column: Option<&str>,
+    ) -> Result<i64, StoreError> {
+        let mut transaction = self.begin().await?;
+        let quarantine = ledger::Quarantine { reason, line, column };
+        let run_id = self.checked(ledger::quarantine(&mut transaction, header, quarantine).await)?;
+        self.commit(transaction).await?;
+        Ok(run_id)
+    }
+
+    /// Takes away a run that is not complete, with all its rows: its file changed while it was read.
+    /// Returns whether there was one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn discard_run(&self, run_id: i64) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let found = self.checked(ledger::discard(&mut *transaction, run_id).await)?;
+        self.commit(transaction).await?;
+        Ok(found)
+    }
+
+    /// Reads what the stored cycles of a run measured, without holding the writer.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn run_measurements(&self, run_id: i64) -> Result<RunMeasurements, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(history::run_measurements(&mut connection, run_id).await)
+    }
+
+    /// Opens the transaction that ends a run. A complete run may be ended again.
+    ///
+    /// # Errors
+    /// [`StoreError::RunNotOpen`] if the run is unknown or quarantined.
+    pub async fn finish_run(&self, run_id: i64) -> Result<FinishTransaction, StoreError> {
+        let mut transaction = self.begin().await?;
+        let robot = self.checked(ledger::robot_of_run(&mut *transaction, run_id).await)?;
+        let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
+        Ok(FinishTransaction { transaction, path: Arc::clone(&self.path), run_id, robot_id })
+    }
+
+    /// All runs, by robot and start.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn runs(&self) -> Result<Vec<RunRow>, StoreError> {
+        self.checked(read::runs(&self.readers).await)
+    }
+
+    /// Where every joint of every robot with a complete run stands.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn fleet_health(&self) -> Result<Vec<FleetHealthRow>, StoreError> {
+        self.checked(read::fleet_health(&self.readers).await)
+    }
+
+    /// Anomalies found after the one with key `after` (0 for all), in the order found.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn anomalies_after(&self, after: i64) -> Result<Vec<AnomalyRow>, StoreError> {
+        self.checked(read::anomalies_after(&self.readers, after).await)
+    }
+
+    /// How much is stored.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn counts(&self) -> Result<Counts, StoreError> {
+        self.checked(read::counts(&self.readers).await)
+    }
+
+    /// A transaction that has the write lock. A deferred one that reads first and writes later would
+    /// fail at once where this one waits.
+    async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+        self.checked(self.writer.begin_with("BEGIN IMMEDIATE").await)
+    }
+
+    async fn commit(&self, transaction: Transaction<'static, Sqlite>) -> Result<(), StoreError> {
+        self.checked(transaction.commit().await)
+    }
+
+    fn run_not_open(&self, run_id: i64) -> StoreError {
+        StoreError::RunNotOpen { path: self.path.to_path_buf(), run_id }
+    }
+
+    fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+        result.map_err(|error| StoreError::from_sqlx(&self.path, &error))
+    }
+}

@@ -1,0 +1,149 @@
+//! Described arms and their parameters: what the numbers of a cycle stand for.
+
+use std::collections::HashMap;
+
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+
+use super::values::{ROWS_PER_STATEMENT, joint_number, parameter};
+use crate::robot::{JointKind, ParameterId, Robot};
+
+/// Key of the description, which is entered when it is first met.
+pub(super) async fn robot_model_id(
+    connection: &mut SqliteConnection,
+    robot: &Robot,
+) -> Result<i64, sqlx::Error> {
+    let hash = description_hash(robot);
+    if let Some(id) = find_model(&mut *connection, &robot.model, &hash).await? {
+        return Ok(id);
+    }
+    sqlx::query_scalar(
+        "INSERT INTO robot_model (name, description_hash) VALUES (?, ?) RETURNING robot_model_id",
+    )
+    .bind(&robot.model)
+    .bind(&hash[..])
+    .fetch_one(connection)
+    .await
+}
+
+/// Keys of the model's parameters; those of `wanted` that are new are entered.
+pub(super) async fn ensure_parameters(
+    connection: &mut SqliteConnection,
+    robot_model_id: i64,
+    robot: &Robot,
+    wanted: &[ParameterId],
+) -> Result<HashMap<ParameterId, i64>, sqlx::Error> {
+    let known = parameter_keys(&mut *connection, robot_model_id).await?;
+    let mut missing = Vec::new();
+    for id in wanted.iter().filter(|id| !known.contains_key(id)) {
+        missing.push((*id, unit(robot, *id)?));
+    }
+    if missing.is_empty() {
+        return Ok(known);
+    }
+    for rows in missing.chunks(ROWS_PER_STATEMENT) {
+        insert_parameters(&mut *connection, robot_model_id, rows).await?;
+    }
+    parameter_keys(connection, robot_model_id).await
+}
+
+/// Keys of the model's parameters.
+pub(super) async fn parameter_keys(
+    executor: impl SqliteExecutor<'_>,
+    robot_model_id: i64,
+) -> Result<HashMap<ParameterId, i64>, sqlx::Error> {
+    let rows =
+        sqlx::query("SELECT model_parameter_id, joint, name FROM model_parameter WHERE robot_model_id = ?")
+            .bind(robot_model_id)
+            .try_map(|row: SqliteRow| {
+                Ok((parameter(&row, "joint", "name")?, row.try_get("model_parameter_id")?))
+            })
+            .fetch_all(executor)
+            .await?;
+    Ok(rows.into_iter().collect())
+}
+
+/// Keys of the parameters of the description that a run was analysed with.
+pub(super) async fn parameter_keys_of_run(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+) -> Result<HashMap<ParameterId, i64>, sqlx::Error> {
+    let model: Option<i64> = sqlx::query_scalar("SELECT robot_model_id FROM run WHERE run_id = ?")
+        .bind(run_id)
+        .fetch_one(&mut *connection)
+        .await?;
+    match model {
+        Some(model) => parameter_keys(connection, model).await,
+        None => Ok(HashMap::new()),
+    }
+}
+
+/// Writes down which sum of standard parameters a base parameter stands for.
+pub(super) async fn set_grouping(
+    executor: impl SqliteExecutor<'_>,
+    model_parameter_id: i64,
+    grouping: &str,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE model_parameter SET grouping = ? WHERE model_parameter_id = ?")
+        .bind(grouping)
+        .bind(model_parameter_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+async fn find_model(
+    executor: impl SqliteExecutor<'_>,
+    name: &str,
+    hash: &[u8; 32],
+) -> Result<Option<i64>, sqlx::Error> {
+    sqlx::query_scalar("SELECT robot_model_id FROM robot_model WHERE name = ? AND description_hash = ?")
+        .bind(name)
+        .bind(&hash[..])
+        .fetch_optional(executor)
+        .await
+}
+
+async fn insert_parameters(
+    executor: impl SqliteExecutor<'_>,
+    robot_model_id: i64,
+    rows: &[(ParameterId, &'static str)],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new("INSERT INTO model_parameter (robot_model_id, joint, name, unit) ")
+        .push_values(rows, |mut row, (id, unit)| {
+            row.push_bind(robot_model_id)
+                .push_bind(joint_number(id.joint))
+                .push_bind(id.name())
+                .push_bind(*unit);
+        })
+        .build()
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+fn unit(robot: &Robot, id: ParameterId) -> Result<&'static str, sqlx::Error> {
+    let joint = robot.joints.get(id.joint.index()).ok_or_else(|| {
+        sqlx::Error::Encode(format!("parameter {id} of a robot with {} joints", robot.joint_count()).into())
+    })?;
+    Ok(id.unit(joint.kind))
+}
+
+/// Hash of what decides the meaning of base parameters, and of nothing else: a changed limit or
+/// speed level leaves them as they are. Exact bits, so that it is the same on every machine.
+fn description_hash(robot: &Robot) -> [u8; 32] {
+    let mut hasher = blake3::Hasher::new();
+    let mut add = |value: f64| {
+        hasher.update(&value.to_le_bytes());
+    };
+    robot.gravity.iter().copied().for_each(&mut add);
+    for joint in &robot.joints {
+        let kind = match joint.kind {
+            JointKind::Revolute => 0.0,
+            JointKind::Prismatic => 1.0,
+        };
+        let geometry = joint.geometry;
+        [kind, geometry.a, geometry.alpha, geometry.d, geometry.theta_offset].into_iter().for_each(&mut add);
+    }
+    *hasher.finalize().as_bytes()
+}

@@ -1,0 +1,133 @@
+//! Opening a database: is it ours, is it current, and how its connections behave.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use sqlx::migrate::Migrator;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{ConnectOptions, Connection, SqliteConnection, SqlitePool};
+
+use super::{Store, StoreError};
+
+/// How long a write waits for another process. Longer than any transaction of this program, shorter
+/// than a person waits for an answer.
+pub(super) const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Readers at a time: a command and a page each ask a few questions, and every connection keeps a
+/// thread and a page cache of about 2 MB.
+const READERS: u32 = 4;
+
+/// The write-ahead log shrinks back to this after a burst.
+const LOG_LIMIT_BYTES: &str = "67108864";
+
+/// Set in the header of the file by the first migration.
+pub(super) const APPLICATION_ID: i64 = 0x4177_6462;
+
+pub(super) static MIGRATOR: Migrator = sqlx::migrate!("./migrations");
+
+/// Opens, creates and migrates; see [`Store::open`].
+pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, StoreError> {
+    // Absolute, so that SQLite cannot take the name for ":memory:" or for an address.
+    let path: Arc<Path> = std::path::absolute(path).map_err(|e| not_writable(path, &e))?.into();
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|e| not_writable(&path, &e))?;
+    }
+    let options = SqliteConnectOptions::new()
+        .filename(&path)
+        .busy_timeout(busy_timeout)
+        .foreign_keys(true)
+        .disable_statement_logging();
+    inspect(&path, &options).await?;
+
+    let writing = options
+        .clone()
+        .create_if_missing(true)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Normal)
+        .pragma("journal_size_limit", LOG_LIMIT_BYTES);
+    let writer = pool(1, writing, busy_timeout).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
+    migrate(&path, &writer).await?;
+    let readers = pool(READERS, options.read_only(true), busy_timeout)
+        .await
+        .map_err(|e| StoreError::from_sqlx(&path, &e))?;
+    Ok(Store { path, writer, readers })
+}
+
+async fn pool(
+    connections: u32,
+    options: SqliteConnectOptions,
+    busy_timeout: Duration,
+) -> Result<SqlitePool, sqlx::Error> {
+    SqlitePoolOptions::new()
+        .max_connections(connections)
+        // A turn at the pool may have to wait for one that waits for another process.
+        .acquire_timeout(3 * busy_timeout)
+        // A connection to a file does not go stale; reopening would only lose its prepared statements.
+        .idle_timeout(None)
+        .max_lifetime(None)
+        .connect_with(options)
+        .await
+}
+
+/// Refuses a file that is not this program's, before anything about it is changed.
+async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(), StoreError> {
+    // An empty file is a new database to SQLite too.
+    if std::fs::metadata(path).map_or(true, |m| m.is_file() && m.len() == 0) {
+        return Ok(());
+    }
+    let result = match options.connect().await {
+        Ok(mut connection) => {
+            let identity = identity(&mut connection).await;
+            connection.close().await.and(identity)
+        }
+        Err(error) => Err(error),
+    };
+    match result.map_err(|e| StoreError::from_sqlx(path, &e))? {
+        Identity::New => Ok(()),
+        Identity::Ours { schema } => {
+            let known = MIGRATOR.iter().map(|m| m.version).max().unwrap_or(0);
+            if schema > known {
+                return Err(StoreError::Newer { path: path.to_path_buf(), found: schema, known });
+            }
+            Ok(())
+        }
+        Identity::Foreign => Err(StoreError::NotADatabase {
+            path: path.to_path_buf(),
+            detail: "it is the SQLite database of another program".into(),
+        }),
+    }
+}
+
+enum Identity {
+    New,
+    Ours { schema: i64 },
+    Foreign,
+}
+
+async fn identity(connection: &mut SqliteConnection) -> Result<Identity, sqlx::Error> {
+    let application_id: i64 = sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut *connection).await?;
+    let tables: i64 =
+        sqlx::query_scalar("SELECT count(*) FROM sqlite_schema").fetch_one(&mut *connection).await?;
+    match (application_id, tables) {
+        (APPLICATION_ID, _) => {
+            let schema: Option<i64> =
+                sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations").fetch_one(connection).await?;
+            Ok(Identity::Ours { schema: schema.unwrap_or(0) })
+        }
+        (0, 0) => Ok(Identity::New),
+        _ => Ok(Identity::Foreign),
+    }
+}
+
+/// Brings the schema up to date: all of it or nothing, and one process at a time.
+async fn migrate(path: &Path, writer: &SqlitePool) -> Result<(), StoreError> {
+    let broken = |e: sqlx::Error| StoreError::from_sqlx(path, &e);
+    let mut transaction = writer.begin_with("BEGIN IMMEDIATE").await.map_err(broken)?;
+    MIGRATOR.run(&mut *transaction).await.map_err(|e| StoreError::from_migrate(path, &e))?;
+    transaction.commit().await.map_err(broken)
+}
+
+fn not_writable(path: &Path, error: &std::io::Error) -> StoreError {
+    StoreError::NotWritable { path: path.to_path_buf(), detail: error.to_string() }
+}

@@ -1,0 +1,77 @@
+//! Between the nouns and what a column holds.
+
+use jiff::Timestamp;
+use sqlx::Row;
+use sqlx::sqlite::SqliteRow;
+
+use crate::robot::{JointIndex, ParameterId, ParameterKind};
+
+/// Most rows in one multi-row statement. With at most 14 columns this stays far below SQLite's 32766
+/// variables.
+pub(super) const ROWS_PER_STATEMENT: usize = 256;
+
+/// NULL for a figure that is not finite: neither JSON nor most tools could carry it.
+pub(super) fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+/// A count as SQLite holds it. Nothing counted here comes near the limit.
+pub(super) fn count(value: impl TryInto<i64>) -> i64 {
+    value.try_into().unwrap_or(i64::MAX)
+}
+
+/// Number of a joint as people read it.
+pub(super) fn joint_number(joint: JointIndex) -> i64 {
+    count(joint.number())
+}
+
+/// Reads a joint number.
+pub(super) fn joint(row: &SqliteRow, column: &str) -> Result<JointIndex, sqlx::Error> {
+    let number: i64 = row.try_get(column)?;
+    usize::try_from(number).ok().and_then(JointIndex::from_number).ok_or_else(|| unknown(column, number))
+}
+
+/// Reads a count that is never negative.
+pub(super) fn size<T: TryFrom<i64>>(row: &SqliteRow, column: &str) -> Result<T, sqlx::Error> {
+    let value: i64 = row.try_get(column)?;
+    T::try_from(value).map_err(|_| unknown(column, value))
+}
+
+/// Reads integer microseconds UTC.
+pub(super) fn time(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx::Error> {
+    let microseconds: i64 = row.try_get(column)?;
+    Timestamp::from_microsecond(microseconds).map_err(|_| unknown(column, microseconds))
+}
+
+/// Reads one of a closed list by its name.
+pub(super) fn named<T: Copy>(
+    row: &SqliteRow,
+    column: &str,
+    all: &[T],
+    name: impl Fn(T) -> &'static str,
+) -> Result<T, sqlx::Error> {
+    let text: &str = row.try_get(column)?;
+    all.iter().copied().find(|&item| name(item) == text).ok_or_else(|| unknown(column, text))
+}
+
+/// Reads a parameter from its joint and name.
+pub(super) fn parameter(
+    row: &SqliteRow,
+    joint_column: &str,
+    name_column: &str,
+) -> Result<ParameterId, sqlx::Error> {
+    let joint = joint(row, joint_column)?;
+    let kinds = (0..10)
+        .map(ParameterKind::Inertial)
+        .chain((0..4).map(ParameterKind::Friction))
+        .chain([ParameterKind::MotorInertia]);
+    let text: &str = row.try_get(name_column)?;
+    kinds
+        .map(|kind| ParameterId { joint, kind })
+        .find(|id| id.name() == text)
+        .ok_or_else(|| unknown(name_column, text))
+}
+
+fn unknown(column: &str, value: impl std::fmt::Debug) -> sqlx::Error {
+    sqlx::Error::Decode(format!("column {column} holds {value:?}, which this program does not know").into())
+}
