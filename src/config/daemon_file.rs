@@ -192,7 +192,7 @@ fn refer<T>(
 
 fn read_fleet(root: &Table<'_>, references: &mut References<'_>) -> Option<Vec<FleetEntry>> {
     let hint = || Some("write [[robot]] with name = \"*\", description and layout".into());
-    let items = root.required_or_else("robot", hint)?.items()?;
+    let items = root.required_or_else("robot", hint)?.sections()?;
     if items.is_empty() {
         root.refuse("there is no robot".into(), hint());
         return None;

@@ -2,6 +2,8 @@
 
 mod daemon_file;
 mod files;
+#[cfg(test)]
+mod fixtures;
 mod layout_file;
 mod limits;
 mod nominal;

@@ -104,9 +104,9 @@ fn check_body(parameters: &StandardParameters) -> Result<(), String> {
 
 fn read_friction(table: &Table<'_>, kind: JointKind, velocity: Option<f64>) -> Option<[f64; FRICTION_COUNT]> {
     let value = table.required("friction")?;
-    let keys = match kind {
-        JointKind::Revolute => REVOLUTE_FRICTION,
-        JointKind::Prismatic => PRISMATIC_FRICTION,
+    let (keys, unit) = match kind {
+        JointKind::Revolute => (REVOLUTE_FRICTION, "rad/s"),
+        JointKind::Prismatic => (PRISMATIC_FRICTION, "m/s"),
     };
     let [f1, f2, f3, f4] = {
         let entries = value.table()?;
@@ -115,7 +115,7 @@ fn read_friction(table: &Table<'_>, kind: JointKind, velocity: Option<f64>) -> O
     let friction = [f1?, f2?, f3?, f4?];
     if let Some(speed) = driving_speed(friction, velocity?) {
         value.refuse(
-            format!("friction would drive the joint instead of braking it at a speed of {speed:.3}, in rad/s or m/s"),
+            format!("friction would drive the joint instead of braking it at {speed:.3} {unit}"),
             Some("f1 + f2 v + f3 v^2 + f4 v^3 must not be negative up to velocity_max".into()),
         );
         return None;

@@ -117,8 +117,20 @@ impl<'d> Quantity<'_, 'd> {
 
     fn in_unit(&self, i: usize, value: Value<'d>) -> Option<Given<'d>> {
         let unit = &self.units[i];
-        let raw = value.number(&unit.limits)?;
+        let raw = value.number_or_hint(&unit.limits, |raw| self.other_unit(i, raw))?;
         Some(Given { si: raw * unit.to_si, raw, unit: unit.suffix, value })
+    }
+
+    /// Where a number makes no sense in its own unit but does in another, that one may be meant.
+    fn other_unit(&self, i: usize, raw: f64) -> Option<String> {
+        let (key, _) = self
+            .keys
+            .iter()
+            .zip(self.units)
+            .enumerate()
+            .find(|(k, (_, unit))| *k != i && unit.limits.admit(raw))?
+            .1;
+        Some(format!("did you mean {key} = {raw}?"))
     }
 
     fn keys(&self) -> Vec<&str> {

@@ -293,6 +293,11 @@ impl<'d> Value<'d> {
 
     /// A number within `limits`; whole numbers need no decimal point.
     pub fn number(&self, limits: &Limits) -> Option<f64> {
+        self.number_or_hint(limits, |_| None)
+    }
+
+    /// A number within `limits`; one outside is refused with the hint for it.
+    pub fn number_or_hint(&self, limits: &Limits, hint: impl FnOnce(f64) -> Option<String>) -> Option<f64> {
         let value: f64 = match self.node.get_ref() {
             DeValue::Float(number) => number.as_str().parse().ok(),
             DeValue::Integer(number) => whole(number.as_str(), number.radix()).map(|n| n as f64),
@@ -300,7 +305,7 @@ impl<'d> Value<'d> {
         }
         .unwrap_or(f64::NAN);
         if !limits.admit(value) {
-            self.refuse(format!("must be {limits}"), None);
+            self.refuse(format!("must be {limits}"), hint(value));
             return None;
         }
         Some(value)
@@ -322,10 +327,23 @@ impl<'d> Value<'d> {
 
     /// The entries of an array.
     pub fn items(&self) -> Option<Vec<Value<'d>>> {
-        let DeValue::Array(items) = self.node.get_ref() else {
-            return self.wrong_type("an array");
-        };
-        Some(self.items_of(items))
+        match self.node.get_ref() {
+            DeValue::Array(items) => Some(self.items_of(items)),
+            _ => self.wrong_type("an array"),
+        }
+    }
+
+    /// The entries of a list of sections, `[[key]]`.
+    pub fn sections(&self) -> Option<Vec<Value<'d>>> {
+        if let DeValue::Table(_) = self.node.get_ref() {
+            let key = self.path.rsplit('.').next().unwrap_or_default();
+            self.refuse(
+                "is a single section, must be a list".into(),
+                Some(format!("write [[{key}]] in double brackets")),
+            );
+            return None;
+        }
+        self.items()
     }
 
     /// An array of numbers, of a given length where one is known.
@@ -354,12 +372,23 @@ impl<'d> Value<'d> {
     /// Notes a problem of this value.
     pub fn refuse(&self, problem: String, hint: Option<String>) {
         let at = self.node.span();
-        self.source.note(&at, &self.path, self.source.excerpt(&at), problem, hint);
+        let excerpt = self.source.excerpt(&at).filter(|_| !self.is_list_of_sections());
+        self.source.note(&at, &self.path, excerpt, problem, hint);
     }
 
     fn items_of(&self, items: &'d DeArray<'d>) -> Vec<Value<'d>> {
         let item = |(i, node)| Value { source: self.source, path: format!("{}[{}]", self.path, i + 1), node };
         items.iter().enumerate().map(item).collect()
+    }
+
+    /// Whether this is written as `[[key]]`; the file then holds no value that could be shown.
+    fn is_list_of_sections(&self) -> bool {
+        match self.node.get_ref() {
+            DeValue::Array(items) => items.first().is_some_and(|item| {
+                matches!(item.get_ref(), DeValue::Table(_)) && item.span().start <= self.node.span().start
+            }),
+            _ => false,
+        }
     }
 
     fn wrong_type<T>(&self, wanted: &str) -> Option<T> {

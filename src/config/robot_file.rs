@@ -115,7 +115,7 @@ fn read_speed_levels(root: &Table<'_>) -> Option<Vec<f64>> {
 fn read_joints(root: &Table<'_>) -> Option<Vec<Joint>> {
     let value = root
         .required_or_else("joint", || Some("write one [[joint]] a joint, from the base outwards".into()))?;
-    let items = value.items()?;
+    let items = value.sections()?;
     let joints: Vec<Option<Joint>> =
         items.iter().map(|item| item.table().and_then(|table| read_joint(&table))).collect();
     if joints.is_empty() || joints.len() > MAX_JOINTS {
@@ -176,11 +176,16 @@ fn read_kind(table: &Table<'_>) -> Option<JointKind> {
 }
 
 fn read_geometry(table: &Table<'_>) -> Option<ModifiedDh> {
-    let a = table.number("a_m", &LENGTH);
+    let a = read_length(table, "a_m");
     let alpha = read_fixed_angle(table, "alpha");
-    let d = table.number("d_m", &LENGTH);
+    let d = read_length(table, "d_m");
     let theta_offset = read_fixed_angle(table, "theta_offset");
     Some(ModifiedDh { a: a?, alpha: alpha?, d: d?, theta_offset: theta_offset? })
+}
+
+fn read_length(table: &Table<'_>, key: &str) -> Option<f64> {
+    let in_metres = |raw: f64| Some(format!("did you mean {} m?", raw / 1000.0)).filter(|_| raw.is_finite());
+    table.required(key)?.number_or_hint(&LENGTH, in_metres)
 }
 
 /// An angle of the geometry, with an eye on degrees and radians taken for each other.
