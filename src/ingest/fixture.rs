@@ -61,9 +61,9 @@ fn collected(reader: impl Iterator<Item = Result<Chunk, Rejection>>) -> Result<S
 /// shortest digits that give each number back.
 pub(super) fn recording(rows: usize, mut number: impl FnMut() -> f64) -> (Samples, String) {
     let joints = 0..6;
-    let mut channel = || joints.clone().map(|_| (0..rows).map(|_| number()).collect()).collect();
-    let (position, velocity, torque): (Vec<Vec<f64>>, Vec<Vec<f64>>, Vec<Vec<f64>>) =
-        (channel(), channel(), channel());
+    let mut channel =
+        || -> Vec<Vec<f64>> { joints.clone().map(|_| (0..rows).map(|_| number()).collect()).collect() };
+    let (position, velocity, torque) = (channel(), channel(), channel());
     let stages = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
     let samples = Samples {
         time: (0..rows).map(|row| row as f64 * 0.002).collect(),

@@ -452,7 +452,7 @@ mod tests {
         for joint in 1..=6 {
             let rejection = mapped(&HEADER.replace(&format!(",pos_{joint}"), "")).unwrap_err();
             assert_eq!(rejection.reason, "missing column");
-            assert_eq!(rejection.column, Some(format!("pos_{joint}")));
+            assert_eq!(rejection.column, Some(format!("pos_{joint}").into()));
         }
     }
 
