@@ -10,6 +10,9 @@ use super::rejection::Rejection;
 /// is below one per cent, small enough that a few blocks in flight stay within tens of megabytes.
 pub const BLOCK_BYTES: usize = 4 << 20;
 
+/// Largest block: a setting beyond would only ask for memory that no export fills usefully.
+const MAX_BLOCK_BYTES: usize = 256 << 20;
+
 /// Longest line. A row of a nine-axis arm with two hundred further columns has some five
 /// kilobytes; a file without line ends must not grow the buffer without bound.
 pub const MAX_LINE_BYTES: usize = 1 << 20;
@@ -40,10 +43,16 @@ pub struct Blocks<R> {
 }
 
 impl<R: Read> Blocks<R> {
-    /// Blocks of about `block_bytes`, at least one line each.
+    /// Blocks of about `block_bytes`, at least one line each and 256 MiB at most.
     #[must_use]
     pub fn new(reader: R, block_bytes: usize) -> Self {
-        Self { reader, block_bytes: block_bytes.max(1), pending: Vec::new(), line: 1, at_end: false }
+        Self {
+            reader,
+            block_bytes: block_bytes.clamp(1, MAX_BLOCK_BYTES),
+            pending: Vec::new(),
+            line: 1,
+            at_end: false,
+        }
     }
 
     /// Takes the header: the first line that is not blank, without byte order mark and line end.
@@ -80,7 +89,7 @@ impl<R: Read> Blocks<R> {
                 None if self.at_end => return Ok(self.unterminated_line()),
                 None => {
                     self.refuse_endless_line(path)?;
-                    wanted = self.pending.len() + self.block_bytes;
+                    wanted = self.longer();
                     continue;
                 }
             };
@@ -112,8 +121,14 @@ impl<R: Read> Blocks<R> {
                 return Ok(Some(self.pending.len()).filter(|length| *length > 0));
             }
             self.refuse_endless_line(path)?;
-            self.fill(self.pending.len() + self.block_bytes, path)?;
+            self.fill(self.longer(), path)?;
         }
+    }
+
+    /// Bytes to look at next where no line ended: at least twice as many, so that a long line is not
+    /// searched over and over.
+    fn longer(&self) -> usize {
+        self.pending.len() + self.block_bytes.max(self.pending.len())
     }
 
     fn fill(&mut self, wanted: usize, path: &Path) -> Result<(), Rejection> {

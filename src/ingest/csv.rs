@@ -264,3 +264,236 @@ fn numbers(column: &Column, rows: usize) -> Option<Vec<f64>> {
     }
     Some(values)
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::super::fixture::{fixture, native, read_bytes, recording};
+    use super::*;
+    use crate::testing::er3a;
+
+    fn with_blocks_of(block_bytes: usize) -> ReadOptions {
+        ReadOptions { block_bytes, ..ReadOptions::default() }
+    }
+
+    fn made_recording(rows: usize) -> (Samples, String) {
+        let mut random = ChaCha8Rng::seed_from_u64(7);
+        recording(rows, || random.random_range(-100.0..100.0))
+    }
+
+    fn parser(header: &str) -> Parser {
+        Parser::new(map_columns(header, &native(), &er3a(), Path::new("a.csv")).unwrap(), 1)
+    }
+
+    fn body(text: &str) -> Block {
+        let mut blocks = Blocks::new(text.as_bytes(), 1 << 20);
+        blocks.header(Path::new("a.csv")).unwrap();
+        blocks.next_block(Path::new("a.csv")).unwrap().unwrap()
+    }
+
+    #[test]
+    fn polars_itself_reads_the_ordinary_export() {
+        let (samples, text) = made_recording(500);
+        let parser = parser(text.lines().next().unwrap());
+        let columns = parser.columns(&body(&text).bytes).expect("nothing is odd");
+        assert_eq!(channels::samples(columns, &parser.map, None), Some(samples));
+    }
+
+    /// Slow reading gives the same rows, so only this notices if common files take the slow road.
+    #[test]
+    fn common_variants_do_not_need_the_exact_reader() {
+        for name in ["crlf.csv", "reordered.csv", "extra_columns.csv", "trailing_delimiters.csv"] {
+            let text = std::fs::read_to_string(fixture(name)).unwrap();
+            let parser = parser(text.lines().next().unwrap());
+            assert!(parser.columns(&body(&text).bytes).is_some(), "{name}");
+        }
+    }
+
+    #[test]
+    fn more_threads_read_the_same() {
+        let (samples, text) = made_recording(2000);
+        for threads in [0, 1, 2, 5] {
+            let options = ReadOptions { threads, ..ReadOptions::default() };
+            assert_eq!(read_bytes(text.as_bytes(), &native(), options).as_ref(), Ok(&samples), "{threads}");
+        }
+    }
+
+    #[test]
+    fn lines_and_rows_are_counted_over_chunks() {
+        let (_, text) = made_recording(300);
+        let path = Path::new("a.csv");
+        let mut reader =
+            ExportReader::new(text.as_bytes(), path, &native(), &er3a(), with_blocks_of(5000)).unwrap();
+        let mut line = 2;
+        let mut chunks = 0;
+        for chunk in reader.by_ref() {
+            let chunk = chunk.unwrap();
+            assert_eq!(chunk.first_line, line);
+            line += chunk.samples.rows() as u64;
+            chunks += 1;
+        }
+        assert!(chunks > 10);
+        assert_eq!((reader.rows(), reader.left_out_line()), (300, None));
+        assert!(reader.next().is_none());
+    }
+
+    #[test]
+    fn time_is_compared_over_chunks_and_reading_ends_at_the_rejection() {
+        let (_, text) = made_recording(200);
+        let twice = format!("{text}{}", text.split_once('\n').unwrap().1);
+        for block_bytes in [1, 700, 5000, 1 << 20] {
+            let options = with_blocks_of(block_bytes);
+            let mut reader =
+                ExportReader::new(twice.as_bytes(), Path::new("a.csv"), &native(), &er3a(), options).unwrap();
+            let rejection = reader.find_map(Result::err).expect("time runs backwards");
+            assert_eq!((rejection.line, rejection.value.as_deref()), (Some(202), Some("0")));
+            assert_eq!(rejection.reason, "earlier than 0.398 in the row before: time runs backwards");
+            assert!(reader.next().is_none());
+        }
+    }
+
+    #[test]
+    fn foreign_units_end_here() {
+        let mut layout = native();
+        layout.time.to_si = 1e-3;
+        layout.position.to_si = std::f64::consts::PI / 180.0;
+        layout.torque.to_si = -50.0;
+        let (samples, text) = made_recording(20);
+        let read = read_bytes(text.as_bytes(), &layout, ReadOptions::default()).unwrap();
+        for row in 0..20 {
+            assert_eq!(read.time[row], samples.time[row] * 1e-3);
+            assert_eq!(read.position[2][row], samples.position[2][row] * (std::f64::consts::PI / 180.0));
+            assert_eq!(read.torque[5][row], samples.torque[5][row] * -50.0);
+        }
+        assert_eq!(read.velocity, samples.velocity);
+    }
+
+    #[test]
+    fn clock_times_are_counted_from_the_first_row_and_others_are_not() {
+        let (samples, text) = made_recording(50);
+        let moved = |origin: f64| {
+            let lines = text.lines().enumerate().map(|(number, line)| match (number, line.split_once(',')) {
+                (1.., Some((time, rest))) => format!("{},{rest}\n", time.parse::<f64>().unwrap() + origin),
+                _ => format!("{line}\n"),
+            });
+            let moved: String = lines.collect();
+            read_bytes(moved.as_bytes(), &native(), with_blocks_of(1000)).unwrap().time
+        };
+        // Doubles near 1.7e9 lie 2.4e-7 apart.
+        let clock = moved(1.7e9);
+        assert_eq!(clock[0], 0.0);
+        assert!(clock.iter().zip(&samples.time).all(|(a, b)| (a - b).abs() < 5e-7));
+        assert_eq!(moved(3600.0)[0], 3600.0);
+    }
+
+    #[test]
+    fn a_file_that_ends_inside_a_number_is_noticed_at_any_block_size() {
+        let text = std::fs::read_to_string(fixture("no_final_newline_after_torque.csv")).unwrap();
+        for block_bytes in 1..text.len() + 2 {
+            let path = Path::new("a.csv");
+            let options = with_blocks_of(block_bytes);
+            let mut reader = ExportReader::new(text.as_bytes(), path, &native(), &er3a(), options).unwrap();
+            assert_eq!(reader.by_ref().map(|chunk| chunk.unwrap().samples.rows()).sum::<usize>(), 4);
+            assert_eq!(reader.left_out_line(), Some(6));
+        }
+    }
+
+    #[test]
+    fn wherever_a_file_is_cut_no_wrong_row_comes_out() {
+        let text = std::fs::read_to_string(fixture("native.csv")).unwrap();
+        let whole = read_bytes(text.as_bytes(), &native(), ReadOptions::default()).unwrap();
+        for keep in 0..text.len() {
+            if let Ok(read) = read_bytes(&text.as_bytes()[..keep], &native(), ReadOptions::default()) {
+                assert_eq!(read, whole.clone().take_front(read.rows()), "cut to {keep} bytes");
+            }
+        }
+    }
+
+    /// A number of any magnitude that a channel may have.
+    fn number() -> impl Strategy<Value = f64> {
+        prop_oneof![
+            -1e4..1e4,
+            any::<f64>().prop_filter("inside the limits", |x| x.abs() <= channels::MAX_POSITION)
+        ]
+    }
+
+    /// What a cell of a damaged file may hold.
+    fn cell() -> impl Strategy<Value = String> {
+        let odd = [
+            "",
+            " ",
+            "nan",
+            "-inf",
+            "1e999",
+            "0x1",
+            "1_0",
+            "1.",
+            ".5",
+            "+1",
+            "--1",
+            "1 2",
+            "1e",
+            "\"1\"",
+            "\"",
+            "1\r",
+            "\u{feff}1",
+            "\u{a0}1",
+            "1,2",
+            "\n",
+            "\0",
+            "é",
+            "infinity",
+            "1e-400",
+            "-0",
+            "1d5",
+            "1f",
+        ];
+        prop_oneof![
+            3 => proptest::sample::select(odd.to_vec()).prop_map(str::to_owned),
+            1 => "[-+0-9.eE ]{0,6}",
+            1 => any::<f64>().prop_map(|x| x.to_string()),
+        ]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn any_block_size_reads_the_same(block_bytes in 1_usize..9000) {
+            let (samples, text) = made_recording(60);
+            let read = read_bytes(text.as_bytes(), &native(), with_blocks_of(block_bytes));
+            prop_assert_eq!(read, Ok(samples));
+        }
+
+        #[test]
+        fn numbers_come_back_bit_by_bit(numbers in proptest::collection::vec(number(), 18..200)) {
+            let mut cycle = numbers.iter().cycle();
+            let (samples, text) = recording(numbers.len() / 18, || *cycle.next().expect("endless"));
+            let read = read_bytes(text.as_bytes(), &native(), ReadOptions::default());
+            prop_assert_eq!(read, Ok(samples));
+        }
+
+        /// The two readers are each other's second road: what polars takes, the cell-by-cell reader
+        /// takes with the same numbers.
+        #[test]
+        fn polars_takes_nothing_that_the_exact_reader_refuses(row in 0_usize..9, column in 0_usize..23, cell in cell()) {
+            let (_, text) = made_recording(9);
+            let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+            let mut cells: Vec<&str> = lines[row + 1].split(',').collect();
+            cells[column] = &cell;
+            lines[row + 1] = cells.join(",");
+            let parser = parser(&lines[0]);
+            let block = Block { bytes: (lines[1..].join("\n") + "\n").into_bytes(), first_line: 2, unterminated: false };
+            let fast = parser.columns(&block.bytes).and_then(|c| channels::samples(c, &parser.map, None));
+            let exact = exact::read(&block, &parser.map, None, Path::new("a.csv"));
+            if let Some(samples) = fast {
+                prop_assert_eq!(Ok(samples), exact);
+            } else if let Err(rejection) = exact {
+                prop_assert_ne!(rejection.reason, "numbers that cannot be read reliably");
+            }
+        }
+    }
+}

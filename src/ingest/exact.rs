@@ -70,7 +70,14 @@ pub fn judge_last_line(
     path: &Path,
 ) -> Result<LastLine, Rejection> {
     let cut = || Rejection::of_file(path, CUT, CUT_REMEDY).at_line(number);
-    let text = std::str::from_utf8(line).map_err(|_| cut())?;
+    if line.contains(&0) {
+        return Err(nul(path).at_line(number));
+    }
+    let text = std::str::from_utf8(line).map_err(|error| match error.error_len() {
+        // Without a length the text ends inside a character.
+        None => cut(),
+        Some(_) => narrow(path, line).at_line(number),
+    })?;
     let cells: Vec<&str> = fields(text, map.delimiter).collect();
     let last = map.names.len().saturating_sub(1);
     let (Some(cell), Some(role), Some(name)) = (cells.get(last), map.roles.get(last), map.names.get(last))

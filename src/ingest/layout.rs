@@ -374,3 +374,93 @@ fn edit_distance(a: &str, b: &str) -> usize {
     }
     row[b.len()]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::fixture::native;
+    use super::*;
+    use crate::testing::er3a;
+
+    const HEADER: &str = "time,pos_1,pos_2,pos_3,pos_4,pos_5,pos_6,vel_1,vel_2,vel_3,vel_4,vel_5,vel_6,\
+                          trq_1,trq_2,trq_3,trq_4,trq_5,trq_6,stage,cycle,joint,level";
+
+    fn mapped(header: &str) -> Result<ColumnMap, Rejection> {
+        map_columns(header, &native(), &er3a(), Path::new("a.csv"))
+    }
+
+    fn split(line: &str) -> Vec<&str> {
+        fields(line, b',').collect()
+    }
+
+    #[test]
+    fn fields_lose_blanks_and_quotes_and_keep_quoted_delimiters() {
+        assert_eq!(split("a,b"), ["a", "b"]);
+        assert_eq!(split(""), [""]);
+        assert_eq!(split(","), ["", ""]);
+        assert_eq!(split(" a ,\tb\r"), ["a", "b"]);
+        assert_eq!(split("\"a,b\", \" c \" ,d"), ["a,b", "c", "d"]);
+        assert_eq!(split("\"a \"\"x\"\", y\",2"), ["a \"\"x\"\", y", "2"]);
+        assert_eq!(split("5\" pipe,2"), ["5\" pipe", "2"]);
+        assert_eq!(split("\"open,2"), ["\"open", "2"]);
+        assert_eq!(split("\"\",\"\"\"\""), ["", "\"\""]);
+        assert_eq!(fields("a\t b\t\t", b'\t').collect::<Vec<_>>(), ["a", "b", "", ""]);
+    }
+
+    #[test]
+    fn columns_are_found_by_name_wherever_they_stand() {
+        let straight = mapped(HEADER).unwrap();
+        let backwards: Vec<&str> = HEADER.split(',').rev().collect();
+        let reversed = mapped(&backwards.join(",")).unwrap();
+        assert_eq!((straight.time, reversed.time), (0, 22));
+        assert_eq!(straight.position, [1, 2, 3, 4, 5, 6]);
+        assert_eq!(reversed.position, [21, 20, 19, 18, 17, 16]);
+        let mut roles = reversed.roles.clone();
+        roles.reverse();
+        assert_eq!(roles, straight.roles);
+        assert!(!roles.contains(&Role::Ignored));
+    }
+
+    #[test]
+    fn twice_is_only_wrong_for_columns_that_are_needed() {
+        assert!(mapped(&format!("{HEADER},note,note,,")).is_ok());
+        for name in ["time", "trq_6", "stage", "level"] {
+            let rejection = mapped(&format!("{HEADER},{name}")).unwrap_err();
+            assert_eq!(rejection.reason, "a column that is there twice");
+            assert_eq!(rejection.column.as_deref(), Some(name));
+        }
+    }
+
+    #[test]
+    fn half_a_friction_signal_is_none() {
+        let map = mapped(&HEADER.replace(",level", "")).unwrap();
+        assert_eq!((map.friction, map.cycle), (None, Some(20)));
+    }
+
+    #[test]
+    fn one_missing_velocity_is_missing_and_all_of_them_are_not_recorded() {
+        let rejection = mapped(&HEADER.replace(",vel_4", "")).unwrap_err();
+        assert_eq!(
+            (rejection.reason.as_str(), rejection.column.as_deref()),
+            ("missing column", Some("vel_4"))
+        );
+        let without: Vec<&str> = HEADER.split(',').filter(|name| !name.starts_with("vel_")).collect();
+        assert_eq!(mapped(&without.join(",")).unwrap().velocity, None);
+    }
+
+    #[test]
+    fn one_missing_position_is_missing_and_not_another_arm() {
+        for joint in 1..=6 {
+            let rejection = mapped(&HEADER.replace(&format!(",pos_{joint}"), "")).unwrap_err();
+            assert_eq!(rejection.reason, "missing column");
+            assert_eq!(rejection.column, Some(format!("pos_{joint}").into()));
+        }
+    }
+
+    #[test]
+    fn edit_distances() {
+        for (a, b, distance) in [("", "", 0), ("abc", "", 3), ("kitten", "sitting", 3), ("Vel", "vel", 0)] {
+            assert_eq!(edit_distance(a, b), distance);
+            assert_eq!(edit_distance(b, a), distance);
+        }
+    }
+}

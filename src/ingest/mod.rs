@@ -23,3 +23,8 @@ pub mod rejection;
 pub mod settle;
 pub mod source;
 pub mod watch;
+
+#[cfg(test)]
+mod fixture;
+#[cfg(test)]
+mod oddities;

@@ -18,9 +18,9 @@ pub struct Rejection {
     /// Line in the decompressed file, from 1; the header is line 1.
     pub line: Option<u64>,
     /// Column name in the header.
-    pub column: Option<String>,
+    pub column: Option<Box<str>>,
     /// What stands there.
-    pub value: Option<String>,
+    pub value: Option<Box<str>>,
     /// What is wrong, short; where there is a value, it completes the sentence "value is ..".
     pub reason: String,
     /// What to do.
@@ -51,14 +51,14 @@ impl Rejection {
     /// The same in a column.
     #[must_use]
     pub fn in_column(mut self, column: &str) -> Self {
-        self.column = Some(shortened(column));
+        self.column = Some(shortened(column).into());
         self
     }
 
     /// The same with the value that stands there, shortened where it is very long.
     #[must_use]
     pub fn with_value(mut self, value: &str) -> Self {
-        self.value = Some(shortened(value));
+        self.value = Some(shortened(value).into());
         self
     }
 

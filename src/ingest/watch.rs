@@ -226,3 +226,134 @@ fn is_change(event: &notify::Event) -> bool {
 fn is_hidden(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    /// How long a test waits for an event that must come; inotify takes milliseconds.
+    const DEADLINE: Duration = Duration::from_secs(20);
+
+    struct Tree(tempfile::TempDir);
+
+    impl Tree {
+        fn new(files: &[&str]) -> Self {
+            let tree = Self(tempfile::tempdir().unwrap());
+            files.iter().for_each(|name| tree.write(name));
+            tree
+        }
+
+        fn path(&self, name: &str) -> PathBuf {
+            self.0.path().join(name)
+        }
+
+        fn write(&self, name: &str) {
+            fs::create_dir_all(self.path(name).parent().unwrap()).unwrap();
+            fs::write(self.path(name), "time\n").unwrap();
+        }
+
+        fn found(&self, folders: &[&str]) -> Vec<String> {
+            let folders: Vec<PathBuf> = folders.iter().map(|name| self.path(name)).collect();
+            let relative =
+                |file: FoundFile| file.path.strip_prefix(self.0.path()).unwrap().display().to_string();
+            scan(&folders).files.into_iter().map(relative).collect()
+        }
+    }
+
+    #[test]
+    fn finds_exports_by_name_then_path_and_nothing_else() {
+        let tree = Tree::new(&[
+            "b/R02.csv",
+            "a/R02.csv",
+            "z/R01.csv.gz",
+            "a/deep/er/R00.csv.zst",
+            "a/R03.csv.part",
+            "a/R03.truth.json",
+            "a/.R04.csv",
+            ".hidden/R05.csv",
+            "a/notes.txt",
+        ]);
+        fs::create_dir(tree.path("folder.csv")).unwrap();
+        let expected = ["a/deep/er/R00.csv.zst", "z/R01.csv.gz", "a/R02.csv", "b/R02.csv"];
+        assert_eq!(tree.found(&[""]), expected);
+        assert_eq!(scan(&[tree.path("z")]).files[0].size, 5);
+    }
+
+    #[test]
+    fn overlapping_folders_give_a_file_once_and_a_named_file_is_taken() {
+        let tree = Tree::new(&["a/b/R01.csv", "a/notes.txt"]);
+        assert_eq!(tree.found(&["a", "a/b", "a", "a/../a"]), ["a/b/R01.csv"]);
+        assert_eq!(tree.found(&["a/notes.txt", "a/notes.txt"]), ["a/notes.txt"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_to_files_count_and_loops_of_links_end() {
+        use std::os::unix::fs::symlink;
+        let tree = Tree::new(&["a/R01.csv", "elsewhere/R02"]);
+        symlink(tree.path("a"), tree.path("a/loop")).unwrap();
+        symlink(tree.path("elsewhere/R02"), tree.path("a/R02.csv")).unwrap();
+        symlink(tree.path("nothing"), tree.path("a/R03.csv")).unwrap();
+        assert_eq!(tree.found(&["a"]), ["a/R01.csv", "a/R02.csv"]);
+        assert!(scan(&[tree.path("a")]).unreadable.is_empty());
+        symlink(tree.path("a"), tree.path("watched")).unwrap();
+        assert_eq!(tree.found(&["watched"]), ["watched/R01.csv", "watched/R02.csv"]);
+    }
+
+    #[test]
+    fn a_missing_folder_is_complained_of_once_until_it_recovers() {
+        let tree = Tree::new(&["a/R01.csv"]);
+        let folders = [tree.path("a"), tree.path("b")];
+        let mut complaints = Complaints::default();
+        let first = scan(&folders);
+        assert_eq!(first.files.len(), 1);
+        let fresh = complaints.fresh(&first);
+        assert_eq!((fresh.len(), &fresh[0].path), (1, &folders[1]));
+        assert!(complaints.fresh(&scan(&folders)).is_empty());
+        tree.write("b/R02.csv");
+        assert!(complaints.fresh(&scan(&folders)).is_empty());
+        fs::remove_dir_all(tree.path("b")).unwrap();
+        assert_eq!(complaints.fresh(&scan(&folders)).len(), 1);
+    }
+
+    #[tokio::test]
+    async fn a_new_file_gives_a_hint_also_in_a_new_subfolder() {
+        let tree = Tree::new(&["a/R01.csv"]);
+        let (watch, mut hints) = watch_folders(&[tree.path("a")]);
+        assert_eq!(watch.watched_count(), 1);
+        tree.write("a/R02.csv");
+        tokio::time::timeout(DEADLINE, hints.recv()).await.expect("a hint").expect("open");
+        tree.write("a/new/R03.csv");
+        tokio::time::timeout(DEADLINE, hints.recv()).await.expect("a hint").expect("open");
+    }
+
+    #[tokio::test]
+    async fn a_missing_folder_is_watched_once_it_is_there_and_not_created() {
+        let tree = Tree::new(&[]);
+        let folder = tree.path("later");
+        let (mut watch, mut hints) = watch_folders(std::slice::from_ref(&folder));
+        assert_eq!(watch.watched_count(), 0);
+        assert!(!folder.exists());
+        fs::create_dir(&folder).unwrap();
+        watch.watch_missing();
+        assert_eq!(watch.watched_count(), 1);
+        tree.write("later/R01.csv");
+        tokio::time::timeout(DEADLINE, hints.recv()).await.expect("a hint").expect("open");
+        drop(watch);
+        while let Some(()) = tokio::time::timeout(DEADLINE, hints.recv()).await.expect("the end") {}
+    }
+
+    #[test]
+    fn looking_is_no_change() {
+        use notify::event::{CreateKind, Flag};
+        let event = |kind| notify::Event::new(kind);
+        let open = EventKind::Access(AccessKind::Open(AccessMode::Any));
+        assert!(!is_change(&event(open)));
+        assert!(!is_change(&event(EventKind::Access(AccessKind::Close(AccessMode::Read)))));
+        assert!(is_change(&event(EventKind::Access(AccessKind::Close(AccessMode::Write)))));
+        assert!(is_change(&event(EventKind::Create(CreateKind::File))));
+        assert!(is_change(&event(EventKind::Other).set_flag(Flag::Rescan)));
+    }
+}

@@ -1,0 +1,110 @@
+//! What the tests of this room share: the native layout, the fixture files, and made exports.
+
+use std::path::{Path, PathBuf};
+
+use super::csv::{Chunk, ExportReader, ReadOptions};
+use super::rejection::Rejection;
+use super::source::open;
+use crate::config::{Layout, ScaledColumn, StageSignal};
+use crate::run::{FrictionSignal, Samples, Stage};
+use crate::testing::er3a;
+
+/// The native layout: everything recorded, SI.
+pub(super) fn native() -> Layout {
+    let column = |name: &str| ScaledColumn { name: name.into(), to_si: 1.0 };
+    Layout {
+        name: "native".into(),
+        delimiter: b',',
+        time: column("time"),
+        position: column("pos_{joint}"),
+        velocity: Some(column("vel_{joint}")),
+        torque: column("trq_{joint}"),
+        stage: StageSignal {
+            column: "stage".into(),
+            excitation: vec![1],
+            friction: vec![2],
+            warming: vec![3],
+            between: vec![0],
+        },
+        cycle: Some("cycle".into()),
+        friction_joint: Some("joint".into()),
+        friction_level: Some("level".into()),
+    }
+}
+
+/// Path of a file in `tests/fixtures/exports`.
+pub(super) fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/exports").join(name)
+}
+
+/// The whole export at `path`.
+pub(super) fn read(path: &Path) -> Result<Samples, Rejection> {
+    let options = ReadOptions::default();
+    let reader = ExportReader::new(open(path)?, path, &native(), &er3a(), options)?;
+    collected(reader)
+}
+
+/// The whole export `bytes`, called `a.csv`.
+pub(super) fn read_bytes(bytes: &[u8], layout: &Layout, options: ReadOptions) -> Result<Samples, Rejection> {
+    collected(ExportReader::new(bytes, Path::new("a.csv"), layout, &er3a(), options)?)
+}
+
+fn collected(reader: impl Iterator<Item = Result<Chunk, Rejection>>) -> Result<Samples, Rejection> {
+    let mut samples = Samples::default();
+    for chunk in reader {
+        samples.append(chunk?.samples);
+    }
+    Ok(samples)
+}
+
+/// A recording in the native layout: its samples and the export that says the same, with the
+/// shortest digits that give each number back.
+pub(super) fn recording(rows: usize, mut number: impl FnMut() -> f64) -> (Samples, String) {
+    let joints = 0..6;
+    let mut channel =
+        || -> Vec<Vec<f64>> { joints.clone().map(|_| (0..rows).map(|_| number()).collect()).collect() };
+    let (position, velocity, torque) = (channel(), channel(), channel());
+    let stages = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
+    let samples = Samples {
+        time: (0..rows).map(|row| row as f64 * 0.002).collect(),
+        position,
+        velocity: Some(velocity),
+        torque,
+        stage: (0..rows).map(|row| stages[row / 3 % 4]).collect(),
+        cycle: Some((0..rows).map(|row| 1 + (row / 12) as u32).collect()),
+        friction_signal: Some(
+            (0..rows)
+                .map(|row| {
+                    let joint = crate::robot::JointIndex::new(row % 6);
+                    let tested = stages[row / 3 % 4] == Stage::Friction;
+                    tested.then_some(FrictionSignal { joint, level: 1 + (row / 6 % 6) as u8 })
+                })
+                .collect(),
+        ),
+    };
+    let text = export(&samples);
+    (samples, text)
+}
+
+/// Samples with all channels in the native layout.
+fn export(samples: &Samples) -> String {
+    let names = |kind: &str| (1..=6).map(|joint| format!("{kind}_{joint}")).collect::<Vec<_>>().join(",");
+    let mut text =
+        format!("time,{},{},{},stage,cycle,joint,level\n", names("pos"), names("vel"), names("trq"));
+    let velocity = samples.velocity.as_ref().expect("recorded");
+    for row in 0..samples.rows() {
+        let channels = samples.position.iter().chain(velocity).chain(&samples.torque);
+        let cells: Vec<String> = channels.map(|channel| channel[row].to_string()).collect();
+        let stage = match samples.stage[row] {
+            Stage::Between => 0,
+            Stage::Excitation => 1,
+            Stage::Friction => 2,
+            Stage::Warming => 3,
+        };
+        let signal = samples.friction_signal.as_ref().and_then(|signals| signals[row]);
+        let (joint, level) = signal.map_or((0, 0), |s| (s.joint.number(), s.level));
+        let cycle = samples.cycle.as_ref().map_or(1, |cycles| cycles[row]);
+        text += &format!("{},{},{stage},{cycle},{joint},{level}\n", samples.time[row], cells.join(","));
+    }
+    text
+}

@@ -1,0 +1,205 @@
+//! One fixture file for each oddity, and what is said of it.
+
+use super::fixture::{fixture, read};
+use super::rejection::Rejection;
+use crate::robot::JointIndex;
+use crate::run::{FrictionSignal, Samples, Stage};
+
+fn rejected(name: &str) -> Rejection {
+    match read(&fixture(name)) {
+        Err(rejection) => {
+            assert_eq!(rejection.path, fixture(name));
+            assert!(!rejection.remedy.is_empty());
+            rejection
+        }
+        Ok(samples) => panic!("{name} was read as {} rows", samples.rows()),
+    }
+}
+
+/// The message without the path.
+fn message(name: &str) -> String {
+    let text = rejected(name).to_string();
+    text.strip_prefix(&fixture(name).display().to_string()).expect("path first").to_owned()
+}
+
+fn assert_message(name: &str, beginning: &str) {
+    let message = message(name);
+    assert!(message.starts_with(beginning), "{name}{message}");
+}
+
+fn native() -> Samples {
+    read(&fixture("native.csv")).unwrap()
+}
+
+#[test]
+fn the_native_layout_is_read_as_it_is_written() {
+    let samples = native();
+    assert_eq!(samples.time, [0.0, 0.002, 0.004, 0.006, 0.008]);
+    assert_eq!(samples.position[1], [0.2, 0.21, 0.22, 0.23, 0.24]);
+    assert_eq!(samples.velocity.as_ref().unwrap()[5], [-1.2, -1.15, -1.1, -1.05, -1.0]);
+    assert_eq!(samples.torque[0], [3.0, 2.5, 2.0, 1.5, 1.0]);
+    let stages = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming, Stage::Between];
+    assert_eq!(samples.stage, stages);
+    assert_eq!(samples.cycle.as_deref(), Some(&[1, 1, 1, 1, 2][..]));
+    let tested = Some(FrictionSignal { joint: JointIndex::new(2), level: 5 });
+    assert_eq!(samples.friction_signal.as_deref(), Some(&[None, None, tested, None, None][..]));
+}
+
+#[test]
+fn unusual_but_valid_files_read_the_same() {
+    for name in [
+        "byte_order_mark.csv",
+        "crlf.csv",
+        "reordered.csv",
+        "extra_columns.csv",
+        "quoted.csv",
+        "blanks_around_numbers.csv",
+        "trailing_delimiters.csv",
+        "blank_lines_at_the_end.csv",
+        "whole_numbers_as_decimals.csv",
+        "no_final_newline.csv",
+    ] {
+        assert_eq!(read(&fixture(name)).as_ref(), Ok(&native()), "{name}");
+    }
+}
+
+#[test]
+fn velocities_and_signals_may_be_absent() {
+    let samples = read(&fixture("no_velocity_no_signals.csv")).unwrap();
+    let expected = Samples { velocity: None, cycle: None, friction_signal: None, ..native() };
+    assert_eq!(samples, expected);
+}
+
+#[test]
+fn files_without_rows() {
+    assert_eq!(message("empty.csv"), ": an empty file; wait until the writer has finished, or export again");
+    assert_eq!(message("header_only.csv"), ": a header and no rows; export again, with the recording in it");
+}
+
+#[test]
+fn missing_columns_are_named_with_the_nearest_spelling() {
+    let rejection = rejected("missing_column.csv");
+    assert_eq!((rejection.line, rejection.column.as_deref()), (Some(1), Some("trq_3")));
+    assert_eq!(rejection.reason, "missing column");
+    assert!(rejection.remedy.contains("the export has time, pos_1, pos_2,"), "{rejection}");
+    assert!(rejection.remedy.contains("trq_2, torque_3, trq_4"), "{rejection}");
+
+    let rejection = rejected("misspelt_velocity.csv");
+    assert_eq!(rejection.column.as_deref(), Some("vel_1"));
+    assert!(rejection.remedy.starts_with("did you mean Vel_1? "), "{rejection}");
+}
+
+#[test]
+fn headers_that_are_not_this_robots() {
+    assert_message(
+        "no_stage.csv",
+        ", line 1, column stage: no stage signal: the column is missing; name the column",
+    );
+    assert_message(
+        "seven_joints.csv",
+        ", line 1: wrong joint count: the export has positions for 7 joints, the description of er3a has 6; give",
+    );
+    assert_message(
+        "five_joints.csv",
+        ", line 1: wrong joint count: the export has positions for 5 joints, the description of er3a has 6; give",
+    );
+    assert_message("duplicate_column.csv", ", line 1, column pos_1: a column that is there twice;");
+    assert_message("no_header.csv", ", line 1: no header line: the first line holds only numbers;");
+    assert_message("semicolons.csv", ", line 1: a header separated by semicolon, not by ',';");
+}
+
+#[test]
+fn bad_cells_are_named_by_line_and_column() {
+    for (name, beginning) in [
+        (
+            "text_in_number.csv",
+            ", line 4, column trq_3: \"abc\" is not a number; export again or correct the cell",
+        ),
+        ("decimal_comma.csv", ", line 5, column vel_2: \"0,25\" is a number with a decimal comma;"),
+        ("nan.csv", ", line 3, column pos_4: \"NaN\" is not a finite number;"),
+        ("infinity.csv", ", line 6, column trq_6: \"-inf\" is not a finite number;"),
+        ("empty_cell.csv", ", line 5, column vel_6: empty cell;"),
+        (
+            "unknown_stage.csv",
+            ", line 4, column stage: \"7\" is no known stage; add the value to the stage signal",
+        ),
+        ("stage_in_between.csv", ", line 4, column stage: \"1.5\" is no known stage;"),
+        (
+            "absurd_position.csv",
+            ", line 4, column pos_2: \"1e200\" is beyond any joint's position (more than 1e4 rad",
+        ),
+        (
+            "absurd_velocity.csv",
+            ", line 4, column vel_2: \"-10001\" is beyond any joint's velocity (more than 1e4",
+        ),
+        (
+            "absurd_torque.csv",
+            ", line 4, column trq_2: \"2e7\" is beyond any joint's torque (more than 1e7 Nm",
+        ),
+        ("cycle_zero.csv", ", line 2, column cycle: \"0\" is not in 1 to 1000000;"),
+        ("joint_seven.csv", ", line 4, column joint: \"7\" is not in 0 to 6;"),
+        ("level_seven.csv", ", line 4, column level: \"7\" is not in 0 to 6;"),
+        ("level_fraction.csv", ", line 4, column level: \"2.5\" is not a whole number;"),
+    ] {
+        assert_message(name, beginning);
+    }
+}
+
+#[test]
+fn time_that_does_not_rise_says_both_values() {
+    assert_message(
+        "time_backwards.csv",
+        ", line 5, column time: \"0.001\" is earlier than 0.004 in the row before: time runs backwards;",
+    );
+    assert_message(
+        "time_standing_still.csv",
+        ", line 4, column time: \"0.0020\" is not later than 0.002 in the row before: time stands still;",
+    );
+}
+
+#[test]
+fn lines_of_the_wrong_shape() {
+    for (name, beginning) in [
+        ("line_too_long.csv", ", line 3: line too long: 24 fields, the header has 23;"),
+        ("line_too_short.csv", ", line 3: line too short: 22 fields, the header has 23;"),
+        ("short_and_long.csv", ", line 3: line too short: 22 fields, the header has 23;"),
+        ("repeated_header.csv", ", line 5: repeated header: two exports in one file;"),
+        ("blank_line.csv", ", line 4: blank line between rows;"),
+    ] {
+        assert_message(name, beginning);
+    }
+}
+
+#[test]
+fn cut_files() {
+    assert_message("cut_last_line.csv", ", line 6: last line is cut; wait until the writer has finished");
+    assert_message("cut_last_number.csv", ", line 6, column level: last line is cut;");
+    assert_message("nul_tail.csv", ", line 6: NUL bytes: a hole left by a crash or an unfinished copy;");
+    assert_message("nul_in_line.csv", ", line 4: NUL bytes: ");
+}
+
+/// The last number of the file is 16.00 and could as well be the beginning of 16.004.
+#[test]
+fn a_row_that_may_be_cut_in_its_last_number_is_left_out() {
+    let mut whole = native();
+    let read = read(&fixture("no_final_newline_after_torque.csv")).unwrap();
+    assert_eq!(read, whole.take_front(4));
+}
+
+#[test]
+fn foreign_encodings_are_named() {
+    assert_message(
+        "utf16.csv",
+        ", line 1: text that is not UTF-8; it looks like UTF-16 (little endian); export as UTF-8",
+    );
+    assert_message(
+        "utf16_no_bom.csv",
+        ", line 1: text that is not UTF-8; it looks like UTF-16 (big endian);",
+    );
+    assert_message("latin1.csv", ", line 1: text that is not UTF-8; it looks like Latin-1;");
+    assert_message(
+        "latin1_in_a_cell.csv",
+        ", line 5, column note: text that is not UTF-8; it looks like Latin-1;",
+    );
+    assert_message("carriage_returns.csv", ", line 1: lines that end with carriage returns alone;");
+}
