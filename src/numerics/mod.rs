@@ -15,6 +15,7 @@ pub mod base;
 pub mod dynamics;
 pub mod kinematics;
 pub mod regressor;
+pub mod robot_check;
 
 /// Why numbers could not be had. Carries the figures that decided it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -41,6 +42,22 @@ pub enum NumericsError {
         columns: usize,
         /// The first few of them.
         names: String,
+    },
+    /// A robot's geometry leaves open how many parameters its torques can show.
+    #[error(
+        "{kept} parameters are independent one after another, but {rank} singular values stand out (at the border \
+         {smallest_kept:.1e} and {largest_dropped:.1e} against 1e-4): the geometry is almost degenerate; check \
+         twists and offsets for rounding, and the joint limits"
+    )]
+    RankUnclear {
+        /// Columns kept one after another.
+        kept: usize,
+        /// Singular values above the threshold.
+        rank: usize,
+        /// Singular value at the place of the last kept column.
+        smallest_kept: f64,
+        /// The next one.
+        largest_dropped: f64,
     },
     /// The sample rate is too low for the low-pass.
     #[error("a sample rate of {sample_rate_hz} Hz cannot carry a low-pass at {cutoff_hz} Hz; set a cut-off below {} Hz", .sample_rate_hz / 2.0)]
