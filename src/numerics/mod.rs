@@ -12,20 +12,20 @@
 //! | `r` | triangular factor of `[w \| tau]` | `[(b+1) x (b+1)]` |
 
 pub mod analyse;
+pub mod signal;
+pub mod segment;
+pub mod kinematics;
+pub mod dynamics;
+pub mod regressor;
 pub mod base;
 pub mod robot_check;
-pub mod detect;
-pub mod dynamics;
-pub mod friction;
-pub mod identify;
-pub mod kinematics;
-pub mod regressor;
-pub mod segment;
-pub mod signal;
-pub mod statistics;
 pub mod triangular;
-pub mod verify;
+pub mod identify;
+pub mod friction;
 pub mod warm_up;
+pub mod verify;
+pub mod statistics;
+pub mod detect;
 
 /// Why numbers could not be had. Carries the figures that decided it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
