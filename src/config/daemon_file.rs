@@ -13,7 +13,7 @@ use super::{Config, FleetEntry, Layout, Recognition, WatchSettings};
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::DetectSettings;
 use super::{parse_layout, parse_robot, pattern};
-use crate::robot::Robot;
+use crate::robot::{JointKind, Robot};
 
 const DEFAULT_DATABASE: &str = "armwatch.db";
 const DEFAULT_FOLDER: &str = "inbox";
@@ -205,10 +205,28 @@ fn read_fleet(root: &Table<'_>, references: &mut References<'_>) -> Option<Vec<F
             let robots = table.required("name").and_then(|value| read_pattern(&value, &mut patterns));
             let description = references.robot(&table, "description");
             let layout = references.layout(&table, "layout");
-            Some(FleetEntry { robots: robots?.to_owned(), description: description?, layout: layout? })
+            let entry = FleetEntry { robots: robots?.to_owned(), description: description?, layout: layout? };
+            check_units(&table, &entry)?;
+            Some(entry)
         })
         .collect();
     entries.into_iter().collect()
+}
+
+/// One factor holds for the columns of all joints, and a factor from degrees would falsify the
+/// metres of a sliding joint without a sign.
+fn check_units(table: &Table<'_>, entry: &FleetEntry) -> Option<()> {
+    let (robot, layout) = (&entry.description, &entry.layout);
+    let slides = robot.joints.iter().any(|joint| joint.kind == JointKind::Prismatic);
+    let in_si = |column: &ScaledColumn| column.to_si == 1.0;
+    if slides && !(in_si(&layout.position) && layout.velocity.as_ref().is_none_or(in_si)) {
+        table.refuse(
+            format!("{} has a sliding joint, but the layout {} is in degrees", robot.model, layout.name),
+            Some("export rad for turning and m for sliding joints".into()),
+        );
+        return None;
+    }
+    Some(())
 }
 
 /// A pattern, which must leave no robot with two arms to choose from. One that is narrower than a

@@ -19,7 +19,7 @@ const ROBOTS: &[Expectation] = &[
     ("radians_given_as_degrees", &[(9, "joint[1].alpha_deg", "write alpha_rad = 1.5708 if it is in rad")]),
     (
         "degrees_given_as_radians",
-        &[(9, "joint[1].alpha_rad", "between -6.2832 and 6.2832 rad; did you mean alpha_deg = 90?")],
+        &[(9, "joint[1].alpha_rad", "between -6.3 and 6.3 rad; did you mean alpha_deg = 90?")],
     ),
     ("angle_given_twice", &[(10, "joint[1].alpha_rad", "already given as alpha_deg")]),
     (
@@ -60,6 +60,7 @@ const ROBOTS: &[Expectation] = &[
 
 const LAYOUTS: &[Expectation] = &[
     ("sound", &[]),
+    ("in_degrees", &[]),
     ("unit_unknown", &[(10, "position.unit", "must be one of rad, deg, m")]),
     ("joint_number_missing", &[(13, "torque.column", "must contain {joint}")]),
     ("joint_number_in_time", &[(5, "time.column", "must not contain {joint}")]),
@@ -90,6 +91,7 @@ const DAEMON: &[Expectation] = &[
     ("robot_in_single_brackets", &[(12, "robot", "write [[robot]] in double brackets")]),
     ("description_missing", &[(14, "robot[1].description", "er3b.toml cannot be read")]),
     ("description_with_problems", &[(19, "joint[1].nominal.mass_kg", "robots/mass_negative.toml:19:11")]),
+    ("sliding_joint_in_degrees", &[(12, "robot[1]", "scara-example has a sliding joint")]),
     ("robot_pattern_twice", &[(18, "robot[2].name", "is already given")]),
     ("robot_pattern_never_used", &[(18, "robot[2].name", "put the narrower pattern first")]),
     ("robot_patterns_crossing", &[(18, "robot[2].name", "some names match this and \"R*\"")]),

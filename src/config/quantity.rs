@@ -28,7 +28,7 @@ const DEG: f64 = PI / 180.0;
 pub(super) const TURN: Units = Units {
     revolute: [
         Unit { suffix: "deg", to_si: DEG, limits: Limits::within(360.0, "deg") },
-        Unit { suffix: "rad", to_si: 1.0, limits: Limits::within(6.2832, "rad") },
+        Unit { suffix: "rad", to_si: 1.0, limits: Limits::within(6.3, "rad") },
     ],
     prismatic: [Unit { suffix: "m", to_si: 1.0, limits: Limits::within(10.0, "m") }],
 };

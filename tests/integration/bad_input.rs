@@ -163,7 +163,7 @@ fn the_other_files_go_on_and_the_exit_status_remembers() {
 fn whole_cycles_before_a_fault_are_kept_but_take_no_part_in_conclusions() {
     let workshop = Workshop::new();
     let lines: Vec<String> = decompressed().lines().map(str::to_owned).collect();
-    let text = with_cell(lines, 3 * 8509 + 100, TORQUE_3, "x");
+    let text = with_cell(lines, 3 * 8509 + 10, TORQUE_3, "x");
     std::fs::write(workshop.inbox("R00_20260105_0847.csv"), text).expect("an export");
     let out = workshop.stdout(&["ingest", "inbox"], 1);
     assert!(out.contains("3 cycles before it are stored"), "{out}");
