@@ -80,13 +80,14 @@ pub fn joint_torque(chain: &RigidChain, state: &MotionState) -> [f64; MAX_JOINTS
         axes[i] = (frame.rotation.column(2).into_owned(), frame.origin);
         let lever = frame.rotation * link.centre;
         let centre = frame.origin + lever;
-        let inertia = frame.rotation * link.inertia * frame.rotation.transpose();
         let centre_acceleration = frame.acceleration
             + frame.angular_acceleration.cross(&lever)
             + frame.angular_velocity.cross(&frame.angular_velocity.cross(&lever));
         let force = link.mass * (centre_acceleration - chain.gravity);
-        let moment = inertia * frame.angular_acceleration
-            + frame.angular_velocity.cross(&(inertia * frame.angular_velocity));
+        // Turning two vectors into the link is cheaper than turning its inertia into the world.
+        let spin = link.inertia * frame.rotation.tr_mul(&frame.angular_velocity);
+        let moment = frame.rotation * (link.inertia * frame.rotation.tr_mul(&frame.angular_acceleration))
+            + frame.angular_velocity.cross(&(frame.rotation * spin));
         for (j, (axis, origin)) in axes.iter().enumerate().take(i + 1) {
             torque[j] += match chain.links[j].kind {
                 JointKind::Revolute => axis.dot(&((centre - origin).cross(&force) + moment)),

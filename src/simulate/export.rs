@@ -179,7 +179,7 @@ mod tests {
             time: 12.34,
             position,
             velocity: [0.5; MAX_JOINTS],
-            torque: [-3.141_59; MAX_JOINTS],
+            torque: [-7.123_46; MAX_JOINTS],
             stage: Stage::Friction,
             cycle: 3,
             signal: Some(FrictionSignal { joint: JointIndex::new(1), level: 6 }),
@@ -187,7 +187,7 @@ mod tests {
     }
 
     const TEXT: &str = "time,pos_1,pos_2,vel_1,vel_2,trq_1,trq_2,stage,cycle,joint,level\n\
-        12.3400,0.000000,-1.234568,0.500000,0.500000,-3.1416,-3.1416,2,3,2,6\n";
+        12.3400,0.000000,-1.234568,0.500000,0.500000,-7.1235,-7.1235,2,3,2,6\n";
 
     #[test]
     fn plain_and_compressed_exports_hold_the_same_text() {

@@ -12,6 +12,8 @@ pub mod motion;
 pub mod recording;
 #[cfg(test)]
 mod test_arms;
+#[cfg(test)]
+mod tests;
 pub mod trajectory;
 pub mod truth;
 

@@ -149,7 +149,7 @@ impl Plateaus {
     pub fn plateau_direction(&self, t: f64) -> Option<i8> {
         let (way, within) = way_and_time(t, self.stroke.duration(), self.strokes)?;
         let plateau = self.stroke.ramp_s..=self.stroke.ramp_s + self.stroke.plateau_s;
-        plateau.contains(&within).then_some(if way % 2 == 0 { 1 } else { -1 })
+        plateau.contains(&within).then_some(if way.is_multiple_of(2) { 1 } else { -1 })
     }
 }
 
@@ -259,7 +259,7 @@ fn way_and_time(t: f64, stroke_s: f64, strokes: u32) -> Option<(u32, f64)> {
 }
 
 fn out_or_back(start: f64, travel: f64, way: u32, [q, qd, qdd]: [f64; 3]) -> [f64; 3] {
-    if way % 2 == 0 { [start + q, qd, qdd] } else { [start + travel - q, -qd, -qdd] }
+    if way.is_multiple_of(2) { [start + q, qd, qdd] } else { [start + travel - q, -qd, -qdd] }
 }
 
 #[cfg(test)]

@@ -300,3 +300,188 @@ fn level_stroke(limits: &JointLimits, room: f64, fraction: f64) -> Stroke {
     let speed = speed.min(reachable);
     Stroke { speed, ramp_s: speed / a, plateau_s: (room / speed - speed / a).max(0.0) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::test_arms::{er3a_with_excitation, nine_joints, one_joint};
+    use crate::testing::er3a;
+
+    /// Step of central differences, s; their error is of the order of the step squared times the
+    /// third derivative, except at the kinks of the acceleration's slope, where it is of first order.
+    const STEP_S: f64 = 1e-6;
+    /// Positions of up to 10 rad divided by two steps leave 1e-9 rad/s of rounding; kinks of a
+    /// jerk of 1000 rad/s³ leave 1e-9 rad/s, and 1e-3 rad/s² in the acceleration.
+    const VELOCITY_TOLERANCE: f64 = 1e-7;
+    const ACCELERATION_TOLERANCE: f64 = 5e-3;
+    /// Rounding of states that are equal on paper.
+    const ROUNDING: f64 = 1e-8;
+
+    fn arms() -> [Robot; 4] {
+        [er3a(), er3a_with_excitation(), one_joint(), nine_joints()]
+    }
+
+    fn plan(robot: &Robot, warming_s: f64) -> CyclePlan {
+        plan_cycle(robot, &PlanSettings { warming_s, seed: 11 }).unwrap()
+    }
+
+    fn stage_s(plan: &CyclePlan, stage: Stage) -> f64 {
+        plan.segments.iter().filter(|s| s.stage == stage).map(|s| s.duration).sum()
+    }
+
+    #[test]
+    fn motion_keeps_inside_all_limits() {
+        for robot in arms() {
+            let plan = plan(&robot, 20.0);
+            for segment in &plan.segments {
+                for k in 0..=2000 {
+                    let state = state_at(&segment.motion, segment.duration * f64::from(k) / 2000.0);
+                    for (j, joint) in robot.joints.iter().enumerate() {
+                        let limits = &joint.limits;
+                        assert!(state.position[j] >= limits.position_min - ROUNDING);
+                        assert!(state.position[j] <= limits.position_max + ROUNDING);
+                        assert!(state.velocity[j].abs() <= limits.velocity + ROUNDING);
+                        assert!(state.acceleration[j].abs() <= limits.acceleration + ROUNDING);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn each_motion_starts_where_the_one_before_ends() {
+        for robot in arms() {
+            let plan = plan(&robot, 20.0);
+            let pairs = plan.segments.windows(2);
+            for pair in pairs {
+                assert!((pair[0].start + pair[0].duration - pair[1].start).abs() < ROUNDING);
+                let end = state_at(&pair[0].motion, pair[0].duration);
+                let start = state_at(&pair[1].motion, 0.0);
+                for j in 0..robot.joint_count() {
+                    assert!((end.position[j] - start.position[j]).abs() < ROUNDING);
+                    assert!((end.velocity[j] - start.velocity[j]).abs() < ROUNDING);
+                    assert!((end.acceleration[j] - start.acceleration[j]).abs() < ROUNDING * 100.0);
+                }
+            }
+            let first = plan.segments[0].state_at(0.0);
+            let last = plan.segments[plan.segments.len() - 1].state_at(plan.duration);
+            for j in 0..robot.joint_count() {
+                assert!((first.position[j] - last.position[j]).abs() < ROUNDING, "cycles must join");
+            }
+        }
+    }
+
+    #[test]
+    fn velocity_and_acceleration_are_the_derivatives() {
+        for robot in arms() {
+            for segment in &plan(&robot, 20.0).segments {
+                for k in 1..400 {
+                    let t = segment.duration * f64::from(k) / 400.0;
+                    let [before, now, after] =
+                        [t - STEP_S, t, t + STEP_S].map(|t| state_at(&segment.motion, t));
+                    for j in 0..robot.joint_count() {
+                        let qd = (after.position[j] - before.position[j]) / (2.0 * STEP_S);
+                        let qdd = (after.velocity[j] - before.velocity[j]) / (2.0 * STEP_S);
+                        assert!((qd - now.velocity[j]).abs() < VELOCITY_TOLERANCE, "{:?}", segment.motion);
+                        assert!(
+                            (qdd - now.acceleration[j]).abs() < ACCELERATION_TOLERANCE,
+                            "{:?}: {qdd} against {}",
+                            segment.motion,
+                            now.acceleration[j]
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_level_has_a_plateau_at_its_speed_in_both_directions() {
+        for robot in arms() {
+            let plan = plan(&robot, 0.0);
+            let levels: Vec<&Segment> = plan.segments.iter().filter(|s| s.signal.is_some()).collect();
+            assert_eq!(levels.len(), robot.joint_count() * robot.speed_levels.len());
+            for segment in levels {
+                let Motion::Plateaus(plateaus) = segment.motion else { panic!("{:?}", segment.motion) };
+                let signal = segment.signal.unwrap();
+                let limit = robot.joints[signal.joint.index()].limits.velocity;
+                let wanted = robot.speed_levels[usize::from(signal.level) - 1] * limit;
+                assert!((plateaus.stroke.speed / wanted - 1.0).abs() < 1e-12, "{signal:?}");
+                assert!(plateaus.stroke.plateau_s >= PLATEAU_MIN_S);
+                assert!((2.0..=5.0).contains(&segment.duration), "{signal:?}: {} s", segment.duration);
+                for direction in [-1, 1] {
+                    let rows = (0..)
+                        .map(|k| f64::from(k) / 50.0)
+                        .take_while(|t| *t < segment.duration)
+                        .filter(|t| plateaus.plateau_direction(*t) == Some(direction))
+                        .inspect(|t| {
+                            let velocity = state_at(&segment.motion, *t).velocity[signal.joint.index()];
+                            assert!((velocity - f64::from(direction) * wanted).abs() < ROUNDING);
+                        });
+                    assert!(rows.count() >= 5, "{signal:?} has too few rows at 50 Hz");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_range_too_short_for_a_level_slows_it_down() {
+        let limits = JointLimits { position_min: -0.2, position_max: 0.2, velocity: 4.0, acceleration: 8.0 };
+        let room = RANGE_USE * 0.4;
+        let stroke = level_stroke(&limits, room, 1.0);
+        assert!(stroke.speed < 4.0 && (stroke.plateau_s - PLATEAU_MIN_S).abs() < 1e-12);
+        assert!((stroke.travel() - room).abs() < 1e-12);
+        assert!(stroke.peak_acceleration() <= 8.0);
+    }
+
+    #[test]
+    fn the_excitation_comes_near_full_speed() {
+        let robot = er3a_with_excitation();
+        let plan = plan(&robot, 0.0);
+        let mut fastest = [0.0_f64; 6];
+        for segment in plan.segments.iter().filter(|s| s.stage == Stage::Excitation) {
+            for k in 0..=1000 {
+                let state = state_at(&segment.motion, segment.duration * f64::from(k) / 1000.0);
+                for (j, f) in fastest.iter_mut().enumerate() {
+                    *f = f.max(state.velocity[j].abs() / robot.joints[j].limits.velocity);
+                }
+            }
+        }
+        // Joint 3 has the shortest range for its speed.
+        assert!(fastest.iter().all(|f| *f > 0.9), "{fastest:?}");
+    }
+
+    #[test]
+    fn warming_lasts_as_asked_and_covers_the_range() {
+        let robot = er3a();
+        assert_eq!(stage_s(&plan(&robot, 0.0), Stage::Warming), 0.0);
+        for warming_s in [1.0, 20.0, 180.0] {
+            let plan = plan(&robot, warming_s);
+            assert!((stage_s(&plan, Stage::Warming) - warming_s).abs() < 1e-12);
+            let shuttles = plan.segments.iter().find_map(|s| match &s.motion {
+                Motion::Shuttle(shuttles) if s.stage == Stage::Warming => Some(shuttles.clone()),
+                _ => None,
+            });
+            for (shuttle, joint) in shuttles.unwrap().iter().zip(&robot.joints) {
+                let limits = &joint.limits;
+                let part = shuttle.travel / (limits.position_max - limits.position_min);
+                if warming_s > 10.0 {
+                    assert!((part - 0.8).abs() < 1e-9);
+                }
+                assert!(2.0 * shuttle.travel / shuttle.stroke_s <= 0.8 * limits.velocity + ROUNDING);
+            }
+        }
+    }
+
+    #[test]
+    fn impossible_robots_are_refused() {
+        let settings = PlanSettings { warming_s: 0.0, seed: 0 };
+        let mut none = er3a();
+        none.joints.clear();
+        assert!(matches!(plan_cycle(&none, &settings), Err(SimulateError::JointCount { joints: 0 })));
+        let mut flat = er3a();
+        flat.joints[2].limits.position_max = flat.joints[2].limits.position_min;
+        let message = plan_cycle(&flat, &settings).unwrap_err().to_string();
+        assert!(message.contains("joint 3"), "{message}");
+    }
+}

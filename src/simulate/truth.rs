@@ -60,7 +60,7 @@ pub struct JointTruth {
     pub warm_friction_f1_f4: [f64; 4],
     /// Fraction by which wear has raised friction.
     pub wear: f64,
-    /// Height of the bump at low speed, Nm warm, and the speed at which it has fallen to 1/e.
+    /// Height of the bump at low speed once warm, Nm.
     pub stribeck_nm: f64,
     /// Speed at which the bump has fallen to 1/e, rad/s.
     pub stribeck_rad_s: f64,

@@ -1,0 +1,236 @@
+//! Whole runs: what is in the files, and how it follows from the settings.
+
+use std::collections::BTreeMap;
+
+use super::test_arms::{er3a_with_excitation, nine_joints, one_joint};
+use super::*;
+
+fn quick() -> SimulationSettings {
+    SimulationSettings { cycles: 2, warming_s: 5.0, ambient_std_k: 0.0, ..SimulationSettings::default() }
+}
+
+fn simulate(robot: &Robot, settings: &SimulationSettings, run_index: u32) -> (tempfile::TempDir, RunFiles) {
+    let folder = tempfile::tempdir().unwrap();
+    let files = simulate_run(robot, settings, run_index, folder.path(), &mut |_| ()).unwrap();
+    (folder, files)
+}
+
+fn truth_of(files: &RunFiles) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(&files.truth).unwrap()).unwrap()
+}
+
+struct Table {
+    columns: BTreeMap<String, usize>,
+    rows: Vec<Vec<f64>>,
+}
+
+impl Table {
+    fn read(path: &Path) -> Self {
+        let text = fs::read_to_string(path).unwrap();
+        let mut lines = text.lines();
+        let header = lines.next().unwrap();
+        let columns = header.split(',').enumerate().map(|(i, c)| (c.to_owned(), i)).collect();
+        let rows = lines.map(|l| l.split(',').map(|c| c.parse().unwrap()).collect()).collect();
+        Self { columns, rows }
+    }
+
+    fn get(&self, row: &[f64], column: &str) -> f64 {
+        row[self.columns[column]]
+    }
+}
+
+#[test]
+fn name_header_and_rows_are_those_of_the_native_layout() {
+    let robot = er3a_with_excitation();
+    let settings = SimulationSettings { first_start: "2026-01-05T08:47:00Z".parse().unwrap(), ..quick() };
+    let mut reports = Vec::new();
+    let folder = tempfile::tempdir().unwrap();
+    let files = simulate_run(&robot, &settings, 1, folder.path(), &mut |p| reports.push(p)).unwrap();
+    let name = files.export.file_name().unwrap().to_str().unwrap();
+    assert_eq!(name, "R01_20260106_0847_Col23_5s_cycle2.csv");
+    assert_eq!(files.truth.file_name().unwrap(), "R01_20260106_0847_Col23_5s_cycle2.truth.json");
+
+    let text = fs::read_to_string(&files.export).unwrap();
+    let expected = "time,pos_1,pos_2,pos_3,pos_4,pos_5,pos_6,vel_1,vel_2,vel_3,vel_4,vel_5,vel_6,\
+                    trq_1,trq_2,trq_3,trq_4,trq_5,trq_6,stage,cycle,joint,level";
+    assert_eq!(text.lines().next().unwrap(), expected);
+    assert_eq!(text.lines().count() as u64, files.rows + 1);
+
+    let truth = truth_of(&files);
+    assert_eq!(truth["rows"], files.rows);
+    assert_eq!(truth["run"], 2);
+    assert_eq!(truth["rows_per_cycle"].as_u64().unwrap() * 2, files.rows);
+    let last = reports.last().unwrap();
+    assert_eq!((last.rows, last.rows_total, last.cycle), (files.rows, files.rows, 2));
+}
+
+#[test]
+fn signals_tell_cycle_stage_joint_and_level_in_order() {
+    let (_folder, files) = simulate(&er3a_with_excitation(), &quick(), 0);
+    let table = Table::read(&files.export);
+    let mut changes: Vec<[u32; 4]> = Vec::new();
+    for (k, row) in table.rows.iter().enumerate() {
+        assert!((table.get(row, "time") - k as f64 / 50.0).abs() < 5e-5);
+        let signals = ["cycle", "stage", "joint", "level"].map(|c| table.get(row, c) as u32);
+        if changes.last() != Some(&signals) {
+            changes.push(signals);
+        }
+    }
+    let mut expected = Vec::new();
+    for cycle in 1..=2 {
+        expected.push([cycle, 0, 0, 0]);
+        expected.extend([[cycle, 1, 0, 0], [cycle, 0, 0, 0]]);
+        for joint in 1..=6 {
+            expected.extend((1..=6).map(|level| [cycle, 2, joint, level]));
+            expected.push([cycle, 0, 0, 0]);
+        }
+        expected.extend([[cycle, 3, 0, 0], [cycle, 0, 0, 0]]);
+    }
+    assert_eq!(changes, expected);
+}
+
+#[test]
+fn a_seed_gives_the_same_bytes_and_another_seed_others() {
+    let robot = er3a_with_excitation();
+    for gzip in [false, true] {
+        let settings = SimulationSettings { gzip, cycles: 1, ..quick() };
+        let bytes = |settings: &SimulationSettings, run| {
+            let (_folder, files) = simulate(&robot, settings, run);
+            (fs::read(&files.export).unwrap(), fs::read(&files.truth).unwrap())
+        };
+        let first = bytes(&settings, 0);
+        assert_eq!(first, bytes(&settings, 0));
+        let others = [
+            bytes(&SimulationSettings { seed: 2, ..settings.clone() }, 0),
+            bytes(&SimulationSettings { robot_name: "R02".into(), ..settings.clone() }, 0),
+            bytes(&settings, 1),
+        ];
+        assert!(others.iter().all(|other| other.0 != first.0));
+    }
+}
+
+#[test]
+fn recorded_torque_on_plateaus_is_the_stated_friction_where_gravity_does_no_work() {
+    // Joint 1 stands upright: its plateau torque is friction alone, apart from ripple and noise.
+    let (_folder, files) = simulate(&er3a_with_excitation(), &quick(), 0);
+    let table = Table::read(&files.export);
+    let truth = truth_of(&files);
+    for level in truth["cycle_truth"][0]["friction_levels"].as_array().unwrap() {
+        if level["joint"] != 1 {
+            continue;
+        }
+        let speed = level["speed_rad_s"].as_f64().unwrap();
+        let mut torque = Vec::new();
+        for row in &table.rows {
+            let same = table.get(row, "cycle") == 1.0
+                && table.get(row, "joint") == 1.0
+                && table.get(row, "level") == level["level"].as_f64().unwrap();
+            // Five standard deviations of the velocity noise; no ramp row passes by chance often.
+            if same && (table.get(row, "vel_1") - speed).abs() < 0.01 {
+                torque.push(table.get(row, "trq_1"));
+            }
+        }
+        let mean = torque.iter().sum::<f64>() / torque.len() as f64;
+        let stated = level["torque_positive_nm"].as_f64().unwrap();
+        // Noise of 0.3 Nm over the root of the rows at four standard deviations, and the ripple.
+        let tolerance = 4.0 * 0.3 / (torque.len() as f64).sqrt() + 0.05;
+        assert!((mean - stated).abs() < tolerance, "{level}: {mean} over {} rows", torque.len());
+    }
+}
+
+#[test]
+fn stated_friction_falls_from_cycle_to_cycle_and_each_level_has_both_directions() {
+    let settings = SimulationSettings { cycles: 3, ..quick() };
+    let (_folder, files) = simulate(&er3a_with_excitation(), &settings, 0);
+    let truth = truth_of(&files);
+    let levels = |cycle: usize| truth["cycle_truth"][cycle]["friction_levels"].as_array().unwrap().clone();
+    assert_eq!(levels(0).len(), 36);
+    for (first, last) in levels(0).iter().zip(levels(2)) {
+        assert!(first["rows"].as_u64().unwrap() >= 10);
+        assert!(first["minute"].as_f64().unwrap() < last["minute"].as_f64().unwrap());
+        let of = |level: &serde_json::Value, key: &str| level[key].as_f64().unwrap();
+        assert!(of(first, "torque_positive_nm") > of(&last, "torque_positive_nm"));
+        assert!(of(first, "torque_negative_nm") < of(&last, "torque_negative_nm"));
+        assert!(of(&last, "torque_positive_nm") > 0.0);
+    }
+}
+
+#[test]
+fn wear_raises_friction_of_its_joint_by_the_stated_amount() {
+    let settings = SimulationSettings {
+        cycles: 1,
+        faults: vec!["wear:joint=2,from=2,rate=0.1".parse().unwrap()],
+        ..quick()
+    };
+    let robot = er3a_with_excitation();
+    let levels = |run| {
+        let (_folder, files) = simulate(&robot, &settings, run);
+        let truth = truth_of(&files);
+        (truth["faults"][0]["size"].as_f64().unwrap(), truth["cycle_truth"][0]["friction_levels"].clone())
+    };
+    let (healthy, worn) = (levels(0), levels(3));
+    assert_eq!(healthy.0, 0.0);
+    assert!((worn.0 - 0.3).abs() < 1e-12);
+    for (a, b) in healthy.1.as_array().unwrap().iter().zip(worn.1.as_array().unwrap()) {
+        let ratio = b["torque_positive_nm"].as_f64().unwrap() / a["torque_positive_nm"].as_f64().unwrap();
+        let expected = if a["joint"] == 2 { 1.3 } else { 1.0 };
+        assert!((ratio - expected).abs() < 1e-9, "{a}: {ratio}");
+    }
+}
+
+#[test]
+fn arms_of_one_and_of_nine_joints_are_recorded() {
+    for (robot, columns) in [(one_joint(), 8), (nine_joints(), 32)] {
+        let settings = SimulationSettings { cycles: 1, ..quick() };
+        let (_folder, files) = simulate(&robot, &settings, 0);
+        let table = Table::read(&files.export);
+        assert_eq!(table.columns.len(), columns);
+        assert!(table.rows.iter().flatten().all(|x| x.is_finite()));
+        let n = robot.joint_count();
+        for joint in 1..=n {
+            assert!(table.rows.iter().any(|r| table.get(r, "joint") as usize == joint));
+        }
+    }
+}
+
+#[test]
+fn the_ambient_varies_from_run_to_run_if_asked() {
+    let settings = SimulationSettings { ambient_std_k: 2.0, ambient_offset_k: -3.0, ..quick() };
+    let offsets: Vec<f64> = (0..200).map(|run| ambient_offset(&settings, run)).collect();
+    let mean = offsets.iter().sum::<f64>() / 200.0;
+    // Four standard errors of the mean of 200 draws.
+    assert!((mean + 3.0).abs() < 4.0 * 2.0 / 200.0_f64.sqrt(), "{mean}");
+    assert_eq!(ambient_offset(&quick(), 5), 0.0);
+}
+
+#[test]
+fn impossible_settings_are_refused_by_name() {
+    let robot = er3a_with_excitation();
+    let folder = tempfile::tempdir().unwrap();
+    let refusals = [
+        ("robot_name", SimulationSettings { robot_name: "../x".into(), ..quick() }),
+        ("sample_rate_hz", SimulationSettings { sample_rate_hz: f64::NAN, ..quick() }),
+        ("cycles", SimulationSettings { cycles: 0, ..quick() }),
+        ("warming_s", SimulationSettings { warming_s: -1.0, ..quick() }),
+        ("interval", SimulationSettings { runs: 2, interval: Duration::from_secs(1), ..quick() }),
+        ("interval", SimulationSettings { interval: Duration::MAX, ..quick() }),
+        (
+            "fault",
+            SimulationSettings { faults: vec!["wear:joint=7,from=1,rate=0.1".parse().unwrap()], ..quick() },
+        ),
+    ];
+    for (key, settings) in refusals {
+        let error = simulate_run(&robot, &settings, 3, folder.path(), &mut |_| ()).unwrap_err();
+        assert!(error.to_string().starts_with(key), "{key}: {error}");
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn a_separate_folder_takes_the_truth() {
+    let truth = tempfile::tempdir().unwrap();
+    let settings = SimulationSettings { cycles: 1, truth_dir: Some(truth.path().join("truth")), ..quick() };
+    let (folder, files) = simulate(&one_joint(), &settings, 0);
+    assert!(files.truth.starts_with(truth.path()) && files.truth.exists());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
