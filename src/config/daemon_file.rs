@@ -9,7 +9,7 @@ use super::limits::Limits;
 use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::recognition::{DEFAULT_FILE_NAME, time_zone};
-use super::{Config, FleetEntry, Layout, Recognition, WatchSettings};
+use super::{Config, FleetEntry, Layout, Recognition, ScaledColumn, WatchSettings};
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::DetectSettings;
 use super::{parse_layout, parse_robot, pattern};
