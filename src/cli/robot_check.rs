@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use nalgebra::{Matrix3, Vector3};
 use serde_json::json;
 
 use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, output};
@@ -14,15 +15,22 @@ use crate::robot::Robot;
 /// digits, and summing them over a chain loses two or three.
 const REFERENCE_TOLERANCE: f64 = 1e-9;
 
+/// Largest relative difference between two exact formulas for one number.
+const EXACT_TOLERANCE: f64 = 1e-9;
+
+/// Largest relative difference between a formula and a finite difference.
+const DIFFERENCE_TOLERANCE: f64 = 1e-4;
+
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   armwatch robot check config/robots/er3a.toml
   armwatch robot check config/robots/er3a.toml --reference tests/reference/er3a_inverse_dynamics.csv
 
-The reference is a CSV table with the columns q_1.., qd_1.., qdd_1.., tau_nm_1.. and, if the pose is to be
-compared as well, px,py,pz,r11,r12,r13,r21,r22,r23,r31,r32,r33; torques are those of the rigid links with
-the description's nominal inertia, without friction and motor inertia. Exit status 1 if it disagrees.")]
+The reference is a CSV table with the columns q_1.., qd_1.., qdd_1.., tau_nm_1.. and the pose of the last
+frame in the base, px,py,pz,r11,r12,r13,r21,r22,r23,r31,r32,r33; torques are those of the rigid links with
+the description's nominal inertia, without friction and motor inertia. Exit status 1 if they disagree, or
+if the formulas disagree with each other on this arm.")]
 pub(super) struct RobotCheckArgs {
     /// Robot description
     #[arg(value_name = "FILE")]
@@ -45,11 +53,33 @@ pub(super) fn check(global: &Global, args: &RobotCheckArgs) -> Result<u8, CliErr
     } else {
         output::line(&checked.to_string());
         if let Some(agreement) = &agreement {
-            output::line(&agreement.to_string());
+            output::line(&agreement_text(agreement));
         }
     }
-    let agrees = agreement.is_none_or(|found| found.within(REFERENCE_TOLERANCE)) && checked.is_consistent();
+    let agrees = agreement.is_none_or(|found| within(&found)) && is_consistent(&checked);
     Ok(if agrees { EXIT_DONE } else { EXIT_FOUND })
+}
+
+/// Whether the reference agrees; a description without nominal inertia says nothing of torque.
+fn within(found: &ReferenceAgreement) -> bool {
+    [found.torque.unwrap_or(0.0), found.position, found.rotation].iter().all(|worst| *worst <= REFERENCE_TOLERANCE)
+}
+
+fn is_consistent(checked: &RobotCheck) -> bool {
+    let found = &checked.identities;
+    let exact = found.regressor <= EXACT_TOLERANCE && found.grouping <= EXACT_TOLERANCE;
+    exact && found.gravity <= DIFFERENCE_TOLERANCE && found.power <= DIFFERENCE_TOLERANCE
+}
+
+fn agreement_text(found: &ReferenceAgreement) -> String {
+    let torque = found.torque.map_or_else(|| "not compared, no nominal inertia".into(), |worst| format!("{worst:.1e}"));
+    format!(
+        "Reference: {} rows, worst relative difference: torque {torque}, position {:.1e}, rotation {:.1e}: {}",
+        found.rows,
+        found.position,
+        found.rotation,
+        if within(found) { "agrees" } else { "DISAGREES" }
+    )
 }
 
 fn compare(robot: &Robot, path: &Path) -> Result<ReferenceAgreement, CliError> {
@@ -69,10 +99,10 @@ fn reference_rows(joints: usize, text: &str) -> Result<Vec<ReferenceRow>, String
         (1..=joints).map(|joint| place(&format!("{prefix}_{joint}"))).collect()
     };
     let (q, qd, qdd, tau) = (per_joint("q")?, per_joint("qd")?, per_joint("qdd")?, per_joint("tau_nm")?);
-    let pose: Option<Vec<usize>> = ["px", "py", "pz", "r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33"]
+    let pose: Vec<usize> = ["px", "py", "pz", "r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33"]
         .iter()
-        .map(|name| place(name).ok())
-        .collect();
+        .map(|name| place(name))
+        .collect::<Result<_, _>>()?;
     let mut rows = Vec::new();
     for (number, line) in (2..).zip(lines).filter(|(_, line)| !line.trim().is_empty()) {
         let cells: Vec<f64> = line
@@ -83,7 +113,15 @@ fn reference_rows(joints: usize, text: &str) -> Result<Vec<ReferenceRow>, String
             return Err(format!("line {number}: {} cells for {} columns", cells.len(), header.len()));
         }
         let take = |places: &[usize]| places.iter().map(|&at| cells[at]).collect::<Vec<f64>>();
-        rows.push(ReferenceRow { q: take(&q), qd: take(&qd), qdd: take(&qdd), tau: take(&tau), pose: pose.as_deref().map(take) });
+        let pose = take(&pose);
+        rows.push(ReferenceRow {
+            q: take(&q),
+            qd: take(&qd),
+            qdd: take(&qdd),
+            tau: take(&tau),
+            position: Vector3::from_column_slice(&pose[..3]),
+            rotation: Matrix3::from_row_slice(&pose[3..]),
+        });
     }
     if rows.is_empty() { Err("no rows".into()) } else { Ok(rows) }
 }
@@ -106,7 +144,7 @@ fn as_value(robot: &Robot, checked: &RobotCheck, agreement: Option<&ReferenceAgr
         "condition_number": base.condition_number,
         "scaled_condition_number": base.scaled_condition_number,
         "reference": agreement.map(|found| json!({
-            "rows": found.rows, "torque": found.torque, "pose": found.pose,
+            "rows": found.rows, "torque": found.torque, "position": found.position, "rotation": found.rotation,
         })),
     })
 }

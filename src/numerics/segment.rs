@@ -57,6 +57,8 @@ pub struct CycleCutter {
     searched: usize,
     stage_reached: Option<Stage>,
     counter: Option<u32>,
+    /// Largest counter so far; zero, before and after a test, does not count as falling.
+    counter_reached: u32,
     cycles_cut: u32,
     rows_seen: u64,
     stage_seen: bool,
@@ -104,10 +106,11 @@ impl CycleCutter {
     fn begins_cycle(&self, row: usize) -> Result<bool, SegmentError> {
         if let Some(counters) = &self.pending.cycle {
             let (Some(from), to) = (self.counter, counters[row]) else { return Ok(false) };
-            if to < from {
-                return Err(SegmentError::CounterFalls { from, to, time_s: self.pending.time[row] });
+            if to != 0 && to < self.counter_reached {
+                let time_s = self.pending.time[row];
+                return Err(SegmentError::CounterFalls { from: self.counter_reached, to, time_s });
             }
-            return Ok(to > from);
+            return Ok(to != from);
         }
         let stage = self.pending.stage[row];
         Ok(stage != Stage::Between && self.stage_reached.is_some_and(|reached| stage < reached))
@@ -115,6 +118,7 @@ impl CycleCutter {
 
     fn note_row(&mut self, row: usize) {
         self.counter = self.pending.cycle.as_ref().map(|counters| counters[row]);
+        self.counter_reached = self.counter_reached.max(self.counter.unwrap_or(0));
         let stage = self.pending.stage[row];
         if stage != Stage::Between {
             self.stage_reached = Some(stage);
@@ -212,9 +216,9 @@ mod tests {
     }
 
     #[test]
-    fn the_counter_wins_and_zero_is_before_the_test() {
-        let stages = [0, 1, 1, 3, 0, 1, 3, 3];
-        let counters = [0, 1, 1, 1, 3, 3, 3, 3];
+    fn the_counter_wins_and_zero_is_outside_the_test() {
+        let stages = [0, 1, 1, 3, 0, 1, 3, 3, 0, 0];
+        let counters = [0, 1, 1, 1, 3, 3, 3, 3, 0, 0];
         assert_eq!(cut_all(samples(&stages, Some(&counters)), 100), vec![(1, 3), (3, 4)]);
     }
 

@@ -56,7 +56,7 @@ const ROOMS: &[Room] = &[
             "robot", "run", "analysis", "anomaly", "numerics", "config", "telemetry", "ingest", "store", "pipeline",
             "alert", "simulate", "daemon",
         ],
-        door_to: &["clap", "indicatif", "tempfile"],
+        door_to: &["clap", "indicatif", "tempfile", "nalgebra"],
     },
 ];
 
