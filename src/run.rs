@@ -66,7 +66,7 @@ pub struct Samples {
     pub torque: Vec<Vec<f64>>,
     /// Stage of each row.
     pub stage: Vec<Stage>,
-    /// Cycle counter of each row, from 1, where recorded.
+    /// Cycle counter of each row, from 1, where recorded; 0 before and after the test.
     pub cycle: Option<Vec<u32>>,
     /// Joint and level of each row, where recorded; `None` in a row outside the friction stage.
     pub friction_signal: Option<Vec<Option<FrictionSignal>>>,

@@ -81,7 +81,7 @@ pub fn refusal(value: f64, role: Role, map: &ColumnMap) -> Option<String> {
         Role::Velocity(_) => beyond(factors.velocity, MAX_VELOCITY, "joint's velocity", "rad/s"),
         Role::Torque(_) => beyond(factors.torque, MAX_TORQUE, "joint's torque", "Nm"),
         Role::Stage => stage_of(value, map).is_none().then(|| "no known stage".into()),
-        Role::Cycle => out_of_range(value, 1, u64::from(MAX_CYCLE)),
+        Role::Cycle => out_of_range(value, 0, u64::from(MAX_CYCLE)),
         Role::FrictionJoint => out_of_range(value, 0, map.joint_count() as u64),
         Role::FrictionLevel => out_of_range(value, 0, u64::from(max_level(map))),
     }
@@ -159,7 +159,7 @@ fn stage_of(value: f64, map: &ColumnMap) -> Option<Stage> {
 }
 
 fn cycles(values: &[f64]) -> Option<Vec<u32>> {
-    values.iter().map(|value| in_range(*value, 1, u64::from(MAX_CYCLE)).map(|v| v as u32)).collect()
+    values.iter().map(|value| in_range(*value, 0, u64::from(MAX_CYCLE)).map(|v| v as u32)).collect()
 }
 
 fn friction_signals(
