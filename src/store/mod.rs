@@ -15,7 +15,13 @@ mod open;
 mod read;
 mod run_analysis;
 #[cfg(test)]
+mod test_support;
+#[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tests_finish;
+#[cfg(test)]
+mod tests_open;
 mod values;
 
 use std::path::Path;
