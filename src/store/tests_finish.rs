@@ -31,6 +31,7 @@ async fn the_end_of_a_run_reads_what_it_needs_and_stores_the_rest() {
     assert_eq!((history[0].started_at, history[1].started_at), (day(0), day(1)));
 
     let points = end.friction_history(0.2 * 3.0).await.expect("points");
+    assert_eq!(store.friction_history(run_id, 0.6).await.expect("points"), points);
     let expected: Vec<_> = [1, 2, 3, 1, 2]
         .into_iter()
         .flat_map(|number| cycle(number).friction_points)
@@ -60,6 +61,7 @@ async fn a_whole_run_may_be_stored_from_a_spawned_task() {
         store.describe_model(&er3a(), &[]).await?;
         store.record_cycle(run_id, &cycle(1), &er3a()).await?;
         store.run_measurements(run_id).await?;
+        store.friction_history(run_id, 0.6).await?;
         let mut end = store.finish_run(run_id).await?;
         end.measurements().await?;
         end.store_analysis(&run_analysis(1.0)).await?;
