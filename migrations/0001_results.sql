@@ -197,8 +197,8 @@ CREATE TABLE parameter_statistic (
 
 -- What a run says of a joint, condensed for the detectors, which read whole histories.
 CREATE TABLE run_joint_summary (
-    run_id                    INTEGER NOT NULL REFERENCES run ON DELETE CASCADE,
-    joint                     INTEGER NOT NULL CHECK (joint >= 1),
+    run_id                     INTEGER NOT NULL REFERENCES run ON DELETE CASCADE,
+    joint                      INTEGER NOT NULL CHECK (joint >= 1),
     warm_friction_nm           REAL,
     warm_friction_std_error_nm REAL,
     -- Mean time of the points: runs compare at equal warmth only.

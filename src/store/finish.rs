@@ -14,7 +14,8 @@ use crate::anomaly::{Findings, RunSummary};
 
 /// An open transaction that ends a run. Dropping it without [`commit`](Self::commit) leaves the
 /// database as it was. It holds the only writer: do slow work before opening it, with
-/// [`Store::run_measurements`](super::Store::run_measurements).
+/// [`Store::run_measurements`](super::Store::run_measurements) and
+/// [`Store::friction_history`](super::Store::friction_history).
 #[derive(Debug)]
 pub struct FinishTransaction {
     pub(super) transaction: Transaction<'static, Sqlite>,

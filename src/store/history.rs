@@ -122,7 +122,7 @@ async fn parameters_by_cycle(
         .into_iter()
         .map(|(cycle, mut parameters)| {
             // Natural order: inertia by link, friction by joint, motor inertia by joint.
-            parameters.sort_by_key(|p| natural_place(p));
+            parameters.sort_by_key(natural_place);
             CycleParameters { cycle, parameters }
         })
         .collect())

@@ -15,7 +15,13 @@ mod open;
 mod read;
 mod run_analysis;
 #[cfg(test)]
+mod test_support;
+#[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tests_finish;
+#[cfg(test)]
+mod tests_open;
 mod values;
 
 use std::path::Path;
@@ -30,7 +36,7 @@ pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use ledger::{KnownRun, RunTotals};
 pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
 
-use crate::analysis::CycleAnalysis;
+use crate::analysis::{CycleAnalysis, FrictionPoint};
 use crate::robot::{ParameterId, Robot};
 use crate::run::{ContentHash, RunHeader};
 use analyses::Recorded;
@@ -163,6 +169,23 @@ impl Store {
     pub async fn run_measurements(&self, run_id: i64) -> Result<RunMeasurements, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(history::run_measurements(&mut connection, run_id).await)
+    }
+
+    /// Reads the friction points that mixed fits need once this run is complete, without holding the
+    /// writer: those of the robot's complete runs and of this one at one nominal speed, oldest run
+    /// first; times count from each point's own run.
+    ///
+    /// # Errors
+    /// [`StoreError::RunNotOpen`] if the run is unknown or quarantined.
+    pub async fn friction_history(
+        &self,
+        run_id: i64,
+        speed_fraction: f64,
+    ) -> Result<Vec<FrictionPoint>, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        let robot = self.checked(ledger::robot_of_run(&mut *connection, run_id).await)?;
+        let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
+        self.checked(history::friction_history(&mut *connection, robot_id, run_id, speed_fraction).await)
     }
 
     /// Opens the transaction that ends a run. A complete run may be ended again.

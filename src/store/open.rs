@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use sqlx::migrate::Migrator;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
@@ -13,6 +13,9 @@ use super::{Store, StoreError};
 /// How long a write waits for another process. Longer than any transaction of this program, shorter
 /// than a person waits for an answer.
 pub(super) const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Pause before the journal's mode is tried again; another program holds that lock for milliseconds.
+const LOCK_RETRY: Duration = Duration::from_millis(20);
 
 /// Readers at a time: a command and a page each ask a few questions, and every connection keeps a
 /// thread and a page cache of about 2 MB.
@@ -46,12 +49,29 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
         .journal_mode(SqliteJournalMode::Wal)
         .synchronous(SqliteSynchronous::Normal)
         .pragma("journal_size_limit", LOG_LIMIT_BYTES);
-    let writer = pool(1, writing, busy_timeout).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
+    let writer = writer_pool(&path, writing, busy_timeout).await?;
     migrate(&path, &writer).await?;
     let readers = pool(READERS, options.read_only(true), busy_timeout)
         .await
         .map_err(|e| StoreError::from_sqlx(&path, &e))?;
     Ok(Store { path, writer, readers })
+}
+
+/// The writer. Turning a new file's journal into a write-ahead log needs an exclusive lock, for which
+/// SQLite does not wait: of two programs that start on a new file, one has to try again.
+async fn writer_pool(
+    path: &Path,
+    options: SqliteConnectOptions,
+    busy_timeout: Duration,
+) -> Result<SqlitePool, StoreError> {
+    let deadline = Instant::now() + busy_timeout;
+    loop {
+        let opened = pool(1, options.clone(), busy_timeout).await;
+        match opened.map_err(|e| StoreError::from_sqlx(path, &e)) {
+            Err(StoreError::Busy { .. }) if Instant::now() < deadline => tokio::time::sleep(LOCK_RETRY).await,
+            outcome => return outcome,
+        }
+    }
 }
 
 async fn pool(
@@ -124,7 +144,10 @@ async fn identity(connection: &mut SqliteConnection) -> Result<Identity, sqlx::E
 async fn migrate(path: &Path, writer: &SqlitePool) -> Result<(), StoreError> {
     let broken = |e: sqlx::Error| StoreError::from_sqlx(path, &e);
     let mut transaction = writer.begin_with("BEGIN IMMEDIATE").await.map_err(broken)?;
-    MIGRATOR.run(&mut *transaction).await.map_err(|e| StoreError::from_migrate(path, &e))?;
+    MIGRATOR
+        .run_direct(None, &mut *transaction, false)
+        .await
+        .map_err(|e| StoreError::from_migrate(path, &e))?;
     transaction.commit().await.map_err(broken)
 }
 

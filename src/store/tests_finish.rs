@@ -1,0 +1,335 @@
+//! The end of a run: analysis, history, anomalies, health.
+
+use sqlx::AssertSqlSafe;
+
+use super::test_support::*;
+use super::{HealthStatus, StoreError};
+use crate::anomaly::{Findings, JointHealth, Severity};
+use crate::run::RunStatus;
+use crate::testing::er3a;
+
+#[tokio::test]
+async fn the_end_of_a_run_reads_what_it_needs_and_stores_the_rest() {
+    let (_folder, store) = fresh().await;
+    // The later run arrives first; the history is by start, not by arrival.
+    let later = streaming_run(&store, "R00", 1, 2).await;
+    finish(&store, later, 2, &findings(vec![])).await;
+    let other = streaming_run(&store, "R01", 0, 1).await;
+    finish(&store, other, 1, &findings(vec![])).await;
+    let unfinished = streaming_run(&store, "R00", 2, 1).await;
+    let run_id = streaming_run(&store, "R00", 0, 3).await;
+
+    let mut end = store.finish_run(run_id).await.expect("a transaction");
+    assert_eq!(
+        end.measurements().await.expect("measurements"),
+        store.run_measurements(run_id).await.expect("same")
+    );
+    end.store_analysis(&run_analysis(10.0)).await.expect("an analysis");
+    let history = end.run_summaries().await.expect("summaries");
+    assert_eq!(history.iter().map(|r| (r.run_id, r.cycles)).collect::<Vec<_>>(), [(run_id, 3), (later, 2)]);
+    assert_eq!(history[0].joints, run_analysis(10.0).summaries);
+    assert_eq!((history[0].started_at, history[1].started_at), (day(0), day(1)));
+
+    let points = end.friction_history(0.2 * 3.0).await.expect("points");
+    assert_eq!(store.friction_history(run_id, 0.6).await.expect("points"), points);
+    let expected: Vec<_> = [1, 2, 3, 1, 2]
+        .into_iter()
+        .flat_map(|number| cycle(number).friction_points)
+        .filter(|p| p.speed_fraction == 0.6)
+        .collect();
+    assert_eq!(points, expected);
+
+    end.replace_mixed_fits(&fits(20.0)).await.expect("fits");
+    end.reconcile(&findings(vec![])).await.expect("findings");
+    end.complete(totals(3)).await.expect("completion");
+    end.commit().await.expect("a commit");
+    let row = store.runs().await.expect("runs").into_iter().find(|r| r.run_id == run_id).expect("the run");
+    assert_eq!((row.status, row.cycles, row.rows), (RunStatus::Complete, 3, Some(90_078)));
+    assert_eq!(store.counts().await.expect("counts").streaming_runs, 1);
+    assert!(store.discard_run(unfinished).await.expect("an answer"));
+    assert_sound(&store).await;
+}
+
+/// Every call can be part of a task of its own, on any thread.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_whole_run_may_be_stored_from_a_spawned_task() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("fleet.db");
+    let task = tokio::spawn(async move {
+        let store = super::Store::open(&path).await?;
+        let run_id = store.begin_run(&header("R00", 0)).await?.run_id;
+        store.describe_model(&er3a(), &[]).await?;
+        store.record_cycle(run_id, &cycle(1), &er3a()).await?;
+        store.run_measurements(run_id).await?;
+        store.friction_history(run_id, 0.6).await?;
+        let mut end = store.finish_run(run_id).await?;
+        end.measurements().await?;
+        end.store_analysis(&run_analysis(1.0)).await?;
+        end.run_summaries().await?;
+        end.friction_history(0.6).await?;
+        end.replace_mixed_fits(&fits(1.0)).await?;
+        end.reconcile(&findings(vec![])).await?;
+        end.complete(totals(1)).await?;
+        end.commit().await?;
+        store.quarantine(&header("R00", 1), "no rows", None, None).await?;
+        store.lookup(&header("R00", 1).content_hash).await?;
+        store.discard_run(run_id).await?;
+        let answers = (store.runs().await?.len(), store.fleet_health().await?.len());
+        store.anomalies_after(0).await?;
+        store.counts().await?;
+        store.close().await?;
+        Ok::<_, StoreError>(answers)
+    });
+    assert_eq!(task.await.expect("no panic").expect("no error"), (2, 6));
+}
+
+#[tokio::test]
+async fn ending_a_run_again_replaces_its_results() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 2).await;
+    finish(&store, run_id, 2, &findings(vec![anomaly(joint(1), run_id, Severity::Info)])).await;
+    let once = dump(&store).await;
+    finish(&store, run_id, 2, &findings(vec![anomaly(joint(1), run_id, Severity::Info)])).await;
+    assert_eq!(dump(&store).await, once);
+}
+
+#[tokio::test]
+async fn fits_of_each_shape_show_their_own_columns() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 1).await;
+    finish(&store, run_id, 1, &findings(vec![])).await;
+    let shape = |model: &str| {
+        AssertSqlSafe(format!(
+            "SELECT count(a_nm) || count(b_nm) || count(t1_min) || count(c_nm) || count(t2_min)
+                    || count(a_std_error_nm) || count(b_std_error_nm) || count(t1_std_error_min)
+                    || count(c_std_error_nm) || count(t2_std_error_min)
+             FROM warmup_fits WHERE model = '{model}' AND run_id IS NOT NULL"
+        ))
+    };
+    for (model, expected) in [("double", "1111111111"), ("single", "1110011100"), ("constant", "1000010000")]
+    {
+        let found: String = sqlx::query_scalar(shape(model)).fetch_one(&store.readers).await.expect("a row");
+        assert_eq!(found, expected, "{model}");
+    }
+    assert_eq!(number(&store, "SELECT count(*) FROM warmup_fits WHERE run_id IS NULL").await, Some(3.0));
+    let t1 = "SELECT t1_min FROM warmup_fits WHERE run_id IS NULL AND joint = 1";
+    assert_eq!(number(&store, t1).await, Some(40.0));
+    assert_eq!(
+        number(&store, "SELECT t2_std_error_min FROM warmup_fits WHERE t2_min > 0").await,
+        Some(5.0 / 16.0)
+    );
+    let windows =
+        "SELECT group_concat(\"window\") FROM parameter_statistics WHERE parameter = 'Izz' AND d_se IS NULL";
+    assert_eq!(text(&store, windows).await.as_deref(), Some("after_5,all"));
+}
+
+#[tokio::test]
+async fn a_run_is_complete_only_with_all_its_cycles() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 2).await;
+    let mut end = store.finish_run(run_id).await.expect("a transaction");
+    let error = end.complete(totals(3)).await.expect_err("a refusal");
+    assert!(matches!(error, StoreError::Refused { .. }), "{error}");
+}
+
+#[tokio::test]
+async fn a_statistic_of_an_unknown_parameter_is_refused() {
+    let (_folder, store) = fresh().await;
+    let run_id = store.begin_run(&header("R00", 0)).await.expect("a run").run_id;
+    let mut end = store.finish_run(run_id).await.expect("a transaction");
+    let error = end.store_analysis(&run_analysis(1.0)).await.expect_err("a refusal");
+    assert!(matches!(error, StoreError::Refused { .. }), "{error}");
+}
+
+#[tokio::test]
+async fn a_transaction_dropped_half_way_leaves_nothing() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 2).await;
+    let before = dump(&store).await;
+    let mut end = store.finish_run(run_id).await.expect("a transaction");
+    end.store_analysis(&run_analysis(1.0)).await.expect("an analysis");
+    end.reconcile(&findings(vec![anomaly(joint(1), run_id, Severity::Critical)])).await.expect("findings");
+    end.complete(totals(2)).await.expect("completion");
+    drop(end);
+    // The writer is free again, and nothing of the dropped work is there.
+    assert!(!store.record_cycle(run_id, &cycle(1), &er3a()).await.expect("the writer"));
+    assert_eq!(dump(&store).await, before);
+    assert_sound(&store).await;
+}
+
+#[tokio::test]
+async fn anomalies_keep_their_number_and_acknowledgement() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 1).await;
+    let drift = anomaly(joint(2), run_id, Severity::Warning);
+    let mut past = anomaly(joint(3), run_id, Severity::Warning);
+    past.ended = true;
+
+    let opened = reconcile(&store, run_id, vec![drift.clone(), past.clone()]).await;
+    assert_eq!((opened.opened.len(), opened.resolved.len()), (1, 0), "an ended one is no news");
+    let id = opened.opened[0];
+    assert_eq!(states(&store).await, ["open", "resolved"]);
+
+    acknowledge(&store, id).await;
+    let mut worse = drift.clone();
+    (worse.severity, worse.score, worse.last_seen_at) = (Severity::Critical, 9.0, day(4));
+    let same = reconcile(&store, run_id, vec![past.clone(), worse]).await;
+    assert_eq!(same, super::Reconciled::default());
+    assert_eq!(states(&store).await, ["acknowledged", "resolved"]);
+    let row = &store.anomalies_after(0).await.expect("anomalies")[0];
+    assert_eq!((row.anomaly_id, row.severity, row.score), (id, Severity::Critical, Some(9.0)));
+    assert_eq!((row.first_seen_at, row.last_seen_at), (day(0), day(4)));
+    assert_eq!((row.robot.as_str(), row.run_id, row.joint), ("R00", run_id, joint(2)));
+
+    let gone = reconcile(&store, run_id, vec![past.clone()]).await;
+    assert_eq!((gone.opened, gone.resolved), (vec![], vec![id]));
+    assert_eq!(states(&store).await, ["resolved", "resolved"]);
+    let back = reconcile(&store, run_id, vec![drift.clone(), past.clone()]).await;
+    assert_eq!(back.opened, [id], "seen again, open again");
+
+    let mut ended = drift;
+    ended.ended = true;
+    assert_eq!(reconcile(&store, run_id, vec![ended, past]).await.resolved, [id]);
+    assert_eq!(store.anomalies_after(id).await.expect("anomalies").len(), 1);
+}
+
+#[tokio::test]
+async fn findings_of_a_robot_leave_other_robots_alone() {
+    let (_folder, store) = fresh().await;
+    for robot in ["R00", "R01"] {
+        let run_id = streaming_run(&store, robot, 0, 1).await;
+        finish(&store, run_id, 1, &findings(vec![anomaly(joint(1), run_id, Severity::Warning)])).await;
+    }
+    assert_eq!(states(&store).await, ["open", "open"]);
+    let error = {
+        let run_id = streaming_run(&store, "R02", 0, 1).await;
+        let mut end = store.finish_run(run_id).await.expect("a transaction");
+        end.reconcile(&findings(vec![anomaly(joint(1), 999, Severity::Info)])).await.expect_err("no such run")
+    };
+    assert!(matches!(error, StoreError::Refused { .. }), "{error}");
+}
+
+#[tokio::test]
+async fn health_is_the_worst_that_is_not_resolved() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 1).await;
+    let mut resolved = anomaly(joint(4), run_id, Severity::Critical);
+    resolved.ended = true;
+    let mut found = findings(vec![
+        anomaly(joint(1), run_id, Severity::Info),
+        anomaly(joint(2), run_id, Severity::Warning),
+        anomaly(joint(3), run_id, Severity::Critical),
+        resolved,
+        anomaly(joint(6), run_id, Severity::Warning),
+    ]);
+    found.health[4] = JointHealth { joint: joint(5), friction_index: None, learning: true };
+    found.health[5].learning = true;
+    finish(&store, run_id, 1, &found).await;
+    acknowledge(&store, 5).await;
+
+    let rows = store.fleet_health().await.expect("health");
+    let shown: Vec<_> = rows.iter().map(|r| (r.joint.number(), r.open_anomalies, r.status)).collect();
+    use HealthStatus::{Critical, Learning, Ok, Warning};
+    assert_eq!(
+        shown,
+        [(1, 1, Ok), (2, 1, Warning), (3, 1, Critical), (4, 0, Ok), (5, 0, Learning), (6, 0, Warning)]
+    );
+    assert_eq!((rows[0].friction_index, rows[4].friction_index), (Some(1.1), None));
+    assert_eq!(
+        (rows[0].moving_relative_rmsd, rows[5].moving_relative_rmsd),
+        (Some(0.05 + 1.0 / 1000.0), None)
+    );
+    assert_eq!(rows[0].last_run_at, day(0));
+
+    // The latest run is the one that started last, whenever it arrived.
+    let later = streaming_run(&store, "R00", 9, 1).await;
+    finish(&store, later, 1, &found).await;
+    let earlier = streaming_run(&store, "R00", 3, 1).await;
+    finish(&store, earlier, 1, &found).await;
+    let rows = store.fleet_health().await.expect("health");
+    assert_eq!((rows.len(), rows[0].last_run_at), (6, day(9)));
+    assert_eq!(rows[0].moving_relative_rmsd, Some(0.05 + later as f64 / 1000.0));
+}
+
+#[tokio::test]
+async fn a_robot_without_findings_is_learning() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 1).await;
+    finish(&store, run_id, 1, &Findings::default()).await;
+    let rows = store.fleet_health().await.expect("health");
+    assert_eq!(rows.iter().map(|r| r.status).collect::<Vec<_>>(), [HealthStatus::Learning; 6]);
+}
+
+#[tokio::test]
+async fn the_same_inputs_give_the_same_views() {
+    let mut dumps = Vec::new();
+    for _ in 0..2 {
+        let (_folder, store) = fresh().await;
+        for days in 0..3 {
+            for robot in ["R00", "R01"] {
+                let run_id = streaming_run(&store, robot, days, 2).await;
+                finish(&store, run_id, 2, &findings(vec![anomaly(joint(1), run_id, Severity::Warning)]))
+                    .await;
+            }
+        }
+        store.quarantine(&header("unknown", 1), "no such robot", None, None).await.expect("a run");
+        assert_sound(&store).await;
+        dumps.push(dump(&store).await);
+    }
+    assert!(dumps[0].len() > 1000);
+    assert_eq!(dumps[0], dumps[1]);
+}
+
+/// Questions that people ask of a big database walk along indexes: only `robot`, a table of some
+/// dozens of rows, may be read from end to end.
+#[tokio::test]
+async fn natural_questions_are_answered_from_indexes() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 1).await;
+    finish(&store, run_id, 1, &findings(vec![])).await;
+    let mut questions: Vec<String> =
+        VIEWS[..7].iter().map(|view| format!("SELECT * FROM {view} WHERE run_id = 1")).collect();
+    questions.extend(VIEWS[..8].iter().map(|view| format!("SELECT * FROM {view} WHERE robot = 'R00'")));
+    questions
+        .push("SELECT * FROM cycle_rmsd WHERE robot = 'R00' AND joint = 5 AND stage = 'excitation'".into());
+    questions
+        .push("SELECT * FROM cycle_parameters WHERE robot = 'R00' AND joint = 1 AND parameter = 'f1'".into());
+    questions.push("SELECT * FROM anomalies WHERE anomaly_id > 7".into());
+    questions.push("DELETE FROM warmup_fit WHERE robot_id = 1 AND ifnull(run_id, 0) = 0".into());
+    for question in questions {
+        let plan: Vec<(i64, i64, i64, String)> =
+            sqlx::query_as(AssertSqlSafe(format!("EXPLAIN QUERY PLAN {question}")))
+                .fetch_all(&store.writer)
+                .await
+                .expect("a plan");
+        let scans: Vec<&str> = plan
+            .iter()
+            .map(|step| step.3.as_str())
+            .filter(|s| s.starts_with("SCAN") && *s != "SCAN robot")
+            .collect();
+        assert!(scans.is_empty(), "{question}: {scans:?} in {plan:?}");
+    }
+}
+
+async fn reconcile(
+    store: &super::Store,
+    run_id: i64,
+    anomalies: Vec<crate::anomaly::Anomaly>,
+) -> super::Reconciled {
+    let mut end = store.finish_run(run_id).await.expect("a transaction");
+    let outcome = end.reconcile(&findings(anomalies)).await.expect("findings");
+    end.commit().await.expect("a commit");
+    outcome
+}
+
+async fn states(store: &super::Store) -> Vec<String> {
+    store.anomalies_after(0).await.expect("anomalies").into_iter().map(|row| row.state).collect()
+}
+
+async fn acknowledge(store: &super::Store, anomaly_id: i64) {
+    sqlx::query("UPDATE anomaly SET state = 'acknowledged' WHERE anomaly_id = ?")
+        .bind(anomaly_id)
+        .execute(&store.writer)
+        .await
+        .expect("an update");
+}
