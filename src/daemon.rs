@@ -71,7 +71,9 @@ pub async fn watch(
 fn is_due(states: &mut HashMap<PathBuf, FileState>, file: &FoundFile, settle: Duration) -> bool {
     let seen = Observation { size: file.size, modified: file.modified, at: Instant::now() };
     let settling = match states.get(&file.path) {
-        Some(FileState::Taken(taken)) if taken.size == seen.size && taken.modified == seen.modified => return false,
+        Some(FileState::Taken(taken)) if taken.size == seen.size && taken.modified == seen.modified => {
+            return false;
+        }
         Some(FileState::Settling(settling)) => settling.again(seen),
         Some(FileState::Taken(_)) | None => Settling::first(seen),
     };
@@ -96,7 +98,9 @@ pub fn log_outcome(path: &Path, outcome: &Outcome) {
         }
         Outcome::AlreadyStored { run_id } => tracing::debug!(%file, run_id, "already stored"),
         Outcome::Quarantined { rejection, .. } => tracing::warn!("quarantined: {rejection}"),
-        Outcome::Interrupted => tracing::info!(%file, "stopped at a cycle; the rest follows at the next start"),
+        Outcome::Interrupted => {
+            tracing::info!(%file, "stopped at a cycle; the rest follows at the next start")
+        }
         Outcome::Changed => tracing::info!(%file, "changed while being read; looking again"),
     }
 }

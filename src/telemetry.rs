@@ -28,10 +28,8 @@ pub fn start(format: LogFormat, verbosity: i8) {
     };
     let usual = format!("warn,armwatch={level}");
     let filter = EnvFilter::try_from_env("ARMWATCH_LOG").unwrap_or_else(|_| EnvFilter::new(usual));
-    let builder = tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        .with_target(false);
+    let builder =
+        tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false);
     // a second start, as in tests, keeps the first
     let _ = match format {
         LogFormat::Text => builder.with_ansi(std::io::stderr().is_terminal()).try_init(),

@@ -81,11 +81,16 @@ fn no_robot() -> CliError {
 fn demo_folder(args: &DemoArgs) -> Result<PathBuf, CliError> {
     let Some(folder) = &args.dir else {
         let made = tempfile::Builder::new().prefix("armwatch-demo-").tempdir();
-        return made.map(tempfile::TempDir::keep).map_err(|error| CliError::Io(format!("no temporary folder: {error}")));
+        return made
+            .map(tempfile::TempDir::keep)
+            .map_err(|error| CliError::Io(format!("no temporary folder: {error}")));
     };
     let filled = std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
     if filled {
-        return Err(CliError::Usage(format!("{}: not empty; name another folder for the demo", folder.display())));
+        return Err(CliError::Usage(format!(
+            "{}: not empty; name another folder for the demo",
+            folder.display()
+        )));
     }
     Ok(folder.clone())
 }
@@ -118,7 +123,8 @@ fn write_fleet(robot: Robot, inbox: PathBuf, seed: u64, stop: CancellationToken)
                 if stop.is_cancelled() {
                     return Ok(written);
                 }
-                let files = simulate_run(&robot, &settings, run, &inbox, &mut |_| ()).map_err(as_cli_error)?;
+                let files =
+                    simulate_run(&robot, &settings, run, &inbox, &mut |_| ()).map_err(as_cli_error)?;
                 written.push(files.export);
             }
         }
@@ -182,7 +188,10 @@ fn show_outcome(path: &Path, outcome: &Outcome) {
         Outcome::Stored(run) => {
             output::line(&format!("stored  {name}: {} cycles, {} rows", run.cycles, run.rows));
             for anomaly in &run.new_anomalies {
-                output::line(&format!("{}  {} {}: {}", anomaly.severity, run.robot, anomaly.kind, anomaly.message));
+                output::line(&format!(
+                    "{}  {} {}: {}",
+                    anomaly.severity, run.robot, anomaly.kind, anomaly.message
+                ));
             }
         }
         Outcome::Quarantined { rejection, .. } => output::line(&format!("quarantined  {rejection}")),
@@ -216,7 +225,12 @@ async fn show_findings(store: &Store, database: &Path) -> Result<(), CliError> {
     for anomaly in &anomalies {
         output::line(&format!(
             "\n{} {} on {}, {} since {}: {}",
-            anomaly.severity, anomaly.kind, anomaly.robot, anomaly.state, anomaly.first_seen_at, anomaly.message
+            anomaly.severity,
+            anomaly.kind,
+            anomaly.robot,
+            anomaly.state,
+            anomaly.first_seen_at,
+            anomaly.message
         ));
     }
     output::line(&format!(

@@ -78,8 +78,8 @@ async fn take_all(
 fn find_exports(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
     let mut exports = Vec::new();
     for path in paths {
-        let metadata =
-            std::fs::metadata(path).map_err(|error| CliError::Usage(format!("{}: {error}", path.display())))?;
+        let metadata = std::fs::metadata(path)
+            .map_err(|error| CliError::Usage(format!("{}: {error}", path.display())))?;
         if !metadata.is_dir() {
             exports.push(path.clone());
             continue;
@@ -132,13 +132,17 @@ fn as_text(path: &Path, outcome: &Outcome) -> String {
                 text.push_str(&format!("\n             cycle {cycle} without parameters: {reason}"));
             }
             for anomaly in &run.new_anomalies {
-                text.push_str(&format!("\n{:<12} {} {}: {}", anomaly.severity, run.robot, anomaly.kind, anomaly.message));
+                text.push_str(&format!(
+                    "\n{:<12} {} {}: {}",
+                    anomaly.severity, run.robot, anomaly.kind, anomaly.message
+                ));
             }
             text
         }
         Outcome::AlreadyStored { run_id } => format!("known        {file}: stored as run {run_id}"),
         Outcome::Quarantined { rejection, cycles, .. } => {
-            let kept = if *cycles > 0 { format!(" ({cycles} cycles before it are stored)") } else { String::new() };
+            let kept =
+                if *cycles > 0 { format!(" ({cycles} cycles before it are stored)") } else { String::new() };
             format!("quarantined  {rejection}{kept}")
         }
         Outcome::Interrupted => format!("interrupted  {file}: run again to continue"),

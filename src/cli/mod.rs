@@ -160,7 +160,8 @@ pub fn run(cli: Cli) -> ExitCode {
         LogFormat::Text => telemetry::LogFormat::Text,
         LogFormat::Json => telemetry::LogFormat::Json,
     };
-    let verbosity = i8::try_from(cli.global.verbose).unwrap_or(2) - i8::try_from(cli.global.quiet).unwrap_or(2);
+    let verbosity =
+        i8::try_from(cli.global.verbose).unwrap_or(2) - i8::try_from(cli.global.quiet).unwrap_or(2);
     // one-shot commands print their results; their logs are asked for with -v
     let usual = if matches!(cli.command, Command::Run(_)) { 0 } else { -1 };
     telemetry::start(format, verbosity.saturating_add(usual));

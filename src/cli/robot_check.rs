@@ -62,7 +62,9 @@ pub(super) fn check(global: &Global, args: &RobotCheckArgs) -> Result<u8, CliErr
 
 /// Whether the reference agrees; a description without nominal inertia says nothing of torque.
 fn within(found: &ReferenceAgreement) -> bool {
-    [found.torque.unwrap_or(0.0), found.position, found.rotation].iter().all(|worst| *worst <= REFERENCE_TOLERANCE)
+    [found.torque.unwrap_or(0.0), found.position, found.rotation]
+        .iter()
+        .all(|worst| *worst <= REFERENCE_TOLERANCE)
 }
 
 fn is_consistent(checked: &RobotCheck) -> bool {
@@ -72,7 +74,9 @@ fn is_consistent(checked: &RobotCheck) -> bool {
 }
 
 fn agreement_text(found: &ReferenceAgreement) -> String {
-    let torque = found.torque.map_or_else(|| "not compared, no nominal inertia".into(), |worst| format!("{worst:.1e}"));
+    let torque = found
+        .torque
+        .map_or_else(|| "not compared, no nominal inertia".into(), |worst| format!("{worst:.1e}"));
     format!(
         "Reference: {} rows, worst relative difference: torque {torque}, position {:.1e}, rotation {:.1e}: {}",
         found.rows,
@@ -83,7 +87,8 @@ fn agreement_text(found: &ReferenceAgreement) -> String {
 }
 
 fn compare(robot: &Robot, path: &Path) -> Result<ReferenceAgreement, CliError> {
-    let text = std::fs::read_to_string(path).map_err(|error| CliError::Usage(format!("{}: {error}", path.display())))?;
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| CliError::Usage(format!("{}: {error}", path.display())))?;
     let rows = reference_rows(robot.joint_count(), &text)
         .map_err(|problem| CliError::Usage(format!("{}: {problem}", path.display())))?;
     robot_check::compare_with_reference(robot, &rows)
@@ -94,7 +99,8 @@ fn compare(robot: &Robot, path: &Path) -> Result<ReferenceAgreement, CliError> {
 fn reference_rows(joints: usize, text: &str) -> Result<Vec<ReferenceRow>, String> {
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().ok_or("empty")?.split(',').map(str::trim).collect();
-    let place = |name: &str| header.iter().position(|h| *h == name).ok_or_else(|| format!("no column {name}"));
+    let place =
+        |name: &str| header.iter().position(|h| *h == name).ok_or_else(|| format!("no column {name}"));
     let per_joint = |prefix: &str| -> Result<Vec<usize>, String> {
         (1..=joints).map(|joint| place(&format!("{prefix}_{joint}"))).collect()
     };
@@ -126,7 +132,11 @@ fn reference_rows(joints: usize, text: &str) -> Result<Vec<ReferenceRow>, String
     if rows.is_empty() { Err("no rows".into()) } else { Ok(rows) }
 }
 
-fn as_value(robot: &Robot, checked: &RobotCheck, agreement: Option<&ReferenceAgreement>) -> serde_json::Value {
+fn as_value(
+    robot: &Robot,
+    checked: &RobotCheck,
+    agreement: Option<&ReferenceAgreement>,
+) -> serde_json::Value {
     let base = &checked.base;
     json!({
         "model": robot.model,

@@ -99,7 +99,8 @@ fn shipped_robot() -> Result<Robot, CliError> {
 
 impl SimulateArgs {
     fn settings(&self) -> Result<SimulationSettings, CliError> {
-        let usual = if self.full_test { SimulationSettings::full_test() } else { SimulationSettings::default() };
+        let usual =
+            if self.full_test { SimulationSettings::full_test() } else { SimulationSettings::default() };
         let interval = Duration::try_from_secs_f64(self.interval_h * 3600.0)
             .map_err(|error| CliError::Usage(format!("--interval-h {}: {error}", self.interval_h)))?;
         Ok(SimulationSettings {
@@ -129,7 +130,9 @@ fn simulate_one(
     as_json: bool,
 ) -> Result<(), CliError> {
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1) } else { ProgressBar::hidden() };
-    if let Ok(style) = ProgressStyle::with_template("run {prefix} [{bar:30}] {pos}/{len} rows {msg} eta {eta}") {
+    if let Ok(style) =
+        ProgressStyle::with_template("run {prefix} [{bar:30}] {pos}/{len} rows {msg} eta {eta}")
+    {
         bar.set_style(style.progress_chars("=> "));
     }
     bar.set_prefix(format!("{}/{}", run + 1, settings.runs));

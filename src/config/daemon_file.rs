@@ -10,9 +10,9 @@ use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::recognition::{DEFAULT_FILE_NAME, time_zone};
 use super::{Config, FleetEntry, Layout, Recognition, ScaledColumn, WatchSettings};
+use super::{parse_layout, parse_robot, pattern};
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::DetectSettings;
-use super::{parse_layout, parse_robot, pattern};
 use crate::robot::{JointKind, Robot};
 
 const DEFAULT_DATABASE: &str = "armwatch.db";

@@ -136,7 +136,7 @@ fn bad_cells_are_named_by_line_and_column() {
             "absurd_torque.csv",
             ", line 4, column trq_2: \"2e7\" is beyond any joint's torque (more than 1e7 Nm",
         ),
-        ("cycle_zero.csv", ", line 2, column cycle: \"0\" is not in 1 to 1000000;"),
+        ("cycle_negative.csv", ", line 2, column cycle: \"-1\" is not in 0 to 1000000;"),
         ("joint_seven.csv", ", line 4, column joint: \"7\" is not in 0 to 6;"),
         ("level_seven.csv", ", line 4, column level: \"7\" is not in 0 to 6;"),
         ("level_fraction.csv", ", line 4, column level: \"2.5\" is not a whole number;"),

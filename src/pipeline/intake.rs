@@ -81,9 +81,12 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
     let read = tokio::task::spawn_blocking(move || (fingerprint(&owned), file_time(&owned))).await?;
     let ((content_hash, source_bytes), file_time) = match read {
         (Ok(identity), file_time) => (identity, file_time),
-        (Err(error), _) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Known::Yes(Outcome::Changed)),
+        (Err(error), _) if error.kind() == std::io::ErrorKind::NotFound => {
+            return Ok(Known::Yes(Outcome::Changed));
+        }
         (Err(error), file_time) => {
-            let rejection = Rejection::of_file(path, format!("cannot be read: {error}"), "check its permissions");
+            let rejection =
+                Rejection::of_file(path, format!("cannot be read: {error}"), "check its permissions");
             let header = header(path, UNKNOWN_ROBOT, "", file_time, path_identity(path), 0);
             return Ok(Known::Yes(quarantined(pipeline, &header, rejection).await?));
         }
@@ -146,9 +149,7 @@ fn read(
     let mut cutter = CycleCutter::new();
     let mut cycle_count = 0;
     let mut sample_rate = None;
-    let segmented = |error: SegmentError| {
-        Rejection::of_file(&intake.path, error.to_string(), "")
-    };
+    let segmented = |error: SegmentError| Rejection::of_file(&intake.path, error.to_string(), "");
     let mut send = |cycle: Cycle| {
         cycle_count += 1;
         cycle_count <= intake.cycles_stored || cycles.blocking_send(cycle).is_ok()
@@ -172,20 +173,32 @@ fn read(
         return Ok(ReadEnd::Interrupted);
     }
     let unchanged = hash.so_far().0 == intake.header.content_hash;
-    Ok(if unchanged { ReadEnd::Complete(ReadTotals {
-        rows: export.rows(),
-        sample_rate: sample_rate.unwrap_or(0.0),
-        cycles: cycle_count,
-    }) } else { ReadEnd::Changed })
+    Ok(if unchanged {
+        ReadEnd::Complete(ReadTotals {
+            rows: export.rows(),
+            sample_rate: sample_rate.unwrap_or(0.0),
+            cycles: cycle_count,
+        })
+    } else {
+        ReadEnd::Changed
+    })
 }
 
 type Recognition<'a> = (&'a crate::config::FleetEntry, String, Timestamp);
 
 /// Which robot made the export, and when, by its file name.
-fn recognise<'a>(pipeline: &'a Pipeline, path: &Path, file_time: Timestamp) -> Result<Recognition<'a>, Rejection> {
+fn recognise<'a>(
+    pipeline: &'a Pipeline,
+    path: &Path,
+    file_time: Timestamp,
+) -> Result<Recognition<'a>, Rejection> {
     let config = pipeline.config();
     let recognised = config.recognition.recognise(&file_name(path)).map_err(|error| {
-        Rejection::of_file(path, error.to_string(), "rename the file, or change [recognition] in the configuration")
+        Rejection::of_file(
+            path,
+            error.to_string(),
+            "rename the file, or change [recognition] in the configuration",
+        )
     })?;
     let entry = config.robot_entry(&recognised.robot).ok_or_else(|| {
         Rejection::of_file(

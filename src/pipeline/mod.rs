@@ -201,7 +201,8 @@ impl Pipeline {
                 "check it with `armwatch robot check`",
             ))),
             Ok(method) => {
-                let formulas = method.base.kept.iter().enumerate().map(|(k, id)| (*id, method.base.grouping_formula(k)));
+                let formulas =
+                    method.base.kept.iter().enumerate().map(|(k, id)| (*id, method.base.grouping_formula(k)));
                 self.store.describe_model(&method.robot, &formulas.collect::<Vec<_>>()).await?;
                 let method = Arc::new(method);
                 let mut methods = self.methods.lock().unwrap_or_else(std::sync::PoisonError::into_inner);

@@ -75,7 +75,8 @@ pub async fn finish(
     let measurements = pipeline.store().run_measurements(intake.run_id).await?;
     let (joints, settings) = (method.robot.joint_count(), pipeline.config().analysis);
     let analysis =
-        tokio::task::spawn_blocking(move || analyse_run(joints, &settings, &as_results(measurements))).await?;
+        tokio::task::spawn_blocking(move || analyse_run(joints, &settings, &as_results(measurements)))
+            .await?;
 
     let mut ending = pipeline.store().finish_run(intake.run_id).await?;
     ending.store_analysis(&analysis).await?;
@@ -117,7 +118,8 @@ pub async fn quarantine(
         .store()
         .quarantine(&intake.header, &rejection.sentence(), rejection.line, rejection.column.as_deref())
         .await?;
-    let cycles = pipeline.store().lookup(&intake.header.content_hash).await?.map_or(0, |run| run.cycles_stored);
+    let cycles =
+        pipeline.store().lookup(&intake.header.content_hash).await?.map_or(0, |run| run.cycles_stored);
     Ok(Outcome::Quarantined { run_id, rejection, cycles })
 }
 
@@ -137,7 +139,8 @@ fn mixed_fits_due(runs: usize) -> bool {
 
 /// The speed level that this run's warm friction was taken at, the reference itself without one.
 fn reference_level(analysis: &RunAnalysis, settings: &crate::numerics::analyse::AnalysisSettings) -> f64 {
-    let levels = analysis.summaries.iter().filter_map(|summary| summary.warm_friction).map(|warm| warm.speed_fraction);
+    let levels =
+        analysis.summaries.iter().filter_map(|summary| summary.warm_friction).map(|warm| warm.speed_fraction);
     let distance = |level: f64| (level - settings.reference_speed_fraction).abs();
     levels.min_by(|a, b| distance(*a).total_cmp(&distance(*b))).unwrap_or(settings.reference_speed_fraction)
 }

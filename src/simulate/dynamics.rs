@@ -178,8 +178,8 @@ fn about_centre_of_mass(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulate::test_arms::er3a;
     use crate::simulate::test_arms::nine_joints;
-    use crate::testing::er3a;
 
     /// The reference prints 12 significant digits of torques below 200 Nm.
     const REFERENCE_TOLERANCE_NM: f64 = 1e-9;

@@ -115,8 +115,8 @@ fn extremes(series: &FourierExcitation, n: usize) -> Vec<[f64; 4]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulate::test_arms::er3a;
     use crate::simulate::test_arms::{er3a_with_excitation, nine_joints};
-    use crate::testing::er3a;
 
     #[test]
     fn the_published_series_reaches_the_stated_speeds() {

@@ -106,7 +106,7 @@ pub fn ripple_torque(friction: &JointFriction, q: f64, qd: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::er3a;
+    use crate::simulate::test_arms::er3a;
 
     fn first_joint(wear: f64) -> JointFriction {
         let robot = er3a();

@@ -1,7 +1,19 @@
 //! Arms that several tests of the simulator move.
 
+use crate::robot::WarmUpShape;
 use crate::robot::{FourierExcitation, Joint, JointKind, JointLimits, Robot};
-use crate::testing::er3a;
+
+/// The ER3A without an excitation of its own, and with round friction.
+pub fn er3a() -> Robot {
+    let mut robot = crate::testing::er3a();
+    robot.excitation = None;
+    for nominal in robot.joints.iter_mut().filter_map(|joint| joint.nominal.as_mut()) {
+        nominal.friction = [1.0, 8.0, -1.0, 0.2];
+        nominal.warm_up = WarmUpShape { b: 0.3, t1: 1500.0, c: 0.3, t2: 200.0 };
+        nominal.torque_noise = 0.3;
+    }
+    robot
+}
 
 /// The ER3A with the published excitation.
 pub fn er3a_with_excitation() -> Robot {

@@ -304,8 +304,8 @@ fn level_stroke(limits: &JointLimits, room: f64, fraction: f64) -> Stroke {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulate::test_arms::er3a;
     use crate::simulate::test_arms::{er3a_with_excitation, nine_joints, one_joint};
-    use crate::testing::er3a;
 
     /// Step of central differences, s; their error is of the order of the step squared times the
     /// third derivative, except at the kinks of the acceleration's slope, where it is of first order.

@@ -32,11 +32,21 @@ const ROOMS: &[Room] = &[
     Room {
         name: "store",
         may_name: &["robot", "run", "analysis", "anomaly", "numerics", "config", "telemetry"],
-        door_to: &["sqlx"],
+        door_to: &["sqlx", "blake3"],
     },
     Room {
         name: "pipeline",
-        may_name: &["robot", "run", "analysis", "anomaly", "numerics", "config", "ingest", "store", "telemetry"],
+        may_name: &[
+            "robot",
+            "run",
+            "analysis",
+            "anomaly",
+            "numerics",
+            "config",
+            "ingest",
+            "store",
+            "telemetry",
+        ],
         door_to: &[],
     },
     Room { name: "alert", may_name: &["anomaly", "store", "config", "telemetry"], door_to: &[] },
@@ -53,8 +63,19 @@ const ROOMS: &[Room] = &[
     Room {
         name: "cli",
         may_name: &[
-            "robot", "run", "analysis", "anomaly", "numerics", "config", "telemetry", "ingest", "store", "pipeline",
-            "alert", "simulate", "daemon",
+            "robot",
+            "run",
+            "analysis",
+            "anomaly",
+            "numerics",
+            "config",
+            "telemetry",
+            "ingest",
+            "store",
+            "pipeline",
+            "alert",
+            "simulate",
+            "daemon",
         ],
         door_to: &["clap", "indicatif", "tempfile", "nalgebra"],
     },
@@ -109,7 +130,8 @@ fn rooms_and_texts() -> Vec<(&'static Room, PathBuf, String)> {
             continue;
         }
         let room = ROOMS.iter().find(|room| room.name == name);
-        let room = room.unwrap_or_else(|| panic!("src/{first} is in no row of the map; decide where it belongs"));
+        let room =
+            room.unwrap_or_else(|| panic!("src/{first} is in no row of the map; decide where it belongs"));
         let text = fs::read_to_string(&path).expect("a readable source");
         let code = text.split("#[cfg(test)]").next().unwrap_or_default();
         let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
@@ -131,7 +153,9 @@ fn names(text: &str, path: &str) -> bool {
 fn rooms_name_only_the_rooms_they_may() {
     let mut broken = Vec::new();
     for (room, path, text) in rooms_and_texts() {
-        for other in ROOMS.iter().filter(|other| other.name != room.name && !room.may_name.contains(&other.name)) {
+        for other in
+            ROOMS.iter().filter(|other| other.name != room.name && !room.may_name.contains(&other.name))
+        {
             if names(&text, &format!("crate::{}", other.name)) {
                 broken.push(format!("{} names crate::{}", path.display(), other.name));
             }
@@ -155,7 +179,18 @@ fn each_dependency_has_one_door() {
 
 #[test]
 fn numerics_and_nouns_touch_no_world() {
-    let forbidden = ["async", "tokio", "std::fs", "std::io", "SystemTime", "Instant", "tracing", "rand", "println", "eprintln"];
+    let forbidden = [
+        "async",
+        "tokio",
+        "std::fs",
+        "std::io",
+        "SystemTime",
+        "Instant",
+        "tracing",
+        "rand",
+        "println",
+        "eprintln",
+    ];
     let mut broken = Vec::new();
     for (room, path, text) in rooms_and_texts() {
         if room.name == "numerics" || NOUNS.contains(&room.name) {
@@ -174,7 +209,17 @@ fn numerics_and_nouns_touch_no_world() {
 fn only_the_border_prints_and_nothing_panics_on_purpose() {
     let mut broken = Vec::new();
     for (_, path, text) in rooms_and_texts() {
-        for word in ["println!", "eprintln!", "print!(", "dbg!", ".unwrap()", ".expect(\"", "panic!(", "todo!(", "unimplemented!("] {
+        for word in [
+            "println!",
+            "eprintln!",
+            "print!(",
+            "dbg!",
+            ".unwrap()",
+            ".expect(\"",
+            "panic!(",
+            "todo!(",
+            "unimplemented!(",
+        ] {
             if text.contains(word) {
                 broken.push(format!("{} has {word}", path.display()));
             }

@@ -177,7 +177,8 @@ fn a_quarantined_export_is_read_again_when_a_person_asks() {
     let workshop = Workshop::new();
     workshop.add_reference("inbox");
     let good = std::fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
-    std::fs::write(workshop.path("armwatch.toml"), good.replace("\"*\"", "\"Other*\"")).expect("a configuration");
+    std::fs::write(workshop.path("armwatch.toml"), good.replace("\"*\"", "\"Other*\""))
+        .expect("a configuration");
     let out = workshop.stdout(&["ingest", "inbox"], 1);
     assert!(out.contains("no description for robot"), "{out}");
     std::fs::write(workshop.path("armwatch.toml"), good).expect("a configuration");

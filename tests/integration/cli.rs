@@ -19,7 +19,8 @@ fn a_wrong_command_line_or_configuration_is_2() {
     workshop.stdout(&["ingest", "not-there.csv"], 2);
     workshop.stdout(&["no-such-command"], 2);
     workshop.stdout(&["ingest", "inbox", "--config", "not-there.toml"], 2);
-    std::fs::write(workshop.path("bad.toml"), "databse = \"x.db\"\n[watch]\nsettle_s = -1\n").expect("written");
+    std::fs::write(workshop.path("bad.toml"), "databse = \"x.db\"\n[watch]\nsettle_s = -1\n")
+        .expect("written");
     let out = workshop.stdout(&["config", "check", "--config", "bad.toml"], 2);
     assert!(out.contains("bad.toml:1:") && out.contains("database"), "no place or suggestion: {out}");
     assert!(out.contains("bad.toml:3:") && out.contains("settle_s"), "only one problem shown: {out}");
@@ -32,7 +33,8 @@ fn a_wrong_command_line_or_configuration_is_2() {
 fn a_database_that_is_none_or_cannot_be_written_is_74() {
     let workshop = Workshop::new();
     workshop.add_reference("inbox");
-    std::fs::write(workshop.path("text.db"), "this is a text and no database, and long enough to be one").expect("written");
+    std::fs::write(workshop.path("text.db"), "this is a text and no database, and long enough to be one")
+        .expect("written");
     let output = workshop.run(&["ingest", "inbox", "--db", "text.db"]);
     assert_eq!(output.status.code(), Some(74));
     assert!(text(&output.stderr).contains("text.db"), "{}", text(&output.stderr));
@@ -59,12 +61,10 @@ fn json_is_one_object_a_line() {
     assert_eq!(objects.len(), 2);
     assert_eq!((&objects[0]["outcome"], &objects[1]["outcome"]), (&"quarantined".into(), &"stored".into()));
     assert_eq!(objects[1]["cycles"], 5);
-    let robot: serde_json::Value = serde_json::from_str(
-        &workshop.stdout(
-            &["robot", "check", &format!("{}/config/robots/er3a.toml", env!("CARGO_MANIFEST_DIR")), "--json"],
-            0,
-        ),
-    )
+    let robot: serde_json::Value = serde_json::from_str(&workshop.stdout(
+        &["robot", "check", &format!("{}/config/robots/er3a.toml", env!("CARGO_MANIFEST_DIR")), "--json"],
+        0,
+    ))
     .expect("an object");
     assert_eq!(robot["parameter_count"], 64);
 }

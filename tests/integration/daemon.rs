@@ -129,7 +129,8 @@ fn a_stop_in_the_middle_of_a_run_is_continued() {
 fn the_same_export_twice_in_the_folder_is_one_run() {
     let workshop = Workshop::new();
     workshop.add_reference("inbox");
-    std::fs::copy(workshop.inbox(REFERENCE_NAME), workshop.inbox("R07_20260105_0847.csv.gz")).expect("a copy");
+    std::fs::copy(workshop.inbox(REFERENCE_NAME), workshop.inbox("R07_20260105_0847.csv.gz"))
+        .expect("a copy");
     let daemon = workshop.daemon();
     workshop.wait_for(COMPLETE_RUNS, 1);
     std::thread::sleep(Duration::from_millis(500));

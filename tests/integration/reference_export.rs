@@ -69,7 +69,10 @@ fn plateau_friction_is_the_established_stacks_and_the_truth() {
     for (cycle, by_joint) in TRUE_FRICTION_NM {
         for (joint, truth) in (1..).zip(by_joint) {
             let ours = mean(cycle, joint);
-            assert!((ours / truth - 1.0).abs() < FRICTION_TOLERANCE, "cycle {cycle}, joint {joint}: {ours} {truth}");
+            assert!(
+                (ours / truth - 1.0).abs() < FRICTION_TOLERANCE,
+                "cycle {cycle}, joint {joint}: {ours} {truth}"
+            );
         }
     }
 }
@@ -121,7 +124,8 @@ fn signals_that_are_missing_come_from_the_motion() {
     }
     assert!(compared >= 58, "{compared} of {} points were found in the motion", reference.len());
     // without a counter a cycle begins with its excitation: the rest before it is the last cycle's
-    let rmsd = "SELECT moving_relative_rmsd FROM cycle_rmsd WHERE cycle = 3 AND stage = 'excitation' ORDER BY joint";
+    let rmsd =
+        "SELECT moving_relative_rmsd FROM cycle_rmsd WHERE cycle = 3 AND stage = 'excitation' ORDER BY joint";
     for (a, b) in with_signals.query(rmsd).iter().zip(without.query(rmsd)) {
         let (a, b): (f64, f64) = (a.parse().expect("a number"), b.parse().expect("a number"));
         assert!((a / b - 1.0).abs() < 0.02, "{a} {b}");
@@ -133,7 +137,8 @@ fn one_content_is_one_run_whatever_its_name() {
     let workshop = ingested();
     let before = workshop.dump();
     std::fs::create_dir(workshop.inbox("sub")).expect("a folder");
-    std::fs::copy(workshop.inbox(REFERENCE_NAME), workshop.inbox("sub/R99_20260106_0847_copy.csv.gz")).expect("a copy");
+    std::fs::copy(workshop.inbox(REFERENCE_NAME), workshop.inbox("sub/R99_20260106_0847_copy.csv.gz"))
+        .expect("a copy");
     let out = workshop.stdout(&["ingest", "inbox", "inbox"], 0);
     assert_eq!(out.matches("known").count(), 4, "{out}");
     assert_eq!(workshop.dump(), before);
