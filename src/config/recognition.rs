@@ -59,7 +59,8 @@ impl Recognition {
     /// Robot and start time from the file name `file_name`, given without folder.
     ///
     /// The pattern is tried on the name without the endings `.csv`, `.gz` and `.zst`, then with
-    /// `.csv`, then on the whole name, so that neither the pattern nor compression must care.
+    /// `.csv`, then on the whole name, so that neither the pattern nor compression must care. A name
+    /// that does not match and has nothing like a date in it is the robot's name as a whole.
     ///
     /// # Errors
     ///
@@ -70,7 +71,10 @@ impl Recognition {
             pattern: self.file_name.as_str().to_owned(),
         };
         let forms = [strip(file_name, &ENDINGS), strip(file_name, &ENDINGS[..2]), file_name];
-        let captures = forms.iter().find_map(|form| self.file_name.captures(form)).ok_or_else(no_match)?;
+        let Some(captures) = forms.iter().find_map(|form| self.file_name.captures(form)) else {
+            let plain = plain_robot(forms[0]).ok_or_else(no_match)?;
+            return Ok(Recognised { robot: plain.to_owned(), started_at: None });
+        };
         let group = |name| captures.name(name).map(|found| found.as_str());
         let robot =
             group("robot").map(str::trim).filter(|robot| !robot.is_empty()).ok_or_else(no_match)?.to_owned();
@@ -92,6 +96,15 @@ impl Recognition {
 /// The IANA time zone `name`. UTC is known on every machine, the others where its database is.
 pub(super) fn time_zone(name: &str) -> Option<TimeZone> {
     if name == "UTC" { Some(TimeZone::UTC) } else { TimeZone::get(name).ok() }
+}
+
+/// The robot in a name without date and time. Seven digits in a row could be a mistyped date, which
+/// must not make a robot of its own.
+fn plain_robot(stem: &str) -> Option<&str> {
+    const DIGITS_OF_A_MISTYPED_DATE: usize = 7;
+    let longest = stem.split(|c: char| !c.is_ascii_digit()).map(str::len).max().unwrap_or(0);
+    let named = stem.chars().any(char::is_alphanumeric) && !stem.starts_with(['_', '.']);
+    (named && longest < DIGITS_OF_A_MISTYPED_DATE).then_some(stem)
 }
 
 fn example(pattern: &str) -> String {
@@ -186,7 +199,7 @@ mod tests {
     #[test]
     fn names_without_robot_date_or_time_show_pattern_and_example() {
         for name in
-            ["notes.csv", "_20260105_0847.csv", "R00_2026015_0847.csv", "R00_20260105_08471.csv", ".gz", ""]
+            ["_.csv", "_20260105_0847.csv", "R00_2026015_0847.csv", "R00_20260105_08471.csv", ".gz", ""]
         {
             let error = native().recognise(name).expect_err(name);
             assert!(matches!(error, RecogniseError::NoMatch { .. }), "{error}");
@@ -194,6 +207,16 @@ mod tests {
             assert!(message.contains(DEFAULT_FILE_NAME) && message.contains(EXAMPLE), "{message}");
         }
         assert!(native().recognise(EXAMPLE).is_ok(), "the example must be one");
+    }
+
+    #[test]
+    fn a_name_with_nothing_like_a_date_is_the_robots() {
+        for (name, robot) in
+            [("R00.csv.gz", "R00"), ("cell_4_left.csv", "cell_4_left"), ("er3a-0815.csv", "er3a-0815")]
+        {
+            let found = native().recognise(name).expect(name);
+            assert_eq!(found, Recognised { robot: robot.into(), started_at: None });
+        }
     }
 
     #[test]

@@ -63,6 +63,8 @@ pub struct ExportReader<R> {
     /// Subtracted from every time, s.
     origin: f64,
     left_out: Option<u64>,
+    /// A rejection that follows the rows given last.
+    fault: Option<Rejection>,
     rows: u64,
     done: bool,
 }
@@ -89,6 +91,7 @@ impl<R: Read> ExportReader<R> {
             previous: None,
             origin: 0.0,
             left_out: None,
+            fault: None,
             rows: 0,
             done: false,
         })
@@ -114,17 +117,41 @@ impl<R: Read> ExportReader<R> {
     }
 
     fn next_chunk(&mut self) -> Result<Option<Chunk>, Rejection> {
-        let Some(mut block) = self.blocks.next_block(&self.path)? else { return self.end() };
-        if block.unterminated {
-            self.judge_end(&mut block)?;
-            if block.bytes.is_empty() {
-                return self.end();
-            }
+        if let Some(fault) = self.fault.take() {
+            return Err(fault);
         }
-        let mut samples = self.parser.read(&block, self.previous, &self.path)?;
+        let Some(mut block) = self.blocks.next_block(&self.path)? else { return self.end() };
+        let first_line = block.first_line;
+        let judged = if block.unterminated { self.judge_end(&mut block) } else { Ok(()) };
+        if block.bytes.is_empty() {
+            return self.end();
+        }
+        let read = judged.and_then(|()| self.parser.read(&block, self.previous, &self.path));
+        let mut samples = match read {
+            Ok(samples) => samples,
+            Err(rejection) => self.rows_before(block, rejection)?,
+        };
         self.count_time(&mut samples);
         self.rows += samples.rows() as u64;
-        Ok(Some(Chunk { samples, first_line: block.first_line }))
+        Ok(Some(Chunk { samples, first_line }))
+    }
+
+    /// The rows of a block before its fault, which comes with the next chunk: what is given does not
+    /// depend on where blocks end.
+    ///
+    /// # Errors
+    /// The rejection itself where no row stands before it.
+    fn rows_before(&mut self, mut block: Block, rejection: Rejection) -> Result<Samples, Rejection> {
+        let sound = rejection.line.and_then(|line| line.checked_sub(block.first_line)).unwrap_or(0);
+        let end = (block.bytes.iter().enumerate())
+            .filter(|(_, byte)| **byte == b'\n')
+            .nth(usize::try_from(sound).unwrap_or(0).wrapping_sub(1))
+            .map(|(at, _)| at + 1);
+        let Some(end) = end else { return Err(rejection) };
+        block.bytes.truncate(end);
+        let Ok(samples) = self.parser.read(&block, self.previous, &self.path) else { return Err(rejection) };
+        self.fault = Some(rejection);
+        Ok(samples)
     }
 
     fn judge_end(&mut self, block: &mut Block) -> Result<(), Rejection> {
@@ -292,6 +319,28 @@ mod tests {
         let mut blocks = Blocks::new(text.as_bytes(), 1 << 20);
         blocks.header(Path::new("a.csv")).unwrap();
         blocks.next_block(Path::new("a.csv")).unwrap().unwrap()
+    }
+
+    #[test]
+    fn rows_before_a_fault_come_whole_whatever_the_blocks() {
+        let (_, text) = made_recording(200);
+        let mut lines: Vec<&str> = text.lines().collect();
+        let broken = lines[150].replacen(',', ",x", 1);
+        lines[150] = &broken;
+        let text = lines.join("\n") + "\n";
+        for block_bytes in [600, 5000, 1 << 20] {
+            let reader = ExportReader::new(
+                text.as_bytes(),
+                Path::new("a.csv"),
+                &native(),
+                &er3a(),
+                with_blocks_of(block_bytes),
+            );
+            let items: Vec<_> = reader.unwrap().collect();
+            let rows: usize = items.iter().flatten().map(|chunk| chunk.samples.rows()).sum();
+            assert_eq!(rows, 149, "blocks of {block_bytes} bytes");
+            assert_eq!(items.last().unwrap().as_ref().unwrap_err().line, Some(151));
+        }
     }
 
     #[test]
