@@ -71,6 +71,16 @@ CREATE TABLE run (
 -- History of a robot in order, and its latest complete run, without sorting.
 CREATE INDEX run_by_robot ON run (robot_id, status, started_at, run_id);
 
+-- Files as they were last seen, so that a program that starts again need not read every export to
+-- know it. Only a hint: a file of another size or time is read, and its content decides.
+CREATE TABLE source_file (
+    path     TEXT PRIMARY KEY,
+    bytes    INTEGER NOT NULL,
+    modified INTEGER NOT NULL,
+    run_id   INTEGER NOT NULL REFERENCES run ON DELETE CASCADE
+) STRICT, WITHOUT ROWID;
+CREATE INDEX source_file_by_run ON source_file (run_id);
+
 CREATE TABLE cycle (
     cycle_id                INTEGER PRIMARY KEY,
     run_id                  INTEGER NOT NULL REFERENCES run ON DELETE CASCADE,

@@ -31,12 +31,13 @@ enum FileState {
 /// `report` hears the outcome of every export.
 ///
 /// # Errors
-/// [`PipelineError`] where the daemon cannot go on, such as a full disk.
+/// [`PipelineError`] where the daemon cannot go on: a full disk, or another daemon on the database.
 pub async fn watch(
     pipeline: &Pipeline,
     stop: &CancellationToken,
     mut report: impl FnMut(&Path, &Outcome),
 ) -> Result<(), PipelineError> {
+    let _claim = pipeline.store().claim().map_err(PipelineError::from)?;
     let settings = pipeline.config().watch.clone();
     let (mut watcher, mut hints) = watch::watch_folders(&settings.folders);
     let mut complaints = Complaints::default();
@@ -50,7 +51,14 @@ pub async fn watch(
             if stop.is_cancelled() || !is_due(&mut states, file, settings.settle) {
                 continue;
             }
-            let outcome = pipeline.process(&file.path, Retry::Never, stop, |_| ()).await?;
+            let outcome = match pipeline.process(&file.path, Retry::Never, stop, |_| ()).await {
+                Err(PipelineError::Store(error)) if !error.is_fatal() => {
+                    tracing::warn!(file = %file.path.display(), %error, "not stored now; trying again");
+                    states.remove(&file.path);
+                    continue;
+                }
+                outcome => outcome?,
+            };
             log_outcome(&file.path, &outcome);
             report(&file.path, &outcome);
             if matches!(outcome, Outcome::Changed) {

@@ -17,6 +17,7 @@ use crate::numerics::segment::{CycleCutter, SegmentError};
 use crate::numerics::signal::median_step;
 use crate::robot::Robot;
 use crate::run::{ContentHash, Cycle, RunHeader, RunStatus};
+use crate::store::{KnownRun, SourceState};
 
 /// Robot name of an export that names none.
 const UNKNOWN_ROBOT: &str = "unknown";
@@ -92,16 +93,8 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
         }
     };
     let known = pipeline.store().lookup(&content_hash).await?;
-    match known {
-        Some(known) if known.status == RunStatus::Complete => {
-            return Ok(Known::Yes(Outcome::AlreadyStored { run_id: known.run_id }));
-        }
-        Some(known) if known.status == RunStatus::Quarantined && retry == Retry::Never => {
-            let rejection = Rejection::stored(path, known.reason.unwrap_or_default());
-            let cycles = known.cycles_stored;
-            return Ok(Known::Yes(Outcome::Quarantined { run_id: known.run_id, rejection, cycles }));
-        }
-        _ => {}
+    if let Some(outcome) = known.and_then(|known| decided(path, known, retry)) {
+        return Ok(Known::Yes(outcome));
     }
     let (entry, robot, started_at) = match recognise(pipeline, path, file_time) {
         Ok(recognised) => recognised,
@@ -121,6 +114,28 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
         layout: Arc::clone(&entry.layout),
         cycles_stored: begun.cycles_stored,
     })))
+}
+
+/// What is said of an export that the ledger knows, unless it needs reading.
+#[must_use]
+pub fn decided(path: &Path, known: KnownRun, retry: Retry) -> Option<Outcome> {
+    match known.status {
+        RunStatus::Complete => Some(Outcome::AlreadyStored { run_id: known.run_id }),
+        RunStatus::Quarantined if retry == Retry::Never => Some(Outcome::Quarantined {
+            run_id: known.run_id,
+            rejection: Rejection::stored(path, known.reason.unwrap_or_default()),
+            cycles: known.cycles_stored,
+        }),
+        RunStatus::Quarantined | RunStatus::Streaming => None,
+    }
+}
+
+/// Size and time of a file; `None` where the file system does not tell.
+#[must_use]
+pub fn source_state(path: &Path) -> Option<SourceState> {
+    let metadata = std::fs::metadata(path).ok()?;
+    let modified = Timestamp::try_from(metadata.modified().ok()?).ok()?;
+    Some(SourceState { bytes: metadata.len(), modified })
 }
 
 /// Reads the export of `intake` and sends its cycles, those already stored left out. Runs on a

@@ -83,6 +83,18 @@ pub struct StoredRun {
     pub new_anomalies: Vec<AnomalyRow>,
 }
 
+impl Outcome {
+    /// The run that holds the export, where its fate is decided.
+    #[must_use]
+    pub fn run_id(&self) -> Option<i64> {
+        match self {
+            Self::Stored(run) => Some(run.run_id),
+            Self::AlreadyStored { run_id } | Self::Quarantined { run_id, .. } => Some(*run_id),
+            Self::Interrupted | Self::Changed => None,
+        }
+    }
+}
+
 /// How far an export has come, for progress bars.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
@@ -133,8 +145,30 @@ impl Pipeline {
     /// Takes one export from disk to stored results.
     ///
     /// # Errors
-    /// [`PipelineError`] where going on with other files makes no sense.
+    /// [`PipelineError`] where going on with other files makes no sense, or the database was busy.
     pub async fn process(
+        &self,
+        path: &Path,
+        retry: Retry,
+        stop: &CancellationToken,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Outcome, PipelineError> {
+        let name = path.display().to_string();
+        let state = intake::source_state(path);
+        if let (Retry::Never, Some(state)) = (retry, state)
+            && let Some(known) = self.store.known_source(&name, state).await?
+            && let Some(outcome) = intake::decided(path, known, retry)
+        {
+            return Ok(outcome);
+        }
+        let outcome = self.take(path, retry, stop, progress).await?;
+        if let (Some(run_id), Some(state)) = (outcome.run_id(), state) {
+            self.store.remember_source(&name, state, run_id).await?;
+        }
+        Ok(outcome)
+    }
+
+    async fn take(
         &self,
         path: &Path,
         retry: Retry,
@@ -149,7 +183,14 @@ impl Pipeline {
             Ok(method) => method,
             Err(rejection) => return record::quarantine(self, &intake, rejection).await,
         };
-        let (end, refused) = self.stream(&intake, &method, stop, progress).await?;
+        let (end, refused) = match self.stream(&intake, &method, stop, progress).await {
+            Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
+                let reason = format!("results that the database refuses: {detail}");
+                let rejection = Rejection::of_file(path, reason, "report it with this file");
+                return record::quarantine(self, &intake, rejection).await;
+            }
+            done => done?,
+        };
         match end {
             ReadEnd::Complete(totals) => record::finish(self, &intake, &method, totals, refused).await,
             ReadEnd::Rejected(rejection) => record::quarantine(self, &intake, rejection).await,

@@ -5,9 +5,9 @@ use tokio::task::JoinHandle;
 
 use super::intake::{Intake, ReadTotals};
 use super::{Outcome, Pipeline, PipelineError, StoredRun};
-use crate::analysis::{CycleAnalysis, FrictionPoint, RunAnalysis};
+use crate::analysis::{CycleAnalysis, FrictionPoint, RunAnalysis, WarmUpFit};
 use crate::ingest::rejection::Rejection;
-use crate::numerics::analyse::{Method, RunResults, analyse_run, warm_up_fits};
+use crate::numerics::analyse::{AnalysisSettings, Method, RunResults, analyse_run, warm_up_fits};
 use crate::numerics::detect::detect;
 use crate::robot::{JointIndex, ParameterId};
 use crate::store::{AnomalyRow, RunMeasurements, RunTotals, Store};
@@ -78,14 +78,14 @@ pub async fn finish(
         tokio::task::spawn_blocking(move || analyse_run(joints, &settings, &as_results(measurements)))
             .await?;
 
+    let mixed = mixed_fits(pipeline, intake, reference_level(&analysis, &settings)).await?;
+
     let mut ending = pipeline.store().finish_run(intake.run_id).await?;
     ending.store_analysis(&analysis).await?;
-    let history = ending.run_summaries().await?;
-    if mixed_fits_due(history.len()) {
-        let points = ending.friction_history(reference_level(&analysis, &settings)).await?;
-        let fits = tokio::task::spawn_blocking(move || warm_up_fits(&points)).await?;
+    if let Some(fits) = mixed {
         ending.replace_mixed_fits(&fits).await?;
     }
+    let history = ending.run_summaries().await?;
     let findings = detect(&history, &pipeline.config().detect);
     let reconciled = ending.reconcile(&findings).await?;
     let figures = RunTotals {
@@ -132,13 +132,28 @@ async fn opened(store: &Store, ids: &[i64]) -> Result<Vec<AnomalyRow>, PipelineE
     Ok(rows.into_iter().filter(|row| ids.contains(&row.anomaly_id)).collect())
 }
 
+/// Warm-up fits over all runs of the robot at one speed, this run included; `None` where they are not
+/// due. Made before the transaction that ends the run: they take long, and it holds the only writer.
+async fn mixed_fits(
+    pipeline: &Pipeline,
+    intake: &Intake,
+    speed_fraction: f64,
+) -> Result<Option<Vec<WarmUpFit>>, PipelineError> {
+    let complete = pipeline.store().complete_runs_beside(intake.run_id).await?;
+    if !mixed_fits_due(complete + 1) {
+        return Ok(None);
+    }
+    let points = pipeline.store().friction_history(intake.run_id, speed_fraction).await?;
+    Ok(Some(tokio::task::spawn_blocking(move || warm_up_fits(&points)).await?))
+}
+
 fn mixed_fits_due(runs: usize) -> bool {
     let step = runs.div_ceil(MIXED_FITS_EVERY_RUN_UP_TO);
     step > 0 && runs.is_multiple_of(step)
 }
 
 /// The speed level that this run's warm friction was taken at, the reference itself without one.
-fn reference_level(analysis: &RunAnalysis, settings: &crate::numerics::analyse::AnalysisSettings) -> f64 {
+fn reference_level(analysis: &RunAnalysis, settings: &AnalysisSettings) -> f64 {
     let levels =
         analysis.summaries.iter().filter_map(|summary| summary.warm_friction).map(|warm| warm.speed_fraction);
     let distance = |level: f64| (level - settings.reference_speed_fraction).abs();

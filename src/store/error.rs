@@ -68,6 +68,12 @@ pub enum StoreError {
         /// What SQLite said.
         detail: String,
     },
+    /// Another daemon works on the database.
+    #[error("another armwatch daemon works on database {}; stop it first, or name another database", .path.display())]
+    Claimed {
+        /// Database file.
+        path: PathBuf,
+    },
     /// A rule of the schema refuses the values. The database itself is well.
     #[error("database {} refuses these values ({detail}); please report this with the export", .path.display())]
     Refused {

@@ -59,6 +59,20 @@ pub struct CycleRmsd {
     pub relative_rmsd: f64,
 }
 
+pub(super) async fn complete_runs_beside(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<usize, sqlx::Error> {
+    let found: i64 = sqlx::query_scalar(
+        "SELECT COUNT(*) FROM run
+         WHERE robot_id = (SELECT robot_id FROM run WHERE run_id = ?1) AND status = 'complete' AND run_id <> ?1",
+    )
+    .bind(run_id)
+    .fetch_one(executor)
+    .await?;
+    Ok(usize::try_from(found).unwrap_or(0))
+}
+
 pub(super) async fn run_measurements(
     connection: &mut SqliteConnection,
     run_id: i64,

@@ -92,16 +92,19 @@ pub(super) async fn find_run(
 ) -> Result<Option<KnownRun>, sqlx::Error> {
     sqlx::query("SELECT run_id, status, reason, cycles_stored FROM run WHERE content_hash = ?")
         .bind(&hash.0[..])
-        .try_map(|row: SqliteRow| {
-            Ok(KnownRun {
-                run_id: row.try_get("run_id")?,
-                status: status(&row, "status")?,
-                reason: row.try_get("reason")?,
-                cycles_stored: size(&row, "cycles_stored")?,
-            })
-        })
+        .try_map(|row| known_run(&row))
         .fetch_optional(executor)
         .await
+}
+
+/// Reads run_id, status, reason and cycles_stored.
+pub(super) fn known_run(row: &SqliteRow) -> Result<KnownRun, sqlx::Error> {
+    Ok(KnownRun {
+        run_id: row.try_get("run_id")?,
+        status: status(row, "status")?,
+        reason: row.try_get("reason")?,
+        cycles_stored: size(row, "cycles_stored")?,
+    })
 }
 
 /// Key of a robot, which is entered on its first run.

@@ -14,6 +14,8 @@ mod models;
 mod open;
 mod read;
 mod run_analysis;
+mod claim;
+mod sources;
 #[cfg(test)]
 mod test_support;
 #[cfg(test)]
@@ -30,11 +32,13 @@ use std::sync::Arc;
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
 pub use anomalies::Reconciled;
+pub use claim::DaemonClaim;
 pub use error::StoreError;
 pub use finish::FinishTransaction;
 pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use ledger::{KnownRun, RunTotals};
 pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
+pub use sources::SourceState;
 
 use crate::analysis::{CycleAnalysis, FrictionPoint};
 use crate::robot::{ParameterId, Robot};
@@ -78,6 +82,35 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn lookup(&self, hash: &ContentHash) -> Result<Option<KnownRun>, StoreError> {
         self.checked(ledger::find_run(&self.readers, hash).await)
+    }
+
+    /// Claims the database for one daemon, until the claim is dropped or the process ends.
+    ///
+    /// # Errors
+    /// [`StoreError::Claimed`] while another process holds the claim.
+    pub fn claim(&self) -> Result<DaemonClaim, StoreError> {
+        claim::claim(&self.path)
+    }
+
+    /// What the ledger knows of the export that lay at `path` in this state when it was last taken.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn known_source(&self, path: &str, state: SourceState) -> Result<Option<KnownRun>, StoreError> {
+        self.checked(sources::find(&self.readers, path, state).await)
+    }
+
+    /// Writes down that the file at `path`, in this state, holds the export of a run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn remember_source(
+        &self,
+        path: &str,
+        state: SourceState,
+        run_id: i64,
+    ) -> Result<(), StoreError> {
+        self.checked(sources::remember(&self.writer, path, state, run_id).await)
     }
 
     /// Begins a run. A run with this content that was begun before, or is complete, is returned as it
@@ -186,6 +219,14 @@ impl Store {
         let robot = self.checked(ledger::robot_of_run(&mut *connection, run_id).await)?;
         let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
         self.checked(history::friction_history(&mut *connection, robot_id, run_id, speed_fraction).await)
+    }
+
+    /// Number of complete runs of the robot of run `run_id`, that run left out.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn complete_runs_beside(&self, run_id: i64) -> Result<usize, StoreError> {
+        self.checked(history::complete_runs_beside(&self.readers, run_id).await)
     }
 
     /// Opens the transaction that ends a run. A complete run may be ended again.

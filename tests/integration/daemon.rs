@@ -138,3 +138,41 @@ fn the_same_export_twice_in_the_folder_is_one_run() {
     assert_eq!(daemon.end(), Some(0));
     assert_eq!(workshop.query("SELECT robot, cycles FROM runs"), ["R00|5"]);
 }
+
+#[test]
+fn a_second_daemon_on_the_database_is_refused_and_the_first_goes_on() {
+    let workshop = Workshop::new();
+    let first = workshop.daemon();
+    workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
+    // the claim follows the schema by a moment
+    std::thread::sleep(Duration::from_millis(300));
+    let second = workshop.run(&["run"]);
+    assert_eq!(second.status.code(), Some(74));
+    let said = crate::support::text(&second.stderr);
+    assert!(said.contains("another armwatch daemon") && said.contains("armwatch.db"), "{said}");
+    workshop.add_reference("inbox");
+    workshop.wait_for(COMPLETE_RUNS, 1);
+    first.signal("TERM");
+    assert_eq!(first.end(), Some(0));
+}
+
+#[test]
+fn a_daemon_that_starts_again_knows_its_files_and_notices_changed_ones() {
+    let workshop = Workshop::new();
+    workshop.add_reference("inbox");
+    let daemon = workshop.daemon();
+    workshop.wait_for(COMPLETE_RUNS, 1);
+    workshop.wait_for("SELECT COUNT(*) FROM source_file", 1);
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+    // another recording under the same name
+    let shorter: Vec<String> = decompressed().lines().take(1 + 2 * 8509).map(str::to_owned).collect();
+    std::fs::remove_file(workshop.inbox(REFERENCE_NAME)).expect("removed");
+    std::fs::write(workshop.inbox(REFERENCE_NAME.trim_end_matches(".gz")), shorter.join("\n") + "\n")
+        .expect("written");
+    let daemon = workshop.daemon();
+    workshop.wait_for(COMPLETE_RUNS, 2);
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+    assert_eq!(workshop.query("SELECT cycles FROM runs ORDER BY run_id"), ["5", "2"]);
+}
