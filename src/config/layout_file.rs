@@ -3,9 +3,11 @@
 use std::path::Path;
 
 use super::files;
+use super::limits::Limits;
 use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
-use super::{Layout, ScaledColumn, StageSignal};
+use super::{Layout, MotorSide, ScaledColumn, StageSignal, StageSource, TimeSource};
+use crate::run::Stage;
 
 /// Stands for the joint's number, from 1, in the name of a column.
 const JOINT: &str = "{joint}";
@@ -18,6 +20,9 @@ const TIME: &[Unit] = &[("s", 1.0), ("ms", 1e-3)];
 const POSITION: &[Unit] = &[("rad", 1.0), ("deg", DEG), ("m", 1.0)];
 const VELOCITY: &[Unit] = &[("rad/s", 1.0), ("deg/s", DEG), ("m/s", 1.0)];
 const TORQUE: &[Unit] = &[("Nm", 1.0), ("N", 1.0)];
+
+/// Sample rates of exports that count rows instead of recording time.
+const SAMPLE_RATE: Limits = Limits::between(0.1, 1e6, "Hz");
 
 /// Separators between columns that cannot be part of a number.
 const DELIMITERS: [&str; 4] = [",", ";", "\t", "|"];
@@ -48,11 +53,19 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
     let name = root.text("name");
     let delimiter = read_delimiter(root);
     let required = |key| root.required(key).and_then(|value| value.table());
-    let time = required("time").and_then(|t| read_scaled(&t, TIME, Columns::One, &mut names));
-    let position = required("position").and_then(|t| read_scaled(&t, POSITION, Columns::Joints, &mut names));
+    let header = root.optional("header").map_or(Some(true), |value| value.boolean());
+    let time = required("time").and_then(|t| read_time(&t, &mut names));
+    let mut motor_side = MotorSide::default();
+    let position = required("position").and_then(|t| {
+        motor_side.position = read_side(&t)?;
+        read_scaled(&t, POSITION, Columns::Joints, &mut names)
+    });
     let velocity = root.table("velocity").map(|t| read_scaled(&t, VELOCITY, Columns::Joints, &mut names));
-    let torque = required("torque").and_then(|t| read_scaled(&t, TORQUE, Columns::Joints, &mut names));
-    let stage = required("stage").and_then(|t| read_stage(&t, &mut names));
+    let torque = required("torque").and_then(|t| {
+        motor_side.torque = read_side(&t)?;
+        read_scaled(&t, TORQUE, Columns::Joints, &mut names)
+    });
+    let stage = required("stage").and_then(|t| read_stage_source(&t, &mut names));
     let if_present = root.table("if_present");
     let mut column = |key| {
         let value = if_present.as_ref()?.optional(key)?;
@@ -67,15 +80,59 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
     Some(Layout {
         name: name?.to_owned(),
         delimiter: delimiter?,
+        header: header?,
         time: time?,
         position: position?,
         velocity,
         torque: torque?,
         stage: stage?,
+        motor_side,
         cycle,
         friction_joint,
         friction_level,
     })
+}
+
+/// How often a name holds a place for the joint's number, as it is or with something added to it.
+fn joint_places(name: &str) -> usize {
+    let with_sum = |rest: &str| {
+        let (digits, _) = rest.split_once('}').unwrap_or(("", ""));
+        !digits.is_empty() && digits.chars().all(|c| c.is_ascii_digit())
+    };
+    let sums = name.match_indices("{joint+").filter(|(at, opening)| with_sum(&name[at + opening.len()..]));
+    name.matches(JOINT).count() + sums.count()
+}
+
+fn read_time<'d>(table: &Table<'d>, names: &mut ColumnNames<'d>) -> Option<TimeSource> {
+    match table.optional("sample_rate_hz") {
+        Some(value) => value.number(&SAMPLE_RATE).map(TimeSource::SampleRate),
+        None => read_scaled(table, TIME, Columns::One, names).map(TimeSource::Column),
+    }
+}
+
+/// Whether a channel is recorded on the motor's side.
+fn read_side(table: &Table<'_>) -> Option<bool> {
+    let Some(value) = table.optional("side") else { return Some(false) };
+    match value.text()? {
+        "joint" => Some(false),
+        "motor" => Some(true),
+        _ => {
+            value.refuse("must be \"joint\" or \"motor\"".into(), None);
+            None
+        }
+    }
+}
+
+fn read_stage_source<'d>(table: &Table<'d>, names: &mut ColumnNames<'d>) -> Option<StageSource> {
+    let Some(value) = table.optional("whole_recording") else {
+        return read_stage(table, names).map(StageSource::Signal);
+    };
+    let given = value.text()?;
+    let found = Stage::ANALYSED.into_iter().find(|stage| stage.name() == given);
+    if found.is_none() {
+        value.refuse("must be \"excitation\", \"friction\" or \"warming\"".into(), None);
+    }
+    found.map(StageSource::Whole)
 }
 
 /// Whether a name stands for one column or for one a joint.
@@ -92,7 +149,7 @@ struct ColumnNames<'d>(Vec<&'d str>);
 impl<'d> ColumnNames<'d> {
     fn take(&mut self, value: &Value<'d>, columns: Columns) -> Option<&'d str> {
         let name = value.text()?;
-        let problem = match (columns, name.matches(JOINT).count()) {
+        let problem = match (columns, joint_places(name)) {
             _ if self.0.contains(&name) => Some("this column is already read as something else".to_owned()),
             (Columns::One, 1..) => Some(format!("is one column and must not contain {JOINT}")),
             (Columns::Joints, 0) => {
@@ -192,11 +249,11 @@ mod tests {
     fn the_native_layout_is_the_one_that_users_hold_on_to() {
         let layout = parse_layout("native.toml", NATIVE).expect("no problems");
         assert_eq!((layout.name.as_str(), layout.delimiter), ("native", b','));
-        let columns =
-            [Some(&layout.time), Some(&layout.position), layout.velocity.as_ref(), Some(&layout.torque)];
+        let TimeSource::Column(time) = &layout.time else { panic!("{:?}", layout.time) };
+        let columns = [Some(time), Some(&layout.position), layout.velocity.as_ref(), Some(&layout.torque)];
         let names: Vec<_> = columns.iter().flatten().map(|c| (c.name.as_str(), c.to_si)).collect();
         assert_eq!(names, [("time", 1.0), ("pos_{joint}", 1.0), ("vel_{joint}", 1.0), ("trq_{joint}", 1.0)]);
-        let stage = &layout.stage;
+        let StageSource::Signal(stage) = &layout.stage else { panic!("{:?}", layout.stage) };
         assert_eq!(stage.column, "stage");
         assert_eq!((&stage.between[..], &stage.excitation[..]), (&[0][..], &[1][..]));
         assert_eq!((&stage.friction[..], &stage.warming[..]), (&[2][..], &[3][..]));
@@ -214,7 +271,8 @@ mod tests {
         let layout = parse_layout("foreign.toml", &text).expect("no problems");
         assert_eq!(layout.velocity, None);
         assert_eq!(layout.position.to_si, 1.0_f64.to_radians());
-        assert_eq!((layout.time.to_si, layout.delimiter), (1e-3, b'\t'));
+        let time = TimeSource::Column(ScaledColumn { name: "time".into(), to_si: 1e-3 });
+        assert_eq!((&layout.time, layout.delimiter), (&time, b'\t'));
     }
 
     #[test]

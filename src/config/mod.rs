@@ -30,6 +30,7 @@ pub use self::summary::summary;
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::DetectSettings;
 use crate::robot::Robot;
+use crate::run::Stage;
 
 /// Everything the program is told, read and checked.
 #[derive(Debug, Clone)]
@@ -95,16 +96,20 @@ pub struct Layout {
     pub name: String,
     /// Separator between columns.
     pub delimiter: u8,
-    /// Column of time.
-    pub time: ScaledColumn,
+    /// Whether the first line names the columns; without names, columns go by number from 1.
+    pub header: bool,
+    /// Where time comes from.
+    pub time: TimeSource,
     /// Columns of joint positions.
     pub position: ScaledColumn,
     /// Columns of joint velocities, where recorded.
     pub velocity: Option<ScaledColumn>,
     /// Columns of joint torques.
     pub torque: ScaledColumn,
-    /// Column of the stage signal.
-    pub stage: StageSignal,
+    /// Where the stages come from.
+    pub stage: StageSource,
+    /// Which channels are recorded on the motor's side of the transmission.
+    pub motor_side: MotorSide,
     /// Column of the cycle counter; used if the export has it.
     pub cycle: Option<String>,
     /// Column of the joint under friction test, from 1; used if the export has it.
@@ -113,10 +118,38 @@ pub struct Layout {
     pub friction_level: Option<String>,
 }
 
+/// Where the time of a row comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum TimeSource {
+    /// A column.
+    Column(ScaledColumn),
+    /// The number of the row and this sample rate, Hz.
+    SampleRate(f64),
+}
+
+/// Where the stage of a row comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum StageSource {
+    /// A column.
+    Signal(StageSignal),
+    /// The whole recording is one stage.
+    Whole(Stage),
+}
+
+/// Channels that are recorded at the motors, before gears and couplings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct MotorSide {
+    /// Positions and velocities.
+    pub position: bool,
+    /// Torques.
+    pub torque: bool,
+}
+
 /// A column, or one column a joint, with its unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScaledColumn {
-    /// Header name; `{joint}` stands for the joint number from 1 where there is one a joint.
+    /// Header name, or number of the column from 1 where there is no header. `{joint}` stands for the
+    /// joint number from 1 where there is one column a joint, `{joint+6}` for that number plus 6.
     pub name: String,
     /// Factor from the column's unit to SI.
     pub to_si: f64,

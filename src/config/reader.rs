@@ -325,6 +325,14 @@ impl<'d> Value<'d> {
         }
     }
 
+    /// `true` or `false`.
+    pub fn boolean(&self) -> Option<bool> {
+        match self.node.get_ref() {
+            DeValue::Boolean(value) => Some(*value),
+            _ => self.wrong_type("true or false"),
+        }
+    }
+
     /// The entries of an array.
     pub fn items(&self) -> Option<Vec<Value<'d>>> {
         match self.node.get_ref() {

@@ -76,6 +76,12 @@ impl<R: Read> Blocks<R> {
         }
     }
 
+    /// Puts back the line that [`Blocks::header`] took, where it is a row of numbers.
+    pub fn put_back(&mut self, line: &str) {
+        self.pending.splice(0..0, line.bytes().chain([b'\n']));
+        self.line -= 1;
+    }
+
     /// The next block, `None` at the end. Blank lines at the end of the file are left out.
     ///
     /// # Errors

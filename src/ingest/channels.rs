@@ -3,7 +3,8 @@
 //! Both readers end in [`samples`], so a unit is converted in one place. [`refusal`] says of a single
 //! number what [`samples`] only knows of a column: that there is a bad one.
 
-use super::layout::{ColumnMap, Role};
+use super::layout::{ColumnMap, Role, TimeColumn};
+use crate::config::{StageSignal, StageSource};
 use crate::robot::JointIndex;
 use crate::run::{FrictionSignal, Samples, Stage};
 
@@ -30,7 +31,13 @@ pub type RawColumns = Vec<Vec<f64>>;
 #[must_use]
 pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f64>) -> Option<Samples> {
     let factors = map.to_si;
-    let time = scaled(taken(&mut columns, map.time), factors.time, MAX_TIME)?;
+    let time = match map.time {
+        TimeColumn::Recorded(column) => scaled(taken(&mut columns, column), factors.time, MAX_TIME)?,
+        TimeColumn::Counted(rate) => {
+            let rows = map.position.first().and_then(|column| columns.get(*column)).map_or(0, Vec::len);
+            counted(rows, rate, previous_time)
+        }
+    };
     if !rises(&time, previous_time) {
         return None;
     }
@@ -43,7 +50,11 @@ pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f
         None => None,
     };
     let torque = joints(&map.torque, factors.torque, MAX_TORQUE)?;
-    let stage = stages(&taken(&mut columns, map.stage), map)?;
+    let stage = match (map.stage, &map.stage_source) {
+        (Some(column), StageSource::Signal(signal)) => stages(&taken(&mut columns, column), signal)?,
+        (_, StageSource::Whole(stage)) => vec![*stage; time.len()],
+        (None, StageSource::Signal(_)) => return None,
+    };
     let cycle = match map.cycle {
         Some(column) => Some(cycles(&taken(&mut columns, column))?),
         None => None,
@@ -80,7 +91,10 @@ pub fn refusal(value: f64, role: Role, map: &ColumnMap) -> Option<String> {
         Role::Position(_) => beyond(factors.position, MAX_POSITION, "joint's position", "rad"),
         Role::Velocity(_) => beyond(factors.velocity, MAX_VELOCITY, "joint's velocity", "rad/s"),
         Role::Torque(_) => beyond(factors.torque, MAX_TORQUE, "joint's torque", "Nm"),
-        Role::Stage => stage_of(value, map).is_none().then(|| "no known stage".into()),
+        Role::Stage => match &map.stage_source {
+            StageSource::Signal(signal) => stage_of(value, signal).is_none().then(|| "no known stage".into()),
+            StageSource::Whole(_) => None,
+        },
         Role::Cycle => out_of_range(value, 0, u64::from(MAX_CYCLE)),
         Role::FrictionJoint => out_of_range(value, 0, map.joint_count() as u64),
         Role::FrictionLevel => out_of_range(value, 0, u64::from(max_level(map))),
@@ -99,7 +113,7 @@ pub fn may_continue(cell: &str, role: Role, map: &ColumnMap) -> bool {
         Role::Ignored => false,
         Role::Time | Role::Position(_) | Role::Velocity(_) | Role::Torque(_) | Role::Cycle => true,
         Role::Stage => {
-            let signal = &map.stage_signal;
+            let StageSource::Signal(signal) = &map.stage_source else { return false };
             let lists = [&signal.between, &signal.excitation, &signal.friction, &signal.warming];
             lists.into_iter().flatten().any(|value| longer(value))
         }
@@ -130,7 +144,14 @@ fn rises(time: &[f64], previous: Option<f64>) -> bool {
     joins && time.iter().zip(time.iter().skip(1)).all(|(a, b)| a < b)
 }
 
-fn stages(values: &[f64], map: &ColumnMap) -> Option<Vec<Stage>> {
+/// Times of `rows` rows at `rate`, Hz, after a row at `previous`, s. From the row's number, so that
+/// nothing adds up.
+fn counted(rows: usize, rate: f64, previous: Option<f64>) -> Vec<f64> {
+    let first = previous.map_or(0.0, |time| (time * rate).round() + 1.0);
+    (0..rows).map(|row| (first + row as f64) / rate).collect()
+}
+
+fn stages(values: &[f64], signal: &StageSignal) -> Option<Vec<Stage>> {
     // A stage lasts for thousands of rows: the value of the row before is nearly always this one.
     let mut last = None;
     values
@@ -138,7 +159,7 @@ fn stages(values: &[f64], map: &ColumnMap) -> Option<Vec<Stage>> {
         .map(|value| match last {
             Some((known, stage)) if known == *value => Some(stage),
             _ => {
-                let stage = stage_of(*value, map)?;
+                let stage = stage_of(*value, signal)?;
                 last = Some((*value, stage));
                 Some(stage)
             }
@@ -146,9 +167,8 @@ fn stages(values: &[f64], map: &ColumnMap) -> Option<Vec<Stage>> {
         .collect()
 }
 
-fn stage_of(value: f64, map: &ColumnMap) -> Option<Stage> {
+fn stage_of(value: f64, signal: &StageSignal) -> Option<Stage> {
     let value = whole(value)?;
-    let signal = &map.stage_signal;
     let lists = [
         (&signal.between, Stage::Between),
         (&signal.excitation, Stage::Excitation),

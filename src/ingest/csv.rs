@@ -84,6 +84,9 @@ impl<R: Read> ExportReader<R> {
         let mut blocks = Blocks::new(reader, options.block_bytes);
         let header = blocks.header(path)?;
         let map = map_columns(&header, layout, robot, path)?;
+        if !layout.header {
+            blocks.put_back(&header);
+        }
         Ok(Self {
             blocks,
             parser: Parser::new(map, options.threads),
@@ -300,6 +303,8 @@ mod tests {
 
     use super::super::fixture::{fixture, native, read_bytes, recording};
     use super::*;
+    use crate::config::{ScaledColumn, StageSource, TimeSource};
+    use crate::run::Stage;
     use crate::testing::er3a;
 
     fn with_blocks_of(block_bytes: usize) -> ReadOptions {
@@ -319,6 +324,52 @@ mod tests {
         let mut blocks = Blocks::new(text.as_bytes(), 1 << 20);
         blocks.header(Path::new("a.csv")).unwrap();
         blocks.next_block(Path::new("a.csv")).unwrap().unwrap()
+    }
+
+    #[test]
+    fn rows_without_header_time_and_stage_are_counted_and_named_by_the_layout() {
+        let column = |name: &str| ScaledColumn { name: name.into(), to_si: 1.0 };
+        let layout = Layout {
+            header: false,
+            time: TimeSource::SampleRate(5000.0),
+            position: column("{joint}"),
+            velocity: None,
+            torque: column("{joint+6}"),
+            stage: StageSource::Whole(Stage::Excitation),
+            ..native()
+        };
+        let text: String = (0..50)
+            .map(|row| {
+                let cells: Vec<String> =
+                    (0..12).map(|column| format!("{}", f64::from(row * 100 + column))).collect();
+                cells.join(",") + "\n"
+            })
+            .collect();
+        for block_bytes in [100, 1 << 20] {
+            let reader = ExportReader::new(
+                text.as_bytes(),
+                Path::new("a.csv"),
+                &layout,
+                &er3a(),
+                with_blocks_of(block_bytes),
+            );
+            let mut samples = Samples::default();
+            reader.unwrap().for_each(|chunk| samples.append(chunk.unwrap().samples));
+            assert_eq!((samples.rows(), samples.time[0], samples.time[49]), (50, 0.0, 49.0 / 5000.0));
+            assert_eq!((samples.position[2][7], samples.torque[2][7]), (702.0, 708.0));
+            assert!(samples.velocity.is_none() && samples.cycle.is_none());
+            assert!(samples.stage.iter().all(|stage| *stage == Stage::Excitation));
+        }
+        let broken = text.replacen("1003", "x", 1);
+        let reader = ExportReader::new(
+            broken.as_bytes(),
+            Path::new("a.csv"),
+            &layout,
+            &er3a(),
+            ReadOptions::default(),
+        );
+        let rejection = reader.unwrap().find_map(Result::err).unwrap();
+        assert_eq!((rejection.line, rejection.column.as_deref()), (Some(11), Some("4")));
     }
 
     #[test]
@@ -407,7 +458,7 @@ mod tests {
     #[test]
     fn foreign_units_end_here() {
         let mut layout = native();
-        layout.time.to_si = 1e-3;
+        layout.time = TimeSource::Column(ScaledColumn { name: "time".into(), to_si: 1e-3 });
         layout.position.to_si = std::f64::consts::PI / 180.0;
         layout.torque.to_si = -50.0;
         let (samples, text) = made_recording(20);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::csv::{Chunk, ExportReader, ReadOptions};
 use super::rejection::Rejection;
 use super::source::open;
-use crate::config::{Layout, ScaledColumn, StageSignal};
+use crate::config::{Layout, MotorSide, ScaledColumn, StageSignal, StageSource, TimeSource};
 use crate::run::{FrictionSignal, Samples, Stage};
 use crate::testing::er3a;
 
@@ -15,17 +15,19 @@ pub(super) fn native() -> Layout {
     Layout {
         name: "native".into(),
         delimiter: b',',
-        time: column("time"),
+        header: true,
+        time: TimeSource::Column(column("time")),
         position: column("pos_{joint}"),
         velocity: Some(column("vel_{joint}")),
         torque: column("trq_{joint}"),
-        stage: StageSignal {
+        stage: StageSource::Signal(StageSignal {
             column: "stage".into(),
             excitation: vec![1],
             friction: vec![2],
             warming: vec![3],
             between: vec![0],
-        },
+        }),
+        motor_side: MotorSide::default(),
         cycle: Some("cycle".into()),
         friction_joint: Some("joint".into()),
         friction_level: Some("level".into()),

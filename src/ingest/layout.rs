@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use super::rejection::Rejection;
-use crate::config::{Layout, ScaledColumn, StageSignal};
+use crate::config::{Layout, MotorSide, ScaledColumn, StageSource, TimeSource};
 use crate::robot::{JointIndex, Robot};
 
 /// Most column names listed in a message.
@@ -42,26 +42,37 @@ pub struct ColumnMap {
     pub names: Vec<String>,
     /// Role of each column, in the export's order.
     pub roles: Vec<Role>,
-    /// Column index of time.
-    pub time: usize,
+    /// Where time stands.
+    pub time: TimeColumn,
     /// Column index of each joint's position.
     pub position: Vec<usize>,
     /// Column index of each joint's velocity, where recorded.
     pub velocity: Option<Vec<usize>>,
     /// Column index of each joint's torque.
     pub torque: Vec<usize>,
-    /// Column index of the stage signal.
-    pub stage: usize,
+    /// Column index of the stage signal, unless the whole recording is one stage.
+    pub stage: Option<usize>,
     /// Column index of the cycle counter, where recorded.
     pub cycle: Option<usize>,
     /// Column indices of friction joint and speed level, where both are recorded.
     pub friction: Option<FrictionColumns>,
     /// Factors to SI.
     pub to_si: Factors,
-    /// Meaning of the stage signal's values.
-    pub stage_signal: StageSignal,
+    /// Meaning of the stage signal's values, or the one stage.
+    pub stage_source: StageSource,
+    /// Channels recorded on the motor's side.
+    pub motor_side: MotorSide,
     /// Largest speed level; 0 if the description names none, then any is taken.
     pub levels: usize,
+}
+
+/// Where the time of a row comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum TimeColumn {
+    /// The column of this index.
+    Recorded(usize),
+    /// The number of the row at this sample rate, Hz.
+    Counted(f64),
 }
 
 /// Column indices of the friction signal.
@@ -109,20 +120,31 @@ pub fn map_columns(
     robot: &Robot,
     path: &Path,
 ) -> Result<ColumnMap, Rejection> {
-    let names: Vec<String> = fields(header, layout.delimiter).map(str::to_owned).collect();
+    let names: Vec<String> = match layout.header {
+        true => fields(header, layout.delimiter).map(str::to_owned).collect(),
+        false => (1..=fields(header, layout.delimiter).count()).map(|number| number.to_string()).collect(),
+    };
     let search = Search { names: &names, layout, robot, path };
-    search.refuse_missing_header()?;
-    search.refuse_foreign_delimiter()?;
-    search.refuse_joint_count()?;
+    if layout.header {
+        search.refuse_missing_header()?;
+        search.refuse_foreign_delimiter()?;
+        search.refuse_joint_count()?;
+    }
 
-    let time = search.needed(&layout.time.name)?;
+    let time = match &layout.time {
+        TimeSource::Column(column) => TimeColumn::Recorded(search.needed(&column.name)?),
+        TimeSource::SampleRate(rate) => TimeColumn::Counted(*rate),
+    };
     let position = search.needed_by_joint(&layout.position)?;
     let velocity = match &layout.velocity {
         Some(column) if search.is_recorded(column) => Some(search.needed_by_joint(column)?),
         _ => None,
     };
     let torque = search.needed_by_joint(&layout.torque)?;
-    let stage = search.stage()?;
+    let stage = match &layout.stage {
+        StageSource::Signal(signal) => Some(search.stage(&signal.column)?),
+        StageSource::Whole(_) => None,
+    };
     let cycle = search.optional(layout.cycle.as_deref())?;
     let joint = search.optional(layout.friction_joint.as_deref())?;
     let level = search.optional(layout.friction_level.as_deref())?;
@@ -134,7 +156,9 @@ pub fn map_columns(
             *slot = role;
         }
     };
-    assign(time, Role::Time);
+    if let TimeColumn::Recorded(column) = time {
+        assign(column, Role::Time);
+    }
     for joint in robot.joint_indices() {
         assign(position[joint.index()], Role::Position(joint));
         assign(torque[joint.index()], Role::Torque(joint));
@@ -142,7 +166,7 @@ pub fn map_columns(
             assign(velocity[joint.index()], Role::Velocity(joint));
         }
     }
-    assign(stage, Role::Stage);
+    stage.into_iter().for_each(|column| assign(column, Role::Stage));
     cycle.into_iter().for_each(|column| assign(column, Role::Cycle));
     if let Some(friction) = friction {
         assign(friction.joint, Role::FrictionJoint);
@@ -160,12 +184,16 @@ pub fn map_columns(
         cycle,
         friction,
         to_si: Factors {
-            time: layout.time.to_si,
+            time: match &layout.time {
+                TimeSource::Column(column) => column.to_si,
+                TimeSource::SampleRate(_) => 1.0,
+            },
             position: layout.position.to_si,
             velocity: layout.velocity.as_ref().map_or(1.0, |v| v.to_si),
             torque: layout.torque.to_si,
         },
-        stage_signal: layout.stage.clone(),
+        stage_source: layout.stage.clone(),
+        motor_side: layout.motor_side,
         levels: robot.speed_levels.len(),
     })
 }
@@ -310,8 +338,7 @@ impl Search<'_> {
         (1..=self.robot.joint_count()).map(|joint| self.needed(&by_joint(&column.name, joint))).collect()
     }
 
-    fn stage(&self) -> Result<usize, Rejection> {
-        let name = &self.layout.stage.column;
+    fn stage(&self, name: &str) -> Result<usize, Rejection> {
         self.optional(Some(name))?.ok_or_else(|| {
             let nearest = self.nearest(name).map(|n| format!("did you mean {n}? ")).unwrap_or_default();
             let remedy = format!(
@@ -344,7 +371,15 @@ impl Search<'_> {
 
     fn is_named(&self, name: &str) -> bool {
         let layout = self.layout;
-        let single = [Some(&layout.time.name), Some(&layout.stage.column), layout.cycle.as_ref()]
+        let time = match &layout.time {
+            TimeSource::Column(column) => Some(&column.name),
+            TimeSource::SampleRate(_) => None,
+        };
+        let stage = match &layout.stage {
+            StageSource::Signal(signal) => Some(&signal.column),
+            StageSource::Whole(_) => None,
+        };
+        let single = [time, stage, layout.cycle.as_ref()]
             .into_iter()
             .chain([layout.friction_joint.as_ref(), layout.friction_level.as_ref()]);
         let joints = [Some(&layout.position), layout.velocity.as_ref(), Some(&layout.torque)];
@@ -355,7 +390,14 @@ impl Search<'_> {
     }
 }
 
+/// Name of a joint's column: `{joint}` is its number, `{joint+6}` that number plus 6.
 fn by_joint(template: &str, joint: usize) -> String {
+    if let Some((before, rest)) = template.split_once("{joint+")
+        && let Some((added, after)) = rest.split_once('}')
+        && let Ok(added) = added.parse::<usize>()
+    {
+        return format!("{before}{}{after}", joint + added);
+    }
     template.replace("{joint}", &joint.to_string())
 }
 
@@ -411,7 +453,7 @@ mod tests {
         let straight = mapped(HEADER).unwrap();
         let backwards: Vec<&str> = HEADER.split(',').rev().collect();
         let reversed = mapped(&backwards.join(",")).unwrap();
-        assert_eq!((straight.time, reversed.time), (0, 22));
+        assert_eq!((straight.time, reversed.time), (TimeColumn::Recorded(0), TimeColumn::Recorded(22)));
         assert_eq!(straight.position, [1, 2, 3, 4, 5, 6]);
         assert_eq!(reversed.position, [21, 20, 19, 18, 17, 16]);
         let mut roles = reversed.roles.clone();
