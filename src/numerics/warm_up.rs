@@ -18,6 +18,10 @@ use crate::robot::JointIndex;
 /// Fewest points of a fit.
 const MIN_POINTS: usize = 4;
 
+/// Most points that a fit works on. More, as all runs of a robot give, are averaged in groups of
+/// neighbours in time: a curve of five parameters needs no more, and the work stays bounded.
+const MAX_POINTS: usize = 240;
+
 /// A time constant longer than this many records is a straight line in disguise: the asymptote
 /// would be an extrapolation (thesis Table N.1 has one with a = 0 and a time constant of a day).
 const LONGEST_IN_RECORDS: f64 = 1.5;
@@ -61,18 +65,42 @@ pub fn fit_warm_up(
     if !points.iter().all(|p| p.minute.is_finite() && p.torque.is_finite()) {
         return Err(NumericsError::NotFinite("the points of the warm-up curve"));
     }
-    let constant = constant_fit(joint, speed_fraction, points)?;
-    let single = best_fit(points, &single_starts(points), 1);
-    let double = best_fit(points, &double_starts(points), 2);
-    let mut best = (constant, criterion(points.len(), constant.rmsd, 1));
+    let grouped = grouped(points);
+    let constant = constant_fit(joint, speed_fraction, &grouped)?;
+    let single = best_fit(&grouped, &single_starts(&grouped), 1);
+    let double = best_fit(&grouped, &double_starts(&grouped), 2);
+    let mut best = (constant, criterion(grouped.len(), constant.rmsd, 1));
     for (parts, candidate) in [(1, single), (2, double)] {
-        let Some(candidate) = candidate.filter(|c| supported(c, points)) else { continue };
-        let score = criterion(points.len(), candidate.rmsd, 1 + 2 * parts);
+        let Some(candidate) = candidate.filter(|c| supported(c, &grouped)) else { continue };
+        let score = criterion(grouped.len(), candidate.rmsd, 1 + 2 * parts);
         if score < best.1 {
-            best = (candidate.into_fit(joint, speed_fraction, points.len()), score);
+            best = (candidate.into_fit(joint, speed_fraction, grouped.len()), score);
         }
     }
-    Ok(best.0)
+    let fit = best.0;
+    Ok(WarmUpFit { rmsd: deviation(&fit, points), samples: points.len(), ..fit })
+}
+
+/// Means of equally many neighbours in time, at most [`MAX_POINTS`] of them; a last smaller group is
+/// left out, so that all weigh the same.
+fn grouped(points: &[WarmUpPoint]) -> Vec<WarmUpPoint> {
+    let size = points.len().div_ceil(MAX_POINTS);
+    let mut sorted = points.to_vec();
+    sorted.sort_by(|a, b| a.minute.total_cmp(&b.minute));
+    let n = size as f64;
+    sorted
+        .chunks_exact(size)
+        .map(|group| WarmUpPoint {
+            minute: group.iter().map(|p| p.minute).sum::<f64>() / n,
+            torque: group.iter().map(|p| p.torque).sum::<f64>() / n,
+        })
+        .collect()
+}
+
+/// Root-mean-square deviation of points from a curve, Nm.
+fn deviation(fit: &WarmUpFit, points: &[WarmUpPoint]) -> f64 {
+    let squares: f64 = points.iter().map(|p| (p.torque - warm_up_torque(fit, p.minute)).powi(2)).sum();
+    (squares / points.len() as f64).sqrt()
 }
 
 /// Value of a fitted curve at `minute`, Nm.
@@ -237,14 +265,17 @@ fn exponential_fit(points: &[WarmUpPoint], start: &[f64], parts: usize) -> Optio
 
 #[cfg(test)]
 mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
     use super::*;
 
     const JOINT: JointIndex = JointIndex::new(0);
 
-    /// Reproducible noise of unit variance: sums of a Weyl sequence's uniform values.
+    /// Normal noise of unit variance that depends on `i` alone.
     fn noise(i: usize) -> f64 {
-        let uniform = |k: usize| ((i * 12 + k + 1) as f64 * 0.618_033_988_749_895).fract();
-        (0..12).map(uniform).sum::<f64>() - 6.0
+        ChaCha8Rng::seed_from_u64(i as u64).sample(StandardNormal)
     }
 
     fn curve(a: f64, b: f64, t1: f64, c: f64, t2: f64, sigma: f64) -> Vec<WarmUpPoint> {
@@ -306,6 +337,27 @@ mod tests {
         for part in [fit.slow, fit.fast].into_iter().flatten() {
             assert!(part.time_constant.value < LONGEST_IN_RECORDS * 47.0, "{fit:?}");
         }
+    }
+
+    #[test]
+    fn the_points_of_many_runs_give_the_curve_of_one_more_narrowly() {
+        let (a, b, t1, c, t2) = (16.609, 4.874, 40.94, 8.562, 2.889);
+        let one = fit_warm_up(JOINT, 0.6, &curve(a, b, t1, c, t2, 0.2)).expect("fits");
+        let all: Vec<WarmUpPoint> = (0..50)
+            .flat_map(|run| {
+                let clean = curve(a, b, t1, c, t2, 0.0).into_iter().enumerate();
+                clean.map(move |(i, p)| WarmUpPoint {
+                    torque: p.torque + 0.2 * noise(1000 + 48 * run + i),
+                    ..p
+                })
+            })
+            .collect();
+        let many = fit_warm_up(JOINT, 0.6, &all).expect("fits");
+        assert_eq!((many.model, many.samples), (WarmUpModel::Double, 2400));
+        assert!((many.a.value - a).abs() < 4.0 * many.a.std_error);
+        assert!(many.a.std_error < 0.5 * one.a.std_error, "{} {}", many.a.std_error, one.a.std_error);
+        // the deviation is that of the points, not of their means
+        assert!((0.15..0.25).contains(&many.rmsd), "{}", many.rmsd);
     }
 
     #[test]
