@@ -15,9 +15,10 @@ use crate::run::{Samples, Stage};
 /// A plateau's rows lie within this fraction of its speed.
 const SPEED_TOLERANCE: f64 = 0.10;
 
-/// Halves of a plateau agree to this fraction of its speed; on a ramp through the tolerance band
-/// they differ by half of the band, 0.1.
-const HALVES_TOLERANCE: f64 = 0.04;
+/// Thirds of a plateau agree to this fraction of its speed. On a ramp through the tolerance band they
+/// differ by more than a tenth; at a turning point inside the band, which thirds see and halves do
+/// not, by more than this unless the speed is constant for any purpose.
+const THIRDS_TOLERANCE: f64 = 0.025;
 
 /// Shortest plateau, s. Shorter ones are ramps that pass through a level.
 const MIN_PLATEAU_S: f64 = 0.12;
@@ -214,7 +215,7 @@ fn constant_rows(
         }) {
             let part = near_range.start + part.start..near_range.start + part.end;
             let inner = part.start + margin..part.end.saturating_sub(margin);
-            if inner.len() >= shortest && halves_agree(&rows[inner.clone()], &along, speed) {
+            if inner.len() >= shortest && thirds_agree(&rows[inner.clone()], &along, speed) {
                 found.extend_from_slice(&rows[inner]);
             }
         }
@@ -222,10 +223,12 @@ fn constant_rows(
     found
 }
 
-fn halves_agree(rows: &[usize], along: impl Fn(usize) -> f64, speed: f64) -> bool {
-    let half = |rows: &[usize]| rows.iter().map(|&row| along(row)).sum::<f64>() / rows.len() as f64;
-    let (first, second) = rows.split_at(rows.len() / 2);
-    (half(first) - half(second)).abs() <= HALVES_TOLERANCE * speed
+fn thirds_agree(rows: &[usize], along: impl Fn(usize) -> f64, speed: f64) -> bool {
+    let mean = |rows: &[usize]| rows.iter().map(|&row| along(row)).sum::<f64>() / rows.len() as f64;
+    let means: Vec<f64> = rows.chunks_exact(rows.len() / 3).take(3).map(mean).collect();
+    let spread = means.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+        - means.iter().copied().fold(f64::INFINITY, f64::min);
+    spread <= THIRDS_TOLERANCE * speed
 }
 
 fn quantile(mut values: Vec<f64>, fraction: f64) -> Option<f64> {
@@ -334,4 +337,139 @@ fn fit_gravity(
     factor.fold(rows.as_ref());
     let solved = factor.solve(MAX_GRAVITY_CONDITION, |i| i.to_string()).ok()?;
     Some([solved.theta[1], if loads == 2 { solved.theta[2] } else { 0.0 }])
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::numerics::signal::condition;
+    use crate::run::FrictionSignal;
+
+    const RATE: f64 = 250.0;
+    /// Of a mean over a second of noise-free torque: what is left is the low-pass on the ramps.
+    const TOLERANCE: f64 = 2e-3;
+
+    /// A joint of the ER3A alone, so that its axis is vertical, or horizontal where `lying`.
+    fn one_joint(lying: bool) -> Robot {
+        let mut robot = crate::testing::er3a();
+        robot.joints.truncate(1);
+        if lying {
+            robot.gravity = Vector3::new(9.81, 0.0, 0.0);
+        }
+        robot
+    }
+
+    /// Position, speed and acceleration back and forth at `speed` with ramps of `acceleration`, each
+    /// way holding the speed for `hold` seconds.
+    fn shuttle(speed: f64, acceleration: f64, hold: f64) -> Vec<[f64; 3]> {
+        let ramp = speed / acceleration;
+        let way = 2.0 * ramp + hold;
+        let (mut rows, mut q) = (Vec::new(), -0.5 * speed * (hold + ramp));
+        for row in 0..(2.0 * way * RATE) as usize {
+            let t = row as f64 / RATE;
+            let (sign, t) = if t < way { (1.0, t) } else { (-1.0, t - way) };
+            let (v, a) = if t < ramp {
+                (acceleration * t, acceleration)
+            } else if t < ramp + hold {
+                (speed, 0.0)
+            } else {
+                (acceleration * (way - t), -acceleration)
+            };
+            rows.push([q, sign * v, sign * a]);
+            q += sign * v / RATE;
+        }
+        rows
+    }
+
+    fn friction(v: f64) -> f64 {
+        2.0 * v.signum() + 3.0 * v
+    }
+
+    /// A friction stage through the given levels, with the torque of `load` added to friction.
+    fn stage(robot: &Robot, levels: &[usize], signals: bool, load: impl Fn(f64) -> f64) -> Samples {
+        let mut samples = Samples { position: vec![vec![]], torque: vec![vec![]], ..Samples::default() };
+        let (mut velocity, mut signal) = (Vec::new(), Vec::new());
+        for &level in levels {
+            let speed = robot.speed_levels[level - 1] * robot.joints[0].limits.velocity;
+            for [q, v, a] in shuttle(speed, 8.0, 0.6) {
+                samples.time.push(samples.time.len() as f64 / RATE);
+                samples.position[0].push(q);
+                velocity.push(v);
+                samples.torque[0].push(0.4 * a + friction(v) + load(q));
+                samples.stage.push(Stage::Friction);
+                let level = u8::try_from(level).expect("few levels");
+                signal.push(Some(FrictionSignal { joint: JointIndex::new(0), level }));
+            }
+        }
+        samples.velocity = Some(vec![velocity]);
+        samples.friction_signal = signals.then_some(signal);
+        samples
+    }
+
+    fn points(robot: &Robot, samples: &Samples) -> FrictionPoints {
+        friction_points(robot, samples, &condition(samples, 12.0).expect("conditions"), None)
+    }
+
+    fn assert_friction(robot: &Robot, found: &FrictionPoints, levels: &[usize]) {
+        assert_eq!(found.points.len(), 2 * levels.len(), "{:?}", found.remarks);
+        for point in &found.points {
+            let truth = friction(point.speed);
+            let along = point.torque * f64::from(point.direction);
+            assert!((along - truth).abs() < TOLERANCE * truth, "{point:?} {truth}");
+            let nominal = point.speed_fraction * robot.joints[0].limits.velocity;
+            assert!((point.speed - nominal).abs() < TOLERANCE * nominal, "{point:?}");
+        }
+    }
+
+    #[test]
+    fn plateaus_give_friction_by_level_and_direction_with_signals_or_without() {
+        let robot = one_joint(false);
+        let levels = [2, 3, 4, 5, 6];
+        for signals in [true, false] {
+            let found = points(&robot, &stage(&robot, &levels, signals, |_| 0.0));
+            assert_friction(&robot, &found, &levels);
+            assert!(found.points.iter().all(|p| p.gravity == GravityRemoval::AxisVertical));
+        }
+    }
+
+    #[test]
+    fn the_load_of_gravity_is_fitted_and_taken_off() {
+        let robot = one_joint(true);
+        let levels = [2, 4, 6];
+        let found = points(&robot, &stage(&robot, &levels, true, |q| 11.0 * q.cos() - 4.0 * q.sin()));
+        assert_friction(&robot, &found, &levels);
+        assert!(found.points.iter().all(|p| p.gravity == GravityRemoval::Fitted));
+    }
+
+    #[test]
+    fn levels_in_another_order_or_missing_are_told_apart() {
+        let robot = one_joint(false);
+        let found = points(&robot, &stage(&robot, &[6, 2, 4], false, |_| 0.0));
+        assert_friction(&robot, &found, &[6, 2, 4]);
+        let missing = found.remarks.iter().filter(|r| r.contains("holds no constant speed")).count();
+        assert_eq!(missing, 3, "{:?}", found.remarks);
+    }
+
+    #[test]
+    fn a_ramp_through_a_level_is_no_plateau() {
+        let robot = one_joint(false);
+        // 0.6 s through the band around 60 %, but never constant
+        let mut samples = stage(&robot, &[6], false, |_| 0.0);
+        let velocity: Vec<f64> =
+            (0..samples.rows()).map(|row| 4.0 * row as f64 / samples.rows() as f64).collect();
+        samples.velocity = Some(vec![velocity]);
+        let found = points(&robot, &samples);
+        assert_eq!(found.points, vec![], "{:?}", found.points);
+    }
+
+    #[test]
+    fn a_joint_that_never_moves_alone_is_said() {
+        let robot = one_joint(false);
+        let mut samples = stage(&robot, &[2], false, |_| 0.0);
+        samples.velocity = Some(vec![vec![0.0; samples.rows()]]);
+        let found = points(&robot, &samples);
+        assert!(found.points.is_empty() && found.remarks[0].contains("does not move alone"), "{found:?}");
+    }
 }
