@@ -1,6 +1,7 @@
 //! The command line: what was typed becomes what it means, once; then one function a command.
 
 mod config_check;
+mod coverage;
 mod demo;
 mod ingest;
 mod output;
@@ -101,6 +102,11 @@ enum Command {
         #[command(subcommand)]
         command: RobotCommand,
     },
+    /// Measure how good the method is, on simulated exports
+    Benchmark {
+        #[command(subcommand)]
+        command: BenchmarkCommand,
+    },
     /// Look at a configuration
     Config {
         #[command(subcommand)]
@@ -112,6 +118,12 @@ enum Command {
 enum RobotCommand {
     /// Kinematics, base parameters with their groupings, rank and condition number
     Check(robot_check::RobotCheckArgs),
+}
+
+#[derive(Debug, Subcommand)]
+enum BenchmarkCommand {
+    /// How often 95 % intervals of the parameters hold the truth
+    Coverage(coverage::CoverageArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -171,6 +183,9 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
         Command::Simulate(args) => simulate::simulate(&cli.global, &args),
         Command::Robot { command: RobotCommand::Check(args) } => robot_check::check(&cli.global, &args),
+        Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {
+            coverage::coverage(&cli.global, &args)
+        }
         Command::Config { command: ConfigCommand::Check } => config_check::check(&cli.global),
     };
     ExitCode::from(done.unwrap_or_else(|error| {

@@ -21,6 +21,17 @@ pub mod base;
 pub mod robot_check;
 pub mod triangular;
 pub mod identify;
+pub mod rows;
+pub mod estimate;
+pub mod robust;
+pub mod covariance;
+//pub mod prior;
+//pub mod physical;
+//pub mod essential;
+pub mod diagnose;
+pub mod plausible;
+#[cfg(test)]
+mod estimator_tests;
 pub mod friction;
 pub mod warm_up;
 pub mod verify;

@@ -56,6 +56,12 @@ impl TriangularFactor {
         self.rows
     }
 
+    /// The factor `r` itself, upper triangular `[(b+1) x (b+1)]`; its last column belongs to `tau`.
+    #[must_use]
+    pub fn upper(&self) -> MatRef<'_, f64> {
+        self.r.as_ref()
+    }
+
     /// Folds in `block`, rows of `[w | tau]`, `[any x (b+1)]`.
     pub fn fold(&mut self, block: MatRef<'_, f64>) {
         let k = self.r.ncols();

@@ -7,6 +7,7 @@ pub mod excitation;
 pub mod export;
 pub mod fault;
 mod fixed_point;
+pub mod exact;
 pub mod friction;
 pub mod motion;
 pub mod recording;

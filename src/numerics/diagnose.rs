@@ -1,0 +1,691 @@
+//! What is wrong with a recording, in words for the person beside the arm, with the numbers that say so.
+//!
+//! Each finding stands on its own: a fault that explains another suppresses it. Findings about the
+//! identified model are in [`super::plausible`].
+
+use super::signal::{Conditioned, differentiate};
+use super::triangular::TriangularFactor;
+use crate::robot::{Joint, JointIndex, JointKind, Robot};
+use crate::run::{Samples, Stage};
+
+/// Whether numbers from such data may pass.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum FindingSeverity {
+    /// Worth knowing; the numbers stand.
+    Warn,
+    /// No parameters should be made from this.
+    Refuse,
+}
+
+/// What was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum FindingKind {
+    /// A joint does not move during the excitation.
+    Still,
+    /// A joint moves at one speed only.
+    OneSpeed,
+    /// Torque is cut off at a largest value.
+    Saturated,
+    /// A channel repeats one value while the arm moves.
+    Stuck,
+    /// A velocity follows from another joint's position.
+    VelocitySwapped,
+    /// A torque belongs to another joint's motion.
+    TorqueSwapped,
+    /// Velocity is the derivative of position in another unit.
+    VelocityUnit,
+    /// Position is in another unit than the description's.
+    PositionUnit,
+    /// Velocity is the negative derivative of position.
+    VelocitySign,
+    /// Friction would drive the joint.
+    TorqueSign,
+    /// Velocities disagree with positions by one factor for all joints.
+    TimeAxis,
+    /// Velocity does not follow from position.
+    VelocityUnrelated,
+    /// Positions beyond the description's limits.
+    OutsideLimits,
+    /// Speeds beyond the description's limits.
+    TooFast,
+    /// The identified inertia is one that no body has.
+    NegativeInertia,
+    /// The identified friction would drive the joint.
+    NegativeFriction,
+    /// The model does not explain the torque.
+    Unexplained,
+}
+
+/// A number that a finding stands on; the unit ends the name.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Evidence {
+    /// What it is.
+    pub name: &'static str,
+    /// Its value.
+    pub value: f64,
+}
+
+/// Something that a person should know of a recording before trusting numbers from it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// What was found.
+    pub kind: FindingKind,
+    /// Whether numbers may pass.
+    pub severity: FindingSeverity,
+    /// The joint, if it is about one.
+    pub joint: Option<JointIndex>,
+    /// What is wrong and what to do, as a sentence.
+    pub sentence: String,
+    /// What shows it.
+    pub evidence: Vec<Evidence>,
+}
+
+/// From where on something is worth saying.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DiagnoseSettings {
+    /// A joint that moves in a smaller share of the excitation's rows stands still.
+    pub moving_share: f64,
+    /// Speeds whose middle 80 % lie this near to their median, relative, are one speed.
+    pub speed_spread: f64,
+    /// Share of rows at the largest torque that is said, and that is refused.
+    pub saturated_shares: [f64; 2],
+    /// Relative deviation of a velocity from its position's derivative that is said. Low-pass and
+    /// differences leave 1 %.
+    pub velocity_gain: f64,
+    /// Positions beyond a limit by this part of the range are said, and by the second refused.
+    pub limit_margins: [f64; 2],
+}
+
+impl Default for DiagnoseSettings {
+    fn default() -> Self {
+        Self {
+            moving_share: 0.02,
+            speed_spread: 0.05,
+            saturated_shares: [0.005, 0.05],
+            velocity_gain: 0.05,
+            limit_margins: [0.02, 0.1],
+        }
+    }
+}
+
+/// Correlation of a velocity with its own position's derivative: above, they belong together; below
+/// the second, they do not. Noise of healthy recordings leaves 0.99.
+const BELONGS: [f64; 2] = [0.95, 0.7];
+/// Nearness of a factor between units to its exact value.
+const UNIT_TOLERANCE: f64 = 0.03;
+/// Degrees in a radian.
+const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+/// Radians a second to turns a minute.
+const RPM: f64 = 30.0 / std::f64::consts::PI;
+/// Repeats of one value are looked at from this duration on, s.
+const REPEATS_S: f64 = 0.5;
+/// Most rows of one small fit; more add nothing to a yes or no.
+const FIT_ROWS: usize = 3000;
+/// Difference in explained torque that makes a torque another joint's.
+const EXPLAINED_GAP: f64 = 0.3;
+/// Friction power over torque times speed below which a torque's sign is wrong.
+const DRIVEN: f64 = -0.1;
+
+/// Everything that the channels of one cycle show to be wrong, the gravest first.
+///
+/// `samples` are as recorded, `conditioned` the same rows after [`super::signal::condition`]. Swapped
+/// columns and wrong signs can only be seen as far as joints move.
+#[must_use]
+pub fn diagnose_samples(
+    robot: &Robot,
+    samples: &Samples,
+    conditioned: &Conditioned,
+    settings: &DiagnoseSettings,
+) -> Vec<Finding> {
+    let view = View::new(robot, samples, conditioned);
+    if view.rows.is_empty() {
+        return Vec::new();
+    }
+    let mut findings = stuck(&view);
+    let explained = |findings: &[Finding], joint: JointIndex, kinds: &[FindingKind]| {
+        findings.iter().any(|f| f.joint == Some(joint) && (kinds.is_empty() || kinds.contains(&f.kind)))
+    };
+    let broken: Vec<bool> = robot.joint_indices().map(|j| explained(&findings, j, &[])).collect();
+    if samples.velocity.is_some() {
+        findings.extend(velocity_against_position(&view, settings, &broken));
+    }
+    findings.extend(positions(&view, settings));
+    let kinematic = [FindingKind::Stuck, FindingKind::VelocitySwapped, FindingKind::VelocityUnrelated];
+    for joint in robot.joint_indices().filter(|j| !broken[j.index()]) {
+        findings.extend(motion(&view, joint, settings));
+        findings.extend(saturation(&view, joint, settings));
+    }
+    let judged: Vec<JointIndex> = robot
+        .joint_indices()
+        .filter(|&j| !explained(&findings, j, &kinematic) && !explained(&findings, j, &[FindingKind::Still]))
+        .collect();
+    findings.extend(torques(&view, &judged, &findings));
+    findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
+    findings
+}
+
+/// Channels with what several checks need.
+struct View<'a> {
+    robot: &'a Robot,
+    samples: &'a Samples,
+    conditioned: &'a Conditioned,
+    /// Rows that may be used, all stages.
+    rows: Vec<usize>,
+    /// Rows of the excitation stage, or all where there is none.
+    excitation: Vec<usize>,
+    /// Derivative of the low-passed position, `[n][rows of the recording]`.
+    dq: Vec<Vec<f64>>,
+}
+
+impl<'a> View<'a> {
+    fn new(robot: &'a Robot, samples: &'a Samples, conditioned: &'a Conditioned) -> Self {
+        let rows: Vec<usize> = conditioned.usable.iter().flat_map(Clone::clone).collect();
+        let excitation: Vec<usize> =
+            rows.iter().copied().filter(|&row| samples.stage[row] == Stage::Excitation).collect();
+        let excitation = if excitation.is_empty() { rows.clone() } else { excitation };
+        let step = 1.0 / conditioned.sample_rate;
+        let derivative = |q: &Vec<f64>| {
+            let mut out = vec![0.0; q.len()];
+            for stretch in &conditioned.usable {
+                out[stretch.clone()].copy_from_slice(&differentiate(&q[stretch.clone()], step));
+            }
+            out
+        };
+        Self {
+            robot,
+            samples,
+            conditioned,
+            rows,
+            excitation,
+            dq: conditioned.q.iter().map(derivative).collect(),
+        }
+    }
+
+    fn joint(&self, joint: JointIndex) -> &Joint {
+        &self.robot.joints[joint.index()]
+    }
+
+    fn rms(&self, channel: &[f64]) -> f64 {
+        (self.rows.iter().map(|&row| channel[row] * channel[row]).sum::<f64>() / self.rows.len() as f64).sqrt()
+    }
+
+    fn product(&self, a: &[f64], b: &[f64]) -> f64 {
+        self.rows.iter().map(|&row| a[row] * b[row]).sum::<f64>() / self.rows.len() as f64
+    }
+
+    fn extent(&self, channel: &[f64]) -> [f64; 2] {
+        self.rows.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &row| {
+            [low.min(channel[row]), high.max(channel[row])]
+        })
+    }
+}
+
+fn finding(
+    kind: FindingKind,
+    severity: FindingSeverity,
+    joint: Option<JointIndex>,
+    sentence: String,
+    evidence: &[(&'static str, f64)],
+) -> Finding {
+    let evidence = evidence.iter().map(|&(name, value)| Evidence { name, value }).collect();
+    Finding { kind, severity, joint, sentence, evidence }
+}
+
+/// Channels that repeat one value to the last digit while the joint's other channels say it moves.
+fn stuck(view: &View<'_>) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let least = (REPEATS_S * view.conditioned.sample_rate).ceil().max(8.0) as usize;
+    for joint in view.robot.joint_indices() {
+        let j = joint.index();
+        let (dq, qd) = (&view.dq[j], &view.conditioned.qd[j]);
+        let low = view.joint(joint).low_speed;
+        // Speed has to change by this much within the repeats, so that a plateau is none.
+        let swing = (0.2 * view.rms(qd).max(view.rms(dq))).max(2.0 * low);
+        let torque = &view.samples.torque[j];
+        let peaks = view.extent(torque);
+        let channels: [(&str, Option<&Vec<f64>>, &Vec<f64>); 3] = [
+            ("position", Some(&view.samples.position[j]), qd),
+            ("velocity", view.samples.velocity.as_ref().map(|velocity| &velocity[j]), dq),
+            ("torque", Some(torque), qd),
+        ];
+        for (name, channel, witness) in channels {
+            let Some(channel) = channel else { continue };
+            let clipped = |value: f64| name == "torque" && peaks[0] < peaks[1] && peaks.contains(&value);
+            let run = longest_run(view, channel, least, |start, end| {
+                let inside = &witness[start..end];
+                let range = inside.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+                    - inside.iter().copied().fold(f64::INFINITY, f64::min);
+                range > swing && !clipped(channel[start])
+            });
+            let Some((start, end)) = run else { continue };
+            let (value, seconds) = (channel[start], (end - start) as f64 / view.conditioned.sample_rate);
+            found.push(finding(
+                FindingKind::Stuck,
+                FindingSeverity::Refuse,
+                Some(joint),
+                format!(
+                    "joint {joint}: the {name} signal stands at {value} for {seconds:.1} s while the joint moves; \
+                     check that the channel is connected and recorded"
+                ),
+                &[("value", value), ("duration_s", seconds)],
+            ));
+        }
+    }
+    found
+}
+
+/// The longest stretch of equal values of at least `least` rows that `counts(start, end)`.
+fn longest_run(
+    view: &View<'_>,
+    channel: &[f64],
+    least: usize,
+    counts: impl Fn(usize, usize) -> bool,
+) -> Option<(usize, usize)> {
+    let mut longest: Option<(usize, usize)> = None;
+    for stretch in &view.conditioned.usable {
+        let mut start = stretch.start;
+        for row in stretch.clone() {
+            let last = row + 1 == stretch.end;
+            if last || (channel[row + 1] - channel[start]).abs() > 0.0 {
+                let length = row + 1 - start;
+                let longer = longest.is_none_or(|(s, e)| length > e - s);
+                if length >= least && longer && counts(start, row + 1) {
+                    longest = Some((start, row + 1));
+                }
+                start = row + 1;
+            }
+        }
+    }
+    longest
+}
+
+/// Swapped columns, wrong units and signs between velocity and position.
+fn velocity_against_position(view: &View<'_>, settings: &DiagnoseSettings, broken: &[bool]) -> Vec<Finding> {
+    let qd = &view.conditioned.qd;
+    let n = qd.len();
+    let (dq_rms, qd_rms): (Vec<f64>, Vec<f64>) =
+        (0..n).map(|j| (view.rms(&view.dq[j]), view.rms(&qd[j]))).unzip();
+    let correlation = |i: usize, j: usize| {
+        let scale = dq_rms[i] * qd_rms[j];
+        if scale > 0.0 { view.product(&view.dq[i], &qd[j]) / scale } else { 0.0 }
+    };
+    let mut found = Vec::new();
+    let mut gains: Vec<(JointIndex, f64)> = Vec::new();
+    for joint in view.robot.joint_indices() {
+        let i = joint.index();
+        let still = dq_rms[i] < 0.5 * view.joint(joint).low_speed;
+        if broken[i] || still {
+            continue;
+        }
+        let own = correlation(i, i);
+        if own.abs() > BELONGS[0] {
+            gains.push((joint, view.product(&view.dq[i], &qd[i]) / (dq_rms[i] * dq_rms[i])));
+            continue;
+        }
+        let best = (0..n).max_by(|&a, &b| correlation(i, a).abs().total_cmp(&correlation(i, b).abs()));
+        let Some(best) = best.filter(|&best| best != i && own.abs() < BELONGS[1]) else {
+            found.push(unrelated(joint, own));
+            continue;
+        };
+        let other = correlation(i, best);
+        if other.abs() > BELONGS[0] {
+            let best = JointIndex::new(best);
+            found.push(finding(
+                FindingKind::VelocitySwapped,
+                FindingSeverity::Refuse,
+                Some(joint),
+                format!(
+                    "joint {joint}: its position belongs to the velocity recorded for joint {best} (correlation \
+                     {other:.3}), not to its own ({own:.3}); columns are swapped, check the order of joints in the \
+                     export layout"
+                ),
+                &[("correlation_own", own), ("correlation_other", other), ("other_joint", best.number() as f64)],
+            ));
+        } else {
+            found.push(unrelated(joint, own));
+        }
+    }
+    found.extend(gain_findings(view, &gains, settings));
+    found
+}
+
+fn unrelated(joint: JointIndex, own: f64) -> Finding {
+    finding(
+        FindingKind::VelocityUnrelated,
+        FindingSeverity::Refuse,
+        Some(joint),
+        format!(
+            "joint {joint}: the velocity does not follow from the position (correlation {own:.3}, should be near 1); \
+             check both columns, and that they are recorded at the same time"
+        ),
+        &[("correlation_own", own)],
+    )
+}
+
+fn gain_findings(
+    view: &View<'_>,
+    gains: &[(JointIndex, f64)],
+    settings: &DiagnoseSettings,
+) -> Vec<Finding> {
+    let off = |gain: f64| (gain.abs() - 1.0).abs() > settings.velocity_gain;
+    let mut found: Vec<Finding> = gains
+        .iter()
+        .filter(|(_, gain)| *gain < 0.0)
+        .map(|&(joint, gain)| {
+            finding(
+                FindingKind::VelocitySign,
+                FindingSeverity::Refuse,
+                Some(joint),
+                format!(
+                    "joint {joint}: the velocity runs against the change of position; turn the sign of one of the \
+                     two columns in the export layout"
+                ),
+                &[("velocity_over_derivative", gain)],
+            )
+        })
+        .collect();
+    if let Some(common) = common_factor(view.robot, gains).filter(|&gain| off(gain)) {
+        found.push(finding(
+            FindingKind::TimeAxis,
+            FindingSeverity::Refuse,
+            None,
+            format!(
+                "every velocity is {common:.4} times the change of position per second: the time column or the \
+                 sample rate is wrong by that factor"
+            ),
+            &[("velocity_over_derivative", common)],
+        ));
+        return found;
+    }
+    for &(joint, gain) in gains.iter().filter(|(_, gain)| off(*gain)) {
+        let meaning = unit_of(view.joint(joint), gain.abs());
+        let words = meaning.unwrap_or("check the units of both columns");
+        found.push(finding(
+            FindingKind::VelocityUnit,
+            FindingSeverity::Refuse,
+            Some(joint),
+            format!(
+                "joint {joint}: the velocity is {:.4} times the change of position per second; {words}",
+                gain.abs()
+            ),
+            &[("velocity_over_derivative", gain)],
+        ));
+    }
+    found
+}
+
+/// The one factor of all joints, if it is one and no factor between units.
+fn common_factor(robot: &Robot, gains: &[(JointIndex, f64)]) -> Option<f64> {
+    let first = gains.first()?.1.abs();
+    let alike = gains.len() > 1
+        && gains.iter().all(|&(joint, gain)| {
+            (gain.abs() / first - 1.0).abs() < UNIT_TOLERANCE
+                && unit_of(&robot.joints[joint.index()], gain.abs()).is_none()
+        });
+    alike.then_some(first)
+}
+
+/// What a factor between velocity and derivative means.
+fn unit_of(joint: &Joint, gain: f64) -> Option<&'static str> {
+    let turning = joint.kind == JointKind::Revolute;
+    let gear = joint.gear_ratio.abs();
+    let meanings: [(f64, bool, &'static str); 8] = [
+        (DEGREES, turning, "it looks like degrees per second read as rad/s"),
+        (1.0 / DEGREES, turning, "the position looks like degrees read as radians"),
+        (RPM, turning, "it looks like turns per minute read as rad/s"),
+        (1.0 / 6.0, turning, "it looks like turns per minute beside a position in degrees"),
+        (1000.0, !turning, "it looks like mm/s read as m/s"),
+        (0.001, !turning, "the position looks like millimetres read as metres"),
+        (gear, gear > 1.0, "it looks like the speed of the motor; divide by the gear ratio"),
+        (gear * RPM, gear > 1.0, "it looks like the motor's turns per minute read as rad/s of the joint"),
+    ];
+    meanings
+        .into_iter()
+        .find(|(factor, applies, _)| *applies && (gain / factor - 1.0).abs() < UNIT_TOLERANCE)
+        .map(|(.., words)| words)
+}
+
+/// Positions and speeds against the description's limits.
+fn positions(view: &View<'_>, settings: &DiagnoseSettings) -> Vec<Finding> {
+    let mut found: Vec<Finding> =
+        view.robot.joint_indices().filter_map(|joint| outside_limits(view, joint, settings)).collect();
+    for joint in view.robot.joint_indices() {
+        let limit = view.joint(joint).limits.velocity;
+        let [low, high] = view.extent(&view.dq[joint.index()]);
+        let speed = high.max(-low);
+        let known = found.iter().any(|f| f.joint == Some(joint));
+        if speed > 1.2 * limit && !known {
+            found.push(finding(
+                FindingKind::TooFast,
+                FindingSeverity::Warn,
+                Some(joint),
+                format!(
+                    "joint {joint}: it moves at up to {speed:.3} rad/s (m/s), {:.1} times the description's limit; \
+                     check the unit of position, the time column and the description",
+                    speed / limit
+                ),
+                &[("speed_si", speed), ("limit_si", limit)],
+            ));
+        }
+    }
+    found
+}
+
+fn outside_limits(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
+    let described = view.joint(joint);
+    let (low, high) = (described.limits.position_min, described.limits.position_max);
+    let range = high - low;
+    let [min, max] = view.extent(&view.conditioned.q[joint.index()]);
+    let excess = (low - min).max(max - high);
+    if excess <= settings.limit_margins[0] * range {
+        return None;
+    }
+    let margin = settings.limit_margins[0] * range;
+    let (factor, words) = match described.kind {
+        JointKind::Revolute => (DEGREES, "degrees read as radians"),
+        JointKind::Prismatic => (1000.0, "millimetres read as metres"),
+    };
+    let fits = min / factor >= low - margin && max / factor <= high + margin;
+    if fits && max - min > 2.0 * range {
+        return Some(finding(
+            FindingKind::PositionUnit,
+            FindingSeverity::Refuse,
+            Some(joint),
+            format!(
+                "joint {joint}: positions from {min:.1} to {max:.1} are far outside the limits {low:.3} to {high:.3} and \
+                 look like {words}; correct the unit in the export layout"
+            ),
+            &[("position_min_si", min), ("position_max_si", max), ("limit_min_si", low), ("limit_max_si", high)],
+        ));
+    }
+    let severity = match excess > settings.limit_margins[1] * range {
+        true => FindingSeverity::Refuse,
+        false => FindingSeverity::Warn,
+    };
+    let words = match max - min <= range {
+        true => "the zero or the sign of this joint differs from the description's, or it is another robot",
+        false => "it moves further than it can: another robot, another unit, or limits that are too narrow",
+    };
+    Some(finding(
+        FindingKind::OutsideLimits,
+        severity,
+        Some(joint),
+        format!(
+            "joint {joint}: positions from {min:.3} to {max:.3} leave the limits {low:.3} to {high:.3} by {excess:.3}; \
+             {words}"
+        ),
+        &[("position_min_si", min), ("position_max_si", max), ("excess_si", excess)],
+    ))
+}
+
+/// A joint that the excitation does not excite.
+fn motion(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
+    let qd = &view.conditioned.qd[joint.index()];
+    let low = view.joint(joint).low_speed;
+    let mut speeds: Vec<f64> =
+        view.excitation.iter().map(|&row| qd[row].abs()).filter(|speed| *speed >= low).collect();
+    let share = speeds.len() as f64 / view.excitation.len() as f64;
+    speeds.sort_unstable_by(f64::total_cmp);
+    if share < settings.moving_share {
+        let fastest = view.excitation.iter().map(|&row| qd[row].abs()).fold(0.0, f64::max);
+        return Some(finding(
+            FindingKind::Still,
+            FindingSeverity::Refuse,
+            Some(joint),
+            format!(
+                "joint {joint} stands still during the excitation: it is faster than {low} rad/s (m/s) in \
+                 {:.1} % of the rows, at most {fastest:.4}; its parameters cannot be seen, record with all joints moving",
+                100.0 * share
+            ),
+            &[("moving_share", share), ("fastest_si", fastest)],
+        ));
+    }
+    let at = |part: f64| speeds[((speeds.len() - 1) as f64 * part) as usize];
+    let (median, spread) = (at(0.5), at(0.9) - at(0.1));
+    (spread < settings.speed_spread * median).then(|| {
+        finding(
+            FindingKind::OneSpeed,
+            FindingSeverity::Refuse,
+            Some(joint),
+            format!(
+                "joint {joint} moves at one speed only during the excitation ({median:.3} rad/s or m/s, 80 % of the rows \
+                 within {spread:.4}): friction and inertia cannot be told apart, record with changing speed"
+            ),
+            &[("speed_si", median), ("spread_si", spread)],
+        )
+    })
+}
+
+/// Torque that stays at its largest value.
+///
+/// Rows *at* the peak must come in runs and be far more than rows just below it; a smooth peak has
+/// as many of either.
+fn saturation(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
+    let torque = &view.samples.torque[joint.index()];
+    let [low, high] = view.extent(torque);
+    let mut worst: Option<(f64, f64)> = None;
+    for (peak, sign) in [(high, 1.0), (-low, -1.0)] {
+        if !(peak > 0.0 && high > low) {
+            continue;
+        }
+        let count = |from: f64, to: f64| {
+            let within = |&&row: &&usize| (from * peak..=to * peak).contains(&(sign * torque[row]));
+            view.rows.iter().filter(within).count()
+        };
+        let (at, below) = (count(1.0 - 1e-6, 1.0), count(0.97, 1.0 - 1e-6));
+        let run = longest_run(view, torque, 4, |start, _| sign * torque[start] >= peak * (1.0 - 1e-6));
+        let share = at as f64 / view.rows.len() as f64;
+        if run.is_some() && at > below && worst.is_none_or(|(_, before)| share > before) {
+            worst = Some((sign * peak, share));
+        }
+    }
+    let (limit, share) = worst.filter(|(_, share)| *share >= settings.saturated_shares[0])?;
+    let severity = match share >= settings.saturated_shares[1] {
+        true => FindingSeverity::Refuse,
+        false => FindingSeverity::Warn,
+    };
+    Some(finding(
+        FindingKind::Saturated,
+        severity,
+        Some(joint),
+        format!(
+            "joint {joint}: the torque is cut off at {limit:.3} in {:.1} % of the rows; the drive or the recording is at \
+             its limit, record with less load, speed or acceleration, or a larger range",
+            100.0 * share
+        ),
+        &[("limit_nm", limit), ("share", share)],
+    ))
+}
+
+/// What one joint's motion explains of one torque.
+#[derive(Debug, Clone, Copy)]
+struct Explained {
+    /// Part of the torque's variance.
+    share: f64,
+    /// Mean power of the friction part over RMS torque times RMS speed.
+    friction_power: f64,
+}
+
+/// `tau_i = c + b cos q_j + s sin q_j + I qdd_j + f sign(qd_j) + v qd_j`, over the rows in which joint
+/// `j` moves.
+fn explain(view: &View<'_>, torque: usize, joint: JointIndex) -> Option<Explained> {
+    let j = joint.index();
+    let Conditioned { q, qd, qdd, tau, .. } = view.conditioned;
+    let low = view.joint(joint).low_speed;
+    let moving: Vec<usize> = view.rows.iter().copied().filter(|&row| qd[j][row].abs() >= low).collect();
+    let stride = moving.len().div_ceil(FIT_ROWS).max(1);
+    let rows: Vec<usize> = moving.into_iter().step_by(stride).collect();
+    let column = |row: usize, k: usize| match k {
+        0 => 1.0,
+        1 => q[j][row].cos(),
+        2 => q[j][row].sin(),
+        3 => qdd[j][row],
+        4 => qd[j][row].signum(),
+        5 => qd[j][row],
+        _ => tau[torque][row],
+    };
+    let mut factor = TriangularFactor::new(6);
+    factor.fold(faer::Mat::from_fn(rows.len(), 7, |i, k| column(rows[i], k)).as_ref());
+    let solved = factor.solve(1e6, |k| k.to_string()).ok()?;
+    let count = rows.len() as f64;
+    let mean = rows.iter().map(|&row| tau[torque][row]).sum::<f64>() / count;
+    let variance = rows.iter().map(|&row| (tau[torque][row] - mean).powi(2)).sum::<f64>() / count;
+    let speed = (rows.iter().map(|&row| qd[j][row].powi(2)).sum::<f64>() / count).sqrt();
+    let power = rows.iter().map(|&row| qd[j][row].abs() * (solved.theta[4] + solved.theta[5] * qd[j][row].abs()));
+    let scale = variance.sqrt() * speed;
+    (scale > 0.0).then(|| Explained {
+        share: 1.0 - solved.residual_sum_of_squares / (count * variance),
+        friction_power: power.sum::<f64>() / count / scale,
+    })
+}
+
+/// Torques with the wrong sign or of another joint.
+fn torques(view: &View<'_>, joints: &[JointIndex], known: &[Finding]) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let own: Vec<(JointIndex, Explained)> =
+        joints.iter().filter_map(|&joint| Some((joint, explain(view, joint.index(), joint)?))).collect();
+    let mut swapped = Vec::new();
+    for (at, &(a, own_a)) in own.iter().enumerate() {
+        for &(b, own_b) in &own[at + 1..] {
+            let crossed = (explain(view, a.index(), b), explain(view, b.index(), a));
+            let (Some(a_by_b), Some(b_by_a)) = crossed else { continue };
+            if a_by_b.share > own_a.share + EXPLAINED_GAP && b_by_a.share > own_b.share + EXPLAINED_GAP {
+                swapped.extend([a, b]);
+                found.push(finding(
+                    FindingKind::TorqueSwapped,
+                    FindingSeverity::Refuse,
+                    Some(a),
+                    format!(
+                        "joints {a} and {b}: the torque of each follows the motion of the other ({:.0} and {:.0} % of it \
+                         explained, by its own motion {:.0} and {:.0} %); the torque columns, or position and velocity \
+                         together, are swapped",
+                        100.0 * a_by_b.share,
+                        100.0 * b_by_a.share,
+                        100.0 * own_a.share,
+                        100.0 * own_b.share
+                    ),
+                    &[("explained_by_other", a_by_b.share), ("explained_by_own", own_a.share)],
+                ));
+            }
+        }
+    }
+    let turned = |joint: JointIndex| {
+        known.iter().any(|f| f.joint == Some(joint) && f.kind == FindingKind::VelocitySign)
+    };
+    for (joint, explained) in own {
+        if explained.friction_power < DRIVEN && !swapped.contains(&joint) && !turned(joint) {
+            found.push(finding(
+                FindingKind::TorqueSign,
+                FindingSeverity::Refuse,
+                Some(joint),
+                format!(
+                    "joint {joint}: friction would drive the joint instead of braking it (its power is {:.2} of torque times \
+                     speed, it must be positive); turn the sign of the torque in the export layout",
+                    explained.friction_power
+                ),
+                &[("friction_power_share", explained.friction_power)],
+            ));
+        }
+    }
+    found
+}
