@@ -6,9 +6,9 @@ use tempfile::TempDir;
 
 use super::{RunTotals, Store};
 use crate::analysis::{
-    CycleAnalysis, Decay, Estimate, FrictionPoint, GravityRemoval, Identification, IdentifiedParameter,
-    JointSummary, ParameterStatistics, Rmsd, RmsdScope, RmsdSwing, RunAnalysis, StatisticsWindow, TorqueRmsd,
-    WarmFriction, WarmUpFit, WarmUpModel,
+    CycleAnalysis, CycleFactors, Decay, Estimate, FrictionPoint, GravityRemoval, Identification,
+    IdentifiedParameter, JointSummary, ParameterStatistics, Rmsd, RmsdScope, RmsdSwing, RunAnalysis,
+    StatisticsWindow, TorqueRmsd, WarmFriction, WarmUpFit, WarmUpModel,
 };
 use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Severity};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
@@ -93,7 +93,9 @@ pub(super) fn cycle(number: u32) -> CycleAnalysis {
             residual_std: 1.25,
         }),
         verification: verification(base),
+        warming_contrast: Vec::new(),
         friction_points: friction_points(start),
+        factors: CycleFactors::default(),
         remarks: vec!["velocity is derived".into(), "joint 4 starts late".into()],
     }
 }

@@ -1,0 +1,1 @@
+//! Factors, unit parameters and cross-verification in the database.
