@@ -15,7 +15,7 @@ use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{ContentHash, RunHeader, Stage};
 use crate::testing::er3a;
 
-pub(super) const VIEWS: [&str; 9] = [
+pub(super) const VIEWS: [&str; 12] = [
     "runs",
     "cycles",
     "cycle_parameters",
@@ -25,6 +25,9 @@ pub(super) const VIEWS: [&str; 9] = [
     "parameter_statistics",
     "anomalies",
     "fleet_health",
+    "warming_contrast",
+    "parameter_sets",
+    "parameter_set_sources",
 ];
 
 /// A fresh database; the folder lives as long as the first value.
