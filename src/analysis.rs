@@ -1,6 +1,8 @@
 //! What is computed from a run: identification, verification, friction and warm-up. An answer that
 //! could not be had keeps its reason here; it is never an empty value.
 
+use std::sync::Arc;
+
 use crate::robot::{JointIndex, ParameterId};
 use crate::run::Stage;
 
@@ -23,8 +25,13 @@ pub struct CycleAnalysis {
     pub identification: Result<Identification, String>,
     /// Self-verification by joint and stage; empty without parameters.
     pub verification: Vec<TorqueRmsd>,
+    /// Self-verification at the start and at the end of the warming stage; empty without parameters
+    /// or warming.
+    pub warming_contrast: Vec<WarmingContrast>,
     /// Mean friction on constant-speed plateaus.
     pub friction_points: Vec<FrictionPoint>,
+    /// All that later identification and verification need of the rows.
+    pub factors: CycleFactors,
     /// What a user should know of the data, in sentences.
     pub remarks: Vec<String>,
 }
@@ -98,6 +105,81 @@ pub struct Rmsd {
     pub relative: f64,
     /// Rows.
     pub samples: usize,
+}
+
+/// How well one parameter set fits the first and the last third of a warming stage: friction falls
+/// inside a cycle (thesis 5.1.6).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WarmingContrast {
+    /// The joint.
+    pub joint: JointIndex,
+    /// The first third, by time.
+    pub start: RmsdPair,
+    /// The last third.
+    pub end: RmsdPair,
+}
+
+/// An RMSD with and without low-speed rows.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RmsdPair {
+    /// Over all rows.
+    pub all_rows: Rmsd,
+    /// Over the rows in which the joint moves.
+    pub moving_rows: Rmsd,
+}
+
+/// Whether a joint moves in a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Motion {
+    /// At its low-speed threshold or faster.
+    Moving,
+    /// Slower, or at rest.
+    Slow,
+}
+
+impl Motion {
+    /// Both, in their order.
+    pub const BOTH: [Self; 2] = [Self::Moving, Self::Slow];
+
+    /// That of a joint with velocity `qd` and threshold `low_speed`, rad/s (m/s).
+    #[must_use]
+    pub fn of(qd: f64, low_speed: f64) -> Self {
+        if qd.abs() >= low_speed { Self::Moving } else { Self::Slow }
+    }
+
+    /// Name as stored.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Moving => "moving",
+            Self::Slow => "slow",
+        }
+    }
+}
+
+/// Triangular factor of `[regressor | torque]` over the rows of one joint in one stage, moving or
+/// slow; see [`crate::numerics::factors`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct TorqueFactor {
+    /// The joint.
+    pub joint: JointIndex,
+    /// The stage.
+    pub stage: Stage,
+    /// Whether the joint moved.
+    pub motion: Motion,
+    /// Rows that the factor stands for.
+    pub rows: usize,
+    /// The upper triangle, column after column; the last column is that of the torque.
+    pub upper: Vec<f64>,
+}
+
+/// Factors of a cycle: every usable row is in exactly one.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CycleFactors {
+    /// Parameters of each joint's columns; one list for all cycles of a method.
+    pub columns: Arc<[Vec<ParameterId>]>,
+    /// By joint, stage and motion, those with rows.
+    pub factors: Vec<TorqueFactor>,
 }
 
 /// Mean friction torque on one constant-speed plateau: joint, speed level and direction.

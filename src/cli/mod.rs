@@ -3,11 +3,14 @@
 mod config_check;
 mod coverage;
 mod demo;
+mod identify;
 mod ingest;
 mod output;
 mod robot_check;
 mod run;
+mod selection;
 mod simulate;
+mod verify;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -95,6 +98,10 @@ enum Command {
     Run(run::RunArgs),
     /// Take files or folders through the pipeline once
     Ingest(ingest::IngestArgs),
+    /// Identify one parameter set on chosen cycles from what is stored of them
+    Identify(identify::IdentifyArgs),
+    /// Verify parameters against other runs from what is stored of them
+    Verify(verify::VerifyArgs),
     /// Write exports of a described arm, with chosen faults and a truth file
     Simulate(simulate::SimulateArgs),
     /// Look at a robot description
@@ -181,6 +188,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Demo(args) => demo::demo(&cli.global, &args),
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
+        Command::Identify(args) => identify::identify(&cli.global, &args),
+        Command::Verify(args) => verify::verify(&cli.global, &args),
         Command::Simulate(args) => simulate::simulate(&cli.global, &args),
         Command::Robot { command: RobotCommand::Check(args) } => robot_check::check(&cli.global, &args),
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {

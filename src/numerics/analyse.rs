@@ -3,15 +3,16 @@
 use super::NumericsError;
 use super::base::{BaseParameters, base_parameters};
 use super::dynamics::DynamicModel;
+use super::factors::{Factored, JointColumns, factor_cycle, identifies, pack, stacked};
 use super::friction::friction_points;
-use super::identify::{identify, observe};
-use super::regressor::KeptColumns;
+use super::identify::identify;
 use super::signal::{Conditioned, condition};
 use super::statistics::{mean, median, parameter_statistics, standard_deviation, swing};
-use super::verify::torque_rmsd;
+use super::verify::{torque_rmsd, warming_contrast};
 use super::warm_up::{WarmUpPoint, fit_warm_up};
 use crate::analysis::{
-    CycleAnalysis, FrictionPoint, Identification, JointSummary, RunAnalysis, WarmFriction, WarmUpFit,
+    CycleAnalysis, CycleFactors, FrictionPoint, Identification, JointSummary, RunAnalysis, WarmFriction,
+    WarmUpFit,
 };
 use crate::robot::{JointIndex, ParameterId, Robot};
 use crate::run::{Cycle, Samples, Stage};
@@ -39,7 +40,8 @@ pub struct Method {
     pub robot: Robot,
     /// Its base parameters.
     pub base: BaseParameters,
-    columns: KeptColumns,
+    /// The columns of each joint's factor.
+    pub columns: JointColumns,
     settings: AnalysisSettings,
 }
 
@@ -50,7 +52,7 @@ impl Method {
     /// Those of [`base_parameters`].
     pub fn new(robot: Robot, settings: AnalysisSettings) -> Result<Self, NumericsError> {
         let base = base_parameters(&robot)?;
-        let columns = KeptColumns::new(&base.kept_columns);
+        let columns = JointColumns::new(&robot, &base);
         Ok(Self { robot, base, columns, settings })
     }
 }
@@ -68,7 +70,9 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         cutoff: method.settings.cutoff,
         identification: Err(String::new()),
         verification: Vec::new(),
+        warming_contrast: Vec::new(),
         friction_points: Vec::new(),
+        factors: CycleFactors::default(),
         remarks: Vec::new(),
     };
     let conditioned = match condition(samples, method.settings.cutoff) {
@@ -81,14 +85,19 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     analysis.sample_rate = conditioned.sample_rate;
     note_gaps(samples, &conditioned, &mut analysis.remarks);
 
-    analysis.identification = identify_excitation(method, samples, &conditioned);
+    let factored =
+        factor_cycle(&method.robot, &method.columns, &method.base.kept_columns, &conditioned, samples);
+    analysis.identification = identify_excitation(method, &factored, &conditioned);
     let model = analysis.identification.as_ref().ok().map(|found| {
         let parameters = found.parameters.iter().map(|p| (p.id, p.value));
         DynamicModel::from_parameters(method.robot.joint_count(), parameters)
     });
-    if let Some(model) = &model {
-        analysis.verification = torque_rmsd(&method.robot, model, &conditioned, &samples.stage);
+    if let Ok(found) = &analysis.identification {
+        let theta: Vec<f64> = found.parameters.iter().map(|p| p.value).collect();
+        analysis.verification = torque_rmsd(&method.columns, &factored.factors, &theta);
+        analysis.warming_contrast = warming_contrast(&method.columns, &factored, &theta);
     }
+    keep_factors(method, &factored, &mut analysis);
     let friction = friction_points(&method.robot, samples, &conditioned, model.as_ref());
     analysis.friction_points = friction.points;
     analysis.remarks.extend(friction.remarks);
@@ -105,17 +114,27 @@ fn duration(samples: &Samples) -> f64 {
 
 fn identify_excitation(
     method: &Method,
-    samples: &Samples,
+    factored: &Factored,
     conditioned: &Conditioned,
 ) -> Result<Identification, String> {
-    let in_excitation = |row: &usize| samples.stage[*row] == Stage::Excitation;
-    let rows = conditioned.usable.iter().flat_map(Clone::clone).filter(in_excitation);
-    let factor = observe(&method.robot, &method.columns, conditioned, rows);
+    let chosen = factored.factors.iter().filter(|of| identifies(of.stage, of.motion));
+    let factor = stacked(&method.columns, chosen);
     if factor.rows() == 0 {
         return Err("the cycle has no excitation stage to identify parameters on".into());
     }
-    identify(&method.base, &factor, method.robot.joint_count(), conditioned.independent_fraction())
+    identify(&method.base.kept, &factor, method.robot.joint_count(), conditioned.independent_fraction())
         .map_err(|error| error.to_string())
+}
+
+fn keep_factors(method: &Method, factored: &Factored, analysis: &mut CycleAnalysis) {
+    let (factors, complete) = pack(&method.columns, &factored.factors);
+    analysis.factors = factors;
+    if !complete {
+        analysis.remarks.push(
+            "some rows hold values beyond any measure; their stages take no part in later verification"
+                .into(),
+        );
+    }
 }
 
 fn note_gaps(samples: &Samples, conditioned: &Conditioned, remarks: &mut Vec<String>) {

@@ -20,6 +20,7 @@ pub mod regressor;
 pub mod base;
 pub mod robot_check;
 pub mod triangular;
+pub mod factors;
 pub mod identify;
 pub mod rows;
 pub mod estimate;
@@ -35,6 +36,7 @@ mod estimator_tests;
 pub mod friction;
 pub mod warm_up;
 pub mod verify;
+pub mod cross;
 pub mod statistics;
 pub mod detect;
 
@@ -88,6 +90,17 @@ pub enum NumericsError {
         /// Cut-off asked for, Hz.
         cutoff_hz: f64,
     },
+    /// Numbers that should be a stored triangular factor are none.
+    #[error("{numbers} numbers are not a triangular factor of {columns} columns and the torque")]
+    NotATriangle {
+        /// Numbers there are.
+        numbers: usize,
+        /// Columns wanted.
+        columns: usize,
+    },
+    /// Factors or parameters whose columns mean different things were put together.
+    #[error("{0}")]
+    ColumnsDiffer(String),
     /// A matrix routine did not converge, or a number is not finite.
     #[error("{0} did not give finite numbers")]
     NotFinite(&'static str),

@@ -66,7 +66,7 @@ impl Conditioned {
     /// out of `f_s`. Standard errors that ignore this are too small by its square root.
     #[must_use]
     pub fn independent_fraction(&self) -> f64 {
-        (2.0 * self.cutoff / self.sample_rate).min(1.0)
+        super::cross::independent_fraction(self.cutoff, self.sample_rate)
     }
 }
 

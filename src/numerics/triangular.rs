@@ -6,15 +6,22 @@
 //! New rows are folded in by factoring `[r; rows]` again (Golub & Van Loan, Matrix Computations,
 //! 6.5; the sequential form of TSQR, Demmel et al. 2012).
 
-use faer::{Mat, MatRef, Par};
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::qr::no_pivoting::factor::{qr_in_place, qr_in_place_scratch};
+use faer::{Mat, MatMut, MatRef, Par};
 
 use super::NumericsError;
 
-/// Rows folded in at a time: enough to amortise copying the factor, little enough for the cache.
-pub const BLOCK_ROWS: usize = 1536;
+/// Rows that a [`RowFolder`] collects before it folds them: enough to make factoring the triangle
+/// above them a small part of the work, little enough to stay in a core's cache with forty columns.
+pub const BLOCK_ROWS: usize = 1024;
+
+/// Columns that a reflection block of the QR takes at once. A factor is some forty columns wide:
+/// wider blocks spend more on building the block than its product saves.
+const REFLECTOR_BLOCK: usize = 8;
 
 /// Triangular factor of all rows of `[w | tau]` seen so far; `(b+1) x (b+1)`.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct TriangularFactor {
     r: Mat<f64>,
     rows: usize,
@@ -56,10 +63,62 @@ impl TriangularFactor {
         self.rows
     }
 
-    /// The factor `r` itself, upper triangular `[(b+1) x (b+1)]`; its last column belongs to `tau`.
+    /// The factor, upper triangular, `[(b+1) x (b+1)]`; the last column is that of the torque.
     #[must_use]
     pub fn upper(&self) -> MatRef<'_, f64> {
         self.r.as_ref()
+    }
+
+    /// The upper triangle column after column, `r[0,0], r[0,1], r[1,1], r[0,2]..`:
+    /// `(b+1) (b+2) / 2` numbers, all that [`TriangularFactor::from_packed`] needs beside the rows.
+    #[must_use]
+    pub fn packed(&self) -> Vec<f64> {
+        (0..self.r.ncols()).flat_map(|j| (0..=j).map(move |i| self.r[(i, j)])).collect()
+    }
+
+    /// A factor from what [`TriangularFactor::packed`] gave.
+    ///
+    /// # Errors
+    /// [`NumericsError::NotATriangle`] if there are not `(b+1) (b+2) / 2` numbers,
+    /// [`NumericsError::NotFinite`] if one is not finite.
+    pub fn from_packed(columns: usize, rows: usize, packed: &[f64]) -> Result<Self, NumericsError> {
+        let k = columns + 1;
+        if packed.len() != k * (k + 1) / 2 {
+            return Err(NumericsError::NotATriangle { numbers: packed.len(), columns });
+        }
+        if !packed.iter().all(|x| x.is_finite()) {
+            return Err(NumericsError::NotFinite("a triangular factor"));
+        }
+        let r = Mat::from_fn(k, k, |i, j| if i <= j { packed[j * (j + 1) / 2 + i] } else { 0.0 });
+        Ok(Self { r, rows })
+    }
+
+    /// Whether every number of the factor is finite; that of rows with an absurd value is not.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.r.is_all_finite()
+    }
+
+    /// Sum of squares of `w theta - tau` over all rows, for any `theta` `[b]`: reflections keep
+    /// lengths, so it is that of `r [theta; -1]`.
+    ///
+    /// # Panics
+    /// If `theta` has fewer than `b` entries.
+    #[must_use]
+    pub fn residual_sum_of_squares(&self, theta: &[f64]) -> f64 {
+        let b = self.columns();
+        (0..=b)
+            .map(|i| {
+                let estimated: f64 = (i..b).map(|j| self.r[(i, j)] * theta[j]).sum();
+                (estimated - self.r[(i, b)]).powi(2)
+            })
+            .sum()
+    }
+
+    /// Sum of squares of `tau` over all rows.
+    #[must_use]
+    pub fn torque_sum_of_squares(&self) -> f64 {
+        self.r.col(self.columns()).iter().map(|x| x * x).sum()
     }
 
     /// Folds in `block`, rows of `[w | tau]`, `[any x (b+1)]`.
@@ -68,9 +127,8 @@ impl TriangularFactor {
         let mut stacked = Mat::zeros(k + block.nrows(), k);
         stacked.as_mut().subrows_mut(0, k).copy_from(self.r.as_ref());
         stacked.as_mut().subrows_mut(k, block.nrows()).copy_from(block);
-        let qr = stacked.qr();
-        let upper = qr.thin_R();
-        self.r = Mat::from_fn(k, k, |i, j| if i <= j { upper[(i, j)] } else { 0.0 });
+        QrScratch::new(k).triangularise(stacked.as_mut());
+        self.r = stacked.as_ref().subrows(0, k).to_owned();
         self.rows += block.nrows();
     }
 
@@ -79,6 +137,29 @@ impl TriangularFactor {
         let rows = self.rows + other.rows;
         self.fold(other.r.as_ref());
         self.rows = rows;
+    }
+
+    /// The factor of several together, each with its columns at `places` of a wider `w` with `columns`
+    /// columns that are zero elsewhere. So the rows of single joints make up the stacked problem
+    /// [3.22].
+    ///
+    /// # Panics
+    /// If `places` of a part has fewer entries than the part columns, or one beyond `columns`.
+    #[must_use]
+    pub fn stacked<'a>(columns: usize, parts: impl IntoIterator<Item = (&'a Self, &'a [usize])>) -> Self {
+        let mut folder = RowFolder::new(columns);
+        let mut rows = 0;
+        for (part, places) in parts {
+            let b = part.columns();
+            for i in 0..=b {
+                let place = |j: usize| if j < b { places[j] } else { columns };
+                folder.push_at((i..=b).map(|j| (place(j), part.r[(i, j)])));
+            }
+            rows += part.rows;
+        }
+        let mut factor = folder.take();
+        factor.rows = rows;
+        factor
     }
 
     /// Solves `min |w theta - tau|` with the columns scaled to unit norm [2.10-2.16].
@@ -130,6 +211,109 @@ impl TriangularFactor {
             scaled_condition_number: largest / smallest,
             rows: self.rows,
         })
+    }
+}
+
+/// Takes rows of `[w | tau]` one by one and folds them, a block at a time, into a triangular factor.
+/// The factor lies above the block in one piece of memory and is factored in place with it, so that
+/// nothing is copied or allocated while rows come in.
+pub struct RowFolder {
+    /// Column-major, `height` rows a column: the factor, then the block.
+    stacked: Vec<f64>,
+    height: usize,
+    width: usize,
+    filled: usize,
+    rows: usize,
+    scratch: QrScratch,
+}
+
+impl RowFolder {
+    /// Of no rows yet, for `columns` columns of `w`.
+    #[must_use]
+    pub fn new(columns: usize) -> Self {
+        let width = columns + 1;
+        let height = odd_lines(width + BLOCK_ROWS);
+        let stacked = vec![0.0; height * width];
+        Self { stacked, height, width, filled: 0, rows: 0, scratch: QrScratch::new(width) }
+    }
+
+    /// Takes one row: its `b` entries of `w`, then its torque.
+    ///
+    /// # Panics
+    /// If there are more than `b + 1` numbers; missing ones count as zero.
+    #[inline]
+    pub fn push(&mut self, row: impl Iterator<Item = f64>) {
+        self.push_at(row.enumerate());
+    }
+
+    /// Takes one row by its places and numbers; all other places are zero, that of the torque is `b`.
+    #[inline]
+    fn push_at(&mut self, entries: impl Iterator<Item = (usize, f64)>) {
+        let at = self.width + self.filled;
+        for (column, value) in entries {
+            self.stacked[column * self.height + at] = value;
+        }
+        self.filled += 1;
+        self.rows += 1;
+        if at + 1 == self.height {
+            self.fold();
+        }
+    }
+
+    /// The factor of all rows so far; the folder is empty afterwards and can be used again.
+    #[must_use]
+    pub fn take(&mut self) -> TriangularFactor {
+        if self.filled > 0 {
+            self.fold();
+        }
+        let (width, height) = (self.width, self.height);
+        let r = Mat::from_fn(width, width, |i, j| self.stacked[j * height + i]);
+        self.stacked.fill(0.0);
+        TriangularFactor { r, rows: std::mem::take(&mut self.rows) }
+    }
+
+    fn fold(&mut self) {
+        let rows = self.width + self.filled;
+        let whole = MatMut::from_column_major_slice_mut(&mut self.stacked, self.height, self.width);
+        self.scratch.triangularise(whole.subrows_mut(0, rows));
+        for column in self.stacked.chunks_exact_mut(self.height) {
+            column[self.width..].fill(0.0);
+        }
+        self.filled = 0;
+    }
+}
+
+/// The next number of rows that makes a column an odd number of cache lines: with an even one, the
+/// same row of all columns falls on few places of the cache.
+fn odd_lines(rows: usize) -> usize {
+    /// Numbers in a cache line of 64 bytes.
+    const LINE: usize = 8;
+    (rows.div_ceil(LINE) | 1) * LINE
+}
+
+/// Memory of a QR that is done again and again at one width.
+struct QrScratch {
+    reflectors: Mat<f64>,
+    memory: MemBuffer,
+}
+
+impl QrScratch {
+    fn new(width: usize) -> Self {
+        let block = REFLECTOR_BLOCK.min(width);
+        let needed = qr_in_place_scratch::<f64>(width, width, block, Par::Seq, Default::default());
+        Self { reflectors: Mat::zeros(block, width), memory: MemBuffer::new(needed) }
+    }
+
+    /// Leaves the triangular factor of `stacked` in its upper triangle and zeros below it in the
+    /// first rows; the rows after the triangle hold nothing of use. At least as many rows as columns.
+    fn triangularise(&mut self, mut stacked: MatMut<'_, f64>) {
+        let stack = MemStack::new(&mut self.memory);
+        qr_in_place(stacked.as_mut(), self.reflectors.as_mut(), Par::Seq, stack, Default::default());
+        for j in 0..stacked.ncols() {
+            for i in j + 1..stacked.ncols() {
+                stacked[(i, j)] = 0.0;
+            }
+        }
     }
 }
 

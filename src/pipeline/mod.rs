@@ -7,6 +7,7 @@
 
 pub mod intake;
 pub mod record;
+pub mod stored;
 
 use std::collections::HashMap;
 use std::path::Path;

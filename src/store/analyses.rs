@@ -1,12 +1,12 @@
 //! Results of one cycle: every row of it, or none.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use sqlx::sqlite::SqliteExecutor;
 use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number};
-use super::{ledger, models};
+use super::{factors, ledger, models};
 use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, Rmsd, TorqueRmsd};
 use crate::robot::{ParameterId, Robot};
 
@@ -35,15 +35,21 @@ pub(super) async fn record_cycle(
         return Ok(Recorded::Known);
     };
     let parameters = analysis.identification.as_ref().map_or(&[][..], |i| &i.parameters[..]);
-    let wanted: Vec<ParameterId> = parameters.iter().map(|p| p.id).collect();
+    let columns = analysis.factors.columns.iter().flatten().copied();
+    let wanted: HashSet<ParameterId> = parameters.iter().map(|p| p.id).chain(columns).collect();
+    let mut wanted: Vec<ParameterId> = wanted.into_iter().collect();
+    // a set has no order, and keys must come out the same on every machine
+    wanted.sort_unstable();
     let model = models::robot_model_id(&mut *connection, robot).await?;
     let keys = models::ensure_parameters(&mut *connection, model, robot, &wanted).await?;
     for rows in parameters.chunks(ROWS_PER_STATEMENT) {
         insert_parameters(&mut *connection, cycle_id, &keys, rows).await?;
     }
     for rows in analysis.verification.chunks(ROWS_PER_STATEMENT) {
-        insert_rmsd(&mut *connection, cycle_id, rows).await?;
+        insert_rmsd(&mut *connection, cycle_id, None, rows).await?;
     }
+    factors::record_contrast(&mut *connection, cycle_id, &analysis.warming_contrast).await?;
+    factors::record(&mut *connection, cycle_id, model, &keys, &analysis.factors).await?;
     let numbered: Vec<(i64, FrictionPoint)> = (1..).zip(analysis.friction_points.iter().copied()).collect();
     for rows in numbered.chunks(ROWS_PER_STATEMENT) {
         insert_friction_points(&mut *connection, cycle_id, rows).await?;
@@ -107,20 +113,23 @@ async fn insert_parameters(
     Ok(())
 }
 
-async fn insert_rmsd(
+/// Enters self-verification, or cross-verification with the parameters of a run.
+pub(super) async fn insert_rmsd(
     executor: impl SqliteExecutor<'_>,
     cycle_id: i64,
+    reference_run_id: Option<i64>,
     rows: &[TorqueRmsd],
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Sqlite>::new(
-        "INSERT INTO torque_rmsd (cycle_id, joint, stage, verification, rmsd_nm, relative_rmsd, samples,
-                                  moving_rmsd_nm, moving_relative_rmsd, moving_samples) ",
+        "INSERT INTO torque_rmsd (cycle_id, joint, stage, verification, reference_run_id, rmsd_nm, relative_rmsd,
+                                  samples, moving_rmsd_nm, moving_relative_rmsd, moving_samples) ",
     )
     .push_values(rows, |mut row, rmsd| {
         row.push_bind(cycle_id)
             .push_bind(joint_number(rmsd.joint))
             .push_bind(rmsd.scope.name())
-            .push_bind("self");
+            .push_bind(reference_run_id.map_or("self", |_| "cross"))
+            .push_bind(reference_run_id);
         for part in [rmsd.all_rows, rmsd.moving_rows] {
             row.push_bind(of_some_rows(part, part.value))
                 .push_bind(of_some_rows(part, part.relative))
@@ -162,7 +171,7 @@ async fn insert_friction_points(
 }
 
 /// A deviation over no rows is unknown, not zero.
-fn of_some_rows(rmsd: Rmsd, value: f64) -> Option<f64> {
+pub(super) fn of_some_rows(rmsd: Rmsd, value: f64) -> Option<f64> {
     if rmsd.samples == 0 { None } else { finite(value) }
 }
 

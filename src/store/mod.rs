@@ -7,11 +7,13 @@
 mod analyses;
 mod anomalies;
 mod error;
+mod factors;
 mod finish;
 mod history;
 mod ledger;
 mod models;
 mod open;
+mod parameter_sets;
 mod read;
 mod run_analysis;
 mod claim;
@@ -20,6 +22,8 @@ mod sources;
 mod test_support;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tests_factors;
 #[cfg(test)]
 mod tests_finish;
 #[cfg(test)]
@@ -34,13 +38,15 @@ use sqlx::{Sqlite, SqlitePool, Transaction};
 pub use anomalies::Reconciled;
 pub use claim::DaemonClaim;
 pub use error::StoreError;
+pub use factors::{FactorsWanted, StoredCycle, StoredModel};
 pub use finish::FinishTransaction;
 pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use ledger::{KnownRun, RunTotals};
+pub use parameter_sets::{ParameterSet, SourceCycle};
 pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
 pub use sources::SourceState;
 
-use crate::analysis::{CycleAnalysis, FrictionPoint};
+use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd};
 use crate::robot::{ParameterId, Robot};
 use crate::run::{ContentHash, RunHeader};
 use analyses::Recorded;
@@ -227,6 +233,71 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn complete_runs_beside(&self, run_id: i64) -> Result<usize, StoreError> {
         self.checked(history::complete_runs_beside(&self.readers, run_id).await)
+    }
+
+    /// Reads the factors of a run's cycles, in the order of the cycles, those without any left out.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn factors_of_run(
+        &self,
+        run_id: i64,
+        wanted: FactorsWanted,
+    ) -> Result<Vec<StoredCycle>, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(factors::of_run(&mut connection, run_id, wanted).await)
+    }
+
+    /// Reads the parameters of one cycle, in no particular order; none for a refused or unknown one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn cycle_parameters(
+        &self,
+        run_id: i64,
+        cycle: u32,
+    ) -> Result<Vec<IdentifiedParameter>, StoreError> {
+        self.checked(parameter_sets::of_cycle(&self.readers, run_id, cycle).await)
+    }
+
+    /// Keeps parameters under a name. Returns `false`, and writes nothing, if the name is taken.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn save_parameter_set(&self, name: &str, set: &ParameterSet) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let saved = self.checked(parameter_sets::save(&mut transaction, name, set).await)?;
+        self.commit(transaction).await?;
+        Ok(saved)
+    }
+
+    /// Reads the parameters kept under a name.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn parameter_set(&self, name: &str) -> Result<Option<ParameterSet>, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(parameter_sets::find(&mut connection, name).await)
+    }
+
+    /// Writes how well the parameters of run `reference_run_id` fit cycles of run `run_id`, given by
+    /// their numbers, in place of what was written of them before. All of it or nothing.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn store_cross_verification(
+        &self,
+        run_id: i64,
+        reference_run_id: i64,
+        by_cycle: &[(u32, Vec<TorqueRmsd>)],
+    ) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        for (cycle, rmsd) in by_cycle {
+            let replaced =
+                parameter_sets::replace_cross(&mut transaction, run_id, *cycle, reference_run_id, rmsd).await;
+            self.checked(replaced)?;
+        }
+        self.commit(transaction).await
     }
 
     /// Opens the transaction that ends a run. A complete run may be ended again.

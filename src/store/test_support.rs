@@ -6,16 +6,16 @@ use tempfile::TempDir;
 
 use super::{RunTotals, Store};
 use crate::analysis::{
-    CycleAnalysis, Decay, Estimate, FrictionPoint, GravityRemoval, Identification, IdentifiedParameter,
-    JointSummary, ParameterStatistics, Rmsd, RmsdScope, RmsdSwing, RunAnalysis, StatisticsWindow, TorqueRmsd,
-    WarmFriction, WarmUpFit, WarmUpModel,
+    CycleAnalysis, CycleFactors, Decay, Estimate, FrictionPoint, GravityRemoval, Identification,
+    IdentifiedParameter, JointSummary, ParameterStatistics, Rmsd, RmsdScope, RmsdSwing, RunAnalysis,
+    StatisticsWindow, TorqueRmsd, WarmFriction, WarmUpFit, WarmUpModel,
 };
 use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Severity};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{ContentHash, RunHeader, Stage};
 use crate::testing::er3a;
 
-pub(super) const VIEWS: [&str; 9] = [
+pub(super) const VIEWS: [&str; 12] = [
     "runs",
     "cycles",
     "cycle_parameters",
@@ -25,6 +25,9 @@ pub(super) const VIEWS: [&str; 9] = [
     "parameter_statistics",
     "anomalies",
     "fleet_health",
+    "warming_contrast",
+    "parameter_sets",
+    "parameter_set_sources",
 ];
 
 /// A fresh database; the folder lives as long as the first value.
@@ -93,7 +96,9 @@ pub(super) fn cycle(number: u32) -> CycleAnalysis {
             residual_std: 1.25,
         }),
         verification: verification(base),
+        warming_contrast: Vec::new(),
         friction_points: friction_points(start),
+        factors: CycleFactors::default(),
         remarks: vec!["velocity is derived".into(), "joint 4 starts late".into()],
     }
 }

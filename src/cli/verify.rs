@@ -1,0 +1,216 @@
+//! `armwatch verify`: parameters of one recording against others, without their exports.
+
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use super::identify::rmsd_value;
+use super::selection::{NamedCandidate, named_runs, runs_of};
+use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
+use crate::analysis::{RmsdScope, TorqueRmsd};
+use crate::pipeline::stored::{CrossVerification, cross_verification};
+use crate::run::Stage;
+use crate::store::{RunRow, Store};
+
+/// Relative RMSD above which the thesis marks a figure: the parameters do not fit the recording.
+const MARKED_ABOVE: f64 = 0.10;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch verify --robot Left
+  armwatch verify --robot Left --stage friction --rows all --store
+  armwatch verify --parameters 3 --against Left
+  armwatch verify --parameters 3:20 --parameters left-warm --against 4 --against 5 --json
+
+For each joint a matrix: a row is a parameter set, a column the run that it is verified against, over all
+cycles of the run; figures are the relative RMSD of the torque, and those above 10 % are marked with *.
+RUN stands for the parameters identified on all cycles of the run together, RUN:CYCLES for those of some
+of its cycles (3:20, 3:10,15,20), any other word for a set kept by `armwatch identify --save`. With
+--robot alone, each run's parameters meet each run. Figures are exact and no export is read.
+
+--store writes them by cycle into the view cycle_rmsd with verification = 'cross'; it takes the parameters
+of whole runs only. --json prints all stages, with and without slow rows, one object for each set and run.")]
+pub(super) struct VerifyArgs {
+    /// Parameters: RUN, RUN:CYCLES, or the name of a saved set; may be given several times
+    #[arg(long, value_name = "RUN[:CYCLES]|SET", required_unless_present = "robot", requires = "against")]
+    parameters: Vec<String>,
+    /// What they are verified against: a run, or all complete runs of a robot
+    #[arg(long, value_name = "RUN|ROBOT", requires = "parameters")]
+    against: Vec<String>,
+    /// Every complete run of this robot against every other one
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["parameters", "against"])]
+    robot: Option<String>,
+    /// Stage that the matrices show
+    #[arg(long, value_enum, default_value_t = StageArg::Excitation)]
+    stage: StageArg,
+    /// Rows that the matrices show
+    #[arg(long, value_enum, default_value_t = RowsArg::Moving)]
+    rows: RowsArg,
+    /// Write the figures into the database
+    #[arg(long)]
+    store: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum StageArg {
+    /// Excitation stage
+    Excitation,
+    /// Friction stage
+    Friction,
+    /// Warming stage
+    Warming,
+    /// Whole cycle
+    All,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum RowsArg {
+    /// Rows in which the joint moves
+    Moving,
+    /// All rows
+    All,
+}
+
+pub(super) fn verify(global: &Global, args: &VerifyArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    runtime()?.block_on(async {
+        let store = open_store(&config).await?;
+        let done = verify_stored(global, args, &store).await;
+        store.close().await?;
+        done
+    })
+}
+
+async fn verify_stored(global: &Global, args: &VerifyArgs, store: &Store) -> Result<u8, CliError> {
+    let known = store.runs().await?;
+    let (named, runs) = chosen(args, store, &known).await?;
+    let unsaved = named.iter().find(|of| of.run_id.is_none());
+    if let Some(set) = unsaved.filter(|_| args.store) {
+        return Err(CliError::Usage(format!(
+            "--store takes the parameters of whole runs; {} are others",
+            set.name
+        )));
+    }
+    let run_ids: Vec<i64> = runs.iter().map(|run| run.run_id).collect();
+    let candidates = named.iter().map(|of| of.candidate.clone()).collect();
+    let verified = cross_verification(store, candidates, &run_ids).await?;
+    if args.store {
+        for of in &verified {
+            if let Some(reference) = named[of.candidate].run_id {
+                store.store_cross_verification(of.run_id, reference, &of.by_cycle).await?;
+            }
+        }
+    }
+    if global.json {
+        for of in &verified {
+            output::json(&as_value(&named[of.candidate], of));
+        }
+    } else {
+        output::line(&as_text(args, &named, &run_ids, &verified));
+    }
+    Ok(EXIT_DONE)
+}
+
+async fn chosen<'a>(
+    args: &VerifyArgs,
+    store: &Store,
+    known: &'a [RunRow],
+) -> Result<(Vec<NamedCandidate>, Vec<&'a RunRow>), CliError> {
+    let mut named = Vec::new();
+    let mut runs: Vec<&RunRow> = Vec::new();
+    if let Some(robot) = &args.robot {
+        runs = runs_of(known, robot)?;
+        for run in &runs {
+            named.push(NamedCandidate::of_run(store, run.run_id).await?);
+        }
+    }
+    for word in &args.parameters {
+        named.push(NamedCandidate::find(store, word).await?);
+    }
+    for word in &args.against {
+        for run in named_runs(known, word)? {
+            if !runs.contains(&run) {
+                runs.push(run);
+            }
+        }
+    }
+    Ok((named, runs))
+}
+
+fn as_text(
+    args: &VerifyArgs,
+    named: &[NamedCandidate],
+    runs: &[i64],
+    verified: &[CrossVerification],
+) -> String {
+    let joints = verified.iter().flat_map(|of| &of.rmsd).map(|rmsd| rmsd.joint).max();
+    let joints = joints.map_or(0, |joint| joint.number());
+    let header: Vec<String> = std::iter::once("parameters".to_string())
+        .chain(runs.iter().map(|run| format!("run {run}")))
+        .collect();
+    let header: Vec<&str> = header.iter().map(String::as_str).collect();
+    let mut marked = 0;
+    let mut text = String::new();
+    for joint in 1..=joints {
+        let mut rows = Vec::new();
+        for (candidate, named) in named.iter().enumerate() {
+            let mut row = vec![named.name.clone()];
+            for &run in runs {
+                let found = verified.iter().find(|of| of.candidate == candidate && of.run_id == run);
+                let relative = found.and_then(|of| relative(args, &of.rmsd, joint));
+                marked += usize::from(relative.is_some_and(is_marked));
+                row.push(cell(relative));
+            }
+            rows.push(row);
+        }
+        text.push_str(&format!("joint {joint}\n{}\n\n", output::table(&header, &rows)));
+    }
+    let stage = scope(args.stage).name();
+    let of_rows = if args.rows == RowsArg::Moving { "moving rows" } else { "all rows" };
+    format!("{text}relative RMSD of the torque, stage {stage}, {of_rows}; * above 10 %: {marked}")
+}
+
+fn cell(relative: Option<f64>) -> String {
+    relative.map_or_else(
+        || "-".to_string(),
+        |value| format!("{value:.4}{}", if is_marked(value) { "*" } else { "" }),
+    )
+}
+
+fn is_marked(relative: f64) -> bool {
+    relative > MARKED_ABOVE
+}
+
+fn relative(args: &VerifyArgs, rmsd: &[TorqueRmsd], joint: usize) -> Option<f64> {
+    let found = rmsd.iter().find(|r| r.joint.number() == joint && r.scope == scope(args.stage))?;
+    let rows = if args.rows == RowsArg::Moving { found.moving_rows } else { found.all_rows };
+    (rows.samples > 0).then_some(rows.relative)
+}
+
+fn scope(stage: StageArg) -> RmsdScope {
+    match stage {
+        StageArg::Excitation => RmsdScope::Stage(Stage::Excitation),
+        StageArg::Friction => RmsdScope::Stage(Stage::Friction),
+        StageArg::Warming => RmsdScope::Stage(Stage::Warming),
+        StageArg::All => RmsdScope::WholeCycle,
+    }
+}
+
+fn as_value(named: &NamedCandidate, verified: &CrossVerification) -> serde_json::Value {
+    let rmsd: Vec<serde_json::Value> = verified
+        .rmsd
+        .iter()
+        .map(|of| {
+            let mut value = rmsd_value(of);
+            value["marked"] = json!(of.moving_rows.samples > 0 && is_marked(of.moving_rows.relative));
+            value
+        })
+        .collect();
+    json!({
+        "parameters": named.name,
+        "reference_run_id": named.run_id,
+        "run_id": verified.run_id,
+        "cycles": verified.by_cycle.len(),
+        "rmsd": rmsd,
+    })
+}

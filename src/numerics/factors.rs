@@ -1,0 +1,494 @@
+//! Compact sufficient statistics of a cycle: one triangular factor for each joint, stage and motion.
+//!
+//! A joint's torque depends on some of the base parameters only: in a serial arm on those of its own
+//! and the outer links, and on its own friction and motor. So the rows of one joint are factored
+//! over the columns that are ever different from zero, which is a third of the work and memory of
+//! factoring all of them over all columns. Any union of rows is a join of factors, and no sum of
+//! squares needs the recording again.
+
+use std::sync::Arc;
+
+use super::NumericsError;
+use super::base::{BaseParameters, PROBE_STATES, ZERO_COLUMN_THRESHOLD, probe_state};
+use super::identify::state;
+use super::regressor::{Regressor, joint_torque_regressor};
+use super::signal::Conditioned;
+use super::triangular::{RowFolder, TriangularFactor};
+use crate::analysis::{CycleFactors, Motion, TorqueFactor};
+use crate::robot::{JointIndex, ParameterId, Robot};
+use crate::run::{Samples, Stage};
+
+/// Which parameters the factor of each joint has a column for, and where they stand among all.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct JointColumns {
+    kept: Vec<ParameterId>,
+    by_joint: Arc<[Vec<ParameterId>]>,
+    places: Vec<Vec<usize>>,
+}
+
+impl JointColumns {
+    /// The columns of a robot's joints, from its structure: a parameter that gives a joint no torque
+    /// in any of the probe states never does.
+    #[must_use]
+    pub fn new(robot: &Robot, base: &BaseParameters) -> Self {
+        let n = robot.joint_count();
+        let mut largest = vec![vec![0.0_f64; n]; base.kept_columns.len()];
+        let mut y = Regressor::new(n);
+        for index in 0..PROBE_STATES {
+            let state = probe_state(robot, index);
+            joint_torque_regressor(robot, &state.q, &state.qd, &state.qdd, &mut y);
+            for (largest, &column) in largest.iter_mut().zip(&base.kept_columns) {
+                largest.iter_mut().zip(y.column(column)).for_each(|(max, x)| *max = max.max(x.abs()));
+            }
+        }
+        let seen = |of: &[f64], joint: usize| {
+            of[joint] > ZERO_COLUMN_THRESHOLD * of.iter().copied().fold(0.0, f64::max)
+        };
+        let places: Vec<Vec<usize>> =
+            (0..n).map(|j| (0..largest.len()).filter(|&k| seen(&largest[k], j)).collect()).collect();
+        let by_joint = places.iter().map(|of| of.iter().map(|&k| base.kept[k]).collect()).collect();
+        Self { kept: base.kept.clone(), by_joint, places }
+    }
+
+    /// The columns that stored factors were made with. All parameters together stand by joint.
+    #[must_use]
+    pub fn of_stored(by_joint: &Arc<[Vec<ParameterId>]>) -> Self {
+        let mut kept: Vec<ParameterId> = by_joint.iter().flatten().copied().collect();
+        kept.sort_unstable();
+        kept.dedup();
+        let place = |id: &ParameterId| kept.binary_search(id).unwrap_or(0);
+        let places = by_joint.iter().map(|of| of.iter().map(place).collect()).collect();
+        Self { kept, by_joint: Arc::clone(by_joint), places }
+    }
+
+    /// Number of joints `n`.
+    #[must_use]
+    pub fn joint_count(&self) -> usize {
+        self.places.len()
+    }
+
+    /// All parameters `[b]`.
+    #[must_use]
+    pub fn kept(&self) -> &[ParameterId] {
+        &self.kept
+    }
+
+    /// The parameters of each joint's factor, in the order of its columns.
+    #[must_use]
+    pub fn by_joint(&self) -> &Arc<[Vec<ParameterId>]> {
+        &self.by_joint
+    }
+
+    /// Places of a joint's columns among all `b`; empty for a joint that the arm does not have.
+    #[must_use]
+    pub fn places(&self, joint: JointIndex) -> &[usize] {
+        self.places.get(joint.index()).map_or(&[], Vec::as_slice)
+    }
+
+    /// The values of `theta` `[b]` that a joint's factor is applied to.
+    #[must_use]
+    pub fn select(&self, joint: JointIndex, theta: &[f64]) -> Vec<f64> {
+        self.places(joint).iter().map(|&place| theta[place]).collect()
+    }
+
+    /// Parameters as `theta` `[b]`.
+    ///
+    /// # Errors
+    /// [`NumericsError::ColumnsDiffer`] unless the parameters are exactly those of the columns.
+    pub fn theta(
+        &self,
+        parameters: impl IntoIterator<Item = (ParameterId, f64)>,
+    ) -> Result<Vec<f64>, NumericsError> {
+        let mut theta = vec![None; self.kept.len()];
+        for (id, value) in parameters {
+            let place = self.kept.iter().position(|kept| *kept == id).ok_or_else(|| {
+                NumericsError::ColumnsDiffer(format!("parameter {id} has no column in these factors"))
+            })?;
+            theta[place] = Some(value);
+        }
+        let missing = |place: usize| {
+            NumericsError::ColumnsDiffer(format!("these factors need parameter {}", self.kept[place]))
+        };
+        theta.into_iter().enumerate().map(|(place, value)| value.ok_or_else(|| missing(place))).collect()
+    }
+}
+
+/// Factor of the rows of one joint in one stage, moving or slow.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointFactor {
+    /// The joint.
+    pub joint: JointIndex,
+    /// The stage.
+    pub stage: Stage,
+    /// Whether the joint moved.
+    pub motion: Motion,
+    /// Factor of `[regressor | torque]` over the joint's columns.
+    pub factor: TriangularFactor,
+}
+
+/// Factors of a cycle; those of no rows are left out.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Factored {
+    /// All rows of the cycle, each in one factor.
+    pub factors: Vec<JointFactor>,
+    /// The rows of the first third of the warming stage, by time, once more.
+    pub warming_start: Vec<JointFactor>,
+    /// The rows of its last third.
+    pub warming_end: Vec<JointFactor>,
+}
+
+/// Folds every usable row of a cycle into the factor of its joint, stage and motion. `regressor_columns`
+/// `[b]` are the regressor's columns of [`JointColumns::kept`].
+///
+/// A joint's row is slow while the joint moves slower than its low-speed threshold: at rest friction
+/// takes any value up to breakaway, which no column describes (thesis 5.1.3).
+#[must_use]
+pub fn factor_cycle(
+    robot: &Robot,
+    columns: &JointColumns,
+    regressor_columns: &[usize],
+    conditioned: &Conditioned,
+    samples: &Samples,
+) -> Factored {
+    let mut folders = Folders::new(robot, columns, regressor_columns);
+    let usable = || conditioned.usable.iter().flat_map(Clone::clone);
+    let mut factored = Factored::default();
+    for stage in [Stage::Between, Stage::Excitation, Stage::Friction] {
+        let rows = usable().filter(|&row| samples.stage[row] == stage);
+        factored.factors.extend(folders.factor(stage, conditioned, rows));
+    }
+    let warming: Vec<usize> = usable().filter(|&row| samples.stage[row] == Stage::Warming).collect();
+    let [start, middle, end] = thirds(&warming, &samples.time)
+        .map(|rows| folders.factor(Stage::Warming, conditioned, rows.iter().copied()));
+    let parts = [&start, &middle, &end];
+    for joint in robot.joint_indices() {
+        for motion in Motion::BOTH {
+            let mut factors = parts.iter().flat_map(|part| find(part, joint, motion));
+            let Some(mut whole) = factors.next().cloned() else { continue };
+            factors.for_each(|more| whole.factor.join(&more.factor));
+            factored.factors.push(whole);
+        }
+    }
+    factored.warming_start = start;
+    factored.warming_end = end;
+    factored
+}
+
+fn find(factors: &[JointFactor], joint: JointIndex, motion: Motion) -> Option<&JointFactor> {
+    factors.iter().find(|of| of.joint == joint && of.motion == motion)
+}
+
+/// Cuts rows in their order into three parts of equal time.
+fn thirds<'a>(rows: &'a [usize], time: &[f64]) -> [&'a [usize]; 3] {
+    let (Some(&first), Some(&last)) = (rows.first(), rows.last()) else { return [&[]; 3] };
+    let third = (time[last] - time[first]) / 3.0;
+    let start = rows.partition_point(|&row| time[row] < time[first] + third);
+    let end = rows.partition_point(|&row| time[row] <= time[last] - third).max(start);
+    [&rows[..start], &rows[start..end], &rows[end..]]
+}
+
+/// One folder for each joint and motion, used for one stage after the other.
+struct Folders<'a> {
+    robot: &'a Robot,
+    /// Columns of the regressor that each joint's rows are made of.
+    regressor_columns: Vec<Vec<usize>>,
+    y: Regressor,
+    by_joint: Vec<[RowFolder; 2]>,
+}
+
+impl<'a> Folders<'a> {
+    fn new(robot: &'a Robot, columns: &JointColumns, regressor_columns: &[usize]) -> Self {
+        let of_joint = |places: &Vec<usize>| places.iter().map(|&k| regressor_columns[k]).collect();
+        let regressor_columns: Vec<Vec<usize>> = columns.places.iter().map(of_joint).collect();
+        let by_joint =
+            regressor_columns.iter().map(|of| Motion::BOTH.map(|_| RowFolder::new(of.len()))).collect();
+        Self { robot, regressor_columns, y: Regressor::new(robot.joint_count()), by_joint }
+    }
+
+    fn factor(
+        &mut self,
+        stage: Stage,
+        conditioned: &Conditioned,
+        rows: impl Iterator<Item = usize>,
+    ) -> Vec<JointFactor> {
+        let n = self.robot.joint_count();
+        let (mut q, mut qd, mut qdd, mut tau) = state();
+        for row in rows {
+            conditioned.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
+            joint_torque_regressor(self.robot, &q[..n], &qd[..n], &qdd[..n], &mut self.y);
+            for (j, (folders, columns)) in self.by_joint.iter_mut().zip(&self.regressor_columns).enumerate() {
+                let motion = Motion::of(qd[j], self.robot.joints[j].low_speed);
+                let entries = columns.iter().map(|&column| self.y.column(column)[j]);
+                folders[motion as usize].push(entries.chain([tau[j]]));
+            }
+        }
+        let mut factors = Vec::new();
+        for (joint, folders) in self.robot.joint_indices().zip(&mut self.by_joint) {
+            for (motion, folder) in Motion::BOTH.into_iter().zip(folders) {
+                let factor = folder.take();
+                if factor.rows() > 0 {
+                    factors.push(JointFactor { joint, stage, motion, factor });
+                }
+            }
+        }
+        factors
+    }
+}
+
+/// Factor of all joints stacked [3.22] over the chosen rows, `b` columns in the order of
+/// [`JointColumns::kept`].
+#[must_use]
+pub fn stacked<'a>(
+    columns: &JointColumns,
+    factors: impl IntoIterator<Item = &'a JointFactor>,
+) -> TriangularFactor {
+    let parts = factors.into_iter().map(|of| (&of.factor, columns.places(of.joint)));
+    TriangularFactor::stacked(columns.kept.len(), parts)
+}
+
+/// Whether a row serves identification: the excitation stage while the joint moves.
+#[must_use]
+pub fn identifies(stage: Stage, motion: Motion) -> bool {
+    stage == Stage::Excitation && motion == Motion::Moving
+}
+
+/// Factors as they are stored. Those of rows with numbers beyond any measure are left out: they say
+/// nothing; `false` if there were such.
+#[must_use]
+pub fn pack(columns: &JointColumns, factors: &[JointFactor]) -> (CycleFactors, bool) {
+    let sound = factors.iter().filter(|of| of.factor.is_finite());
+    let packed: Vec<TorqueFactor> = sound
+        .map(|of| TorqueFactor {
+            joint: of.joint,
+            stage: of.stage,
+            motion: of.motion,
+            rows: of.factor.rows(),
+            upper: of.factor.packed(),
+        })
+        .collect();
+    let complete = packed.len() == factors.len();
+    (CycleFactors { columns: Arc::clone(&columns.by_joint), factors: packed }, complete)
+}
+
+/// Factors from how they are stored.
+///
+/// # Errors
+/// Those of [`TriangularFactor::from_packed`], and [`NumericsError::ColumnsDiffer`] for a joint
+/// without columns.
+pub fn unpack(stored: &CycleFactors) -> Result<Vec<JointFactor>, NumericsError> {
+    let of_stored = |packed: &TorqueFactor| {
+        let columns = stored.columns.get(packed.joint.index()).ok_or_else(|| {
+            NumericsError::ColumnsDiffer(format!("no columns are known for joint {}", packed.joint))
+        })?;
+        let factor = TriangularFactor::from_packed(columns.len(), packed.rows, &packed.upper)?;
+        let TorqueFactor { joint, stage, motion, .. } = *packed;
+        Ok(JointFactor { joint, stage, motion, factor })
+    };
+    stored.factors.iter().map(of_stored).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use faer::Mat;
+    use faer::linalg::solvers::SolveLstsq;
+
+    use super::*;
+    use crate::analysis::{CycleAnalysis, RmsdScope};
+    use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+    use crate::numerics::cross::Union;
+    use crate::numerics::dynamics::DynamicModel;
+    use crate::numerics::signal::condition;
+    use crate::run::Cycle;
+    use crate::testing::er3a;
+
+    /// Rounding of a QR of some thousand rows, times the condition of the problem, stays below.
+    const EQUAL: f64 = 1e-9;
+
+    const RATE: f64 = 100.0;
+
+    fn method() -> Method {
+        Method::new(er3a(), AnalysisSettings::default()).expect("base parameters")
+    }
+
+    /// All joints swing, in the friction stage one after the other; torque that no model explains.
+    fn cycle(number: u32, rows: usize) -> Cycle {
+        let channel = || vec![Vec::with_capacity(rows); 6];
+        let (mut position, mut velocity, mut torque) = (channel(), channel(), channel());
+        let mut samples = Samples::default();
+        for i in 0..rows {
+            let t = i as f64 / RATE;
+            let stage = match 20 * i / rows {
+                0..8 => Stage::Excitation,
+                8 | 13 => Stage::Between,
+                9..13 => Stage::Friction,
+                _ => Stage::Warming,
+            };
+            samples.time.push(t);
+            samples.stage.push(stage);
+            for j in 0..6 {
+                let w = 1.3 + 0.41 * j as f64 + 0.1 * f64::from(number);
+                let moves = stage != Stage::Friction || i / 40 % 6 == j;
+                let (sine, cosine) = ((w * t).sin(), (2.3 * w * t).cos());
+                let q = if moves { sine + 0.3 * cosine } else { 0.3 };
+                let qd = if moves { w * (w * t).cos() - 0.69 * w * (2.3 * w * t).sin() } else { 0.0 };
+                position[j].push(q);
+                velocity[j].push(qd);
+                torque[j].push(10.0 * qd.signum() + 3.0 * qd + 20.0 * q + ((i * 7919 % 101) as f64 - 50.0));
+            }
+        }
+        samples.position = position;
+        samples.velocity = Some(velocity);
+        samples.torque = torque;
+        Cycle { number, samples }
+    }
+
+    /// Parameters by another road: the whole observation matrix of moving excitation rows, scaled, in
+    /// one dense least-squares problem.
+    fn raw_parameters(method: &Method, cycles: &[&Cycle]) -> Vec<f64> {
+        let columns = &method.base.kept_columns;
+        let (mut w, mut right) = (Vec::new(), Vec::new());
+        let mut y = Regressor::new(6);
+        for cycle in cycles {
+            let c = condition(&cycle.samples, 12.0).expect("long enough");
+            for row in (0..c.rows()).filter(|&row| cycle.samples.stage[row] == Stage::Excitation) {
+                let of = |channels: &[Vec<f64>]| channels.iter().map(|ch| ch[row]).collect::<Vec<f64>>();
+                let (q, qd, qdd) = (of(&c.q), of(&c.qd), of(&c.qdd));
+                joint_torque_regressor(&method.robot, &q, &qd, &qdd, &mut y);
+                for j in (0..6).filter(|&j| qd[j].abs() >= method.robot.joints[j].low_speed) {
+                    w.push(columns.iter().map(|&column| y.column(column)[j]).collect::<Vec<f64>>());
+                    right.push(c.tau[j][row]);
+                }
+            }
+        }
+        let norm = |k: usize| w.iter().map(|row| row[k] * row[k]).sum::<f64>().sqrt();
+        let norms: Vec<f64> = (0..columns.len()).map(norm).collect();
+        let scaled = Mat::from_fn(w.len(), columns.len(), |i, k| w[i][k] / norms[k]);
+        let right = Mat::from_fn(right.len(), 1, |i, _| right[i]);
+        let solved = scaled.col_piv_qr().solve_lstsq(&right);
+        (0..columns.len()).map(|k| solved[(k, 0)] / norms[k]).collect()
+    }
+
+    fn values(analysis: &CycleAnalysis) -> Vec<f64> {
+        let found = analysis.identification.as_ref().expect("parameters");
+        found.parameters.iter().map(|p| p.value).collect()
+    }
+
+    /// Relative to the largest parameter of its kind of unit: parameters near zero have no digits.
+    fn assert_equal(found: &[f64], expected: &[f64]) {
+        let norm = expected.iter().map(|x| x * x).sum::<f64>().sqrt();
+        assert_eq!(found.len(), expected.len());
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found - expected).abs() <= EQUAL * norm, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_joint_has_the_columns_of_its_own_and_the_outer_links() {
+        let method = method();
+        for (j, of_joint) in method.columns.by_joint().iter().enumerate() {
+            assert!(of_joint.iter().all(|id| id.joint.index() >= j), "{of_joint:?}");
+            let own = of_joint.iter().filter(|id| id.joint.index() == j && id.name().starts_with('f'));
+            assert_eq!(own.count(), 4);
+            let foreign = |id: &&ParameterId| id.joint.index() != j && id.name().starts_with('f');
+            assert_eq!(of_joint.iter().filter(foreign).count(), 0);
+        }
+        // turning about the horizontal axes of joints 2 and 3 has no moment about the vertical joint 1
+        let missing = |name: &str| method.columns.by_joint()[0].iter().all(|id| id.to_string() != name);
+        assert!(missing("J2_Izz") && missing("J3_Izz"));
+        let widths: Vec<usize> = method.columns.by_joint().iter().map(Vec::len).collect();
+        assert_eq!(widths, [38, 39, 33, 26, 19, 12]);
+    }
+
+    #[test]
+    fn identification_from_factors_is_that_from_the_rows() {
+        let method = method();
+        let cycle = cycle(1, 2000);
+        let analysis = analyse_cycle(&method, &cycle);
+        assert_equal(&values(&analysis), &raw_parameters(&method, &[&cycle]));
+    }
+
+    #[test]
+    fn cycles_joined_from_what_is_stored_are_the_problem_of_all_their_rows() {
+        let method = method();
+        let cycles = [cycle(1, 1500), cycle(2, 1000)];
+        let mut union: Option<Union> = None;
+        for cycle in &cycles {
+            let stored = analyse_cycle(&method, cycle).factors;
+            let columns = JointColumns::of_stored(&stored.columns);
+            let union = union.get_or_insert_with(|| Union::new(columns.clone()));
+            union.add(&columns, &unpack(&stored).expect("sound"), 0.24).expect("same columns");
+        }
+        let found = union.expect("cycles").identify().expect("parameters");
+        let value = |id: &ParameterId| found.parameters.iter().find(|p| p.id == *id).expect("kept").value;
+        let in_order: Vec<f64> = method.base.kept.iter().map(value).collect();
+        assert_equal(&in_order, &raw_parameters(&method, &[&cycles[0], &cycles[1]]));
+    }
+
+    #[test]
+    fn rmsd_from_factors_is_that_of_inverse_dynamics_over_the_rows() {
+        let method = method();
+        let cycle = cycle(1, 2000);
+        let c = condition(&cycle.samples, 12.0).expect("long enough");
+        let analysis = analyse_cycle(&method, &cycle);
+        let parameters = method.base.kept.iter().copied().zip(values(&analysis));
+        let model = DynamicModel::from_parameters(6, parameters);
+        let mut estimated = vec![vec![0.0; 6]; c.rows()];
+        for (row, estimated) in estimated.iter_mut().enumerate() {
+            let of = |channels: &[Vec<f64>]| channels.iter().map(|ch| ch[row]).collect::<Vec<f64>>();
+            model.torque(&method.robot, &of(&c.q), &of(&c.qd), &of(&c.qdd), estimated);
+        }
+        let direct = |j: usize, chosen: &dyn Fn(usize) -> bool| {
+            let rows: Vec<usize> = (0..c.rows()).filter(|&row| chosen(row)).collect();
+            let mean = |of: &dyn Fn(usize) -> f64| {
+                (rows.iter().map(|&row| of(row).powi(2)).sum::<f64>() / rows.len() as f64).sqrt()
+            };
+            let rmsd = mean(&|row| estimated[row][j] - c.tau[j][row]);
+            (rmsd, rmsd / mean(&|row| c.tau[j][row]), rows.len())
+        };
+        let same = |found: crate::analysis::Rmsd, expected: (f64, f64, usize)| {
+            assert_eq!(found.samples, expected.2);
+            assert!((found.value - expected.0).abs() <= EQUAL * expected.0, "{found:?} {expected:?}");
+            assert!((found.relative - expected.1).abs() <= EQUAL * expected.1, "{found:?} {expected:?}");
+        };
+        assert_eq!(analysis.verification.len(), 24);
+        for found in &analysis.verification {
+            let j = found.joint.index();
+            let inside = |row: usize| match found.scope {
+                RmsdScope::WholeCycle => true,
+                RmsdScope::Stage(stage) => cycle.samples.stage[row] == stage,
+            };
+            let moving = |row: usize| c.qd[j][row].abs() >= method.robot.joints[j].low_speed;
+            same(found.all_rows, direct(j, &inside));
+            same(found.moving_rows, direct(j, &|row| inside(row) && moving(row)));
+        }
+        // rows 1400 to 1999 are the warming stage, 200 rows a third
+        assert_eq!(analysis.warming_contrast.len(), 6);
+        for found in &analysis.warming_contrast {
+            let j = found.joint.index();
+            same(found.start.all_rows, direct(j, &|row| (1400..1600).contains(&row)));
+            same(found.end.all_rows, direct(j, &|row| row >= 1800));
+        }
+    }
+
+    #[test]
+    fn columns_of_another_description_are_refused() {
+        let method = method();
+        let mut narrower: Vec<Vec<ParameterId>> = method.columns.by_joint().to_vec();
+        narrower[5].pop();
+        let narrower = JointColumns::of_stored(&narrower.into());
+        let mut union = Union::new(method.columns.clone());
+        let error = union.add(&narrower, &[], 1.0).expect_err("other columns");
+        assert!(error.to_string().contains("different parameters"), "{error}");
+        let error = method.columns.theta([]).expect_err("no values");
+        assert!(error.to_string().contains("need parameter J1_Izz"), "{error}");
+    }
+
+    #[test]
+    fn thirds_are_of_equal_time_and_lose_no_row() {
+        let time: Vec<f64> = (0..10).map(f64::from).collect();
+        let rows: Vec<usize> = (0..10).collect();
+        assert_eq!(thirds(&rows, &time), [&rows[..3], &rows[3..7], &rows[7..]]);
+        assert_eq!(thirds(&rows[..1], &time), [&rows[..0], &rows[..1], &rows[..0]]);
+        assert_eq!(thirds(&[], &time), [&[] as &[usize]; 3]);
+    }
+}
