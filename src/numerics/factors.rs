@@ -288,12 +288,12 @@ pub fn unpack(stored: &CycleFactors) -> Result<Vec<JointFactor>, NumericsError> 
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use faer::Mat;
     use faer::linalg::solvers::SolveLstsq;
 
     use super::*;
-    use crate::analysis::{CycleAnalysis, RmsdScope};
+    use crate::analysis::{CycleAnalysis, RmsdScope, TorqueRmsd};
     use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
     use crate::numerics::cross::Union;
     use crate::numerics::dynamics::DynamicModel;
@@ -344,7 +344,7 @@ mod tests {
 
     /// Parameters by another road: the whole observation matrix of moving excitation rows, scaled, in
     /// one dense least-squares problem.
-    fn raw_parameters(method: &Method, cycles: &[&Cycle]) -> Vec<f64> {
+    pub(crate) fn raw_parameters(method: &Method, cycles: &[&Cycle]) -> Vec<f64> {
         let columns = &method.base.kept_columns;
         let (mut w, mut right) = (Vec::new(), Vec::new());
         let mut y = Regressor::new(6);
@@ -374,7 +374,7 @@ mod tests {
     }
 
     /// Relative to the largest parameter of its kind of unit: parameters near zero have no digits.
-    fn assert_equal(found: &[f64], expected: &[f64]) {
+    pub(crate) fn assert_equal(found: &[f64], expected: &[f64]) {
         let norm = expected.iter().map(|x| x * x).sum::<f64>().sqrt();
         assert_eq!(found.len(), expected.len());
         for (found, expected) in found.iter().zip(expected) {
@@ -424,49 +424,74 @@ mod tests {
         assert_equal(&in_order, &raw_parameters(&method, &[&cycles[0], &cycles[1]]));
     }
 
+    /// RMSD by another road: inverse dynamics with `theta`, row by row.
+    pub(crate) struct Direct<'a> {
+        method: &'a Method,
+        cycle: &'a Cycle,
+        c: Conditioned,
+        estimated: Vec<Vec<f64>>,
+    }
+
+    impl<'a> Direct<'a> {
+        pub(crate) fn new(method: &'a Method, cycle: &'a Cycle, theta: &[f64]) -> Self {
+            let c = condition(&cycle.samples, 12.0).expect("long enough");
+            let n = method.robot.joint_count();
+            let parameters = method.base.kept.iter().copied().zip(theta.iter().copied());
+            let model = DynamicModel::from_parameters(n, parameters);
+            let mut estimated = vec![vec![0.0; n]; c.rows()];
+            for (row, estimated) in estimated.iter_mut().enumerate() {
+                let of = |channels: &[Vec<f64>]| channels.iter().map(|ch| ch[row]).collect::<Vec<f64>>();
+                model.torque(&method.robot, &of(&c.q), &of(&c.qd), &of(&c.qdd), estimated);
+            }
+            Self { method, cycle, c, estimated }
+        }
+
+        fn assert_rmsd(&self, j: usize, found: crate::analysis::Rmsd, chosen: impl Fn(usize) -> bool) {
+            let usable = self.c.usable.iter().flat_map(Clone::clone);
+            let rows: Vec<usize> = usable.filter(|&row| chosen(row)).collect();
+            assert_eq!(found.samples, rows.len());
+            if rows.is_empty() {
+                return;
+            }
+            let rms = |of: &dyn Fn(usize) -> f64| {
+                (rows.iter().map(|&row| of(row).powi(2)).sum::<f64>() / rows.len() as f64).sqrt()
+            };
+            let rmsd = rms(&|row| self.estimated[row][j] - self.c.tau[j][row]);
+            let relative = rmsd / rms(&|row| self.c.tau[j][row]);
+            assert!((found.value - rmsd).abs() <= EQUAL * rmsd, "{found:?} {rmsd}");
+            assert!((found.relative - relative).abs() <= EQUAL * relative, "{found:?} {relative}");
+        }
+
+        pub(crate) fn assert_verification(&self, verification: &[TorqueRmsd]) {
+            assert_eq!(verification.len(), 24);
+            for found in verification {
+                let j = found.joint.index();
+                let inside = |row: usize| match found.scope {
+                    RmsdScope::WholeCycle => true,
+                    RmsdScope::Stage(stage) => self.cycle.samples.stage[row] == stage,
+                };
+                let low_speed = self.method.robot.joints[j].low_speed;
+                self.assert_rmsd(j, found.all_rows, inside);
+                self.assert_rmsd(j, found.moving_rows, |row| {
+                    inside(row) && self.c.qd[j][row].abs() >= low_speed
+                });
+            }
+        }
+    }
+
     #[test]
     fn rmsd_from_factors_is_that_of_inverse_dynamics_over_the_rows() {
         let method = method();
         let cycle = cycle(1, 2000);
-        let c = condition(&cycle.samples, 12.0).expect("long enough");
         let analysis = analyse_cycle(&method, &cycle);
-        let parameters = method.base.kept.iter().copied().zip(values(&analysis));
-        let model = DynamicModel::from_parameters(6, parameters);
-        let mut estimated = vec![vec![0.0; 6]; c.rows()];
-        for (row, estimated) in estimated.iter_mut().enumerate() {
-            let of = |channels: &[Vec<f64>]| channels.iter().map(|ch| ch[row]).collect::<Vec<f64>>();
-            model.torque(&method.robot, &of(&c.q), &of(&c.qd), &of(&c.qdd), estimated);
-        }
-        let direct = |j: usize, chosen: &dyn Fn(usize) -> bool| {
-            let rows: Vec<usize> = (0..c.rows()).filter(|&row| chosen(row)).collect();
-            let mean = |of: &dyn Fn(usize) -> f64| {
-                (rows.iter().map(|&row| of(row).powi(2)).sum::<f64>() / rows.len() as f64).sqrt()
-            };
-            let rmsd = mean(&|row| estimated[row][j] - c.tau[j][row]);
-            (rmsd, rmsd / mean(&|row| c.tau[j][row]), rows.len())
-        };
-        let same = |found: crate::analysis::Rmsd, expected: (f64, f64, usize)| {
-            assert_eq!(found.samples, expected.2);
-            assert!((found.value - expected.0).abs() <= EQUAL * expected.0, "{found:?} {expected:?}");
-            assert!((found.relative - expected.1).abs() <= EQUAL * expected.1, "{found:?} {expected:?}");
-        };
-        assert_eq!(analysis.verification.len(), 24);
-        for found in &analysis.verification {
-            let j = found.joint.index();
-            let inside = |row: usize| match found.scope {
-                RmsdScope::WholeCycle => true,
-                RmsdScope::Stage(stage) => cycle.samples.stage[row] == stage,
-            };
-            let moving = |row: usize| c.qd[j][row].abs() >= method.robot.joints[j].low_speed;
-            same(found.all_rows, direct(j, &inside));
-            same(found.moving_rows, direct(j, &|row| inside(row) && moving(row)));
-        }
+        let direct = Direct::new(&method, &cycle, &values(&analysis));
+        direct.assert_verification(&analysis.verification);
         // rows 1400 to 1999 are the warming stage, 200 rows a third
         assert_eq!(analysis.warming_contrast.len(), 6);
         for found in &analysis.warming_contrast {
             let j = found.joint.index();
-            same(found.start.all_rows, direct(j, &|row| (1400..1600).contains(&row)));
-            same(found.end.all_rows, direct(j, &|row| row >= 1800));
+            direct.assert_rmsd(j, found.start.all_rows, |row| (1400..1600).contains(&row));
+            direct.assert_rmsd(j, found.end.all_rows, |row| row >= 1800);
         }
     }
 

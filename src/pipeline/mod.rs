@@ -8,6 +8,8 @@
 pub mod intake;
 pub mod record;
 pub mod stored;
+#[cfg(test)]
+mod tests;
 
 use std::collections::HashMap;
 use std::path::Path;

@@ -33,6 +33,16 @@ async fn views_have_the_promised_columns_in_order() {
              last_seen_at state message",
         ),
         ("fleet_health", "robot joint last_run_at moving_relative_rmsd friction_index open_anomalies status"),
+        (
+            "warming_contrast",
+            "robot run_id cycle joint start_rmsd_nm end_rmsd_nm start_relative_rmsd end_relative_rmsd \
+             start_moving_rmsd_nm end_moving_rmsd_nm start_moving_relative_rmsd end_moving_relative_rmsd",
+        ),
+        (
+            "parameter_sets",
+            "parameter_set model joint parameter value std_error unit grouping cycles samples",
+        ),
+        ("parameter_set_sources", "parameter_set robot run_id cycle"),
     ];
     let (_folder, store) = fresh().await;
     for (view, names) in promised {

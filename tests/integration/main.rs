@@ -11,3 +11,4 @@ mod cli;
 mod daemon;
 mod reference_export;
 mod shipped;
+mod stored_factors;

@@ -12,7 +12,7 @@ use sqlx::{Connection, Row, TypeInfo, ValueRef};
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Views of the public contract, with what orders their rows.
-pub const VIEWS: [(&str, &str); 9] = [
+pub const VIEWS: [(&str, &str); 12] = [
     ("runs", "run_id"),
     ("cycles", "run_id, cycle"),
     ("cycle_parameters", "run_id, cycle, joint, parameter"),
@@ -22,6 +22,9 @@ pub const VIEWS: [(&str, &str); 9] = [
     ("parameter_statistics", "run_id, joint, parameter, \"window\""),
     ("anomalies", "anomaly_id"),
     ("fleet_health", "robot, joint"),
+    ("warming_contrast", "run_id, cycle, joint"),
+    ("parameter_sets", "parameter_set, joint, parameter"),
+    ("parameter_set_sources", "parameter_set, run_id, cycle"),
 ];
 
 /// A test's own folder with a configuration that watches `inbox` and stores in `armwatch.db`.

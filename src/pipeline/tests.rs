@@ -1,0 +1,115 @@
+//! Stored factors against the rows of the export that they came from.
+
+use std::path::{Path, PathBuf};
+
+use tokio_util::sync::CancellationToken;
+
+use super::stored::{Candidate, Chosen, cross_verification, rmsd_on, unit_identification};
+use super::{Outcome, Pipeline, Retry};
+use crate::config::Config;
+use crate::ingest::csv::{ExportReader, ReadOptions};
+use crate::ingest::source::open_hashing;
+use crate::numerics::analyse::Method;
+use crate::numerics::factors::tests::{Direct, assert_equal, raw_parameters};
+use crate::numerics::segment::CycleCutter;
+use crate::run::Cycle;
+use crate::simulate::{SimulationSettings, simulate_run};
+use crate::store::{ParameterSet, Store};
+
+struct Ingested {
+    _folder: tempfile::TempDir,
+    store: Store,
+    method: Method,
+    cycles: Vec<Cycle>,
+}
+
+async fn ingested(export: &Path, folder: tempfile::TempDir) -> Ingested {
+    let config = Config::shipped().expect("shipped settings");
+    let store = Store::open(&folder.path().join("fleet.db")).await.expect("a store");
+    let entry = config.fleet.first().expect("a robot");
+    let method = Method::new((*entry.description).clone(), config.analysis).expect("base parameters");
+    let cycles = cycles_of(export, &method, entry);
+    let pipeline = Pipeline::new(std::sync::Arc::new(config), store.clone());
+    let stop = CancellationToken::new();
+    let outcome = pipeline.process(export, Retry::Never, &stop, |_| ()).await.expect("an outcome");
+    assert!(matches!(outcome, Outcome::Stored(_)), "{outcome:?}");
+    Ingested { _folder: folder, store, method, cycles }
+}
+
+fn cycles_of(export: &Path, method: &Method, entry: &crate::config::FleetEntry) -> Vec<Cycle> {
+    let (bytes, _) = open_hashing(export).expect("an export");
+    let reader = ExportReader::new(bytes, export, &entry.layout, &method.robot, ReadOptions::default());
+    let mut cutter = CycleCutter::new();
+    let mut cycles = Vec::new();
+    for chunk in reader.expect("a header") {
+        cycles.extend(cutter.push(chunk.expect("rows").samples).expect("cycles"));
+    }
+    cycles.extend(cutter.finish().expect("a last cycle"));
+    cycles
+}
+
+impl Ingested {
+    async fn unit(&self, cycles: &[u32]) -> ParameterSet {
+        let chosen = Chosen { run_id: 1, cycles: Some(cycles.to_vec()) };
+        unit_identification(&self.store, &[chosen]).await.expect("parameters")
+    }
+
+    fn theta(&self, set: &ParameterSet) -> Vec<f64> {
+        let value = |id| set.identification.parameters.iter().find(|p| p.id == id).expect("kept").value;
+        self.method.base.kept.iter().map(|id| value(*id)).collect()
+    }
+
+    /// Parameters from the factors of two cycles, and their deviation on a third one, are those of
+    /// the rows.
+    async fn assert_like_the_rows(&self) {
+        let set = self.unit(&[1, 2]).await;
+        let theta = self.theta(&set);
+        assert_equal(&theta, &raw_parameters(&self.method, &[&self.cycles[0], &self.cycles[1]]));
+        let candidate = Candidate { model: set.model, parameters: set.identification.parameters };
+        let third = [Chosen { run_id: 1, cycles: Some(vec![3]) }];
+        let rmsd = rmsd_on(&self.store, &candidate, &third).await.expect("deviations");
+        let direct = Direct::new(&self.method, &self.cycles[2], &theta);
+        direct.assert_verification(&rmsd);
+        let cross = cross_verification(&self.store, vec![candidate], &[1]).await.expect("deviations");
+        assert_eq!(cross[0].by_cycle[2], (3, rmsd));
+    }
+}
+
+#[tokio::test]
+async fn the_reference_export_needs_no_second_reading() {
+    let export = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/reference/R00_20260105_0847_Col23_20s_cycle5.csv.gz");
+    let folder = tempfile::tempdir().expect("a folder");
+    ingested(&export, folder).await.assert_like_the_rows().await;
+}
+
+#[tokio::test]
+async fn a_simulated_export_needs_no_second_reading() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let settings = SimulationSettings { cycles: 3, warming_s: 5.0, ..SimulationSettings::default() };
+    let robot = crate::testing::er3a();
+    let files = simulate_run(&robot, &settings, 0, folder.path(), &mut |_| ()).expect("an export");
+    let ingested = ingested(&files.export, folder).await;
+    ingested.assert_like_the_rows().await;
+
+    let one = ingested.unit(&[2]).await;
+    let mut stored = ingested.store.cycle_parameters(1, 2).await.expect("parameters");
+    stored.sort_by_key(|parameter| parameter.id);
+    let values = |of: &[crate::analysis::IdentifiedParameter]| -> (Vec<f64>, Vec<f64>) {
+        of.iter().map(|p| (p.value, p.std_error)).unzip()
+    };
+    let (found, expected) = (values(&one.identification.parameters), values(&stored));
+    assert_equal(&found.0, &expected.0);
+    assert_equal(&found.1, &expected.1);
+}
+
+#[tokio::test]
+async fn what_is_not_there_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let store = Store::open(&folder.path().join("fleet.db")).await.expect("a store");
+    let chosen = Chosen { run_id: 7, cycles: None };
+    let error = unit_identification(&store, &[chosen]).await.expect_err("no run");
+    assert!(error.to_string().contains("run 7 has no factors"), "{error}");
+    let error = unit_identification(&store, &[]).await.expect_err("nothing");
+    assert!(error.to_string().contains("no cycles"), "{error}");
+}
