@@ -84,7 +84,7 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     analysis.identification = identify_excitation(method, samples, &conditioned);
     let model = analysis.identification.as_ref().ok().map(|found| {
         let parameters = found.parameters.iter().map(|p| (p.id, p.value));
-        DynamicModel::from_parameters(method.robot.joint_count(), parameters)
+        DynamicModel::from_parameters(&method.robot, parameters)
     });
     if let Some(model) = &model {
         analysis.verification = torque_rmsd(&method.robot, model, &conditioned, &samples.stage);

@@ -35,7 +35,7 @@ pub fn observe(
     let block_rows = BLOCK_ROWS;
     let mut factor = TriangularFactor::new(columns.len());
     let mut block = vec![0.0; block_rows * width];
-    let mut y = Regressor::new(n);
+    let mut y = Regressor::new(robot);
     let (mut q, mut qd, mut qdd, mut tau) = state();
     let mut filled = 0;
     for row in rows {
