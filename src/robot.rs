@@ -1,9 +1,18 @@
-//! What a robot is: joints in a chain, their modified Denavit-Hartenberg geometry, limits and
-//! parameters. Nothing here knows a particular arm; descriptions come from files.
+//! What a robot is: joints in a chain, their places, limits, transmission and parameters. Nothing here
+//! knows a particular arm; descriptions come from files.
+
+mod geometry;
+mod parameter;
 
 use std::fmt;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{DMatrix, Vector3};
+
+pub use self::geometry::{DhParameters, GeometrySource, JointGeometry, Transform, UrdfOrigin};
+pub use self::parameter::{
+    Coupling, CouplingTerm, FrictionLaw, FrictionModel, FrictionTerm, ParameterId, ParameterKind,
+    StandardParameters,
+};
 
 /// Most joints a described arm may have; numerics keep their per-joint scratch on the stack.
 pub const MAX_JOINTS: usize = 9;
@@ -57,6 +66,14 @@ pub struct Robot {
     pub joints: Vec<Joint>,
     /// Gravitational acceleration in the base frame, m/s²; a ceiling-mounted arm only changes this.
     pub gravity: Vector3<f64>,
+    /// Tool frame in the frame of the last link.
+    pub tool: Transform,
+    /// Which columns describe friction.
+    pub friction: FrictionModel,
+    /// Matrix `R` `[n x n]` of `theta_motor = R q`; the gear ratios on its diagonal.
+    pub transmission: DMatrix<f64>,
+    /// Motors that turn with two joints and have parameters of their own.
+    pub couplings: Vec<Coupling>,
     /// Speeds of the friction stage as fractions of each joint's largest speed, level 1 first.
     pub speed_levels: Vec<f64>,
     /// Excitation motion of the test, if the description gives one.
@@ -74,19 +91,39 @@ impl Robot {
     pub fn joint_indices(&self) -> impl Iterator<Item = JointIndex> + use<> {
         (0..self.joints.len()).map(JointIndex::new)
     }
+
+    /// Number of parameters of the dynamic model, the columns of its regressor: ten, the friction
+    /// terms and a motor inertia for each joint, and three for each coupling.
+    #[must_use]
+    pub fn parameter_count(&self) -> usize {
+        let per_joint = StandardParameters::COUNT + self.friction.terms().len() + 1;
+        per_joint * self.joints.len() + CouplingTerm::ALL.len() * self.couplings.len()
+    }
+
+    /// The transmission of joints that each have a motor of their own: gear ratios on the diagonal.
+    #[must_use]
+    pub fn uncoupled_transmission(joints: &[Joint]) -> DMatrix<f64> {
+        DMatrix::from_fn(joints.len(), joints.len(), |i, j| if i == j { joints[i].gear_ratio } else { 0.0 })
+    }
 }
 
 /// One joint and the link that it moves.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
+    /// Name, where the description gives one.
+    pub name: Option<String>,
     /// Turning or sliding.
     pub kind: JointKind,
-    /// Transform from the previous link's frame.
-    pub geometry: ModifiedDh,
+    /// Place on the link before.
+    pub geometry: JointGeometry,
     /// Range and largest rates.
     pub limits: JointLimits,
-    /// Motor turns per joint turn.
+    /// Motor turns per joint turn; negative where they turn against each other.
     pub gear_ratio: f64,
+    /// Added to the position that the controller, or the transmission, gives to make `q`: rad (m).
+    pub position_offset: f64,
+    /// Joint torque per motor current, Nm/A (N/A), where known.
+    pub drive_gain: Option<f64>,
     /// Rated torque of the motor at its own shaft, Nm, where known.
     pub rated_motor_torque: Option<f64>,
     /// Speed below which a row does not count as moving, rad/s (m/s for a sliding joint).
@@ -104,22 +141,6 @@ pub enum JointKind {
     Prismatic,
 }
 
-/// Modified Denavit-Hartenberg parameters (Craig) of joint `i`:
-/// `T(i-1,i) = Rx(alpha) Dx(a) Rz(theta) Dz(d)` [2.1, 2.2], where `a` and `alpha` belong to axis
-/// `i-1`. A revolute joint has `theta = q + theta_offset`; a prismatic one `theta = theta_offset`
-/// and slides by `d + q`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ModifiedDh {
-    /// Distance from axis `i-1` to axis `i` along `x(i-1)`, m.
-    pub a: f64,
-    /// Angle from axis `i-1` to axis `i` about `x(i-1)`, rad.
-    pub alpha: f64,
-    /// Offset along `z(i)`, m.
-    pub d: f64,
-    /// Added to the joint position to give `theta`, rad.
-    pub theta_offset: f64,
-}
-
 /// Range and largest rates of a joint: rad, rad/s, rad/s² (m for a sliding joint).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointLimits {
@@ -133,38 +154,8 @@ pub struct JointLimits {
     pub acceleration: f64,
 }
 
-/// Ten inertial parameters of a link about the origin of its own frame, in the order
-/// [`StandardParameters::NAMES`]. `mP` is the first moment, mass times centre of mass; inertia is
-/// about the frame's origin, not about the centre of mass.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct StandardParameters(pub [f64; 10]);
-
-impl StandardParameters {
-    /// Number of inertial parameters of a link.
-    pub const COUNT: usize = 10;
-    /// Names in order; `m` in kg, `mP*` in kg m, `I**` in kg m².
-    pub const NAMES: [&'static str; 10] =
-        ["m", "mPx", "mPy", "mPz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"];
-
-    /// Mass, kg.
-    #[must_use]
-    pub fn mass(&self) -> f64 {
-        self.0[0]
-    }
-
-    /// First moment `m c`, kg m, in the link frame.
-    #[must_use]
-    pub fn first_moment(&self) -> Vector3<f64> {
-        Vector3::new(self.0[1], self.0[2], self.0[3])
-    }
-
-    /// Inertia about the origin of the link frame, kg m².
-    #[must_use]
-    pub fn inertia(&self) -> Matrix3<f64> {
-        let [_, _, _, _, xx, xy, xz, yy, yz, zz] = self.0;
-        Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
-    }
-}
+/// Friction coefficients of a joint in [3.10].
+pub const FRICTION_COUNT: usize = 4;
 
 /// What a drawing, a catalogue or an earlier identification says of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -173,8 +164,9 @@ pub struct NominalJoint {
     pub inertial: StandardParameters,
     /// Motor inertia seen at the joint, kg m² (kg for a sliding joint).
     pub motor_inertia: f64,
-    /// Warm friction coefficients f1..f4 of [3.10]: Nm, Nm s/rad, Nm s²/rad², Nm s³/rad³.
-    pub friction: [f64; 4],
+    /// Warm friction coefficients f1..f4 of [3.10]: Nm, Nm s/rad, Nm s²/rad², Nm s³/rad³. What the
+    /// simulator moves, whichever columns [`Robot::friction`] identifies it with.
+    pub friction: [f64; FRICTION_COUNT],
     /// How much more friction a cold gearbox has.
     pub warm_up: WarmUpShape,
     /// Standard deviation of the torque signal, Nm.
@@ -205,78 +197,4 @@ pub struct FourierExcitation {
     pub b: Vec<Vec<f64>>,
     /// Centre position, `[n]`, rad.
     pub centre: Vec<f64>,
-}
-
-/// Which quantity a parameter of a joint or its link is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum ParameterKind {
-    /// Inertial parameter of the link, index into [`StandardParameters::NAMES`].
-    Inertial(u8),
-    /// Friction coefficient f1..f4 of [3.10], index from 0.
-    Friction(u8),
-    /// Motor inertia seen at the joint.
-    MotorInertia,
-}
-
-/// A parameter of the dynamic model: a kind at a joint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct ParameterId {
-    /// The joint, and the link that it moves.
-    pub joint: JointIndex,
-    /// The quantity.
-    pub kind: ParameterKind,
-}
-
-/// Friction coefficients of a joint in [3.10].
-pub const FRICTION_COUNT: usize = 4;
-
-impl ParameterId {
-    /// All `15 n` parameters in the model's natural column order: ten inertial ones link by link,
-    /// four friction coefficients joint by joint, motor inertias.
-    #[must_use]
-    pub fn natural_order(joint_count: usize) -> Vec<Self> {
-        let inertial = (0..joint_count).flat_map(|j| (0..10).map(move |k| (j, ParameterKind::Inertial(k))));
-        let friction = (0..joint_count).flat_map(|j| (0..4).map(move |k| (j, ParameterKind::Friction(k))));
-        let motor = (0..joint_count).map(|j| (j, ParameterKind::MotorInertia));
-        inertial
-            .chain(friction)
-            .chain(motor)
-            .map(|(j, kind)| Self { joint: JointIndex::new(j), kind })
-            .collect()
-    }
-
-    /// Name without the joint, as in the view `cycle_parameters`: `mPx`, `f1`, `I_m`.
-    #[must_use]
-    pub fn name(&self) -> &'static str {
-        match self.kind {
-            ParameterKind::Inertial(k) => StandardParameters::NAMES[usize::from(k)],
-            ParameterKind::Friction(k) => ["f1", "f2", "f3", "f4"][usize::from(k)],
-            ParameterKind::MotorInertia => "I_m",
-        }
-    }
-
-    /// Unit of the value for a joint of the given kind.
-    #[must_use]
-    pub fn unit(&self, joint: JointKind) -> &'static str {
-        match (self.kind, joint) {
-            (ParameterKind::Inertial(0), _) => "kg",
-            (ParameterKind::Inertial(1..=3), _) => "kg m",
-            (ParameterKind::Inertial(_), _) | (ParameterKind::MotorInertia, JointKind::Revolute) => "kg m^2",
-            (ParameterKind::MotorInertia, JointKind::Prismatic) => "kg",
-            (ParameterKind::Friction(0), JointKind::Revolute) => "Nm",
-            (ParameterKind::Friction(1), JointKind::Revolute) => "Nm s/rad",
-            (ParameterKind::Friction(2), JointKind::Revolute) => "Nm s^2/rad^2",
-            (ParameterKind::Friction(_), JointKind::Revolute) => "Nm s^3/rad^3",
-            (ParameterKind::Friction(0), JointKind::Prismatic) => "N",
-            (ParameterKind::Friction(1), JointKind::Prismatic) => "N s/m",
-            (ParameterKind::Friction(2), JointKind::Prismatic) => "N s^2/m^2",
-            (ParameterKind::Friction(_), JointKind::Prismatic) => "N s^3/m^3",
-        }
-    }
-}
-
-impl fmt::Display for ParameterId {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "J{}_{}", self.joint, self.name())
-    }
 }

@@ -15,7 +15,7 @@ use crate::numerics::identify::MAX_SCALED_CONDITION;
 use crate::numerics::regressor::KeptColumns;
 use crate::numerics::rows::{CycleRows, joint_factors, reversal_guard};
 use crate::numerics::signal::condition;
-use crate::robot::{ParameterId, ParameterKind, Robot};
+use crate::robot::{FrictionTerm, ParameterId, ParameterKind, Robot};
 use crate::run::Stage;
 use crate::simulate::exact::{ExactSettings, record_excitation};
 
@@ -115,8 +115,8 @@ impl Coverage {
             ("first moments", |kind| matches!(kind, ParameterKind::Inertial(0..=3))),
             ("inertias", |kind| matches!(kind, ParameterKind::Inertial(4..))),
             ("motor inertias", |kind| matches!(kind, ParameterKind::MotorInertia)),
-            ("friction f1", |kind| matches!(kind, ParameterKind::Friction(0))),
-            ("friction f2..f4", |kind| matches!(kind, ParameterKind::Friction(1..))),
+            ("friction f1", |kind| matches!(kind, ParameterKind::Friction(FrictionTerm::F1))),
+            ("friction f2..f4", |kind| matches!(kind, ParameterKind::Friction(term) if term != FrictionTerm::F1)),
             ("all", |_| true),
         ];
         let magnitude: Vec<f64> = self.bias.iter().map(|bias| bias.abs()).collect();
@@ -219,12 +219,16 @@ fn identify_one(
 
 /// Nominal parameters in natural order; zero where a joint has none, which the simulator refuses.
 fn natural_values(robot: &Robot) -> Vec<f64> {
-    let ids = ParameterId::natural_order(robot.joint_count());
+    let ids = ParameterId::natural_order(robot);
     let value = |id: &ParameterId| {
         robot.joints[id.joint.index()].nominal.map_or(0.0, |nominal| match id.kind {
             ParameterKind::Inertial(k) => nominal.inertial.0[usize::from(k)],
-            ParameterKind::Friction(k) => nominal.friction[usize::from(k)],
+            ParameterKind::Friction(term) => {
+                let place = robot.friction.terms().iter().position(|of| *of == term);
+                place.map_or(0.0, |place| nominal.friction[place])
+            }
             ParameterKind::MotorInertia => nominal.motor_inertia,
+            ParameterKind::Coupling(_) => 0.0,
         })
     };
     ids.iter().map(value).collect()

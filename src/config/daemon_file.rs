@@ -9,8 +9,9 @@ use super::limits::Limits;
 use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::recognition::{DEFAULT_FILE_NAME, time_zone};
+use super::robot_file::parse_robot_with;
 use super::{Config, FleetEntry, Layout, Recognition, ScaledColumn, WatchSettings};
-use super::{parse_layout, parse_robot, pattern};
+use super::{parse_layout, pattern};
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::DetectSettings;
 use crate::robot::{JointKind, Robot};
@@ -155,7 +156,9 @@ struct References<'r> {
 
 impl References<'_> {
     fn robot(&mut self, table: &Table<'_>, key: &str) -> Option<Arc<Robot>> {
-        refer(self.folder, self.read_text, &mut self.robots, table, key, parse_robot)
+        let read_text = self.read_text;
+        let parse = |name: &str, text: &str| parse_robot_with(name, text, read_text);
+        refer(self.folder, read_text, &mut self.robots, table, key, parse)
     }
 
     fn layout(&mut self, table: &Table<'_>, key: &str) -> Option<Arc<Layout>> {

@@ -14,8 +14,34 @@ type Expectation = (&'static str, &'static [(usize, &'static str, &'static str)]
 
 const ROBOTS: &[Expectation] = &[
     ("sound", &[]),
-    ("standard_dh", &[(2, "convention", "only \"modified_dh\" (Craig) is understood")]),
-    ("convention_missing", &[(1, "convention", "is missing; only \"modified_dh\" (Craig) is understood")]),
+    ("convention_unknown", &[(2, "convention", "is not understood; write \"modified_dh\" (Craig)")]),
+    ("convention_missing", &[(1, "convention", "is missing; write \"modified_dh\" (Craig)")]),
+    ("standard_dh", &[]),
+    ("tool_and_friction_model", &[]),
+    (
+        "friction_model_unknown",
+        &[(5, "friction_model", "must be \"polynomial\", \"viscous_coulomb\" or \"smooth\"")],
+    ),
+    ("smooth_without_speed", &[(1, "smooth_speed_rad_s", "is missing")]),
+    ("smooth_speed_of_nothing", &[(6, "smooth_speed_rad_s", "only means something with")]),
+    ("polynomial_asymmetric", &[(1, "", "no columns in the polynomial model")]),
+    ("transmission_singular", &[(6, "transmission.motor_per_joint", "is singular")]),
+    ("transmission_of_three_joints", &[(6, "transmission.motor_per_joint", "must have 2 rows of 2 numbers")]),
+    ("gear_ratio_twice", &[(18, "joint[1].gear_ratio", "is 100 in transmission.motor_per_joint")]),
+    ("gear_ratio_missing", &[(6, "joint[1].gear_ratio", "is missing")]),
+    ("gear_ratio_zero", &[(16, "joint[1].gear_ratio", "must not be 0")]),
+    ("coupling_without_transmission", &[(5, "coupling[1]", "does not turn with joint 1")]),
+    ("coupling_of_another_motor", &[(7, "coupling[1].motor", "must be between 1 and 2")]),
+    ("coupling_twice", &[(15, "coupling[2]", "already has a coupling")]),
+    ("drive_gain_zero", &[(17, "joint[1].drive_gain_nm_a", "must not be 0")]),
+    (
+        "inertia_of_the_origin_taken_for_that_of_the_centre",
+        &[(21, "joint[1].nominal.inertia_about_centre_of_mass_kg_m2", "the largest exceeds")],
+    ),
+    ("urdf", &[]),
+    ("urdf_missing", &[(3, "urdf", "cannot be read")]),
+    ("urdf_with_an_unknown_joint", &[(8, "joint[1].name", "its joints are shoulder, elbow")]),
+    ("urdf_without_inertia", &[(10, "joint[1].nominal", "has no inertial tag")]),
     ("radians_given_as_degrees", &[(9, "joint[1].alpha_deg", "write alpha_rad = 1.5708 if it is in rad")]),
     (
         "degrees_given_as_radians",
@@ -133,6 +159,7 @@ fn check<T>(name: &str, expectations: &[Expectation], read: impl Fn(&Path) -> Re
     let found: BTreeSet<_> = std::fs::read_dir(&folder)
         .expect("the folder of fixtures")
         .map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned())
+        .filter(|name| name.ends_with(".toml"))
         .collect();
     assert_eq!(listed, found, "every fixture is expected to yield something");
 }

@@ -4,6 +4,8 @@ mod daemon_file;
 mod files;
 #[cfg(test)]
 mod fixtures;
+mod geometry;
+mod joint;
 mod layout_file;
 mod limits;
 mod nominal;
@@ -16,6 +18,11 @@ mod robot_file;
 mod source;
 mod suggestion;
 mod summary;
+mod transmission;
+mod urdf;
+mod urdf_arm;
+#[cfg(test)]
+mod urdf_tests;
 
 use std::path::PathBuf;
 use std::sync::Arc;

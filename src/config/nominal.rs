@@ -1,8 +1,10 @@
 //! The table `[joint.nominal]`: what a drawing or a catalogue says of a joint, and whether a real
 //! body can be like that.
 
+use nalgebra::{Matrix3, Vector3};
+
 use super::limits::Limits;
-use super::reader::Table;
+use super::reader::{Table, Value};
 use crate::robot::{FRICTION_COUNT, JointKind, NominalJoint, StandardParameters, WarmUpShape};
 
 /// How far the largest principal moment may exceed the sum of the others, relative to the inertia
@@ -21,25 +23,18 @@ const REVOLUTE_FRICTION: [&str; FRICTION_COUNT] = ["f1_nm", "f2_nm_s_rad", "f3_n
 /// Keys of f1..f4 for a joint that slides.
 const PRISMATIC_FRICTION: [&str; FRICTION_COUNT] = ["f1_n", "f2_n_s_m", "f3_n_s2_m2", "f4_n_s3_m3"];
 
+/// Key of an inertia about the origin of the joint's frame.
+const ABOUT_ORIGIN: &str = "inertia_kg_m2";
+
+/// Key of an inertia about the centre of mass.
+const ABOUT_CENTRE: &str = "inertia_about_centre_of_mass_kg_m2";
+
 /// Reads the table; `velocity` is the joint's largest speed in SI, where that was understood.
 pub(super) fn read(table: &Table<'_>, kind: JointKind, velocity: Option<f64>) -> Option<NominalJoint> {
     let inertial = read_inertial(table);
-    let (inertia_key, inertia_limits, noise_key, noise_limits) = match kind {
-        JointKind::Revolute => (
-            "motor_inertia_kg_m2",
-            Limits::between(0.0, 1e4, "kg m^2"),
-            "torque_noise_nm",
-            Limits::between(0.0, 1e4, "Nm"),
-        ),
-        JointKind::Prismatic => (
-            "motor_inertia_kg",
-            Limits::between(0.0, 1e5, "kg"),
-            "force_noise_n",
-            Limits::between(0.0, 1e5, "N"),
-        ),
-    };
+    let ((inertia_key, inertia_limits), (noise_key, noise_limits)) = keys(kind);
     let motor_inertia = table.number(inertia_key, &inertia_limits);
-    let friction = read_friction(table, kind, velocity);
+    let friction = table.required("friction").and_then(|value| read_friction(&value, kind, velocity));
     let warm_up = table.required("warm_up").and_then(|value| read_warm_up(&value.table()?));
     let torque_noise = table.number(noise_key, &noise_limits);
     Some(NominalJoint {
@@ -51,34 +46,90 @@ pub(super) fn read(table: &Table<'_>, kind: JointKind, velocity: Option<f64>) ->
     })
 }
 
+/// Reads the table of a joint whose inertia stands elsewhere: whatever is left out stays as in
+/// `given`.
+pub(super) fn read_beside(
+    table: &Table<'_>,
+    kind: JointKind,
+    given: NominalJoint,
+    velocity: f64,
+) -> Option<NominalJoint> {
+    let ((inertia_key, inertia_limits), (noise_key, noise_limits)) = keys(kind);
+    let motor_inertia = table.number_or(inertia_key, &inertia_limits, given.motor_inertia);
+    let friction = table.optional("friction").map(|value| read_friction(&value, kind, Some(velocity)));
+    let warm_up = table.optional("warm_up").map(|value| read_warm_up(&value.table()?));
+    let torque_noise = table.number_or(noise_key, &noise_limits, given.torque_noise);
+    Some(NominalJoint {
+        motor_inertia: motor_inertia?,
+        friction: friction.unwrap_or(Some(given.friction))?,
+        warm_up: warm_up.unwrap_or(Some(given.warm_up))?,
+        torque_noise: torque_noise?,
+        ..given
+    })
+}
+
+/// Keys and limits of the motor's inertia and of the torque noise.
+fn keys(kind: JointKind) -> ((&'static str, Limits), (&'static str, Limits)) {
+    match kind {
+        JointKind::Revolute => (
+            ("motor_inertia_kg_m2", Limits::between(0.0, 1e4, "kg m^2")),
+            ("torque_noise_nm", Limits::between(0.0, 1e4, "Nm")),
+        ),
+        JointKind::Prismatic => (
+            ("motor_inertia_kg", Limits::between(0.0, 1e5, "kg")),
+            ("force_noise_n", Limits::between(0.0, 1e5, "N")),
+        ),
+    }
+}
+
+/// Mass with either first moment and inertia about the origin of the joint's frame, or centre of mass
+/// and inertia about that centre.
 fn read_inertial(table: &Table<'_>) -> Option<StandardParameters> {
     let mass = table.number("mass_kg", &Limits::above(0.0, 1e4, "kg"));
-    let moment = table.numbers("first_moment_kg_m", Some(3), &Limits::within(1e4, "kg m"));
-    let inertia = table.required("inertia_kg_m2").and_then(|value| {
-        let entries = value.table()?;
-        let limits = Limits::within(1e4, "kg m^2");
-        let numbers = ["xx", "xy", "xz", "yy", "yz", "zz"].map(|key| entries.number(key, &limits));
-        let [xx, xy, xz, yy, yz, zz] = numbers;
-        Some(([xx?, xy?, xz?, yy?, yz?, zz?], value))
-    });
-    let (mass, moment, (inertia, value)) = (mass?, moment?, inertia?);
-    let numbers: Vec<f64> = [mass].into_iter().chain(moment).chain(inertia).collect();
-    let parameters = StandardParameters(numbers.try_into().ok()?);
+    let about_centre = table.optional("centre_of_mass_m");
+    let (moment, key) = match &about_centre {
+        Some(value) => (value.numbers(Some(3), &Limits::within(10.0, "m")), ABOUT_CENTRE),
+        None => (table.numbers("first_moment_kg_m", Some(3), &Limits::within(1e4, "kg m")), ABOUT_ORIGIN),
+    };
+    let inertia = table.required(key).and_then(|value| Some((read_matrix(&value)?, value)));
+    let (mass, moment, (inertia, value)) = (mass?, Vector3::from_column_slice(&moment?), inertia?);
+    let parameters = match about_centre {
+        Some(_) => StandardParameters::from_centre_of_mass(mass, &moment, &inertia),
+        None => StandardParameters::new(mass, &moment, &inertia),
+    };
     if let Err(reason) = check_body(&parameters) {
         value.refuse(
             reason,
-            Some("inertia is about the origin of the link's frame, not about the centre of mass, and Ixy, Ixz, Iyz are \
-                  entries of the matrix: negative products of inertia".into()),
+            Some(format!(
+                "{}, and Ixy, Ixz, Iyz are entries of the matrix: negative products of inertia",
+                meaning(key)
+            )),
         );
         return None;
     }
     Some(parameters)
 }
 
+fn meaning(key: &str) -> &'static str {
+    match key {
+        ABOUT_CENTRE => "inertia is about the centre of mass, axes of the joint's frame",
+        _ => "inertia is about the origin of the link's frame, not about the centre of mass",
+    }
+}
+
+fn read_matrix(value: &Value<'_>) -> Option<Matrix3<f64>> {
+    let entries = value.table()?;
+    let limits = Limits::within(1e4, "kg m^2");
+    let [xx, xy, xz, yy, yz, zz] =
+        ["xx", "xy", "xz", "yy", "yz", "zz"].map(|key| entries.number(key, &limits));
+    let (xx, xy, xz, yy, yz, zz) = (xx?, xy?, xz?, yy?, yz?, zz?);
+    Some(Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz))
+}
+
 /// Whether some distribution of positive mass has these parameters. About the centre of mass no
 /// principal moment may be negative or exceed the sum of the other two, which for a positive mass
 /// is the same as a positive semidefinite pseudo-inertia matrix (Wensing, Kim, Slotine 2018).
-fn check_body(parameters: &StandardParameters) -> Result<(), String> {
+pub(super) fn check_body(parameters: &StandardParameters) -> Result<(), String> {
     let mass = parameters.mass();
     let centre = parameters.first_moment() / mass;
     let origin = parameters.inertia();
@@ -102,15 +153,22 @@ fn check_body(parameters: &StandardParameters) -> Result<(), String> {
     }
 }
 
-fn read_friction(table: &Table<'_>, kind: JointKind, velocity: Option<f64>) -> Option<[f64; FRICTION_COUNT]> {
-    let value = table.required("friction")?;
+fn read_friction(value: &Value<'_>, kind: JointKind, velocity: Option<f64>) -> Option<[f64; FRICTION_COUNT]> {
     let (keys, unit) = match kind {
         JointKind::Revolute => (REVOLUTE_FRICTION, "rad/s"),
         JointKind::Prismatic => (PRISMATIC_FRICTION, "m/s"),
     };
+    let limits = Limits::within(1e6, "");
     let [f1, f2, f3, f4] = {
         let entries = value.table()?;
-        keys.map(|key| entries.number(key, &Limits::within(1e6, "")))
+        // Coulomb and viscous friction alone are fine.
+        let [first, second, third, fourth] = keys;
+        [
+            entries.number(first, &limits),
+            entries.number(second, &limits),
+            entries.number_or(third, &limits, 0.0),
+            entries.number_or(fourth, &limits, 0.0),
+        ]
     };
     let friction = [f1?, f2?, f3?, f4?];
     if let Some(speed) = driving_speed(friction, velocity?) {

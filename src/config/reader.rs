@@ -29,7 +29,13 @@ pub(super) fn read_document<T>(
     text: &str,
     read: impl FnOnce(&Table<'_>) -> Option<T>,
 ) -> Result<T, ConfigErrors> {
-    let source = Source { file, text, problems: RefCell::default(), adopted: RefCell::default() };
+    let source = Source {
+        file,
+        text,
+        problems: RefCell::default(),
+        adopted: RefCell::default(),
+        nothing: DeTable::new(),
+    };
     let (root, syntax) = DeTable::parse_recoverable(text);
     for error in &syntax {
         source.note_syntax(error);
@@ -52,6 +58,8 @@ struct Source<'t> {
     problems: RefCell<Vec<ConfigProblem>>,
     /// Problems of other files that this one refers to.
     adopted: RefCell<Vec<ConfigProblem>>,
+    /// Stands in for tables that are not there.
+    nothing: DeTable<'t>,
 }
 
 impl Source<'_> {
@@ -130,6 +138,11 @@ pub(super) struct Table<'d> {
 impl<'d> Table<'d> {
     fn new(source: &'d Source<'d>, path: String, at: Range<usize>, entries: &'d DeTable<'d>) -> Self {
         Self { source, path, at, entries, asked: RefCell::default(), missing: RefCell::default() }
+    }
+
+    /// A table without entries in place of one that is not there; problems are those of `parent`.
+    pub fn empty(parent: &Table<'d>) -> Self {
+        Table::new(parent.source, parent.path.clone(), parent.at.clone(), &parent.source.nothing)
     }
 
     /// The value of `key`, where given.

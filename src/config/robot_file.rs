@@ -2,16 +2,18 @@
 
 use std::path::Path;
 
+use super::daemon_file::ReadText;
 use super::files;
+use super::geometry::{self, Convention};
+use super::joint;
 use super::limits::Limits;
-use super::nominal;
 use super::problem::ConfigErrors;
-use super::quantity::{ACCELERATION, Given, POSITION, SPEED, TURN, VELOCITY, quantity};
 use super::reader::{Table, Value, read_document};
-use crate::robot::{FourierExcitation, Joint, JointKind, JointLimits, MAX_JOINTS, ModifiedDh, Robot};
-
-/// The only convention understood, as the key `convention` must say it.
-const CONVENTION: &str = "modified_dh";
+use super::transmission::{self, GivenTransmission};
+use super::urdf_arm;
+use crate::robot::{
+    FourierExcitation, FrictionLaw, FrictionModel, Joint, JointGeometry, MAX_JOINTS, Robot, Transform,
+};
 
 /// Longest name of a model, in characters; it stands in table columns and plot titles.
 const MODEL_CHARACTERS: usize = 64;
@@ -22,24 +24,14 @@ const MAX_SPEED_LEVELS: usize = 20;
 /// Most harmonics of an excitation; the one published for the ER3A has 5.
 const MAX_HARMONICS: usize = 50;
 
-/// Longest link length or offset. No industrial arm has a link of that length, so that a value in
-/// mm does not pass for one in m.
-const LENGTH: Limits = Limits::within(10.0, "m");
-
-/// Default of `low_speed_*`, rad/s or m/s: below it the friction model is not to be trusted.
-const DEFAULT_LOW_SPEED: f64 = 0.02;
-
-/// Angles in degrees from here up to `2 pi` are taken for radians. Smaller ones are the twist that
-/// a calibration finds.
-const SUSPICIOUS_DEG: f64 = 0.5;
-
-/// Reads the description of an arm from `text`; `file_name` only says where problems are.
+/// Reads the description of an arm from `text`; `file_name` says where problems are, and a URDF file
+/// that the description names is looked for beside it.
 ///
 /// # Errors
 ///
 /// Every problem of the description at once.
 pub fn parse_robot(file_name: &str, text: &str) -> Result<Robot, ConfigErrors> {
-    read_document(file_name, text, read_root)
+    parse_robot_with(file_name, text, &files::read_text)
 }
 
 /// Reads the description of an arm from the file at `path`.
@@ -51,22 +43,52 @@ pub fn read_robot(path: &Path) -> Result<Robot, ConfigErrors> {
     parse_robot(&path.display().to_string(), &files::read_text(path)?)
 }
 
-fn read_root(root: &Table<'_>) -> Option<Robot> {
+/// [`parse_robot`], with a reader of other files that the description names.
+pub(super) fn parse_robot_with(
+    file_name: &str,
+    text: &str,
+    read_text: &ReadText<'_>,
+) -> Result<Robot, ConfigErrors> {
+    let folder = Path::new(file_name).parent().unwrap_or(Path::new("")).to_owned();
+    read_document(file_name, text, |root| read_root(root, &folder, read_text))
+}
+
+/// The chain: joints, and the frame at its end in the frame of the last joint.
+pub(super) struct Chain {
+    pub joints: Vec<Joint>,
+    pub end: Transform,
+}
+
+fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Option<Robot> {
     let model = read_model(root);
-    let convention = read_convention(root);
+    let convention = geometry::read_convention(root);
     let gravity = root.numbers("gravity_m_s2", Some(3), &Limits::within(30.0, "m/s^2"));
     let speed_levels = read_speed_levels(root);
-    let joints = read_joints(root);
+    let friction = read_friction_model(root);
+    let tool = geometry::read_tool(root);
+    let given = transmission::read_matrix(root);
+    let chain = match convention {
+        Some(Convention::Urdf) => urdf_arm::read_chain(root, folder, read_text, &given),
+        // What does not depend on the convention is still checked.
+        _ => read_dh_chain(root, convention, &given),
+    };
+    let joints = chain.as_ref().map(|chain| &chain.joints[..]);
+    let transmission = transmission::read(root, given, joints);
     let excitation = match root.table("excitation") {
-        Some(table) => Some(read_excitation(&table, joints.as_deref())?),
+        Some(table) => Some(read_excitation(&table, joints)?),
         None => None,
     };
+    let (friction, tool, chain, transmission) = (friction?, tool?, chain?, transmission?);
     convention?;
     let gravity: [f64; 3] = gravity?.try_into().ok()?;
     Some(Robot {
         model: model?,
-        joints: joints?,
+        joints: chain.joints,
         gravity: gravity.into(),
+        tool: chain.end.then(&tool),
+        friction,
+        transmission: transmission.matrix,
+        couplings: transmission.couplings,
         speed_levels: speed_levels?,
         excitation,
     })
@@ -80,22 +102,6 @@ fn read_model(root: &Table<'_>) -> Option<String> {
         return None;
     }
     Some(model.to_owned())
-}
-
-fn read_convention(root: &Table<'_>) -> Option<()> {
-    let hint = || {
-        Some(format!(
-            "only \"{CONVENTION}\" (Craig) is understood: a row of its table holds a and alpha of the previous axis, \
-             T = Rx(alpha) Dx(a) Rz(theta) Dz(d), and the first row usually has a = 0 and alpha = 0; in a standard DH \
-             table (Rz Dz Dx Rx) it is the last row that does"
-        ))
-    };
-    let value = root.required_or_else("convention", hint)?;
-    if value.text()? != CONVENTION {
-        value.refuse("is not understood".into(), hint());
-        return None;
-    }
-    Some(())
 }
 
 fn read_speed_levels(root: &Table<'_>) -> Option<Vec<f64>> {
@@ -112,129 +118,73 @@ fn read_speed_levels(root: &Table<'_>) -> Option<Vec<f64>> {
     Some(levels)
 }
 
-fn read_joints(root: &Table<'_>) -> Option<Vec<Joint>> {
+fn read_friction_model(root: &Table<'_>) -> Option<FrictionModel> {
+    let asymmetric = root.optional("asymmetric").map_or(Some(false), |value| value.boolean());
+    let speed = root.optional("smooth_speed_rad_s");
+    let smooth_speed = || {
+        let limits = Limits::above(0.0, 10.0, "rad/s");
+        match &speed {
+            Some(value) => value.number(&limits),
+            None => root.number("smooth_speed_rad_s", &limits),
+        }
+    };
+    let law = match root.optional("friction_model") {
+        None => FrictionLaw::Polynomial,
+        Some(value) => {
+            match value.text()? {
+                "polynomial" => FrictionLaw::Polynomial,
+                "viscous_coulomb" => FrictionLaw::ViscousCoulomb,
+                "smooth" => FrictionLaw::Smooth { speed: smooth_speed()? },
+                _ => {
+                    value.refuse(
+                    "must be \"polynomial\", \"viscous_coulomb\" or \"smooth\"".into(),
+                    Some("f1 to f4 of [3.10]; Coulomb, viscous and offset; the same with a tanh for the sign".into()),
+                );
+                    return None;
+                }
+            }
+        }
+    };
+    if let (Some(value), false) = (&speed, matches!(law, FrictionLaw::Smooth { .. })) {
+        value.refuse("only means something with friction_model = \"smooth\"".into(), None);
+    }
+    let asymmetric = asymmetric?;
+    if asymmetric && law == FrictionLaw::Polynomial {
+        let hint = "choose friction_model = \"viscous_coulomb\" or \"smooth\"";
+        root.refuse("asymmetric friction has no columns in the polynomial model".into(), Some(hint.into()));
+        return None;
+    }
+    Some(FrictionModel { law, asymmetric })
+}
+
+fn read_dh_chain(
+    root: &Table<'_>,
+    convention: Option<Convention>,
+    given: &GivenTransmission<'_>,
+) -> Option<Chain> {
     let value = root
         .required_or_else("joint", || Some("write one [[joint]] a joint, from the base outwards".into()))?;
     let items = value.sections()?;
-    let joints: Vec<Option<Joint>> =
-        items.iter().map(|item| item.table().and_then(|table| read_joint(&table))).collect();
+    let joints: Vec<Option<Joint>> = items
+        .iter()
+        .enumerate()
+        .map(|(i, item)| item.table().and_then(|table| joint::read(&table, given.ratio(i))))
+        .collect();
     if joints.is_empty() || joints.len() > MAX_JOINTS {
         value.refuse(format!("{} joints, must be 1 to {MAX_JOINTS}", joints.len()), None);
         return None;
     }
-    joints.into_iter().collect()
-}
-
-fn read_joint(table: &Table<'_>) -> Option<Joint> {
-    let kind = read_kind(table);
-    // Without a type the units are not known, but what does not depend on them is still checked.
-    let assumed = kind.unwrap_or(JointKind::Revolute);
-    let geometry = read_geometry(table);
-    let limits = read_limits(table, assumed);
-    let gear_ratio = table.number("gear_ratio", &Limits::above(0.0, 1e5, ""));
-    let torque = Limits::above(0.0, 1e4, "Nm");
-    let rated_motor_torque = table.optional("rated_motor_torque_nm").map(|value| value.number(&torque));
-    let low_speed = quantity(table, "low_speed", assumed, &SPEED).optional();
-    let low_speed = low_speed.map_or(Some(DEFAULT_LOW_SPEED), |given| Some(given?.si));
-    let velocity = limits.map(|limits| limits.velocity);
-    let nominal = table.table("nominal").map(|nominal| nominal::read(&nominal, assumed, velocity));
-    if let (Some(low_speed), Some(velocity)) = (low_speed, velocity)
-        && low_speed >= velocity
-    {
-        table.refuse("low_speed must be smaller than velocity_max, or no row counts as moving".into(), None);
-    }
-    Some(Joint {
-        kind: kind?,
-        geometry: geometry?,
-        limits: limits?,
-        gear_ratio: gear_ratio?,
-        rated_motor_torque: optional(rated_motor_torque)?,
-        low_speed: low_speed?,
-        nominal: optional(nominal)?,
-    })
-}
-
-/// Absent is fine, wrong is not.
-fn optional<T>(value: Option<Option<T>>) -> Option<Option<T>> {
-    match value {
-        None => Some(None),
-        Some(Some(value)) => Some(Some(value)),
-        Some(None) => None,
-    }
-}
-
-fn read_kind(table: &Table<'_>) -> Option<JointKind> {
-    let value = table.required_or_else("type", || Some("\"revolute\" turns, \"prismatic\" slides".into()))?;
-    match value.text()? {
-        "revolute" => Some(JointKind::Revolute),
-        "prismatic" => Some(JointKind::Prismatic),
-        _ => {
-            value.refuse("must be \"revolute\" or \"prismatic\"".into(), None);
-            None
+    let mut joints: Vec<Joint> = joints.into_iter().collect::<Option<_>>()?;
+    let mut end = Transform::IDENTITY;
+    if convention == Some(Convention::StandardDh) {
+        let rows: Vec<_> = joints.iter().filter_map(|joint| joint.geometry.dh_row()).collect();
+        let (geometry, last) = JointGeometry::standard_dh(&rows);
+        for (joint, geometry) in joints.iter_mut().zip(geometry) {
+            joint.geometry = geometry;
         }
+        end = last;
     }
-}
-
-fn read_geometry(table: &Table<'_>) -> Option<ModifiedDh> {
-    let a = read_length(table, "a_m");
-    let alpha = read_fixed_angle(table, "alpha");
-    let d = read_length(table, "d_m");
-    let theta_offset = read_fixed_angle(table, "theta_offset");
-    Some(ModifiedDh { a: a?, alpha: alpha?, d: d?, theta_offset: theta_offset? })
-}
-
-fn read_length(table: &Table<'_>, key: &str) -> Option<f64> {
-    let in_metres = |raw: f64| Some(format!("did you mean {} m?", raw / 1000.0)).filter(|_| raw.is_finite());
-    table.required(key)?.number_or_hint(&LENGTH, in_metres)
-}
-
-/// An angle of the geometry, with an eye on degrees and radians taken for each other.
-fn read_fixed_angle(table: &Table<'_>, stem: &str) -> Option<f64> {
-    let given = quantity(table, stem, JointKind::Revolute, &TURN).required()?;
-    let degrees = given.raw.abs();
-    if given.unit == "deg" && (SUSPICIOUS_DEG..=std::f64::consts::TAU).contains(&degrees) {
-        given.value.refuse(
-            "looks like radians given as degrees".into(),
-            Some(format!(
-                "write {stem}_rad = {0} if it is in rad, {stem}_rad = {1:.6} if it is {0} deg",
-                given.raw, given.si
-            )),
-        );
-        return None;
-    }
-    Some(given.si)
-}
-
-fn read_limits(table: &Table<'_>, kind: JointKind) -> Option<JointLimits> {
-    let min = quantity(table, "position_min", kind, &POSITION).required();
-    let max = quantity(table, "position_max", kind, &POSITION).required();
-    let velocity = quantity(table, "velocity_max", kind, &VELOCITY).required();
-    let acceleration = quantity(table, "acceleration_max", kind, &ACCELERATION).required();
-    let (min, max) = (min?, max?);
-    check_range(&min, &max)?;
-    Some(JointLimits {
-        position_min: min.si,
-        position_max: max.si,
-        velocity: velocity?.si,
-        acceleration: acceleration?.si,
-    })
-}
-
-fn check_range(min: &Given<'_>, max: &Given<'_>) -> Option<()> {
-    if min.si >= max.si {
-        max.value
-            .refuse(format!("must be larger than position_min, which is {} {}", min.raw, min.unit), None);
-        return None;
-    }
-    let range = max.raw - min.raw;
-    if min.unit == "deg" && max.unit == "deg" && range <= std::f64::consts::TAU {
-        max.value.refuse(
-            format!("leaves a range of only {range} deg and looks like radians"),
-            Some("write position_min_rad and position_max_rad".into()),
-        );
-        return None;
-    }
-    Some(())
+    Some(Chain { joints, end })
 }
 
 fn read_excitation(table: &Table<'_>, joints: Option<&[Joint]>) -> Option<FourierExcitation> {
@@ -287,6 +237,9 @@ fn read_amplitudes(table: &Table<'_>, key: &str, joint_count: Option<usize>) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numerics::base::base_parameters;
+    use crate::numerics::kinematics::forward_kinematics;
+    use crate::robot::{DhParameters, JointKind, JointLimits};
     use crate::testing::er3a;
 
     const SCARA: &str = include_str!("../../config/robots/scara.toml");
@@ -305,13 +258,13 @@ mod tests {
         assert_eq!(robot.joint_count(), reference.len());
         for (joint, row) in robot.joints.iter().zip(reference) {
             assert_eq!(joint.kind, JointKind::Revolute);
-            let geometry = ModifiedDh {
+            let geometry = DhParameters {
                 a: row[1],
                 alpha: row[2].to_radians(),
                 d: row[3],
                 theta_offset: row[4].to_radians(),
             };
-            assert_eq!(joint.geometry, geometry);
+            assert_eq!(joint.geometry, JointGeometry::modified_dh(geometry));
             let limits = JointLimits {
                 position_min: row[5].to_radians(),
                 position_max: row[6].to_radians(),
@@ -386,7 +339,7 @@ mod tests {
         let nominal = quill.nominal.expect("nominal parameters");
         assert_eq!((nominal.motor_inertia, nominal.friction), (2.5, [10.0, 20.0, 0.0, 0.0]));
         assert_eq!(nominal.warm_up.t1, 1200.0);
-        assert_eq!((robot.excitation, robot.joints[0].low_speed), (None, DEFAULT_LOW_SPEED));
+        assert_eq!((robot.excitation, robot.joints[0].low_speed), (None, joint::DEFAULT_LOW_SPEED));
     }
 
     #[test]
@@ -396,5 +349,46 @@ mod tests {
             .replace("position_max_deg = 130", &format!("position_max_rad = {}", 130.0_f64.to_radians()));
         assert_ne!(radians, SCARA);
         assert_eq!(parse_robot("scara.toml", &radians), parse_robot("scara.toml", SCARA));
+    }
+
+    #[test]
+    fn the_tx40_has_the_structural_ranks_of_its_published_model() {
+        let text = include_str!("../../config/robots/tx40.toml");
+        let robot = parse_robot("tx40.toml", text).unwrap_or_else(|errors| panic!("{errors}"));
+        let base = base_parameters(&robot).expect("base parameters");
+        assert_eq!((base.inertial_rank, base.inertial_and_motor_rank, base.rank), (36, 40, 61));
+        let names: Vec<String> = base.kept.iter().map(ToString::to_string).collect();
+        assert_eq!(names[names.len() - 3..], ["J6_Iam", "J6_fvm", "J6_fsm"]);
+        let friction = ["fs", "fv", "off"];
+        assert!((1..=6).all(|j| friction.iter().all(|f| names.contains(&format!("J{j}_{f}")))), "{names:?}");
+        // The controller's zero is the arm upright.
+        assert_eq!(robot.joints[1].position_offset, -std::f64::consts::FRAC_PI_2);
+        assert_eq!((robot.joints[3].gear_ratio, robot.transmission[(5, 4)]), (-48.0, 32.0));
+        assert_eq!(robot.couplings[0].ratio, 1.0);
+    }
+
+    #[test]
+    fn a_tx40_without_its_coupling_lacks_three_parameters() {
+        let text = include_str!("../../config/robots/tx40.toml");
+        let (before, after) = text.split_once("[[coupling]]").expect("a coupling");
+        let (_, after) = after.split_once("# Joint 1").expect("a joint");
+        let robot = parse_robot("tx40.toml", &format!("{before}{after}")).expect("no problems");
+        assert_eq!(base_parameters(&robot).expect("base parameters").rank, 58);
+    }
+
+    #[test]
+    fn the_ur10e_stretches_as_far_as_its_data_sheet_says() {
+        let text = include_str!("../../config/robots/ur10e.toml");
+        let robot = parse_robot("ur10e.toml", text).unwrap_or_else(|errors| panic!("{errors}"));
+        let base = base_parameters(&robot).expect("base parameters");
+        assert_eq!((base.inertial_rank, base.inertial_and_motor_rank, base.rank), (36, 40, 58));
+        // All joints at zero: the arm lies stretched out along -x, and its flange points along -y.
+        let pose = forward_kinematics(&robot, &[0.0; 6]);
+        let expected = [-0.6127 - 0.57155, -0.17415 - 0.11655, 0.1807 - 0.11985];
+        assert!(
+            (pose.translation - nalgebra::Vector3::from(expected)).norm() < 1e-12,
+            "{}",
+            pose.translation
+        );
     }
 }

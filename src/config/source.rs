@@ -16,10 +16,12 @@ const VARIABLE: &str = "ARMWATCH_CONFIG";
 const PLACES: [&str; 2] = ["config/armwatch.toml", "armwatch.toml"];
 
 /// The shipped folder `config/`, carried in the program: a lone binary works in an empty folder.
-const SHIPPED: [(&str, &str); 4] = [
+const SHIPPED: [(&str, &str); 6] = [
     ("config/armwatch.toml", include_str!("../../config/armwatch.toml")),
     ("config/robots/er3a.toml", include_str!("../../config/robots/er3a.toml")),
     ("config/robots/scara.toml", include_str!("../../config/robots/scara.toml")),
+    ("config/robots/tx40.toml", include_str!("../../config/robots/tx40.toml")),
+    ("config/robots/ur10e.toml", include_str!("../../config/robots/ur10e.toml")),
     ("config/exports/native.toml", include_str!("../../config/exports/native.toml")),
 ];
 

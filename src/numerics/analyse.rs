@@ -90,7 +90,7 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     analysis.identification = identify_excitation(method, &factored, &conditioned);
     let model = analysis.identification.as_ref().ok().map(|found| {
         let parameters = found.parameters.iter().map(|p| (p.id, p.value));
-        DynamicModel::from_parameters(method.robot.joint_count(), parameters)
+        DynamicModel::from_parameters(&method.robot, parameters)
     });
     if let Ok(found) = &analysis.identification {
         let theta: Vec<f64> = found.parameters.iter().map(|p| p.value).collect();

@@ -5,9 +5,11 @@
 
 use nalgebra::Vector3;
 
-use super::kinematics::LinkTransform;
+use super::actuator::{coupling_columns, friction_torque};
+use super::kinematics::joint_transform;
 use crate::robot::{
-    FRICTION_COUNT, JointKind, MAX_JOINTS, ParameterId, ParameterKind, Robot, StandardParameters,
+    CouplingTerm, FrictionModel, JointKind, MAX_JOINTS, ParameterId, ParameterKind, Robot,
+    StandardParameters, Transform,
 };
 
 /// Torque of the rigid links: recursive Newton-Euler [3.1-3.9, C].
@@ -31,11 +33,11 @@ pub fn inverse_dynamics(
     tau: &mut [f64],
 ) {
     let n = robot.joint_count();
-    let mut transforms = [LinkTransform::IDENTITY; MAX_JOINTS];
+    let mut transforms = [Transform::IDENTITY; MAX_JOINTS];
     let mut wrenches = [Wrench::ZERO; MAX_JOINTS];
     let mut motion = LinkMotion::base(&robot.gravity);
     for (i, joint) in robot.joints.iter().enumerate() {
-        transforms[i] = LinkTransform::of_joint(joint, q[i]);
+        transforms[i] = joint_transform(joint, q[i]);
         motion = motion.next(&transforms[i], joint.kind, qd[i], qdd[i]);
         wrenches[i] = link_wrench(&parameters[i], &motion);
     }
@@ -63,24 +65,6 @@ pub fn gravity_torque(robot: &Robot, parameters: &[StandardParameters], q: &[f64
     inverse_dynamics(robot, parameters, q, &still, &still, tau);
 }
 
-/// What the friction coefficients f1..f4 multiply at the speed `qd` (rad/s or m/s):
-/// `sign(qd), qd, qd^2 sign(qd), qd^3` [3.10], with `sign(0) = 0`.
-#[inline]
-#[must_use]
-pub fn friction_columns(qd: f64) -> [f64; FRICTION_COUNT] {
-    let sign = if qd == 0.0 { 0.0 } else { qd.signum() };
-    [sign, qd, qd * qd.abs(), qd * qd * qd]
-}
-
-/// Friction torque `f1 sign(qd) + f2 qd + f3 qd^2 sign(qd) + f4 qd^3` [3.10], Nm (N), of the
-/// coefficients `f` at the speed `qd` in rad/s (m/s).
-#[inline]
-#[must_use]
-pub fn friction_torque(f: &[f64; FRICTION_COUNT], qd: f64) -> f64 {
-    let columns = friction_columns(qd);
-    f.iter().zip(columns).map(|(f, column)| f * column).sum()
-}
-
 /// Mechanical energy of the rigid links, J.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MechanicalEnergy {
@@ -101,11 +85,11 @@ pub fn mechanical_energy(
     q: &[f64],
     qd: &[f64],
 ) -> MechanicalEnergy {
-    let mut pose = LinkTransform::IDENTITY;
+    let mut pose = Transform::IDENTITY;
     let (mut omega, mut velocity) = (Vector3::zeros(), Vector3::<f64>::zeros());
     let mut energy = MechanicalEnergy { kinetic: 0.0, potential: 0.0 };
     for (i, (joint, phi)) in robot.joints.iter().zip(parameters).enumerate() {
-        let transform = LinkTransform::of_joint(joint, q[i]);
+        let transform = joint_transform(joint, q[i]);
         velocity = transform.to_inner(&(velocity + omega.cross(&transform.translation)));
         omega = transform.to_inner(&omega);
         match joint.kind {
@@ -122,7 +106,7 @@ pub fn mechanical_energy(
     energy
 }
 
-/// All parameters of an arm's model by joint: links, friction, motor inertia.
+/// All parameters of an arm's model by joint: links, friction, motor inertia, couplings.
 ///
 /// Holds base parameters as well: with the dropped parameters at zero, a kept parameter that carries
 /// its whole grouping gives the same torque as the full set.
@@ -130,34 +114,53 @@ pub fn mechanical_energy(
 pub struct DynamicModel {
     /// Inertial parameters of each link `[n]`.
     pub inertial: Vec<StandardParameters>,
-    /// Friction coefficients f1..f4 [3.10] of each joint `[n]`.
-    pub friction: Vec<[f64; FRICTION_COUNT]>,
+    /// Friction coefficients of each joint `[n]`, in the order of the robot's
+    /// [`FrictionModel::terms`].
+    pub friction: Vec<[f64; FrictionModel::MAX_TERMS]>,
     /// Motor inertia seen at each joint `[n]`, kg m² (kg).
     pub motor_inertia: Vec<f64>,
+    /// `Iam`, `fvm`, `fsm` of each of the robot's couplings.
+    pub coupling: Vec<[f64; CouplingTerm::ALL.len()]>,
 }
 
 impl DynamicModel {
-    /// A model of `joint_count` joints with the given parameters, every other one zero. Parameters of
-    /// joints beyond `joint_count` are left out.
+    /// A model of `robot` with the given parameters, every other one zero. Parameters that the robot
+    /// does not have, by its joints, friction columns and couplings, are left out.
     #[must_use]
-    pub fn from_parameters(joint_count: usize, parameters: impl Iterator<Item = (ParameterId, f64)>) -> Self {
+    pub fn from_parameters(robot: &Robot, parameters: impl Iterator<Item = (ParameterId, f64)>) -> Self {
+        let n = robot.joint_count();
         let mut model = Self {
-            inertial: vec![StandardParameters::default(); joint_count],
-            friction: vec![[0.0; FRICTION_COUNT]; joint_count],
-            motor_inertia: vec![0.0; joint_count],
+            inertial: vec![StandardParameters::default(); n],
+            friction: vec![[0.0; FrictionModel::MAX_TERMS]; n],
+            motor_inertia: vec![0.0; n],
+            coupling: vec![[0.0; CouplingTerm::ALL.len()]; robot.couplings.len()],
         };
-        for (id, value) in parameters.filter(|(id, _)| id.joint.index() < joint_count) {
-            let joint = id.joint.index();
-            match id.kind {
-                ParameterKind::Inertial(k) => model.inertial[joint].0[usize::from(k)] = value,
-                ParameterKind::Friction(k) => model.friction[joint][usize::from(k)] = value,
-                ParameterKind::MotorInertia => model.motor_inertia[joint] = value,
+        for (id, value) in parameters.filter(|(id, _)| id.joint.index() < n) {
+            if let Some(place) = model.place(robot, id) {
+                *place = value;
             }
         }
         model
     }
 
-    /// Motor torque at the joints: rigid links, friction [3.10] and `I_m qdd`.
+    fn place(&mut self, robot: &Robot, id: ParameterId) -> Option<&mut f64> {
+        let joint = id.joint.index();
+        match id.kind {
+            ParameterKind::Inertial(k) => self.inertial[joint].0.get_mut(usize::from(k)),
+            ParameterKind::Friction(term) => {
+                let k = robot.friction.terms().iter().position(|known| *known == term)?;
+                self.friction[joint].get_mut(k)
+            }
+            ParameterKind::MotorInertia => self.motor_inertia.get_mut(joint),
+            ParameterKind::Coupling(term) => {
+                let coupling = robot.couplings.iter().position(|known| known.motor_joint == id.joint)?;
+                let k = CouplingTerm::ALL.iter().position(|known| *known == term)?;
+                self.coupling[coupling].get_mut(k)
+            }
+        }
+    }
+
+    /// Motor torque at the joints: rigid links, friction, `I_m qdd` and couplings.
     ///
     /// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m); writes `tau` `[n]` in Nm (N).
     ///
@@ -166,7 +169,15 @@ impl DynamicModel {
     pub fn torque(&self, robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64], tau: &mut [f64]) {
         inverse_dynamics(robot, &self.inertial, q, qd, qdd, tau);
         for i in 0..robot.joint_count() {
-            tau[i] += friction_torque(&self.friction[i], qd[i]) + self.motor_inertia[i] * qdd[i];
+            tau[i] +=
+                friction_torque(&robot.friction, &self.friction[i], qd[i]) + self.motor_inertia[i] * qdd[i];
+        }
+        for (coupling, parameters) in robot.couplings.iter().zip(&self.coupling) {
+            let columns = coupling_columns(coupling, robot.friction.law, qd, qdd);
+            let along =
+                |columns: [f64; 3]| -> f64 { columns.iter().zip(parameters).map(|(c, p)| c * p).sum() };
+            tau[coupling.joint.index()] += along(columns.joint);
+            tau[coupling.motor_joint.index()] += along(columns.motor_joint);
         }
     }
 }
@@ -190,7 +201,7 @@ impl LinkMotion {
 
     /// Motion of the next link: [3.1-3.3], the latter with both terms under the rotation.
     #[inline]
-    pub fn next(&self, transform: &LinkTransform, kind: JointKind, qd: f64, qdd: f64) -> Self {
+    pub fn next(&self, transform: &Transform, kind: JointKind, qd: f64, qdd: f64) -> Self {
         let p = &transform.translation;
         let carried = transform.to_inner(&self.omega);
         let mut omega = carried;
@@ -246,9 +257,10 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::numerics::actuator::friction_columns;
     use crate::numerics::kinematics::forward_kinematics;
     use crate::numerics::kinematics::tests::{any_arm, arm, joint, numbers};
-    use crate::testing::er3a;
+    use crate::testing::{change_dh, er3a};
 
     /// The reference has twelve digits.
     const REFERENCE_DIGITS: f64 = 1e-9;
@@ -352,7 +364,7 @@ mod tests {
         let mut ceiling = er3a();
         ceiling.gravity = Vector3::new(0.0, 0.0, 9.81);
         let mut turned = er3a();
-        turned.joints[0].geometry.alpha += std::f64::consts::PI;
+        change_dh(&mut turned, 0, |row| row.alpha += std::f64::consts::PI);
         let parameters = nominal(&ceiling);
         let (q, qd, qdd) = (
             [0.3, -0.4, 0.5, 0.6, -0.7, 0.8],
@@ -372,16 +384,6 @@ mod tests {
         for (a, b) in floor.iter().zip(hanging) {
             assert!((a + b).abs() < ROUNDING * 20.0);
         }
-    }
-
-    #[test]
-    fn friction_is_odd_and_a_resting_joint_has_none() {
-        let f = [1.5, 8.0, -1.2, 0.3];
-        assert_eq!(friction_torque(&f, 0.0), 0.0);
-        assert_eq!(friction_torque(&f, -0.0), 0.0);
-        let expected = 1.5 + 8.0 * 2.0 - 1.2 * 4.0 + 0.3 * 8.0;
-        assert!((friction_torque(&f, 2.0) - expected).abs() < ROUNDING * expected);
-        assert!((friction_torque(&f, -2.0) + expected).abs() < ROUNDING * expected);
     }
 
     proptest! {
@@ -422,19 +424,34 @@ mod tests {
         }
 
         #[test]
-        fn a_model_adds_friction_and_motor_inertia_to_the_links(
+        fn a_model_adds_friction_motor_inertia_and_couplings_to_the_links(
             robot in any_arm(), phi in numbers(), q in numbers(), qd in numbers(), qdd in numbers(),
         ) {
             let n = robot.joint_count();
-            let model = DynamicModel::from_parameters(
-                n, ParameterId::natural_order(n).into_iter().zip(phi.iter().copied()));
+            let ids = ParameterId::natural_order(&robot);
+            let model = DynamicModel::from_parameters(&robot, ids.iter().copied().zip(phi.iter().copied()));
             let (mut whole, mut rigid) = (vec![0.0; n], vec![0.0; n]);
             model.torque(&robot, &q, &qd, &qdd, &mut whole);
             inverse_dynamics(&robot, &links(&phi, n), &q, &qd, &qdd, &mut rigid);
+            let terms = robot.friction.terms().len();
+            let mut extra: Vec<f64> = (0..n)
+                .map(|j| {
+                    let columns = friction_columns(&robot.friction, qd[j]);
+                    let friction: f64 =
+                        (0..terms).map(|k| columns[k] * phi[10 * n + terms * j + k]).sum();
+                    friction + phi[(10 + terms) * n + j] * qdd[j]
+                })
+                .collect();
+            for (k, coupling) in robot.couplings.iter().enumerate() {
+                let columns = coupling_columns(coupling, robot.friction.law, &qd, &qdd);
+                for term in 0..3 {
+                    let value = phi[(11 + terms) * n + 3 * k + term];
+                    extra[coupling.joint.index()] += columns.joint[term] * value;
+                    extra[coupling.motor_joint.index()] += columns.motor_joint[term] * value;
+                }
+            }
             for j in 0..n {
-                let f: [f64; 4] = std::array::from_fn(|k| phi[10 * n + 4 * j + k]);
-                let extra = friction_torque(&f, qd[j]) + phi[14 * n + j] * qdd[j];
-                prop_assert!((whole[j] - rigid[j] - extra).abs() < ROUNDING * (1.0 + norm(&rigid)));
+                prop_assert!((whole[j] - rigid[j] - extra[j]).abs() < ROUNDING * (1.0 + norm(&rigid)));
             }
         }
     }

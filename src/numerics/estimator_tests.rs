@@ -7,7 +7,7 @@ use super::diagnose::{DiagnoseSettings, Finding, FindingKind, FindingSeverity, d
 use super::plausible::{PlausibleSettings, diagnose_model, top_speeds};
 use super::signal::condition;
 use crate::config::parse_robot;
-use crate::robot::{JointIndex, Robot};
+use crate::robot::{DhParameters, JointGeometry, JointIndex, Robot};
 use crate::run::{Cycle, Samples, Stage};
 use crate::simulate::recording::record;
 use crate::simulate::{SimulationSettings, recording_of_run};
@@ -228,9 +228,9 @@ fn a_wrong_geometry_is_refused() {
     // As a standard table read as a modified one: each joint gets the next one's a and alpha.
     let mut shifted = robot.clone();
     for j in 0..6 {
-        let next = robot.joints[(j + 1) % 6].geometry;
-        shifted.joints[j].geometry.a = next.a;
-        shifted.joints[j].geometry.alpha = next.alpha;
+        let row = |j: usize| robot.joints[j % 6].geometry.dh_row().expect("a table");
+        let shifted_row = DhParameters { a: row(j + 1).a, alpha: row(j + 1).alpha, ..row(j) };
+        shifted.joints[j].geometry = JointGeometry::modified_dh(shifted_row);
     }
     let found = judge(&shifted, &samples);
     assert!(found.iter().any(|f| f.severity == FindingSeverity::Refuse), "{found:#?}");

@@ -33,7 +33,7 @@ impl JointColumns {
     pub fn new(robot: &Robot, base: &BaseParameters) -> Self {
         let n = robot.joint_count();
         let mut largest = vec![vec![0.0_f64; n]; base.kept_columns.len()];
-        let mut y = Regressor::new(n);
+        let mut y = Regressor::new(robot);
         for index in 0..PROBE_STATES {
             let state = probe_state(robot, index);
             joint_torque_regressor(robot, &state.q, &state.qd, &state.qdd, &mut y);
@@ -202,7 +202,7 @@ impl<'a> Folders<'a> {
         let regressor_columns: Vec<Vec<usize>> = columns.places.iter().map(of_joint).collect();
         let by_joint =
             regressor_columns.iter().map(|of| Motion::BOTH.map(|_| RowFolder::new(of.len()))).collect();
-        Self { robot, regressor_columns, y: Regressor::new(robot.joint_count()), by_joint }
+        Self { robot, regressor_columns, y: Regressor::new(robot), by_joint }
     }
 
     fn factor(
@@ -347,7 +347,7 @@ pub(crate) mod tests {
     pub(crate) fn raw_parameters(method: &Method, cycles: &[&Cycle]) -> Vec<f64> {
         let columns = &method.base.kept_columns;
         let (mut w, mut right) = (Vec::new(), Vec::new());
-        let mut y = Regressor::new(6);
+        let mut y = Regressor::new(&method.robot);
         for cycle in cycles {
             let c = condition(&cycle.samples, 12.0).expect("long enough");
             for row in (0..c.rows()).filter(|&row| cycle.samples.stage[row] == Stage::Excitation) {
@@ -437,7 +437,7 @@ pub(crate) mod tests {
             let c = condition(&cycle.samples, 12.0).expect("long enough");
             let n = method.robot.joint_count();
             let parameters = method.base.kept.iter().copied().zip(theta.iter().copied());
-            let model = DynamicModel::from_parameters(n, parameters);
+            let model = DynamicModel::from_parameters(&method.robot, parameters);
             let mut estimated = vec![vec![0.0; n]; c.rows()];
             for (row, estimated) in estimated.iter_mut().enumerate() {
                 let of = |channels: &[Vec<f64>]| channels.iter().map(|ch| ch[row]).collect::<Vec<f64>>();

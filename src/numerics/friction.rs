@@ -2,14 +2,15 @@
 
 use faer::Mat;
 
-use super::dynamics::{DynamicModel, friction_columns};
+use super::actuator::friction_columns;
+use super::dynamics::{DynamicModel, gravity_torque};
 use super::kinematics::joint_axis_in_base;
 use super::segment::ranges_where;
 use super::signal::Conditioned;
 use super::statistics::{mean, standard_deviation};
 use super::triangular::TriangularFactor;
 use crate::analysis::{FrictionPoint, GravityRemoval};
-use crate::robot::{JointIndex, JointKind, MAX_JOINTS, Robot};
+use crate::robot::{FrictionModel, JointIndex, JointKind, MAX_JOINTS, Robot};
 use crate::run::{Samples, Stage};
 
 /// A plateau's rows lie within this fraction of its speed.
@@ -266,11 +267,11 @@ fn remove_gravity<'a>(
     };
     let load = move |row: usize| {
         let n = robot.joint_count();
-        let (mut q, zero, mut torque) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
+        let (mut q, mut torque) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
         for (k, q) in q.iter_mut().enumerate().take(n) {
             *q = conditioned.q[k][row];
         }
-        model.torque(robot, &q[..n], &zero[..n], &zero[..n], &mut torque[..n]);
+        gravity_torque(robot, &model.inertial, &q[..n], &mut torque[..n]);
         torque[j]
     };
     Ok((Box::new(move |row| tau[row] - load(row)), GravityRemoval::Model))
@@ -331,7 +332,7 @@ fn fit_gravity(
             1 => sine(q),
             c if c == loads && loads == 2 => cosine(q),
             c if c == columns => conditioned.tau[j][row],
-            c => friction_columns(qd)[c - 1 - loads],
+            c => friction_columns(&FrictionModel::POLYNOMIAL, qd)[c - 1 - loads],
         }
     });
     factor.fold(rows.as_ref());

@@ -1,98 +1,52 @@
-//! Where the links are: modified Denavit-Hartenberg transforms and their product.
+//! Where the links are: joint transforms and their product.
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::robot::{Joint, JointIndex, JointKind, Robot};
+use crate::robot::{Joint, JointIndex, JointKind, Robot, Transform};
 
-/// Pose of one frame in another: frame `i` in frame `i-1`, or the last frame in the base.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LinkTransform {
-    /// Axes of the frame as columns, expressed in the other frame.
-    pub rotation: Matrix3<f64>,
-    /// Origin of the frame in the other frame, m.
-    pub translation: Vector3<f64>,
-}
-
-impl LinkTransform {
-    /// A frame that lies in the other one.
-    pub const IDENTITY: Self = Self {
-        rotation: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-        translation: Vector3::new(0.0, 0.0, 0.0),
-    };
-
-    /// Frame of `joint` in the frame before it, at the position `q` (rad, or m for a sliding joint):
-    /// `T(i-1,i) = Rx(alpha) Dx(a) Rz(theta) Dz(d)` [2.1, 2.2].
-    #[must_use]
-    pub fn of_joint(joint: &Joint, q: f64) -> Self {
-        let geometry = &joint.geometry;
-        let (theta, d) = match joint.kind {
-            JointKind::Revolute => (q + geometry.theta_offset, geometry.d),
-            JointKind::Prismatic => (geometry.theta_offset, geometry.d + q),
-        };
-        let (sin_alpha, cos_alpha) = geometry.alpha.sin_cos();
-        let (sin_theta, cos_theta) = theta.sin_cos();
-        Self {
-            rotation: Matrix3::new(
-                cos_theta,
-                -sin_theta,
-                0.0,
-                cos_alpha * sin_theta,
-                cos_alpha * cos_theta,
-                -sin_alpha,
-                sin_alpha * sin_theta,
-                sin_alpha * cos_theta,
-                cos_alpha,
-            ),
-            translation: Vector3::new(geometry.a, -sin_alpha * d, cos_alpha * d),
+/// Frame of `joint` in the frame of the link before it, at the position `q` (rad, or m for a sliding
+/// joint): its place at rest, then `Rz(q)` or `Dz(q)`. For modified Denavit-Hartenberg parameters the
+/// same as `T(i-1,i) = Rx(alpha) Dx(a) Rz(theta) Dz(d)` [2.1, 2.2], since the last two steps commute.
+#[inline]
+#[must_use]
+pub fn joint_transform(joint: &Joint, q: f64) -> Transform {
+    let Transform { rotation: r, translation } = joint.geometry.placement();
+    match joint.kind {
+        JointKind::Revolute => {
+            let (s, c) = q.sin_cos();
+            let rotation = Matrix3::new(
+                r.m11 * c + r.m12 * s,
+                r.m12 * c - r.m11 * s,
+                r.m13,
+                r.m21 * c + r.m22 * s,
+                r.m22 * c - r.m21 * s,
+                r.m23,
+                r.m31 * c + r.m32 * s,
+                r.m32 * c - r.m31 * s,
+                r.m33,
+            );
+            Transform { rotation, translation: *translation }
         }
-    }
-
-    /// The transform that applies `next` in this frame: `T(a,c) = T(a,b) T(b,c)`.
-    #[must_use]
-    pub fn then(&self, next: &Self) -> Self {
-        Self {
-            rotation: self.rotation * next.rotation,
-            translation: self.translation + self.to_outer(&next.translation),
+        JointKind::Prismatic => {
+            let slide = Vector3::new(r.m13 * q, r.m23 * q, r.m33 * q);
+            Transform { rotation: *r, translation: translation + slide }
         }
-    }
-
-    /// A free vector of this frame, expressed in the other: `R v`.
-    #[inline]
-    #[must_use]
-    pub fn to_outer(&self, v: &Vector3<f64>) -> Vector3<f64> {
-        let r = &self.rotation;
-        Vector3::new(
-            r.m11 * v.x + r.m12 * v.y + r.m13 * v.z,
-            r.m21 * v.x + r.m22 * v.y + r.m23 * v.z,
-            r.m31 * v.x + r.m32 * v.y + r.m33 * v.z,
-        )
-    }
-
-    /// A free vector of the other frame, expressed in this one: `R' v`.
-    #[inline]
-    #[must_use]
-    pub fn to_inner(&self, v: &Vector3<f64>) -> Vector3<f64> {
-        let r = &self.rotation;
-        Vector3::new(
-            r.m11 * v.x + r.m21 * v.y + r.m31 * v.z,
-            r.m12 * v.x + r.m22 * v.y + r.m32 * v.z,
-            r.m13 * v.x + r.m23 * v.y + r.m33 * v.z,
-        )
     }
 }
 
 /// Frame of every link in the frame before it, at the posture `q` `[n]` (rad; m for sliding joints)
 /// [2.1, 2.2]. `[n]`, base outwards.
 #[must_use]
-pub fn link_transforms(robot: &Robot, q: &[f64]) -> Vec<LinkTransform> {
-    robot.joints.iter().zip(q).map(|(joint, &q)| LinkTransform::of_joint(joint, q)).collect()
+pub fn link_transforms(robot: &Robot, q: &[f64]) -> Vec<Transform> {
+    robot.joints.iter().zip(q).map(|(joint, &q)| joint_transform(joint, q)).collect()
 }
 
-/// Frame of the last link in the base at the posture `q` `[n]` (rad; m for sliding joints): the
-/// product of the link transforms [2.2], not the closed form that the source prints in [2.3].
+/// Tool frame in the base at the posture `q` `[n]` (rad; m for sliding joints): the product of the link
+/// transforms [2.2], not the closed form that the source prints in [2.3], and of the robot's tool. Without
+/// a tool it is the frame of the last link.
 #[must_use]
-pub fn forward_kinematics(robot: &Robot, q: &[f64]) -> LinkTransform {
-    chain(robot, q, robot.joint_count())
+pub fn forward_kinematics(robot: &Robot, q: &[f64]) -> Transform {
+    chain(robot, q, robot.joint_count()).then(&robot.tool)
 }
 
 /// Direction of a joint's axis in the base frame at the posture `q` `[n]` (rad; m for sliding joints):
@@ -102,13 +56,13 @@ pub fn joint_axis_in_base(robot: &Robot, q: &[f64], joint: JointIndex) -> Vector
     chain(robot, q, joint.index() + 1).rotation.column(2).into_owned()
 }
 
-fn chain(robot: &Robot, q: &[f64], links: usize) -> LinkTransform {
+fn chain(robot: &Robot, q: &[f64], links: usize) -> Transform {
     robot
         .joints
         .iter()
         .zip(q)
         .take(links)
-        .fold(LinkTransform::IDENTITY, |pose, (joint, &q)| pose.then(&LinkTransform::of_joint(joint, q)))
+        .fold(Transform::IDENTITY, |pose, (joint, &q)| pose.then(&joint_transform(joint, q)))
 }
 
 #[cfg(test)]
@@ -119,7 +73,10 @@ pub(super) mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::robot::{JointLimits, MAX_JOINTS, ModifiedDh};
+    use crate::robot::{
+        Coupling, DhParameters, FrictionLaw, FrictionModel, JointGeometry, JointLimits, MAX_JOINTS,
+        UrdfOrigin,
+    };
     use crate::testing::er3a;
 
     /// Products of at most nine rotations lose a few units in the last place each.
@@ -142,10 +99,13 @@ pub(super) mod tests {
             }
         };
         Joint {
+            name: None,
             kind,
-            geometry: ModifiedDh { a, alpha, d, theta_offset },
+            geometry: JointGeometry::modified_dh(DhParameters { a, alpha, d, theta_offset }),
             limits,
             gear_ratio: 1.0,
+            position_offset: 0.0,
+            drive_gain: None,
             rated_motor_torque: None,
             low_speed: 0.02,
             nominal: None,
@@ -156,16 +116,21 @@ pub(super) mod tests {
     pub(in crate::numerics) fn arm(joints: Vec<Joint>, gravity: [f64; 3]) -> Robot {
         Robot {
             model: "test arm".into(),
+            transmission: Robot::uncoupled_transmission(&joints),
             joints,
             gravity: Vector3::from(gravity),
+            tool: Transform::IDENTITY,
+            friction: FrictionModel::POLYNOMIAL,
+            couplings: Vec::new(),
             speed_levels: Vec::new(),
             excitation: None,
         }
     }
 
-    /// Arms of 1 to 9 joints, turning and sliding mixed. Lengths and twists come from a grid with
-    /// zeros and right angles, and gravity is absent along an axis or clearly there: degenerate arms
-    /// occur often, almost degenerate ones do not.
+    /// Arms of 1 to 9 joints, turning and sliding mixed, in the three conventions, with any friction
+    /// model and now and then a coupled motor. Lengths and twists come from a grid with zeros and right
+    /// angles, and gravity is absent along an axis or clearly there: degenerate arms occur often,
+    /// almost degenerate ones do not.
     pub(in crate::numerics) fn any_arm() -> impl Strategy<Value = Robot> {
         let kind = prop_oneof![3 => Just(JointKind::Revolute), 1 => Just(JointKind::Prismatic)];
         let length = || prop_oneof![Just(0.0), Just(0.07), Just(0.3), Just(-0.25)];
@@ -174,16 +139,66 @@ pub(super) mod tests {
         let any_joint = (kind, length(), twist, length(), offset)
             .prop_map(|(kind, a, alpha, d, offset)| joint(kind, a, alpha, d, offset));
         let pull = prop_oneof![Just(0.0), 3.0..9.81, -9.81..-3.0];
-        (proptest::collection::vec(any_joint, 1..=MAX_JOINTS), proptest::array::uniform3(pull))
-            .prop_map(|(joints, gravity)| arm(joints, gravity))
+        let friction = prop_oneof![
+            Just(FrictionModel::POLYNOMIAL),
+            (any::<bool>())
+                .prop_map(|asymmetric| FrictionModel { law: FrictionLaw::ViscousCoulomb, asymmetric }),
+            (any::<bool>())
+                .prop_map(|asymmetric| FrictionModel { law: FrictionLaw::Smooth { speed: 0.1 }, asymmetric }),
+        ];
+        let joints = proptest::collection::vec(any_joint, 1..=MAX_JOINTS);
+        (joints, proptest::array::uniform3(pull), friction, 0..3_u8, any::<bool>()).prop_map(
+            |(joints, gravity, friction, convention, coupled)| {
+                let mut robot = Robot { friction, ..arm(joints, gravity) };
+                match convention {
+                    0 => {}
+                    1 => read_as_standard_dh(&mut robot),
+                    _ => turn_axes(&mut robot),
+                }
+                if coupled {
+                    couple_last_joints(&mut robot);
+                }
+                robot
+            },
+        )
+    }
+
+    /// Takes the rows of an arm for those of a standard DH table.
+    fn read_as_standard_dh(robot: &mut Robot) {
+        let rows: Vec<DhParameters> = robot.joints.iter().filter_map(|j| j.geometry.dh_row()).collect();
+        let (geometry, end) = JointGeometry::standard_dh(&rows);
+        robot.joints.iter_mut().zip(geometry).for_each(|(joint, geometry)| joint.geometry = geometry);
+        robot.tool = end;
+    }
+
+    /// Turns each axis away from z as URDF files do.
+    fn turn_axes(robot: &mut Robot) {
+        const AXES: [[f64; 3]; 4] = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8]];
+        let mut back = Transform::IDENTITY;
+        for (joint, axis) in robot.joints.iter_mut().zip(AXES.into_iter().cycle()) {
+            let turn = Transform::z_to(&Vector3::from(axis));
+            let placement = back.then(joint.geometry.placement()).then(&turn);
+            let origin = UrdfOrigin { xyz: [0.0; 3], rpy: [0.0; 3], axis };
+            joint.geometry = JointGeometry::urdf(placement, origin);
+            back = turn.inverse();
+        }
+    }
+
+    fn couple_last_joints(robot: &mut Robot) {
+        let n = robot.joint_count();
+        let turns = |joint: &Joint| joint.kind == JointKind::Revolute;
+        if n >= 2 && robot.joints[n - 2..].iter().all(turns) {
+            let (joint, motor_joint) = (JointIndex::new(n - 2), JointIndex::new(n - 1));
+            robot.couplings = vec![Coupling { joint, motor_joint, ratio: -0.6 }];
+        }
     }
 
     /// `[n]` numbers for every channel of a state or a parameter set.
     pub(in crate::numerics) fn numbers() -> impl Strategy<Value = Vec<f64>> {
-        proptest::collection::vec(-1.0..1.0, 15 * MAX_JOINTS)
+        proptest::collection::vec(-1.0..1.0, 16 * MAX_JOINTS)
     }
 
-    fn difference(a: &LinkTransform, b: &LinkTransform) -> f64 {
+    fn difference(a: &Transform, b: &Transform) -> f64 {
         (a.rotation - b.rotation).norm() + (a.translation - b.translation).norm()
     }
 
@@ -200,11 +215,11 @@ pub(super) mod tests {
                 * Translation3::new(0.2, 0.0, 0.0).to_homogeneous()
                 * Rotation3::from_axis_angle(&Vector3::z_axis(), theta).to_homogeneous()
                 * Translation3::new(0.0, 0.0, d).to_homogeneous();
-            let expected = LinkTransform {
+            let expected = Transform {
                 rotation: product.fixed_view::<3, 3>(0, 0).into_owned(),
                 translation: product.fixed_view::<3, 1>(0, 3).into_owned(),
             };
-            assert!(difference(&LinkTransform::of_joint(&joint, q), &expected) < ROUNDING);
+            assert!(difference(&joint_transform(&joint, q), &expected) < ROUNDING);
         }
     }
 
@@ -234,8 +249,10 @@ pub(super) mod tests {
         fn the_last_frame_is_the_product_of_all_and_stays_a_rotation(robot in any_arm(), q in numbers()) {
             let product = link_transforms(&robot, &q)
                 .iter()
-                .fold(LinkTransform::IDENTITY, |pose, link| pose.then(link));
-            let pose = forward_kinematics(&robot, &q);
+                .fold(Transform::IDENTITY, |pose, link| pose.then(link));
+            let hand = forward_kinematics(&robot, &q);
+            prop_assert!(difference(&hand, &product.then(&robot.tool)) < ROUNDING);
+            let pose = chain(&robot, &q, robot.joint_count());
             prop_assert!(difference(&pose, &product) < ROUNDING);
             prop_assert!((pose.rotation.transpose() * pose.rotation - Matrix3::identity()).norm() < ROUNDING);
             let last = JointIndex::new(robot.joint_count() - 1);

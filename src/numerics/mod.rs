@@ -4,8 +4,8 @@
 //! |---|---|---|
 //! | `q`, `qd`, `qdd` | joint position, velocity, acceleration | `[n]` rad, rad/s, rad/s² |
 //! | `tau` | joint torque | `[n]` Nm |
-//! | `y` | regressor of one sample, `tau = y phi` | `[n x 15n]` |
-//! | `phi` | all parameters in natural order | `[15n]` |
+//! | `y` | regressor of one sample, `tau = y phi` | `[n x p]` |
+//! | `phi` | all parameters in natural order | `[p]` |
 //! | `w` | observation matrix, stacked rows of the kept columns | `[nN x b]` |
 //! | `theta` | base parameters | `[b]` |
 //! | `sigma` | their standard errors | `[b]` |
@@ -14,11 +14,14 @@
 pub mod analyse;
 pub mod signal;
 pub mod segment;
+pub mod transmission;
 pub mod kinematics;
+pub mod actuator;
 pub mod dynamics;
 pub mod regressor;
 pub mod base;
 pub mod robot_check;
+mod robot_text;
 pub mod triangular;
 pub mod factors;
 pub mod identify;

@@ -2,10 +2,10 @@
 
 use super::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
 use super::base::{PROBE_STATES, probe_state};
-use super::dynamics::friction_columns;
+use super::actuator::friction_columns;
 use super::regressor::{KeptColumns, Regressor, joint_torque_regressor};
 use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
-use crate::robot::{JointIndex, ParameterId, ParameterKind, Robot};
+use crate::robot::{FrictionTerm, JointIndex, ParameterId, ParameterKind, Robot};
 use crate::run::Stage;
 
 /// From where on a model is not believed.
@@ -39,7 +39,7 @@ pub fn diagnose_model(
 ) -> Vec<Finding> {
     let mut found: Vec<Finding> = robot
         .joint_indices()
-        .filter_map(|joint| negative_friction(identified, joint, top_speeds[joint.index()], settings))
+        .filter_map(|joint| negative_friction(robot, identified, joint, top_speeds[joint.index()], settings))
         .collect();
     found.extend(negative_inertias(robot, identified, settings));
     found.extend(verification.iter().filter_map(|rmsd| unexplained(rmsd, settings)));
@@ -68,6 +68,7 @@ impl Combination {
 }
 
 fn negative_friction(
+    robot: &Robot,
     identified: &Identification,
     joint: JointIndex,
     top_speed: f64,
@@ -79,11 +80,14 @@ fn negative_friction(
     let mut mean = 0.0;
     for step in 1..=STEPS {
         let speed = top_speed * f64::from(step) / f64::from(STEPS);
-        let columns = friction_columns(speed);
+        let columns = friction_columns(&robot.friction, speed);
         let mut torque = Combination::default();
         for parameter in identified.parameters.iter().filter(|p| p.id.joint == joint) {
-            if let ParameterKind::Friction(k) = parameter.id.kind {
-                torque.add(columns[usize::from(k)], parameter.value, parameter.std_error);
+            let ParameterKind::Friction(term) = parameter.id.kind else { continue };
+            // an offset of the torque signal is no friction, whatever its sign
+            let place = robot.friction.terms().iter().position(|of| *of == term && term != FrictionTerm::Offset);
+            if let Some(place) = place {
+                torque.add(columns[place], parameter.value, parameter.std_error);
             }
         }
         mean += torque.value / f64::from(STEPS);
@@ -132,15 +136,15 @@ fn negative_inertias(
     settings: &PlausibleSettings,
 ) -> Vec<Finding> {
     let n = robot.joint_count();
-    let order = ParameterId::natural_order(n);
+    let order = ParameterId::natural_order(robot);
     let columns: Vec<usize> = identified
         .parameters
         .iter()
         .filter_map(|p| order.iter().position(|id| *id == p.id))
         .collect();
     let kept = KeptColumns::new(&columns);
-    let mut moving = Regressor::new(n);
-    let mut resting = Regressor::new(n);
+    let mut moving = Regressor::new(robot);
+    let mut resting = Regressor::new(robot);
     let (mut with, mut without) = (vec![0.0; n * kept.len()], vec![0.0; n * kept.len()]);
     let still = vec![0.0; n];
     let mut worst: Vec<Option<(Combination, Vec<f64>)>> = vec![None; n];

@@ -2,28 +2,28 @@
 
 use nalgebra::Vector3;
 
-use super::dynamics::{LinkMotion, friction_columns};
-use super::kinematics::LinkTransform;
-use crate::robot::{FRICTION_COUNT, JointKind, MAX_JOINTS, Robot, StandardParameters};
+use super::actuator::{coupling_columns, friction_columns};
+use super::dynamics::LinkMotion;
+use super::kinematics::joint_transform;
+use crate::robot::{CouplingTerm, JointKind, MAX_JOINTS, Robot, StandardParameters, Transform};
 
-/// Columns per joint: ten inertial, four friction, one motor inertia.
-pub const COLUMNS_PER_JOINT: usize = StandardParameters::COUNT + FRICTION_COUNT + 1;
-
-/// Regressor of one sample, `[n x 15n]`, columns in the order of
+/// Regressor of one sample, `[n x p]`, columns in the order of
 /// [`ParameterId::natural_order`](crate::robot::ParameterId::natural_order). Meant to be used again
 /// for every sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Regressor {
     joint_count: usize,
+    column_count: usize,
     /// Column after column, so that one column of a sample is one copy.
     values: Vec<f64>,
 }
 
 impl Regressor {
-    /// A regressor of zeros for `joint_count` joints.
+    /// A regressor of zeros for `robot`.
     #[must_use]
-    pub fn new(joint_count: usize) -> Self {
-        Self { joint_count, values: vec![0.0; COLUMNS_PER_JOINT * joint_count * joint_count] }
+    pub fn new(robot: &Robot) -> Self {
+        let (joint_count, column_count) = (robot.joint_count(), robot.parameter_count());
+        Self { joint_count, column_count, values: vec![0.0; column_count * joint_count] }
     }
 
     /// Rows `n`, one a joint.
@@ -32,10 +32,10 @@ impl Regressor {
         self.joint_count
     }
 
-    /// Columns `15n`, one a parameter.
+    /// Columns `p`, one a parameter: [`Robot::parameter_count`].
     #[must_use]
     pub fn columns(&self) -> usize {
-        COLUMNS_PER_JOINT * self.joint_count
+        self.column_count
     }
 
     /// Torque of each joint `[n]` per unit of the parameter at `column`.
@@ -44,7 +44,7 @@ impl Regressor {
         &self.values[column * self.joint_count..(column + 1) * self.joint_count]
     }
 
-    /// `tau = y phi`: parameters `[15n]` in natural order to torques `[n]` in Nm (N).
+    /// `tau = y phi`: parameters `[p]` in natural order to torques `[n]` in Nm (N).
     pub fn torque(&self, phi: &[f64], tau: &mut [f64]) {
         tau.fill(0.0);
         for (column, phi) in self.values.chunks_exact(self.joint_count.max(1)).zip(phi) {
@@ -68,21 +68,21 @@ impl Regressor {
 /// [`inverse_dynamics`](super::dynamics::inverse_dynamics), so one checks the other.
 ///
 /// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m for sliding joints). Writes all of `y`
-/// `[n x 15n]`: links, friction [3.10] and motor inertia, gravity that of the robot. Nothing is
+/// `[n x p]`: links, friction, motor inertia and couplings, gravity that of the robot. Nothing is
 /// allocated if `y` has the robot's size.
 ///
 /// # Panics
 /// If a slice is shorter than the chain, or the chain longer than [`MAX_JOINTS`].
 pub fn joint_torque_regressor(robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64], y: &mut Regressor) {
     let n = robot.joint_count();
-    if y.joint_count != n {
-        *y = Regressor::new(n);
+    if (y.joint_count, y.column_count) != (n, robot.parameter_count()) {
+        *y = Regressor::new(robot);
     }
     y.values.fill(0.0);
     let mut motion = LinkMotion::base(&robot.gravity);
     let mut partials = [PartialVelocity::ZERO; MAX_JOINTS];
     for (i, joint) in robot.joints.iter().enumerate() {
-        let transform = LinkTransform::of_joint(joint, q[i]);
+        let transform = joint_transform(joint, q[i]);
         motion = motion.next(&transform, joint.kind, qd[i], qdd[i]);
         for partial in &mut partials[..i] {
             *partial = partial.next(&transform);
@@ -93,11 +93,30 @@ pub fn joint_torque_regressor(robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64],
                 y.set(j, StandardParameters::COUNT * i + k, value);
             }
         }
-        let first_friction = StandardParameters::COUNT * n + FRICTION_COUNT * i;
-        for (k, value) in friction_columns(qd[i]).into_iter().enumerate() {
-            y.set(i, first_friction + k, value);
+    }
+    write_actuators(robot, qd, qdd, y);
+}
+
+/// Columns behind those of the links: friction, motor inertia, couplings.
+fn write_actuators(robot: &Robot, qd: &[f64], qdd: &[f64], y: &mut Regressor) {
+    let n = robot.joint_count();
+    let terms = robot.friction.terms().len();
+    let first_friction = StandardParameters::COUNT * n;
+    let first_motor = first_friction + terms * n;
+    for i in 0..n {
+        let columns = friction_columns(&robot.friction, qd[i]);
+        for (k, value) in columns.into_iter().take(terms).enumerate() {
+            y.set(i, first_friction + terms * i + k, value);
         }
-        y.set(i, (StandardParameters::COUNT + FRICTION_COUNT) * n + i, qdd[i]);
+        y.set(i, first_motor + i, qdd[i]);
+    }
+    for (c, coupling) in robot.couplings.iter().enumerate() {
+        let columns = coupling_columns(coupling, robot.friction.law, qd, qdd);
+        let first = first_motor + n + CouplingTerm::ALL.len() * c;
+        for k in 0..CouplingTerm::ALL.len() {
+            y.set(coupling.joint.index(), first + k, columns.joint[k]);
+            y.set(coupling.motor_joint.index(), first + k, columns.motor_joint[k]);
+        }
     }
 }
 
@@ -166,7 +185,7 @@ impl PartialVelocity {
 
     /// The same joint's effect on the next link.
     #[inline]
-    fn next(&self, transform: &LinkTransform) -> Self {
+    fn next(&self, transform: &Transform) -> Self {
         Self {
             w: transform.to_inner(&self.w),
             v: transform.to_inner(&(self.v + self.w.cross(&transform.translation))),
@@ -218,14 +237,14 @@ mod tests {
         ) {
             let n = robot.joint_count();
             let model = DynamicModel::from_parameters(
-                n, ParameterId::natural_order(n).into_iter().zip(phi.iter().copied()));
+                &robot, ParameterId::natural_order(&robot).into_iter().zip(phi.iter().copied()));
             let (qd, qdd): (Vec<f64>, Vec<f64>) = (
                 qd.iter().map(|x| 4.0 * x).collect(), qdd.iter().map(|x| 10.0 * x).collect());
             let (mut expected, mut tau) = (vec![0.0; n], vec![0.0; n]);
             model.torque(&robot, &q, &qd, &qdd, &mut expected);
-            let mut y = Regressor::new(n);
+            let mut y = Regressor::new(&robot);
             joint_torque_regressor(&robot, &q, &qd, &qdd, &mut y);
-            y.torque(&phi[..15 * n], &mut tau);
+            y.torque(&phi[..robot.parameter_count()], &mut tau);
             let norm = expected.iter().map(|x| x * x).sum::<f64>().sqrt();
             for (tau, expected) in tau.iter().zip(&expected) {
                 prop_assert!((tau - expected).abs() <= ROUNDING * norm, "{tau} {expected} {norm}");
@@ -236,9 +255,11 @@ mod tests {
     #[test]
     fn a_regressor_used_again_keeps_nothing_of_the_sample_before() {
         let robot = er3a();
-        let mut used = Regressor::new(2);
+        let mut small = er3a();
+        small.joints.truncate(2);
+        let mut used = Regressor::new(&small);
         joint_torque_regressor(&robot, &[0.3; 6], &[1.0; 6], &[2.0; 6], &mut used);
-        let mut fresh = Regressor::new(6);
+        let mut fresh = Regressor::new(&robot);
         joint_torque_regressor(&robot, &[0.1; 6], &[0.0; 6], &[-2.0; 6], &mut used);
         joint_torque_regressor(&robot, &[0.1; 6], &[0.0; 6], &[-2.0; 6], &mut fresh);
         assert_eq!(used, fresh);
@@ -247,7 +268,7 @@ mod tests {
     #[test]
     fn kept_columns_land_in_the_rows_of_their_sample() {
         let robot = er3a();
-        let mut y = Regressor::new(6);
+        let mut y = Regressor::new(&robot);
         joint_torque_regressor(&robot, &[0.3; 6], &[1.0; 6], &[2.0; 6], &mut y);
         let kept = KeptColumns::new(&[9, 60, 14, 89]);
         let (rows, row) = (20, 7);

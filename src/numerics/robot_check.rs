@@ -1,16 +1,14 @@
 //! Whether a robot description is what its author meant: geometry, base parameters, identities, and
 //! the agreement with torques and poses from elsewhere.
 
-use std::fmt;
-
 use nalgebra::{Matrix3, Vector3};
 
 use super::NumericsError;
 use super::base::{BaseParameters, JointState, PROBE_STATES, base_parameters, probe_state};
 use super::dynamics::{DynamicModel, gravity_torque, inverse_dynamics, mechanical_energy};
-use super::kinematics::{LinkTransform, forward_kinematics};
+use super::kinematics::forward_kinematics;
 use super::regressor::{Regressor, joint_torque_regressor};
-use crate::robot::{JointKind, ParameterId, Robot, StandardParameters};
+use crate::robot::{ParameterId, Robot, StandardParameters, Transform};
 
 /// States of the self-check; none of them is one that the base parameters were found on.
 pub const CHECK_STATES: usize = 32;
@@ -25,7 +23,7 @@ pub struct RobotCheck {
     /// The description that was checked.
     pub robot: Robot,
     /// Last frame in the base with every joint at position 0.
-    pub pose_at_zero: LinkTransform,
+    pub pose_at_zero: Transform,
     /// Parameters that the arm's torques can show.
     pub base: BaseParameters,
     /// How well the formulas agree with each other on this robot.
@@ -113,7 +111,7 @@ pub fn compare_with_reference(
     }
     let parameters: Option<Vec<StandardParameters>> =
         robot.joints.iter().map(|joint| joint.nominal.map(|nominal| nominal.inertial)).collect();
-    let poses: Vec<LinkTransform> = rows.iter().map(|row| forward_kinematics(robot, &row.q)).collect();
+    let poses: Vec<Transform> = rows.iter().map(|row| forward_kinematics(robot, &row.q)).collect();
     let pairs = || rows.iter().zip(&poses);
     Ok(ReferenceAgreement {
         rows: rows.len(),
@@ -140,150 +138,16 @@ pub fn render(check: &RobotCheck) -> String {
     check.to_string()
 }
 
-impl fmt::Display for RobotCheck {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write_geometry(f, &self.robot)?;
-        write_limits(f, &self.robot)?;
-        write_pose(f, &self.pose_at_zero)?;
-        write_identities(f, &self.identities)?;
-        write_base(f, &self.robot, &self.base)
-    }
-}
-
-fn write_geometry(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
-    let g = robot.gravity;
-    writeln!(f, "Robot {}, {} joints", robot.model, robot.joint_count())?;
-    writeln!(f, "Gravity in the base frame: ({}, {}, {}) m/s^2\n", short(g.x), short(g.y), short(g.z))?;
-    writeln!(f, "Geometry, modified Denavit-Hartenberg: T(i-1,i) = Rx(alpha) Dx(a) Rz(theta) Dz(d)")?;
-    writeln!(
-        f,
-        "{:>5}  {:<9} {:>10} {:>11} {:>10} {:>18}",
-        "joint", "kind", "a [m]", "alpha [deg]", "d [m]", "theta offset [deg]"
-    )?;
-    for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
-        let dh = &joint.geometry;
-        writeln!(
-            f,
-            "{:>5}  {:<9} {:>10} {:>11} {:>10} {:>18}",
-            index.number(),
-            kind_name(joint.kind),
-            short(dh.a),
-            short(dh.alpha.to_degrees()),
-            short(dh.d),
-            short(dh.theta_offset.to_degrees()),
-        )?;
-    }
-    Ok(())
-}
-
-fn write_limits(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
-    writeln!(f, "\nLimits (degrees for turning joints, metres for sliding ones)")?;
-    writeln!(
-        f,
-        "{:>5}  {:<5} {:>10} {:>10} {:>12} {:>16}",
-        "joint", "unit", "min", "max", "speed [/s]", "accel. [/s^2]"
-    )?;
-    for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
-        let (unit, factor) = match joint.kind {
-            JointKind::Revolute => ("deg", 1_f64.to_degrees()),
-            JointKind::Prismatic => ("m", 1.0),
-        };
-        let limits = &joint.limits;
-        writeln!(
-            f,
-            "{:>5}  {unit:<5} {:>10} {:>10} {:>12} {:>16}",
-            index.number(),
-            short(limits.position_min * factor),
-            short(limits.position_max * factor),
-            short(limits.velocity * factor),
-            short(limits.acceleration * factor),
-        )?;
-    }
-    Ok(())
-}
-
-fn write_pose(f: &mut fmt::Formatter<'_>, pose: &LinkTransform) -> fmt::Result {
-    let p = pose.translation;
-    writeln!(f, "\nLast frame in the base, all joints at 0")?;
-    writeln!(f, "  origin  ({}, {}, {}) m", short(p.x), short(p.y), short(p.z))?;
-    for (name, axis) in ["x", "y", "z"].iter().zip(pose.rotation.column_iter()) {
-        writeln!(f, "  {name} axis  ({}, {}, {})", short(axis[0]), short(axis[1]), short(axis[2]))?;
-    }
-    Ok(())
-}
-
-fn write_identities(f: &mut fmt::Formatter<'_>, identities: &IdentityCheck) -> fmt::Result {
-    writeln!(
-        f,
-        "\nSelf-check over {} states within the limits, worst relative difference",
-        identities.states
-    )?;
-    writeln!(f, "  {:.1e}  regressor x parameters against inverse dynamics", identities.regressor)?;
-    writeln!(f, "  {:.1e}  base parameters against all parameters", identities.grouping)?;
-    writeln!(
-        f,
-        "  {:.1e}  gravity torque against the gradient of potential energy (numeric)",
-        identities.gravity
-    )?;
-    writeln!(f, "  {:.1e}  power of the torques against the rate of energy (numeric)", identities.power)
-}
-
-fn write_base(f: &mut fmt::Formatter<'_>, robot: &Robot, base: &BaseParameters) -> fmt::Result {
-    let total = ParameterId::natural_order(robot.joint_count()).len();
-    writeln!(f, "\nBase parameters: {} of {total}", base.rank)?;
-    writeln!(
-        f,
-        "  rank {} inertial, {} with motor inertia, {} with friction",
-        base.inertial_rank, base.inertial_and_motor_rank, base.rank
-    )?;
-    writeln!(
-        f,
-        "  singular values at the border: {:.1e} counts, {:.1e} does not",
-        base.singular_value_gap.smallest_kept, base.singular_value_gap.largest_dropped
-    )?;
-    writeln!(
-        f,
-        "  condition number {:.1} in SI units, {:.1} with scaled columns (states spread over the limits)",
-        base.condition_number, base.scaled_condition_number
-    )?;
-    writeln!(f, "\nEach stands for a grouping: its value is the sum on the right")?;
-    writeln!(f, "{:>4}  {:<8} {:<13} grouping", "no.", "name", "unit")?;
-    for (index, id) in base.kept.iter().enumerate() {
-        let unit = robot.joints.get(id.joint.index()).map_or("", |joint| id.unit(joint.kind));
-        let name = id.to_string();
-        writeln!(f, "{:>4}  {name:<8} {unit:<13} {}", index + 1, base.grouping_formula(index))?;
-    }
-    let hidden: Vec<String> = base.unobservable.iter().map(ToString::to_string).collect();
-    if hidden.is_empty() {
-        return Ok(());
-    }
-    writeln!(f, "\nWithout any effect on the torques: {}", hidden.join(", "))
-}
-
-fn kind_name(kind: JointKind) -> &'static str {
-    match kind {
-        JointKind::Revolute => "revolute",
-        JointKind::Prismatic => "prismatic",
-    }
-}
-
-/// Six decimals at most, no trailing zeros, no negative zero.
-fn short(x: f64) -> String {
-    let text = format!("{x:.6}");
-    let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
-    if text == "-0" { "0".into() } else { text.into() }
-}
-
 fn check_identities(robot: &Robot, base: &BaseParameters) -> IdentityCheck {
     let n = robot.joint_count();
-    let ids = ParameterId::natural_order(n);
+    let ids = ParameterId::natural_order(robot);
     // Any numbers will do, since every identity is linear in them; bodies need not exist.
     let phi: Vec<f64> = (1..=ids.len()).map(|k| 0.1 + (k as f64 * 2_f64.sqrt()).fract()).collect();
-    let full = DynamicModel::from_parameters(n, ids.iter().copied().zip(phi.iter().copied()));
-    let grouped = DynamicModel::from_parameters(n, base.kept.iter().copied().zip(base.group(&phi)));
+    let full = DynamicModel::from_parameters(robot, ids.iter().copied().zip(phi.iter().copied()));
+    let grouped = DynamicModel::from_parameters(robot, base.kept.iter().copied().zip(base.group(&phi)));
     let mut result =
         IdentityCheck { states: CHECK_STATES, regressor: 0.0, grouping: 0.0, gravity: 0.0, power: 0.0 };
-    let mut y = Regressor::new(n);
+    let mut y = Regressor::new(robot);
     let [mut expected, mut other] = [vec![0.0; n], vec![0.0; n]];
     for index in PROBE_STATES..PROBE_STATES + CHECK_STATES {
         let state = probe_state(robot, index);
@@ -366,7 +230,8 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
     use crate::numerics::kinematics::tests::{arm, joint};
-    use crate::testing::er3a;
+    use crate::robot::JointKind;
+    use crate::testing::{change_dh, er3a};
 
     /// Exact identities differ by rounding, those with a grouping by a condition number of rounding.
     const ROUNDING: f64 = 1e-10;
@@ -428,10 +293,10 @@ mod tests {
         assert_eq!(agreement.rows, 60);
         assert!(agreement.torque.is_some_and(|t| t < REFERENCE_DIGITS), "{agreement:?}");
         assert!(agreement.position < REFERENCE_DIGITS && agreement.rotation < REFERENCE_DIGITS);
-        robot.joints[2].geometry.a += 0.001;
+        change_dh(&mut robot, 2, |row| row.a += 0.001);
         let wrong = compare_with_reference(&robot, &rows).expect("a comparison");
         assert!(wrong.torque.is_some_and(|t| t > 1e-4) && wrong.position > 1e-4, "{wrong:?}");
-        robot.joints[3].geometry.theta_offset = 0.0;
+        change_dh(&mut robot, 3, |row| row.theta_offset = 0.0);
         assert!(compare_with_reference(&robot, &rows).expect("a comparison").rotation > 0.1);
         robot.joints[5].nominal = None;
         assert_eq!(compare_with_reference(&robot, &rows).expect("a comparison").torque, None);

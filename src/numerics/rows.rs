@@ -102,7 +102,7 @@ impl RowSource for CycleRows<'_> {
 
     fn each(&self, visit: &mut dyn FnMut(&SampleRows<'_>)) {
         let (n, b) = (self.joint_count(), self.columns());
-        let mut y = Regressor::new(n);
+        let mut y = Regressor::new(self.robot);
         let (mut q, mut qd, mut qdd, mut tau) = state();
         let (mut block, mut w) = (vec![0.0; n * b], vec![0.0; n * b]);
         let mut used = vec![false; n];

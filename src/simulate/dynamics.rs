@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::SimulateError;
 use super::motion::MotionState;
-use crate::robot::{JointIndex, JointKind, MAX_JOINTS, ModifiedDh, Robot, StandardParameters};
+use crate::robot::{JointIndex, JointKind, MAX_JOINTS, Robot, StandardParameters, Transform};
 
 /// A chain of rigid links, ready for [`joint_torque`].
 #[derive(Debug, Clone)]
@@ -20,9 +20,8 @@ pub struct RigidChain {
 #[derive(Debug, Clone)]
 struct Link {
     kind: JointKind,
-    geometry: ModifiedDh,
-    sin_alpha: f64,
-    cos_alpha: f64,
+    /// Place on the link before, at position 0.
+    placement: Transform,
     mass: f64,
     /// Centre of mass in the link frame, m.
     centre: Vector3<f64>,
@@ -44,12 +43,9 @@ pub fn rigid_chain(robot: &Robot) -> Result<RigidChain, SimulateError> {
         .map(|(joint, index)| {
             let nominal = joint.nominal.ok_or(SimulateError::NoNominal { joint: index })?;
             let (centre, inertia) = about_centre_of_mass(&nominal.inertial, index)?;
-            let (sin_alpha, cos_alpha) = joint.geometry.alpha.sin_cos();
             Ok(Link {
                 kind: joint.kind,
-                geometry: joint.geometry,
-                sin_alpha,
-                cos_alpha,
+                placement: *joint.geometry.placement(),
                 mass: nominal.inertial.mass(),
                 centre,
                 inertia,
@@ -122,17 +118,17 @@ impl Frame {
 
     /// The frame behind a joint that stands at `q` and moves with `qd`, `qdd`.
     fn next(&self, link: &Link, q: f64, qd: f64, qdd: f64) -> Self {
-        let ModifiedDh { a, d, theta_offset, .. } = link.geometry;
-        let (theta, slide) = match link.kind {
-            JointKind::Revolute => (q + theta_offset, d),
-            JointKind::Prismatic => (theta_offset, d + q),
-        };
-        let (st, ct) = theta.sin_cos();
-        let (sa, ca) = (link.sin_alpha, link.cos_alpha);
-        let local = Matrix3::new(ct, -st, 0.0, st * ca, ct * ca, -sa, st * sa, ct * sa, ca);
-        let rotation = self.rotation * local;
+        let place = &link.placement;
+        let mut rotation = self.rotation * place.rotation;
         let axis = rotation.column(2).into_owned();
-        let step = self.rotation.column(0) * a + axis * slide;
+        let mut step = self.rotation * place.translation;
+        match link.kind {
+            JointKind::Revolute => {
+                let (sin, cos) = q.sin_cos();
+                rotation *= Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
+            }
+            JointKind::Prismatic => step += axis * q,
+        }
         let carried = self.acceleration
             + self.angular_acceleration.cross(&step)
             + self.angular_velocity.cross(&self.angular_velocity.cross(&step));

@@ -10,7 +10,7 @@ use crate::analysis::{
     FrictionPoint, GravityRemoval, IdentifiedParameter, JointSummary, RmsdSwing, WarmFriction,
 };
 use crate::anomaly::RunSummary;
-use crate::robot::JointIndex;
+use crate::robot::{JointIndex, ParameterId, ParameterKind};
 
 const GRAVITY_REMOVALS: [GravityRemoval; 3] =
     [GravityRemoval::AxisVertical, GravityRemoval::Fitted, GravityRemoval::Model];
@@ -135,7 +135,7 @@ async fn parameters_by_cycle(
     Ok(cycles
         .into_iter()
         .map(|(cycle, mut parameters)| {
-            // Natural order: inertia by link, friction by joint, motor inertia by joint.
+            // Natural order: inertia by link, friction by joint, motor inertia by joint, couplings.
             parameters.sort_by_key(natural_place);
             CycleParameters { cycle, parameters }
         })
@@ -275,11 +275,13 @@ fn joint_summary(row: &SqliteRow) -> Result<JointSummary, sqlx::Error> {
 }
 
 /// Sort key that gives the order of [`crate::robot::ParameterId::natural_order`].
-fn natural_place(parameter: &IdentifiedParameter) -> (u8, JointIndex, u8) {
-    use crate::robot::ParameterKind::{Friction, Inertial, MotorInertia};
-    match parameter.id.kind {
-        Inertial(k) => (0, parameter.id.joint, k),
-        Friction(k) => (1, parameter.id.joint, k),
-        MotorInertia => (2, parameter.id.joint, 0),
-    }
+fn natural_place(parameter: &IdentifiedParameter) -> (u8, JointIndex, ParameterKind) {
+    let ParameterId { joint, kind } = parameter.id;
+    let group = match kind {
+        ParameterKind::Inertial(_) => 0,
+        ParameterKind::Friction(_) => 1,
+        ParameterKind::MotorInertia => 2,
+        ParameterKind::Coupling(_) => 3,
+    };
+    (group, joint, kind)
 }

@@ -6,7 +6,7 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::values::{ROWS_PER_STATEMENT, joint_number, parameter};
-use crate::robot::{JointKind, ParameterId, Robot};
+use crate::robot::{FrictionLaw, FrictionModel, GeometrySource, Joint, JointKind, ParameterId, Robot};
 
 /// Key of the description, which is entered when it is first met.
 pub(super) async fn robot_model_id(
@@ -129,8 +129,13 @@ fn unit(robot: &Robot, id: ParameterId) -> Result<&'static str, sqlx::Error> {
     Ok(id.unit(joint.kind))
 }
 
+/// Placements of URDF joints are products of many steps, which another machine may round otherwise;
+/// this much of a metre or of a unit vector no arm tells apart.
+const PLACEMENT_GRAIN: f64 = 1e-9;
+
 /// Hash of what decides the meaning of base parameters, and of nothing else: a changed limit or
-/// speed level leaves them as they are. Exact bits, so that it is the same on every machine.
+/// speed level leaves them as they are. Bits of the description's own numbers, so that it is the same
+/// on every machine.
 fn description_hash(robot: &Robot) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     let mut add = |value: f64| {
@@ -138,12 +143,42 @@ fn description_hash(robot: &Robot) -> [u8; 32] {
     };
     robot.gravity.iter().copied().for_each(&mut add);
     for joint in &robot.joints {
-        let kind = match joint.kind {
-            JointKind::Revolute => 0.0,
-            JointKind::Prismatic => 1.0,
+        add_joint(joint, &mut add);
+    }
+    // The columns that all robots had at first add nothing, so that their hash is as it was.
+    if robot.friction != FrictionModel::POLYNOMIAL {
+        let (law, speed) = match robot.friction.law {
+            FrictionLaw::Polynomial => (0.0, 0.0),
+            FrictionLaw::ViscousCoulomb => (1.0, 0.0),
+            FrictionLaw::Smooth { speed } => (2.0, speed),
         };
-        let geometry = joint.geometry;
-        [kind, geometry.a, geometry.alpha, geometry.d, geometry.theta_offset].into_iter().for_each(&mut add);
+        [law, speed, f64::from(u8::from(robot.friction.asymmetric))].into_iter().for_each(&mut add);
+    }
+    for coupling in &robot.couplings {
+        let joints = [coupling.joint, coupling.motor_joint].map(|joint| joint.number() as f64);
+        joints.into_iter().chain([coupling.ratio]).for_each(&mut add);
     }
     *hasher.finalize().as_bytes()
+}
+
+fn add_joint(joint: &Joint, add: &mut impl FnMut(f64)) {
+    let kind = match joint.kind {
+        JointKind::Revolute => 0.0,
+        JointKind::Prismatic => 1.0,
+    };
+    match joint.geometry.source() {
+        GeometrySource::ModifiedDh(row) => {
+            [kind, row.a, row.alpha, row.d, row.theta_offset].into_iter().for_each(add);
+        }
+        GeometrySource::StandardDh(row) => {
+            [kind + 2.0, row.a, row.alpha, row.d, row.theta_offset].into_iter().for_each(add);
+        }
+        GeometrySource::Urdf(_) => {
+            let placement = joint.geometry.placement();
+            let numbers = placement.rotation.iter().chain(placement.translation.iter());
+            add(kind + 4.0);
+            // Adding zero makes a negative zero positive.
+            numbers.for_each(|x| add((x / PLACEMENT_GRAIN).round() + 0.0));
+        }
+    }
 }

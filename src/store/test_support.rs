@@ -64,8 +64,9 @@ pub(super) fn kept() -> Vec<ParameterId> {
         (ParameterKind::Inertial(k), _) => [1, 2, 4, 5, 6, 8, 9].contains(&k),
         (ParameterKind::MotorInertia, joint) => joint >= 2,
         (ParameterKind::Friction(_), _) => true,
+        (ParameterKind::Coupling(_), _) => false,
     };
-    ParameterId::natural_order(6).into_iter().filter(keep).collect()
+    ParameterId::natural_order(&er3a()).into_iter().filter(keep).collect()
 }
 
 /// A whole six-joint cycle: 64 parameters, 24 deviations, 72 friction points. No two figures alike.

@@ -4,7 +4,7 @@ use super::StoreError;
 use super::test_support::*;
 use crate::robot::JointIndex;
 use crate::run::{ContentHash, RunStatus};
-use crate::testing::er3a;
+use crate::testing::{change_dh, er3a};
 
 #[tokio::test]
 async fn views_have_the_promised_columns_in_order() {
@@ -260,7 +260,7 @@ async fn groupings_belong_to_a_description() {
     store.record_cycle(run_id, &cycle(2), &slower).await.expect("a cycle");
     assert_eq!(number(&store, models).await, Some(1.0));
     let mut longer = er3a();
-    longer.joints[2].geometry.a += 1e-9;
+    change_dh(&mut longer, 2, |row| row.a += 1e-9);
     store.record_cycle(run_id, &cycle(3), &longer).await.expect("a cycle");
     assert_eq!(number(&store, models).await, Some(2.0));
     assert_eq!(

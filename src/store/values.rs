@@ -61,12 +61,8 @@ pub(super) fn parameter(
     name_column: &str,
 ) -> Result<ParameterId, sqlx::Error> {
     let joint = joint(row, joint_column)?;
-    let kinds = (0..10)
-        .map(ParameterKind::Inertial)
-        .chain((0..4).map(ParameterKind::Friction))
-        .chain([ParameterKind::MotorInertia]);
     let text: &str = row.try_get(name_column)?;
-    kinds
+    ParameterKind::all()
         .map(|kind| ParameterId { joint, kind })
         .find(|id| id.name() == text)
         .ok_or_else(|| unknown(name_column, text))

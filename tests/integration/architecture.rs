@@ -22,7 +22,11 @@ const ROOMS: &[Room] = &[
         may_name: &["robot", "run", "analysis", "anomaly"],
         door_to: &["nalgebra", "faer", "sci_rs", "varpro"],
     },
-    Room { name: "config", may_name: &["robot", "run", "numerics"], door_to: &["nalgebra", "toml", "regex"] },
+    Room {
+        name: "config",
+        may_name: &["robot", "run", "numerics"],
+        door_to: &["nalgebra", "toml", "regex", "urdf_rs"],
+    },
     Room { name: "telemetry", may_name: &[], door_to: &["tracing_subscriber"] },
     Room {
         name: "ingest",
