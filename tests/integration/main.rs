@@ -9,5 +9,6 @@ mod architecture;
 mod bad_input;
 mod cli;
 mod daemon;
+mod docs;
 mod reference_export;
 mod shipped;
