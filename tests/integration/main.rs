@@ -9,6 +9,7 @@ mod architecture;
 mod bad_input;
 mod cli;
 mod daemon;
+mod docs;
 mod reference_export;
 mod shipped;
 mod stored_factors;

@@ -1,0 +1,45 @@
+-- Which robots need attention, and when was each last tested? One row a robot, worst first.
+--
+-- worst_joint is the joint whose status decides the robot's; friction_index and
+-- moving_relative_rmsd are the largest over the joints, which need not be that joint.
+--
+--   :robot   only this robot; all if left out
+WITH joint AS (
+    SELECT *,
+           CASE status WHEN 'critical' THEN 3 WHEN 'warning' THEN 2 WHEN 'learning' THEN 1 ELSE 0 END AS rank
+    FROM fleet_health
+),
+worst AS (
+    SELECT *, row_number() OVER (PARTITION BY robot ORDER BY rank DESC, open_anomalies DESC, joint) AS place
+    FROM joint
+),
+health AS (
+    SELECT robot,
+           max(friction_index) AS friction_index,
+           max(moving_relative_rmsd) AS moving_relative_rmsd,
+           sum(open_anomalies) AS open_anomalies
+    FROM joint
+    GROUP BY robot
+),
+tested AS (
+    SELECT robot,
+           sum(status = 'complete') AS complete_runs,
+           sum(status = 'quarantined') AS quarantined_runs,
+           max(CASE WHEN status = 'complete' THEN started_at END) AS last_run_at
+    FROM runs
+    GROUP BY robot
+)
+SELECT tested.robot,
+       coalesce(worst.status, 'untested') AS status,
+       CASE WHEN worst.rank >= 2 THEN worst.joint END AS worst_joint,
+       coalesce(health.open_anomalies, 0) AS open_anomalies,
+       round(health.friction_index, 3) AS friction_index,
+       round(health.moving_relative_rmsd, 4) AS moving_relative_rmsd,
+       tested.last_run_at,
+       tested.complete_runs,
+       tested.quarantined_runs
+FROM tested
+LEFT JOIN health ON health.robot = tested.robot
+LEFT JOIN worst ON worst.robot = tested.robot AND worst.place = 1
+WHERE nullif(:robot, '') IS NULL OR tested.robot = :robot
+ORDER BY coalesce(worst.rank, -1) DESC, open_anomalies DESC, tested.robot;

@@ -1,0 +1,38 @@
+-- What values do the dynamic parameters take from cycle to cycle, and how sure are they? The band
+-- low..high is the value less and plus two standard errors.
+--
+-- A parameter is a base parameter: grouping is the sum that its value stands for.
+--
+--   :robot       a robot; the one tested last if left out
+--   :run_id      one of its runs; its last complete run if left out
+--   :joint       only this joint; all if left out
+--   :parameter   only this parameter, such as mPx, Izz, f1 or I_m; all if left out
+WITH robot AS (
+    SELECT coalesce(nullif(:robot, ''),
+                    (SELECT robot FROM runs WHERE status = 'complete' ORDER BY started_at DESC LIMIT 1)) AS robot
+),
+chosen AS (
+    SELECT robot.robot,
+           coalesce(CAST(nullif(:run_id, '') AS INTEGER),
+                    (SELECT run_id FROM runs
+                     WHERE runs.robot = robot.robot AND status = 'complete'
+                     ORDER BY started_at DESC, run_id DESC LIMIT 1)) AS run_id
+    FROM robot
+)
+SELECT cycle_parameters.robot,
+       cycle_parameters.run_id,
+       cycle_parameters.cycle,
+       cycles.started_at,
+       cycle_parameters.joint,
+       cycle_parameters.parameter,
+       cycle_parameters.value,
+       cycle_parameters.value - 2 * cycle_parameters.std_error AS low,
+       cycle_parameters.value + 2 * cycle_parameters.std_error AS high,
+       cycle_parameters.unit,
+       cycle_parameters.grouping
+FROM chosen
+JOIN cycle_parameters ON cycle_parameters.robot = chosen.robot AND cycle_parameters.run_id = chosen.run_id
+JOIN cycles ON cycles.run_id = cycle_parameters.run_id AND cycles.cycle = cycle_parameters.cycle
+WHERE (nullif(:joint, '') IS NULL OR cycle_parameters.joint = CAST(:joint AS INTEGER))
+  AND (nullif(:parameter, '') IS NULL OR cycle_parameters.parameter = :parameter)
+ORDER BY cycle_parameters.joint, cycle_parameters.parameter, cycle_parameters.cycle;

@@ -1,0 +1,250 @@
+//! What is written about the database holds: `docs/schema.md` names its views and columns, and the
+//! queries in `dashboards/` run and answer what they say.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::support::{REFERENCE_NAME, Workshop};
+
+/// Figures that SQL and the program compute from the same stored numbers differ by rounding only.
+const ROUNDING: f64 = 1e-9;
+
+fn repository(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+/// Columns by view, as the sections of `docs/schema.md` name them: a heading with the view in
+/// backticks, then table rows that begin with the column in backticks.
+fn documented() -> BTreeMap<String, BTreeSet<String>> {
+    let text = fs::read_to_string(repository("docs/schema.md")).expect("docs/schema.md");
+    let mut views: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    let mut view = None;
+    for line in text.lines() {
+        if let Some(heading) = line.strip_prefix("## ") {
+            view = heading.strip_prefix('`').and_then(|rest| rest.strip_suffix('`')).map(str::to_owned);
+            views.extend(view.clone().map(|name| (name, BTreeSet::new())));
+        }
+        let column = line.strip_prefix("| `").and_then(|rest| rest.split('`').next());
+        if let (Some(view), Some(column)) = (&view, column) {
+            views.entry(view.clone()).or_default().insert(column.to_owned());
+        }
+    }
+    views
+}
+
+#[test]
+fn schema_names_every_view_and_column_and_no_other() {
+    let workshop = Workshop::new();
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let stored: BTreeMap<String, BTreeSet<String>> = workshop
+        .query("SELECT name FROM sqlite_schema WHERE type = 'view'")
+        .into_iter()
+        .map(|view| {
+            let columns = workshop.query(&format!("SELECT name FROM pragma_table_info('{view}')"));
+            (view, columns.into_iter().collect())
+        })
+        .collect();
+    assert!(stored.len() >= 9, "{stored:?}");
+    assert_eq!(documented(), stored, "docs/schema.md on the left, the database on the right");
+}
+
+/// A query file of `dashboards/`.
+struct Query {
+    name: String,
+    text: String,
+}
+
+impl Query {
+    fn read(name: &str) -> Self {
+        let text = fs::read_to_string(repository("dashboards").join(name)).expect("a query");
+        Self { name: name.to_owned(), text }
+    }
+
+    /// The comment at its beginning.
+    fn introduction(&self) -> String {
+        self.text.lines().take_while(|line| line.starts_with("--")).collect::<Vec<_>>().join("\n")
+    }
+
+    fn body(&self) -> &str {
+        &self.text[self.introduction().len()..]
+    }
+
+    fn parameters(text: &str) -> BTreeSet<String> {
+        parameter().captures_iter(text).map(|found| found[1].to_owned()).collect()
+    }
+
+    /// Rows of `select` over the query's rows, named `answer`; parameters that are not given get
+    /// `default`.
+    fn ask(&self, workshop: &Workshop, select: &str, given: &[(&str, &str)], default: &str) -> Vec<String> {
+        for (name, _) in given {
+            assert!(Self::parameters(self.body()).contains(*name), "{} has no :{name}", self.name);
+        }
+        let value = |found: &regex::Captures<'_>| {
+            let given = given.iter().find(|(name, _)| *name == &found[1]);
+            given.map_or(default, |(_, value)| value).to_owned()
+        };
+        let body = parameter().replace_all(self.body(), value);
+        let body = body.trim_end().strip_suffix(';').expect("a statement ends with a semicolon");
+        workshop.query(&format!("SELECT {select} FROM ({body}) AS answer"))
+    }
+
+    /// One figure, with parameters left out.
+    fn number(&self, workshop: &Workshop, select: &str, given: &[(&str, &str)]) -> f64 {
+        let rows = self.ask(workshop, select, given, "NULL");
+        rows.first().and_then(|cell| cell.parse().ok()).unwrap_or(f64::NAN)
+    }
+}
+
+fn parameter() -> regex::Regex {
+    regex::Regex::new(":([a-z_]+)").expect("a pattern")
+}
+
+fn queries() -> Vec<Query> {
+    let mut names: Vec<String> = fs::read_dir(repository("dashboards"))
+        .expect("dashboards")
+        .map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned())
+        .filter(|name| name.ends_with(".sql"))
+        .collect();
+    names.sort();
+    names.iter().map(|name| Query::read(name)).collect()
+}
+
+#[test]
+fn every_query_says_what_it_answers_and_what_it_takes() {
+    let guide = fs::read_to_string(repository("dashboards/README.md")).expect("dashboards/README.md");
+    let queries = queries();
+    assert!(queries.len() >= 8, "{}", queries.len());
+    for query in queries {
+        let Query { name, .. } = &query;
+        assert!(guide.contains(&format!("`{name}`")), "{name} is not in dashboards/README.md");
+        assert!(query.introduction().contains('?'), "{name} does not say which question it answers");
+        let (said, taken) = (Query::parameters(&query.introduction()), Query::parameters(query.body()));
+        assert_eq!(said, taken, "{name}: parameters of the comment and of the statement");
+    }
+}
+
+/// The reference arm `R00` with one run, after a first export of that name was faulty; an arm `Worn`
+/// whose joint 3 wears in the last of three runs; and an arm `Bad` whose only export is empty. A
+/// baseline of two runs keeps the history short.
+fn fleet() -> Workshop {
+    let workshop = Workshop::new();
+    let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
+    fs::write(workshop.path("armwatch.toml"), config + "\n[detect]\nbaseline_runs = 2\n").expect("written");
+    fs::write(workshop.inbox(REFERENCE_NAME), "time,pos_1\n0,0\n").expect("a faulty export");
+    fs::write(workshop.inbox("Bad_20260101_0000.csv"), "").expect("an empty export");
+    workshop.stdout(&["ingest", "inbox"], 1);
+    fs::remove_file(workshop.inbox("Bad_20260101_0000.csv")).expect("removed");
+    workshop.add_reference("inbox");
+    let shape = ["--runs", "3", "--cycles", "2", "--warming-s", "0", "--name", "Worn"];
+    workshop.simulate("inbox", &[&shape[..], &["--fault", "wear:joint=3,from=3,rate=0.5"]].concat());
+    workshop.stdout(&["ingest", "inbox"], 0);
+    workshop
+}
+
+#[test]
+fn every_query_answers_its_question() {
+    let workshop = fleet();
+    // run_id of the runs, in the order they were taken: faulty, empty, R00, Worn three times
+    let rows = [
+        ("fleet_overview.sql", 3),
+        ("friction_index_by_run.sql", 3 * 6),
+        ("friction_over_speed.sql", 2 * 6 * 4),
+        ("friction_over_time.sql", 2 * 6 * 2),
+        ("open_anomalies.sql", 1),
+        ("parameters_by_cycle.sql", 2 * 64),
+        ("quarantine.sql", 2),
+        ("rmsd_by_cycle.sql", 2 * 6),
+    ];
+    for query in queries() {
+        let (_, fewest) = rows.iter().find(|(name, _)| *name == query.name).expect("a query with its rows");
+        let left_out = query.ask(&workshop, "*", &[], "NULL");
+        assert!(left_out.len() >= *fewest, "{}: {} rows of {fewest}", query.name, left_out.len());
+        // Datasette and Grafana give the empty text for a field that is left empty
+        assert_eq!(query.ask(&workshop, "*", &[], "''"), left_out, "{}", query.name);
+        if Query::parameters(query.body()).contains("robot") {
+            let nobody = query.ask(&workshop, "*", &[("robot", "'Nobody'")], "NULL");
+            assert_eq!(nobody, [""; 0], "{}", query.name);
+        }
+    }
+    the_fleet_is_told_worst_first(&workshop);
+    the_friction_index_is_the_detectors(&workshop);
+    the_fitted_curve_is_as_far_from_the_points_as_stored(&workshop);
+    choices_are_kept(&workshop);
+    a_corrected_export_is_told_from_an_open_one(&workshop);
+}
+
+fn the_fleet_is_told_worst_first(workshop: &Workshop) {
+    let overview = Query::read("fleet_overview.sql");
+    let told =
+        overview.ask(workshop, "robot, status, worst_joint, complete_runs, quarantined_runs", &[], "NULL");
+    assert_eq!(told, ["Worn|critical|3|3|0", "R00|learning||1|1", "Bad|untested||0|1"]);
+    let open = Query::read("open_anomalies.sql").ask(workshop, "robot, joint, kind", &[], "NULL");
+    assert!(open.contains(&"Worn|3|drift".to_owned()), "{open:?}");
+}
+
+/// The query and the detector compute it from the same points by different roads.
+fn the_friction_index_is_the_detectors(workshop: &Workshop) {
+    let index = Query::read("friction_index_by_run.sql");
+    for joint in 1..=6 {
+        let number = joint.to_string();
+        let given = [("joint", number.as_str()), ("baseline_runs", "2")];
+        let ours = index.number(workshop, "max(CASE WHEN run_id = 6 THEN friction_index END)", &given);
+        let stored =
+            format!("SELECT friction_index FROM fleet_health WHERE robot = 'Worn' AND joint = {joint}");
+        let stored: f64 = workshop.query(&stored)[0].parse().expect("an index");
+        assert!((ours - stored).abs() < ROUNDING, "joint {joint}: {ours} {stored}");
+        // three runs are too few for the shipped baseline of five
+        let learning = index.number(workshop, "count(friction_index)", &[("joint", &number)]);
+        assert!(learning.abs() < ROUNDING, "joint {joint}: {learning}");
+    }
+}
+
+fn the_fitted_curve_is_as_far_from_the_points_as_stored(workshop: &Workshop) {
+    let curve = Query::read("friction_over_time.sql");
+    let models = curve.ask(workshop, "DISTINCT model", &[("robot", "'R00'")], "NULL");
+    assert!(models.iter().any(|model| model != "constant"), "no exponential to look at: {models:?}");
+    for joint in 1..=6 {
+        let number = joint.to_string();
+        let given = [("robot", "'R00'"), ("joint", number.as_str())];
+        let squares = "avg((friction_nm - fit_nm) * (friction_nm - fit_nm))";
+        let rmsd = curve.number(workshop, squares, &given).sqrt();
+        let stored = curve.number(workshop, "max(fit_rmsd_nm)", &given);
+        assert!((rmsd - stored).abs() < ROUNDING, "joint {joint}: {rmsd} {stored}");
+    }
+}
+
+fn choices_are_kept(workshop: &Workshop) {
+    let parameters = Query::read("parameters_by_cycle.sql");
+    // text as a web form gives it
+    let given = [("robot", "'R00'"), ("joint", "'3'"), ("parameter", "'I_m'")];
+    let band = "cycle, joint, parameter, low < value AND value < high";
+    assert_eq!(
+        parameters.ask(workshop, band, &given, "NULL"),
+        ["1|3|I_m|1", "2|3|I_m|1", "3|3|I_m|1", "4|3|I_m|1", "5|3|I_m|1"]
+    );
+    // the band is four standard errors wide
+    let wide = parameters.number(workshop, "sum(high - low)", &given[..1]);
+    let errors = workshop.query("SELECT 4 * sum(std_error) FROM cycle_parameters WHERE robot = 'R00'");
+    assert!((wide / errors[0].parse::<f64>().expect("a sum") - 1.0).abs() < ROUNDING, "{wide} {errors:?}");
+
+    let rmsd = Query::read("rmsd_by_cycle.sql");
+    let whole = rmsd.number(workshop, "count(*)", &[("run_id", "4"), ("stage", "'all'"), ("joint", "2")]);
+    assert!((whole - 2.0).abs() < ROUNDING, "{whole}");
+    let marks = rmsd.ask(workshop, "DISTINCT mark, relative_rmsd > 0.10, relative_rmsd > 0.15", &[], "NULL");
+    for mark in marks {
+        assert!(["within 10 %|0|0", "over 10 %|1|0", "over 15 %|1|1"].contains(&mark.as_str()), "{mark}");
+    }
+
+    let speed = Query::read("friction_over_speed.sql");
+    let given = [("robot", "'R00'"), ("cycle", "5"), ("joint", "4")];
+    let curve = speed.ask(workshop, "cycle, joint, count(*), min(friction_nm) > 0", &given, "NULL");
+    assert_eq!(curve, ["5|4|6|1"]);
+}
+
+fn a_corrected_export_is_told_from_an_open_one(workshop: &Workshop) {
+    let quarantine = Query::read("quarantine.sql");
+    let told = quarantine.ask(workshop, "robot, stored_run_id", &[], "NULL");
+    assert_eq!(told, ["R00|3", "Bad|"]);
+    assert_eq!(quarantine.ask(workshop, "robot", &[("unresolved", "1")], "NULL"), ["Bad"]);
+}
