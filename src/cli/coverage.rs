@@ -116,7 +116,10 @@ impl Coverage {
             ("inertias", |kind| matches!(kind, ParameterKind::Inertial(4..))),
             ("motor inertias", |kind| matches!(kind, ParameterKind::MotorInertia)),
             ("friction f1", |kind| matches!(kind, ParameterKind::Friction(FrictionTerm::F1))),
-            ("friction f2..f4", |kind| matches!(kind, ParameterKind::Friction(term) if term != FrictionTerm::F1)),
+            (
+                "friction f2..f4",
+                |kind| matches!(kind, ParameterKind::Friction(term) if term != FrictionTerm::F1),
+            ),
             ("all", |_| true),
         ];
         let magnitude: Vec<f64> = self.bias.iter().map(|bias| bias.abs()).collect();

@@ -206,7 +206,8 @@ impl<'a> View<'a> {
     }
 
     fn rms(&self, channel: &[f64]) -> f64 {
-        (self.rows.iter().map(|&row| channel[row] * channel[row]).sum::<f64>() / self.rows.len() as f64).sqrt()
+        (self.rows.iter().map(|&row| channel[row] * channel[row]).sum::<f64>() / self.rows.len() as f64)
+            .sqrt()
     }
 
     fn product(&self, a: &[f64], b: &[f64]) -> f64 {
@@ -362,11 +363,7 @@ fn unrelated(joint: JointIndex, own: f64) -> Finding {
     )
 }
 
-fn gain_findings(
-    view: &View<'_>,
-    gains: &[(JointIndex, f64)],
-    settings: &DiagnoseSettings,
-) -> Vec<Finding> {
+fn gain_findings(view: &View<'_>, gains: &[(JointIndex, f64)], settings: &DiagnoseSettings) -> Vec<Finding> {
     let off = |gain: f64| (gain.abs() - 1.0).abs() > settings.velocity_gain;
     let mut found: Vec<Finding> = gains
         .iter()
@@ -495,7 +492,12 @@ fn outside_limits(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSetting
                 "joint {joint}: positions from {min:.1} to {max:.1} are far outside the limits {low:.3} to {high:.3} and \
                  look like {words}; correct the unit in the export layout"
             ),
-            &[("position_min_si", min), ("position_max_si", max), ("limit_min_si", low), ("limit_max_si", high)],
+            &[
+                ("position_min_si", min),
+                ("position_max_si", max),
+                ("limit_min_si", low),
+                ("limit_max_si", high),
+            ],
         ));
     }
     let severity = match excess > settings.limit_margins[1] * range {
@@ -631,7 +633,8 @@ fn explain(view: &View<'_>, torque: usize, joint: JointIndex) -> Option<Explaine
     let mean = rows.iter().map(|&row| tau[torque][row]).sum::<f64>() / count;
     let variance = rows.iter().map(|&row| (tau[torque][row] - mean).powi(2)).sum::<f64>() / count;
     let speed = (rows.iter().map(|&row| qd[j][row].powi(2)).sum::<f64>() / count).sqrt();
-    let power = rows.iter().map(|&row| qd[j][row].abs() * (solved.theta[4] + solved.theta[5] * qd[j][row].abs()));
+    let power =
+        rows.iter().map(|&row| qd[j][row].abs() * (solved.theta[4] + solved.theta[5] * qd[j][row].abs()));
     let scale = variance.sqrt() * speed;
     (scale > 0.0).then(|| Explained {
         share: 1.0 - solved.residual_sum_of_squares / (count * variance),

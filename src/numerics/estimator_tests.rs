@@ -94,7 +94,10 @@ fn a_joint_that_stands_still_is_named() {
             }
         }
     });
-    assert!(found.iter().any(|f| f.kind == FindingKind::Still && f.joint == Some(JointIndex::new(1))), "{found:#?}");
+    assert!(
+        found.iter().any(|f| f.kind == FindingKind::Still && f.joint == Some(JointIndex::new(1))),
+        "{found:#?}"
+    );
 }
 
 #[test]
@@ -108,7 +111,10 @@ fn one_speed_only_is_named() {
             velocity(samples)[0][row] = qd;
         }
     });
-    assert!(found.iter().any(|f| f.kind == FindingKind::OneSpeed && f.joint == Some(JointIndex::new(0))), "{found:#?}");
+    assert!(
+        found.iter().any(|f| f.kind == FindingKind::OneSpeed && f.joint == Some(JointIndex::new(0))),
+        "{found:#?}"
+    );
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! What an identified model says that no arm can be: a sign of a wrong geometry, unit or sign.
 
-use super::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
-use super::base::{PROBE_STATES, probe_state};
 use super::actuator::friction_columns;
+use super::base::{PROBE_STATES, probe_state};
+use super::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
 use super::regressor::{KeptColumns, Regressor, joint_torque_regressor};
 use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
 use crate::robot::{FrictionTerm, JointIndex, ParameterId, ParameterKind, Robot};
@@ -85,7 +85,8 @@ fn negative_friction(
         for parameter in identified.parameters.iter().filter(|p| p.id.joint == joint) {
             let ParameterKind::Friction(term) = parameter.id.kind else { continue };
             // an offset of the torque signal is no friction, whatever its sign
-            let place = robot.friction.terms().iter().position(|of| *of == term && term != FrictionTerm::Offset);
+            let place =
+                robot.friction.terms().iter().position(|of| *of == term && term != FrictionTerm::Offset);
             if let Some(place) = place {
                 torque.add(columns[place], parameter.value, parameter.std_error);
             }
@@ -137,11 +138,8 @@ fn negative_inertias(
 ) -> Vec<Finding> {
     let n = robot.joint_count();
     let order = ParameterId::natural_order(robot);
-    let columns: Vec<usize> = identified
-        .parameters
-        .iter()
-        .filter_map(|p| order.iter().position(|id| *id == p.id))
-        .collect();
+    let columns: Vec<usize> =
+        identified.parameters.iter().filter_map(|p| order.iter().position(|id| *id == p.id)).collect();
     let kept = KeptColumns::new(&columns);
     let mut moving = Regressor::new(robot);
     let mut resting = Regressor::new(robot);
