@@ -11,6 +11,7 @@ use std::sync::Arc;
 use super::NumericsError;
 use super::base::{BaseParameters, PROBE_STATES, ZERO_COLUMN_THRESHOLD, probe_state};
 use super::identify::state;
+use super::jumps::{Jump, jumps, smear};
 use super::regressor::{Regressor, joint_torque_regressor};
 use super::signal::Conditioned;
 use super::triangular::{RowFolder, TriangularFactor};
@@ -150,7 +151,8 @@ pub fn factor_cycle(
     conditioned: &Conditioned,
     samples: &Samples,
 ) -> Factored {
-    let mut folders = Folders::new(robot, columns, regressor_columns);
+    let jumps = jumps(robot, conditioned);
+    let mut folders = Folders::new(robot, columns, regressor_columns, &jumps);
     let usable = || conditioned.usable.iter().flat_map(Clone::clone);
     let mut factored = Factored::default();
     for stage in [Stage::Between, Stage::Excitation, Stage::Friction] {
@@ -192,17 +194,18 @@ struct Folders<'a> {
     robot: &'a Robot,
     /// Columns of the regressor that each joint's rows are made of.
     regressor_columns: Vec<Vec<usize>>,
+    jumps: &'a [Jump],
     y: Regressor,
     by_joint: Vec<[RowFolder; 2]>,
 }
 
 impl<'a> Folders<'a> {
-    fn new(robot: &'a Robot, columns: &JointColumns, regressor_columns: &[usize]) -> Self {
+    fn new(robot: &'a Robot, columns: &JointColumns, regressor_columns: &[usize], jumps: &'a [Jump]) -> Self {
         let of_joint = |places: &Vec<usize>| places.iter().map(|&k| regressor_columns[k]).collect();
         let regressor_columns: Vec<Vec<usize>> = columns.places.iter().map(of_joint).collect();
         let by_joint =
             regressor_columns.iter().map(|of| Motion::BOTH.map(|_| RowFolder::new(of.len()))).collect();
-        Self { robot, regressor_columns, y: Regressor::new(robot), by_joint }
+        Self { robot, regressor_columns, jumps, y: Regressor::new(robot), by_joint }
     }
 
     fn factor(
@@ -216,6 +219,7 @@ impl<'a> Folders<'a> {
         for row in rows {
             conditioned.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
             joint_torque_regressor(self.robot, &q[..n], &qd[..n], &qdd[..n], &mut self.y);
+            smear(self.jumps, row, &mut self.y);
             for (j, (folders, columns)) in self.by_joint.iter_mut().zip(&self.regressor_columns).enumerate() {
                 let motion = Motion::of(qd[j], self.robot.joints[j].low_speed);
                 let entries = columns.iter().map(|&column| self.y.column(column)[j]);
@@ -350,10 +354,12 @@ pub(crate) mod tests {
         let mut y = Regressor::new(&method.robot);
         for cycle in cycles {
             let c = condition(&cycle.samples, 12.0).expect("long enough");
+            let jumps = jumps(&method.robot, &c);
             for row in (0..c.rows()).filter(|&row| cycle.samples.stage[row] == Stage::Excitation) {
                 let of = |channels: &[Vec<f64>]| channels.iter().map(|ch| ch[row]).collect::<Vec<f64>>();
                 let (q, qd, qdd) = (of(&c.q), of(&c.qd), of(&c.qdd));
                 joint_torque_regressor(&method.robot, &q, &qd, &qdd, &mut y);
+                smear(&jumps, row, &mut y);
                 for j in (0..6).filter(|&j| qd[j].abs() >= method.robot.joints[j].low_speed) {
                     w.push(columns.iter().map(|&column| y.column(column)[j]).collect::<Vec<f64>>());
                     right.push(c.tau[j][row]);
@@ -436,12 +442,21 @@ pub(crate) mod tests {
         pub(crate) fn new(method: &'a Method, cycle: &'a Cycle, theta: &[f64]) -> Self {
             let c = condition(&cycle.samples, 12.0).expect("long enough");
             let n = method.robot.joint_count();
-            let parameters = method.base.kept.iter().copied().zip(theta.iter().copied());
-            let model = DynamicModel::from_parameters(&method.robot, parameters);
+            // what jumps is added low-passed, in place of what inverse dynamics would give of it
+            let jumps = jumps(&method.robot, &c);
+            let parameters = || method.base.kept.iter().copied().zip(theta.iter().copied());
+            let steady = parameters().filter(|(id, _)| jumps.iter().all(|jump| jump.id != *id));
+            let model = DynamicModel::from_parameters(&method.robot, steady);
             let mut estimated = vec![vec![0.0; n]; c.rows()];
             for (row, estimated) in estimated.iter_mut().enumerate() {
                 let of = |channels: &[Vec<f64>]| channels.iter().map(|ch| ch[row]).collect::<Vec<f64>>();
                 model.torque(&method.robot, &of(&c.q), &of(&c.qd), &of(&c.qdd), estimated);
+                for (jump, (_, value)) in jumps
+                    .iter()
+                    .flat_map(|jump| parameters().find(|(id, _)| *id == jump.id).map(|found| (jump, found)))
+                {
+                    estimated[jump.joint.index()] += value * jump.values[row];
+                }
             }
             Self { method, cycle, c, estimated }
         }

@@ -23,6 +23,7 @@ pub mod base;
 pub mod robot_check;
 mod robot_text;
 pub mod triangular;
+pub mod jumps;
 pub mod factors;
 pub mod identify;
 pub mod rows;

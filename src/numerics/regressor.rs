@@ -54,7 +54,8 @@ impl Regressor {
         }
     }
 
-    fn set(&mut self, joint: usize, column: usize, value: f64) {
+    /// Replaces the torque of `joint` per unit of the parameter at `column`.
+    pub(super) fn set(&mut self, joint: usize, column: usize, value: f64) {
         self.values[column * self.joint_count + joint] = value;
     }
 }

@@ -19,6 +19,11 @@ const GAP_STEPS: f64 = 1.5;
 /// shorter stretches have no inner part.
 const MIN_STRETCH_ROWS: usize = 32;
 
+/// Periods of the cut-off at either end of a stretch that take no part. A motion that is cut off
+/// there goes on in nobody's knowledge, and the extension that the low-pass makes up instead is felt
+/// that far in.
+const EDGE_PERIODS: f64 = 1.0;
+
 /// A cycle's channels after the analysis low-pass, with acceleration. Joint channels are
 /// `[n][rows]`, in rad, rad/s, rad/s², Nm.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,8 +36,11 @@ pub struct Conditioned {
     pub qdd: Vec<Vec<f64>>,
     /// Torques `tau`.
     pub tau: Vec<Vec<f64>>,
-    /// Rows in stretches long enough to be filtered; the others hold zeros and take no part.
+    /// Rows that may be used: stretches between gaps, without the ends over which the low-pass and the
+    /// differences knew only one side.
     pub usable: Vec<Range<usize>>,
+    /// Stretches between gaps that were filtered; rows outside hold zeros.
+    stretches: Vec<Range<usize>>,
     /// Rows per second, from the median time step, Hz.
     pub sample_rate: f64,
     /// Cut-off of the low-pass, Hz.
@@ -62,6 +70,14 @@ impl Conditioned {
         }
     }
 
+    /// `series` `[rows]` through the low-pass that the channels went through; zero in unusable rows.
+    #[must_use]
+    pub fn low_passed(&self, series: &[f64]) -> Vec<f64> {
+        // a cut-off that made this recording fits its sample rate
+        let low_pass = LowPass::new(self.cutoff, self.sample_rate);
+        low_pass.map_or_else(|_| series.to_vec(), |low_pass| low_pass.over(series, &self.stretches))
+    }
+
     /// Fraction of independent rows: a low-pass at `f_c` leaves `2 f_c` independent values a second
     /// out of `f_s`. Standard errors that ignore this are too small by its square root.
     #[must_use]
@@ -85,13 +101,13 @@ pub fn condition(samples: &Samples, cutoff: f64) -> Result<Conditioned, Numerics
     let step = median_step(&samples.time).ok_or(NumericsError::NotFinite("the time steps"))?;
     let sample_rate = 1.0 / step;
     let low_pass = LowPass::new(cutoff, sample_rate)?;
-    let usable = stretches(&samples.time, step);
+    let stretches = stretches(&samples.time, step);
 
     let filtered = |channels: &[Vec<f64>]| -> Vec<Vec<f64>> {
-        channels.iter().map(|channel| low_pass.over(channel, &usable)).collect()
+        channels.iter().map(|channel| low_pass.over(channel, &stretches)).collect()
     };
     let differentiated = |channels: &[Vec<f64>]| -> Vec<Vec<f64>> {
-        channels.iter().map(|channel| differentiate_over(channel, &samples.time, &usable)).collect()
+        channels.iter().map(|channel| differentiate_over(channel, &samples.time, &stretches)).collect()
     };
     let q = filtered(&samples.position);
     let qd = match &samples.velocity {
@@ -100,7 +116,10 @@ pub fn condition(samples: &Samples, cutoff: f64) -> Result<Conditioned, Numerics
     };
     let qdd = differentiated(&qd);
     let tau = filtered(&samples.torque);
-    Ok(Conditioned { q, qd, qdd, tau, usable, sample_rate, cutoff })
+    let edge = (EDGE_PERIODS * sample_rate / cutoff).ceil() as usize;
+    let usable =
+        stretches.iter().map(|s| s.start + edge..s.end.saturating_sub(edge)).filter(|s| !s.is_empty());
+    Ok(Conditioned { q, qd, qdd, tau, usable: usable.collect(), stretches, sample_rate, cutoff })
 }
 
 /// Median of the time steps, s; `None` for fewer than two rows or a time that does not grow.
@@ -263,7 +282,8 @@ mod tests {
             samples.torque[0][i] = -100.0;
         }
         let c = condition(&samples, 12.0).expect("conditions");
-        assert_eq!(c.usable, vec![0..200, 200..400]);
+        // 100 Hz and 12 Hz: nine rows at either end
+        assert_eq!(c.usable, vec![9..191, 209..391]);
         assert!(c.tau[0][..200].iter().all(|tau| (tau - 3.5).abs() < 1e-9));
         assert!(c.tau[0][200..].iter().all(|tau| (tau + 100.0).abs() < 1e-9));
     }

@@ -3,6 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::NumericsError;
+use crate::robot::Robot;
+use crate::run::Samples;
 
 /// Smallest singular value of a transmission with columns scaled to unit norm that still counts: below,
 /// one motor only repeats what others do.
@@ -30,6 +32,63 @@ pub fn joint_position_from_motor(r: &DMatrix<f64>, theta: &[f64]) -> Result<Vec<
 pub fn joint_torque_from_motor(r: &DMatrix<f64>, tau_m: &[f64]) -> Result<Vec<f64>, NumericsError> {
     check_length("the motor torques", r.nrows(), tau_m)?;
     Ok((0..r.ncols()).map(|j| r.column(j).iter().zip(tau_m).map(|(r, tau)| r * tau).sum()).collect())
+}
+
+/// What turns a recording's channels into those of the joints: motor-side channels through the
+/// transmission, then the position offsets. Made once for a recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointSide {
+    /// Joint positions and velocities of the motors', where those are recorded.
+    motion: Option<DMatrix<f64>>,
+    /// Joint torques of the motors', where those are recorded.
+    torque: Option<DMatrix<f64>>,
+    offsets: Vec<f64>,
+}
+
+impl JointSide {
+    /// For a recording of `robot` whose positions and velocities, or torques, are the motors'.
+    ///
+    /// # Errors
+    /// Those of [`joint_per_motor`].
+    pub fn new(robot: &Robot, motor_position: bool, motor_torque: bool) -> Result<Self, NumericsError> {
+        let motion = match motor_position {
+            true => Some(joint_per_motor(&robot.transmission)?),
+            false => None,
+        };
+        Ok(Self {
+            motion,
+            torque: motor_torque.then(|| robot.transmission.transpose()),
+            offsets: robot.joints.iter().map(|joint| joint.position_offset).collect(),
+        })
+    }
+
+    /// Turns the channels of `samples`, `[n][rows]`, in place.
+    pub fn apply(&self, samples: &mut Samples) {
+        if let Some(map) = &self.motion {
+            samples.position = mapped(map, &samples.position);
+            samples.velocity = samples.velocity.as_ref().map(|velocity| mapped(map, velocity));
+        }
+        if let Some(map) = &self.torque {
+            samples.torque = mapped(map, &samples.torque);
+        }
+        for (position, offset) in samples.position.iter_mut().zip(&self.offsets).filter(|(_, o)| **o != 0.0) {
+            position.iter_mut().for_each(|q| *q += offset);
+        }
+    }
+}
+
+/// Each row of `channels` `[n][rows]` times `map` `[n x n]`; most entries are zero.
+fn mapped(map: &DMatrix<f64>, channels: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let rows = channels.first().map_or(0, Vec::len);
+    map.row_iter()
+        .map(|weights| {
+            let mut sum = vec![0.0; rows];
+            for (weight, channel) in weights.iter().zip(channels).filter(|(weight, _)| **weight != 0.0) {
+                sum.iter_mut().zip(channel).for_each(|(sum, value)| *sum += weight * value);
+            }
+            sum
+        })
+        .collect()
 }
 
 /// Inverse `[n x n]` of the transmission: joint turns per motor turn.
@@ -120,5 +179,33 @@ mod tests {
         assert!(joint_torque_from_motor(&wrist(), &[0.0; 7]).is_err());
         assert!(joint_per_motor(&DMatrix::zeros(3, 3)).is_err());
         assert!(joint_per_motor(&DMatrix::zeros(3, 2)).is_err());
+    }
+
+    #[test]
+    fn a_motor_side_recording_becomes_the_joints_row_by_row() {
+        let mut robot = crate::testing::er3a();
+        robot.transmission = wrist();
+        robot.joints[1].position_offset = -0.5;
+        let value = |joint: usize, row: usize| (1 + joint * 7 + row) as f64;
+        let channels: Vec<Vec<f64>> = (0..6).map(|j| (0..4).map(|row| value(j, row)).collect()).collect();
+        let mut samples = Samples {
+            time: vec![0.0, 0.1, 0.2, 0.3],
+            position: channels.clone(),
+            velocity: Some(channels.clone()),
+            torque: channels.clone(),
+            ..Samples::default()
+        };
+        JointSide::new(&robot, true, true).expect("invertible").apply(&mut samples);
+        for row in 0..4 {
+            let motor: Vec<f64> = (0..6).map(|j| channels[j][row]).collect();
+            let q = joint_position_from_motor(&robot.transmission, &motor).expect("solves");
+            let tau = joint_torque_from_motor(&robot.transmission, &motor).expect("fits");
+            for j in 0..6 {
+                let offset = if j == 1 { -0.5 } else { 0.0 };
+                assert!((samples.position[j][row] - q[j] - offset).abs() < ROUNDING);
+                assert!((samples.velocity.as_ref().expect("kept")[j][row] - q[j]).abs() < ROUNDING);
+                assert!((samples.torque[j][row] - tau[j]).abs() < ROUNDING * tau[j].abs());
+            }
+        }
     }
 }

@@ -15,6 +15,7 @@ use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
 use crate::numerics::segment::{CycleCutter, SegmentError};
 use crate::numerics::signal::median_step;
+use crate::numerics::transmission::JointSide;
 use crate::robot::Robot;
 use crate::run::{ContentHash, Cycle, RunHeader, RunStatus};
 use crate::store::{KnownRun, SourceState};
@@ -169,8 +170,17 @@ fn read(
         cycle_count += 1;
         cycle_count <= intake.cycles_stored || cycles.blocking_send(cycle).is_ok()
     };
+    let motor = intake.layout.motor_side;
+    let joint_side = JointSide::new(&intake.robot, motor.position, motor.torque).map_err(|error| {
+        Rejection::of_file(
+            &intake.path,
+            error.to_string(),
+            "correct the transmission of the robot's description",
+        )
+    })?;
     for chunk in export.by_ref() {
-        let chunk = chunk?;
+        let mut chunk = chunk?;
+        joint_side.apply(&mut chunk.samples);
         progress(hash.so_far().1);
         sample_rate = sample_rate.or_else(|| median_step(&chunk.samples.time).map(|step| 1.0 / step));
         for cycle in cutter.push(chunk.samples).map_err(segmented)? {
