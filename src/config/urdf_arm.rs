@@ -75,7 +75,7 @@ fn tables_by_joint<'d>(sections: &[Value<'d>], joints: &[UrdfJoint]) -> Option<V
     for section in sections {
         let table = section.table()?;
         let hint = || Some("the name of a joint of the URDF file".into());
-        let Some(value) = table.required_or_else("name", hint) else { return None };
+        let value = table.required_or_else("name", hint)?;
         let name = value.text()?;
         match joints.iter().position(|joint| joint.name == name) {
             Some(i) if tables[i].is_none() => tables[i] = Some(table),

@@ -196,8 +196,11 @@ fn write_base(f: &mut fmt::Formatter<'_>, robot: &Robot, base: &BaseParameters) 
     writeln!(f, "\nBase parameters: {} of {total}", base.rank)?;
     writeln!(
         f,
-        "  rank {} inertial, {} with motor inertia, {} with friction",
-        base.inertial_rank, base.inertial_and_motor_rank, base.rank
+        "  rank {} inertial, {} with motor inertia, {} with friction{}",
+        base.inertial_rank,
+        base.inertial_and_motor_rank,
+        base.rank,
+        if robot.couplings.is_empty() { "" } else { " and couplings" },
     )?;
     writeln!(
         f,
