@@ -125,19 +125,19 @@ fn every_query_says_what_it_answers_and_what_it_takes() {
 }
 
 /// The reference arm `R00` with one run, after a first export of that name was faulty; an arm `Worn`
-/// whose joint 3 wears in the last of three runs; and an arm `Bad` whose only export is empty. A
-/// baseline of two runs keeps the history short.
+/// whose joint 3 wears in the last of four runs; and an arm `Bad` whose only export is empty. A
+/// baseline of three runs keeps the history short.
 fn fleet() -> Workshop {
     let workshop = Workshop::new();
     let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
-    fs::write(workshop.path("armwatch.toml"), config + "\n[detect]\nbaseline_runs = 2\n").expect("written");
+    fs::write(workshop.path("armwatch.toml"), config + "\n[detect]\nbaseline_runs = 3\n").expect("written");
     fs::write(workshop.inbox(REFERENCE_NAME), "time,pos_1\n0,0\n").expect("a faulty export");
     fs::write(workshop.inbox("Bad_20260101_0000.csv"), "").expect("an empty export");
     workshop.stdout(&["ingest", "inbox"], 1);
     fs::remove_file(workshop.inbox("Bad_20260101_0000.csv")).expect("removed");
     workshop.add_reference("inbox");
-    let shape = ["--runs", "3", "--cycles", "2", "--warming-s", "0", "--name", "Worn"];
-    workshop.simulate("inbox", &[&shape[..], &["--fault", "wear:joint=3,from=3,rate=0.5"]].concat());
+    let shape = ["--runs", "4", "--cycles", "2", "--warming-s", "0", "--name", "Worn"];
+    workshop.simulate("inbox", &[&shape[..], &["--fault", "wear:joint=3,from=4,rate=0.5"]].concat());
     workshop.stdout(&["ingest", "inbox"], 0);
     workshop
 }
@@ -145,10 +145,10 @@ fn fleet() -> Workshop {
 #[test]
 fn every_query_answers_its_question() {
     let workshop = fleet();
-    // run_id of the runs, in the order they were taken: faulty, empty, R00, Worn three times
+    // run_id of the runs, in the order they were taken: empty 1, faulty 2, R00 3, Worn 4 to 7
     let rows = [
         ("fleet_overview.sql", 3),
-        ("friction_index_by_run.sql", 3 * 6),
+        ("friction_index_by_run.sql", 4 * 6),
         ("friction_over_speed.sql", 2 * 6 * 4),
         ("friction_over_time.sql", 2 * 6 * 2),
         ("open_anomalies.sql", 1),
@@ -178,7 +178,7 @@ fn the_fleet_is_told_worst_first(workshop: &Workshop) {
     let overview = Query::read("fleet_overview.sql");
     let told =
         overview.ask(workshop, "robot, status, worst_joint, complete_runs, quarantined_runs", &[], "NULL");
-    assert_eq!(told, ["Worn|critical|3|3|0", "R00|learning||1|1", "Bad|untested||0|1"]);
+    assert_eq!(told, ["Worn|critical|3|4|0", "R00|learning||1|1", "Bad|untested||0|1"]);
     let open = Query::read("open_anomalies.sql").ask(workshop, "robot, joint, kind", &[], "NULL");
     assert!(open.contains(&"Worn|3|drift".to_owned()), "{open:?}");
 }
@@ -188,13 +188,13 @@ fn the_friction_index_is_the_detectors(workshop: &Workshop) {
     let index = Query::read("friction_index_by_run.sql");
     for joint in 1..=6 {
         let number = joint.to_string();
-        let given = [("joint", number.as_str()), ("baseline_runs", "2")];
-        let ours = index.number(workshop, "max(CASE WHEN run_id = 6 THEN friction_index END)", &given);
+        let given = [("joint", number.as_str()), ("baseline_runs", "3")];
+        let ours = index.number(workshop, "max(CASE WHEN run_id = 7 THEN friction_index END)", &given);
         let stored =
             format!("SELECT friction_index FROM fleet_health WHERE robot = 'Worn' AND joint = {joint}");
         let stored: f64 = workshop.query(&stored)[0].parse().expect("an index");
         assert!((ours - stored).abs() < ROUNDING, "joint {joint}: {ours} {stored}");
-        // three runs are too few for the shipped baseline of five
+        // four runs are too few for the shipped baseline of five
         let learning = index.number(workshop, "count(friction_index)", &[("joint", &number)]);
         assert!(learning.abs() < ROUNDING, "joint {joint}: {learning}");
     }
