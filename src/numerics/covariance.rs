@@ -108,7 +108,11 @@ pub fn clustered(
     let inverse = inverse_of_upper(&factor)?;
     let blocks = blocks(source, theta, rule, &inverse, block_rows);
     if blocks.len() < 2 {
-        return Err(NumericsError::TooShort { what: "the record, in blocks,", rows: blocks.len(), needed: 2 });
+        return Err(NumericsError::TooShort {
+            what: "the record, in blocks,",
+            rows: blocks.len(),
+            needed: 2,
+        });
     }
     let mut matrix = Mat::<f64>::zeros(b, b);
     let (mut total, mut squares) = (vec![0.0; b], vec![0.0; b]);
@@ -188,7 +192,11 @@ pub(super) fn inverse_of_upper(factor: &TriangularFactor) -> Result<Mat<f64>, Nu
     let r11 = factor.upper().submatrix(0, 0, b, b);
     let mut inverse = Mat::<f64>::identity(b, b);
     faer::linalg::triangular_solve::solve_upper_triangular_in_place(r11, inverse.as_mut(), faer::Par::Seq);
-    if inverse.is_all_finite() { Ok(inverse) } else { Err(NumericsError::NotFinite("the observation matrix")) }
+    if inverse.is_all_finite() {
+        Ok(inverse)
+    } else {
+        Err(NumericsError::NotFinite("the observation matrix"))
+    }
 }
 
 /// Sums over one block in coordinates in which `wᵀw` is the identity.

@@ -206,7 +206,8 @@ impl<'a> View<'a> {
     }
 
     fn rms(&self, channel: &[f64]) -> f64 {
-        (self.rows.iter().map(|&row| channel[row] * channel[row]).sum::<f64>() / self.rows.len() as f64).sqrt()
+        (self.rows.iter().map(|&row| channel[row] * channel[row]).sum::<f64>() / self.rows.len() as f64)
+            .sqrt()
     }
 
     fn product(&self, a: &[f64], b: &[f64]) -> f64 {
@@ -234,7 +235,8 @@ fn finding(
 /// Channels that repeat one value to the last digit while the joint's other channels say it moves.
 fn stuck(view: &View<'_>) -> Vec<Finding> {
     let mut found = Vec::new();
-    let least = (REPEATS_S * view.conditioned.sample_rate).ceil().max(8.0) as usize;
+    let edge = (view.conditioned.sample_rate / view.conditioned.cutoff).ceil() as usize;
+    let least = (REPEATS_S * view.conditioned.sample_rate).ceil().max(8.0) as usize + 2 * edge;
     for joint in view.robot.joint_indices() {
         let j = joint.index();
         let (dq, qd) = (&view.dq[j], &view.conditioned.qd[j]);
@@ -252,7 +254,8 @@ fn stuck(view: &View<'_>) -> Vec<Finding> {
             let Some(channel) = channel else { continue };
             let clipped = |value: f64| name == "torque" && peaks[0] < peaks[1] && peaks.contains(&value);
             let run = longest_run(view, channel, least, |start, end| {
-                let inside = &witness[start..end];
+                // The low-pass carries motion from outside over the edges.
+                let inside = &witness[start + edge..(end - edge).max(start + edge)];
                 let range = inside.iter().copied().fold(f64::NEG_INFINITY, f64::max)
                     - inside.iter().copied().fold(f64::INFINITY, f64::min);
                 range > swing && !clipped(channel[start])
@@ -362,11 +365,7 @@ fn unrelated(joint: JointIndex, own: f64) -> Finding {
     )
 }
 
-fn gain_findings(
-    view: &View<'_>,
-    gains: &[(JointIndex, f64)],
-    settings: &DiagnoseSettings,
-) -> Vec<Finding> {
+fn gain_findings(view: &View<'_>, gains: &[(JointIndex, f64)], settings: &DiagnoseSettings) -> Vec<Finding> {
     let off = |gain: f64| (gain.abs() - 1.0).abs() > settings.velocity_gain;
     let mut found: Vec<Finding> = gains
         .iter()
@@ -495,7 +494,12 @@ fn outside_limits(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSetting
                 "joint {joint}: positions from {min:.1} to {max:.1} are far outside the limits {low:.3} to {high:.3} and \
                  look like {words}; correct the unit in the export layout"
             ),
-            &[("position_min_si", min), ("position_max_si", max), ("limit_min_si", low), ("limit_max_si", high)],
+            &[
+                ("position_min_si", min),
+                ("position_max_si", max),
+                ("limit_min_si", low),
+                ("limit_max_si", high),
+            ],
         ));
     }
     let severity = match excess > settings.limit_margins[1] * range {
@@ -631,7 +635,8 @@ fn explain(view: &View<'_>, torque: usize, joint: JointIndex) -> Option<Explaine
     let mean = rows.iter().map(|&row| tau[torque][row]).sum::<f64>() / count;
     let variance = rows.iter().map(|&row| (tau[torque][row] - mean).powi(2)).sum::<f64>() / count;
     let speed = (rows.iter().map(|&row| qd[j][row].powi(2)).sum::<f64>() / count).sqrt();
-    let power = rows.iter().map(|&row| qd[j][row].abs() * (solved.theta[4] + solved.theta[5] * qd[j][row].abs()));
+    let power =
+        rows.iter().map(|&row| qd[j][row].abs() * (solved.theta[4] + solved.theta[5] * qd[j][row].abs()));
     let scale = variance.sqrt() * speed;
     (scale > 0.0).then(|| Explained {
         share: 1.0 - solved.residual_sum_of_squares / (count * variance),

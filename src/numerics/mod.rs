@@ -25,13 +25,15 @@ pub mod rows;
 pub mod estimate;
 pub mod robust;
 pub mod covariance;
-//pub mod prior;
-//pub mod physical;
-//pub mod essential;
+pub mod prior;
+pub mod physical;
+pub mod essential;
 pub mod diagnose;
 pub mod plausible;
 #[cfg(test)]
-mod estimator_tests;
+mod diagnose_tests;
+#[cfg(test)]
+mod estimate_tests;
 pub mod friction;
 pub mod warm_up;
 pub mod verify;

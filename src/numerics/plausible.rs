@@ -1,7 +1,7 @@
 //! What an identified model says that no arm can be: a sign of a wrong geometry, unit or sign.
 
-use super::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
 use super::base::{PROBE_STATES, probe_state};
+use super::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
 use super::dynamics::friction_columns;
 use super::regressor::{KeptColumns, Regressor, joint_torque_regressor};
 use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
@@ -133,11 +133,8 @@ fn negative_inertias(
 ) -> Vec<Finding> {
     let n = robot.joint_count();
     let order = ParameterId::natural_order(n);
-    let columns: Vec<usize> = identified
-        .parameters
-        .iter()
-        .filter_map(|p| order.iter().position(|id| *id == p.id))
-        .collect();
+    let columns: Vec<usize> =
+        identified.parameters.iter().filter_map(|p| order.iter().position(|id| *id == p.id)).collect();
     let kept = KeptColumns::new(&columns);
     let mut moving = Regressor::new(n);
     let mut resting = Regressor::new(n);

@@ -7,10 +7,10 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
+use super::SimulateError;
 use super::dynamics::{joint_torque, rigid_chain};
 use super::recording::SensorSettings;
 use super::trajectory::{PlanSettings, plan_cycle};
-use super::SimulateError;
 use crate::robot::{JointIndex, Robot};
 use crate::run::{Samples, Stage};
 
@@ -94,13 +94,15 @@ pub fn record_excitation(robot: &Robot, settings: &ExactSettings) -> Result<Samp
 }
 
 fn torque_noise(robot: &Robot, joint: usize, settings: &ExactSettings) -> Result<f64, SimulateError> {
-    let nominal = robot.joints[joint].nominal.ok_or(SimulateError::NoNominal { joint: JointIndex::new(joint) })?;
+    let nominal =
+        robot.joints[joint].nominal.ok_or(SimulateError::NoNominal { joint: JointIndex::new(joint) })?;
     Ok(settings.torque_noise_scale * nominal.torque_noise)
 }
 
 /// Friction as [3.10] has it, Nm.
 fn polynomial_friction(robot: &Robot, joint: usize, qd: f64) -> Result<f64, SimulateError> {
-    let nominal = robot.joints[joint].nominal.ok_or(SimulateError::NoNominal { joint: JointIndex::new(joint) })?;
+    let nominal =
+        robot.joints[joint].nominal.ok_or(SimulateError::NoNominal { joint: JointIndex::new(joint) })?;
     let [f1, f2, f3, f4] = nominal.friction;
     let sign = if qd == 0.0 { 0.0 } else { qd.signum() };
     Ok(sign * (f1 + f3 * qd * qd) + f2 * qd + f4 * qd.powi(3))
