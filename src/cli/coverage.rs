@@ -82,6 +82,9 @@ pub(super) fn coverage(global: &Global, args: &CoverageArgs) -> Result<u8, CliEr
     Ok(if honest { EXIT_DONE } else { EXIT_FOUND })
 }
 
+/// Which parameters a line of the table is about.
+type Class = fn(ParameterKind) -> bool;
+
 /// How often intervals held the truth.
 #[derive(Debug)]
 struct Coverage {
@@ -111,7 +114,7 @@ impl Coverage {
     }
 
     fn table(&self) -> String {
-        let classes: [(&str, fn(ParameterKind) -> bool); 6] = [
+        let classes: [(&str, Class); 6] = [
             ("first moments", |kind| matches!(kind, ParameterKind::Inertial(0..=3))),
             ("inertias", |kind| matches!(kind, ParameterKind::Inertial(4..))),
             ("motor inertias", |kind| matches!(kind, ParameterKind::MotorInertia)),

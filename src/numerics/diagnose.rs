@@ -245,7 +245,7 @@ fn stuck(view: &View<'_>) -> Vec<Finding> {
         let swing = (0.2 * view.rms(qd).max(view.rms(dq))).max(2.0 * low);
         let torque = &view.samples.torque[j];
         let peaks = view.extent(torque);
-        let channels: [(&str, Option<&Vec<f64>>, &Vec<f64>); 3] = [
+        let channels = [
             ("position", Some(&view.samples.position[j]), qd),
             ("velocity", view.samples.velocity.as_ref().map(|velocity| &velocity[j]), dq),
             ("torque", Some(torque), qd),

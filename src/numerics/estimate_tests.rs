@@ -84,9 +84,9 @@ fn weights_find_the_noise_of_each_joint_and_solve_the_weighted_problem() {
     let mut whole = TriangularFactor::new(3);
     whole.fold(rows.as_ref());
     let expected = whole.solve(1e6, |k| k.to_string()).expect("solves");
-    for k in 0..3 {
-        assert!((found.solution.theta[k] - expected.theta[k]).abs() < ROUNDING);
-        assert!((found.solution.theta[k] - TRUTH[k]).abs() < 0.02);
+    for ((found, expected), truth) in found.solution.theta.iter().zip(&expected.theta).zip(TRUTH) {
+        assert!((found - expected).abs() < ROUNDING);
+        assert!((found - truth).abs() < 0.02);
     }
     // In units of the noise the residual has variance 1.
     let variance = found.solution.residual_sum_of_squares / (8000.0 - 3.0);
@@ -254,13 +254,15 @@ fn all_parameters(fit: &PhysicalEstimate) -> Vec<f64> {
 fn exact_torques_of_a_body_are_reproduced_from_a_wrong_start() {
     let robot = er3a();
     let base = base_parameters(&robot).expect("base parameters");
-    let sigma = 0.05;
-    let fit = fitted(&base, &probed(&robot, &base, 0.0), sigma, &nominal(&robot, 1.6));
-    assert!(fit.settled, "{} steps", fit.steps);
-    assert!(fit.definiteness.iter().all(|d| *d > POSITIVE), "{:?}", fit.definiteness);
-    // Torques agree to within the noise that was claimed.
-    let rms = sigma * (fit.residual_sum_of_squares / (6 * PROBE_STATES) as f64).sqrt();
-    assert!(rms < sigma, "{rms} Nm");
+    // Fine noise lets the data drive a link to the border of bodies, where a plain descent stalls.
+    for sigma in [0.05, 1e-2, 1e-3] {
+        let fit = fitted(&base, &probed(&robot, &base, 0.0), sigma, &nominal(&robot, 1.6));
+        assert!(fit.settled, "{} steps", fit.steps);
+        assert!(fit.definiteness.iter().all(|d| *d > POSITIVE), "{:?}", fit.definiteness);
+        // What is left is the pull towards the wrong start: far below the noise that was claimed.
+        let rms = sigma * (fit.residual_sum_of_squares / (6 * PROBE_STATES) as f64).sqrt();
+        assert!(rms < 0.01 * sigma, "{sigma} {rms} Nm");
+    }
 }
 
 #[test]
@@ -283,24 +285,4 @@ fn noise_that_makes_least_squares_unphysical_leaves_a_body() {
     let error = |theta: &[f64]| super::estimate::residual_sum_of_squares(&clean, theta);
     let (physical, free) = (error(&base.group(&all_parameters(&fit))), error(&plain.theta));
     assert!(physical <= 1.05 * free, "{physical} {free}");
-}
-
-#[test]
-fn probe_convergence() {
-    let robot = er3a();
-    let base = base_parameters(&robot).expect("base parameters");
-    let factors = probed(&robot, &base, 0.0);
-    for sigma in [0.05, 1e-2, 1e-3] {
-        for (settled, max_steps) in [(1e-6, 200), (1e-9, 200), (1e-9, 2000)] {
-            let rule = WeightRule { sigma: vec![sigma; 6], huber: None };
-            let factor = joined(&factors, &rule, base.kept.len());
-            let settings = PhysicalSettings { settled, max_steps, ..PhysicalSettings::default() };
-            let fit = physical(&base, &factor, &nominal(&robot, 1.6), &settings).expect("a fit");
-            let rms = sigma * (fit.residual_sum_of_squares / (6 * PROBE_STATES) as f64).sqrt();
-            println!(
-                "sigma {sigma} settled<{settled} max {max_steps}: {} steps, settled {}, rms {rms:e} Nm, rss {:e}",
-                fit.steps, fit.settled, fit.residual_sum_of_squares
-            );
-        }
-    }
 }

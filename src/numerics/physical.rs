@@ -6,6 +6,7 @@
 //! triangular `U` of positive diagonal, every real vector of ten is such a body, and least squares need
 //! no bounds (Rucker & Wensing 2022).
 
+use faer::Mat;
 use nalgebra::{Matrix3, Matrix4, Vector3};
 
 use super::NumericsError;
@@ -29,6 +30,15 @@ const LIFT: f64 = 1e-4;
 /// Factor by which the damping changes.
 const DAMPING_STEP: f64 = 5.0;
 
+/// Weight of the data, in the order of the fits, each from the one before. Precise data from a far
+/// start drive a link to the border of bodies, where its diagonal vanishes and the fit stalls; the
+/// nominal bodies hold it back until it is near.
+const DATA_SHARES: [f64; 7] = [1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0];
+/// Longest step of a logarithm, and of the other parameters in the nominal radius.
+const LONGEST_STEP: f64 = 0.5;
+/// Cosine between residual and each column of the Jacobian below which no direction is left.
+const ORTHOGONAL: f64 = 1e-3;
+
 /// What the fit may be told.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhysicalSettings {
@@ -37,7 +47,7 @@ pub struct PhysicalSettings {
     pub prior_std: f64,
     /// Share of the data's rows that are independent.
     pub independent_fraction: f64,
-    /// Most steps.
+    /// Most steps at each of seven weights of the data.
     pub max_steps: usize,
     /// Relative change of the cost at which the fit has settled.
     pub settled: f64,
@@ -75,7 +85,7 @@ pub struct PhysicalEstimate {
     pub unconstrained_sum_of_squares: f64,
     /// Steps taken.
     pub steps: usize,
-    /// Whether the fit settled.
+    /// Whether the fit settled: the cost no longer falls, and its gradient has vanished.
     pub settled: bool,
 }
 
@@ -104,23 +114,12 @@ pub fn physical(
     if !nominal.motor_inertia.iter().all(|inertia| inertia.is_finite() && *inertia > 0.0) {
         return Err(NumericsError::NotFinite("the logarithm of a nominal motor inertia"));
     }
-    let problem = Problem::new(base, factor, nominal, settings)?;
+    let mut problem = Problem::new(base, factor, nominal, settings)?;
     let mut x = problem.start();
-    let mut cost = problem.cost(&x);
-    let mut damping = 1e-3;
     let (mut steps, mut settled) = (0, false);
-    while steps < settings.max_steps && !settled && damping < 1e12 {
-        steps += 1;
-        let step = problem.step(&x, damping)?;
-        let trial: Vec<f64> = x.iter().zip(&step).map(|(x, step)| x + step).collect();
-        let trial_cost = problem.cost(&trial);
-        if trial_cost.is_finite() && trial_cost <= cost {
-            settled = cost - trial_cost <= settings.settled * cost.max(f64::MIN_POSITIVE);
-            (x, cost) = (trial, trial_cost);
-            damping = (damping / DAMPING_STEP).max(1e-12);
-        } else {
-            damping *= DAMPING_STEP;
-        }
+    for share in DATA_SHARES {
+        problem.data_share = share;
+        (x, settled) = problem.descend(x, settings, &mut steps)?;
     }
     problem.estimate(&x, steps, settled)
 }
@@ -262,6 +261,9 @@ struct Problem<'a> {
     /// Nominal `x` and one over its spread; 0 where nothing draws.
     nominal: Vec<f64>,
     pull: Vec<f64>,
+    /// One over the longest step; 0 where any is fine.
+    reach: Vec<f64>,
+    data_share: f64,
 }
 
 impl<'a> Problem<'a> {
@@ -300,7 +302,8 @@ impl<'a> Problem<'a> {
         x.extend(nominal.motor_inertia.iter().map(|inertia| inertia.ln()));
         pull.extend(vec![1.0 / settings.prior_std; n]);
         let right = (0..b).map(|i| root * r[(i, b)]).collect();
-        Ok(Self { factor, map, right, base, n, nominal: x, pull })
+        let reach = pull.iter().map(|pull| pull * settings.prior_std / LONGEST_STEP).collect();
+        Ok(Self { factor, map, right, base, n, nominal: x, pull, reach, data_share: 1.0 })
     }
 
     fn start(&self) -> Vec<f64> {
@@ -322,11 +325,9 @@ impl<'a> Problem<'a> {
 
     fn residuals(&self, x: &[f64]) -> Vec<f64> {
         let phi = self.phi(x);
-        let data = self
-            .map
-            .iter()
-            .zip(&self.right)
-            .map(|(row, right)| right - row.iter().zip(&phi).map(|(map, phi)| map * phi).sum::<f64>());
+        let data = self.map.iter().zip(&self.right).map(|(row, right)| {
+            self.data_share * (right - row.iter().zip(&phi).map(|(map, phi)| map * phi).sum::<f64>())
+        });
         let pulled =
             self.pull.iter().zip(x).zip(&self.nominal).map(|((pull, x), nominal)| pull * (nominal - x));
         data.chain(pulled).collect()
@@ -336,43 +337,91 @@ impl<'a> Problem<'a> {
         self.residuals(x).iter().map(|residual| residual * residual).sum()
     }
 
-    /// One damped Gauss-Newton step.
-    fn step(&self, x: &[f64], damping: f64) -> Result<Vec<f64>, NumericsError> {
-        let width = x.len();
-        let (b, residuals) = (self.map.len(), self.residuals(x));
+    /// Levenberg-Marquardt from `x`; the end, and whether it settled there.
+    fn descend(
+        &self,
+        mut x: Vec<f64>,
+        settings: &PhysicalSettings,
+        steps: &mut usize,
+    ) -> Result<(Vec<f64>, bool), NumericsError> {
+        let mut cost = self.cost(&x);
+        let mut damping = 1e-3;
+        let mut jacobian = self.jacobian(&x);
+        for _ in 0..settings.max_steps {
+            *steps += 1;
+            let step = self.step(&x, &jacobian, damping)?;
+            let trial: Vec<f64> = x.iter().zip(&step).map(|(x, step)| x + step).collect();
+            let trial_cost = self.cost(&trial);
+            if trial_cost.is_finite() && trial_cost <= cost {
+                let still = cost - trial_cost <= settings.settled * cost.max(f64::MIN_POSITIVE);
+                (x, cost) = (trial, trial_cost);
+                jacobian = self.jacobian(&x);
+                damping = (damping / DAMPING_STEP).max(1e-12);
+                if still && self.is_stationary(&x, &jacobian) {
+                    return Ok((x, true));
+                }
+            } else {
+                damping *= DAMPING_STEP;
+                if damping > 1e12 {
+                    break;
+                }
+            }
+        }
+        let settled = self.is_stationary(&x, &jacobian);
+        Ok((x, settled))
+    }
+
+    /// Whether no parameter can lower the cost: the residual is orthogonal to each column. A cost that
+    /// no longer falls is not enough, as it also stalls at the border of bodies.
+    fn is_stationary(&self, x: &[f64], jacobian: &Mat<f64>) -> bool {
+        let residuals = self.residuals(x);
+        let norm = residuals.iter().map(|residual| residual * residual).sum::<f64>().sqrt();
+        (0..x.len()).all(|k| {
+            let column = jacobian.col(k);
+            let along: f64 = column.iter().zip(&residuals).map(|(slope, residual)| slope * residual).sum();
+            along.abs() <= ORTHOGONAL * (column.norm_l2() * norm).max(f64::MIN_POSITIVE)
+        })
+    }
+
+    /// Slopes of data and pull, `[(b + 15n) x 15n]`; the residuals fall by them.
+    fn jacobian(&self, x: &[f64]) -> Mat<f64> {
+        let (b, width) = (self.map.len(), x.len());
         let slopes: Vec<[StandardParameters; 10]> =
             (0..self.n).map(|link| slopes(&self.link(x, link))).collect();
-        let entry = |i: usize, k: usize| {
+        Mat::from_fn(b + width, width, |i, k| {
+            if i >= b {
+                return if i - b == k { self.pull[k] } else { 0.0 };
+            }
             let row = &self.map[i];
-            if k < 10 * self.n {
+            let slope: f64 = if k < 10 * self.n {
                 let (link, slope) = (k / 10, &slopes[k / 10][k % 10]);
                 slope.0.iter().zip(&row[10 * link..]).map(|(slope, map)| slope * map).sum()
             } else if k < 14 * self.n {
                 row[k]
             } else {
                 row[k] * x[k].exp()
-            }
-        };
-        let data = faer::Mat::from_fn(b, width, entry);
-        let mut scales = vec![0.0; width];
-        for (k, scale) in scales.iter_mut().enumerate() {
-            *scale = (data.col(k).squared_norm_l2() + self.pull[k] * self.pull[k]).sqrt().max(1e-9);
-        }
-        let rows = faer::Mat::from_fn(b + 2 * width, width + 1, |i, k| {
-            let (pulled, damped) = (i.wrapping_sub(b), i.wrapping_sub(b + width));
-            match (i < b, k < width) {
-                (true, true) => data[(i, k)],
-                (_, false) => residuals.get(i).copied().unwrap_or(0.0),
-                (false, true) if pulled == k => self.pull[k],
-                (false, true) if damped == k => damping.sqrt() * scales[k],
-                (false, true) => 0.0,
-            }
+            };
+            self.data_share * slope
+        })
+    }
+
+    /// One damped Gauss-Newton step, shortened to the longest that is trusted.
+    fn step(&self, x: &[f64], jacobian: &Mat<f64>, damping: f64) -> Result<Vec<f64>, NumericsError> {
+        let (height, width) = (jacobian.nrows(), x.len());
+        let residuals = self.residuals(x);
+        let scales: Vec<f64> = (0..width).map(|k| jacobian.col(k).norm_l2().max(1e-9)).collect();
+        let rows = Mat::from_fn(height + width, width + 1, |i, k| match (i < height, k < width) {
+            (true, true) => jacobian[(i, k)],
+            (true, false) => residuals[i],
+            (false, true) if i - height == k => damping.sqrt() * scales[k],
+            (false, _) => 0.0,
         });
         let mut factor = TriangularFactor::new(width);
         factor.fold(rows.as_ref());
         // The damping keeps the factor regular; no singular values are needed.
         let step = inverse_of_upper(&factor)? * factor.upper().submatrix(0, width, width, 1);
-        Ok((0..width).map(|k| step[(k, 0)]).collect())
+        let length = (0..width).map(|k| (self.reach[k] * step[(k, 0)]).abs()).fold(1.0, f64::max);
+        Ok((0..width).map(|k| step[(k, 0)] / length).collect())
     }
 
     fn estimate(&self, x: &[f64], steps: usize, settled: bool) -> Result<PhysicalEstimate, NumericsError> {
