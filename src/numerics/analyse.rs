@@ -2,10 +2,12 @@
 
 use super::NumericsError;
 use super::base::{BaseParameters, base_parameters};
+use super::diagnose::{DiagnoseSettings, Finding, FindingSeverity, diagnose_samples};
 use super::dynamics::DynamicModel;
 use super::factors::{Factored, JointColumns, factor_cycle, identifies, pack, stacked};
 use super::friction::friction_points;
 use super::identify::identify;
+use super::plausible::{PlausibleSettings, diagnose_model, top_speeds};
 use super::signal::{Conditioned, condition};
 use super::statistics::{mean, median, parameter_statistics, standard_deviation, swing};
 use super::verify::{torque_rmsd, warming_contrast};
@@ -85,9 +87,17 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     analysis.sample_rate = conditioned.sample_rate;
     note_gaps(samples, &conditioned, &mut analysis.remarks);
 
+    let findings = diagnose_samples(&method.robot, samples, &conditioned, &DiagnoseSettings::default());
+    if let Err(reason) = judge(findings, &mut analysis.remarks) {
+        // wrong channels give wrong friction and wrong factors too: nothing of this cycle may count
+        analysis.identification = Err(reason);
+        return analysis;
+    }
+
     let factored =
         factor_cycle(&method.robot, &method.columns, &method.base.kept_columns, &conditioned, samples);
     analysis.identification = identify_excitation(method, &factored, &conditioned);
+    doubt_model(method, samples, &conditioned, &factored, &mut analysis);
     let model = analysis.identification.as_ref().ok().map(|found| {
         let parameters = found.parameters.iter().map(|p| (p.id, p.value));
         DynamicModel::from_parameters(&method.robot, parameters)
@@ -103,6 +113,38 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     analysis.remarks.extend(friction.remarks);
     note_missing_stages(samples, &mut analysis.remarks);
     analysis
+}
+
+/// Takes up what is worth knowing as remarks, and gives what must not pass as the reason to refuse.
+fn judge(findings: Vec<Finding>, remarks: &mut Vec<String>) -> Result<(), String> {
+    let (refused, told): (Vec<Finding>, Vec<Finding>) =
+        findings.into_iter().partition(|finding| finding.severity == FindingSeverity::Refuse);
+    remarks.extend(told.into_iter().map(|finding| finding.sentence));
+    match refused.is_empty() {
+        true => Ok(()),
+        false => Err(refused.into_iter().map(|finding| finding.sentence).collect::<Vec<_>>().join("; ")),
+    }
+}
+
+/// Withdraws parameters that no arm can have.
+fn doubt_model(
+    method: &Method,
+    samples: &Samples,
+    conditioned: &Conditioned,
+    factored: &Factored,
+    analysis: &mut CycleAnalysis,
+) {
+    let Ok(found) = &analysis.identification else { return };
+    let theta: Vec<f64> = found.parameters.iter().map(|p| p.value).collect();
+    let verification = torque_rmsd(&method.columns, &factored.factors, &theta);
+    let usable = conditioned.usable.iter().flat_map(Clone::clone);
+    let rows: Vec<usize> = usable.filter(|&row| samples.stage[row] == Stage::Excitation).collect();
+    let speeds = top_speeds(&conditioned.qd, &rows);
+    let findings =
+        diagnose_model(&method.robot, found, &verification, &speeds, &PlausibleSettings::default());
+    if let Err(reason) = judge(findings, &mut analysis.remarks) {
+        analysis.identification = Err(reason);
+    }
 }
 
 fn duration(samples: &Samples) -> f64 {

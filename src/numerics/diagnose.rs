@@ -235,7 +235,8 @@ fn finding(
 /// Channels that repeat one value to the last digit while the joint's other channels say it moves.
 fn stuck(view: &View<'_>) -> Vec<Finding> {
     let mut found = Vec::new();
-    let least = (REPEATS_S * view.conditioned.sample_rate).ceil().max(8.0) as usize;
+    let edge = (view.conditioned.sample_rate / view.conditioned.cutoff).ceil() as usize;
+    let least = (REPEATS_S * view.conditioned.sample_rate).ceil().max(8.0) as usize + 2 * edge;
     for joint in view.robot.joint_indices() {
         let j = joint.index();
         let (dq, qd) = (&view.dq[j], &view.conditioned.qd[j]);
@@ -244,7 +245,7 @@ fn stuck(view: &View<'_>) -> Vec<Finding> {
         let swing = (0.2 * view.rms(qd).max(view.rms(dq))).max(2.0 * low);
         let torque = &view.samples.torque[j];
         let peaks = view.extent(torque);
-        let channels: [(&str, Option<&Vec<f64>>, &Vec<f64>); 3] = [
+        let channels = [
             ("position", Some(&view.samples.position[j]), qd),
             ("velocity", view.samples.velocity.as_ref().map(|velocity| &velocity[j]), dq),
             ("torque", Some(torque), qd),
@@ -253,7 +254,8 @@ fn stuck(view: &View<'_>) -> Vec<Finding> {
             let Some(channel) = channel else { continue };
             let clipped = |value: f64| name == "torque" && peaks[0] < peaks[1] && peaks.contains(&value);
             let run = longest_run(view, channel, least, |start, end| {
-                let inside = &witness[start..end];
+                // The low-pass carries motion from outside over the edges.
+                let inside = &witness[start + edge..(end - edge).max(start + edge)];
                 let range = inside.iter().copied().fold(f64::NEG_INFINITY, f64::max)
                     - inside.iter().copied().fold(f64::INFINITY, f64::min);
                 range > swing && !clipped(channel[start])

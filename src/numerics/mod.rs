@@ -30,13 +30,15 @@ pub mod rows;
 pub mod estimate;
 pub mod robust;
 pub mod covariance;
-//pub mod prior;
-//pub mod physical;
-//pub mod essential;
+pub mod prior;
+pub mod physical;
+pub mod essential;
 pub mod diagnose;
 pub mod plausible;
 #[cfg(test)]
-mod estimator_tests;
+mod diagnose_tests;
+#[cfg(test)]
+mod estimate_tests;
 pub mod friction;
 pub mod warm_up;
 pub mod verify;
@@ -105,6 +107,9 @@ pub enum NumericsError {
     /// Factors or parameters whose columns mean different things were put together.
     #[error("{0}")]
     ColumnsDiffer(String),
+    /// Something that this program does not do for such a robot.
+    #[error("not provided: {0}")]
+    Unsupported(&'static str),
     /// A matrix routine did not converge, or a number is not finite.
     #[error("{0} did not give finite numbers")]
     NotFinite(&'static str),

@@ -4,7 +4,7 @@ use super::NumericsError;
 use super::estimate::{WeightRule, weighted};
 use super::rows::{RowFolder, RowSource, joint_factors};
 use super::statistics::median;
-use super::triangular::LeastSquares;
+use super::triangular::{LeastSquares, TriangularFactor};
 
 /// Huber's constant: 95 % of the efficiency of least squares under normal noise (Huber 1981).
 pub const HUBER_CONSTANT: f64 = 1.345;
@@ -97,18 +97,15 @@ fn rescale(source: &dyn RowSource, theta: &[f64], rule: &mut WeightRule) -> Resu
     Ok(())
 }
 
-fn reweighted(
-    source: &dyn RowSource,
-    theta: &[f64],
-    rule: &WeightRule,
-) -> (super::triangular::TriangularFactor, f64) {
+fn reweighted(source: &dyn RowSource, theta: &[f64], rule: &WeightRule) -> (TriangularFactor, f64) {
     let mut folder = RowFolder::new(source.columns());
     let (mut rows, mut outliers) = (0_usize, 0_usize);
     source.each(&mut |sample| {
         for j in (0..sample.tau.len()).filter(|&j| sample.used[j]) {
             let weight = rule.weight_of(sample, j, theta);
             rows += 1;
-            outliers += usize::from(weight * rule.sigma[j] * rule.sigma[j] < 1.0);
+            // A full weight is 1 but for rounding.
+            outliers += usize::from(weight * rule.sigma[j] * rule.sigma[j] < 1.0 - 1e-9);
             folder.push(sample.of_joint(j), sample.tau[j], weight.sqrt());
         }
     });
@@ -116,7 +113,7 @@ fn reweighted(
 }
 
 /// Root mean square change of the estimated torque in units of the noise.
-fn torque_change(factor: &super::triangular::TriangularFactor, step: &[f64]) -> f64 {
+fn torque_change(factor: &TriangularFactor, step: &[f64]) -> f64 {
     let (r, b) = (factor.upper(), factor.columns());
     let squares: f64 = (0..b).map(|i| (i..b).map(|k| r[(i, k)] * step[k]).sum::<f64>().powi(2)).sum();
     (squares / factor.rows().max(1) as f64).sqrt()

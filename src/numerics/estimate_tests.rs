@@ -1,0 +1,292 @@
+//! Estimators against problems whose answer is known.
+
+use faer::Mat;
+
+use super::base::{BaseParameters, PROBE_STATES, base_parameters, probe_state};
+use super::covariance::{ClusterSettings, LeverageCorrection, clustered};
+use super::estimate::{WeightRule, joined, per_joint, weighted};
+use super::physical::{
+    NominalModel, POSITIVE, PhysicalEstimate, PhysicalSettings, definiteness, from_log_cholesky, physical,
+    to_log_cholesky,
+};
+use super::regressor::{KeptColumns, Regressor, joint_torque_regressor};
+use super::robust::{RobustSettings, huber};
+use super::rows::{RowSource, SampleRows, joint_factors};
+use super::triangular::TriangularFactor;
+use crate::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
+use crate::testing::er3a;
+
+/// Rounding of sums over some thousand rows.
+const ROUNDING: f64 = 1e-8;
+const TRUTH: [f64; 3] = [2.0, -1.0, 0.5];
+
+/// Deterministic noise, uniform with standard deviation 1.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((self.0 >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
+    }
+}
+
+/// Two joints that see the same three parameters.
+struct Problem {
+    rows: Vec<[[f64; 3]; 2]>,
+    tau: Vec<[f64; 2]>,
+}
+
+impl Problem {
+    fn new(rows: usize, sigma: [f64; 2], mut error: impl FnMut(usize, usize) -> f64) -> Self {
+        let mut problem = Self { rows: Vec::new(), tau: Vec::new() };
+        for i in 0..rows {
+            let t = 0.05 * i as f64;
+            let w = [[t.sin(), (0.7 * t).cos(), 1.0], [(1.3 * t).cos(), (0.4 * t).sin(), t.cos()]];
+            let clean = w.map(|row| row.iter().zip(TRUTH).map(|(w, theta)| w * theta).sum::<f64>());
+            problem.tau.push([0, 1].map(|j| clean[j] + sigma[j] * error(i, j)));
+            problem.rows.push(w);
+        }
+        problem
+    }
+}
+
+impl RowSource for Problem {
+    fn columns(&self) -> usize {
+        3
+    }
+
+    fn joint_count(&self) -> usize {
+        2
+    }
+
+    fn each(&self, visit: &mut dyn FnMut(&SampleRows<'_>)) {
+        for (row, (w, tau)) in self.rows.iter().zip(&self.tau).enumerate() {
+            visit(&SampleRows { row, w: w.as_flattened(), tau, used: &[true, true] });
+        }
+    }
+}
+
+#[test]
+fn weights_find_the_noise_of_each_joint_and_solve_the_weighted_problem() {
+    let mut noise = Noise(1);
+    let problem = Problem::new(4000, [0.1, 2.0], |_, _| noise.next());
+    let found = weighted(&joint_factors(&problem), 1e6, |k| k.to_string()).expect("an estimate");
+    assert!(found.settled);
+    // The scatter of a standard deviation from 4000 rows is 1 %.
+    assert!((found.rule.sigma[0] / 0.1 - 1.0).abs() < 0.04, "{:?}", found.rule);
+    assert!((found.rule.sigma[1] / 2.0 - 1.0).abs() < 0.04, "{:?}", found.rule);
+    // The same by another road: all rows divided by their joint's deviation, in one factor.
+    let rows = Mat::from_fn(8000, 4, |i, k| {
+        let (row, j) = (i / 2, i % 2);
+        let value = if k < 3 { problem.rows[row][j][k] } else { problem.tau[row][j] };
+        value / found.rule.sigma[j]
+    });
+    let mut whole = TriangularFactor::new(3);
+    whole.fold(rows.as_ref());
+    let expected = whole.solve(1e6, |k| k.to_string()).expect("solves");
+    for ((found, expected), truth) in found.solution.theta.iter().zip(&expected.theta).zip(TRUTH) {
+        assert!((found - expected).abs() < ROUNDING);
+        assert!((found - truth).abs() < 0.02);
+    }
+    // In units of the noise the residual has variance 1.
+    let variance = found.solution.residual_sum_of_squares / (8000.0 - 3.0);
+    assert!((variance - 1.0).abs() < 1e-3, "{variance}");
+}
+
+#[test]
+fn huber_shrugs_off_outliers_that_pull_least_squares_away() {
+    let mut noise = Noise(2);
+    let problem = Problem::new(2000, [0.2, 0.2], |i, _| noise.next() + if i % 20 == 0 { 60.0 } else { 0.0 });
+    let least_squares = weighted(&joint_factors(&problem), 1e6, |k| k.to_string()).expect("an estimate");
+    let robust = huber(&problem, &RobustSettings::default(), |k| k.to_string()).expect("an estimate");
+    let worst = |theta: &[f64]| {
+        theta.iter().zip(TRUTH).map(|(found, truth)| (found - truth).abs()).fold(0.0, f64::max)
+    };
+    assert!(robust.settled, "{robust:?}");
+    assert!(worst(&least_squares.solution.theta) > 0.2, "{:?}", least_squares.solution.theta);
+    assert!(worst(&robust.solution.theta) < 0.04, "{:?}", robust.solution.theta);
+    assert!((0.049..0.25).contains(&robust.outlier_share), "{}", robust.outlier_share);
+}
+
+#[test]
+fn without_outliers_huber_is_nearly_least_squares() {
+    let mut noise = Noise(3);
+    let problem = Problem::new(2000, [0.2, 0.4], |_, _| noise.next());
+    let plain = weighted(&joint_factors(&problem), 1e6, |k| k.to_string()).expect("an estimate");
+    let robust = huber(&problem, &RobustSettings::default(), |k| k.to_string()).expect("an estimate");
+    for k in 0..3 {
+        assert!((plain.solution.theta[k] - robust.solution.theta[k]).abs() < 0.01);
+    }
+}
+
+#[test]
+fn clustered_errors_are_the_classical_ones_for_white_noise_and_larger_for_slow_noise() {
+    let mut noise = Noise(4);
+    let white = Problem::new(8000, [0.5, 0.5], |_, _| noise.next());
+    let mut slow = [0.0; 2];
+    let mut noise = Noise(5);
+    let red = Problem::new(8000, [0.5, 0.5], |_, j| {
+        slow[j] = 0.98 * slow[j] + (1.0_f64 - 0.98 * 0.98).sqrt() * noise.next();
+        slow[j]
+    });
+    let rule = WeightRule::equal(2);
+    for correction in
+        [LeverageCorrection::None, LeverageCorrection::SquareRoot, LeverageCorrection::Jackknife]
+    {
+        let settings = ClusterSettings { correction, ..ClusterSettings::default() };
+        let ratio = |problem: &Problem| {
+            let solution =
+                joined(&joint_factors(problem), &rule, 3).solve(1e6, |k| k.to_string()).expect("solves");
+            let clustered = clustered(problem, &solution.theta, &rule, &settings).expect("a covariance");
+            let variance = solution.residual_sum_of_squares / 16_000.0;
+            let classical = solution.unscaled_variance.iter().map(|u| (u * variance).sqrt());
+            let ratios: Vec<f64> = clustered.sigma.iter().zip(classical).map(|(a, b)| a / b).collect();
+            (ratios, clustered)
+        };
+        let (ratios, covariance) = ratio(&white);
+        // 1600 blocks leave a scatter of 2 % a standard error.
+        assert!(ratios.iter().all(|ratio| (ratio - 1.0).abs() < 0.1), "{ratios:?}");
+        assert!(covariance.correlation_rows < 1.2);
+        let (ratios, covariance) = ratio(&red);
+        // AR(1) with 0.98 has a correlation time of 99 rows: a constant's error grows by its root.
+        assert!((60.0..140.0).contains(&covariance.correlation_rows), "{}", covariance.correlation_rows);
+        assert!(ratios[2] > 3.0, "{ratios:?}");
+    }
+}
+
+/// Nominal parameters in natural order.
+fn natural(robot: &Robot) -> Vec<f64> {
+    let value = |id: ParameterId| {
+        let nominal = robot.joints[id.joint.index()].nominal.expect("nominal");
+        match id.kind {
+            ParameterKind::Inertial(k) => nominal.inertial.0[usize::from(k)],
+            ParameterKind::Friction(term) => {
+                let place = robot.friction.terms().iter().position(|of| *of == term);
+                nominal.friction[place.expect("a term of the model")]
+            }
+            ParameterKind::MotorInertia => nominal.motor_inertia,
+            ParameterKind::Coupling(_) => 0.0,
+        }
+    };
+    ParameterId::natural_order(robot).into_iter().map(value).collect()
+}
+
+/// Each joint's factor of torques over states inside the limits, with noise of `sigma` Nm.
+fn probed(robot: &Robot, base: &BaseParameters, sigma: f64) -> Vec<TriangularFactor> {
+    let (n, b) = (robot.joint_count(), base.kept.len());
+    let (kept, phi) = (KeptColumns::new(&base.kept_columns), natural(robot));
+    let mut noise = Noise(7);
+    let mut rows = vec![Mat::<f64>::zeros(PROBE_STATES, b + 1); n];
+    let (mut y, mut block, mut tau) = (Regressor::new(robot), vec![0.0; n * b], vec![0.0; n]);
+    for index in 0..PROBE_STATES {
+        let state = probe_state(robot, index);
+        joint_torque_regressor(robot, &state.q, &state.qd, &state.qdd, &mut y);
+        kept.write(&y, &mut block, n, 0);
+        y.torque(&phi, &mut tau);
+        for j in 0..n {
+            for k in 0..b {
+                rows[j][(index, k)] = block[k * n + j];
+            }
+            rows[j][(index, b)] = tau[j] + sigma * noise.next();
+        }
+    }
+    let factor = |rows: &Mat<f64>| {
+        let mut factor = TriangularFactor::new(b);
+        factor.fold(rows.as_ref());
+        factor
+    };
+    rows.iter().map(factor).collect()
+}
+
+#[test]
+fn the_last_joint_alone_gives_its_own_friction() {
+    let robot = er3a();
+    let base = base_parameters(&robot).expect("base parameters");
+    let factors = probed(&robot, &base, 0.0);
+    let truth = base.group(&natural(&robot));
+    let found = per_joint(&factors[5], 1e6, |k| base.kept[k].to_string()).expect("an estimate");
+    // Only the last link and its joint reach the last joint's torque.
+    assert!(found.kept.iter().chain(&found.grouped).all(|&k| base.kept[k].joint.index() == 5));
+    for (&column, theta) in found.kept.iter().zip(&found.solution.theta) {
+        if let ParameterKind::Friction(_) = base.kept[column].kind {
+            assert!((theta - truth[column]).abs() < ROUNDING, "{} {theta}", base.kept[column]);
+        }
+    }
+}
+
+#[test]
+fn log_cholesky_and_back_is_the_same_body() {
+    for joint in &er3a().joints {
+        let body = joint.nominal.expect("nominal").inertial;
+        let back = from_log_cholesky(&to_log_cholesky(&body).expect("a body"));
+        for (a, b) in body.0.iter().zip(back.0) {
+            assert!((a - b).abs() < 1e-12, "{a} {b}");
+        }
+        assert!(definiteness(&body) > POSITIVE);
+    }
+    let none = StandardParameters([1.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.1, 0.0, 0.1]);
+    assert_eq!(to_log_cholesky(&none), None);
+    assert!(definiteness(&none) < 0.0);
+}
+
+fn nominal(robot: &Robot, factor: f64) -> NominalModel {
+    let joints = || robot.joints.iter().map(|joint| joint.nominal.expect("nominal"));
+    NominalModel {
+        inertial: joints().map(|n| StandardParameters(n.inertial.0.map(|x| factor * x))).collect(),
+        motor_inertia: joints().map(|n| factor * n.motor_inertia).collect(),
+    }
+}
+
+fn fitted(
+    base: &BaseParameters,
+    factors: &[TriangularFactor],
+    sigma: f64,
+    start: &NominalModel,
+) -> PhysicalEstimate {
+    let rule = WeightRule { sigma: vec![sigma; factors.len()], huber: None };
+    let factor = joined(factors, &rule, base.kept.len());
+    physical(base, &factor, start, &PhysicalSettings::default()).expect("a fit")
+}
+
+/// All parameters of a fit in natural order.
+fn all_parameters(fit: &PhysicalEstimate) -> Vec<f64> {
+    let inertial = fit.inertial.iter().flat_map(|link| link.0);
+    inertial.chain(fit.friction.iter().copied().flatten()).chain(fit.motor_inertia.iter().copied()).collect()
+}
+
+#[test]
+fn exact_torques_of_a_body_are_reproduced_from_a_wrong_start() {
+    let robot = er3a();
+    let base = base_parameters(&robot).expect("base parameters");
+    // Fine noise lets the data drive a link to the border of bodies, where a plain descent stalls.
+    for sigma in [0.05, 1e-2, 1e-3] {
+        let fit = fitted(&base, &probed(&robot, &base, 0.0), sigma, &nominal(&robot, 1.6));
+        assert!(fit.settled, "{} steps", fit.steps);
+        assert!(fit.definiteness.iter().all(|d| *d > POSITIVE), "{:?}", fit.definiteness);
+        // What is left is the pull towards the wrong start: far below the noise that was claimed.
+        let rms = sigma * (fit.residual_sum_of_squares / (6 * PROBE_STATES) as f64).sqrt();
+        assert!(rms < 0.01 * sigma, "{sigma} {rms} Nm");
+    }
+}
+
+#[test]
+fn noise_that_makes_least_squares_unphysical_leaves_a_body() {
+    let robot = er3a();
+    let base = base_parameters(&robot).expect("base parameters");
+    let sigma = 20.0;
+    let factors = probed(&robot, &base, sigma);
+    let rule = WeightRule { sigma: vec![sigma; 6], huber: None };
+    let plain = joined(&factors, &rule, base.kept.len()).solve(1e6, |k| k.to_string()).expect("solves");
+    // A motor inertia that nothing is grouped into has to be positive.
+    let motor = |k: &usize| base.kept[*k].kind == ParameterKind::MotorInertia && base.grouping[*k].is_empty();
+    let motors: Vec<usize> = (0..base.kept.len()).filter(motor).collect();
+    assert!(motors.iter().any(|&k| plain.theta[k] < 0.0), "the noise is too small to show anything");
+    let fit = fitted(&base, &factors, sigma, &nominal(&robot, 1.2));
+    assert!(fit.definiteness.iter().all(|d| *d > POSITIVE) && fit.motor_inertia.iter().all(|i| *i > 0.0));
+    assert!(fit.residual_sum_of_squares >= fit.unconstrained_sum_of_squares);
+    // Torques without noise: the constraint must not cost anything that the noise has not.
+    let clean = joined(&probed(&robot, &base, 0.0), &rule, base.kept.len());
+    let error = |theta: &[f64]| super::estimate::residual_sum_of_squares(&clean, theta);
+    let (physical, free) = (error(&base.group(&all_parameters(&fit))), error(&plain.theta));
+    assert!(physical <= 1.05 * free, "{physical} {free}");
+}
