@@ -14,7 +14,7 @@ use super::NumericsError;
 
 /// Rows that a [`RowFolder`] collects before it folds them: enough to make factoring the triangle
 /// above them a small part of the work, little enough to stay in a core's cache with forty columns.
-pub const BLOCK_ROWS: usize = 1024;
+pub const BLOCK_ROWS: usize = 2048;
 
 /// Columns that a reflection block of the QR takes at once. A factor is some forty columns wide:
 /// wider blocks spend more on building the block than its product saves.

@@ -86,7 +86,9 @@ async fn the_reference_export_needs_no_second_reading() {
 #[tokio::test]
 async fn a_simulated_export_needs_no_second_reading() {
     let folder = tempfile::tempdir().expect("a folder");
-    let settings = SimulationSettings { cycles: 3, warming_s: 5.0, ..SimulationSettings::default() };
+    let first_start = "2026-01-05T08:47:00Z".parse().expect("a time");
+    let settings =
+        SimulationSettings { cycles: 3, warming_s: 5.0, first_start, ..SimulationSettings::default() };
     let robot = crate::testing::er3a();
     let files = simulate_run(&robot, &settings, 0, folder.path(), &mut |_| ()).expect("an export");
     let ingested = ingested(&files.export, folder).await;

@@ -8,7 +8,7 @@ use crate::testing::er3a;
 
 #[tokio::test]
 async fn views_have_the_promised_columns_in_order() {
-    let promised: [(&str, &str); 9] = [
+    let promised: [(&str, &str); 12] = [
         ("runs", "run_id robot started_at source_name content_hash rows sample_rate_hz cycles status reason"),
         ("cycles", "run_id robot cycle started_at duration_s rows status reason"),
         ("cycle_parameters", "robot run_id cycle joint parameter value std_error unit"),
