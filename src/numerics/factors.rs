@@ -312,7 +312,7 @@ pub(crate) mod tests {
 
     /// All joints swing, in the friction stage one after the other; torque that no model explains.
     fn cycle(number: u32, rows: usize) -> Cycle {
-        let channel = || vec![Vec::with_capacity(rows); 6];
+        let channel = || vec![Vec::new(); 6];
         let (mut position, mut velocity, mut torque) = (channel(), channel(), channel());
         let mut samples = Samples::default();
         for i in 0..rows {
