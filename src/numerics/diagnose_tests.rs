@@ -231,6 +231,9 @@ fn a_wrong_geometry_is_refused() {
         let shifted_row = DhParameters { a: row(j + 1).a, alpha: row(j + 1).alpha, ..row(j) };
         shifted.joints[j].geometry = JointGeometry::modified_dh(shifted_row);
     }
-    let found = judge(&shifted, &samples);
-    assert!(found.iter().any(|f| f.severity == FindingSeverity::Refuse), "{found:#?}");
+    let method = Method::new(shifted, AnalysisSettings::default()).expect("base parameters");
+    let analysis = analyse_cycle(&method, &Cycle { number: 1, samples });
+    let reason = analysis.identification.expect_err("no numbers pass");
+    assert!(reason.contains("check the description's geometry"), "{reason}");
+    assert!(analysis.verification.is_empty());
 }

@@ -13,8 +13,8 @@ use faer::{Mat, MatMut, MatRef, Par};
 use super::NumericsError;
 
 /// Rows that a [`RowFolder`] collects before it folds them: enough to make factoring the triangle
-/// above them a small part of the work, little enough to stay in a core's cache with forty columns.
-pub const BLOCK_ROWS: usize = 1024;
+/// above them a small part of the work, little enough to stay in a core's cache with forty columns (0.7 MB).
+pub const BLOCK_ROWS: usize = 2048;
 
 /// Columns that a reflection block of the QR takes at once. A factor is some forty columns wide:
 /// wider blocks spend more on building the block than its product saves.
@@ -326,7 +326,7 @@ fn weak_columns(v: MatRef<'_, f64>, s: &[f64], floor: f64) -> Vec<usize> {
     let mut weak: Vec<usize> = s
         .iter()
         .enumerate()
-        .filter(|(_, value)| !(**value > floor))
+        .filter(|(_, value)| value.is_nan() || **value <= floor)
         .filter_map(|(k, _)| (0..v.nrows()).max_by(|&a, &b| v[(a, k)].abs().total_cmp(&v[(b, k)].abs())))
         .collect();
     weak.sort_unstable();
@@ -396,8 +396,8 @@ mod tests {
                 at += n;
             }
             let solved = factor.solve(1e8, |i| i.to_string()).expect("solves");
-            for i in 0..4 {
-                assert!((solved.theta[i] - expected[i]).abs() < ROUNDING * expected[i].abs());
+            for (found, expected) in solved.theta.iter().zip(&expected) {
+                assert!((found - expected).abs() < ROUNDING * expected.abs());
             }
             let residual: f64 = (0..5000)
                 .map(|i| ((0..4).map(|k| all[(i, k)] * solved.theta[k]).sum::<f64>() - all[(i, 4)]).powi(2))
@@ -422,6 +422,75 @@ mod tests {
         for i in 0..4 {
             assert!((a.theta[i] - b.theta[i]).abs() < ROUNDING * a.theta[i].abs());
         }
+    }
+
+    #[test]
+    fn rows_pushed_one_by_one_make_the_factor_of_the_blocks() {
+        let all = problem(5000);
+        let mut expected = TriangularFactor::new(4);
+        expected.fold(all.as_ref());
+        let mut folder = RowFolder::new(4);
+        for _twice in 0..2 {
+            (0..5000).for_each(|i| folder.push((0..5).map(|j| all[(i, j)])));
+            let found = folder.take();
+            assert_eq!(found.rows(), 5000);
+            // reflections leave the sign of a row open
+            for (a, b) in found.packed().iter().zip(expected.packed()) {
+                assert!((a.abs() - b.abs()).abs() < ROUNDING * all.norm_max() * 5000.0_f64.sqrt(), "{a} {b}");
+            }
+            let again = TriangularFactor::from_packed(4, 5000, &found.packed()).expect("a triangle");
+            assert_eq!(again, found);
+        }
+        assert_eq!(folder.take(), TriangularFactor::new(4));
+    }
+
+    #[test]
+    fn a_factor_gives_the_sums_of_squares_of_its_rows() {
+        let all = problem(3000);
+        let mut factor = TriangularFactor::new(4);
+        factor.fold(all.as_ref());
+        // any parameters, not only those that fit best
+        for theta in [[0.0; 4], [100.0, -3.0, 0.25, 0.001]] {
+            let deviation = |i: usize| (0..4).map(|k| all[(i, k)] * theta[k]).sum::<f64>() - all[(i, 4)];
+            let expected: f64 = (0..3000).map(|i| deviation(i).powi(2)).sum();
+            let found = factor.residual_sum_of_squares(&theta);
+            assert!((found - expected).abs() < ROUNDING * expected, "{found} {expected}");
+        }
+        let measured: f64 = (0..3000).map(|i| all[(i, 4)].powi(2)).sum();
+        assert!((factor.torque_sum_of_squares() - measured).abs() < ROUNDING * measured);
+    }
+
+    #[test]
+    fn columns_that_are_zero_at_first_lose_nothing() {
+        // the last columns come to life after the first block, as for a joint that rests at first
+        let all = Mat::from_fn(3000, 5, |i, j| match j {
+            0 if i < 2500 => 0.0,
+            _ => problem_entry(i, j),
+        });
+        let mut factor = TriangularFactor::new(4);
+        for at in [0, 3, 1000, 2000] {
+            let end = [3, 1000, 2000, 3000].into_iter().find(|&end| end > at).expect("a block");
+            factor.fold(all.as_ref().subrows(at, end - at));
+        }
+        let theta = [2.0 / decade(0), 1.0 / decade(1), -1.0 / decade(2), 3.0 / decade(3)];
+        let deviation = |i: usize| (0..4).map(|k| all[(i, k)] * theta[k]).sum::<f64>() - all[(i, 4)];
+        let expected: f64 = (0..3000).map(|i| deviation(i).powi(2)).sum();
+        let found = factor.residual_sum_of_squares(&theta);
+        assert!((found - expected).abs() < ROUNDING * expected, "{found} {expected}");
+    }
+
+    fn problem_entry(i: usize, j: usize) -> f64 {
+        if j < 4 { value(i, j) } else { (i * 7919 % 101) as f64 - 50.0 }
+    }
+
+    #[test]
+    fn what_is_no_triangle_is_refused() {
+        assert!(matches!(
+            TriangularFactor::from_packed(2, 10, &[1.0; 5]),
+            Err(NumericsError::NotATriangle { numbers: 5, columns: 2 })
+        ));
+        let error = TriangularFactor::from_packed(1, 10, &[1.0, f64::NAN, 1.0]).expect_err("not finite");
+        assert!(matches!(error, NumericsError::NotFinite(_)));
     }
 
     #[test]

@@ -44,6 +44,9 @@ pub struct StoredModel {
     pub description_hash: Vec<u8>,
 }
 
+/// A description and the parameters of each joint's columns.
+type Layout = (StoredModel, Arc<[Vec<ParameterId>]>);
+
 /// Which factors of a run are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FactorsWanted {
@@ -112,7 +115,7 @@ pub(super) async fn of_run(
     run_id: i64,
     wanted: FactorsWanted,
 ) -> Result<Vec<StoredCycle>, sqlx::Error> {
-    let mut layouts: HashMap<i64, (StoredModel, Arc<[Vec<ParameterId>]>)> = HashMap::new();
+    let mut layouts: HashMap<i64, Layout> = HashMap::new();
     let mut cycles = Vec::new();
     let mut factors = factors_by_cycle(&mut *connection, run_id, wanted).await?;
     for head in heads(&mut *connection, run_id).await? {
@@ -207,10 +210,7 @@ async fn factors_by_cycle(
     Ok(by_cycle)
 }
 
-async fn layout(
-    connection: &mut SqliteConnection,
-    factor_layout_id: i64,
-) -> Result<(StoredModel, Arc<[Vec<ParameterId>]>), sqlx::Error> {
+async fn layout(connection: &mut SqliteConnection, factor_layout_id: i64) -> Result<Layout, sqlx::Error> {
     let (model, columns) = read_layout(&mut *connection, factor_layout_id).await?;
     let keys = models::parameter_keys(connection, model.robot_model_id).await?;
     let ids: HashMap<i64, ParameterId> = keys.into_iter().map(|(id, key)| (key, id)).collect();
