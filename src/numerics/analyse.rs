@@ -180,11 +180,11 @@ fn keep_factors(method: &Method, factored: &Factored, analysis: &mut CycleAnalys
 }
 
 fn note_gaps(samples: &Samples, conditioned: &Conditioned, remarks: &mut Vec<String>) {
-    let used: usize = conditioned.usable.iter().map(ExactSizeIterator::len).sum();
-    let (parts, lost) = (conditioned.usable.len(), samples.rows() - used);
-    if parts != 1 || lost > 0 {
+    let (stretches, rows) = conditioned.filtered();
+    let lost = samples.rows() - rows;
+    if stretches != 1 || lost > 0 {
         remarks.push(format!(
-            "time has gaps: {parts} stretches of even steps, {lost} rows in stretches too short to be filtered"
+            "time has gaps: {stretches} stretches of even steps, {lost} rows in stretches too short to be filtered"
         ));
     }
 }

@@ -3,6 +3,7 @@
 use super::NumericsError;
 use super::factors::{JointColumns, JointFactor, identifies};
 use super::identify::identify;
+use super::signal::row_step;
 use super::triangular::TriangularFactor;
 use crate::analysis::Identification;
 
@@ -64,8 +65,9 @@ impl Union {
     }
 }
 
-/// Fraction of independent rows after a low-pass at `cutoff` Hz of rows at `sample_rate` Hz.
+/// Fraction of the observed rows of a recording at `sample_rate` Hz that are independent after a
+/// low-pass at `cutoff` Hz.
 #[must_use]
 pub fn independent_fraction(cutoff: f64, sample_rate: f64) -> f64 {
-    (2.0 * cutoff / sample_rate).min(1.0)
+    (2.0 * cutoff * row_step(cutoff, sample_rate) as f64 / sample_rate).min(1.0)
 }

@@ -70,6 +70,18 @@ impl Conditioned {
         }
     }
 
+    /// Usable rows at the rate that the low-pass leaves something in: every [`row_step`]-th.
+    pub fn observed_rows(&self) -> impl Iterator<Item = usize> + '_ {
+        let step = row_step(self.cutoff, self.sample_rate);
+        self.usable.iter().flat_map(move |stretch| stretch.clone().step_by(step))
+    }
+
+    /// Stretches between gaps in time that were long enough to be filtered, and the rows in them.
+    #[must_use]
+    pub fn filtered(&self) -> (usize, usize) {
+        (self.stretches.len(), self.stretches.iter().map(ExactSizeIterator::len).sum())
+    }
+
     /// `series` `[rows]` through the low-pass that the channels went through; zero in unusable rows.
     #[must_use]
     pub fn low_passed(&self, series: &[f64]) -> Vec<f64> {
@@ -120,6 +132,15 @@ pub fn condition(samples: &Samples, cutoff: f64) -> Result<Conditioned, Numerics
     let usable =
         stretches.iter().map(|s| s.start + edge..s.end.saturating_sub(edge)).filter(|s| !s.is_empty());
     Ok(Conditioned { q, qd, qdd, tau, usable: usable.collect(), stretches, sample_rate, cutoff })
+}
+
+/// Every how many rows of a recording at `sample_rate` Hz something new is seen after a low-pass at
+/// `cutoff` Hz: rows at four times the cut-off, twice what the sampling theorem asks for, hold all of
+/// it. More of them cost time and say the same again.
+#[must_use]
+pub fn row_step(cutoff: f64, sample_rate: f64) -> usize {
+    const ROWS_PER_PERIOD: f64 = 4.0;
+    ((sample_rate / (ROWS_PER_PERIOD * cutoff)).floor() as usize).max(1)
 }
 
 /// Median of the time steps, s; `None` for fewer than two rows or a time that does not grow.
