@@ -127,7 +127,7 @@ fn evaluate_samples(criterion: &mut Criterion, robot: &Robot, rows: &[Row]) {
     // Torque over inertia stands in for acceleration: its cost does not depend on its value.
     let states: Vec<&Row> = rows.iter().step_by((rows.len() / STATES).max(1)).take(STATES).collect();
     let mut tau = vec![0.0; n];
-    let mut y = Regressor::new(&robot);
+    let mut y = Regressor::new(robot);
 
     let mut group = criterion.benchmark_group("sample");
     group.throughput(Throughput::Elements(states.len() as u64));

@@ -196,14 +196,17 @@ mod tests {
             ..Samples::default()
         };
         JointSide::new(&robot, true, true).expect("invertible").apply(&mut samples);
+        let velocity = samples.velocity.as_ref().expect("kept");
+        let row_of =
+            |channels: &[Vec<f64>], row: usize| channels.iter().map(|c| c[row]).collect::<Vec<f64>>();
         for row in 0..4 {
-            let motor: Vec<f64> = (0..6).map(|j| channels[j][row]).collect();
+            let motor = row_of(&channels, row);
             let q = joint_position_from_motor(&robot.transmission, &motor).expect("solves");
             let tau = joint_torque_from_motor(&robot.transmission, &motor).expect("fits");
             for j in 0..6 {
                 let offset = if j == 1 { -0.5 } else { 0.0 };
                 assert!((samples.position[j][row] - q[j] - offset).abs() < ROUNDING);
-                assert!((samples.velocity.as_ref().expect("kept")[j][row] - q[j]).abs() < ROUNDING);
+                assert!((row_of(velocity, row)[j] - q[j]).abs() < ROUNDING);
                 assert!((samples.torque[j][row] - tau[j]).abs() < ROUNDING * tau[j].abs());
             }
         }

@@ -45,7 +45,10 @@ fn friction_is_near_what_was_published() {
         for (joint, (ours, published)) in (1..).zip(reals(&workshop, &sql).iter().zip(published)) {
             // 4 s of 9 s recorded: a tenth, and half a Nm of Coulomb friction, are what seconds decide
             let tolerance = 0.1 * published + if name == "fs" { 0.5 } else { 0.05 };
-            assert!((ours - published).abs() < tolerance, "{name} of joint {joint}: {ours}, published {published}");
+            assert!(
+                (ours - published).abs() < tolerance,
+                "{name} of joint {joint}: {ours}, published {published}"
+            );
         }
     }
 }
