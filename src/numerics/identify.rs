@@ -22,7 +22,7 @@ pub(super) fn state() -> ([f64; MAX_JOINTS], [f64; MAX_JOINTS], [f64; MAX_JOINTS
 ///
 /// `sigma_k = s sqrt((wᵀw)⁻¹_kk)` with `s² = rss / (independent rows - b)`. `independent_fraction`
 /// says how many rows are independent after the low-pass
-/// ([`Conditioned::independent_fraction`]): neighbours share their noise.
+/// ([`independent_fraction`](super::cross::independent_fraction)): neighbours share their noise.
 ///
 /// # Errors
 /// [`NumericsError::TooShort`], and [`NumericsError::RankDeficient`] if the motion does not excite
