@@ -92,7 +92,7 @@ fn is_due(states: &mut HashMap<PathBuf, FileState>, file: &FoundFile, settle: Du
 }
 
 /// Logs what became of an export, by consequence.
-pub fn log_outcome(path: &Path, outcome: &Outcome) {
+fn log_outcome(path: &Path, outcome: &Outcome) {
     let file = path.display();
     match outcome {
         Outcome::Stored(run) => {

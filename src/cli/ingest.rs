@@ -60,7 +60,6 @@ async fn take_all(
             .await;
         bar.finish_and_clear();
         let outcome = outcome?;
-        daemon::log_outcome(path, &outcome);
         print(path, &outcome, as_json);
         match outcome {
             Outcome::Quarantined { .. } | Outcome::Changed => code = EXIT_FOUND,

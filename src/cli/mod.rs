@@ -182,7 +182,11 @@ pub fn run(cli: Cli) -> ExitCode {
     let verbosity =
         i8::try_from(cli.global.verbose).unwrap_or(2) - i8::try_from(cli.global.quiet).unwrap_or(2);
     // one-shot commands print their results; their logs are asked for with -v
-    let usual = if matches!(cli.command, Command::Run(_)) { 0 } else { -1 };
+    let usual = match cli.command {
+        Command::Run(_) => 0,
+        Command::Demo(_) => -2,
+        _ => -1,
+    };
     telemetry::start(format, verbosity.saturating_add(usual));
     let done = match cli.command {
         Command::Demo(args) => demo::demo(&cli.global, &args),
