@@ -3,8 +3,10 @@
 //! Each finding stands on its own: a fault that explains another suppresses it. Findings about the
 //! identified model are in [`super::plausible`].
 
+mod torque;
+mod velocity;
+
 use super::signal::{Conditioned, differentiate};
-use super::triangular::TriangularFactor;
 use crate::robot::{Joint, JointIndex, JointKind, Robot};
 use crate::run::{Samples, Stage};
 
@@ -111,20 +113,10 @@ impl Default for DiagnoseSettings {
 /// Correlation of a velocity with its own position's derivative: above, they belong together; below
 /// the second, they do not. Noise of healthy recordings leaves 0.99.
 const BELONGS: [f64; 2] = [0.95, 0.7];
-/// Nearness of a factor between units to its exact value.
-const UNIT_TOLERANCE: f64 = 0.03;
 /// Degrees in a radian.
 const DEGREES: f64 = 180.0 / std::f64::consts::PI;
-/// Radians a second to turns a minute.
-const RPM: f64 = 30.0 / std::f64::consts::PI;
 /// Repeats of one value are looked at from this duration on, s.
 const REPEATS_S: f64 = 0.5;
-/// Most rows of one small fit; more add nothing to a yes or no.
-const FIT_ROWS: usize = 3000;
-/// Difference in explained torque that makes a torque another joint's.
-const EXPLAINED_GAP: f64 = 0.3;
-/// Friction power over torque times speed below which a torque's sign is wrong.
-const DRIVEN: f64 = -0.1;
 
 /// Everything that the channels of one cycle show to be wrong, the gravest first.
 ///
@@ -147,7 +139,7 @@ pub fn diagnose_samples(
     };
     let broken: Vec<bool> = robot.joint_indices().map(|j| explained(&findings, j, &[])).collect();
     if samples.velocity.is_some() {
-        findings.extend(velocity_against_position(&view, settings, &broken));
+        findings.extend(velocity::velocity_against_position(&view, settings, &broken));
     }
     findings.extend(positions(&view, settings));
     let kinematic = [FindingKind::Stuck, FindingKind::VelocitySwapped, FindingKind::VelocityUnrelated];
@@ -159,7 +151,7 @@ pub fn diagnose_samples(
         .joint_indices()
         .filter(|&j| !explained(&findings, j, &kinematic) && !explained(&findings, j, &[FindingKind::Still]))
         .collect();
-    findings.extend(torques(&view, &judged, &findings));
+    findings.extend(torque::torques(&view, &judged, &findings));
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     findings
 }
@@ -300,148 +292,6 @@ fn longest_run(
         }
     }
     longest
-}
-
-/// Swapped columns, wrong units and signs between velocity and position.
-fn velocity_against_position(view: &View<'_>, settings: &DiagnoseSettings, broken: &[bool]) -> Vec<Finding> {
-    let qd = &view.conditioned.qd;
-    let n = qd.len();
-    let (dq_rms, qd_rms): (Vec<f64>, Vec<f64>) =
-        (0..n).map(|j| (view.rms(&view.dq[j]), view.rms(&qd[j]))).unzip();
-    let correlation = |i: usize, j: usize| {
-        let scale = dq_rms[i] * qd_rms[j];
-        if scale > 0.0 { view.product(&view.dq[i], &qd[j]) / scale } else { 0.0 }
-    };
-    let mut found = Vec::new();
-    let mut gains: Vec<(JointIndex, f64)> = Vec::new();
-    for joint in view.robot.joint_indices() {
-        let i = joint.index();
-        let still = dq_rms[i] < 0.5 * view.joint(joint).low_speed;
-        if broken[i] || still {
-            continue;
-        }
-        let own = correlation(i, i);
-        if own.abs() > BELONGS[0] {
-            gains.push((joint, view.product(&view.dq[i], &qd[i]) / (dq_rms[i] * dq_rms[i])));
-            continue;
-        }
-        let best = (0..n).max_by(|&a, &b| correlation(i, a).abs().total_cmp(&correlation(i, b).abs()));
-        let Some(best) = best.filter(|&best| best != i && own.abs() < BELONGS[1]) else {
-            found.push(unrelated(joint, own));
-            continue;
-        };
-        let other = correlation(i, best);
-        if other.abs() > BELONGS[0] {
-            let best = JointIndex::new(best);
-            found.push(finding(
-                FindingKind::VelocitySwapped,
-                FindingSeverity::Refuse,
-                Some(joint),
-                format!(
-                    "joint {joint}: its position belongs to the velocity recorded for joint {best} (correlation \
-                     {other:.3}), not to its own ({own:.3}); columns are swapped, check the order of joints in the \
-                     export layout"
-                ),
-                &[("correlation_own", own), ("correlation_other", other), ("other_joint", best.number() as f64)],
-            ));
-        } else {
-            found.push(unrelated(joint, own));
-        }
-    }
-    found.extend(gain_findings(view, &gains, settings));
-    found
-}
-
-fn unrelated(joint: JointIndex, own: f64) -> Finding {
-    finding(
-        FindingKind::VelocityUnrelated,
-        FindingSeverity::Refuse,
-        Some(joint),
-        format!(
-            "joint {joint}: the velocity does not follow from the position (correlation {own:.3}, should be near 1); \
-             check both columns, and that they are recorded at the same time"
-        ),
-        &[("correlation_own", own)],
-    )
-}
-
-fn gain_findings(view: &View<'_>, gains: &[(JointIndex, f64)], settings: &DiagnoseSettings) -> Vec<Finding> {
-    let off = |gain: f64| (gain.abs() - 1.0).abs() > settings.velocity_gain;
-    let mut found: Vec<Finding> = gains
-        .iter()
-        .filter(|(_, gain)| *gain < 0.0)
-        .map(|&(joint, gain)| {
-            finding(
-                FindingKind::VelocitySign,
-                FindingSeverity::Refuse,
-                Some(joint),
-                format!(
-                    "joint {joint}: the velocity runs against the change of position; turn the sign of one of the \
-                     two columns in the export layout"
-                ),
-                &[("velocity_over_derivative", gain)],
-            )
-        })
-        .collect();
-    if let Some(common) = common_factor(view.robot, gains).filter(|&gain| off(gain)) {
-        found.push(finding(
-            FindingKind::TimeAxis,
-            FindingSeverity::Refuse,
-            None,
-            format!(
-                "every velocity is {common:.4} times the change of position per second: the time column or the \
-                 sample rate is wrong by that factor"
-            ),
-            &[("velocity_over_derivative", common)],
-        ));
-        return found;
-    }
-    for &(joint, gain) in gains.iter().filter(|(_, gain)| off(*gain)) {
-        let meaning = unit_of(view.joint(joint), gain.abs());
-        let words = meaning.unwrap_or("check the units of both columns");
-        found.push(finding(
-            FindingKind::VelocityUnit,
-            FindingSeverity::Refuse,
-            Some(joint),
-            format!(
-                "joint {joint}: the velocity is {:.4} times the change of position per second; {words}",
-                gain.abs()
-            ),
-            &[("velocity_over_derivative", gain)],
-        ));
-    }
-    found
-}
-
-/// The one factor of all joints, if it is one and no factor between units.
-fn common_factor(robot: &Robot, gains: &[(JointIndex, f64)]) -> Option<f64> {
-    let first = gains.first()?.1.abs();
-    let alike = gains.len() > 1
-        && gains.iter().all(|&(joint, gain)| {
-            (gain.abs() / first - 1.0).abs() < UNIT_TOLERANCE
-                && unit_of(&robot.joints[joint.index()], gain.abs()).is_none()
-        });
-    alike.then_some(first)
-}
-
-/// What a factor between velocity and derivative means.
-fn unit_of(joint: &Joint, gain: f64) -> Option<&'static str> {
-    let turning = joint.kind == JointKind::Revolute;
-    let gear = joint.gear_ratio.abs();
-    let meanings: [(f64, bool, &'static str); 8] = [
-        (DEGREES, turning, "it looks like degrees per second read as rad/s"),
-        (1.0 / DEGREES, turning, "the position looks like degrees read as radians"),
-        (RPM, turning, "it looks like turns per minute read as rad/s"),
-        (1.0 / 6.0, turning, "it looks like turns per minute beside a position in degrees"),
-        (1000.0, !turning, "it looks like mm/s read as m/s"),
-        (0.001, !turning, "the position looks like millimetres read as metres"),
-        (gear, gear > 1.0, "it looks like the speed of the motor; divide by the gear ratio"),
-        (gear * RPM, gear > 1.0, "it looks like the motor's turns per minute read as rad/s of the joint"),
-    ];
-    meanings
-        .into_iter()
-        .find(|(factor, applies, _)| *applies && (gain / factor - 1.0).abs() < UNIT_TOLERANCE)
-        .map(|(.., words)| words)
 }
 
 /// Positions and speeds against the description's limits.
@@ -599,98 +449,4 @@ fn saturation(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -
         ),
         &[("limit_nm", limit), ("share", share)],
     ))
-}
-
-/// What one joint's motion explains of one torque.
-#[derive(Debug, Clone, Copy)]
-struct Explained {
-    /// Part of the torque's variance.
-    share: f64,
-    /// Mean power of the friction part over RMS torque times RMS speed.
-    friction_power: f64,
-}
-
-/// `tau_i = c + b cos q_j + s sin q_j + I qdd_j + f sign(qd_j) + v qd_j`, over the rows in which joint
-/// `j` moves.
-fn explain(view: &View<'_>, torque: usize, joint: JointIndex) -> Option<Explained> {
-    let j = joint.index();
-    let Conditioned { q, qd, qdd, tau, .. } = view.conditioned;
-    let low = view.joint(joint).low_speed;
-    let moving: Vec<usize> = view.rows.iter().copied().filter(|&row| qd[j][row].abs() >= low).collect();
-    let stride = moving.len().div_ceil(FIT_ROWS).max(1);
-    let rows: Vec<usize> = moving.into_iter().step_by(stride).collect();
-    let column = |row: usize, k: usize| match k {
-        0 => 1.0,
-        1 => q[j][row].cos(),
-        2 => q[j][row].sin(),
-        3 => qdd[j][row],
-        4 => qd[j][row].signum(),
-        5 => qd[j][row],
-        _ => tau[torque][row],
-    };
-    let mut factor = TriangularFactor::new(6);
-    factor.fold(faer::Mat::from_fn(rows.len(), 7, |i, k| column(rows[i], k)).as_ref());
-    let solved = factor.solve(1e6, |k| k.to_string()).ok()?;
-    let count = rows.len() as f64;
-    let mean = rows.iter().map(|&row| tau[torque][row]).sum::<f64>() / count;
-    let variance = rows.iter().map(|&row| (tau[torque][row] - mean).powi(2)).sum::<f64>() / count;
-    let speed = (rows.iter().map(|&row| qd[j][row].powi(2)).sum::<f64>() / count).sqrt();
-    let power =
-        rows.iter().map(|&row| qd[j][row].abs() * (solved.theta[4] + solved.theta[5] * qd[j][row].abs()));
-    let scale = variance.sqrt() * speed;
-    (scale > 0.0).then(|| Explained {
-        share: 1.0 - solved.residual_sum_of_squares / (count * variance),
-        friction_power: power.sum::<f64>() / count / scale,
-    })
-}
-
-/// Torques with the wrong sign or of another joint.
-fn torques(view: &View<'_>, joints: &[JointIndex], known: &[Finding]) -> Vec<Finding> {
-    let mut found = Vec::new();
-    let own: Vec<(JointIndex, Explained)> =
-        joints.iter().filter_map(|&joint| Some((joint, explain(view, joint.index(), joint)?))).collect();
-    let mut swapped = Vec::new();
-    for (at, &(a, own_a)) in own.iter().enumerate() {
-        for &(b, own_b) in &own[at + 1..] {
-            let crossed = (explain(view, a.index(), b), explain(view, b.index(), a));
-            let (Some(a_by_b), Some(b_by_a)) = crossed else { continue };
-            if a_by_b.share > own_a.share + EXPLAINED_GAP && b_by_a.share > own_b.share + EXPLAINED_GAP {
-                swapped.extend([a, b]);
-                found.push(finding(
-                    FindingKind::TorqueSwapped,
-                    FindingSeverity::Refuse,
-                    Some(a),
-                    format!(
-                        "joints {a} and {b}: the torque of each follows the motion of the other ({:.0} and {:.0} % of it \
-                         explained, by its own motion {:.0} and {:.0} %); the torque columns, or position and velocity \
-                         together, are swapped",
-                        100.0 * a_by_b.share,
-                        100.0 * b_by_a.share,
-                        100.0 * own_a.share,
-                        100.0 * own_b.share
-                    ),
-                    &[("explained_by_other", a_by_b.share), ("explained_by_own", own_a.share)],
-                ));
-            }
-        }
-    }
-    let turned = |joint: JointIndex| {
-        known.iter().any(|f| f.joint == Some(joint) && f.kind == FindingKind::VelocitySign)
-    };
-    for (joint, explained) in own {
-        if explained.friction_power < DRIVEN && !swapped.contains(&joint) && !turned(joint) {
-            found.push(finding(
-                FindingKind::TorqueSign,
-                FindingSeverity::Refuse,
-                Some(joint),
-                format!(
-                    "joint {joint}: friction would drive the joint instead of braking it (its power is {:.2} of torque times \
-                     speed, it must be positive); turn the sign of the torque in the export layout",
-                    explained.friction_power
-                ),
-                &[("friction_power_share", explained.friction_power)],
-            ));
-        }
-    }
-    found
 }

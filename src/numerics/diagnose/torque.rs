@@ -1,0 +1,107 @@
+//! Torque against motion: whose joint's it is, and whether friction brakes.
+
+use super::{Finding, FindingKind, FindingSeverity, View, finding};
+use crate::numerics::signal::Conditioned;
+use crate::numerics::triangular::TriangularFactor;
+use crate::robot::JointIndex;
+
+/// Most rows of one small fit; more add nothing to a yes or no.
+const FIT_ROWS: usize = 3000;
+/// Difference in explained torque that makes a torque another joint's.
+const EXPLAINED_GAP: f64 = 0.3;
+/// Friction power over torque times speed below which a torque's sign is wrong.
+const DRIVEN: f64 = -0.1;
+
+/// What one joint's motion explains of one torque.
+#[derive(Debug, Clone, Copy)]
+struct Explained {
+    /// Part of the torque's variance.
+    share: f64,
+    /// Mean power of the friction part over RMS torque times RMS speed.
+    friction_power: f64,
+}
+
+/// `tau_i = c + b cos q_j + s sin q_j + I qdd_j + f sign(qd_j) + v qd_j`, over the rows in which joint
+/// `j` moves.
+fn explain(view: &View<'_>, torque: usize, joint: JointIndex) -> Option<Explained> {
+    let j = joint.index();
+    let Conditioned { q, qd, qdd, tau, .. } = view.conditioned;
+    let low = view.joint(joint).low_speed;
+    let moving: Vec<usize> = view.rows.iter().copied().filter(|&row| qd[j][row].abs() >= low).collect();
+    let stride = moving.len().div_ceil(FIT_ROWS).max(1);
+    let rows: Vec<usize> = moving.into_iter().step_by(stride).collect();
+    let column = |row: usize, k: usize| match k {
+        0 => 1.0,
+        1 => q[j][row].cos(),
+        2 => q[j][row].sin(),
+        3 => qdd[j][row],
+        4 => qd[j][row].signum(),
+        5 => qd[j][row],
+        _ => tau[torque][row],
+    };
+    let mut factor = TriangularFactor::new(6);
+    factor.fold(faer::Mat::from_fn(rows.len(), 7, |i, k| column(rows[i], k)).as_ref());
+    let solved = factor.solve(1e6, |k| k.to_string()).ok()?;
+    let count = rows.len() as f64;
+    let mean = rows.iter().map(|&row| tau[torque][row]).sum::<f64>() / count;
+    let variance = rows.iter().map(|&row| (tau[torque][row] - mean).powi(2)).sum::<f64>() / count;
+    let speed = (rows.iter().map(|&row| qd[j][row].powi(2)).sum::<f64>() / count).sqrt();
+    let power =
+        rows.iter().map(|&row| qd[j][row].abs() * (solved.theta[4] + solved.theta[5] * qd[j][row].abs()));
+    let scale = variance.sqrt() * speed;
+    (scale > 0.0).then(|| Explained {
+        share: 1.0 - solved.residual_sum_of_squares / (count * variance),
+        friction_power: power.sum::<f64>() / count / scale,
+    })
+}
+
+/// Torques with the wrong sign or of another joint.
+pub(super) fn torques(view: &View<'_>, joints: &[JointIndex], known: &[Finding]) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let own: Vec<(JointIndex, Explained)> =
+        joints.iter().filter_map(|&joint| Some((joint, explain(view, joint.index(), joint)?))).collect();
+    let mut swapped = Vec::new();
+    for (at, &(a, own_a)) in own.iter().enumerate() {
+        for &(b, own_b) in &own[at + 1..] {
+            let crossed = (explain(view, a.index(), b), explain(view, b.index(), a));
+            let (Some(a_by_b), Some(b_by_a)) = crossed else { continue };
+            if a_by_b.share > own_a.share + EXPLAINED_GAP && b_by_a.share > own_b.share + EXPLAINED_GAP {
+                swapped.extend([a, b]);
+                found.push(finding(
+                    FindingKind::TorqueSwapped,
+                    FindingSeverity::Refuse,
+                    Some(a),
+                    format!(
+                        "joints {a} and {b}: the torque of each follows the motion of the other ({:.0} and {:.0} % of it \
+                         explained, by its own motion {:.0} and {:.0} %); the torque columns, or position and velocity \
+                         together, are swapped",
+                        100.0 * a_by_b.share,
+                        100.0 * b_by_a.share,
+                        100.0 * own_a.share,
+                        100.0 * own_b.share
+                    ),
+                    &[("explained_by_other", a_by_b.share), ("explained_by_own", own_a.share)],
+                ));
+            }
+        }
+    }
+    let turned = |joint: JointIndex| {
+        known.iter().any(|f| f.joint == Some(joint) && f.kind == FindingKind::VelocitySign)
+    };
+    for (joint, explained) in own {
+        if explained.friction_power < DRIVEN && !swapped.contains(&joint) && !turned(joint) {
+            found.push(finding(
+                FindingKind::TorqueSign,
+                FindingSeverity::Refuse,
+                Some(joint),
+                format!(
+                    "joint {joint}: friction would drive the joint instead of braking it (its power is {:.2} of torque times \
+                     speed, it must be positive); turn the sign of the torque in the export layout",
+                    explained.friction_power
+                ),
+                &[("friction_power_share", explained.friction_power)],
+            ));
+        }
+    }
+    found
+}
