@@ -20,12 +20,12 @@ ALTER TABLE run ADD COLUMN superseded_by_run_id INTEGER REFERENCES run ON DELETE
 CREATE INDEX run_by_replaced ON run (replaces_run_id) WHERE replaces_run_id IS NOT NULL;
 CREATE INDEX run_by_successor ON run (superseded_by_run_id) WHERE superseded_by_run_id IS NOT NULL;
 
--- The file's number in its file system, to find the run of a file that was renamed while it grew. Only a
--- hint, as the whole table is.
-ALTER TABLE source_file ADD COLUMN device INTEGER;
-ALTER TABLE source_file ADD COLUMN inode INTEGER;
+-- Number of the file that the run was last read from, to find its run when it was renamed. Only a hint: a
+-- number is given again once its file is gone.
+ALTER TABLE run ADD COLUMN device INTEGER;
+ALTER TABLE run ADD COLUMN inode INTEGER;
 
-CREATE INDEX source_file_by_inode ON source_file (inode, device) WHERE inode IS NOT NULL;
+CREATE INDEX run_by_file ON run (inode, device) WHERE inode IS NOT NULL;
 
 -- The contract -------------------------------------------------------------------------------------
 

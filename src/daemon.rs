@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
@@ -20,7 +21,8 @@ use crate::config::Config;
 use crate::ingest::tail;
 use crate::ingest::watch::{self, Complaints};
 use crate::pipeline::follow::Followed;
-use crate::pipeline::{Outcome, Pipeline, PipelineError, Retry};
+use crate::pipeline::{Outcome, Pipeline, PipelineError, Progress, Retry};
+use crate::run::FileId;
 use book::{Book, Closing, Due};
 
 /// Hints that arrive within this time cause one scan: a copy of a large file makes thousands.
@@ -59,6 +61,10 @@ struct Work<'p> {
     growing: usize,
     /// Robots with a settled file being read.
     robots: HashSet<String>,
+    /// A settled file whose run has no number yet. One at a time, so that numbers follow names, and of two
+    /// files with one content the first by name is taken.
+    admitting: Option<FileId>,
+    begun: (mpsc::UnboundedSender<FileId>, mpsc::UnboundedReceiver<FileId>),
 }
 
 /// Watches the configured folders until `stop` is cancelled, then finishes the cycles in hand.
@@ -94,6 +100,8 @@ impl<'p> Work<'p> {
             tasks: JoinSet::new(),
             growing: 0,
             robots: HashSet::new(),
+            admitting: None,
+            begun: mpsc::unbounded_channel(),
         }
     }
 
@@ -109,6 +117,7 @@ impl<'p> Work<'p> {
             tokio::select! {
                 () = self.stop.cancelled() => {}
                 Some(closed) = self.tasks.join_next() => self.close(closed?, report)?,
+                Some(file) = self.begun.1.recv() => self.admitted(file),
                 Some(()) = hints.recv(), if next_scan > earliest => next_scan = earliest,
                 () = tokio::time::sleep_until(next_scan.into()) => {
                     watcher.watch_missing();
@@ -141,20 +150,34 @@ impl<'p> Work<'p> {
             self.start(due, Way::Growing);
         }
         while self.robots.len() < BACKLOG_FILES
+            && self.admitting.is_none()
             && let Some((due, robot)) = self.book.next_settled(&self.robots)
         {
             self.robots.insert(robot.clone());
+            self.admitting = Some(due.file);
             self.start(due, Way::Settled(robot));
         }
     }
 
+    /// Notes that the run of a file has its number, or that the file is closed.
+    fn admitted(&mut self, file: FileId) {
+        self.admitting.take_if(|admitting| *admitting == file);
+    }
+
     fn start(&mut self, due: Due, way: Way) {
         let (pipeline, stop) = (self.pipeline.clone(), self.stop.clone());
+        let (begun, file) = (self.begun.0.clone(), due.file);
+        let progress = move |progress| {
+            if progress == Progress::Begun {
+                // nobody listens any more when the daemon ends
+                let _ = begun.send(file);
+            }
+        };
         self.tasks.spawn(async move {
             let result = match &way {
-                Way::Growing => pipeline.follow(&due.path, due.patience, &stop, |_| ()).await,
+                Way::Growing => pipeline.follow(&due.path, due.patience, &stop, progress).await,
                 Way::Settled(_) => {
-                    pipeline.process(&due.path, Retry::Never, &stop, |_| ()).await.map(Followed::Outcome)
+                    pipeline.process(&due.path, Retry::Never, &stop, progress).await.map(Followed::Outcome)
                 }
             };
             Closed { due, way, result }
@@ -168,6 +191,7 @@ impl<'p> Work<'p> {
         report: &mut impl FnMut(&Path, &Outcome),
     ) -> Result<(), PipelineError> {
         let Closed { due, way, result } = closed;
+        self.admitted(due.file);
         match &way {
             Way::Growing => self.growing -= 1,
             Way::Settled(robot) => {

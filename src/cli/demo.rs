@@ -1,6 +1,8 @@
 //! `armwatch demo`: a small fleet, from simulated exports to findings.
 
 use std::collections::HashSet;
+use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -32,7 +34,8 @@ Examples:
   armwatch demo --once --dir /tmp/fleet
 
 Three ER3A arms are tested once a day for eleven days; the gearbox of one joint of one arm wears. The
-exports are written into a watched folder while the daemon takes them. The database stays, to be
+exports are written into a watched folder while the daemon takes them: those of the first day bit by
+bit, so that their cycles are stored while the run is still 'streaming'. The database stays, to be
 opened with any SQLite program.")]
 pub(super) struct DemoArgs {
     /// End after the last result instead of watching on
@@ -56,15 +59,15 @@ pub(super) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliError> {
     config.database = global.db.clone().unwrap_or_else(|| folder.join("armwatch.db"));
     config.watch.folders = vec![inbox.clone()];
     config.watch.scan_interval = Duration::from_millis(500);
-    // exports appear whole, by renaming
-    config.watch.settle = Duration::from_millis(200);
+    // some times the pause of a slow writer
+    config.watch.settle = Duration::from_millis(300);
     let database = config.database.clone();
     output::note(&format!("exports   {}\ndatabase  {}", inbox.display(), database.display()));
     runtime()?.block_on(async {
         let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
         let store = open_store(&config).await?;
         let pipeline = Pipeline::new(shared(config), store);
-        let writer = write_fleet(robot, inbox, args.seed, stop.clone());
+        let writer = write_fleet(robot, folder.join("made"), inbox, args.seed, stop.clone());
         let watched = watch_fleet(&pipeline, args.once, &stop, writer).await;
         let shown = show_findings(pipeline.store(), &database).await;
         watched?;
@@ -114,8 +117,16 @@ fn fleet(seed: u64) -> Result<Vec<SimulationSettings>, CliError> {
 
 type Written = JoinHandle<Result<Vec<PathBuf>, CliError>>;
 
-/// Writes the fleet's exports day by day, as the controllers would.
-fn write_fleet(robot: Robot, inbox: PathBuf, seed: u64, stop: CancellationToken) -> Written {
+/// Days whose exports are written slowly, as a controller writes them while it moves.
+const SLOW_DAYS: u32 = 1;
+/// Pieces in which a slow export is written: some to a cycle.
+const PIECES: usize = 30;
+/// Time between two pieces: below the time to settle, and two seconds for an export.
+const PIECE_PAUSE: Duration = Duration::from_millis(60);
+
+/// Writes the fleet's exports day by day, as the controllers would: those of the first day bit by bit, the
+/// others appear whole.
+fn write_fleet(robot: Robot, made: PathBuf, inbox: PathBuf, seed: u64, stop: CancellationToken) -> Written {
     tokio::task::spawn_blocking(move || {
         let mut written = Vec::new();
         for run in 0..RUNS {
@@ -123,13 +134,29 @@ fn write_fleet(robot: Robot, inbox: PathBuf, seed: u64, stop: CancellationToken)
                 if stop.is_cancelled() {
                     return Ok(written);
                 }
-                let files =
-                    simulate_run(&robot, &settings, run, &inbox, &mut |_| ()).map_err(as_cli_error)?;
-                written.push(files.export);
+                let files = simulate_run(&robot, &settings, run, &made, &mut |_| ()).map_err(as_cli_error)?;
+                let export = inbox.join(files.export.file_name().unwrap_or_default());
+                let moved = if run < SLOW_DAYS {
+                    append_slowly(&files.export, &export)
+                } else {
+                    std::fs::rename(&files.export, &export)
+                };
+                moved.map_err(|error| CliError::Io(format!("{}: {error}", export.display())))?;
+                written.push(export);
             }
         }
         Ok(written)
     })
+}
+
+fn append_slowly(from: &Path, to: &Path) -> std::io::Result<()> {
+    let text = std::fs::read(from)?;
+    let mut export = File::options().create_new(true).append(true).open(to)?;
+    for piece in text.chunks(text.len() / PIECES + 1) {
+        export.write_all(piece)?;
+        std::thread::sleep(PIECE_PAUSE);
+    }
+    std::fs::remove_file(from)
 }
 
 fn as_cli_error(error: SimulateError) -> CliError {

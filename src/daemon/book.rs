@@ -152,6 +152,11 @@ impl Book {
     /// Notes what became of a file that was open.
     pub fn close(&mut self, due: &Due, closing: Closing) {
         self.open.remove(&due.file);
+        // looks while it was open have queued it again; the next one knows better
+        self.growing.remove(&due.path);
+        for queue in self.settled.values_mut() {
+            queue.retain(|(_, path)| *path != due.path);
+        }
         let Some(entry) = self.entries.get_mut(&due.path) else { return };
         let unchanged = entry.seen.size == due.seen.size && entry.seen.modified == due.seen.modified;
         entry.grown &= closing == Closing::Taken && !unchanged;
@@ -190,9 +195,9 @@ impl Entry {
         if std::mem::take(&mut self.done) {
             self.patience = (2 * self.patience).min(LONGEST_PATIENCE.max(self.patience));
         }
-        self.done = false;
         self.taken = false;
-        self.grown = true;
+        // a touched file has not grown, and one that was cut has not grown yet
+        self.grown = same_file && seen.size > before.size;
         if !same_file || seen.size < before.size {
             self.waits = false;
         }
@@ -292,7 +297,9 @@ mod tests {
         desk.write("a1", 10);
         [0, 3].into_iter().for_each(|at| desk.look(at));
         let due = desk.settled(&[]).expect("settled");
+        desk.look(4);
         desk.book.close(&due, Closing::Taken);
+        assert!(desk.settled(&[]).is_none(), "queued while it was open");
         desk.look(9);
         assert!(desk.settled(&[]).is_none() && desk.growing().is_none());
         desk.write("a1", 12);
@@ -338,6 +345,9 @@ mod tests {
         assert!(desk.growing().is_none());
         desk.write("a1", 5);
         desk.look(3);
+        assert!(desk.growing().is_none());
+        desk.write("a1", 6);
+        desk.look(4);
         assert_eq!(name(desk.growing().as_ref()), Some("a1"), "it was rewritten");
     }
 }

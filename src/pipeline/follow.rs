@@ -15,7 +15,7 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::cutting::{CutCycle, Cutting, ReadEnd};
-use super::intake::{self, Intake};
+use super::intake::{self, Intake, Recognised};
 use super::{EndsRejected, Lane, Outcome, Pipeline, PipelineError, Progress, record};
 use crate::config::FleetEntry;
 use crate::ingest::csv::{ExportReader, ReadOptions, Step};
@@ -53,10 +53,10 @@ impl Pipeline {
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Followed, PipelineError> {
-        let Ok((entry, robot, started_at)) = intake::recognise(self, path, intake::file_time(path)) else {
+        let Ok(recognised) = intake::recognise(self, path, intake::file_time(path)) else {
             return Ok(Followed::UntilSettled);
         };
-        let (owned, arm) = (path.to_path_buf(), entry.clone());
+        let (owned, arm) = (path.to_path_buf(), recognised.entry.clone());
         let opened = tokio::task::spawn_blocking(move || open(owned, &arm)).await?;
         let opened = match opened {
             Ok(Opening::Open(opened)) => *opened,
@@ -64,8 +64,9 @@ impl Pipeline {
             Ok(Opening::Compressed) => return Ok(Followed::UntilSettled),
             Err(rejection) => return Ok(until_settled(&rejection)),
         };
-        let intake = self.begin_growing(path, entry, &robot, started_at, &opened).await?;
+        let intake = self.begin_growing(path, &recognised, opened.state).await?;
         let _open = self.open(intake.run_id);
+        progress(Progress::Begun);
         let method = match self.method(&intake).await? {
             Ok(method) => method,
             Err(rejection) => return Ok(until_settled(&rejection)),
@@ -99,17 +100,15 @@ impl Pipeline {
     async fn begin_growing(
         &self,
         path: &Path,
-        entry: &FleetEntry,
-        robot: &str,
-        started_at: Timestamp,
-        opened: &Opened,
+        recognised: &Recognised<'_>,
+        state: SourceState,
     ) -> Result<Intake, PipelineError> {
-        let state = opened.state;
-        let start = intake::start(self, path, state.file).await?;
+        let Recognised { entry, robot, started_at, .. } = recognised;
+        let start = intake::start(self, path, state.file, recognised.recording()).await?;
         // stands in until the content is whole
         let no_hash = ContentHash([0; 32]);
         let model = &entry.description.model;
-        let header = intake::header(path, robot, model, started_at, no_hash, state.bytes);
+        let header = intake::header(path, robot, model, *started_at, no_hash, state.bytes);
         let identity = Identity::Growing(start.read);
         let begun = self.store.begin_source(&header, identity, start.beginning, state).await?;
         tracing::info!(file = %path.display(), run_id = begun.run_id, robot, cycles = begun.cycles_stored, "growing");

@@ -69,7 +69,9 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
     };
     let Some(state) = source_state(path) else { return Ok(Known::Yes(Outcome::Changed)) };
     let known = pipeline.store().lookup(&content_hash).await?;
-    let start = start(pipeline, path, state.file).await?;
+    let recognised = recognise(pipeline, path, file_time);
+    let recording = recognised.as_ref().ok().and_then(Recognised::recording);
+    let start = start(pipeline, path, state.file, recording).await?;
     // a content that was superseded at this path has come back to it
     let returns =
         |known: &KnownRun| known.status == RunStatus::Superseded && start.beginning.instead_of.is_some();
@@ -84,7 +86,7 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
             return Ok(Known::Yes(Outcome::InWork { run_id: known.run_id }));
         }
     }
-    let (entry, robot, started_at) = match recognise(pipeline, path, file_time) {
+    let Recognised { entry, robot, started_at, .. } = match recognised {
         Ok(recognised) => recognised,
         Err(rejection) => {
             let header = header(path, UNKNOWN_ROBOT, "", file_time, content_hash, source_bytes);
@@ -109,69 +111,97 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
 }
 
 /// How the run of a file begins, and from which of its first bytes its stored cycles are.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Start {
     /// The beginning.
     pub beginning: Beginning,
     /// What is stored already was read from these bytes.
     pub read: ContentPrefix,
-    /// An unfinished run that lay at this path, whatever the file holds now.
-    unfinished: Option<i64>,
-    /// Whether that run's cycles come from this file's first bytes.
-    unfinished_is_prefix: bool,
+    /// An unfinished run that is not to go on, since this file's content is stored otherwise.
+    unfinished: Option<Unfinished>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Unfinished {
+    /// Its cycles come from the first bytes of this file.
+    Prefix(i64),
+    /// This file was written over what it was read from.
+    Rewritten(i64),
 }
 
 /// Finds out how the run of the file at `path` begins: its first bytes are compared with what runs were
-/// read from that lay at this path, or in this file.
+/// read from that lay at this path, or in this file. `recording` is robot and start where the name says both.
 ///
 /// # Errors
 /// Those of the store.
-pub async fn start(pipeline: &Pipeline, path: &Path, file: FileId) -> Result<Start, PipelineError> {
-    let earlier = pipeline.store().earlier_runs(&path.display().to_string(), file).await?;
+pub async fn start(
+    pipeline: &Pipeline,
+    path: &Path,
+    file: FileId,
+    recording: Option<(&str, Timestamp)>,
+) -> Result<Start, PipelineError> {
+    let mut earlier = pipeline.store().earlier_runs(&path.display().to_string(), file).await?;
+    // what is being read is another file's, which had this name
+    earlier.retain(|run| !pipeline.is_open(run.run.run_id));
     let owned = path.to_path_buf();
     let compared = tokio::task::spawn_blocking(move || {
         let begins_with = |run: &EarlierRun| matches!(fingerprint::prefix(&owned, run.read.bytes), Ok(Some(prefix)) if prefix == run.read);
         earlier.into_iter().map(|run| (begins_with(&run), run)).collect::<Vec<_>>()
     });
-    let policy = pipeline.config().watch.on_rewrite;
-    Ok(chosen(&compared.await?, policy))
+    Ok(chosen(&compared.await?, recording, pipeline.config().watch.on_rewrite))
 }
 
 /// Chooses among runs, each with whether the file begins with what it was read from.
-fn chosen(earlier: &[(bool, EarlierRun)], policy: RewritePolicy) -> Start {
-    let mut start = Start {
-        beginning: Beginning::default(),
-        read: fingerprint::nothing(),
-        unfinished: None,
-        unfinished_is_prefix: false,
-    };
-    for (is_prefix, EarlierRun { run, read, same_path }) in earlier {
+///
+/// A run is superseded only by the same recording: by a file of the same path, robot and start. A file whose
+/// name says no start, such as `current.csv`, holds one recording after the other; of those, only an
+/// unfinished one is superseded whose very file was written over.
+fn chosen(
+    earlier: &[(bool, EarlierRun)],
+    recording: Option<(&str, Timestamp)>,
+    policy: RewritePolicy,
+) -> Start {
+    let mut start = Start { beginning: Beginning::default(), read: fingerprint::nothing(), unfinished: None };
+    for (is_prefix, earlier) in earlier {
+        let EarlierRun { run, same_path, same_file, .. } = earlier;
         let (unfinished, complete) = (run.status == RunStatus::Streaming, run.status == RunStatus::Complete);
         // nothing is stored of it that could be wrong
-        let empty = *same_path && unfinished && run.cycles_stored == 0;
-        let goes_on = unfinished || complete || (*same_path && run.status == RunStatus::Quarantined);
-        if *same_path && unfinished {
-            (start.unfinished, start.unfinished_is_prefix) = (Some(run.run_id), *is_prefix || empty);
-        }
+        let empty = *same_path && *same_file && unfinished && run.cycles_stored == 0;
+        // a header alone is that of any file
+        let faulty = run.status == RunStatus::Quarantined && (*same_path || run.cycles_stored > 0);
+        let goes_on = unfinished || complete || faulty;
+        let same_recording = *same_path && recording == Some((earlier.robot.as_str(), earlier.started_at));
+        let rewritten = match run.status {
+            RunStatus::Streaming => same_recording || *same_file,
+            RunStatus::Complete => same_recording && policy == RewritePolicy::Supersede,
+            RunStatus::Quarantined | RunStatus::Superseded => false,
+        };
         if start.beginning.onwards.is_none() && goes_on && (*is_prefix || empty) {
             start.beginning.onwards = Some(run.run_id);
-            start.read = if *is_prefix && run.cycles_stored > 0 { *read } else { fingerprint::nothing() };
-        } else if *same_path && (unfinished || (complete && policy == RewritePolicy::Supersede)) {
+            start.read =
+                if *is_prefix && run.cycles_stored > 0 { earlier.read } else { fingerprint::nothing() };
+            start.unfinished = unfinished.then_some(Unfinished::Prefix(run.run_id));
+        } else if start.beginning.instead_of.is_none() && rewritten {
             start.beginning.instead_of = Some(run.run_id);
+            if unfinished && start.unfinished.is_none() {
+                start.unfinished = Some(Unfinished::Rewritten(run.run_id));
+            }
         }
     }
     start
 }
 
-/// Leaves a file whose content is stored as `run_id`: an unfinished run that was read from this path goes,
-/// or stands as superseded where the file was rewritten.
+/// Leaves a file whose content is stored as `run_id`: an unfinished run that was read from it goes, or stands
+/// as superseded where the file was rewritten.
 async fn leave(pipeline: &Pipeline, run_id: i64, start: &Start) -> Result<(), PipelineError> {
-    match start.unfinished.filter(|unfinished| *unfinished != run_id) {
-        Some(unfinished) if start.unfinished_is_prefix => {
-            pipeline.store().discard_run(unfinished).await?;
+    match start.unfinished {
+        Some(Unfinished::Prefix(unfinished)) if unfinished != run_id => {
+            pipeline.store().merge_run(unfinished, run_id).await?;
         }
-        Some(unfinished) => pipeline.store().supersede_run(run_id, unfinished).await?,
-        None => {}
+        Some(Unfinished::Rewritten(unfinished)) if unfinished != run_id => {
+            pipeline.store().supersede_run(run_id, unfinished).await?;
+        }
+        _ => {}
     }
     Ok(())
 }
@@ -231,8 +261,26 @@ fn read(
     cutting.end(export.rows())
 }
 
-/// The description of a robot and its exports, its name, and the start of the recording.
-pub type Recognition<'a> = (&'a FleetEntry, String, Timestamp);
+/// What an export's name says of it.
+#[derive(Debug, Clone)]
+pub struct Recognised<'a> {
+    /// The robot's description and the layout of its exports.
+    pub entry: &'a FleetEntry,
+    /// The individual robot.
+    pub robot: String,
+    /// Start of the recording: from the name or, without one there, the file's time.
+    pub started_at: Timestamp,
+    /// Whether the name says the start.
+    named_start: bool,
+}
+
+impl Recognised<'_> {
+    /// Which recording it is, where the name says so.
+    #[must_use]
+    pub fn recording(&self) -> Option<(&str, Timestamp)> {
+        self.named_start.then_some((self.robot.as_str(), self.started_at))
+    }
+}
 
 /// Which robot made the export, and when, by its file name.
 ///
@@ -242,7 +290,7 @@ pub fn recognise<'a>(
     pipeline: &'a Pipeline,
     path: &Path,
     file_time: Timestamp,
-) -> Result<Recognition<'a>, Rejection> {
+) -> Result<Recognised<'a>, Rejection> {
     let config = pipeline.config();
     let recognised = config.recognition.recognise(&file_name(path)).map_err(|error| {
         Rejection::of_file(
@@ -258,7 +306,12 @@ pub fn recognise<'a>(
             "add a [[robot]] entry whose name matches to the configuration",
         )
     })?;
-    Ok((entry, recognised.robot, recognised.started_at.unwrap_or(file_time)))
+    Ok(Recognised {
+        entry,
+        robot: recognised.robot,
+        started_at: recognised.started_at.unwrap_or(file_time),
+        named_start: recognised.started_at.is_some(),
+    })
 }
 
 async fn quarantined(
@@ -311,4 +364,72 @@ pub fn file_time(path: &Path) -> Timestamp {
         .ok()
         .and_then(|modified| Timestamp::try_from(modified).ok())
         .unwrap_or(Timestamp::UNIX_EPOCH)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const START: Timestamp = Timestamp::UNIX_EPOCH;
+
+    fn earlier(run_id: i64, status: RunStatus, cycles_stored: u32, places: [bool; 2]) -> EarlierRun {
+        let [same_path, same_file] = places;
+        EarlierRun {
+            run: KnownRun { run_id, status, reason: None, cycles_stored },
+            robot: "A".into(),
+            started_at: START,
+            read: ContentPrefix { bytes: 9, hash: ContentHash([9; 32]) },
+            same_path,
+            same_file,
+        }
+    }
+
+    fn begins(
+        earlier: &[(bool, EarlierRun)],
+        recording: Option<(&str, Timestamp)>,
+    ) -> (Option<i64>, Option<i64>) {
+        let start = chosen(earlier, recording, RewritePolicy::Supersede);
+        (start.beginning.onwards, start.beginning.instead_of)
+    }
+
+    #[test]
+    fn a_file_that_begins_with_what_was_read_goes_on() {
+        let named = Some(("A", START));
+        for status in [RunStatus::Streaming, RunStatus::Complete, RunStatus::Quarantined] {
+            let runs = [(true, earlier(1, status, 2, [true, true]))];
+            assert_eq!(begins(&runs, named), (Some(1), None), "{status:?}");
+            assert_eq!(begins(&runs, None), (Some(1), None), "{status:?}");
+        }
+        assert_eq!(
+            begins(&[(true, earlier(1, RunStatus::Superseded, 2, [true, true]))], named),
+            (None, None)
+        );
+        // renamed, while its old name has got another file
+        let runs = [
+            (false, earlier(2, RunStatus::Complete, 2, [true, false])),
+            (true, earlier(1, RunStatus::Streaming, 2, [false, true])),
+        ];
+        assert_eq!(begins(&runs, None), (Some(1), None));
+        assert_eq!(begins(&runs, named), (Some(1), Some(2)));
+    }
+
+    #[test]
+    fn only_the_same_recording_supersedes() {
+        let complete = [(false, earlier(1, RunStatus::Complete, 2, [true, true]))];
+        assert_eq!(begins(&complete, Some(("A", START))), (None, Some(1)));
+        let next_day = START + jiff::SignedDuration::from_hours(24);
+        for other in [None, Some(("B", START)), Some(("A", next_day))] {
+            assert_eq!(begins(&complete, other), (None, None), "{other:?}");
+        }
+        let kept = chosen(&complete, Some(("A", START)), RewritePolicy::KeepBoth);
+        assert_eq!(kept.beginning, Beginning::default());
+    }
+
+    #[test]
+    fn an_unfinished_run_whose_file_was_written_over_is_superseded_and_one_that_was_moved_is_not() {
+        let unfinished = |cycles, places| [(false, earlier(1, RunStatus::Streaming, cycles, places))];
+        assert_eq!(begins(&unfinished(2, [true, true]), None), (None, Some(1)));
+        assert_eq!(begins(&unfinished(2, [true, false]), None), (None, None), "another file has its name");
+        assert_eq!(begins(&unfinished(0, [true, true]), None), (Some(1), None), "nothing is stored of it");
+    }
 }

@@ -138,6 +138,8 @@ impl Outcome {
 /// How far an export has come, for progress bars.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
+    /// The export is let in: its run has its number.
+    Begun,
     /// Bytes of the file read so far.
     Read(u64),
     /// A cycle is stored.
@@ -221,6 +223,7 @@ impl Pipeline {
             Known::Yes(outcome) => return Ok(outcome),
         };
         let _open = self.open(intake.run_id);
+        progress(Progress::Begun);
         let method = match self.method(&intake).await? {
             Ok(method) => method,
             Err(rejection) => return record::quarantine(self, &intake, rejection).await,

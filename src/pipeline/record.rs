@@ -85,7 +85,7 @@ pub async fn finish(
     let mut ending = pipeline.store().finish_run(intake.run_id).await?;
     if let Owner::Other(run_id) = ending.adopt(&totals.content).await? {
         drop(ending);
-        pipeline.store().discard_run(intake.run_id).await?;
+        pipeline.store().merge_run(intake.run_id, run_id).await?;
         return Ok(Outcome::AlreadyStored { run_id });
     }
     ending.store_analysis(&analysis).await?;

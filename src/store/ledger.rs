@@ -385,6 +385,24 @@ pub(super) async fn supersede(
     Ok(())
 }
 
+/// Lets `other` be the successor of what `run_id` has superseded.
+pub(super) async fn hand_on(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    other: i64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET reason = 'superseded by run ' || ?1 || ': the file was rewritten', superseded_by_run_id = ?1
+         WHERE superseded_by_run_id = ?2",
+    )
+    .bind(other)
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
 async fn delete_last_cycle(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "DELETE FROM cycle

@@ -143,6 +143,7 @@ impl Store {
         let mut transaction = self.begin().await?;
         let run = self.checked(ledger::begin(&mut transaction, header, identity, beginning).await)?;
         self.checked(sources::remember(&mut *transaction, &header.source_path, source, run.run_id).await)?;
+        self.checked(sources::set_file(&mut *transaction, run.run_id, source.file).await)?;
         self.commit(transaction).await?;
         Ok(run)
     }
@@ -239,6 +240,18 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn supersede_run(&self, run_id: i64, old: i64) -> Result<(), StoreError> {
         self.checked(ledger::supersede(&self.writer, run_id, old).await)
+    }
+
+    /// Takes away the unfinished run `run_id`, because the complete run `other` has its content. What it has
+    /// superseded is superseded by that one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn merge_run(&self, run_id: i64, other: i64) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        self.checked(ledger::hand_on(&mut *transaction, run_id, other).await)?;
+        self.checked(ledger::discard(&mut *transaction, run_id).await)?;
+        self.commit(transaction).await
     }
 
     /// Takes away a run that is not complete, with all its rows. Returns whether there was one.

@@ -61,7 +61,7 @@ const ROOMS: &[Room] = &[
     },
     Room {
         name: "daemon",
-        may_name: &["alert", "config", "ingest", "pipeline", "store", "telemetry"],
+        may_name: &["run", "alert", "config", "ingest", "pipeline", "store", "telemetry"],
         door_to: &[],
     },
     Room {

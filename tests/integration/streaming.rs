@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::support::Workshop;
+use crate::support::{Workshop, assert_alike};
 
 const COMPLETE: &str = "SELECT COUNT(*) FROM runs WHERE status = 'complete'";
 const CYCLES: &str = "SELECT COUNT(*) FROM cycles";
@@ -128,7 +128,7 @@ fn a_cycle_is_stored_while_its_file_is_still_written() {
     // the last cycle ends with the file, and the mark says where that is
     fs::write(workshop.inbox(&format!("{}.done", export.name)), "").expect("a mark");
     workshop.wait_for(COMPLETE, 1);
-    assert_eq!(workshop.dump(), export.golden());
+    assert_alike(&workshop.dump(), &export.golden(), "dump");
     stop(daemon);
 }
 
@@ -144,7 +144,7 @@ fn pieces_of_any_size_give_the_same_rows() {
         let count = [7, 20, 60, 150][usize::try_from(seed).expect("few")];
         write_slowly(&workshop.inbox(&export.name), &export.text, &mut random, count);
         workshop.wait_for(COMPLETE, 1);
-        assert_eq!(workshop.dump(), golden, "seed {seed}");
+        assert_alike(&workshop.dump(), &golden, &format!("seed {seed}"));
         stop(daemon);
     }
 }
@@ -173,7 +173,7 @@ fn a_daemon_killed_while_a_file_grows_ends_with_the_same_rows() {
         writer.join().expect("the writer");
         let daemon = workshop.daemon();
         workshop.wait_for(COMPLETE, 1);
-        assert_eq!(workshop.dump(), golden, "seed {seed}");
+        assert_alike(&workshop.dump(), &golden, &format!("seed {seed}"));
         assert_sound(&workshop);
         stop(daemon);
     }
@@ -199,32 +199,56 @@ fn two_files_grow_at_once() {
     for writer in [first, second] {
         writer.join().expect("the writer");
     }
-    assert_eq!(workshop.dump(), golden(&[&a, &b]));
+    assert_alike(&workshop.dump(), &golden(&[&a, &b]), "dump");
     stop(daemon);
 }
 
 #[test]
 fn a_file_that_grows_after_it_was_complete_is_continued() {
     let export = Export::new("A", 4, 6);
+    let golden = export.golden();
+    let inside = (export.end_of_cycle(2) + export.end_of_cycle(3)) / 2;
+    let behind_a_row =
+        inside + export.text[inside..].iter().position(|byte| *byte == b'\n').expect("a row") + 1;
+    // a row that is cut at the end of a file is a fault, until it is not the end any more
+    for (cut, before) in [(behind_a_row, "complete|3"), (behind_a_row - 30, "quarantined|2")] {
+        let workshop = Workshop::new();
+        let daemon = started(&workshop);
+        let path = workshop.inbox(&export.name);
+        append(&path, &export.text[..cut]);
+        workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status <> 'streaming'", 1);
+        assert_eq!(workshop.query("SELECT status, cycles FROM runs"), [before]);
+        append(&path, &export.text[cut..]);
+        workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete' AND cycles = 4", 1);
+        assert_alike(&workshop.dump(), &golden, before);
+        stop(daemon);
+        // the same while no daemon runs, by the one-shot command
+        let other = Workshop::new();
+        append(&other.inbox(&export.name), &export.text[..cut]);
+        other.run(&["ingest", "inbox"]);
+        append(&other.inbox(&export.name), &export.text[cut..]);
+        other.stdout(&["ingest", "inbox"], 0);
+        assert_alike(&other.dump(), &golden, before);
+    }
+}
+
+#[test]
+fn a_file_of_which_one_recording_after_the_other_is_written_gives_a_run_each() {
+    let (first, second) = (Export::new("A", 2, 15), Export::new("A", 3, 16));
     let workshop = Workshop::new();
+    workshop.set("settle_s", "0.6");
     let daemon = started(&workshop);
-    let path = workshop.inbox(&export.name);
-    // inside a cycle and inside a row
-    let half = export.end_of_cycle(2) + 5000;
-    append(&path, &export.text[..half]);
-    workshop.wait_for(COMPLETE, 1);
-    assert_eq!(workshop.query("SELECT run_id, cycles FROM runs"), ["1|3"]);
-    append(&path, &export.text[half..]);
-    workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete' AND cycles = 4", 1);
-    assert_eq!(workshop.dump(), export.golden());
+    let (current, moved) = (workshop.inbox("A.csv"), workshop.inbox(&first.name));
+    write_slowly(&current, &first.text, &mut ChaCha8Rng::seed_from_u64(60), 20);
+    // moved away while its run may still be open
+    fs::rename(&current, &moved).expect("renamed");
+    write_slowly(&current, &second.text, &mut ChaCha8Rng::seed_from_u64(61), 20);
+    workshop.wait_for(COMPLETE, 2);
+    assert_eq!(
+        workshop.query("SELECT status, cycles FROM runs ORDER BY run_id"),
+        ["complete|2", "complete|3"]
+    );
     stop(daemon);
-    // the same while no daemon runs, by the one-shot command
-    let other = Workshop::new();
-    append(&other.inbox(&export.name), &export.text[..half]);
-    other.run(&["ingest", "inbox"]);
-    append(&other.inbox(&export.name), &export.text[half..]);
-    other.stdout(&["ingest", "inbox"], 0);
-    assert_eq!(other.dump(), export.golden());
 }
 
 #[test]
@@ -249,8 +273,11 @@ fn a_file_written_over_is_superseded_and_kept() {
 
     // the first content comes back
     fs::write(&path, &old.text).expect("written");
-    workshop.wait_for("SELECT COUNT(*) FROM runs WHERE run_id = 1 AND status = 'complete'", 1);
-    assert_eq!(workshop.query(runs), ["1|complete|2|", "2|superseded|3|1"]);
+    workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete' AND cycles = 2", 1);
+    assert_eq!(
+        workshop.query("SELECT status, cycles FROM runs ORDER BY cycles"),
+        ["complete|2", "superseded|3"]
+    );
     assert_sound(&workshop);
     stop(daemon);
 }
@@ -305,11 +332,11 @@ fn a_file_renamed_while_it_grows_stays_one_run() {
     let export = Export::new("A", 3, 11);
     let golden = export.golden();
     let workshop = Workshop::new();
-    workshop.set("settle_s", "0.8");
-    let (path, moved) = (workshop.inbox(&export.name), workshop.inbox("A_19700101_0000_moved.csv"));
-    let moved_again = workshop.inbox("A_19700101_0000_again.csv");
+    workshop.set("settle_s", "60");
+    let (path, moved) = (workshop.inbox(&export.name), workshop.inbox("A_20260201_0000_moved.csv"));
+    let moved_again = workshop.inbox("A_20260201_0000_again.csv");
     let daemon = started(&workshop);
-    let (first, second) = (export.end_of_cycle(1) + 100, export.end_of_cycle(2) + 100);
+    let (first, second) = (export.end_of_cycle(1) + 1000, export.end_of_cycle(2) + 1000);
     append(&path, &export.text[..100]);
     std::thread::sleep(Duration::from_millis(300));
     append(&path, &export.text[100..first]);
@@ -322,9 +349,12 @@ fn a_file_renamed_while_it_grows_stays_one_run() {
     assert_eq!(daemon.end(), None);
     fs::rename(&moved, &moved_again).expect("renamed");
     let daemon = started(&workshop);
-    append(&moved_again, &export.text[second..]);
+    append(&moved_again, &export.text[second..second + 10]);
+    std::thread::sleep(Duration::from_millis(400));
+    append(&moved_again, &export.text[second + 10..]);
+    fs::write(workshop.inbox("A_20260201_0000_again.csv.done"), "").expect("a mark");
     workshop.wait_for(COMPLETE, 1);
-    assert_eq!(workshop.dump(), golden);
+    assert_alike(&workshop.dump(), &golden, "dump");
     stop(daemon);
 }
 
@@ -352,7 +382,7 @@ fn a_copy_of_the_whole_content_makes_no_second_run() {
         }
         workshop.wait_for("SELECT COUNT(*) FROM source_file", 2);
         workshop.wait_for("SELECT COUNT(*) FROM runs", 1);
-        assert_eq!(workshop.dump(), golden, "copy first: {copy_first}");
+        assert_alike(&workshop.dump(), &golden, &format!("copy first: {copy_first}"));
         stop(daemon);
     }
 }

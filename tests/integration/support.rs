@@ -122,6 +122,37 @@ impl Workshop {
         }
     }
 
+    /// As [`Workshop::dump`], with each run named by its export instead of its number, and without the numbers
+    /// of anomalies: both follow the order in which files that are read side by side come to their turn.
+    pub fn canonical_dump(&self) -> String {
+        let names =
+            "SELECT run_id, robot || ' ' || started_at || ' ' || coalesce(content_hash, '') FROM runs";
+        let names: Vec<(String, String)> = self
+            .query(names)
+            .iter()
+            .filter_map(|row| row.split_once('|').map(|(id, name)| (id.to_owned(), format!("run {name}"))))
+            .collect();
+        let mut dump = String::new();
+        for (view, _) in VIEWS {
+            let columns = self.query(&format!("SELECT name FROM pragma_table_info('{view}')"));
+            let rows = self.query(&format!("SELECT * FROM {view}"));
+            let named = |row: &String| {
+                let cells = row.split('|').zip(&columns).map(|(cell, column)| match column.as_str() {
+                    "anomaly_id" => "",
+                    name if name.ends_with("run_id") => {
+                        names.iter().find(|(id, _)| id == cell).map_or(cell, |(_, name)| name)
+                    }
+                    _ => cell,
+                });
+                cells.collect::<Vec<_>>().join("|")
+            };
+            let mut rows: Vec<String> = rows.iter().map(named).collect();
+            rows.sort_unstable();
+            dump.push_str(&format!("# {view}\n{}\n", rows.join("\n")));
+        }
+        dump
+    }
+
     /// Every row of every public view, in a fixed order.
     pub fn dump(&self) -> String {
         let mut dump = String::new();
@@ -210,4 +241,17 @@ fn cells(row: &SqliteRow) -> String {
         }
     });
     shown.collect::<Vec<_>>().join("|")
+}
+
+/// Asserts that two dumps are alike, and shows the first rows that are not.
+pub fn assert_alike(found: &str, expected: &str, of: &str) {
+    let differing: Vec<String> = found
+        .lines()
+        .zip(expected.lines())
+        .filter(|(found, expected)| found != expected)
+        .take(3)
+        .map(|(found, expected)| format!("found    {found}\nexpected {expected}"))
+        .collect();
+    let lines = [found, expected].map(|dump| dump.lines().count());
+    assert!(found == expected, "{of}: {lines:?} lines\n{}", differing.join("\n"));
 }
