@@ -106,7 +106,9 @@ pub(super) mod tests {
             gear_ratio: 1.0,
             position_offset: 0.0,
             drive_gain: None,
+            motor_torque_constant: None,
             rated_motor_torque: None,
+            rated_torque: None,
             low_speed: 0.02,
             nominal: None,
         }
