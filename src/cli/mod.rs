@@ -3,8 +3,11 @@
 mod config_check;
 mod coverage;
 mod demo;
+mod drive_gains;
+mod export_format;
 mod identify;
 mod ingest;
+mod load;
 mod output;
 mod robot_check;
 mod run;
@@ -125,6 +128,8 @@ enum Command {
 enum RobotCommand {
     /// Kinematics, base parameters with their groupings, rank and condition number
     Check(robot_check::RobotCheckArgs),
+    /// Drive gains from two recordings, without and with a known load
+    DriveGains(drive_gains::DriveGainsArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -196,6 +201,9 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Verify(args) => verify::verify(&cli.global, &args),
         Command::Simulate(args) => simulate::simulate(&cli.global, &args),
         Command::Robot { command: RobotCommand::Check(args) } => robot_check::check(&cli.global, &args),
+        Command::Robot { command: RobotCommand::DriveGains(args) } => {
+            drive_gains::drive_gains(&cli.global, &args)
+        }
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {
             coverage::coverage(&cli.global, &args)
         }

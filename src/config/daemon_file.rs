@@ -225,7 +225,10 @@ fn check_units(table: &Table<'_>, entry: &FleetEntry) -> Option<()> {
     let in_si = |channel: &Channel| channel.to_si == 1.0;
     if slides && !(in_si(&layout.position) && layout.velocity.as_ref().is_none_or(in_si)) {
         table.refuse(
-            format!("{} has a sliding joint, but the layout {} is not in rad and m", robot.model, layout.name),
+            format!(
+                "{} has a sliding joint, but the layout {} is not in rad and m",
+                robot.model, layout.name
+            ),
             Some("export rad for turning and m for sliding joints".into()),
         );
         return None;

@@ -87,7 +87,7 @@ const ROBOTS: &[Expectation] = &[
 const LAYOUTS: &[Expectation] = &[
     ("sound", &[]),
     ("in_degrees", &[]),
-    ("unit_unknown", &[(10, "position.unit", "must be one of rad, deg, m")]),
+    ("unit_unknown", &[(10, "position.unit", "must be one of rad, deg, rev, m")]),
     ("joint_number_missing", &[(13, "torque.column", "must contain {joint}")]),
     ("joint_number_in_time", &[(5, "time.column", "must not contain {joint}")]),
     ("column_read_twice", &[(24, "if_present.cycle", "already read as something else")]),

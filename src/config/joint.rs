@@ -69,18 +69,12 @@ pub(super) fn read_drive(table: &Table<'_>, kind: JointKind) -> Option<Drive> {
     let torque = Limits::above(0.0, 1e4, "Nm");
     let rated_motor_torque = table.optional(RATED_MOTOR_TORQUE).map(|value| value.number(&torque));
     let (gain_key, gain_limits, rated_key, rated_limits) = match kind {
-        JointKind::Revolute => (
-            DRIVE_GAIN,
-            Limits::within(1e4, "Nm/A"),
-            RATED_JOINT_TORQUE,
-            Limits::above(0.0, 1e6, "Nm"),
-        ),
-        JointKind::Prismatic => (
-            DRIVE_GAIN_OF_SLIDE,
-            Limits::within(1e5, "N/A"),
-            RATED_JOINT_FORCE,
-            Limits::above(0.0, 1e7, "N"),
-        ),
+        JointKind::Revolute => {
+            (DRIVE_GAIN, Limits::within(1e4, "Nm/A"), RATED_JOINT_TORQUE, Limits::above(0.0, 1e6, "Nm"))
+        }
+        JointKind::Prismatic => {
+            (DRIVE_GAIN_OF_SLIDE, Limits::within(1e5, "N/A"), RATED_JOINT_FORCE, Limits::above(0.0, 1e7, "N"))
+        }
     };
     let gain = |key: &str, limits: &Limits| table.optional(key).map(|value| not_zero(&value, limits));
     let drive_gain = gain(gain_key, &gain_limits);

@@ -221,10 +221,25 @@ impl Layout {
         })
     }
 
+    /// Key and value of the description that each joint's torque column is multiplied with, `[n]`; `None`
+    /// for layouts in Nm, and where the description lacks one.
+    #[must_use]
+    pub fn drive_values(&self, robot: &Robot) -> Option<Vec<(&'static str, f64)>> {
+        let of_joint = self.drive()?;
+        let pair = |joint: &Joint| match of_joint(joint) {
+            (key, Some(value)) => Some((key, value)),
+            (_, None) => None,
+        };
+        robot.joints.iter().map(pair).collect()
+    }
+
     fn check_lists(&self, robot: &Robot) -> Result<(), Misfit> {
         let n = robot.joint_count();
-        let channels =
-            [("position", Some(&self.position)), ("velocity", self.velocity.as_ref()), ("torque", Some(&self.torque))];
+        let channels = [
+            ("position", Some(&self.position)),
+            ("velocity", self.velocity.as_ref()),
+            ("torque", Some(&self.torque)),
+        ];
         for (name, channel) in channels {
             let Some(Channel { columns, sign, .. }) = channel else { continue };
             let columns = match columns {
@@ -235,7 +250,9 @@ impl Layout {
                 JointSigns::Each(signs) => Some(("sign", signs.len())),
                 JointSigns::All(_) => None,
             };
-            if let Some((key, length)) = [columns, sign].into_iter().flatten().find(|(_, length)| *length != n) {
+            if let Some((key, length)) =
+                [columns, sign].into_iter().flatten().find(|(_, length)| *length != n)
+            {
                 return Err(Misfit {
                     problem: format!(
                         "{name}.{key} of layout \"{}\" has {length} entries, {} has {n} joints",
@@ -328,8 +345,10 @@ mod tests {
     const NATIVE: &str = include_str!("../../config/exports/native.toml");
 
     fn with_torque(table: &str) -> Layout {
-        let text =
-            NATIVE.replace("column = \"trq_{joint}\"\nunit = \"Nm\"", &format!("column = \"trq_{{joint}}\"\n{table}"));
+        let text = NATIVE.replace(
+            "column = \"trq_{joint}\"\nunit = \"Nm\"",
+            &format!("column = \"trq_{{joint}}\"\n{table}"),
+        );
         parse_layout("layout.toml", &text).expect("no problems")
     }
 
@@ -368,7 +387,10 @@ mod tests {
         let mut robot = er3a();
         robot.joints[0].drive_gain = Some(10.0);
         let misfit = with_torque("unit = \"A\"").factors(&robot).expect_err("five are missing");
-        assert!(misfit.problem.contains("drive_gain_nm_a of joint 2, drive_gain_nm_a of joint 3"), "{misfit:?}");
+        assert!(
+            misfit.problem.contains("drive_gain_nm_a of joint 2, drive_gain_nm_a of joint 3"),
+            "{misfit:?}"
+        );
         assert!(!misfit.problem.contains("joint 1,"), "{misfit:?}");
         let misfit = with_torque("unit = \"%\"").factors(&robot).expect_err("no rated joint torque");
         assert!(misfit.problem.contains("rated_joint_torque_nm of joint 1"), "{misfit:?}");

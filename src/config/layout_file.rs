@@ -7,8 +7,8 @@ use super::limits::Limits;
 use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::{
-    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, ScaledColumn, StageSignal, StageSource, TimeSource,
-    TorqueQuantity,
+    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, ScaledColumn, StageSignal, StageSource,
+    TimeSource, TorqueQuantity,
 };
 use crate::run::Stage;
 
@@ -25,8 +25,7 @@ const POSITION: &[Unit] = &[("rad", 1.0), ("deg", DEG), ("rev", REV), ("m", 1.0)
 const VELOCITY: &[Unit] =
     &[("rad/s", 1.0), ("deg/s", DEG), ("rev/s", REV), ("rpm", REV / 60.0), ("m/s", 1.0)];
 /// Drives after CiA 402 give torque and current in thousandths of the rated one.
-const TORQUE: &[Unit] =
-    &[("Nm", 1.0), ("N", 1.0), ("A", 1.0), ("mA", 1e-3), ("%", 1e-2), ("permille", 1e-3)];
+const TORQUE: &[Unit] = &[("Nm", 1.0), ("N", 1.0), ("A", 1.0), ("mA", 1e-3), ("%", 1e-2), ("permille", 1e-3)];
 
 /// Sample rates of exports that count rows instead of recording time.
 const SAMPLE_RATE: Limits = Limits::between(0.1, 1e6, "Hz");
@@ -312,7 +311,10 @@ mod tests {
         };
         assert_eq!(layout.position, pattern("pos_{joint}"));
         assert_eq!(layout.velocity, Some(pattern("vel_{joint}")));
-        assert_eq!((&layout.torque, layout.torque_quantity), (&pattern("trq_{joint}"), TorqueQuantity::Torque));
+        assert_eq!(
+            (&layout.torque, layout.torque_quantity),
+            (&pattern("trq_{joint}"), TorqueQuantity::Torque)
+        );
         let StageSource::Signal(stage) = &layout.stage else { panic!("{:?}", layout.stage) };
         assert_eq!(stage.column, Column::Name("stage".into()));
         assert_eq!((&stage.between[..], &stage.excitation[..]), (&[0][..], &[1][..]));
@@ -350,7 +352,10 @@ mod tests {
     fn columns_go_by_name_or_number_and_signs_by_joint() {
         let text = NATIVE
             .replace("column = \"time\"", "column = 1")
-            .replace("column = \"pos_{joint}\"\nunit = \"rad\"", "columns = [2, \"b\"]\nunit = \"rev\"\nsign = -1")
+            .replace(
+                "column = \"pos_{joint}\"\nunit = \"rad\"",
+                "columns = [2, \"b\"]\nunit = \"rev\"\nsign = -1",
+            )
             .replace("unit = \"rad/s\"", "unit = \"rpm\"\nsign = [1, -1]")
             .replace("unit = \"Nm\"", "unit = \"permille\"\nside = \"motor\"");
         let layout = parse_layout("numbers.toml", &text).expect("no problems");

@@ -30,8 +30,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 pub use self::layout::{
-    Channel, Column, JointColumns, JointFactors, JointSigns, Layout, Misfit, MotorSide, ScaledColumn, StageSignal,
-    StageSource, TimeSource, TorqueQuantity,
+    Channel, Column, JointColumns, JointFactors, JointSigns, Layout, Misfit, MotorSide, ScaledColumn,
+    StageSignal, StageSource, TimeSource, TorqueQuantity,
 };
 pub use self::layout_file::{parse_layout, read_layout};
 pub use self::problem::{ConfigErrors, ConfigProblem};

@@ -6,8 +6,8 @@ use super::csv::{Chunk, ExportReader, ReadOptions};
 use super::rejection::Rejection;
 use super::source::open;
 use crate::config::{
-    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, ScaledColumn, StageSignal, StageSource, TimeSource,
-    TorqueQuantity,
+    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, ScaledColumn, StageSignal, StageSource,
+    TimeSource, TorqueQuantity,
 };
 use crate::run::{FrictionSignal, Samples, Stage};
 use crate::testing::er3a;

@@ -124,9 +124,8 @@ pub fn map_columns(
         true => fields(header, layout.delimiter).map(str::to_owned).collect(),
         false => (1..=fields(header, layout.delimiter).count()).map(|number| number.to_string()).collect(),
     };
-    let factors = layout
-        .factors(robot)
-        .map_err(|misfit| Rejection::of_file(path, misfit.problem, misfit.remedy))?;
+    let factors =
+        layout.factors(robot).map_err(|misfit| Rejection::of_file(path, misfit.problem, misfit.remedy))?;
     let search = Search { names: &names, layout, robot, path };
     if layout.header {
         search.refuse_missing_header()?;
@@ -311,8 +310,9 @@ impl Search<'_> {
         let found = numbers.max().unwrap_or(0);
         let joints = self.robot.joint_count();
         // Fewer positions than joints is a missing column if the torques are all there.
-        let torque_of =
-            |joint: usize| self.layout.torque.columns.of_joint(joint).is_some_and(|c| self.find(&c).is_some());
+        let torque_of = |joint: usize| {
+            self.layout.torque.columns.of_joint(joint).is_some_and(|c| self.find(&c).is_some())
+        };
         if found == 0 || found == joints || (found < joints && torque_of(joints)) {
             return Ok(());
         }
@@ -349,7 +349,8 @@ impl Search<'_> {
         self.optional(Some(column))?.ok_or_else(|| {
             let remedy = match column {
                 Column::Name(name) => {
-                    let nearest = self.nearest(name).map(|n| format!("did you mean {n}? ")).unwrap_or_default();
+                    let nearest =
+                        self.nearest(name).map(|n| format!("did you mean {n}? ")).unwrap_or_default();
                     format!(
                         "{nearest}correct the export or layout \"{}\"; the export has {}",
                         self.layout.name,

@@ -43,6 +43,7 @@ pub mod friction;
 pub mod warm_up;
 pub mod verify;
 pub mod cross;
+pub mod drive_gain;
 pub mod statistics;
 pub mod detect;
 
