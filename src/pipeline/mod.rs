@@ -5,8 +5,10 @@
 //! the one-shot command use the same path. A cycle is done when the transaction that stores its
 //! rows commits; whatever was cut short is read again and picks up after the last stored cycle.
 
+pub mod cycles;
 pub mod intake;
 pub mod record;
+pub mod replay;
 pub mod stored;
 #[cfg(test)]
 mod tests;

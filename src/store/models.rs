@@ -136,7 +136,7 @@ const PLACEMENT_GRAIN: f64 = 1e-9;
 /// Hash of what decides the meaning of base parameters, and of nothing else: a changed limit or
 /// speed level leaves them as they are. Bits of the description's own numbers, so that it is the same
 /// on every machine.
-fn description_hash(robot: &Robot) -> [u8; 32] {
+pub(super) fn description_hash(robot: &Robot) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     let mut add = |value: f64| {
         hasher.update(&value.to_le_bytes());
