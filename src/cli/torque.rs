@@ -278,12 +278,18 @@ fn as_value(args: &TorqueArgs, replayed: &Replayed, joint: JointIndex) -> serde_
     value
 }
 
-/// RMSD by joint over the rows that count.
+/// RMSD by joint and stage over the rows that count.
 fn summary(args: &TorqueArgs, replayed: &Replayed) -> String {
     let series = &replayed.series;
-    let row = |j: usize| {
-        let rmsd = series.rmsd(JointIndex::new(j), args.stage.scope());
-        let mut cells = vec![(j + 1).to_string()];
+    let scopes: Vec<RmsdScope> = match args.stage {
+        StageArg::All => {
+            let stages = Stage::ANALYSED.map(RmsdScope::Stage).into_iter();
+            stages.filter(|scope| !series.rows_of(*scope).is_empty()).chain([RmsdScope::WholeCycle]).collect()
+        }
+        one => vec![one.scope()],
+    };
+    let row = |rmsd: TorqueRmsd| {
+        let mut cells = vec![rmsd.joint.to_string(), rmsd.scope.name().to_string()];
         for of in [rmsd.all_rows, rmsd.moving_rows] {
             cells.extend(match of.samples {
                 0 => ["-".into(), "-".into(), "0".into()],
@@ -292,9 +298,19 @@ fn summary(args: &TorqueArgs, replayed: &Replayed) -> String {
         }
         cells
     };
-    let rows: Vec<Vec<String>> = (0..series.joints.len()).map(row).collect();
-    let header =
-        ["joint", "rmsd_nm", "relative", "samples", "moving_rmsd_nm", "moving_relative", "moving_samples"];
+    let joints = (0..series.joints.len()).map(JointIndex::new);
+    let rows: Vec<Vec<String>> =
+        joints.flat_map(|joint| scopes.iter().map(move |scope| row(series.rmsd(joint, *scope)))).collect();
+    let header = [
+        "joint",
+        "stage",
+        "rmsd_nm",
+        "relative",
+        "samples",
+        "moving_rmsd_nm",
+        "moving_relative",
+        "moving_samples",
+    ];
     format!("{}\n{}", heading(args, replayed), output::table(&header, &rows))
 }
 

@@ -21,6 +21,7 @@ impl Scale {
     /// none is made wide enough to draw.
     pub(super) fn over(extent: Option<(f64, f64)>, margin: f64, start: f64, end: f64) -> Self {
         let (low, high) = extent.unwrap_or((0.0, 1.0));
+        let (low, high) = (low.max(-LARGEST), high.min(LARGEST));
         let length = high - low;
         // a constant has a place in the middle of its axis
         let widened = if length > f64::EPSILON * high.abs().max(low.abs()) {
@@ -53,6 +54,9 @@ impl Scale {
             .collect()
     }
 }
+
+/// Values beyond are drawn off the page: the length of their axis would not be finite.
+const LARGEST: f64 = 1e300;
 
 /// From here on ticks are written with a power of ten.
 const LARGE: f64 = 1e6;
@@ -89,7 +93,7 @@ mod tests {
 
     #[test]
     fn an_axis_of_one_value_or_none_can_be_drawn() {
-        for extent in [None, Some((7.0, 7.0)), Some((0.0, 0.0))] {
+        for extent in [None, Some((7.0, 7.0)), Some((0.0, 0.0)), Some((f64::MIN, f64::MAX))] {
             let scale = Scale::over(extent, 0.05, 0.0, 100.0);
             assert!(scale.to > scale.from && !scale.ticks(4).is_empty(), "{extent:?}");
         }

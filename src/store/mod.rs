@@ -28,6 +28,8 @@ mod tests_factors;
 mod tests_finish;
 #[cfg(test)]
 mod tests_open;
+#[cfg(test)]
+mod tests_verification;
 mod values;
 mod verification;
 

@@ -110,6 +110,9 @@ fn pair(row: &SqliteRow, prefix: &str) -> Result<RmsdPair, sqlx::Error> {
             Ok(value.unwrap_or(f64::NAN))
         };
         let samples = size(row, &format!("{prefix}{motion}samples"))?;
+        if samples == 0 {
+            return Ok(Rmsd::default());
+        }
         Ok(Rmsd { value: figure("rmsd_nm")?, relative: figure("relative_rmsd")?, samples })
     };
     Ok(RmsdPair { all_rows: rows("")?, moving_rows: rows("moving_")? })
