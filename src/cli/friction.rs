@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::plot::{PlotFile, write_file};
@@ -12,7 +12,8 @@ use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
 use crate::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::warm_up::warm_up_torque;
-use crate::report::friction::friction_figure;
+use crate::report::figure::Figure;
+use crate::report::friction::{CycleFriction, friction_figure, friction_speed_figure};
 use crate::store::{RunRow, Store};
 
 #[derive(Debug, Args)]
@@ -21,6 +22,7 @@ Examples:
   armwatch friction --run 3
   armwatch friction --robot Left --joint 3
   armwatch friction --run 3 --run 4 --speed 0.6 --plot friction.svg
+  armwatch friction --run 3 --plot curves.html --over speed
   armwatch friction --robot Left -o points.csv
   armwatch friction --run 3 --json | jq '{joint, speed_fraction, a_nm, t1_min}'
 
@@ -52,6 +54,17 @@ pub(super) struct FrictionArgs {
     /// Draw points and curves into this file, .svg or .html
     #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
     plot: Option<PlotFile>,
+    /// What the picture shows friction over
+    #[arg(long, value_enum, default_value_t = OverArg::Time, requires = "plot")]
+    over: OverArg,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum OverArg {
+    /// Minutes since the start of the run, with the fitted curves
+    Time,
+    /// Speed, some cycles from cold to warm
+    Speed,
 }
 
 /// A friction point with where it comes from.
@@ -64,7 +77,7 @@ struct Sourced {
 
 pub(super) fn friction(global: &Global, args: &FrictionArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
-    let (title, points) = runtime()?.block_on(async {
+    let (names, points) = runtime()?.block_on(async {
         let store = open_store(&config).await?;
         let done = chosen_points(args, &store).await;
         store.close().await?;
@@ -73,9 +86,7 @@ pub(super) fn friction(global: &Global, args: &FrictionArgs) -> Result<u8, CliEr
     let bare: Vec<FrictionPoint> = points.iter().map(|of| of.point).collect();
     let fits = warm_up_fits(&bare);
     if let Some(plot) = &args.plot {
-        let subtitle = "mean friction on constant-speed plateaus, gravity removed; curves a + b exp(-t/t1) + c \
-                        exp(-t/t2) as far as the points support them";
-        plot.write(&friction_figure(&bare, &fits, title.clone(), subtitle.into()))?;
+        plot.write(&figure(args, &names, &points, &bare, &fits))?;
     }
     if let Some(path) = &args.output {
         write_file(path, &as_csv(&points, &fits))?;
@@ -83,7 +94,7 @@ pub(super) fn friction(global: &Global, args: &FrictionArgs) -> Result<u8, CliEr
     if global.json {
         levels(&bare).into_iter().for_each(|level| output::json(&as_value(level, &points, &fits)));
     } else {
-        output::line(&as_text(&title, &bare, &fits));
+        output::line(&as_text(&names, &bare, &fits));
     }
     Ok(EXIT_DONE)
 }
@@ -118,7 +129,7 @@ async fn chosen_points(args: &FrictionArgs, store: &Store) -> Result<(String, Ve
             names(&runs)
         )));
     }
-    Ok((format!("friction over time: {}", names(&runs)), points))
+    Ok((names(&runs), points))
 }
 
 fn keep_chosen(args: &FrictionArgs, points: &mut Vec<Sourced>) {
@@ -158,7 +169,7 @@ fn fit_of(fits: &[WarmUpFit], level: (usize, f64)) -> Option<&WarmUpFit> {
     fits.iter().find(|fit| is_of(level, fit.joint.number(), fit.speed_fraction))
 }
 
-fn as_text(title: &str, points: &[FrictionPoint], fits: &[WarmUpFit]) -> String {
+fn as_text(names: &str, points: &[FrictionPoint], fits: &[WarmUpFit]) -> String {
     let shown = |estimate: Estimate| format!("{:.4} ({:.4})", estimate.value, estimate.std_error);
     let decay = |decay: &Option<Decay>| {
         decay.map_or_else(
@@ -181,7 +192,39 @@ fn as_text(title: &str, points: &[FrictionPoint], fits: &[WarmUpFit]) -> String 
     };
     let header = ["joint", "speed", "points", "model", "a_nm", "b_nm", "t1_min", "c_nm", "t2_min", "rmsd_nm"];
     let rows: Vec<Vec<String>> = levels(points).into_iter().map(row).collect();
-    format!("{title}\n{}", output::table(&header, &rows))
+    format!("friction over time: {names}\n{}", output::table(&header, &rows))
+}
+
+fn figure(
+    args: &FrictionArgs,
+    names: &str,
+    points: &[Sourced],
+    bare: &[FrictionPoint],
+    fits: &[WarmUpFit],
+) -> Figure {
+    const POINTS: &str = "mean friction on constant-speed plateaus, gravity removed";
+    match args.over {
+        OverArg::Time => {
+            let curves = "curves a + b exp(-t/t1) + c exp(-t/t2) as far as the points support them";
+            friction_figure(bare, fits, format!("{names}: friction over time"), format!("{POINTS}; {curves}"))
+        }
+        OverArg::Speed => {
+            let runs = points.chunk_by(|a, b| a.run_id == b.run_id).count();
+            let cycles = points.chunk_by(|a, b| (a.run_id, a.cycle) == (b.run_id, b.cycle));
+            let cycles: Vec<CycleFriction> = cycles
+                .map(|of| CycleFriction {
+                    label: match runs {
+                        1 => format!("cycle {}", of[0].cycle),
+                        _ => format!("run {}, cycle {}", of[0].run_id, of[0].cycle),
+                    },
+                    points: of.iter().map(|of| of.point).collect(),
+                })
+                .collect();
+            let both = "both directions together";
+            let title = format!("{names}: friction over speed");
+            friction_speed_figure(&cycles, title, format!("{POINTS}, {both}"))
+        }
+    }
 }
 
 fn as_csv(points: &[Sourced], fits: &[WarmUpFit]) -> String {

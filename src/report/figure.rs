@@ -26,6 +26,8 @@ pub struct Panel {
     pub y_label: String,
     /// Whether the vertical axis shows zero whatever the data.
     pub with_zero: bool,
+    /// A value of the vertical axis that is marked by a line, where the data come so far.
+    pub guide: Option<f64>,
     /// Shaded stretches of the horizontal axis.
     pub bands: Vec<Band>,
     /// Lines and points, later ones on top.
@@ -61,8 +63,12 @@ pub enum Mark {
     Line,
     /// A dashed line through the points.
     Dashed,
-    /// Thin line, for what should stay in the background.
+    /// A thin line through the points.
     Thin,
+    /// A pale thin line, for what should stay in the background.
+    Pale,
+    /// A broad line, for what another line runs on.
+    Broad,
     /// A small dot at each point.
     Dots,
     /// A small ring at each point.

@@ -1,6 +1,8 @@
-//! Friction over time with the fitted curves [5.4]: a panel a joint.
+//! Friction over time with the fitted curves [5.4], and over speed from cold to warm: a panel a joint.
 
-use super::figure::{Figure, Key, Look, Mark, Panel, Series, extent};
+use std::collections::BTreeSet;
+
+use super::figure::{COLOURS, Figure, Key, Look, Mark, Panel, Series, extent};
 use crate::analysis::{FrictionPoint, WarmUpFit};
 use crate::numerics::warm_up::warm_up_torque;
 use crate::robot::JointIndex;
@@ -39,6 +41,61 @@ pub fn friction_figure(
     Figure { title, subtitle, legend, panels, columns: 2 }
 }
 
+/// Friction points of one cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleFriction {
+    /// What the cycle is called, such as `cycle 3`.
+    pub label: String,
+    /// Its points.
+    pub points: Vec<FrictionPoint>,
+}
+
+/// Draws the magnitude of friction over speed, mean of both directions, for some of the cycles: the first, the
+/// last and others evenly between them, as many as there are colours.
+#[must_use]
+pub fn friction_speed_figure(cycles: &[CycleFriction], title: String, subtitle: String) -> Figure {
+    let shown = evenly(cycles, COLOURS.len());
+    let joints: BTreeSet<JointIndex> =
+        cycles.iter().flat_map(|cycle| &cycle.points).map(|point| point.joint).collect();
+    let panel = |joint: JointIndex| Panel {
+        title: format!("joint {joint}"),
+        x_label: "speed, rad/s".into(),
+        y_label: "friction, Nm".into(),
+        with_zero: true,
+        series: (shown.iter().enumerate())
+            .map(|(colour, cycle)| over_speed(&cycle.points, joint, colour))
+            .collect(),
+        ..Panel::default()
+    };
+    let key = |(colour, cycle): (usize, &&CycleFriction)| Key {
+        label: cycle.label.clone(),
+        look: Look::Series(colour, Mark::LineWithDots),
+    };
+    let legend = shown.iter().enumerate().map(key).collect();
+    Figure { title, subtitle, legend, panels: joints.into_iter().map(panel).collect(), columns: 2 }
+}
+
+/// At most `most` of `all`, the first and the last among them.
+fn evenly<T>(all: &[T], most: usize) -> Vec<&T> {
+    if all.len() <= most {
+        return all.iter().collect();
+    }
+    (0..most).map(|i| &all[i * (all.len() - 1) / (most - 1)]).collect()
+}
+
+/// Mean speed and mean magnitude of friction at each level of a joint.
+fn over_speed(points: &[FrictionPoint], joint: JointIndex, colour: usize) -> Series {
+    let of_joint: Vec<FrictionPoint> = points.iter().filter(|point| point.joint == joint).copied().collect();
+    let mean = |level: f64| {
+        let of_level: Vec<&FrictionPoint> =
+            of_joint.iter().filter(|point| point.speed_fraction.total_cmp(&level).is_eq()).collect();
+        let count = of_level.len() as f64;
+        let sum = |value: fn(&FrictionPoint) -> f64| of_level.iter().map(|point| value(point)).sum::<f64>();
+        [sum(|point| point.speed) / count, sum(|point| point.torque.abs()) / count]
+    };
+    Series { colour, mark: Mark::LineWithDots, points: levels(&of_joint).into_iter().map(mean).collect() }
+}
+
 /// Speed levels, slowest first.
 fn levels(points: &[FrictionPoint]) -> Vec<f64> {
     let mut levels: Vec<f64> = points.iter().map(|point| point.speed_fraction).collect();
@@ -69,6 +126,7 @@ fn panel(points: &[FrictionPoint], fits: &[WarmUpFit], joint: JointIndex, levels
         x_label: "time since the start of the run, min".into(),
         y_label: "friction, Nm".into(),
         with_zero: true,
+        guide: None,
         bands: Vec::new(),
         series,
     }
@@ -131,5 +189,30 @@ mod tests {
             assert!(series.points.len() <= MAX_POINTS);
             assert!(series.points.iter().all(|point| (point[1] - 10.6).abs() < 1e-9));
         }
+    }
+
+    #[test]
+    fn friction_over_speed_is_the_mean_of_both_directions_from_cold_to_warm() {
+        let cycle = |number: usize| {
+            let mut points: Vec<FrictionPoint> = [0.2, 0.6]
+                .into_iter()
+                .flat_map(|level| [1, -1].map(|sign| point(0, 1.0, level, sign)))
+                .collect();
+            points[0].torque = 12.2;
+            CycleFriction { label: format!("cycle {number}"), points }
+        };
+        let cycles: Vec<CycleFriction> = (1..=24).map(cycle).collect();
+        let figure = friction_speed_figure(&cycles, "R01".into(), String::new());
+        let labels: Vec<&str> = figure.legend.iter().map(|key| key.label.as_str()).collect();
+        assert_eq!((labels.len(), labels[0], labels[6]), (7, "cycle 1", "cycle 24"));
+        let points = &figure.panels[0].series[3].points;
+        for (found, expected) in points.iter().zip([[0.2, 11.2], [0.6, 10.6]]) {
+            assert!(
+                (found[0] - expected[0]).abs() < 1e-9 && (found[1] - expected[1]).abs() < 1e-9,
+                "{found:?}"
+            );
+        }
+        assert_eq!(points.len(), 2);
+        assert_eq!(friction_speed_figure(&cycles[..2], "R01".into(), String::new()).legend.len(), 2);
     }
 }

@@ -69,6 +69,7 @@ fn panel(cycles: &[CycleVerification], joint: JointIndex) -> Panel {
         x_label: "cycle".into(),
         y_label: "relative RMSD, %".into(),
         with_zero: true,
+        guide: Some(100.0 * MARKED_ABOVE),
         bands: Vec::new(),
         series,
     }

@@ -25,6 +25,8 @@ const LEGEND_ROW: f64 = 20.0;
 const LETTER: f64 = 7.0;
 /// Part of the data's range that stays free at either end of the vertical axis.
 const MARGIN: f64 = 0.05;
+/// The same of a horizontal axis without bands.
+const X_MARGIN: f64 = 0.02;
 
 /// The whole picture.
 pub(super) fn document(figure: &Figure) -> String {
@@ -70,14 +72,16 @@ pub(super) fn page(figure: &Figure) -> String {
 /// Colours for light pages, and those that a dark setting puts in their place.
 fn style() -> String {
     let mut light = String::from(
-        ".page, .hollow { fill: #ffffff } text { fill: #30343b } .soft, .tick { fill: #68707c } .title { \
+        ".page { fill: #ffffff } text { fill: #30343b } .soft, .tick { fill: #68707c } .title { \
          font-size: 17px; font-weight: 600 } .name { font-size: 13px; font-weight: 600 } .tick { font-size: 11px } \
          .frame { fill: none; stroke: #b6bcc6 } .grid { stroke: #dfe3e8 } .zero { stroke: #9aa2ae }\n\
          .line { fill: none; stroke-width: 1.3; stroke-linejoin: round } .dashed { fill: none; stroke-width: 1.3; \
-         stroke-dasharray: 5 3 } .thin { fill: none; stroke-width: 0.8 }\n",
+         stroke-dasharray: 5 3 } .thin { fill: none; stroke-width: 0.9 } .pale { fill: none; stroke-width: 0.8; opacity: 0.3 } .broad { fill: \
+         none; stroke-width: 2.8; stroke-linejoin: round } .ring { fill: none } .guide { stroke: #c0392b; \
+         stroke-dasharray: 2 3 }\n",
     );
     let mut dark = String::from(
-        ".page, .hollow { fill: #12151a } text { fill: #e3e6eb } .soft, .tick { fill: #9aa3b0 } .frame { stroke: \
+        ".page { fill: #12151a } text { fill: #e3e6eb } .soft, .tick { fill: #9aa3b0 } .frame { stroke: \
          #4a515c } .grid { stroke: #2b3038 } .zero { stroke: #68707c }\n",
     );
     for (i, (on_light, on_dark)) in COLOURS.iter().enumerate() {
@@ -131,7 +135,9 @@ fn draw_panel(svg: &mut String, panel: &Panel, left: f64, above: f64, width: f64
     let (right, below) = (left + width, above + PLOT_HEIGHT);
     let points = || panel.series.iter().flat_map(|series| &series.points).filter(|p| is_finite(p));
     let ends = panel.bands.iter().flat_map(|band| [band.from, band.to]);
-    let x = Scale::over(extent(points().map(|p| p[0]).chain(ends)), 0.0, left, right);
+    // bands fill the axis; single points are not cut in two by its frame
+    let margin = if panel.bands.is_empty() { X_MARGIN } else { 0.0 };
+    let x = Scale::over(extent(points().map(|p| p[0]).chain(ends)), margin, left, right);
     let zero = panel.with_zero.then_some(0.0);
     let y = Scale::over(extent(points().map(|p| p[1]).chain(zero)), MARGIN, below, above);
 
@@ -139,6 +145,10 @@ fn draw_panel(svg: &mut String, panel: &Panel, left: f64, above: f64, width: f64
         draw_band(svg, band, &x, above);
     }
     draw_axes(svg, panel, &x, &y);
+    if let Some(guide) = panel.guide.filter(|guide| y.from < *guide && *guide < y.to) {
+        let at = y.at(guide);
+        let _ = writeln!(svg, "<path class=\"guide\" d=\"M{left:.1} {at:.1}H{right:.1}\"/>");
+    }
     text(svg, left, above - 9.0, "name", &panel.title);
     // axes are wide enough for all points: nothing needs to be cut off
     for Series { colour, mark, points } in &panel.series {
@@ -212,6 +222,8 @@ fn draw_marks(svg: &mut String, places: &[[f64; 2]], colour: usize, mark: Mark) 
         Mark::Line | Mark::LineWithDots => "line",
         Mark::Dashed => "dashed",
         Mark::Thin => "thin",
+        Mark::Pale => "pale",
+        Mark::Broad => "broad",
         Mark::Dots | Mark::Rings => "",
     };
     if !class.is_empty() && places.len() > 1 {
@@ -221,10 +233,10 @@ fn draw_marks(svg: &mut String, places: &[[f64; 2]], colour: usize, mark: Mark) 
         }
         svg.push_str("\"/>\n");
     }
-    // a line of one point would not be seen
-    let dots = matches!(mark, Mark::Dots | Mark::LineWithDots) || (places.len() == 1 && !class.is_empty());
+    // a dashed line of one point would not be seen
+    let dots = matches!(mark, Mark::Dots | Mark::LineWithDots) || (places.len() == 1 && mark == Mark::Dashed);
     if dots || mark == Mark::Rings {
-        let (class, radius) = if dots { ("f", 2.2) } else { ("hollow s", 2.4) };
+        let (class, radius) = if dots { ("f", 2.2) } else { ("ring s", 3.0) };
         let _ = write!(svg, "<g class=\"{class}{colour}\">");
         for [x, y] in places {
             let _ = write!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\"/>");
@@ -280,6 +292,17 @@ mod tests {
         }
     }
 
+    const MARKS: [Mark; 8] = [
+        Mark::Line,
+        Mark::Dashed,
+        Mark::Thin,
+        Mark::Pale,
+        Mark::Broad,
+        Mark::Dots,
+        Mark::Rings,
+        Mark::LineWithDots,
+    ];
+
     /// Tags that are opened are closed, and nothing else stands in between.
     fn assert_well_formed(svg: &str) {
         let mut open: Vec<&str> = Vec::new();
@@ -302,7 +325,7 @@ mod tests {
             vec![[0.0, 2.0]],
             vec![],
         ] {
-            for mark in [Mark::Line, Mark::Dashed, Mark::Thin, Mark::Dots, Mark::Rings, Mark::LineWithDots] {
+            for mark in MARKS {
                 let svg = figure(points.clone(), mark).svg();
                 assert_well_formed(&svg);
                 assert!(svg.contains("a &lt;b&gt; &amp; &quot;c&quot;</title>"));

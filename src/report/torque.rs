@@ -38,6 +38,7 @@ pub fn torque_figure(
             x_label: "time since the start of the recording, s".into(),
             y_label: unit.into(),
             with_zero: true,
+            guide: None,
             bands: bands.clone(),
             series: joint_lines(series, of_joint, &rows, most),
         }
@@ -54,27 +55,61 @@ fn panel_title(series: &TorqueSeries, joint: JointIndex, scope: RmsdScope) -> St
     format!("joint {joint}: RMSD {}, moving {}", shown(rmsd.all_rows), shown(rmsd.moving_rows))
 }
 
+/// Lines of one joint, those below first. Where the joint is slow or at rest no friction column holds, so
+/// the estimate and the residual are pale there.
 fn joint_lines(series: &TorqueSeries, joint: &JointSeries, rows: &[usize], most: usize) -> Vec<Series> {
     let times: Vec<f64> = rows.iter().map(|&row| series.time[row]).collect();
     let step = median_step(&times).unwrap_or(f64::INFINITY);
-    let mut lines: [Vec<[f64; 2]>; 3] = Default::default();
+    let mut measured = Vec::new();
+    let mut estimated = SplitLine::default();
+    let mut residual = SplitLine::default();
     // stretches are thinned one by one, so that the ends of each stay
     for stretch in rows.chunk_by(|a, b| series.time[*b] - series.time[*a] <= GAP_STEPS * step) {
-        let share = most * stretch.len() / rows.len();
-        for row in peaks(joint, stretch, share) {
+        let kept = peaks(joint, stretch, most * stretch.len() / rows.len());
+        for (place, &row) in kept.iter().enumerate() {
+            let moving = joint.moving[row];
+            let beside = |other: Option<&usize>| other.is_some_and(|&other| joint.moving[other] != moving);
+            let border = beside(place.checked_sub(1).and_then(|before| kept.get(before)))
+                || beside(kept.get(place + 1));
             let time = series.time[row];
-            let values = [joint.measured[row], joint.estimated[row], joint.residual(row)];
-            lines.iter_mut().zip(values).for_each(|(line, value)| line.push([time, value]));
+            measured.push([time, joint.measured[row]]);
+            estimated.push([time, joint.estimated[row]], moving, border);
+            residual.push([time, joint.residual(row)], moving, border);
         }
-        lines.iter_mut().for_each(|line| line.push([f64::NAN; 2]));
+        measured.push(BREAK);
+        estimated.end();
+        residual.end();
     }
-    let [measured, estimated, residual] = lines;
     let line = |colour, mark, points| Series { colour, mark, points };
     vec![
-        line(RESIDUAL, Mark::Thin, residual),
+        line(ESTIMATED, Mark::Pale, estimated.slow),
+        line(RESIDUAL, Mark::Pale, residual.slow),
+        line(ESTIMATED, Mark::Broad, estimated.moving),
         line(MEASURED, Mark::Line, measured),
-        line(ESTIMATED, Mark::Line, estimated),
+        line(RESIDUAL, Mark::Thin, residual.moving),
     ]
+}
+
+/// Where a line breaks.
+const BREAK: [f64; 2] = [f64::NAN; 2];
+
+/// A line that changes its look where the joint begins or ceases to move; both looks meet there.
+#[derive(Debug, Default)]
+struct SplitLine {
+    moving: Vec<[f64; 2]>,
+    slow: Vec<[f64; 2]>,
+}
+
+impl SplitLine {
+    fn push(&mut self, point: [f64; 2], moving: bool, border: bool) {
+        self.moving.push(if moving || border { point } else { BREAK });
+        self.slow.push(if moving { BREAK } else { point });
+    }
+
+    fn end(&mut self) {
+        self.moving.push(BREAK);
+        self.slow.push(BREAK);
+    }
 }
 
 /// Stages as shaded stretches; rows between stages are not shaded.
@@ -93,8 +128,9 @@ fn legend(bands: &[Band]) -> Vec<Key> {
     let key = |label: &str, look| Key { label: label.into(), look };
     let mut keys = vec![
         key("measured, low-passed", Look::Series(MEASURED, Mark::Line)),
-        key("estimated", Look::Series(ESTIMATED, Mark::Line)),
-        key("residual: measured less estimated", Look::Series(RESIDUAL, Mark::Thin)),
+        key("estimated", Look::Series(ESTIMATED, Mark::Broad)),
+        key("residual", Look::Series(RESIDUAL, Mark::Thin)),
+        key("both where the joint is slow", Look::Series(ESTIMATED, Mark::Pale)),
     ];
     let stages = Stage::ANALYSED.iter().enumerate().map(|(place, stage)| (place + 1, stage.name()));
     keys.extend(
@@ -123,7 +159,7 @@ mod tests {
                 joint.qd.push(1.0);
                 joint.measured.push(t.sin() + if i == 777 { 40.0 } else { 0.0 });
                 joint.estimated.push(t.sin());
-                joint.moving.push(true);
+                joint.moving.push(!(1000..1100).contains(&i));
             }
         }
         series
@@ -135,16 +171,19 @@ mod tests {
         let figure = of(RmsdScope::WholeCycle);
         assert_eq!(figure.panels.len(), 6);
         assert_eq!(figure.panels[0].bands.len(), 2);
-        assert_eq!(figure.legend.len(), 5);
-        let measured = &figure.panels[2].series[1].points;
+        assert_eq!(figure.legend.len(), 6);
+        let measured = &figure.panels[2].series[3].points;
         assert!(measured.len() < POINTS_PER_LINE + 20, "{}", measured.len());
         assert!(measured.iter().any(|point| point[1] > 40.0), "the peak is lost");
         assert_eq!(measured.iter().filter(|point| point[0].is_nan()).count(), 2);
+        let slow: Vec<f64> = figure.panels[2].series[0].points.iter().map(|point| point[0]).collect();
+        assert!(slow.iter().filter(|time| time.is_finite()).all(|time| (10.0..11.0).contains(time)));
+        assert!(slow.iter().any(|time| time.is_finite()));
         // one row of 2000 is off by 40, of 4000 in the whole cycle
         assert!(figure.panels[0].title.contains("RMSD 0.632 Nm"), "{}", figure.panels[0].title);
         let excitation = of(RmsdScope::Stage(Stage::Excitation));
         assert!(excitation.panels[0].title.contains("RMSD 0.894 Nm"), "{}", excitation.panels[0].title);
-        assert_eq!(excitation.legend.len(), 4);
+        assert_eq!(excitation.legend.len(), 5);
         assert!(of(RmsdScope::Stage(Stage::Friction)).svg().contains("no data"));
     }
 }

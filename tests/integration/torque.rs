@@ -314,6 +314,7 @@ fn pictures_show_six_panels_and_need_no_other_file() {
         (&["torque", "--run", "1", "--cycle", "1"][..], 0),
         (&["rmsd", "--run", "1"], 6 * 4 * 5),
         (&["friction", "--run", "1", "--speed", "0.6"], 6 * 5 * 2),
+        (&["friction", "--run", "1", "--over", "speed"], 6 * 5 * 4),
     ] {
         let svg = picture(&workshop, arguments, "a.svg");
         assert!(svg.starts_with("<svg xmlns=") && svg.ends_with("</svg>\n"), "{arguments:?}");
