@@ -1,12 +1,11 @@
 //! `armwatch friction`: friction points and their warm-up fits, made again from what is stored.
 
-use std::fmt::Write;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::plot::{PlotFile, write_file};
+use super::plot::{PlotFile, write_lines};
 use super::selection::{named_runs, runs_of};
 use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
 use crate::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
@@ -89,7 +88,7 @@ pub(super) fn friction(global: &Global, args: &FrictionArgs) -> Result<u8, CliEr
         plot.write(&figure(args, &names, &points, &bare, &fits))?;
     }
     if let Some(path) = &args.output {
-        write_file(path, &as_csv(&points, &fits))?;
+        write_lines(path, csv_lines(&points, &fits))?;
     }
     if global.json {
         levels(&bare).into_iter().for_each(|level| output::json(&as_value(level, &points, &fits)));
@@ -227,12 +226,10 @@ fn figure(
     }
 }
 
-fn as_csv(points: &[Sourced], fits: &[WarmUpFit]) -> String {
-    let mut csv = String::from(
-        "robot,run_id,cycle,minute,joint,speed_fraction,speed_rad_s,direction,torque_nm,std_nm,samples,gravity,\
-         fit_nm\n",
-    );
-    for Sourced { robot, run_id, cycle, point } in points {
+fn csv_lines<'a>(points: &'a [Sourced], fits: &'a [WarmUpFit]) -> impl Iterator<Item = String> + use<'a> {
+    const HEADER: &str = "robot,run_id,cycle,minute,joint,speed_fraction,speed_rad_s,direction,torque_nm,std_nm,\
+                          samples,gravity,fit_nm";
+    let line = move |Sourced { robot, run_id, cycle, point }: &Sourced| {
         let minute = point.time / 60.0;
         let fit = fit_of(fits, (point.joint.number(), point.speed_fraction));
         let fit = fit.map_or_else(String::new, |fit| warm_up_torque(fit, minute).to_string());
@@ -240,8 +237,7 @@ fn as_csv(points: &[Sourced], fits: &[WarmUpFit]) -> String {
             true => format!("\"{}\"", robot.replace('"', "\"\"")),
             false => robot.clone(),
         };
-        let _ = writeln!(
-            csv,
+        format!(
             "{quoted},{run_id},{cycle},{minute},{},{},{},{},{},{},{},{},{fit}",
             point.joint,
             point.speed_fraction,
@@ -251,9 +247,9 @@ fn as_csv(points: &[Sourced], fits: &[WarmUpFit]) -> String {
             if point.std.is_finite() { point.std.to_string() } else { String::new() },
             point.samples,
             point.gravity.name(),
-        );
-    }
-    csv
+        )
+    };
+    std::iter::once(HEADER.to_string()).chain(points.iter().map(line))
 }
 
 fn as_value(level: (usize, f64), points: &[Sourced], fits: &[WarmUpFit]) -> serde_json::Value {

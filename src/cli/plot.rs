@@ -1,5 +1,7 @@
 //! Where pictures and tables go that are asked for with a file name.
 
+use std::fs::File;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use super::{CliError, output};
@@ -31,13 +33,21 @@ impl PlotFile {
 
     /// Writes the picture and says so.
     pub(super) fn write(&self, figure: &Figure) -> Result<(), CliError> {
-        write_file(&self.path, &if self.as_page { figure.html() } else { figure.svg() })
+        let text = if self.as_page { figure.html() } else { figure.svg() };
+        write_lines(&self.path, text.lines().map(str::to_owned))
     }
 }
 
-/// Writes a file and says so.
-pub(super) fn write_file(path: &Path, text: &str) -> Result<(), CliError> {
-    std::fs::write(path, text).map_err(|error| {
+/// Writes a file of these lines and says so.
+pub(super) fn write_lines(path: &Path, lines: impl Iterator<Item = String>) -> Result<(), CliError> {
+    let written = || -> std::io::Result<()> {
+        let mut file = BufWriter::new(File::create(path)?);
+        for line in lines {
+            writeln!(file, "{line}")?;
+        }
+        file.flush()
+    };
+    written().map_err(|error| {
         CliError::Io(format!(
             "cannot write {}: {error}; name a file in a folder that is there",
             path.display()

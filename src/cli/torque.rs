@@ -1,12 +1,11 @@
 //! `armwatch torque`: measured and estimated torque of one cycle, read again from its export.
 
-use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::plot::{PlotFile, refuse_export, write_file};
+use super::plot::{PlotFile, refuse_export, write_lines};
 use super::selection::NamedCandidate;
 use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
 use crate::analysis::{RmsdScope, TorqueRmsd};
@@ -128,14 +127,14 @@ pub(super) fn torque(global: &Global, args: &TorqueArgs) -> Result<u8, CliError>
         plot.write(&figure(args, &replayed))?;
     }
     if let Some(path) = &args.output {
-        write_file(path, &as_csv(args, &replayed))?;
+        write_lines(path, csv_lines(args, &replayed))?;
     }
     if global.json {
         (0..replayed.series.joints.len())
             .map(JointIndex::new)
             .for_each(|joint| output::json(&as_value(args, &replayed, joint)));
     } else if args.output.is_none() && args.plot.is_none() {
-        output::line(as_csv(args, &replayed).trim_end());
+        output::lines(csv_lines(args, &replayed));
     } else {
         output::line(&summary(args, &replayed));
     }
@@ -220,20 +219,19 @@ fn chosen_rows(args: &TorqueArgs, series: &TorqueSeries, joint: JointIndex) -> V
     }
 }
 
-fn as_csv(args: &TorqueArgs, replayed: &Replayed) -> String {
+/// Lines by row and joint, one by one: all rows of a long cycle are hundreds of megabytes of text.
+fn csv_lines<'a>(args: &TorqueArgs, replayed: &'a Replayed) -> impl Iterator<Item = String> + use<'a> {
+    const HEADER: &str =
+        "time_s,stage,joint,q_rad,qd_rad_s,measured_nm,estimated_nm,residual_nm,moving,counted";
     let series = &replayed.series;
     let mut lines: Vec<(usize, usize)> = Vec::new();
     for j in 0..series.joints.len() {
         lines.extend(chosen_rows(args, series, JointIndex::new(j)).into_iter().map(|row| (row, j)));
     }
     lines.sort_unstable();
-    let mut csv = String::from(
-        "time_s,stage,joint,q_rad,qd_rad_s,measured_nm,estimated_nm,residual_nm,moving,counted\n",
-    );
-    for (row, j) in lines {
+    let line = move |(row, j): (usize, usize)| {
         let joint = &series.joints[j];
-        let _ = writeln!(
-            csv,
+        format!(
             "{},{},{},{},{},{},{},{},{},{}",
             series.time[row],
             series.stage[row],
@@ -245,9 +243,9 @@ fn as_csv(args: &TorqueArgs, replayed: &Replayed) -> String {
             joint.residual(row),
             u8::from(joint.moving[row]),
             u8::from(series.counted[row]),
-        );
-    }
-    csv
+        )
+    };
+    std::iter::once(HEADER.to_string()).chain(lines.into_iter().map(line))
 }
 
 fn as_value(args: &TorqueArgs, replayed: &Replayed, joint: JointIndex) -> serde_json::Value {

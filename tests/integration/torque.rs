@@ -318,8 +318,9 @@ fn pictures_show_six_panels_and_need_no_other_file() {
     ] {
         let svg = picture(&workshop, arguments, "a.svg");
         assert!(svg.starts_with("<svg xmlns=") && svg.ends_with("</svg>\n"), "{arguments:?}");
+        assert_eq!(svg.matches("class=\"name\"").count(), 6, "{arguments:?}");
         for joint in 1..=6 {
-            assert!(svg.contains(&format!("class=\"name\"")) && svg.contains(&format!(">joint {joint}")));
+            assert!(svg.contains(&format!(">joint {joint}")), "{arguments:?}: joint {joint}");
         }
         let counts = elements(&svg);
         let found = counts.get("circle").copied().unwrap_or(0);
