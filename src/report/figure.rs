@@ -109,7 +109,7 @@ pub const COLOURS: [(&str, &str); 7] = [
 
 /// Tints of bands as light and dark pages have them.
 pub const TINTS: [(&str, &str); 4] =
-    [("#f3f4f6", "#1c2026"), ("#e6effa", "#1a2b42"), ("#fdf0dc", "#3a2c14"), ("#e7f4e8", "#1b3320")];
+    [("#f3f4f6", "#1c2026"), ("#e6effa", "#172437"), ("#fdf0dc", "#292114"), ("#e7f4e8", "#16281a")];
 
 /// Colour of what was measured.
 pub const MEASURED: usize = 0;
