@@ -325,8 +325,8 @@ fn figure(args: &TorqueArgs, replayed: &Replayed) -> crate::report::figure::Figu
     let Replayed { replay, export, series, .. } = replayed;
     let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
     let subtitle = format!(
-        "{}; both torques after a zero-phase low-pass at {} Hz; RMSD as a fraction of the RMS of the measured \
-         torque, over all rows and over those in which the joint moves",
+        "{}; low-pass {} Hz on both sides; RMSD in per cent of the RMS of the measured torque, all rows and moving \
+         rows",
         name(export).unwrap_or_default(),
         replay.cutoff
     );

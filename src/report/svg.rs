@@ -43,7 +43,12 @@ pub(super) fn document(figure: &Figure) -> String {
         style(),
     );
     text(&mut svg, 16.0, 26.0, "title", &figure.title);
-    text(&mut svg, 16.0, 46.0, "soft", &figure.subtitle);
+    let _ = writeln!(
+        svg,
+        "<text class=\"soft\" x=\"16\" y=\"46\"{}>{}</text>",
+        squeezed(&figure.subtitle),
+        escaped(&figure.subtitle)
+    );
     svg.push_str(&legend);
     let width = WIDTH / columns as f64;
     for (i, panel) in figure.panels.iter().enumerate() {
@@ -247,6 +252,15 @@ fn draw_marks(svg: &mut String, places: &[[f64; 2]], colour: usize, mark: Mark) 
 
 fn text(svg: &mut String, x: f64, y: f64, class: &str, words: &str) {
     let _ = writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>", escaped(words));
+}
+
+/// Makes a line of text that would leave the page as narrow as the page is.
+fn squeezed(words: &str) -> String {
+    let room = WIDTH - 32.0;
+    if LETTER * words.chars().count() as f64 <= room {
+        return String::new();
+    }
+    format!(" textLength=\"{room}\" lengthAdjust=\"spacingAndGlyphs\"")
 }
 
 fn is_finite(point: &[f64; 2]) -> bool {
