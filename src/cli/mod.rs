@@ -5,14 +5,18 @@ mod coverage;
 mod demo;
 mod drive_gains;
 mod export_format;
+mod friction;
 mod identify;
 mod ingest;
 mod load;
 mod output;
+mod plot;
+mod rmsd;
 mod robot_check;
 mod run;
 mod selection;
 mod simulate;
+mod torque;
 mod verify;
 
 use std::path::PathBuf;
@@ -105,6 +109,12 @@ enum Command {
     Identify(identify::IdentifyArgs),
     /// Verify parameters against other runs from what is stored of them
     Verify(verify::VerifyArgs),
+    /// Measured and estimated torque of one cycle, as rows or as a picture
+    Torque(torque::TorqueArgs),
+    /// RMSD of a run by cycle: each stage, the whole cycle, start and end of warming
+    Rmsd(rmsd::RmsdArgs),
+    /// Friction of runs over time, with warm-up curves fitted to it
+    Friction(friction::FrictionArgs),
     /// Write exports of a described arm, with chosen faults and a truth file
     Simulate(simulate::SimulateArgs),
     /// Look at a robot description
@@ -199,6 +209,9 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
         Command::Identify(args) => identify::identify(&cli.global, &args),
         Command::Verify(args) => verify::verify(&cli.global, &args),
+        Command::Torque(args) => torque::torque(&cli.global, &args),
+        Command::Rmsd(args) => rmsd::rmsd(&cli.global, &args),
+        Command::Friction(args) => friction::friction(&cli.global, &args),
         Command::Simulate(args) => simulate::simulate(&cli.global, &args),
         Command::Robot { command: RobotCommand::Check(args) } => robot_check::check(&cli.global, &args),
         Command::Robot { command: RobotCommand::DriveGains(args) } => {

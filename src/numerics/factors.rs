@@ -317,7 +317,7 @@ pub(crate) mod tests {
     }
 
     /// All joints swing, in the friction stage one after the other; torque that no model explains.
-    fn cycle(number: u32, rows: usize) -> Cycle {
+    pub(crate) fn cycle(number: u32, rows: usize) -> Cycle {
         let channel = || vec![Vec::new(); 6];
         let (mut position, mut torque) = (channel(), channel());
         let mut samples = Samples::default();

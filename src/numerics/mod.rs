@@ -42,6 +42,7 @@ mod estimate_tests;
 pub mod friction;
 pub mod warm_up;
 pub mod verify;
+pub mod torque_series;
 pub mod cross;
 pub mod drive_gain;
 pub mod statistics;

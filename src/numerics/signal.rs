@@ -76,6 +76,11 @@ impl Conditioned {
         self.usable.iter().flat_map(move |stretch| stretch.clone().step_by(step))
     }
 
+    /// Rows that went through the low-pass; channels hold zeros in the others.
+    pub fn filtered_rows(&self) -> impl Iterator<Item = usize> + '_ {
+        self.stretches.iter().flat_map(Clone::clone)
+    }
+
     /// Stretches between gaps in time that were long enough to be filtered, and the rows in them.
     #[must_use]
     pub fn filtered(&self) -> (usize, usize) {

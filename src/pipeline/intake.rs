@@ -7,15 +7,11 @@ use jiff::Timestamp;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
+use super::cycles::CycleReader;
 use super::{Outcome, Pipeline, PipelineError, Retry};
 use crate::config::Layout;
-use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::fingerprint::fingerprint;
 use crate::ingest::rejection::Rejection;
-use crate::ingest::source;
-use crate::numerics::segment::{CycleCutter, SegmentError};
-use crate::numerics::signal::median_step;
-use crate::numerics::transmission::JointSide;
 use crate::robot::Robot;
 use crate::run::{ContentHash, Cycle, RunHeader, RunStatus};
 use crate::store::{KnownRun, SourceState};
@@ -159,31 +155,15 @@ fn read(
     stop: &CancellationToken,
     progress: impl Fn(u64),
 ) -> Result<ReadEnd, Rejection> {
-    let (bytes, hash) = source::open_hashing(&intake.path)?;
-    let mut export =
-        ExportReader::new(bytes, &intake.path, &intake.layout, &intake.robot, ReadOptions::default())?;
-    let mut cutter = CycleCutter::new();
+    let mut reader = CycleReader::open(&intake.path, &intake.layout, &intake.robot)?;
     let mut cycle_count = 0;
-    let mut sample_rate = None;
-    let segmented = |error: SegmentError| Rejection::of_file(&intake.path, error.to_string(), "");
     let mut send = |cycle: Cycle| {
         cycle_count += 1;
         cycle_count <= intake.cycles_stored || cycles.blocking_send(cycle).is_ok()
     };
-    let motor = intake.layout.motor_side;
-    let joint_side = JointSide::new(&intake.robot, motor.position, motor.torque).map_err(|error| {
-        Rejection::of_file(
-            &intake.path,
-            error.to_string(),
-            "correct the transmission of the robot's description",
-        )
-    })?;
-    for chunk in export.by_ref() {
-        let mut chunk = chunk?;
-        joint_side.apply(&mut chunk.samples);
-        progress(hash.so_far().1);
-        sample_rate = sample_rate.or_else(|| median_step(&chunk.samples.time).map(|step| 1.0 / step));
-        for cycle in cutter.push(chunk.samples).map_err(segmented)? {
+    while let Some(cut) = reader.next_cycles()? {
+        progress(reader.so_far().1);
+        for cycle in cut {
             if stop.is_cancelled() || !send(cycle) {
                 return Ok(ReadEnd::Interrupted);
             }
@@ -192,16 +172,11 @@ fn read(
             return Ok(ReadEnd::Interrupted);
         }
     }
-    if let Some(last) = cutter.finish().map_err(segmented)?
-        && !send(last)
-    {
-        return Ok(ReadEnd::Interrupted);
-    }
-    let unchanged = hash.so_far().0 == intake.header.content_hash;
+    let unchanged = reader.so_far().0 == intake.header.content_hash;
     Ok(if unchanged {
         ReadEnd::Complete(ReadTotals {
-            rows: export.rows(),
-            sample_rate: sample_rate.unwrap_or(0.0),
+            rows: reader.rows(),
+            sample_rate: reader.sample_rate(),
             cycles: cycle_count,
         })
     } else {

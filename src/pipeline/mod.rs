@@ -6,8 +6,10 @@
 //! rows commits; whatever was cut short is read again and picks up after the last stored cycle.
 
 pub mod drive_gain;
+pub mod cycles;
 pub mod intake;
 pub mod record;
+pub mod replay;
 pub mod stored;
 #[cfg(test)]
 mod tests;

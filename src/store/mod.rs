@@ -28,9 +28,12 @@ mod tests_factors;
 mod tests_finish;
 #[cfg(test)]
 mod tests_open;
+#[cfg(test)]
+mod tests_verification;
 mod values;
+mod verification;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use sqlx::{Sqlite, SqlitePool, Transaction};
@@ -44,9 +47,10 @@ pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use ledger::{KnownRun, RunTotals};
 pub use parameter_sets::{ParameterSet, SourceCycle};
 pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
-pub use sources::SourceState;
+pub use sources::{RunSource, SourceState};
+pub use verification::{CycleState, OfCycle};
 
-use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd};
+use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd, WarmingContrast};
 use crate::robot::{ParameterId, Robot};
 use crate::run::{ContentHash, RunHeader};
 use analyses::Recorded;
@@ -57,6 +61,13 @@ pub struct Store {
     path: Arc<Path>,
     writer: SqlitePool,
     readers: SqlitePool,
+}
+
+/// Hash by which the database tells descriptions apart: what decides the meaning of base parameters, joint
+/// kinds, geometry, gravity, friction columns and couplings. Compare [`StoredModel::description_hash`].
+#[must_use]
+pub fn description_hash(robot: &Robot) -> [u8; 32] {
+    models::description_hash(robot)
 }
 
 impl Store {
@@ -199,6 +210,55 @@ impl Store {
         let found = self.checked(ledger::discard(&mut *transaction, run_id).await)?;
         self.commit(transaction).await?;
         Ok(found)
+    }
+
+    /// What tells the export of a run; `None` for an unknown run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn run_source(&self, run_id: i64) -> Result<Option<RunSource>, StoreError> {
+        let Some(mut source) = self.checked(sources::of_run(&self.readers, run_id).await)? else {
+            return Ok(None);
+        };
+        for path in self.checked(sources::paths_of_run(&self.readers, run_id).await)? {
+            let path = PathBuf::from(path);
+            if !source.paths.contains(&path) {
+                source.paths.push(path);
+            }
+        }
+        Ok(Some(source))
+    }
+
+    /// What the ledger has of each cycle of a run, in order.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn cycle_states(&self, run_id: i64) -> Result<Vec<CycleState>, StoreError> {
+        self.checked(verification::cycle_states(&self.readers, run_id).await)
+    }
+
+    /// RMSD of a run's cycles with their own parameters, by cycle, joint and stage.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn self_rmsd(&self, run_id: i64) -> Result<Vec<OfCycle<TorqueRmsd>>, StoreError> {
+        self.checked(verification::self_rmsd(&self.readers, run_id).await)
+    }
+
+    /// RMSD over the first and over the last third of the warming stages of a run, by cycle and joint.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn warming_contrasts(&self, run_id: i64) -> Result<Vec<OfCycle<WarmingContrast>>, StoreError> {
+        self.checked(verification::warming_contrasts(&self.readers, run_id).await)
+    }
+
+    /// Friction points of a run, in the order of the cycles.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn friction_points(&self, run_id: i64) -> Result<Vec<CyclePoint>, StoreError> {
+        self.checked(history::friction_points(&self.readers, run_id).await)
     }
 
     /// Reads what the stored cycles of a run measured, without holding the writer.

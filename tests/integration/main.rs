@@ -15,3 +15,4 @@ mod reference_export;
 mod shipped;
 mod stored_factors;
 mod torque_sources;
+mod torque;
