@@ -38,6 +38,8 @@ pub mod plausible;
 #[cfg(test)]
 mod diagnose_tests;
 #[cfg(test)]
+mod drive_gain_tests;
+#[cfg(test)]
 mod estimate_tests;
 pub mod friction;
 pub mod warm_up;

@@ -55,12 +55,24 @@ enum Output {
 }
 
 impl ExportWriter {
-    /// Starts the export `path`, compressed if its name ends in `.gz`, and writes the header. Columns are
-    /// those of `format`, or of the native layout.
+    /// Starts the export `path` in the native layout, compressed if its name ends in `.gz`, and writes the
+    /// header.
     ///
     /// # Errors
     /// Whatever creating the file fails with.
-    pub fn create(path: &Path, joint_count: usize, format: Option<ExportFormat>) -> io::Result<Self> {
+    pub fn create(path: &Path, joint_count: usize) -> io::Result<Self> {
+        Self::start(path, joint_count, None)
+    }
+
+    /// The same with the columns of `format`.
+    ///
+    /// # Errors
+    /// Whatever creating the file fails with.
+    pub fn create_in(path: &Path, format: ExportFormat) -> io::Result<Self> {
+        Self::start(path, 0, Some(format))
+    }
+
+    fn start(path: &Path, joint_count: usize, format: Option<ExportFormat>) -> io::Result<Self> {
         let part = PartFile::beside(path)?;
         let file = File::create(&part.hidden)?;
         let output = if path.extension().is_some_and(|e| e == "gz") {
@@ -205,7 +217,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for name in ["a.csv", "a.csv.gz"] {
             let path = folder.path().join(name);
-            let mut writer = ExportWriter::create(&path, 2, None).unwrap();
+            let mut writer = ExportWriter::create(&path, 2).unwrap();
             writer.push(&row()).unwrap();
             assert!(!path.exists(), "an export must not show before it is complete");
             assert!(folder.path().join(format!(".{name}.part")).exists());
@@ -225,7 +237,7 @@ mod tests {
     #[test]
     fn an_abandoned_export_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
-        let mut writer = ExportWriter::create(&folder.path().join("a.csv"), 2, None).unwrap();
+        let mut writer = ExportWriter::create(&folder.path().join("a.csv"), 2).unwrap();
         writer.push(&row()).unwrap();
         drop(writer);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);

@@ -258,8 +258,11 @@ pub fn simulate_run(
     for folder in [out_dir, truth_dir] {
         fs::create_dir_all(folder).map_err(|source| write_error(folder, source))?;
     }
-    let mut writer = ExportWriter::create(&export, robot.joint_count(), settings.format.clone())
-        .map_err(|e| write_error(&export, e))?;
+    let writer = match &settings.format {
+        Some(format) => ExportWriter::create_in(&export, format.clone()),
+        None => ExportWriter::create(&export, robot.joint_count()),
+    };
+    let mut writer = writer.map_err(|e| write_error(&export, e))?;
     let cycle_truth = write_rows(&recording, settings, run_index, &mut writer, progress)
         .map_err(|e| write_error(&export, e))?;
     let run_truth = run_truth(robot, settings, &recording, run_index, &export, cycle_truth)?;

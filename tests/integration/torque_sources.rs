@@ -93,7 +93,7 @@ fn one_run_in_any_unit_gives_the_same_parameters() {
         assert_eq!(found.len(), 64, "{name}");
         let expected = expected.get_or_insert_with(|| found.clone());
         let norm = expected.iter().map(|x| x * x).sum::<f64>().sqrt();
-        for (found, expected) in found.iter().zip(expected) {
+        for (found, expected) in found.iter().zip(&*expected) {
             assert!((found - expected).abs() <= EQUAL * norm, "{name}: {found} {expected}");
         }
     }
