@@ -7,6 +7,7 @@ mod identify;
 mod ingest;
 mod output;
 mod robot_check;
+mod robot_urdf;
 mod run;
 mod selection;
 mod simulate;
@@ -125,6 +126,8 @@ enum Command {
 enum RobotCommand {
     /// Kinematics, base parameters with their groupings, rank and condition number
     Check(robot_check::RobotCheckArgs),
+    /// Identified bodies of all links as a URDF file, from what is stored of chosen cycles
+    Urdf(robot_urdf::RobotUrdfArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -196,6 +199,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Verify(args) => verify::verify(&cli.global, &args),
         Command::Simulate(args) => simulate::simulate(&cli.global, &args),
         Command::Robot { command: RobotCommand::Check(args) } => robot_check::check(&cli.global, &args),
+        Command::Robot { command: RobotCommand::Urdf(args) } => robot_urdf::urdf(&cli.global, &args),
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {
             coverage::coverage(&cli.global, &args)
         }

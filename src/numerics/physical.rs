@@ -1,34 +1,19 @@
-//! Full standard parameters that a body can have.
-//!
-//! Ten numbers belong to a body of positive density if its pseudo-inertia
-//! `J = [[Sigma, h], [hᵀ, m]]` is positive definite, with `h` the first moment and
-//! `Sigma = tr(I)/2 - I` (Wensing, Kim & Slotine 2018). Written as `J = U Uᵀ` with an upper
-//! triangular `U` of positive diagonal, every real vector of ten is such a body, and least squares need
-//! no bounds (Rucker & Wensing 2022).
+//! Full standard parameters that a body can have, from the factor of base parameters.
 
 use faer::Mat;
-use nalgebra::{Matrix3, Matrix4, Vector3};
 
 use super::NumericsError;
 use super::base::BaseParameters;
 use super::covariance::inverse_of_upper;
+use super::dynamics::DynamicModel;
 use super::estimate::residual_sum_of_squares;
+use super::physical_share::{BodyEstimate, Estimated, body_estimate};
+use super::pseudo_inertia::{LogCholesky, definiteness, from_log_cholesky, lifted, slopes, to_log_cholesky};
 use super::triangular::TriangularFactor;
-use crate::robot::{FRICTION_COUNT, FrictionModel, ParameterKind, StandardParameters};
+use crate::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
 
-/// Log-Cholesky parameters of a body: `alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3` of
-/// `U = e^alpha [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3], [0, 0, 0, 1]]`.
-/// `t` is the centre of mass in m, `e^alpha` the root of the mass.
-pub type LogCholesky = [f64; 10];
-
-/// Smallest eigenvalue of a pseudo-inertia relative to its largest that counts as positive.
-pub const POSITIVE: f64 = 1e-10;
-/// A start that is no body is lifted until the smallest eigenvalue is this part of the largest: a
-/// radius of a few mm against one of 100 mm.
-const LIFT: f64 = 1e-4;
 /// Factor by which the damping changes.
 const DAMPING_STEP: f64 = 5.0;
-
 /// Weight of the data, in the order of the fits, each from the one before. Precise data from a far
 /// start drive a link to the border of bodies, where its diagonal vanishes and the fit stalls; the
 /// nominal bodies hold it back until it is near.
@@ -37,6 +22,9 @@ const DATA_SHARES: [f64; 7] = [1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0];
 const LONGEST_STEP: f64 = 0.5;
 /// Cosine between residual and each column of the Jacobian below which no direction is left.
 const ORTHOGONAL: f64 = 1e-3;
+/// Standard deviation about zero of friction and coupling parameters, in their SI units: far beyond
+/// any arm's, so that it decides only what neither data nor anything else does.
+const FREE_STD: f64 = 1e4;
 
 /// What the fit may be told.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,12 +58,14 @@ pub struct NominalModel {
 /// A fit of full parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhysicalEstimate {
-    /// Inertial parameters of the links `[n]`, each a body.
-    pub inertial: Vec<StandardParameters>,
-    /// Friction coefficients `[n]`, free.
-    pub friction: Vec<[f64; FRICTION_COUNT]>,
-    /// Motor inertias `[n]`, positive.
-    pub motor_inertia: Vec<f64>,
+    /// All parameters: links are bodies, motor inertias positive, friction and couplings free.
+    pub model: DynamicModel,
+    /// The same in natural order, `phi` `[p]`.
+    pub phi: Vec<f64>,
+    /// Mass, centre of mass and inertia about it of the links `[n]`, and how far data decide them.
+    pub bodies: Vec<BodyEstimate>,
+    /// Motor inertias `[n]`, and how far data decide them.
+    pub motor_inertia: Vec<Estimated>,
     /// Smallest over largest eigenvalue of each link's pseudo-inertia, `[n]`.
     pub definiteness: Vec<f64>,
     /// Residual sum of squares of the data.
@@ -91,183 +81,69 @@ pub struct PhysicalEstimate {
 /// Fits the full set of standard parameters, physically consistent, to the factor of
 /// `[w | tau]` of the base parameters, in units of the noise.
 ///
-/// Minimises `|r11 G phi - r12|² + |(x - x_nominal) / s|²`, where `phi(x)` are the `15n` parameters,
-/// `x` the log-Cholesky parameters of the links, the friction coefficients and the logarithms of the
-/// motor inertias, and `G` groups full into base parameters. Off-diagonal and centre entries of `x` are
-/// measured in the link's own nominal radius. Friction is not drawn anywhere. Levenberg-Marquardt steps
-/// with the analytic Jacobian; each is solved by folding its rows into a triangular factor.
+/// Minimises `|r11 G phi - r12|² + |(x - x_nominal) / s|²`, where `phi(x)` `[p]` are all parameters in
+/// natural order, `x` `[p]` the log-Cholesky parameters of the links, the friction and coupling
+/// parameters themselves and the logarithms of the motor inertias, and `G` groups full into base
+/// parameters. Off-diagonal and centre entries of `x` are measured in the link's own nominal radius.
+/// Friction and couplings are free: they are drawn to zero by 1e4 of their unit, which is nowhere.
+/// Levenberg-Marquardt steps with the analytic Jacobian; each is solved by folding its rows into a
+/// triangular factor.
 ///
 /// # Errors
-/// [`NumericsError::TooShort`] if the nominal model has too few joints, [`NumericsError::NotFinite`] if
-/// it has a motor inertia that is not positive or the data are not finite.
+/// [`NumericsError::TooShort`] unless the nominal model has the robot's joints,
+/// [`NumericsError::NotFinite`] if it has a motor inertia that is not positive or the data are not
+/// finite.
 pub fn physical(
+    robot: &Robot,
     base: &BaseParameters,
     factor: &TriangularFactor,
     nominal: &NominalModel,
     settings: &PhysicalSettings,
 ) -> Result<PhysicalEstimate, NumericsError> {
-    let n = nominal.inertial.len();
-    let polynomial = |kind: ParameterKind| match kind {
-        ParameterKind::Friction(term) => FrictionModel::POLYNOMIAL.terms().contains(&term),
-        ParameterKind::Coupling(_) => false,
-        ParameterKind::Inertial(_) | ParameterKind::MotorInertia => true,
-    };
-    if !base.kept.iter().all(|id| polynomial(id.kind)) {
-        return Err(NumericsError::Unsupported(
-            "physically consistent parameters of an arm with couplings, or with friction other than the polynomial f1 to f4",
-        ));
-    }
-    if n == 0 || nominal.motor_inertia.len() != n {
-        return Err(NumericsError::TooShort { what: "the nominal model", rows: n, needed: n.max(1) });
+    let n = robot.joint_count();
+    let given = nominal.inertial.len().min(nominal.motor_inertia.len());
+    if given != n || n == 0 {
+        return Err(NumericsError::TooShort { what: "the nominal model", rows: given, needed: n.max(1) });
     }
     if !nominal.motor_inertia.iter().all(|inertia| inertia.is_finite() && *inertia > 0.0) {
         return Err(NumericsError::NotFinite("the logarithm of a nominal motor inertia"));
     }
-    let mut problem = Problem::new(base, factor, nominal, settings)?;
-    let mut x = problem.start();
+    let mut problem = Problem::new(robot, base, factor, nominal, settings)?;
+    let mut x = problem.nominal.clone();
     let (mut steps, mut settled) = (0, false);
     for share in DATA_SHARES {
         problem.data_share = share;
         (x, settled) = problem.descend(x, settings, &mut steps)?;
     }
-    problem.estimate(&x, steps, settled)
+    problem.estimate(robot, &x, steps, settled)
 }
 
-/// The ten standard parameters of a log-Cholesky vector.
-#[must_use]
-pub fn from_log_cholesky(x: &LogCholesky) -> StandardParameters {
-    let u = upper(x);
-    parameters_of(&(u * u.transpose()))
-}
-
-/// The log-Cholesky vector of a body; `None` if the parameters are no body.
-#[must_use]
-pub fn to_log_cholesky(parameters: &StandardParameters) -> Option<LogCholesky> {
-    let j = pseudo_inertia(parameters);
-    // An upper factor is a lower one with rows and columns in reverse order.
-    let reversed = Matrix4::from_fn(|i, k| j[(3 - i, 3 - k)]);
-    let lower = reversed.cholesky()?.l();
-    let u = Matrix4::from_fn(|i, k| lower[(3 - i, 3 - k)]);
-    let scale = u[(3, 3)];
-    let entry = |i: usize, k: usize| u[(i, k)] / scale;
-    let x = [
-        scale.ln(),
-        entry(0, 0).ln(),
-        entry(1, 1).ln(),
-        entry(2, 2).ln(),
-        entry(0, 1),
-        entry(1, 2),
-        entry(0, 2),
-        entry(0, 3),
-        entry(1, 3),
-        entry(2, 3),
-    ];
-    x.iter().all(|value| value.is_finite()).then_some(x)
-}
-
-/// Pseudo-inertia `[[Sigma, h], [hᵀ, m]]` of ten parameters, `[4 x 4]`.
-#[must_use]
-pub fn pseudo_inertia(parameters: &StandardParameters) -> Matrix4<f64> {
-    let inertia = parameters.inertia();
-    let sigma = Matrix3::identity() * (0.5 * inertia.trace()) - inertia;
-    let h = parameters.first_moment();
-    let mut j = Matrix4::zeros();
-    j.fixed_view_mut::<3, 3>(0, 0).copy_from(&sigma);
-    j.fixed_view_mut::<3, 1>(0, 3).copy_from(&h);
-    j.fixed_view_mut::<1, 3>(3, 0).copy_from(&h.transpose());
-    j[(3, 3)] = parameters.mass();
-    j
-}
-
-/// Smallest over largest eigenvalue of a link's pseudo-inertia; above [`POSITIVE`] it is a body.
-///
-/// Lengths enter the ratio in m; its sign does not depend on them.
-#[must_use]
-pub fn definiteness(parameters: &StandardParameters) -> f64 {
-    let values = pseudo_inertia(parameters).symmetric_eigenvalues();
-    values.min() / values.max().abs().max(f64::MIN_POSITIVE)
-}
-
-/// The nearest-by body: the pseudo-inertia with as much added to its diagonal as it takes.
-fn lifted(parameters: &StandardParameters) -> StandardParameters {
-    let mut j = pseudo_inertia(parameters);
-    let values = j.symmetric_eigenvalues();
-    let largest = values.max().max(LIFT);
-    let missing = LIFT * largest - values.min();
-    if missing > 0.0 {
-        j += Matrix4::identity() * missing;
-    }
-    parameters_of(&j)
-}
-
-fn parameters_of(j: &Matrix4<f64>) -> StandardParameters {
-    let sigma: Matrix3<f64> = j.fixed_view::<3, 3>(0, 0).into_owned();
-    let h: Vector3<f64> = j.fixed_view::<3, 1>(0, 3).into_owned();
-    let i = Matrix3::identity() * sigma.trace() - sigma;
-    StandardParameters([
-        j[(3, 3)],
-        h.x,
-        h.y,
-        h.z,
-        i[(0, 0)],
-        i[(0, 1)],
-        i[(0, 2)],
-        i[(1, 1)],
-        i[(1, 2)],
-        i[(2, 2)],
-    ])
-}
-
-fn upper(x: &LogCholesky) -> Matrix4<f64> {
-    let [alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3] = *x;
-    let body = Matrix4::new(
-        d1.exp(),
-        s12,
-        s13,
-        t1,
-        0.0,
-        d2.exp(),
-        s23,
-        t2,
-        0.0,
-        0.0,
-        d3.exp(),
-        t3,
-        0.0,
-        0.0,
-        0.0,
-        1.0,
-    );
-    body * alpha.exp()
-}
-
-/// Derivative of the ten parameters by each log-Cholesky parameter: `dJ = dU Uᵀ + U dUᵀ`.
-fn slopes(x: &LogCholesky) -> [StandardParameters; 10] {
-    /// Place in `U` of the parameters after `alpha`.
-    const PLACES: [(usize, usize); 9] =
-        [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)];
-    let u = upper(x);
-    std::array::from_fn(|k| {
-        let mut du = Matrix4::zeros();
-        match k {
-            0 => du = u,
-            1..=3 => du[PLACES[k - 1]] = u[PLACES[k - 1]],
-            _ => du[PLACES[k - 1]] = x[0].exp(),
+/// `r11 G` `[b x p]`: what the factor's rows see of each parameter in natural order.
+pub(super) fn seen_by_factor(base: &BaseParameters, factor: &TriangularFactor, p: usize) -> Mat<f64> {
+    let (r, b) = (factor.upper(), factor.columns());
+    let mut map = Mat::zeros(b, p);
+    for k in 0..b {
+        for i in 0..=k {
+            map[(i, base.kept_columns[k])] += r[(i, k)];
+            for term in &base.grouping[k] {
+                map[(i, term.column)] += r[(i, k)] * term.coefficient;
+            }
         }
-        let half = du * u.transpose();
-        parameters_of(&(half + half.transpose()))
-    })
+    }
+    map
 }
 
-/// The least-squares problem in `x` `[15n]`: ten a link, four frictions a joint, one motor a joint.
+/// The least-squares problem in `x` `[p]`: ten a link, then whatever the robot has beside links.
 struct Problem<'a> {
     factor: &'a TriangularFactor,
-    /// `r11 G` times the root of the independent share, `[b][15n]`, and `r12` likewise.
-    map: Vec<Vec<f64>>,
-    right: Vec<f64>,
     base: &'a BaseParameters,
     n: usize,
-    /// Nominal `x` and one over its spread; 0 where nothing draws.
+    /// Whether `x` is the logarithm of the parameter, `[p]`.
+    logarithmic: Vec<bool>,
+    /// `r11 G` times the root of the independent share, `[b x p]`, and `r12` likewise.
+    map: Mat<f64>,
+    right: Vec<f64>,
+    /// Nominal `x` and one over its spread.
     nominal: Vec<f64>,
     pull: Vec<f64>,
     /// One over the longest step; 0 where any is fine.
@@ -277,64 +153,61 @@ struct Problem<'a> {
 
 impl<'a> Problem<'a> {
     fn new(
+        robot: &Robot,
         base: &'a BaseParameters,
         factor: &'a TriangularFactor,
         nominal: &NominalModel,
         settings: &PhysicalSettings,
     ) -> Result<Self, NumericsError> {
-        let (n, b) = (nominal.inertial.len(), factor.columns());
-        let width = (StandardParameters::COUNT + FRICTION_COUNT + 1) * n;
+        let (n, b) = (robot.joint_count(), factor.columns());
+        let ids = ParameterId::natural_order(robot);
         let root = settings.independent_fraction.sqrt();
-        let r = factor.upper();
-        let mut map = vec![vec![0.0; width]; b];
-        for (i, row) in map.iter_mut().enumerate() {
-            for k in i..b {
-                let share = root * r[(i, k)];
-                row[base.kept_columns[k]] += share;
-                for term in &base.grouping[k] {
-                    row[term.column] += share * term.coefficient;
-                }
-            }
-        }
-        let (mut x, mut pull) = (Vec::with_capacity(width), Vec::with_capacity(width));
+        let map = seen_by_factor(base, factor, ids.len()) * faer::Scale(root);
+        let right = (0..b).map(|i| root * factor.upper()[(i, b)]).collect();
+        let (mut x, mut pull) = (Vec::with_capacity(ids.len()), Vec::with_capacity(ids.len()));
         for link in &nominal.inertial {
             let start = to_log_cholesky(link)
                 .or_else(|| to_log_cholesky(&lifted(link)))
                 .ok_or(NumericsError::NotFinite("the nominal inertia of a link"))?;
             let radius = ((start[1] + start[2] + start[3]) / 3.0).exp();
             x.extend(start);
-            pull.extend([1.0; 4].map(|pull| pull / settings.prior_std));
+            pull.extend([1.0 / settings.prior_std; 4]);
             pull.extend([1.0 / (radius * settings.prior_std); 6]);
         }
-        x.extend(vec![0.0; FRICTION_COUNT * n]);
-        pull.extend(vec![0.0; FRICTION_COUNT * n]);
-        x.extend(nominal.motor_inertia.iter().map(|inertia| inertia.ln()));
-        pull.extend(vec![1.0 / settings.prior_std; n]);
-        let right = (0..b).map(|i| root * r[(i, b)]).collect();
-        let reach = pull.iter().map(|pull| pull * settings.prior_std / LONGEST_STEP).collect();
-        Ok(Self { factor, map, right, base, n, nominal: x, pull, reach, data_share: 1.0 })
-    }
-
-    fn start(&self) -> Vec<f64> {
-        self.nominal.clone()
+        for id in &ids[x.len()..] {
+            let motor = id.kind == ParameterKind::MotorInertia;
+            x.push(if motor { nominal.motor_inertia[id.joint.index()].ln() } else { 0.0 });
+            pull.push(if motor { 1.0 / settings.prior_std } else { 1.0 / FREE_STD });
+        }
+        let stepped =
+            |kind: ParameterKind| matches!(kind, ParameterKind::Inertial(_) | ParameterKind::MotorInertia);
+        let reach = pull
+            .iter()
+            .zip(&ids)
+            .map(|(pull, id)| if stepped(id.kind) { pull * settings.prior_std / LONGEST_STEP } else { 0.0 });
+        let reach = reach.collect();
+        let logarithmic = ids.iter().map(|id| id.kind == ParameterKind::MotorInertia).collect();
+        Ok(Self { factor, base, n, logarithmic, map, right, nominal: x, pull, reach, data_share: 1.0 })
     }
 
     fn link(&self, x: &[f64], link: usize) -> LogCholesky {
-        std::array::from_fn(|k| x[10 * link + k])
+        std::array::from_fn(|k| x[StandardParameters::COUNT * link + k])
     }
 
-    /// All parameters in natural order, `[15n]`.
+    /// All parameters in natural order, `[p]`.
     fn phi(&self, x: &[f64]) -> Vec<f64> {
+        let links = StandardParameters::COUNT * self.n;
         let mut phi: Vec<f64> =
             (0..self.n).flat_map(|link| from_log_cholesky(&self.link(x, link)).0).collect();
-        phi.extend(&x[10 * self.n..14 * self.n]);
-        phi.extend(x[14 * self.n..].iter().map(|log| log.exp()));
+        let beside = x.iter().zip(&self.logarithmic).skip(links);
+        phi.extend(beside.map(|(x, logarithmic)| if *logarithmic { x.exp() } else { *x }));
         phi
     }
 
     fn residuals(&self, x: &[f64]) -> Vec<f64> {
         let phi = self.phi(x);
-        let data = self.map.iter().zip(&self.right).map(|(row, right)| {
+        let data = self.right.iter().enumerate().map(|(i, right)| {
+            let row = self.map.row(i);
             self.data_share * (right - row.iter().zip(&phi).map(|(map, phi)| map * phi).sum::<f64>())
         });
         let pulled =
@@ -392,26 +265,30 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Slopes of data and pull, `[(b + 15n) x 15n]`; the residuals fall by them.
+    /// Slopes of data and pull, `[(b + p) x p]`; the residuals fall by them.
     fn jacobian(&self, x: &[f64]) -> Mat<f64> {
-        let (b, width) = (self.map.len(), x.len());
-        let slopes: Vec<[StandardParameters; 10]> =
-            (0..self.n).map(|link| slopes(&self.link(x, link))).collect();
-        Mat::from_fn(b + width, width, |i, k| {
-            if i >= b {
-                return if i - b == k { self.pull[k] } else { 0.0 };
+        let (b, p) = (self.right.len(), x.len());
+        let links = StandardParameters::COUNT * self.n;
+        let mut jacobian = Mat::zeros(b + p, p);
+        for link in 0..self.n {
+            let first = StandardParameters::COUNT * link;
+            for (k, slope) in slopes(&self.link(x, link)).iter().enumerate() {
+                for i in 0..b {
+                    let along = (0..slope.0.len()).map(|m| slope.0[m] * self.map[(i, first + m)]);
+                    jacobian[(i, first + k)] = self.data_share * along.sum::<f64>();
+                }
             }
-            let row = &self.map[i];
-            let slope: f64 = if k < 10 * self.n {
-                let (link, slope) = (k / 10, &slopes[k / 10][k % 10]);
-                slope.0.iter().zip(&row[10 * link..]).map(|(slope, map)| slope * map).sum()
-            } else if k < 14 * self.n {
-                row[k]
-            } else {
-                row[k] * x[k].exp()
-            };
-            self.data_share * slope
-        })
+        }
+        for k in links..p {
+            let slope = if self.logarithmic[k] { x[k].exp() } else { 1.0 };
+            for i in 0..b {
+                jacobian[(i, k)] = self.data_share * slope * self.map[(i, k)];
+            }
+        }
+        for (k, pull) in self.pull.iter().enumerate() {
+            jacobian[(b + k, k)] = *pull;
+        }
+        jacobian
     }
 
     /// One damped Gauss-Newton step, shortened to the longest that is trusted.
@@ -433,23 +310,53 @@ impl<'a> Problem<'a> {
         Ok((0..width).map(|k| step[(k, 0)] / length).collect())
     }
 
-    fn estimate(&self, x: &[f64], steps: usize, settled: bool) -> Result<PhysicalEstimate, NumericsError> {
+    fn estimate(
+        &self,
+        robot: &Robot,
+        x: &[f64],
+        steps: usize,
+        settled: bool,
+    ) -> Result<PhysicalEstimate, NumericsError> {
         let phi = self.phi(x);
         if !phi.iter().all(|value| value.is_finite()) {
             return Err(NumericsError::NotFinite("the physically consistent parameters"));
         }
         let b = self.factor.columns();
-        let inertial: Vec<StandardParameters> =
-            (0..self.n).map(|link| from_log_cholesky(&self.link(x, link))).collect();
+        let ids = ParameterId::natural_order(robot);
+        let model = DynamicModel::from_parameters(robot, ids.iter().copied().zip(phi.iter().copied()));
+        // Columns of (J'J)^-1/2: the squares of a row's entries add up to the variance of its `x`.
+        let root = self.covariance_root(x)?;
+        let bodies = (0..self.n).map(|link| {
+            let first = StandardParameters::COUNT * link;
+            let own = root.as_ref().subrows(first, StandardParameters::COUNT);
+            let pull = &self.pull[first..first + StandardParameters::COUNT];
+            body_estimate(&model.inertial[link], &slopes(&self.link(x, link)), own, pull)
+        });
+        let motors = (0..x.len()).filter(|k| self.logarithmic[*k]).map(|k| Estimated {
+            value: phi[k],
+            std: phi[k] * root.row(k).norm_l2(),
+            std_without_data: phi[k] / self.pull[k],
+        });
         Ok(PhysicalEstimate {
-            definiteness: inertial.iter().map(definiteness).collect(),
-            inertial,
-            friction: (0..self.n).map(|j| std::array::from_fn(|k| x[10 * self.n + 4 * j + k])).collect(),
-            motor_inertia: phi[14 * self.n..].to_vec(),
+            bodies: bodies.collect(),
+            motor_inertia: motors.collect(),
+            definiteness: model.inertial.iter().map(definiteness).collect(),
             residual_sum_of_squares: residual_sum_of_squares(self.factor, &self.base.group(&phi)),
             unconstrained_sum_of_squares: self.factor.upper()[(b, b)].powi(2),
+            model,
+            phi,
             steps,
             settled,
         })
+    }
+
+    fn covariance_root(&self, x: &[f64]) -> Result<Mat<f64>, NumericsError> {
+        let jacobian = self.jacobian(x);
+        let mut factor = TriangularFactor::new(x.len());
+        let right = x.len();
+        let rows =
+            Mat::from_fn(jacobian.nrows(), right + 1, |i, k| if k < right { jacobian[(i, k)] } else { 0.0 });
+        factor.fold(rows.as_ref());
+        inverse_of_upper(&factor)
     }
 }

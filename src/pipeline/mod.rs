@@ -6,6 +6,7 @@
 //! rows commits; whatever was cut short is read again and picks up after the last stored cycle.
 
 pub mod intake;
+pub mod physical;
 pub mod record;
 pub mod stored;
 #[cfg(test)]

@@ -12,5 +12,6 @@ mod daemon;
 mod docs;
 mod real_recording;
 mod reference_export;
+mod robot_urdf;
 mod shipped;
 mod stored_factors;
