@@ -318,6 +318,8 @@ fn as_value(fitted: &Fitted, args: &RobotUrdfArgs) -> serde_json::Value {
             "robot": source.robot, "run_id": source.run_id, "cycle": source.cycle,
         })).collect::<Vec<_>>(),
         "steps": fit.estimate.steps,
+        "residual_sum_of_squares": fit.estimate.residual_sum_of_squares,
+        "unconstrained_sum_of_squares": fit.estimate.unconstrained_sum_of_squares,
         "scaled_condition_number": fit.scaled_condition_number,
         "start_density_kg_m3": fit.start.density,
         "links": links.collect::<Vec<_>>(),

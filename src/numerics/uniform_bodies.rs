@@ -197,7 +197,9 @@ fn density_scale(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numerics::dynamics::inverse_dynamics;
     use crate::numerics::pseudo_inertia::{POSITIVE, definiteness};
+    use crate::robot::JointLimits;
     use crate::testing::er3a;
 
     #[test]
@@ -219,6 +221,24 @@ mod tests {
         let mass: f64 = bodies.iter().map(StandardParameters::mass).sum();
         // The maker gives 28 kg.
         assert!((10.0..80.0).contains(&mass), "{mass}");
-        assert!(carried_inertia(&robot, &bodies).windows(2).take(1).all(|pair| pair[0] > pair[1]));
+    }
+
+    #[test]
+    fn carried_inertia_is_the_torque_of_unit_acceleration() {
+        let scara = include_str!("../../config/robots/scara.toml");
+        let scara = crate::config::parse_robot("scara.toml", scara).expect("no problems");
+        for mut robot in [er3a(), scara] {
+            robot.gravity = Vector3::zeros();
+            let bodies = uniform_bodies(&robot, TYPICAL_DENSITY);
+            let n = robot.joint_count();
+            let middle = |limits: &JointLimits| 0.5 * (limits.position_min + limits.position_max);
+            let q: Vec<f64> = robot.joints.iter().map(|joint| middle(&joint.limits)).collect();
+            for (j, carried) in carried_inertia(&robot, &bodies).into_iter().enumerate() {
+                let (mut qdd, mut tau) = (vec![0.0; n], vec![0.0; n]);
+                qdd[j] = 1.0;
+                inverse_dynamics(&robot, &bodies, &q, &vec![0.0; n], &qdd, &mut tau);
+                assert!((tau[j] - carried).abs() < 1e-12 * carried.max(1.0), "{j}: {} {carried}", tau[j]);
+            }
+        }
     }
 }

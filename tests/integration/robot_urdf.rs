@@ -41,8 +41,11 @@ fn a_simulated_recording_becomes_a_file_that_is_the_same_arm() {
     for joint in found["price_of_physics"].as_array().expect("six joints") {
         let figure = |name: &str| joint[name].as_f64().expect("a figure");
         let (free, consistent) = (figure("unconstrained_rmsd_nm"), figure("consistent_rmsd_nm"));
-        assert!(free <= consistent * (1.0 + 1e-6) && consistent < 1.05 * free, "{joint}");
+        assert!((0.95 * free..1.05 * free).contains(&consistent), "{joint}");
     }
+    // One joint may gain a little at the cost of another, all together cannot.
+    let sum = |name: &str| found[name].as_f64().expect("a sum");
+    assert!(sum("residual_sum_of_squares") >= sum("unconstrained_sum_of_squares"), "{found}");
     let written = fs::read_to_string(workshop.path("arm.urdf")).expect("the file");
     for said in ["robot R01, run 1, recorded 20", "cycles 1-2", "armwatch 0.", "link 1 mass"] {
         assert!(written.contains(said), "{said}\n{written}");
