@@ -201,8 +201,9 @@ fn assert_pinocchio(description: &str, urdf: &str, table: &str) {
             let difference: Vec<f64> = tau.iter().zip(expected).map(|(a, b)| a - b).collect();
             assert!(norm(&difference) < REFERENCE_DIGITS * norm(expected), "{tau:?} {expected:?}");
             let pose = forward_kinematics(arm, q);
-            let numbers = pose.translation.iter().chain(pose.rotation.transpose().iter()).copied();
-            for (found, expected) in numbers.collect::<Vec<f64>>().iter().zip(&row[4 * n..]) {
+            let by_rows = pose.rotation.transpose();
+            let numbers = pose.translation.iter().chain(by_rows.iter());
+            for (found, expected) in numbers.zip(&row[4 * n..]) {
                 assert!((found - expected).abs() < REFERENCE_DIGITS, "{pose:?} {row:?}");
             }
         }

@@ -6,7 +6,7 @@ use super::base::{BaseParameters, PROBE_STATES, base_parameters, probe_state};
 use super::covariance::{ClusterSettings, LeverageCorrection, clustered};
 use super::estimate::{WeightRule, joined, per_joint, weighted};
 use super::physical::{NominalModel, PhysicalEstimate, PhysicalSettings, physical};
-use super::pseudo_inertia::{POSITIVE, definiteness, from_log_cholesky, to_log_cholesky};
+use super::pseudo_inertia::POSITIVE;
 use super::regressor::{KeptColumns, Regressor, joint_torque_regressor};
 use super::robust::{RobustSettings, huber};
 use super::rows::{RowSource, SampleRows, joint_factors};
@@ -210,21 +210,6 @@ fn the_last_joint_alone_gives_its_own_friction() {
             assert!((theta - truth[column]).abs() < ROUNDING, "{} {theta}", base.kept[column]);
         }
     }
-}
-
-#[test]
-fn log_cholesky_and_back_is_the_same_body() {
-    for joint in &er3a().joints {
-        let body = joint.nominal.expect("nominal").inertial;
-        let back = from_log_cholesky(&to_log_cholesky(&body).expect("a body"));
-        for (a, b) in body.0.iter().zip(back.0) {
-            assert!((a - b).abs() < 1e-12, "{a} {b}");
-        }
-        assert!(definiteness(&body) > POSITIVE);
-    }
-    let none = StandardParameters([1.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.1, 0.0, 0.1]);
-    assert_eq!(to_log_cholesky(&none), None);
-    assert!(definiteness(&none) < 0.0);
 }
 
 fn nominal(robot: &Robot, factor: f64) -> NominalModel {

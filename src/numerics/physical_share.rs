@@ -60,7 +60,7 @@ impl BodyEstimate {
 
 /// Mass, centre and inertia about it with their standard deviations, to first order.
 ///
-/// `slopes` `[10]` are the derivatives of the ten parameters by each `x`; `root` `[10 x any]` has the
+/// `slopes` `[10]` are the derivatives of the ten parameters by each coordinate `x`; `root` `[10 x any]` has the
 /// covariance of `x` as `root rootᵀ`; `pull` `[10]` is one over the standard deviation of each `x`
 /// without data.
 pub(super) fn body_estimate(

@@ -1,57 +1,18 @@
-//! Bodies of positive density as ten free numbers.
+//! Bodies of positive density as positive definite matrices.
 //!
 //! Ten parameters belong to a body of positive density if its pseudo-inertia
 //! `J = [[Sigma, h], [hᵀ, m]]` is positive definite, with `h` the first moment and
-//! `Sigma = tr(I)/2 - I` (Wensing, Kim & Slotine 2018). Written as `J = U Uᵀ` with an upper
-//! triangular `U` of positive diagonal, every real vector of ten is such a body, and least squares need
-//! no bounds (Rucker & Wensing 2022).
+//! `Sigma = tr(I)/2 - I` (Wensing, Kim & Slotine 2018). `J` is linear in the parameters.
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
 
 use crate::robot::StandardParameters;
-
-/// Log-Cholesky parameters of a body: `alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3` of
-/// `U = e^alpha [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3], [0, 0, 0, 1]]`.
-/// `t` is the centre of mass in m, `e^alpha` the root of the mass.
-pub type LogCholesky = [f64; 10];
 
 /// Smallest eigenvalue of a pseudo-inertia relative to its largest that counts as positive.
 pub const POSITIVE: f64 = 1e-10;
 /// A start that is no body is lifted until the smallest eigenvalue is this part of the largest: a
 /// radius of a few mm against one of 100 mm.
 const LIFT: f64 = 1e-4;
-
-/// The ten standard parameters of a log-Cholesky vector.
-#[must_use]
-pub fn from_log_cholesky(x: &LogCholesky) -> StandardParameters {
-    let u = upper(x);
-    parameters_of(&(u * u.transpose()))
-}
-
-/// The log-Cholesky vector of a body; `None` if the parameters are no body.
-#[must_use]
-pub fn to_log_cholesky(parameters: &StandardParameters) -> Option<LogCholesky> {
-    let j = pseudo_inertia(parameters);
-    // An upper factor is a lower one with rows and columns in reverse order.
-    let reversed = Matrix4::from_fn(|i, k| j[(3 - i, 3 - k)]);
-    let lower = reversed.cholesky()?.l();
-    let u = Matrix4::from_fn(|i, k| lower[(3 - i, 3 - k)]);
-    let scale = u[(3, 3)];
-    let entry = |i: usize, k: usize| u[(i, k)] / scale;
-    let x = [
-        scale.ln(),
-        entry(0, 0).ln(),
-        entry(1, 1).ln(),
-        entry(2, 2).ln(),
-        entry(0, 1),
-        entry(1, 2),
-        entry(0, 2),
-        entry(0, 3),
-        entry(1, 3),
-        entry(2, 3),
-    ];
-    x.iter().all(|value| value.is_finite()).then_some(x)
-}
 
 /// Pseudo-inertia `[[Sigma, h], [hᵀ, m]]` of ten parameters, `[4 x 4]`.
 #[must_use]
@@ -88,7 +49,7 @@ pub(super) fn lifted(parameters: &StandardParameters) -> StandardParameters {
     parameters_of(&j)
 }
 
-fn parameters_of(j: &Matrix4<f64>) -> StandardParameters {
+pub(super) fn parameters_of(j: &Matrix4<f64>) -> StandardParameters {
     let sigma: Matrix3<f64> = j.fixed_view::<3, 3>(0, 0).into_owned();
     let h: Vector3<f64> = j.fixed_view::<3, 1>(0, 3).into_owned();
     let i = Matrix3::identity() * sigma.trace() - sigma;
@@ -106,43 +67,70 @@ fn parameters_of(j: &Matrix4<f64>) -> StandardParameters {
     ])
 }
 
-fn upper(x: &LogCholesky) -> Matrix4<f64> {
-    let [alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3] = *x;
-    let body = Matrix4::new(
-        d1.exp(),
-        s12,
-        s13,
-        t1,
-        0.0,
-        d2.exp(),
-        s23,
-        t2,
-        0.0,
-        0.0,
-        d3.exp(),
-        t3,
-        0.0,
-        0.0,
-        0.0,
-        1.0,
-    );
-    body * alpha.exp()
+/// Directions in which a body may change, `[10]`: `L E Lᵀ` for `J = L Lᵀ` and the ten symmetric `E` of
+/// unit norm. In these coordinates `s` the curvature of `-log det J` is one in all directions, and
+/// `J + sum s_k L E_k Lᵀ` is a body while `1 + sum s_k E_k` is positive definite.
+pub(super) fn directions(l: &Matrix4<f64>) -> [StandardParameters; 10] {
+    BASIS.map(|place| parameters_of(&(l * basis_matrix(place) * l.transpose())))
 }
 
-/// Derivative of the ten parameters by each log-Cholesky parameter: `dJ = dU Uᵀ + U dUᵀ`.
-pub(super) fn slopes(x: &LogCholesky) -> [StandardParameters; 10] {
-    /// Place in `U` of the parameters after `alpha`.
-    const PLACES: [(usize, usize); 9] =
-        [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)];
-    let u = upper(x);
-    std::array::from_fn(|k| {
-        let mut du = Matrix4::zeros();
-        match k {
-            0 => du = u,
-            1..=3 => du[PLACES[k - 1]] = u[PLACES[k - 1]],
-            _ => du[PLACES[k - 1]] = x[0].exp(),
+/// Coordinates of a symmetric matrix in the ten `E` of [`directions`].
+pub(super) fn coordinates(symmetric: &Matrix4<f64>) -> [f64; 10] {
+    BASIS.map(|(i, k)| if i == k { symmetric[(i, k)] } else { std::f64::consts::SQRT_2 * symmetric[(i, k)] })
+}
+
+/// The symmetric matrix of such coordinates.
+pub(super) fn symmetric(coordinates: &[f64]) -> Matrix4<f64> {
+    BASIS.into_iter().zip(coordinates).map(|(place, s)| basis_matrix(place) * *s).sum()
+}
+
+const BASIS: [(usize, usize); 10] =
+    [(0, 0), (1, 1), (2, 2), (3, 3), (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
+
+fn basis_matrix((i, k): (usize, usize)) -> Matrix4<f64> {
+    let mut e = Matrix4::zeros();
+    let entry = if i == k { 1.0 } else { std::f64::consts::FRAC_1_SQRT_2 };
+    e[(i, k)] = entry;
+    e[(k, i)] = entry;
+    e
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::er3a;
+
+    /// A few dozen operations on numbers of about one.
+    const ROUNDING: f64 = 1e-12;
+
+    #[test]
+    fn there_and_back_is_the_same_body() {
+        for joint in &er3a().joints {
+            let body = joint.nominal.expect("nominal").inertial;
+            let back = parameters_of(&pseudo_inertia(&body));
+            assert!(body.0.iter().zip(back.0).all(|(a, b)| (a - b).abs() < ROUNDING), "{body:?} {back:?}");
+            assert!(definiteness(&body) > POSITIVE);
         }
-        let half = du * u.transpose();
-        parameters_of(&(half + half.transpose()))
-    })
+    }
+
+    #[test]
+    fn a_negative_moment_is_no_body_until_it_is_lifted() {
+        let none = StandardParameters([1.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.1, 0.0, 0.1]);
+        assert!(definiteness(&none) < 0.0);
+        assert!(definiteness(&lifted(&none)) > POSITIVE);
+    }
+
+    #[test]
+    fn coordinates_are_those_of_a_change_of_the_body() {
+        let body = er3a().joints[1].nominal.expect("nominal").inertial;
+        let l = pseudo_inertia(&body).cholesky().expect("a body").l();
+        let s = [0.1, -0.2, 0.3, 0.05, 0.2, -0.1, 0.15, 0.02, 0.07, -0.3];
+        assert!(coordinates(&symmetric(&s)).iter().zip(s).all(|(a, b)| (a - b).abs() < ROUNDING));
+        let moved = l * (Matrix4::identity() + symmetric(&s)) * l.transpose();
+        let along = directions(&l);
+        for (k, expected) in parameters_of(&moved).0.into_iter().enumerate() {
+            let found = body.0[k] + (0..10).map(|d| s[d] * along[d].0[k]).sum::<f64>();
+            assert!((found - expected).abs() < ROUNDING, "{k}: {found} {expected}");
+        }
+    }
 }
