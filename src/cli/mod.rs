@@ -13,6 +13,7 @@ mod output;
 mod plot;
 mod rmsd;
 mod robot_check;
+mod robot_urdf;
 mod run;
 mod selection;
 mod simulate;
@@ -140,6 +141,8 @@ enum RobotCommand {
     Check(robot_check::RobotCheckArgs),
     /// Drive gains from two recordings, without and with a known load
     DriveGains(drive_gains::DriveGainsArgs),
+    /// Identified bodies of all links as a URDF file, from what is stored of chosen cycles
+    Urdf(robot_urdf::RobotUrdfArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -217,6 +220,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Robot { command: RobotCommand::DriveGains(args) } => {
             drive_gains::drive_gains(&cli.global, &args)
         }
+        Command::Robot { command: RobotCommand::Urdf(args) } => robot_urdf::urdf(&cli.global, &args),
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {
             coverage::coverage(&cli.global, &args)
         }

@@ -24,6 +24,9 @@ mod urdf;
 mod urdf_arm;
 #[cfg(test)]
 mod urdf_tests;
+mod urdf_writer;
+#[cfg(test)]
+mod urdf_writer_tests;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -39,6 +42,7 @@ pub use self::recognition::{RecogniseError, Recognised};
 pub use self::robot_file::{parse_robot, read_robot};
 pub use self::source::ConfigSource;
 pub use self::summary::summary;
+pub use self::urdf_writer::{UrdfFriction, straight_friction, urdf_text};
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::DetectSettings;
 use crate::robot::Robot;

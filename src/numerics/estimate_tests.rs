@@ -5,10 +5,8 @@ use faer::Mat;
 use super::base::{BaseParameters, PROBE_STATES, base_parameters, probe_state};
 use super::covariance::{ClusterSettings, LeverageCorrection, clustered};
 use super::estimate::{WeightRule, joined, per_joint, weighted};
-use super::physical::{
-    NominalModel, POSITIVE, PhysicalEstimate, PhysicalSettings, definiteness, from_log_cholesky, physical,
-    to_log_cholesky,
-};
+use super::physical::{NominalModel, PhysicalEstimate, PhysicalSettings, physical};
+use super::pseudo_inertia::POSITIVE;
 use super::regressor::{KeptColumns, Regressor, joint_torque_regressor};
 use super::robust::{RobustSettings, huber};
 use super::rows::{RowSource, SampleRows, joint_factors};
@@ -214,21 +212,6 @@ fn the_last_joint_alone_gives_its_own_friction() {
     }
 }
 
-#[test]
-fn log_cholesky_and_back_is_the_same_body() {
-    for joint in &er3a().joints {
-        let body = joint.nominal.expect("nominal").inertial;
-        let back = from_log_cholesky(&to_log_cholesky(&body).expect("a body"));
-        for (a, b) in body.0.iter().zip(back.0) {
-            assert!((a - b).abs() < 1e-12, "{a} {b}");
-        }
-        assert!(definiteness(&body) > POSITIVE);
-    }
-    let none = StandardParameters([1.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.1, 0.0, 0.1]);
-    assert_eq!(to_log_cholesky(&none), None);
-    assert!(definiteness(&none) < 0.0);
-}
-
 fn nominal(robot: &Robot, factor: f64) -> NominalModel {
     let joints = || robot.joints.iter().map(|joint| joint.nominal.expect("nominal"));
     NominalModel {
@@ -238,6 +221,7 @@ fn nominal(robot: &Robot, factor: f64) -> NominalModel {
 }
 
 fn fitted(
+    robot: &Robot,
     base: &BaseParameters,
     factors: &[TriangularFactor],
     sigma: f64,
@@ -245,13 +229,7 @@ fn fitted(
 ) -> PhysicalEstimate {
     let rule = WeightRule { sigma: vec![sigma; factors.len()], huber: None };
     let factor = joined(factors, &rule, base.kept.len());
-    physical(base, &factor, start, &PhysicalSettings::default()).expect("a fit")
-}
-
-/// All parameters of a fit in natural order.
-fn all_parameters(fit: &PhysicalEstimate) -> Vec<f64> {
-    let inertial = fit.inertial.iter().flat_map(|link| link.0);
-    inertial.chain(fit.friction.iter().copied().flatten()).chain(fit.motor_inertia.iter().copied()).collect()
+    physical(robot, base, &factor, start, &PhysicalSettings::default()).expect("a fit")
 }
 
 #[test]
@@ -260,7 +238,7 @@ fn exact_torques_of_a_body_are_reproduced_from_a_wrong_start() {
     let base = base_parameters(&robot).expect("base parameters");
     // Fine noise lets the data drive a link to the border of bodies, where a plain descent stalls.
     for sigma in [0.05, 1e-2, 1e-3] {
-        let fit = fitted(&base, &probed(&robot, &base, 0.0), sigma, &nominal(&robot, 1.6));
+        let fit = fitted(&robot, &base, &probed(&robot, &base, 0.0), sigma, &nominal(&robot, 1.6));
         assert!(fit.settled, "{} steps", fit.steps);
         assert!(fit.definiteness.iter().all(|d| *d > POSITIVE), "{:?}", fit.definiteness);
         // What is left is the pull towards the wrong start: far below the noise that was claimed.
@@ -281,12 +259,14 @@ fn noise_that_makes_least_squares_unphysical_leaves_a_body() {
     let motor = |k: &usize| base.kept[*k].kind == ParameterKind::MotorInertia && base.grouping[*k].is_empty();
     let motors: Vec<usize> = (0..base.kept.len()).filter(motor).collect();
     assert!(motors.iter().any(|&k| plain.theta[k] < 0.0), "the noise is too small to show anything");
-    let fit = fitted(&base, &factors, sigma, &nominal(&robot, 1.2));
-    assert!(fit.definiteness.iter().all(|d| *d > POSITIVE) && fit.motor_inertia.iter().all(|i| *i > 0.0));
+    let fit = fitted(&robot, &base, &factors, sigma, &nominal(&robot, 1.2));
+    assert!(
+        fit.definiteness.iter().all(|d| *d > POSITIVE) && fit.model.motor_inertia.iter().all(|i| *i > 0.0)
+    );
     assert!(fit.residual_sum_of_squares >= fit.unconstrained_sum_of_squares);
     // Torques without noise: the constraint must not cost anything that the noise has not.
     let clean = joined(&probed(&robot, &base, 0.0), &rule, base.kept.len());
     let error = |theta: &[f64]| super::estimate::residual_sum_of_squares(&clean, theta);
-    let (physical, free) = (error(&base.group(&all_parameters(&fit))), error(&plain.theta));
+    let (physical, free) = (error(&base.group(&fit.phi)), error(&plain.theta));
     assert!(physical <= 1.05 * free, "{physical} {free}");
 }

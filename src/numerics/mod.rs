@@ -31,7 +31,11 @@ pub mod estimate;
 pub mod robust;
 pub mod covariance;
 pub mod prior;
+pub mod pseudo_inertia;
+pub mod physical_share;
 pub mod physical;
+pub mod uniform_bodies;
+pub mod physical_fit;
 pub mod essential;
 pub mod diagnose;
 pub mod plausible;
@@ -41,6 +45,8 @@ mod diagnose_tests;
 mod drive_gain_tests;
 #[cfg(test)]
 mod estimate_tests;
+#[cfg(test)]
+mod physical_tests;
 pub mod friction;
 pub mod warm_up;
 pub mod verify;

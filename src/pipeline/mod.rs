@@ -8,6 +8,7 @@
 pub mod drive_gain;
 pub mod cycles;
 pub mod intake;
+pub mod physical;
 pub mod record;
 pub mod replay;
 pub mod stored;

@@ -5,8 +5,18 @@ use std::collections::HashMap;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
+use super::factors::StoredModel;
 use super::values::{ROWS_PER_STATEMENT, joint_number, parameter};
 use crate::robot::{FrictionLaw, FrictionModel, GeometrySource, Joint, JointKind, ParameterId, Robot};
+
+impl StoredModel {
+    /// Whether `robot` has the geometry, gravity, friction columns and couplings of this description, so
+    /// that base parameters of the one are those of the other.
+    #[must_use]
+    pub fn describes(&self, robot: &Robot) -> bool {
+        self.description_hash == description_hash(robot)
+    }
+}
 
 /// Key of the description, which is entered when it is first met.
 pub(super) async fn robot_model_id(

@@ -12,6 +12,7 @@ mod daemon;
 mod docs;
 mod real_recording;
 mod reference_export;
+mod robot_urdf;
 mod shipped;
 mod stored_factors;
 mod torque_sources;
