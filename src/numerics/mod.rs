@@ -43,6 +43,12 @@ pub mod friction;
 pub mod warm_up;
 pub mod verify;
 pub mod cross;
+pub mod cycle_errors;
+pub mod history;
+pub mod identifiability;
+pub mod nominal_prior;
+#[cfg(test)]
+mod history_tests;
 pub mod statistics;
 pub mod detect;
 
