@@ -3,9 +3,13 @@
 mod config_check;
 mod coverage;
 mod demo;
+mod each_cycle;
 mod identify;
+mod identify_output;
 mod ingest;
 mod output;
+mod parameters;
+mod prior_choice;
 mod robot_check;
 mod run;
 mod selection;
@@ -100,6 +104,8 @@ enum Command {
     Ingest(ingest::IngestArgs),
     /// Identify one parameter set on chosen cycles from what is stored of them
     Identify(identify::IdentifyArgs),
+    /// List, show or delete what `identify --save` keeps
+    Parameters(parameters::ParametersArgs),
     /// Verify parameters against other runs from what is stored of them
     Verify(verify::VerifyArgs),
     /// Write exports of a described arm, with chosen faults and a truth file
@@ -193,6 +199,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
         Command::Identify(args) => identify::identify(&cli.global, &args),
+        Command::Parameters(args) => parameters::parameters(&cli.global, &args),
         Command::Verify(args) => verify::verify(&cli.global, &args),
         Command::Simulate(args) => simulate::simulate(&cli.global, &args),
         Command::Robot { command: RobotCommand::Check(args) } => robot_check::check(&cli.global, &args),

@@ -7,6 +7,7 @@
 
 pub mod intake;
 pub mod record;
+pub mod reestimate;
 pub mod stored;
 #[cfg(test)]
 mod tests;

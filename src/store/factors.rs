@@ -9,7 +9,7 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 use super::values::{ROWS_PER_STATEMENT, count, joint, joint_number, named, size};
 use super::{analyses, models};
 use crate::analysis::{CycleFactors, Motion, RmsdPair, TorqueFactor, WarmingContrast};
-use crate::robot::ParameterId;
+use crate::robot::{ParameterId, Robot};
 use crate::run::Stage;
 
 const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
@@ -42,6 +42,14 @@ pub struct StoredModel {
     pub name: String,
     /// Hash of joint kinds, geometry and gravity.
     pub description_hash: Vec<u8>,
+}
+
+impl StoredModel {
+    /// Whether parameters of this model mean the same for this description.
+    #[must_use]
+    pub fn is_of(&self, robot: &Robot) -> bool {
+        self.name == robot.model && self.description_hash == models::description_hash(robot)
+    }
 }
 
 /// A description and the parameters of each joint's columns.
