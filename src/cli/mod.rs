@@ -6,12 +6,16 @@ mod demo;
 mod drive_gains;
 mod export_format;
 mod friction;
+mod each_cycle;
 mod identify;
+mod identify_output;
 mod ingest;
 mod load;
 mod output;
 mod plot;
 mod rmsd;
+mod parameters;
+mod prior_choice;
 mod robot_check;
 mod robot_urdf;
 mod run;
@@ -108,6 +112,8 @@ enum Command {
     Ingest(ingest::IngestArgs),
     /// Identify one parameter set on chosen cycles from what is stored of them
     Identify(identify::IdentifyArgs),
+    /// List, show or delete what `identify --save` keeps
+    Parameters(parameters::ParametersArgs),
     /// Verify parameters against other runs from what is stored of them
     Verify(verify::VerifyArgs),
     /// Measured and estimated torque of one cycle, as rows or as a picture
@@ -211,6 +217,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
         Command::Identify(args) => identify::identify(&cli.global, &args),
+        Command::Parameters(args) => parameters::parameters(&cli.global, &args),
         Command::Verify(args) => verify::verify(&cli.global, &args),
         Command::Torque(args) => torque::torque(&cli.global, &args),
         Command::Rmsd(args) => rmsd::rmsd(&cli.global, &args),

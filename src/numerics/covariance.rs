@@ -114,33 +114,55 @@ pub fn clustered(
             needed: 2,
         });
     }
+    let count = blocks.len();
+    let Sandwich { matrix, freedom } = sandwich(&inverse, blocks, settings.correction)?;
+    Ok(ClusteredCovariance {
+        sigma: (0..b).map(|k| matrix[(k, k)].sqrt()).collect(),
+        freedom,
+        matrix,
+        correlation_rows,
+        block_rows,
+        blocks: count,
+    })
+}
+
+/// What blocks say of an estimate's scatter.
+pub(super) struct Sandwich {
+    /// Covariance, `[b x b]`.
+    pub(super) matrix: Mat<f64>,
+    /// Degrees of freedom of each parameter, `[b]`.
+    pub(super) freedom: Vec<f64>,
+}
+
+/// Covariance of an estimate from its blocks, at least two. `inverse` is `r11⁻¹` of the factor that
+/// gave the estimate.
+pub(super) fn sandwich(
+    inverse: &Mat<f64>,
+    blocks: impl IntoIterator<Item = Block>,
+    correction: LeverageCorrection,
+) -> Result<Sandwich, NumericsError> {
+    let b = inverse.ncols();
     let mut matrix = Mat::<f64>::zeros(b, b);
-    let (mut total, mut squares) = (vec![0.0; b], vec![0.0; b]);
-    for block in &blocks {
-        let score = corrected(block, settings.correction)?;
-        let moved = &inverse * score;
+    let (mut total, mut squares, mut count) = (vec![0.0; b], vec![0.0; b], 0.0);
+    for block in blocks {
+        let score = corrected(&block, correction)?;
+        let moved = inverse * score;
         matrix += &moved * moved.transpose();
-        let spread = &inverse * &block.information;
+        let spread = inverse * &block.information;
         for k in 0..b {
             let share: f64 = (0..b).map(|i| spread[(k, i)] * inverse[(k, i)]).sum();
             total[k] += share;
             squares[k] += share * share;
         }
+        count += 1.0;
     }
-    let count = blocks.len() as f64;
-    let small_sample = match settings.correction {
+    let small_sample = match correction {
         LeverageCorrection::Jackknife => (count - 1.0) / count,
         _ => count / (count - 1.0),
     };
     matrix *= faer::Scale(small_sample);
-    Ok(ClusteredCovariance {
-        sigma: (0..b).map(|k| matrix[(k, k)].sqrt()).collect(),
-        freedom: (0..b).map(|k| (total[k] * total[k] / squares[k] - 1.0).max(1.0)).collect(),
-        matrix,
-        correlation_rows,
-        block_rows,
-        blocks: blocks.len(),
-    })
+    let freedom = (0..b).map(|k| (total[k] * total[k] / squares[k] - 1.0).max(1.0)).collect();
+    Ok(Sandwich { matrix, freedom })
 }
 
 /// Residual of each joint by row of the recording, from the first to the last row; not a number where
@@ -200,11 +222,11 @@ pub(super) fn inverse_of_upper(factor: &TriangularFactor) -> Result<Mat<f64>, Nu
 }
 
 /// Sums over one block in coordinates in which `wᵀw` is the identity.
-struct Block {
+pub(super) struct Block {
     /// `wᵀw` of the block, `[b x b]`: its eigenvalues are leverages.
-    information: Mat<f64>,
+    pub(super) information: Mat<f64>,
     /// `wᵀe` of the block, `[b x 1]`.
-    score: Mat<f64>,
+    pub(super) score: Mat<f64>,
 }
 
 fn blocks(

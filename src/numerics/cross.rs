@@ -1,4 +1,4 @@
-//! One parameter set from the stored factors of many cycles (unit identification, thesis 5.1.4).
+//! The stored factors of many cycles together (unit identification, thesis 5.1.4).
 
 use super::NumericsError;
 use super::factors::{JointColumns, JointFactor, identifies};
@@ -6,13 +6,52 @@ use super::identify::identify;
 use super::signal::row_step;
 use super::triangular::TriangularFactor;
 use crate::analysis::Identification;
+use crate::robot::JointIndex;
 
 /// The rows of chosen cycles that serve identification, joined as cycles come in.
 #[derive(Debug, Clone)]
 pub struct Union {
     columns: JointColumns,
     by_joint: Vec<TriangularFactor>,
-    independent_rows: f64,
+    cycles: Vec<CycleParts>,
+}
+
+/// The rows of one cycle that serve identification.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleParts {
+    /// Factor of each joint over its own columns, `[n]`; without rows where the joint has none.
+    pub by_joint: Vec<TriangularFactor>,
+    /// Share of the rows that are independent.
+    pub independent_fraction: f64,
+}
+
+/// How much the squares of rows count: of each joint and, for some estimators, of each cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RowWeights {
+    /// Weight of each joint's squares, `[n]`, 1/Nm².
+    pub by_joint: Vec<f64>,
+    /// Share of it that each cycle's joint keeps, `[cycles][n]`; all of it if `None`.
+    pub kept: Option<Vec<Vec<f64>>>,
+}
+
+impl RowWeights {
+    /// Every row counts alike.
+    #[must_use]
+    pub fn equal(joint_count: usize) -> Self {
+        Self { by_joint: vec![1.0; joint_count], kept: None }
+    }
+
+    /// Each joint by its noise `sigma` `[n]`, Nm.
+    #[must_use]
+    pub fn of_noise(sigma: &[f64]) -> Self {
+        Self { by_joint: sigma.iter().map(|s| 1.0 / (s * s)).collect(), kept: None }
+    }
+
+    /// The weight of the squares of a joint's rows in a cycle.
+    #[must_use]
+    pub fn of(&self, cycle: usize, joint: usize) -> f64 {
+        self.by_joint[joint] * self.kept.as_ref().map_or(1.0, |kept| kept[cycle][joint])
+    }
 }
 
 impl Union {
@@ -20,7 +59,7 @@ impl Union {
     #[must_use]
     pub fn new(columns: JointColumns) -> Self {
         let by_joint = columns.by_joint().iter().map(|of| TriangularFactor::new(of.len())).collect();
-        Self { columns, by_joint, independent_rows: 0.0 }
+        Self { columns, by_joint, cycles: Vec::new() }
     }
 
     /// Joins the rows of a cycle in which joints move during excitation; other factors are passed
@@ -43,11 +82,66 @@ impl Union {
                     .into(),
             ));
         }
+        let mut cycle = CycleParts {
+            by_joint: columns.by_joint().iter().map(|of| TriangularFactor::new(of.len())).collect(),
+            independent_fraction,
+        };
         for of in factors.iter().filter(|of| identifies(of.stage, of.motion)) {
             self.by_joint[of.joint.index()].join(&of.factor);
-            self.independent_rows += of.factor.rows() as f64 * independent_fraction;
+            cycle.by_joint[of.joint.index()].join(&of.factor);
         }
+        self.cycles.push(cycle);
         Ok(())
+    }
+
+    /// Columns of each joint's factor.
+    #[must_use]
+    pub fn columns(&self) -> &JointColumns {
+        &self.columns
+    }
+
+    /// The cycles, in the order in which they came.
+    #[must_use]
+    pub fn cycles(&self) -> &[CycleParts] {
+        &self.cycles
+    }
+
+    /// Factor of each joint over its own columns, all cycles together, `[n]`.
+    #[must_use]
+    pub fn by_joint(&self) -> &[TriangularFactor] {
+        &self.by_joint
+    }
+
+    /// Share of the rows of all cycles that are independent.
+    #[must_use]
+    pub fn independent_fraction(&self) -> f64 {
+        let rows =
+            |cycle: &CycleParts| cycle.by_joint.iter().map(TriangularFactor::rows).sum::<usize>() as f64;
+        let all: f64 = self.cycles.iter().map(rows).sum();
+        let independent: f64 = self.cycles.iter().map(|c| rows(c) * c.independent_fraction).sum();
+        independent / all.max(1.0)
+    }
+
+    /// Factor of all joints stacked [3.22] with weighted rows, `b` columns.
+    #[must_use]
+    pub fn stacked(&self, weights: &RowWeights) -> TriangularFactor {
+        let weighted: Vec<TriangularFactor> =
+            (0..self.by_joint.len()).map(|j| self.of_joint(j, weights)).collect();
+        let parts = weighted.iter().zip((0..).map(JointIndex::new));
+        TriangularFactor::stacked(
+            self.columns.kept().len(),
+            parts.map(|(factor, joint)| (factor, self.columns.places(joint))),
+        )
+    }
+
+    /// Each joint's factor over all `b` columns, unweighted, `[n]`.
+    #[must_use]
+    pub fn spread_by_joint(&self) -> Vec<TriangularFactor> {
+        let b = self.columns.kept().len();
+        let parts = self.by_joint.iter().zip((0..).map(JointIndex::new));
+        parts
+            .map(|(factor, joint)| TriangularFactor::stacked(b, [(factor, self.columns.places(joint))]))
+            .collect()
     }
 
     /// Identifies all joints stacked [3.22], each row of each cycle with the same weight.
@@ -55,13 +149,23 @@ impl Union {
     /// # Errors
     /// Those of [`identify`].
     pub fn identify(&self) -> Result<Identification, NumericsError> {
-        let parts = self.by_joint.iter().zip((0..).map(crate::robot::JointIndex::new));
-        let factor = TriangularFactor::stacked(
-            self.columns.kept().len(),
-            parts.map(|(factor, joint)| (factor, self.columns.places(joint))),
-        );
-        let fraction = self.independent_rows / (factor.rows() as f64).max(1.0);
-        identify(self.columns.kept(), &factor, self.columns.joint_count(), fraction)
+        let n = self.columns.joint_count();
+        let factor = self.stacked(&RowWeights::equal(n));
+        identify(self.columns.kept(), &factor, n, self.independent_fraction())
+    }
+
+    fn of_joint(&self, j: usize, weights: &RowWeights) -> TriangularFactor {
+        if weights.kept.is_none() {
+            return self.by_joint[j].scaled(weights.by_joint[j].sqrt());
+        }
+        let own: Vec<usize> = (0..self.by_joint[j].columns()).collect();
+        let parts: Vec<TriangularFactor> = self
+            .cycles
+            .iter()
+            .enumerate()
+            .map(|(c, cycle)| cycle.by_joint[j].scaled(weights.of(c, j).sqrt()))
+            .collect();
+        TriangularFactor::stacked(own.len(), parts.iter().map(|part| (part, own.as_slice())))
     }
 }
 

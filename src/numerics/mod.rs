@@ -53,6 +53,12 @@ pub mod verify;
 pub mod torque_series;
 pub mod cross;
 pub mod drive_gain;
+pub mod cycle_errors;
+pub mod history;
+pub mod identifiability;
+pub mod nominal_prior;
+#[cfg(test)]
+mod history_tests;
 pub mod statistics;
 pub mod detect;
 

@@ -139,6 +139,26 @@ impl TriangularFactor {
         self.rows = rows;
     }
 
+    /// The factor of the same rows, each multiplied by `by`: its square is the weight of their squares.
+    #[must_use]
+    pub fn scaled(&self, by: f64) -> Self {
+        Self { r: &self.r * faer::Scale(by), rows: self.rows }
+    }
+
+    /// The factor of the same rows with only the columns `kept` of `w`, in that order.
+    ///
+    /// # Panics
+    /// If `kept` names a column that there is not.
+    #[must_use]
+    pub fn restricted(&self, kept: &[usize]) -> Self {
+        let b = self.columns();
+        let columns: Vec<usize> = kept.iter().copied().chain([b]).collect();
+        let mut own = Self::new(kept.len());
+        own.fold(Mat::from_fn(b + 1, columns.len(), |i, k| self.r[(i, columns[k])]).as_ref());
+        own.rows = self.rows;
+        own
+    }
+
     /// The factor of several together, each with its columns at `places` of a wider `w` with `columns`
     /// columns that are zero elsewhere. So the rows of single joints make up the stacked problem
     /// [3.22].

@@ -11,6 +11,7 @@ pub mod intake;
 pub mod physical;
 pub mod record;
 pub mod replay;
+pub mod reestimate;
 pub mod stored;
 #[cfg(test)]
 mod tests;

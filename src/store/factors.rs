@@ -49,6 +49,10 @@ impl StoredModel {
     #[must_use]
     pub fn describes(&self, robot: &Robot) -> bool {
         self.description_hash == models::description_hash(robot)
+    /// Whether parameters of this model mean the same for this description.
+    #[must_use]
+    pub fn is_of(&self, robot: &Robot) -> bool {
+        self.name == robot.model && self.description_hash == models::description_hash(robot)
     }
 }
 

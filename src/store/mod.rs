@@ -15,6 +15,7 @@ mod models;
 mod open;
 mod parameter_sets;
 mod read;
+mod reestimates;
 mod run_analysis;
 mod claim;
 mod sources;
@@ -30,10 +31,13 @@ mod tests_finish;
 mod tests_open;
 #[cfg(test)]
 mod tests_verification;
+mod tests_reestimates;
 mod values;
 mod verification;
 
 use std::path::{Path, PathBuf};
+use std::collections::HashMap;
+use std::path::Path;
 use std::sync::Arc;
 
 use sqlx::{Sqlite, SqlitePool, Transaction};
@@ -45,10 +49,15 @@ pub use factors::{FactorsWanted, StoredCycle, StoredModel};
 pub use finish::FinishTransaction;
 pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use ledger::{KnownRun, RunTotals};
+pub use models::ModelParameter;
 pub use parameter_sets::{ParameterSet, SourceCycle};
 pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
 pub use sources::{RunSource, SourceState};
 pub use verification::{CycleState, OfCycle};
+pub use reestimates::{
+    CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,
+};
+pub use sources::SourceState;
 
 use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd, WarmingContrast};
 use crate::robot::{ParameterId, Robot};
@@ -358,6 +367,49 @@ impl Store {
             self.checked(replaced)?;
         }
         self.commit(transaction).await
+    }
+
+    /// Keeps a history identified again under a name, in one transaction; `false`, and nothing is
+    /// written, if something of this name is kept.
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] for parameters that the model does not have.
+    pub async fn save_reestimate(&self, name: &str, found: &Reestimate) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let saved = self.checked(reestimates::save(&mut transaction, name, found).await)?;
+        self.commit(transaction).await?;
+        Ok(saved)
+    }
+
+    /// Everything that is kept under a name, by name.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn kept_estimates(&self) -> Result<Vec<KeptEstimate>, StoreError> {
+        self.checked(reestimates::kept(&self.readers).await)
+    }
+
+    /// Takes away the parameter set or re-estimate of this name; whether there was one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn delete_estimate(&self, name: &str) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let set = self.checked(reestimates::delete_set(&mut *transaction, name).await)?;
+        let reestimate = self.checked(reestimates::delete(&mut *transaction, name).await)?;
+        self.commit(transaction).await?;
+        Ok(set || reestimate)
+    }
+
+    /// Unit and grouping of each parameter of a description.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn model_parameters(
+        &self,
+        model: &StoredModel,
+    ) -> Result<HashMap<ParameterId, ModelParameter>, StoreError> {
+        self.checked(models::parameters(&self.readers, model.robot_model_id).await)
     }
 
     /// Opens the transaction that ends a run. A complete run may be ended again.

@@ -16,6 +16,30 @@ impl StoredModel {
     pub fn describes(&self, robot: &Robot) -> bool {
         self.description_hash == description_hash(robot)
     }
+/// What the database says of a parameter of a description.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ModelParameter {
+    /// Unit of its values.
+    pub unit: String,
+    /// Sum of standard parameters that it stands for; unknown until the description was analysed.
+    pub grouping: Option<String>,
+}
+
+/// Unit and grouping of each parameter of a model.
+pub(super) async fn parameters(
+    executor: impl SqliteExecutor<'_>,
+    robot_model_id: i64,
+) -> Result<HashMap<ParameterId, ModelParameter>, sqlx::Error> {
+    let rows =
+        sqlx::query("SELECT joint, name, unit, grouping FROM model_parameter WHERE robot_model_id = ?")
+            .bind(robot_model_id)
+            .try_map(|row: SqliteRow| {
+                let of = ModelParameter { unit: row.try_get("unit")?, grouping: row.try_get("grouping")? };
+                Ok((parameter(&row, "joint", "name")?, of))
+            })
+            .fetch_all(executor)
+            .await?;
+    Ok(rows.into_iter().collect())
 }
 
 /// Key of the description, which is entered when it is first met.

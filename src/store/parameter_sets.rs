@@ -6,9 +6,10 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::factors::StoredModel;
-use super::values::{ROWS_PER_STATEMENT, count, finite, parameter, size};
+use super::values::{ROWS_PER_STATEMENT, count, finite, named, parameter, size};
 use super::{analyses, models};
 use crate::analysis::{Identification, IdentifiedParameter, TorqueRmsd};
+use crate::numerics::history::{ErrorSource, EstimatorKind};
 use crate::robot::ParameterId;
 
 /// Parameters from chosen cycles.
@@ -20,6 +21,10 @@ pub struct ParameterSet {
     pub identification: Identification,
     /// The cycles that they come from.
     pub sources: Vec<SourceCycle>,
+    /// How their rows became parameters.
+    pub estimator: EstimatorKind,
+    /// What the standard errors stand on.
+    pub errors: ErrorSource,
 }
 
 /// A cycle behind a parameter set.
@@ -33,7 +38,7 @@ pub struct SourceCycle {
     pub robot: String,
 }
 
-/// Writes a set; `false`, and nothing is written, if there is one of this name.
+/// Writes a set; `false`, and nothing is written, if something of this name is kept.
 pub(super) async fn save(
     connection: &mut SqliteConnection,
     name: &str,
@@ -129,8 +134,9 @@ async fn insert_set(
 ) -> Result<Option<i64>, sqlx::Error> {
     sqlx::query_scalar(
         "INSERT INTO parameter_set (name, robot_model_id, samples, condition_number, scaled_condition_number,
-                                    residual_std_nm)
-         VALUES (?, ?, ?, ?, ?, ?)
+                                    residual_std_nm, estimator, error_basis)
+         SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8
+         WHERE NOT EXISTS (SELECT 1 FROM reestimate WHERE name = ?1)
          ON CONFLICT (name) DO NOTHING
          RETURNING parameter_set_id",
     )
@@ -140,6 +146,8 @@ async fn insert_set(
     .bind(finite(set.identification.condition_number))
     .bind(finite(set.identification.scaled_condition_number))
     .bind(finite(set.identification.residual_std))
+    .bind(set.estimator.name())
+    .bind(set.errors.name())
     .fetch_optional(executor)
     .await
 }
@@ -187,7 +195,7 @@ async fn read_set(
 ) -> Result<Option<(i64, ParameterSet)>, sqlx::Error> {
     sqlx::query(
         "SELECT parameter_set_id, robot_model_id, robot_model.name AS model, description_hash, samples,
-                condition_number, scaled_condition_number, residual_std_nm
+                condition_number, scaled_condition_number, residual_std_nm, estimator, error_basis
          FROM parameter_set
          JOIN robot_model USING (robot_model_id)
          WHERE parameter_set.name = ?",
@@ -211,6 +219,8 @@ async fn read_set(
                 residual_std: figure("residual_std_nm")?,
             },
             sources: Vec::new(),
+            estimator: named(&row, "estimator", &EstimatorKind::ALL, EstimatorKind::name)?,
+            errors: named(&row, "error_basis", &ErrorSource::ALL, ErrorSource::name)?,
         };
         Ok((row.try_get("parameter_set_id")?, set))
     })

@@ -15,7 +15,7 @@ use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{ContentHash, RunHeader, Stage};
 use crate::testing::er3a;
 
-pub(super) const VIEWS: [&str; 12] = [
+pub(super) const VIEWS: [&str; 15] = [
     "runs",
     "cycles",
     "cycle_parameters",
@@ -28,6 +28,9 @@ pub(super) const VIEWS: [&str; 12] = [
     "warming_contrast",
     "parameter_sets",
     "parameter_set_sources",
+    "reestimated_cycles",
+    "reestimated_parameters",
+    "reestimated_statistics",
 ];
 
 /// A fresh database; the folder lives as long as the first value.
