@@ -73,7 +73,7 @@ fn of_description(
     let name = robot.unwrap_or("of the chosen runs");
     let entry = robot.and_then(|robot| config.robot_entry(robot));
     let described =
-        entry.map(|entry| &entry.description).filter(|robot| model.is_none_or(|of| of.is_of(robot)));
+        entry.map(|entry| &entry.description).filter(|robot| model.is_none_or(|of| of.describes(robot)));
     let Some(described) = described else {
         return Err(CliError::Usage(format!(
             "the configuration has no description of robot {name} like the one its cycles were analysed with; \

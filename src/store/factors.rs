@@ -45,14 +45,11 @@ pub struct StoredModel {
 }
 
 impl StoredModel {
-    /// Whether base parameters of this description are those of `robot`.
+    /// Whether `robot` has the geometry, gravity, friction columns and couplings of this description, so
+    /// that base parameters of the one are those of the other.
     #[must_use]
     pub fn describes(&self, robot: &Robot) -> bool {
         self.description_hash == models::description_hash(robot)
-    /// Whether parameters of this model mean the same for this description.
-    #[must_use]
-    pub fn is_of(&self, robot: &Robot) -> bool {
-        self.name == robot.model && self.description_hash == models::description_hash(robot)
     }
 }
 

@@ -30,14 +30,15 @@ mod tests_finish;
 #[cfg(test)]
 mod tests_open;
 #[cfg(test)]
-mod tests_verification;
 mod tests_reestimates;
+#[cfg(test)]
+mod tests_verification;
 mod values;
 mod verification;
 
-use std::path::{Path, PathBuf};
 use std::collections::HashMap;
 use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use sqlx::{Sqlite, SqlitePool, Transaction};
@@ -52,12 +53,11 @@ pub use ledger::{KnownRun, RunTotals};
 pub use models::ModelParameter;
 pub use parameter_sets::{ParameterSet, SourceCycle};
 pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
-pub use sources::{RunSource, SourceState};
-pub use verification::{CycleState, OfCycle};
 pub use reestimates::{
     CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,
 };
-pub use sources::SourceState;
+pub use sources::{RunSource, SourceState};
+pub use verification::{CycleState, OfCycle};
 
 use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd, WarmingContrast};
 use crate::robot::{ParameterId, Robot};

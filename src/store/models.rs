@@ -5,17 +5,9 @@ use std::collections::HashMap;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
-use super::factors::StoredModel;
 use super::values::{ROWS_PER_STATEMENT, joint_number, parameter};
 use crate::robot::{FrictionLaw, FrictionModel, GeometrySource, Joint, JointKind, ParameterId, Robot};
 
-impl StoredModel {
-    /// Whether `robot` has the geometry, gravity, friction columns and couplings of this description, so
-    /// that base parameters of the one are those of the other.
-    #[must_use]
-    pub fn describes(&self, robot: &Robot) -> bool {
-        self.description_hash == description_hash(robot)
-    }
 /// What the database says of a parameter of a description.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ModelParameter {

@@ -104,9 +104,9 @@ async fn a_model_knows_its_description_units_and_groupings() {
     let (_folder, store) = fresh().await;
     let model = model(&store).await;
     let mut hung: Robot = er3a();
-    assert!(model.is_of(&hung));
+    assert!(model.describes(&hung));
     hung.gravity = -hung.gravity;
-    assert!(!model.is_of(&hung));
+    assert!(!model.describes(&hung));
     store.describe_model(&er3a(), &[(kept()[0], "J1_Izz + J2_Iyy".into())]).await.expect("described");
     let parameters = store.model_parameters(&model).await.expect("parameters");
     assert_eq!(parameters.len(), 64);
