@@ -1,6 +1,8 @@
 //! What is computed from a run: identification, verification, friction and warm-up. An answer that
 //! could not be had keeps its reason here; it is never an empty value.
 
+pub mod friction;
+
 use std::sync::Arc;
 
 use crate::robot::{JointIndex, ParameterId};

@@ -1,0 +1,112 @@
+//! Friction against speed and thermal state: what is computed of it. Speeds in rad/s (m/s for a sliding
+//! joint), torques in Nm (N).
+
+use super::Estimate;
+use crate::robot::JointIndex;
+
+/// Form of friction over speed, for one direction of motion; `v` is the speed, positive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum SpeedModel {
+    /// `fc`.
+    Coulomb,
+    /// `fc + fv v`.
+    CoulombViscous,
+    /// `fc + fp (v / v_ref)^exponent`, `v_ref` the largest measured speed.
+    PowerLaw,
+    /// `fc + fv v + fs exp(-(v / vs)²)` (Armstrong-Hélouvry, Dupont & Canudas de Wit 1994).
+    Stribeck,
+    /// `f1 + f2 v + f3 v² + f4 v³` [3.10].
+    Polynomial,
+}
+
+impl SpeedModel {
+    /// All of them, fewest parameters first.
+    pub const ALL: [Self; 5] =
+        [Self::Coulomb, Self::CoulombViscous, Self::PowerLaw, Self::Stribeck, Self::Polynomial];
+
+    /// Name as in the view `friction_speed_fits`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Coulomb => "coulomb",
+            Self::CoulombViscous => "coulomb_viscous",
+            Self::PowerLaw => "power_law",
+            Self::Stribeck => "stribeck",
+            Self::Polynomial => "polynomial",
+        }
+    }
+
+    /// Names of its coefficients, in their order.
+    #[must_use]
+    pub fn coefficient_names(self) -> &'static [&'static str] {
+        match self {
+            Self::Coulomb => &["fc"],
+            Self::CoulombViscous => &["fc", "fv"],
+            Self::PowerLaw => &["fc", "fp", "exponent"],
+            Self::Stribeck => &["fc", "fv", "fs", "vs"],
+            Self::Polynomial => &["f1", "f2", "f3", "f4"],
+        }
+    }
+}
+
+/// A fitted coefficient.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpeedCoefficient {
+    /// Name, one of [`SpeedModel::coefficient_names`].
+    pub name: &'static str,
+    /// Value and standard error: Nm for `fc`, `fp`, `fs`, `f1`; Nm s/rad, Nm s²/rad², Nm s³/rad³ for `fv`
+    /// and `f2`, `f3`, `f4`; rad/s for `vs`; the exponent has no unit.
+    pub estimate: Estimate,
+    /// Whether physics holds it at zero: the data alone would have friction drive the joint. Its
+    /// standard error is zero then and says nothing.
+    pub at_bound: bool,
+}
+
+/// Friction of a joint over speed in one direction.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SpeedFit {
+    /// Sign of the motion, -1 or 1.
+    pub direction: i8,
+    /// Form; both directions of a joint have the same.
+    pub model: SpeedModel,
+    /// Coefficients in the order of [`SpeedModel::coefficient_names`].
+    pub coefficients: Vec<SpeedCoefficient>,
+    /// Their covariance, row after row, in the product of their units; zero where at a bound.
+    pub covariance: Vec<f64>,
+    /// Smallest and largest measured speed, rad/s. Values beyond are extrapolated.
+    pub speeds: [f64; 2],
+    /// Root-mean-square deviation of the points, Nm.
+    pub rmsd: f64,
+    /// Weighted sum of squared residuals over the degrees of freedom; about one where the form is
+    /// right and the points' scatter tells their error. `None` without freedom.
+    pub reduced_chi_square: Option<f64>,
+    /// Points used.
+    pub points: usize,
+}
+
+/// Difference between the directions, forward less backward magnitude over the speeds that both have.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Asymmetry {
+    /// Weighted mean difference, Nm.
+    pub difference: Estimate,
+    /// The same as a fraction of the mean of both directions.
+    pub relative: Estimate,
+    /// Speeds compared.
+    pub levels: usize,
+}
+
+/// Friction of a joint over speed, both directions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointSpeedFits {
+    /// The joint.
+    pub joint: JointIndex,
+    /// One fit for each direction with enough speeds.
+    pub directions: Vec<SpeedFit>,
+    /// `None` with one direction only.
+    pub asymmetry: Option<Asymmetry>,
+    /// Information criterion of each form that could be tried; the smallest was chosen among those
+    /// whose parts the data support.
+    pub criteria: Vec<(SpeedModel, f64)>,
+    /// What was missing, in sentences.
+    pub remarks: Vec<String>,
+}
