@@ -110,3 +110,68 @@ pub struct JointSpeedFits {
     /// What was missing, in sentences.
     pub remarks: Vec<String>,
 }
+
+/// How a gearbox warms in motion and cools at rest: two coldnesses, each of first order, of which the
+/// slow one has the share `slow_share` in friction. A coldness is one where the gearbox is as cold as its
+/// surroundings and zero after endless motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ThermalLaw {
+    /// Time constant of the slow part in motion, s.
+    pub slow_s: Estimate,
+    /// Time constant of the fast part in motion, s.
+    pub fast_s: Estimate,
+    /// Share of the slow part in the coldness that friction sees, 0 to 1.
+    pub slow_share: Estimate,
+    /// Time constants at rest as a multiple of those in motion.
+    pub cooling_ratio: Estimate,
+}
+
+/// Friction at one speed level as a line over coldness: `warm + cold x`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapLevel {
+    /// Nominal speed as a fraction of the joint's largest speed.
+    pub speed_fraction: f64,
+    /// Friction of the warm joint, mean of both directions, Nm.
+    pub warm: Estimate,
+    /// What a joint as cold as its surroundings has more, Nm; zero or more.
+    pub cold: Estimate,
+}
+
+/// Friction of a joint over speed and thermal state, from all runs of a robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrictionMap {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Warming and cooling.
+    pub law: ThermalLaw,
+    /// By speed level, slowest first.
+    pub levels: Vec<MapLevel>,
+    /// Covariance, row after row, of `warm` of each level, `cold` of each level, then the logarithms of
+    /// `slow_s` and `fast_s`, `slow_share` and the logarithm of `cooling_ratio`.
+    pub covariance: Vec<f64>,
+    /// Root-mean-square of the residuals as a fraction of friction, after each run's offset and index.
+    pub relative_rmsd: f64,
+    /// Part of friction's variance at each level that warm-up and ambient explain, 0 to 1.
+    pub explained: f64,
+    /// Runs used.
+    pub runs: usize,
+    /// Points used, means of both directions.
+    pub points: usize,
+    /// What the data do not tell, in sentences.
+    pub remarks: Vec<String>,
+}
+
+/// Friction of a joint in one run against the robot's own baseline at equal speed and thermal state.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FrictionIndex {
+    /// The joint.
+    pub joint: JointIndex,
+    /// 1 = unchanged, with its standard error; that of the baseline is in it.
+    pub index: Estimate,
+    /// Coldness beyond the predicted one that lasted through the run, as a colder hall gives.
+    pub ambient: Estimate,
+    /// Predicted coldness at the start of the run, slow and fast part mixed, 0 to 1.
+    pub coldness_at_start: f64,
+    /// Points that the run has of the joint.
+    pub points: usize,
+}

@@ -43,7 +43,15 @@ pub mod friction;
 pub mod friction_speed;
 #[cfg(test)]
 mod friction_speed_tests;
+pub mod friction_means;
+pub mod thermal;
+pub mod friction_map;
+pub mod friction_index;
+#[cfg(test)]
+mod friction_index_tests;
 pub mod warm_up;
+#[cfg(test)]
+mod warm_up_tests;
 pub mod verify;
 pub mod cross;
 pub mod statistics;

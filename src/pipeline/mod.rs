@@ -6,6 +6,7 @@
 //! rows commits; whatever was cut short is read again and picks up after the last stored cycle.
 
 pub mod intake;
+mod friction;
 pub mod record;
 pub mod stored;
 #[cfg(test)]

@@ -85,7 +85,7 @@ pub(super) async fn run_measurements(
 }
 
 /// Every friction point of a run.
-async fn friction_points(
+pub(super) async fn friction_points(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<CyclePoint>, sqlx::Error> {
