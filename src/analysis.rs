@@ -1,6 +1,8 @@
 //! What is computed from a run: identification, verification, friction and warm-up. An answer that
 //! could not be had keeps its reason here; it is never an empty value.
 
+pub mod friction;
+
 use std::sync::Arc;
 
 use crate::robot::{JointIndex, ParameterId};
@@ -280,6 +282,26 @@ pub struct WarmUpFit {
     pub rmsd: f64,
     /// Points used.
     pub samples: usize,
+    /// First and last time of the points, min. What the curve says beyond is extrapolated.
+    pub record: [f64; 2],
+}
+
+impl WarmUpFit {
+    /// Whether the value at `minute` is extrapolated.
+    #[must_use]
+    pub fn extrapolates(&self, minute: f64) -> bool {
+        !(self.record[0]..=self.record[1]).contains(&minute)
+    }
+
+    /// Whether the warm friction `a` lies beyond the record: at its end the slow part still makes more
+    /// than two standard errors of `a` and 1 % of it.
+    #[must_use]
+    pub fn asymptote_extrapolated(&self) -> bool {
+        self.slow.is_some_and(|slow| {
+            let left = slow.amplitude.value * (-self.record[1] / slow.time_constant.value).exp();
+            left > (2.0 * self.a.std_error).max(0.01 * self.a.value.abs())
+        })
+    }
 }
 
 /// One exponential part of a warm-up curve.

@@ -6,12 +6,13 @@ use super::diagnose::{DiagnoseSettings, Finding, FindingSeverity, diagnose_sampl
 use super::dynamics::DynamicModel;
 use super::factors::{Factored, JointColumns, factor_cycle, identifies, pack, stacked};
 use super::friction::friction_points;
+use super::friction_means::direction_difference;
 use super::identify::identify;
 use super::plausible::{PlausibleSettings, diagnose_model, top_speeds};
 use super::signal::{Conditioned, condition};
 use super::statistics::{mean, median, parameter_statistics, standard_deviation, swing};
 use super::verify::{torque_rmsd, warming_contrast};
-use super::warm_up::{WarmUpPoint, fit_warm_up};
+use super::warm_up::{WarmUpPoint, fit_warm_up, warm_up_rmsd};
 use crate::analysis::{
     CycleAnalysis, CycleFactors, FrictionPoint, Identification, JointSummary, RunAnalysis, WarmFriction,
     WarmUpFit,
@@ -223,7 +224,8 @@ pub fn analyse_run(joint_count: usize, settings: &AnalysisSettings, results: &Ru
     }
 }
 
-/// Warm-up curves of the given friction points: one for each joint and speed with enough of them.
+/// Warm-up curves of the given friction points: one for each joint and speed with enough of them. Points of
+/// several runs stand one run after another.
 #[must_use]
 pub fn warm_up_fits(points: &[FrictionPoint]) -> Vec<WarmUpFit> {
     let mut keys: Vec<(JointIndex, f64)> = points.iter().map(|p| (p.joint, p.speed_fraction)).collect();
@@ -231,10 +233,18 @@ pub fn warm_up_fits(points: &[FrictionPoint]) -> Vec<WarmUpFit> {
     keys.dedup();
     keys.into_iter()
         .filter_map(|(joint, speed_fraction)| {
-            let curve: Vec<WarmUpPoint> = at_level(points, joint, speed_fraction)
-                .map(|p| WarmUpPoint { minute: p.time / 60.0, torque: p.torque.abs() })
-                .collect();
-            fit_warm_up(joint, speed_fraction, &curve).ok()
+            // a lasting difference of the directions is no scatter in time
+            let half = 0.5 * direction_difference(points, joint, speed_fraction);
+            let curve = |half: f64| -> Vec<WarmUpPoint> {
+                at_level(points, joint, speed_fraction)
+                    .map(|p| WarmUpPoint {
+                        minute: p.time / 60.0,
+                        torque: p.torque.abs() - half * f64::from(p.direction),
+                    })
+                    .collect()
+            };
+            let fit = fit_warm_up(joint, speed_fraction, &curve(half)).ok()?;
+            Some(WarmUpFit { rmsd: warm_up_rmsd(&fit, &curve(0.0)), ..fit })
         })
         .collect()
 }

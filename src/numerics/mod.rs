@@ -48,7 +48,18 @@ mod estimate_tests;
 #[cfg(test)]
 mod physical_tests;
 pub mod friction;
+pub mod friction_speed;
+#[cfg(test)]
+mod friction_speed_tests;
+pub mod friction_means;
+pub mod thermal;
+pub mod friction_map;
+pub mod friction_index;
+#[cfg(test)]
+mod friction_index_tests;
 pub mod warm_up;
+#[cfg(test)]
+mod warm_up_tests;
 pub mod verify;
 pub mod torque_series;
 pub mod cross;
@@ -126,6 +137,19 @@ pub enum NumericsError {
     /// Something that this program does not do for such a robot.
     #[error("not provided: {0}")]
     Unsupported(&'static str),
+    /// A joint's friction was not measured at enough speeds.
+    #[error(
+        "joint {joint} has plateaus at {speeds} speed(s), friction over speed needs {needed}; record the friction \
+         stage at more levels"
+    )]
+    TooFewSpeeds {
+        /// The joint.
+        joint: crate::robot::JointIndex,
+        /// Different speeds there are.
+        speeds: usize,
+        /// Speeds needed.
+        needed: usize,
+    },
     /// A matrix routine did not converge, or a number is not finite.
     #[error("{0} did not give finite numbers")]
     NotFinite(&'static str),

@@ -9,6 +9,7 @@ pub mod drive_gain;
 pub mod cycles;
 pub mod intake;
 pub mod physical;
+mod friction;
 pub mod record;
 pub mod replay;
 pub mod reestimate;

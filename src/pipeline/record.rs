@@ -4,7 +4,7 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
 use super::intake::{Intake, ReadTotals};
-use super::{Outcome, Pipeline, PipelineError, StoredRun};
+use super::{Outcome, Pipeline, PipelineError, StoredRun, friction};
 use crate::analysis::{CycleAnalysis, FrictionPoint, RunAnalysis, WarmUpFit};
 use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::{AnalysisSettings, Method, RunResults, analyse_run, warm_up_fits};
@@ -73,6 +73,10 @@ pub async fn finish(
     refused: Vec<(u32, String)>,
 ) -> Result<Outcome, PipelineError> {
     let measurements = pipeline.store().run_measurements(intake.run_id).await?;
+    let baseline_runs = pipeline.config().detect.baseline_runs;
+    let friction =
+        friction::analyse(pipeline.store(), intake.run_id, &measurements.friction_points, baseline_runs)
+            .await?;
     let (joints, settings) = (method.robot.joint_count(), pipeline.config().analysis);
     let analysis =
         tokio::task::spawn_blocking(move || analyse_run(joints, &settings, &as_results(measurements)))
@@ -85,8 +89,10 @@ pub async fn finish(
     if let Some(fits) = mixed {
         ending.replace_mixed_fits(&fits).await?;
     }
+    friction.store(&mut ending).await?;
     let history = ending.run_summaries().await?;
-    let findings = detect(&history, &pipeline.config().detect);
+    let mut findings = detect(&history, &pipeline.config().detect);
+    friction.refine(&mut findings);
     let reconciled = ending.reconcile(&findings).await?;
     let figures = RunTotals {
         rows: usize::try_from(totals.rows).unwrap_or(usize::MAX),

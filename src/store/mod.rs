@@ -9,6 +9,7 @@ mod anomalies;
 mod error;
 mod factors;
 mod finish;
+mod friction;
 mod history;
 mod ledger;
 mod models;
@@ -48,6 +49,7 @@ pub use claim::DaemonClaim;
 pub use error::StoreError;
 pub use factors::{FactorsWanted, StoredCycle, StoredModel};
 pub use finish::FinishTransaction;
+pub use friction::{CycleSpeedFits, FrictionRun};
 pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use ledger::{KnownRun, RunTotals};
 pub use models::ModelParameter;
@@ -294,6 +296,27 @@ impl Store {
         let robot = self.checked(ledger::robot_of_run(&mut *connection, run_id).await)?;
         let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
         self.checked(history::friction_history(&mut *connection, robot_id, run_id, speed_fraction).await)
+    }
+
+    /// Reads the friction of the robot's complete runs and of run `run_id`, oldest first; of a long history
+    /// the first dozen and the latest two dozen.
+    ///
+    /// # Errors
+    /// [`StoreError::RunNotOpen`] if the run is unknown or quarantined.
+    pub async fn friction_runs(&self, run_id: i64) -> Result<Vec<FrictionRun>, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        let robot = self.checked(ledger::robot_of_run(&mut *connection, run_id).await)?;
+        let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
+        self.checked(friction::friction_runs(&mut connection, robot_id, run_id).await)
+    }
+
+    /// Reads which fraction of the rows of each cycle of a run is independent behind its low-pass, by number
+    /// of the cycle.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn independent_fractions(&self, run_id: i64) -> Result<HashMap<u32, f64>, StoreError> {
+        self.checked(friction::independent_fractions(&self.readers, run_id).await)
     }
 
     /// Number of complete runs of the robot of run `run_id`, that run left out.

@@ -212,6 +212,7 @@ pub(super) fn fits(seed: f64) -> Vec<WarmUpFit> {
             fast,
             rmsd: 0.25,
             samples: 48,
+            record: [1.0, 120.0],
         })
         .collect()
 }

@@ -24,7 +24,22 @@ async fn views_have_the_promised_columns_in_order() {
         (
             "warmup_fits",
             "robot run_id joint speed_fraction model a_nm b_nm t1_min c_nm t2_min a_std_error_nm b_std_error_nm \
-             t1_std_error_min c_std_error_nm t2_std_error_min rmsd_nm",
+             t1_std_error_min c_std_error_nm t2_std_error_min rmsd_nm first_min last_min a_extrapolated",
+        ),
+        (
+            "friction_speed_fits",
+            "robot run_id cycle joint direction model coefficient value std_error at_bound slowest_rad_s \
+             fastest_rad_s rmsd_nm reduced_chi_square points asymmetry_nm asymmetry_std_error_nm",
+        ),
+        (
+            "friction_map",
+            "robot joint speed_fraction warm_nm warm_std_error_nm cold_nm cold_std_error_nm slow_min fast_min \
+             slow_share cooling_ratio explained relative_rmsd runs points remarks",
+        ),
+        (
+            "friction_index",
+            "robot run_id started_at joint friction_index friction_index_std_error ambient_coldness \
+             coldness_at_start points",
         ),
         ("parameter_statistics", "robot run_id joint parameter window mean min max d_mm d_se sdv"),
         (

@@ -6,7 +6,7 @@ use sqlx::sqlite::SqliteRow;
 
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 
-/// Most rows in one multi-row statement. With at most 14 columns this stays far below SQLite's 32766
+/// Most rows in one multi-row statement. With at most 20 columns this stays far below SQLite's 32766
 /// variables.
 pub(super) const ROWS_PER_STATEMENT: usize = 256;
 
