@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use armwatch::analysis::CycleAnalysis;
 use armwatch::config::{Config, FleetEntry};
-use armwatch::ingest::blocks::{BLOCK_BYTES, Block, Blocks};
+use armwatch::ingest::blocks::{BLOCK_BYTES, Block, Blocks, Next};
 use armwatch::ingest::csv::Parser;
 use armwatch::ingest::layout::map_columns;
 use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
@@ -65,7 +65,9 @@ fn read_block(criterion: &mut Criterion, arm: &FleetEntry, rows: &[Row]) {
     let path = Path::new("bench.csv");
     let mut blocks = Blocks::new(&text[..], BLOCK_BYTES);
     let header = blocks.header(path).expect("a header");
-    let block = blocks.next_block(path).expect("readable").expect("a block");
+    let Next::Block(block) = blocks.next_block(path).expect("readable") else {
+        panic!("an export has a block");
+    };
     let map = map_columns(&header, &arm.layout, &arm.description, path).expect("the native layout");
     let parser = Parser::new(map, 1);
     let schema = numbers_only(header.split(',').count());

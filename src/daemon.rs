@@ -1,33 +1,67 @@
-//! The life of the daemon: look at the folders, take what has settled, stop when told.
+//! The life of the daemon: look at the folders, take what grows and what has settled, stop when told.
 //!
 //! File events only say "look again"; the scan decides, and comparing it with the ledger makes
-//! looking twice harmless.
+//! looking twice harmless. Files that grow are read at once, each on its own; files that have settled
+//! are the backlog: a few at a time, those of one robot one after the other, so that its history grows in the
+//! order of the names.
 
-use std::collections::HashMap;
+mod book;
+
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use tokio::signal::unix::{SignalKind, signal};
+use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
 use crate::alert;
-use crate::ingest::settle::{Observation, Settling};
-use crate::ingest::watch::{self, Complaints, FoundFile};
+use crate::config::Config;
+use crate::ingest::tail;
+use crate::ingest::watch::{self, Complaints};
+use crate::pipeline::follow::Followed;
 use crate::pipeline::{Outcome, Pipeline, PipelineError, Retry};
+use book::{Book, Closing, Due};
 
 /// Hints that arrive within this time cause one scan: a copy of a large file makes thousands.
 const HINT_PAUSE: Duration = Duration::from_millis(100);
 
-/// What the daemon knows of a file between two scans.
-#[derive(Debug)]
-enum FileState {
-    /// Still being written, as far as can be seen.
-    Settling(Settling),
-    /// Taken at this size and modification time.
-    Taken(Observation),
+/// Between two scans that hints cause, so many times what the last one took passes: files that grow
+/// all day must not make the daemon look at thousands of others all day.
+const SCAN_SHARE: u32 = 10;
+
+/// Settled files at once. With two, a large or slow one leaves a way past it; each takes the memory of a
+/// few cycles.
+const BACKLOG_FILES: usize = 2;
+
+/// Which way a file is taken.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Way {
+    /// As it grows.
+    Growing,
+    /// As it has settled, in the turn of its robot.
+    Settled(String),
 }
 
-/// Watches the configured folders until `stop` is cancelled, then finishes the cycle in hand.
+/// A file whose task has ended.
+struct Closed {
+    due: Due,
+    way: Way,
+    result: Result<Followed, PipelineError>,
+}
+
+/// The daemon at work.
+struct Work<'p> {
+    pipeline: &'p Pipeline,
+    stop: CancellationToken,
+    book: Book,
+    tasks: JoinSet<Closed>,
+    growing: usize,
+    /// Robots with a settled file being read.
+    robots: HashSet<String>,
+}
+
+/// Watches the configured folders until `stop` is cancelled, then finishes the cycles in hand.
 /// `report` hears the outcome of every export.
 ///
 /// # Errors
@@ -38,57 +72,145 @@ pub async fn watch(
     mut report: impl FnMut(&Path, &Outcome),
 ) -> Result<(), PipelineError> {
     let _claim = pipeline.store().claim().map_err(PipelineError::from)?;
-    let settings = pipeline.config().watch.clone();
-    let (mut watcher, mut hints) = watch::watch_folders(&settings.folders);
-    let mut complaints = Complaints::default();
-    let mut states: HashMap<PathBuf, FileState> = HashMap::new();
-    while !stop.is_cancelled() {
-        let folders = settings.folders.clone();
-        let scan = tokio::task::spawn_blocking(move || watch::scan(&folders)).await?;
-        complaints.warn(&scan);
-        states.retain(|path, _| scan.files.iter().any(|file| file.path == *path));
-        for file in &scan.files {
-            if stop.is_cancelled() || !is_due(&mut states, file, settings.settle) {
-                continue;
-            }
-            let outcome = match pipeline.process(&file.path, Retry::Never, stop, |_| ()).await {
-                Err(PipelineError::Store(error)) if !error.is_fatal() => {
-                    tracing::warn!(file = %file.path.display(), %error, "not stored now; trying again");
-                    states.remove(&file.path);
-                    continue;
-                }
-                outcome => outcome?,
-            };
-            log_outcome(&file.path, &outcome);
-            report(&file.path, &outcome);
-            if matches!(outcome, Outcome::Changed) {
-                states.remove(&file.path);
-            }
+    let mut work = Work::new(pipeline, stop.child_token());
+    let watched = work.go_on(&mut report).await;
+    // after a failure the others finish their cycles too
+    work.stop.cancel();
+    while let Some(closed) = work.tasks.join_next().await {
+        let ended = closed.map_err(PipelineError::from).and_then(|closed| work.close(closed, &mut report));
+        if watched.is_ok() {
+            ended?;
         }
-        tokio::select! {
-            () = stop.cancelled() => {}
-            () = tokio::time::sleep(settings.scan_interval) => {}
-            _ = hints.recv() => tokio::time::sleep(HINT_PAUSE).await,
-        }
-        watcher.watch_missing();
     }
-    Ok(())
+    watched
 }
 
-/// Whether a file has settled and was not taken as it is now. Notes what was seen.
-fn is_due(states: &mut HashMap<PathBuf, FileState>, file: &FoundFile, settle: Duration) -> bool {
-    let seen = Observation { size: file.size, modified: file.modified, at: Instant::now() };
-    let settling = match states.get(&file.path) {
-        Some(FileState::Taken(taken)) if taken.size == seen.size && taken.modified == seen.modified => {
-            return false;
+impl<'p> Work<'p> {
+    fn new(pipeline: &'p Pipeline, stop: CancellationToken) -> Self {
+        Self {
+            pipeline,
+            stop,
+            book: Book::new(pipeline.config().watch.settle),
+            tasks: JoinSet::new(),
+            growing: 0,
+            robots: HashSet::new(),
         }
-        Some(FileState::Settling(settling)) => settling.again(seen),
-        Some(FileState::Taken(_)) | None => Settling::first(seen),
-    };
-    let due = settling.is_settled(settle);
-    let state = if due { FileState::Taken(seen) } else { FileState::Settling(settling) };
-    states.insert(file.path.clone(), state);
-    due
+    }
+
+    /// Scans and takes files until a stop is asked for.
+    async fn go_on(&mut self, report: &mut impl FnMut(&Path, &Outcome)) -> Result<(), PipelineError> {
+        let settings = self.pipeline.config().watch.clone();
+        let (mut watcher, mut hints) = watch::watch_folders(&settings.folders);
+        let mut complaints = Complaints::default();
+        let mut next_scan = Instant::now();
+        let mut earliest = next_scan;
+        while !self.stop.is_cancelled() {
+            self.take_what_is_due();
+            tokio::select! {
+                () = self.stop.cancelled() => {}
+                Some(closed) = self.tasks.join_next() => self.close(closed?, report)?,
+                Some(()) = hints.recv(), if next_scan > earliest => next_scan = earliest,
+                () = tokio::time::sleep_until(next_scan.into()) => {
+                    watcher.watch_missing();
+                    let started = Instant::now();
+                    self.scan(&settings.folders, &mut complaints).await?;
+                    let ended = Instant::now();
+                    next_scan = ended + settings.scan_interval;
+                    earliest = ended + HINT_PAUSE.max(SCAN_SHARE * (ended - started));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    async fn scan(&mut self, folders: &[PathBuf], complaints: &mut Complaints) -> Result<(), PipelineError> {
+        let folders = folders.to_vec();
+        let scan = tokio::task::spawn_blocking(move || watch::scan(&folders)).await?;
+        complaints.warn(&scan);
+        let lane_of = |path: &Path| robot_of(self.pipeline.config(), path);
+        self.book.note(&scan.files, Instant::now(), tail::is_marked, lane_of);
+        Ok(())
+    }
+
+    /// Starts as many tasks as there may be, for growing files first.
+    fn take_what_is_due(&mut self) {
+        while self.growing < self.pipeline.config().watch.live_files
+            && let Some(due) = self.book.next_growing()
+        {
+            self.growing += 1;
+            self.start(due, Way::Growing);
+        }
+        while self.robots.len() < BACKLOG_FILES
+            && let Some((due, robot)) = self.book.next_settled(&self.robots)
+        {
+            self.robots.insert(robot.clone());
+            self.start(due, Way::Settled(robot));
+        }
+    }
+
+    fn start(&mut self, due: Due, way: Way) {
+        let (pipeline, stop) = (self.pipeline.clone(), self.stop.clone());
+        self.tasks.spawn(async move {
+            let result = match &way {
+                Way::Growing => pipeline.follow(&due.path, due.patience, &stop, |_| ()).await,
+                Way::Settled(_) => {
+                    pipeline.process(&due.path, Retry::Never, &stop, |_| ()).await.map(Followed::Outcome)
+                }
+            };
+            Closed { due, way, result }
+        });
+    }
+
+    /// Notes, logs and reports what became of a file.
+    fn close(
+        &mut self,
+        closed: Closed,
+        report: &mut impl FnMut(&Path, &Outcome),
+    ) -> Result<(), PipelineError> {
+        let Closed { due, way, result } = closed;
+        match &way {
+            Way::Growing => self.growing -= 1,
+            Way::Settled(robot) => {
+                self.robots.remove(robot);
+            }
+        }
+        let followed = match result {
+            Err(PipelineError::Store(error)) if !error.is_fatal() => {
+                tracing::warn!(file = %due.path.display(), %error, "not stored now; trying again");
+                self.book.close(&due, Closing::Again);
+                return Ok(());
+            }
+            result => result?,
+        };
+        self.book.close(&due, closing(&followed, &way));
+        if let Followed::Outcome(outcome) = &followed {
+            log_outcome(&due.path, outcome);
+            report(&due.path, outcome);
+        }
+        Ok(())
+    }
+}
+
+fn closing(followed: &Followed, way: &Way) -> Closing {
+    match (followed, way) {
+        (Followed::UntilSettled, _) => Closing::UntilSettled,
+        (Followed::NotYet, _) => Closing::Again,
+        (Followed::Outcome(Outcome::Changed | Outcome::InWork { .. } | Outcome::Interrupted), _) => {
+            Closing::Again
+        }
+        (Followed::Outcome(_), Way::Growing) => Closing::Done,
+        (Followed::Outcome(_), Way::Settled(_)) => Closing::Taken,
+    }
+}
+
+/// The robot that an export's name says, or the path of one that says none: such files do not wait for each
+/// other.
+fn robot_of(config: &Config, path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    match config.recognition.recognise(&name) {
+        Ok(recognised) => recognised.robot,
+        Err(_) => path.display().to_string(),
+    }
 }
 
 /// Logs what became of an export, by consequence.
@@ -110,6 +232,9 @@ fn log_outcome(path: &Path, outcome: &Outcome) {
             tracing::info!(%file, "stopped at a cycle; the rest follows at the next start")
         }
         Outcome::Changed => tracing::info!(%file, "changed while being read; looking again"),
+        Outcome::InWork { run_id } => {
+            tracing::debug!(%file, run_id, "the same content is being read under another name");
+        }
     }
 }
 

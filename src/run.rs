@@ -156,6 +156,25 @@ impl fmt::Display for ContentHash {
     }
 }
 
+/// The first bytes of an export, known by their hash: what stored cycles were read from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ContentPrefix {
+    /// Number of bytes, from the first.
+    pub bytes: u64,
+    /// BLAKE3 hash of these bytes.
+    pub hash: ContentHash,
+}
+
+/// A file as its file system numbers it, whatever it is called. A number is given again once its file
+/// is gone, so it only says where to look; content decides.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct FileId {
+    /// Number of the file system.
+    pub device: u64,
+    /// Number of the file in it.
+    pub inode: u64,
+}
+
 /// What is known of an export before its rows are read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunHeader {
@@ -169,7 +188,7 @@ pub struct RunHeader {
     pub source_name: String,
     /// Whole path of the export, as it was found.
     pub source_path: String,
-    /// Identity of the content.
+    /// Identity of the content; of a file that still grows, of what it held when it was opened.
     pub content_hash: ContentHash,
     /// Bytes of the export on disk.
     pub source_bytes: u64,
@@ -184,6 +203,9 @@ pub enum RunStatus {
     Complete,
     /// The export was not understood; the reason is with the run.
     Quarantined,
+    /// Another content was written in its place; what was stored of it is kept and takes no part in
+    /// conclusions.
+    Superseded,
 }
 
 impl RunStatus {
@@ -194,6 +216,7 @@ impl RunStatus {
             Self::Streaming => "streaming",
             Self::Complete => "complete",
             Self::Quarantined => "quarantined",
+            Self::Superseded => "superseded",
         }
     }
 }

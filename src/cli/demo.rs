@@ -195,7 +195,7 @@ fn show_outcome(path: &Path, outcome: &Outcome) {
             }
         }
         Outcome::Quarantined { rejection, .. } => output::line(&format!("quarantined  {rejection}")),
-        Outcome::AlreadyStored { .. } | Outcome::Interrupted | Outcome::Changed => {}
+        Outcome::AlreadyStored { .. } | Outcome::Interrupted | Outcome::Changed | Outcome::InWork { .. } => {}
     }
 }
 

@@ -62,7 +62,7 @@ async fn take_all(
         let outcome = outcome?;
         print(path, &outcome, as_json);
         match outcome {
-            Outcome::Quarantined { .. } | Outcome::Changed => code = EXIT_FOUND,
+            Outcome::Quarantined { .. } | Outcome::Changed | Outcome::InWork { .. } => code = EXIT_FOUND,
             Outcome::Interrupted => return Ok(EXIT_STOPPED),
             Outcome::Stored(_) | Outcome::AlreadyStored { .. } => {}
         }
@@ -145,6 +145,7 @@ fn as_text(path: &Path, outcome: &Outcome) -> String {
             format!("quarantined  {rejection}{kept}")
         }
         Outcome::Interrupted => format!("interrupted  {file}: run again to continue"),
+        Outcome::InWork { run_id } => format!("in work      {file}: being read as run {run_id}; run again"),
         Outcome::Changed => format!("changed      {file}: changed or vanished while it was read; run again"),
     }
 }
@@ -168,5 +169,6 @@ fn as_value(path: &Path, outcome: &Outcome) -> serde_json::Value {
         }),
         Outcome::Interrupted => json!({"file": file, "outcome": "interrupted"}),
         Outcome::Changed => json!({"file": file, "outcome": "changed"}),
+        Outcome::InWork { run_id } => json!({"file": file, "outcome": "in_work", "run_id": run_id}),
     }
 }

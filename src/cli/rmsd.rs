@@ -4,7 +4,7 @@
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::identify::rmsd_value;
+use super::identify_output::rmsd_value;
 use super::plot::PlotFile;
 use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
 use crate::analysis::{Rmsd, RmsdPair, RmsdScope, WarmingContrast};

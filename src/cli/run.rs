@@ -12,9 +12,9 @@ Examples:
   armwatch run
   armwatch run --config /etc/armwatch/armwatch.toml --log-format json
 
-Watches the folders of the configuration, takes every export that has stopped growing, and keeps going
-until SIGTERM or SIGINT; then it finishes the cycle in hand and stops. Killed at any moment, it
-continues after the last stored cycle.")]
+Watches the folders of the configuration, takes exports cycle by cycle while they are written and others
+when they have settled, and keeps going until SIGTERM or SIGINT; then it finishes the cycles in hand and
+stops. Killed at any moment, it continues after the last stored cycle.")]
 pub(super) struct RunArgs {}
 
 pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {

@@ -254,7 +254,7 @@ fn as_value(args: &TorqueArgs, replayed: &Replayed, joint: JointIndex) -> serde_
     let rows = chosen_rows(args, series, joint);
     let column = |of: &[f64]| rows.iter().map(|&row| of[row]).collect::<Vec<f64>>();
     let rmsd = series.rmsd(joint, args.stage.scope());
-    let mut value = super::identify::rmsd_value(&rmsd);
+    let mut value = super::identify_output::rmsd_value(&rmsd);
     value["robot"] = json!(replay.run.robot);
     value["run_id"] = json!(replay.run.run_id);
     value["cycle"] = json!(replay.cycle.cycle);

@@ -10,7 +10,7 @@ use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::recognition::{DEFAULT_FILE_NAME, time_zone};
 use super::robot_file::parse_robot_with;
-use super::{Channel, Config, FleetEntry, Layout, Recognition, WatchSettings};
+use super::{Channel, Config, FleetEntry, Layout, Recognition, RewritePolicy, WatchSettings};
 use super::{parse_layout, pattern};
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::DetectSettings;
@@ -20,6 +20,10 @@ const DEFAULT_DATABASE: &str = "armwatch.db";
 const DEFAULT_FOLDER: &str = "inbox";
 const DEFAULT_SCAN_INTERVAL_S: f64 = 5.0;
 const DEFAULT_SETTLE_S: f64 = 3.0;
+const DEFAULT_LIVE_FILES: usize = 16;
+
+/// Most growing exports at once: each holds an open file, a thread and the rows of its current cycle.
+const MAX_LIVE_FILES: i64 = 256;
 
 /// Most folders to watch; each is walked at every scan.
 const MAX_FOLDERS: usize = 1000;
@@ -67,11 +71,32 @@ fn read_watch(table: Option<&Table<'_>>) -> Option<WatchSettings> {
         Some(value) => read_folders(&value),
         None => Some(vec![PathBuf::from(DEFAULT_FOLDER)]),
     };
+    let live_files = match table.and_then(|t| t.optional("live_files")) {
+        Some(value) => value.integer(1..=MAX_LIVE_FILES).and_then(|number| usize::try_from(number).ok()),
+        None => Some(DEFAULT_LIVE_FILES),
+    };
+    let on_rewrite = match table.and_then(|t| t.optional("on_rewrite")) {
+        Some(value) => read_policy(&value),
+        None => Some(RewritePolicy::Supersede),
+    };
     Some(WatchSettings {
         folders: folders?,
         scan_interval: Duration::try_from_secs_f64(scan_interval?).ok()?,
         settle: Duration::try_from_secs_f64(settle?).ok()?,
+        live_files: live_files?,
+        on_rewrite: on_rewrite?,
     })
+}
+
+fn read_policy(value: &Value<'_>) -> Option<RewritePolicy> {
+    let name = value.text()?;
+    let policies = [RewritePolicy::Supersede, RewritePolicy::KeepBoth];
+    let found = policies.into_iter().find(|policy| policy.name() == name);
+    if found.is_none() {
+        let names = policies.map(|policy| format!("\"{}\"", policy.name())).join(" or ");
+        value.refuse("is no policy".into(), Some(format!("write {names}")));
+    }
+    found
 }
 
 fn read_folders(value: &Value<'_>) -> Option<Vec<PathBuf>> {

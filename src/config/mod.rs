@@ -79,8 +79,32 @@ pub struct WatchSettings {
     pub folders: Vec<PathBuf>,
     /// Time between two scans.
     pub scan_interval: Duration,
-    /// How long a file's size and modification time must stand still before it is read.
+    /// How long a file's size and modification time must stand still before it is taken as done.
     pub settle: Duration,
+    /// Most exports that are read at once while they grow.
+    pub live_files: usize,
+    /// What becomes of a run whose file is written over with another content.
+    pub on_rewrite: RewritePolicy,
+}
+
+/// What becomes of a complete run whose file is written over with another content.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RewritePolicy {
+    /// The new run takes its place; the old one is kept and takes no part in conclusions.
+    Supersede,
+    /// Both stand.
+    KeepBoth,
+}
+
+impl RewritePolicy {
+    /// Name as in the configuration.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Supersede => "supersede",
+            Self::KeepBoth => "keep_both",
+        }
+    }
 }
 
 /// How a file name gives robot and start time.

@@ -20,6 +20,8 @@ pub fn summary(config: &Config) -> String {
     }
     line("scan interval", seconds(config.watch.scan_interval));
     line("settling time of a file", seconds(config.watch.settle));
+    line("growing files at once", config.watch.live_files.to_string());
+    line("rewritten files", config.watch.on_rewrite.name().to_owned());
     line("file names", config.recognition.file_name.to_string());
     line("time zone of file names", config.recognition.time_zone.clone());
     for entry in &config.fleet {
@@ -91,6 +93,8 @@ mod tests {
             "watched folder            inbox",
             "scan interval             5 s",
             "settling time of a file   3 s",
+            "growing files at once     16",
+            "rewritten files           supersede",
             "time zone of file names   UTC",
             "robot *                   er3a with 6 joints, 6 speed levels, nominal parameters of 6 joints, an excitation; layout native, velocity recorded",
             "low-pass cut-off          12 Hz",

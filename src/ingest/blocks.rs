@@ -1,6 +1,6 @@
 //! An export cut into blocks of whole lines, with the line numbers that messages need.
 
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::Path;
 
 use super::encoding::{narrow_encoding, wide_encoding, without_bom};
@@ -30,7 +30,19 @@ pub struct Block {
     pub unterminated: bool,
 }
 
-/// Cuts a stream into blocks.
+/// What a stream gives next.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Next {
+    /// Whole lines.
+    Block(Block),
+    /// No whole line now; the file may still grow.
+    Later,
+    /// Nothing more.
+    End,
+}
+
+/// Cuts a stream into blocks. A reader that says [`std::io::ErrorKind::WouldBlock`] is at the end of a
+/// file that may still grow: whole lines are handed on at once, and the rest waits for its line end.
 #[derive(Debug)]
 pub struct Blocks<R> {
     reader: R,
@@ -40,6 +52,8 @@ pub struct Blocks<R> {
     /// Line number of the first byte in `pending`.
     line: u64,
     at_end: bool,
+    /// The reader had nothing more when it was last asked, and was not at its end.
+    paused: bool,
 }
 
 impl<R: Read> Blocks<R> {
@@ -52,6 +66,7 @@ impl<R: Read> Blocks<R> {
             pending: Vec::new(),
             line: 1,
             at_end: false,
+            paused: false,
         }
     }
 
@@ -62,16 +77,23 @@ impl<R: Read> Blocks<R> {
     /// A rejection for an empty file, an encoding that is not UTF-8, NUL bytes, lines that end with
     /// carriage returns alone, a line that does not end, or a failed read.
     pub fn header(&mut self, path: &Path) -> Result<String, Rejection> {
+        self.whole_header(path)?.ok_or_else(|| Rejection::of_file(path, "an empty file", CUT_REMEDY))
+    }
+
+    /// As [`Blocks::header`], for a file that may still grow: `None` as long as its header has no line
+    /// end, to be asked again.
+    ///
+    /// # Errors
+    /// As [`Blocks::header`].
+    pub fn whole_header(&mut self, path: &Path) -> Result<Option<String>, Rejection> {
         loop {
-            let Some(end) = self.line_end(path)? else {
-                return Err(Rejection::of_file(path, "an empty file", CUT_REMEDY));
-            };
+            let Some(end) = self.line_end(path)? else { return Ok(None) };
             let line: Vec<u8> = self.pending.drain(..end).collect();
             let number = self.line;
             self.line += 1;
             let text = header_text(&line, path).map_err(|rejection| rejection.at_line(number))?;
             if !text.is_empty() {
-                return Ok(text);
+                return Ok(Some(text));
             }
         }
     }
@@ -82,19 +104,22 @@ impl<R: Read> Blocks<R> {
         self.line -= 1;
     }
 
-    /// The next block, `None` at the end. Blank lines at the end of the file are left out.
+    /// The next block. Blank lines at the end of the file are left out.
     ///
     /// # Errors
     /// A rejection for a line that does not end, or a failed read.
-    pub fn next_block(&mut self, path: &Path) -> Result<Option<Block>, Rejection> {
+    pub fn next_block(&mut self, path: &Path) -> Result<Next, Rejection> {
         let mut wanted = self.block_bytes;
         loop {
             self.fill(wanted, path)?;
             let rest = match last_line_end(&self.pending) {
                 Some(end) => self.pending.split_off(end),
-                None if self.at_end => return Ok(self.unterminated_line()),
+                None if self.at_end => return Ok(self.unterminated_line().map_or(Next::End, Next::Block)),
                 None => {
                     self.refuse_endless_line(path)?;
+                    if self.paused {
+                        return Ok(Next::Later);
+                    }
                     wanted = self.longer();
                     continue;
                 }
@@ -102,7 +127,7 @@ impl<R: Read> Blocks<R> {
             let bytes = std::mem::replace(&mut self.pending, rest);
             let first_line = self.line;
             self.line += line_count(&bytes);
-            return Ok(Some(Block { bytes, first_line, unterminated: false }));
+            return Ok(Next::Block(Block { bytes, first_line, unterminated: false }));
         }
     }
 
@@ -117,7 +142,8 @@ impl<R: Read> Blocks<R> {
         Some(Block { bytes, first_line: self.line, unterminated })
     }
 
-    /// Length of the first line with its end; `None` at the end of the file.
+    /// Length of the first line with its end; `None` at the end of the file and where it may still
+    /// grow.
     fn line_end(&mut self, path: &Path) -> Result<Option<usize>, Rejection> {
         loop {
             if let Some(at) = self.pending.iter().position(|byte| *byte == b'\n') {
@@ -128,6 +154,9 @@ impl<R: Read> Blocks<R> {
             }
             self.refuse_endless_line(path)?;
             self.fill(self.longer(), path)?;
+            if self.paused && !self.pending.contains(&b'\n') {
+                return Ok(None);
+            }
         }
     }
 
@@ -143,13 +172,14 @@ impl<R: Read> Blocks<R> {
             return Ok(());
         }
         self.pending.reserve(missing);
-        let count = self
-            .reader
-            .by_ref()
-            .take(missing as u64)
-            .read_to_end(&mut self.pending)
-            .map_err(|error| Rejection::from_io(path, &error))?;
-        self.at_end = count < missing;
+        let read = self.reader.by_ref().take(missing as u64).read_to_end(&mut self.pending);
+        self.paused = matches!(&read, Err(error) if error.kind() == ErrorKind::WouldBlock);
+        match read {
+            Ok(count) => self.at_end = count < missing,
+            // what was read before the pause is in `pending` all the same
+            Err(_) if self.paused => {}
+            Err(error) => return Err(Rejection::from_io(path, &error)),
+        }
         Ok(())
     }
 
@@ -243,8 +273,45 @@ mod tests {
         let path = Path::new("a.csv");
         let mut cutter = Blocks::new(text.as_bytes(), block_bytes);
         let header = cutter.header(path).unwrap();
-        let blocks = std::iter::from_fn(|| cutter.next_block(path).unwrap()).collect();
+        let mut blocks = Vec::new();
+        while let Next::Block(block) = cutter.next_block(path).unwrap() {
+            blocks.push(block);
+        }
         (header, blocks)
+    }
+
+    /// Gives its parts one by one, with a pause before each and at the end of the last.
+    struct Slow(Vec<Vec<u8>>, bool);
+
+    impl Read for Slow {
+        fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+            self.1 = !self.1;
+            if self.1 || self.0.is_empty() {
+                return Err(ErrorKind::WouldBlock.into());
+            }
+            let part = self.0.remove(0);
+            buffer[..part.len()].copy_from_slice(&part);
+            Ok(part.len())
+        }
+    }
+
+    #[test]
+    fn a_growing_file_gives_whole_lines_only() {
+        let path = Path::new("a.csv");
+        let parts = ["ti", "me\n", "1\n2", "2\n\n", "3\r", "\n4"].map(|part| part.as_bytes().to_vec());
+        let mut cutter = Blocks::new(Slow(parts.to_vec(), false), 1 << 10);
+        let header = (0..9).find_map(|_| cutter.whole_header(path).unwrap());
+        assert_eq!(header.as_deref(), Some("time"));
+        let mut lines = Vec::new();
+        for _ in 0..20 {
+            if let Next::Block(block) = cutter.next_block(path).unwrap() {
+                assert!(block.bytes.ends_with(b"\n") && !block.unterminated);
+                lines.push((block.first_line, String::from_utf8(block.bytes).unwrap()));
+            }
+        }
+        let expected = [(2, "1\n"), (3, "22\n"), (4, "\n3\r\n")];
+        assert_eq!(lines, expected.map(|(line, text)| (line, text.to_owned())));
+        assert_eq!(cutter.next_block(path).unwrap(), Next::Later, "the last line has no end");
     }
 
     #[test]
@@ -294,7 +361,7 @@ mod tests {
         assert!(reason(b"777\0".to_vec()).starts_with("NUL bytes"));
         let mut cutter = Blocks::new((&b"time\n1\n"[..]).chain(std::io::repeat(0)), 10);
         cutter.header(path).unwrap();
-        cutter.next_block(path).unwrap();
+        assert!(matches!(cutter.next_block(path).unwrap(), Next::Block(_)));
         let rejection = cutter.next_block(path).unwrap_err();
         assert!(rejection.reason.starts_with("NUL bytes"), "{rejection}");
         assert_eq!(rejection.line, Some(3));

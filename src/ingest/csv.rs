@@ -13,7 +13,7 @@ use polars::prelude::{
     Column, CsvParseOptions, CsvReadOptions, DataFrame, DataType, Field, Schema, SchemaRef, SerReader,
 };
 
-use super::blocks::{BLOCK_BYTES, Block, Blocks, line_count};
+use super::blocks::{BLOCK_BYTES, Block, Blocks, Next, line_count};
 use super::channels::{self, RawColumns};
 use super::exact::{self, LastLine, PreviousTime};
 use super::layout::{ColumnMap, Role, map_columns};
@@ -51,6 +51,17 @@ pub struct Chunk {
     pub first_line: u64,
 }
 
+/// What an export gives next.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Step {
+    /// Rows.
+    Rows(Chunk),
+    /// No whole row now; the file may still grow.
+    Waiting,
+    /// No more rows.
+    End,
+}
+
 /// The rows of an export, chunk by chunk. Ends after the first rejection.
 ///
 /// An export without rows gives a rejection, so at least one item comes.
@@ -83,9 +94,37 @@ impl<R: Read> ExportReader<R> {
     ) -> Result<Self, Rejection> {
         let mut blocks = Blocks::new(reader, options.block_bytes);
         let header = blocks.header(path)?;
-        let map = map_columns(&header, layout, robot, path)?;
+        Self::with_header(blocks, &header, path, layout, robot, options)
+    }
+
+    /// As [`ExportReader::new`], of a file that may still grow: `None` as long as its header has no
+    /// line end.
+    ///
+    /// # Errors
+    /// As [`ExportReader::new`].
+    pub fn of_growing(
+        reader: R,
+        path: &Path,
+        layout: &Layout,
+        robot: &Robot,
+        options: ReadOptions,
+    ) -> Result<Option<Self>, Rejection> {
+        let mut blocks = Blocks::new(reader, options.block_bytes);
+        let Some(header) = blocks.whole_header(path)? else { return Ok(None) };
+        Self::with_header(blocks, &header, path, layout, robot, options).map(Some)
+    }
+
+    fn with_header(
+        mut blocks: Blocks<R>,
+        header: &str,
+        path: &Path,
+        layout: &Layout,
+        robot: &Robot,
+        options: ReadOptions,
+    ) -> Result<Self, Rejection> {
+        let map = map_columns(header, layout, robot, path)?;
         if !layout.header {
-            blocks.put_back(&header);
+            blocks.put_back(header);
         }
         Ok(Self {
             blocks,
@@ -119,11 +158,20 @@ impl<R: Read> ExportReader<R> {
         self.left_out
     }
 
-    fn next_chunk(&mut self) -> Result<Option<Chunk>, Rejection> {
+    /// The next rows. To be asked again after [`Step::Waiting`], and no more after [`Step::End`] or a
+    /// rejection.
+    ///
+    /// # Errors
+    /// A rejection of the first line that is not understood, after the rows before it.
+    pub fn step(&mut self) -> Result<Step, Rejection> {
         if let Some(fault) = self.fault.take() {
             return Err(fault);
         }
-        let Some(mut block) = self.blocks.next_block(&self.path)? else { return self.end() };
+        let mut block = match self.blocks.next_block(&self.path)? {
+            Next::Block(block) => block,
+            Next::Later => return Ok(Step::Waiting),
+            Next::End => return self.end(),
+        };
         let first_line = block.first_line;
         let judged = if block.unterminated { self.judge_end(&mut block) } else { Ok(()) };
         if block.bytes.is_empty() {
@@ -136,7 +184,7 @@ impl<R: Read> ExportReader<R> {
         };
         self.count_time(&mut samples);
         self.rows += samples.rows() as u64;
-        Ok(Some(Chunk { samples, first_line }))
+        Ok(Step::Rows(Chunk { samples, first_line }))
     }
 
     /// The rows of a block before its fault, which comes with the next chunk: what is given does not
@@ -174,9 +222,9 @@ impl<R: Read> ExportReader<R> {
         Ok(())
     }
 
-    fn end(&self) -> Result<Option<Chunk>, Rejection> {
+    fn end(&self) -> Result<Step, Rejection> {
         if self.rows > 0 {
-            return Ok(None);
+            return Ok(Step::End);
         }
         let reason = "a header and no rows";
         Err(Rejection::of_file(&self.path, reason, "export again, with the recording in it"))
@@ -202,7 +250,11 @@ impl<R: Read> Iterator for ExportReader<R> {
         if self.done {
             return None;
         }
-        let item = self.next_chunk().transpose();
+        let item = match self.step() {
+            Ok(Step::Rows(chunk)) => Some(Ok(chunk)),
+            Ok(Step::Waiting | Step::End) => None,
+            Err(rejection) => Some(Err(rejection)),
+        };
         self.done = !matches!(item, Some(Ok(_)));
         item
     }
@@ -323,7 +375,10 @@ mod tests {
     fn body(text: &str) -> Block {
         let mut blocks = Blocks::new(text.as_bytes(), 1 << 20);
         blocks.header(Path::new("a.csv")).unwrap();
-        blocks.next_block(Path::new("a.csv")).unwrap().unwrap()
+        match blocks.next_block(Path::new("a.csv")).unwrap() {
+            Next::Block(block) => block,
+            other => panic!("{other:?}"),
+        }
     }
 
     #[test]

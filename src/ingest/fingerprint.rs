@@ -2,10 +2,11 @@
 
 use std::fs::File;
 use std::io::{self, Read};
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::run::ContentHash;
+use crate::run::{ContentHash, ContentPrefix, FileId};
 
 /// BLAKE3 hash and number of bytes of the file as it lies on disk, compressed if it is.
 ///
@@ -18,6 +19,37 @@ pub fn fingerprint(path: &Path) -> io::Result<(ContentHash, u64)> {
     let mut hasher = blake3::Hasher::new();
     hasher.update_reader(regular_file(path)?)?;
     Ok(identity(&hasher))
+}
+
+/// The first `bytes` bytes of a file; `None` if it has fewer.
+///
+/// # Errors
+/// As [`fingerprint`].
+pub fn prefix(path: &Path, bytes: u64) -> io::Result<Option<ContentPrefix>> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update_reader(regular_file(path)?.take(bytes))?;
+    let (hash, read) = identity(&hasher);
+    Ok((read == bytes).then_some(ContentPrefix { bytes, hash }))
+}
+
+/// No bytes, which every file begins with.
+#[must_use]
+pub fn nothing() -> ContentPrefix {
+    ContentPrefix { bytes: 0, hash: of_bytes(b"") }
+}
+
+/// Number of a file, whatever it is called; links are followed.
+///
+/// # Errors
+/// Those of the file system.
+pub fn file_id(path: &Path) -> io::Result<FileId> {
+    Ok(id_of(&std::fs::metadata(path)?))
+}
+
+/// Number of the file that `metadata` is of.
+#[must_use]
+pub fn id_of(metadata: &std::fs::Metadata) -> FileId {
+    FileId { device: metadata.dev(), inode: metadata.ino() }
 }
 
 /// Identity of a few bytes that stand for a file whose content cannot be read.
@@ -76,6 +108,19 @@ impl RunningHash {
     pub fn so_far(&self) -> (ContentHash, u64) {
         identity(&self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
+
+    /// What was read so far, as the beginning of a content.
+    #[must_use]
+    pub fn prefix(&self) -> ContentPrefix {
+        let (hash, bytes) = self.so_far();
+        ContentPrefix { bytes, hash }
+    }
+
+    /// Number of bytes so far.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).count()
+    }
 }
 
 fn identity(hasher: &blake3::Hasher) -> (ContentHash, u64) {
@@ -122,6 +167,20 @@ mod tests {
         assert_ne!(hash.so_far(), fingerprint(&path).unwrap());
         std::io::copy(&mut reader, &mut std::io::sink()).unwrap();
         assert_eq!(hash.so_far(), fingerprint(&path).unwrap());
+    }
+
+    #[test]
+    fn a_prefix_is_the_file_that_was_shorter() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        std::fs::write(&path, "time\n1\n").unwrap();
+        let (hash, bytes) = fingerprint(&path).unwrap();
+        let shorter = ContentPrefix { bytes, hash };
+        std::fs::write(&path, "time\n1\n2\n").unwrap();
+        assert_eq!(prefix(&path, 7).unwrap(), Some(shorter));
+        assert_ne!(prefix(&path, 8).unwrap().map(|p| p.hash), Some(hash));
+        assert_eq!(prefix(&path, 10).unwrap(), None);
+        assert_eq!(prefix(&path, 0).unwrap(), Some(nothing()));
     }
 
     #[test]

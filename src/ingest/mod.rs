@@ -4,7 +4,7 @@
 //!
 //! In reading order: [`watch`] finds files, [`settle`] says when a writer has finished,
 //! [`fingerprint`] tells one content from another, [`source`] opens plain and compressed exports,
-//! [`blocks`] cuts them at line ends, [`layout`] finds the columns, [`csv`] reads blocks with polars
+//! [`tail`] those that still grow, [`blocks`] cuts them at line ends, [`layout`] finds the columns, [`csv`] reads blocks with polars
 //! and [`exact`] reads them cell by cell where polars would guess; [`channels`] turns columns into SI.
 //!
 //! Three rules hold in here. A file is understood whole or not at all: whatever is not read as it
@@ -22,6 +22,7 @@ pub mod layout;
 pub mod rejection;
 pub mod settle;
 pub mod source;
+pub mod tail;
 pub mod watch;
 
 #[cfg(test)]

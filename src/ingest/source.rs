@@ -16,7 +16,7 @@ pub const MAX_DECOMPRESSED_BYTES: u64 = 64 << 30;
 const DISK_BUFFER_BYTES: usize = 256 << 10;
 
 /// Bytes looked at to tell formats apart; the longest mark has six.
-const MAGIC_BYTES: u64 = 8;
+pub(super) const MAGIC_BYTES: u64 = 8;
 
 /// Opens an export for reading its decompressed bytes.
 ///
@@ -40,6 +40,12 @@ pub fn open_hashing(path: &Path) -> Result<(Box<dyn Read + Send>, RunningHash), 
     let (file, hash) = HashingReader::new(file);
     let decoded = decoded(file, path)?;
     Ok((Box::new(Limited { inner: decoded, left: MAX_DECOMPRESSED_BYTES }), hash))
+}
+
+/// Whether the first bytes of a file are those of plain text, of which a part can be read.
+#[must_use]
+pub(super) fn is_plain(head: &[u8]) -> bool {
+    matches!(format(head), Format::Plain)
 }
 
 /// Whether a file of this name is an export: `.csv`, `.csv.gz` or `.csv.zst` in any case. Hidden

@@ -13,7 +13,9 @@ use notify::event::{AccessKind, AccessMode};
 use notify::{EventKind, RecommendedWatcher, RecursiveMode, Watcher};
 use tokio::sync::mpsc;
 
+use super::fingerprint::id_of;
 use super::source::is_export;
+use crate::run::FileId;
 
 /// Deepest folder below a watched one. Exports lie a few folders deep; a mount inside itself would
 /// go on for ever.
@@ -28,6 +30,8 @@ pub struct FoundFile {
     pub size: u64,
     /// Time of the last modification.
     pub modified: SystemTime,
+    /// Number of the file in its file system.
+    pub file: FileId,
 }
 
 /// What a scan saw.
@@ -106,7 +110,7 @@ impl Scan {
         }
         // A file system without modification times leaves only the size to tell a change.
         let modified = metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH);
-        self.files.push(FoundFile { path, size: metadata.len(), modified });
+        self.files.push(FoundFile { path, size: metadata.len(), modified, file: id_of(metadata) });
     }
 }
 

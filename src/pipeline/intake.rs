@@ -7,14 +7,16 @@ use jiff::Timestamp;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
-use super::cycles::CycleReader;
+use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::{Outcome, Pipeline, PipelineError, Retry};
-use crate::config::Layout;
-use crate::ingest::fingerprint::fingerprint;
+use crate::config::{FleetEntry, Layout, RewritePolicy};
+use crate::ingest::csv::{ExportReader, ReadOptions};
+use crate::ingest::fingerprint::{self, fingerprint};
 use crate::ingest::rejection::Rejection;
+use crate::ingest::source;
 use crate::robot::Robot;
-use crate::run::{ContentHash, Cycle, RunHeader, RunStatus};
-use crate::store::{KnownRun, SourceState};
+use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunStatus};
+use crate::store::{Beginning, EarlierRun, Identity, KnownRun, SourceState};
 
 /// Robot name of an export that names none.
 const UNKNOWN_ROBOT: &str = "unknown";
@@ -45,30 +47,6 @@ pub enum Known {
     Yes(Outcome),
 }
 
-/// How the reading of an export ended.
-#[derive(Debug, Clone, PartialEq)]
-pub enum ReadEnd {
-    /// At the end of the file.
-    Complete(ReadTotals),
-    /// At something not understood.
-    Rejected(Rejection),
-    /// At a stop that was asked for.
-    Interrupted,
-    /// At the end of a file that is no longer the one that was admitted.
-    Changed,
-}
-
-/// Figures of a whole export.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ReadTotals {
-    /// Rows, those outside cycles included.
-    pub rows: u64,
-    /// Rows per second, from the median time step of the first rows, Hz; zero where it is unknown.
-    pub sample_rate: f64,
-    /// Cycles, those stored by an earlier attempt included.
-    pub cycles: u32,
-}
-
 /// Looks an export up by its content and lets it in if it is new, or was left unfinished.
 ///
 /// # Errors
@@ -89,9 +67,22 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
             return Ok(Known::Yes(quarantined(pipeline, &header, rejection).await?));
         }
     };
+    let Some(state) = source_state(path) else { return Ok(Known::Yes(Outcome::Changed)) };
     let known = pipeline.store().lookup(&content_hash).await?;
-    if let Some(outcome) = known.and_then(|known| decided(path, known, retry)) {
-        return Ok(Known::Yes(outcome));
+    let start = start(pipeline, path, state.file).await?;
+    // a content that was superseded at this path has come back to it
+    let returns =
+        |known: &KnownRun| known.status == RunStatus::Superseded && start.beginning.instead_of.is_some();
+    if let Some(known) = &known
+        && !returns(known)
+    {
+        if let Some(outcome) = decided(path, known.clone(), retry) {
+            leave(pipeline, known.run_id, &start).await?;
+            return Ok(Known::Yes(outcome));
+        }
+        if pipeline.is_open(known.run_id) {
+            return Ok(Known::Yes(Outcome::InWork { run_id: known.run_id }));
+        }
     }
     let (entry, robot, started_at) = match recognise(pipeline, path, file_time) {
         Ok(recognised) => recognised,
@@ -102,7 +93,11 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
     };
     let description = Arc::clone(&entry.description);
     let header = header(path, &robot, &description.model, started_at, content_hash, source_bytes);
-    let begun = pipeline.store().begin_run(&header).await?;
+    let onwards = known.map_or(start.beginning.onwards, |known| Some(known.run_id));
+    let instead_of = start.beginning.instead_of.filter(|old| Some(*old) != onwards);
+    let beginning = Beginning { onwards, instead_of };
+    let begun =
+        pipeline.store().begin_source(&header, Identity::Content(content_hash), beginning, state).await?;
     Ok(Known::No(Box::new(Intake {
         path: path.to_path_buf(),
         run_id: begun.run_id,
@@ -113,11 +108,79 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
     })))
 }
 
+/// How the run of a file begins, and from which of its first bytes its stored cycles are.
+#[derive(Debug, Clone, Copy)]
+pub struct Start {
+    /// The beginning.
+    pub beginning: Beginning,
+    /// What is stored already was read from these bytes.
+    pub read: ContentPrefix,
+    /// An unfinished run that lay at this path, whatever the file holds now.
+    unfinished: Option<i64>,
+    /// Whether that run's cycles come from this file's first bytes.
+    unfinished_is_prefix: bool,
+}
+
+/// Finds out how the run of the file at `path` begins: its first bytes are compared with what runs were
+/// read from that lay at this path, or in this file.
+///
+/// # Errors
+/// Those of the store.
+pub async fn start(pipeline: &Pipeline, path: &Path, file: FileId) -> Result<Start, PipelineError> {
+    let earlier = pipeline.store().earlier_runs(&path.display().to_string(), file).await?;
+    let owned = path.to_path_buf();
+    let compared = tokio::task::spawn_blocking(move || {
+        let begins_with = |run: &EarlierRun| matches!(fingerprint::prefix(&owned, run.read.bytes), Ok(Some(prefix)) if prefix == run.read);
+        earlier.into_iter().map(|run| (begins_with(&run), run)).collect::<Vec<_>>()
+    });
+    let policy = pipeline.config().watch.on_rewrite;
+    Ok(chosen(&compared.await?, policy))
+}
+
+/// Chooses among runs, each with whether the file begins with what it was read from.
+fn chosen(earlier: &[(bool, EarlierRun)], policy: RewritePolicy) -> Start {
+    let mut start = Start {
+        beginning: Beginning::default(),
+        read: fingerprint::nothing(),
+        unfinished: None,
+        unfinished_is_prefix: false,
+    };
+    for (is_prefix, EarlierRun { run, read, same_path }) in earlier {
+        let (unfinished, complete) = (run.status == RunStatus::Streaming, run.status == RunStatus::Complete);
+        // nothing is stored of it that could be wrong
+        let empty = *same_path && unfinished && run.cycles_stored == 0;
+        let goes_on = unfinished || complete || (*same_path && run.status == RunStatus::Quarantined);
+        if *same_path && unfinished {
+            (start.unfinished, start.unfinished_is_prefix) = (Some(run.run_id), *is_prefix || empty);
+        }
+        if start.beginning.onwards.is_none() && goes_on && (*is_prefix || empty) {
+            start.beginning.onwards = Some(run.run_id);
+            start.read = if *is_prefix && run.cycles_stored > 0 { *read } else { fingerprint::nothing() };
+        } else if *same_path && (unfinished || (complete && policy == RewritePolicy::Supersede)) {
+            start.beginning.instead_of = Some(run.run_id);
+        }
+    }
+    start
+}
+
+/// Leaves a file whose content is stored as `run_id`: an unfinished run that was read from this path goes,
+/// or stands as superseded where the file was rewritten.
+async fn leave(pipeline: &Pipeline, run_id: i64, start: &Start) -> Result<(), PipelineError> {
+    match start.unfinished.filter(|unfinished| *unfinished != run_id) {
+        Some(unfinished) if start.unfinished_is_prefix => {
+            pipeline.store().discard_run(unfinished).await?;
+        }
+        Some(unfinished) => pipeline.store().supersede_run(run_id, unfinished).await?,
+        None => {}
+    }
+    Ok(())
+}
+
 /// What is said of an export that the ledger knows, unless it needs reading.
 #[must_use]
 pub fn decided(path: &Path, known: KnownRun, retry: Retry) -> Option<Outcome> {
     match known.status {
-        RunStatus::Complete => Some(Outcome::AlreadyStored { run_id: known.run_id }),
+        RunStatus::Complete | RunStatus::Superseded => Some(Outcome::AlreadyStored { run_id: known.run_id }),
         RunStatus::Quarantined if retry == Retry::Never => Some(Outcome::Quarantined {
             run_id: known.run_id,
             rejection: Rejection::stored(path, known.reason.unwrap_or_default()),
@@ -127,67 +190,55 @@ pub fn decided(path: &Path, known: KnownRun, retry: Retry) -> Option<Outcome> {
     }
 }
 
-/// Size and time of a file; `None` where the file system does not tell.
+/// Number, size and time of a file; `None` where it is not there, or the file system does not tell.
 #[must_use]
 pub fn source_state(path: &Path) -> Option<SourceState> {
     let metadata = std::fs::metadata(path).ok()?;
     let modified = Timestamp::try_from(metadata.modified().ok()?).ok()?;
-    Some(SourceState { bytes: metadata.len(), modified })
+    Some(SourceState { bytes: metadata.len(), modified, file: fingerprint::id_of(&metadata) })
 }
 
-/// Reads the export of `intake` and sends its cycles, those already stored left out. Runs on a
-/// blocking thread; ends early when the receiver is gone or a stop is asked for.
+/// Reads the export of `intake`, which has settled, and sends its cycles, those already stored left out.
+/// Runs on a blocking thread; ends early when the receiver is gone or a stop is asked for.
 pub fn read_cycles(
     intake: &Intake,
-    cycles: &mpsc::Sender<Cycle>,
+    cycles: &mpsc::Sender<CutCycle>,
     stop: &CancellationToken,
     progress: impl Fn(u64),
 ) -> ReadEnd {
-    match read(intake, cycles, stop, progress) {
-        Ok(end) => end,
-        Err(rejection) => ReadEnd::Rejected(rejection),
-    }
+    read(intake, cycles, stop, progress).unwrap_or_else(ReadEnd::Rejected)
 }
 
 fn read(
     intake: &Intake,
-    cycles: &mpsc::Sender<Cycle>,
+    cycles: &mpsc::Sender<CutCycle>,
     stop: &CancellationToken,
     progress: impl Fn(u64),
 ) -> Result<ReadEnd, Rejection> {
-    let mut reader = CycleReader::open(&intake.path, &intake.layout, &intake.robot)?;
-    let mut cycle_count = 0;
-    let mut send = |cycle: Cycle| {
-        cycle_count += 1;
-        cycle_count <= intake.cycles_stored || cycles.blocking_send(cycle).is_ok()
-    };
-    while let Some(cut) = reader.next_cycles()? {
-        progress(reader.so_far().1);
-        for cycle in cut {
-            if stop.is_cancelled() || !send(cycle) {
-                return Ok(ReadEnd::Interrupted);
-            }
-        }
-        if stop.is_cancelled() {
+    let (bytes, hash) = source::open_hashing(&intake.path)?;
+    let mut export =
+        ExportReader::new(bytes, &intake.path, &intake.layout, &intake.robot, ReadOptions::default())?;
+    let mut cutting = Cutting::new(intake, cycles, stop, hash.clone())?;
+    for chunk in export.by_ref() {
+        progress(hash.bytes());
+        if !cutting.push(chunk?.samples)? {
             return Ok(ReadEnd::Interrupted);
         }
     }
-    let unchanged = reader.so_far().0 == intake.header.content_hash;
-    Ok(if unchanged {
-        ReadEnd::Complete(ReadTotals {
-            rows: reader.rows(),
-            sample_rate: reader.sample_rate(),
-            cycles: cycle_count,
-        })
-    } else {
-        ReadEnd::Changed
-    })
+    if hash.so_far().0 != intake.header.content_hash {
+        return Ok(ReadEnd::Changed);
+    }
+    cutting.end(export.rows())
 }
 
-type Recognition<'a> = (&'a crate::config::FleetEntry, String, Timestamp);
+/// The description of a robot and its exports, its name, and the start of the recording.
+pub type Recognition<'a> = (&'a FleetEntry, String, Timestamp);
 
 /// Which robot made the export, and when, by its file name.
-fn recognise<'a>(
+///
+/// # Errors
+/// A rejection of a name that says no robot, or one without description.
+pub fn recognise<'a>(
     pipeline: &'a Pipeline,
     path: &Path,
     file_time: Timestamp,
@@ -222,7 +273,9 @@ async fn quarantined(
     Ok(Outcome::Quarantined { run_id, rejection, cycles: 0 })
 }
 
-fn header(
+/// What is known of an export before its rows are read.
+#[must_use]
+pub fn header(
     path: &Path,
     robot: &str,
     model: &str,
@@ -251,7 +304,8 @@ fn path_identity(path: &Path) -> ContentHash {
 }
 
 /// Modification time of a file, the best guess at its recording where its name has none.
-fn file_time(path: &Path) -> Timestamp {
+#[must_use]
+pub fn file_time(path: &Path) -> Timestamp {
     std::fs::metadata(path)
         .and_then(|metadata| metadata.modified())
         .ok()

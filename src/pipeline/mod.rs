@@ -1,12 +1,15 @@
 //! The one way data flows: ingest, segment, identify, friction, verify, store, detect.
 //!
-//! One export at a time goes through three stages that run at once: a reading thread that cuts
-//! cycles, analysis on blocking threads, and recording in the order of the cycles. The daemon and
-//! the one-shot command use the same path. A cycle is done when the transaction that stores its
-//! rows commits; whatever was cut short is read again and picks up after the last stored cycle.
+//! An export goes through three stages that run at once: a reading thread that cuts cycles, analysis on
+//! blocking threads, and recording in the order of the cycles. The daemon, which takes several exports
+//! at once, and the one-shot command use the same path, for files that have settled ([`intake`]) and
+//! files that grow ([`follow`]). A cycle is done when the transaction that stores its rows commits;
+//! whatever was cut short is read again and picks up after the last stored cycle.
 
 pub mod drive_gain;
 pub mod cycles;
+pub mod cutting;
+pub mod follow;
 pub mod intake;
 pub mod physical;
 mod friction;
@@ -17,11 +20,11 @@ pub mod stored;
 #[cfg(test)]
 mod tests;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 
-use tokio::sync::mpsc;
+use tokio::sync::{Semaphore, mpsc};
 use tokio::task::{JoinError, JoinHandle};
 use tokio_util::sync::CancellationToken;
 
@@ -30,16 +33,27 @@ use crate::config::Config;
 use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::{Method, analyse_cycle};
 use crate::robot::Robot;
-use crate::run::Cycle;
+use crate::run::ContentPrefix;
 use crate::store::{AnomalyRow, Store, StoreError};
-use intake::{Intake, Known, ReadEnd};
+use cutting::{CutCycle, ReadEnd};
+use intake::{Intake, Known};
 
 /// Cycles between the reading thread and analysis. One is enough to keep both busy; each takes
 /// 12 MB at 250 Hz and five minutes.
 const CYCLES_READ_AHEAD: usize = 1;
 
-/// Cycles under analysis at once: the two cores that the program is made for.
+/// Cycles under analysis at once in each lane, whatever the number of exports: the two cores that the
+/// program is made for.
 const CYCLES_IN_ANALYSIS: usize = 2;
+
+/// Growing exports and settled ones do not wait for each other's analyses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Lane {
+    /// Exports that grow.
+    Live,
+    /// Exports that have settled.
+    Backlog,
+}
 
 /// What the stages of the pipeline share.
 #[derive(Debug, Clone)]
@@ -48,6 +62,24 @@ pub struct Pipeline {
     store: Store,
     /// Structure analyses by model, made when the first export of a model arrives.
     methods: Arc<Mutex<HashMap<String, Arc<Method>>>>,
+    /// Places for analyses, of growing and of settled exports.
+    places: [Arc<Semaphore>; 2],
+    /// Held while a run ends: what is concluded from a robot's history must have seen all of it.
+    ending: Arc<tokio::sync::Mutex<()>>,
+    /// Runs whose exports are being read.
+    open: OpenRuns,
+}
+
+type OpenRuns = Arc<Mutex<HashSet<i64>>>;
+
+/// Keeps a run among those being read until it is dropped.
+#[derive(Debug)]
+struct OpenRun(OpenRuns, i64);
+
+impl Drop for OpenRun {
+    fn drop(&mut self) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.1);
+    }
 }
 
 /// What became of an export.
@@ -73,6 +105,11 @@ pub enum Outcome {
     Interrupted,
     /// The file changed or vanished while it was read; it is looked at again later.
     Changed,
+    /// The same content is being read under another name; it is looked at again later.
+    InWork {
+        /// The run that it becomes.
+        run_id: i64,
+    },
 }
 
 /// A run that was stored.
@@ -99,7 +136,7 @@ impl Outcome {
         match self {
             Self::Stored(run) => Some(run.run_id),
             Self::AlreadyStored { run_id } | Self::Quarantined { run_id, .. } => Some(*run_id),
-            Self::Interrupted | Self::Changed => None,
+            Self::Interrupted | Self::Changed | Self::InWork { .. } => None,
         }
     }
 }
@@ -128,7 +165,8 @@ impl Pipeline {
     /// A pipeline into `store`.
     #[must_use]
     pub fn new(config: Arc<Config>, store: Store) -> Self {
-        Self { config, store, methods: Arc::default() }
+        let places = [(); 2].map(|()| Arc::new(Semaphore::new(CYCLES_IN_ANALYSIS)));
+        Self { config, store, methods: Arc::default(), places, ending: Arc::default(), open: Arc::default() }
     }
 
     /// The configuration that the pipeline follows.
@@ -188,11 +226,18 @@ impl Pipeline {
             Known::No(intake) => *intake,
             Known::Yes(outcome) => return Ok(outcome),
         };
+        let _open = self.open(intake.run_id);
         let method = match self.method(&intake).await? {
             Ok(method) => method,
             Err(rejection) => return record::quarantine(self, &intake, rejection).await,
         };
-        let (end, refused) = match self.stream(&intake, &method, stop, progress).await {
+        let reading = {
+            let (intake, stop, progress) = (intake.clone(), stop.clone(), progress.clone());
+            move |cycles: mpsc::Sender<CutCycle>| {
+                intake::read_cycles(&intake, &cycles, &stop, |bytes| progress(Progress::Read(bytes)))
+            }
+        };
+        let (end, refused) = match self.stream(&intake, &method, Lane::Backlog, reading, progress).await {
             Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
                 let reason = format!("results that the database refuses: {detail}");
                 let rejection = Rejection::of_file(path, reason, "report it with this file");
@@ -204,37 +249,34 @@ impl Pipeline {
             ReadEnd::Complete(totals) => record::finish(self, &intake, &method, totals, refused).await,
             ReadEnd::Rejected(rejection) => record::quarantine(self, &intake, rejection).await,
             ReadEnd::Interrupted => Ok(Outcome::Interrupted),
-            ReadEnd::Changed => {
-                self.store.discard_run(intake.run_id).await?;
-                Ok(Outcome::Changed)
-            }
+            // its stored cycles are compared with the file when it is looked at again
+            ReadEnd::Changed => Ok(Outcome::Changed),
         }
     }
 
-    /// Reads, analyses and records the cycles of an export. Returns how reading ended and the cycles
-    /// without parameters.
-    async fn stream(
+    /// Reads, analyses and records the cycles of an export; `read` runs on a blocking thread. Returns how
+    /// reading ended and the cycles without parameters.
+    async fn stream<E: EndsRejected>(
         &self,
         intake: &Intake,
         method: &Arc<Method>,
-        stop: &CancellationToken,
-        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
-    ) -> Result<(ReadEnd, Vec<(u32, String)>), PipelineError> {
-        let (to_analysis, cycles) = mpsc::channel::<Cycle>(CYCLES_READ_AHEAD);
+        lane: Lane,
+        read: impl FnOnce(mpsc::Sender<CutCycle>) -> E + Send + 'static,
+        progress: impl Fn(Progress),
+    ) -> Result<(E, Vec<(u32, String)>), PipelineError> {
+        let (to_analysis, cycles) = mpsc::channel::<CutCycle>(CYCLES_READ_AHEAD);
         // the task being awaited and those in the channel are the cycles in analysis
-        let (to_record, analyses) = mpsc::channel::<JoinHandle<CycleAnalysis>>(CYCLES_IN_ANALYSIS - 1);
+        let (to_record, analyses) = mpsc::channel::<InAnalysis>(CYCLES_IN_ANALYSIS - 1);
 
-        let reader = tokio::task::spawn_blocking({
-            let (intake, stop, progress) = (intake.clone(), stop.clone(), progress.clone());
-            move || intake::read_cycles(&intake, &to_analysis, &stop, |bytes| progress(Progress::Read(bytes)))
-        });
-        let analyser = tokio::spawn(analyse_in_order(Arc::clone(method), cycles, to_record));
+        let reader = tokio::task::spawn_blocking(move || read(to_analysis));
+        let places = Arc::clone(&self.places[lane as usize]);
+        let analyser = tokio::spawn(analyse_in_order(Arc::clone(method), places, cycles, to_record));
         let recorded = record::cycles(&self.store, intake, analyses, |n| progress(Progress::Cycle(n))).await;
         // a recorder that ended early has dropped its end of the channel, so both others end too
         let recorded = recorded?;
         analyser.await?;
         let end = reader.await?;
-        Ok((recorded.rejection.map_or(end, ReadEnd::Rejected), recorded.refused))
+        Ok((recorded.rejection.map_or(end, E::rejected), recorded.refused))
     }
 
     /// The structure analysis of the export's robot.
@@ -255,15 +297,26 @@ impl Pipeline {
                     method.base.kept.iter().enumerate().map(|(k, id)| (*id, method.base.grouping_formula(k)));
                 self.store.describe_model(&method.robot, &formulas.collect::<Vec<_>>()).await?;
                 let method = Arc::new(method);
-                let mut methods = self.methods.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                let mut methods = self.methods.lock().unwrap_or_else(PoisonError::into_inner);
                 methods.insert(intake.robot.model.clone(), Arc::clone(&method));
                 Ok(Ok(method))
             }
         }
     }
 
+    /// Counts a run among those being read.
+    fn open(&self, run_id: i64) -> OpenRun {
+        self.open.lock().unwrap_or_else(PoisonError::into_inner).insert(run_id);
+        OpenRun(Arc::clone(&self.open), run_id)
+    }
+
+    /// Whether an export of the run is being read.
+    fn is_open(&self, run_id: i64) -> bool {
+        self.open.lock().unwrap_or_else(PoisonError::into_inner).contains(&run_id)
+    }
+
     fn known_method(&self, robot: &Robot) -> Option<Arc<Method>> {
-        let methods = self.methods.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let methods = self.methods.lock().unwrap_or_else(PoisonError::into_inner);
         methods.get(&robot.model).cloned()
     }
 }
@@ -277,15 +330,37 @@ pub enum Retry {
     Never,
 }
 
+/// A cycle under analysis, and what it and those before it were read from.
+type InAnalysis = (JoinHandle<CycleAnalysis>, ContentPrefix);
+
+/// An end of reading that an analysis may have cut short.
+trait EndsRejected: Send + 'static {
+    /// The end at a rejection.
+    fn rejected(rejection: Rejection) -> Self;
+}
+
+impl EndsRejected for ReadEnd {
+    fn rejected(rejection: Rejection) -> Self {
+        Self::Rejected(rejection)
+    }
+}
+
 /// Starts analyses as cycles arrive and hands on their handles in the order of the cycles.
 async fn analyse_in_order(
     method: Arc<Method>,
-    mut cycles: mpsc::Receiver<Cycle>,
-    to_record: mpsc::Sender<JoinHandle<CycleAnalysis>>,
+    places: Arc<Semaphore>,
+    mut cycles: mpsc::Receiver<CutCycle>,
+    to_record: mpsc::Sender<InAnalysis>,
 ) {
-    while let Some(cycle) = cycles.recv().await {
-        let Ok(place) = to_record.reserve().await else { return };
+    while let Some(CutCycle { cycle, read }) = cycles.recv().await {
+        let Ok(turn) = to_record.reserve().await else { return };
+        let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
         let method = Arc::clone(&method);
-        place.send(tokio::task::spawn_blocking(move || analyse_cycle(&method, &cycle)));
+        let analysis = tokio::task::spawn_blocking(move || {
+            let analysis = analyse_cycle(&method, &cycle);
+            drop(place);
+            analysis
+        });
+        turn.send((analysis, read));
     }
 }

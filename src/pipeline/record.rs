@@ -1,16 +1,16 @@
 //! From analyses to the database: one transaction a cycle, one for the end of a run.
 
 use tokio::sync::mpsc;
-use tokio::task::JoinHandle;
 
-use super::intake::{Intake, ReadTotals};
-use super::{Outcome, Pipeline, PipelineError, StoredRun, friction};
-use crate::analysis::{CycleAnalysis, FrictionPoint, RunAnalysis, WarmUpFit};
+use super::cutting::ReadTotals;
+use super::intake::Intake;
+use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun, friction};
+use crate::analysis::{FrictionPoint, RunAnalysis, WarmUpFit};
 use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::{AnalysisSettings, Method, RunResults, analyse_run, warm_up_fits};
 use crate::numerics::detect::detect;
 use crate::robot::{JointIndex, ParameterId};
-use crate::store::{AnomalyRow, RunMeasurements, RunTotals, Store};
+use crate::store::{AnomalyRow, Owner, RunMeasurements, RunTotals, Store};
 
 /// Up to this many runs of a robot, the fits over all its runs are renewed with every run; later,
 /// each time the history has grown by this fraction. Renewing them always would make the work of a
@@ -30,14 +30,14 @@ pub struct Recorded {
 ///
 /// # Errors
 /// Those of the store. A panic of an analysis is a rejection of this run; other runs go on.
-pub async fn cycles(
+pub(super) async fn cycles(
     store: &Store,
     intake: &Intake,
-    mut analyses: mpsc::Receiver<JoinHandle<CycleAnalysis>>,
+    mut analyses: mpsc::Receiver<InAnalysis>,
     stored: impl Fn(u32),
 ) -> Result<Recorded, PipelineError> {
     let mut recorded = Recorded::default();
-    while let Some(handle) = analyses.recv().await {
+    while let Some((handle, read)) = analyses.recv().await {
         let analysis = match handle.await {
             Ok(analysis) => analysis,
             Err(error) => {
@@ -51,7 +51,7 @@ pub async fn cycles(
         for remark in &analysis.remarks {
             tracing::debug!(robot = %intake.header.robot, cycle = analysis.cycle, "{remark}");
         }
-        store.record_cycle(intake.run_id, &analysis, &intake.robot).await?;
+        store.record_cycle_read(intake.run_id, &analysis, &intake.robot, Some(&read)).await?;
         stored(analysis.cycle);
         if let Err(reason) = analysis.identification {
             recorded.refused.push((analysis.cycle, reason));
@@ -61,7 +61,8 @@ pub async fn cycles(
 }
 
 /// Ends a run: what it says as a whole, what the robot's history says with it, and its mark of
-/// completion, in one transaction.
+/// completion, in one transaction. Where another run was completed with the same content meanwhile,
+/// this one goes.
 ///
 /// # Errors
 /// Those of the store.
@@ -72,6 +73,7 @@ pub async fn finish(
     totals: ReadTotals,
     refused: Vec<(u32, String)>,
 ) -> Result<Outcome, PipelineError> {
+    let _turn = pipeline.ending.lock().await;
     let measurements = pipeline.store().run_measurements(intake.run_id).await?;
     let baseline_runs = pipeline.config().detect.baseline_runs;
     let friction =
@@ -85,6 +87,11 @@ pub async fn finish(
     let mixed = mixed_fits(pipeline, intake, reference_level(&analysis, &settings)).await?;
 
     let mut ending = pipeline.store().finish_run(intake.run_id).await?;
+    if let Owner::Other(run_id) = ending.adopt(&totals.content).await? {
+        drop(ending);
+        pipeline.store().discard_run(intake.run_id).await?;
+        return Ok(Outcome::AlreadyStored { run_id });
+    }
     ending.store_analysis(&analysis).await?;
     if let Some(fits) = mixed {
         ending.replace_mixed_fits(&fits).await?;

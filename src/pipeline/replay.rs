@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use tokio::task::JoinError;
 
-use super::cycles::CycleReader;
+use super::cycles::read_cycle;
 use super::intake::source_state;
 use crate::config::{Config, Layout};
 use crate::ingest::fingerprint::fingerprint;
@@ -159,15 +159,13 @@ impl Replay {
 
     fn read(&self, export: &Path) -> Result<Cycle, ReplayError> {
         let CycleState { cycle: wanted, rows, .. } = self.cycle;
-        let mut reader = CycleReader::open(export, &self.layout, &self.robot)?;
-        while let Some(cycles) = reader.next_cycles()? {
-            let Some(cycle) = cycles.into_iter().find(|cycle| cycle.number == wanted) else { continue };
-            if cycle.samples.rows() == rows {
-                return Ok(cycle);
-            }
+        let Some(cycle) = read_cycle(export, &self.layout, &self.robot, wanted)? else {
+            return Err(self.cut_otherwise("is no longer found in the export"));
+        };
+        if cycle.samples.rows() != rows {
             return Err(self.cut_otherwise(&format!("has {} rows now", cycle.samples.rows())));
         }
-        Err(self.cut_otherwise("is no longer found in the export"))
+        Ok(cycle)
     }
 
     fn cut_otherwise(&self, now: &str) -> ReplayError {

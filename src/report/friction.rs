@@ -177,6 +177,7 @@ mod tests {
             fast: None,
             rmsd: 0.0,
             samples: 6000,
+            record: [0.0, 120.0],
         };
         let figure = friction_figure(&points, &[fit], "R01".into(), String::new());
         assert_eq!(figure.panels.len(), 2);

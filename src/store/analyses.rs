@@ -9,6 +9,7 @@ use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number};
 use super::{factors, ledger, models};
 use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, Rmsd, TorqueRmsd};
 use crate::robot::{ParameterId, Robot};
+use crate::run::ContentPrefix;
 
 /// What became of a cycle that was offered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,6 +28,7 @@ pub(super) async fn record_cycle(
     run_id: i64,
     analysis: &CycleAnalysis,
     robot: &Robot,
+    read: Option<&ContentPrefix>,
 ) -> Result<Recorded, sqlx::Error> {
     let Some(run_start) = ledger::open_run_start(&mut *connection, run_id).await? else {
         return Ok(Recorded::RunNotOpen);
@@ -54,7 +56,7 @@ pub(super) async fn record_cycle(
     for rows in numbered.chunks(ROWS_PER_STATEMENT) {
         insert_friction_points(&mut *connection, cycle_id, rows).await?;
     }
-    ledger::advance(connection, run_id, model).await?;
+    ledger::advance(connection, run_id, model, read).await?;
     Ok(Recorded::Stored)
 }
 

@@ -8,11 +8,12 @@ use sqlx::{Sqlite, Transaction};
 use super::anomalies::{self, Reconciled};
 use super::friction::{self, CycleSpeedFits};
 use super::history::{self, RunMeasurements};
-use super::ledger::{self, RunTotals};
+use super::ledger::{self, Owner, RunTotals};
 use super::{StoreError, run_analysis};
 use crate::analysis::{FrictionPoint, RunAnalysis, WarmUpFit};
 use crate::anomaly::{Findings, RunSummary};
 use crate::numerics::friction_index::RobotFriction;
+use crate::run::ContentPrefix;
 
 /// An open transaction that ends a run. Dropping it without [`commit`](Self::commit) leaves the
 /// database as it was. It holds the only writer: do slow work before opening it, with
@@ -107,6 +108,25 @@ impl FinishTransaction {
     pub async fn reconcile(&mut self, findings: &Findings) -> Result<Reconciled, StoreError> {
         let result = anomalies::reconcile(&mut self.transaction, self.robot_id, findings).await;
         self.checked(result)
+    }
+
+    /// Gives the run the identity of its content, which is known now that it is read to its end, and the
+    /// place of the run whose file it was written over. [`Owner::Other`], and nothing written, if another
+    /// complete run has this content: this one is to be discarded.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn adopt(&mut self, content: &ContentPrefix) -> Result<Owner, StoreError> {
+        let owner = ledger::adopt(&mut self.transaction, self.run_id, content).await;
+        let owner = self.checked(owner)?;
+        if owner == Owner::Ours {
+            let replaced = ledger::replaced_by(&mut *self.transaction, self.run_id).await;
+            if let Some(old) = self.checked(replaced)? {
+                let superseded = ledger::supersede(&mut *self.transaction, self.run_id, old).await;
+                self.checked(superseded)?;
+            }
+        }
+        Ok(owner)
     }
 
     /// Marks the run complete.

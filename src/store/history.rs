@@ -65,7 +65,8 @@ pub(super) async fn complete_runs_beside(
 ) -> Result<usize, sqlx::Error> {
     let found: i64 = sqlx::query_scalar(
         "SELECT COUNT(*) FROM run
-         WHERE robot_id = (SELECT robot_id FROM run WHERE run_id = ?1) AND status = 'complete' AND run_id <> ?1",
+         WHERE robot_id = (SELECT robot_id FROM run WHERE run_id = ?1) AND status = 'complete' AND run_id <> ?1
+               AND run_id IS NOT (SELECT replaces_run_id FROM run WHERE run_id = ?1)",
     )
     .bind(run_id)
     .fetch_one(executor)
@@ -208,7 +209,7 @@ pub(super) async fn run_summaries(
 }
 
 /// Friction points of a robot's complete runs and of `finishing_run_id` at one nominal speed,
-/// oldest run first. Times count from the start of each point's own run.
+/// oldest run first, without the run that it takes the place of. Times count from the start of each point's own run.
 pub(super) async fn friction_history(
     executor: impl SqliteExecutor<'_>,
     robot_id: i64,
@@ -221,8 +222,9 @@ pub(super) async fn friction_history(
          FROM run
          CROSS JOIN cycle USING (run_id)
          CROSS JOIN friction_point USING (cycle_id)
-         WHERE run.robot_id = ? AND (run.status = 'complete' OR run.run_id = ?)
-               AND speed_fraction BETWEEN ? AND ?
+         WHERE run.robot_id = ?1 AND (run.status = 'complete' OR run.run_id = ?2)
+               AND run.run_id IS NOT (SELECT replaces_run_id FROM run WHERE run_id = ?2)
+               AND speed_fraction BETWEEN ?3 AND ?4
          ORDER BY run.started_at, run.run_id, cycle.number, friction_point.number",
     )
     .bind(robot_id)

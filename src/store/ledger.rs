@@ -1,12 +1,16 @@
 //! The ledger: one row an export, whatever became of it.
+//!
+//! A superseded run has the status of a quarantined one and names its successor: whatever leaves out
+//! quarantined runs leaves it out too.
 
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
 use super::values::{count, finite, named, size};
-use crate::run::{ContentHash, RunHeader, RunStatus};
+use crate::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
 
-const STATUSES: [RunStatus; 3] = [RunStatus::Streaming, RunStatus::Complete, RunStatus::Quarantined];
+const STATUSES: [RunStatus; 4] =
+    [RunStatus::Streaming, RunStatus::Complete, RunStatus::Quarantined, RunStatus::Superseded];
 
 /// What the ledger knows of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -19,6 +23,35 @@ pub struct KnownRun {
     pub reason: Option<String>,
     /// Cycles stored so far; reading goes on after them.
     pub cycles_stored: u32,
+}
+
+/// By what a run is known while it is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Identity {
+    /// By the hash of its content, which has settled.
+    Content(ContentHash),
+    /// By its beginning: the export still grows. What stored cycles were read from, nothing without any.
+    Growing(ContentPrefix),
+}
+
+/// How the run of an export begins, given what its file held before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Beginning {
+    /// As this run, whose stored cycles come from the first bytes of the same content. A complete run is
+    /// opened again without its last cycle, which the end of the file had cut; a quarantined or superseded
+    /// one begins afresh. `None`: as a new run.
+    pub onwards: Option<i64>,
+    /// In the place of this run, whose file was rewritten.
+    pub instead_of: Option<i64>,
+}
+
+/// Whose identity a content is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Owner {
+    /// The run's own.
+    Ours,
+    /// That run is complete with the same content.
+    Other(i64),
 }
 
 /// Figures of a run that are known once its last row is read.
@@ -50,21 +83,102 @@ pub(super) async fn begin_run(
     header: &RunHeader,
 ) -> Result<KnownRun, sqlx::Error> {
     let known = find_run(&mut *connection, &header.content_hash).await?;
-    let run_id = match known {
-        Some(run) if run.status != RunStatus::Quarantined => return Ok(run),
-        // What was stored before may rest on a layout or robot that has been corrected since.
-        Some(run) => {
-            delete_cycles(&mut *connection, run.run_id).await?;
-            let robot_id = robot_id(&mut *connection, &header.robot).await?;
-            reopen_run(&mut *connection, run.run_id, robot_id, header).await?;
-            run.run_id
-        }
-        None => {
-            let robot_id = robot_id(&mut *connection, &header.robot).await?;
-            insert_run(&mut *connection, robot_id, header).await?
-        }
+    match known {
+        Some(run) if matches!(run.status, RunStatus::Streaming | RunStatus::Complete) => Ok(run),
+        Some(run) => afresh(connection, run.run_id, header).await,
+        None => insert_new(connection, header).await,
+    }
+}
+
+/// Begins a run as `beginning` says, under an identity that no other run has.
+pub(super) async fn begin(
+    connection: &mut SqliteConnection,
+    header: &RunHeader,
+    identity: Identity,
+    beginning: Beginning,
+) -> Result<KnownRun, sqlx::Error> {
+    let run = match beginning.onwards {
+        Some(run_id) => onwards(&mut *connection, run_id, header).await?,
+        None => insert_new(&mut *connection, header).await?,
     };
-    Ok(KnownRun { run_id, status: RunStatus::Streaming, reason: None, cycles_stored: 0 })
+    if let Some(old) = beginning.instead_of {
+        replace(&mut *connection, run.run_id, old).await?;
+    }
+    let run_id = run.run_id;
+    match identity {
+        Identity::Content(hash) => identify(connection, run_id, &hash, header.source_bytes).await?,
+        Identity::Growing(prefix) => identify_growing(connection, run_id, &prefix).await?,
+    }
+    Ok(run)
+}
+
+async fn insert_new(connection: &mut SqliteConnection, header: &RunHeader) -> Result<KnownRun, sqlx::Error> {
+    let robot_id = robot_id(&mut *connection, &header.robot).await?;
+    Ok(begun(insert_run(connection, robot_id, header).await?))
+}
+
+/// Begins a run again from the first row: what was stored before may rest on a layout or robot that has
+/// been corrected since.
+async fn afresh(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    header: &RunHeader,
+) -> Result<KnownRun, sqlx::Error> {
+    delete_cycles(&mut *connection, run_id).await?;
+    let robot_id = robot_id(&mut *connection, &header.robot).await?;
+    reopen_run(connection, run_id, robot_id, header).await?;
+    Ok(begun(run_id))
+}
+
+/// Goes on with a run whose content has become longer.
+async fn onwards(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    header: &RunHeader,
+) -> Result<KnownRun, sqlx::Error> {
+    let known = run_by_key(&mut *connection, run_id).await?;
+    match known.status {
+        RunStatus::Streaming => Ok(known),
+        RunStatus::Quarantined | RunStatus::Superseded => afresh(connection, run_id, header).await,
+        RunStatus::Complete => {
+            delete_last_cycle(&mut *connection, run_id).await?;
+            open_again(&mut *connection, run_id).await?;
+            run_by_key(connection, run_id).await
+        }
+    }
+}
+
+/// Lets `run_id` take the place of `old`: at its end if that one is complete, at once if its file changed
+/// before its end.
+async fn replace(connection: &mut SqliteConnection, run_id: i64, old: i64) -> Result<(), sqlx::Error> {
+    if run_by_key(&mut *connection, old).await?.status == RunStatus::Complete {
+        set_replaced(connection, run_id, old).await
+    } else {
+        supersede(connection, run_id, old).await
+    }
+}
+
+/// Gives a run that is ending the identity of its content, unless a complete run has it. An unfinished
+/// run of the same content gives way, and so does a superseded one: its rows would be the same.
+pub(super) async fn adopt(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    content: &ContentPrefix,
+) -> Result<Owner, sqlx::Error> {
+    match find_run(&mut *connection, &content.hash).await? {
+        Some(other) if other.run_id == run_id => {}
+        Some(other) if other.status == RunStatus::Complete => return Ok(Owner::Other(other.run_id)),
+        Some(other) => {
+            discard(&mut *connection, other.run_id).await?;
+        }
+        None => {}
+    }
+    identify(connection, run_id, &content.hash, content.bytes).await?;
+    Ok(Owner::Ours)
+}
+
+fn begun(run_id: i64) -> KnownRun {
+    KnownRun { run_id, status: RunStatus::Streaming, reason: None, cycles_stored: 0 }
 }
 
 /// Writes down that an export was not understood. Cycles already stored stay; a complete run stays
@@ -75,7 +189,9 @@ pub(super) async fn quarantine(
     quarantine: Quarantine<'_>,
 ) -> Result<i64, sqlx::Error> {
     let run_id = match find_run(&mut *connection, &header.content_hash).await? {
-        Some(run) if run.status == RunStatus::Complete => return Ok(run.run_id),
+        Some(run) if matches!(run.status, RunStatus::Complete | RunStatus::Superseded) => {
+            return Ok(run.run_id);
+        }
         Some(run) => run.run_id,
         None => {
             let robot_id = robot_id(&mut *connection, &header.robot).await?;
@@ -90,11 +206,27 @@ pub(super) async fn find_run(
     executor: impl SqliteExecutor<'_>,
     hash: &ContentHash,
 ) -> Result<Option<KnownRun>, sqlx::Error> {
-    sqlx::query("SELECT run_id, status, reason, cycles_stored FROM run WHERE content_hash = ?")
-        .bind(&hash.0[..])
-        .try_map(|row| known_run(&row))
-        .fetch_optional(executor)
-        .await
+    sqlx::query(
+        "SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored
+         FROM run
+         WHERE content_hash = ?",
+    )
+    .bind(&hash.0[..])
+    .try_map(|row| known_run(&row))
+    .fetch_optional(executor)
+    .await
+}
+
+async fn run_by_key(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<KnownRun, sqlx::Error> {
+    sqlx::query(
+        "SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored
+         FROM run
+         WHERE run_id = ?",
+    )
+    .bind(run_id)
+    .try_map(|row| known_run(&row))
+    .fetch_one(executor)
+    .await
 }
 
 /// Reads run_id, status, reason and cycles_stored.
@@ -146,7 +278,9 @@ async fn reopen_run(
     sqlx::query(
         "UPDATE run
          SET robot_id = ?, model = ?, started_at = ?, source_name = ?, source_path = ?, source_bytes = ?,
-             cycles_stored = 0, status = 'streaming', reason = NULL, reason_line = NULL, reason_column = NULL
+             cycles_stored = 0, rows = NULL, sample_rate_hz = NULL, cycles_total = NULL, prefix_bytes = NULL,
+             prefix_hash = NULL, replaces_run_id = NULL, superseded_by_run_id = NULL, status = 'streaming', reason = NULL,
+             reason_line = NULL, reason_column = NULL
          WHERE run_id = ?",
     )
     .bind(robot_id)
@@ -155,6 +289,107 @@ async fn reopen_run(
     .bind(&header.source_name)
     .bind(&header.source_path)
     .bind(count(header.source_bytes))
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Opens a complete run for further cycles. What is stored of the run as a whole is replaced at its next
+/// end.
+async fn open_again(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET status = 'streaming', rows = NULL, sample_rate_hz = NULL, cycles_total = NULL,
+             cycles_stored = (SELECT count(*) FROM cycle WHERE cycle.run_id = run.run_id),
+             prefix_bytes = source_bytes, prefix_hash = content_hash
+         WHERE run_id = ?",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Writes down by which content a run is known.
+async fn identify(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    hash: &ContentHash,
+    bytes: u64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET content_hash = ?, source_bytes = ?, growing = 0 WHERE run_id = ?")
+        .bind(&hash.0[..])
+        .bind(count(bytes))
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// Writes down that the export of a run grows. A copy of what it held before must not be taken for it,
+/// so that the key becomes a number that no content has.
+async fn identify_growing(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    prefix: &ContentPrefix,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run SET content_hash = randomblob(32), growing = 1, prefix_bytes = ?, prefix_hash = ? WHERE run_id = ?",
+    )
+    .bind(count(prefix.bytes))
+    .bind(&prefix.hash.0[..])
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn set_replaced(executor: impl SqliteExecutor<'_>, run_id: i64, old: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET replaces_run_id = ? WHERE run_id = ?")
+        .bind(old)
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// Run that this one takes the place of when it is complete.
+pub(super) async fn replaced_by(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Option<i64>, sqlx::Error> {
+    let found: Option<Option<i64>> = sqlx::query_scalar("SELECT replaces_run_id FROM run WHERE run_id = ?")
+        .bind(run_id)
+        .fetch_optional(executor)
+        .await?;
+    Ok(found.flatten())
+}
+
+/// Marks `old` as superseded by `run_id`. Its rows stay.
+pub(super) async fn supersede(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    old: i64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET status = 'quarantined', reason = 'superseded by run ' || ?1 || ': the file was rewritten',
+             reason_line = NULL, reason_column = NULL, superseded_by_run_id = ?1
+         WHERE run_id = ?2 AND superseded_by_run_id IS NULL",
+    )
+    .bind(run_id)
+    .bind(old)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn delete_last_cycle(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "DELETE FROM cycle
+         WHERE run_id = ?1 AND number = (SELECT max(last.number) FROM cycle AS last WHERE last.run_id = ?1)",
+    )
     .bind(run_id)
     .execute(executor)
     .await?;
@@ -205,17 +440,25 @@ pub(super) async fn robot_of_run(
         .await
 }
 
-/// Moves the mark of progress by one cycle.
+/// Moves the mark of progress by one cycle, and with it what the cycles were read from, where it is known.
 pub(super) async fn advance(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
     robot_model_id: i64,
+    read: Option<&ContentPrefix>,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE run SET cycles_stored = cycles_stored + 1, robot_model_id = ? WHERE run_id = ?")
-        .bind(robot_model_id)
-        .bind(run_id)
-        .execute(executor)
-        .await?;
+    sqlx::query(
+        "UPDATE run
+         SET cycles_stored = cycles_stored + 1, robot_model_id = ?, prefix_bytes = ifnull(?, prefix_bytes),
+             prefix_hash = ifnull(?, prefix_hash)
+         WHERE run_id = ?",
+    )
+    .bind(robot_model_id)
+    .bind(read.map(|prefix| count(prefix.bytes)))
+    .bind(read.map(|prefix| &prefix.hash.0[..]))
+    .bind(run_id)
+    .execute(executor)
+    .await?;
     Ok(())
 }
 
@@ -225,7 +468,10 @@ pub(super) async fn mark_complete(
     totals: RunTotals,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "UPDATE run SET status = 'complete', rows = ?, sample_rate_hz = ?, cycles_total = ? WHERE run_id = ?",
+        "UPDATE run
+         SET status = 'complete', rows = ?, sample_rate_hz = ?, cycles_total = ?, growing = 0, prefix_bytes = NULL,
+             prefix_hash = NULL
+         WHERE run_id = ?",
     )
     .bind(count(totals.rows))
     .bind(finite(totals.sample_rate))

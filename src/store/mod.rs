@@ -38,7 +38,6 @@ mod values;
 mod verification;
 
 use std::collections::HashMap;
-use std::path::Path;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -51,19 +50,19 @@ pub use factors::{FactorsWanted, StoredCycle, StoredModel};
 pub use finish::FinishTransaction;
 pub use friction::{CycleSpeedFits, FrictionRun};
 pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
-pub use ledger::{KnownRun, RunTotals};
+pub use ledger::{Beginning, Identity, KnownRun, Owner, RunTotals};
 pub use models::ModelParameter;
 pub use parameter_sets::{ParameterSet, SourceCycle};
 pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
 pub use reestimates::{
     CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,
 };
-pub use sources::{RunSource, SourceState};
+pub use sources::{EarlierRun, RunSource, SourceState};
 pub use verification::{CycleState, OfCycle};
 
 use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd, WarmingContrast};
 use crate::robot::{ParameterId, Robot};
-use crate::run::{ContentHash, RunHeader};
+use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader};
 use analyses::Recorded;
 
 /// An open database. Clones share it.
@@ -141,6 +140,34 @@ impl Store {
         self.checked(sources::remember(&self.writer, path, state, run_id).await)
     }
 
+    /// Runs whose export lay at `path`, or in the file of this number under another name: that of the path
+    /// first, then the newest.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn earlier_runs(&self, path: &str, file: FileId) -> Result<Vec<EarlierRun>, StoreError> {
+        self.checked(sources::earlier_runs(&self.readers, path, file).await)
+    }
+
+    /// Begins the run of the file at `source`, as `beginning` says, and writes down that the file holds it.
+    /// The identity must be no other run's, see [`Store::lookup`].
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] if another run has the identity; others of the database.
+    pub async fn begin_source(
+        &self,
+        header: &RunHeader,
+        identity: Identity,
+        beginning: Beginning,
+        source: SourceState,
+    ) -> Result<KnownRun, StoreError> {
+        let mut transaction = self.begin().await?;
+        let run = self.checked(ledger::begin(&mut transaction, header, identity, beginning).await)?;
+        self.checked(sources::remember(&mut *transaction, &header.source_path, source, run.run_id).await)?;
+        self.commit(transaction).await?;
+        Ok(run)
+    }
+
     /// Begins a run. A run with this content that was begun before, or is complete, is returned as it
     /// stands; a quarantined one begins afresh, since its export is only read again after a
     /// correction.
@@ -165,8 +192,23 @@ impl Store {
         analysis: &CycleAnalysis,
         robot: &Robot,
     ) -> Result<bool, StoreError> {
+        self.record_cycle_read(run_id, analysis, robot, None).await
+    }
+
+    /// As [`Store::record_cycle`], and moves with the mark of progress what the cycles so far were read
+    /// from.
+    ///
+    /// # Errors
+    /// As [`Store::record_cycle`].
+    pub async fn record_cycle_read(
+        &self,
+        run_id: i64,
+        analysis: &CycleAnalysis,
+        robot: &Robot,
+        read: Option<&ContentPrefix>,
+    ) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
-        match self.checked(analyses::record_cycle(&mut transaction, run_id, analysis, robot).await)? {
+        match self.checked(analyses::record_cycle(&mut transaction, run_id, analysis, robot, read).await)? {
             Recorded::Stored => self.commit(transaction).await.map(|()| true),
             Recorded::Known => Ok(false),
             Recorded::RunNotOpen => Err(self.run_not_open(run_id)),
@@ -211,8 +253,16 @@ impl Store {
         Ok(run_id)
     }
 
-    /// Takes away a run that is not complete, with all its rows: its file changed while it was read.
-    /// Returns whether there was one.
+    /// Marks the unfinished run `old` as superseded by `run_id`: its file was written over with the content
+    /// of that run. Its rows stay.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn supersede_run(&self, run_id: i64, old: i64) -> Result<(), StoreError> {
+        self.checked(ledger::supersede(&self.writer, run_id, old).await)
+    }
+
+    /// Takes away a run that is not complete, with all its rows. Returns whether there was one.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

@@ -8,8 +8,8 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use super::factors::StoredModel;
 use super::ledger::{KnownRun, known_run};
-use super::values::count;
-use crate::run::ContentHash;
+use super::values::{count, size};
+use crate::run::{ContentHash, ContentPrefix, FileId};
 
 /// A file as the file system describes it, without a look into it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,6 +18,19 @@ pub struct SourceState {
     pub bytes: u64,
     /// Time of the last modification.
     pub modified: Timestamp,
+    /// Number of the file in its file system.
+    pub file: FileId,
+}
+
+/// A run whose export lay at a path, or in the file that lies there now.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EarlierRun {
+    /// The run.
+    pub run: KnownRun,
+    /// What is stored of it was read from these first bytes.
+    pub read: ContentPrefix,
+    /// Whether it lay at the path itself, and not only in the file under another name.
+    pub same_path: bool,
 }
 
 /// What tells the export of a run, and what its rows were analysed with.
@@ -43,7 +56,8 @@ pub(super) async fn find(
     state: SourceState,
 ) -> Result<Option<KnownRun>, sqlx::Error> {
     sqlx::query(
-        "SELECT run.run_id, run.status, run.reason, run.cycles_stored
+        "SELECT run.run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, run.reason,
+                run.cycles_stored
          FROM source_file JOIN run USING (run_id)
          WHERE source_file.path = ? AND source_file.bytes = ? AND source_file.modified = ?",
     )
@@ -55,6 +69,38 @@ pub(super) async fn find(
     .await
 }
 
+/// Runs whose export lay at `path` or in the file of this number: that of the path first, then the newest.
+pub(super) async fn earlier_runs(
+    executor: impl SqliteExecutor<'_>,
+    path: &str,
+    file: FileId,
+) -> Result<Vec<EarlierRun>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, run.reason,
+                run.cycles_stored, max(source_file.path = ?1) AS same_path,
+                iif(run.status = 'streaming', ifnull(run.prefix_bytes, run.source_bytes), run.source_bytes) AS bytes,
+                iif(run.status = 'streaming', ifnull(run.prefix_hash, run.content_hash), run.content_hash) AS hash
+         FROM source_file JOIN run USING (run_id)
+         WHERE source_file.path = ?1 OR (source_file.inode = ?2 AND source_file.device = ?3)
+         GROUP BY run.run_id
+         ORDER BY same_path DESC, run.run_id DESC",
+    )
+    .bind(path)
+    .bind(file.inode.cast_signed())
+    .bind(file.device.cast_signed())
+    .try_map(|row: SqliteRow| {
+        let hash: Vec<u8> = row.try_get("hash")?;
+        let hash = hash.try_into().map_err(|_| sqlx::Error::Decode("a hash of another length".into()))?;
+        Ok(EarlierRun {
+            run: known_run(&row)?,
+            read: ContentPrefix { bytes: size(&row, "bytes")?, hash: ContentHash(hash) },
+            same_path: row.try_get("same_path")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
 pub(super) async fn remember(
     executor: impl SqliteExecutor<'_>,
     path: &str,
@@ -62,14 +108,17 @@ pub(super) async fn remember(
     run_id: i64,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "INSERT INTO source_file (path, bytes, modified, run_id) VALUES (?, ?, ?, ?)
+        "INSERT INTO source_file (path, bytes, modified, run_id, device, inode) VALUES (?, ?, ?, ?, ?, ?)
          ON CONFLICT (path) DO UPDATE
-         SET bytes = excluded.bytes, modified = excluded.modified, run_id = excluded.run_id",
+         SET bytes = excluded.bytes, modified = excluded.modified, run_id = excluded.run_id,
+             device = excluded.device, inode = excluded.inode",
     )
     .bind(path)
     .bind(count(state.bytes))
     .bind(state.modified.as_microsecond())
     .bind(run_id)
+    .bind(state.file.device.cast_signed())
+    .bind(state.file.inode.cast_signed())
     .execute(executor)
     .await?;
     Ok(())

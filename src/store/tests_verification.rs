@@ -5,7 +5,10 @@ use jiff::Timestamp;
 use super::test_support::*;
 use super::{CycleState, OfCycle, SourceState, description_hash};
 use crate::analysis::{Rmsd, RmsdPair, WarmingContrast};
+use crate::run::FileId;
 use crate::testing::er3a;
+
+const FILE: FileId = FileId { device: 1, inode: 1 };
 
 #[tokio::test]
 async fn self_verification_comes_back_by_cycle_joint_and_stage() {
@@ -47,13 +50,13 @@ async fn an_export_is_known_by_content_and_by_the_places_where_it_was_seen() {
     assert_eq!(source.model, None);
 
     store.record_cycle(run_id, &cycle(1), &er3a()).await.expect("a cycle");
-    let seen = |day_number| SourceState { bytes: 7, modified: day(day_number) };
+    let seen = |day_number| SourceState { bytes: 7, modified: day(day_number), file: FILE };
     let first = header("R00", 0).source_path;
     for (path, at) in [(first.as_str(), 0), ("/older.csv", 1), ("/newer.csv", 2)] {
         store.remember_source(path, seen(at), run_id).await.expect("remembered");
     }
     let other = streaming_run(&store, "R01", 1, 0).await;
-    let state = SourceState { bytes: 1, modified: Timestamp::UNIX_EPOCH };
+    let state = SourceState { bytes: 1, modified: Timestamp::UNIX_EPOCH, file: FILE };
     store.remember_source("/other.csv", state, other).await.expect("remembered");
     let source = store.run_source(run_id).await.expect("an answer").expect("a run");
     let paths: Vec<String> = source.paths.iter().map(|path| path.display().to_string()).collect();

@@ -17,3 +17,4 @@ mod shipped;
 mod stored_factors;
 mod torque_sources;
 mod torque;
+mod streaming;

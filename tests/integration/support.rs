@@ -49,6 +49,15 @@ impl Workshop {
         Self { folder }
     }
 
+    /// Sets a key of the section `[watch]`.
+    pub fn set(&self, key: &str, value: &str) {
+        let path = self.path("armwatch.toml");
+        let text = fs::read_to_string(&path).expect("the configuration");
+        let others: Vec<&str> = text.lines().filter(|line| !line.starts_with(key)).collect();
+        let set = others.join("\n").replacen("[watch]", &format!("[watch]\n{key} = {value}"), 1);
+        fs::write(path, set + "\n").expect("a configuration");
+    }
+
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }

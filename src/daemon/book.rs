@@ -1,0 +1,343 @@
+//! What the daemon knows of each file between two looks, and what is due. Pure: the clock is an argument.
+
+use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use crate::ingest::settle::{Observation, Settling};
+use crate::ingest::watch::FoundFile;
+use crate::run::FileId;
+
+/// A file that grew again after it was done has a slow writer: each time, it must stand still twice as
+/// long, up to this. Reading it again from its start would else take more and more of the time.
+const LONGEST_PATIENCE: Duration = Duration::from_secs(600);
+
+/// A file to be taken.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Due {
+    /// Where it lies.
+    pub path: PathBuf,
+    /// What was seen of it last.
+    pub seen: Observation,
+    /// Its number.
+    pub file: FileId,
+    /// How long it must stand still to be done.
+    pub patience: Duration,
+}
+
+/// What became of a file that was taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Closing {
+    /// It was read as it had settled; it is left alone until it changes, or has changed meanwhile.
+    Taken,
+    /// It was read to its end while it grew.
+    Done,
+    /// Nothing can be said of it before it has settled.
+    UntilSettled,
+    /// It is to be looked at again.
+    Again,
+}
+
+/// What is known of a path.
+#[derive(Debug)]
+struct Entry {
+    seen: Observation,
+    file: FileId,
+    settling: Settling,
+    /// It was seen to grow since it was last read.
+    grown: bool,
+    /// It is to be read only when it has settled.
+    waits: bool,
+    /// It was read as it is.
+    taken: bool,
+    /// It was done once.
+    done: bool,
+    patience: Duration,
+    /// Its queue once it has settled.
+    lane: String,
+}
+
+/// The files of the last look.
+#[derive(Debug)]
+pub struct Book {
+    settle: Duration,
+    entries: BTreeMap<PathBuf, Entry>,
+    /// Growing files that are not read yet.
+    growing: BTreeSet<PathBuf>,
+    /// Settled files that are not read yet: a queue for each lane, by name, which begins with robot and time.
+    settled: BTreeMap<String, BTreeSet<(Option<OsString>, PathBuf)>>,
+    /// Files being read. By number, so that a file with two names is read once.
+    open: HashSet<FileId>,
+}
+
+impl Book {
+    /// An empty book; files settle in `settle`.
+    #[must_use]
+    pub fn new(settle: Duration) -> Self {
+        Self {
+            settle,
+            entries: BTreeMap::new(),
+            growing: BTreeSet::new(),
+            settled: BTreeMap::new(),
+            open: HashSet::new(),
+        }
+    }
+
+    /// Notes what a look at the folders found at `now`. `is_marked` says whether the writer has marked a file
+    /// as done, `lane_of` in which queue it stands when it has settled.
+    pub fn note(
+        &mut self,
+        files: &[FoundFile],
+        now: Instant,
+        is_marked: impl Fn(&Path) -> bool,
+        lane_of: impl Fn(&Path) -> String,
+    ) {
+        let found: HashSet<&Path> = files.iter().map(|file| file.path.as_path()).collect();
+        self.entries.retain(|path, _| found.contains(path.as_path()));
+        self.growing.clear();
+        self.settled.clear();
+        for file in files {
+            let seen = Observation { size: file.size, modified: file.modified, at: now };
+            let settle = self.settle;
+            let entry = self
+                .entries
+                .entry(file.path.clone())
+                .and_modify(|entry| entry.see(seen, file.file))
+                .or_insert_with(|| Entry::new(seen, file.file, settle, lane_of(&file.path)));
+            if entry.taken {
+                continue;
+            }
+            if entry.settling.is_settled(entry.patience) || is_marked(&file.path) {
+                let name = file.path.file_name().map(Into::into);
+                self.settled.entry(entry.lane.clone()).or_default().insert((name, file.path.clone()));
+            } else if entry.grown && !entry.waits {
+                self.growing.insert(file.path.clone());
+            }
+        }
+    }
+
+    /// The next growing file, which counts as open from now on.
+    pub fn next_growing(&mut self) -> Option<Due> {
+        while let Some(path) = self.growing.pop_first() {
+            if let Some(due) = self.open(&path) {
+                return Some(due);
+            }
+        }
+        None
+    }
+
+    /// The next settled file of a lane that is not busy, with its lane: the first by name. It counts as open
+    /// from now on.
+    pub fn next_settled(&mut self, busy: &HashSet<String>) -> Option<(Due, String)> {
+        loop {
+            let free = self.settled.iter().filter(|(lane, _)| !busy.contains(*lane));
+            let (first, lane) = free.filter_map(|(lane, queue)| Some((queue.first()?, lane))).min()?;
+            let (path, lane) = (first.1.clone(), lane.clone());
+            if let Some(queue) = self.settled.get_mut(&lane) {
+                queue.pop_first();
+            }
+            if let Some(due) = self.open(&path) {
+                return Some((due, lane));
+            }
+        }
+    }
+
+    fn open(&mut self, path: &Path) -> Option<Due> {
+        let entry = self.entries.get(path)?;
+        let (seen, file, patience) = (entry.seen, entry.file, entry.patience);
+        self.open.insert(file).then(|| Due { path: path.to_owned(), seen, file, patience })
+    }
+
+    /// Notes what became of a file that was open.
+    pub fn close(&mut self, due: &Due, closing: Closing) {
+        self.open.remove(&due.file);
+        let Some(entry) = self.entries.get_mut(&due.path) else { return };
+        let unchanged = entry.seen.size == due.seen.size && entry.seen.modified == due.seen.modified;
+        entry.grown &= closing == Closing::Taken && !unchanged;
+        match closing {
+            Closing::Taken => entry.taken = unchanged,
+            // what was read of it is compared with what lies there when it has settled
+            Closing::Done => entry.done = true,
+            Closing::UntilSettled => entry.waits = true,
+            Closing::Again => entry.settling = Settling::first(entry.seen),
+        }
+    }
+}
+
+impl Entry {
+    fn new(seen: Observation, file: FileId, patience: Duration, lane: String) -> Self {
+        Self {
+            seen,
+            file,
+            settling: Settling::first(seen),
+            grown: false,
+            waits: false,
+            taken: false,
+            done: false,
+            patience,
+            lane,
+        }
+    }
+
+    fn see(&mut self, seen: Observation, file: FileId) {
+        let before = std::mem::replace(&mut self.seen, seen);
+        let same_file = std::mem::replace(&mut self.file, file) == file;
+        self.settling = self.settling.again(seen);
+        if same_file && before.size == seen.size && before.modified == seen.modified {
+            return;
+        }
+        if std::mem::take(&mut self.done) {
+            self.patience = (2 * self.patience).min(LONGEST_PATIENCE.max(self.patience));
+        }
+        self.done = false;
+        self.taken = false;
+        self.grown = true;
+        if !same_file || seen.size < before.size {
+            self.waits = false;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::SystemTime;
+
+    use super::*;
+
+    const SETTLE: Duration = Duration::from_secs(3);
+
+    struct Desk {
+        book: Book,
+        start: Instant,
+        files: Vec<FoundFile>,
+    }
+
+    impl Desk {
+        fn new() -> Self {
+            Self { book: Book::new(SETTLE), start: Instant::now(), files: Vec::new() }
+        }
+
+        /// Writes a file: its number is the first digit of its name.
+        fn write(&mut self, name: &str, size: u64) {
+            let inode = name.bytes().find(u8::is_ascii_digit).map_or(0, u64::from);
+            let path = PathBuf::from(name);
+            self.files.retain(|file| file.path != path);
+            let file = FileId { device: 1, inode };
+            self.files.push(FoundFile { path, size, modified: SystemTime::UNIX_EPOCH, file });
+        }
+
+        fn look(&mut self, at_s: u64) {
+            let now = self.start + Duration::from_secs(at_s);
+            let lane = |path: &Path| path.display().to_string()[..1].to_owned();
+            self.book.note(&self.files, now, |path| path.ends_with("marked1"), lane);
+        }
+
+        fn growing(&mut self) -> Option<Due> {
+            self.book.next_growing()
+        }
+
+        fn settled(&mut self, busy: &[&str]) -> Option<Due> {
+            let busy = busy.iter().map(|lane| (*lane).to_owned()).collect();
+            self.book.next_settled(&busy).map(|(due, _)| due)
+        }
+    }
+
+    fn name(due: Option<&Due>) -> Option<&str> {
+        due.and_then(|due| due.path.to_str())
+    }
+
+    #[test]
+    fn a_file_that_was_seen_to_grow_is_read_at_once_and_one_that_stands_when_it_has_settled() {
+        let mut desk = Desk::new();
+        desk.write("a1", 10);
+        desk.write("b2", 10);
+        desk.look(0);
+        assert!(desk.growing().is_none() && desk.settled(&[]).is_none());
+        desk.write("a1", 11);
+        desk.look(1);
+        let growing = desk.growing().expect("it grew");
+        assert_eq!((name(Some(&growing)), growing.patience), (Some("a1"), SETTLE));
+        assert!(desk.growing().is_none());
+        desk.look(3);
+        assert_eq!(name(desk.settled(&[]).as_ref()), Some("b2"));
+        desk.look(9);
+        assert!(desk.settled(&[]).is_none(), "both are open");
+    }
+
+    #[test]
+    fn a_mark_ends_the_wait() {
+        let mut desk = Desk::new();
+        desk.write("marked1", 10);
+        desk.look(0);
+        assert_eq!(name(desk.settled(&[]).as_ref()), Some("marked1"));
+    }
+
+    #[test]
+    fn lanes_go_side_by_side_each_in_the_order_of_names() {
+        let mut desk = Desk::new();
+        for name in ["b4", "a3", "a2", "b5"] {
+            desk.write(name, 10);
+        }
+        [0, 3].into_iter().for_each(|at| desk.look(at));
+        assert_eq!(name(desk.settled(&["a"]).as_ref()), Some("b4"));
+        assert_eq!(name(desk.settled(&["b"]).as_ref()), Some("a2"));
+        assert_eq!(name(desk.settled(&["a", "b"]).as_ref()), None);
+        assert_eq!(name(desk.settled(&[]).as_ref()), Some("a3"));
+    }
+
+    #[test]
+    fn a_file_taken_is_left_alone_until_it_changes_even_while_it_was_read() {
+        let mut desk = Desk::new();
+        desk.write("a1", 10);
+        [0, 3].into_iter().for_each(|at| desk.look(at));
+        let due = desk.settled(&[]).expect("settled");
+        desk.book.close(&due, Closing::Taken);
+        desk.look(9);
+        assert!(desk.settled(&[]).is_none() && desk.growing().is_none());
+        desk.write("a1", 12);
+        desk.look(10);
+        assert_eq!(name(desk.growing().as_ref()), Some("a1"));
+
+        desk.write("b2", 10);
+        [20, 23].into_iter().for_each(|at| desk.look(at));
+        let due = desk.settled(&["a"]).expect("settled");
+        desk.write("b2", 11);
+        desk.look(24);
+        desk.book.close(&due, Closing::Taken);
+        desk.look(25);
+        assert_eq!(name(desk.growing().as_ref()), Some("b2"), "it changed while it was read");
+    }
+
+    #[test]
+    fn a_writer_that_pauses_longer_is_waited_for_longer() {
+        let mut desk = Desk::new();
+        let mut waits = Vec::new();
+        for round in 0..12 {
+            desk.write("a1", 10 + round);
+            desk.look(10_000 * round);
+            if let Some(due) = desk.growing() {
+                waits.push(due.patience.as_secs());
+                desk.book.close(&due, Closing::Done);
+            }
+        }
+        assert_eq!(waits, [3, 6, 12, 24, 48, 96, 192, 384, 600, 600, 600]);
+    }
+
+    #[test]
+    fn a_file_to_be_judged_when_settled_is_not_followed_again_unless_it_is_another() {
+        let mut desk = Desk::new();
+        desk.write("a1", 10);
+        desk.look(0);
+        desk.write("a1", 20);
+        desk.look(1);
+        let due = desk.growing().expect("it grew");
+        desk.book.close(&due, Closing::UntilSettled);
+        desk.write("a1", 30);
+        desk.look(2);
+        assert!(desk.growing().is_none());
+        desk.write("a1", 5);
+        desk.look(3);
+        assert_eq!(name(desk.growing().as_ref()), Some("a1"), "it was rewritten");
+    }
+}

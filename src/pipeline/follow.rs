@@ -1,0 +1,224 @@
+//! Exports that are taken while they grow: the same way as a settled one, from a reader that waits at the end
+//! of what is written.
+//!
+//! Whatever is out of the ordinary here (rows that are not understood, a compressed file, an unknown
+//! robot) is left until the file has settled, and then judged on the whole of it: what is half written may
+//! look wrong and become right. Cycles stored until then stay, and the run goes on.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use jiff::Timestamp;
+use tokio::runtime::Handle;
+use tokio::sync::mpsc;
+use tokio_util::sync::CancellationToken;
+
+use super::cutting::{CutCycle, Cutting, ReadEnd};
+use super::intake::{self, Intake};
+use super::{EndsRejected, Lane, Outcome, Pipeline, PipelineError, Progress, record};
+use crate::config::FleetEntry;
+use crate::ingest::csv::{ExportReader, ReadOptions, Step};
+use crate::ingest::fingerprint::HashingReader;
+use crate::ingest::rejection::Rejection;
+use crate::ingest::tail::{self, Fate, Growing, Growth, Tail};
+use crate::run::ContentHash;
+use crate::store::{Identity, SourceState, StoreError};
+
+/// Time between two looks at a growing file. With it a row waits for a tenth of the second in which its
+/// cycle is promised to be stored; ten looks a second cost a local disk nothing.
+const LOOK_INTERVAL: Duration = Duration::from_millis(100);
+
+/// What came of following a file.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Followed {
+    /// It is done, or changed, or a stop was asked for.
+    Outcome(Outcome),
+    /// Its header is not whole yet.
+    NotYet,
+    /// It is to be judged when it has settled.
+    UntilSettled,
+}
+
+impl Pipeline {
+    /// Takes an export that may still grow, cycle by cycle as its rows are written, until it is done: see
+    /// [`tail`]. A file that stands still for `settle` is done.
+    ///
+    /// # Errors
+    /// As [`Pipeline::process`].
+    pub async fn follow(
+        &self,
+        path: &Path,
+        settle: Duration,
+        stop: &CancellationToken,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Followed, PipelineError> {
+        let Ok((entry, robot, started_at)) = intake::recognise(self, path, intake::file_time(path)) else {
+            return Ok(Followed::UntilSettled);
+        };
+        let (owned, arm) = (path.to_path_buf(), entry.clone());
+        let opened = tokio::task::spawn_blocking(move || open(owned, &arm)).await?;
+        let opened = match opened {
+            Ok(Opening::Open(opened)) => *opened,
+            Ok(Opening::NotYet) => return Ok(Followed::NotYet),
+            Ok(Opening::Compressed) => return Ok(Followed::UntilSettled),
+            Err(rejection) => return Ok(until_settled(&rejection)),
+        };
+        let intake = self.begin_growing(path, entry, &robot, started_at, &opened).await?;
+        let _open = self.open(intake.run_id);
+        let method = match self.method(&intake).await? {
+            Ok(method) => method,
+            Err(rejection) => return Ok(until_settled(&rejection)),
+        };
+        let reading = {
+            let (intake, stop) = (intake.clone(), stop.clone());
+            move |cycles: mpsc::Sender<CutCycle>| read_growing(opened, &intake, &cycles, settle, &stop)
+        };
+        let ((end, state), refused) = match self.stream(&intake, &method, Lane::Live, reading, progress).await
+        {
+            Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
+                tracing::warn!(file = %path.display(), detail, "results that the database refuses");
+                return Ok(Followed::UntilSettled);
+            }
+            done => done?,
+        };
+        match end {
+            ReadEnd::Complete(totals) => {
+                let outcome = record::finish(self, &intake, &method, totals, refused).await?;
+                if let (Some(run_id), Some(state)) = (outcome.run_id(), state) {
+                    self.store.remember_source(&intake.header.source_path, state, run_id).await?;
+                }
+                Ok(Followed::Outcome(outcome))
+            }
+            ReadEnd::Rejected(rejection) => Ok(until_settled(&rejection)),
+            ReadEnd::Interrupted => Ok(Followed::Outcome(Outcome::Interrupted)),
+            ReadEnd::Changed => Ok(Followed::Outcome(Outcome::Changed)),
+        }
+    }
+
+    async fn begin_growing(
+        &self,
+        path: &Path,
+        entry: &FleetEntry,
+        robot: &str,
+        started_at: Timestamp,
+        opened: &Opened,
+    ) -> Result<Intake, PipelineError> {
+        let state = opened.state;
+        let start = intake::start(self, path, state.file).await?;
+        // stands in until the content is whole
+        let no_hash = ContentHash([0; 32]);
+        let model = &entry.description.model;
+        let header = intake::header(path, robot, model, started_at, no_hash, state.bytes);
+        let identity = Identity::Growing(start.read);
+        let begun = self.store.begin_source(&header, identity, start.beginning, state).await?;
+        tracing::info!(file = %path.display(), run_id = begun.run_id, robot, cycles = begun.cycles_stored, "growing");
+        Ok(Intake {
+            path: path.to_path_buf(),
+            run_id: begun.run_id,
+            header,
+            robot: Arc::clone(&entry.description),
+            layout: Arc::clone(&entry.layout),
+            cycles_stored: begun.cycles_stored,
+        })
+    }
+}
+
+/// A growing export whose header is understood.
+struct Opened {
+    export: ExportReader<HashingReader<Tail>>,
+    growth: Growth,
+    state: SourceState,
+}
+
+enum Opening {
+    Open(Box<Opened>),
+    NotYet,
+    Compressed,
+}
+
+fn open(path: PathBuf, entry: &FleetEntry) -> Result<Opening, Rejection> {
+    let Some(Growing { reader, growth }) = tail::open(&path)? else { return Ok(Opening::Compressed) };
+    let options = ReadOptions::default();
+    let export = ExportReader::of_growing(reader, &path, &entry.layout, &entry.description, options)?;
+    let state = state_of(&growth).ok_or_else(|| {
+        Rejection::of_file(&path, "the file system does not tell its state", "copy it to another one")
+    })?;
+    Ok(match export {
+        Some(export) => Opening::Open(Box::new(Opened { export, growth, state })),
+        None => Opening::NotYet,
+    })
+}
+
+/// How reading ended, and the state of the file that it read to the end.
+type GrownEnd = (ReadEnd, Option<SourceState>);
+
+impl EndsRejected for GrownEnd {
+    fn rejected(rejection: Rejection) -> Self {
+        (ReadEnd::Rejected(rejection), None)
+    }
+}
+
+fn read_growing(
+    opened: Opened,
+    intake: &Intake,
+    cycles: &mpsc::Sender<CutCycle>,
+    settle: Duration,
+    stop: &CancellationToken,
+) -> GrownEnd {
+    let Opened { mut export, mut growth, .. } = opened;
+    let end = read(&mut export, &mut growth, intake, cycles, settle, stop);
+    // of the size that was read: a file that has grown since is another one
+    let state = state_of(&growth).filter(|state| state.bytes == growth.hash().bytes());
+    (end.unwrap_or_else(ReadEnd::Rejected), state)
+}
+
+fn read(
+    export: &mut ExportReader<HashingReader<Tail>>,
+    growth: &mut Growth,
+    intake: &Intake,
+    cycles: &mpsc::Sender<CutCycle>,
+    settle: Duration,
+    stop: &CancellationToken,
+) -> Result<ReadEnd, Rejection> {
+    let failed = |error: std::io::Error| Rejection::from_io(&intake.path, &error);
+    let mut cutting = Cutting::new(intake, cycles, stop, growth.hash().clone())?;
+    loop {
+        match export.step()? {
+            Step::Rows(chunk) => {
+                if !cutting.push(chunk.samples)? {
+                    return Ok(ReadEnd::Interrupted);
+                }
+            }
+            Step::Waiting => match growth.look(settle, Instant::now()).map_err(failed)? {
+                Fate::Growing => pause(stop),
+                Fate::Done => {}
+                Fate::Rewritten => return Ok(ReadEnd::Changed),
+            },
+            Step::End => break,
+        }
+        if stop.is_cancelled() || cycles.is_closed() {
+            return Ok(ReadEnd::Interrupted);
+        }
+    }
+    if !growth.is_as_read().map_err(failed)? {
+        return Ok(ReadEnd::Changed);
+    }
+    cutting.end(export.rows())
+}
+
+/// Waits until the next look, shorter if a stop is asked for.
+fn pause(stop: &CancellationToken) {
+    // either way it is time to go on
+    let _ = Handle::current().block_on(tokio::time::timeout(LOOK_INTERVAL, stop.cancelled()));
+}
+
+fn state_of(growth: &Growth) -> Option<SourceState> {
+    let (file, bytes, modified) = growth.state().ok()?;
+    Some(SourceState { bytes, modified: Timestamp::try_from(modified).ok()?, file })
+}
+
+fn until_settled(rejection: &Rejection) -> Followed {
+    tracing::warn!("not understood so far, to be judged when the file has settled: {rejection}");
+    Followed::UntilSettled
+}
