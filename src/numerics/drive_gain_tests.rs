@@ -153,11 +153,11 @@ fn the_change_of_a_load_is_the_heavier_arm_less_the_arm() {
 
 #[test]
 fn nineteen_of_twenty_intervals_hold_the_truth() {
-    // three joints have a third of the columns, and a twentieth of the work
-    let bench = Bench::new(first_joints(3), &load(5.0));
+    // two joints have a quarter of the columns, and a fiftieth of the work
+    let bench = Bench::new(first_joints(2), &load(5.0));
     let (mut held, mut all) = (0.0, 0.0);
     for seed in 1..=80 {
-        for gain in bench.gains(&bench.recordings(&SCALE[..3], normal(seed))) {
+        for gain in bench.gains(&bench.recordings(&SCALE[..2], normal(seed))) {
             let found = gain.estimate.expect("the load shows on every joint");
             assert_eq!(found.error_from, ErrorSource::Cycles);
             let error = (found.scale - SCALE[gain.joint.index()]).abs();
@@ -165,7 +165,7 @@ fn nineteen_of_twenty_intervals_hold_the_truth() {
             held += f64::from(u8::from(error <= found.half_width));
         }
     }
-    // 95 % of 240 vary by 1.4 %; the jackknife errs on the wide side
+    // 95 % of 160 vary by 1.7 %; the jackknife errs on the wide side
     assert!((0.91..=0.99).contains(&(held / all)), "{held} of {all}");
 }
 
