@@ -7,6 +7,7 @@ use super::dynamics::DynamicModel;
 use super::factors::{Factored, JointColumns, factor_cycle, identifies, pack, stacked};
 use super::friction::friction_points;
 use super::identify::identify;
+use super::plausible::doubt::{DoubtSettings, Judged, diagnose_description};
 use super::plausible::{PlausibleSettings, diagnose_model, top_speeds};
 use super::signal::{Conditioned, condition};
 use super::statistics::{mean, median, parameter_statistics, standard_deviation, swing};
@@ -140,8 +141,18 @@ fn doubt_model(
     let usable = conditioned.usable.iter().flat_map(Clone::clone);
     let rows: Vec<usize> = usable.filter(|&row| samples.stage[row] == Stage::Excitation).collect();
     let speeds = top_speeds(&conditioned.qd, &rows);
-    let findings =
+    let mut findings =
         diagnose_model(&method.robot, found, &verification, &speeds, &PlausibleSettings::default());
+    let judged = Judged {
+        robot: &method.robot,
+        columns: &method.columns,
+        kept_columns: &method.base.kept_columns,
+        conditioned,
+        excitation: &rows,
+        identified: found,
+        verification: &verification,
+    };
+    findings.extend(diagnose_description(&judged, &findings, &DoubtSettings::default()));
     if let Err(reason) = judge(findings, &mut analysis.remarks) {
         analysis.identification = Err(reason);
     }

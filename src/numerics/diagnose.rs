@@ -3,6 +3,7 @@
 //! Each finding stands on its own: a fault that explains another suppresses it. Findings about the
 //! identified model are in [`super::plausible`].
 
+mod glitches;
 mod torque;
 mod velocity;
 
@@ -54,8 +55,20 @@ pub enum FindingKind {
     NegativeInertia,
     /// The identified friction would drive the joint.
     NegativeFriction,
+    /// The identified inertia is far from the description's nominal one.
+    FarFromNominal,
     /// The model does not explain the torque.
     Unexplained,
+    /// A value far outside all others of its channel.
+    Spike,
+    /// Rows that repeat the row before.
+    Repeated,
+    /// All joints move over a small part of their range only.
+    SmallMotion,
+    /// Torques come earlier or later than the motion that needs them.
+    TorqueDelay,
+    /// Torques contradict lengths, angles, mounting or torque scales of the description.
+    Description,
 }
 
 /// A number that a finding stands on; the unit ends the name.
@@ -96,6 +109,9 @@ pub struct DiagnoseSettings {
     pub velocity_gain: f64,
     /// Positions beyond a limit by this part of the range are said, and by the second refused.
     pub limit_margins: [f64; 2],
+    /// Part of its range that at least one turning joint must move over. The excitation of a test uses
+    /// most of it; a degree read as radian is 0.017 of it.
+    pub range_share: f64,
 }
 
 impl Default for DiagnoseSettings {
@@ -103,9 +119,10 @@ impl Default for DiagnoseSettings {
         Self {
             moving_share: 0.02,
             speed_spread: 0.05,
-            saturated_shares: [0.005, 0.05],
+            saturated_shares: [0.005, 0.02],
             velocity_gain: 0.05,
             limit_margins: [0.02, 0.1],
+            range_share: 0.03,
         }
     }
 }
@@ -137,11 +154,14 @@ pub fn diagnose_samples(
     let explained = |findings: &[Finding], joint: JointIndex, kinds: &[FindingKind]| {
         findings.iter().any(|f| f.joint == Some(joint) && (kinds.is_empty() || kinds.contains(&f.kind)))
     };
+    findings.extend(glitches::spikes(&view));
     let broken: Vec<bool> = robot.joint_indices().map(|j| explained(&findings, j, &[])).collect();
     if samples.velocity.is_some() {
         findings.extend(velocity::velocity_against_position(&view, settings, &broken));
     }
     findings.extend(positions(&view, settings));
+    findings.extend(small_motion(&view, settings));
+    findings.extend(glitches::repeats(&view));
     let kinematic = [FindingKind::Stuck, FindingKind::VelocitySwapped, FindingKind::VelocityUnrelated];
     for joint in robot.joint_indices().filter(|j| !broken[j.index()]) {
         findings.extend(motion(&view, joint, settings));
@@ -320,6 +340,31 @@ fn positions(view: &View<'_>, settings: &DiagnoseSettings) -> Vec<Finding> {
     found
 }
 
+/// All turning joints hardly leave their place: degrees were divided once too often, or nothing that
+/// a recording is made for was moved.
+fn small_motion(view: &View<'_>, settings: &DiagnoseSettings) -> Option<Finding> {
+    let share = |joint: JointIndex| {
+        let limits = &view.joint(joint).limits;
+        let [min, max] = view.extent(&view.conditioned.q[joint.index()]);
+        (max - min) / (limits.position_max - limits.position_min)
+    };
+    let turning = view.robot.joint_indices().filter(|&joint| view.joint(joint).kind == JointKind::Revolute);
+    let largest = turning.map(share).max_by(f64::total_cmp)?;
+    (largest < settings.range_share).then(|| {
+        finding(
+            FindingKind::SmallMotion,
+            FindingSeverity::Refuse,
+            None,
+            format!(
+                "no turning joint moves over more than {:.1} % of its range: radians read as degrees, or a motion too small \
+                 to identify anything; check the unit of position in the export layout, then the motion",
+                100.0 * largest
+            ),
+            &[("largest_range_share", largest)],
+        )
+    })
+}
+
 fn outside_limits(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
     let described = view.joint(joint);
     let (low, high) = (described.limits.position_min, described.limits.position_max);
@@ -422,13 +467,16 @@ fn saturation(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -
         if !(peak > 0.0 && high > low) {
             continue;
         }
-        let count = |from: f64, to: f64| {
+        let count = |rows: &[usize], from: f64, to: f64| {
             let within = |&&row: &&usize| (from * peak..=to * peak).contains(&(sign * torque[row]));
-            view.rows.iter().filter(within).count()
+            rows.iter().filter(within).count()
         };
-        let (at, below) = (count(1.0 - 1e-6, 1.0), count(0.97, 1.0 - 1e-6));
+        let at = count(&view.rows, 1.0 - 1e-6, 1.0);
+        let below = count(&view.rows, 0.97, 1.0 - 1e-6);
         let run = longest_run(view, torque, 4, |start, _| sign * torque[start] >= peak * (1.0 - 1e-6));
-        let share = at as f64 / view.rows.len() as f64;
+        // parameters come from the excitation alone, which may be a small part of the cycle
+        let excited = count(&view.excitation, 1.0 - 1e-6, 1.0) as f64 / view.excitation.len() as f64;
+        let share = excited.max(at as f64 / view.rows.len() as f64);
         if run.is_some() && at > below && worst.is_none_or(|(_, before)| share > before) {
             worst = Some((sign * peak, share));
         }

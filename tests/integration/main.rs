@@ -14,3 +14,4 @@ mod real_recording;
 mod reference_export;
 mod shipped;
 mod stored_factors;
+mod wrong_recordings;
