@@ -141,7 +141,7 @@ fn doubt_model(
     let usable = conditioned.usable.iter().flat_map(Clone::clone);
     let rows: Vec<usize> = usable.filter(|&row| samples.stage[row] == Stage::Excitation).collect();
     let speeds = top_speeds(&conditioned.qd, &rows);
-    let mut findings =
+    let of_model =
         diagnose_model(&method.robot, found, &verification, &speeds, &PlausibleSettings::default());
     let judged = Judged {
         robot: &method.robot,
@@ -152,7 +152,9 @@ fn doubt_model(
         identified: found,
         verification: &verification,
     };
-    findings.extend(diagnose_description(&judged, &findings, &DoubtSettings::default()));
+    // the description first: where it is wrong, what it makes of the joints is no news
+    let mut findings = diagnose_description(&judged, &of_model, &DoubtSettings::default());
+    findings.extend(of_model);
     if let Err(reason) = judge(findings, &mut analysis.remarks) {
         analysis.identification = Err(reason);
     }

@@ -6,6 +6,8 @@ pub mod description;
 pub mod doubt;
 mod nominal;
 pub mod numbers;
+#[cfg(test)]
+mod tests;
 
 use super::actuator::friction_columns;
 use super::base::{PROBE_STATES, probe_state};

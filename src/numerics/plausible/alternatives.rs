@@ -10,7 +10,7 @@ use super::numbers::{DescribedNumber, set_standard};
 use crate::robot::{DhParameters, GeometrySource, JointGeometry, JointKind, Robot, Transform};
 
 /// Instants that alternatives are compared on: which of them fits best needs no more.
-const INSTANTS: usize = 400;
+const INSTANTS: usize = 250;
 /// Single numbers that are tried with the change that the torques ask for.
 const NUMBERS_TRIED: usize = 4;
 
@@ -106,6 +106,8 @@ fn mountings(robot: &Robot) -> Vec<(String, Robot)> {
     axes.into_iter()
         .flat_map(|axis| [g * axis, -g * axis])
         .filter(|gravity| (gravity - robot.gravity).norm() > 0.1 * g)
+        // adding 0 makes a zero of a negative one, which would read as -0.00
+        .map(|gravity| gravity.add_scalar(0.0))
         .map(|gravity| {
             let words = format!(
                 "gravity_m_s2 = [{:.2}, {:.2}, {:.2}] (how the arm is mounted)",
@@ -165,10 +167,21 @@ fn settled(
 #[must_use]
 pub fn words(robot: &Robot, number: DescribedNumber, change: f64) -> String {
     let (scale, unit) = if number.is_angle() { (180.0 / PI, " deg") } else { (1.0, "") };
-    match number.value(robot) {
+    let sentence = match number.value(robot) {
         Some(value) => {
             format!("{number} = {:.3}{unit} in place of {:.3}{unit}", scale * (value + change), scale * value)
         }
         None => format!("{number} turned by {:.1}{unit}", scale * change),
-    }
+    };
+    sentence + &clock(robot, number, change).unwrap_or_default()
+}
+
+/// Gravity that comes out larger or smaller is what a clock of the wrong rate makes of it: accelerations
+/// go with the square of time, gravity does not.
+fn clock(robot: &Robot, number: DescribedNumber, change: f64) -> Option<String> {
+    let DescribedNumber::Gravity(axis) = number else { return None };
+    let described = robot.gravity[axis];
+    let factor = (described / (described + change)).sqrt();
+    let alone = described.abs() > 0.9 * robot.gravity.norm();
+    (alone && factor.is_finite()).then(|| format!(" (or a clock that counts {factor:.2} s for every second)"))
 }

@@ -31,9 +31,9 @@ pub struct DoubtSettings {
 impl Default for DoubtSettings {
     fn default() -> Self {
         Self {
-            looked_share: 0.08,
-            description_shares: [0.15, 0.35],
-            alternative: 0.7,
+            looked_share: 0.06,
+            description_shares: [0.12, 0.35],
+            alternative: 0.8,
             delays: [0.006, 0.012],
             delay_residual: 0.8,
         }
@@ -61,7 +61,7 @@ pub struct Judged<'a> {
 
 /// Findings about the description: torques out of time, numbers that the torques contradict.
 ///
-/// `known` are the findings about the same model so far; where one refuses it, the description that
+/// `known` are the findings about the same model so far; where there is one, the description that
 /// explains the torques better is looked for all the same, as the remedy.
 #[must_use]
 pub fn diagnose_description(
@@ -79,8 +79,7 @@ pub fn diagnose_description(
     else {
         return Vec::new();
     };
-    let refused = known.iter().any(|finding| finding.severity == FindingSeverity::Refuse);
-    if test.share < settings.looked_share && !refused {
+    if test.share < settings.looked_share && known.is_empty() {
         return Vec::new();
     }
     let better = best_alternative(judged.robot, &evidenced, &test.scores)
