@@ -8,6 +8,7 @@ use super::factors::{Factored, JointColumns, factor_cycle, identifies, pack, sta
 use super::friction::friction_points;
 use super::friction_means::direction_difference;
 use super::identify::identify;
+use super::plausible::doubt::{DoubtSettings, Judged, diagnose_description};
 use super::plausible::{PlausibleSettings, diagnose_model, top_speeds};
 use super::signal::{Conditioned, condition};
 use super::statistics::{mean, median, parameter_statistics, standard_deviation, swing};
@@ -141,8 +142,20 @@ fn doubt_model(
     let usable = conditioned.usable.iter().flat_map(Clone::clone);
     let rows: Vec<usize> = usable.filter(|&row| samples.stage[row] == Stage::Excitation).collect();
     let speeds = top_speeds(&conditioned.qd, &rows);
-    let findings =
+    let of_model =
         diagnose_model(&method.robot, found, &verification, &speeds, &PlausibleSettings::default());
+    let judged = Judged {
+        robot: &method.robot,
+        columns: &method.columns,
+        kept_columns: &method.base.kept_columns,
+        conditioned,
+        excitation: &rows,
+        identified: found,
+        verification: &verification,
+    };
+    // the description first: where it is wrong, what it makes of the joints is no news
+    let mut findings = diagnose_description(&judged, &of_model, &DoubtSettings::default());
+    findings.extend(of_model);
     if let Err(reason) = judge(findings, &mut analysis.remarks) {
         analysis.identification = Err(reason);
     }

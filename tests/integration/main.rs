@@ -18,3 +18,4 @@ mod stored_factors;
 mod torque_sources;
 mod torque;
 mod streaming;
+mod wrong_recordings;
