@@ -154,7 +154,7 @@ fn the_change_of_a_load_is_the_heavier_arm_less_the_arm() {
 #[test]
 fn nineteen_of_twenty_intervals_hold_the_truth() {
     // two joints have a quarter of the columns, and a fiftieth of the work
-    let bench = Bench::new(first_joints(2), &load(5.0));
+    let bench = Bench::new(first_joints(2), &load(10.0));
     let (mut held, mut all) = (0.0, 0.0);
     for seed in 1..=80 {
         for gain in bench.gains(&bench.recordings(&SCALE[..2], normal(seed))) {
