@@ -3,7 +3,9 @@
 //! Each link without nominal inertia is a solid cylinder from its joint to the next one. Radii taper from
 //! [`BASE_RADIUS`] of the reach at the base to half of that at the tip; housings stand out by a radius at
 //! either end. One density for all of them is the least-squares one: the bodies' torque times a factor,
-//! beside free friction and motor inertias, against what was measured.
+//! beside free friction and motor inertias, against what was measured. The motor inertias of that solution
+//! are the start of those that are not described: behind a gear of a hundred they are far larger than
+//! what a wrist carries, and no geometry says so.
 
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
@@ -25,8 +27,7 @@ const TAPER: f64 = 0.5;
 const TYPICAL_DENSITY: f64 = 2000.0;
 /// Data may change the density by this factor; beyond it, the geometry is no help.
 const DENSITY_RANGE: f64 = 10.0;
-/// Motor inertia over the inertia that the joint carries: gears are chosen to match the two, most
-/// below one.
+/// Least motor inertia over the inertia that the joint carries: gears are chosen to match the two.
 const MOTOR_SHARE: f64 = 0.3;
 /// Smallest motor inertia to start from, kg m² (kg).
 const SMALLEST_MOTOR: f64 = 1e-4;
@@ -68,8 +69,8 @@ pub struct Start {
 }
 
 /// The description's nominal bodies, and uniform ones of fitted density for links without. Motor
-/// inertias that the description does not have are [`MOTOR_SHARE`] of what the joint carries in the
-/// middle of all ranges.
+/// inertias that the description does not have are those of the same fit, but at least
+/// [`MOTOR_SHARE`] of what the joint carries in the middle of all ranges.
 ///
 /// `factor` is that of `[w | tau]` of the base parameters.
 ///
@@ -86,22 +87,21 @@ pub fn start(
         .map(|joint| if joint.nominal.is_some() { BodySource::Description } else { BodySource::UniformBody })
         .collect();
     let mut inertial = uniform_bodies(robot, TYPICAL_DENSITY);
-    let mut density = None;
-    if sources.contains(&BodySource::UniformBody) {
-        let scale = density_scale(robot, base, factor, &inertial)?;
-        inertial.iter_mut().for_each(|body| body.0 = body.0.map(|x| scale * x));
-        density = Some(scale * TYPICAL_DENSITY);
-    }
+    let measured = measured_start(robot, base, factor, &inertial)?;
+    inertial.iter_mut().for_each(|body| body.0 = body.0.map(|x| measured.density_scale * x));
+    let made = sources.contains(&BodySource::UniformBody);
+    let density = made.then_some(measured.density_scale * TYPICAL_DENSITY);
     for (body, joint) in inertial.iter_mut().zip(&robot.joints) {
         if let Some(nominal) = &joint.nominal {
             *body = nominal.inertial;
         }
     }
     let carried = carried_inertia(robot, &inertial);
-    let motor = robot.joints.iter().zip(carried).map(|(joint, carried)| {
-        let given = joint.nominal.map_or(0.0, |nominal| nominal.motor_inertia);
-        if given > 0.0 { given } else { (MOTOR_SHARE * carried).max(SMALLEST_MOTOR) }
-    });
+    let motor =
+        robot.joints.iter().zip(carried).zip(measured.motor_inertia).map(|((joint, carried), seen)| {
+            let given = joint.nominal.map_or(0.0, |nominal| nominal.motor_inertia);
+            if given > 0.0 { given } else { seen.max(MOTOR_SHARE * carried).max(SMALLEST_MOTOR) }
+        });
     let motor_inertia = motor.collect();
     Ok(Start { nominal: NominalModel { inertial, motor_inertia }, sources, density })
 }
@@ -155,13 +155,22 @@ fn carried_inertia(robot: &Robot, bodies: &[StandardParameters]) -> Vec<f64> {
     carried
 }
 
-/// The factor on the density of the `made` bodies of links without nominal inertia that fits best.
-fn density_scale(
+/// What torques say of a start.
+struct MeasuredStart {
+    /// Factor on the density of bodies that were made.
+    density_scale: f64,
+    /// Motor inertias `[n]`, of any sign.
+    motor_inertia: Vec<f64>,
+}
+
+/// The factor on the density of the `made` bodies of links without nominal inertia and the motor
+/// inertias that fit best, friction and couplings free.
+fn measured_start(
     robot: &Robot,
     base: &BaseParameters,
     factor: &TriangularFactor,
     made: &[StandardParameters],
-) -> Result<f64, NumericsError> {
+) -> Result<MeasuredStart, NumericsError> {
     let ids = ParameterId::natural_order(robot);
     let map = seen_by_factor(base, factor, ids.len());
     let b = factor.columns();
@@ -184,14 +193,21 @@ fn density_scale(
         _ => factor.upper()[(i, b)] - torque(&known, i),
     });
     let ridge = Mat::from_fn(width, width + 1, |i, k| {
-        if i == k { RIDGE * columns.col(k).norm_l2().max(f64::MIN_POSITIVE.sqrt()) } else { 0.0 }
+        // A column of nothing, as that of the density where all links are described, stays at zero.
+        let norm = columns.col(k).norm_l2();
+        if i == k { RIDGE * if norm > 0.0 { norm } else { 1.0 } } else { 0.0 }
     });
     let mut solved = TriangularFactor::new(width);
     solved.fold(columns.as_ref());
     solved.fold(ridge.as_ref());
-    let scale = (inverse_of_upper(&solved)? * solved.upper().submatrix(0, width, width, 1))[(0, 0)];
-    // Torque that falls as mass grows says nothing of mass.
-    Ok(if scale > 0.0 { scale.clamp(1.0 / DENSITY_RANGE, DENSITY_RANGE) } else { 1.0 })
+    let solution = inverse_of_upper(&solved)? * solved.upper().submatrix(0, width, width, 1);
+    let scale = solution[(0, 0)];
+    let motors = beside.iter().enumerate().filter(|(_, k)| ids[**k].kind == ParameterKind::MotorInertia);
+    Ok(MeasuredStart {
+        // Torque that falls as mass grows says nothing of mass.
+        density_scale: if scale > 0.0 { scale.clamp(1.0 / DENSITY_RANGE, DENSITY_RANGE) } else { 1.0 },
+        motor_inertia: motors.map(|(place, _)| solution[(1 + place, 0)]).collect(),
+    })
 }
 
 #[cfg(test)]

@@ -99,8 +99,9 @@ fn a_real_arm_with_a_coupled_wrist_and_no_known_weights_becomes_bodies() {
     assert_eq!(found["links"][0]["assumption"], "uniform body");
     for joint in found["price_of_physics"].as_array().expect("six joints") {
         let figure = |name: &str| joint[name].as_f64().expect("a figure");
-        let relative = figure("consistent_rmsd_nm") / figure("torque_rms_nm");
-        assert!(relative < 0.12, "{joint}");
+        // Four seconds of one motion leave unconstrained parameters that are no bodies; the torque is
+        // explained nearly as well by some.
+        assert!(figure("consistent_rmsd_nm") < 1.1 * figure("unconstrained_rmsd_nm"), "{joint}");
     }
     let again = describe(&workshop, "tx40.urdf");
     workshop.stdout(&["robot", "check", &again], 0);
