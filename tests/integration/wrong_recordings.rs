@@ -115,9 +115,10 @@ fn wrong_descriptions_of_a_scara_do_not_pass() {
     assert_descriptions("scara", &[&lengths[..], &rest[..]].concat());
 }
 
+/// The two lengths differ by 4 cm, which this motion does not tell from noise.
 #[test]
 fn wrong_descriptions_of_a_ur10e_do_not_pass() {
-    assert_descriptions("ur10e, standard DH", &["second d 20 % long"]);
+    assert_descriptions("ur10e, standard DH", &["second d 20 % long", "lengths swapped"]);
 }
 
 #[test]
@@ -182,11 +183,16 @@ const REFUSED: &[Told] = &[
     ("Tiny", |s| units(s, 1.0 / DEGREES, 1.0 / DEGREES), &["radians read as degrees", "export layout"]),
     ("Percent", |s| percent(s), &["joint 6", "times the", "percent of rated"]),
     ("Marker", |s| s.torque[3][700] = -9999.0, &["joint 4", "torque is -9999 Nm at 7.000 s"]),
-    ("Ceiling", |_| {}, &["joint", "gravity_m_s2 = [0.00, 0.00, -9.81]"]),
+    ("Ceiling", shortened, &["joint", "gravity_m_s2 = [0.00, 0.00, -9.81]"]),
 ];
 
 fn percent(samples: &mut Samples) {
     samples.torque.iter_mut().zip(RATED).for_each(|(t, rated)| scale(t, 100.0 / rated));
+}
+
+/// Without its last row: one content is one run, and the sound recording is another.
+fn shortened(samples: &mut Samples) {
+    *samples = samples.take_front(samples.rows() - 1);
 }
 
 /// Every row twice, as a logger does that is faster than the controller.
