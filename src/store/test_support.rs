@@ -15,15 +15,18 @@ use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{ContentHash, RunHeader, Stage};
 use crate::testing::er3a;
 
-pub(super) const VIEWS: [&str; 12] = [
+pub(super) const VIEWS: [&str; 15] = [
     "runs",
     "cycles",
     "cycle_parameters",
     "cycle_rmsd",
     "friction_points",
+    "friction_speed_fits",
     "warmup_fits",
+    "friction_index",
     "parameter_statistics",
     "anomalies",
+    "friction_map",
     "fleet_health",
     "warming_contrast",
     "parameter_sets",
