@@ -24,7 +24,8 @@ async fn views_have_the_promised_columns_in_order() {
         (
             "warmup_fits",
             "robot run_id joint speed_fraction model a_nm b_nm t1_min c_nm t2_min a_std_error_nm b_std_error_nm \
-             t1_std_error_min c_std_error_nm t2_std_error_min rmsd_nm first_min last_min a_extrapolated",
+             t1_std_error_min c_std_error_nm t2_std_error_min rmsd_nm samples first_min last_min \
+             a_extrapolated",
         ),
         (
             "friction_speed_fits",
@@ -33,13 +34,14 @@ async fn views_have_the_promised_columns_in_order() {
         ),
         (
             "friction_map",
-            "robot joint speed_fraction warm_nm warm_std_error_nm cold_nm cold_std_error_nm slow_min fast_min \
-             slow_share cooling_ratio explained relative_rmsd runs points remarks",
+            "robot joint speed_fraction warm_nm warm_std_error_nm cold_nm cold_std_error_nm slow_min \
+             slow_std_error_min fast_min fast_std_error_min slow_share slow_share_std_error cooling_ratio \
+             cooling_ratio_std_error explained relative_rmsd runs points remarks",
         ),
         (
             "friction_index",
             "robot run_id started_at joint friction_index friction_index_std_error ambient_coldness \
-             coldness_at_start points",
+             ambient_coldness_std_error coldness_at_start points",
         ),
         ("parameter_statistics", "robot run_id joint parameter window mean min max d_mm d_se sdv"),
         (
@@ -294,7 +296,7 @@ async fn results_stay_compact() {
     finish(&store, run_id, 48, &findings(vec![])).await;
     let path = folder.path().join("fleet.db");
     // Every table and index takes a page from its first row.
-    let pages_of_schema = 40 * 4096;
+    let pages_of_schema = 46 * 4096;
     store.close().await.expect("closed");
     let bytes = std::fs::metadata(path).expect("a file").len();
     assert!(bytes < pages_of_schema + 48 * BYTES_PER_CYCLE, "{bytes} bytes for 48 cycles");
