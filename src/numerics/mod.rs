@@ -46,6 +46,7 @@ pub mod cross;
 pub mod cycle_errors;
 pub mod history;
 pub mod identifiability;
+pub mod joint_views;
 pub mod nominal_prior;
 #[cfg(test)]
 mod history_tests;
