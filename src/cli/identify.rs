@@ -9,7 +9,8 @@ use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, each_cycle, open_store, out
 use crate::analysis::TorqueRmsd;
 use crate::config::Config;
 use crate::numerics::essential::EssentialSettings;
-use crate::numerics::history::{EstimatorKind, HistoryEstimate, JointView};
+use crate::numerics::history::{EstimatorKind, HistoryEstimate};
+use crate::numerics::joint_views::JointView;
 use crate::pipeline::reestimate::{Choice, Outcome, Together, estimate_together};
 use crate::pipeline::stored::{Candidate, Chosen, Taken, rmsd_of_views, rmsd_on, take};
 use crate::robot::JointIndex;

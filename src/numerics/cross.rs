@@ -88,7 +88,11 @@ impl Union {
         };
         for of in factors.iter().filter(|of| identifies(of.stage, of.motion)) {
             self.by_joint[of.joint.index()].join(&of.factor);
-            cycle.by_joint[of.joint.index()].join(&of.factor);
+            let own = &mut cycle.by_joint[of.joint.index()];
+            match own.rows() {
+                0 => own.clone_from(&of.factor),
+                _ => own.join(&of.factor),
+            }
         }
         self.cycles.push(cycle);
         Ok(())

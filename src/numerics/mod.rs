@@ -67,6 +67,7 @@ pub mod drive_gain;
 pub mod cycle_errors;
 pub mod history;
 pub mod identifiability;
+pub mod joint_views;
 pub mod nominal_prior;
 #[cfg(test)]
 mod history_tests;

@@ -37,7 +37,6 @@ fn nominal_value(robot: &Robot, id: ParameterId) -> Option<f64> {
 
 /// Nominal friction is a polynomial [3.10]; the laws without its higher powers have it only where
 /// these vanish.
-#[expect(clippy::float_cmp, reason = "a description leaves a coefficient out as exactly zero")]
 fn nominal_friction(nominal: &NominalJoint, term: FrictionTerm) -> Option<f64> {
     use FrictionTerm as T;
     let [f1, f2, f3, f4] = nominal.friction;

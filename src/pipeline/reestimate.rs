@@ -6,10 +6,9 @@ use crate::numerics::NumericsError;
 use crate::numerics::cross::{RowWeights, Union};
 use crate::numerics::essential::EssentialSettings;
 use crate::numerics::factors::JointColumns;
-use crate::numerics::history::{
-    Estimator, EstimatorKind, HistoryEstimate, JointView, estimate, estimate_essential, joint_views,
-};
+use crate::numerics::history::{Estimator, EstimatorKind, HistoryEstimate, estimate, estimate_essential};
 use crate::numerics::identifiability::{Identifiability, identifiability};
+use crate::numerics::joint_views::{JointView, joint_views};
 use crate::numerics::prior::{Prior, PriorStrength};
 use crate::numerics::statistics::parameter_statistics;
 use crate::robot::{JointIndex, ParameterId};
