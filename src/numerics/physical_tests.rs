@@ -138,7 +138,8 @@ fn standard_deviations_say_what_data_decide_and_hold_the_truth() {
     let [first, .., last] = &fit.estimate.bodies[..] else { panic!("six links") };
     assert!(first.values[..4].iter().all(|of| of.data_share() < 0.01), "{first:?}");
     assert!(!first.values[9].is_decided(), "{first:?}");
-    assert!(last.values[1].is_decided() && last.values[2].is_decided(), "{last:?}");
+    // half of the variance is the least that lets one speak of data
+    assert!(last.values[1..3].iter().all(|of| of.data_share() > 0.5), "{last:?}");
     for value in fit.estimate.bodies.iter().flat_map(|body| body.values) {
         assert!(value.std > 0.0 && value.std <= value.std_without_data * (1.0 + 1e-9), "{value:?}");
     }

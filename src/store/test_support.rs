@@ -15,7 +15,7 @@ use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{ContentHash, RunHeader, Stage};
 use crate::testing::er3a;
 
-pub(super) const VIEWS: [&str; 15] = [
+pub(super) const VIEWS: [&str; 18] = [
     "runs",
     "cycles",
     "cycle_parameters",
