@@ -1,8 +1,8 @@
 //! Essential parameters: the fewest base parameters that explain the torque as well.
 
 use super::NumericsError;
-use super::covariance::normal_quantile;
 use super::estimate::restricted;
+use super::student::normal_quantile;
 use super::triangular::{LeastSquares, TriangularFactor};
 
 /// When a parameter goes.

@@ -74,7 +74,7 @@ pub async fn unit_identification(store: &Store, chosen: &[Chosen]) -> Result<Par
             let columns = JointColumns::of_stored(&cycle.factors.columns);
             let (first, union) = union.get_or_insert_with(|| (cycle.clone(), Union::new(columns.clone())));
             same_model(&first.model, first.run_id, &cycle)?;
-            union.add(&columns, &unpack(&cycle.factors)?, fraction(&cycle))?;
+            union.add(&columns, &unpack(&cycle.factors)?, &independent_shares(&cycle))?;
             sources.push(SourceCycle { run_id: cycle.run_id, cycle: cycle.cycle, robot: cycle.robot });
         }
     }
@@ -203,6 +203,10 @@ fn theta(columns: &JointColumns, candidate: &Candidate) -> Result<Vec<f64>, Nume
     columns.theta(candidate.parameters.iter().map(|parameter| (parameter.id, parameter.value)))
 }
 
-fn fraction(cycle: &StoredCycle) -> f64 {
-    independent_fraction(cycle.cutoff, cycle.sample_rate)
+/// As stored; of cycles without, what the low-pass leaves.
+fn independent_shares(cycle: &StoredCycle) -> Vec<f64> {
+    match cycle.independent_shares.is_empty() {
+        true => vec![independent_fraction(cycle.cutoff, cycle.sample_rate); cycle.factors.columns.len()],
+        false => cycle.independent_shares.clone(),
+    }
 }
