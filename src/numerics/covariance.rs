@@ -30,12 +30,11 @@ const OWN_SHARE: f64 = 0.831_4;
 /// How a block's residuals are corrected for having been fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LeverageCorrection {
-    /// Not at all; too small errors with few blocks.
+    /// Not at all.
     None,
     /// `(1 - h)^(-1/2)`: free of bias for independent rows (CR2; Bell & McCaffrey 2002).
     SquareRoot,
-    /// `(1 - h)^(-1)`: leaving out one block after the other (CR3, the jackknife); too large rather
-    /// than too small.
+    /// `(1 - h)^(-1)`: leaving out one block after the other (CR3, the jackknife).
     Jackknife,
 }
 
@@ -87,6 +86,10 @@ impl ClusteredCovariance {
 /// `(wᵀw)⁻¹ (sum over blocks of w_bᵀ e_b e_bᵀ w_b) (wᵀw)⁻¹`, rows weighted by `rule`. For an M-estimate
 /// `wᵀw` counts the rows by the slope of its influence (Huber 1981, 6.3).
 ///
+/// Blocks that were fitted scatter less than they should, and those corrected for it more. How much, if
+/// rows were independent with the variance that `rule` gives them, follows from `w` alone for each
+/// parameter, and is taken off: then errors are free of bias (as CR2; Bell & McCaffrey 2002).
+///
 /// Two passes over the rows: one counts them, the other adds them up by blocks. Only the sums are held.
 ///
 /// # Errors
@@ -112,54 +115,29 @@ pub fn clustered(
         return Err(NumericsError::TooShort { what: "the record, in blocks,", rows: blocks, needed: 2 });
     }
     let information = Information::of(&sums)?;
-    let mut matrix = Mat::<f64>::zeros(b, b);
-    let mut of_joints = vec![0.0; source.joint_count()];
-    let (mut total, mut squares) = (vec![0.0; b], vec![0.0; b]);
+    let mut scatter = Scatter::new(source.joint_count(), b);
     for block in sums.blocks.values() {
-        let shifts = information.shifts(block, settings.correction)?;
-        let shift = Mat::from_fn(b, 1, |k, _| shifts.row(k).iter().sum::<f64>());
-        matrix += &shift * shift.transpose();
-        let seen = &information.whole * &shifts;
-        for (j, sum) in of_joints.iter_mut().enumerate() {
-            *sum += seen.col(j).transpose() * shifts.col(j);
-        }
-        let spread = &block.information * &information.inverse;
-        for k in 0..b {
-            let share: f64 = information.inverse.col(k).transpose() * spread.col(k);
-            total[k] += share;
-            squares[k] += share * share;
-        }
+        scatter.add(block, &information, settings.correction)?;
     }
-    let count = blocks as f64;
-    let small_sample = match settings.correction {
-        LeverageCorrection::Jackknife => (count - 1.0) / count,
-        _ => count / (count - 1.0),
-    };
-    matrix *= Scale(small_sample);
+    let bias = scatter.bias(&information);
+    let matrix = Mat::from_fn(b, b, |i, k| scatter.matrix[(i, k)] / (bias[i] * bias[k]).sqrt());
     let sigma: Vec<f64> = (0..b).map(|k| matrix[(k, k)].sqrt()).collect();
     if !sigma.iter().all(|sigma| sigma.is_finite()) {
         return Err(NumericsError::NotFinite("the standard errors"));
     }
+    let mean_bias = bias.iter().sum::<f64>() / b as f64;
+    let share = |(joint, from_blocks): (&JointSums, &f64)| {
+        let share = joint.variance_if_independent(&information) * mean_bias / from_blocks;
+        if share > 0.0 && share.is_finite() { share } else { 1.0 }
+    };
     Ok(ClusteredCovariance {
         sigma,
-        freedom: (0..b).map(|k| (OWN_SHARE * total[k] * total[k] / squares[k] - 1.0).max(1.0)).collect(),
-        independent_share: sums
-            .joints
-            .iter()
-            .zip(of_joints)
-            .map(|(joint, of_blocks)| {
-                share(joint.variance_if_independent(&information), small_sample * of_blocks)
-            })
-            .collect(),
+        freedom: scatter.freedom(),
+        independent_share: sums.joints.iter().zip(&scatter.of_joints).map(share).collect(),
         matrix,
         half_rows,
         blocks,
     })
-}
-
-fn share(if_independent: f64, from_blocks: f64) -> f64 {
-    let share = if_independent / from_blocks;
-    if share > 0.0 && share.is_finite() { share } else { 1.0 }
 }
 
 /// Observations from the first to the last.
@@ -184,10 +162,78 @@ pub(super) fn inverse_of_upper(factor: &TriangularFactor) -> Result<Mat<f64>, Nu
 
 /// Sums over one block.
 struct Block {
-    /// `wᵀw`, `[b x b]`.
+    /// `wᵀ h² w` with the taper `h`, `[b x b]`.
     information: Mat<f64>,
-    /// `wᵀe` of each joint's rows, `[b x n]`.
+    /// `wᵀ h w`, `[b x b]`.
+    tapered: Mat<f64>,
+    /// `wᵀ h e` of each joint's rows, `[b x n]`.
     scores: Mat<f64>,
+}
+
+/// What all blocks say of the scatter of the estimate.
+struct Scatter {
+    /// Sum of squares and products of the shifts that the blocks bring about, `[b x b]`.
+    matrix: Mat<f64>,
+    /// Its diagonal as it would be on average for independent rows of variance 1, `[b]`.
+    expected: Vec<f64>,
+    /// Sum of squares of the shifts of each joint in units of the information, `[n]`.
+    of_joints: Vec<f64>,
+    /// Sum and sum of squares over blocks of their part in each variance, `[b]`.
+    parts: Vec<[f64; 2]>,
+}
+
+impl Scatter {
+    fn new(n: usize, b: usize) -> Self {
+        Self {
+            matrix: Mat::zeros(b, b),
+            expected: vec![0.0; b],
+            of_joints: vec![0.0; n],
+            parts: vec![[0.0; 2]; b],
+        }
+    }
+
+    fn add(
+        &mut self,
+        block: &Block,
+        information: &Information,
+        correction: LeverageCorrection,
+    ) -> Result<(), NumericsError> {
+        let to_shift = information.to_shift(block, correction)?;
+        let shifts = &to_shift * &block.scores;
+        let b = shifts.nrows();
+        let shift = Mat::from_fn(b, 1, |k, _| shifts.row(k).iter().sum::<f64>());
+        self.matrix += &shift * shift.transpose();
+        let seen = &information.whole * &shifts;
+        for (j, sum) in self.of_joints.iter_mut().enumerate() {
+            *sum += seen.col(j).transpose() * shifts.col(j);
+        }
+        // independent rows of variance 1 leave residuals with the covariance 1 - w (wᵀw)⁻¹ wᵀ
+        let own = &to_shift * &block.information;
+        let fitted = &to_shift * &block.tapered;
+        let taken = &fitted * &information.inverse;
+        let spread = &block.information * &information.inverse;
+        for k in 0..b {
+            let own: f64 = own.row(k) * to_shift.row(k).transpose();
+            let taken: f64 = taken.row(k) * fitted.row(k).transpose();
+            self.expected[k] += own - taken;
+            let part: f64 = information.inverse.col(k).transpose() * spread.col(k);
+            self.parts[k] = [self.parts[k][0] + part, self.parts[k][1] + part * part];
+        }
+        Ok(())
+    }
+
+    /// Scatter over variance, for independent rows, `[b]`.
+    fn bias(&self, information: &Information) -> Vec<f64> {
+        let bias = |(k, expected): (usize, &f64)| {
+            let bias = expected / information.inverse[(k, k)];
+            if bias > 0.0 && bias.is_finite() { bias } else { 1.0 }
+        };
+        self.expected.iter().enumerate().map(bias).collect()
+    }
+
+    fn freedom(&self) -> Vec<f64> {
+        self.parts.iter().map(|[sum, squares]| (OWN_SHARE * sum * sum / squares - 1.0).max(1.0)).collect()
+    }
 }
 
 /// Sums over all rows of one joint.
@@ -258,7 +304,11 @@ impl BlockSums {
                 let felt = rows.felt(b);
                 joint.add(rows, &felt);
                 for side in 0..2 {
-                    let empty = || Block { information: Mat::zeros(b, b), scores: Mat::zeros(b, n) };
+                    let empty = || Block {
+                        information: Mat::zeros(b, b),
+                        tapered: Mat::zeros(b, b),
+                        scores: Mat::zeros(b, n),
+                    };
                     self.blocks.entry(half + side).or_insert_with(empty).add(j, rows, side, &felt);
                 }
             }
@@ -320,6 +370,7 @@ impl Block {
     fn add(&mut self, j: usize, rows: &JointRows, side: usize, felt: &Felt) {
         let taper = |i: usize| rows.tapers[i][side];
         felt.add_square(&mut self.information, |i| taper(i) * taper(i) * rows.slopes[i]);
+        felt.add_square(&mut self.tapered, |i| taper(i) * rows.slopes[i]);
         let tapered = Mat::from_fn(rows.weighted.len(), 1, |i, _| taper(i) * rows.weighted[i]);
         let score = felt.w.transpose() * tapered;
         for (k, &column) in felt.columns.iter().enumerate() {
@@ -351,15 +402,17 @@ impl Information {
         }
     }
 
-    /// By how much the estimate moves, to first order, without each joint's rows of the block,
-    /// `[b x n]`, corrected for their having been fitted.
-    fn shifts(&self, block: &Block, correction: LeverageCorrection) -> Result<Mat<f64>, NumericsError> {
+    /// What turns scores of a block into shifts of the estimate without it, to first order, corrected for
+    /// the block's having been fitted, `[b x b]`.
+    fn to_shift(&self, block: &Block, correction: LeverageCorrection) -> Result<Mat<f64>, NumericsError> {
         match correction {
-            LeverageCorrection::None => Ok(&self.inverse * &block.scores),
-            LeverageCorrection::SquareRoot => self.shifts_by_leverage(block, -0.5),
+            LeverageCorrection::None => Ok(self.inverse.clone()),
+            LeverageCorrection::SquareRoot => self.by_leverage(block, -0.5),
             LeverageCorrection::Jackknife => match self.left_out(block) {
-                Some(without) => Ok(without.solve(&block.scores)),
-                None => self.shifts_by_leverage(block, -1.0),
+                Some(without) => {
+                    Ok(without.solve(Mat::<f64>::identity(self.whole.nrows(), self.whole.ncols())))
+                }
+                None => self.by_leverage(block, -1.0),
             },
         }
     }
@@ -371,22 +424,22 @@ impl Information {
         (&self.whole - &block.information).llt(Side::Lower).ok()
     }
 
-    /// `f(w_b w_bᵀ) e_b` by the eigenvalues of `w_bᵀ w_b`, the leverages, in coordinates in which the
-    /// information is the identity.
-    fn shifts_by_leverage(&self, block: &Block, power: f64) -> Result<Mat<f64>, NumericsError> {
+    /// `(1 - h)` to the `power`, by the eigenvalues `h` of the block's information, the leverages, in
+    /// coordinates in which all information is the identity.
+    fn by_leverage(&self, block: &Block, power: f64) -> Result<Mat<f64>, NumericsError> {
+        let b = self.whole.nrows();
         let unclear = |_| NumericsError::NotFinite("the leverage of a block");
-        let half = self.inverse.self_adjoint_eigen(Side::Lower).map_err(unclear)?;
-        let roots = half.S().column_vector();
-        let root =
-            Mat::from_fn(roots.nrows(), roots.nrows(), |i, k| half.U()[(i, k)] * roots[k].max(0.0).sqrt());
-        let leverage = (root.transpose() * &block.information * &root)
-            .self_adjoint_eigen(Side::Lower)
-            .map_err(|_| NumericsError::NotFinite("the leverage of a block"))?;
-        let along = leverage.U().transpose() * root.transpose() * &block.scores;
-        let values = leverage.S().column_vector();
-        let scaled = Mat::from_fn(along.nrows(), along.ncols(), |i, j| {
-            along[(i, j)] * (1.0 - values[i].clamp(0.0, MAX_LEVERAGE)).powf(power)
+        let eigen = self.inverse.self_adjoint_eigen(Side::Lower).map_err(unclear)?;
+        let roots = eigen.S().column_vector();
+        let root = Mat::from_fn(b, b, |i, k| eigen.U()[(i, k)] * roots[k].max(0.0).sqrt());
+        let leverage = root.transpose() * &block.information * &root;
+        let unclear = |_| NumericsError::NotFinite("the leverage of a block");
+        let eigen = leverage.self_adjoint_eigen(Side::Lower).map_err(unclear)?;
+        let values = eigen.S().column_vector();
+        let turned = root * eigen.U();
+        let scaled = Mat::from_fn(b, b, |i, k| {
+            turned[(i, k)] * (1.0 - values[k].clamp(0.0, MAX_LEVERAGE)).powf(power)
         });
-        Ok(root * leverage.U() * scaled)
+        Ok(scaled * turned.transpose())
     }
 }

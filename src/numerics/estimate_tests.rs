@@ -157,37 +157,71 @@ fn clustered_errors_are_the_classical_ones_for_white_noise_and_larger_for_slow_n
     }
 }
 
-/// The sandwich by another road: with the whole observation matrix at hand.
+/// The sandwich by another road: with the whole observation matrix at hand, and the covariance of all
+/// residuals that independent rows would have.
 #[test]
 fn clustered_errors_are_those_of_the_whole_matrix() {
     let mut noise = Noise(6);
-    let problem = Problem::new(400, [0.5, 0.2], |_, _| noise.next());
+    let problem = Problem::new(200, [0.5, 0.2], |_, _| noise.next());
     let rule = WeightRule { sigma: vec![0.4, 0.3], huber: None };
-    let w = Mat::from_fn(800, 3, |i, k| problem.rows[i / 2][i % 2][k] / rule.sigma[i % 2]);
-    let tau = Mat::from_fn(800, 1, |i, _| problem.tau[i / 2][i % 2] / rule.sigma[i % 2]);
+    let w = Mat::from_fn(400, 3, |i, k| problem.rows[i / 2][i % 2][k] / rule.sigma[i % 2]);
+    let tau = Mat::from_fn(400, 1, |i, _| problem.tau[i / 2][i % 2] / rule.sigma[i % 2]);
     let whole = w.transpose() * &w;
-    let theta = whole.partial_piv_lu().solve(w.transpose() * &tau);
+    let inverse = whole.partial_piv_lu().solve(Mat::<f64>::identity(3, 3));
+    let theta = &inverse * w.transpose() * &tau;
     let e = &tau - &w * &theta;
+    let of_residuals = Mat::<f64>::identity(400, 400) - &w * &inverse * w.transpose();
     let theta: Vec<f64> = theta.col(0).iter().copied().collect();
     let found = clustered(&problem, &theta, &rule, &ClusterSettings::default()).expect("a covariance");
-    assert_eq!((found.blocks, found.half_rows), (41, 10));
-    let mut expected = Mat::<f64>::zeros(3, 3);
+    assert_eq!((found.blocks, found.half_rows), (41, 5));
+    let (mut scatter, mut expected) = (Mat::<f64>::zeros(3, 3), Mat::<f64>::zeros(3, 3));
     for block in 0..41 {
-        // a hump over twenty samples, of which the first and the last block have half
+        // a hump over ten samples, of which the first and the last block have half
         let taper = |i: usize| {
-            let inside = (i / 2 + 10).checked_sub(10 * block).filter(|at| *at < 20);
-            inside.map_or(0.0, |at| (std::f64::consts::PI * (at as f64 + 0.5) / 20.0).sin())
+            let inside = (i / 2 + 5).checked_sub(5 * block).filter(|at| *at < 10);
+            inside.map_or(0.0, |at| (std::f64::consts::PI * (at as f64 + 0.5) / 10.0).sin())
         };
-        let rows = Mat::from_fn(800, 3, |i, k| taper(i) * w[(i, k)]);
-        let shift = (&whole - rows.transpose() * &rows).partial_piv_lu().solve(rows.transpose() * &e);
-        expected += &shift * shift.transpose() * faer::Scale(40.0 / 41.0);
+        let rows = Mat::from_fn(400, 3, |i, k| taper(i) * w[(i, k)]);
+        let without = &whole - rows.transpose() * &rows;
+        let to_shift = without.partial_piv_lu().solve(rows.transpose());
+        let shift = &to_shift * &e;
+        scatter += &shift * shift.transpose();
+        expected += &to_shift * &of_residuals * to_shift.transpose();
     }
+    let bias = |k: usize| expected[(k, k)] / inverse[(k, k)];
     for i in 0..3 {
         for k in 0..3 {
-            let (found, expected) = (found.matrix[(i, k)], expected[(i, k)]);
+            let (found, expected) = (found.matrix[(i, k)], scatter[(i, k)] / (bias(i) * bias(k)).sqrt());
             assert!((found - expected).abs() < ROUNDING * expected.abs(), "{found} {expected}");
         }
     }
+}
+
+/// A parameter that a tenth of the record decides: stated errors are right on average, not only with
+/// many blocks of equal weight.
+#[test]
+fn leverage_does_not_swell_the_errors() {
+    let problems = 300;
+    let (mut squares, mut stated) = (0.0, 0.0);
+    for seed in 0..problems {
+        let mut noise = Noise(700 + seed);
+        let mut problem = Problem::new(400, [0.5, 0.5], |_, _| 0.0);
+        for (row, (w, tau)) in problem.rows.iter_mut().zip(&mut problem.tau).enumerate() {
+            for j in 0..2 {
+                w[j][2] = if (200..240).contains(&row) { 1.0 } else { 0.0 };
+                tau[j] = (0..3).map(|k| w[j][k] * TRUTH[k]).sum::<f64>() + 0.5 * noise.next();
+            }
+        }
+        let rule = WeightRule::equal(2);
+        let solution =
+            joined(&joint_factors(&problem), &rule, 3).solve(1e6, |k| k.to_string()).expect("solves");
+        let found = clustered(&problem, &solution.theta, &rule, &ClusterSettings::default()).expect("errors");
+        squares += (solution.theta[2] - TRUTH[2]).powi(2);
+        stated += found.sigma[2] * found.sigma[2];
+    }
+    // a variance of 300 values scatters by 8 %: three times that, halved by the root
+    let ratio = (stated / squares).sqrt();
+    assert!((ratio - 1.0).abs() < 0.12, "stated over true error {ratio}");
 }
 
 /// The noise of a differentiated signal hardly reaches parameters whose columns change slowly.
