@@ -12,6 +12,7 @@ use super::recognition::{DEFAULT_FILE_NAME, time_zone};
 use super::robot_file::parse_robot_with;
 use super::{Channel, Config, FleetEntry, Layout, Recognition, RewritePolicy, WatchSettings};
 use super::{parse_layout, pattern};
+use crate::analysis::Estimator;
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::DetectSettings;
 use crate::robot::{JointKind, Robot};
@@ -307,7 +308,23 @@ fn read_analysis(table: &Table<'_>) -> Option<AnalysisSettings> {
     let cutoff = table.number_or("cutoff_hz", &Limits::between(0.5, 1000.0, "Hz"), default.cutoff);
     let fraction = Limits::above(0.0, 1.0, "of the largest speed");
     let reference = table.number_or("reference_speed_fraction", &fraction, default.reference_speed_fraction);
-    Some(AnalysisSettings { cutoff: cutoff?, reference_speed_fraction: reference? })
+    let estimator = match table.optional("estimator") {
+        Some(value) => read_estimator(&value),
+        None => Some(default.estimator),
+    };
+    Some(AnalysisSettings { cutoff: cutoff?, reference_speed_fraction: reference?, estimator: estimator? })
+}
+
+fn read_estimator(value: &Value<'_>) -> Option<Estimator> {
+    let name = value.text()?;
+    let found = Estimator::ALL.into_iter().find(|estimator| estimator.name() == name);
+    if found.is_none() {
+        value.refuse(
+            "must be \"ordinary\", \"weighted\" or \"huber\"".into(),
+            Some("all rows alike; joints by their noise; the same with less weight for rows far off".into()),
+        );
+    }
+    found
 }
 
 fn read_detect(table: &Table<'_>) -> Option<DetectSettings> {

@@ -4,19 +4,23 @@ use super::NumericsError;
 use super::base::{BaseParameters, base_parameters};
 use super::diagnose::{DiagnoseSettings, Finding, FindingSeverity, diagnose_samples};
 use super::dynamics::DynamicModel;
-use super::factors::{Factored, JointColumns, factor_cycle, identifies, pack, stacked};
+use super::factors::{Factored, JointColumns, factor_cycle, identifies, pack, widened};
 use super::friction::friction_points;
 use super::friction_means::direction_difference;
-use super::identify::identify;
+use super::identify::{identify_rows, noise_errors};
+use super::jumps::{Jump, jumps};
 use super::plausible::doubt::{DoubtSettings, Judged, diagnose_description};
 use super::plausible::{PlausibleSettings, diagnose_model, top_speeds};
+use super::regressor::KeptColumns;
+use super::rows::CycleRows;
 use super::signal::{Conditioned, condition};
 use super::statistics::{mean, median, parameter_statistics, standard_deviation, swing};
+use super::triangular::TriangularFactor;
 use super::verify::{torque_rmsd, warming_contrast};
 use super::warm_up::{WarmUpPoint, fit_warm_up, warm_up_rmsd};
 use crate::analysis::{
-    CycleAnalysis, CycleFactors, FrictionPoint, Identification, JointSummary, RunAnalysis, WarmFriction,
-    WarmUpFit,
+    CycleAnalysis, CycleFactors, Estimator, FrictionPoint, Identification, JointSummary, RunAnalysis,
+    WarmFriction, WarmUpFit,
 };
 use crate::robot::{JointIndex, ParameterId, Robot};
 use crate::run::{Cycle, Samples, Stage};
@@ -29,11 +33,13 @@ pub struct AnalysisSettings {
     /// Speed at which friction is compared over runs, as a fraction of the largest speed; the
     /// nearest measured level is taken. The thesis prints 0.6.
     pub reference_speed_fraction: f64,
+    /// How rows become parameters.
+    pub estimator: Estimator,
 }
 
 impl Default for AnalysisSettings {
     fn default() -> Self {
-        Self { cutoff: 12.0, reference_speed_fraction: 0.6 }
+        Self { cutoff: 12.0, reference_speed_fraction: 0.6, estimator: Estimator::default() }
     }
 }
 
@@ -72,6 +78,7 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         rows: samples.rows(),
         sample_rate: 0.0,
         cutoff: method.settings.cutoff,
+        estimator: method.settings.estimator,
         identification: Err(String::new()),
         verification: Vec::new(),
         warming_contrast: Vec::new(),
@@ -96,9 +103,10 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         return analysis;
     }
 
-    let factored =
-        factor_cycle(&method.robot, &method.columns, &method.base.kept_columns, &conditioned, samples);
-    analysis.identification = identify_excitation(method, &factored, &conditioned);
+    let jumps = jumps(&method.robot, &conditioned);
+    let kept = &method.base.kept_columns;
+    let factored = factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, samples);
+    analysis.identification = identify_excitation(method, &factored, &conditioned, &jumps, samples);
     doubt_model(method, samples, &conditioned, &factored, &mut analysis);
     let model = analysis.identification.as_ref().ok().map(|found| {
         let parameters = found.parameters.iter().map(|p| (p.id, p.value));
@@ -142,15 +150,22 @@ fn doubt_model(
     let usable = conditioned.usable.iter().flat_map(Clone::clone);
     let rows: Vec<usize> = usable.filter(|&row| samples.stage[row] == Stage::Excitation).collect();
     let speeds = top_speeds(&conditioned.qd, &rows);
+    let mut doubted = found.clone();
+    let factors = identifying_factors(method, factored);
+    let fraction = conditioned.independent_fraction();
+    if let Ok(errors) = noise_errors(&method.base.kept, &factors, found.residual_std, fraction) {
+        let parameters = doubted.parameters.iter_mut();
+        parameters.zip(errors).for_each(|(parameter, error)| parameter.std_error = error);
+    }
     let of_model =
-        diagnose_model(&method.robot, found, &verification, &speeds, &PlausibleSettings::default());
+        diagnose_model(&method.robot, &doubted, &verification, &speeds, &PlausibleSettings::default());
     let judged = Judged {
         robot: &method.robot,
         columns: &method.columns,
         kept_columns: &method.base.kept_columns,
         conditioned,
         excitation: &rows,
-        identified: found,
+        identified: &doubted,
         verification: &verification,
     };
     // the description first: where it is wrong, what it makes of the joints is no news
@@ -172,14 +187,23 @@ fn identify_excitation(
     method: &Method,
     factored: &Factored,
     conditioned: &Conditioned,
+    jumps: &[Jump],
+    samples: &Samples,
 ) -> Result<Identification, String> {
-    let chosen = factored.factors.iter().filter(|of| identifies(of.stage, of.motion));
-    let factor = stacked(&method.columns, chosen);
-    if factor.rows() == 0 {
+    let factors = identifying_factors(method, factored);
+    if factors.iter().all(|factor| factor.rows() == 0) {
         return Err("the cycle has no excitation stage to identify parameters on".into());
     }
-    identify(&method.base.kept, &factor, method.robot.joint_count(), conditioned.independent_fraction())
+    let columns = KeptColumns::new(&method.base.kept_columns);
+    let rows = CycleRows::new(&method.robot, &columns, conditioned, jumps, samples);
+    identify_rows(&method.base.kept, &factors, &rows, method.settings.estimator)
         .map_err(|error| error.to_string())
+}
+
+/// Factor of each joint over the rows that parameters are identified on.
+fn identifying_factors(method: &Method, factored: &Factored) -> Vec<TriangularFactor> {
+    let chosen = factored.factors.iter().filter(|of| identifies(of.stage, of.motion));
+    widened(&method.columns, chosen)
 }
 
 fn keep_factors(method: &Method, factored: &Factored, analysis: &mut CycleAnalysis) {

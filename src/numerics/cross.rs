@@ -2,10 +2,10 @@
 
 use super::NumericsError;
 use super::factors::{JointColumns, JointFactor, identifies};
-use super::identify::identify;
+use super::identify::identify_factors;
 use super::signal::row_step;
 use super::triangular::TriangularFactor;
-use crate::analysis::Identification;
+use crate::analysis::{Estimator, Identification};
 use crate::robot::JointIndex;
 
 /// The rows of chosen cycles that serve identification, joined as cycles come in.
@@ -21,8 +21,8 @@ pub struct Union {
 pub struct CycleParts {
     /// Factor of each joint over its own columns, `[n]`; without rows where the joint has none.
     pub by_joint: Vec<TriangularFactor>,
-    /// Share of the rows that are independent.
-    pub independent_fraction: f64,
+    /// Share of each joint's rows that are independent, `[n]`.
+    pub independent_shares: Vec<f64>,
 }
 
 /// How much the squares of rows count: of each joint and, for some estimators, of each cycle.
@@ -63,8 +63,9 @@ impl Union {
     }
 
     /// Joins the rows of a cycle in which joints move during excitation; other factors are passed
-    /// over. `independent_fraction` says how many of its rows are independent after the low-pass
-    /// ([`Conditioned::independent_fraction`](super::signal::Conditioned::independent_fraction)).
+    /// over. `independent_shares` `[n]` say for each joint how many of these rows count as independent
+    /// ([`JointResidual::independent_share`](crate::analysis::JointResidual::independent_share)); a
+    /// missing one counts as 1.
     ///
     /// # Errors
     /// [`NumericsError::ColumnsDiffer`] if the cycle's columns are not those of the union.
@@ -72,7 +73,7 @@ impl Union {
         &mut self,
         columns: &JointColumns,
         factors: &[JointFactor],
-        independent_fraction: f64,
+        independent_shares: &[f64],
     ) -> Result<(), NumericsError> {
         if columns.by_joint() != self.columns.by_joint() {
             return Err(NumericsError::ColumnsDiffer(
@@ -84,7 +85,9 @@ impl Union {
         }
         let mut cycle = CycleParts {
             by_joint: columns.by_joint().iter().map(|of| TriangularFactor::new(of.len())).collect(),
-            independent_fraction,
+            independent_shares: (0..columns.joint_count())
+                .map(|j| independent_shares.get(j).copied().unwrap_or(1.0))
+                .collect(),
         };
         for of in factors.iter().filter(|of| identifies(of.stage, of.motion)) {
             self.by_joint[of.joint.index()].join(&of.factor);
@@ -116,14 +119,27 @@ impl Union {
         &self.by_joint
     }
 
-    /// Share of the rows of all cycles that are independent.
+    /// Share of the rows of all cycles and joints that are independent.
     #[must_use]
     pub fn independent_fraction(&self) -> f64 {
-        let rows =
-            |cycle: &CycleParts| cycle.by_joint.iter().map(TriangularFactor::rows).sum::<usize>() as f64;
-        let all: f64 = self.cycles.iter().map(rows).sum();
-        let independent: f64 = self.cycles.iter().map(|c| rows(c) * c.independent_fraction).sum();
-        independent / all.max(1.0)
+        let joints = 0..self.by_joint.len();
+        let independent: f64 = joints.map(|j| self.independent_rows(j)).sum();
+        independent / (self.by_joint.iter().map(TriangularFactor::rows).sum::<usize>() as f64).max(1.0)
+    }
+
+    /// Share of each joint's rows of all cycles that are independent, `[n]`.
+    #[must_use]
+    pub fn independent_shares(&self) -> Vec<f64> {
+        let share = |(j, factor): (usize, &TriangularFactor)| match factor.rows() {
+            0 => 1.0,
+            rows => self.independent_rows(j) / rows as f64,
+        };
+        self.by_joint.iter().enumerate().map(share).collect()
+    }
+
+    fn independent_rows(&self, j: usize) -> f64 {
+        let of_cycle = |cycle: &CycleParts| cycle.by_joint[j].rows() as f64 * cycle.independent_shares[j];
+        self.cycles.iter().map(of_cycle).sum()
     }
 
     /// Factor of all joints stacked [3.22] with weighted rows, `b` columns.
@@ -151,11 +167,14 @@ impl Union {
     /// Identifies all joints stacked [3.22], each row of each cycle with the same weight.
     ///
     /// # Errors
-    /// Those of [`identify`].
+    /// Those of [`identify_factors`].
     pub fn identify(&self) -> Result<Identification, NumericsError> {
-        let n = self.columns.joint_count();
-        let factor = self.stacked(&RowWeights::equal(n));
-        identify(self.columns.kept(), &factor, n, self.independent_fraction())
+        identify_factors(
+            self.columns.kept(),
+            &self.spread_by_joint(),
+            &self.independent_shares(),
+            Estimator::Ordinary,
+        )
     }
 
     fn of_joint(&self, j: usize, weights: &RowWeights) -> TriangularFactor {

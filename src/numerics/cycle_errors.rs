@@ -5,10 +5,9 @@
 //! `c` is `sum over joints of R_cjᵀ (z_cj - R_cj theta)` for its factors `[R_cj z_cj]`, since reflections
 //! keep products of columns.
 
-use faer::Mat;
+use faer::{Mat, Side};
 
 use super::NumericsError;
-use super::covariance::{Block, LeverageCorrection, Sandwich, sandwich};
 use super::cross::{CycleParts, RowWeights};
 use super::factors::JointColumns;
 use crate::robot::JointIndex;
@@ -16,6 +15,10 @@ use crate::robot::JointIndex;
 /// Fewest cycles whose scatter is believed: with fewer, Student's quantile of the few degrees of freedom
 /// makes intervals so wide and so uncertain that the noise of the rows says more.
 pub const FEWEST_CYCLES: usize = 8;
+
+/// Leverage of a cycle is kept below this, so that one that alone decides a parameter gives a large and not
+/// an endless error.
+const MAX_LEVERAGE: f64 = 0.99;
 
 /// Which columns a problem has, and where each joint's columns stand among them.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -86,7 +89,7 @@ pub(super) fn between_cycles(
         let of_joint = |j| weights.of(c, j);
         block(cycle, design, of_joint, theta, inverse)
     });
-    sandwich(inverse, blocks, LeverageCorrection::Jackknife)
+    sandwich(inverse, blocks)
 }
 
 fn block(
@@ -118,4 +121,57 @@ fn block(
     }
     let w = w * inverse;
     Block { information: w.transpose() * &w, score: w.transpose() * e }
+}
+
+/// What blocks say of an estimate's scatter.
+pub(super) struct Sandwich {
+    /// Covariance, `[b x b]`.
+    pub(super) matrix: Mat<f64>,
+    /// Degrees of freedom of each parameter, `[b]`.
+    pub(super) freedom: Vec<f64>,
+}
+
+/// Covariance of an estimate from its blocks, at least two. `inverse` is `r11⁻¹` of the factor that
+/// gave the estimate.
+fn sandwich(inverse: &Mat<f64>, blocks: impl IntoIterator<Item = Block>) -> Result<Sandwich, NumericsError> {
+    let b = inverse.ncols();
+    let mut matrix = Mat::<f64>::zeros(b, b);
+    let (mut total, mut squares, mut count) = (vec![0.0; b], vec![0.0; b], 0.0);
+    for block in blocks {
+        let score = corrected(&block)?;
+        let moved = inverse * score;
+        matrix += &moved * moved.transpose();
+        let spread = inverse * &block.information;
+        for k in 0..b {
+            let share: f64 = (0..b).map(|i| spread[(k, i)] * inverse[(k, i)]).sum();
+            total[k] += share;
+            squares[k] += share * share;
+        }
+        count += 1.0;
+    }
+    matrix *= faer::Scale((count - 1.0) / count);
+    let freedom = (0..b).map(|k| (total[k] * total[k] / squares[k] - 1.0).max(1.0)).collect();
+    Ok(Sandwich { matrix, freedom })
+}
+
+/// Sums over one block in coordinates in which `wᵀw` is the identity.
+struct Block {
+    /// `wᵀw` of the block, `[b x b]`: its eigenvalues are leverages.
+    information: Mat<f64>,
+    /// `wᵀe` of the block, `[b x 1]`.
+    score: Mat<f64>,
+}
+
+/// The block's score with its residuals corrected for having been fitted, as leaving the block out
+/// would: `w_bᵀ (1 - w_b w_bᵀ)⁻¹ = (1 - w_bᵀ w_b)⁻¹ w_bᵀ`, so that a matrix of `b` rows is enough.
+fn corrected(block: &Block) -> Result<Mat<f64>, NumericsError> {
+    let eigen = block
+        .information
+        .self_adjoint_eigen(Side::Lower)
+        .map_err(|_| NumericsError::NotFinite("the leverage of a block"))?;
+    let leverage = eigen.S().column_vector();
+    let along = eigen.U().transpose() * &block.score;
+    let scaled =
+        Mat::from_fn(along.nrows(), 1, |i, _| along[(i, 0)] / (1.0 - leverage[i].clamp(0.0, MAX_LEVERAGE)));
+    Ok(eigen.U() * scaled)
 }

@@ -18,8 +18,8 @@ use faer::{Mat, MatRef};
 
 use super::NumericsError;
 use super::base::{BaseParameters, ZERO_COLUMN_THRESHOLD};
-use super::covariance::student_quantile;
 use super::factors::{JointColumns, JointFactor, identifies};
+use super::student::student_quantile;
 use super::triangular::TriangularFactor;
 use crate::robot::{CouplingTerm, JointIndex, ParameterId, ParameterKind, Robot, StandardParameters};
 

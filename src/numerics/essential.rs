@@ -1,7 +1,7 @@
 //! Essential parameters: the fewest base parameters that explain the torque as well.
 
 use super::NumericsError;
-use super::covariance::normal_quantile;
+use super::student::normal_quantile;
 use super::triangular::{LeastSquares, TriangularFactor};
 
 /// When a parameter goes.

@@ -41,6 +41,17 @@ impl WeightRule {
         share / (sigma * sigma)
     }
 
+    /// Slope of the weighted residual over the residual, 1/(Nm)²: the weight of least squares, and
+    /// none beyond `c sigma`, where Huber's influence stays the same.
+    #[must_use]
+    pub fn slope(&self, joint: usize, residual: f64) -> f64 {
+        let sigma = self.sigma[joint];
+        match self.huber {
+            Some(c) if (residual / sigma).abs() > c => 0.0,
+            _ => 1.0 / (sigma * sigma),
+        }
+    }
+
     /// Weight of a joint's row in a sample, given the parameters.
     #[must_use]
     pub fn weight_of(&self, sample: &SampleRows<'_>, joint: usize, theta: &[f64]) -> f64 {

@@ -5,16 +5,17 @@
 //! enough cycles it is their scatter ([`super::cycle_errors`]).
 
 use super::NumericsError;
-use super::covariance::{inverse_of_upper, student_quantile};
+use super::covariance::inverse_of_upper;
 use super::cross::{RowWeights, Union};
 use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
 use super::essential::{EssentialSettings, essential};
 use super::estimate::{per_joint, weighted};
 use super::identifiability::identifiability;
-use super::identify::{MAX_SCALED_CONDITION, identify};
+use super::identify::{MAX_SCALED_CONDITION, identify_stacked};
 use super::prior::{Prior, PriorStrength, with_prior, with_prior_rows};
 use super::robust::{HUBER_CONSTANT, torque_change};
 use super::statistics::{median, robust_deviation};
+use super::student::student_quantile;
 use super::triangular::TriangularFactor;
 use crate::analysis::{Identification, IdentifiedParameter};
 use crate::robot::{JointIndex, ParameterId};
@@ -242,7 +243,7 @@ fn least_squares(
         false => union.stacked(&weights).restricted(kept),
     };
     let own: Vec<ParameterId> = kept.iter().map(|&k| ids[k]).collect();
-    let mut solved = identify(&own, &factor, n, fraction)?;
+    let mut solved = identify_stacked(&own, &factor, n, fraction)?;
     let theta: Vec<f64> = solved.parameters.iter().map(|p| p.value).collect();
     let freedom = (factor.rows() as f64 * fraction - kept.len() as f64).max(1.0);
     let mut half_width: Vec<f64> = solved.parameters.iter().map(|p| half(p.std_error, freedom)).collect();
@@ -254,6 +255,7 @@ fn least_squares(
         let scatter = between_cycles(union.cycles(), &design, &weights, &theta, &inverse)?;
         for (k, parameter) in solved.parameters.iter_mut().enumerate() {
             parameter.std_error = scatter.matrix[(k, k)].sqrt();
+            parameter.degrees_of_freedom = scatter.freedom[k];
             half_width[k] = half(parameter.std_error, scatter.freedom[k]);
         }
         errors = ErrorBasis::Cycles { count };
@@ -267,7 +269,12 @@ fn least_squares(
         prior: None,
         essential: None,
     };
-    let absent = |&id: &ParameterId| IdentifiedParameter { id, value: 0.0, std_error: f64::NAN };
+    let absent = |&id: &ParameterId| IdentifiedParameter {
+        id,
+        value: 0.0,
+        std_error: f64::NAN,
+        degrees_of_freedom: f64::NAN,
+    };
     found.identification.parameters = ids.iter().map(absent).collect();
     for ((&place, parameter), half) in kept.iter().zip(solved.parameters).zip(half_width) {
         found.identification.parameters[place] = parameter;
@@ -376,6 +383,7 @@ fn towards_prior(
         id,
         value: found.theta[k],
         std_error: sigma[k],
+        degrees_of_freedom: freedom[k],
     };
     let parameters: Vec<IdentifiedParameter> = ids.iter().enumerate().map(of_parameter).collect();
     let shown = identifiability(&factor)?;
@@ -383,6 +391,7 @@ fn towards_prior(
         identification: Identification {
             residual_std: residual_std(union, &parameters, ids.len()),
             parameters,
+            residuals: Vec::new(),
             samples: rows / union.columns().joint_count().max(1),
             condition_number: shown.condition_number,
             scaled_condition_number: shown.scaled_condition_number,

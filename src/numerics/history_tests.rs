@@ -3,10 +3,8 @@
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 
-use super::covariance::{ClusterSettings, LeverageCorrection, clustered};
 use super::cross::Union;
 use super::essential::EssentialSettings;
-use super::estimate::WeightRule;
 use super::factors::{JointColumns, JointFactor};
 use super::history::{ErrorBasis, Estimator, HistoryEstimate, estimate, estimate_essential};
 use super::joint_views::joint_views;
@@ -88,7 +86,7 @@ impl Test {
                 motion: Motion::Moving,
                 factor: self.factor(c, j),
             });
-            union.add(&columns, &factors, 1.0).expect("same columns");
+            union.add(&columns, &factors, &[1.0, 1.0]).expect("same columns");
         }
         union
     }
@@ -206,27 +204,6 @@ fn each_joint_alone_is_the_dense_solution_of_its_rows() {
     }
 }
 
-#[test]
-fn errors_between_cycles_are_the_clustered_errors_of_the_rows() {
-    let test = Test::plain(10, 150, 3);
-    let settings = ClusterSettings {
-        // blocks as long as cycles
-        correlation_times: f64::INFINITY,
-        min_blocks: 10,
-        correction: LeverageCorrection::Jackknife,
-    };
-    for estimator in [Estimator::Ordinary, Estimator::Weighted] {
-        let found = estimate(&test.union(), &estimator).expect("parameters");
-        let noise: Vec<f64> = found.weights.by_joint.iter().map(|w| 1.0 / w.sqrt()).collect();
-        let rule = WeightRule { sigma: noise, huber: None };
-        let expected = clustered(&test, &values(&found), &rule, &settings).expect("errors");
-        assert_eq!((expected.blocks, found.errors), (10, ErrorBasis::Cycles { count: 10 }));
-        assert_equal(&sigma(&found), &expected.sigma);
-        let half: Vec<f64> = (0..5).map(|k| expected.half_width(k, 0.95)).collect();
-        assert_equal(&found.half_width, &half);
-    }
-}
-
 /// Root of `(C - 1) / C sum (theta without c - theta)²`.
 fn jackknife(theta: &[f64], left_out: &[Vec<f64>]) -> Vec<f64> {
     let count = left_out.len() as f64;
@@ -237,14 +214,16 @@ fn jackknife(theta: &[f64], left_out: &[Vec<f64>]) -> Vec<f64> {
 #[test]
 fn errors_between_cycles_are_those_of_leaving_cycles_out() {
     let test = Test::plain(9, 100, 4);
-    let whole = estimate(&test.union(), &Estimator::Ordinary).expect("parameters");
-    let left_out: Vec<Vec<f64>> = (0..9)
-        .map(|out| {
-            let rest = test.union_of((0..9).filter(|&c| c != out));
-            values(&estimate(&rest, &Estimator::Ordinary).expect("parameters"))
-        })
-        .collect();
-    assert_equal(&sigma(&whole), &jackknife(&values(&whole), &left_out));
+    for estimator in [Estimator::Ordinary, Estimator::Weighted] {
+        let whole = estimate(&test.union(), &estimator).expect("parameters");
+        assert_eq!(whole.errors, ErrorBasis::Cycles { count: 9 });
+        let without = |out: usize| {
+            let rest = test.union_of((0..9).filter(|&c| c != out)).stacked(&whole.weights);
+            rest.solve(f64::INFINITY, |k| k.to_string()).expect("parameters").theta
+        };
+        let left_out: Vec<Vec<f64>> = (0..9).map(without).collect();
+        assert_equal(&sigma(&whole), &jackknife(&values(&whole), &left_out));
+    }
 }
 
 #[test]
@@ -276,7 +255,7 @@ fn a_prior_carries_what_the_motion_does_not_show() {
             motion: Motion::Moving,
             factor: test.factor(c, 0),
         };
-        union.add(&columns, &[first], 1.0).expect("same columns");
+        union.add(&columns, &[first], &[1.0, 1.0]).expect("same columns");
     }
     let error = estimate(&union, &Estimator::Weighted).expect_err("unseen");
     assert!(error.to_string().contains("J2_f1"), "{error}");

@@ -6,7 +6,7 @@ use super::cross::{RowWeights, Union};
 use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
 use super::estimate::per_joint;
 use super::history::{ErrorBasis, half};
-use super::identify::{MAX_SCALED_CONDITION, identify};
+use super::identify::{MAX_SCALED_CONDITION, identify_stacked};
 use crate::analysis::Identification;
 use crate::robot::{JointIndex, ParameterId};
 
@@ -42,7 +42,7 @@ fn joint_view(union: &Union, joint: JointIndex) -> Result<JointView, NumericsErr
     let found = per_joint(factor, MAX_SCALED_CONDITION, |k| ids[k].to_string())?;
     let own: Vec<ParameterId> = found.kept.iter().map(|&k| ids[k]).collect();
     let restricted = factor.restricted(&found.kept);
-    let mut identification = identify(&own, &restricted, 1, fraction)?;
+    let mut identification = identify_stacked(&own, &restricted, 1, fraction)?;
     let freedom = (factor.rows() as f64 * fraction - own.len() as f64).max(1.0);
     let mut freedom = vec![freedom; own.len()];
     let mut errors = ErrorBasis::IndependentRows { fraction };
@@ -55,6 +55,7 @@ fn joint_view(union: &Union, joint: JointIndex) -> Result<JointView, NumericsErr
         let scatter = between_cycles(union.cycles(), &design, &equal, &theta, &inverse)?;
         for (k, parameter) in identification.parameters.iter_mut().enumerate() {
             parameter.std_error = scatter.matrix[(k, k)].sqrt();
+            parameter.degrees_of_freedom = scatter.freedom[k];
         }
         freedom = scatter.freedom;
         errors = ErrorBasis::Cycles { count };

@@ -25,11 +25,12 @@ mod robot_text;
 pub mod triangular;
 pub mod jumps;
 pub mod factors;
-pub mod identify;
 pub mod rows;
 pub mod estimate;
 pub mod robust;
+pub mod student;
 pub mod covariance;
+pub mod identify;
 pub mod prior;
 pub mod pseudo_inertia;
 pub mod physical_share;
@@ -97,7 +98,7 @@ pub enum NumericsError {
         count: usize,
         /// Parameters asked for.
         columns: usize,
-        /// The first few of them.
+        /// The first of them.
         names: String,
     },
     /// A robot's geometry leaves open how many parameters its torques can show.

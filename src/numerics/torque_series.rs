@@ -209,7 +209,9 @@ mod tests {
         let parameters = parameters(&method);
         let theta: Vec<f64> = parameters.iter().map(|(_, value)| *value).collect();
         let kept = &method.base.kept_columns;
-        let factored = factor_cycle(&method.robot, &method.columns, kept, &conditioned, &cycle.samples);
+        let jumps = jumps(&method.robot, &conditioned);
+        let factored =
+            factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, &cycle.samples);
         let expected = torque_rmsd(&method.columns, &factored.factors, &theta);
         assert_eq!(expected.len(), 24);
         for rows in [SeriesRows::Counted, SeriesRows::Filtered] {

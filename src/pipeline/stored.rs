@@ -110,7 +110,7 @@ pub(super) fn add(
     columns: &JointColumns,
     cycle: &StoredCycle,
 ) -> Result<(), NumericsError> {
-    union.add(columns, &unpack(&cycle.factors)?, independent_fraction(cycle.cutoff, cycle.sample_rate))
+    union.add(columns, &unpack(&cycle.factors)?, &independent_shares(cycle))
 }
 
 pub(super) fn source(cycle: StoredCycle) -> SourceCycle {
@@ -276,4 +276,12 @@ pub(super) fn same_model(model: &StoredModel, of: i64, cycle: &StoredCycle) -> R
 
 fn theta(columns: &JointColumns, candidate: &Candidate) -> Result<Vec<f64>, NumericsError> {
     columns.theta(candidate.parameters.iter().map(|parameter| (parameter.id, parameter.value)))
+}
+
+/// As stored; of cycles without, what the low-pass leaves.
+fn independent_shares(cycle: &StoredCycle) -> Vec<f64> {
+    match cycle.independent_shares.is_empty() {
+        true => vec![independent_fraction(cycle.cutoff, cycle.sample_rate); cycle.factors.columns.len()],
+        false => cycle.independent_shares.clone(),
+    }
 }

@@ -6,7 +6,7 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::factors::StoredModel;
-use super::values::{ROWS_PER_STATEMENT, count, finite, named, parameter, size};
+use super::values::{ROWS_PER_STATEMENT, count, finite, identified, named, size};
 use super::{analyses, models};
 use crate::analysis::{Identification, IdentifiedParameter, TorqueRmsd};
 use crate::numerics::history::{ErrorSource, EstimatorKind};
@@ -73,7 +73,7 @@ pub(super) async fn of_cycle(
     cycle: u32,
 ) -> Result<Vec<IdentifiedParameter>, sqlx::Error> {
     sqlx::query(
-        "SELECT joint, name, value, std_error
+        "SELECT joint, name, value, std_error, degrees_of_freedom
          FROM cycle
          JOIN cycle_parameter USING (cycle_id)
          JOIN model_parameter USING (model_parameter_id)
@@ -81,7 +81,7 @@ pub(super) async fn of_cycle(
     )
     .bind(run_id)
     .bind(cycle)
-    .try_map(identified)
+    .try_map(|row| identified(&row))
     .fetch_all(executor)
     .await
 }
@@ -159,13 +159,14 @@ async fn insert_values(
     rows: &[IdentifiedParameter],
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Sqlite>::new(
-        "INSERT INTO parameter_set_value (parameter_set_id, model_parameter_id, value, std_error) ",
+        "INSERT INTO parameter_set_value (parameter_set_id, model_parameter_id, value, std_error, degrees_of_freedom) ",
     )
     .push_values(rows, |mut row, parameter| {
         row.push_bind(set_id)
             .push_bind(keys.get(&parameter.id).copied())
             .push_bind(finite(parameter.value))
-            .push_bind(finite(parameter.std_error));
+            .push_bind(finite(parameter.std_error))
+            .push_bind(finite(parameter.degrees_of_freedom));
     })
     .build()
     .execute(executor)
@@ -212,6 +213,7 @@ async fn read_set(
                 description_hash: row.try_get("description_hash")?,
             },
             identification: Identification {
+                residuals: Vec::new(),
                 parameters: Vec::new(),
                 samples: size(&row, "samples")?,
                 condition_number: figure("condition_number")?,
@@ -233,13 +235,13 @@ async fn read_values(
     set_id: i64,
 ) -> Result<Vec<IdentifiedParameter>, sqlx::Error> {
     sqlx::query(
-        "SELECT joint, name, value, std_error
+        "SELECT joint, name, value, std_error, degrees_of_freedom
          FROM parameter_set_value
          JOIN model_parameter USING (model_parameter_id)
          WHERE parameter_set_id = ?",
     )
     .bind(set_id)
-    .try_map(identified)
+    .try_map(|row| identified(&row))
     .fetch_all(executor)
     .await
 }
@@ -261,12 +263,4 @@ async fn read_sources(
     })
     .fetch_all(executor)
     .await
-}
-
-fn identified(row: SqliteRow) -> Result<IdentifiedParameter, sqlx::Error> {
-    Ok(IdentifiedParameter {
-        id: parameter(&row, "joint", "name")?,
-        value: row.try_get("value")?,
-        std_error: row.try_get::<Option<f64>, _>("std_error")?.unwrap_or(f64::NAN),
-    })
 }

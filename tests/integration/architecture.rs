@@ -24,7 +24,7 @@ const ROOMS: &[Room] = &[
     },
     Room {
         name: "config",
-        may_name: &["robot", "run", "numerics"],
+        may_name: &["robot", "run", "analysis", "numerics"],
         door_to: &["nalgebra", "toml", "regex", "urdf_rs"],
     },
     Room { name: "telemetry", may_name: &[], door_to: &["tracing_subscriber"] },

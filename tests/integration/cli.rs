@@ -16,6 +16,7 @@ fn every_command_has_help_with_examples() {
         &["friction"],
         &["simulate"],
         &["robot", "check"],
+        &["benchmark", "coverage"],
     ] {
         let out = workshop.stdout(&[command, &["--help"]].concat(), 0);
         assert!(out.contains("Examples:") && out.contains("armwatch"), "{command:?}: {out}");

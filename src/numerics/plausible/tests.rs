@@ -4,10 +4,11 @@ use super::alternatives::best_alternative;
 use super::delay::torque_delays;
 use super::description::{DescriptionTest, Evidenced, test_description};
 use super::numbers::{DescribedNumber, PlaceNumber};
-use crate::analysis::{Identification, RmsdScope};
+use crate::analysis::{Estimator, Identification, RmsdScope};
 use crate::numerics::analyse::{AnalysisSettings, Method};
-use crate::numerics::factors::{factor_cycle, identifies, stacked};
-use crate::numerics::identify::identify;
+use crate::numerics::factors::{factor_cycle, identifies, widened};
+use crate::numerics::identify::identify_factors;
+use crate::numerics::jumps::jumps;
 use crate::numerics::signal::{Conditioned, condition};
 use crate::numerics::verify::torque_rmsd;
 use crate::robot::{DhParameters, JointGeometry, JointIndex, Robot};
@@ -35,11 +36,12 @@ impl Explained {
         let method = Method::new(described.clone(), AnalysisSettings::default()).expect("base parameters");
         let conditioned = condition(samples, 12.0).expect("conditions");
         let (columns, kept) = (&method.columns, &method.base.kept_columns);
-        let factored = factor_cycle(described, columns, kept, &conditioned, samples);
-        let factor = stacked(columns, factored.factors.iter().filter(|of| identifies(of.stage, of.motion)));
+        let jumps = jumps(described, &conditioned);
+        let factored = factor_cycle(described, columns, kept, &conditioned, &jumps, samples);
+        let factors = widened(columns, factored.factors.iter().filter(|of| identifies(of.stage, of.motion)));
+        let shares = vec![conditioned.independent_fraction(); described.joint_count()];
         let identified =
-            identify(&method.base.kept, &factor, described.joint_count(), conditioned.independent_fraction())
-                .expect("parameters");
+            identify_factors(&method.base.kept, &factors, &shares, Estimator::Ordinary).expect("parameters");
         let theta: Vec<f64> = identified.parameters.iter().map(|p| p.value).collect();
         let noise = torque_rmsd(columns, &factored.factors, &theta)
             .iter()
