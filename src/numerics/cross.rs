@@ -154,6 +154,22 @@ impl Union {
         )
     }
 
+    /// Each joint's factor over all `b` columns, of which each cycle keeps its share, `[n]`; the noise of the
+    /// joints takes no part.
+    #[must_use]
+    pub fn kept_by_joint(&self, weights: &RowWeights) -> Vec<TriangularFactor> {
+        if weights.kept.is_none() {
+            return self.spread_by_joint();
+        }
+        let weights = RowWeights { by_joint: vec![1.0; self.by_joint.len()], kept: weights.kept.clone() };
+        let b = self.columns.kept().len();
+        let spread = |j: usize| {
+            let factor = self.of_joint(j, &weights);
+            TriangularFactor::stacked(b, [(&factor, self.columns.places(JointIndex::new(j)))])
+        };
+        (0..self.by_joint.len()).map(spread).collect()
+    }
+
     /// Each joint's factor over all `b` columns, unweighted, `[n]`.
     #[must_use]
     pub fn spread_by_joint(&self) -> Vec<TriangularFactor> {

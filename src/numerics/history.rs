@@ -9,9 +9,9 @@ use super::covariance::inverse_of_upper;
 use super::cross::{RowWeights, Union};
 use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
 use super::essential::{EssentialSettings, essential};
-use super::estimate::{per_joint, weighted};
+use super::estimate::{WeightRule, joined, per_joint, weighted};
 use super::identifiability::identifiability;
-use super::identify::{MAX_SCALED_CONDITION, identify_stacked};
+use super::identify::{MAX_SCALED_CONDITION, identify_weighted};
 use super::prior::{Prior, PriorStrength, with_prior, with_prior_rows};
 use super::robust::{HUBER_CONSTANT, torque_change};
 use super::statistics::{median, robust_deviation};
@@ -236,22 +236,22 @@ fn least_squares(
     weights: RowWeights,
     settled: bool,
 ) -> Result<HistoryEstimate, NumericsError> {
-    let (ids, n) = (union.columns().kept(), union.columns().joint_count());
+    let ids = union.columns().kept();
     let fraction = union.independent_fraction();
-    let factor = match kept.len() == ids.len() {
-        true => union.stacked(&weights),
-        false => union.stacked(&weights).restricted(kept),
-    };
     let own: Vec<ParameterId> = kept.iter().map(|&k| ids[k]).collect();
-    let mut solved = identify_stacked(&own, &factor, n, fraction)?;
+    let by_joint: Vec<TriangularFactor> =
+        union.kept_by_joint(&weights).iter().map(|factor| factor.restricted(kept)).collect();
+    let sigma = weights.by_joint.iter().map(|weight| weight.sqrt().recip()).collect();
+    let rule = WeightRule { sigma, huber: None };
+    let mut solved = identify_weighted(&own, &by_joint, &union.independent_shares(), &rule)?;
     let theta: Vec<f64> = solved.parameters.iter().map(|p| p.value).collect();
-    let freedom = (factor.rows() as f64 * fraction - kept.len() as f64).max(1.0);
-    let mut half_width: Vec<f64> = solved.parameters.iter().map(|p| half(p.std_error, freedom)).collect();
+    let mut half_width: Vec<f64> =
+        solved.parameters.iter().map(|p| half(p.std_error, p.degrees_of_freedom)).collect();
     let mut errors = ErrorBasis::IndependentRows { fraction };
     let design = Design::stacked(union.columns(), kept);
     let count = design.cycles(union.cycles());
     if count >= FEWEST_CYCLES {
-        let inverse = inverse_of_upper(&factor)?;
+        let inverse = inverse_of_upper(&joined(&by_joint, &rule, kept.len()))?;
         let scatter = between_cycles(union.cycles(), &design, &weights, &theta, &inverse)?;
         for (k, parameter) in solved.parameters.iter_mut().enumerate() {
             parameter.std_error = scatter.matrix[(k, k)].sqrt();

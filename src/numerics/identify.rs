@@ -80,40 +80,21 @@ pub fn identify_factors(
     found(kept, factors, &motion, theta, errors)
 }
 
-/// Identifies the parameters `kept` `[b]` from one factor of rows of any weights, `b` columns, in which
-/// `independent_fraction` of the rows are independent. The residual is that of the weighted rows, and nothing is
-/// said of single joints.
+/// As [`identify_factors`], with the noise of each joint given.
 ///
 /// # Errors
-/// Those of [`identify_factors`].
-pub fn identify_stacked(
+/// Those of [`identify_rows`].
+pub fn identify_weighted(
     kept: &[ParameterId],
-    factor: &TriangularFactor,
-    joint_count: usize,
-    independent_fraction: f64,
+    factors: &[TriangularFactor],
+    independent_shares: &[f64],
+    rule: &WeightRule,
 ) -> Result<Identification, NumericsError> {
-    let motion = solve_ordinary(kept, std::slice::from_ref(factor))?;
-    let (rows, b) = (motion.rows as f64, kept.len() as f64);
-    let freedom = (rows * independent_fraction - b).max(1.0);
-    let parameter = |((&id, &value), &unscaled): ((&ParameterId, &f64), &f64)| IdentifiedParameter {
-        id,
-        value,
-        std_error: (motion.residual_sum_of_squares / freedom * unscaled).sqrt(),
-        degrees_of_freedom: freedom,
-    };
-    let parameters: Vec<IdentifiedParameter> =
-        kept.iter().zip(&motion.theta).zip(&motion.unscaled_variance).map(parameter).collect();
-    if !parameters.iter().all(|p| p.value.is_finite() && p.std_error.is_finite()) {
-        return Err(NumericsError::NotFinite("the parameters"));
-    }
-    Ok(Identification {
-        parameters,
-        residuals: Vec::new(),
-        samples: motion.rows / joint_count.max(1),
-        condition_number: motion.condition_number,
-        scaled_condition_number: motion.scaled_condition_number,
-        residual_std: (motion.residual_sum_of_squares / (rows - b).max(1.0)).sqrt(),
-    })
+    let motion = solve_ordinary(kept, factors)?;
+    let weighed = joined(factors, rule, kept.len());
+    let theta = weighed.solve(MAX_SCALED_CONDITION, |column| kept[column].to_string())?.theta;
+    let errors = errors_by_joint(factors, &theta, rule, independent_shares)?;
+    found(kept, factors, &motion, theta, errors)
 }
 
 /// Standard errors `[b]` as they would be if the model were right and only the low-pass, which leaves

@@ -6,8 +6,8 @@ use super::cross::{RowWeights, Union};
 use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
 use super::estimate::per_joint;
 use super::history::{ErrorBasis, half};
-use super::identify::{MAX_SCALED_CONDITION, identify_stacked};
-use crate::analysis::Identification;
+use super::identify::{MAX_SCALED_CONDITION, identify_factors};
+use crate::analysis::{Estimator, Identification};
 use crate::robot::{JointIndex, ParameterId};
 
 /// What one joint's rows alone say [3.21].
@@ -38,13 +38,14 @@ pub fn joint_views(union: &Union) -> Vec<(JointIndex, Result<JointView, Numerics
 fn joint_view(union: &Union, joint: JointIndex) -> Result<JointView, NumericsError> {
     let j = joint.index();
     let (factor, ids) = (&union.by_joint()[j], &union.columns().by_joint()[j]);
-    let fraction = union.independent_fraction();
+    let fraction = union.independent_shares()[j];
     let found = per_joint(factor, MAX_SCALED_CONDITION, |k| ids[k].to_string())?;
     let own: Vec<ParameterId> = found.kept.iter().map(|&k| ids[k]).collect();
     let restricted = factor.restricted(&found.kept);
-    let mut identification = identify_stacked(&own, &restricted, 1, fraction)?;
-    let freedom = (factor.rows() as f64 * fraction - own.len() as f64).max(1.0);
-    let mut freedom = vec![freedom; own.len()];
+    let alone = std::slice::from_ref(&restricted);
+    let mut identification = identify_factors(&own, alone, &[fraction], Estimator::Ordinary)?;
+    identification.residuals.iter_mut().for_each(|residual| residual.joint = joint);
+    let mut freedom: Vec<f64> = identification.parameters.iter().map(|p| p.degrees_of_freedom).collect();
     let mut errors = ErrorBasis::IndependentRows { fraction };
     let design = Design::of_joint(union.columns(), joint, &found.kept);
     let count = design.cycles(union.cycles());
