@@ -1,5 +1,5 @@
 -- What values do the dynamic parameters take from cycle to cycle, and how sure are they? The band
--- low..high is the value less and plus two standard errors.
+-- low..high is the 95 % interval.
 --
 -- A parameter is a base parameter: grouping is the sum that its value stands for.
 --
@@ -26,8 +26,8 @@ SELECT cycle_parameters.robot,
        cycle_parameters.joint,
        cycle_parameters.parameter,
        cycle_parameters.value,
-       cycle_parameters.value - 2 * cycle_parameters.std_error AS low,
-       cycle_parameters.value + 2 * cycle_parameters.std_error AS high,
+       cycle_parameters.interval_low AS low,
+       cycle_parameters.interval_high AS high,
        cycle_parameters.unit,
        cycle_parameters.grouping
 FROM chosen

@@ -1,6 +1,8 @@
 //! What is computed from a run: identification, verification, friction and warm-up. An answer that
 //! could not be had keeps its reason here; it is never an empty value.
 
+pub mod friction;
+
 use std::sync::Arc;
 
 use crate::robot::{JointIndex, ParameterId};
@@ -21,6 +23,8 @@ pub struct CycleAnalysis {
     pub sample_rate: f64,
     /// Cut-off of the analysis low-pass, Hz.
     pub cutoff: f64,
+    /// How parameters were, or would have been, estimated.
+    pub estimator: Estimator,
     /// Parameters, or why there are none.
     pub identification: Result<Identification, String>,
     /// Self-verification by joint and stage; empty without parameters.
@@ -36,11 +40,40 @@ pub struct CycleAnalysis {
     pub remarks: Vec<String>,
 }
 
+/// How rows become parameters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Estimator {
+    /// Least squares, every row of every joint alike.
+    #[default]
+    Ordinary,
+    /// Least squares, each joint's rows weighted by one over its residual variance [3.22].
+    Weighted,
+    /// Huber's M-estimate: as weighted, and rows far off lose weight. Needs the rows themselves.
+    Huber,
+}
+
+impl Estimator {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Ordinary, Self::Weighted, Self::Huber];
+
+    /// Name as in configuration and in the view `cycles`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ordinary => "ordinary",
+            Self::Weighted => "weighted",
+            Self::Huber => "huber",
+        }
+    }
+}
+
 /// Base parameters of one cycle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identification {
     /// Kept parameters in natural order.
     pub parameters: Vec<IdentifiedParameter>,
+    /// What is left in the torque of each joint, `[n]`.
+    pub residuals: Vec<JointResidual>,
     /// Samples used; each gives one row per joint.
     pub samples: usize,
     /// Condition number of the observation matrix.
@@ -61,6 +94,22 @@ pub struct IdentifiedParameter {
     pub value: f64,
     /// Standard error, same unit.
     pub std_error: f64,
+    /// Degrees of freedom of the standard error; not a number where they are not known. The interval
+    /// is [`half_width`](crate::numerics::student::half_width) to either side.
+    pub degrees_of_freedom: f64,
+}
+
+/// What identification leaves of one joint's torque.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointResidual {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Standard deviation of the residual over the rows used, Nm.
+    pub std: f64,
+    /// Independent rows over these rows: so many that errors which ignore the correlation of neighbours
+    /// come out as the clustered ones. Above 1 where the noise is less at the frequencies of the motion
+    /// than above them, as that of a differentiated velocity.
+    pub independent_share: f64,
 }
 
 /// Rows over which a torque RMSD is taken.
@@ -280,6 +329,26 @@ pub struct WarmUpFit {
     pub rmsd: f64,
     /// Points used.
     pub samples: usize,
+    /// First and last time of the points, min. What the curve says beyond is extrapolated.
+    pub record: [f64; 2],
+}
+
+impl WarmUpFit {
+    /// Whether the value at `minute` is extrapolated.
+    #[must_use]
+    pub fn extrapolates(&self, minute: f64) -> bool {
+        !(self.record[0]..=self.record[1]).contains(&minute)
+    }
+
+    /// Whether the warm friction `a` lies beyond the record: at its end the slow part still makes more
+    /// than two standard errors of `a` and 1 % of it.
+    #[must_use]
+    pub fn asymptote_extrapolated(&self) -> bool {
+        self.slow.is_some_and(|slow| {
+            let left = slow.amplitude.value * (-self.record[1] / slow.time_constant.value).exp();
+            left > (2.0 * self.a.std_error).max(0.01 * self.a.value.abs())
+        })
+    }
 }
 
 /// One exponential part of a warm-up curve.

@@ -18,6 +18,7 @@ pub mod ingest;
 pub mod store;
 pub mod pipeline;
 pub mod alert;
+pub mod report;
 pub mod simulate;
 pub mod daemon;
 pub mod cli;

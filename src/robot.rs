@@ -124,8 +124,12 @@ pub struct Joint {
     pub position_offset: f64,
     /// Joint torque per motor current, Nm/A (N/A), where known.
     pub drive_gain: Option<f64>,
+    /// Torque of the motor at its own shaft per current, before gears: Nm/A, where known.
+    pub motor_torque_constant: Option<f64>,
     /// Rated torque of the motor at its own shaft, Nm, where known.
     pub rated_motor_torque: Option<f64>,
+    /// Rated torque (force) of the joint behind the gear, Nm (N), where known.
+    pub rated_torque: Option<f64>,
     /// Speed below which a row does not count as moving, rad/s (m/s for a sliding joint).
     pub low_speed: f64,
     /// Parameters from a drawing or catalogue, where known: what the simulator moves.

@@ -3,13 +3,25 @@
 mod config_check;
 mod coverage;
 mod demo;
+mod drive_gains;
+mod export_format;
+mod friction;
+mod each_cycle;
 mod identify;
+mod identify_output;
 mod ingest;
+mod load;
 mod output;
+mod plot;
+mod rmsd;
+mod parameters;
+mod prior_choice;
 mod robot_check;
+mod robot_urdf;
 mod run;
 mod selection;
 mod simulate;
+mod torque;
 mod verify;
 
 use std::path::PathBuf;
@@ -100,8 +112,16 @@ enum Command {
     Ingest(ingest::IngestArgs),
     /// Identify one parameter set on chosen cycles from what is stored of them
     Identify(identify::IdentifyArgs),
+    /// List, show or delete what `identify --save` keeps
+    Parameters(parameters::ParametersArgs),
     /// Verify parameters against other runs from what is stored of them
     Verify(verify::VerifyArgs),
+    /// Measured and estimated torque of one cycle, as rows or as a picture
+    Torque(torque::TorqueArgs),
+    /// RMSD of a run by cycle: each stage, the whole cycle, start and end of warming
+    Rmsd(rmsd::RmsdArgs),
+    /// Friction of runs over time, with warm-up curves fitted to it
+    Friction(friction::FrictionArgs),
     /// Write exports of a described arm, with chosen faults and a truth file
     Simulate(simulate::SimulateArgs),
     /// Look at a robot description
@@ -125,6 +145,10 @@ enum Command {
 enum RobotCommand {
     /// Kinematics, base parameters with their groupings, rank and condition number
     Check(robot_check::RobotCheckArgs),
+    /// Drive gains from two recordings, without and with a known load
+    DriveGains(drive_gains::DriveGainsArgs),
+    /// Identified bodies of all links as a URDF file, from what is stored of chosen cycles
+    Urdf(robot_urdf::RobotUrdfArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -193,9 +217,17 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
         Command::Identify(args) => identify::identify(&cli.global, &args),
+        Command::Parameters(args) => parameters::parameters(&cli.global, &args),
         Command::Verify(args) => verify::verify(&cli.global, &args),
+        Command::Torque(args) => torque::torque(&cli.global, &args),
+        Command::Rmsd(args) => rmsd::rmsd(&cli.global, &args),
+        Command::Friction(args) => friction::friction(&cli.global, &args),
         Command::Simulate(args) => simulate::simulate(&cli.global, &args),
         Command::Robot { command: RobotCommand::Check(args) } => robot_check::check(&cli.global, &args),
+        Command::Robot { command: RobotCommand::DriveGains(args) } => {
+            drive_gains::drive_gains(&cli.global, &args)
+        }
+        Command::Robot { command: RobotCommand::Urdf(args) } => robot_urdf::urdf(&cli.global, &args),
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {
             coverage::coverage(&cli.global, &args)
         }

@@ -7,6 +7,17 @@ pub fn line(text: &str) {
     let _ = writeln!(std::io::stdout().lock(), "{text}");
 }
 
+/// Prints lines of results as they come; ends when the reader went away.
+pub fn lines(lines: impl Iterator<Item = String>) {
+    let mut stdout = std::io::BufWriter::new(std::io::stdout().lock());
+    for line in lines {
+        if writeln!(stdout, "{line}").is_err() {
+            return;
+        }
+    }
+    let _ = stdout.flush();
+}
+
 /// Prints a line of words.
 pub fn note(text: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");

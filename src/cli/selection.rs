@@ -82,24 +82,27 @@ impl NamedCandidate {
         if let Ok(run_id) = word.parse::<i64>() {
             return Self::of_run(store, run_id).await;
         }
-        if let Some((run, cycles)) = word.split_once(':')
-            && let Ok(run_id) = run.parse::<i64>()
-        {
-            let cycles = cycle_numbers(cycles).map_err(CliError::Usage)?;
-            let set = unit_identification(store, &[Chosen { run_id, cycles: Some(cycles) }]).await?;
-            return Ok(Self { name: word.into(), run_id: None, candidate: as_candidate(set) });
-        }
-        let set = store.parameter_set(word).await?.ok_or_else(|| {
-            CliError::Usage(format!(
-                "\"{word}\" is neither a run, nor RUN:CYCLES, nor a saved parameter set; \
-                 `armwatch identify --save {word}` makes one"
-            ))
-        })?;
+        let set = find_set(store, word).await?;
         Ok(Self { name: word.into(), run_id: None, candidate: as_candidate(set) })
     }
 }
 
-pub(super) fn as_candidate(set: ParameterSet) -> Candidate {
+/// Parameters that `RUN`, `RUN:CYCLES` or the name of a saved set stands for.
+pub(super) async fn find_set(store: &Store, word: &str) -> Result<ParameterSet, CliError> {
+    let (run, cycles) = word.split_once(':').map_or((word, None), |(run, cycles)| (run, Some(cycles)));
+    if let Ok(run_id) = run.parse::<i64>() {
+        let cycles = cycles.map(cycle_numbers).transpose().map_err(CliError::Usage)?;
+        return Ok(unit_identification(store, &[Chosen { run_id, cycles }]).await?);
+    }
+    store.parameter_set(word).await?.ok_or_else(|| {
+        CliError::Usage(format!(
+            "\"{word}\" is neither a run, nor RUN:CYCLES, nor a saved parameter set; \
+             `armwatch identify --save {word}` makes one"
+        ))
+    })
+}
+
+fn as_candidate(set: ParameterSet) -> Candidate {
     Candidate { model: set.model, parameters: set.identification.parameters }
 }
 

@@ -8,10 +8,13 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
+use super::export_format::export_format;
+use super::load::LoadArgs;
 use super::{CliError, EXIT_DONE, Global, output};
-use crate::config::{Config, read_robot};
+use crate::config::{Config, read_layout, read_robot};
 use crate::robot::Robot;
 use crate::simulate::fault::Fault;
+use crate::simulate::load::Load;
 use crate::simulate::{SimulateError, SimulationSettings, simulate_run};
 
 #[derive(Debug, Args)]
@@ -21,8 +24,10 @@ Examples:
   armwatch simulate -o exports --name R07 --runs 12 --cycles 8 --fault wear:joint=3,from=6,rate=0.03
   armwatch simulate -o exports --full-test --gzip
   armwatch simulate -o exports --robot config/robots/scara.toml
+  armwatch simulate -o exports --layout config/exports/motor_side.toml
+  armwatch simulate -o exports --load-mass-kg 3 --load-centre-m 0,0,0.08
 
-Each run is one export in the native layout, with a truth file NAME.truth.json beside it that holds
+Each run is one export in the native layout or the one given, with a truth file NAME.truth.json beside it that holds
 the parameters, friction and faults behind the numbers. The same seed gives the same bytes.")]
 pub(super) struct SimulateArgs {
     /// Folder for exports and truth files; made if missing
@@ -71,6 +76,12 @@ pub(super) struct SimulateArgs {
     /// Write .csv.gz instead of .csv
     #[arg(long)]
     gzip: bool,
+    /// Layout of the exports: its columns, units, signs and side of the gears, every digit written
+    /// [default: native, rounded as a controller does]
+    #[arg(long, value_name = "FILE")]
+    layout: Option<PathBuf>,
+    #[command(flatten)]
+    load: LoadArgs,
     /// Folder for truth files, instead of beside the exports
     #[arg(long, value_name = "DIR")]
     truth: Option<PathBuf>,
@@ -81,7 +92,10 @@ pub(super) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u8, CliEr
         Some(path) => read_robot(path)?,
         None => shipped_robot()?,
     };
-    let settings = args.settings()?;
+    let mut settings = args.settings()?;
+    if let Some(path) = &args.layout {
+        settings.format = Some(export_format(&read_layout(path)?, &robot)?);
+    }
     for run in 0..settings.runs {
         simulate_one(&robot, &settings, run, args, global.json)?;
     }
@@ -117,6 +131,11 @@ impl SimulateArgs {
             initial_warm_s: self.initial_warm_s,
             ambient_std_k: self.ambient_std_k,
             truth_dir: self.truth.clone(),
+            load: self.load.given()?.map(|load| Load {
+                mass: load.mass,
+                centre: load.centre,
+                inertia: load.inertia,
+            }),
             ..usual
         })
     }

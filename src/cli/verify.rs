@@ -3,7 +3,7 @@
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::identify::rmsd_value;
+use super::identify_output::rmsd_value;
 use super::selection::{NamedCandidate, named_runs, runs_of};
 use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
 use crate::analysis::{RmsdScope, TorqueRmsd};

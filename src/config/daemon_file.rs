@@ -10,8 +10,9 @@ use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::recognition::{DEFAULT_FILE_NAME, time_zone};
 use super::robot_file::parse_robot_with;
-use super::{Config, FleetEntry, Layout, Recognition, RewritePolicy, ScaledColumn, WatchSettings};
+use super::{Channel, Config, FleetEntry, Layout, Recognition, RewritePolicy, WatchSettings};
 use super::{parse_layout, pattern};
+use crate::analysis::Estimator;
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::DetectSettings;
 use crate::robot::{JointKind, Robot};
@@ -235,6 +236,7 @@ fn read_fleet(root: &Table<'_>, references: &mut References<'_>) -> Option<Vec<F
             let layout = references.layout(&table, "layout");
             let entry = FleetEntry { robots: robots?.to_owned(), description: description?, layout: layout? };
             check_units(&table, &entry)?;
+            check_fit(&table, &entry)?;
             Some(entry)
         })
         .collect();
@@ -246,15 +248,30 @@ fn read_fleet(root: &Table<'_>, references: &mut References<'_>) -> Option<Vec<F
 fn check_units(table: &Table<'_>, entry: &FleetEntry) -> Option<()> {
     let (robot, layout) = (&entry.description, &entry.layout);
     let slides = robot.joints.iter().any(|joint| joint.kind == JointKind::Prismatic);
-    let in_si = |column: &ScaledColumn| column.to_si == 1.0;
+    let in_si = |channel: &Channel| channel.to_si == 1.0;
     if slides && !(in_si(&layout.position) && layout.velocity.as_ref().is_none_or(in_si)) {
         table.refuse(
-            format!("{} has a sliding joint, but the layout {} is in degrees", robot.model, layout.name),
+            format!(
+                "{} has a sliding joint, but the layout {} is not in rad and m",
+                robot.model, layout.name
+            ),
             Some("export rad for turning and m for sliding joints".into()),
         );
         return None;
     }
     Some(())
+}
+
+/// A layout in amperes or percent needs gains of the description; better said now than of each export.
+fn check_fit(table: &Table<'_>, entry: &FleetEntry) -> Option<()> {
+    match entry.layout.factors(&entry.description) {
+        Ok(_) => Some(()),
+        Err(misfit) => {
+            let file = table.text("description").unwrap_or_default();
+            table.refuse(format!("{} ({file})", misfit.problem), Some(misfit.remedy));
+            None
+        }
+    }
 }
 
 /// A pattern, which must leave no robot with two arms to choose from. One that is narrower than a
@@ -291,7 +308,23 @@ fn read_analysis(table: &Table<'_>) -> Option<AnalysisSettings> {
     let cutoff = table.number_or("cutoff_hz", &Limits::between(0.5, 1000.0, "Hz"), default.cutoff);
     let fraction = Limits::above(0.0, 1.0, "of the largest speed");
     let reference = table.number_or("reference_speed_fraction", &fraction, default.reference_speed_fraction);
-    Some(AnalysisSettings { cutoff: cutoff?, reference_speed_fraction: reference? })
+    let estimator = match table.optional("estimator") {
+        Some(value) => read_estimator(&value),
+        None => Some(default.estimator),
+    };
+    Some(AnalysisSettings { cutoff: cutoff?, reference_speed_fraction: reference?, estimator: estimator? })
+}
+
+fn read_estimator(value: &Value<'_>) -> Option<Estimator> {
+    let name = value.text()?;
+    let found = Estimator::ALL.into_iter().find(|estimator| estimator.name() == name);
+    if found.is_none() {
+        value.refuse(
+            "must be \"ordinary\", \"weighted\" or \"huber\"".into(),
+            Some("all rows alike; joints by their noise; the same with less weight for rows far off".into()),
+        );
+    }
+    found
 }
 
 fn read_detect(table: &Table<'_>) -> Option<DetectSettings> {

@@ -33,6 +33,7 @@ const ROBOTS: &[Expectation] = &[
     ("coupling_without_transmission", &[(5, "coupling[1]", "does not turn with joint 1")]),
     ("coupling_of_another_motor", &[(7, "coupling[1].motor", "must be between 1 and 2")]),
     ("coupling_twice", &[(15, "coupling[2]", "already has a coupling")]),
+    ("motor_torque_constant_zero", &[(17, "joint[1].motor_torque_constant_nm_a", "must not be 0")]),
     ("drive_gain_zero", &[(17, "joint[1].drive_gain_nm_a", "must not be 0")]),
     (
         "inertia_of_the_origin_taken_for_that_of_the_centre",
@@ -87,13 +88,17 @@ const ROBOTS: &[Expectation] = &[
 const LAYOUTS: &[Expectation] = &[
     ("sound", &[]),
     ("in_degrees", &[]),
-    ("unit_unknown", &[(10, "position.unit", "must be one of rad, deg, m")]),
+    ("unit_unknown", &[(10, "position.unit", "must be one of rad, deg, rev, m")]),
     ("joint_number_missing", &[(13, "torque.column", "must contain {joint}")]),
     ("joint_number_in_time", &[(5, "time.column", "must not contain {joint}")]),
     ("column_read_twice", &[(24, "if_present.cycle", "already read as something else")]),
     ("stage_value_with_two_meanings", &[(21, "stage.warming[1]", "already means friction")]),
     ("stage_value_not_whole", &[(19, "stage.excitation[1]", "must be a whole number")]),
     ("excitation_without_value", &[(19, "stage.excitation", "must have an entry")]),
+    ("in_amperes", &[]),
+    ("sign_zero", &[(15, "torque.sign", "must be 1 or -1")]),
+    ("column_and_columns", &[(14, "torque.columns", "already given as column")]),
+    ("column_number_twice", &[(13, "torque.columns[3]", "already read as something else")]),
     ("delimiter_is_a_point", &[(2, "delimiter", "must be one of")]),
     ("table_misspelt", &[(12, "torqe", "did you mean torque?")]),
 ];
@@ -101,6 +106,7 @@ const LAYOUTS: &[Expectation] = &[
 const DAEMON: &[Expectation] = &[
     ("sound", &[]),
     ("settle_negative", &[(6, "watch.settle_s", "= -1: must be between 0 and 3600 s")]),
+    ("estimator_unknown", &[(19, "analysis.estimator", "must be \"ordinary\", \"weighted\" or \"huber\"")]),
     ("key_misspelt", &[(5, "watch.scan_intervall_s", "did you mean scan_interval_s?")]),
     ("table_misspelt", &[(17, "analisys", "did you mean analysis?")]),
     ("number_in_quotes", &[(18, "analysis.cutoff_hz", "= \"12\": is text, must be a number")]),
@@ -117,6 +123,10 @@ const DAEMON: &[Expectation] = &[
     ("robot_in_single_brackets", &[(12, "robot", "write [[robot]] in double brackets")]),
     ("description_missing", &[(14, "robot[1].description", "er3b.toml cannot be read")]),
     ("description_with_problems", &[(19, "joint[1].nominal.mass_kg", "robots/mass_negative.toml:19:11")]),
+    (
+        "currents_without_gains",
+        &[(12, "robot[1]", "lacks drive_gain_nm_a of joint 1, drive_gain_nm_a of joint 2")],
+    ),
     ("sliding_joint_in_degrees", &[(12, "robot[1]", "scara-example has a sliding joint")]),
     ("robot_pattern_twice", &[(18, "robot[2].name", "is already given")]),
     ("robot_pattern_never_used", &[(18, "robot[2].name", "put the narrower pattern first")]),

@@ -4,11 +4,24 @@ use super::geometry::read_dh_row;
 use super::limits::Limits;
 use super::nominal;
 use super::quantity::{ACCELERATION, Given, POSITION, SPEED, VELOCITY, quantity};
-use super::reader::Table;
+use super::reader::{Table, Value};
 use crate::robot::{Joint, JointGeometry, JointKind, JointLimits};
 
 /// Default of `low_speed_*`, rad/s or m/s: below it the friction model is not to be trusted.
 pub(super) const DEFAULT_LOW_SPEED: f64 = 0.02;
+
+/// Joint torque per motor current.
+pub(super) const DRIVE_GAIN: &str = "drive_gain_nm_a";
+/// The same of a sliding joint.
+pub(super) const DRIVE_GAIN_OF_SLIDE: &str = "drive_gain_n_a";
+/// Torque per current at the motor's shaft.
+pub(super) const MOTOR_TORQUE_CONSTANT: &str = "motor_torque_constant_nm_a";
+/// Rated torque at the motor's shaft.
+pub(super) const RATED_MOTOR_TORQUE: &str = "rated_motor_torque_nm";
+/// Rated torque of a joint.
+pub(super) const RATED_JOINT_TORQUE: &str = "rated_joint_torque_nm";
+/// Rated force of a sliding joint.
+pub(super) const RATED_JOINT_FORCE: &str = "rated_joint_force_n";
 
 /// Reads a joint of a Denavit-Hartenberg table, of either convention: its row stands in the geometry as
 /// one of a modified table. `ratio` is the gear ratio that a transmission matrix has for it.
@@ -33,7 +46,9 @@ pub(super) fn read(table: &Table<'_>, ratio: Option<f64>) -> Option<Joint> {
         gear_ratio: gear_ratio?,
         position_offset: drive.position_offset,
         drive_gain: drive.drive_gain,
+        motor_torque_constant: drive.motor_torque_constant,
         rated_motor_torque: drive.rated_motor_torque,
+        rated_torque: drive.rated_torque,
         low_speed: drive.low_speed,
         nominal: optional(nominal)?,
     })
@@ -43,26 +58,28 @@ pub(super) fn read(table: &Table<'_>, ratio: Option<f64>) -> Option<Joint> {
 pub(super) struct Drive {
     pub position_offset: f64,
     pub drive_gain: Option<f64>,
+    pub motor_torque_constant: Option<f64>,
     pub rated_motor_torque: Option<f64>,
+    pub rated_torque: Option<f64>,
     pub low_speed: f64,
 }
 
 /// Reads the keys of the drive, all of which may be left out.
 pub(super) fn read_drive(table: &Table<'_>, kind: JointKind) -> Option<Drive> {
     let torque = Limits::above(0.0, 1e4, "Nm");
-    let rated_motor_torque = table.optional("rated_motor_torque_nm").map(|value| value.number(&torque));
-    let (gain_key, gain_limits) = match kind {
-        JointKind::Revolute => ("drive_gain_nm_a", Limits::within(1e4, "Nm/A")),
-        JointKind::Prismatic => ("drive_gain_n_a", Limits::within(1e5, "N/A")),
-    };
-    let drive_gain = table.optional(gain_key).map(|value| {
-        let gain = value.number(&gain_limits)?;
-        if gain == 0.0 {
-            value.refuse("must not be 0".into(), None);
-            return None;
+    let rated_motor_torque = table.optional(RATED_MOTOR_TORQUE).map(|value| value.number(&torque));
+    let (gain_key, gain_limits, rated_key, rated_limits) = match kind {
+        JointKind::Revolute => {
+            (DRIVE_GAIN, Limits::within(1e4, "Nm/A"), RATED_JOINT_TORQUE, Limits::above(0.0, 1e6, "Nm"))
         }
-        Some(gain)
-    });
+        JointKind::Prismatic => {
+            (DRIVE_GAIN_OF_SLIDE, Limits::within(1e5, "N/A"), RATED_JOINT_FORCE, Limits::above(0.0, 1e7, "N"))
+        }
+    };
+    let gain = |key: &str, limits: &Limits| table.optional(key).map(|value| not_zero(&value, limits));
+    let drive_gain = gain(gain_key, &gain_limits);
+    let motor_torque_constant = gain(MOTOR_TORQUE_CONSTANT, &Limits::within(1e3, "Nm/A"));
+    let rated_torque = table.optional(rated_key).map(|value| value.number(&rated_limits));
     let position_offset = quantity(table, "position_offset", kind, &POSITION).optional();
     let position_offset = position_offset.map_or(Some(0.0), |given| Some(given?.si));
     let low_speed = quantity(table, "low_speed", kind, &SPEED).optional();
@@ -70,9 +87,21 @@ pub(super) fn read_drive(table: &Table<'_>, kind: JointKind) -> Option<Drive> {
     Some(Drive {
         position_offset: position_offset?,
         drive_gain: optional(drive_gain)?,
+        motor_torque_constant: optional(motor_torque_constant)?,
         rated_motor_torque: optional(rated_motor_torque)?,
+        rated_torque: optional(rated_torque)?,
         low_speed: low_speed?,
     })
+}
+
+/// A gain, whose sign says which way the current drives.
+fn not_zero(value: &Value<'_>, limits: &Limits) -> Option<f64> {
+    let gain = value.number(limits)?;
+    if gain == 0.0 {
+        value.refuse("must not be 0".into(), None);
+        return None;
+    }
+    Some(gain)
 }
 
 /// Refuses a threshold that no row could exceed.

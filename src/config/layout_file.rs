@@ -6,7 +6,10 @@ use super::files;
 use super::limits::Limits;
 use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
-use super::{Layout, MotorSide, ScaledColumn, StageSignal, StageSource, TimeSource};
+use super::{
+    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, ScaledColumn, StageSignal, StageSource,
+    TimeSource, TorqueQuantity,
+};
 use crate::run::Stage;
 
 /// Stands for the joint's number, from 1, in the name of a column.
@@ -16,16 +19,22 @@ const JOINT: &str = "{joint}";
 type Unit = (&'static str, f64);
 
 const DEG: f64 = std::f64::consts::PI / 180.0;
+const REV: f64 = std::f64::consts::TAU;
 const TIME: &[Unit] = &[("s", 1.0), ("ms", 1e-3)];
-const POSITION: &[Unit] = &[("rad", 1.0), ("deg", DEG), ("m", 1.0)];
-const VELOCITY: &[Unit] = &[("rad/s", 1.0), ("deg/s", DEG), ("m/s", 1.0)];
-const TORQUE: &[Unit] = &[("Nm", 1.0), ("N", 1.0)];
+const POSITION: &[Unit] = &[("rad", 1.0), ("deg", DEG), ("rev", REV), ("m", 1.0)];
+const VELOCITY: &[Unit] =
+    &[("rad/s", 1.0), ("deg/s", DEG), ("rev/s", REV), ("rpm", REV / 60.0), ("m/s", 1.0)];
+/// Drives after CiA 402 give torque and current in thousandths of the rated one.
+const TORQUE: &[Unit] = &[("Nm", 1.0), ("N", 1.0), ("A", 1.0), ("mA", 1e-3), ("%", 1e-2), ("permille", 1e-3)];
 
 /// Sample rates of exports that count rows instead of recording time.
 const SAMPLE_RATE: Limits = Limits::between(0.1, 1e6, "Hz");
 
 /// Separators between columns that cannot be part of a number.
 const DELIMITERS: [&str; 4] = [",", ";", "\t", "|"];
+
+/// Largest number of a column; wider exports than this are none of a robot arm.
+const MAX_COLUMN: i64 = 10_000;
 
 /// Most values of the stage signal that may mean one stage.
 const MAX_STAGE_VALUES: usize = 100;
@@ -58,18 +67,20 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
     let mut motor_side = MotorSide::default();
     let position = required("position").and_then(|t| {
         motor_side.position = read_side(&t)?;
-        read_scaled(&t, POSITION, Columns::Joints, &mut names)
+        read_channel(&t, POSITION, &mut names)
     });
-    let velocity = root.table("velocity").map(|t| read_scaled(&t, VELOCITY, Columns::Joints, &mut names));
+    let velocity = root.table("velocity").map(|t| read_channel(&t, VELOCITY, &mut names));
+    let mut torque_quantity = TorqueQuantity::Torque;
     let torque = required("torque").and_then(|t| {
         motor_side.torque = read_side(&t)?;
-        read_scaled(&t, TORQUE, Columns::Joints, &mut names)
+        torque_quantity = read_quantity(&t);
+        read_channel(&t, TORQUE, &mut names)
     });
     let stage = required("stage").and_then(|t| read_stage_source(&t, &mut names));
     let if_present = root.table("if_present");
     let mut column = |key| {
         let value = if_present.as_ref()?.optional(key)?;
-        names.take(&value, Columns::One).map(str::to_owned)
+        names.take(&value)
     };
     let (cycle, friction_joint, friction_level) =
         (column("cycle"), column("friction_joint"), column("friction_level"));
@@ -85,6 +96,7 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
         position: position?,
         velocity,
         torque: torque?,
+        torque_quantity,
         stage: stage?,
         motor_side,
         cycle,
@@ -103,10 +115,14 @@ fn joint_places(name: &str) -> usize {
     name.matches(JOINT).count() + sums.count()
 }
 
-fn read_time<'d>(table: &Table<'d>, names: &mut ColumnNames<'d>) -> Option<TimeSource> {
+fn read_time(table: &Table<'_>, names: &mut ColumnNames) -> Option<TimeSource> {
     match table.optional("sample_rate_hz") {
         Some(value) => value.number(&SAMPLE_RATE).map(TimeSource::SampleRate),
-        None => read_scaled(table, TIME, Columns::One, names).map(TimeSource::Column),
+        None => {
+            let column = table.required("column").and_then(|value| names.take(&value));
+            let to_si = table.required("unit").and_then(|value| read_unit(&value, TIME));
+            Some(TimeSource::Column(ScaledColumn { column: column?, to_si: to_si? }))
+        }
     }
 }
 
@@ -123,7 +139,7 @@ fn read_side(table: &Table<'_>) -> Option<bool> {
     }
 }
 
-fn read_stage_source<'d>(table: &Table<'d>, names: &mut ColumnNames<'d>) -> Option<StageSource> {
+fn read_stage_source(table: &Table<'_>, names: &mut ColumnNames) -> Option<StageSource> {
     let Some(value) = table.optional("whole_recording") else {
         return read_stage(table, names).map(StageSource::Signal);
     };
@@ -135,35 +151,46 @@ fn read_stage_source<'d>(table: &Table<'d>, names: &mut ColumnNames<'d>) -> Opti
     found.map(StageSource::Whole)
 }
 
-/// Whether a name stands for one column or for one a joint.
-#[derive(Clone, Copy, PartialEq)]
-enum Columns {
-    One,
-    Joints,
-}
-
-/// Names given so far, so that no column is read twice.
+/// Columns given so far, so that none is read twice; a name with a place for the joint's number stands
+/// as it is given.
 #[derive(Default)]
-struct ColumnNames<'d>(Vec<&'d str>);
+struct ColumnNames(Vec<Column>);
 
-impl<'d> ColumnNames<'d> {
-    fn take(&mut self, value: &Value<'d>, columns: Columns) -> Option<&'d str> {
-        let name = value.text()?;
-        let problem = match (columns, joint_places(name)) {
-            _ if self.0.contains(&name) => Some("this column is already read as something else".to_owned()),
-            (Columns::One, 1..) => Some(format!("is one column and must not contain {JOINT}")),
-            (Columns::Joints, 0) => {
-                Some(format!("must contain {JOINT}, which stands for the joint's number from 1"))
-            }
-            (Columns::Joints, 2..) => Some(format!("must contain {JOINT} only once")),
-            _ => None,
+impl ColumnNames {
+    /// One column, by name or number.
+    fn take(&mut self, value: &Value<'_>) -> Option<Column> {
+        let column = match value.is_integer() {
+            true => Column::Number(usize::try_from(value.integer(1..=MAX_COLUMN)?).ok()?),
+            false => Column::Name(value.text()?.to_owned()),
         };
-        if let Some(problem) = problem {
-            value.refuse(problem, None);
+        if let Column::Name(name) = &column
+            && joint_places(name) > 0
+        {
+            value.refuse(format!("is one column and must not contain {JOINT}"), None);
             return None;
         }
-        self.0.push(name);
-        Some(name)
+        self.add(value, column)
+    }
+
+    /// One name for the columns of all joints.
+    fn take_pattern(&mut self, value: &Value<'_>) -> Option<String> {
+        let pattern = value.text()?;
+        let problem = match joint_places(pattern) {
+            0 => format!("must contain {JOINT}, which stands for the joint's number from 1"),
+            1 => return self.add(value, Column::Name(pattern.to_owned())).map(|_| pattern.to_owned()),
+            _ => format!("must contain {JOINT} only once"),
+        };
+        value.refuse(problem, Some("or write columns = [..] with a name or number for each joint".into()));
+        None
+    }
+
+    fn add(&mut self, value: &Value<'_>, column: Column) -> Option<Column> {
+        if self.0.contains(&column) {
+            value.refuse("this column is already read as something else".into(), None);
+            return None;
+        }
+        self.0.push(column.clone());
+        Some(column)
     }
 }
 
@@ -179,15 +206,41 @@ fn read_delimiter(root: &Table<'_>) -> Option<u8> {
     }
 }
 
-fn read_scaled<'d>(
-    table: &Table<'d>,
-    units: &[Unit],
-    columns: Columns,
-    names: &mut ColumnNames<'d>,
-) -> Option<ScaledColumn> {
-    let name = table.required("column").and_then(|value| names.take(&value, columns));
+fn read_channel(table: &Table<'_>, units: &[Unit], names: &mut ColumnNames) -> Option<Channel> {
+    let columns = table.one_of(&["column", "columns"]).and_then(|(which, value)| match which {
+        0 => names.take_pattern(&value).map(JointColumns::Pattern),
+        _ => {
+            let columns: Vec<_> = value.items()?.iter().map(|item| names.take(item)).collect();
+            columns.into_iter().collect::<Option<_>>().map(JointColumns::Each)
+        }
+    });
     let to_si = table.required("unit").and_then(|value| read_unit(&value, units));
-    Some(ScaledColumn { name: name?.to_owned(), to_si: to_si? })
+    let sign = table.optional("sign").map_or(Some(JointSigns::All(1.0)), |value| read_sign(&value));
+    Some(Channel { columns: columns?, to_si: to_si?, sign: sign? })
+}
+
+fn read_sign(value: &Value<'_>) -> Option<JointSigns> {
+    let one = |value: &Value<'_>| {
+        let sign = value.integer(-1..=1)?;
+        if sign == 0 {
+            value.refuse("must be 1 or -1".into(), None);
+        }
+        (sign != 0).then_some(sign as f64)
+    };
+    if !value.is_array() {
+        return one(value).map(JointSigns::All);
+    }
+    let signs: Vec<_> = value.items()?.iter().map(one).collect();
+    signs.into_iter().collect::<Option<_>>().map(JointSigns::Each)
+}
+
+/// What the unit of a torque column says it holds; a wrong unit is refused where its factor is read.
+fn read_quantity(table: &Table<'_>) -> TorqueQuantity {
+    match table.optional("unit").and_then(|value| value.peek_text()) {
+        Some("A" | "mA") => TorqueQuantity::Current,
+        Some("%" | "permille") => TorqueQuantity::FractionOfRated,
+        _ => TorqueQuantity::Torque,
+    }
 }
 
 fn read_unit(value: &Value<'_>, units: &[Unit]) -> Option<f64> {
@@ -200,14 +253,14 @@ fn read_unit(value: &Value<'_>, units: &[Unit]) -> Option<f64> {
     factor
 }
 
-fn read_stage<'d>(table: &Table<'d>, names: &mut ColumnNames<'d>) -> Option<StageSignal> {
-    let column = table.required("column").and_then(|value| names.take(&value, Columns::One));
+fn read_stage(table: &Table<'_>, names: &mut ColumnNames) -> Option<StageSignal> {
+    let column = table.required("column").and_then(|value| names.take(&value));
     let mut taken: Vec<(i64, &str)> = Vec::new();
     let mut values = |key| read_stage_values(table, key, &mut taken);
     let (between, excitation) = (values("between"), values("excitation"));
     let (friction, warming) = (values("friction"), values("warming"));
     Some(StageSignal {
-        column: column?.to_owned(),
+        column: column?,
         excitation: excitation?,
         friction: friction?,
         warming: warming?,
@@ -250,15 +303,25 @@ mod tests {
         let layout = parse_layout("native.toml", NATIVE).expect("no problems");
         assert_eq!((layout.name.as_str(), layout.delimiter), ("native", b','));
         let TimeSource::Column(time) = &layout.time else { panic!("{:?}", layout.time) };
-        let columns = [Some(time), Some(&layout.position), layout.velocity.as_ref(), Some(&layout.torque)];
-        let names: Vec<_> = columns.iter().flatten().map(|c| (c.name.as_str(), c.to_si)).collect();
-        assert_eq!(names, [("time", 1.0), ("pos_{joint}", 1.0), ("vel_{joint}", 1.0), ("trq_{joint}", 1.0)]);
+        assert_eq!((time.column.to_string().as_str(), time.to_si), ("time", 1.0));
+        let pattern = |name: &str| Channel {
+            columns: JointColumns::Pattern(name.into()),
+            to_si: 1.0,
+            sign: JointSigns::All(1.0),
+        };
+        assert_eq!(layout.position, pattern("pos_{joint}"));
+        assert_eq!(layout.velocity, Some(pattern("vel_{joint}")));
+        assert_eq!(
+            (&layout.torque, layout.torque_quantity),
+            (&pattern("trq_{joint}"), TorqueQuantity::Torque)
+        );
         let StageSource::Signal(stage) = &layout.stage else { panic!("{:?}", layout.stage) };
-        assert_eq!(stage.column, "stage");
+        assert_eq!(stage.column, Column::Name("stage".into()));
         assert_eq!((&stage.between[..], &stage.excitation[..]), (&[0][..], &[1][..]));
         assert_eq!((&stage.friction[..], &stage.warming[..]), (&[2][..], &[3][..]));
         let optional = [&layout.cycle, &layout.friction_joint, &layout.friction_level];
-        assert_eq!(optional.map(|c| c.as_deref()), [Some("cycle"), Some("joint"), Some("level")]);
+        let names = optional.map(|c| c.as_ref().map(Column::to_string));
+        assert_eq!(names, ["cycle", "joint", "level"].map(|name| Some(name.to_owned())));
     }
 
     #[test]
@@ -271,7 +334,7 @@ mod tests {
         let layout = parse_layout("foreign.toml", &text).expect("no problems");
         assert_eq!(layout.velocity, None);
         assert_eq!(layout.position.to_si, 1.0_f64.to_radians());
-        let time = TimeSource::Column(ScaledColumn { name: "time".into(), to_si: 1e-3 });
+        let time = TimeSource::Column(ScaledColumn { column: Column::Name("time".into()), to_si: 1e-3 });
         assert_eq!((&layout.time, layout.delimiter), (&time, b'\t'));
     }
 
@@ -283,5 +346,25 @@ mod tests {
         let keys: Vec<_> = errors.0.iter().map(|p| p.key.as_str()).collect();
         assert_eq!(keys, ["torque.column", "stage.warming[1]"]);
         assert!(errors.0[1].problem.contains("already means friction"), "{errors}");
+    }
+
+    #[test]
+    fn columns_go_by_name_or_number_and_signs_by_joint() {
+        let text = NATIVE
+            .replace("column = \"time\"", "column = 1")
+            .replace(
+                "column = \"pos_{joint}\"\nunit = \"rad\"",
+                "columns = [2, \"b\"]\nunit = \"rev\"\nsign = -1",
+            )
+            .replace("unit = \"rad/s\"", "unit = \"rpm\"\nsign = [1, -1]")
+            .replace("unit = \"Nm\"", "unit = \"permille\"\nside = \"motor\"");
+        let layout = parse_layout("numbers.toml", &text).expect("no problems");
+        let columns = JointColumns::Each(vec![Column::Number(2), Column::Name("b".into())]);
+        let tau = std::f64::consts::TAU;
+        assert_eq!(layout.position, Channel { columns, to_si: tau, sign: JointSigns::All(-1.0) });
+        let velocity = layout.velocity.expect("recorded");
+        assert_eq!((velocity.to_si, velocity.sign), (tau / 60.0, JointSigns::Each(vec![1.0, -1.0])));
+        assert_eq!((layout.torque.to_si, layout.torque_quantity), (1e-3, TorqueQuantity::FractionOfRated));
+        assert!(layout.motor_side.torque && !layout.motor_side.position);
     }
 }

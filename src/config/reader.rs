@@ -286,6 +286,24 @@ pub(super) struct Value<'d> {
 }
 
 impl<'d> Value<'d> {
+    /// Whether this is an array.
+    pub fn is_array(&self) -> bool {
+        matches!(self.node.get_ref(), DeValue::Array(_))
+    }
+
+    /// Whether this is a whole number.
+    pub fn is_integer(&self) -> bool {
+        matches!(self.node.get_ref(), DeValue::Integer(_))
+    }
+
+    /// The text, if it is one; anything else is no problem yet.
+    pub fn peek_text(&self) -> Option<&'d str> {
+        match self.node.get_ref() {
+            DeValue::String(text) => Some(text),
+            _ => None,
+        }
+    }
+
     /// Text, which must not be empty.
     pub fn text(&self) -> Option<&'d str> {
         let text = self.any_text()?;

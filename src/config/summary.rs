@@ -30,6 +30,7 @@ pub fn summary(config: &Config) -> String {
     let analysis = &config.analysis;
     line("low-pass cut-off", format!("{} Hz", analysis.cutoff));
     line("reference speed", format!("{} of the largest", percent(analysis.reference_speed_fraction)));
+    line("estimator", analysis.estimator.name().to_owned());
     let detect = &config.detect;
     line("baseline", format!("{} runs", detect.baseline_runs));
     let levels =
@@ -99,6 +100,7 @@ mod tests {
             "robot *                   er3a with 6 joints, 6 speed levels, nominal parameters of 6 joints, an excitation; layout native, velocity recorded",
             "low-pass cut-off          12 Hz",
             "reference speed           60 % of the largest",
+            "estimator                 ordinary",
             "baseline                  5 runs",
             "friction drift            warning from 5 %, critical from 15 %",
             "drift significance        4 standard deviations",

@@ -132,7 +132,9 @@ fn read_joint(table: &Table<'_>, urdf: &UrdfJoint, ratio: Option<f64>) -> Option
         gear_ratio: gear_ratio?,
         position_offset: drive.position_offset,
         drive_gain: drive.drive_gain,
+        motor_torque_constant: drive.motor_torque_constant,
         rated_motor_torque: drive.rated_motor_torque,
+        rated_torque: drive.rated_torque,
         low_speed: drive.low_speed,
         nominal,
     })

@@ -30,7 +30,7 @@ pub type RawColumns = Vec<Vec<f64>>;
 /// `previous_time` is the time of the row before, s. Factors of 1 cost nothing.
 #[must_use]
 pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f64>) -> Option<Samples> {
-    let factors = map.to_si;
+    let factors = &map.to_si;
     let time = match map.time {
         TimeColumn::Recorded(column) => scaled(taken(&mut columns, column), factors.time, MAX_TIME)?,
         TimeColumn::Counted(rate) => {
@@ -41,15 +41,16 @@ pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f
     if !rises(&time, previous_time) {
         return None;
     }
-    let mut joints = |indices: &[usize], factor: f64, limit: f64| -> Option<Vec<Vec<f64>>> {
-        indices.iter().map(|column| scaled(taken(&mut columns, *column), factor, limit)).collect()
+    let mut joints = |indices: &[usize], factors: &[f64], limit: f64| -> Option<Vec<Vec<f64>>> {
+        let of_joints = indices.iter().zip(factors);
+        of_joints.map(|(column, factor)| scaled(taken(&mut columns, *column), *factor, limit)).collect()
     };
-    let position = joints(&map.position, factors.position, MAX_POSITION)?;
+    let position = joints(&map.position, &factors.position, MAX_POSITION)?;
     let velocity = match &map.velocity {
-        Some(indices) => Some(joints(indices, factors.velocity, MAX_VELOCITY)?),
+        Some(indices) => Some(joints(indices, &factors.velocity, MAX_VELOCITY)?),
         None => None,
     };
-    let torque = joints(&map.torque, factors.torque, MAX_TORQUE)?;
+    let torque = joints(&map.torque, &factors.torque, MAX_TORQUE)?;
     let stage = match (map.stage, &map.stage_source) {
         (Some(column), StageSource::Signal(signal)) => stages(&taken(&mut columns, column), signal)?,
         (_, StageSource::Whole(stage)) => vec![*stage; time.len()],
@@ -84,13 +85,14 @@ pub fn refusal(value: f64, role: Role, map: &ColumnMap) -> Option<String> {
         let outside = (value * factor).abs() > limit;
         outside.then(|| format!("beyond any {what} (more than {limit:e} {unit} after conversion)"))
     };
-    let factors = map.to_si;
+    let factors = &map.to_si;
+    let of = |factors: &[f64], joint: JointIndex| factors.get(joint.index()).copied().unwrap_or(1.0);
     match role {
         Role::Ignored => None,
         Role::Time => beyond(factors.time, MAX_TIME, "clock", "s"),
-        Role::Position(_) => beyond(factors.position, MAX_POSITION, "joint's position", "rad"),
-        Role::Velocity(_) => beyond(factors.velocity, MAX_VELOCITY, "joint's velocity", "rad/s"),
-        Role::Torque(_) => beyond(factors.torque, MAX_TORQUE, "joint's torque", "Nm"),
+        Role::Position(j) => beyond(of(&factors.position, j), MAX_POSITION, "joint's position", "rad"),
+        Role::Velocity(j) => beyond(of(&factors.velocity, j), MAX_VELOCITY, "joint's velocity", "rad/s"),
+        Role::Torque(j) => beyond(of(&factors.torque, j), MAX_TORQUE, "joint's torque", "Nm"),
         Role::Stage => match &map.stage_source {
             StageSource::Signal(signal) => stage_of(value, signal).is_none().then(|| "no known stage".into()),
             StageSource::Whole(_) => None,

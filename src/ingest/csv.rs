@@ -353,9 +353,9 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    use super::super::fixture::{fixture, native, read_bytes, recording};
+    use super::super::fixture::{channel, fixture, native, read_bytes, recording};
     use super::*;
-    use crate::config::{ScaledColumn, StageSource, TimeSource};
+    use crate::config::{Column, JointSigns, ScaledColumn, StageSource, TimeSource};
     use crate::run::Stage;
     use crate::testing::er3a;
 
@@ -383,13 +383,12 @@ mod tests {
 
     #[test]
     fn rows_without_header_time_and_stage_are_counted_and_named_by_the_layout() {
-        let column = |name: &str| ScaledColumn { name: name.into(), to_si: 1.0 };
         let layout = Layout {
             header: false,
             time: TimeSource::SampleRate(5000.0),
-            position: column("{joint}"),
+            position: channel("{joint}"),
             velocity: None,
-            torque: column("{joint+6}"),
+            torque: channel("{joint+6}"),
             stage: StageSource::Whole(Stage::Excitation),
             ..native()
         };
@@ -513,14 +512,16 @@ mod tests {
     #[test]
     fn foreign_units_end_here() {
         let mut layout = native();
-        layout.time = TimeSource::Column(ScaledColumn { name: "time".into(), to_si: 1e-3 });
+        layout.time = TimeSource::Column(ScaledColumn { column: Column::Name("time".into()), to_si: 1e-3 });
         layout.position.to_si = std::f64::consts::PI / 180.0;
-        layout.torque.to_si = -50.0;
+        layout.torque.to_si = 50.0;
+        layout.torque.sign = JointSigns::Each(vec![1.0, 1.0, 1.0, 1.0, 1.0, -1.0]);
         let (samples, text) = made_recording(20);
         let read = read_bytes(text.as_bytes(), &layout, ReadOptions::default()).unwrap();
         for row in 0..20 {
             assert_eq!(read.time[row], samples.time[row] * 1e-3);
             assert_eq!(read.position[2][row], samples.position[2][row] * (std::f64::consts::PI / 180.0));
+            assert_eq!(read.torque[4][row], samples.torque[4][row] * 50.0);
             assert_eq!(read.torque[5][row], samples.torque[5][row] * -50.0);
         }
         assert_eq!(read.velocity, samples.velocity);

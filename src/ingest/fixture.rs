@@ -5,33 +5,42 @@ use std::path::{Path, PathBuf};
 use super::csv::{Chunk, ExportReader, ReadOptions};
 use super::rejection::Rejection;
 use super::source::open;
-use crate::config::{Layout, MotorSide, ScaledColumn, StageSignal, StageSource, TimeSource};
+use crate::config::{
+    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, ScaledColumn, StageSignal, StageSource,
+    TimeSource, TorqueQuantity,
+};
 use crate::run::{FrictionSignal, Samples, Stage};
 use crate::testing::er3a;
 
 /// The native layout: everything recorded, SI.
 pub(super) fn native() -> Layout {
-    let column = |name: &str| ScaledColumn { name: name.into(), to_si: 1.0 };
+    let column = |name: &str| Column::Name(name.into());
     Layout {
         name: "native".into(),
         delimiter: b',',
         header: true,
-        time: TimeSource::Column(column("time")),
-        position: column("pos_{joint}"),
-        velocity: Some(column("vel_{joint}")),
-        torque: column("trq_{joint}"),
+        time: TimeSource::Column(ScaledColumn { column: column("time"), to_si: 1.0 }),
+        position: channel("pos_{joint}"),
+        velocity: Some(channel("vel_{joint}")),
+        torque: channel("trq_{joint}"),
+        torque_quantity: TorqueQuantity::Torque,
         stage: StageSource::Signal(StageSignal {
-            column: "stage".into(),
+            column: column("stage"),
             excitation: vec![1],
             friction: vec![2],
             warming: vec![3],
             between: vec![0],
         }),
         motor_side: MotorSide::default(),
-        cycle: Some("cycle".into()),
-        friction_joint: Some("joint".into()),
-        friction_level: Some("level".into()),
+        cycle: Some(column("cycle")),
+        friction_joint: Some(column("joint")),
+        friction_level: Some(column("level")),
     }
+}
+
+/// A channel in SI whose columns have this name.
+pub(super) fn channel(pattern: &str) -> Channel {
+    Channel { columns: JointColumns::Pattern(pattern.into()), to_si: 1.0, sign: JointSigns::All(1.0) }
 }
 
 /// Path of a file in `tests/fixtures/exports`.

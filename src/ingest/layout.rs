@@ -1,10 +1,10 @@
-//! Which column of an export is which channel: header names against a layout, by name and never by
-//! position.
+//! Which column of an export is which channel: the header against a layout, by name, or by number where
+//! the layout says so.
 
 use std::path::Path;
 
 use super::rejection::Rejection;
-use crate::config::{Layout, MotorSide, ScaledColumn, StageSource, TimeSource};
+use crate::config::{Channel, Column, JointColumns, Layout, MotorSide, StageSource, TimeSource};
 use crate::robot::{JointIndex, Robot};
 
 /// Most column names listed in a message.
@@ -85,16 +85,16 @@ pub struct FrictionColumns {
 }
 
 /// Factors from the export's units to SI.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Factors {
     /// To s.
     pub time: f64,
-    /// To rad (m).
-    pub position: f64,
-    /// To rad/s (m/s).
-    pub velocity: f64,
-    /// To Nm (N).
-    pub torque: f64,
+    /// To rad (m), a joint's each, `[n]`.
+    pub position: Vec<f64>,
+    /// To rad/s (m/s), `[n]`.
+    pub velocity: Vec<f64>,
+    /// To Nm (N), currents and percentages of rated torque included, `[n]`.
+    pub torque: Vec<f64>,
 }
 
 impl ColumnMap {
@@ -124,6 +124,8 @@ pub fn map_columns(
         true => fields(header, layout.delimiter).map(str::to_owned).collect(),
         false => (1..=fields(header, layout.delimiter).count()).map(|number| number.to_string()).collect(),
     };
+    let factors =
+        layout.factors(robot).map_err(|misfit| Rejection::of_file(path, misfit.problem, misfit.remedy))?;
     let search = Search { names: &names, layout, robot, path };
     if layout.header {
         search.refuse_missing_header()?;
@@ -132,7 +134,7 @@ pub fn map_columns(
     }
 
     let time = match &layout.time {
-        TimeSource::Column(column) => TimeColumn::Recorded(search.needed(&column.name)?),
+        TimeSource::Column(column) => TimeColumn::Recorded(search.needed(&column.column)?),
         TimeSource::SampleRate(rate) => TimeColumn::Counted(*rate),
     };
     let position = search.needed_by_joint(&layout.position)?;
@@ -145,14 +147,18 @@ pub fn map_columns(
         StageSource::Signal(signal) => Some(search.stage(&signal.column)?),
         StageSource::Whole(_) => None,
     };
-    let cycle = search.optional(layout.cycle.as_deref())?;
-    let joint = search.optional(layout.friction_joint.as_deref())?;
-    let level = search.optional(layout.friction_level.as_deref())?;
+    let cycle = search.optional(layout.cycle.as_ref())?;
+    let joint = search.optional(layout.friction_joint.as_ref())?;
+    let level = search.optional(layout.friction_level.as_ref())?;
     let friction = joint.zip(level).map(|(joint, level)| FrictionColumns { joint, level });
 
     let mut roles = vec![Role::Ignored; names.len()];
+    let mut twice = None;
     let mut assign = |column: usize, role: Role| {
         if let Some(slot) = roles.get_mut(column) {
+            if *slot != Role::Ignored {
+                twice = Some(column);
+            }
             *slot = role;
         }
     };
@@ -172,6 +178,15 @@ pub fn map_columns(
         assign(friction.joint, Role::FrictionJoint);
         assign(friction.level, Role::FrictionLevel);
     }
+    // Names in the layout differ, but a number may mean the column that another key names.
+    if let Some(column) = twice {
+        return Err(search
+            .rejection(
+                "a column that is read as two things",
+                format!("correct the numbers of columns in layout \"{}\"", layout.name),
+            )
+            .in_column(&names[column]));
+    }
     Ok(ColumnMap {
         delimiter: layout.delimiter,
         names,
@@ -188,9 +203,9 @@ pub fn map_columns(
                 TimeSource::Column(column) => column.to_si,
                 TimeSource::SampleRate(_) => 1.0,
             },
-            position: layout.position.to_si,
-            velocity: layout.velocity.as_ref().map_or(1.0, |v| v.to_si),
-            torque: layout.torque.to_si,
+            position: factors.position,
+            velocity: factors.velocity,
+            torque: factors.torque,
         },
         stage_source: layout.stage.clone(),
         motor_side: layout.motor_side,
@@ -287,14 +302,17 @@ impl Search<'_> {
 
     /// Joints are counted by their position columns; an arm with fewer or more is another arm.
     fn refuse_joint_count(&self) -> Result<(), Rejection> {
-        let Some((before, after)) = self.layout.position.name.split_once("{joint}") else { return Ok(()) };
+        let JointColumns::Pattern(pattern) = &self.layout.position.columns else { return Ok(()) };
+        let Some((before, after)) = pattern.split_once("{joint}") else { return Ok(()) };
         let numbers = self.names.iter().filter_map(|name| {
             name.strip_prefix(before)?.strip_suffix(after)?.parse::<usize>().ok().filter(|n| *n > 0)
         });
         let found = numbers.max().unwrap_or(0);
         let joints = self.robot.joint_count();
         // Fewer positions than joints is a missing column if the torques are all there.
-        let torque_of = |joint: usize| self.find(&by_joint(&self.layout.torque.name, joint)).is_some();
+        let torque_of = |joint: usize| {
+            self.layout.torque.columns.of_joint(joint).is_some_and(|c| self.find(&c).is_some())
+        };
         if found == 0 || found == joints || (found < joints && torque_of(joints)) {
             return Ok(());
         }
@@ -307,54 +325,76 @@ impl Search<'_> {
         ))
     }
 
-    fn find(&self, name: &str) -> Option<usize> {
-        self.names.iter().position(|n| n == name)
+    fn find(&self, column: &Column) -> Option<usize> {
+        match column {
+            Column::Name(name) => self.names.iter().position(|n| n == name),
+            Column::Number(number) => number.checked_sub(1).filter(|at| *at < self.names.len()),
+        }
     }
 
-    /// Column of a name that may be absent but not be there twice.
-    fn optional(&self, name: Option<&str>) -> Result<Option<usize>, Rejection> {
-        let Some(name) = name else { return Ok(None) };
-        if self.names.iter().filter(|n| *n == name).count() > 1 {
+    /// A column that may be absent but, if it goes by name, not be there twice.
+    fn optional(&self, column: Option<&Column>) -> Result<Option<usize>, Rejection> {
+        let Some(column) = column else { return Ok(None) };
+        if let Column::Name(name) = column
+            && self.names.iter().filter(|n| *n == name).count() > 1
+        {
             return Err(self
                 .rejection("a column that is there twice", "export each column once")
                 .in_column(name));
         }
-        Ok(self.find(name))
+        Ok(self.find(column))
     }
 
-    fn needed(&self, name: &str) -> Result<usize, Rejection> {
-        self.optional(Some(name))?.ok_or_else(|| {
-            let nearest = self.nearest(name).map(|n| format!("did you mean {n}? ")).unwrap_or_default();
-            let remedy = format!(
-                "{nearest}correct the export or layout \"{}\"; the export has {}",
-                self.layout.name,
-                self.listed()
-            );
-            self.rejection("missing column", remedy).in_column(name)
+    fn needed(&self, column: &Column) -> Result<usize, Rejection> {
+        self.optional(Some(column))?.ok_or_else(|| {
+            let remedy = match column {
+                Column::Name(name) => {
+                    let nearest =
+                        self.nearest(name).map(|n| format!("did you mean {n}? ")).unwrap_or_default();
+                    format!(
+                        "{nearest}correct the export or layout \"{}\"; the export has {}",
+                        self.layout.name,
+                        self.listed()
+                    )
+                }
+                Column::Number(_) => format!(
+                    "correct the numbers of columns in layout \"{}\"; the export has {} columns",
+                    self.layout.name,
+                    self.names.len()
+                ),
+            };
+            self.rejection("missing column", remedy).in_column(&column.to_string())
         })
     }
 
-    fn needed_by_joint(&self, column: &ScaledColumn) -> Result<Vec<usize>, Rejection> {
-        (1..=self.robot.joint_count()).map(|joint| self.needed(&by_joint(&column.name, joint))).collect()
+    fn needed_by_joint(&self, channel: &Channel) -> Result<Vec<usize>, Rejection> {
+        self.columns(channel).map(|column| self.needed(&column)).collect()
     }
 
-    fn stage(&self, name: &str) -> Result<usize, Rejection> {
-        self.optional(Some(name))?.ok_or_else(|| {
-            let nearest = self.nearest(name).map(|n| format!("did you mean {n}? ")).unwrap_or_default();
+    /// The channel's columns, one a joint.
+    fn columns<'c>(&self, channel: &'c Channel) -> impl Iterator<Item = Column> + use<'c> {
+        (1..=self.robot.joint_count()).filter_map(|joint| channel.columns.of_joint(joint))
+    }
+
+    fn stage(&self, column: &Column) -> Result<usize, Rejection> {
+        self.optional(Some(column))?.ok_or_else(|| {
+            let name = column.to_string();
+            let nearest = self.nearest(&name).map(|n| format!("did you mean {n}? ")).unwrap_or_default();
             let remedy = format!(
                 "{nearest}name the column that tells excitation, friction and warming apart, and its values, \
                  as the stage signal of layout \"{}\"; the export has {}",
                 self.layout.name,
                 self.listed()
             );
-            self.rejection("no stage signal: the column is missing", remedy).in_column(name)
+            self.rejection("no stage signal: the column is missing", remedy).in_column(&name)
         })
     }
 
     /// Whether the export means to have these columns: one is there, or one is spelled almost so.
-    fn is_recorded(&self, column: &ScaledColumn) -> bool {
-        (1..=self.robot.joint_count()).map(|joint| by_joint(&column.name, joint)).any(|name| {
-            self.find(&name).is_some() || self.nearest(&name).is_some_and(|n| edit_distance(n, &name) <= 1)
+    fn is_recorded(&self, channel: &Channel) -> bool {
+        self.columns(channel).any(|column| {
+            let name = column.to_string();
+            self.find(&column).is_some() || self.nearest(&name).is_some_and(|n| edit_distance(n, &name) <= 1)
         })
     }
 
@@ -372,33 +412,21 @@ impl Search<'_> {
     fn is_named(&self, name: &str) -> bool {
         let layout = self.layout;
         let time = match &layout.time {
-            TimeSource::Column(column) => Some(&column.name),
+            TimeSource::Column(column) => Some(&column.column),
             TimeSource::SampleRate(_) => None,
         };
         let stage = match &layout.stage {
             StageSource::Signal(signal) => Some(&signal.column),
             StageSource::Whole(_) => None,
         };
+        let is = |column: &Column| matches!(column, Column::Name(named) if named == name);
         let single = [time, stage, layout.cycle.as_ref()]
             .into_iter()
             .chain([layout.friction_joint.as_ref(), layout.friction_level.as_ref()]);
         let joints = [Some(&layout.position), layout.velocity.as_ref(), Some(&layout.torque)];
-        single.flatten().any(|named| named == name)
-            || joints.into_iter().flatten().any(|column| {
-                (1..=self.robot.joint_count()).any(|joint| by_joint(&column.name, joint) == name)
-            })
+        single.flatten().any(is)
+            || joints.into_iter().flatten().any(|channel| self.columns(channel).any(|column| is(&column)))
     }
-}
-
-/// Name of a joint's column: `{joint}` is its number, `{joint+6}` that number plus 6.
-fn by_joint(template: &str, joint: usize) -> String {
-    if let Some((before, rest)) = template.split_once("{joint+")
-        && let Some((added, after)) = rest.split_once('}')
-        && let Ok(added) = added.parse::<usize>()
-    {
-        return format!("{before}{}{after}", joint + added);
-    }
-    template.replace("{joint}", &joint.to_string())
 }
 
 /// Levenshtein distance, case aside.
@@ -504,5 +532,31 @@ mod tests {
             assert_eq!(edit_distance(a, b), distance);
             assert_eq!(edit_distance(b, a), distance);
         }
+    }
+
+    #[test]
+    fn columns_by_number_ignore_names_and_must_be_there_once() {
+        let mut layout = native();
+        layout.torque.columns = JointColumns::Each((14..=19).map(Column::Number).collect());
+        let renamed = HEADER.replace("trq_", "Drehmoment A").replace(",stage", ",stage,note,note");
+        let map = |layout: &Layout| map_columns(&renamed, layout, &er3a(), Path::new("a.csv"));
+        assert_eq!(map(&layout).unwrap().torque, [13, 14, 15, 16, 17, 18]);
+        layout.torque.columns = JointColumns::Each([13, 14, 15, 16, 17, 18].map(Column::Number).into());
+        let rejection = map(&layout).unwrap_err();
+        assert_eq!(
+            (rejection.reason.as_str(), rejection.column.as_deref()),
+            ("a column that is read as two things", Some("vel_6"))
+        );
+        layout.torque.columns = JointColumns::Each([14, 15, 16, 17, 18, 40].map(Column::Number).into());
+        let rejection = map(&layout).unwrap_err();
+        assert_eq!((rejection.reason.as_str(), rejection.column.as_deref()), ("missing column", Some("40")));
+    }
+
+    #[test]
+    fn currents_without_a_gain_are_refused_before_any_row() {
+        let mut layout = native();
+        layout.torque_quantity = crate::config::TorqueQuantity::Current;
+        let rejection = map_columns(HEADER, &layout, &er3a(), Path::new("a.csv")).unwrap_err();
+        assert!(rejection.reason.contains("drive_gain_nm_a of joint 1"), "{rejection}");
     }
 }

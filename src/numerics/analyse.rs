@@ -4,17 +4,23 @@ use super::NumericsError;
 use super::base::{BaseParameters, base_parameters};
 use super::diagnose::{DiagnoseSettings, Finding, FindingSeverity, diagnose_samples};
 use super::dynamics::DynamicModel;
-use super::factors::{Factored, JointColumns, factor_cycle, identifies, pack, stacked};
+use super::factors::{Factored, JointColumns, factor_cycle, identifies, pack, widened};
 use super::friction::friction_points;
-use super::identify::identify;
+use super::friction_means::direction_difference;
+use super::identify::{identify_rows, noise_errors};
+use super::jumps::{Jump, jumps};
+use super::plausible::doubt::{DoubtSettings, Judged, diagnose_description};
 use super::plausible::{PlausibleSettings, diagnose_model, top_speeds};
+use super::regressor::KeptColumns;
+use super::rows::CycleRows;
 use super::signal::{Conditioned, condition};
 use super::statistics::{mean, median, parameter_statistics, standard_deviation, swing};
+use super::triangular::TriangularFactor;
 use super::verify::{torque_rmsd, warming_contrast};
-use super::warm_up::{WarmUpPoint, fit_warm_up};
+use super::warm_up::{WarmUpPoint, fit_warm_up, warm_up_rmsd};
 use crate::analysis::{
-    CycleAnalysis, CycleFactors, FrictionPoint, Identification, JointSummary, RunAnalysis, WarmFriction,
-    WarmUpFit,
+    CycleAnalysis, CycleFactors, Estimator, FrictionPoint, Identification, JointSummary, RunAnalysis,
+    WarmFriction, WarmUpFit,
 };
 use crate::robot::{JointIndex, ParameterId, Robot};
 use crate::run::{Cycle, Samples, Stage};
@@ -27,11 +33,13 @@ pub struct AnalysisSettings {
     /// Speed at which friction is compared over runs, as a fraction of the largest speed; the
     /// nearest measured level is taken. The thesis prints 0.6.
     pub reference_speed_fraction: f64,
+    /// How rows become parameters.
+    pub estimator: Estimator,
 }
 
 impl Default for AnalysisSettings {
     fn default() -> Self {
-        Self { cutoff: 12.0, reference_speed_fraction: 0.6 }
+        Self { cutoff: 12.0, reference_speed_fraction: 0.6, estimator: Estimator::default() }
     }
 }
 
@@ -70,6 +78,7 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         rows: samples.rows(),
         sample_rate: 0.0,
         cutoff: method.settings.cutoff,
+        estimator: method.settings.estimator,
         identification: Err(String::new()),
         verification: Vec::new(),
         warming_contrast: Vec::new(),
@@ -94,9 +103,10 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         return analysis;
     }
 
-    let factored =
-        factor_cycle(&method.robot, &method.columns, &method.base.kept_columns, &conditioned, samples);
-    analysis.identification = identify_excitation(method, &factored, &conditioned);
+    let jumps = jumps(&method.robot, &conditioned);
+    let kept = &method.base.kept_columns;
+    let factored = factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, samples);
+    analysis.identification = identify_excitation(method, &factored, &conditioned, &jumps, samples);
     doubt_model(method, samples, &conditioned, &factored, &mut analysis);
     let model = analysis.identification.as_ref().ok().map(|found| {
         let parameters = found.parameters.iter().map(|p| (p.id, p.value));
@@ -140,8 +150,27 @@ fn doubt_model(
     let usable = conditioned.usable.iter().flat_map(Clone::clone);
     let rows: Vec<usize> = usable.filter(|&row| samples.stage[row] == Stage::Excitation).collect();
     let speeds = top_speeds(&conditioned.qd, &rows);
-    let findings =
-        diagnose_model(&method.robot, found, &verification, &speeds, &PlausibleSettings::default());
+    let mut doubted = found.clone();
+    let factors = identifying_factors(method, factored);
+    let fraction = conditioned.independent_fraction();
+    if let Ok(errors) = noise_errors(&method.base.kept, &factors, found.residual_std, fraction) {
+        let parameters = doubted.parameters.iter_mut();
+        parameters.zip(errors).for_each(|(parameter, error)| parameter.std_error = error);
+    }
+    let of_model =
+        diagnose_model(&method.robot, &doubted, &verification, &speeds, &PlausibleSettings::default());
+    let judged = Judged {
+        robot: &method.robot,
+        columns: &method.columns,
+        kept_columns: &method.base.kept_columns,
+        conditioned,
+        excitation: &rows,
+        identified: &doubted,
+        verification: &verification,
+    };
+    // the description first: where it is wrong, what it makes of the joints is no news
+    let mut findings = diagnose_description(&judged, &of_model, &DoubtSettings::default());
+    findings.extend(of_model);
     if let Err(reason) = judge(findings, &mut analysis.remarks) {
         analysis.identification = Err(reason);
     }
@@ -158,14 +187,23 @@ fn identify_excitation(
     method: &Method,
     factored: &Factored,
     conditioned: &Conditioned,
+    jumps: &[Jump],
+    samples: &Samples,
 ) -> Result<Identification, String> {
-    let chosen = factored.factors.iter().filter(|of| identifies(of.stage, of.motion));
-    let factor = stacked(&method.columns, chosen);
-    if factor.rows() == 0 {
+    let factors = identifying_factors(method, factored);
+    if factors.iter().all(|factor| factor.rows() == 0) {
         return Err("the cycle has no excitation stage to identify parameters on".into());
     }
-    identify(&method.base.kept, &factor, method.robot.joint_count(), conditioned.independent_fraction())
+    let columns = KeptColumns::new(&method.base.kept_columns);
+    let rows = CycleRows::new(&method.robot, &columns, conditioned, jumps, samples);
+    identify_rows(&method.base.kept, &factors, &rows, method.settings.estimator)
         .map_err(|error| error.to_string())
+}
+
+/// Factor of each joint over the rows that parameters are identified on.
+fn identifying_factors(method: &Method, factored: &Factored) -> Vec<TriangularFactor> {
+    let chosen = factored.factors.iter().filter(|of| identifies(of.stage, of.motion));
+    widened(&method.columns, chosen)
 }
 
 fn keep_factors(method: &Method, factored: &Factored, analysis: &mut CycleAnalysis) {
@@ -223,7 +261,8 @@ pub fn analyse_run(joint_count: usize, settings: &AnalysisSettings, results: &Ru
     }
 }
 
-/// Warm-up curves of the given friction points: one for each joint and speed with enough of them.
+/// Warm-up curves of the given friction points: one for each joint and speed with enough of them. Points of
+/// several runs stand one run after another.
 #[must_use]
 pub fn warm_up_fits(points: &[FrictionPoint]) -> Vec<WarmUpFit> {
     let mut keys: Vec<(JointIndex, f64)> = points.iter().map(|p| (p.joint, p.speed_fraction)).collect();
@@ -231,10 +270,18 @@ pub fn warm_up_fits(points: &[FrictionPoint]) -> Vec<WarmUpFit> {
     keys.dedup();
     keys.into_iter()
         .filter_map(|(joint, speed_fraction)| {
-            let curve: Vec<WarmUpPoint> = at_level(points, joint, speed_fraction)
-                .map(|p| WarmUpPoint { minute: p.time / 60.0, torque: p.torque.abs() })
-                .collect();
-            fit_warm_up(joint, speed_fraction, &curve).ok()
+            // a lasting difference of the directions is no scatter in time
+            let half = 0.5 * direction_difference(points, joint, speed_fraction);
+            let curve = |half: f64| -> Vec<WarmUpPoint> {
+                at_level(points, joint, speed_fraction)
+                    .map(|p| WarmUpPoint {
+                        minute: p.time / 60.0,
+                        torque: p.torque.abs() - half * f64::from(p.direction),
+                    })
+                    .collect()
+            };
+            let fit = fit_warm_up(joint, speed_fraction, &curve(half)).ok()?;
+            Some(WarmUpFit { rmsd: warm_up_rmsd(&fit, &curve(0.0)), ..fit })
         })
         .collect()
 }

@@ -3,11 +3,13 @@
 //! Each finding stands on its own: a fault that explains another suppresses it. Findings about the
 //! identified model are in [`super::plausible`].
 
+mod glitches;
+mod position;
 mod torque;
 mod velocity;
 
 use super::signal::{Conditioned, differentiate};
-use crate::robot::{Joint, JointIndex, JointKind, Robot};
+use crate::robot::{Joint, JointIndex, Robot};
 use crate::run::{Samples, Stage};
 
 /// Whether numbers from such data may pass.
@@ -54,8 +56,22 @@ pub enum FindingKind {
     NegativeInertia,
     /// The identified friction would drive the joint.
     NegativeFriction,
+    /// The identified inertia is far from the description's nominal one.
+    FarFromNominal,
     /// The model does not explain the torque.
     Unexplained,
+    /// A value far outside all others of its channel.
+    Spike,
+    /// Rows that repeat the row before.
+    Repeated,
+    /// All joints move over a small part of their range only.
+    SmallMotion,
+    /// The excitation is very short.
+    ShortExcitation,
+    /// Torques come earlier or later than the motion that needs them.
+    TorqueDelay,
+    /// Torques contradict lengths, angles, mounting or torque scales of the description.
+    Description,
 }
 
 /// A number that a finding stands on; the unit ends the name.
@@ -96,6 +112,12 @@ pub struct DiagnoseSettings {
     pub velocity_gain: f64,
     /// Positions beyond a limit by this part of the range are said, and by the second refused.
     pub limit_margins: [f64; 2],
+    /// Part of its range that at least one turning joint must move over. The excitation of a test uses
+    /// most of it; a degree read as radian is 0.017 of it.
+    pub range_share: f64,
+    /// An excitation shorter than this is said, s: below, each joint has some 70 independent values
+    /// after the low-pass, hardly more than there are parameters.
+    pub shortest: f64,
 }
 
 impl Default for DiagnoseSettings {
@@ -103,9 +125,11 @@ impl Default for DiagnoseSettings {
         Self {
             moving_share: 0.02,
             speed_spread: 0.05,
-            saturated_shares: [0.005, 0.05],
+            saturated_shares: [0.005, 0.02],
             velocity_gain: 0.05,
             limit_margins: [0.02, 0.1],
+            range_share: 0.03,
+            shortest: 3.0,
         }
     }
 }
@@ -137,11 +161,19 @@ pub fn diagnose_samples(
     let explained = |findings: &[Finding], joint: JointIndex, kinds: &[FindingKind]| {
         findings.iter().any(|f| f.joint == Some(joint) && (kinds.is_empty() || kinds.contains(&f.kind)))
     };
+    findings.extend(glitches::spikes(&view));
     let broken: Vec<bool> = robot.joint_indices().map(|j| explained(&findings, j, &[])).collect();
     if samples.velocity.is_some() {
         findings.extend(velocity::velocity_against_position(&view, settings, &broken));
     }
-    findings.extend(positions(&view, settings));
+    findings.extend(position::positions(&view, settings));
+    findings.extend(position::small_motion(&view, settings));
+    if let Some(repeated) = glitches::repeats(&view) {
+        // steps of two rows at once look fast
+        findings.retain(|finding| finding.kind != FindingKind::TooFast);
+        findings.push(repeated);
+    }
+    findings.extend(short(&view, settings));
     let kinematic = [FindingKind::Stuck, FindingKind::VelocitySwapped, FindingKind::VelocityUnrelated];
     for joint in robot.joint_indices().filter(|j| !broken[j.index()]) {
         findings.extend(motion(&view, joint, settings));
@@ -294,82 +326,21 @@ fn longest_run(
     longest
 }
 
-/// Positions and speeds against the description's limits.
-fn positions(view: &View<'_>, settings: &DiagnoseSettings) -> Vec<Finding> {
-    let mut found: Vec<Finding> =
-        view.robot.joint_indices().filter_map(|joint| outside_limits(view, joint, settings)).collect();
-    for joint in view.robot.joint_indices() {
-        let limit = view.joint(joint).limits.velocity;
-        let [low, high] = view.extent(&view.dq[joint.index()]);
-        let speed = high.max(-low);
-        let known = found.iter().any(|f| f.joint == Some(joint));
-        if speed > 1.2 * limit && !known {
-            found.push(finding(
-                FindingKind::TooFast,
-                FindingSeverity::Warn,
-                Some(joint),
-                format!(
-                    "joint {joint}: it moves at up to {speed:.3} rad/s (m/s), {:.1} times the description's limit; \
-                     check the unit of position, the time column and the description",
-                    speed / limit
-                ),
-                &[("speed_si", speed), ("limit_si", limit)],
-            ));
-        }
-    }
-    found
-}
-
-fn outside_limits(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
-    let described = view.joint(joint);
-    let (low, high) = (described.limits.position_min, described.limits.position_max);
-    let range = high - low;
-    let [min, max] = view.extent(&view.conditioned.q[joint.index()]);
-    let excess = (low - min).max(max - high);
-    if excess <= settings.limit_margins[0] * range {
-        return None;
-    }
-    let margin = settings.limit_margins[0] * range;
-    let (factor, words) = match described.kind {
-        JointKind::Revolute => (DEGREES, "degrees read as radians"),
-        JointKind::Prismatic => (1000.0, "millimetres read as metres"),
-    };
-    let fits = min / factor >= low - margin && max / factor <= high + margin;
-    if fits && max - min > 2.0 * range {
-        return Some(finding(
-            FindingKind::PositionUnit,
-            FindingSeverity::Refuse,
-            Some(joint),
+/// An excitation stage that is hardly there.
+fn short(view: &View<'_>, settings: &DiagnoseSettings) -> Option<Finding> {
+    let seconds = view.excitation.len() as f64 / view.conditioned.sample_rate;
+    (seconds < settings.shortest).then(|| {
+        finding(
+            FindingKind::ShortExcitation,
+            FindingSeverity::Warn,
+            None,
             format!(
-                "joint {joint}: positions from {min:.1} to {max:.1} are far outside the limits {low:.3} to {high:.3} and \
-                 look like {words}; correct the unit in the export layout"
+                "the excitation lasts {seconds:.1} s only: what parameters it gives are uncertain, as their standard errors \
+                 say; record 10 s or more"
             ),
-            &[
-                ("position_min_si", min),
-                ("position_max_si", max),
-                ("limit_min_si", low),
-                ("limit_max_si", high),
-            ],
-        ));
-    }
-    let severity = match excess > settings.limit_margins[1] * range {
-        true => FindingSeverity::Refuse,
-        false => FindingSeverity::Warn,
-    };
-    let words = match max - min <= range {
-        true => "the zero or the sign of this joint differs from the description's, or it is another robot",
-        false => "it moves further than it can: another robot, another unit, or limits that are too narrow",
-    };
-    Some(finding(
-        FindingKind::OutsideLimits,
-        severity,
-        Some(joint),
-        format!(
-            "joint {joint}: positions from {min:.3} to {max:.3} leave the limits {low:.3} to {high:.3} by {excess:.3}; \
-             {words}"
-        ),
-        &[("position_min_si", min), ("position_max_si", max), ("excess_si", excess)],
-    ))
+            &[("excitation_s", seconds)],
+        )
+    })
 }
 
 /// A joint that the excitation does not excite.
@@ -422,13 +393,16 @@ fn saturation(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -
         if !(peak > 0.0 && high > low) {
             continue;
         }
-        let count = |from: f64, to: f64| {
+        let count = |rows: &[usize], from: f64, to: f64| {
             let within = |&&row: &&usize| (from * peak..=to * peak).contains(&(sign * torque[row]));
-            view.rows.iter().filter(within).count()
+            rows.iter().filter(within).count()
         };
-        let (at, below) = (count(1.0 - 1e-6, 1.0), count(0.97, 1.0 - 1e-6));
+        let at = count(&view.rows, 1.0 - 1e-6, 1.0);
+        let below = count(&view.rows, 0.97, 1.0 - 1e-6);
         let run = longest_run(view, torque, 4, |start, _| sign * torque[start] >= peak * (1.0 - 1e-6));
-        let share = at as f64 / view.rows.len() as f64;
+        // parameters come from the excitation alone, which may be a small part of the cycle
+        let excited = count(&view.excitation, 1.0 - 1e-6, 1.0) as f64 / view.excitation.len() as f64;
+        let share = excited.max(at as f64 / view.rows.len() as f64);
         if run.is_some() && at > below && worst.is_none_or(|(_, before)| share > before) {
             worst = Some((sign * peak, share));
         }

@@ -201,6 +201,47 @@ fn positions_outside_the_limits_are_named() {
     assert_eq!(found[0].severity, FindingSeverity::Refuse);
 }
 
+#[test]
+fn markers_of_the_logger_are_named_with_their_time() {
+    for (value, name) in [(-9999.0, "torque"), (65535.0, "torque")] {
+        let found = spoilt(&er3a(), |samples| samples.torque[4][700] = value);
+        assert_found(&found, &[(FindingKind::Spike, 5)]);
+        let sentence = &found[0].sentence;
+        assert!(sentence.contains(&format!("{name} is {value} Nm at 14.000 s")), "{sentence}");
+    }
+    let found = spoilt(&er3a(), |samples| velocity(samples)[1][800] = 999.0);
+    assert!(
+        found.iter().any(|f| f.kind == FindingKind::Spike && f.sentence.contains("velocity is 999")),
+        "{found:#?}"
+    );
+}
+
+#[test]
+fn rows_that_repeat_are_told() {
+    let found = spoilt(&er3a(), |samples| {
+        for row in (1..samples.rows()).step_by(10) {
+            for j in 0..6 {
+                samples.position[j][row] = samples.position[j][row - 1];
+                samples.torque[j][row] = samples.torque[j][row - 1];
+                velocity(samples)[j][row] = velocity(samples)[j][row - 1];
+            }
+        }
+    });
+    assert_found(&found, &[(FindingKind::Repeated, 0)]);
+    assert_eq!(found[0].severity, FindingSeverity::Warn);
+    assert!((found[0].evidence[0].value - 0.1).abs() < 0.01, "{found:#?}");
+}
+
+#[test]
+fn radians_divided_into_degrees_are_told_from_a_poor_motion() {
+    let found = spoilt(&scara(), |samples| {
+        let degrees = 180.0 / std::f64::consts::PI;
+        samples.position.iter_mut().for_each(|channel| scale(channel, 1.0 / degrees));
+        velocity(samples).iter_mut().for_each(|channel| scale(channel, 1.0 / degrees));
+    });
+    assert!(found.iter().any(|f| f.kind == FindingKind::SmallMotion && f.joint.is_none()), "{found:#?}");
+}
+
 /// Analyses like the pipeline and judges the model.
 fn judge(described: &Robot, samples: &Samples) -> Vec<Finding> {
     let method = Method::new(described.clone(), AnalysisSettings::default()).expect("base parameters");

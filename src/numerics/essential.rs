@@ -1,8 +1,7 @@
 //! Essential parameters: the fewest base parameters that explain the torque as well.
 
 use super::NumericsError;
-use super::covariance::normal_quantile;
-use super::estimate::restricted;
+use super::student::normal_quantile;
 use super::triangular::{LeastSquares, TriangularFactor};
 
 /// When a parameter goes.
@@ -32,8 +31,10 @@ pub struct EssentialParameters {
     pub removed: Vec<usize>,
     /// Solution for the kept columns.
     pub solution: LeastSquares,
-    /// F statistic of the last removal against the full set; 0 if nothing was removed.
+    /// F statistic of what is removed against the full set; 0 if nothing is.
     pub f_statistic: f64,
+    /// Largest F that counts as no worse for as many removed parameters; 0 if nothing is removed.
+    pub f_limit: f64,
 }
 
 /// Backwards elimination: the parameter of the largest relative standard error goes, as long as that
@@ -55,7 +56,7 @@ pub fn essential(
     let b = factor.columns();
     let solve = |kept: &[usize]| {
         let name = |column: usize| kept[column].to_string();
-        restricted(factor, kept).solve(settings.max_condition, name)
+        factor.restricted(kept).solve(settings.max_condition, name)
     };
     let all: Vec<usize> = (0..b).collect();
     let full = solve(&all)?;
@@ -63,7 +64,13 @@ pub fn essential(
     // Sums of squares count every row; those of independent rows are smaller by the fraction.
     let full_rss = full.residual_sum_of_squares * independent_fraction;
     let noise = full_rss / independent;
-    let mut found = EssentialParameters { kept: all, removed: Vec::new(), solution: full, f_statistic: 0.0 };
+    let mut found = EssentialParameters {
+        kept: all,
+        removed: Vec::new(),
+        solution: full,
+        f_statistic: 0.0,
+        f_limit: 0.0,
+    };
     while found.kept.len() > 1 {
         let relative = |k: usize| {
             let variance = noise * found.solution.unscaled_variance[k] / independent_fraction;
@@ -77,11 +84,12 @@ pub fn essential(
         let count = (found.removed.len() + 1) as f64;
         let rss = solution.residual_sum_of_squares * independent_fraction;
         let f_statistic = (rss - full_rss) / count / noise;
-        if f_statistic > f_quantile(1.0 - settings.significance, count, independent) {
+        let f_limit = f_quantile(1.0 - settings.significance, count, independent);
+        if f_statistic > f_limit {
             break;
         }
         found.removed.push(removed);
-        found = EssentialParameters { kept, removed: found.removed, solution, f_statistic };
+        found = EssentialParameters { kept, removed: found.removed, solution, f_statistic, f_limit };
     }
     Ok(found)
 }

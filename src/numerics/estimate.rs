@@ -1,7 +1,5 @@
 //! Weighted least squares over joints, from each joint's triangular factor of `[w_j | tau_j]`.
 
-use faer::Mat;
-
 use super::NumericsError;
 use super::rows::SampleRows;
 use super::triangular::{LeastSquares, TriangularFactor};
@@ -41,6 +39,17 @@ impl WeightRule {
             _ => 1.0,
         };
         share / (sigma * sigma)
+    }
+
+    /// Slope of the weighted residual over the residual, 1/(Nm)²: the weight of least squares, and
+    /// none beyond `c sigma`, where Huber's influence stays the same.
+    #[must_use]
+    pub fn slope(&self, joint: usize, residual: f64) -> f64 {
+        let sigma = self.sigma[joint];
+        match self.huber {
+            Some(c) if (residual / sigma).abs() > c => 0.0,
+            _ => 1.0 / (sigma * sigma),
+        }
     }
 
     /// Weight of a joint's row in a sample, given the parameters.
@@ -152,7 +161,7 @@ pub fn per_joint(
     names: impl Fn(usize) -> String,
 ) -> Result<JointEstimate, NumericsError> {
     let (kept, grouped) = independent_columns(factor);
-    let own = restricted(factor, &kept);
+    let own = factor.restricted(&kept);
     let rows = factor.rows();
     if rows <= kept.len() {
         return Err(NumericsError::TooShort { what: "the joint's motion", rows, needed: kept.len() + 1 });
@@ -160,16 +169,6 @@ pub fn per_joint(
     let solution = LeastSquares { rows, ..own.solve(max_condition, |column| names(kept[column]))? };
     let sigma = (solution.residual_sum_of_squares / (rows - kept.len()) as f64).sqrt();
     Ok(JointEstimate { kept, grouped, solution, sigma })
-}
-
-/// The factor of the same rows with only the given columns of `w`.
-#[must_use]
-pub fn restricted(factor: &TriangularFactor, kept: &[usize]) -> TriangularFactor {
-    let (r, b) = (factor.upper(), factor.columns());
-    let columns: Vec<usize> = kept.iter().copied().chain([b]).collect();
-    let mut own = TriangularFactor::new(kept.len());
-    own.fold(Mat::from_fn(b + 1, columns.len(), |i, k| r[(i, columns[k])]).as_ref());
-    own
 }
 
 fn independent_columns(factor: &TriangularFactor) -> (Vec<usize>, Vec<usize>) {

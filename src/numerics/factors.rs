@@ -11,7 +11,7 @@ use std::sync::Arc;
 use super::NumericsError;
 use super::base::{BaseParameters, PROBE_STATES, ZERO_COLUMN_THRESHOLD, probe_state};
 use super::identify::state;
-use super::jumps::{Jump, jumps, smear};
+use super::jumps::{Jump, smear};
 use super::regressor::{Regressor, joint_torque_regressor};
 use super::signal::Conditioned;
 use super::triangular::{RowFolder, TriangularFactor};
@@ -139,7 +139,8 @@ pub struct Factored {
 }
 
 /// Folds the observed rows of a cycle into the factor of its joint, stage and motion. `regressor_columns`
-/// `[b]` are the regressor's columns of [`JointColumns::kept`].
+/// `[b]` are the regressor's columns of [`JointColumns::kept`]; `jumps` are those of them that jump,
+/// low-passed.
 ///
 /// A joint's row is slow while the joint moves slower than its low-speed threshold: at rest friction
 /// takes any value up to breakaway, which no column describes (thesis 5.1.3).
@@ -149,10 +150,10 @@ pub fn factor_cycle(
     columns: &JointColumns,
     regressor_columns: &[usize],
     conditioned: &Conditioned,
+    jumps: &[Jump],
     samples: &Samples,
 ) -> Factored {
-    let jumps = jumps(robot, conditioned);
-    let mut folders = Folders::new(robot, columns, regressor_columns, &jumps);
+    let mut folders = Folders::new(robot, columns, regressor_columns, jumps);
     let mut factored = Factored::default();
     for stage in [Stage::Between, Stage::Excitation, Stage::Friction] {
         let rows = conditioned.observed_rows().filter(|&row| samples.stage[row] == stage);
@@ -239,15 +240,19 @@ impl<'a> Folders<'a> {
     }
 }
 
-/// Factor of all joints stacked [3.22] over the chosen rows, `b` columns in the order of
-/// [`JointColumns::kept`].
+/// Factor of each joint `[n]` over the chosen rows, `b` columns in the order of [`JointColumns::kept`];
+/// of no rows for a joint that is not among them.
 #[must_use]
-pub fn stacked<'a>(
+pub fn widened<'a>(
     columns: &JointColumns,
     factors: impl IntoIterator<Item = &'a JointFactor>,
-) -> TriangularFactor {
-    let parts = factors.into_iter().map(|of| (&of.factor, columns.places(of.joint)));
-    TriangularFactor::stacked(columns.kept.len(), parts)
+) -> Vec<TriangularFactor> {
+    let b = columns.kept.len();
+    let mut wide = vec![TriangularFactor::new(b); columns.joint_count()];
+    for of in factors {
+        wide[of.joint.index()].join(&TriangularFactor::stacked(b, [(&of.factor, columns.places(of.joint))]));
+    }
+    wide
 }
 
 /// Whether a row serves identification: the excitation stage while the joint moves.
@@ -297,11 +302,12 @@ pub(crate) mod tests {
     use faer::linalg::solvers::SolveLstsq;
 
     use super::*;
-    use crate::analysis::{RmsdScope, TorqueRmsd};
+    use crate::analysis::{Estimator, RmsdScope, TorqueRmsd};
     use crate::numerics::analyse::{AnalysisSettings, Method};
     use crate::numerics::cross::Union;
     use crate::numerics::dynamics::DynamicModel;
-    use crate::numerics::identify::identify;
+    use crate::numerics::identify::identify_factors;
+    use crate::numerics::jumps::jumps;
     use crate::numerics::signal::condition;
     use crate::numerics::verify::{torque_rmsd, warming_contrast};
     use crate::run::Cycle;
@@ -317,7 +323,7 @@ pub(crate) mod tests {
     }
 
     /// All joints swing, in the friction stage one after the other; torque that no model explains.
-    fn cycle(number: u32, rows: usize) -> Cycle {
+    pub(crate) fn cycle(number: u32, rows: usize) -> Cycle {
         let channel = || vec![Vec::new(); 6];
         let (mut position, mut torque) = (channel(), channel());
         let mut samples = Samples::default();
@@ -380,9 +386,12 @@ pub(crate) mod tests {
     fn unjudged(method: &Method, cycle: &Cycle) -> (Factored, Vec<f64>) {
         let c = condition(&cycle.samples, 12.0).expect("long enough");
         let (columns, kept) = (&method.columns, &method.base.kept_columns);
-        let factored = factor_cycle(&method.robot, columns, kept, &c, &cycle.samples);
-        let factor = stacked(columns, factored.factors.iter().filter(|of| identifies(of.stage, of.motion)));
-        let found = identify(&method.base.kept, &factor, 6, c.independent_fraction()).expect("parameters");
+        let jumps = jumps(&method.robot, &c);
+        let factored = factor_cycle(&method.robot, columns, kept, &c, &jumps, &cycle.samples);
+        let factors = widened(columns, factored.factors.iter().filter(|of| identifies(of.stage, of.motion)));
+        let shares = [c.independent_fraction(); 6];
+        let found = identify_factors(&method.base.kept, &factors, &shares, Estimator::Ordinary);
+        let found = found.expect("parameters");
         (factored, found.parameters.iter().map(|p| p.value).collect())
     }
 
@@ -429,7 +438,7 @@ pub(crate) mod tests {
             let (stored, _) = pack(&method.columns, &unjudged(&method, cycle).0.factors);
             let columns = JointColumns::of_stored(&stored.columns);
             let union = union.get_or_insert_with(|| Union::new(columns.clone()));
-            union.add(&columns, &unpack(&stored).expect("sound"), 0.24).expect("same columns");
+            union.add(&columns, &unpack(&stored).expect("sound"), &[0.24; 6]).expect("same columns");
         }
         let found = union.expect("cycles").identify().expect("parameters");
         let value = |id: &ParameterId| found.parameters.iter().find(|p| p.id == *id).expect("kept").value;
@@ -524,7 +533,7 @@ pub(crate) mod tests {
         narrower[5].pop();
         let narrower = JointColumns::of_stored(&narrower.into());
         let mut union = Union::new(method.columns.clone());
-        let error = union.add(&narrower, &[], 1.0).expect_err("other columns");
+        let error = union.add(&narrower, &[], &[1.0; 6]).expect_err("other columns");
         assert!(error.to_string().contains("different parameters"), "{error}");
         let error = method.columns.theta([]).expect_err("no values");
         assert!(error.to_string().contains("need parameter J1_Izz"), "{error}");

@@ -66,7 +66,7 @@ fn chain(robot: &Robot, q: &[f64], links: usize) -> Transform {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use std::f64::consts::{FRAC_PI_2, PI};
 
     use nalgebra::{Rotation3, Translation3};
@@ -106,7 +106,9 @@ pub(super) mod tests {
             gear_ratio: 1.0,
             position_offset: 0.0,
             drive_gain: None,
+            motor_torque_constant: None,
             rated_motor_torque: None,
+            rated_torque: None,
             low_speed: 0.02,
             nominal: None,
         }
@@ -131,7 +133,7 @@ pub(super) mod tests {
     /// model and now and then a coupled motor. Lengths and twists come from a grid with zeros and right
     /// angles, and gravity is absent along an axis or clearly there: degenerate arms occur often,
     /// almost degenerate ones do not.
-    pub(in crate::numerics) fn any_arm() -> impl Strategy<Value = Robot> {
+    pub(crate) fn any_arm() -> impl Strategy<Value = Robot> {
         let kind = prop_oneof![3 => Just(JointKind::Revolute), 1 => Just(JointKind::Prismatic)];
         let length = || prop_oneof![Just(0.0), Just(0.07), Just(0.3), Just(-0.25)];
         let twist = prop_oneof![Just(0.0), Just(FRAC_PI_2), Just(-FRAC_PI_2), Just(0.7)];
@@ -194,7 +196,7 @@ pub(super) mod tests {
     }
 
     /// `[n]` numbers for every channel of a state or a parameter set.
-    pub(in crate::numerics) fn numbers() -> impl Strategy<Value = Vec<f64>> {
+    pub(crate) fn numbers() -> impl Strategy<Value = Vec<f64>> {
         proptest::collection::vec(-1.0..1.0, 16 * MAX_JOINTS)
     }
 

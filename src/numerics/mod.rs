@@ -25,24 +25,53 @@ mod robot_text;
 pub mod triangular;
 pub mod jumps;
 pub mod factors;
-pub mod identify;
 pub mod rows;
 pub mod estimate;
 pub mod robust;
+pub mod student;
 pub mod covariance;
+pub mod identify;
 pub mod prior;
+pub mod pseudo_inertia;
+pub mod physical_share;
 pub mod physical;
+pub mod uniform_bodies;
+pub mod physical_fit;
 pub mod essential;
 pub mod diagnose;
 pub mod plausible;
 #[cfg(test)]
 mod diagnose_tests;
 #[cfg(test)]
+mod drive_gain_tests;
+#[cfg(test)]
 mod estimate_tests;
+#[cfg(test)]
+mod physical_tests;
 pub mod friction;
+pub mod friction_speed;
+#[cfg(test)]
+mod friction_speed_tests;
+pub mod friction_means;
+pub mod thermal;
+pub mod friction_map;
+pub mod friction_index;
+#[cfg(test)]
+mod friction_index_tests;
 pub mod warm_up;
+#[cfg(test)]
+mod warm_up_tests;
 pub mod verify;
+pub mod torque_series;
 pub mod cross;
+pub mod drive_gain;
+pub mod cycle_errors;
+pub mod history;
+pub mod identifiability;
+pub mod joint_views;
+pub mod nominal_prior;
+#[cfg(test)]
+mod history_tests;
 pub mod statistics;
 pub mod detect;
 
@@ -69,7 +98,7 @@ pub enum NumericsError {
         count: usize,
         /// Parameters asked for.
         columns: usize,
-        /// The first few of them.
+        /// The first of them.
         names: String,
     },
     /// A robot's geometry leaves open how many parameters its torques can show.
@@ -110,6 +139,19 @@ pub enum NumericsError {
     /// Something that this program does not do for such a robot.
     #[error("not provided: {0}")]
     Unsupported(&'static str),
+    /// A joint's friction was not measured at enough speeds.
+    #[error(
+        "joint {joint} has plateaus at {speeds} speed(s), friction over speed needs {needed}; record the friction \
+         stage at more levels"
+    )]
+    TooFewSpeeds {
+        /// The joint.
+        joint: crate::robot::JointIndex,
+        /// Different speeds there are.
+        speeds: usize,
+        /// Speeds needed.
+        needed: usize,
+    },
     /// A matrix routine did not converge, or a number is not finite.
     #[error("{0} did not give finite numbers")]
     NotFinite(&'static str),

@@ -1,60 +1,53 @@
-//! Full standard parameters that a body can have.
+//! Full standard parameters that a body can have, from the factor of base parameters.
 //!
-//! Ten numbers belong to a body of positive density if its pseudo-inertia
-//! `J = [[Sigma, h], [hᵀ, m]]` is positive definite, with `h` the first moment and
-//! `Sigma = tr(I)/2 - I` (Wensing, Kim & Slotine 2018). Written as `J = U Uᵀ` with an upper
-//! triangular `U` of positive diagonal, every real vector of ten is such a body, and least squares need
-//! no bounds (Rucker & Wensing 2022).
+//! A convex problem: the data's sum of squares and, for each link, the log-det (entropic) divergence of
+//! its pseudo-inertia from the nominal one, which grows without end at the border of bodies (Lee,
+//! Wensing & Park 2020). So there is one answer, whatever the start, and it is a body.
 
 use faer::Mat;
-use nalgebra::{Matrix3, Matrix4, Vector3};
+use nalgebra::Matrix4;
 
 use super::NumericsError;
 use super::base::BaseParameters;
 use super::covariance::inverse_of_upper;
+use super::dynamics::DynamicModel;
 use super::estimate::residual_sum_of_squares;
+use super::physical_share::{BodyEstimate, Estimated, body_estimate};
+use super::pseudo_inertia::{coordinates, definiteness, directions, lifted, pseudo_inertia, symmetric};
 use super::triangular::TriangularFactor;
-use crate::robot::{FRICTION_COUNT, FrictionModel, ParameterKind, StandardParameters};
+use crate::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
 
-/// Log-Cholesky parameters of a body: `alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3` of
-/// `U = e^alpha [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3], [0, 0, 0, 1]]`.
-/// `t` is the centre of mass in m, `e^alpha` the root of the mass.
-pub type LogCholesky = [f64; 10];
-
-/// Smallest eigenvalue of a pseudo-inertia relative to its largest that counts as positive.
-pub const POSITIVE: f64 = 1e-10;
-/// A start that is no body is lifted until the smallest eigenvalue is this part of the largest: a
-/// radius of a few mm against one of 100 mm.
-const LIFT: f64 = 1e-4;
-/// Factor by which the damping changes.
-const DAMPING_STEP: f64 = 5.0;
-
-/// Weight of the data, in the order of the fits, each from the one before. Precise data from a far
-/// start drive a link to the border of bodies, where its diagonal vanishes and the fit stalls; the
-/// nominal bodies hold it back until it is near.
+/// Weight of the data, in the order of the descents, each from the end of the one before: near a
+/// solution Newton's method takes whole steps.
 const DATA_SHARES: [f64; 7] = [1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0];
-/// Longest step of a logarithm, and of the other parameters in the nominal radius.
-const LONGEST_STEP: f64 = 0.5;
-/// Cosine between residual and each column of the Jacobian below which no direction is left.
-const ORTHOGONAL: f64 = 1e-3;
+/// Part of the way to the border of bodies that a step may go.
+const TO_THE_BORDER: f64 = 0.9;
+/// Part of the decrease that the slope promises which a step must bring (Armijo).
+const PROMISED: f64 = 1e-4;
+/// Shortest part of a step that is tried.
+const SHORTEST: f64 = 1e-10;
+/// Standard deviation about zero of friction and coupling parameters, in their SI units: far beyond
+/// any arm's, so that it decides only what neither data nor anything else does.
+const FREE_STD: f64 = 1e4;
 
 /// What the fit may be told.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhysicalSettings {
-    /// Standard deviation of the log-Cholesky parameters and log motor inertias about the nominal ones.
-    /// Data do not decide all of the full set; this does the rest. 1 is a factor of e in mass's root.
+    /// Relative standard deviation of a nominal pseudo-inertia in each direction, such as that of a mass,
+    /// and of a nominal motor inertia. Data do not decide all of the full set; this does the rest.
     pub prior_std: f64,
     /// Share of the data's rows that are independent.
     pub independent_fraction: f64,
     /// Most steps at each of seven weights of the data.
     pub max_steps: usize,
-    /// Relative change of the cost at which the fit has settled.
+    /// Newton decrement, in units of the noise's variance and relative to the cost above one, at which the
+    /// fit has settled.
     pub settled: f64,
 }
 
 impl Default for PhysicalSettings {
     fn default() -> Self {
-        Self { prior_std: 1.0, independent_fraction: 1.0, max_steps: 200, settled: 1e-6 }
+        Self { prior_std: 2.0, independent_fraction: 1.0, max_steps: 200, settled: 1e-6 }
     }
 }
 
@@ -70,12 +63,14 @@ pub struct NominalModel {
 /// A fit of full parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhysicalEstimate {
-    /// Inertial parameters of the links `[n]`, each a body.
-    pub inertial: Vec<StandardParameters>,
-    /// Friction coefficients `[n]`, free.
-    pub friction: Vec<[f64; FRICTION_COUNT]>,
-    /// Motor inertias `[n]`, positive.
-    pub motor_inertia: Vec<f64>,
+    /// All parameters: links are bodies, motor inertias positive, friction and couplings free.
+    pub model: DynamicModel,
+    /// The same in natural order, `phi` `[p]`.
+    pub phi: Vec<f64>,
+    /// Mass, centre of mass and inertia about it of the links `[n]`, and how far data decide them.
+    pub bodies: Vec<BodyEstimate>,
+    /// Motor inertias `[n]`, and how far data decide them.
+    pub motor_inertia: Vec<Estimated>,
     /// Smallest over largest eigenvalue of each link's pseudo-inertia, `[n]`.
     pub definiteness: Vec<f64>,
     /// Residual sum of squares of the data.
@@ -84,372 +79,327 @@ pub struct PhysicalEstimate {
     pub unconstrained_sum_of_squares: f64,
     /// Steps taken.
     pub steps: usize,
-    /// Whether the fit settled: the cost no longer falls, and its gradient has vanished.
+    /// Whether the fit settled: what another step could gain is far below the noise.
     pub settled: bool,
 }
 
 /// Fits the full set of standard parameters, physically consistent, to the factor of
 /// `[w | tau]` of the base parameters, in units of the noise.
 ///
-/// Minimises `|r11 G phi - r12|² + |(x - x_nominal) / s|²`, where `phi(x)` are the `15n` parameters,
-/// `x` the log-Cholesky parameters of the links, the friction coefficients and the logarithms of the
-/// motor inertias, and `G` groups full into base parameters. Off-diagonal and centre entries of `x` are
-/// measured in the link's own nominal radius. Friction is not drawn anywhere. Levenberg-Marquardt steps
-/// with the analytic Jacobian; each is solved by folding its rows into a triangular factor.
+/// Minimises over all parameters `phi` `[p]` in natural order
+/// `|r11 G phi - r12|² + 2/s² sum_links D(J, J0) + 2/s² sum_motors (k - ln k - 1)`, where `G` groups full
+/// into base parameters, `D = tr(J0⁻¹ J) - ln det(J0⁻¹ J) - 4` for the pseudo-inertia `J` of a link and
+/// its nominal one, `k` is a motor's inertia over its nominal one, and `s` the prior's standard deviation.
+/// Friction and couplings are free: they are drawn to zero by 1e4 of their unit, which is nowhere.
+/// Newton's method with a line search; each step is a least-squares problem in the coordinates of
+/// `directions`, solved by folding its rows into a triangular factor.
 ///
 /// # Errors
-/// [`NumericsError::TooShort`] if the nominal model has too few joints, [`NumericsError::NotFinite`] if
-/// it has a motor inertia that is not positive or the data are not finite.
+/// [`NumericsError::TooShort`] unless the nominal model has the robot's joints,
+/// [`NumericsError::NotFinite`] if it has a motor inertia that is not positive or the data are not
+/// finite.
 pub fn physical(
+    robot: &Robot,
     base: &BaseParameters,
     factor: &TriangularFactor,
     nominal: &NominalModel,
     settings: &PhysicalSettings,
 ) -> Result<PhysicalEstimate, NumericsError> {
-    let n = nominal.inertial.len();
-    let polynomial = |kind: ParameterKind| match kind {
-        ParameterKind::Friction(term) => FrictionModel::POLYNOMIAL.terms().contains(&term),
-        ParameterKind::Coupling(_) => false,
-        ParameterKind::Inertial(_) | ParameterKind::MotorInertia => true,
-    };
-    if !base.kept.iter().all(|id| polynomial(id.kind)) {
-        return Err(NumericsError::Unsupported(
-            "physically consistent parameters of an arm with couplings, or with friction other than the polynomial f1 to f4",
-        ));
-    }
-    if n == 0 || nominal.motor_inertia.len() != n {
-        return Err(NumericsError::TooShort { what: "the nominal model", rows: n, needed: n.max(1) });
+    let n = robot.joint_count();
+    let given = nominal.inertial.len().min(nominal.motor_inertia.len());
+    if given != n || n == 0 {
+        return Err(NumericsError::TooShort { what: "the nominal model", rows: given, needed: n.max(1) });
     }
     if !nominal.motor_inertia.iter().all(|inertia| inertia.is_finite() && *inertia > 0.0) {
         return Err(NumericsError::NotFinite("the logarithm of a nominal motor inertia"));
     }
-    let mut problem = Problem::new(base, factor, nominal, settings)?;
-    let mut x = problem.start();
+    let mut problem = Problem::new(robot, base, factor, nominal, settings)?;
+    let mut phi = problem.nominal.clone();
     let (mut steps, mut settled) = (0, false);
     for share in DATA_SHARES {
         problem.data_share = share;
-        (x, settled) = problem.descend(x, settings, &mut steps)?;
+        (phi, settled) = problem.descend(phi, settings, &mut steps)?;
     }
-    problem.estimate(&x, steps, settled)
+    problem.estimate(robot, phi, steps, settled)
 }
 
-/// The ten standard parameters of a log-Cholesky vector.
-#[must_use]
-pub fn from_log_cholesky(x: &LogCholesky) -> StandardParameters {
-    let u = upper(x);
-    parameters_of(&(u * u.transpose()))
-}
-
-/// The log-Cholesky vector of a body; `None` if the parameters are no body.
-#[must_use]
-pub fn to_log_cholesky(parameters: &StandardParameters) -> Option<LogCholesky> {
-    let j = pseudo_inertia(parameters);
-    // An upper factor is a lower one with rows and columns in reverse order.
-    let reversed = Matrix4::from_fn(|i, k| j[(3 - i, 3 - k)]);
-    let lower = reversed.cholesky()?.l();
-    let u = Matrix4::from_fn(|i, k| lower[(3 - i, 3 - k)]);
-    let scale = u[(3, 3)];
-    let entry = |i: usize, k: usize| u[(i, k)] / scale;
-    let x = [
-        scale.ln(),
-        entry(0, 0).ln(),
-        entry(1, 1).ln(),
-        entry(2, 2).ln(),
-        entry(0, 1),
-        entry(1, 2),
-        entry(0, 2),
-        entry(0, 3),
-        entry(1, 3),
-        entry(2, 3),
-    ];
-    x.iter().all(|value| value.is_finite()).then_some(x)
-}
-
-/// Pseudo-inertia `[[Sigma, h], [hᵀ, m]]` of ten parameters, `[4 x 4]`.
-#[must_use]
-pub fn pseudo_inertia(parameters: &StandardParameters) -> Matrix4<f64> {
-    let inertia = parameters.inertia();
-    let sigma = Matrix3::identity() * (0.5 * inertia.trace()) - inertia;
-    let h = parameters.first_moment();
-    let mut j = Matrix4::zeros();
-    j.fixed_view_mut::<3, 3>(0, 0).copy_from(&sigma);
-    j.fixed_view_mut::<3, 1>(0, 3).copy_from(&h);
-    j.fixed_view_mut::<1, 3>(3, 0).copy_from(&h.transpose());
-    j[(3, 3)] = parameters.mass();
-    j
-}
-
-/// Smallest over largest eigenvalue of a link's pseudo-inertia; above [`POSITIVE`] it is a body.
-///
-/// Lengths enter the ratio in m; its sign does not depend on them.
-#[must_use]
-pub fn definiteness(parameters: &StandardParameters) -> f64 {
-    let values = pseudo_inertia(parameters).symmetric_eigenvalues();
-    values.min() / values.max().abs().max(f64::MIN_POSITIVE)
-}
-
-/// The nearest-by body: the pseudo-inertia with as much added to its diagonal as it takes.
-fn lifted(parameters: &StandardParameters) -> StandardParameters {
-    let mut j = pseudo_inertia(parameters);
-    let values = j.symmetric_eigenvalues();
-    let largest = values.max().max(LIFT);
-    let missing = LIFT * largest - values.min();
-    if missing > 0.0 {
-        j += Matrix4::identity() * missing;
-    }
-    parameters_of(&j)
-}
-
-fn parameters_of(j: &Matrix4<f64>) -> StandardParameters {
-    let sigma: Matrix3<f64> = j.fixed_view::<3, 3>(0, 0).into_owned();
-    let h: Vector3<f64> = j.fixed_view::<3, 1>(0, 3).into_owned();
-    let i = Matrix3::identity() * sigma.trace() - sigma;
-    StandardParameters([
-        j[(3, 3)],
-        h.x,
-        h.y,
-        h.z,
-        i[(0, 0)],
-        i[(0, 1)],
-        i[(0, 2)],
-        i[(1, 1)],
-        i[(1, 2)],
-        i[(2, 2)],
-    ])
-}
-
-fn upper(x: &LogCholesky) -> Matrix4<f64> {
-    let [alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3] = *x;
-    let body = Matrix4::new(
-        d1.exp(),
-        s12,
-        s13,
-        t1,
-        0.0,
-        d2.exp(),
-        s23,
-        t2,
-        0.0,
-        0.0,
-        d3.exp(),
-        t3,
-        0.0,
-        0.0,
-        0.0,
-        1.0,
-    );
-    body * alpha.exp()
-}
-
-/// Derivative of the ten parameters by each log-Cholesky parameter: `dJ = dU Uᵀ + U dUᵀ`.
-fn slopes(x: &LogCholesky) -> [StandardParameters; 10] {
-    /// Place in `U` of the parameters after `alpha`.
-    const PLACES: [(usize, usize); 9] =
-        [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)];
-    let u = upper(x);
-    std::array::from_fn(|k| {
-        let mut du = Matrix4::zeros();
-        match k {
-            0 => du = u,
-            1..=3 => du[PLACES[k - 1]] = u[PLACES[k - 1]],
-            _ => du[PLACES[k - 1]] = x[0].exp(),
+/// `r11 G` `[b x p]`: what the factor's rows see of each parameter in natural order.
+pub(super) fn seen_by_factor(base: &BaseParameters, factor: &TriangularFactor, p: usize) -> Mat<f64> {
+    let (r, b) = (factor.upper(), factor.columns());
+    let mut map = Mat::zeros(b, p);
+    for k in 0..b {
+        for i in 0..=k {
+            map[(i, base.kept_columns[k])] += r[(i, k)];
+            for term in &base.grouping[k] {
+                map[(i, term.column)] += r[(i, k)] * term.coefficient;
+            }
         }
-        let half = du * u.transpose();
-        parameters_of(&(half + half.transpose()))
-    })
+    }
+    map
 }
 
-/// The least-squares problem in `x` `[15n]`: ten a link, four frictions a joint, one motor a joint.
+/// The convex problem in `phi` `[p]`: ten a link, then whatever the robot has beside links.
 struct Problem<'a> {
     factor: &'a TriangularFactor,
-    /// `r11 G` times the root of the independent share, `[b][15n]`, and `r12` likewise.
-    map: Vec<Vec<f64>>,
-    right: Vec<f64>,
     base: &'a BaseParameters,
-    n: usize,
-    /// Nominal `x` and one over its spread; 0 where nothing draws.
+    ids: Vec<ParameterId>,
+    /// `r11 G` times the root of the independent share, `[b x p]`, and `r12` likewise.
+    map: Mat<f64>,
+    right: Vec<f64>,
+    /// Nominal `phi`, and the inverses of the links' nominal pseudo-inertias `[n]`.
     nominal: Vec<f64>,
-    pull: Vec<f64>,
-    /// One over the longest step; 0 where any is fine.
-    reach: Vec<f64>,
+    inverse: Vec<Matrix4<f64>>,
+    /// One over the prior's standard deviation.
+    firmness: f64,
     data_share: f64,
+}
+
+/// Coordinates about a point, in which the prior's curvature is the same in all directions.
+struct Local {
+    /// Lower factors of the links' pseudo-inertias `[n]`.
+    lower: Vec<Matrix4<f64>>,
+    /// Change of the link's parameters by its coordinates, `[n][10]`.
+    links: Vec<[StandardParameters; 10]>,
+    /// Change of the parameters beside links by theirs; `[p - 10n]`.
+    beside: Vec<f64>,
 }
 
 impl<'a> Problem<'a> {
     fn new(
+        robot: &Robot,
         base: &'a BaseParameters,
         factor: &'a TriangularFactor,
         nominal: &NominalModel,
         settings: &PhysicalSettings,
     ) -> Result<Self, NumericsError> {
-        let (n, b) = (nominal.inertial.len(), factor.columns());
-        let width = (StandardParameters::COUNT + FRICTION_COUNT + 1) * n;
+        let b = factor.columns();
+        let ids = ParameterId::natural_order(robot);
         let root = settings.independent_fraction.sqrt();
-        let r = factor.upper();
-        let mut map = vec![vec![0.0; width]; b];
-        for (i, row) in map.iter_mut().enumerate() {
-            for k in i..b {
-                let share = root * r[(i, k)];
-                row[base.kept_columns[k]] += share;
-                for term in &base.grouping[k] {
-                    row[term.column] += share * term.coefficient;
-                }
-            }
-        }
-        let (mut x, mut pull) = (Vec::with_capacity(width), Vec::with_capacity(width));
+        let map = seen_by_factor(base, factor, ids.len()) * faer::Scale(root);
+        let right = (0..b).map(|i| root * factor.upper()[(i, b)]).collect();
+        let (mut phi, mut inverse) = (Vec::with_capacity(ids.len()), Vec::new());
         for link in &nominal.inertial {
-            let start = to_log_cholesky(link)
-                .or_else(|| to_log_cholesky(&lifted(link)))
-                .ok_or(NumericsError::NotFinite("the nominal inertia of a link"))?;
-            let radius = ((start[1] + start[2] + start[3]) / 3.0).exp();
-            x.extend(start);
-            pull.extend([1.0; 4].map(|pull| pull / settings.prior_std));
-            pull.extend([1.0 / (radius * settings.prior_std); 6]);
+            let body = if definiteness(link) > 0.0 { *link } else { lifted(link) };
+            let cholesky = pseudo_inertia(&body).cholesky();
+            inverse
+                .push(cholesky.ok_or(NumericsError::NotFinite("the nominal inertia of a link"))?.inverse());
+            phi.extend(body.0);
         }
-        x.extend(vec![0.0; FRICTION_COUNT * n]);
-        pull.extend(vec![0.0; FRICTION_COUNT * n]);
-        x.extend(nominal.motor_inertia.iter().map(|inertia| inertia.ln()));
-        pull.extend(vec![1.0 / settings.prior_std; n]);
-        let right = (0..b).map(|i| root * r[(i, b)]).collect();
-        let reach = pull.iter().map(|pull| pull * settings.prior_std / LONGEST_STEP).collect();
-        Ok(Self { factor, map, right, base, n, nominal: x, pull, reach, data_share: 1.0 })
+        for id in &ids[phi.len()..] {
+            let motor = id.kind == ParameterKind::MotorInertia;
+            phi.push(if motor { nominal.motor_inertia[id.joint.index()] } else { 0.0 });
+        }
+        let firmness = 1.0 / settings.prior_std;
+        Ok(Self { factor, base, ids, map, right, nominal: phi, inverse, firmness, data_share: 1.0 })
     }
 
-    fn start(&self) -> Vec<f64> {
-        self.nominal.clone()
+    fn link(&self, phi: &[f64], link: usize) -> StandardParameters {
+        StandardParameters(std::array::from_fn(|k| phi[StandardParameters::COUNT * link + k]))
     }
 
-    fn link(&self, x: &[f64], link: usize) -> LogCholesky {
-        std::array::from_fn(|k| x[10 * link + k])
+    fn links(&self) -> usize {
+        self.inverse.len()
     }
 
-    /// All parameters in natural order, `[15n]`.
-    fn phi(&self, x: &[f64]) -> Vec<f64> {
-        let mut phi: Vec<f64> =
-            (0..self.n).flat_map(|link| from_log_cholesky(&self.link(x, link)).0).collect();
-        phi.extend(&x[10 * self.n..14 * self.n]);
-        phi.extend(x[14 * self.n..].iter().map(|log| log.exp()));
-        phi
+    fn is_motor(&self, k: usize) -> bool {
+        self.ids[k].kind == ParameterKind::MotorInertia
     }
 
-    fn residuals(&self, x: &[f64]) -> Vec<f64> {
-        let phi = self.phi(x);
-        let data = self.map.iter().zip(&self.right).map(|(row, right)| {
-            self.data_share * (right - row.iter().zip(&phi).map(|(map, phi)| map * phi).sum::<f64>())
+    /// `None` where a link is no body or a motor's inertia is not positive.
+    fn local(&self, phi: &[f64]) -> Option<Local> {
+        let lower: Option<Vec<Matrix4<f64>>> = (0..self.links())
+            .map(|link| Some(pseudo_inertia(&self.link(phi, link)).cholesky()?.l()))
+            .collect();
+        let first = StandardParameters::COUNT * self.links();
+        let beside = (first..phi.len()).map(|k| if self.is_motor(k) { phi[k] } else { 1.0 });
+        let beside: Vec<f64> = beside.collect();
+        let lower = lower?;
+        beside.iter().all(|scale| *scale > 0.0).then(|| Local {
+            links: lower.iter().map(directions).collect(),
+            lower,
+            beside,
+        })
+    }
+
+    fn data_residuals(&self, phi: &[f64]) -> Vec<f64> {
+        let residual = |(i, right): (usize, &f64)| {
+            let estimated: f64 = self.map.row(i).iter().zip(phi).map(|(map, phi)| map * phi).sum();
+            self.data_share * (right - estimated)
+        };
+        self.right.iter().enumerate().map(residual).collect()
+    }
+
+    /// What is minimised; endless where there is no body.
+    fn cost(&self, phi: &[f64]) -> f64 {
+        let data: f64 = self.data_residuals(phi).iter().map(|residual| residual * residual).sum();
+        let divergence = (0..self.links()).map(|link| {
+            let j = pseudo_inertia(&self.link(phi, link));
+            let ratio = self.inverse[link] * j;
+            match j.cholesky() {
+                Some(_) => ratio.trace() - ratio.determinant().ln() - 4.0,
+                None => f64::INFINITY,
+            }
         });
-        let pulled =
-            self.pull.iter().zip(x).zip(&self.nominal).map(|((pull, x), nominal)| pull * (nominal - x));
-        data.chain(pulled).collect()
+        let beside = (StandardParameters::COUNT * self.links()..phi.len()).map(|k| {
+            if !self.is_motor(k) {
+                return (phi[k] / FREE_STD).powi(2);
+            }
+            let ratio = phi[k] / self.nominal[k];
+            let own = if ratio > 0.0 { ratio - ratio.ln() - 1.0 } else { f64::INFINITY };
+            2.0 * self.firmness.powi(2) * own
+        });
+        data + 2.0 * self.firmness.powi(2) * divergence.sum::<f64>() + beside.sum::<f64>()
     }
 
-    fn cost(&self, x: &[f64]) -> f64 {
-        self.residuals(x).iter().map(|residual| residual * residual).sum()
+    /// Weight of each coordinate in the prior, `[p]`.
+    fn weights(&self) -> Vec<f64> {
+        let first = StandardParameters::COUNT * self.links();
+        let free = |k: usize| k >= first && !self.is_motor(k);
+        (0..self.ids.len()).map(|k| if free(k) { 1.0 / FREE_STD } else { self.firmness }).collect()
     }
 
-    /// Levenberg-Marquardt from `x`; the end, and whether it settled there.
+    /// Factor of the least-squares problem of Newton's step in local coordinates: rows of the data, then
+    /// one a coordinate, `w s = -w g` with the prior's slope `g`.
+    fn newton(&self, phi: &[f64], local: &Local) -> TriangularFactor {
+        let (b, p) = (self.right.len(), phi.len());
+        let first = StandardParameters::COUNT * self.links();
+        let mut rows = Mat::zeros(b + p, p + 1);
+        let (residuals, weights) = (self.data_residuals(phi), self.weights());
+        for (i, residual) in residuals.iter().enumerate() {
+            for (k, along) in local.links.iter().flatten().enumerate() {
+                let link = StandardParameters::COUNT * (k / StandardParameters::COUNT);
+                let seen = along.0.iter().enumerate().map(|(m, along)| along * self.map[(i, link + m)]);
+                rows[(i, k)] = self.data_share * seen.sum::<f64>();
+            }
+            for (k, scale) in (first..p).zip(&local.beside) {
+                rows[(i, k)] = self.data_share * scale * self.map[(i, k)];
+            }
+            rows[(i, p)] = *residual;
+        }
+        for (k, (weight, slope)) in weights.iter().zip(self.slopes(phi, local)).enumerate() {
+            rows[(b + k, k)] = *weight;
+            rows[(b + k, p)] = -weight * slope;
+        }
+        let mut factor = TriangularFactor::new(p);
+        factor.fold(rows.as_ref());
+        factor
+    }
+
+    /// Slope of the prior by each coordinate over its curvature, `[p]`: `Lᵀ J0⁻¹ L - 1` of a link,
+    /// `k - 1` of a motor.
+    fn slopes(&self, phi: &[f64], local: &Local) -> Vec<f64> {
+        let of_link = |(l, inverse): (&Matrix4<f64>, &Matrix4<f64>)| {
+            coordinates(&(l.transpose() * inverse * l - Matrix4::identity()))
+        };
+        let mut slopes: Vec<f64> = local.lower.iter().zip(&self.inverse).flat_map(of_link).collect();
+        let beside = (slopes.len()..phi.len()).map(|k| match self.is_motor(k) {
+            true => phi[k] / self.nominal[k] - 1.0,
+            false => phi[k],
+        });
+        slopes.extend(beside.collect::<Vec<f64>>());
+        slopes
+    }
+
+    /// Newton's method from `phi`; the end, and whether it settled there.
     fn descend(
         &self,
-        mut x: Vec<f64>,
+        mut phi: Vec<f64>,
         settings: &PhysicalSettings,
         steps: &mut usize,
     ) -> Result<(Vec<f64>, bool), NumericsError> {
-        let mut cost = self.cost(&x);
-        let mut damping = 1e-3;
-        let mut jacobian = self.jacobian(&x);
+        let p = phi.len();
+        let mut cost = self.cost(&phi);
         for _ in 0..settings.max_steps {
             *steps += 1;
-            let step = self.step(&x, &jacobian, damping)?;
-            let trial: Vec<f64> = x.iter().zip(&step).map(|(x, step)| x + step).collect();
-            let trial_cost = self.cost(&trial);
-            if trial_cost.is_finite() && trial_cost <= cost {
-                let still = cost - trial_cost <= settings.settled * cost.max(f64::MIN_POSITIVE);
-                (x, cost) = (trial, trial_cost);
-                jacobian = self.jacobian(&x);
-                damping = (damping / DAMPING_STEP).max(1e-12);
-                if still && self.is_stationary(&x, &jacobian) {
-                    return Ok((x, true));
-                }
-            } else {
-                damping *= DAMPING_STEP;
-                if damping > 1e12 {
-                    break;
-                }
+            let Some(local) = self.local(&phi) else { return Ok((phi, false)) };
+            let factor = self.newton(&phi, &local);
+            let right = factor.upper().submatrix(0, p, p, 1);
+            let decrement = right.col(0).squared_norm_l2();
+            let s = inverse_of_upper(&factor)? * right;
+            let s: Vec<f64> = (0..p).map(|k| s[(k, 0)]).collect();
+            let change = local.change(&s);
+            let mut part = (TO_THE_BORDER * local.border(&s, |k| self.is_motor(k))).min(1.0);
+            let moved =
+                |part: f64| phi.iter().zip(&change).map(|(x, dx)| x + part * dx).collect::<Vec<f64>>();
+            let mut trial = moved(part);
+            // What rounding leaves of the cost cannot judge the last step.
+            if decrement <= settings.settled * cost.max(1.0) {
+                let better = self.cost(&trial) <= cost;
+                return Ok((if better { trial } else { phi }, true));
             }
+            let mut trial_cost = self.cost(&trial);
+            while trial_cost.is_nan() || trial_cost > cost - 2.0 * PROMISED * part * decrement {
+                part *= 0.5;
+                if part < SHORTEST {
+                    return Ok((phi, false));
+                }
+                trial = moved(part);
+                trial_cost = self.cost(&trial);
+            }
+            (phi, cost) = (trial, trial_cost);
         }
-        let settled = self.is_stationary(&x, &jacobian);
-        Ok((x, settled))
+        Ok((phi, false))
     }
 
-    /// Whether no parameter can lower the cost: the residual is orthogonal to each column. A cost that
-    /// no longer falls is not enough, as it also stalls at the border of bodies.
-    fn is_stationary(&self, x: &[f64], jacobian: &Mat<f64>) -> bool {
-        let residuals = self.residuals(x);
-        let norm = residuals.iter().map(|residual| residual * residual).sum::<f64>().sqrt();
-        (0..x.len()).all(|k| {
-            let column = jacobian.col(k);
-            let along: f64 = column.iter().zip(&residuals).map(|(slope, residual)| slope * residual).sum();
-            along.abs() <= ORTHOGONAL * (column.norm_l2() * norm).max(f64::MIN_POSITIVE)
-        })
-    }
-
-    /// Slopes of data and pull, `[(b + 15n) x 15n]`; the residuals fall by them.
-    fn jacobian(&self, x: &[f64]) -> Mat<f64> {
-        let (b, width) = (self.map.len(), x.len());
-        let slopes: Vec<[StandardParameters; 10]> =
-            (0..self.n).map(|link| slopes(&self.link(x, link))).collect();
-        Mat::from_fn(b + width, width, |i, k| {
-            if i >= b {
-                return if i - b == k { self.pull[k] } else { 0.0 };
-            }
-            let row = &self.map[i];
-            let slope: f64 = if k < 10 * self.n {
-                let (link, slope) = (k / 10, &slopes[k / 10][k % 10]);
-                slope.0.iter().zip(&row[10 * link..]).map(|(slope, map)| slope * map).sum()
-            } else if k < 14 * self.n {
-                row[k]
-            } else {
-                row[k] * x[k].exp()
-            };
-            self.data_share * slope
-        })
-    }
-
-    /// One damped Gauss-Newton step, shortened to the longest that is trusted.
-    fn step(&self, x: &[f64], jacobian: &Mat<f64>, damping: f64) -> Result<Vec<f64>, NumericsError> {
-        let (height, width) = (jacobian.nrows(), x.len());
-        let residuals = self.residuals(x);
-        let scales: Vec<f64> = (0..width).map(|k| jacobian.col(k).norm_l2().max(1e-9)).collect();
-        let rows = Mat::from_fn(height + width, width + 1, |i, k| match (i < height, k < width) {
-            (true, true) => jacobian[(i, k)],
-            (true, false) => residuals[i],
-            (false, true) if i - height == k => damping.sqrt() * scales[k],
-            (false, _) => 0.0,
-        });
-        let mut factor = TriangularFactor::new(width);
-        factor.fold(rows.as_ref());
-        // The damping keeps the factor regular; no singular values are needed.
-        let step = inverse_of_upper(&factor)? * factor.upper().submatrix(0, width, width, 1);
-        let length = (0..width).map(|k| (self.reach[k] * step[(k, 0)]).abs()).fold(1.0, f64::max);
-        Ok((0..width).map(|k| step[(k, 0)] / length).collect())
-    }
-
-    fn estimate(&self, x: &[f64], steps: usize, settled: bool) -> Result<PhysicalEstimate, NumericsError> {
-        let phi = self.phi(x);
+    fn estimate(
+        &self,
+        robot: &Robot,
+        phi: Vec<f64>,
+        steps: usize,
+        settled: bool,
+    ) -> Result<PhysicalEstimate, NumericsError> {
+        let nowhere = NumericsError::NotFinite("the physically consistent parameters");
         if !phi.iter().all(|value| value.is_finite()) {
-            return Err(NumericsError::NotFinite("the physically consistent parameters"));
+            return Err(nowhere);
         }
+        let local = self.local(&phi).ok_or(nowhere)?;
         let b = self.factor.columns();
-        let inertial: Vec<StandardParameters> =
-            (0..self.n).map(|link| from_log_cholesky(&self.link(x, link))).collect();
+        let pairs = self.ids.iter().copied().zip(phi.iter().copied());
+        let model = DynamicModel::from_parameters(robot, pairs);
+        // The squares of a row's entries add up to the variance of its coordinate.
+        let root = inverse_of_upper(&self.newton(&phi, &local))?;
+        let bodies = local.links.iter().enumerate().map(|(link, along)| {
+            let first = StandardParameters::COUNT * link;
+            let own = root.as_ref().subrows(first, StandardParameters::COUNT);
+            body_estimate(&model.inertial[link], along, own, &[self.firmness; 10])
+        });
+        let motors = (0..phi.len()).filter(|k| self.is_motor(*k)).map(|k| Estimated {
+            value: phi[k],
+            std: phi[k] * root.row(k).norm_l2(),
+            std_without_data: phi[k] / self.firmness,
+        });
         Ok(PhysicalEstimate {
-            definiteness: inertial.iter().map(definiteness).collect(),
-            inertial,
-            friction: (0..self.n).map(|j| std::array::from_fn(|k| x[10 * self.n + 4 * j + k])).collect(),
-            motor_inertia: phi[14 * self.n..].to_vec(),
+            bodies: bodies.collect(),
+            motor_inertia: motors.collect(),
+            definiteness: model.inertial.iter().map(definiteness).collect(),
             residual_sum_of_squares: residual_sum_of_squares(self.factor, &self.base.group(&phi)),
             unconstrained_sum_of_squares: self.factor.upper()[(b, b)].powi(2),
+            model,
+            phi,
             steps,
             settled,
         })
+    }
+}
+
+impl Local {
+    /// Change of all parameters `[p]` by coordinates `[p]`.
+    fn change(&self, s: &[f64]) -> Vec<f64> {
+        let (of_links, of_others) = s.split_at(StandardParameters::COUNT * self.links.len());
+        let link = |(along, s): (&[StandardParameters; 10], &[f64])| -> [f64; 10] {
+            std::array::from_fn(|m| along.iter().zip(s).map(|(along, s)| s * along.0[m]).sum())
+        };
+        let links = self.links.iter().zip(of_links.chunks_exact(StandardParameters::COUNT)).flat_map(link);
+        links.chain(self.beside.iter().zip(of_others).map(|(scale, s)| scale * s)).collect()
+    }
+
+    /// Part of the step `s` `[p]` at which a link or a motor stops being one; endless if none does.
+    fn border(&self, s: &[f64], is_motor: impl Fn(usize) -> bool) -> f64 {
+        let first = StandardParameters::COUNT * self.links.len();
+        let links = s[..first].chunks_exact(StandardParameters::COUNT);
+        let smallest = links.map(|s| symmetric(s).symmetric_eigenvalues().min());
+        let motors = (first..s.len()).filter(|k| is_motor(*k)).map(|k| s[k]);
+        let worst = smallest.chain(motors).fold(0.0, f64::min);
+        if worst < 0.0 { -1.0 / worst } else { f64::INFINITY }
     }
 }

@@ -1,5 +1,14 @@
 //! What an identified model says that no arm can be: a sign of a wrong geometry, unit or sign.
 
+pub mod alternatives;
+pub mod delay;
+pub mod description;
+pub mod doubt;
+mod nominal;
+pub mod numbers;
+#[cfg(test)]
+mod tests;
+
 use super::actuator::friction_columns;
 use super::base::{PROBE_STATES, probe_state};
 use super::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
@@ -16,11 +25,13 @@ pub struct PlausibleSettings {
     pub relative_rmsd: [f64; 2],
     /// Standard errors by which a number must be negative.
     pub standard_errors: f64,
+    /// Factor between identified and nominal inertia of a joint that is said, and that is refused.
+    pub nominal_factors: [f64; 2],
 }
 
 impl Default for PlausibleSettings {
     fn default() -> Self {
-        Self { relative_rmsd: [0.2, 0.4], standard_errors: 3.0 }
+        Self { relative_rmsd: [0.2, 0.4], standard_errors: 3.0, nominal_factors: [3.0, 8.0] }
     }
 }
 
@@ -42,6 +53,8 @@ pub fn diagnose_model(
         .filter_map(|joint| negative_friction(robot, identified, joint, top_speeds[joint.index()], settings))
         .collect();
     found.extend(negative_inertias(robot, identified, settings));
+    found.extend(nominal::negative_masses(robot, identified, settings));
+    found.extend(nominal::far_from_nominal(robot, identified, settings));
     found.extend(verification.iter().filter_map(|rmsd| unexplained(rmsd, settings)));
     found.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     found

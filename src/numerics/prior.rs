@@ -91,8 +91,33 @@ fn solve(
 ) -> Result<(PriorEstimate, f64), NumericsError> {
     let b = factor.columns();
     let data = factor.upper() * faer::Scale(independent_fraction.sqrt());
-    let mut all = TriangularFactor::new(b);
-    all.fold(data.as_ref());
+    let all = with_prior_rows(factor, independent_fraction, priors, spread);
+    let inverse = inverse_of_upper(&all)?;
+    let theta = &inverse * all.upper().submatrix(0, b, b, 1);
+    let covariance = &inverse * inverse.transpose();
+    let information = data.submatrix(0, 0, b, b).transpose() * data.submatrix(0, 0, b, b);
+    let resolution = &covariance * information;
+    let theta: Vec<f64> = (0..b).map(|k| theta[(k, 0)]).collect();
+    let estimate = PriorEstimate {
+        sigma: (0..b).map(|k| covariance[(k, k)].sqrt()).collect(),
+        data_share: (0..b).map(|k| resolution[(k, k)].clamp(0.0, 1.0)).collect(),
+        spread,
+        residual_sum_of_squares: residual_sum_of_squares(factor, &theta),
+        theta,
+    };
+    Ok((estimate, (0..b).map(|k| resolution[(k, k)]).sum()))
+}
+
+/// The factor of data and prior together: `independent_fraction` of the data's weight, and a row
+/// for each prior with its standard deviation times `spread`.
+pub(super) fn with_prior_rows(
+    factor: &TriangularFactor,
+    independent_fraction: f64,
+    priors: &[Option<Prior>],
+    spread: f64,
+) -> TriangularFactor {
+    let b = factor.columns();
+    let mut all = factor.scaled(independent_fraction.sqrt());
     let rows: Vec<(usize, Prior)> =
         priors.iter().enumerate().filter_map(|(k, prior)| prior.map(|p| (k, p))).collect();
     all.fold(
@@ -109,20 +134,7 @@ fn solve(
         })
         .as_ref(),
     );
-    let inverse = inverse_of_upper(&all)?;
-    let theta = &inverse * all.upper().submatrix(0, b, b, 1);
-    let covariance = &inverse * inverse.transpose();
-    let information = data.submatrix(0, 0, b, b).transpose() * data.submatrix(0, 0, b, b);
-    let resolution = &covariance * information;
-    let theta: Vec<f64> = (0..b).map(|k| theta[(k, 0)]).collect();
-    let estimate = PriorEstimate {
-        sigma: (0..b).map(|k| covariance[(k, k)].sqrt()).collect(),
-        data_share: (0..b).map(|k| resolution[(k, k)].clamp(0.0, 1.0)).collect(),
-        spread,
-        residual_sum_of_squares: residual_sum_of_squares(factor, &theta),
-        theta,
-    };
-    Ok((estimate, (0..b).map(|k| resolution[(k, k)]).sum()))
+    all
 }
 
 #[cfg(test)]

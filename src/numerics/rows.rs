@@ -4,15 +4,18 @@
 use faer::MatRef;
 
 use super::identify::state;
+use super::jumps::{Jump, smear};
 use super::regressor::{KeptColumns, Regressor, joint_torque_regressor};
-use super::signal::Conditioned;
+use super::signal::{Conditioned, row_step};
 use super::triangular::{BLOCK_ROWS, TriangularFactor};
+use crate::analysis::Motion;
 use crate::robot::Robot;
+use crate::run::{Samples, Stage};
 
 /// All joints' rows of one sample.
 #[derive(Debug, Clone, Copy)]
 pub struct SampleRows<'a> {
-    /// Row of the recording; neighbours in time differ by one.
+    /// Number of the observation; neighbours in time differ by one, more where rows are left out.
     pub row: usize,
     /// Rows of `w`, joint after joint, `[n * b]`.
     pub w: &'a [f64],
@@ -47,48 +50,36 @@ pub trait RowSource {
     fn each(&self, visit: &mut dyn FnMut(&SampleRows<'_>));
 }
 
-/// The rows of a cycle.
+/// The rows of a cycle that parameters are identified on: those observed of the excitation stage, of
+/// each joint those in which it moves, columns that jump smeared as the low-pass smears the torque. The
+/// same rows are in the factors that [`identifies`](super::factors::identifies) chooses.
 #[derive(Debug)]
 pub struct CycleRows<'a> {
     robot: &'a Robot,
     columns: &'a KeptColumns,
     conditioned: &'a Conditioned,
+    jumps: &'a [Jump],
     rows: Vec<usize>,
-    /// `[n][rows of the recording]`.
-    used: Vec<Vec<bool>>,
+    /// Rows of the recording from one observed row to the next.
+    step: usize,
 }
 
 impl<'a> CycleRows<'a> {
-    /// The given rows of a cycle, rising.
-    ///
-    /// A joint's row takes part if the joint is faster than its low-speed threshold, and has been and
-    /// stays so for `guard` seconds. Coulomb friction jumps where the motion turns round; the low-pass
-    /// smears the jump in the torque, but not the sign in the regressor, and the rows beside the jump
-    /// would pull friction towards zero. [`reversal_guard`] gives the guard for a low-pass.
+    /// Rows of `samples`, whose channels are `conditioned` and whose columns that jump are `jumps`;
+    /// `columns` `[b]` are those of the kept parameters.
     #[must_use]
     pub fn new(
         robot: &'a Robot,
         columns: &'a KeptColumns,
         conditioned: &'a Conditioned,
-        rows: impl Iterator<Item = usize>,
-        guard: f64,
+        jumps: &'a [Jump],
+        samples: &Samples,
     ) -> Self {
-        let guard_rows = (guard * conditioned.sample_rate).round().max(0.0) as usize;
-        let used = robot
-            .joints
-            .iter()
-            .zip(&conditioned.qd)
-            .map(|(joint, qd)| far_from_turns(qd, joint.low_speed, guard_rows))
-            .collect();
-        Self { robot, columns, conditioned, rows: rows.collect(), used }
+        let excitation = |row: &usize| samples.stage[*row] == Stage::Excitation;
+        let rows = conditioned.observed_rows().filter(excitation).collect();
+        let step = row_step(conditioned.cutoff, conditioned.sample_rate);
+        Self { robot, columns, conditioned, jumps, rows, step }
     }
-}
-
-/// Seconds beside a turn of the motion in which a low-pass at `cutoff` Hz smears the torque: half a
-/// period of the cut-off takes the slope and the first overshoot of the step response.
-#[must_use]
-pub fn reversal_guard(cutoff: f64) -> f64 {
-    0.5 / cutoff
 }
 
 impl RowSource for CycleRows<'_> {
@@ -109,27 +100,17 @@ impl RowSource for CycleRows<'_> {
         for &row in &self.rows {
             self.conditioned.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
             joint_torque_regressor(self.robot, &q[..n], &qd[..n], &qdd[..n], &mut y);
+            smear(self.jumps, row, &mut y);
             self.columns.write(&y, &mut block, n, 0);
-            for j in 0..n {
-                used[j] = self.used[j][row];
+            for (j, joint) in self.robot.joints.iter().enumerate() {
+                used[j] = Motion::of(qd[j], joint.low_speed) == Motion::Moving;
                 for k in 0..b {
                     w[j * b + k] = block[k * n + j];
                 }
             }
-            visit(&SampleRows { row, w: &w, tau: &tau[..n], used: &used });
+            visit(&SampleRows { row: row / self.step, w: &w, tau: &tau[..n], used: &used });
         }
     }
-}
-
-/// Rows further than `guard` rows from any that is slow or changes direction.
-fn far_from_turns(qd: &[f64], low_speed: f64, guard: usize) -> Vec<bool> {
-    let turns = |row: usize| qd[row].abs() < low_speed || (row > 0 && qd[row] * qd[row - 1] < 0.0);
-    let mut used = vec![true; qd.len()];
-    for row in (0..qd.len()).filter(|&row| turns(row)) {
-        let (first, last) = (row.saturating_sub(guard), (row + guard).min(qd.len() - 1));
-        used[first..=last].fill(false);
-    }
-    used
 }
 
 /// Folds single rows into a triangular factor, block by block.
@@ -187,20 +168,4 @@ pub fn joint_factors(source: &dyn RowSource) -> Vec<TriangularFactor> {
         }
     });
     folders.into_iter().map(RowFolder::finish).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rows_beside_a_turn_are_left_out() {
-        let qd: Vec<f64> = (0..41).map(|i| 0.1 * f64::from(i - 20)).collect();
-        let used = far_from_turns(&qd, 0.05, 3);
-        let left_out: Vec<usize> = (0..41).filter(|&row| !used[row]).collect();
-        assert_eq!(left_out, (17..=23).collect::<Vec<_>>());
-        let jump: Vec<f64> = (0..20).map(|i| if i < 10 { -1.0 } else { 1.0 }).collect();
-        let used = far_from_turns(&jump, 0.05, 1);
-        assert_eq!((0..20).filter(|&row| !used[row]).collect::<Vec<_>>(), vec![9, 10, 11]);
-    }
 }

@@ -32,7 +32,7 @@ pub struct Conditioned {
     pub q: Vec<Vec<f64>>,
     /// Velocities `qd`.
     pub qd: Vec<Vec<f64>>,
-    /// Accelerations `qdd`, central differences of `qd`.
+    /// Accelerations `qdd`, by [`differentiate`] from `qd`.
     pub qdd: Vec<Vec<f64>>,
     /// Torques `tau`.
     pub tau: Vec<Vec<f64>>,
@@ -74,6 +74,11 @@ impl Conditioned {
     pub fn observed_rows(&self) -> impl Iterator<Item = usize> + '_ {
         let step = row_step(self.cutoff, self.sample_rate);
         self.usable.iter().flat_map(move |stretch| stretch.clone().step_by(step))
+    }
+
+    /// Rows that went through the low-pass; channels hold zeros in the others.
+    pub fn filtered_rows(&self) -> impl Iterator<Item = usize> + '_ {
+        self.stretches.iter().flat_map(Clone::clone)
     }
 
     /// Stretches between gaps in time that were long enough to be filtered, and the rows in them.
@@ -160,7 +165,11 @@ pub fn median_step(time: &[f64]) -> Option<f64> {
     (median.is_finite() && *median > 0.0).then_some(*median)
 }
 
-/// Central differences of `values` over `step` seconds, one-sided at both ends. Same length.
+/// Derivative of `values` over `step` seconds, same length: central differences of sixth order
+/// (Fornberg 1988), of second order in the three rows at either end, one-sided at the very ends.
+///
+/// Second order takes `(2 pi f step)² / 6` of what changes at the frequency `f`: at 100 Hz and 5 Hz 1.6 %,
+/// which the torque beside it has not lost. Sixth order takes 0.001 % there.
 #[must_use]
 pub fn differentiate(values: &[f64], step: f64) -> Vec<f64> {
     let n = values.len();
@@ -169,7 +178,11 @@ pub fn differentiate(values: &[f64], step: f64) -> Vec<f64> {
         return out;
     }
     for i in 1..n - 1 {
-        out[i] = (values[i + 1] - values[i - 1]) / (2.0 * step);
+        let difference = |rows: usize| values[i + rows] - values[i - rows];
+        out[i] = match (3..n.saturating_sub(3)).contains(&i) {
+            true => (45.0 * difference(1) - 9.0 * difference(2) + difference(3)) / (60.0 * step),
+            false => difference(1) / (2.0 * step),
+        };
     }
     out[0] = (values[1] - values[0]) / step;
     out[n - 1] = (values[n - 1] - values[n - 2]) / step;
@@ -284,6 +297,32 @@ mod tests {
             let exact = -w * w * (w * samples.time[i]).sin();
             assert!((qdd - exact).abs() < 1e-3 * w * w, "{qdd} {exact}");
         }
+    }
+
+    #[test]
+    fn derivatives_are_exact_for_polynomials_of_their_order() {
+        let (step, rows) = (0.1, 20);
+        for power in 0..7 {
+            let x: Vec<f64> = (0..rows).map(|i| (step * f64::from(i) - 1.0).powi(power)).collect();
+            let found = differentiate(&x, step);
+            for i in 0..rows {
+                let x = step * f64::from(i) - 1.0;
+                let exact = if power == 0 { 0.0 } else { f64::from(power) * x.powi(power - 1) };
+                let order = if (3..rows - 3).contains(&i) {
+                    6
+                } else if (1..rows - 1).contains(&i) {
+                    2
+                } else {
+                    1
+                };
+                if power <= order {
+                    // rounding over the step
+                    assert!((found[i as usize] - exact).abs() < 1e-12, "x^{power} in row {i}");
+                }
+            }
+        }
+        assert_eq!(differentiate(&[3.0], 0.1), [0.0]);
+        assert_eq!(differentiate(&[1.0, 2.0, 4.0], 1.0), [1.0, 1.5, 2.0]);
     }
 
     #[test]

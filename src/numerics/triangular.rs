@@ -139,6 +139,26 @@ impl TriangularFactor {
         self.rows = rows;
     }
 
+    /// The factor of the same rows, each multiplied by `by`: its square is the weight of their squares.
+    #[must_use]
+    pub fn scaled(&self, by: f64) -> Self {
+        Self { r: &self.r * faer::Scale(by), rows: self.rows }
+    }
+
+    /// The factor of the same rows with only the columns `kept` of `w`, in that order.
+    ///
+    /// # Panics
+    /// If `kept` names a column that there is not.
+    #[must_use]
+    pub fn restricted(&self, kept: &[usize]) -> Self {
+        let b = self.columns();
+        let columns: Vec<usize> = kept.iter().copied().chain([b]).collect();
+        let mut own = Self::new(kept.len());
+        own.fold(Mat::from_fn(b + 1, columns.len(), |i, k| self.r[(i, columns[k])]).as_ref());
+        own.rows = self.rows;
+        own
+    }
+
     /// The factor of several together, each with its columns at `places` of a wider `w` with `columns`
     /// columns that are zero elsewhere. So the rows of single joints make up the stacked problem
     /// [3.22].
@@ -183,11 +203,11 @@ impl TriangularFactor {
         }
         let r11 = self.r.as_ref().submatrix(0, 0, b, b);
         let norms: Vec<f64> = (0..b).map(|j| r11.col(j).norm_l2()).collect();
-        let unseen: Vec<usize> = (0..b).filter(|&j| !(norms[j] > 0.0 && norms[j].is_finite())).collect();
-        if !unseen.is_empty() {
-            return Err(rank_deficient(&unseen, b, names));
+        if norms.iter().any(|norm| !norm.is_finite()) {
+            return Err(NumericsError::NotFinite("the observation matrix"));
         }
-        let scaled = Mat::from_fn(b, b, |i, j| r11[(i, j)] / norms[j]);
+        // a column of zeros stays one, and its singular value is zero
+        let scaled = Mat::from_fn(b, b, |i, j| if norms[j] > 0.0 { r11[(i, j)] / norms[j] } else { 0.0 });
         let svd = scaled.svd().map_err(|_| NumericsError::NotFinite("the singular values"))?;
         let s: Vec<f64> = svd.S().column_vector().iter().copied().collect();
         let (largest, smallest) = (s[0], s[b - 1]);
@@ -321,22 +341,35 @@ fn solve_upper(upper: MatRef<'_, f64>, right: &mut Mat<f64>) {
     faer::linalg::triangular_solve::solve_upper_triangular_in_place(upper, right.as_mut(), Par::Seq);
 }
 
-/// Columns that lead the singular vectors of too small singular values.
+/// As many columns as there are too small singular values: in turn the one that has most part in the
+/// singular vectors of these and is least explained by those taken before it.
 fn weak_columns(v: MatRef<'_, f64>, s: &[f64], floor: f64) -> Vec<usize> {
-    let mut weak: Vec<usize> = s
-        .iter()
-        .enumerate()
-        .filter(|(_, value)| value.is_nan() || **value <= floor)
-        .filter_map(|(k, _)| (0..v.nrows()).max_by(|&a, &b| v[(a, k)].abs().total_cmp(&v[(b, k)].abs())))
-        .collect();
+    let small: Vec<usize> = (0..s.len()).filter(|&k| s[k].is_nan() || s[k] <= floor).collect();
+    // parts of the columns in what cannot be seen, [b x small]
+    let mut part = Mat::from_fn(v.nrows(), small.len(), |i, k| v[(i, small[k])]);
+    let mut weak = Vec::new();
+    for _ in &small {
+        let Some(next) = (0..part.nrows())
+            .filter(|column| !weak.contains(column))
+            .max_by(|&a, &b| part.row(a).norm_l2().total_cmp(&part.row(b).norm_l2()))
+        else {
+            break;
+        };
+        let along = part.row(next).to_owned();
+        let length = along.squared_norm_l2();
+        if length > 0.0 {
+            let taken = &part * along.transpose() * along / length;
+            part -= taken;
+        }
+        weak.push(next);
+    }
     weak.sort_unstable();
-    weak.dedup();
     weak
 }
 
 fn rank_deficient(columns: &[usize], of: usize, names: impl Fn(usize) -> String) -> NumericsError {
     /// Enough to see which joint is meant; the whole list would drown the sentence.
-    const NAMED: usize = 6;
+    const NAMED: usize = 12;
     let mut listed: Vec<String> = columns.iter().take(NAMED).map(|&c| names(c)).collect();
     if columns.len() > NAMED {
         listed.push("...".into());
@@ -503,7 +536,24 @@ mod tests {
         let mut factor = TriangularFactor::new(3);
         factor.fold(all.as_ref());
         let error = factor.solve(1e8, |i| format!("p{i}")).expect_err("rank two of three");
-        assert!(matches!(error, NumericsError::RankDeficient { columns: 3, .. }), "{error}");
+        assert!(matches!(error, NumericsError::RankDeficient { count: 1, columns: 3, .. }), "{error}");
+    }
+
+    #[test]
+    fn all_that_a_motion_hides_is_named_and_nothing_else() {
+        // two columns of zeros, one that repeats another, and one that stands alone
+        let all = Mat::from_fn(500, 6, |i, j| match j {
+            1 | 3 => 0.0,
+            4 => 3.0 * value(i, 0),
+            _ => value(i, j.min(2)),
+        });
+        let mut factor = TriangularFactor::new(5);
+        factor.fold(all.as_ref());
+        let error = factor.solve(1e8, |i| format!("p{i}")).expect_err("rank two of five");
+        let NumericsError::RankDeficient { count, columns, names } = error else { panic!("{error}") };
+        assert_eq!((count, columns), (3, 5));
+        // of p0 and p4 either may stand for the pair
+        assert!(["p0, p1, p3", "p1, p3, p4"].contains(&names.as_str()), "{names}");
     }
 
     #[test]

@@ -11,16 +11,21 @@ use varpro::solvers::levmar::LevMarSolver;
 use varpro::statistics::FitStatistics;
 
 use super::NumericsError;
-use super::statistics::{mean, standard_deviation};
 use crate::analysis::{Decay, Estimate, WarmUpFit, WarmUpModel};
 use crate::robot::JointIndex;
 
 /// Fewest points of a fit.
 const MIN_POINTS: usize = 4;
 
-/// Most points that a fit works on. More, as all runs of a robot give, are averaged in groups of
-/// neighbours in time: a curve of five parameters needs no more, and the work stays bounded.
+/// Most points that a fit works on one by one. Of more, as all runs of a robot give, neighbours in time are
+/// averaged: a curve of five parameters needs no more, and the work stays bounded.
 const MAX_POINTS: usize = 240;
+
+/// Neighbours lie within this fraction of the time since the start, of which a decay that is not over by then
+/// curves by less than a thousandth; near the start, where that would be nothing, within that of this time,
+/// min, since faster parts than the thesis's fastest (0.3 min) are not looked for.
+const NEIGHBOURS: f64 = 0.05;
+const NEIGHBOURS_FROM: f64 = 0.3;
 
 /// A time constant longer than this many records is a straight line in disguise: the asymptote
 /// would be an extrapolation (thesis Table N.1 has one with a = 0 and a time constant of a day).
@@ -78,27 +83,46 @@ pub fn fit_warm_up(
         }
     }
     let fit = best.0;
-    Ok(WarmUpFit { rmsd: deviation(&fit, points), samples: points.len(), ..fit })
+    let (first, last) = extent(points.iter().map(|p| p.minute));
+    Ok(WarmUpFit { rmsd: warm_up_rmsd(&fit, points), samples: points.len(), record: [first, last], ..fit })
 }
 
-/// Means of equally many neighbours in time, at most [`MAX_POINTS`] of them; a last smaller group is
-/// left out, so that all weigh the same.
-fn grouped(points: &[WarmUpPoint]) -> Vec<WarmUpPoint> {
-    let size = points.len().div_ceil(MAX_POINTS);
+/// A point, or the mean of neighbours in time with their share of all points.
+#[derive(Debug, Clone, Copy)]
+struct Mean {
+    minute: f64,
+    torque: f64,
+    /// Points that it stands for, of mean one over all.
+    weight: f64,
+}
+
+/// The points themselves up to [`MAX_POINTS`], means of neighbours in time of more.
+fn grouped(points: &[WarmUpPoint]) -> Vec<Mean> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.minute.total_cmp(&b.minute));
-    let n = size as f64;
-    sorted
-        .chunks_exact(size)
-        .map(|group| WarmUpPoint {
+    let width = if points.len() > MAX_POINTS { NEIGHBOURS } else { 0.0 };
+    let mut means: Vec<Mean> = Vec::new();
+    let mut rest = &sorted[..];
+    while let Some(first) = rest.first() {
+        let end = first.minute + width * first.minute.max(NEIGHBOURS_FROM);
+        let size = if width > 0.0 { rest.partition_point(|p| p.minute <= end).max(1) } else { 1 };
+        let (group, behind) = rest.split_at(size);
+        let n = group.len() as f64;
+        means.push(Mean {
             minute: group.iter().map(|p| p.minute).sum::<f64>() / n,
             torque: group.iter().map(|p| p.torque).sum::<f64>() / n,
-        })
-        .collect()
+            weight: n,
+        });
+        rest = behind;
+    }
+    let scale = means.len() as f64 / points.len() as f64;
+    means.iter_mut().for_each(|mean| mean.weight *= scale);
+    means
 }
 
 /// Root-mean-square deviation of points from a curve, Nm.
-fn deviation(fit: &WarmUpFit, points: &[WarmUpPoint]) -> f64 {
+#[must_use]
+pub fn warm_up_rmsd(fit: &WarmUpFit, points: &[WarmUpPoint]) -> f64 {
     let squares: f64 = points.iter().map(|p| (p.torque - warm_up_torque(fit, p.minute)).powi(2)).sum();
     (squares / points.len() as f64).sqrt()
 }
@@ -121,25 +145,24 @@ fn criterion(points: usize, rmsd: f64, parameters: usize) -> f64 {
     n * (rmsd * rmsd).max(f64::MIN_POSITIVE).ln() + 2.0 * k + 2.0 * k * (k + 1.0) / (n - k - 1.0)
 }
 
-fn constant_fit(
-    joint: JointIndex,
-    speed_fraction: f64,
-    points: &[WarmUpPoint],
-) -> Result<WarmUpFit, NumericsError> {
-    let torque: Vec<f64> = points.iter().map(|p| p.torque).collect();
-    let (Some(a), Some(sd)) = (mean(&torque), standard_deviation(&torque)) else {
+fn constant_fit(joint: JointIndex, speed_fraction: f64, points: &[Mean]) -> Result<WarmUpFit, NumericsError> {
+    let n = points.len() as f64;
+    let a = points.iter().map(|p| p.weight * p.torque).sum::<f64>() / n;
+    let squares: f64 = points.iter().map(|p| p.weight * (p.torque - a).powi(2)).sum();
+    if !squares.is_finite() || points.len() < 2 {
         return Err(NumericsError::NotFinite("the mean of the warm-up curve"));
-    };
-    let n = torque.len() as f64;
+    }
+    let a = Estimate { value: a, std_error: (squares / (n - 1.0) / n).sqrt() };
     Ok(WarmUpFit {
         joint,
         speed_fraction,
         model: WarmUpModel::Constant,
-        a: Estimate { value: a, std_error: sd / n.sqrt() },
+        a,
         slow: None,
         fast: None,
-        rmsd: sd * ((n - 1.0) / n).sqrt(),
-        samples: torque.len(),
+        rmsd: (squares / n).sqrt(),
+        samples: points.len(),
+        record: [0.0, 0.0],
     })
 }
 
@@ -164,13 +187,14 @@ impl Candidate {
             fast: parts.next(),
             rmsd: self.rmsd,
             samples,
+            record: [0.0, 0.0],
         }
     }
 }
 
 /// Whether every part of a fit is told by the data and possible for a gearbox that warms up.
-fn supported(candidate: &Candidate, points: &[WarmUpPoint]) -> bool {
-    let (first, last) = extent(points);
+fn supported(candidate: &Candidate, points: &[Mean]) -> bool {
+    let (first, last) = extent(points.iter().map(|p| p.minute));
     let record = last - first;
     let clear = |e: &Estimate| e.std_error.is_finite() && e.value > MIN_SIGNIFICANCE * e.std_error;
     let parts_clear = candidate.parts.iter().all(|part| {
@@ -185,20 +209,18 @@ fn supported(candidate: &Candidate, points: &[WarmUpPoint]) -> bool {
     parts_clear && apart && clear(&candidate.a)
 }
 
-fn extent(points: &[WarmUpPoint]) -> (f64, f64) {
-    points
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| (low.min(p.minute), high.max(p.minute)))
+fn extent(minutes: impl Iterator<Item = f64>) -> (f64, f64) {
+    minutes.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), m| (low.min(m), high.max(m)))
 }
 
-fn single_starts(points: &[WarmUpPoint]) -> Vec<Vec<f64>> {
-    let (first, last) = extent(points);
+fn single_starts(points: &[Mean]) -> Vec<Vec<f64>> {
+    let (first, last) = extent(points.iter().map(|p| p.minute));
     let record = (last - first).max(f64::MIN_POSITIVE);
     [0.05, 0.2, 0.6].iter().map(|part| vec![(part * record).ln()]).collect()
 }
 
-fn double_starts(points: &[WarmUpPoint]) -> Vec<Vec<f64>> {
-    let (first, last) = extent(points);
+fn double_starts(points: &[Mean]) -> Vec<Vec<f64>> {
+    let (first, last) = extent(points.iter().map(|p| p.minute));
     let record = (last - first).max(f64::MIN_POSITIVE);
     [(0.3, 0.02), (0.3, 0.08), (0.6, 0.05), (0.9, 0.2)]
         .iter()
@@ -207,7 +229,7 @@ fn double_starts(points: &[WarmUpPoint]) -> Vec<Vec<f64>> {
 }
 
 /// Best of the fits from several starts; variable projection finds local minima.
-fn best_fit(points: &[WarmUpPoint], starts: &[Vec<f64>], parts: usize) -> Option<Candidate> {
+fn best_fit(points: &[Mean], starts: &[Vec<f64>], parts: usize) -> Option<Candidate> {
     starts
         .iter()
         .filter_map(|start| exponential_fit(points, start, parts))
@@ -225,27 +247,32 @@ fn decay_slope(minute: &DVector<f64>, log_time: f64) -> DVector<f64> {
     })
 }
 
-fn exponential_fit(points: &[WarmUpPoint], start: &[f64], parts: usize) -> Option<Candidate> {
+fn exponential_fit(points: &[Mean], start: &[f64], parts: usize) -> Option<Candidate> {
     let names = &["log_t1", "log_t2"][..parts];
     if points.len() <= 1 + 2 * parts {
         return None;
     }
     let minutes = DVector::from_iterator(points.len(), points.iter().map(|p| p.minute));
     let torques = DVector::from_iterator(points.len(), points.iter().map(|p| p.torque));
+    let roots = DVector::from_iterator(points.len(), points.iter().map(|p| p.weight.sqrt()));
     let mut builder = SeparableModelBuilder::<f64>::new(names)
         .invariant_function(|t: &DVector<f64>| DVector::from_element(t.len(), 1.0));
     for name in names {
         builder = builder.function([*name], decay).partial_deriv(*name, decay_slope);
     }
     let model = builder.independent_variable(minutes).initial_parameters(start.to_vec()).build().ok()?;
-    let problem = SeparableProblemBuilder::new(model).observations(torques.clone()).build().ok()?;
+    let problem = SeparableProblemBuilder::new(model)
+        .observations(torques.clone())
+        .weights(roots.clone())
+        .build()
+        .ok()?;
     let fit = LevMarSolver::default().solve(problem).ok()?;
     let statistics = FitStatistics::try_from(&fit).ok()?;
     let coefficients = fit.linear_coefficients()?;
     let linear_variance = statistics.linear_coefficients_variance();
     let log_times = fit.nonlinear_parameters();
     let log_variance = statistics.nonlinear_parameters_variance();
-    let residual = fit.best_fit()? - torques;
+    let residual = (fit.best_fit()? - torques).component_mul(&roots);
 
     let estimate =
         |k: usize| Estimate { value: coefficients[k], std_error: linear_variance[k].max(0.0).sqrt() };

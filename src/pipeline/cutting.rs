@@ -3,17 +3,11 @@
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
+use super::cycles::RowCutter;
 use super::intake::Intake;
 use crate::ingest::fingerprint::RunningHash;
 use crate::ingest::rejection::Rejection;
-use crate::numerics::segment::{CycleCutter, SegmentError};
-use crate::numerics::signal::median_step;
-use crate::numerics::transmission::JointSide;
 use crate::run::{ContentPrefix, Cycle, Samples};
-
-/// First rows of an export that its sample rate is taken from. A fixed number, so that it does not depend
-/// on the pieces in which a growing file is read.
-const SAMPLE_RATE_ROWS: usize = 1000;
 
 /// A cycle, and the first bytes of the export that it and those before it were read from.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,10 +51,8 @@ pub struct Cutting<'i> {
     cycles: &'i mpsc::Sender<CutCycle>,
     stop: &'i CancellationToken,
     hash: RunningHash,
-    cutter: CycleCutter,
-    joint_side: JointSide,
+    cutter: RowCutter,
     cycle_count: u32,
-    first_times: Vec<f64>,
 }
 
 impl<'i> Cutting<'i> {
@@ -74,24 +66,8 @@ impl<'i> Cutting<'i> {
         stop: &'i CancellationToken,
         hash: RunningHash,
     ) -> Result<Self, Rejection> {
-        let motor = intake.layout.motor_side;
-        let joint_side = JointSide::new(&intake.robot, motor.position, motor.torque).map_err(|error| {
-            Rejection::of_file(
-                &intake.path,
-                error.to_string(),
-                "correct the transmission of the robot's description",
-            )
-        })?;
-        Ok(Self {
-            intake,
-            cycles,
-            stop,
-            hash,
-            cutter: CycleCutter::new(),
-            joint_side,
-            cycle_count: 0,
-            first_times: Vec::new(),
-        })
+        let cutter = RowCutter::new(&intake.path, &intake.layout, &intake.robot)?;
+        Ok(Self { intake, cycles, stop, hash, cutter, cycle_count: 0 })
     }
 
     /// Takes the next rows and sends the cycles that they end. `false` if reading is to end, because a stop
@@ -99,11 +75,8 @@ impl<'i> Cutting<'i> {
     ///
     /// # Errors
     /// A rejection of rows that make no cycle.
-    pub fn push(&mut self, mut samples: Samples) -> Result<bool, Rejection> {
-        let missing = SAMPLE_RATE_ROWS.saturating_sub(self.first_times.len());
-        self.first_times.extend(samples.time.iter().take(missing));
-        self.joint_side.apply(&mut samples);
-        for cycle in self.cutter.push(samples).map_err(|error| rejected(self.intake, &error))? {
+    pub fn push(&mut self, samples: Samples) -> Result<bool, Rejection> {
+        for cycle in self.cutter.push(samples)? {
             if self.stop.is_cancelled() || !self.send(cycle) {
                 return Ok(false);
             }
@@ -116,14 +89,13 @@ impl<'i> Cutting<'i> {
     /// # Errors
     /// A rejection of an export without stages.
     pub fn end(mut self, rows: u64) -> Result<ReadEnd, Rejection> {
-        let cutter = std::mem::take(&mut self.cutter);
-        let last = cutter.finish().map_err(|error| rejected(self.intake, &error))?;
+        let last = self.cutter.finish()?;
         if last.is_some_and(|cycle| !self.send(cycle)) {
             return Ok(ReadEnd::Interrupted);
         }
         Ok(ReadEnd::Complete(ReadTotals {
             rows,
-            sample_rate: median_step(&self.first_times).map_or(0.0, |step| 1.0 / step),
+            sample_rate: self.cutter.sample_rate(),
             cycles: self.cycle_count,
             content: self.hash.prefix(),
         }))
@@ -136,8 +108,4 @@ impl<'i> Cutting<'i> {
         }
         self.cycles.blocking_send(CutCycle { cycle, read: self.hash.prefix() }).is_ok()
     }
-}
-
-fn rejected(intake: &Intake, error: &SegmentError) -> Rejection {
-    Rejection::of_file(&intake.path, error.to_string(), "")
 }

@@ -6,10 +6,16 @@
 //! files that grow ([`follow`]). A cycle is done when the transaction that stores its rows commits;
 //! whatever was cut short is read again and picks up after the last stored cycle.
 
+pub mod drive_gain;
+pub mod cycles;
 pub mod cutting;
 pub mod follow;
 pub mod intake;
+pub mod physical;
+mod friction;
 pub mod record;
+pub mod replay;
+pub mod reestimate;
 pub mod stored;
 #[cfg(test)]
 mod tests;

@@ -4,7 +4,7 @@ use tokio::sync::mpsc;
 
 use super::cutting::ReadTotals;
 use super::intake::Intake;
-use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun};
+use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun, friction};
 use crate::analysis::{FrictionPoint, RunAnalysis, WarmUpFit};
 use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::{AnalysisSettings, Method, RunResults, analyse_run, warm_up_fits};
@@ -75,6 +75,10 @@ pub async fn finish(
 ) -> Result<Outcome, PipelineError> {
     let _turn = pipeline.ending.lock().await;
     let measurements = pipeline.store().run_measurements(intake.run_id).await?;
+    let baseline_runs = pipeline.config().detect.baseline_runs;
+    let friction =
+        friction::analyse(pipeline.store(), intake.run_id, &measurements.friction_points, baseline_runs)
+            .await?;
     let (joints, settings) = (method.robot.joint_count(), pipeline.config().analysis);
     let analysis =
         tokio::task::spawn_blocking(move || analyse_run(joints, &settings, &as_results(measurements)))
@@ -92,8 +96,10 @@ pub async fn finish(
     if let Some(fits) = mixed {
         ending.replace_mixed_fits(&fits).await?;
     }
+    friction.store(&mut ending).await?;
     let history = ending.run_summaries().await?;
-    let findings = detect(&history, &pipeline.config().detect);
+    let mut findings = detect(&history, &pipeline.config().detect);
+    friction.refine(&mut findings);
     let reconciled = ending.reconcile(&findings).await?;
     let figures = RunTotals {
         rows: usize::try_from(totals.rows).unwrap_or(usize::MAX),

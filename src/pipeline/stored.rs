@@ -8,8 +8,10 @@ use tokio::task::JoinError;
 use crate::analysis::{IdentifiedParameter, TorqueRmsd};
 use crate::numerics::NumericsError;
 use crate::numerics::cross::{Union, independent_fraction};
-use crate::numerics::factors::{JointColumns, unpack};
+use crate::numerics::factors::{JointColumns, JointFactor, unpack};
+use crate::numerics::history::{Estimator, EstimatorKind, estimate};
 use crate::numerics::verify::{StageSums, torque_rmsd};
+use crate::robot::JointIndex;
 use crate::store::{FactorsWanted, ParameterSet, SourceCycle, Store, StoreError, StoredCycle, StoredModel};
 
 /// Cycles of one run.
@@ -60,35 +62,82 @@ pub enum StoredError {
     Task(#[from] JoinError),
 }
 
-/// Identifies one parameter set on the chosen cycles, joints stacked, moving rows of their
-/// excitation stages.
+/// Most cycles that are taken together: their factors are held, 50 kB a cycle of a six-joint arm, so that
+/// this is 250 MB; half a year of tests of 24 cycles a day.
+pub const MAX_CYCLES_TOGETHER: usize = 5000;
+
+/// Cycles taken together, with what identification needs of them.
+#[derive(Debug, Clone)]
+pub struct Taken {
+    /// Description of all of them.
+    pub model: StoredModel,
+    /// Their moving rows of excitation.
+    pub union: Union,
+    /// Which they are, in the order of the union's.
+    pub sources: Vec<SourceCycle>,
+}
+
+/// Takes the chosen cycles together.
 ///
 /// # Errors
-/// [`StoredError::Refused`] if a run has no factors, a cycle that is asked for is not among them, or
-/// the cycles belong to different descriptions; [`StoredError::Numerics`] if the motion is too poor.
-pub async fn unit_identification(store: &Store, chosen: &[Chosen]) -> Result<ParameterSet, StoredError> {
-    let mut union: Option<(StoredCycle, Union)> = None;
-    let mut sources = Vec::new();
+/// [`StoredError::Refused`] if a run has no factors, a cycle that is asked for is not among them, the
+/// cycles belong to different descriptions, or there are more than [`MAX_CYCLES_TOGETHER`].
+pub async fn take(store: &Store, chosen: &[Chosen]) -> Result<Taken, StoredError> {
+    let mut taken: Option<(Taken, i64)> = None;
     for of_run in merged(chosen) {
         for cycle in chosen_cycles(store, &of_run, FactorsWanted::Identification).await? {
             let columns = JointColumns::of_stored(&cycle.factors.columns);
-            let (first, union) = union.get_or_insert_with(|| (cycle.clone(), Union::new(columns.clone())));
-            same_model(&first.model, first.run_id, &cycle)?;
-            union.add(&columns, &unpack(&cycle.factors)?, fraction(&cycle))?;
-            sources.push(SourceCycle { run_id: cycle.run_id, cycle: cycle.cycle, robot: cycle.robot });
+            let (taken, first_run) = taken.get_or_insert_with(|| {
+                let union = Union::new(columns.clone());
+                (Taken { model: cycle.model.clone(), union, sources: Vec::new() }, cycle.run_id)
+            });
+            same_model(&taken.model, *first_run, &cycle)?;
+            if taken.sources.len() == MAX_CYCLES_TOGETHER {
+                return Err(StoredError::Refused(format!(
+                    "more than {MAX_CYCLES_TOGETHER} cycles are chosen; choose fewer runs, or some cycles of each"
+                )));
+            }
+            add(&mut taken.union, &columns, &cycle)?;
+            taken.sources.push(source(cycle));
         }
     }
-    let Some((first, union)) = union else {
-        return Err(StoredError::Refused("no cycles are chosen".into()));
-    };
-    let identification = tokio::task::spawn_blocking(move || union.identify()).await??;
-    Ok(ParameterSet { model: first.model, identification, sources })
+    taken.map(|(taken, _)| taken).ok_or_else(|| StoredError::Refused("no cycles are chosen".into()))
+}
+
+/// Adds a stored cycle to a union: the one place that says how many of its rows are independent.
+pub(super) fn add(
+    union: &mut Union,
+    columns: &JointColumns,
+    cycle: &StoredCycle,
+) -> Result<(), NumericsError> {
+    union.add(columns, &unpack(&cycle.factors)?, &independent_shares(cycle))
+}
+
+pub(super) fn source(cycle: StoredCycle) -> SourceCycle {
+    SourceCycle { run_id: cycle.run_id, cycle: cycle.cycle, robot: cycle.robot }
+}
+
+/// Identifies one parameter set on the chosen cycles, joints stacked, moving rows of their
+/// excitation stages, by ordinary least squares.
+///
+/// # Errors
+/// As [`take`]; [`StoredError::Numerics`] if the motion is too poor.
+pub async fn unit_identification(store: &Store, chosen: &[Chosen]) -> Result<ParameterSet, StoredError> {
+    let Taken { model, union, sources } = take(store, chosen).await?;
+    let found = tokio::task::spawn_blocking(move || estimate(&union, &Estimator::Ordinary)).await??;
+    Ok(ParameterSet {
+        model,
+        errors: found.errors.source(),
+        estimator: EstimatorKind::Ordinary,
+        identification: found.identification,
+        sources,
+    })
 }
 
 /// RMSD of one parameter set over the chosen cycles together, by joint and stage.
 ///
 /// # Errors
-/// As [`unit_identification`].
+/// As [`take`].
 pub async fn rmsd_on(
     store: &Store,
     candidate: &Candidate,
@@ -105,11 +154,37 @@ pub async fn rmsd_on(
     Ok(sums.rmsd())
 }
 
+/// RMSD of each joint's torque with the parameters that its own rows gave [3.21], over the chosen
+/// cycles together; parameters that a view leaves out count as zero.
+///
+/// # Errors
+/// As [`take`].
+pub async fn rmsd_of_views(
+    store: &Store,
+    views: &[(JointIndex, Vec<IdentifiedParameter>)],
+    chosen: &[Chosen],
+) -> Result<Vec<TorqueRmsd>, StoredError> {
+    let mut sums = StageSums::default();
+    for of_run in merged(chosen) {
+        for cycle in chosen_cycles(store, &of_run, FactorsWanted::All).await? {
+            let columns = JointColumns::of_stored(&cycle.factors.columns);
+            let factors = unpack(&cycle.factors)?;
+            for (joint, parameters) in views {
+                let value = |id| parameters.iter().find(|p| p.id == id).map_or(0.0, |p| p.value);
+                let theta: Vec<f64> = columns.kept().iter().map(|&id| value(id)).collect();
+                let own: Vec<JointFactor> = factors.iter().filter(|of| of.joint == *joint).cloned().collect();
+                sums.add(&columns, &own, &theta);
+            }
+        }
+    }
+    Ok(sums.rmsd())
+}
+
 /// Applies each candidate to each run. Runs are read one after another: memory does not grow with
 /// their number.
 ///
 /// # Errors
-/// As [`unit_identification`].
+/// As [`take`].
 pub async fn cross_verification(
     store: &Store,
     candidates: Vec<Candidate>,
@@ -152,7 +227,7 @@ fn verify_run(
 }
 
 /// One entry a run; a cycle that is chosen twice counts once.
-fn merged(chosen: &[Chosen]) -> Vec<Chosen> {
+pub(super) fn merged(chosen: &[Chosen]) -> Vec<Chosen> {
     let mut by_run: BTreeMap<i64, Option<Vec<u32>>> = BTreeMap::new();
     for Chosen { run_id, cycles } in chosen {
         let known = by_run.entry(*run_id).or_insert_with(|| Some(Vec::new()));
@@ -161,7 +236,7 @@ fn merged(chosen: &[Chosen]) -> Vec<Chosen> {
     by_run.into_iter().map(|(run_id, cycles)| Chosen { run_id, cycles }).collect()
 }
 
-async fn chosen_cycles(
+pub(super) async fn chosen_cycles(
     store: &Store,
     chosen: &Chosen,
     wanted: FactorsWanted,
@@ -183,7 +258,7 @@ async fn chosen_cycles(
     Ok(cycles)
 }
 
-fn same_model(model: &StoredModel, of: i64, cycle: &StoredCycle) -> Result<(), StoredError> {
+pub(super) fn same_model(model: &StoredModel, of: i64, cycle: &StoredCycle) -> Result<(), StoredError> {
     if *model == cycle.model {
         return Ok(());
     }
@@ -203,6 +278,10 @@ fn theta(columns: &JointColumns, candidate: &Candidate) -> Result<Vec<f64>, Nume
     columns.theta(candidate.parameters.iter().map(|parameter| (parameter.id, parameter.value)))
 }
 
-fn fraction(cycle: &StoredCycle) -> f64 {
-    independent_fraction(cycle.cutoff, cycle.sample_rate)
+/// As stored; of cycles without, what the low-pass leaves.
+fn independent_shares(cycle: &StoredCycle) -> Vec<f64> {
+    match cycle.independent_shares.is_empty() {
+        true => vec![independent_fraction(cycle.cutoff, cycle.sample_rate); cycle.factors.columns.len()],
+        false => cycle.independent_shares.clone(),
+    }
 }

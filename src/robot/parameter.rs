@@ -54,6 +54,21 @@ impl StandardParameters {
         Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
     }
 
+    /// Centre of mass in the link frame, m; the frame's origin for a link without mass.
+    #[must_use]
+    pub fn centre_of_mass(&self) -> Vector3<f64> {
+        if self.mass() == 0.0 { Vector3::zeros() } else { self.first_moment() / self.mass() }
+    }
+
+    /// Inertia about the centre of mass, axes of the link frame, kg m²: the parallel-axis theorem
+    /// backwards.
+    #[must_use]
+    pub fn inertia_about_centre(&self) -> Matrix3<f64> {
+        let c = self.centre_of_mass();
+        let shift = Matrix3::identity() * c.norm_squared() - c * c.transpose();
+        self.inertia() - shift * self.mass()
+    }
+
     /// The same body about another frame, in which this one has the pose `frame`.
     ///
     /// With the second moment `S = tr(I)/2 1 - I` and the first moment `h`:

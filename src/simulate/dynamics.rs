@@ -7,6 +7,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::SimulateError;
+use super::load::{Body, Load};
 use super::motion::MotionState;
 use crate::robot::{JointIndex, JointKind, MAX_JOINTS, Robot, StandardParameters, Transform};
 
@@ -54,6 +55,19 @@ pub fn rigid_chain(robot: &Robot) -> Result<RigidChain, SimulateError> {
         })
         .collect::<Result<_, SimulateError>>()?;
     Ok(RigidChain { links, gravity: robot.gravity })
+}
+
+impl RigidChain {
+    /// The chain with `load` at the tool frame, which has the pose `tool` in the frame of the last link.
+    #[must_use]
+    pub fn carrying(mut self, load: &Load, tool: &Transform) -> Self {
+        if let Some(last) = self.links.last_mut() {
+            let own = Body { mass: last.mass, centre: last.centre, inertia: last.inertia };
+            let both = own.and(&Body::of_load(load, tool));
+            (last.mass, last.centre, last.inertia) = (both.mass, both.centre, both.inertia);
+        }
+        self
+    }
 }
 
 /// Torque of the rigid links and the motors' inertia, without friction.
@@ -277,5 +291,26 @@ mod tests {
         robot.joints[1].nominal.as_mut().unwrap().inertial.0[0] = 0.0;
         let message = rigid_chain(&robot).unwrap_err().to_string();
         assert!(message.contains("link 2"), "{message}");
+    }
+
+    #[test]
+    fn a_load_is_a_body_of_its_own_on_the_last_link() {
+        let mut robot = er3a();
+        robot.tool = Transform::from_xyz_rpy([0.02, -0.03, 0.11], [0.4, -0.2, 0.9]);
+        let inertia = Matrix3::new(0.03, 0.002, -0.001, 0.002, 0.02, 0.003, -0.001, 0.003, 0.04);
+        let load = Load { mass: 4.0, centre: Vector3::new(0.05, -0.02, 0.1), inertia };
+        let s = state(&[0.3, -0.4, 0.5, 0.6, -0.7, 0.8], &[1.0, -0.8, 0.6, 1.2, -1.4, 1.6], &[3.0; 6]);
+        let chain = rigid_chain(&robot).unwrap();
+        let loaded = joint_torque(&chain.clone().carrying(&load, &robot.tool), &s);
+        // the same through the ten parameters about the frame of the last link
+        let body = StandardParameters::from_centre_of_mass(load.mass, &load.centre, &load.inertia);
+        let last = robot.joints[5].nominal.as_mut().unwrap();
+        last.inertial = last.inertial.joined(&body.seen_from(&robot.tool));
+        let expected = joint_torque(&rigid_chain(&robot).unwrap(), &s);
+        let without = joint_torque(&chain, &s);
+        for j in 0..6 {
+            assert!((loaded[j] - expected[j]).abs() < 1e-11 * (1.0 + expected[j].abs()));
+        }
+        assert!((loaded[1] - without[1]).abs() > 10.0, "{loaded:?} {without:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! Rows to a CSV file in the native layout, in bounded memory, visible only when complete.
+//! Rows to a CSV file, in the native layout or any other, in bounded memory, visible only when complete.
 
 use std::fs::{self, File};
 use std::io::{self, Write};
@@ -8,6 +8,7 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 
 use super::fixed_point::{push_fixed, push_whole};
+use super::format::ExportFormat;
 use super::motion::PerJoint;
 use super::recording::Row;
 use crate::run::Stage;
@@ -41,6 +42,7 @@ pub fn header(joint_count: usize) -> String {
 #[derive(Debug)]
 pub struct ExportWriter {
     joint_count: usize,
+    format: Option<ExportFormat>,
     part: PartFile,
     output: Output,
     text: Vec<u8>,
@@ -53,11 +55,24 @@ enum Output {
 }
 
 impl ExportWriter {
-    /// Starts the export `path`, compressed if its name ends in `.gz`, and writes the header.
+    /// Starts the export `path` in the native layout, compressed if its name ends in `.gz`, and writes the
+    /// header.
     ///
     /// # Errors
     /// Whatever creating the file fails with.
     pub fn create(path: &Path, joint_count: usize) -> io::Result<Self> {
+        Self::start(path, joint_count, None)
+    }
+
+    /// The same with the columns of `format`.
+    ///
+    /// # Errors
+    /// Whatever creating the file fails with.
+    pub fn create_in(path: &Path, format: ExportFormat) -> io::Result<Self> {
+        Self::start(path, 0, Some(format))
+    }
+
+    fn start(path: &Path, joint_count: usize, format: Option<ExportFormat>) -> io::Result<Self> {
         let part = PartFile::beside(path)?;
         let file = File::create(&part.hidden)?;
         let output = if path.extension().is_some_and(|e| e == "gz") {
@@ -66,9 +81,14 @@ impl ExportWriter {
             Output::Plain(file)
         };
         let mut text = Vec::with_capacity(CHUNK_BYTES + 1024);
-        text.extend_from_slice(header(joint_count).as_bytes());
-        text.push(b'\n');
-        Ok(Self { joint_count, part, output, text })
+        match &format {
+            Some(format) => format.push_header(&mut text),
+            None => {
+                text.extend_from_slice(header(joint_count).as_bytes());
+                text.push(b'\n');
+            }
+        }
+        Ok(Self { joint_count, format, part, output, text })
     }
 
     /// Appends a row.
@@ -76,7 +96,10 @@ impl ExportWriter {
     /// # Errors
     /// Whatever writing fails with.
     pub fn push(&mut self, row: &Row) -> io::Result<()> {
-        push_row(&mut self.text, row, self.joint_count);
+        match &self.format {
+            Some(format) => format.push_row(&mut self.text, row),
+            None => push_row(&mut self.text, row, self.joint_count),
+        }
         if self.text.len() >= CHUNK_BYTES { self.write_text() } else { Ok(()) }
     }
 

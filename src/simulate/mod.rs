@@ -8,7 +8,9 @@ pub mod export;
 pub mod fault;
 mod fixed_point;
 pub mod exact;
+pub mod format;
 pub mod friction;
+pub mod load;
 pub mod motion;
 pub mod recording;
 #[cfg(test)]
@@ -32,10 +34,12 @@ use crate::robot::{JointIndex, MAX_JOINTS, Robot};
 use dynamics::rigid_chain;
 use export::{ExportWriter, column_count};
 use fault::{Fault, wear};
+use format::ExportFormat;
 use friction::{STRIBECK_FRACTION, ThermalState, joint_friction};
+use load::Load;
 use recording::{Recording, SensorSettings, record};
 use trajectory::{PlanSettings, plan_cycle};
-use truth::{CycleTruth, FaultTruth, JointTruth, RunTruth, write_truth};
+use truth::{CycleTruth, FaultTruth, JointTruth, LoadTruth, RunTruth, write_truth};
 
 /// Rows between two reports of progress.
 const PROGRESS_ROWS: u64 = 10_000;
@@ -76,6 +80,10 @@ pub struct SimulationSettings {
     pub sensors: SensorSettings,
     /// Folder of the truth files; beside the exports if `None`.
     pub truth_dir: Option<PathBuf>,
+    /// Body that the tool frame carries.
+    pub load: Option<Load>,
+    /// Columns of the exports; the native layout if `None`.
+    pub format: Option<ExportFormat>,
 }
 
 impl Default for SimulationSettings {
@@ -97,6 +105,8 @@ impl Default for SimulationSettings {
             ambient_std_k: 1.0,
             sensors: SensorSettings::default(),
             truth_dir: None,
+            load: None,
+            format: None,
         }
     }
 }
@@ -248,8 +258,11 @@ pub fn simulate_run(
     for folder in [out_dir, truth_dir] {
         fs::create_dir_all(folder).map_err(|source| write_error(folder, source))?;
     }
-    let mut writer =
-        ExportWriter::create(&export, robot.joint_count()).map_err(|e| write_error(&export, e))?;
+    let writer = match &settings.format {
+        Some(format) => ExportWriter::create_in(&export, format.clone()),
+        None => ExportWriter::create(&export, robot.joint_count()),
+    };
+    let mut writer = writer.map_err(|e| write_error(&export, e))?;
     let cycle_truth = write_rows(&recording, settings, run_index, &mut writer, progress)
         .map_err(|e| write_error(&export, e))?;
     let run_truth = run_truth(robot, settings, &recording, run_index, &export, cycle_truth)?;
@@ -262,7 +275,8 @@ pub fn simulate_run(
 #[must_use]
 pub fn file_stem(joint_count: usize, settings: &SimulationSettings, started_at: Timestamp) -> String {
     let SimulationSettings { robot_name, warming_s, cycles, .. } = settings;
-    let (columns, start) = (column_count(joint_count), started_at.strftime("%Y%m%d_%H%M"));
+    let columns = settings.format.as_ref().map_or(column_count(joint_count), |format| format.columns.len());
+    let start = started_at.strftime("%Y%m%d_%H%M");
     format!("{robot_name}_{start}_Col{columns}_{warming_s:.0}s_cycle{cycles}")
 }
 
@@ -284,9 +298,13 @@ pub fn recording_of_run(
         friction.push(joint_friction(joint, nominal, wear(&settings.faults, index, run)));
         torque_noise.push(nominal.torque_noise);
     }
+    let chain = rigid_chain(robot)?;
     Ok(Recording {
         plan,
-        chain: rigid_chain(robot)?,
+        chain: match &settings.load {
+            Some(load) => chain.carrying(load, &robot.tool),
+            None => chain,
+        },
         friction,
         torque_noise,
         sensors: settings.sensors,
@@ -344,6 +362,10 @@ fn run_truth(
         ambient_offset_k: recording.initial.ambient_offset_k,
         position_noise_rad: recording.sensors.position_noise,
         velocity_noise_rad_s: recording.sensors.velocity_noise,
+        load: settings.load.as_ref().map(|load| LoadTruth {
+            mass_kg: load.mass,
+            centre_m: [load.centre.x, load.centre.y, load.centre.z],
+        }),
         joints: joint_truths(robot, settings, recording, run)?,
         faults: settings.faults.iter().map(fault_truth).collect(),
         cycle_truth,
@@ -403,6 +425,9 @@ fn check_settings(robot: &Robot, settings: &SimulationSettings) -> Result<(), Si
     if settings.runs > 1 && settings.interval < Duration::from_secs(60) {
         let hint = "file names have a resolution of one minute, so runs must start at least 60 s apart";
         return setting("interval", format!("{} s", settings.interval.as_secs_f64()), hint);
+    }
+    if let Some(load) = settings.load.filter(|load| !(load.mass.is_finite() && load.mass > 0.0)) {
+        return setting("load", format!("{} kg", load.mass), "a load has a mass above 0");
     }
     match settings.faults.iter().find(|f| f.joint().index() >= robot.joint_count()) {
         Some(fault) => setting("fault", fault.to_string(), "the robot has no such joint"),

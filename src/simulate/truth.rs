@@ -39,7 +39,10 @@ pub struct RunTruth {
     pub position_noise_rad: f64,
     /// Standard deviation of the velocity signals, rad/s.
     pub velocity_noise_rad_s: f64,
-    /// Parameters of each joint and its link in this run.
+    /// Body at the tool frame; absent if there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub load: Option<LoadTruth>,
+    /// Parameters of each joint and its link in this run, the load left out.
     pub joints: Vec<JointTruth>,
     /// Faults with their size in this run.
     pub faults: Vec<FaultTruth>,
@@ -68,6 +71,15 @@ pub struct JointTruth {
     pub ripple_nm: f64,
     /// Standard deviation of the torque signal, Nm.
     pub torque_noise_nm: f64,
+}
+
+/// A body that the tool frame carries.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LoadTruth {
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Centre of mass in the tool frame, m.
+    pub centre_m: [f64; 3],
 }
 
 /// A fault as it is in one run.

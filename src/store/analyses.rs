@@ -7,7 +7,7 @@ use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number};
 use super::{factors, ledger, models};
-use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, Rmsd, TorqueRmsd};
+use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, JointResidual, Rmsd, TorqueRmsd};
 use crate::robot::{ParameterId, Robot};
 use crate::run::ContentPrefix;
 
@@ -47,6 +47,10 @@ pub(super) async fn record_cycle(
     for rows in parameters.chunks(ROWS_PER_STATEMENT) {
         insert_parameters(&mut *connection, cycle_id, &keys, rows).await?;
     }
+    let residuals = analysis.identification.as_ref().map_or(&[][..], |i| &i.residuals[..]);
+    for rows in residuals.chunks(ROWS_PER_STATEMENT) {
+        insert_residuals(&mut *connection, cycle_id, rows).await?;
+    }
     for rows in analysis.verification.chunks(ROWS_PER_STATEMENT) {
         insert_rmsd(&mut *connection, cycle_id, None, rows).await?;
     }
@@ -71,8 +75,9 @@ async fn insert_cycle(
     let remarks = (!analysis.remarks.is_empty()).then(|| analysis.remarks.join("\n"));
     sqlx::query_scalar(
         "INSERT INTO cycle (run_id, number, started_at, duration_s, rows, sample_rate_hz, cutoff_hz, status, reason,
-                            remarks, samples, condition_number, scaled_condition_number, residual_std_nm)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+                            remarks, samples, condition_number, scaled_condition_number, residual_std_nm,
+                            estimator)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
          ON CONFLICT (run_id, number) DO NOTHING
          RETURNING cycle_id",
     )
@@ -90,6 +95,7 @@ async fn insert_cycle(
     .bind(identification.ok().and_then(|i| finite(i.condition_number)))
     .bind(identification.ok().and_then(|i| finite(i.scaled_condition_number)))
     .bind(identification.ok().and_then(|i| finite(i.residual_std)))
+    .bind(analysis.estimator.name())
     .fetch_optional(executor)
     .await
 }
@@ -101,13 +107,34 @@ async fn insert_parameters(
     rows: &[IdentifiedParameter],
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Sqlite>::new(
-        "INSERT INTO cycle_parameter (cycle_id, model_parameter_id, value, std_error) ",
+        "INSERT INTO cycle_parameter (cycle_id, model_parameter_id, value, std_error, degrees_of_freedom) ",
     )
     .push_values(rows, |mut row, parameter| {
         row.push_bind(cycle_id)
             .push_bind(keys.get(&parameter.id).copied())
             .push_bind(finite(parameter.value))
-            .push_bind(finite(parameter.std_error));
+            .push_bind(finite(parameter.std_error))
+            .push_bind(finite(parameter.degrees_of_freedom));
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_residuals(
+    executor: impl SqliteExecutor<'_>,
+    cycle_id: i64,
+    rows: &[JointResidual],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO joint_residual (cycle_id, joint, residual_std_nm, independent_share) ",
+    )
+    .push_values(rows, |mut row, residual| {
+        row.push_bind(cycle_id)
+            .push_bind(joint_number(residual.joint))
+            .push_bind(finite(residual.std))
+            .push_bind(finite(residual.independent_share));
     })
     .build()
     .execute(executor)

@@ -9,7 +9,7 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 use super::values::{ROWS_PER_STATEMENT, count, joint, joint_number, named, size};
 use super::{analyses, models};
 use crate::analysis::{CycleFactors, Motion, RmsdPair, TorqueFactor, WarmingContrast};
-use crate::robot::ParameterId;
+use crate::robot::{ParameterId, Robot};
 use crate::run::Stage;
 
 const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
@@ -29,6 +29,9 @@ pub struct StoredCycle {
     pub cutoff: f64,
     /// Sample rate, Hz.
     pub sample_rate: f64,
+    /// For each joint the part of its identified rows that counts as independent; empty for a cycle that
+    /// was stored before this was known, or has no parameters.
+    pub independent_shares: Vec<f64>,
     /// Its factors.
     pub factors: CycleFactors,
 }
@@ -42,6 +45,15 @@ pub struct StoredModel {
     pub name: String,
     /// Hash of joint kinds, geometry and gravity.
     pub description_hash: Vec<u8>,
+}
+
+impl StoredModel {
+    /// Whether `robot` has the geometry, gravity, friction columns and couplings of this description, so
+    /// that base parameters of the one are those of the other.
+    #[must_use]
+    pub fn describes(&self, robot: &Robot) -> bool {
+        self.description_hash == models::description_hash(robot)
+    }
 }
 
 /// A description and the parameters of each joint's columns.
@@ -118,6 +130,7 @@ pub(super) async fn of_run(
     let mut layouts: HashMap<i64, Layout> = HashMap::new();
     let mut cycles = Vec::new();
     let mut factors = factors_by_cycle(&mut *connection, run_id, wanted).await?;
+    let mut shares = shares_by_cycle(&mut *connection, run_id).await?;
     for head in heads(&mut *connection, run_id).await? {
         let (model, columns) = match layouts.get(&head.layout) {
             Some(known) => known.clone(),
@@ -135,6 +148,7 @@ pub(super) async fn of_run(
             model,
             cutoff: head.cutoff,
             sample_rate: head.sample_rate,
+            independent_shares: shares.remove(&head.cycle_id).unwrap_or_default(),
             factors: CycleFactors { columns, factors },
         });
     }
@@ -206,6 +220,27 @@ async fn factors_by_cycle(
     let mut by_cycle: HashMap<i64, Vec<TorqueFactor>> = HashMap::new();
     for (cycle_id, factor) in rows {
         by_cycle.entry(cycle_id).or_default().push(factor);
+    }
+    Ok(by_cycle)
+}
+
+async fn shares_by_cycle(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<HashMap<i64, Vec<f64>>, sqlx::Error> {
+    let rows: Vec<(i64, f64)> = sqlx::query_as(
+        "SELECT cycle_id, ifnull(independent_share, 1.0)
+         FROM cycle
+         JOIN joint_residual USING (cycle_id)
+         WHERE run_id = ?
+         ORDER BY cycle_id, joint",
+    )
+    .bind(run_id)
+    .fetch_all(executor)
+    .await?;
+    let mut by_cycle: HashMap<i64, Vec<f64>> = HashMap::new();
+    for (cycle_id, share) in rows {
+        by_cycle.entry(cycle_id).or_default().push(share);
     }
     Ok(by_cycle)
 }

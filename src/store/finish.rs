@@ -6,11 +6,13 @@ use std::sync::Arc;
 use sqlx::{Sqlite, Transaction};
 
 use super::anomalies::{self, Reconciled};
+use super::friction::{self, CycleSpeedFits};
 use super::history::{self, RunMeasurements};
 use super::ledger::{self, Owner, RunTotals};
 use super::{StoreError, run_analysis};
 use crate::analysis::{FrictionPoint, RunAnalysis, WarmUpFit};
 use crate::anomaly::{Findings, RunSummary};
+use crate::numerics::friction_index::RobotFriction;
 use crate::run::ContentPrefix;
 
 /// An open transaction that ends a run. Dropping it without [`commit`](Self::commit) leaves the
@@ -71,6 +73,29 @@ impl FinishTransaction {
     /// [`StoreError`] of the database.
     pub async fn replace_mixed_fits(&mut self, fits: &[WarmUpFit]) -> Result<(), StoreError> {
         let result = run_analysis::replace_mixed_fits(&mut self.transaction, self.robot_id, fits).await;
+        self.checked(result)
+    }
+
+    /// Replaces the fits of friction over speed of this run's cycles.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database; a fit of a cycle that is not stored is one.
+    pub async fn replace_speed_fits(&mut self, fits: &[CycleSpeedFits]) -> Result<(), StoreError> {
+        let result = friction::replace_speed_fits(&mut self.transaction, self.run_id, fits).await;
+        self.checked(result)
+    }
+
+    /// Replaces the friction maps of the robot, and the friction index of the runs `run_ids` that they
+    /// stand on, in the order of `found.indices`.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn replace_friction_maps(
+        &mut self,
+        run_ids: &[i64],
+        found: &RobotFriction,
+    ) -> Result<(), StoreError> {
+        let result = friction::replace_maps(&mut self.transaction, self.robot_id, run_ids, found).await;
         self.checked(result)
     }
 

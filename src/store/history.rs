@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
-use super::values::{joint, named, parameter, size, time};
+use super::values::{identified, joint, named, size, time};
 use crate::analysis::{
     FrictionPoint, GravityRemoval, IdentifiedParameter, JointSummary, RmsdSwing, WarmFriction,
 };
@@ -86,7 +86,7 @@ pub(super) async fn run_measurements(
 }
 
 /// Every friction point of a run.
-async fn friction_points(
+pub(super) async fn friction_points(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<CyclePoint>, sqlx::Error> {
@@ -110,7 +110,7 @@ async fn parameters_by_cycle(
     run_id: i64,
 ) -> Result<Vec<CycleParameters>, sqlx::Error> {
     let rows = sqlx::query(
-        "SELECT cycle.number AS cycle, joint, name, value, std_error
+        "SELECT cycle.number AS cycle, joint, name, value, std_error, degrees_of_freedom
          FROM cycle
          JOIN cycle_parameter USING (cycle_id)
          JOIN model_parameter USING (model_parameter_id)
@@ -118,15 +118,7 @@ async fn parameters_by_cycle(
          ORDER BY cycle.number",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
-        let std_error: Option<f64> = row.try_get("std_error")?;
-        let identified = IdentifiedParameter {
-            id: parameter(&row, "joint", "name")?,
-            value: row.try_get("value")?,
-            std_error: std_error.unwrap_or(f64::NAN),
-        };
-        Ok((size::<u32>(&row, "cycle")?, identified))
-    })
+    .try_map(|row: SqliteRow| Ok((size::<u32>(&row, "cycle")?, identified(&row)?)))
     .fetch_all(connection)
     .await?;
     let mut cycles: BTreeMap<u32, Vec<IdentifiedParameter>> = BTreeMap::new();

@@ -9,12 +9,14 @@ mod anomalies;
 mod error;
 mod factors;
 mod finish;
+mod friction;
 mod history;
 mod ledger;
 mod models;
 mod open;
 mod parameter_sets;
 mod read;
+mod reestimates;
 mod run_analysis;
 mod claim;
 mod sources;
@@ -28,9 +30,15 @@ mod tests_factors;
 mod tests_finish;
 #[cfg(test)]
 mod tests_open;
+#[cfg(test)]
+mod tests_reestimates;
+#[cfg(test)]
+mod tests_verification;
 mod values;
+mod verification;
 
-use std::path::Path;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use sqlx::{Sqlite, SqlitePool, Transaction};
@@ -40,13 +48,19 @@ pub use claim::DaemonClaim;
 pub use error::StoreError;
 pub use factors::{FactorsWanted, StoredCycle, StoredModel};
 pub use finish::FinishTransaction;
+pub use friction::{CycleSpeedFits, FrictionRun};
 pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use ledger::{Beginning, Identity, KnownRun, Owner, RunTotals};
+pub use models::ModelParameter;
 pub use parameter_sets::{ParameterSet, SourceCycle};
 pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
-pub use sources::{EarlierRun, SourceState};
+pub use reestimates::{
+    CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,
+};
+pub use sources::{EarlierRun, RunSource, SourceState};
+pub use verification::{CycleState, OfCycle};
 
-use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd};
+use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd, WarmingContrast};
 use crate::robot::{ParameterId, Robot};
 use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader};
 use analyses::Recorded;
@@ -57,6 +71,13 @@ pub struct Store {
     path: Arc<Path>,
     writer: SqlitePool,
     readers: SqlitePool,
+}
+
+/// Hash by which the database tells descriptions apart: what decides the meaning of base parameters, joint
+/// kinds, geometry, gravity, friction columns and couplings. Compare [`StoredModel::description_hash`].
+#[must_use]
+pub fn description_hash(robot: &Robot) -> [u8; 32] {
+    models::description_hash(robot)
 }
 
 impl Store {
@@ -265,6 +286,55 @@ impl Store {
         Ok(found)
     }
 
+    /// What tells the export of a run; `None` for an unknown run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn run_source(&self, run_id: i64) -> Result<Option<RunSource>, StoreError> {
+        let Some(mut source) = self.checked(sources::of_run(&self.readers, run_id).await)? else {
+            return Ok(None);
+        };
+        for path in self.checked(sources::paths_of_run(&self.readers, run_id).await)? {
+            let path = PathBuf::from(path);
+            if !source.paths.contains(&path) {
+                source.paths.push(path);
+            }
+        }
+        Ok(Some(source))
+    }
+
+    /// What the ledger has of each cycle of a run, in order.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn cycle_states(&self, run_id: i64) -> Result<Vec<CycleState>, StoreError> {
+        self.checked(verification::cycle_states(&self.readers, run_id).await)
+    }
+
+    /// RMSD of a run's cycles with their own parameters, by cycle, joint and stage.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn self_rmsd(&self, run_id: i64) -> Result<Vec<OfCycle<TorqueRmsd>>, StoreError> {
+        self.checked(verification::self_rmsd(&self.readers, run_id).await)
+    }
+
+    /// RMSD over the first and over the last third of the warming stages of a run, by cycle and joint.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn warming_contrasts(&self, run_id: i64) -> Result<Vec<OfCycle<WarmingContrast>>, StoreError> {
+        self.checked(verification::warming_contrasts(&self.readers, run_id).await)
+    }
+
+    /// Friction points of a run, in the order of the cycles.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn friction_points(&self, run_id: i64) -> Result<Vec<CyclePoint>, StoreError> {
+        self.checked(history::friction_points(&self.readers, run_id).await)
+    }
+
     /// Reads what the stored cycles of a run measured, without holding the writer.
     ///
     /// # Errors
@@ -289,6 +359,27 @@ impl Store {
         let robot = self.checked(ledger::robot_of_run(&mut *connection, run_id).await)?;
         let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
         self.checked(history::friction_history(&mut *connection, robot_id, run_id, speed_fraction).await)
+    }
+
+    /// Reads the friction of the robot's complete runs and of run `run_id`, oldest first; of a long history
+    /// the first dozen and the latest two dozen.
+    ///
+    /// # Errors
+    /// [`StoreError::RunNotOpen`] if the run is unknown or quarantined.
+    pub async fn friction_runs(&self, run_id: i64) -> Result<Vec<FrictionRun>, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        let robot = self.checked(ledger::robot_of_run(&mut *connection, run_id).await)?;
+        let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
+        self.checked(friction::friction_runs(&mut connection, robot_id, run_id).await)
+    }
+
+    /// Reads which fraction of the rows of each cycle of a run is independent behind its low-pass, by number
+    /// of the cycle.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn independent_fractions(&self, run_id: i64) -> Result<HashMap<u32, f64>, StoreError> {
+        self.checked(friction::independent_fractions(&self.readers, run_id).await)
     }
 
     /// Number of complete runs of the robot of run `run_id`, that run left out.
@@ -362,6 +453,49 @@ impl Store {
             self.checked(replaced)?;
         }
         self.commit(transaction).await
+    }
+
+    /// Keeps a history identified again under a name, in one transaction; `false`, and nothing is
+    /// written, if something of this name is kept.
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] for parameters that the model does not have.
+    pub async fn save_reestimate(&self, name: &str, found: &Reestimate) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let saved = self.checked(reestimates::save(&mut transaction, name, found).await)?;
+        self.commit(transaction).await?;
+        Ok(saved)
+    }
+
+    /// Everything that is kept under a name, by name.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn kept_estimates(&self) -> Result<Vec<KeptEstimate>, StoreError> {
+        self.checked(reestimates::kept(&self.readers).await)
+    }
+
+    /// Takes away the parameter set or re-estimate of this name; whether there was one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn delete_estimate(&self, name: &str) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let set = self.checked(reestimates::delete_set(&mut *transaction, name).await)?;
+        let reestimate = self.checked(reestimates::delete(&mut *transaction, name).await)?;
+        self.commit(transaction).await?;
+        Ok(set || reestimate)
+    }
+
+    /// Unit and grouping of each parameter of a description.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn model_parameters(
+        &self,
+        model: &StoredModel,
+    ) -> Result<HashMap<ParameterId, ModelParameter>, StoreError> {
+        self.checked(models::parameters(&self.readers, model.robot_model_id).await)
     }
 
     /// Opens the transaction that ends a run. A complete run may be ended again.

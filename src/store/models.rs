@@ -8,6 +8,32 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 use super::values::{ROWS_PER_STATEMENT, joint_number, parameter};
 use crate::robot::{FrictionLaw, FrictionModel, GeometrySource, Joint, JointKind, ParameterId, Robot};
 
+/// What the database says of a parameter of a description.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ModelParameter {
+    /// Unit of its values.
+    pub unit: String,
+    /// Sum of standard parameters that it stands for; unknown until the description was analysed.
+    pub grouping: Option<String>,
+}
+
+/// Unit and grouping of each parameter of a model.
+pub(super) async fn parameters(
+    executor: impl SqliteExecutor<'_>,
+    robot_model_id: i64,
+) -> Result<HashMap<ParameterId, ModelParameter>, sqlx::Error> {
+    let rows =
+        sqlx::query("SELECT joint, name, unit, grouping FROM model_parameter WHERE robot_model_id = ?")
+            .bind(robot_model_id)
+            .try_map(|row: SqliteRow| {
+                let of = ModelParameter { unit: row.try_get("unit")?, grouping: row.try_get("grouping")? };
+                Ok((parameter(&row, "joint", "name")?, of))
+            })
+            .fetch_all(executor)
+            .await?;
+    Ok(rows.into_iter().collect())
+}
+
 /// Key of the description, which is entered when it is first met.
 pub(super) async fn robot_model_id(
     connection: &mut SqliteConnection,
@@ -136,7 +162,7 @@ const PLACEMENT_GRAIN: f64 = 1e-9;
 /// Hash of what decides the meaning of base parameters, and of nothing else: a changed limit or
 /// speed level leaves them as they are. Bits of the description's own numbers, so that it is the same
 /// on every machine.
-fn description_hash(robot: &Robot) -> [u8; 32] {
+pub(super) fn description_hash(robot: &Robot) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     let mut add = |value: f64| {
         hasher.update(&value.to_le_bytes());

@@ -6,9 +6,10 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::factors::StoredModel;
-use super::values::{ROWS_PER_STATEMENT, count, finite, parameter, size};
+use super::values::{ROWS_PER_STATEMENT, count, finite, identified, named, size};
 use super::{analyses, models};
 use crate::analysis::{Identification, IdentifiedParameter, TorqueRmsd};
+use crate::numerics::history::{ErrorSource, EstimatorKind};
 use crate::robot::ParameterId;
 
 /// Parameters from chosen cycles.
@@ -20,6 +21,10 @@ pub struct ParameterSet {
     pub identification: Identification,
     /// The cycles that they come from.
     pub sources: Vec<SourceCycle>,
+    /// How their rows became parameters.
+    pub estimator: EstimatorKind,
+    /// What the standard errors stand on.
+    pub errors: ErrorSource,
 }
 
 /// A cycle behind a parameter set.
@@ -33,7 +38,7 @@ pub struct SourceCycle {
     pub robot: String,
 }
 
-/// Writes a set; `false`, and nothing is written, if there is one of this name.
+/// Writes a set; `false`, and nothing is written, if something of this name is kept.
 pub(super) async fn save(
     connection: &mut SqliteConnection,
     name: &str,
@@ -68,7 +73,7 @@ pub(super) async fn of_cycle(
     cycle: u32,
 ) -> Result<Vec<IdentifiedParameter>, sqlx::Error> {
     sqlx::query(
-        "SELECT joint, name, value, std_error
+        "SELECT joint, name, value, std_error, degrees_of_freedom
          FROM cycle
          JOIN cycle_parameter USING (cycle_id)
          JOIN model_parameter USING (model_parameter_id)
@@ -76,7 +81,7 @@ pub(super) async fn of_cycle(
     )
     .bind(run_id)
     .bind(cycle)
-    .try_map(identified)
+    .try_map(|row| identified(&row))
     .fetch_all(executor)
     .await
 }
@@ -129,8 +134,9 @@ async fn insert_set(
 ) -> Result<Option<i64>, sqlx::Error> {
     sqlx::query_scalar(
         "INSERT INTO parameter_set (name, robot_model_id, samples, condition_number, scaled_condition_number,
-                                    residual_std_nm)
-         VALUES (?, ?, ?, ?, ?, ?)
+                                    residual_std_nm, estimator, error_basis)
+         SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8
+         WHERE NOT EXISTS (SELECT 1 FROM reestimate WHERE name = ?1)
          ON CONFLICT (name) DO NOTHING
          RETURNING parameter_set_id",
     )
@@ -140,6 +146,8 @@ async fn insert_set(
     .bind(finite(set.identification.condition_number))
     .bind(finite(set.identification.scaled_condition_number))
     .bind(finite(set.identification.residual_std))
+    .bind(set.estimator.name())
+    .bind(set.errors.name())
     .fetch_optional(executor)
     .await
 }
@@ -151,13 +159,14 @@ async fn insert_values(
     rows: &[IdentifiedParameter],
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Sqlite>::new(
-        "INSERT INTO parameter_set_value (parameter_set_id, model_parameter_id, value, std_error) ",
+        "INSERT INTO parameter_set_value (parameter_set_id, model_parameter_id, value, std_error, degrees_of_freedom) ",
     )
     .push_values(rows, |mut row, parameter| {
         row.push_bind(set_id)
             .push_bind(keys.get(&parameter.id).copied())
             .push_bind(finite(parameter.value))
-            .push_bind(finite(parameter.std_error));
+            .push_bind(finite(parameter.std_error))
+            .push_bind(finite(parameter.degrees_of_freedom));
     })
     .build()
     .execute(executor)
@@ -187,7 +196,7 @@ async fn read_set(
 ) -> Result<Option<(i64, ParameterSet)>, sqlx::Error> {
     sqlx::query(
         "SELECT parameter_set_id, robot_model_id, robot_model.name AS model, description_hash, samples,
-                condition_number, scaled_condition_number, residual_std_nm
+                condition_number, scaled_condition_number, residual_std_nm, estimator, error_basis
          FROM parameter_set
          JOIN robot_model USING (robot_model_id)
          WHERE parameter_set.name = ?",
@@ -204,6 +213,7 @@ async fn read_set(
                 description_hash: row.try_get("description_hash")?,
             },
             identification: Identification {
+                residuals: Vec::new(),
                 parameters: Vec::new(),
                 samples: size(&row, "samples")?,
                 condition_number: figure("condition_number")?,
@@ -211,6 +221,8 @@ async fn read_set(
                 residual_std: figure("residual_std_nm")?,
             },
             sources: Vec::new(),
+            estimator: named(&row, "estimator", &EstimatorKind::ALL, EstimatorKind::name)?,
+            errors: named(&row, "error_basis", &ErrorSource::ALL, ErrorSource::name)?,
         };
         Ok((row.try_get("parameter_set_id")?, set))
     })
@@ -223,13 +235,13 @@ async fn read_values(
     set_id: i64,
 ) -> Result<Vec<IdentifiedParameter>, sqlx::Error> {
     sqlx::query(
-        "SELECT joint, name, value, std_error
+        "SELECT joint, name, value, std_error, degrees_of_freedom
          FROM parameter_set_value
          JOIN model_parameter USING (model_parameter_id)
          WHERE parameter_set_id = ?",
     )
     .bind(set_id)
-    .try_map(identified)
+    .try_map(|row| identified(&row))
     .fetch_all(executor)
     .await
 }
@@ -251,12 +263,4 @@ async fn read_sources(
     })
     .fetch_all(executor)
     .await
-}
-
-fn identified(row: SqliteRow) -> Result<IdentifiedParameter, sqlx::Error> {
-    Ok(IdentifiedParameter {
-        id: parameter(&row, "joint", "name")?,
-        value: row.try_get("value")?,
-        std_error: row.try_get::<Option<f64>, _>("std_error")?.unwrap_or(f64::NAN),
-    })
 }

@@ -78,6 +78,7 @@ async fn insert_fits(
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Sqlite>::new(
         "INSERT INTO warmup_fit (robot_id, run_id, joint, speed_fraction, model, rmsd_nm, samples,
+                                 first_min, last_min, a_extrapolated,
                                  a_nm, a_std_error_nm, b_nm, b_std_error_nm, t1_min, t1_std_error_min,
                                  c_nm, c_std_error_nm, t2_min, t2_std_error_min) ",
     )
@@ -88,7 +89,10 @@ async fn insert_fits(
             .push_bind(finite(fit.speed_fraction))
             .push_bind(fit.model.name())
             .push_bind(finite(fit.rmsd))
-            .push_bind(count(fit.samples));
+            .push_bind(count(fit.samples))
+            .push_bind(finite(fit.record[0]))
+            .push_bind(finite(fit.record[1]))
+            .push_bind(fit.asymptote_extrapolated());
         let amplitude = |decay: Option<crate::analysis::Decay>| decay.map(|d| d.amplitude);
         let time_constant = |decay: Option<crate::analysis::Decay>| decay.map(|d| d.time_constant);
         let estimates: [Option<Estimate>; 5] = [

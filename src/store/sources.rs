@@ -1,9 +1,12 @@
 //! Files as they were last seen.
 
+use std::path::PathBuf;
+
 use jiff::Timestamp;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
+use super::factors::StoredModel;
 use super::ledger::{KnownRun, known_run};
 use super::values::{count, size, time};
 use crate::run::{ContentHash, ContentPrefix, FileId};
@@ -38,6 +41,23 @@ pub struct EarlierRun {
 
 /// Most runs that are compared with a file: one lay at its path, and few in files of its number.
 const MOST_EARLIER: i64 = 16;
+
+/// What tells the export of a run, and what its rows were analysed with.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RunSource {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// The individual robot.
+    pub robot: String,
+    /// File name of the export when it was taken.
+    pub source_name: String,
+    /// Where the export lay: where it was found first, then where it was seen later, latest first.
+    pub paths: Vec<PathBuf>,
+    /// Identity of its content.
+    pub content_hash: ContentHash,
+    /// The description that it was analysed with; `None` as long as no cycle is stored.
+    pub model: Option<StoredModel>,
+}
 
 pub(super) async fn find(
     executor: impl SqliteExecutor<'_>,
@@ -135,4 +155,54 @@ pub(super) async fn set_file(
         .execute(executor)
         .await?;
     Ok(())
+}
+
+/// Run `run_id` with the first of its paths.
+pub(super) async fn of_run(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Option<RunSource>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, robot.name AS robot, source_name, source_path, content_hash,
+                run.robot_model_id, robot_model.name AS model, description_hash
+         FROM run
+         JOIN robot USING (robot_id)
+         LEFT JOIN robot_model USING (robot_model_id)
+         WHERE run.run_id = ?",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        let hash: Vec<u8> = row.try_get("content_hash")?;
+        let hash = hash.try_into().map_err(|_| sqlx::Error::Decode("a content hash of odd length".into()))?;
+        let path: String = row.try_get("source_path")?;
+        let model = match row.try_get::<Option<i64>, _>("robot_model_id")? {
+            Some(robot_model_id) => Some(StoredModel {
+                robot_model_id,
+                name: row.try_get("model")?,
+                description_hash: row.try_get("description_hash")?,
+            }),
+            None => None,
+        };
+        Ok(RunSource {
+            run_id: row.try_get("run_id")?,
+            robot: row.try_get("robot")?,
+            source_name: row.try_get("source_name")?,
+            paths: vec![path.into()],
+            content_hash: ContentHash(hash),
+            model,
+        })
+    })
+    .fetch_optional(executor)
+    .await
+}
+
+/// Paths at which the export of a run was seen, latest modification first.
+pub(super) async fn paths_of_run(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Vec<String>, sqlx::Error> {
+    sqlx::query_scalar("SELECT path FROM source_file WHERE run_id = ? ORDER BY modified DESC, path")
+        .bind(run_id)
+        .fetch_all(executor)
+        .await
 }

@@ -6,28 +6,35 @@ use tempfile::TempDir;
 
 use super::{RunTotals, Store};
 use crate::analysis::{
-    CycleAnalysis, CycleFactors, Decay, Estimate, FrictionPoint, GravityRemoval, Identification,
-    IdentifiedParameter, JointSummary, ParameterStatistics, Rmsd, RmsdScope, RmsdSwing, RunAnalysis,
-    StatisticsWindow, TorqueRmsd, WarmFriction, WarmUpFit, WarmUpModel,
+    CycleAnalysis, CycleFactors, Decay, Estimate, Estimator, FrictionPoint, GravityRemoval, Identification,
+    IdentifiedParameter, JointResidual, JointSummary, ParameterStatistics, Rmsd, RmsdScope, RmsdSwing,
+    RunAnalysis, StatisticsWindow, TorqueRmsd, WarmFriction, WarmUpFit, WarmUpModel,
 };
 use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Severity};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{ContentHash, RunHeader, Stage};
 use crate::testing::er3a;
 
-pub(super) const VIEWS: [&str; 12] = [
+pub(super) const VIEWS: [&str; 19] = [
     "runs",
     "cycles",
     "cycle_parameters",
     "cycle_rmsd",
     "friction_points",
+    "friction_speed_fits",
     "warmup_fits",
+    "friction_index",
     "parameter_statistics",
     "anomalies",
+    "friction_map",
     "fleet_health",
     "warming_contrast",
     "parameter_sets",
     "parameter_set_sources",
+    "reestimated_cycles",
+    "reestimated_parameters",
+    "reestimated_statistics",
+    "joint_residuals",
 ];
 
 /// A fresh database; the folder lives as long as the first value.
@@ -80,6 +87,7 @@ pub(super) fn cycle(number: u32) -> CycleAnalysis {
             id,
             value: base / 3.0 + f64::from(place),
             std_error: f64::from(place) / 700.0,
+            degrees_of_freedom: 20.0 + f64::from(place),
         })
         .collect();
     CycleAnalysis {
@@ -89,8 +97,10 @@ pub(super) fn cycle(number: u32) -> CycleAnalysis {
         rows: 30_026,
         sample_rate: 100.0,
         cutoff: 12.5,
+        estimator: Estimator::Weighted,
         identification: Ok(Identification {
             parameters,
+            residuals: residuals(),
             samples: 6001,
             condition_number: 29.6,
             scaled_condition_number: 9.1,
@@ -102,6 +112,15 @@ pub(super) fn cycle(number: u32) -> CycleAnalysis {
         factors: CycleFactors::default(),
         remarks: vec!["velocity is derived".into(), "joint 4 starts late".into()],
     }
+}
+
+fn residuals() -> Vec<JointResidual> {
+    let residual = |joint: JointIndex| JointResidual {
+        joint,
+        std: 0.5 + f64::from(joint.number() as u8),
+        independent_share: 0.3,
+    };
+    er3a().joint_indices().map(residual).collect()
 }
 
 fn verification(base: f64) -> Vec<TorqueRmsd> {
@@ -209,6 +228,7 @@ pub(super) fn fits(seed: f64) -> Vec<WarmUpFit> {
             fast,
             rmsd: 0.25,
             samples: 48,
+            record: [1.0, 120.0],
         })
         .collect()
 }

@@ -2,6 +2,7 @@
 
 use super::StoreError;
 use super::test_support::*;
+use crate::numerics::student::half_width;
 use crate::robot::JointIndex;
 use crate::run::{ContentHash, RunStatus};
 use crate::testing::{change_dh, er3a};
@@ -24,7 +25,24 @@ async fn views_have_the_promised_columns_in_order() {
         (
             "warmup_fits",
             "robot run_id joint speed_fraction model a_nm b_nm t1_min c_nm t2_min a_std_error_nm b_std_error_nm \
-             t1_std_error_min c_std_error_nm t2_std_error_min rmsd_nm",
+             t1_std_error_min c_std_error_nm t2_std_error_min rmsd_nm samples first_min last_min \
+             a_extrapolated",
+        ),
+        (
+            "friction_speed_fits",
+            "robot run_id cycle joint direction model coefficient value std_error at_bound slowest_rad_s \
+             fastest_rad_s rmsd_nm reduced_chi_square points asymmetry_nm asymmetry_std_error_nm",
+        ),
+        (
+            "friction_map",
+            "robot joint speed_fraction warm_nm warm_std_error_nm cold_nm cold_std_error_nm slow_min \
+             slow_std_error_min fast_min fast_std_error_min slow_share slow_share_std_error cooling_ratio \
+             cooling_ratio_std_error explained relative_rmsd runs points remarks",
+        ),
+        (
+            "friction_index",
+            "robot run_id started_at joint friction_index friction_index_std_error ambient_coldness \
+             ambient_coldness_std_error coldness_at_start points",
         ),
         ("parameter_statistics", "robot run_id joint parameter window mean min max d_mm d_se sdv"),
         (
@@ -43,6 +61,7 @@ async fn views_have_the_promised_columns_in_order() {
             "parameter_set model joint parameter value std_error unit grouping cycles samples",
         ),
         ("parameter_set_sources", "parameter_set robot run_id cycle"),
+        ("joint_residuals", "robot run_id cycle joint residual_std_nm independent_share"),
     ];
     let (_folder, store) = fresh().await;
     for &(view, names) in promised {
@@ -95,6 +114,15 @@ async fn views_show_a_cycle_in_the_units_of_people() {
     );
     let unit = text(&store, "SELECT unit FROM cycle_parameters WHERE joint = 3 AND parameter = 'f2'").await;
     assert_eq!(unit.as_deref(), Some("Nm s/rad"));
+    assert_eq!(text(&store, "SELECT DISTINCT estimator FROM cycles").await.as_deref(), Some("weighted"));
+    let first = &cycle(1).identification.expect("parameters").parameters[0];
+    let interval = "SELECT interval_high - interval_low FROM cycle_parameters WHERE cycle = 1 LIMIT 1";
+    let width = number(&store, interval).await.expect("an interval");
+    // the program takes the normal quantile to 4.5e-4
+    assert!((width / (2.0 * half_width(first, 0.95)) - 1.0).abs() < 5e-4, "{width}");
+    let relative = "SELECT max(abs(relative_std_error * value - std_error)) FROM cycle_parameters";
+    assert!(number(&store, relative).await.expect("a figure") < 1e-12);
+    assert_eq!(number(&store, "SELECT count(*) FROM joint_residuals").await, Some(12.0));
     assert_eq!(number(&store, "SELECT min(minute) FROM friction_points").await, Some(0.5));
     assert_eq!(number(&store, "SELECT min(joint) * 10 + max(joint) FROM friction_points").await, Some(16.0));
     let remarks = text(&store, "SELECT remarks FROM cycles WHERE cycle = 1").await;
@@ -272,14 +300,17 @@ async fn groupings_belong_to_a_description() {
 /// Results take a small part of a percent of what the exports take.
 #[tokio::test]
 async fn results_stay_compact() {
-    // 9.3 kB measured over 3600 cycles; the rest is for pages that are not full.
-    const BYTES_PER_CYCLE: u64 = 10_000;
+    // 9.3 kB measured over 3600 cycles, and 0.7 kB of degrees of freedom and residuals since; the rest is
+    // for pages that are not full.
+    const BYTES_PER_CYCLE: u64 = 10_800;
     let (folder, store) = fresh().await;
     let run_id = streaming_run(&store, "R00", 0, 48).await;
     finish(&store, run_id, 48, &findings(vec![])).await;
     let path = folder.path().join("fleet.db");
-    // Every table and index takes a page from its first row.
-    let pages_of_schema = 40 * 4096;
+    // Every table and index takes a page before its first row; their text takes some more.
+    const PAGES_OF_TEXT: f64 = 10.0;
+    let trees = number(&store, "SELECT count(*) + 0.0 FROM sqlite_schema WHERE rootpage > 0").await;
+    let pages_of_schema = ((trees.expect("a count") + PAGES_OF_TEXT) * 4096.0) as u64;
     store.close().await.expect("closed");
     let bytes = std::fs::metadata(path).expect("a file").len();
     assert!(bytes < pages_of_schema + 48 * BYTES_PER_CYCLE, "{bytes} bytes for 48 cycles");

@@ -7,11 +7,12 @@ use super::{FactorsWanted, ParameterSet, SourceCycle};
 use crate::analysis::{
     CycleAnalysis, CycleFactors, Motion, Rmsd, RmsdPair, RmsdScope, TorqueFactor, TorqueRmsd, WarmingContrast,
 };
+use crate::numerics::history::{ErrorSource, EstimatorKind};
 use crate::run::Stage;
 use crate::testing::er3a;
 
 /// Two joints with one parameter each, moving and slow; numbers that a text would round.
-fn with_factors(number: u32) -> CycleAnalysis {
+pub(super) fn with_factors(number: u32) -> CycleAnalysis {
     let columns = Arc::from(vec![kept()[..1].to_vec(), kept()[1..3].to_vec()]);
     let third = 1.0 / 3.0 + f64::from(number);
     let factor = |joint_number, stage, motion, upper| TorqueFactor {
@@ -95,10 +96,14 @@ async fn a_saved_set_keeps_its_name_and_outlives_its_run() {
     let read = store.factors_of_run(run_id, FactorsWanted::All).await.expect("factors");
     let mut identification = cycle(1).identification.expect("parameters");
     identification.parameters.sort_by_key(|parameter| parameter.id);
+    // those of cycles are stored with the cycles
+    identification.residuals.clear();
     let set = ParameterSet {
         model: read[0].model.clone(),
         identification,
         sources: vec![SourceCycle { run_id, cycle: 1, robot: "R00".into() }],
+        estimator: EstimatorKind::Weighted,
+        errors: ErrorSource::Cycles,
     };
     assert!(store.save_parameter_set("warm", &set).await.expect("saved"));
     assert!(!store.save_parameter_set("warm", &set).await.expect("known"));

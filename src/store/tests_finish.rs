@@ -288,8 +288,8 @@ async fn natural_questions_are_answered_from_indexes() {
     let run_id = streaming_run(&store, "R00", 0, 1).await;
     finish(&store, run_id, 1, &findings(vec![])).await;
     let mut questions: Vec<String> =
-        VIEWS[..7].iter().map(|view| format!("SELECT * FROM {view} WHERE run_id = 1")).collect();
-    questions.extend(VIEWS[..8].iter().map(|view| format!("SELECT * FROM {view} WHERE robot = 'R00'")));
+        VIEWS[..9].iter().map(|view| format!("SELECT * FROM {view} WHERE run_id = 1")).collect();
+    questions.extend(VIEWS[..11].iter().map(|view| format!("SELECT * FROM {view} WHERE robot = 'R00'")));
     questions
         .push("SELECT * FROM cycle_rmsd WHERE robot = 'R00' AND joint = 5 AND stage = 'excitation'".into());
     questions

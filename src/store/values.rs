@@ -4,9 +4,10 @@ use jiff::Timestamp;
 use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
 
+use crate::analysis::IdentifiedParameter;
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 
-/// Most rows in one multi-row statement. With at most 14 columns this stays far below SQLite's 32766
+/// Most rows in one multi-row statement. With at most 20 columns this stays far below SQLite's 32766
 /// variables.
 pub(super) const ROWS_PER_STATEMENT: usize = 256;
 
@@ -29,6 +30,17 @@ pub(super) fn joint_number(joint: JointIndex) -> i64 {
 pub(super) fn joint(row: &SqliteRow, column: &str) -> Result<JointIndex, sqlx::Error> {
     let number: i64 = row.try_get(column)?;
     usize::try_from(number).ok().and_then(JointIndex::from_number).ok_or_else(|| unknown(column, number))
+}
+
+/// Reads a parameter with its error: columns joint, name, value, std_error, degrees_of_freedom.
+pub(super) fn identified(row: &SqliteRow) -> Result<IdentifiedParameter, sqlx::Error> {
+    let known = |column| Ok::<f64, sqlx::Error>(row.try_get::<Option<f64>, _>(column)?.unwrap_or(f64::NAN));
+    Ok(IdentifiedParameter {
+        id: parameter(row, "joint", "name")?,
+        value: row.try_get("value")?,
+        std_error: known("std_error")?,
+        degrees_of_freedom: known("degrees_of_freedom")?,
+    })
 }
 
 /// Reads a count that is never negative.

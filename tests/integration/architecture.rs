@@ -24,7 +24,7 @@ const ROOMS: &[Room] = &[
     },
     Room {
         name: "config",
-        may_name: &["robot", "run", "numerics"],
+        may_name: &["robot", "run", "analysis", "numerics"],
         door_to: &["nalgebra", "toml", "regex", "urdf_rs"],
     },
     Room { name: "telemetry", may_name: &[], door_to: &["tracing_subscriber"] },
@@ -54,6 +54,7 @@ const ROOMS: &[Room] = &[
         door_to: &[],
     },
     Room { name: "alert", may_name: &["anomaly", "store", "config", "telemetry"], door_to: &[] },
+    Room { name: "report", may_name: &["robot", "run", "analysis", "numerics"], door_to: &[] },
     Room {
         name: "simulate",
         may_name: &["robot", "run"],
@@ -78,6 +79,7 @@ const ROOMS: &[Room] = &[
             "store",
             "pipeline",
             "alert",
+            "report",
             "simulate",
             "daemon",
         ],

@@ -5,9 +5,19 @@ use crate::support::{Workshop, reference, text};
 #[test]
 fn every_command_has_help_with_examples() {
     let workshop = Workshop::new();
-    for command in
-        [&["demo"][..], &["run"], &["ingest"], &["identify"], &["verify"], &["simulate"], &["robot", "check"]]
-    {
+    for command in [
+        &["demo"][..],
+        &["run"],
+        &["ingest"],
+        &["identify"],
+        &["verify"],
+        &["torque"],
+        &["rmsd"],
+        &["friction"],
+        &["simulate"],
+        &["robot", "check"],
+        &["benchmark", "coverage"],
+    ] {
         let out = workshop.stdout(&[command, &["--help"]].concat(), 0);
         assert!(out.contains("Examples:") && out.contains("armwatch"), "{command:?}: {out}");
     }

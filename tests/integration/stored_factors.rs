@@ -62,9 +62,132 @@ fn what_cannot_be_is_said() {
         (&["verify", "--parameters", "cold", "--against", "1"], "neither a run"),
         (&["verify", "--parameters", "1:2", "--against", "2", "--store"], "whole runs"),
         (&["verify", "--parameters", "1"], "--against"),
+        (&["identify", "--run", "1", "--estimator", "prior"], "--prior"),
+        (&["identify", "--run", "1", "--prior", "2"], "goes with --estimator prior"),
+        (&["identify", "--run", "1", "--estimator", "prior", "--prior", "1:2"], "would count twice"),
+        (&["identify", "--run", "1", "--estimator", "prior", "--prior", "cold"], "neither a run"),
+        (&["identify", "--run", "1", "--estimator", "huber"], "at least 5"),
+        (&["identify", "--run", "1", "--estimator", "huber", "--each-cycle"], "nothing to weigh"),
+        (&["identify", "--run", "1", "--estimator", "per-joint", "--save", "a"], "not one set"),
+        (&["identify", "--run", "1", "--estimator", "per-joint", "--essential"], "--essential goes with"),
+        (&["identify", "--run", "1", "--save", "description"], "cannot name"),
+        (&["parameters", "show", "cold"], "parameters list"),
+        (&["parameters", "delete", "cold"], "parameters list"),
     ] {
         let output = workshop.run(arguments);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
         assert!(text(&output.stderr).contains(said), "{arguments:?}: {}", text(&output.stderr));
     }
+}
+
+fn json(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).expect("JSON")
+}
+
+fn count(value: &serde_json::Value) -> usize {
+    value.as_array().map_or(0, Vec::len)
+}
+
+/// Nine cycles: enough for their own scatter, and for a robust estimate.
+fn nine_cycles() -> Workshop {
+    let workshop = Workshop::new();
+    workshop.simulate("inbox", &["--runs", "1", "--cycles", "9", "--warming-s", "5"]);
+    workshop.stdout(&["ingest", "inbox"], 0);
+    workshop
+}
+
+#[test]
+fn every_estimator_answers_with_intervals_and_says_what_they_stand_on() {
+    let workshop = nine_cycles();
+    for estimator in ["ordinary", "weighted", "huber"] {
+        let found =
+            json(&workshop.stdout(&["identify", "--run", "1", "--estimator", estimator, "--json"], 0));
+        assert_eq!((count(&found["parameters"]), count(&found["rmsd"])), (64, 24), "{estimator}");
+        assert_eq!(found["error_basis"]["cycles"], 9, "{found}");
+        for parameter in found["parameters"].as_array().expect("a list") {
+            let figure = |key: &str| parameter[key].as_f64().expect("a figure");
+            assert!(figure("interval_low") < figure("value") && figure("value") < figure("interval_high"));
+            assert!(parameter["grouping"].is_string() && parameter["unit"].is_string());
+        }
+        assert_eq!(count(&found["motion"]["unseen"]) + count(&found["motion"]["indistinct"]), 0);
+    }
+    let few = workshop.stdout(&["identify", "--run", "1", "--cycles", "1-7", "--groupings"], 0);
+    assert!(few.contains("standard errors from the residual") && few.contains("J2_Izz + "), "{few}");
+
+    let views = json(&workshop.stdout(&["identify", "--run", "1", "--estimator", "per-joint", "--json"], 0));
+    assert_eq!((count(&views["joint_views"]), count(&views["rmsd"])), (6, 24));
+    let sixth = &views["joint_views"][5];
+    assert_eq!(count(&sixth["parameters"]) + count(&sixth["within_others"]) + count(&sixth["unseen"]), 64);
+    assert!(count(&sixth["unseen"]) >= 52, "{sixth}");
+
+    let essential = json(&workshop.stdout(&["identify", "--run", "1", "--essential", "--json"], 0));
+    let removed = count(&essential["essential"]["removed"]);
+    let zeros = essential["parameters"].as_array().expect("a list");
+    assert!(removed > 0 && zeros.iter().filter(|p| p["std_error"].is_null()).count() == removed);
+    assert_eq!(count(&essential["essential"]["rmsd_with_all"]), 24);
+    workshop.stdout(&["identify", "--run", "1", "--essential"], 0);
+}
+
+#[test]
+fn a_prior_helps_one_cycle_and_says_how_much() {
+    let workshop = two_runs();
+    workshop.stdout(&["identify", "--run", "1", "--estimator", "weighted", "--save", "first"], 0);
+    for prior in [&["--prior", "description"][..], &["--prior", "first", "--prior-std-fraction", "0.05"]] {
+        let one = ["identify", "--run", "2", "--cycles", "1", "--estimator", "prior", "--json"];
+        let found = json(&workshop.stdout(&[&one[..], prior].concat(), 0));
+        let shares = found["parameters"].as_array().expect("a list").iter();
+        let shares: Vec<f64> = shares.map(|p| p["data_share"].as_f64().expect("a share")).collect();
+        assert!(shares.len() == 64 && shares.iter().all(|share| (0.0..=1.0).contains(share)), "{shares:?}");
+        assert!(found["prior_spread"].as_f64().is_some_and(|spread| spread > 0.0));
+    }
+    let firm = workshop.stdout(
+        &[
+            "identify",
+            "--run",
+            "2",
+            "--estimator",
+            "prior",
+            "--prior",
+            "first",
+            "--prior-std-fraction",
+            "1e-6",
+        ],
+        0,
+    );
+    assert!(firm.contains("data_share"), "{firm}");
+}
+
+#[test]
+fn a_history_is_identified_again_kept_listed_and_deleted() {
+    let workshop = two_runs();
+    let arguments = ["identify", "--robot", "R01", "--each-cycle", "--estimator"];
+    let lines = workshop.stdout(&[&arguments[..], &["ordinary", "--save", "again", "--json"]].concat(), 0);
+    let lines: Vec<serde_json::Value> = lines.lines().map(json).collect();
+    assert_eq!(lines.len(), 8, "six cycles and two runs");
+    assert_eq!((count(&lines[0]["parameters"]), count(&lines[6]["statistics"])), (64, 64));
+    // ordinary least squares on each cycle is what the pipeline did
+    let different = "SELECT count(*) FROM reestimated_parameters AS again
+         JOIN cycle_parameters AS first USING (run_id, cycle, joint, parameter)
+         WHERE abs(again.value - first.value) <= 1e-9 * abs(first.value)";
+    assert_eq!(workshop.number(different), 6 * 64);
+    let same = "SELECT count(*) FROM reestimated_statistics AS again
+         JOIN parameter_statistics AS first USING (run_id, joint, parameter, \"window\")
+         WHERE abs(again.sdv - first.sdv) <= 1e-6 * abs(first.sdv) AND again.cycles = first.cycles";
+    assert_eq!(workshop.number(same), 2 * 64);
+
+    workshop.stdout(&[&arguments[..], &["per-joint", "--save", "by-joint"]].concat(), 0);
+    let rows = "SELECT count(DISTINCT seen_by_joint) FROM reestimated_parameters WHERE estimate = 'by-joint'";
+    assert_eq!(workshop.number(rows), 6);
+    let taken = workshop.run(&["identify", "--run", "1", "--save", "again"]);
+    assert_eq!(taken.status.code(), Some(2));
+
+    workshop.stdout(&["identify", "--run", "1", "--save", "set"], 0);
+    let listed = workshop.stdout(&["parameters", "list"], 0);
+    assert_eq!(listed.lines().count(), 4, "{listed}");
+    assert!(workshop.stdout(&["parameters", "show", "set"], 0).contains("kg m^2"));
+    let shown = workshop.run(&["parameters", "show", "again"]);
+    assert!(text(&shown.stderr).contains("reestimated_parameters"));
+    workshop.stdout(&["parameters", "delete", "again"], 0);
+    assert_eq!(workshop.number("SELECT count(*) FROM reestimated_cycles WHERE estimate = 'again'"), 0);
+    assert_eq!(workshop.stdout(&["parameters", "list", "--json"], 0).lines().count(), 2);
 }

@@ -12,7 +12,7 @@ use sqlx::{Connection, Row, TypeInfo, ValueRef};
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Views of the public contract, with what orders their rows.
-pub const VIEWS: [(&str, &str); 12] = [
+pub const VIEWS: [(&str, &str); 15] = [
     ("runs", "run_id"),
     ("cycles", "run_id, cycle"),
     ("cycle_parameters", "run_id, cycle, joint, parameter"),
@@ -25,6 +25,9 @@ pub const VIEWS: [(&str, &str); 12] = [
     ("warming_contrast", "run_id, cycle, joint"),
     ("parameter_sets", "parameter_set, joint, parameter"),
     ("parameter_set_sources", "parameter_set, run_id, cycle"),
+    ("reestimated_cycles", "estimate, run_id, cycle, seen_by_joint"),
+    ("reestimated_parameters", "estimate, run_id, cycle, seen_by_joint, joint, parameter"),
+    ("reestimated_statistics", "estimate, run_id, seen_by_joint, joint, parameter, \"window\""),
 ];
 
 /// A test's own folder with a configuration that watches `inbox` and stores in `armwatch.db`.

@@ -11,6 +11,8 @@ const FIT_ROWS: usize = 3000;
 const EXPLAINED_GAP: f64 = 0.3;
 /// Friction power over torque times speed below which a torque's sign is wrong.
 const DRIVEN: f64 = -0.1;
+/// Part of a torque that its joint's own motion must explain before friction is read from it.
+const OWN_SHARE: f64 = 0.5;
 
 /// What one joint's motion explains of one torque.
 #[derive(Debug, Clone, Copy)]
@@ -89,7 +91,11 @@ pub(super) fn torques(view: &View<'_>, joints: &[JointIndex], known: &[Finding])
         known.iter().any(|f| f.joint == Some(joint) && f.kind == FindingKind::VelocitySign)
     };
     for (joint, explained) in own {
-        if explained.friction_power < DRIVEN && !swapped.contains(&joint) && !turned(joint) {
+        if explained.share > OWN_SHARE
+            && explained.friction_power < DRIVEN
+            && !swapped.contains(&joint)
+            && !turned(joint)
+        {
             found.push(finding(
                 FindingKind::TorqueSign,
                 FindingSeverity::Refuse,

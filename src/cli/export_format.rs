@@ -1,0 +1,113 @@
+//! A layout the other way round: what the simulator writes for the reader to understand.
+
+use nalgebra::DMatrix;
+
+use super::CliError;
+use crate::config::{Channel, Column, Layout, StageSource, TimeSource};
+use crate::robot::Robot;
+use crate::simulate::format::{Cell, ExportColumn, ExportFormat, Weighted};
+
+/// The columns with which `layout` reads exports of `robot`: columns by number at their places, all others
+/// in the order time, position, velocity, torque, stage, cycle, friction joint and level.
+pub(super) fn export_format(layout: &Layout, robot: &Robot) -> Result<ExportFormat, CliError> {
+    let cells = cells(layout, robot)?;
+    let place = |column: &Column| match column {
+        Column::Number(number) => Some(*number),
+        Column::Name(name) if !layout.header => name.parse().ok(),
+        Column::Name(_) => None,
+    };
+    let width = cells.iter().filter_map(|(column, _)| place(column)).max().unwrap_or(0).max(cells.len());
+    let unused = |at: usize| ExportColumn { name: format!("unused_{}", at + 1), cell: Cell::Unused };
+    let mut columns: Vec<ExportColumn> = (0..width).map(unused).collect();
+    let (numbered, named): (Vec<_>, Vec<_>) =
+        cells.into_iter().partition(|(column, _)| place(column).is_some());
+    for (column, cell) in numbered {
+        let free = place(&column).and_then(|number| columns.get_mut(number.checked_sub(1)?));
+        match free {
+            Some(slot) if slot.cell == Cell::Unused => {
+                *slot = ExportColumn { name: format!("column_{column}"), cell };
+            }
+            _ => {
+                return Err(CliError::Usage(format!(
+                    "layout \"{}\" reads column {column} twice",
+                    layout.name
+                )));
+            }
+        }
+    }
+    let mut named = named.into_iter();
+    for slot in columns.iter_mut().filter(|slot| slot.cell == Cell::Unused) {
+        let Some((column, cell)) = named.next() else { break };
+        *slot = ExportColumn { name: column.to_string(), cell };
+    }
+    Ok(ExportFormat { delimiter: layout.delimiter, header: layout.header, columns })
+}
+
+fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, Cell)>, CliError> {
+    let n = robot.joint_count();
+    let factors = layout
+        .factors(robot)
+        .map_err(|misfit| CliError::Usage(format!("{}; {}", misfit.problem, misfit.remedy)))?;
+    let motor = layout.motor_side;
+    let positions = motor.position.then(|| robot.transmission.clone());
+    let torques =
+        match motor.torque {
+            true => Some(robot.transmission.transpose().try_inverse().ok_or_else(|| {
+                CliError::Usage(format!("the transmission of {} has no inverse", robot.model))
+            })?),
+            false => None,
+        };
+    let offsets: Vec<f64> = robot.joints.iter().map(|joint| -joint.position_offset).collect();
+    let mut cells = Vec::new();
+    if let TimeSource::Column(time) = &layout.time {
+        cells.push((time.column.clone(), Cell::Time(time.to_si.recip())));
+    }
+    let still = vec![0.0; n];
+    let mut channel = |channel: &Channel,
+                       side: &Option<DMatrix<f64>>,
+                       added: &[f64],
+                       factors: &[f64],
+                       cell: fn(Weighted) -> Cell| {
+        for (j, factor) in factors.iter().enumerate() {
+            let weights: Vec<f64> = (0..n)
+                .map(|k| match side {
+                    Some(side) => side[(j, k)] / factor,
+                    None => f64::from(u8::from(j == k)) / factor,
+                })
+                .collect();
+            let constant = weights.iter().zip(added).map(|(w, x)| w * x).sum();
+            if let Some(column) = channel.columns.of_joint(j + 1) {
+                cells.push((column, cell(Weighted { weights, constant })));
+            }
+        }
+    };
+    channel(&layout.position, &positions, &offsets, &factors.position, Cell::Position);
+    if let Some(velocity) = &layout.velocity {
+        channel(velocity, &positions, &still, &factors.velocity, Cell::Velocity);
+    }
+    channel(&layout.torque, &torques, &still, &factors.torque, Cell::Torque);
+    cells.extend(signals(layout)?);
+    Ok(cells)
+}
+
+fn signals(layout: &Layout) -> Result<Vec<(Column, Cell)>, CliError> {
+    let mut cells = Vec::new();
+    if let StageSource::Signal(signal) = &layout.stage {
+        let lists = [&signal.between, &signal.excitation, &signal.friction, &signal.warming];
+        let values: Option<Vec<i64>> = lists.iter().map(|list| list.first().copied()).collect();
+        let values = values.and_then(|values| <[i64; 4]>::try_from(values).ok()).ok_or_else(|| {
+            CliError::Usage(format!(
+                "layout \"{}\" has no value for some stage, and a simulated run has all of them",
+                layout.name
+            ))
+        })?;
+        cells.push((signal.column.clone(), Cell::Stage(values)));
+    }
+    let optional = [
+        (&layout.cycle, Cell::Cycle),
+        (&layout.friction_joint, Cell::FrictionJoint),
+        (&layout.friction_level, Cell::FrictionLevel),
+    ];
+    cells.extend(optional.into_iter().filter_map(|(column, cell)| Some((column.clone()?, cell))));
+    Ok(cells)
+}

@@ -1,0 +1,228 @@
+//! `armwatch rmsd`: how well each cycle's parameters fit its stages, the whole cycle, and the two ends of
+//! warming.
+
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use super::identify_output::rmsd_value;
+use super::plot::PlotFile;
+use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
+use crate::analysis::{Rmsd, RmsdPair, RmsdScope, WarmingContrast};
+use crate::numerics::statistics::{mean, standard_deviation};
+use crate::report::rmsd::{CycleVerification, rmsd_figure};
+use crate::robot::JointIndex;
+use crate::run::Stage;
+use crate::store::{RunSource, Store};
+
+/// Relative RMSD above which the thesis marks a figure.
+const MARKED_ABOVE: f64 = 0.10;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch rmsd --run 3
+  armwatch rmsd --run 3 --joint 5 --figure nm
+  armwatch rmsd --run 3 --plot rmsd.svg
+  armwatch rmsd --run 3 --json | jq '.rmsd[] | select(.stage == \"all\")'
+
+For each joint a line a cycle: RMSD of estimated against measured torque with the cycle's own parameters,
+which were identified on its excitation stage, over the excitation, friction and warming stages and the whole
+cycle, and over the first and the last third of warming; over all rows and (moving_) without those in which
+the joint is slower than its low-speed threshold. relative divides by the RMS of the measured torque over the
+same rows; figures above 10 % are marked with *. Friction falls inside a cycle, so the start of warming and
+its end differ most in cold cycles. The same stands in the views cycle_rmsd and warming_contrast.")]
+pub(super) struct RmsdArgs {
+    /// The run
+    #[arg(long, value_name = "RUN")]
+    run: i64,
+    /// Only this joint, from 1
+    #[arg(long, value_name = "JOINT", value_parser = clap::value_parser!(u8).range(1..))]
+    joint: Option<u8>,
+    /// Figures of the table
+    #[arg(long, value_enum, default_value_t = FigureArg::Relative)]
+    figure: FigureArg,
+    /// Draw the moving relative RMSD by cycle into this file, .svg or .html
+    #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
+    plot: Option<PlotFile>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FigureArg {
+    /// As a fraction of the measured torque's RMS
+    Relative,
+    /// Nm
+    Nm,
+}
+
+/// Columns of the table, each over all rows and over the moving ones.
+const SCOPES: [RmsdScope; 4] = [
+    RmsdScope::Stage(Stage::Excitation),
+    RmsdScope::Stage(Stage::Friction),
+    RmsdScope::Stage(Stage::Warming),
+    RmsdScope::WholeCycle,
+];
+
+pub(super) fn rmsd(global: &Global, args: &RmsdArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    let (run, cycles) = runtime()?.block_on(async {
+        let store = open_store(&config).await?;
+        let done = verified_cycles(args, &store).await;
+        store.close().await?;
+        done
+    })?;
+    let shown = shown_joints(args, &run, &cycles)?;
+    if let Some(plot) = &args.plot {
+        let title = format!("{}, run {}: RMSD by cycle", run.robot, run.run_id);
+        let subtitle = "estimated against measured torque with each cycle's own parameters, rows in which the \
+                        joint moves, as a fraction of the measured torque's RMS";
+        plot.write(&rmsd_figure(&of_joints(&cycles, &shown), title, subtitle.into()))?;
+    }
+    if global.json {
+        cycles.iter().for_each(|of| output::json(&as_value(&run, of, &shown)));
+    } else {
+        output::line(&as_text(args, &run, &cycles, &shown));
+    }
+    Ok(EXIT_DONE)
+}
+
+async fn verified_cycles(
+    args: &RmsdArgs,
+    store: &Store,
+) -> Result<(RunSource, Vec<CycleVerification>), CliError> {
+    let run = store.run_source(args.run).await?;
+    let run = run.ok_or_else(|| CliError::Usage(format!("there is no run {}", args.run)))?;
+    let rmsd = store.self_rmsd(args.run).await?;
+    let contrasts = store.warming_contrasts(args.run).await?;
+    let states = store.cycle_states(args.run).await?;
+    let cycles = states.into_iter().map(|state| CycleVerification {
+        cycle: state.cycle,
+        rmsd: rmsd.iter().filter(|of| of.cycle == state.cycle).map(|of| of.value).collect(),
+        contrast: contrasts.iter().filter(|of| of.cycle == state.cycle).map(|of| of.value).collect(),
+        reason: state.reason,
+    });
+    Ok((run, cycles.collect()))
+}
+
+fn shown_joints(
+    args: &RmsdArgs,
+    run: &RunSource,
+    cycles: &[CycleVerification],
+) -> Result<Vec<JointIndex>, CliError> {
+    let joints = cycles.iter().flat_map(|of| &of.rmsd).map(|rmsd| rmsd.joint.number()).max();
+    let Some(joints) = joints else {
+        let reason = cycles.iter().find_map(|of| of.reason.as_deref()).unwrap_or("it has no cycles");
+        return Err(CliError::Usage(format!("no cycle of run {} has parameters: {reason}", run.run_id)));
+    };
+    match args.joint.map(usize::from) {
+        Some(number) if number > joints => {
+            Err(CliError::Usage(format!("{} has {joints} joints, there is no joint {number}", run.robot)))
+        }
+        Some(number) => Ok(JointIndex::from_number(number).into_iter().collect()),
+        None => Ok((0..joints).map(JointIndex::new).collect()),
+    }
+}
+
+fn of_joints(cycles: &[CycleVerification], shown: &[JointIndex]) -> Vec<CycleVerification> {
+    let mut cycles = cycles.to_vec();
+    for of in &mut cycles {
+        of.rmsd.retain(|rmsd| shown.contains(&rmsd.joint));
+        of.contrast.retain(|contrast| shown.contains(&contrast.joint));
+    }
+    cycles
+}
+
+fn as_text(args: &RmsdArgs, run: &RunSource, cycles: &[CycleVerification], shown: &[JointIndex]) -> String {
+    let mut header = vec!["cycle".to_string()];
+    for prefix in ["", "moving_"] {
+        let columns = SCOPES.iter().map(|scope| scope.name()).chain(["warming_start", "warming_end"]);
+        header.extend(columns.map(|name| format!("{prefix}{name}")));
+    }
+    let header: Vec<&str> = header.iter().map(String::as_str).collect();
+    let mut text = String::new();
+    for &joint in shown {
+        let figures: Vec<Vec<Option<f64>>> =
+            cycles.iter().map(|of| figures(of, joint, args.figure)).collect();
+        let mut rows: Vec<Vec<String>> = cycles
+            .iter()
+            .zip(&figures)
+            .map(|(of, figures)| cells(&of.cycle.to_string(), figures, args.figure))
+            .collect();
+        for (name, statistic) in
+            [("mean", mean as fn(&[f64]) -> Option<f64>), ("deviation", standard_deviation)]
+        {
+            let over_cycles =
+                |column: usize| statistic(&figures.iter().filter_map(|of| of[column]).collect::<Vec<f64>>());
+            let figures: Vec<Option<f64>> = (0..header.len() - 1).map(over_cycles).collect();
+            rows.push(cells(name, &figures, FigureArg::Nm));
+        }
+        text.push_str(&format!("joint {joint}\n{}\n\n", output::table(&header, &rows)));
+    }
+    for of in cycles {
+        if let Some(reason) = &of.reason {
+            text.push_str(&format!("cycle {} has no parameters: {reason}\n", of.cycle));
+        }
+    }
+    let unit = match args.figure {
+        FigureArg::Relative => "relative RMSD of the torque; * above 10 %",
+        FigureArg::Nm => "RMSD of the torque, Nm",
+    };
+    format!("{text}{}, run {}: {unit}", run.robot, run.run_id)
+}
+
+/// Figures of one line of the table, in the order of its columns.
+fn figures(of: &CycleVerification, joint: JointIndex, figure: FigureArg) -> Vec<Option<f64>> {
+    let contrast = of.contrast.iter().find(|found| found.joint == joint);
+    let pairs: Vec<Option<RmsdPair>> = SCOPES
+        .iter()
+        .map(|scope| {
+            let found = of.rmsd.iter().find(|rmsd| rmsd.joint == joint && rmsd.scope == *scope)?;
+            Some(RmsdPair { all_rows: found.all_rows, moving_rows: found.moving_rows })
+        })
+        .chain([contrast.map(|found| found.start), contrast.map(|found| found.end)])
+        .collect();
+    let value = |rmsd: Rmsd| {
+        let value = if figure == FigureArg::Relative { rmsd.relative } else { rmsd.value };
+        (rmsd.samples > 0 && value.is_finite()).then_some(value)
+    };
+    let all = pairs.iter().map(|pair| pair.and_then(|pair| value(pair.all_rows)));
+    let moving = pairs.iter().map(|pair| pair.and_then(|pair| value(pair.moving_rows)));
+    all.chain(moving).collect()
+}
+
+fn cells(name: &str, figures: &[Option<f64>], figure: FigureArg) -> Vec<String> {
+    let cell = |value: &Option<f64>| {
+        value.map_or_else(
+            || "-".to_string(),
+            |value| {
+                let mark = if figure == FigureArg::Relative && value > MARKED_ABOVE { "*" } else { "" };
+                format!("{value:.4}{mark}")
+            },
+        )
+    };
+    std::iter::once(name.to_string()).chain(figures.iter().map(cell)).collect()
+}
+
+fn as_value(run: &RunSource, of: &CycleVerification, shown: &[JointIndex]) -> serde_json::Value {
+    let known = |rmsd: Rmsd, value: f64| (rmsd.samples > 0 && value.is_finite()).then_some(value);
+    let part = |pair: &RmsdPair| {
+        json!({
+            "rmsd_nm": known(pair.all_rows, pair.all_rows.value),
+            "relative_rmsd": known(pair.all_rows, pair.all_rows.relative),
+            "moving_rmsd_nm": known(pair.moving_rows, pair.moving_rows.value),
+            "moving_relative_rmsd": known(pair.moving_rows, pair.moving_rows.relative),
+            "samples": pair.all_rows.samples,
+            "moving_samples": pair.moving_rows.samples,
+        })
+    };
+    let contrast = |found: &WarmingContrast| json!({"joint": found.joint.number(), "start": part(&found.start), "end": part(&found.end)});
+    let rmsd = of.rmsd.iter().filter(|rmsd| shown.contains(&rmsd.joint));
+    let contrasts = of.contrast.iter().filter(|found| shown.contains(&found.joint));
+    json!({
+        "robot": run.robot,
+        "run_id": run.run_id,
+        "cycle": of.cycle,
+        "reason": of.reason,
+        "rmsd": rmsd.map(rmsd_value).collect::<Vec<_>>(),
+        "warming_contrast": contrasts.map(contrast).collect::<Vec<_>>(),
+    })
+}

@@ -1,0 +1,335 @@
+//! `armwatch torque`: measured and estimated torque of one cycle, read again from its export.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use super::plot::{PlotFile, refuse_export, write_lines};
+use super::selection::NamedCandidate;
+use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
+use crate::analysis::{RmsdScope, TorqueRmsd};
+use crate::config::Config;
+use crate::numerics::torque_series::{SeriesRows, TorqueSeries, peaks};
+use crate::pipeline::replay::{Replay, ReplayError};
+use crate::report::torque::torque_figure;
+use crate::robot::{JointIndex, ParameterId};
+use crate::run::Stage;
+use crate::store::{OfCycle, Store};
+
+/// Figures of the same rows by another road differ by rounding; more says that something has changed.
+const SAME_FIGURE: f64 = 1e-6;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch torque --run 3 --cycle 12 > cycle12.csv
+  armwatch torque --run 3 --cycle 12 --plot cycle12.svg
+  armwatch torque --run 3 --cycle 12 --stage friction --points 600 --json
+  armwatch torque --run 3 --cycle 12 --parameters 2:10-20 -o cross.csv
+  armwatch torque --run 3 --cycle 12 --source /archive/Left_20260105_0847.csv.gz
+
+Samples are not kept in the database, so the run's export is read again, up to the end of the cycle, and
+filtered as it was. It is looked for where it was seen last and in the watched folders, and taken only if
+its content is still the run's. Parameters are the cycle's own; RUN, RUN:CYCLES and saved sets as in
+`armwatch verify`.
+
+CSV has a line a row and joint: time_s, stage, joint, q_rad, qd_rad_s, measured_nm (after the analysis
+low-pass), estimated_nm, residual_nm (measured less estimated), moving (1 at the joint's low-speed threshold
+or faster), counted. Rows that count are those of the view cycle_rmsd: its rmsd_nm is the root of the mean
+squared residual_nm. --all-rows adds the rows between them and near gaps in time, with counted = 0. --points
+thins each joint's rows by buckets, of which smallest and largest torques and residuals stay: for plots, not
+for sums. --json gives the same by columns, one object a joint.")]
+pub(super) struct TorqueArgs {
+    /// Run of the cycle
+    #[arg(long, value_name = "RUN")]
+    run: i64,
+    /// Number of the cycle
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    cycle: u32,
+    /// Parameters of the estimate: RUN, RUN:CYCLES, or the name of a saved set [default: the cycle's own]
+    #[arg(long, value_name = "RUN[:CYCLES]|SET")]
+    parameters: Option<String>,
+    /// The run's export, where it is no longer where it was
+    #[arg(long, value_name = "FILE")]
+    source: Option<PathBuf>,
+    /// Rows of one stage, or of the whole cycle
+    #[arg(long, value_enum, default_value_t = StageArg::All)]
+    stage: StageArg,
+    /// Rows that do not count in verification too
+    #[arg(long)]
+    all_rows: bool,
+    /// About how many rows to keep of each joint, peaks among them
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..))]
+    points: Option<u32>,
+    /// Write the rows as CSV into this file
+    #[arg(short, long, value_name = "FILE", conflicts_with = "json")]
+    output: Option<PathBuf>,
+    /// Draw the torques into this file, .svg or .html
+    #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
+    plot: Option<PlotFile>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum StageArg {
+    /// Excitation stage
+    Excitation,
+    /// Friction stage
+    Friction,
+    /// Warming stage
+    Warming,
+    /// Whole cycle, rows between stages included
+    All,
+}
+
+impl StageArg {
+    fn scope(self) -> RmsdScope {
+        match self {
+            Self::Excitation => RmsdScope::Stage(Stage::Excitation),
+            Self::Friction => RmsdScope::Stage(Stage::Friction),
+            Self::Warming => RmsdScope::Stage(Stage::Warming),
+            Self::All => RmsdScope::WholeCycle,
+        }
+    }
+}
+
+impl From<ReplayError> for CliError {
+    fn from(error: ReplayError) -> Self {
+        match error {
+            ReplayError::Store(error) => Self::Store(error),
+            ReplayError::Refused(reason) => Self::Usage(reason),
+            ReplayError::Source(reason) => Self::Io(reason),
+            ReplayError::Rejected(rejection) => Self::Io(rejection.to_string()),
+            ReplayError::Numerics(error) => Self::Usage(error.to_string()),
+            ReplayError::Task(error) => Self::Internal(error.to_string()),
+        }
+    }
+}
+
+/// Torques with what they are of.
+struct Replayed {
+    replay: Replay,
+    export: PathBuf,
+    /// Whose parameters the estimate is made with.
+    parameters: String,
+    series: TorqueSeries,
+}
+
+pub(super) fn torque(global: &Global, args: &TorqueArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    let replayed = runtime()?.block_on(async {
+        let store = open_store(&config).await?;
+        let done = replay(args, &config, &store).await;
+        store.close().await?;
+        done
+    })?;
+    if let Some(plot) = &args.plot {
+        plot.write(&figure(args, &replayed))?;
+    }
+    if let Some(path) = &args.output {
+        write_lines(path, csv_lines(args, &replayed))?;
+    }
+    if global.json {
+        (0..replayed.series.joints.len())
+            .map(JointIndex::new)
+            .for_each(|joint| output::json(&as_value(args, &replayed, joint)));
+    } else if args.output.is_none() && args.plot.is_none() {
+        output::lines(csv_lines(args, &replayed));
+    } else {
+        output::line(&summary(args, &replayed));
+    }
+    Ok(EXIT_DONE)
+}
+
+async fn replay(args: &TorqueArgs, config: &Config, store: &Store) -> Result<Replayed, CliError> {
+    let replay = Replay::find(config, store, args.run, args.cycle).await?;
+    let (parameters, name) = parameters(args, store, &replay).await?;
+    let export = replay.export(config, args.source.as_deref()).await?;
+    for target in [args.output.as_deref(), args.plot.as_ref().map(PlotFile::path)] {
+        refuse_export(target, &export)?;
+    }
+    let rows = if args.all_rows { SeriesRows::Filtered } else { SeriesRows::Counted };
+    let series = replay.torque(&export, parameters, rows).await?;
+    if args.parameters.is_none() {
+        compare(&series, &store.self_rmsd(args.run).await?, args.cycle);
+    }
+    Ok(Replayed { replay, export, parameters: name, series })
+}
+
+/// The parameters of the estimate and their name.
+async fn parameters(
+    args: &TorqueArgs,
+    store: &Store,
+    replay: &Replay,
+) -> Result<(Vec<(ParameterId, f64)>, String), CliError> {
+    let (found, name) = match &args.parameters {
+        None => (store.cycle_parameters(args.run, args.cycle).await?, "its own parameters".to_string()),
+        Some(word) => {
+            let named = NamedCandidate::find(store, word).await?;
+            let ours = replay.run.model.as_ref().map(|model| &model.description_hash);
+            if ours.is_some_and(|ours| *ours != named.candidate.model.description_hash) {
+                return Err(CliError::Usage(format!(
+                    "{} belongs to another description than run {}: its parameters mean something else",
+                    named.name, args.run
+                )));
+            }
+            (named.candidate.parameters, format!("parameters of {}", named.name))
+        }
+    };
+    if found.is_empty() {
+        let reason = replay.cycle.reason.as_deref().unwrap_or("none are stored");
+        return Err(CliError::Usage(format!(
+            "cycle {} of run {} has no parameters: {reason}; name others with --parameters",
+            args.cycle, args.run
+        )));
+    }
+    Ok((found.iter().map(|p| (p.id, p.value)).collect(), name))
+}
+
+/// Says so if the rows do not give the figures that were stored with the cycle.
+fn compare(series: &TorqueSeries, stored: &[OfCycle<TorqueRmsd>], cycle: u32) {
+    let differs = |stored: &&OfCycle<TorqueRmsd>| {
+        let found = series.rmsd(stored.value.joint, stored.value.scope).all_rows;
+        let expected = stored.value.all_rows;
+        let close = (found.value - expected.value).abs() <= SAME_FIGURE * expected.value.abs();
+        expected.value.is_finite() && (!close || found.samples != expected.samples)
+    };
+    if let Some(other) = stored.iter().filter(|of| of.cycle == cycle).find(differs) {
+        let found = series.rmsd(other.value.joint, other.value.scope).all_rows;
+        output::note(&format!(
+            "the rows are no longer those that were verified: RMSD of joint {}, {}, is {:.6} Nm over {} rows, stored \
+             is {:.6} Nm over {}; limits, offsets or transmission of the robot's description, the layout or the \
+             program have changed since",
+            other.value.joint,
+            other.value.scope.name(),
+            found.value,
+            found.samples,
+            other.value.all_rows.value,
+            other.value.all_rows.samples
+        ));
+    }
+}
+
+/// Rows of a joint that are written.
+fn chosen_rows(args: &TorqueArgs, series: &TorqueSeries, joint: JointIndex) -> Vec<usize> {
+    let rows = series.rows_of(args.stage.scope());
+    match (args.points, series.joints.get(joint.index())) {
+        (Some(points), Some(of_joint)) => peaks(of_joint, &rows, points as usize),
+        _ => rows,
+    }
+}
+
+/// Lines by row and joint, one by one: all rows of a long cycle are hundreds of megabytes of text.
+fn csv_lines<'a>(args: &TorqueArgs, replayed: &'a Replayed) -> impl Iterator<Item = String> + use<'a> {
+    const HEADER: &str =
+        "time_s,stage,joint,q_rad,qd_rad_s,measured_nm,estimated_nm,residual_nm,moving,counted";
+    let series = &replayed.series;
+    let mut lines: Vec<(usize, usize)> = Vec::new();
+    for j in 0..series.joints.len() {
+        lines.extend(chosen_rows(args, series, JointIndex::new(j)).into_iter().map(|row| (row, j)));
+    }
+    lines.sort_unstable();
+    let line = move |(row, j): (usize, usize)| {
+        let joint = &series.joints[j];
+        format!(
+            "{},{},{},{},{},{},{},{},{},{}",
+            series.time[row],
+            series.stage[row],
+            JointIndex::new(j),
+            joint.q[row],
+            joint.qd[row],
+            joint.measured[row],
+            joint.estimated[row],
+            joint.residual(row),
+            u8::from(joint.moving[row]),
+            u8::from(series.counted[row]),
+        )
+    };
+    std::iter::once(HEADER.to_string()).chain(lines.into_iter().map(line))
+}
+
+fn as_value(args: &TorqueArgs, replayed: &Replayed, joint: JointIndex) -> serde_json::Value {
+    let Replayed { replay, export, parameters, series } = replayed;
+    let of_joint = &series.joints[joint.index()];
+    let rows = chosen_rows(args, series, joint);
+    let column = |of: &[f64]| rows.iter().map(|&row| of[row]).collect::<Vec<f64>>();
+    let rmsd = series.rmsd(joint, args.stage.scope());
+    let mut value = super::identify_output::rmsd_value(&rmsd);
+    value["robot"] = json!(replay.run.robot);
+    value["run_id"] = json!(replay.run.run_id);
+    value["cycle"] = json!(replay.cycle.cycle);
+    value["parameters"] = json!(args.parameters.as_deref().unwrap_or("own"));
+    value["parameters_of"] = json!(parameters);
+    value["source"] = json!(export.display().to_string());
+    value["cutoff_hz"] = json!(replay.cutoff);
+    value["rows"] = json!({
+        "time_s": column(&series.time),
+        "stage": rows.iter().map(|&row| series.stage[row].name()).collect::<Vec<_>>(),
+        "q_rad": column(&of_joint.q),
+        "qd_rad_s": column(&of_joint.qd),
+        "measured_nm": column(&of_joint.measured),
+        "estimated_nm": column(&of_joint.estimated),
+        "residual_nm": rows.iter().map(|&row| of_joint.residual(row)).collect::<Vec<_>>(),
+        "moving": rows.iter().map(|&row| of_joint.moving[row]).collect::<Vec<_>>(),
+        "counted": rows.iter().map(|&row| series.counted[row]).collect::<Vec<_>>(),
+    });
+    value
+}
+
+/// RMSD by joint and stage over the rows that count.
+fn summary(args: &TorqueArgs, replayed: &Replayed) -> String {
+    let series = &replayed.series;
+    let scopes: Vec<RmsdScope> = match args.stage {
+        StageArg::All => {
+            let stages = Stage::ANALYSED.map(RmsdScope::Stage).into_iter();
+            stages.filter(|scope| !series.rows_of(*scope).is_empty()).chain([RmsdScope::WholeCycle]).collect()
+        }
+        one => vec![one.scope()],
+    };
+    let row = |rmsd: TorqueRmsd| {
+        let mut cells = vec![rmsd.joint.to_string(), rmsd.scope.name().to_string()];
+        for of in [rmsd.all_rows, rmsd.moving_rows] {
+            cells.extend(match of.samples {
+                0 => ["-".into(), "-".into(), "0".into()],
+                _ => [format!("{:.4}", of.value), format!("{:.4}", of.relative), of.samples.to_string()],
+            });
+        }
+        cells
+    };
+    let joints = (0..series.joints.len()).map(JointIndex::new);
+    let rows: Vec<Vec<String>> =
+        joints.flat_map(|joint| scopes.iter().map(move |scope| row(series.rmsd(joint, *scope)))).collect();
+    let header = [
+        "joint",
+        "stage",
+        "rmsd_nm",
+        "relative",
+        "samples",
+        "moving_rmsd_nm",
+        "moving_relative",
+        "moving_samples",
+    ];
+    format!("{}\n{}", heading(args, replayed), output::table(&header, &rows))
+}
+
+fn heading(args: &TorqueArgs, replayed: &Replayed) -> String {
+    let stage = match args.stage.scope() {
+        RmsdScope::WholeCycle => "whole cycle",
+        RmsdScope::Stage(stage) => stage.name(),
+    };
+    let run = &replayed.replay.run;
+    format!("{}, run {}, cycle {}: {stage}, {}", run.robot, run.run_id, args.cycle, replayed.parameters)
+}
+
+fn figure(args: &TorqueArgs, replayed: &Replayed) -> crate::report::figure::Figure {
+    let Replayed { replay, export, series, .. } = replayed;
+    let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
+    let subtitle = format!(
+        "{}; low-pass {} Hz on both sides; RMSD in per cent of the RMS of the measured torque, all rows and moving \
+         rows",
+        name(export).unwrap_or_default(),
+        replay.cutoff
+    );
+    let (scope, points) = (args.stage.scope(), args.points.map(|points| points as usize));
+    torque_figure(&replay.robot, series, scope, points, heading(args, replayed), subtitle)
+}

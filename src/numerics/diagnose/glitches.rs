@@ -1,0 +1,106 @@
+//! Rows that the logger made up: single values beyond all measure, and rows written twice.
+
+use super::{Finding, FindingKind, FindingSeverity, View, finding};
+use crate::robot::{JointIndex, JointKind};
+
+/// A value this many times the channel's usual range away from it is no motion of an arm. Peaks of
+/// healthy torques stay within one such range.
+const BEYOND: f64 = 4.0;
+/// Part of the rows at either end of the sorted values that does not count for the usual range.
+const TAIL: f64 = 0.005;
+/// Rows that the usual range is taken from; more would not move it.
+const RANGE_ROWS: usize = 4000;
+/// Part of the moving rows that may repeat the row before in every channel.
+const REPEATED: f64 = 0.01;
+
+/// Values that stand far outside what a channel shows otherwise: markers such as -9999, lost digits.
+pub(super) fn spikes(view: &View<'_>) -> Vec<Finding> {
+    let mut found = Vec::new();
+    for joint in view.robot.joint_indices() {
+        let j = joint.index();
+        let limits = &view.joint(joint).limits;
+        let velocity = view.samples.velocity.as_ref().map(|velocity| &velocity[j]);
+        let channels = [
+            ("position", Some(&view.samples.position[j]), limits.position_max - limits.position_min),
+            ("velocity", velocity, limits.velocity),
+            ("torque", Some(&view.samples.torque[j]), 0.0),
+        ];
+        let channels =
+            channels.into_iter().filter_map(|(name, channel, least)| Some((name, channel?, least)));
+        found.extend(channels.filter_map(|(name, channel, least)| spike(view, joint, name, channel, least)));
+    }
+    found
+}
+
+/// The worst value of one channel, if it is beyond all measure. `least` is a range that the channel
+/// may always have.
+fn spike(
+    view: &View<'_>,
+    joint: JointIndex,
+    name: &'static str,
+    channel: &[f64],
+    least: f64,
+) -> Option<Finding> {
+    let stride = view.rows.len().div_ceil(RANGE_ROWS).max(1);
+    let mut sorted: Vec<f64> = view.rows.iter().step_by(stride).map(|&row| channel[row]).collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let at = |part: f64| sorted[((sorted.len() - 1) as f64 * part) as usize];
+    let (low, high) = (at(TAIL), at(1.0 - TAIL));
+    let reach = BEYOND * (high - low).max(least);
+    let beyond = |value: f64| (low - value).max(value - high);
+    let worst =
+        view.rows.iter().copied().max_by(|&a, &b| beyond(channel[a]).total_cmp(&beyond(channel[b])))?;
+    if reach <= 0.0 || beyond(channel[worst]) <= reach {
+        return None;
+    }
+    let rows = view.rows.iter().filter(|&&row| beyond(channel[row]) > reach).count();
+    let unit = match (name, view.joint(joint).kind) {
+        ("position", JointKind::Revolute) => "rad",
+        ("position", JointKind::Prismatic) => "m",
+        ("velocity", JointKind::Revolute) => "rad/s",
+        ("velocity", JointKind::Prismatic) => "m/s",
+        (_, JointKind::Revolute) => "Nm",
+        (_, JointKind::Prismatic) => "N",
+    };
+    let (value, time) = (channel[worst], view.samples.time[worst]);
+    Some(finding(
+        FindingKind::Spike,
+        FindingSeverity::Refuse,
+        Some(joint),
+        format!(
+            "joint {joint}: the {name} is {value} {unit} at {time:.3} s ({rows} such rows), all others lie around {low:.3} \
+             to {high:.3} {unit}; a fault of the sensor or a marker of the logger: remove these rows or record again"
+        ),
+        &[("value_si", value), ("time_s", time), ("rows", rows as f64)],
+    ))
+}
+
+/// Rows that repeat the row before in every channel while the arm moves.
+pub(super) fn repeats(view: &View<'_>) -> Option<Finding> {
+    let joints = || view.robot.joint_indices().map(JointIndex::index);
+    let moves = |row: usize| joints().any(|j| view.dq[j][row].abs() > 2.0 * view.robot.joints[j].low_speed);
+    let same = |row: usize| {
+        let equal = |channel: &[f64]| (channel[row] - channel[row - 1]).abs() <= 0.0;
+        joints().all(|j| {
+            equal(&view.samples.position[j])
+                && equal(&view.samples.torque[j])
+                && view.samples.velocity.as_ref().is_none_or(|velocity| equal(&velocity[j]))
+        })
+    };
+    let moving: Vec<usize> = view.rows.iter().copied().filter(|&row| row > 0 && moves(row)).collect();
+    let repeated = moving.iter().filter(|&&row| same(row)).count();
+    let share = repeated as f64 / moving.len().max(1) as f64;
+    (share > REPEATED).then(|| {
+        finding(
+            FindingKind::Repeated,
+            FindingSeverity::Warn,
+            None,
+            format!(
+                "{:.0} % of the rows repeat the row before in every channel while the arm moves; the logger is faster \
+                 than the controller, or wrote rows twice: check its sample rate",
+                100.0 * share
+            ),
+            &[("repeated_share", share), ("rows", repeated as f64)],
+        )
+    })
+}

@@ -1,0 +1,326 @@
+//! Friction over speed and thermal state, `tau(level, x) = warm + cold x`, from all runs of a robot.
+//!
+//! Levels enter linearly and are solved for; time constants, share and cooling ratio do not and are sought
+//! by coordinates (variable projection, Golub & Pereyra 1973). What the recordings do not tell is held by a
+//! weak prior and said: a robot that always rests for a night says nothing of how it cools.
+
+use nalgebra::DMatrix;
+
+use super::thermal::{Coldness, MotionSpan, Rates, coldness_at};
+use crate::analysis::Estimate;
+use crate::analysis::friction::{FrictionMap, MapLevel, ThermalLaw};
+use crate::robot::JointIndex;
+
+/// Parameters of the law: logarithms of the slow and the fast time constant (s), share, logarithm of the
+/// cooling ratio.
+pub(super) type LawParameters = [f64; 4];
+
+/// Place of the cooling ratio among them.
+const COOLING: usize = 3;
+
+/// Prior of the law, centre and standard deviation. Six gearboxes of thesis Table 5.6 have slow time
+/// constants of 13 to 57 min, geometric mean 27, and fast ones of 0.3 to 7.4 min, geometric mean 1.6. A
+/// resting housing loses heat as a moving one does, give or take its own wind and motor losses.
+const PRIOR: [(f64, f64); 4] = [(7.39, 0.9), (4.56, 1.4), (0.5, 0.5), (0.0, 1.0)];
+
+/// Bounds of the law's parameters: half a minute to ten hours, two seconds to an hour, a share, cooling
+/// five times faster to twenty times slower.
+const BOUNDS: [(f64, f64); 4] = [(3.4, 10.5), (0.7, 8.2), (0.0, 1.0), (-1.6, 3.0)];
+
+/// Least ratio of the two time constants; closer ones share one decay.
+const MIN_RATIO: f64 = 2.0;
+
+/// First and last step of the search, in units of the parameters.
+const STEPS: [f64; 4] = [0.4, 0.4, 0.15, 0.4];
+const LAST_STEP: f64 = 0.01;
+/// Most rounds of the search over all coordinates.
+const MAX_ROUNDS: usize = 60;
+
+/// A law's parameter is measured if the recordings shrink its prior's standard deviation to this fraction.
+const MEASURED: f64 = 0.5;
+
+/// A rest shorter than this, s, may leave a joint warm; after longer ones every gearbox is cold, and how it
+/// cools cannot be seen (housings cool within a few hours).
+const TELLING_REST_S: f64 = 12.0 * 3600.0;
+
+/// Fewest runs whose scatter tells the errors; with fewer, residuals count as independent.
+const MIN_CLUSTERS: usize = 6;
+
+/// Friction that a map has at its speed level `level` (its place in [`FrictionMap::levels`]) and coldness `x`, mean
+/// of both directions, Nm, with the standard error of the map; `None` for a level that it does not have.
+///
+/// The coldness of a coming run is that of [`coldness_at`] at its start, mixed by the law's `slow_share`.
+#[must_use]
+pub fn map_friction(map: &FrictionMap, level: usize, x: f64) -> Option<Estimate> {
+    let of_level = map.levels.get(level)?;
+    let (warm, cold) = (level, map.levels.len() + level);
+    let size = map.covariance.len().isqrt();
+    let entry = |i: usize, k: usize| map.covariance.get(i * size + k).copied();
+    let variance = entry(warm, warm)? + 2.0 * x * entry(warm, cold)? + x * x * entry(cold, cold)?;
+    let value = of_level.warm.value + of_level.cold.value * x;
+    Some(Estimate { value, std_error: variance.max(0.0).sqrt() })
+}
+
+/// One joint's friction over all runs, ready to be fitted. Times rise.
+#[derive(Debug, Clone)]
+pub(super) struct JointRecord {
+    pub joint: JointIndex,
+    pub spans: Vec<MotionSpan>,
+    pub levels: Vec<f64>,
+    pub points: Vec<RecordPoint>,
+}
+
+/// One friction mean in its run.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RecordPoint {
+    pub run: usize,
+    /// Since the epoch of the history, s.
+    pub time: f64,
+    /// Place in the levels.
+    pub level: usize,
+    pub torque: f64,
+    /// What the run has beyond the law: coldness, and friction as a factor.
+    pub offset: f64,
+    pub factor: f64,
+}
+
+impl RecordPoint {
+    /// Torque without the run's own factor.
+    fn healthy(&self) -> f64 {
+        self.torque / self.factor
+    }
+}
+
+/// A map in the making.
+#[derive(Debug, Clone)]
+pub(super) struct Fitted {
+    pub law: LawParameters,
+    pub warm: Vec<f64>,
+    pub cold: Vec<f64>,
+    cost: f64,
+}
+
+pub(super) fn rates(law: &LawParameters) -> Rates {
+    Rates { heating: [law[0].exp(), law[1].exp()], cooling_ratio: law[3].exp() }
+}
+
+/// Slow and fast part mixed by the law's share.
+pub(super) fn mixed(law: &LawParameters, x: Coldness) -> f64 {
+    law[2] * x[0] + (1.0 - law[2]) * x[1]
+}
+
+/// Coldness of each point as the law has it.
+pub(super) fn record_coldness(record: &JointRecord, law: &LawParameters) -> Vec<Coldness> {
+    let times: Vec<f64> = record.points.iter().map(|p| p.time).collect();
+    coldness_at(&rates(law), &record.spans, &times)
+}
+
+/// Fits law and levels, from `start` if there is one.
+pub(super) fn fit_map(record: &JointRecord, start: Option<LawParameters>) -> Fitted {
+    let mut best = at_law(record, start.unwrap_or(PRIOR.map(|(centre, _)| centre)));
+    let mut steps = STEPS;
+    let sought = if cooling_shows(record) { steps.len() } else { COOLING };
+    for _ in 0..MAX_ROUNDS {
+        let mut moved = false;
+        for k in 0..sought {
+            for sign in [1.0, -1.0] {
+                let mut law = best.law;
+                law[k] += sign * steps[k];
+                let tried = at_law(record, law);
+                if tried.cost < best.cost {
+                    (best, moved) = (tried, true);
+                    break;
+                }
+            }
+        }
+        if !moved {
+            steps = steps.map(|step| 0.5 * step);
+            if steps[0] < LAST_STEP {
+                break;
+            }
+        }
+    }
+    best
+}
+
+/// Whether any rest was short enough to tell how the joint cools.
+fn cooling_shows(record: &JointRecord) -> bool {
+    record.spans.windows(2).any(|w| (1.0..TELLING_REST_S).contains(&(w[1].start - w[0].end)))
+}
+
+/// Levels solved for at one law, with minus twice the logarithm of the posterior.
+fn at_law(record: &JointRecord, law: LawParameters) -> Fitted {
+    let inside = law.iter().zip(BOUNDS).all(|(value, (low, high))| (low..=high).contains(value));
+    let nothing = Fitted { law, warm: Vec::new(), cold: Vec::new(), cost: f64::INFINITY };
+    if !inside || law[0] - law[1] < MIN_RATIO.ln() {
+        return nothing;
+    }
+    let coldness = record_coldness(record, &law);
+    // sums of 1, x, x², y, xy, y² by level
+    let mut sums = vec![[0.0; 6]; record.levels.len()];
+    for (p, x) in record.points.iter().zip(&coldness) {
+        let (x, y) = (mixed(&law, *x) + p.offset, p.healthy());
+        for (sum, term) in sums[p.level].iter_mut().zip([1.0, x, x * x, y, x * y, y * y]) {
+            *sum += term;
+        }
+    }
+    let (mut warm, mut cold, mut squares) = (Vec::new(), Vec::new(), 0.0);
+    for [n, x, xx, y, xy, yy] in sums {
+        let (mean_x, mean_y) = (x / n, y / n);
+        let (var, cov) = (xx / n - mean_x * mean_x, xy / n - mean_x * mean_y);
+        // colder gears never run easier; a level that says so has no cold part
+        let slope = if var > f64::EPSILON { (cov / var).max(0.0) } else { 0.0 };
+        let level = mean_y - slope * mean_x;
+        let left = yy / n - mean_y * mean_y - 2.0 * slope * cov + slope * slope * var;
+        squares += n * left.max(0.0) / (mean_y * mean_y);
+        warm.push(level);
+        cold.push(slope);
+    }
+    let n = record.points.len() as f64;
+    let prior: f64 = law.iter().zip(PRIOR).map(|(value, (centre, sd))| ((value - centre) / sd).powi(2)).sum();
+    // rounding of noise-free friction has no logarithm
+    let cost = n * squares.max(f64::MIN_POSITIVE).ln() + prior;
+    if cost.is_finite() { Fitted { law, warm, cold, cost } } else { nothing }
+}
+
+/// The map with its covariance and what it explains.
+pub(super) fn published(record: &JointRecord, fitted: &Fitted, runs: usize) -> Option<FrictionMap> {
+    let levels = record.levels.len();
+    let covariance = covariance(record, fitted, runs)?;
+    let error = |k: usize| covariance[(k, k)].max(0.0).sqrt();
+    let law_at = 2 * levels;
+    let relative = |k: usize| {
+        let value = fitted.law[k].exp();
+        Estimate { value, std_error: value * error(law_at + k) }
+    };
+    let law = ThermalLaw {
+        slow_s: relative(0),
+        fast_s: relative(1),
+        slow_share: Estimate { value: fitted.law[2], std_error: error(law_at + 2) },
+        cooling_ratio: relative(3),
+    };
+    let (relative_rmsd, explained) = quality(record, fitted);
+    Some(FrictionMap {
+        joint: record.joint,
+        law,
+        levels: (0..levels)
+            .map(|k| MapLevel {
+                speed_fraction: record.levels[k],
+                warm: Estimate { value: fitted.warm[k], std_error: error(k) },
+                cold: Estimate { value: fitted.cold[k], std_error: error(levels + k) },
+            })
+            .collect(),
+        covariance: covariance.transpose().as_slice().to_vec(),
+        relative_rmsd,
+        explained,
+        runs,
+        points: record.points.len(),
+        remarks: remarks(record.joint, |k| error(law_at + k)),
+    })
+}
+
+fn remarks(joint: JointIndex, error: impl Fn(usize) -> f64) -> Vec<String> {
+    let names = [
+        "slow time constant is assumed: the runs are too short for it, or all began warm",
+        "fast time constant is assumed: the first cycles do not resolve it",
+        "share of the slow part is assumed: the warm-up does not show two parts",
+        "cooling is assumed to be as warming: no run began between warm and cold",
+    ];
+    (0..names.len())
+        .filter(|&k| error(k) > MEASURED * PRIOR[k].1)
+        .map(|k| format!("joint {joint}: the {}", names[k]))
+        .collect()
+}
+
+fn predicted(fitted: &Fitted, p: &RecordPoint, x: Coldness) -> f64 {
+    fitted.warm[p.level] + fitted.cold[p.level] * (mixed(&fitted.law, x) + p.offset)
+}
+
+/// Relative RMSD, and the part of the variance about each level's mean that coldness explains.
+fn quality(record: &JointRecord, fitted: &Fitted) -> (f64, f64) {
+    let coldness = record_coldness(record, &fitted.law);
+    let n = record.points.len() as f64;
+    let mut means = vec![(0.0, 0.0); record.levels.len()];
+    for p in &record.points {
+        means[p.level].0 += p.torque;
+        means[p.level].1 += 1.0;
+    }
+    let (mut left, mut unexplained, mut raw) = (0.0, 0.0, 0.0);
+    for (p, x) in record.points.iter().zip(&coldness) {
+        let mean = means[p.level].0 / means[p.level].1;
+        let found = predicted(fitted, p, *x);
+        left += ((p.healthy() - found) / mean).powi(2);
+        unexplained += ((p.torque - found) / mean).powi(2);
+        raw += ((p.torque - mean) / mean).powi(2);
+    }
+    let explained = if raw > 0.0 { (1.0 - unexplained / raw).clamp(0.0, 1.0) } else { 0.0 };
+    ((left / n).sqrt(), explained)
+}
+
+/// Covariance of levels and law with the prior as information, runs as clusters (sandwich, Liang & Zeger
+/// 1986).
+fn covariance(record: &JointRecord, fitted: &Fitted, runs: usize) -> Option<DMatrix<f64>> {
+    const STEP: f64 = 1e-4;
+    let levels = record.levels.len();
+    let size = 2 * levels + fitted.law.len();
+    let at = |law: &LawParameters| -> Vec<f64> {
+        let coldness = record_coldness(record, law);
+        let shifted = Fitted { law: *law, ..fitted.clone() };
+        record.points.iter().zip(coldness).map(|(p, x)| predicted(&shifted, p, x)).collect()
+    };
+    let (middle, coldness) = (at(&fitted.law), record_coldness(record, &fitted.law));
+    let sought = if cooling_shows(record) { fitted.law.len() } else { COOLING };
+    let slopes: Vec<Vec<f64>> = (0..sought)
+        .map(|k| {
+            let (mut up, mut down) = (fitted.law, fitted.law);
+            up[k] += STEP;
+            down[k] -= STEP;
+            at(&up).iter().zip(at(&down)).map(|(u, d)| (u - d) / (2.0 * STEP)).collect()
+        })
+        .collect();
+    let mut information = DMatrix::zeros(size, size);
+    let mut scores = DMatrix::zeros(size, runs);
+    let mut squares = 0.0;
+    for (i, p) in record.points.iter().enumerate() {
+        let scale = 1.0 / fitted.warm[p.level].abs().max(f64::MIN_POSITIVE);
+        let mut row = nalgebra::DVector::zeros(size);
+        row[p.level] = scale;
+        // a level without a cold part has no error of it
+        if fitted.cold[p.level] > 0.0 {
+            row[levels + p.level] = scale * (mixed(&fitted.law, coldness[i]) + p.offset);
+        }
+        (0..slopes.len()).for_each(|k| row[2 * levels + k] = scale * slopes[k][i]);
+        let residual = scale * (p.healthy() - middle[i]);
+        squares += residual * residual;
+        information.ger(1.0, &row, &row, 1.0);
+        scores.column_mut(p.run).axpy(residual, &row, 1.0);
+    }
+    let freedom = record.points.len().saturating_sub(size).max(1) as f64;
+    let variance = (squares / freedom).max(f64::MIN_POSITIVE);
+    for (k, (_, sd)) in PRIOR.iter().enumerate() {
+        information[(2 * levels + k, 2 * levels + k)] += variance / (sd * sd);
+    }
+    for k in (0..levels).filter(|k| fitted.cold[*k] <= 0.0) {
+        information[(levels + k, levels + k)] = 1.0;
+    }
+    let inverse = information.cholesky()?.inverse();
+    if runs < MIN_CLUSTERS {
+        return Some(inverse * variance);
+    }
+    let correction = runs as f64 / (runs as f64 - 1.0);
+    let meat = &scores * scores.transpose() * correction;
+    // runs that agree by chance must not promise more than independent residuals would
+    let clustered = &inverse * meat * &inverse;
+    let plain = inverse * variance;
+    let error = |k: usize| plain[(k, k)].max(clustered[(k, k)]).max(0.0).sqrt();
+    let correlation = |i: usize, k: usize| {
+        let lengths = (clustered[(i, i)] * clustered[(k, k)]).max(0.0).sqrt();
+        // what only the prior knows has no score in any run
+        if lengths > 0.0 {
+            (clustered[(i, k)] / lengths).clamp(-1.0, 1.0)
+        } else {
+            f64::from(u8::from(i == k))
+        }
+    };
+    Some(DMatrix::from_fn(size, size, |i, k| correlation(i, k) * error(i) * error(k)))
+}

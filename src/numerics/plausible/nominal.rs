@@ -1,0 +1,151 @@
+//! Identified parameters against what no gravity and no drawing allows: masses below zero, inertias far
+//! from the description's own.
+
+use nalgebra::Vector3;
+
+use super::{Combination, PlausibleSettings};
+use crate::analysis::Identification;
+use crate::numerics::base::probe_state;
+use crate::numerics::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
+use crate::numerics::dynamics::{DynamicModel, inverse_dynamics};
+use crate::numerics::kinematics::joint_transform;
+use crate::numerics::regressor::{Regressor, joint_torque_regressor};
+use crate::robot::{Joint, JointIndex, JointKind, ParameterId, Robot, StandardParameters, Transform};
+
+/// Postures looked at: a median over them needs no more.
+const POSTURES: usize = 32;
+/// Part of gravity that must lie along a sliding joint for its load to be seen.
+const ALONG: f64 = 0.1;
+
+/// A sliding joint that gravity seems to lift: the mass that it carries comes out negative.
+///
+/// At rest its force is `-M g z` with `M` the mass of all links it carries and `z` its axis.
+pub(super) fn negative_masses(
+    robot: &Robot,
+    identified: &Identification,
+    settings: &PlausibleSettings,
+) -> Vec<Finding> {
+    let sliding =
+        robot.joint_indices().zip(&robot.joints).filter(|(_, joint)| joint.kind == JointKind::Prismatic);
+    let negative = |(joint, _): (JointIndex, &Joint)| {
+        let mass = carried_mass(robot, identified, joint)?;
+        let error = mass.variance.sqrt();
+        (mass.value + settings.standard_errors * error < 0.0).then(|| Finding {
+            kind: FindingKind::NegativeInertia,
+            severity: FindingSeverity::Refuse,
+            joint: Some(joint),
+            sentence: format!(
+                "joint {joint}: the identified mass that it carries is {:.2} kg; no mass is negative: gravity_m_s2 of the \
+                 description points the wrong way, or the sign of this joint's force is turned",
+                mass.value
+            ),
+            evidence: vec![
+                Evidence { name: "mass_kg", value: mass.value },
+                Evidence { name: "std_error_kg", value: error },
+            ],
+        })
+    };
+    sliding.filter_map(negative).collect()
+}
+
+fn carried_mass(robot: &Robot, identified: &Identification, joint: JointIndex) -> Option<Combination> {
+    let order = ParameterId::natural_order(robot);
+    let still = vec![0.0; robot.joint_count()];
+    let mut y = Regressor::new(robot);
+    let mut coefficients = vec![0.0; identified.parameters.len()];
+    let mut squares = 0.0;
+    for index in 0..POSTURES {
+        let q = probe_state(robot, index).q;
+        let carried: Vec<(&Joint, f64)> =
+            robot.joints.iter().zip(q.iter().copied()).take(joint.index() + 1).collect();
+        let frame = carried
+            .iter()
+            .fold(Transform::IDENTITY, |frame, (joint, q)| frame.then(&joint_transform(joint, *q)));
+        let along = -robot.gravity.dot(&frame.to_outer(&Vector3::z()));
+        joint_torque_regressor(robot, &q, &still, &still, &mut y);
+        for (coefficient, parameter) in coefficients.iter_mut().zip(&identified.parameters) {
+            let column = order.iter().position(|id| *id == parameter.id);
+            *coefficient += column.map_or(0.0, |column| y.column(column)[joint.index()] * along);
+        }
+        squares += along * along;
+    }
+    if squares < POSTURES as f64 * (ALONG * robot.gravity.norm()).powi(2) {
+        return None;
+    }
+    let mut mass = Combination::default();
+    for (coefficient, parameter) in coefficients.iter().zip(&identified.parameters) {
+        mass.add(coefficient / squares, parameter.value, parameter.std_error);
+    }
+    Some(mass)
+}
+
+/// Joints whose inertia, as the model feels it, is far from that of the description's nominal
+/// parameters: the usual sign of torques in another unit or on the other side of the gear.
+pub(super) fn far_from_nominal(
+    robot: &Robot,
+    identified: &Identification,
+    settings: &PlausibleSettings,
+) -> Vec<Finding> {
+    let nominal: Option<Vec<(StandardParameters, f64)>> =
+        robot.joints.iter().map(|joint| joint.nominal.map(|n| (n.inertial, n.motor_inertia))).collect();
+    let Some(nominal) = nominal else { return Vec::new() };
+    let model = DynamicModel::from_parameters(robot, identified.parameters.iter().map(|p| (p.id, p.value)));
+    let inertial: Vec<StandardParameters> = nominal.iter().map(|(inertial, _)| *inertial).collect();
+    let coupled =
+        |joint: JointIndex| robot.couplings.iter().any(|c| c.joint == joint || c.motor_joint == joint);
+    let far = |joint: JointIndex| {
+        let j = joint.index();
+        let drawn = median((0..POSTURES).map(|p| felt(robot, &inertial, j, p) + nominal[j].1));
+        let found =
+            median((0..POSTURES).map(|p| felt(robot, &model.inertial, j, p) + model.motor_inertia[j]));
+        let ratio = found / drawn;
+        let off = ratio.max(1.0 / ratio);
+        (drawn > 0.0 && ratio > 0.0 && off > settings.nominal_factors[0])
+            .then(|| far_finding(joint, [found, drawn], off, settings))
+    };
+    robot.joint_indices().filter(|joint| !coupled(*joint)).filter_map(far).collect()
+}
+
+fn far_finding(
+    joint: JointIndex,
+    [found, drawn]: [f64; 2],
+    off: f64,
+    settings: &PlausibleSettings,
+) -> Finding {
+    let severity = match off > settings.nominal_factors[1] {
+        true => FindingSeverity::Refuse,
+        false => FindingSeverity::Warn,
+    };
+    Finding {
+        kind: FindingKind::FarFromNominal,
+        severity,
+        joint: Some(joint),
+        sentence: format!(
+            "joint {joint}: the identified inertia is {found:.4} kg m^2 (kg), {:.2} times the {drawn:.4} of the description's \
+             nominal parameters; check the unit of the torque (percent of rated, motor side, current), the gear ratio \
+             and the time column",
+            found / drawn
+        ),
+        evidence: vec![
+            Evidence { name: "inertia_kg_m2", value: found },
+            Evidence { name: "nominal_inertia_kg_m2", value: drawn },
+        ],
+    }
+}
+
+/// The inertia that a joint feels of the links in one of the probe postures.
+fn felt(robot: &Robot, inertial: &[StandardParameters], joint: usize, posture: usize) -> f64 {
+    let n = robot.joint_count();
+    let q = probe_state(robot, posture).q;
+    let still = vec![0.0; n];
+    let mut unit = still.clone();
+    unit[joint] = 1.0;
+    let (mut with, mut without) = (still.clone(), still.clone());
+    inverse_dynamics(robot, inertial, &q, &still, &unit, &mut with);
+    inverse_dynamics(robot, inertial, &q, &still, &still, &mut without);
+    with[joint] - without[joint]
+}
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    crate::numerics::statistics::median(&values.collect::<Vec<f64>>()).unwrap_or(0.0)
+}

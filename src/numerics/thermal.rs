@@ -1,0 +1,130 @@
+//! Thermal state of gearboxes from the history of their motion.
+//!
+//! Coldness `x` of each part follows `T dx/dt = (1 - u) - x` with the activity `u`, 0 at rest and 1 in the
+//! standard test. `T` is the part's time constant in motion, and `cooling_ratio` times that at rest. The
+//! state goes on through rest from one run to the next, so that a warm start is predicted.
+
+use crate::analysis::friction::ThermalLaw;
+
+/// A stretch of motion. Outside all stretches the robot rests.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotionSpan {
+    /// Start, s.
+    pub start: f64,
+    /// End, s.
+    pub end: f64,
+    /// How much of the standard test's heat the motion makes, above 0 to 1.
+    pub activity: f64,
+}
+
+/// Time constants of a [`ThermalLaw`] without their errors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rates {
+    /// Time constants in motion, slow and fast, s.
+    pub heating: [f64; 2],
+    /// Time constants at rest as a multiple of those.
+    pub cooling_ratio: f64,
+}
+
+impl Rates {
+    /// Those of a law.
+    #[must_use]
+    pub fn of(law: &ThermalLaw) -> Self {
+        Self { heating: [law.slow_s.value, law.fast_s.value], cooling_ratio: law.cooling_ratio.value }
+    }
+}
+
+/// Coldness of the slow and the fast part, 1 = as cold as the surroundings.
+pub type Coldness = [f64; 2];
+
+/// Coldness of a joint that has rested for long.
+pub const COLD: Coldness = [1.0, 1.0];
+
+/// Coldness after `seconds` of the activity `u`.
+#[must_use]
+pub fn after(rates: &Rates, from: Coldness, seconds: f64, u: f64) -> Coldness {
+    let target = 1.0 - u;
+    let ratio = if u > 0.0 { 1.0 } else { rates.cooling_ratio };
+    std::array::from_fn(|part| {
+        target + (from[part] - target) * (-seconds / (ratio * rates.heating[part])).exp()
+    })
+}
+
+/// Coldness at each of `times`, s. `spans` and `times` rise and spans do not overlap; before the first span
+/// the joint is cold.
+#[must_use]
+pub fn coldness_at(rates: &Rates, spans: &[MotionSpan], times: &[f64]) -> Vec<Coldness> {
+    let (mut state, mut now) = (COLD, f64::NEG_INFINITY);
+    let mut ahead = spans.iter().copied().peekable();
+    let advance = |state: &mut Coldness, now: &mut f64, to: f64, u: f64| {
+        if to > *now {
+            // nothing moves before the first span, where time has no beginning
+            if now.is_finite() {
+                *state = after(rates, *state, to - *now, u);
+            }
+            *now = to;
+        }
+    };
+    let mut found = Vec::with_capacity(times.len());
+    for &time in times {
+        while let Some(span) = ahead.peek().copied().filter(|span| span.end <= time) {
+            advance(&mut state, &mut now, span.start, 0.0);
+            advance(&mut state, &mut now, span.end, span.activity);
+            ahead.next();
+        }
+        match ahead.peek().filter(|span| span.start < time) {
+            Some(span) => {
+                advance(&mut state, &mut now, span.start, 0.0);
+                advance(&mut state, &mut now, time, span.activity);
+            }
+            None => advance(&mut state, &mut now, time, 0.0),
+        }
+        found.push(state);
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RATES: Rates = Rates { heating: [2000.0, 200.0], cooling_ratio: 2.0 };
+    /// Of states between 0 and 1, after a dozen exponentials.
+    const TOLERANCE: f64 = 1e-12;
+
+    fn span(start: f64, end: f64) -> MotionSpan {
+        MotionSpan { start, end, activity: 1.0 }
+    }
+
+    #[test]
+    fn a_cold_start_in_steady_motion_is_the_double_exponential_of_the_thesis() {
+        let times = [0.0, 500.0, 3000.0];
+        for (time, x) in times.iter().zip(coldness_at(&RATES, &[span(0.0, 7200.0)], &times)) {
+            assert!((x[0] - (-time / 2000.0).exp()).abs() < TOLERANCE, "{time} {x:?}");
+            assert!((x[1] - (-time / 200.0).exp()).abs() < TOLERANCE, "{time} {x:?}");
+        }
+    }
+
+    #[test]
+    fn the_state_is_carried_through_rest_and_the_way_of_asking_changes_nothing() {
+        let spans = [span(0.0, 3600.0), span(6300.0, 9900.0)];
+        let end = coldness_at(&RATES, &spans, &[3600.0])[0];
+        let start = coldness_at(&RATES, &spans, &[6300.0])[0];
+        for part in 0..2 {
+            let cooled = 1.0 - (1.0 - end[part]) * (-2700.0 / (2.0 * RATES.heating[part])).exp();
+            assert!((start[part] - cooled).abs() < TOLERANCE);
+        }
+        let often: Vec<f64> = (0..200).map(|k| 50.0 * f64::from(k)).collect();
+        let (sparse, dense) = (coldness_at(&RATES, &spans, &[9950.0]), coldness_at(&RATES, &spans, &often));
+        let last = coldness_at(&RATES, &spans, &[9950.0, 9950.0]);
+        assert_eq!(sparse[0], last[1]);
+        assert!((dense[199][0] - sparse[0][0]).abs() < TOLERANCE, "{:?} {sparse:?}", dense[199]);
+    }
+
+    #[test]
+    fn a_long_rest_is_a_cold_start_and_half_the_activity_ends_half_warm() {
+        let spans = [span(0.0, 7200.0), MotionSpan { activity: 0.5, ..span(1e6, 2e6) }];
+        let found = coldness_at(&RATES, &spans, &[1e6, 2e6]);
+        assert!((found[0][0] - 1.0).abs() < TOLERANCE && (found[1][0] - 0.5).abs() < TOLERANCE, "{found:?}");
+    }
+}

@@ -1,0 +1,90 @@
+//! Drive gains from stored factors of recordings without and with a known load: no export is read.
+
+use super::stored::{Chosen, StoredError};
+use crate::numerics::NumericsError;
+use crate::numerics::base::base_parameters;
+use crate::numerics::cross::independent_fraction;
+use crate::numerics::drive_gain::{JointGain, RecordedCycle, drive_gains, load_change};
+use crate::numerics::factors::{JointColumns, unpack};
+use crate::robot::{Robot, StandardParameters};
+use crate::store::{FactorsWanted, Store, StoredCycle};
+
+/// Drive gains of `robot` from runs `without` and `with` a load that is `load` about the frame of the last
+/// link.
+///
+/// # Errors
+/// [`StoredError::Refused`] if a run has no factors, lacks a cycle that is asked for, or was analysed with
+/// another description than `robot`; [`StoredError::Numerics`] if the factors are over other columns.
+pub async fn stored_drive_gains(
+    store: &Store,
+    robot: &Robot,
+    without: &[Chosen],
+    with: &[Chosen],
+    load: StandardParameters,
+) -> Result<Vec<JointGain>, StoredError> {
+    let mut cycles = Vec::new();
+    for (runs, loaded) in [(without, false), (with, true)] {
+        for chosen in runs {
+            cycles.extend(read(store, robot, chosen).await?.into_iter().map(|cycle| (cycle, loaded)));
+        }
+    }
+    let robot = robot.clone();
+    tokio::task::spawn_blocking(move || gains(&robot, &cycles, &load)).await?.map_err(StoredError::from)
+}
+
+fn gains(
+    robot: &Robot,
+    cycles: &[(StoredCycle, bool)],
+    load: &StandardParameters,
+) -> Result<Vec<JointGain>, NumericsError> {
+    let base = base_parameters(robot)?;
+    let own = JointColumns::new(robot, &base);
+    let Some((first, _)) = cycles.first() else {
+        return Err(NumericsError::TooShort { what: "the choice of cycles", rows: 0, needed: 2 });
+    };
+    let columns = JointColumns::of_stored(&first.factors.columns);
+    // stored columns stand in another order than the description's own
+    let change = load_change(robot, &base, load);
+    let change = columns.theta(base.kept.iter().copied().zip(change))?;
+    let mut recorded = Vec::new();
+    for (cycle, loaded) in cycles {
+        if cycle.factors.columns != *own.by_joint() {
+            return Err(NumericsError::ColumnsDiffer(format!(
+                "run {} was factored over other parameters than the description has now; ingest its export again \
+                 into a new database",
+                cycle.run_id
+            )));
+        }
+        recorded.push(RecordedCycle {
+            loaded: *loaded,
+            factors: unpack(&cycle.factors)?,
+            independent_fraction: independent_fraction(cycle.cutoff, cycle.sample_rate),
+        });
+    }
+    drive_gains(&columns, &recorded, &change)
+}
+
+async fn read(store: &Store, robot: &Robot, chosen: &Chosen) -> Result<Vec<StoredCycle>, StoredError> {
+    let run_id = chosen.run_id;
+    let mut cycles = store.factors_of_run(run_id, FactorsWanted::Identification).await?;
+    if let Some(numbers) = &chosen.cycles {
+        if let Some(missing) = numbers.iter().find(|n| cycles.iter().all(|cycle| cycle.cycle != **n)) {
+            return Err(StoredError::Refused(format!("run {run_id} has no cycle {missing} with factors")));
+        }
+        cycles.retain(|cycle| numbers.contains(&cycle.cycle));
+    }
+    if cycles.is_empty() {
+        return Err(StoredError::Refused(format!(
+            "run {run_id} has no factors: it is unknown or quarantined, or its channels were refused; \
+             `SELECT run_id, cycle, status, reason FROM cycles` says why"
+        )));
+    }
+    match cycles.iter().find(|cycle| !cycle.model.describes(robot)) {
+        Some(_) => Err(StoredError::Refused(format!(
+            "run {run_id} was analysed with another description than {} has now: the load's place on the arm would \
+             be a guess; give the configuration with which it was ingested (--config)",
+            robot.model
+        ))),
+        None => Ok(cycles),
+    }
+}

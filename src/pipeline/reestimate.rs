@@ -1,0 +1,231 @@
+//! Estimators of one's choice on stored factors: on cycles together, or on each of a history.
+
+use super::stored::{Chosen, StoredError, Taken, add, chosen_cycles, merged, same_model, source};
+use crate::analysis::IdentifiedParameter;
+use crate::numerics::NumericsError;
+use crate::numerics::cross::{RowWeights, Union};
+use crate::numerics::essential::EssentialSettings;
+use crate::numerics::factors::JointColumns;
+use crate::numerics::history::{Estimator, EstimatorKind, HistoryEstimate, estimate, estimate_essential};
+use crate::numerics::identifiability::{Identifiability, identifiability};
+use crate::numerics::joint_views::{JointView, joint_views};
+use crate::numerics::prior::{Prior, PriorStrength};
+use crate::numerics::statistics::parameter_statistics;
+use crate::robot::{JointIndex, ParameterId};
+use crate::store::{
+    CycleView, FactorsWanted, Reestimate, ReestimatedCycle, ReestimatedStatistics, Store, StoredCycle,
+    StoredModel,
+};
+
+/// An estimator and what it needs.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Choice {
+    /// [`Estimator::Ordinary`].
+    Ordinary,
+    /// [`Estimator::Weighted`].
+    Weighted,
+    /// [`joint_views`].
+    PerJoint,
+    /// [`Estimator::Huber`].
+    Huber,
+    /// [`Estimator::Prior`].
+    Prior {
+        /// What is known, by parameter.
+        priors: Vec<(ParameterId, Prior)>,
+        /// How firmly it is believed.
+        strength: PriorStrength,
+    },
+}
+
+impl Choice {
+    /// Which one it is.
+    #[must_use]
+    pub fn kind(&self) -> EstimatorKind {
+        match self {
+            Self::Ordinary => EstimatorKind::Ordinary,
+            Self::Weighted => EstimatorKind::Weighted,
+            Self::PerJoint => EstimatorKind::PerJoint,
+            Self::Huber => EstimatorKind::Huber,
+            Self::Prior { .. } => EstimatorKind::Prior,
+        }
+    }
+
+    /// The estimator of stacked joints for these columns; `None` for joints alone.
+    fn estimator(&self, columns: &JointColumns) -> Option<Estimator> {
+        match self {
+            Self::Ordinary => Some(Estimator::Ordinary),
+            Self::Weighted => Some(Estimator::Weighted),
+            Self::Huber => Some(Estimator::Huber),
+            Self::PerJoint => None,
+            Self::Prior { priors, strength } => {
+                let of = |id: &ParameterId| priors.iter().find(|(of, _)| of == id).map(|(_, prior)| *prior);
+                let priors = columns.kept().iter().map(of).collect();
+                Some(Estimator::Prior { priors, strength: *strength })
+            }
+        }
+    }
+}
+
+/// What cycles taken together gave.
+#[derive(Debug, Clone)]
+pub struct Together {
+    /// What the motion shows.
+    pub shown: Identifiability,
+    /// The parameters.
+    pub outcome: Outcome,
+}
+
+/// Parameters, or why there are none.
+#[derive(Debug, Clone)]
+pub enum Outcome {
+    /// One set.
+    Set(Box<HistoryEstimate>),
+    /// Each joint's own view.
+    Views(Vec<(JointIndex, Result<JointView, NumericsError>)>),
+    /// The motion does not show every parameter: [`Together::shown`] names them.
+    TooPoor,
+}
+
+/// Identifies one parameter set on cycles taken together, on a blocking thread; with `fewest`, the
+/// fewest parameters that explain the torque as well.
+///
+/// # Errors
+/// [`StoredError::Numerics`] for too few rows or cycles, and for numbers that are not finite.
+pub async fn estimate_together(
+    taken: &Taken,
+    choice: &Choice,
+    fewest: Option<EssentialSettings>,
+) -> Result<Together, StoredError> {
+    let (union, choice) = (taken.union.clone(), choice.clone());
+    Ok(tokio::task::spawn_blocking(move || together(&union, &choice, fewest.as_ref())).await??)
+}
+
+fn together(
+    union: &Union,
+    choice: &Choice,
+    fewest: Option<&EssentialSettings>,
+) -> Result<Together, NumericsError> {
+    let equal = RowWeights::equal(union.columns().joint_count());
+    let shown = identifiability(&union.stacked(&equal))?;
+    let Some(estimator) = choice.estimator(union.columns()) else {
+        return Ok(Together { shown, outcome: Outcome::Views(joint_views(union)) });
+    };
+    let found = match fewest {
+        Some(settings) => estimate_essential(union, &estimator, settings),
+        None => estimate(union, &estimator),
+    };
+    match found {
+        Ok(found) => Ok(Together { shown, outcome: Outcome::Set(Box::new(found)) }),
+        Err(NumericsError::RankDeficient { .. }) => Ok(Together { shown, outcome: Outcome::TooPoor }),
+        Err(error) => Err(error),
+    }
+}
+
+/// Identifies every chosen cycle alone. `progress` hears after each run how many cycles are done. Runs
+/// are read one after another; a cycle that gives no parameters says why.
+///
+/// # Errors
+/// [`StoredError::Refused`] as [`take`](super::stored::take), and for [`Choice::Huber`], which needs
+/// cycles to weigh against each other.
+pub async fn reestimate(
+    store: &Store,
+    chosen: &[Chosen],
+    choice: &Choice,
+    progress: &mut dyn FnMut(usize),
+) -> Result<Reestimate, StoredError> {
+    if *choice == Choice::Huber {
+        return Err(StoredError::Refused(
+            "huber weighs cycles against each other and has nothing to weigh in one; take another estimator"
+                .into(),
+        ));
+    }
+    let mut model: Option<(StoredModel, i64)> = None;
+    let mut cycles = Vec::new();
+    for of_run in merged(chosen) {
+        for cycle in chosen_cycles(store, &of_run, FactorsWanted::Identification).await? {
+            let (model, first_run) = model.get_or_insert_with(|| (cycle.model.clone(), cycle.run_id));
+            same_model(model, *first_run, &cycle)?;
+            let choice = choice.clone();
+            cycles.push(tokio::task::spawn_blocking(move || one_cycle(cycle, &choice)).await?);
+            progress(cycles.len());
+        }
+    }
+    let Some((model, _)) = model else {
+        return Err(StoredError::Refused("no cycles are chosen".into()));
+    };
+    let statistics = statistics(&cycles);
+    Ok(Reestimate { model, estimator: choice.kind(), cycles, statistics })
+}
+
+fn one_cycle(cycle: StoredCycle, choice: &Choice) -> ReestimatedCycle {
+    let columns = JointColumns::of_stored(&cycle.factors.columns);
+    let mut union = Union::new(columns.clone());
+    let found = add(&mut union, &columns, &cycle).and_then(|()| match choice.estimator(&columns) {
+        Some(estimator) => estimate(&union, &estimator).map(|found| (vec![stacked_view(found)], None)),
+        None => Ok(views_and_reason(joint_views(&union))),
+    });
+    let (views, reason) = found.unwrap_or_else(|error| (Vec::new(), Some(error.to_string())));
+    ReestimatedCycle { source: source(cycle), views, reason }
+}
+
+fn stacked_view(found: HistoryEstimate) -> CycleView {
+    CycleView {
+        seen_by: None,
+        identification: found.identification,
+        half_width: found.half_width,
+        data_share: found.prior.map(|prior| prior.data_share),
+    }
+}
+
+fn views_and_reason(
+    found: Vec<(JointIndex, Result<JointView, NumericsError>)>,
+) -> (Vec<CycleView>, Option<String>) {
+    let (mut views, mut reasons) = (Vec::new(), Vec::new());
+    for (joint, view) in found {
+        match view {
+            Ok(JointView { identification, half_width, .. }) => {
+                views.push(CycleView { seen_by: Some(joint), identification, half_width, data_share: None });
+            }
+            Err(error) => reasons.push(format!("joint {joint}: {error}")),
+        }
+    }
+    (views, (!reasons.is_empty()).then(|| reasons.join("; ")))
+}
+
+/// Statistics of each parameter over the cycles of each run, as those of `parameter_statistics`.
+fn statistics(cycles: &[ReestimatedCycle]) -> Vec<ReestimatedStatistics> {
+    let mut found = Vec::new();
+    for of_run in cycles.chunk_by(|a, b| a.source.run_id == b.source.run_id) {
+        let first = &of_run[0].source;
+        for (seen_by, id) in series_of(of_run) {
+            let value = |cycle: &ReestimatedCycle| {
+                let view = cycle.views.iter().find(|view| view.seen_by == seen_by)?;
+                let parameter = view.identification.parameters.iter().find(|p| p.id == id)?;
+                Some((cycle.source.cycle, parameter.value))
+            };
+            let by_cycle: Vec<(u32, f64)> = of_run.iter().filter_map(value).collect();
+            found.extend(parameter_statistics(id, &by_cycle).into_iter().map(|statistics| {
+                ReestimatedStatistics {
+                    robot: first.robot.clone(),
+                    run_id: first.run_id,
+                    seen_by,
+                    statistics,
+                }
+            }));
+        }
+    }
+    found
+}
+
+/// Every parameter that a cycle of the run has, by who sees it.
+fn series_of(cycles: &[ReestimatedCycle]) -> Vec<(Option<JointIndex>, ParameterId)> {
+    let ids = |view: &CycleView| {
+        let seen_by = view.seen_by;
+        let of = |p: &IdentifiedParameter| (seen_by, p.id);
+        view.identification.parameters.iter().map(of).collect::<Vec<_>>()
+    };
+    let mut series: Vec<_> = cycles.iter().flat_map(|cycle| cycle.views.iter().flat_map(ids)).collect();
+    series.sort_unstable();
+    series.dedup();
+    series
+}

@@ -1,0 +1,219 @@
+//! Friction over time with the fitted curves [5.4], and over speed from cold to warm: a panel a joint.
+
+use std::collections::BTreeSet;
+
+use super::figure::{COLOURS, Figure, Key, Look, Mark, Panel, Series, extent};
+use crate::analysis::{FrictionPoint, WarmUpFit};
+use crate::numerics::warm_up::warm_up_torque;
+use crate::robot::JointIndex;
+
+/// Most points that are drawn of a joint, speed level and direction. More cannot be told apart; they are thinned
+/// evenly.
+const MAX_POINTS: usize = 1000;
+
+/// Points along a fitted curve.
+const CURVE_POINTS: usize = 120;
+
+/// Draws the magnitude of friction over the minutes of a run, and the curves fitted to it. Levels have
+/// the same colour in all panels.
+#[must_use]
+pub fn friction_figure(
+    points: &[FrictionPoint],
+    fits: &[WarmUpFit],
+    title: String,
+    subtitle: String,
+) -> Figure {
+    let levels = levels(points);
+    let mut joints: Vec<JointIndex> = points.iter().map(|point| point.joint).collect();
+    joints.sort_unstable();
+    joints.dedup();
+    let panels = joints.into_iter().map(|joint| panel(points, fits, joint, &levels)).collect();
+    let mut legend: Vec<Key> = levels
+        .iter()
+        .enumerate()
+        .map(|(place, level)| Key {
+            label: format!("{:.0} % of the largest speed", 100.0 * level),
+            look: Look::Series(place, Mark::LineWithDots),
+        })
+        .collect();
+    legend.push(Key { label: "forwards".into(), look: Look::Series(0, Mark::Dots) });
+    legend.push(Key { label: "backwards".into(), look: Look::Series(0, Mark::Rings) });
+    Figure { title, subtitle, legend, panels, columns: 2 }
+}
+
+/// Friction points of one cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleFriction {
+    /// What the cycle is called, such as `cycle 3`.
+    pub label: String,
+    /// Its points.
+    pub points: Vec<FrictionPoint>,
+}
+
+/// Draws the magnitude of friction over speed, mean of both directions, for some of the cycles: the first, the
+/// last and others evenly between them, as many as there are colours.
+#[must_use]
+pub fn friction_speed_figure(cycles: &[CycleFriction], title: String, subtitle: String) -> Figure {
+    let shown = evenly(cycles, COLOURS.len());
+    let joints: BTreeSet<JointIndex> =
+        cycles.iter().flat_map(|cycle| &cycle.points).map(|point| point.joint).collect();
+    let panel = |joint: JointIndex| Panel {
+        title: format!("joint {joint}"),
+        x_label: "speed, rad/s".into(),
+        y_label: "friction, Nm".into(),
+        with_zero: true,
+        series: (shown.iter().enumerate())
+            .map(|(colour, cycle)| over_speed(&cycle.points, joint, colour))
+            .collect(),
+        ..Panel::default()
+    };
+    let key = |(colour, cycle): (usize, &&CycleFriction)| Key {
+        label: cycle.label.clone(),
+        look: Look::Series(colour, Mark::LineWithDots),
+    };
+    let legend = shown.iter().enumerate().map(key).collect();
+    Figure { title, subtitle, legend, panels: joints.into_iter().map(panel).collect(), columns: 2 }
+}
+
+/// At most `most` of `all`, the first and the last among them.
+fn evenly<T>(all: &[T], most: usize) -> Vec<&T> {
+    if all.len() <= most {
+        return all.iter().collect();
+    }
+    (0..most).map(|i| &all[i * (all.len() - 1) / (most - 1)]).collect()
+}
+
+/// Mean speed and mean magnitude of friction at each level of a joint.
+fn over_speed(points: &[FrictionPoint], joint: JointIndex, colour: usize) -> Series {
+    let of_joint: Vec<FrictionPoint> = points.iter().filter(|point| point.joint == joint).copied().collect();
+    let mean = |level: f64| {
+        let of_level: Vec<&FrictionPoint> =
+            of_joint.iter().filter(|point| point.speed_fraction.total_cmp(&level).is_eq()).collect();
+        let count = of_level.len() as f64;
+        let sum = |value: fn(&FrictionPoint) -> f64| of_level.iter().map(|point| value(point)).sum::<f64>();
+        [sum(|point| point.speed) / count, sum(|point| point.torque.abs()) / count]
+    };
+    Series { colour, mark: Mark::LineWithDots, points: levels(&of_joint).into_iter().map(mean).collect() }
+}
+
+/// Speed levels, slowest first.
+fn levels(points: &[FrictionPoint]) -> Vec<f64> {
+    let mut levels: Vec<f64> = points.iter().map(|point| point.speed_fraction).collect();
+    levels.sort_by(f64::total_cmp);
+    levels.dedup();
+    levels
+}
+
+fn panel(points: &[FrictionPoint], fits: &[WarmUpFit], joint: JointIndex, levels: &[f64]) -> Panel {
+    let mut series = Vec::new();
+    let of_joint: Vec<&FrictionPoint> = points.iter().filter(|point| point.joint == joint).collect();
+    for (colour, level) in levels.iter().enumerate() {
+        let of_level: Vec<&FrictionPoint> =
+            of_joint.iter().copied().filter(|point| point.speed_fraction.total_cmp(level).is_eq()).collect();
+        for (direction, mark) in [(1, Mark::Dots), (-1, Mark::Rings)] {
+            let ours: Vec<[f64; 2]> = (of_level.iter())
+                .filter(|point| point.direction == direction)
+                .map(|point| [point.time / 60.0, point.torque.abs()])
+                .collect();
+            let stride = ours.len().div_ceil(MAX_POINTS).max(1);
+            series.push(Series { colour, mark, points: ours.into_iter().step_by(stride).collect() });
+        }
+        let fit = fits.iter().find(|fit| fit.joint == joint && fit.speed_fraction.total_cmp(level).is_eq());
+        series.extend(fit.and_then(|fit| curve(fit, &of_level, colour)));
+    }
+    Panel {
+        title: format!("joint {joint}"),
+        x_label: "time since the start of the run, min".into(),
+        y_label: "friction, Nm".into(),
+        with_zero: true,
+        guide: None,
+        bands: Vec::new(),
+        series,
+    }
+}
+
+/// The fitted curve over the time of its points: not beyond, where it would be an extrapolation.
+fn curve(fit: &WarmUpFit, points: &[&FrictionPoint], colour: usize) -> Option<Series> {
+    let (first, last) = extent(points.iter().map(|point| point.time / 60.0))?;
+    let at = |i: usize| first + (last - first) * i as f64 / (CURVE_POINTS - 1) as f64;
+    let points = (0..CURVE_POINTS).map(|i| [at(i), warm_up_torque(fit, at(i))]).collect();
+    Some(Series { colour, mark: Mark::Line, points })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::{Estimate, GravityRemoval, WarmUpModel};
+
+    fn point(joint: usize, minute: f64, level: f64, direction: i8) -> FrictionPoint {
+        FrictionPoint {
+            joint: JointIndex::new(joint),
+            time: 60.0 * minute,
+            speed_fraction: level,
+            speed: level,
+            direction,
+            torque: f64::from(direction) * (10.0 + level),
+            std: 0.1,
+            samples: 50,
+            gravity: GravityRemoval::AxisVertical,
+        }
+    }
+
+    #[test]
+    fn points_of_both_directions_stand_on_their_curve() {
+        let mut points = Vec::new();
+        for i in 0..3000 {
+            for direction in [-1, 1] {
+                points.push(point(0, f64::from(i) * 0.04, 0.6, direction));
+            }
+        }
+        points.push(point(3, 1.0, 0.2, 1));
+        let fit = WarmUpFit {
+            joint: JointIndex::new(0),
+            speed_fraction: 0.6,
+            model: WarmUpModel::Constant,
+            a: Estimate { value: 10.6, std_error: 0.0 },
+            slow: None,
+            fast: None,
+            rmsd: 0.0,
+            samples: 6000,
+            record: [0.0, 120.0],
+        };
+        let figure = friction_figure(&points, &[fit], "R01".into(), String::new());
+        assert_eq!(figure.panels.len(), 2);
+        assert_eq!(figure.panels[1].title, "joint 4");
+        // two levels and two directions
+        assert_eq!(figure.legend.len(), 4);
+        let curve = figure.panels[0].series.last().expect("a curve");
+        assert_eq!((curve.mark, curve.points.len()), (Mark::Line, CURVE_POINTS));
+        for series in &figure.panels[0].series {
+            assert!(series.points.len() <= MAX_POINTS);
+            assert!(series.points.iter().all(|point| (point[1] - 10.6).abs() < 1e-9));
+        }
+    }
+
+    #[test]
+    fn friction_over_speed_is_the_mean_of_both_directions_from_cold_to_warm() {
+        let cycle = |number: usize| {
+            let mut points: Vec<FrictionPoint> = [0.2, 0.6]
+                .into_iter()
+                .flat_map(|level| [1, -1].map(|sign| point(0, 1.0, level, sign)))
+                .collect();
+            points[0].torque = 12.2;
+            CycleFriction { label: format!("cycle {number}"), points }
+        };
+        let cycles: Vec<CycleFriction> = (1..=24).map(cycle).collect();
+        let figure = friction_speed_figure(&cycles, "R01".into(), String::new());
+        let labels: Vec<&str> = figure.legend.iter().map(|key| key.label.as_str()).collect();
+        assert_eq!((labels.len(), labels[0], labels[6]), (7, "cycle 1", "cycle 24"));
+        let points = &figure.panels[0].series[3].points;
+        for (found, expected) in points.iter().zip([[0.2, 11.2], [0.6, 10.6]]) {
+            assert!(
+                (found[0] - expected[0]).abs() < 1e-9 && (found[1] - expected[1]).abs() < 1e-9,
+                "{found:?}"
+            );
+        }
+        assert_eq!(points.len(), 2);
+        assert_eq!(friction_speed_figure(&cycles[..2], "R01".into(), String::new()).legend.len(), 2);
+    }
+}

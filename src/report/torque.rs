@@ -1,0 +1,189 @@
+//! Measured and estimated torque of a cycle over time: a panel a joint.
+
+use super::figure::{Band, ESTIMATED, Figure, Key, Look, MEASURED, Mark, Panel, RESIDUAL, Series};
+use crate::analysis::{Rmsd, RmsdScope};
+use crate::numerics::signal::median_step;
+use crate::numerics::torque_series::{JointSeries, TorqueSeries, peaks};
+use crate::robot::{JointIndex, JointKind, Robot};
+use crate::run::Stage;
+
+/// Most points of a line: a bucket for about every second pixel of a panel, of which [`peaks`] keeps six
+/// rows.
+const POINTS_PER_LINE: usize = 1800;
+
+/// A longer step than this many usual ones is a gap, over which no line is drawn.
+const GAP_STEPS: f64 = 2.5;
+
+/// Draws `rows` of a cycle's torques, those of `scope`; `points` per joint if fewer are wanted than a panel
+/// shows. RMSD in the titles are over all rows of the scope that count.
+#[must_use]
+pub fn torque_figure(
+    robot: &Robot,
+    series: &TorqueSeries,
+    scope: RmsdScope,
+    points: Option<usize>,
+    title: String,
+    subtitle: String,
+) -> Figure {
+    let rows = series.rows_of(scope);
+    let most = points.unwrap_or(POINTS_PER_LINE).min(POINTS_PER_LINE);
+    let bands = stage_bands(series, &rows);
+    let panels = robot.joint_indices().zip(&series.joints).map(|(joint, of_joint)| {
+        let unit = match robot.joints[joint.index()].kind {
+            JointKind::Revolute => "torque, Nm",
+            JointKind::Prismatic => "force, N",
+        };
+        Panel {
+            title: panel_title(series, joint, scope),
+            x_label: "time since the start of the recording, s".into(),
+            y_label: unit.into(),
+            with_zero: true,
+            guide: None,
+            bands: bands.clone(),
+            series: joint_lines(series, of_joint, &rows, most),
+        }
+    });
+    Figure { title, subtitle, legend: legend(&bands), panels: panels.collect(), columns: 2 }
+}
+
+fn panel_title(series: &TorqueSeries, joint: JointIndex, scope: RmsdScope) -> String {
+    let rmsd = series.rmsd(joint, scope);
+    let shown = |of: Rmsd| match of.samples {
+        0 => "no rows".to_string(),
+        _ => format!("{:.3} Nm = {:.2} %", of.value, 100.0 * of.relative),
+    };
+    format!("joint {joint}: RMSD {}, moving {}", shown(rmsd.all_rows), shown(rmsd.moving_rows))
+}
+
+/// Lines of one joint, those below first. Where the joint is slow or at rest no friction column holds, so
+/// the estimate and the residual are pale there.
+fn joint_lines(series: &TorqueSeries, joint: &JointSeries, rows: &[usize], most: usize) -> Vec<Series> {
+    let times: Vec<f64> = rows.iter().map(|&row| series.time[row]).collect();
+    let step = median_step(&times).unwrap_or(f64::INFINITY);
+    let mut measured = Vec::new();
+    let mut estimated = SplitLine::default();
+    let mut residual = SplitLine::default();
+    // stretches are thinned one by one, so that the ends of each stay
+    for stretch in rows.chunk_by(|a, b| series.time[*b] - series.time[*a] <= GAP_STEPS * step) {
+        let kept = peaks(joint, stretch, most * stretch.len() / rows.len());
+        for (place, &row) in kept.iter().enumerate() {
+            let moving = joint.moving[row];
+            let beside = |other: Option<&usize>| other.is_some_and(|&other| joint.moving[other] != moving);
+            let border = beside(place.checked_sub(1).and_then(|before| kept.get(before)))
+                || beside(kept.get(place + 1));
+            let time = series.time[row];
+            measured.push([time, joint.measured[row]]);
+            estimated.push([time, joint.estimated[row]], moving, border);
+            residual.push([time, joint.residual(row)], moving, border);
+        }
+        measured.push(BREAK);
+        estimated.end();
+        residual.end();
+    }
+    let line = |colour, mark, points| Series { colour, mark, points };
+    vec![
+        line(ESTIMATED, Mark::Pale, estimated.slow),
+        line(RESIDUAL, Mark::Pale, residual.slow),
+        line(ESTIMATED, Mark::Broad, estimated.moving),
+        line(MEASURED, Mark::Line, measured),
+        line(RESIDUAL, Mark::Thin, residual.moving),
+    ]
+}
+
+/// Where a line breaks.
+const BREAK: [f64; 2] = [f64::NAN; 2];
+
+/// A line that changes its look where the joint begins or ceases to move; both looks meet there.
+#[derive(Debug, Default)]
+struct SplitLine {
+    moving: Vec<[f64; 2]>,
+    slow: Vec<[f64; 2]>,
+}
+
+impl SplitLine {
+    fn push(&mut self, point: [f64; 2], moving: bool, border: bool) {
+        self.moving.push(if moving || border { point } else { BREAK });
+        self.slow.push(if moving { BREAK } else { point });
+    }
+
+    fn end(&mut self) {
+        self.moving.push(BREAK);
+        self.slow.push(BREAK);
+    }
+}
+
+/// Stages as shaded stretches; rows between stages are not shaded.
+fn stage_bands(series: &TorqueSeries, rows: &[usize]) -> Vec<Band> {
+    let tint = |stage: Stage| Stage::ANALYSED.iter().position(|of| *of == stage).map(|place| place + 1);
+    let stretches = rows.chunk_by(|a, b| series.stage[*a] == series.stage[*b]);
+    stretches
+        .filter_map(|stretch| {
+            let (first, last) = (*stretch.first()?, *stretch.last()?);
+            Some(Band { from: series.time[first], to: series.time[last], tint: tint(series.stage[first])? })
+        })
+        .collect()
+}
+
+fn legend(bands: &[Band]) -> Vec<Key> {
+    let key = |label: &str, look| Key { label: label.into(), look };
+    let mut keys = vec![
+        key("measured, low-passed", Look::Series(MEASURED, Mark::Line)),
+        key("estimated", Look::Series(ESTIMATED, Mark::Broad)),
+        key("residual", Look::Series(RESIDUAL, Mark::Thin)),
+        key("both where the joint is slow", Look::Series(ESTIMATED, Mark::Pale)),
+    ];
+    let stages = Stage::ANALYSED.iter().enumerate().map(|(place, stage)| (place + 1, stage.name()));
+    keys.extend(
+        stages
+            .filter(|(tint, _)| bands.iter().any(|band| band.tint == *tint))
+            .map(|(tint, name)| key(&format!("{name} stage"), Look::Band(tint))),
+    );
+    keys
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::er3a;
+
+    /// Two stages with a pause without rows between them.
+    fn series() -> TorqueSeries {
+        let mut series = TorqueSeries { joints: vec![JointSeries::default(); 6], ..TorqueSeries::default() };
+        for i in 0..4000 {
+            let t = 0.01 * f64::from(i) + if i < 2000 { 0.0 } else { 30.0 };
+            series.time.push(t);
+            series.stage.push(if i < 2000 { Stage::Excitation } else { Stage::Warming });
+            series.counted.push(true);
+            for joint in &mut series.joints {
+                joint.q.push(0.0);
+                joint.qd.push(1.0);
+                joint.measured.push(t.sin() + if i == 777 { 40.0 } else { 0.0 });
+                joint.estimated.push(t.sin());
+                joint.moving.push(!(1000..1100).contains(&i));
+            }
+        }
+        series
+    }
+
+    #[test]
+    fn a_panel_a_joint_with_stages_peaks_and_gaps() {
+        let of = |scope| torque_figure(&er3a(), &series(), scope, None, "run 1".into(), String::new());
+        let figure = of(RmsdScope::WholeCycle);
+        assert_eq!(figure.panels.len(), 6);
+        assert_eq!(figure.panels[0].bands.len(), 2);
+        assert_eq!(figure.legend.len(), 6);
+        let measured = &figure.panels[2].series[3].points;
+        assert!(measured.len() < POINTS_PER_LINE + 20, "{}", measured.len());
+        assert!(measured.iter().any(|point| point[1] > 40.0), "the peak is lost");
+        assert_eq!(measured.iter().filter(|point| point[0].is_nan()).count(), 2);
+        let slow: Vec<f64> = figure.panels[2].series[0].points.iter().map(|point| point[0]).collect();
+        assert!(slow.iter().filter(|time| time.is_finite()).all(|time| (10.0..11.0).contains(time)));
+        assert!(slow.iter().any(|time| time.is_finite()));
+        // one row of 2000 is off by 40, of 4000 in the whole cycle
+        assert!(figure.panels[0].title.contains("RMSD 0.632 Nm"), "{}", figure.panels[0].title);
+        let excitation = of(RmsdScope::Stage(Stage::Excitation));
+        assert!(excitation.panels[0].title.contains("RMSD 0.894 Nm"), "{}", excitation.panels[0].title);
+        assert_eq!(excitation.legend.len(), 5);
+        assert!(of(RmsdScope::Stage(Stage::Friction)).svg().contains("no data"));
+    }
+}

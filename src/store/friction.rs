@@ -1,0 +1,316 @@
+//! Friction over speed and thermal state: read back for maps, written at the end of a run.
+
+use std::collections::HashMap;
+
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+
+use super::history;
+use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number, size};
+use crate::analysis::friction::{FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient};
+use crate::numerics::cross::independent_fraction;
+use crate::numerics::friction_index::{MapRun, RobotFriction};
+use crate::numerics::thermal::MotionSpan;
+
+/// Runs that a map is made of, of a longer history: the first ones, which hold the baseline, and the
+/// latest ones. That bounds the work at the end of a run; what lies between has no later say.
+const FIRST_RUNS: usize = 12;
+const LATEST_RUNS: usize = 24;
+
+const MICROSECONDS: f64 = 1e6;
+
+/// A run's friction with its key.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrictionRun {
+    /// Database key.
+    pub run_id: i64,
+    /// Start, motion and plateaus.
+    pub run: MapRun,
+}
+
+/// Friction over speed of one cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleSpeedFits {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// One entry a joint.
+    pub joints: Vec<JointSpeedFits>,
+}
+
+/// Friction of the robot's first and latest complete runs and of `finishing_run_id`, oldest first.
+pub(super) async fn friction_runs(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+    finishing_run_id: i64,
+) -> Result<Vec<FrictionRun>, sqlx::Error> {
+    let mut starts = run_starts(&mut *connection, robot_id, finishing_run_id).await?;
+    if starts.len() > FIRST_RUNS + LATEST_RUNS {
+        starts.drain(FIRST_RUNS..starts.len() - LATEST_RUNS);
+    }
+    let mut runs = Vec::with_capacity(starts.len());
+    for (run_id, started_at) in starts {
+        let spans = motion(&mut *connection, run_id, started_at).await?;
+        let points = history::friction_points(&mut *connection, run_id).await?;
+        let points = points.into_iter().map(|row| row.point).collect();
+        runs.push(FrictionRun {
+            run_id,
+            run: MapRun { started_at: started_at as f64 / MICROSECONDS, spans, points },
+        });
+    }
+    Ok(runs)
+}
+
+/// Key and start, in microseconds, of the robot's complete runs and of one more, oldest first.
+async fn run_starts(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+    finishing_run_id: i64,
+) -> Result<Vec<(i64, i64)>, sqlx::Error> {
+    sqlx::query_as(
+        "SELECT run_id, started_at FROM run
+         WHERE robot_id = ? AND (status = 'complete' OR run_id = ?)
+         ORDER BY started_at, run_id",
+    )
+    .bind(robot_id)
+    .bind(finishing_run_id)
+    .fetch_all(executor)
+    .await
+}
+
+/// The cycles of a run as stretches of motion: a test moves from its first row to its last.
+async fn motion(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    run_started_at: i64,
+) -> Result<Vec<MotionSpan>, sqlx::Error> {
+    sqlx::query("SELECT started_at, duration_s FROM cycle WHERE run_id = ? ORDER BY started_at")
+        .bind(run_id)
+        .try_map(|row: SqliteRow| {
+            let start = (row.try_get::<i64, _>("started_at")? - run_started_at) as f64 / MICROSECONDS;
+            let duration: f64 = row.try_get("duration_s")?;
+            Ok(MotionSpan { start, end: start + duration, activity: 1.0 })
+        })
+        .fetch_all(executor)
+        .await
+}
+
+/// Fraction of independent rows of each cycle of a run, by number; those without a low-pass left out.
+pub(super) async fn independent_fractions(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<HashMap<u32, f64>, sqlx::Error> {
+    let rows = sqlx::query(
+        "SELECT number, sample_rate_hz, cutoff_hz FROM cycle
+         WHERE run_id = ? AND sample_rate_hz > 0 AND cutoff_hz > 0",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        let fraction = independent_fraction(row.try_get("cutoff_hz")?, row.try_get("sample_rate_hz")?);
+        Ok((size::<u32>(&row, "number")?, fraction))
+    })
+    .fetch_all(executor)
+    .await?;
+    Ok(rows.into_iter().collect())
+}
+
+/// Replaces the fits over speed of a run. Call in a transaction.
+pub(super) async fn replace_speed_fits(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    fits: &[CycleSpeedFits],
+) -> Result<(), sqlx::Error> {
+    delete_speed_fits(&mut *connection, run_id).await?;
+    for of_cycle in fits {
+        for joint in &of_cycle.joints {
+            for direction in 0..joint.directions.len() {
+                let fit_id =
+                    insert_speed_fit(&mut *connection, run_id, of_cycle.cycle, joint, direction).await?;
+                let coefficients = &joint.directions[direction].coefficients;
+                insert_coefficients(&mut *connection, fit_id, coefficients).await?;
+            }
+        }
+    }
+    Ok(())
+}
+
+async fn delete_speed_fits(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "DELETE FROM friction_speed_fit WHERE cycle_id IN (SELECT cycle_id FROM cycle WHERE run_id = ?)",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_speed_fit(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    cycle: u32,
+    joint: &JointSpeedFits,
+    direction: usize,
+) -> Result<i64, sqlx::Error> {
+    let fit = &joint.directions[direction];
+    let difference = joint.asymmetry.map(|asymmetry| asymmetry.difference);
+    sqlx::query_scalar(
+        "INSERT INTO friction_speed_fit (cycle_id, joint, direction, model, slowest_rad_s, fastest_rad_s, rmsd_nm,
+                                         reduced_chi_square, points, asymmetry_nm, asymmetry_std_error_nm)
+         SELECT cycle_id, ?, ?, ?, ?, ?, ?, ?, ?, ?, ? FROM cycle WHERE run_id = ? AND number = ?
+         RETURNING friction_speed_fit_id",
+    )
+    .bind(joint_number(joint.joint))
+    .bind(fit.direction)
+    .bind(fit.model.name())
+    .bind(fit.speeds[0])
+    .bind(fit.speeds[1])
+    .bind(finite(fit.rmsd))
+    .bind(fit.reduced_chi_square.and_then(finite))
+    .bind(count(fit.points))
+    .bind(difference.and_then(|d| finite(d.value)))
+    .bind(difference.and_then(|d| finite(d.std_error)))
+    .bind(run_id)
+    .bind(cycle)
+    .fetch_one(executor)
+    .await
+}
+
+async fn insert_coefficients(
+    executor: impl SqliteExecutor<'_>,
+    fit_id: i64,
+    coefficients: &[SpeedCoefficient],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO friction_speed_coefficient (friction_speed_fit_id, name, value, std_error, at_bound) ",
+    )
+    .push_values(coefficients, |mut row, coefficient| {
+        let error = finite(coefficient.estimate.std_error).filter(|_| !coefficient.at_bound);
+        row.push_bind(fit_id)
+            .push_bind(coefficient.name)
+            .push_bind(finite(coefficient.estimate.value))
+            .push_bind(error)
+            .push_bind(coefficient.at_bound);
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Replaces the maps of a robot, and the indices of all runs that they stand on. `run_ids` are those of
+/// `found.indices`. Call in a transaction.
+pub(super) async fn replace_maps(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+    run_ids: &[i64],
+    found: &RobotFriction,
+) -> Result<(), sqlx::Error> {
+    delete_maps(&mut *connection, robot_id).await?;
+    for map in &found.maps {
+        insert_law(&mut *connection, robot_id, map).await?;
+        insert_levels(&mut *connection, robot_id, map).await?;
+    }
+    for (run_id, indices) in run_ids.iter().zip(&found.indices) {
+        delete_indices(&mut *connection, *run_id).await?;
+        for rows in indices.chunks(ROWS_PER_STATEMENT) {
+            insert_indices(&mut *connection, *run_id, rows).await?;
+        }
+    }
+    Ok(())
+}
+
+async fn delete_maps(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<(), sqlx::Error> {
+    // levels go with their law
+    sqlx::query("DELETE FROM friction_law WHERE robot_id = ?").bind(robot_id).execute(executor).await?;
+    Ok(())
+}
+
+async fn delete_indices(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM run_friction_index WHERE run_id = ?").bind(run_id).execute(executor).await?;
+    Ok(())
+}
+
+async fn insert_law(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+    map: &FrictionMap,
+) -> Result<(), sqlx::Error> {
+    const SECONDS: f64 = 60.0;
+    let law = &map.law;
+    let covariance: Vec<String> =
+        map.covariance.iter().map(|c| finite(*c).unwrap_or(0.0).to_string()).collect();
+    let remarks = (!map.remarks.is_empty()).then(|| map.remarks.join("\n"));
+    sqlx::query(
+        "INSERT INTO friction_law (robot_id, joint, slow_min, slow_std_error_min, fast_min, fast_std_error_min,
+                                   slow_share, slow_share_std_error, cooling_ratio, cooling_ratio_std_error,
+                                   relative_rmsd, explained, runs, points, remarks, covariance)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+    )
+    .bind(robot_id)
+    .bind(joint_number(map.joint))
+    .bind(law.slow_s.value / SECONDS)
+    .bind(finite(law.slow_s.std_error / SECONDS))
+    .bind(law.fast_s.value / SECONDS)
+    .bind(finite(law.fast_s.std_error / SECONDS))
+    .bind(law.slow_share.value)
+    .bind(finite(law.slow_share.std_error))
+    .bind(law.cooling_ratio.value)
+    .bind(finite(law.cooling_ratio.std_error))
+    .bind(finite(map.relative_rmsd))
+    .bind(finite(map.explained))
+    .bind(count(map.runs))
+    .bind(count(map.points))
+    .bind(remarks)
+    .bind(format!("[{}]", covariance.join(",")))
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_levels(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+    map: &FrictionMap,
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO friction_level (robot_id, joint, speed_fraction, warm_nm, warm_std_error_nm, cold_nm,
+                                     cold_std_error_nm) ",
+    )
+    .push_values(&map.levels, |mut row, level| {
+        row.push_bind(robot_id)
+            .push_bind(joint_number(map.joint))
+            .push_bind(level.speed_fraction)
+            .push_bind(finite(level.warm.value))
+            .push_bind(finite(level.warm.std_error))
+            .push_bind(finite(level.cold.value))
+            .push_bind(finite(level.cold.std_error));
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_indices(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    rows: &[FrictionIndex],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO run_friction_index (run_id, joint, friction_index, friction_index_std_error, ambient_coldness,
+                                         ambient_coldness_std_error, coldness_at_start, points) ",
+    )
+    .push_values(rows, |mut row, found| {
+        row.push_bind(run_id)
+            .push_bind(joint_number(found.joint))
+            .push_bind(finite(found.index.value))
+            .push_bind(finite(found.index.std_error))
+            .push_bind(finite(found.ambient.value))
+            .push_bind(finite(found.ambient.std_error))
+            .push_bind(finite(found.coldness_at_start))
+            .push_bind(count(found.points));
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}

@@ -1,0 +1,295 @@
+//! Recordings and descriptions that are wrong in one way each, through the whole analysis: none may
+//! give numbers that pass as good.
+
+mod arms;
+mod faults;
+
+use armwatch::analysis::{CycleAnalysis, RmsdScope, TorqueRmsd};
+use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use armwatch::robot::{MAX_JOINTS, Robot};
+use armwatch::run::{Cycle, Samples, Stage};
+use armwatch::simulate::export::ExportWriter;
+use armwatch::simulate::recording::Row;
+
+use self::arms::{Arm, arms, excitation, shipped};
+use self::faults::{DEGREES, RATED, WRONG_DESCRIPTIONS, WRONG_RECORDINGS, Wrong, delayed, scale, units};
+use crate::support::{Workshop, reference};
+
+fn analysed(described: &Robot, samples: &Samples) -> CycleAnalysis {
+    let method = Method::new(described.clone(), AnalysisSettings::default()).expect("base parameters");
+    analyse_cycle(&method, &Cycle { number: 1, samples: samples.clone() })
+}
+
+/// What became of a recording, for the matrix that a person reads.
+fn verdict(analysis: &CycleAnalysis) -> String {
+    let rmsd = || {
+        let of = |v: &TorqueRmsd| v.moving_rows.relative;
+        let all: Vec<String> = analysis
+            .verification
+            .iter()
+            .filter(|v| v.scope == RmsdScope::Stage(Stage::Excitation))
+            .map(|v| format!("{:.3}", of(v)))
+            .collect();
+        all.join(" ")
+    };
+    let told: Vec<&String> = analysis.remarks.iter().filter(|r| !r.contains("stage")).collect();
+    match &analysis.identification {
+        Err(reason) => format!("refused: {reason}"),
+        Ok(_) if told.is_empty() => format!("PASSES [{}]", rmsd()),
+        Ok(_) => format!("told [{}]: {told:?}", rmsd()),
+    }
+}
+
+/// Names of wrong descriptions that pass without a word.
+fn passing_descriptions(arm: &Arm, samples: &Samples) -> Vec<&'static str> {
+    let passes = |described: Robot| verdict(&analysed(&described, samples)).starts_with("PASSES");
+    let wrong = WRONG_DESCRIPTIONS.iter().filter(|wrong| (wrong.spoil)(&arm.robot).is_some_and(passes));
+    wrong.map(|wrong| wrong.name).collect()
+}
+
+/// Names of wrong recordings that pass without a word.
+fn passing_recordings(arm: &Arm, samples: &Samples) -> Vec<&'static str> {
+    let passes = |wrong: &&Wrong| {
+        let mut spoilt = samples.clone();
+        (wrong.spoil)(&mut spoilt, arm.robot.joint_count());
+        verdict(&analysed(&arm.robot, &spoilt)).starts_with("PASSES")
+    };
+    // without the column there is nothing to spoil
+    let applies = |wrong: &&Wrong| samples.velocity.is_some() || !wrong.name.contains("velocit");
+    WRONG_RECORDINGS.iter().filter(applies).filter(passes).map(|wrong| wrong.name).collect()
+}
+
+/// The arm of that name and a recording of it.
+fn recorded(name: &str) -> (Arm, Samples) {
+    let arm = arms().into_iter().find(|arm| arm.name == name).expect("an arm");
+    let samples = excitation(&arm.robot, 3, 100.0);
+    (arm, samples)
+}
+
+/// Wrong recordings that pass are exactly these, with velocities and without.
+#[track_caller]
+fn assert_recordings(name: &str, with_velocity: &[&str], without: &[&str]) {
+    let (arm, mut samples) = recorded(name);
+    assert_eq!(passing_recordings(&arm, &samples), with_velocity, "{name}");
+    samples.velocity = None;
+    assert_eq!(passing_recordings(&arm, &samples), without, "{name} without velocities");
+}
+
+#[test]
+fn wrong_recordings_of_an_er3a_do_not_pass() {
+    assert_recordings("er3a", &[], &[]);
+}
+
+/// Vertical axes: gravity, which would give a clock away, acts on no joint that turns.
+#[test]
+fn wrong_recordings_of_a_scara_do_not_pass() {
+    assert_recordings("scara", &[], &["clock 10 % fast"]);
+}
+
+#[test]
+fn wrong_recordings_of_a_ur10e_do_not_pass() {
+    assert_recordings("ur10e, standard DH", &[], &[]);
+}
+
+/// Wrong descriptions that pass are exactly these, as the method says of itself.
+#[track_caller]
+fn assert_descriptions(name: &str, passing: &[&str]) {
+    let (arm, samples) = recorded(name);
+    assert_eq!(passing_descriptions(&arm, &samples), passing, "{name}");
+}
+
+/// A centimetre of the shoulder, and lengths of the wrist, go into the base parameters or the noise.
+#[test]
+fn wrong_descriptions_of_an_er3a_do_not_pass() {
+    let small = ["first length 20 % long", "third length 20 % long", "second d 20 % long"];
+    assert_descriptions("er3a", &[&small[..], &["90 deg at joint 5 missing"]].concat());
+    assert_descriptions("er3a, URDF", &["90 deg at joint 5 missing"]);
+}
+
+/// All axes are parallel: lengths go into first moments and inertias, gravity into the carried mass.
+#[test]
+fn wrong_descriptions_of_a_scara_do_not_pass() {
+    let lengths =
+        ["first length 20 % long", "second length 20 % long", "second d 20 % long", "lengths swapped"];
+    let rest = ["90 deg at joint 2 missing", "gravity 20 % small"];
+    assert_descriptions("scara", &[&lengths[..], &rest[..]].concat());
+}
+
+/// The two lengths differ by 4 cm, which this motion does not tell from noise.
+#[test]
+fn wrong_descriptions_of_a_ur10e_do_not_pass() {
+    assert_descriptions("ur10e, standard DH", &["second d 20 % long", "lengths swapped"]);
+}
+
+#[test]
+fn healthy_cold_arms_raise_nothing_at_any_rate() {
+    for arm in arms() {
+        for (seed, rate) in [(1, 50.0), (2, 100.0), (3, 500.0)] {
+            assert_healthy(&arm, seed, rate);
+        }
+    }
+}
+
+#[test]
+#[ignore = "minutes: 20 seeds of every arm at four rates"]
+fn healthy_cold_arms_raise_nothing_in_twenty_seeds() {
+    for arm in arms() {
+        for rate in [50.0, 100.0, 250.0, 500.0] {
+            (1..=20).for_each(|seed| assert_healthy(&arm, seed, rate));
+        }
+    }
+}
+
+#[track_caller]
+fn assert_healthy(arm: &Arm, seed: u64, rate: f64) {
+    let mut samples = excitation(&arm.robot, seed, rate);
+    if seed % 2 == 0 {
+        samples.velocity = None;
+    }
+    let verdict = verdict(&analysed(&arm.robot, &samples));
+    assert!(verdict.starts_with("PASSES"), "{} at {rate} Hz, seed {seed}: {verdict}", arm.name);
+}
+
+/// Writes a recording of a six-joint arm as a controller exports it.
+fn export(path: &std::path::Path, samples: &Samples) {
+    let mut writer = ExportWriter::create(path, samples.joint_count()).expect("an export");
+    for row in 0..samples.rows() {
+        let of = |channels: &[Vec<f64>]| {
+            let mut values = [0.0; MAX_JOINTS];
+            values.iter_mut().zip(channels).for_each(|(value, channel)| *value = channel[row]);
+            values
+        };
+        let row = Row {
+            time: samples.time[row],
+            position: of(&samples.position),
+            velocity: of(samples.velocity.as_deref().expect("velocities")),
+            torque: of(&samples.torque),
+            stage: samples.stage[row],
+            cycle: 1,
+            signal: None,
+        };
+        writer.push(&row).expect("a row");
+    }
+    writer.finish().expect("an export");
+}
+
+/// A name, what is done to a good recording, and what the cycle must say of it.
+type Told = (&'static str, fn(&mut Samples), &'static [&'static str]);
+
+const REFUSED: &[Told] = &[
+    ("Late", |s| delayed(s, 0.04), &["torques come", "ms after the motion", "record all channels"]),
+    ("Swapped", |s| s.torque.swap(0, 1), &["joints 1 and 2", "swapped"]),
+    ("Degrees", |s| units(s, DEGREES, DEGREES), &["joint 1", "degrees read as radians", "export layout"]),
+    ("Tiny", |s| units(s, 1.0 / DEGREES, 1.0 / DEGREES), &["radians read as degrees", "export layout"]),
+    ("Percent", |s| percent(s), &["joint 6", "times the", "percent of rated"]),
+    ("Marker", |s| s.torque[3][700] = -9999.0, &["joint 4", "torque is -9999 Nm at 7.000 s"]),
+    ("Ceiling", shortened, &["joint", "gravity_m_s2 = [0.00, 0.00, -9.81]"]),
+];
+
+fn percent(samples: &mut Samples) {
+    samples.torque.iter_mut().zip(RATED).for_each(|(t, rated)| scale(t, 100.0 / rated));
+}
+
+/// Without its last row: one content is one run, and the sound recording is another.
+fn shortened(samples: &mut Samples) {
+    *samples = samples.take_front(samples.rows() - 1);
+}
+
+/// Every row twice, as a logger does that is faster than the controller.
+fn doubled(samples: &mut Samples) {
+    let twice = |channels: &mut Vec<Vec<f64>>| {
+        channels.iter_mut().for_each(|channel| {
+            (1..channel.len()).step_by(2).for_each(|row| channel[row] = channel[row - 1])
+        });
+    };
+    twice(&mut samples.position);
+    twice(&mut samples.torque);
+    samples.velocity.iter_mut().for_each(twice);
+}
+
+#[test]
+fn refusals_and_doubts_are_sentences_in_the_view_of_cycles() {
+    let workshop = Workshop::new();
+    let description =
+        std::fs::read_to_string(format!("{}/config/robots/er3a.toml", env!("CARGO_MANIFEST_DIR")));
+    let ceiling = description
+        .expect("a description")
+        .replace("gravity_m_s2 = [0, 0, -9.81]", "gravity_m_s2 = [0, 0, 9.81]");
+    std::fs::write(workshop.path("ceiling.toml"), ceiling).expect("a description");
+    let config = std::fs::read_to_string(workshop.path("armwatch.toml")).expect("a configuration");
+    let layout = format!("{}/config/exports/native.toml", env!("CARGO_MANIFEST_DIR"));
+    let special =
+        format!("[[robot]]\nname = \"Ceiling\"\ndescription = \"ceiling.toml\"\nlayout = \"{layout}\"\n\n");
+    std::fs::write(
+        workshop.path("armwatch.toml"),
+        config.replacen("[[robot]]", &format!("{special}[[robot]]"), 1),
+    )
+    .expect("a configuration");
+    let healthy = excitation(&shipped("er3a"), 3, 100.0);
+    let told: [Told; 2] = [("Doubled", doubled, &["rows repeat the row before"]), ("Sound", |_| {}, &[])];
+    for (name, spoil, _) in REFUSED.iter().chain(&told) {
+        let mut samples = healthy.clone();
+        spoil(&mut samples);
+        export(&workshop.inbox(&format!("{name}_20260105_0847.csv")), &samples);
+    }
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let cell = |robot: &str, column: &str| {
+        workshop.query(&format!("SELECT COALESCE({column}, '') FROM cycles WHERE robot = '{robot}'")).concat()
+    };
+    let parameters = |robot: &str| {
+        workshop.number(&format!("SELECT COUNT(*) FROM cycle_parameters WHERE robot = '{robot}'"))
+    };
+    for (name, _, said) in REFUSED {
+        let reason = cell(name, "reason");
+        said.iter().for_each(|said| assert!(reason.contains(said), "{name}: \"{said}\" is not in {reason}"));
+        assert_eq!(parameters(name), 0, "{name}");
+    }
+    assert!(
+        cell("Doubled", "remarks").contains("rows repeat the row before"),
+        "{}",
+        cell("Doubled", "remarks")
+    );
+    assert_eq!((cell("Sound", "reason").as_str(), parameters("Sound")), ("", 64));
+    assert!(!cell("Sound", "remarks").contains("joint"), "{}", cell("Sound", "remarks"));
+}
+
+#[test]
+fn real_recordings_raise_no_doubt() {
+    let workshop = Workshop::new();
+    workshop.add_reference("inbox");
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let (export, config) = (reference("tx40/TX40_0000-4000ms_5kHz.csv.gz"), reference("tx40/armwatch.toml"));
+    let [export, config] = [&export, &config].map(|path| path.to_str().expect("a path"));
+    workshop.stdout(&["ingest", export, "--config", config, "--db", "armwatch.db"], 0);
+    let doubted = workshop.query(
+        "SELECT remarks FROM cycles WHERE remarks LIKE '%contradict%' OR remarks LIKE '%torques come%'",
+    );
+    assert_eq!(doubted, [""; 0]);
+    assert_eq!(workshop.number("SELECT COUNT(*) FROM cycles WHERE reason IS NULL OR reason = ''"), 6);
+}
+
+/// Prints what is said of each wrong recording and description:
+/// `cargo test --test integration -- --ignored --nocapture wrong_recordings::matrix`.
+#[test]
+#[ignore = "prints the matrix"]
+fn matrix() {
+    for arm in arms() {
+        for (rate, with_velocity) in [(50.0, true), (100.0, false), (250.0, true), (500.0, false)] {
+            let mut samples = excitation(&arm.robot, 1, rate);
+            if !with_velocity {
+                samples.velocity = None;
+            }
+            println!("# {}, {rate} Hz, velocity columns: {with_velocity}", arm.name);
+            println!("healthy | {}", verdict(&analysed(&arm.robot, &samples)));
+            for wrong in WRONG_DESCRIPTIONS {
+                let Some(described) = (wrong.spoil)(&arm.robot) else { continue };
+                println!("{} | {}", wrong.name, verdict(&analysed(&described, &samples)));
+            }
+            for wrong in WRONG_RECORDINGS {
+                let mut spoilt = samples.clone();
+                (wrong.spoil)(&mut spoilt, arm.robot.joint_count());
+                println!("{} | {}", wrong.name, verdict(&analysed(&arm.robot, &spoilt)));
+            }
+        }
+    }
+}
