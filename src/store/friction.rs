@@ -60,7 +60,8 @@ pub(super) async fn friction_runs(
     Ok(runs)
 }
 
-/// Key and start, in microseconds, of the robot's complete runs and of one more, oldest first.
+/// Key and start, in microseconds, of the robot's complete runs and of one more, oldest first, without the
+/// run that this one takes the place of.
 async fn run_starts(
     executor: impl SqliteExecutor<'_>,
     robot_id: i64,
@@ -68,7 +69,8 @@ async fn run_starts(
 ) -> Result<Vec<(i64, i64)>, sqlx::Error> {
     sqlx::query_as(
         "SELECT run_id, started_at FROM run
-         WHERE robot_id = ? AND (status = 'complete' OR run_id = ?)
+         WHERE robot_id = ?1 AND (status = 'complete' OR run_id = ?2)
+               AND run_id IS NOT (SELECT replaces_run_id FROM run WHERE run_id = ?2)
          ORDER BY started_at, run_id",
     )
     .bind(robot_id)
