@@ -301,7 +301,7 @@ fn both_stand_where_the_configuration_says_so() {
 fn a_file_truncated_while_it_grows_is_begun_anew_and_its_cycles_are_kept() {
     let (old, new) = (Export::new("A", 3, 9), Export::new("A", 3, 10));
     let workshop = Workshop::new();
-    workshop.set("settle_s", "1.0");
+    workshop.set("settle_s", "60");
     let daemon = started(&workshop);
     let path = workshop.inbox(&old.name);
     let start = old.end_of_cycle(1);
@@ -311,6 +311,7 @@ fn a_file_truncated_while_it_grows_is_begun_anew_and_its_cycles_are_kept() {
     workshop.wait_for("SELECT COUNT(*) FROM cycles WHERE run_id = 1", 1);
     File::create(&path).expect("truncated");
     write_slowly(&path, &new.text, &mut ChaCha8Rng::seed_from_u64(30), 30);
+    fs::write(workshop.inbox(&format!("{}.done", new.name)), "").expect("a mark");
     workshop.wait_for(COMPLETE, 1);
     let runs =
         workshop.query("SELECT run_id, status, cycles, content_hash IS NULL FROM runs ORDER BY run_id");
