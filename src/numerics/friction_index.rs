@@ -132,7 +132,6 @@ fn timeline(runs: &[MapRun]) -> (Vec<MotionSpan>, Vec<f64>) {
     (spans, runs.iter().map(|run| run.started_at - epoch).collect())
 }
 
-#[expect(clippy::float_cmp, reason = "levels are copied from one list, never computed")]
 fn record(
     joint: JointIndex,
     runs: &[MapRun],

@@ -20,7 +20,7 @@ pub mod stored;
 #[cfg(test)]
 mod tests;
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -60,8 +60,9 @@ enum Lane {
 pub struct Pipeline {
     config: Arc<Config>,
     store: Store,
-    /// Structure analyses by model, made when the first export of a model arrives.
-    methods: Arc<Mutex<HashMap<String, Arc<Method>>>>,
+    /// Structure analyses, made when the first export of a description arrives. Few, and told apart by all that
+    /// the description says: a wall-mounted arm may bear the name of one that stands.
+    methods: Arc<Mutex<Vec<Arc<Method>>>>,
     /// Places for analyses, of growing and of settled exports.
     places: [Arc<Semaphore>; 2],
     /// Held while a run ends: what is concluded from a robot's history must have seen all of it.
@@ -301,7 +302,7 @@ impl Pipeline {
                 self.store.describe_model(&method.robot, &formulas.collect::<Vec<_>>()).await?;
                 let method = Arc::new(method);
                 let mut methods = self.methods.lock().unwrap_or_else(PoisonError::into_inner);
-                methods.insert(intake.robot.model.clone(), Arc::clone(&method));
+                methods.push(Arc::clone(&method));
                 Ok(Ok(method))
             }
         }
@@ -320,7 +321,7 @@ impl Pipeline {
 
     fn known_method(&self, robot: &Robot) -> Option<Arc<Method>> {
         let methods = self.methods.lock().unwrap_or_else(PoisonError::into_inner);
-        methods.get(&robot.model).cloned()
+        methods.iter().find(|method| method.robot == *robot).cloned()
     }
 }
 

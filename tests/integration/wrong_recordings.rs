@@ -143,7 +143,7 @@ fn healthy_cold_arms_raise_nothing_in_twenty_seeds() {
 #[track_caller]
 fn assert_healthy(arm: &Arm, seed: u64, rate: f64) {
     let mut samples = excitation(&arm.robot, seed, rate);
-    if seed % 2 == 0 {
+    if seed.is_multiple_of(2) {
         samples.velocity = None;
     }
     let verdict = verdict(&analysed(&arm.robot, &samples));
