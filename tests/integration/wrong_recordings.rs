@@ -76,6 +76,7 @@ fn assert_recordings(name: &str, with_velocity: &[&str], without: &[&str]) {
 }
 
 #[test]
+#[ignore = "some twenty seconds; the other arms' are quick"]
 fn wrong_recordings_of_an_er3a_do_not_pass() {
     assert_recordings("er3a", &[], &[]);
 }
@@ -87,6 +88,7 @@ fn wrong_recordings_of_a_scara_do_not_pass() {
 }
 
 #[test]
+#[ignore = "some twenty seconds; the other arms' are quick"]
 fn wrong_recordings_of_a_ur10e_do_not_pass() {
     assert_recordings("ur10e, standard DH", &[], &[]);
 }
@@ -100,6 +102,7 @@ fn assert_descriptions(name: &str, passing: &[&str]) {
 
 /// A centimetre of the shoulder, and lengths of the wrist, go into the base parameters or the noise.
 #[test]
+#[ignore = "some twenty seconds; the other arms' are quick"]
 fn wrong_descriptions_of_an_er3a_do_not_pass() {
     let small = ["first length 20 % long", "third length 20 % long", "second d 20 % long"];
     assert_descriptions("er3a", &[&small[..], &["90 deg at joint 5 missing"]].concat());
@@ -117,6 +120,7 @@ fn wrong_descriptions_of_a_scara_do_not_pass() {
 
 /// The two lengths differ by 4 cm, which this motion does not tell from noise.
 #[test]
+#[ignore = "some twenty seconds; the other arms' are quick"]
 fn wrong_descriptions_of_a_ur10e_do_not_pass() {
     assert_descriptions("ur10e, standard DH", &["second d 20 % long", "lengths swapped"]);
 }
