@@ -1,7 +1,7 @@
 //! A start for arms whose links nobody has weighed: bodies of uniform density along the geometry.
 //!
 //! Each link without nominal inertia is a solid cylinder from its joint to the next one. Radii taper from
-//! [`BASE_RADIUS`] of the reach at the base to half of that at the tip; housings stand out by a radius at
+//! `BASE_RADIUS` of the reach at the base to half of that at the tip; housings stand out by a radius at
 //! either end. One density for all of them is the least-squares one: the bodies' torque times a factor,
 //! beside free friction and motor inertias, against what was measured. The motor inertias of that solution
 //! are the start of those that are not described: behind a gear of a hundred they are far larger than
@@ -70,7 +70,7 @@ pub struct Start {
 
 /// The description's nominal bodies, and uniform ones of fitted density for links without. Motor
 /// inertias that the description does not have are those of the same fit, but at least
-/// [`MOTOR_SHARE`] of what the joint carries in the middle of all ranges.
+/// `MOTOR_SHARE` of what the joint carries in the middle of all ranges.
 ///
 /// `factor` is that of `[w | tau]` of the base parameters.
 ///

@@ -1,6 +1,6 @@
 //! Pictures of what was measured and computed: data to self-contained SVG or HTML, without files.
 //!
-//! [`figure`] says what a picture is made of and [`svg`] draws it; the others each make the figure of one
+//! [`figure`] says what a picture is made of and `svg` draws it; the others each make the figure of one
 //! question.
 
 pub mod figure;
