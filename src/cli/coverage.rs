@@ -11,16 +11,15 @@ use serde_json::json;
 use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, output};
 use crate::analysis::Estimator;
 use crate::config::{Config, Layout, read_robot};
-use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::rejection::Rejection;
-use crate::ingest::source::open_hashing;
 use crate::numerics::NumericsError;
 use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
-use crate::numerics::segment::CycleCutter;
 use crate::numerics::student::half_width;
+use crate::pipeline::cycles::read_cycle;
 use crate::robot::{FrictionTerm, ParameterId, ParameterKind, Robot};
 use crate::run::Cycle;
 use crate::simulate::exact::{ExactSettings, record_excitation};
+use crate::simulate::friction::FrictionShape;
 use crate::simulate::{SimulationSettings, simulate_run};
 
 /// Coverage that counts as honest for nominal 95 %.
@@ -39,7 +38,8 @@ Examples:
   armwatch benchmark coverage config/robots/er3a.toml
   armwatch benchmark coverage config/robots/er3a.toml --correlation 0.9
   armwatch benchmark coverage config/robots/scara.toml --estimator weighted --json
-  armwatch benchmark coverage config/robots/er3a.toml --exports --seeds 20")]
+  armwatch benchmark coverage config/robots/er3a.toml --exports
+  armwatch benchmark coverage config/robots/er3a.toml --exports --gearbox --seeds 30")]
 pub(super) struct CoverageArgs {
     /// Robot description with nominal parameters
     #[arg(value_name = "FILE")]
@@ -56,10 +56,13 @@ pub(super) struct CoverageArgs {
     /// How rows become parameters: ordinary, weighted or huber
     #[arg(long, default_value = "ordinary", value_parser = estimator)]
     estimator: Estimator,
-    /// Whole exports of an arm that has long been warm, written and read as CSV, instead of excitation
-    /// stages that the model fits: friction has a bump at low speed and a ripple
+    /// Whole exports, written and read as CSV, instead of excitation stages alone
     #[arg(long, conflicts_with_all = ["correlation", "noise"])]
     exports: bool,
+    /// Exports of an arm whose friction has a bump at low speed and a ripple, which the model has not: what
+    /// intervals are worth where the model is wrong
+    #[arg(long, requires = "exports")]
+    gearbox: bool,
     /// Torque noise relative to the description's
     #[arg(long, default_value_t = 1.0)]
     noise: f64,
@@ -84,7 +87,8 @@ pub(super) fn coverage(global: &Global, args: &CoverageArgs) -> Result<u8, CliEr
         let shipped = Config::shipped().map_err(|errors| CliError::Internal(errors.to_string()))?;
         let layout = shipped.fleet.first().map(|entry| Arc::clone(&entry.layout));
         let layout = layout.ok_or_else(|| CliError::Internal("no layout is shipped".into()))?;
-        let cycle = |seed| exported_cycle(&method.robot, args.rate_hz, &layout, seed);
+        let friction = if args.gearbox { FrictionShape::Gearbox } else { FrictionShape::Polynomial };
+        let cycle = |seed| exported_cycle(&method.robot, args.rate_hz, friction, &layout, seed);
         count(&method, args.seeds, &cycle, &|| bar.inc(1))
     } else {
         count(&method, args.seeds, &|seed| exact_cycle(&method.robot, &settings, seed), &|| bar.inc(1))
@@ -227,7 +231,13 @@ fn exact_cycle(robot: &Robot, settings: &ExactSettings, seed: u64) -> Result<Cyc
 }
 
 /// The cycle of an export as the daemon would read it, of an arm that has been warm for long.
-fn exported_cycle(robot: &Robot, rate_hz: f64, layout: &Layout, seed: u64) -> Result<Cycle, CountError> {
+fn exported_cycle(
+    robot: &Robot,
+    rate_hz: f64,
+    friction: FrictionShape,
+    layout: &Layout,
+    seed: u64,
+) -> Result<Cycle, CountError> {
     let folder = tempfile::tempdir().map_err(|error| CountError::Folder(error.to_string()))?;
     let settings = SimulationSettings {
         seed,
@@ -236,19 +246,12 @@ fn exported_cycle(robot: &Robot, rate_hz: f64, layout: &Layout, seed: u64) -> Re
         warming_s: 0.0,
         initial_warm_s: LONG_WARM_S,
         ambient_std_k: 0.0,
+        friction,
         ..SimulationSettings::default()
     };
     let export = simulate_run(robot, &settings, 0, folder.path(), &mut |_| ())?.export;
-    let (bytes, _) = open_hashing(&export)?;
-    let reader = ExportReader::new(bytes, &export, layout, robot, ReadOptions::default())?;
-    let mut cutter = CycleCutter::new();
-    let mut cycles = Vec::new();
-    for chunk in reader {
-        let found = cutter.push(chunk?.samples).map_err(|error| CountError::Refused(error.to_string()))?;
-        cycles.extend(found);
-    }
-    cycles.extend(cutter.finish().map_err(|error| CountError::Refused(error.to_string()))?);
-    cycles.into_iter().next().ok_or_else(|| CountError::Refused("the export holds no cycle".into()))
+    let cycle = read_cycle(&export, layout, robot, 1)?;
+    cycle.ok_or_else(|| CountError::Refused("the export holds no cycle".into()))
 }
 
 /// Nominal parameters in natural order; zero where a joint has none, which the simulator refuses.

@@ -14,6 +14,7 @@ use super::{CliError, EXIT_DONE, Global, output};
 use crate::config::{Config, read_layout, read_robot};
 use crate::robot::Robot;
 use crate::simulate::fault::Fault;
+use crate::simulate::friction::FrictionShape;
 use crate::simulate::load::Load;
 use crate::simulate::{SimulateError, SimulationSettings, simulate_run};
 
@@ -80,6 +81,10 @@ pub(super) struct SimulateArgs {
     /// [default: native, rounded as a controller does]
     #[arg(long, value_name = "FILE")]
     layout: Option<PathBuf>,
+    /// Friction is exactly f1 to f4 of the description, always warm: no bump at low speed, no ripple, no
+    /// warm-up. The true base parameters are then those of the description
+    #[arg(long)]
+    plain_friction: bool,
     #[command(flatten)]
     load: LoadArgs,
     /// Folder for truth files, instead of beside the exports
@@ -131,6 +136,10 @@ impl SimulateArgs {
             initial_warm_s: self.initial_warm_s,
             ambient_std_k: self.ambient_std_k,
             truth_dir: self.truth.clone(),
+            friction: match self.plain_friction {
+                true => FrictionShape::Polynomial,
+                false => FrictionShape::Gearbox,
+            },
             load: self.load.given()?.map(|load| Load {
                 mass: load.mass,
                 centre: load.centre,

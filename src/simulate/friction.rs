@@ -25,6 +25,16 @@ const RIPPLE_CORNER_HZ: f64 = 10.0;
 const EXCESS_PER_KELVIN: f64 = 0.03;
 const WARM_PER_KELVIN: f64 = 0.004;
 
+/// What a gearbox loses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FrictionShape {
+    /// As a gearbox does: bump, smooth sign, ripple, warm-up.
+    #[default]
+    Gearbox,
+    /// Exactly [3.10] with the warm coefficients of the description, from the first row on.
+    Polynomial,
+}
+
 /// How warm the gearboxes are.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThermalState {
@@ -41,6 +51,8 @@ pub struct JointFriction {
     pub warm: [f64; FRICTION_COUNT],
     /// Growth towards cold.
     pub warm_up: WarmUpShape,
+    /// Height of the bump at low speed, as a fraction of f1.
+    pub bump: f64,
     /// Scale of the bump at low speed, rad/s.
     pub stribeck_speed: f64,
     /// Scale of the smooth sign, rad/s.
@@ -58,10 +70,26 @@ pub fn joint_friction(joint: &Joint, nominal: &NominalJoint, wear: f64) -> Joint
     JointFriction {
         warm,
         warm_up: nominal.warm_up,
+        bump: STRIBECK_FRACTION,
         stribeck_speed: STRIBECK_SPEED * joint.limits.velocity,
         sign_speed: SIGN_SPEED * joint.limits.velocity,
         ripple: RIPPLE_FRACTION * warm[0].abs(),
         ripple_wave_number: RIPPLES_A_TURN * joint.gear_ratio,
+    }
+}
+
+impl JointFriction {
+    /// The same gearbox without all that [3.10] does not have.
+    #[must_use]
+    pub fn polynomial(self) -> Self {
+        // the smooth sign becomes a jump: tanh of a quotient beyond all measure
+        Self {
+            warm_up: WarmUpShape::default(),
+            bump: 0.0,
+            sign_speed: f64::MIN_POSITIVE,
+            ripple: 0.0,
+            ..self
+        }
     }
 }
 
@@ -92,7 +120,7 @@ pub fn coefficients_at(friction: &JointFriction, state: ThermalState) -> [f64; F
 #[must_use]
 pub fn friction_torque(friction: &JointFriction, coefficients: &[f64; FRICTION_COUNT], qd: f64) -> f64 {
     let [f1, f2, f3, f4] = coefficients;
-    let bump = 1.0 + STRIBECK_FRACTION * (-(qd / friction.stribeck_speed).powi(2)).exp();
+    let bump = 1.0 + friction.bump * (-(qd / friction.stribeck_speed).powi(2)).exp();
     f1 * bump * (qd / friction.sign_speed).tanh() + f2 * qd + f3 * qd * qd.abs() + f4 * qd.powi(3)
 }
 
@@ -154,6 +182,19 @@ mod tests {
         let polynomial = |qd: f64| warm[0] + warm[1] * qd + warm[2] * qd * qd + warm[3] * qd.powi(3);
         assert!(at(0.03) > polynomial(0.03) + 0.05, "the bump is missing");
         assert!((at(2.0) - polynomial(2.0)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_polynomial_gearbox_is_the_polynomial_at_any_speed_and_time() {
+        let friction = first_joint(0.0).polynomial();
+        let [f1, f2, f3, f4] = friction.warm;
+        for qd in [1e-4, 0.02, 0.5, 3.0] {
+            let found = friction_torque(&friction, &coefficients_at(&friction, after(0.0)), qd);
+            let expected = f1 + f2 * qd + f3 * qd * qd + f4 * qd.powi(3);
+            assert!((found - expected).abs() < 1e-12, "{qd}: {found} {expected}");
+            assert_eq!(ripple_torque(&friction, 0.3, qd), 0.0);
+        }
+        assert_eq!(friction_torque(&friction, &friction.warm, 0.0), 0.0);
     }
 
     #[test]

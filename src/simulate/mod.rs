@@ -35,7 +35,7 @@ use dynamics::rigid_chain;
 use export::{ExportWriter, column_count};
 use fault::{Fault, wear};
 use format::ExportFormat;
-use friction::{STRIBECK_FRACTION, ThermalState, joint_friction};
+use friction::{FrictionShape, ThermalState, joint_friction};
 use load::Load;
 use recording::{Recording, SensorSettings, record};
 use trajectory::{PlanSettings, plan_cycle};
@@ -80,6 +80,8 @@ pub struct SimulationSettings {
     pub sensors: SensorSettings,
     /// Folder of the truth files; beside the exports if `None`.
     pub truth_dir: Option<PathBuf>,
+    /// What gearboxes lose.
+    pub friction: FrictionShape,
     /// Body that the tool frame carries.
     pub load: Option<Load>,
     /// Columns of the exports; the native layout if `None`.
@@ -105,6 +107,7 @@ impl Default for SimulationSettings {
             ambient_std_k: 1.0,
             sensors: SensorSettings::default(),
             truth_dir: None,
+            friction: FrictionShape::Gearbox,
             load: None,
             format: None,
         }
@@ -295,7 +298,11 @@ pub fn recording_of_run(
     let mut torque_noise = Vec::new();
     for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
         let nominal = joint.nominal.as_ref().ok_or(SimulateError::NoNominal { joint: index })?;
-        friction.push(joint_friction(joint, nominal, wear(&settings.faults, index, run)));
+        let gearbox = joint_friction(joint, nominal, wear(&settings.faults, index, run));
+        friction.push(match settings.friction {
+            FrictionShape::Gearbox => gearbox,
+            FrictionShape::Polynomial => gearbox.polynomial(),
+        });
         torque_noise.push(nominal.torque_noise);
     }
     let chain = rigid_chain(robot)?;
@@ -388,7 +395,7 @@ fn joint_truths(
                 motor_inertia_kg_m2: nominal.motor_inertia,
                 warm_friction_f1_f4: friction.warm,
                 wear: wear(&settings.faults, index, run),
-                stribeck_nm: STRIBECK_FRACTION * friction.warm[0],
+                stribeck_nm: friction.bump * friction.warm[0],
                 stribeck_rad_s: friction.stribeck_speed,
                 ripple_nm: friction.ripple,
                 torque_noise_nm: nominal.torque_noise,
