@@ -13,10 +13,10 @@ use crate::config::{Config, read_robot, straight_friction, urdf_text};
 use crate::numerics::physical_fit::PhysicalFit;
 use crate::numerics::physical_share::{BodyEstimate, Estimated};
 use crate::numerics::uniform_bodies::BodySource;
-use crate::pipeline::physical::{JoinedCycles, fit_bodies, join_cycles};
-use crate::pipeline::stored::Chosen;
+use crate::pipeline::physical::fit_bodies;
+use crate::pipeline::stored::{Chosen, take};
 use crate::robot::{JointIndex, Robot};
-use crate::store::{SourceCycle, Store};
+use crate::store::{SourceCycle, Store, StoredModel};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -96,20 +96,21 @@ async fn fit_stored(
         None => args.runs.iter().map(|&run_id| Chosen { run_id, cycles: cycles.clone() }).collect(),
         Some(name) => cycles_of_set(store, name).await?,
     };
-    let joined = join_cycles(store, &chosen).await?;
+    let taken = take(store, &chosen).await?;
     let robot = match &args.description {
         Some(path) => Arc::new(read_robot(path)?),
-        None => described(config, &joined)?,
+        None => described(config, &taken.model)?,
     };
-    let fit = fit_bodies(&joined, Arc::clone(&robot)).await?;
+    let sources = taken.sources.clone();
+    let fit = fit_bodies(taken, Arc::clone(&robot)).await?;
     let runs = store.runs().await?;
-    let used = |run_id: i64| joined.sources.iter().any(|source| source.run_id == run_id);
+    let used = |run_id: i64| sources.iter().any(|source| source.run_id == run_id);
     let recorded = runs
         .iter()
         .filter(|run| used(run.run_id))
         .map(|run| (run.run_id, run.started_at.to_string()))
         .collect();
-    Ok(Fitted { robot, sources: joined.sources, recorded, fit })
+    Ok(Fitted { robot, sources, recorded, fit })
 }
 
 async fn cycles_of_set(store: &Store, name: &str) -> Result<Vec<Chosen>, CliError> {
@@ -123,13 +124,13 @@ async fn cycles_of_set(store: &Store, name: &str) -> Result<Vec<Chosen>, CliErro
 }
 
 /// The configured description that the cycles were analysed with.
-fn described(config: &Config, joined: &JoinedCycles) -> Result<Arc<Robot>, CliError> {
-    let fitting = config.fleet.iter().find(|entry| joined.model.describes(&entry.description));
+fn described(config: &Config, model: &StoredModel) -> Result<Arc<Robot>, CliError> {
+    let fitting = config.fleet.iter().find(|entry| model.describes(&entry.description));
     fitting.map(|entry| Arc::clone(&entry.description)).ok_or_else(|| {
         CliError::Usage(format!(
             "no description of the configuration is that of model {}, with which the cycles were analysed; \
              give it with --description",
-            joined.model.name
+            model.name
         ))
     })
 }

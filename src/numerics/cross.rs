@@ -1,12 +1,13 @@
 //! The stored factors of many cycles together (unit identification, thesis 5.1.4).
 
 use super::NumericsError;
+use super::base::BaseParameters;
 use super::factors::{JointColumns, JointFactor, identifies};
 use super::identify::identify_factors;
 use super::signal::row_step;
 use super::triangular::TriangularFactor;
 use crate::analysis::{Estimator, Identification};
-use crate::robot::JointIndex;
+use crate::robot::{JointIndex, ParameterId};
 
 /// The rows of chosen cycles that serve identification, joined as cycles come in.
 #[derive(Debug, Clone)]
@@ -152,6 +153,30 @@ impl Union {
             self.columns.kept().len(),
             parts.map(|(factor, joint)| (factor, self.columns.places(joint))),
         )
+    }
+
+    /// Each joint's factor over the base parameters of a description, in their order, `[n]`.
+    ///
+    /// # Errors
+    /// [`NumericsError::ColumnsDiffer`] unless the base parameters are those of the columns.
+    pub fn over(&self, base: &BaseParameters) -> Result<Vec<TriangularFactor>, NumericsError> {
+        if base.kept.len() != self.columns.kept().len() {
+            return Err(NumericsError::ColumnsDiffer(format!(
+                "the description has {} base parameters, the stored factors {}: they were made with another",
+                base.kept.len(),
+                self.columns.kept().len()
+            )));
+        }
+        let place = |id: &ParameterId| {
+            base.kept.iter().position(|kept| kept == id).ok_or_else(|| {
+                NumericsError::ColumnsDiffer(format!("the description has no base parameter {id}"))
+            })
+        };
+        let of_joint = |(factor, ids): (&TriangularFactor, &Vec<ParameterId>)| {
+            let places = ids.iter().map(place).collect::<Result<Vec<usize>, _>>()?;
+            Ok(TriangularFactor::stacked(base.kept.len(), [(factor, &places[..])]))
+        };
+        self.by_joint.iter().zip(self.columns.by_joint().iter()).map(of_joint).collect()
     }
 
     /// Each joint's factor over all `b` columns, of which each cycle keeps its share, `[n]`; the noise of the

@@ -48,9 +48,10 @@ pub struct RecordedCycle {
     pub loaded: bool,
     /// The cycle's factors; those of moving rows of the excitation stage are used.
     pub factors: Vec<JointFactor>,
-    /// How many of its rows are independent after the low-pass
-    /// ([`independent_fraction`](super::cross::independent_fraction)).
-    pub independent_fraction: f64,
+    /// Share of each joint's rows that are independent, `[n]`
+    /// ([`JointResidual::independent_share`](crate::analysis::JointResidual::independent_share)); a missing one
+    /// counts as 1.
+    pub independent_shares: Vec<f64>,
 }
 
 /// Drive gain of one joint.
@@ -262,10 +263,12 @@ impl JointProblem {
 
     fn parts<'a>(&'a self, cycle: &'a RecordedCycle, joint: JointIndex) -> impl Iterator<Item = Part> + 'a {
         let chosen = move |of: &&JointFactor| of.joint == joint && identifies(of.stage, of.motion);
-        cycle.factors.iter().filter(chosen).map(|of| self.part(cycle, &of.factor))
+        cycle.factors.iter().filter(chosen).map(|of| self.part(cycle, of))
     }
 
-    fn part(&self, cycle: &RecordedCycle, of: &TriangularFactor) -> Part {
+    fn part(&self, cycle: &RecordedCycle, of: &JointFactor) -> Part {
+        let share = cycle.independent_shares.get(of.joint.index()).copied().unwrap_or(1.0);
+        let of = &of.factor;
         let (r, b) = (of.upper(), of.columns());
         let column = |k: usize| r.col(k).iter().copied().collect::<Vec<f64>>();
         let mut load = vec![0.0; b + 1];
@@ -285,7 +288,7 @@ impl JointProblem {
             loaded: cycle.loaded,
             factor,
             rows,
-            independent_rows: rows * cycle.independent_fraction,
+            independent_rows: rows * share,
             friction_columns: basis.0.len(),
             load_squares,
             torque_squares,

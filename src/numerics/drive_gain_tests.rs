@@ -99,7 +99,7 @@ impl Bench {
             JointFactor { joint, stage: Stage::Excitation, motion: Motion::Moving, factor }
         };
         let factors = self.robot.joint_indices().map(of_joint).collect();
-        RecordedCycle { loaded, factors, independent_fraction: 1.0 }
+        RecordedCycle { loaded, factors, independent_shares: vec![1.0; 6] }
     }
 
     fn recordings(&self, scale: &[f64], mut noise: impl FnMut() -> f64) -> Vec<RecordedCycle> {

@@ -3,7 +3,6 @@
 use super::NumericsError;
 use super::base::BaseParameters;
 use super::estimate::{WeightRule, joined};
-use super::factors::{JointColumns, JointFactor, identifies};
 use super::identify::MAX_SCALED_CONDITION;
 use super::physical::{PhysicalEstimate, PhysicalSettings, physical};
 use super::triangular::TriangularFactor;
@@ -17,77 +16,6 @@ const NOISE_FLOOR: f64 = 1e-4;
 const SETTLED: f64 = 1e-6;
 /// Weights settle in some five rounds.
 const MAX_ROUNDS: usize = 50;
-
-/// The moving excitation rows of chosen cycles, joint by joint, as cycles come in.
-#[derive(Debug, Clone)]
-pub struct JointRows {
-    columns: JointColumns,
-    by_joint: Vec<TriangularFactor>,
-    independent_rows: f64,
-}
-
-impl JointRows {
-    /// Of no cycles yet; all must have these columns.
-    #[must_use]
-    pub fn new(columns: JointColumns) -> Self {
-        let by_joint = columns.by_joint().iter().map(|of| TriangularFactor::new(of.len())).collect();
-        Self { columns, by_joint, independent_rows: 0.0 }
-    }
-
-    /// Joins the rows of a cycle in which joints move during excitation; other factors are passed
-    /// over. `independent_fraction` of them are independent after the low-pass.
-    ///
-    /// # Errors
-    /// [`NumericsError::ColumnsDiffer`] if the cycle's columns are others.
-    pub fn add(
-        &mut self,
-        columns: &JointColumns,
-        factors: &[JointFactor],
-        independent_fraction: f64,
-    ) -> Result<(), NumericsError> {
-        if columns.by_joint() != self.columns.by_joint() {
-            return Err(NumericsError::ColumnsDiffer(
-                "the cycles were factored over different parameters: choose cycles of one description".into(),
-            ));
-        }
-        for of in factors.iter().filter(|of| identifies(of.stage, of.motion)) {
-            self.by_joint[of.joint.index()].join(&of.factor);
-            self.independent_rows += of.factor.rows() as f64 * independent_fraction;
-        }
-        Ok(())
-    }
-
-    /// Each joint's factor over all base parameters, in their order.
-    ///
-    /// # Errors
-    /// [`NumericsError::ColumnsDiffer`] unless the base parameters are those of the columns.
-    pub fn over(&self, base: &BaseParameters) -> Result<Vec<TriangularFactor>, NumericsError> {
-        if base.kept.len() != self.columns.kept().len() {
-            return Err(NumericsError::ColumnsDiffer(format!(
-                "the description has {} base parameters, the stored factors {}: they were made with another",
-                base.kept.len(),
-                self.columns.kept().len()
-            )));
-        }
-        let place = |id: &crate::robot::ParameterId| {
-            base.kept.iter().position(|kept| kept == id).ok_or_else(|| {
-                NumericsError::ColumnsDiffer(format!("the description has no base parameter {id}"))
-            })
-        };
-        let of_joint = |(factor, ids): (&TriangularFactor, &Vec<crate::robot::ParameterId>)| {
-            let places = ids.iter().map(place).collect::<Result<Vec<usize>, _>>()?;
-            Ok(TriangularFactor::stacked(base.kept.len(), [(factor, &places[..])]))
-        };
-        self.by_joint.iter().zip(self.columns.by_joint().iter()).map(of_joint).collect()
-    }
-
-    /// Share of the rows that are independent after the low-pass.
-    #[must_use]
-    pub fn independent_fraction(&self) -> f64 {
-        let rows: usize = self.by_joint.iter().map(TriangularFactor::rows).sum();
-        self.independent_rows / (rows as f64).max(1.0)
-    }
-}
 
 /// What physics costs a joint, over the rows that were fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]

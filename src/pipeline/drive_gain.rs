@@ -1,9 +1,8 @@
 //! Drive gains from stored factors of recordings without and with a known load: no export is read.
 
-use super::stored::{Chosen, StoredError};
+use super::stored::{Chosen, StoredError, chosen_cycles, independent_shares, merged};
 use crate::numerics::NumericsError;
 use crate::numerics::base::base_parameters;
-use crate::numerics::cross::independent_fraction;
 use crate::numerics::drive_gain::{JointGain, RecordedCycle, drive_gains, load_change};
 use crate::numerics::factors::{JointColumns, unpack};
 use crate::robot::{Robot, StandardParameters};
@@ -24,8 +23,8 @@ pub async fn stored_drive_gains(
 ) -> Result<Vec<JointGain>, StoredError> {
     let mut cycles = Vec::new();
     for (runs, loaded) in [(without, false), (with, true)] {
-        for chosen in runs {
-            cycles.extend(read(store, robot, chosen).await?.into_iter().map(|cycle| (cycle, loaded)));
+        for chosen in merged(runs) {
+            cycles.extend(read(store, robot, &chosen).await?.into_iter().map(|cycle| (cycle, loaded)));
         }
     }
     let robot = robot.clone();
@@ -58,7 +57,7 @@ fn gains(
         recorded.push(RecordedCycle {
             loaded: *loaded,
             factors: unpack(&cycle.factors)?,
-            independent_fraction: independent_fraction(cycle.cutoff, cycle.sample_rate),
+            independent_shares: independent_shares(cycle),
         });
     }
     drive_gains(&columns, &recorded, &change)
@@ -66,19 +65,7 @@ fn gains(
 
 async fn read(store: &Store, robot: &Robot, chosen: &Chosen) -> Result<Vec<StoredCycle>, StoredError> {
     let run_id = chosen.run_id;
-    let mut cycles = store.factors_of_run(run_id, FactorsWanted::Identification).await?;
-    if let Some(numbers) = &chosen.cycles {
-        if let Some(missing) = numbers.iter().find(|n| cycles.iter().all(|cycle| cycle.cycle != **n)) {
-            return Err(StoredError::Refused(format!("run {run_id} has no cycle {missing} with factors")));
-        }
-        cycles.retain(|cycle| numbers.contains(&cycle.cycle));
-    }
-    if cycles.is_empty() {
-        return Err(StoredError::Refused(format!(
-            "run {run_id} has no factors: it is unknown or quarantined, or its channels were refused; \
-             `SELECT run_id, cycle, status, reason FROM cycles` says why"
-        )));
-    }
+    let cycles = chosen_cycles(store, chosen, FactorsWanted::Identification).await?;
     match cycles.iter().find(|cycle| !cycle.model.describes(robot)) {
         Some(_) => Err(StoredError::Refused(format!(
             "run {run_id} was analysed with another description than {} has now: the load's place on the arm would \

@@ -279,7 +279,7 @@ fn theta(columns: &JointColumns, candidate: &Candidate) -> Result<Vec<f64>, Nume
 }
 
 /// As stored; of cycles without, what the low-pass leaves.
-fn independent_shares(cycle: &StoredCycle) -> Vec<f64> {
+pub(super) fn independent_shares(cycle: &StoredCycle) -> Vec<f64> {
     match cycle.independent_shares.is_empty() {
         true => vec![independent_fraction(cycle.cutoff, cycle.sample_rate); cycle.factors.columns.len()],
         false => cycle.independent_shares.clone(),
