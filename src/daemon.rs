@@ -7,7 +7,7 @@
 
 mod book;
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -20,6 +20,7 @@ use crate::alert;
 use crate::config::Config;
 use crate::ingest::tail;
 use crate::ingest::watch::{self, Complaints};
+use crate::pipeline::conclude::Concluded;
 use crate::pipeline::follow::Followed;
 use crate::pipeline::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::run::FileId;
@@ -35,6 +36,19 @@ const SCAN_SHARE: u32 = 10;
 /// Settled files at once. With two, a large or slow one leaves a way past it; each takes the memory of a
 /// few cycles.
 const BACKLOG_FILES: usize = 2;
+
+/// While settled files of a robot wait, conclusions from its history wait for the last of them, but no longer
+/// than this: a backlog of a thousand runs is not judged a thousand times, nor only in the end.
+const CONCLUDE_WITHIN: Duration = Duration::from_secs(10);
+
+/// What the daemon has to say.
+#[derive(Debug)]
+pub enum Event<'a> {
+    /// What became of an export.
+    Export(&'a Path, &'a Outcome),
+    /// What a robot's history says.
+    Concluded(&'a Concluded),
+}
 
 /// Which way a file is taken.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -65,17 +79,21 @@ struct Work<'p> {
     /// files with one content the first by name is taken.
     admitting: Option<FileId>,
     begun: (mpsc::UnboundedSender<FileId>, mpsc::UnboundedReceiver<FileId>),
+    /// Robots whose history has changed, and since when.
+    stale: BTreeMap<String, Instant>,
+    /// Conclusions being drawn, one robot at a time.
+    concluding: JoinSet<(String, Result<Option<Concluded>, PipelineError>)>,
 }
 
 /// Watches the configured folders until `stop` is cancelled, then finishes the cycles in hand.
-/// `report` hears the outcome of every export.
+/// `report` hears the outcome of every export and what each robot's history says.
 ///
 /// # Errors
 /// [`PipelineError`] where the daemon cannot go on: a full disk, or another daemon on the database.
 pub async fn watch(
     pipeline: &Pipeline,
     stop: &CancellationToken,
-    mut report: impl FnMut(&Path, &Outcome),
+    mut report: impl FnMut(Event<'_>),
 ) -> Result<(), PipelineError> {
     let _claim = pipeline.store().claim().map_err(PipelineError::from)?;
     let mut work = Work::new(pipeline, stop.child_token());
@@ -88,7 +106,24 @@ pub async fn watch(
             ended?;
         }
     }
-    watched
+    while let Some(concluded) = work.concluding.join_next().await {
+        let ended = concluded.map_err(PipelineError::from).and_then(|done| work.concluded(done, &mut report));
+        if watched.is_ok() {
+            ended?;
+        }
+    }
+    watched?;
+    // what is not concluded when a second signal comes is concluded when the daemon starts again
+    for concluded in pipeline.conclude().await? {
+        announce(&concluded, &mut report);
+    }
+    Ok(())
+}
+
+/// Logs and reports what a robot's history says.
+fn announce(concluded: &Concluded, report: &mut impl FnMut(Event<'_>)) {
+    concluded.new_anomalies.iter().for_each(alert::log_opened);
+    report(Event::Concluded(concluded));
 }
 
 impl<'p> Work<'p> {
@@ -102,21 +137,28 @@ impl<'p> Work<'p> {
             robots: HashSet::new(),
             admitting: None,
             begun: mpsc::unbounded_channel(),
+            stale: BTreeMap::new(),
+            concluding: JoinSet::new(),
         }
     }
 
     /// Scans and takes files until a stop is asked for.
-    async fn go_on(&mut self, report: &mut impl FnMut(&Path, &Outcome)) -> Result<(), PipelineError> {
+    async fn go_on(&mut self, report: &mut impl FnMut(Event<'_>)) -> Result<(), PipelineError> {
         let settings = self.pipeline.config().watch.clone();
         let (mut watcher, mut hints) = watch::watch_folders(&settings.folders);
         let mut complaints = Complaints::default();
         let mut next_scan = Instant::now();
         let mut earliest = next_scan;
+        for robot in self.pipeline.store().stale_robots().await? {
+            self.stale.insert(robot.name, Instant::now());
+        }
         while !self.stop.is_cancelled() {
             self.take_what_is_due();
+            self.conclude_what_is_due();
             tokio::select! {
                 () = self.stop.cancelled() => {}
                 Some(closed) = self.tasks.join_next() => self.close(closed?, report)?,
+                Some(concluded) = self.concluding.join_next() => self.concluded(concluded?, report)?,
                 Some(file) = self.begun.1.recv() => self.admitted(file),
                 Some(()) = hints.recv(), if next_scan > earliest => next_scan = earliest,
                 () = tokio::time::sleep_until(next_scan.into()) => {
@@ -184,12 +226,47 @@ impl<'p> Work<'p> {
         });
     }
 
-    /// Notes, logs and reports what became of a file.
-    fn close(
+    /// Begins conclusions for the first robot that is through with its backlog, or has waited long enough.
+    fn conclude_what_is_due(&mut self) {
+        if !self.concluding.is_empty() {
+            return;
+        }
+        let is_through = |robot: &String| !self.robots.contains(robot) && !self.book.has_settled(robot);
+        let due =
+            |(robot, since): (&String, &Instant)| is_through(robot) || since.elapsed() > CONCLUDE_WITHIN;
+        let Some(robot) = self.stale.iter().find(|entry| due(*entry)).map(|(robot, _)| robot.clone()) else {
+            return;
+        };
+        self.stale.remove(&robot);
+        let pipeline = self.pipeline.clone();
+        self.concluding.spawn(async move {
+            let concluded = pipeline.conclude_named(&robot).await;
+            (robot, concluded)
+        });
+    }
+
+    /// Announces conclusions, or notes that they are still to be drawn.
+    fn concluded(
         &mut self,
-        closed: Closed,
-        report: &mut impl FnMut(&Path, &Outcome),
+        (robot, result): (String, Result<Option<Concluded>, PipelineError>),
+        report: &mut impl FnMut(Event<'_>),
     ) -> Result<(), PipelineError> {
+        let concluded = match result {
+            Err(PipelineError::Store(error)) if !error.is_fatal() => {
+                tracing::warn!(robot, %error, "conclusions not stored now; trying again");
+                self.stale.entry(robot).or_insert_with(Instant::now);
+                return Ok(());
+            }
+            result => result?,
+        };
+        if let Some(concluded) = concluded {
+            announce(&concluded, report);
+        }
+        Ok(())
+    }
+
+    /// Notes, logs and reports what became of a file.
+    fn close(&mut self, closed: Closed, report: &mut impl FnMut(Event<'_>)) -> Result<(), PipelineError> {
         let Closed { due, way, result } = closed;
         self.admitted(due.file);
         match &way {
@@ -209,7 +286,10 @@ impl<'p> Work<'p> {
         self.book.close(&due, closing(&followed, &way));
         if let Followed::Outcome(outcome) = &followed {
             log_outcome(&due.path, outcome);
-            report(&due.path, outcome);
+            if let Outcome::Stored(run) = outcome {
+                self.stale.entry(run.robot.clone()).or_insert_with(Instant::now);
+            }
+            report(Event::Export(&due.path, outcome));
         }
         Ok(())
     }
@@ -245,9 +325,6 @@ fn log_outcome(path: &Path, outcome: &Outcome) {
             tracing::info!(%file, robot = %run.robot, run_id = run.run_id, cycles = run.cycles, rows = run.rows, "stored");
             for (cycle, reason) in &run.refused {
                 tracing::warn!(%file, cycle, "no parameters: {reason}");
-            }
-            for anomaly in &run.new_anomalies {
-                alert::log_opened(anomaly);
             }
         }
         Outcome::AlreadyStored { run_id } => tracing::debug!(%file, run_id, "already stored"),

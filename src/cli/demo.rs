@@ -13,7 +13,8 @@ use tokio_util::sync::CancellationToken;
 
 use super::{CliError, EXIT_DONE, EXIT_STOPPED, Global, open_store, output, runtime, shared};
 use crate::config::Config;
-use crate::daemon;
+use crate::daemon::{self, Event};
+use crate::pipeline::conclude::Concluded;
 use crate::pipeline::{Outcome, Pipeline};
 use crate::robot::{JointIndex, Robot};
 use crate::simulate::fault::Fault;
@@ -199,10 +200,13 @@ async fn watch_fleet(
             Ok(())
         }
     });
-    daemon::watch(pipeline, &done, |path, outcome| {
-        show_outcome(path, outcome);
-        // the tally may be done already when the demo watches on
-        let _ = to_tally.send(path.to_path_buf());
+    daemon::watch(pipeline, &done, |event| match event {
+        Event::Export(path, outcome) => {
+            show_outcome(path, outcome);
+            // the tally may be done already when the demo watches on
+            let _ = to_tally.send(path.to_path_buf());
+        }
+        Event::Concluded(concluded) => show_conclusions(concluded),
     })
     .await?;
     drop(to_tally);
@@ -214,15 +218,18 @@ fn show_outcome(path: &Path, outcome: &Outcome) {
     match outcome {
         Outcome::Stored(run) => {
             output::line(&format!("stored  {name}: {} cycles, {} rows", run.cycles, run.rows));
-            for anomaly in &run.new_anomalies {
-                output::line(&format!(
-                    "{}  {} {}: {}",
-                    anomaly.severity, run.robot, anomaly.kind, anomaly.message
-                ));
-            }
         }
         Outcome::Quarantined { rejection, .. } => output::line(&format!("quarantined  {rejection}")),
         Outcome::AlreadyStored { .. } | Outcome::Interrupted | Outcome::Changed | Outcome::InWork { .. } => {}
+    }
+}
+
+fn show_conclusions(concluded: &Concluded) {
+    for anomaly in &concluded.new_anomalies {
+        output::line(&format!(
+            "{}  {} {}: {}",
+            anomaly.severity, concluded.robot, anomaly.kind, anomaly.message
+        ));
     }
 }
 

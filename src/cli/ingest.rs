@@ -11,6 +11,7 @@ use tokio_util::sync::CancellationToken;
 use super::{CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, output, runtime, shared};
 use crate::daemon;
 use crate::ingest::watch;
+use crate::pipeline::conclude::Concluded;
 use crate::pipeline::{Outcome, Pipeline, Progress, Retry};
 
 #[derive(Debug, Args)]
@@ -71,6 +72,9 @@ async fn take_all(
             return Ok(EXIT_STOPPED);
         }
     }
+    for concluded in pipeline.conclude().await? {
+        print_conclusions(&concluded, as_json);
+    }
     Ok(code)
 }
 
@@ -120,6 +124,24 @@ fn print(path: &Path, outcome: &Outcome, as_json: bool) {
     }
 }
 
+/// What a robot's history says with the new runs: nothing is printed where it says nothing new.
+fn print_conclusions(concluded: &Concluded, as_json: bool) {
+    for anomaly in &concluded.new_anomalies {
+        if as_json {
+            output::json(&json!({
+                "outcome": "anomaly", "robot": concluded.robot, "joint": anomaly.joint.number(),
+                "anomaly_id": anomaly.anomaly_id, "kind": anomaly.kind, "severity": anomaly.severity.name(),
+                "message": anomaly.message,
+            }));
+        } else {
+            output::line(&format!(
+                "{:<12} {} {}: {}",
+                anomaly.severity, concluded.robot, anomaly.kind, anomaly.message
+            ));
+        }
+    }
+}
+
 fn as_text(path: &Path, outcome: &Outcome) -> String {
     let file = path.display();
     match outcome {
@@ -130,12 +152,6 @@ fn as_text(path: &Path, outcome: &Outcome) -> String {
             );
             for (cycle, reason) in &run.refused {
                 text.push_str(&format!("\n             cycle {cycle} without parameters: {reason}"));
-            }
-            for anomaly in &run.new_anomalies {
-                text.push_str(&format!(
-                    "\n{:<12} {} {}: {}",
-                    anomaly.severity, run.robot, anomaly.kind, anomaly.message
-                ));
             }
             text
         }
@@ -158,9 +174,6 @@ fn as_value(path: &Path, outcome: &Outcome) -> serde_json::Value {
             "file": file, "outcome": "stored", "run_id": run.run_id, "robot": run.robot,
             "cycles": run.cycles, "rows": run.rows,
             "refused": run.refused.iter().map(|(cycle, reason)| json!({"cycle": cycle, "reason": reason})).collect::<Vec<_>>(),
-            "new_anomalies": run.new_anomalies.iter().map(|a| json!({
-                "joint": a.joint.number(), "kind": a.kind, "severity": a.severity.name(), "message": a.message,
-            })).collect::<Vec<_>>(),
         }),
         Outcome::AlreadyStored { run_id } => json!({"file": file, "outcome": "known", "run_id": run_id}),
         Outcome::Quarantined { run_id, rejection, cycles } => json!({

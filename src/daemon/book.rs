@@ -143,6 +143,12 @@ impl Book {
         }
     }
 
+    /// Whether settled files of a lane wait.
+    #[must_use]
+    pub fn has_settled(&self, lane: &str) -> bool {
+        self.settled.get(lane).is_some_and(|queue| !queue.is_empty())
+    }
+
     fn open(&mut self, path: &Path) -> Option<Due> {
         let entry = self.entries.get(path)?;
         let (seen, file, patience) = (entry.seen, entry.file, entry.patience);

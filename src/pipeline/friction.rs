@@ -1,4 +1,4 @@
-//! Friction at the end of a run: over speed by cycle, and the robot's map with the index of each run.
+//! Friction beyond a run's own warm-up: over speed by cycle, and the robot's map with the index of each run.
 
 use std::collections::HashMap;
 
@@ -8,40 +8,20 @@ use crate::anomaly::Findings;
 use crate::numerics::friction_index::{MapRun, RobotFriction, robot_friction};
 use crate::numerics::friction_speed::friction_over_speed;
 use crate::robot::JointIndex;
-use crate::store::{CyclePoint, CycleSpeedFits, FinishTransaction, Store, StoreError};
+use crate::store::{CyclePoint, CycleSpeedFits, FrictionRun, Store};
 
-/// What a run says of friction beyond its own warm-up.
-#[derive(Debug)]
-pub struct RunFriction {
-    run_id: i64,
-    speed_fits: Vec<CycleSpeedFits>,
-    run_ids: Vec<i64>,
-    robot: RobotFriction,
-}
-
-/// Fits friction over speed of each cycle of run `run_id`, and the robot's map over its history. Made before
-/// the transaction that ends the run.
+/// Fits friction over speed of each cycle of run `run_id`.
 ///
 /// # Errors
 /// Those of the store.
-pub async fn analyse(
+pub async fn over_speed(
     store: &Store,
     run_id: i64,
     points: &[CyclePoint],
-    baseline_runs: usize,
-) -> Result<RunFriction, PipelineError> {
+) -> Result<Vec<CycleSpeedFits>, PipelineError> {
     let fractions = store.independent_fractions(run_id).await?;
     let points = points.to_vec();
-    let (run_ids, runs): (Vec<i64>, Vec<MapRun>) =
-        store.friction_runs(run_id).await?.into_iter().map(|run| (run.run_id, run.run)).unzip();
-    let (speed_fits, robot) = tokio::task::spawn_blocking(move || {
-        (speed_fits(&points, &fractions), robot_friction(&runs, baseline_runs))
-    })
-    .await?;
-    for remark in &robot.remarks {
-        tracing::debug!(run_id, "{remark}");
-    }
-    Ok(RunFriction { run_id, speed_fits, run_ids, robot })
+    Ok(tokio::task::spawn_blocking(move || speed_fits(&points, &fractions)).await?)
 }
 
 /// Friction over speed by cycle; joints with too few speeds have said so as cycle remarks already.
@@ -61,23 +41,27 @@ fn speed_fits(points: &[CyclePoint], fractions: &HashMap<u32, f64>) -> Vec<Cycle
         .collect()
 }
 
-impl RunFriction {
-    /// Stores it with the end of the run.
-    ///
-    /// # Errors
-    /// Those of the store.
-    pub async fn store(&self, ending: &mut FinishTransaction) -> Result<(), StoreError> {
-        ending.replace_speed_fits(&self.speed_fits).await?;
-        ending.replace_friction_maps(&self.run_ids, &self.robot).await
+/// Friction of a robot over speed and thermal state.
+#[derive(Debug)]
+pub struct FrictionHistory {
+    /// Runs that it stands on, oldest first.
+    pub run_ids: Vec<i64>,
+    /// Maps, and the indices of those runs.
+    pub found: RobotFriction,
+}
+
+impl FrictionHistory {
+    /// Fits the map of a robot over its runs.
+    #[must_use]
+    pub fn of_runs(runs: Vec<FrictionRun>, baseline_runs: usize) -> Self {
+        let (run_ids, runs): (Vec<i64>, Vec<MapRun>) =
+            runs.into_iter().map(|run| (run.run_id, run.run)).unzip();
+        Self { run_ids, found: robot_friction(&runs, baseline_runs) }
     }
 
-    /// Gives the joints' health the index at equal thermal state, where the latest run has one and this run
-    /// is among those looked at.
+    /// Gives the joints' health the index at equal thermal state, where the latest run has one.
     pub fn refine(&self, findings: &mut Findings) {
-        if !self.run_ids.contains(&self.run_id) {
-            return;
-        }
-        let Some(latest) = self.robot.indices.last() else { return };
+        let Some(latest) = self.found.indices.last() else { return };
         for health in findings.health.iter_mut().filter(|health| !health.learning) {
             if let Some(found) = latest.iter().find(|found| found.joint == health.joint) {
                 health.friction_index = Some(found.index.value);

@@ -6,13 +6,14 @@
 //! files that grow ([`follow`]). A cycle is done when the transaction that stores its rows commits;
 //! whatever was cut short is read again and picks up after the last stored cycle.
 
-pub mod drive_gain;
-pub mod cycles;
+pub mod conclude;
 pub mod cutting;
+pub mod cycles;
+pub mod drive_gain;
 pub mod follow;
+mod friction;
 pub mod intake;
 pub mod physical;
-mod friction;
 pub mod record;
 pub mod replay;
 pub mod reestimate;
@@ -34,7 +35,7 @@ use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::{Method, analyse_cycle};
 use crate::robot::Robot;
 use crate::run::ContentPrefix;
-use crate::store::{AnomalyRow, Store, StoreError};
+use crate::store::{Store, StoreError};
 use cutting::{CutCycle, ReadEnd};
 use intake::{Intake, Known};
 
@@ -65,8 +66,8 @@ pub struct Pipeline {
     methods: Arc<Mutex<Vec<Arc<Method>>>>,
     /// Places for analyses, of growing and of settled exports.
     places: [Arc<Semaphore>; 2],
-    /// Held while a run ends: what is concluded from a robot's history must have seen all of it.
-    ending: Arc<tokio::sync::Mutex<()>>,
+    /// Held while conclusions are drawn.
+    concluding: Arc<tokio::sync::Mutex<()>>,
     /// Runs whose exports are being read.
     open: OpenRuns,
 }
@@ -126,8 +127,6 @@ pub struct StoredRun {
     pub refused: Vec<(u32, String)>,
     /// Rows of the export.
     pub rows: u64,
-    /// Anomalies that this run opened.
-    pub new_anomalies: Vec<AnomalyRow>,
 }
 
 impl Outcome {
@@ -169,7 +168,14 @@ impl Pipeline {
     #[must_use]
     pub fn new(config: Arc<Config>, store: Store) -> Self {
         let places = [(); 2].map(|()| Arc::new(Semaphore::new(CYCLES_IN_ANALYSIS)));
-        Self { config, store, methods: Arc::default(), places, ending: Arc::default(), open: Arc::default() }
+        Self {
+            config,
+            store,
+            methods: Arc::default(),
+            places,
+            concluding: Arc::default(),
+            open: Arc::default(),
+        }
     }
 
     /// The configuration that the pipeline follows.

@@ -5,17 +5,11 @@ use tokio::sync::mpsc;
 use super::cutting::ReadTotals;
 use super::intake::Intake;
 use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun, friction};
-use crate::analysis::{FrictionPoint, RunAnalysis, WarmUpFit};
+use crate::analysis::FrictionPoint;
 use crate::ingest::rejection::Rejection;
-use crate::numerics::analyse::{AnalysisSettings, Method, RunResults, analyse_run, warm_up_fits};
-use crate::numerics::detect::detect;
+use crate::numerics::analyse::{Method, RunResults, analyse_run};
 use crate::robot::{JointIndex, ParameterId};
-use crate::store::{AnomalyRow, Owner, RunMeasurements, RunTotals, Store};
-
-/// Up to this many runs of a robot, the fits over all its runs are renewed with every run; later,
-/// each time the history has grown by this fraction. Renewing them always would make the work of a
-/// long history grow with its square.
-const MIXED_FITS_EVERY_RUN_UP_TO: usize = 20;
+use crate::store::{Owner, RunMeasurements, RunTotals, Store};
 
 /// What recording the cycles of an export came to.
 #[derive(Debug, Default)]
@@ -60,9 +54,9 @@ pub(super) async fn cycles(
     Ok(recorded)
 }
 
-/// Ends a run: what it says as a whole, what the robot's history says with it, and its mark of
-/// completion, in one transaction. Where another run was completed with the same content meanwhile,
-/// this one goes.
+/// Ends a run: what it says as a whole and its mark of completion, in one transaction. Where another run was
+/// completed with the same content meanwhile, this one goes. What the robot's history says with it is
+/// concluded later, see [`Pipeline::conclude`].
 ///
 /// # Errors
 /// Those of the store.
@@ -73,18 +67,13 @@ pub async fn finish(
     totals: ReadTotals,
     refused: Vec<(u32, String)>,
 ) -> Result<Outcome, PipelineError> {
-    let _turn = pipeline.ending.lock().await;
     let measurements = pipeline.store().run_measurements(intake.run_id).await?;
-    let baseline_runs = pipeline.config().detect.baseline_runs;
-    let friction =
-        friction::analyse(pipeline.store(), intake.run_id, &measurements.friction_points, baseline_runs)
-            .await?;
+    let speed_fits =
+        friction::over_speed(pipeline.store(), intake.run_id, &measurements.friction_points).await?;
     let (joints, settings) = (method.robot.joint_count(), pipeline.config().analysis);
     let analysis =
         tokio::task::spawn_blocking(move || analyse_run(joints, &settings, &as_results(measurements)))
             .await?;
-
-    let mixed = mixed_fits(pipeline, intake, reference_level(&analysis, &settings)).await?;
 
     let mut ending = pipeline.store().finish_run(intake.run_id).await?;
     if let Owner::Other(run_id) = ending.adopt(&totals.content).await? {
@@ -93,14 +82,7 @@ pub async fn finish(
         return Ok(Outcome::AlreadyStored { run_id });
     }
     ending.store_analysis(&analysis).await?;
-    if let Some(fits) = mixed {
-        ending.replace_mixed_fits(&fits).await?;
-    }
-    friction.store(&mut ending).await?;
-    let history = ending.run_summaries().await?;
-    let mut findings = detect(&history, &pipeline.config().detect);
-    friction.refine(&mut findings);
-    let reconciled = ending.reconcile(&findings).await?;
+    ending.replace_speed_fits(&speed_fits).await?;
     let figures = RunTotals {
         rows: usize::try_from(totals.rows).unwrap_or(usize::MAX),
         sample_rate: totals.sample_rate,
@@ -114,7 +96,6 @@ pub async fn finish(
         cycles: totals.cycles,
         refused,
         rows: totals.rows,
-        new_anomalies: opened(pipeline.store(), &reconciled.opened).await?,
     }))
 }
 
@@ -134,43 +115,6 @@ pub async fn quarantine(
     let cycles =
         pipeline.store().lookup(&intake.header.content_hash).await?.map_or(0, |run| run.cycles_stored);
     Ok(Outcome::Quarantined { run_id, rejection, cycles })
-}
-
-async fn opened(store: &Store, ids: &[i64]) -> Result<Vec<AnomalyRow>, PipelineError> {
-    if ids.is_empty() {
-        return Ok(Vec::new());
-    }
-    let before = ids.iter().min().map_or(0, |first| first - 1);
-    let rows = store.anomalies_after(before).await?;
-    Ok(rows.into_iter().filter(|row| ids.contains(&row.anomaly_id)).collect())
-}
-
-/// Warm-up fits over all runs of the robot at one speed, this run included; `None` where they are not
-/// due. Made before the transaction that ends the run: they take long, and it holds the only writer.
-async fn mixed_fits(
-    pipeline: &Pipeline,
-    intake: &Intake,
-    speed_fraction: f64,
-) -> Result<Option<Vec<WarmUpFit>>, PipelineError> {
-    let complete = pipeline.store().complete_runs_beside(intake.run_id).await?;
-    if !mixed_fits_due(complete + 1) {
-        return Ok(None);
-    }
-    let points = pipeline.store().friction_history(intake.run_id, speed_fraction).await?;
-    Ok(Some(tokio::task::spawn_blocking(move || warm_up_fits(&points)).await?))
-}
-
-fn mixed_fits_due(runs: usize) -> bool {
-    let step = runs.div_ceil(MIXED_FITS_EVERY_RUN_UP_TO);
-    step > 0 && runs.is_multiple_of(step)
-}
-
-/// The speed level that this run's warm friction was taken at, the reference itself without one.
-fn reference_level(analysis: &RunAnalysis, settings: &AnalysisSettings) -> f64 {
-    let levels =
-        analysis.summaries.iter().filter_map(|summary| summary.warm_friction).map(|warm| warm.speed_fraction);
-    let distance = |level: f64| (level - settings.reference_speed_fraction).abs();
-    levels.min_by(|a, b| distance(*a).total_cmp(&distance(*b))).unwrap_or(settings.reference_speed_fraction)
 }
 
 /// Turns rows by cycle into series by parameter and joint.

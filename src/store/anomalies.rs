@@ -13,7 +13,7 @@ use crate::anomaly::{Anomaly, Findings, JointHealth};
 pub struct Reconciled {
     /// Became open: new, or seen again after it was resolved.
     pub opened: Vec<i64>,
-    /// Became resolved: ended, or no longer in the findings.
+    /// Became resolved: ended, or withdrawn because the findings have it no longer.
     pub resolved: Vec<i64>,
 }
 
@@ -27,7 +27,8 @@ struct Stored {
 
 /// Makes the stored anomalies and health of a robot agree with `findings`, the outcome of its whole
 /// history. Known anomalies keep their number and a person's acknowledgement; one that was resolved
-/// and shows again is open again. Call in a transaction.
+/// and shows again is open again; one that more of the history has taken back is withdrawn: what is shown
+/// depends on the history alone, not on how much of it was known when. Call in a transaction.
 pub(super) async fn reconcile(
     connection: &mut SqliteConnection,
     robot_id: i64,
@@ -54,13 +55,14 @@ pub(super) async fn reconcile(
             }
         }
     }
-    let mut vanished: Vec<i64> =
-        stored.into_values().filter(|s| s.state != "resolved").map(|s| s.anomaly_id).collect();
-    vanished.sort_unstable();
-    for &id in &vanished {
-        resolve_anomaly(&mut *connection, id).await?;
+    let mut vanished: Vec<Stored> = stored.into_values().collect();
+    vanished.sort_unstable_by_key(|anomaly| anomaly.anomaly_id);
+    for anomaly in vanished {
+        withdraw_anomaly(&mut *connection, anomaly.anomaly_id).await?;
+        if anomaly.state != "resolved" {
+            outcome.resolved.push(anomaly.anomaly_id);
+        }
     }
-    outcome.resolved.extend(vanished);
     replace_health(connection, robot_id, &findings.health).await?;
     Ok(outcome)
 }
@@ -144,7 +146,7 @@ async fn update_anomaly(
     sqlx::query(
         "UPDATE anomaly
          SET severity = ?, score = ?, threshold = ?, value = ?, baseline = ?, last_run_id = ?, first_seen_at = ?,
-             last_seen_at = ?, state = ?, message = ?
+             last_seen_at = ?, state = ?, message = ?, withdrawn = 0
          WHERE anomaly_id = ?",
     )
     .bind(anomaly.severity.name())
@@ -163,8 +165,8 @@ async fn update_anomaly(
     Ok(())
 }
 
-async fn resolve_anomaly(executor: impl SqliteExecutor<'_>, anomaly_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE anomaly SET state = 'resolved' WHERE anomaly_id = ?")
+async fn withdraw_anomaly(executor: impl SqliteExecutor<'_>, anomaly_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE anomaly SET state = 'resolved', withdrawn = 1 WHERE anomaly_id = ?")
         .bind(anomaly_id)
         .execute(executor)
         .await?;

@@ -7,13 +7,14 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::history;
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number, size};
+use crate::analysis::FrictionPoint;
 use crate::analysis::friction::{FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient};
 use crate::numerics::cross::independent_fraction;
 use crate::numerics::friction_index::{MapRun, RobotFriction};
 use crate::numerics::thermal::MotionSpan;
 
-/// Runs that a map is made of, of a longer history: the first ones, which hold the baseline, and the
-/// latest ones. That bounds the work at the end of a run; what lies between has no later say.
+/// Runs that maps and fits over runs are made of, of a longer history: the first ones, which hold the
+/// baseline, and the latest ones. That bounds the work of a conclusion; what lies between has no later say.
 const FIRST_RUNS: usize = 12;
 const LATEST_RUNS: usize = 24;
 
@@ -37,16 +38,12 @@ pub struct CycleSpeedFits {
     pub joints: Vec<JointSpeedFits>,
 }
 
-/// Friction of the robot's first and latest complete runs and of `finishing_run_id`, oldest first.
+/// Friction of the robot's first and latest complete runs, oldest first.
 pub(super) async fn friction_runs(
     connection: &mut SqliteConnection,
     robot_id: i64,
-    finishing_run_id: i64,
 ) -> Result<Vec<FrictionRun>, sqlx::Error> {
-    let mut starts = run_starts(&mut *connection, robot_id, finishing_run_id).await?;
-    if starts.len() > FIRST_RUNS + LATEST_RUNS {
-        starts.drain(FIRST_RUNS..starts.len() - LATEST_RUNS);
-    }
+    let starts = first_and_latest_runs(&mut *connection, robot_id).await?;
     let mut runs = Vec::with_capacity(starts.len());
     for (run_id, started_at) in starts {
         let spans = motion(&mut *connection, run_id, started_at).await?;
@@ -60,23 +57,37 @@ pub(super) async fn friction_runs(
     Ok(runs)
 }
 
-/// Key and start, in microseconds, of the robot's complete runs and of one more, oldest first, without the
-/// run that this one takes the place of.
-async fn run_starts(
+/// Friction points of the robot's first and latest complete runs at one nominal speed, oldest run first;
+/// times count from the start of each point's own run.
+pub(super) async fn friction_history(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+    speed_fraction: f64,
+) -> Result<Vec<FrictionPoint>, sqlx::Error> {
+    let mut points = Vec::new();
+    for (run_id, _) in first_and_latest_runs(&mut *connection, robot_id).await? {
+        points.extend(history::friction_points_at(&mut *connection, run_id, speed_fraction).await?);
+    }
+    Ok(points)
+}
+
+/// Key and start, in microseconds, of the first and latest complete runs of a robot, oldest first.
+async fn first_and_latest_runs(
     executor: impl SqliteExecutor<'_>,
     robot_id: i64,
-    finishing_run_id: i64,
 ) -> Result<Vec<(i64, i64)>, sqlx::Error> {
-    sqlx::query_as(
+    let mut starts: Vec<(i64, i64)> = sqlx::query_as(
         "SELECT run_id, started_at FROM run
-         WHERE robot_id = ?1 AND (status = 'complete' OR run_id = ?2)
-               AND run_id IS NOT (SELECT replaces_run_id FROM run WHERE run_id = ?2)
+         WHERE robot_id = ? AND status = 'complete'
          ORDER BY started_at, run_id",
     )
     .bind(robot_id)
-    .bind(finishing_run_id)
     .fetch_all(executor)
-    .await
+    .await?;
+    if starts.len() > FIRST_RUNS + LATEST_RUNS {
+        starts.drain(FIRST_RUNS..starts.len() - LATEST_RUNS);
+    }
+    Ok(starts)
 }
 
 /// The cycles of a run as stretches of motion: a test moves from its first row to its last.

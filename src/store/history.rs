@@ -59,21 +59,6 @@ pub struct CycleRmsd {
     pub relative_rmsd: f64,
 }
 
-pub(super) async fn complete_runs_beside(
-    executor: impl SqliteExecutor<'_>,
-    run_id: i64,
-) -> Result<usize, sqlx::Error> {
-    let found: i64 = sqlx::query_scalar(
-        "SELECT COUNT(*) FROM run
-         WHERE robot_id = (SELECT robot_id FROM run WHERE run_id = ?1) AND status = 'complete' AND run_id <> ?1
-               AND run_id IS NOT (SELECT replaces_run_id FROM run WHERE run_id = ?1)",
-    )
-    .bind(run_id)
-    .fetch_one(executor)
-    .await?;
-    Ok(usize::try_from(found).unwrap_or(0))
-}
-
 pub(super) async fn run_measurements(
     connection: &mut SqliteConnection,
     run_id: i64,
@@ -160,11 +145,10 @@ async fn excitation_rmsd(
     .await
 }
 
-/// Summaries of a robot's complete runs and of `finishing_run_id`, oldest first.
+/// Summaries of a robot's complete runs, oldest first.
 pub(super) async fn run_summaries(
     executor: impl SqliteExecutor<'_>,
     robot_id: i64,
-    finishing_run_id: i64,
 ) -> Result<Vec<RunSummary>, sqlx::Error> {
     // A run without a summary still belongs to the history, hence the left join.
     let rows = sqlx::query(
@@ -173,11 +157,10 @@ pub(super) async fn run_summaries(
                 summary.relative_rmsd, summary.rmsd_swing, summary.rmsd_swing_cycles
          FROM run
          LEFT JOIN run_joint_summary AS summary USING (run_id)
-         WHERE run.robot_id = ? AND (run.status = 'complete' OR run.run_id = ?)
+         WHERE run.robot_id = ? AND run.status = 'complete'
          ORDER BY run.started_at, run.run_id, summary.joint",
     )
     .bind(robot_id)
-    .bind(finishing_run_id)
     .try_map(|row: SqliteRow| {
         let run = RunSummary {
             run_id: row.try_get("run_id")?,
@@ -200,27 +183,21 @@ pub(super) async fn run_summaries(
     Ok(runs)
 }
 
-/// Friction points of a robot's complete runs and of `finishing_run_id` at one nominal speed,
-/// oldest run first, without the run that it takes the place of. Times count from the start of each point's own run.
-pub(super) async fn friction_history(
+/// Friction points of run `run_id` at one nominal speed, in the order of the cycles.
+pub(super) async fn friction_points_at(
     executor: impl SqliteExecutor<'_>,
-    robot_id: i64,
-    finishing_run_id: i64,
+    run_id: i64,
     speed_fraction: f64,
 ) -> Result<Vec<FrictionPoint>, sqlx::Error> {
     sqlx::query(
         "SELECT joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm, friction_point.samples,
                 gravity
-         FROM run
-         CROSS JOIN cycle USING (run_id)
+         FROM cycle
          CROSS JOIN friction_point USING (cycle_id)
-         WHERE run.robot_id = ?1 AND (run.status = 'complete' OR run.run_id = ?2)
-               AND run.run_id IS NOT (SELECT replaces_run_id FROM run WHERE run_id = ?2)
-               AND speed_fraction BETWEEN ?3 AND ?4
-         ORDER BY run.started_at, run.run_id, cycle.number, friction_point.number",
+         WHERE cycle.run_id = ? AND speed_fraction BETWEEN ? AND ?
+         ORDER BY cycle.number, friction_point.number",
     )
-    .bind(robot_id)
-    .bind(finishing_run_id)
+    .bind(run_id)
     .bind(speed_fraction - SAME_SPEED)
     .bind(speed_fraction + SAME_SPEED)
     .try_map(|row| friction_point(&row))

@@ -6,6 +6,8 @@
 
 mod analyses;
 mod anomalies;
+mod claim;
+mod conclude;
 mod error;
 mod factors;
 mod finish;
@@ -18,7 +20,6 @@ mod parameter_sets;
 mod read;
 mod reestimates;
 mod run_analysis;
-mod claim;
 mod sources;
 #[cfg(test)]
 mod test_support;
@@ -45,6 +46,7 @@ use sqlx::{Sqlite, SqlitePool, Transaction};
 
 pub use anomalies::Reconciled;
 pub use claim::DaemonClaim;
+pub use conclude::{ConclusionTransaction, StaleRobot};
 pub use error::StoreError;
 pub use factors::{FactorsWanted, StoredCycle, StoredModel};
 pub use finish::FinishTransaction;
@@ -61,6 +63,7 @@ pub use sources::{EarlierRun, RunSource, SourceState};
 pub use verification::{CycleState, OfCycle};
 
 use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd, WarmingContrast};
+use crate::anomaly::RunSummary;
 use crate::robot::{ParameterId, Robot};
 use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader};
 use analyses::Recorded;
@@ -344,33 +347,53 @@ impl Store {
         self.checked(history::run_measurements(&mut connection, run_id).await)
     }
 
-    /// Reads the friction points that mixed fits need once this run is complete, without holding the
-    /// writer: those of the robot's complete runs and of this one at one nominal speed, oldest run
-    /// first; times count from each point's own run.
+    /// Robots whose history has changed since conclusions were drawn from it, by name.
     ///
     /// # Errors
-    /// [`StoreError::RunNotOpen`] if the run is unknown or quarantined.
+    /// [`StoreError`] of the database.
+    pub async fn stale_robots(&self) -> Result<Vec<StaleRobot>, StoreError> {
+        self.checked(conclude::stale_robots(&self.readers).await)
+    }
+
+    /// Reads the summaries of a robot's complete runs, ordered by start, then key.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn run_summaries(&self, robot_id: i64) -> Result<Vec<RunSummary>, StoreError> {
+        self.checked(history::run_summaries(&self.readers, robot_id).await)
+    }
+
+    /// Reads the friction points of a robot's complete runs at one nominal speed, oldest run first, of a long
+    /// history those of the first dozen and the latest two dozen runs; times count from each point's own run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
     pub async fn friction_history(
         &self,
-        run_id: i64,
+        robot_id: i64,
         speed_fraction: f64,
     ) -> Result<Vec<FrictionPoint>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
-        let robot = self.checked(ledger::robot_of_run(&mut *connection, run_id).await)?;
-        let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
-        self.checked(history::friction_history(&mut *connection, robot_id, run_id, speed_fraction).await)
+        self.checked(friction::friction_history(&mut connection, robot_id, speed_fraction).await)
     }
 
-    /// Reads the friction of the robot's complete runs and of run `run_id`, oldest first; of a long history
-    /// the first dozen and the latest two dozen.
+    /// Reads the friction of a robot's complete runs, oldest first; of a long history the first dozen and the
+    /// latest two dozen.
     ///
     /// # Errors
-    /// [`StoreError::RunNotOpen`] if the run is unknown or quarantined.
-    pub async fn friction_runs(&self, run_id: i64) -> Result<Vec<FrictionRun>, StoreError> {
+    /// [`StoreError`] of the database.
+    pub async fn friction_runs(&self, robot_id: i64) -> Result<Vec<FrictionRun>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
-        let robot = self.checked(ledger::robot_of_run(&mut *connection, run_id).await)?;
-        let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
-        self.checked(friction::friction_runs(&mut connection, robot_id, run_id).await)
+        self.checked(friction::friction_runs(&mut connection, robot_id).await)
+    }
+
+    /// Opens the transaction that stores what a robot's history says.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn conclude(&self, robot_id: i64) -> Result<ConclusionTransaction, StoreError> {
+        let transaction = self.begin().await?;
+        Ok(ConclusionTransaction { transaction, path: Arc::clone(&self.path), robot_id })
     }
 
     /// Reads which fraction of the rows of each cycle of a run is independent behind its low-pass, by number
@@ -380,14 +403,6 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn independent_fractions(&self, run_id: i64) -> Result<HashMap<u32, f64>, StoreError> {
         self.checked(friction::independent_fractions(&self.readers, run_id).await)
-    }
-
-    /// Number of complete runs of the robot of run `run_id`, that run left out.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn complete_runs_beside(&self, run_id: i64) -> Result<usize, StoreError> {
-        self.checked(history::complete_runs_beside(&self.readers, run_id).await)
     }
 
     /// Reads the factors of a run's cycles, in the order of the cycles, those without any left out.

@@ -4,7 +4,7 @@ use jiff::{SignedDuration, Timestamp};
 use sqlx::{AssertSqlSafe, Row};
 use tempfile::TempDir;
 
-use super::{RunTotals, Store};
+use super::{RunTotals, StaleRobot, Store};
 use crate::analysis::{
     CycleAnalysis, CycleFactors, Decay, Estimate, Estimator, FrictionPoint, GravityRemoval, Identification,
     IdentifiedParameter, JointResidual, JointSummary, ParameterStatistics, Rmsd, RmsdScope, RmsdSwing,
@@ -286,14 +286,28 @@ pub(super) async fn streaming_run(store: &Store, robot: &str, days: i64, cycles:
     run_id
 }
 
-/// Ends a run with an analysis and findings.
+/// Ends a run with an analysis, and draws these conclusions from it.
 pub(super) async fn finish(store: &Store, run_id: i64, cycles: u32, findings: &Findings) {
     let mut end = store.finish_run(run_id).await.expect("a transaction");
     end.store_analysis(&run_analysis(run_id as f64)).await.expect("an analysis");
-    end.replace_mixed_fits(&fits(50.0)).await.expect("fits");
-    end.reconcile(findings).await.expect("findings");
     end.complete(totals(cycles)).await.expect("completion");
     end.commit().await.expect("a commit");
+    let robot = stale(store, run_id).await;
+    let mut conclusion = store.conclude(robot.robot_id).await.expect("a transaction");
+    conclusion.replace_mixed_fits(&fits(50.0)).await.expect("fits");
+    conclusion.reconcile(findings).await.expect("findings");
+    conclusion.commit(robot.history).await.expect("a commit");
+}
+
+/// The robot of a run that was completed just now.
+pub(super) async fn stale(store: &Store, run_id: i64) -> StaleRobot {
+    let robot_id: i64 = sqlx::query_scalar("SELECT robot_id FROM run WHERE run_id = ?")
+        .bind(run_id)
+        .fetch_one(&store.readers)
+        .await
+        .expect("the run");
+    let stale = store.stale_robots().await.expect("robots");
+    stale.into_iter().find(|robot| robot.robot_id == robot_id).expect("its robot")
 }
 
 pub(super) fn totals(cycles: u32) -> RunTotals {

@@ -25,29 +25,62 @@ async fn the_end_of_a_run_reads_what_it_needs_and_stores_the_rest() {
         store.run_measurements(run_id).await.expect("same")
     );
     end.store_analysis(&run_analysis(10.0)).await.expect("an analysis");
-    let history = end.run_summaries().await.expect("summaries");
+    end.complete(totals(3)).await.expect("completion");
+    end.commit().await.expect("a commit");
+    let row = store.runs().await.expect("runs").into_iter().find(|r| r.run_id == run_id).expect("the run");
+    assert_eq!((row.status, row.cycles, row.rows), (RunStatus::Complete, 3, Some(90_078)));
+    assert_eq!(store.counts().await.expect("counts").streaming_runs, 1);
+
+    let robot = stale(&store, run_id).await;
+    let history = store.run_summaries(robot.robot_id).await.expect("summaries");
     assert_eq!(history.iter().map(|r| (r.run_id, r.cycles)).collect::<Vec<_>>(), [(run_id, 3), (later, 2)]);
     assert_eq!(history[0].joints, run_analysis(10.0).summaries);
     assert_eq!((history[0].started_at, history[1].started_at), (day(0), day(1)));
 
-    let points = end.friction_history(0.2 * 3.0).await.expect("points");
-    assert_eq!(store.friction_history(run_id, 0.6).await.expect("points"), points);
+    let points = store.friction_history(robot.robot_id, 0.2 * 3.0).await.expect("points");
     let expected: Vec<_> = [1, 2, 3, 1, 2]
         .into_iter()
         .flat_map(|number| cycle(number).friction_points)
         .filter(|p| p.speed_fraction == 0.6)
         .collect();
     assert_eq!(points, expected);
-
-    end.replace_mixed_fits(&fits(20.0)).await.expect("fits");
-    end.reconcile(&findings(vec![])).await.expect("findings");
-    end.complete(totals(3)).await.expect("completion");
-    end.commit().await.expect("a commit");
-    let row = store.runs().await.expect("runs").into_iter().find(|r| r.run_id == run_id).expect("the run");
-    assert_eq!((row.status, row.cycles, row.rows), (RunStatus::Complete, 3, Some(90_078)));
-    assert_eq!(store.counts().await.expect("counts").streaming_runs, 1);
+    let mut conclusion = store.conclude(robot.robot_id).await.expect("a transaction");
+    conclusion.replace_mixed_fits(&fits(20.0)).await.expect("fits");
+    conclusion.reconcile(&findings(vec![])).await.expect("findings");
+    conclusion.commit(robot.history).await.expect("a commit");
+    assert_eq!(store.stale_robots().await.expect("robots"), []);
     assert!(store.discard_run(unfinished).await.expect("an answer"));
     assert_sound(&store).await;
+}
+
+/// A run that ends, or goes, while conclusions are drawn is not in them: they are drawn again.
+#[tokio::test]
+async fn conclusions_are_stale_until_they_stand_on_the_whole_history() {
+    let (_folder, store) = fresh().await;
+    assert_eq!(store.stale_robots().await.expect("robots"), []);
+    let first = streaming_run(&store, "R00", 0, 1).await;
+    assert_eq!(store.stale_robots().await.expect("robots"), [], "an unfinished run says nothing");
+    finish(&store, first, 1, &findings(vec![])).await;
+
+    let second = streaming_run(&store, "R00", 1, 1).await;
+    let mut end = store.finish_run(second).await.expect("a transaction");
+    end.complete(totals(1)).await.expect("completion");
+    end.commit().await.expect("a commit");
+    let seen = stale(&store, second).await;
+    let third = streaming_run(&store, "R00", 2, 1).await;
+    let mut end = store.finish_run(third).await.expect("a transaction");
+    end.complete(totals(1)).await.expect("completion");
+    end.commit().await.expect("a commit");
+    let conclusion = store.conclude(seen.robot_id).await.expect("a transaction");
+    conclusion.commit(seen.history).await.expect("a commit");
+    let still = stale(&store, third).await;
+    assert!(still.history > seen.history, "{still:?}");
+    let conclusion = store.conclude(still.robot_id).await.expect("a transaction");
+    conclusion.commit(still.history).await.expect("a commit");
+    assert_eq!(store.stale_robots().await.expect("robots"), []);
+
+    store.supersede_run(third, second).await.expect("an update");
+    assert_eq!(store.stale_robots().await.expect("robots").len(), 1, "a run has left the history");
 }
 
 /// Every call can be part of a task of its own, on any thread.
@@ -61,16 +94,20 @@ async fn a_whole_run_may_be_stored_from_a_spawned_task() {
         store.describe_model(&er3a(), &[]).await?;
         store.record_cycle(run_id, &cycle(1), &er3a()).await?;
         store.run_measurements(run_id).await?;
-        store.friction_history(run_id, 0.6).await?;
         let mut end = store.finish_run(run_id).await?;
         end.measurements().await?;
         end.store_analysis(&run_analysis(1.0)).await?;
-        end.run_summaries().await?;
-        end.friction_history(0.6).await?;
-        end.replace_mixed_fits(&fits(1.0)).await?;
-        end.reconcile(&findings(vec![])).await?;
         end.complete(totals(1)).await?;
         end.commit().await?;
+        for robot in store.stale_robots().await? {
+            store.run_summaries(robot.robot_id).await?;
+            store.friction_history(robot.robot_id, 0.6).await?;
+            store.friction_runs(robot.robot_id).await?;
+            let mut conclusion = store.conclude(robot.robot_id).await?;
+            conclusion.replace_mixed_fits(&fits(1.0)).await?;
+            conclusion.reconcile(&findings(vec![])).await?;
+            conclusion.commit(robot.history).await?;
+        }
         store.quarantine(&header("R00", 1), "no rows", None, None).await?;
         store.lookup(&header("R00", 1).content_hash).await?;
         store.discard_run(run_id).await?;
@@ -148,9 +185,12 @@ async fn a_transaction_dropped_half_way_leaves_nothing() {
     let before = dump(&store).await;
     let mut end = store.finish_run(run_id).await.expect("a transaction");
     end.store_analysis(&run_analysis(1.0)).await.expect("an analysis");
-    end.reconcile(&findings(vec![anomaly(joint(1), run_id, Severity::Critical)])).await.expect("findings");
     end.complete(totals(2)).await.expect("completion");
     drop(end);
+    let mut conclusion = store.conclude(1).await.expect("a transaction");
+    let found = findings(vec![anomaly(joint(1), run_id, Severity::Critical)]);
+    conclusion.reconcile(&found).await.expect("findings");
+    drop(conclusion);
     // The writer is free again, and nothing of the dropped work is there.
     assert!(!store.record_cycle(run_id, &cycle(1), &er3a()).await.expect("the writer"));
     assert_eq!(dump(&store).await, before);
@@ -183,7 +223,7 @@ async fn anomalies_keep_their_number_and_acknowledgement() {
 
     let gone = reconcile(&store, run_id, vec![past.clone()]).await;
     assert_eq!((gone.opened, gone.resolved), (vec![], vec![id]));
-    assert_eq!(states(&store).await, ["resolved", "resolved"]);
+    assert_eq!(states(&store).await, ["resolved"], "the other one is withdrawn");
     let back = reconcile(&store, run_id, vec![drift.clone(), past.clone()]).await;
     assert_eq!(back.opened, [id], "seen again, open again");
 
@@ -203,8 +243,10 @@ async fn findings_of_a_robot_leave_other_robots_alone() {
     assert_eq!(states(&store).await, ["open", "open"]);
     let error = {
         let run_id = streaming_run(&store, "R02", 0, 1).await;
-        let mut end = store.finish_run(run_id).await.expect("a transaction");
-        end.reconcile(&findings(vec![anomaly(joint(1), 999, Severity::Info)])).await.expect_err("no such run")
+        finish(&store, run_id, 1, &findings(vec![])).await;
+        let mut conclusion = store.conclude(1).await.expect("a transaction");
+        let found = findings(vec![anomaly(joint(1), 999, Severity::Info)]);
+        conclusion.reconcile(&found).await.expect_err("no such run")
     };
     assert!(matches!(error, StoreError::Refused { .. }), "{error}");
 }
@@ -316,9 +358,14 @@ async fn reconcile(
     run_id: i64,
     anomalies: Vec<crate::anomaly::Anomaly>,
 ) -> super::Reconciled {
-    let mut end = store.finish_run(run_id).await.expect("a transaction");
-    let outcome = end.reconcile(&findings(anomalies)).await.expect("findings");
-    end.commit().await.expect("a commit");
+    let robot_id: i64 = sqlx::query_scalar("SELECT robot_id FROM run WHERE run_id = ?")
+        .bind(run_id)
+        .fetch_one(&store.readers)
+        .await
+        .expect("the run");
+    let mut conclusion = store.conclude(robot_id).await.expect("a transaction");
+    let outcome = conclusion.reconcile(&findings(anomalies)).await.expect("findings");
+    conclusion.commit(0).await.expect("a commit");
     outcome
 }
 

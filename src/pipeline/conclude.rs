@@ -1,0 +1,102 @@
+//! What follows from a robot's whole history: fits over its runs, its friction map, anomalies and health.
+//!
+//! Conclusions depend on the set of complete runs alone. They are drawn in a transaction of their own, after
+//! one run or after many: a backlog of a thousand exports is not judged a thousand times. The database knows
+//! which robots wait for it, so that nothing is forgotten if the program ends in between.
+
+use super::friction::FrictionHistory;
+use super::{Pipeline, PipelineError};
+use crate::analysis::WarmUpFit;
+use crate::anomaly::{Findings, RunSummary};
+use crate::numerics::analyse::warm_up_fits;
+use crate::numerics::detect::detect;
+use crate::store::{AnomalyRow, StaleRobot};
+
+/// What the history of a robot says that it did not say before.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Concluded {
+    /// The robot.
+    pub robot: String,
+    /// Anomalies that became open.
+    pub new_anomalies: Vec<AnomalyRow>,
+}
+
+impl Pipeline {
+    /// Draws conclusions for every robot whose history has changed since the last time, by name.
+    ///
+    /// # Errors
+    /// Those of the store.
+    pub async fn conclude(&self) -> Result<Vec<Concluded>, PipelineError> {
+        let mut concluded = Vec::new();
+        for robot in self.store.stale_robots().await? {
+            concluded.push(self.conclude_robot(&robot).await?);
+        }
+        Ok(concluded)
+    }
+
+    /// Draws conclusions for the robot of this name, unless they are as new as its history.
+    ///
+    /// # Errors
+    /// Those of the store.
+    pub async fn conclude_named(&self, name: &str) -> Result<Option<Concluded>, PipelineError> {
+        let stale = self.store.stale_robots().await?;
+        match stale.iter().find(|robot| robot.name == name) {
+            Some(robot) => self.conclude_robot(robot).await.map(Some),
+            None => Ok(None),
+        }
+    }
+
+    async fn conclude_robot(&self, robot: &StaleRobot) -> Result<Concluded, PipelineError> {
+        // of two at once, the one that has read less must not be the later to write
+        let _turn = self.concluding.lock().await;
+        let summaries = self.store.run_summaries(robot.robot_id).await?;
+        let level = reference_level(&summaries, self.config.analysis.reference_speed_fraction);
+        let points = self.store.friction_history(robot.robot_id, level).await?;
+        let runs = self.store.friction_runs(robot.robot_id).await?;
+        let settings = self.config.detect;
+        let history = tokio::task::spawn_blocking(move || {
+            let friction = FrictionHistory::of_runs(runs, settings.baseline_runs);
+            let mut findings = detect(&summaries, &settings);
+            friction.refine(&mut findings);
+            History { mixed: warm_up_fits(&points), friction, findings }
+        })
+        .await?;
+        for remark in &history.friction.found.remarks {
+            tracing::debug!(robot = robot.name, "{remark}");
+        }
+        let mut conclusion = self.store.conclude(robot.robot_id).await?;
+        conclusion.replace_mixed_fits(&history.mixed).await?;
+        conclusion.replace_friction_maps(&history.friction.run_ids, &history.friction.found).await?;
+        let reconciled = conclusion.reconcile(&history.findings).await?;
+        conclusion.commit(robot.history).await?;
+        let new_anomalies = self.opened(&reconciled.opened).await?;
+        Ok(Concluded { robot: robot.name.clone(), new_anomalies })
+    }
+
+    async fn opened(&self, ids: &[i64]) -> Result<Vec<AnomalyRow>, PipelineError> {
+        if ids.is_empty() {
+            return Ok(Vec::new());
+        }
+        let before = ids.iter().min().map_or(0, |first| first - 1);
+        let rows = self.store.anomalies_after(before).await?;
+        Ok(rows.into_iter().filter(|row| ids.contains(&row.anomaly_id)).collect())
+    }
+}
+
+/// What a robot's history says.
+struct History {
+    mixed: Vec<WarmUpFit>,
+    friction: FrictionHistory,
+    findings: Findings,
+}
+
+/// The speed level that the latest run's warm friction was taken at, the reference itself without one.
+fn reference_level(summaries: &[RunSummary], reference: f64) -> f64 {
+    let latest = summaries.iter().rev().find_map(|run| {
+        let levels =
+            run.joints.iter().filter_map(|joint| joint.warm_friction).map(|warm| warm.speed_fraction);
+        let distance = |level: f64| (level - reference).abs();
+        levels.min_by(|a, b| distance(*a).total_cmp(&distance(*b)))
+    });
+    latest.unwrap_or(reference)
+}
