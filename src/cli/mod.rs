@@ -4,23 +4,24 @@ mod config_check;
 mod coverage;
 mod demo;
 mod drive_gains;
+mod each_cycle;
 mod export_format;
 mod friction;
-mod each_cycle;
 mod identify;
 mod identify_output;
 mod ingest;
 mod load;
 mod output;
-mod plot;
-mod rmsd;
 mod parameters;
+mod plot;
 mod prior_choice;
+mod rmsd;
 mod robot_check;
 mod robot_urdf;
 mod run;
 mod selection;
 mod simulate;
+mod throughput;
 mod torque;
 mod verify;
 
@@ -129,7 +130,7 @@ enum Command {
         #[command(subcommand)]
         command: RobotCommand,
     },
-    /// Measure how good the method is, on simulated exports
+    /// Measure how good and how fast the program is, on simulated exports
     Benchmark {
         #[command(subcommand)]
         command: BenchmarkCommand,
@@ -155,6 +156,11 @@ enum RobotCommand {
 enum BenchmarkCommand {
     /// How often 95 % intervals of the parameters hold the truth
     Coverage(coverage::CoverageArgs),
+    /// Time and memory of `ingest` beside a plain read of the same export
+    Ingest(throughput::IngestBenchmarkArgs),
+    /// Read a file with polars alone and print its rows
+    #[command(hide = true)]
+    PlainRead(throughput::PlainReadArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -231,6 +237,10 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {
             coverage::coverage(&cli.global, &args)
         }
+        Command::Benchmark { command: BenchmarkCommand::Ingest(args) } => {
+            throughput::throughput(&cli.global, &args)
+        }
+        Command::Benchmark { command: BenchmarkCommand::PlainRead(args) } => throughput::plain_read(&args),
         Command::Config { command: ConfigCommand::Check } => config_check::check(&cli.global),
     };
     ExitCode::from(done.unwrap_or_else(|error| {

@@ -108,7 +108,7 @@ pub(super) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u8, CliEr
 }
 
 /// The arm of the shipped configuration.
-fn shipped_robot() -> Result<Robot, CliError> {
+pub(super) fn shipped_robot() -> Result<Robot, CliError> {
     let shipped = Config::shipped()?;
     let entry = shipped.fleet.first();
     entry

@@ -19,6 +19,7 @@ mod encoding;
 pub mod exact;
 pub mod fingerprint;
 pub mod layout;
+pub mod plain;
 pub mod rejection;
 pub mod settle;
 pub mod source;

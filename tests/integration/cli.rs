@@ -17,6 +17,7 @@ fn every_command_has_help_with_examples() {
         &["simulate"],
         &["robot", "check"],
         &["benchmark", "coverage"],
+        &["benchmark", "ingest"],
     ] {
         let out = workshop.stdout(&[command, &["--help"]].concat(), 0);
         assert!(out.contains("Examples:") && out.contains("armwatch"), "{command:?}: {out}");
@@ -99,4 +100,29 @@ fn the_er3a_has_the_64_parameters_of_the_thesis_and_agrees_with_the_reference() 
     lines[7] = cells.join(",");
     std::fs::write(workshop.path("other.csv"), lines.join("\n")).expect("written");
     workshop.stdout(&["robot", "check", &description, "--reference", "other.csv"], 1);
+}
+
+/// Which figures it prints, not which: those depend on the machine.
+#[test]
+fn the_ingest_benchmark_measures_two_programs_on_the_same_rows() {
+    let workshop = Workshop::new();
+    let export = &workshop.simulate("made", &["--cycles", "1", "--warming-s", "0"])[0];
+    let rows = std::fs::read_to_string(export).expect("an export").lines().count() - 1;
+    let file = export.to_str().expect("a plain path");
+    let out = workshop.stdout(&["benchmark", "ingest", "--file", file, "--rounds", "1", "--json"], 0);
+    let value: serde_json::Value = serde_json::from_str(&out).expect("one object");
+    assert_eq!(value["rows"], rows, "{out}");
+    let figure = |of: &str, what: &str| value[of][what].as_f64().expect("a figure");
+    assert!(figure("ingest", "wall_s") > 0.0 && figure("polars", "wall_s") > 0.0, "{out}");
+    let ratio = figure("ingest", "wall_s") / figure("polars", "wall_s");
+    assert!((value["ratio"].as_f64().expect("a ratio") / ratio - 1.0).abs() < 1e-9, "{out}");
+    #[cfg(target_os = "linux")]
+    assert!(figure("ingest", "peak_mb") > 1.0, "{out}");
+
+    let out = workshop.stdout(&["benchmark", "ingest", "--small-files", "8", "--json"], 0);
+    let value: serde_json::Value = serde_json::from_str(&out).expect("one object");
+    let counts: Vec<&serde_json::Value> =
+        value["series"].as_array().expect("a series").iter().map(|entry| &entry["files"]).collect();
+    assert_eq!(counts, [2, 8], "{out}");
+    workshop.stdout(&["benchmark", "ingest", "--file", "not-there.csv"], 74);
 }

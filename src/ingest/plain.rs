@@ -1,0 +1,24 @@
+//! A CSV file read by polars alone, without any of the questions that an export is asked: the yardstick of
+//! `armwatch benchmark ingest`.
+
+use std::path::Path;
+
+use polars::prelude::{CsvReadOptions, SerReader};
+
+use super::rejection::Rejection;
+
+/// Reads a whole comma-separated file with a header into columns, as polars does by default, and drops them.
+/// Returns the number of rows.
+///
+/// # Errors
+/// A rejection with polars' own words.
+pub fn read_with_polars(path: &Path) -> Result<usize, Rejection> {
+    let failed = |error: polars::error::PolarsError| {
+        Rejection::of_file(path, error.to_string(), "take a plain comma-separated file")
+    };
+    let reader = CsvReadOptions::default()
+        .with_has_header(true)
+        .try_into_reader_with_file_path(Some(path.to_path_buf()))
+        .map_err(failed)?;
+    Ok(reader.finish().map_err(failed)?.height())
+}
