@@ -7,7 +7,9 @@ mod support;
 
 mod architecture;
 mod bad_input;
+mod canon;
 mod cli;
+mod crash;
 mod daemon;
 mod docs;
 mod real_recording;

@@ -58,6 +58,13 @@ impl Workshop {
         fs::write(path, set + "\n").expect("a configuration");
     }
 
+    /// Describes all robots by another shipped description, such as `scara`.
+    pub fn describe(&self, model: &str) {
+        let path = self.path("armwatch.toml");
+        let text = fs::read_to_string(&path).expect("the configuration");
+        fs::write(path, text.replace("er3a.toml", &format!("{model}.toml"))).expect("a configuration");
+    }
+
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }

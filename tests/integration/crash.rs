@@ -1,0 +1,318 @@
+//! The proof of the exactly-once effect: a daemon that is killed at random while it takes many exports, some of
+//! them growing, ends with the rows of one that was not.
+//!
+//! `ARMWATCH_KILLS` says how many kills the long test makes, `ARMWATCH_SEED` where its random numbers begin.
+
+use std::fs::{self, OpenOptions};
+use std::io::Write;
+use std::path::Path;
+use std::process::Child;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::canon::{assert_sound, canonical_dump};
+use crate::support::{Workshop, assert_alike, query};
+
+/// Kills of a round before the daemon may finish: enough to hit every phase, few enough to try several
+/// courses of events.
+const KILLS_OF_A_ROUND: usize = 25;
+
+/// Longest life of a daemon in a round. An export takes it about half a second.
+const LONGEST_LIFE: Duration = Duration::from_millis(900);
+
+/// What becomes of every export, to know when a round has ended.
+const STATES: &str = "SELECT source_name, status, cycles, ifnull(content_hash, '') FROM runs ORDER BY 1, 2, 4";
+
+/// Exports of a round.
+struct Material {
+    /// There from the start: plain, compressed, and one with a fault in its last cycle.
+    whole: Vec<(String, Vec<u8>)>,
+    /// Written slowly, the second with a fault.
+    growing: Vec<(String, Vec<u8>)>,
+    /// There from the start, and written over when it is stored.
+    rewritten: (String, Vec<u8>, Vec<u8>),
+    /// Name under which the first of `whole` comes again.
+    copy: String,
+    golden: Golden,
+}
+
+struct Golden {
+    dump: String,
+    states: Vec<String>,
+}
+
+impl Material {
+    fn new() -> Self {
+        let made = |robot: &str, seed: &str, runs: &str| {
+            let workshop = small_exports();
+            let shape = ["--cycles", "3", "--warming-s", "2", "--rate-hz", "30", "--runs", runs];
+            let robot = ["--robot", &scara(), "--name", robot, "--seed", seed];
+            let paths = workshop.simulate("made", &[&shape[..], &robot[..]].concat());
+            let named = |path: &std::path::PathBuf| {
+                let name = path.file_name().expect("a name").to_str().expect("text").to_owned();
+                (name, fs::read(path).expect("an export"))
+            };
+            paths.iter().map(named).collect::<Vec<_>>()
+        };
+        let mut whole = made("A", "1", "3");
+        let (name, text) = whole.remove(1);
+        whole.push((name + ".gz", gzip(&text)));
+        let (name, text) = made("B", "2", "1").remove(0);
+        whole.push((name + ".zst", zstd::encode_all(&text[..], 1).expect("compressed")));
+        let (name, text) = made("C", "3", "1").remove(0);
+        whole.push((name, spoiled(text)));
+        let mut growing = made("G", "4", "1");
+        let (name, text) = made("H", "5", "1").remove(0);
+        growing.push((name, spoiled(text)));
+        let (name, first) = made("F", "6", "1").remove(0);
+        let second = made("F", "7", "1").remove(0).1;
+        let copy = format!("again_{}", whole[0].0);
+        let mut material = Self {
+            whole,
+            growing,
+            rewritten: (name, first, second),
+            copy,
+            golden: Golden { dump: String::new(), states: Vec::new() },
+        };
+        material.golden = material.golden();
+        material
+    }
+
+    /// What the one-shot command, which nobody interrupts, makes of the same files.
+    fn golden(&self) -> Golden {
+        let workshop = small_exports();
+        let (name, first, second) = &self.rewritten;
+        for (name, bytes) in self.whole.iter().chain(&self.growing) {
+            fs::write(workshop.inbox(name), bytes).expect("written");
+        }
+        fs::write(workshop.inbox(name), first).expect("written");
+        workshop.stdout(&["ingest", "inbox"], 1);
+        fs::write(workshop.inbox(name), second).expect("written");
+        fs::copy(workshop.inbox(&self.whole[0].0), workshop.inbox(&self.copy)).expect("copied");
+        workshop.stdout(&["ingest", "inbox"], 1);
+        let database = workshop.path("armwatch.db");
+        let states = query(&database, STATES);
+        for (status, count) in [("complete", 6), ("quarantined", 2), ("superseded", 1)] {
+            let found = states.iter().filter(|state| state.contains(&format!("|{status}|"))).count();
+            assert_eq!(found, count, "{status}: {states:#?}");
+        }
+        Golden { dump: canonical_dump(&database), states }
+    }
+
+    /// Plays all writers of a round; returns when all is written, or nobody waits for it any more.
+    fn write(&self, inbox: &Path, database: &Path, seed: u64, gone: &AtomicBool) {
+        let (name, first, second) = &self.rewritten;
+        for (name, bytes) in &self.whole {
+            fs::write(inbox.join(name), bytes).expect("written");
+        }
+        fs::write(inbox.join(name), first).expect("written");
+        std::thread::scope(|scope| {
+            for ((name, text), seed) in self.growing.iter().zip(seed..) {
+                scope.spawn(move || write_slowly(&inbox.join(name), text, seed, gone));
+            }
+            let known = |condition: String| move || {
+                query(database, &format!("SELECT 1 FROM runs WHERE {condition}")) == ["1"]
+            };
+            wait_until(known(format!("source_name = '{name}' AND status = 'complete'")), gone);
+            write_slowly_over(&inbox.join(name), second, seed);
+            wait_until(known(format!("source_name = '{}'", self.whole[0].0)), gone);
+            fs::copy(inbox.join(&self.whole[0].0), inbox.join(&self.copy)).expect("copied");
+        });
+    }
+}
+
+/// What happened in the rounds so far.
+#[derive(Debug, Default)]
+struct Counts {
+    rounds: usize,
+    restarts: usize,
+    rows_compared: usize,
+    before_the_first_run: usize,
+    between_cycles: usize,
+    at_the_end_of_a_run: usize,
+    nothing_open: usize,
+}
+
+impl Counts {
+    fn kills(&self) -> usize {
+        self.before_the_first_run + self.between_cycles + self.at_the_end_of_a_run + self.nothing_open
+    }
+
+    /// Counts a kill by what the database holds after it.
+    fn kill(&mut self, database: &Path) {
+        let streaming = query(database, "SELECT cycles FROM runs WHERE status = 'streaming'");
+        let runs = query(database, "SELECT 1 FROM runs LIMIT 1");
+        let phase = if runs.is_empty() {
+            &mut self.before_the_first_run
+        } else if streaming.iter().any(|cycles| cycles == "3") {
+            &mut self.at_the_end_of_a_run
+        } else if streaming.is_empty() {
+            &mut self.nothing_open
+        } else {
+            &mut self.between_cycles
+        };
+        *phase += 1;
+    }
+}
+
+fn round(material: &Arc<Material>, seed: u64, most_kills: usize, counts: &mut Counts) {
+    let workshop = small_exports();
+    let (inbox, database) = (workshop.path("inbox"), workshop.path("armwatch.db"));
+    let gone = Arc::new(AtomicBool::new(false));
+    let writers = std::thread::spawn({
+        let (material, inbox, database, gone) =
+            (Arc::clone(material), inbox.clone(), database.clone(), Arc::clone(&gone));
+        move || material.write(&inbox, &database, seed, &gone)
+    });
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let before = counts.kills();
+    let done = || writers.is_finished() && query(&database, STATES) == material.golden.states;
+    while counts.kills() - before < most_kills && !done() {
+        let mut daemon = workshop.daemon();
+        counts.restarts += 1;
+        live(&mut random, &workshop.path("armwatch.db-wal"));
+        kill(&mut daemon.child);
+        counts.kill(&database);
+        assert_sound(&database, &format!("seed {seed}, kill {}", counts.kills() - before));
+    }
+    let daemon = workshop.daemon();
+    counts.restarts += 1;
+    let start = Instant::now();
+    while !done() {
+        assert!(
+            start.elapsed() < Duration::from_secs(120),
+            "seed {seed}: {:#?}\nwanted {:#?}",
+            query(&database, STATES),
+            material.golden.states
+        );
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    gone.store(true, Ordering::Relaxed);
+    writers.join().expect("the writers");
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0), "seed {seed}");
+    let dump = canonical_dump(&database);
+    assert_alike(&dump, &material.golden.dump, &format!("seed {seed}"));
+    assert_sound(&database, &format!("seed {seed}, at the end"));
+    counts.rows_compared += dump.lines().count();
+    counts.rounds += 1;
+}
+
+/// Lets a daemon live for a random time; every third time to just after it has written.
+fn live(random: &mut ChaCha8Rng, log: &Path) {
+    let end = Instant::now() + random.random_range(Duration::from_millis(20)..LONGEST_LIFE);
+    if random.random_range(0..3) > 0 {
+        std::thread::sleep(end - Instant::now());
+        return;
+    }
+    // past the start, or the first write of a life would always be the last
+    std::thread::sleep(random.random_range(Duration::ZERO..LONGEST_LIFE / 2));
+    let size = || fs::metadata(log).map_or(0, |metadata| metadata.len());
+    let before = size();
+    while size() == before && Instant::now() < end {
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    std::thread::sleep(random.random_range(Duration::ZERO..Duration::from_millis(8)));
+}
+
+fn kill(child: &mut Child) {
+    child.kill().expect("it lives until it is killed");
+    let status = child.wait().expect("a child");
+    assert_eq!(status.code(), None, "the daemon ended by itself: {status}");
+}
+
+fn wait_until(is_so: impl Fn() -> bool, gone: &AtomicBool) {
+    while !gone.load(Ordering::Relaxed) && !is_so() {
+        std::thread::sleep(Duration::from_millis(40));
+    }
+}
+
+/// Appends an export in pieces of random size. Most pauses are shorter than the time to settle.
+fn write_slowly(path: &Path, text: &[u8], seed: u64, gone: &AtomicBool) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut file = OpenOptions::new().create(true).append(true).open(path).expect("an export");
+    let mut rest = text;
+    while !rest.is_empty() {
+        let (piece, after) = rest.split_at(random.random_range(1..=rest.len().min(text.len() / 25)));
+        file.write_all(piece).expect("written");
+        rest = after;
+        if !gone.load(Ordering::Relaxed) {
+            std::thread::sleep(random.random_range(Duration::from_millis(10)..Duration::from_millis(220)));
+        }
+    }
+}
+
+/// Truncates a file and writes another content into it, in a few pieces.
+fn write_slowly_over(path: &Path, text: &[u8], seed: u64) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut file = fs::File::create(path).expect("truncated");
+    for piece in text.chunks(text.len() / 4 + 1) {
+        file.write_all(piece).expect("written");
+        std::thread::sleep(random.random_range(Duration::ZERO..Duration::from_millis(150)));
+    }
+}
+
+/// The same recording with a letter in place of a number, near its end.
+fn spoiled(mut text: Vec<u8>) -> Vec<u8> {
+    let near_the_end = text.len() - text.len() / 20;
+    let comma = near_the_end + text[near_the_end..].iter().position(|byte| *byte == b',').expect("a comma");
+    text[comma + 1] = b'x';
+    text
+}
+
+fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    encoder.write_all(bytes).expect("compressed");
+    encoder.finish().expect("compressed")
+}
+
+/// The arm with the fewest joints, whose cycles are the shortest.
+fn scara() -> String {
+    format!("{}/config/robots/scara.toml", env!("CARGO_MANIFEST_DIR"))
+}
+
+fn small_exports() -> Workshop {
+    let workshop = Workshop::new();
+    workshop.describe("scara");
+    workshop
+}
+
+fn number(variable: &str) -> Option<u64> {
+    let text = std::env::var(variable).ok()?;
+    Some(text.parse().unwrap_or_else(|_| panic!("{variable}={text} is not a whole number")))
+}
+
+/// Rounds until there were `kills` kills, from a random number on that is printed.
+fn rounds(kills: usize) -> Counts {
+    let seed = number("ARMWATCH_SEED").unwrap_or_else(rand::random);
+    println!("ARMWATCH_SEED={seed}");
+    let material = Arc::new(Material::new());
+    let mut counts = Counts::default();
+    let start = Instant::now();
+    for seed in (0..).map(|round| seed.wrapping_add(1000 * round)) {
+        let most = KILLS_OF_A_ROUND.min(kills - counts.kills());
+        round(&material, seed, most, &mut counts);
+        println!("{} kills after {:.0?}: {counts:?}", counts.kills(), start.elapsed());
+        if counts.kills() >= kills {
+            break;
+        }
+    }
+    counts
+}
+
+#[test]
+fn a_few_kills_change_nothing() {
+    rounds(8);
+}
+
+#[test]
+#[ignore = "takes minutes: 200 kills, or as many as ARMWATCH_KILLS says"]
+fn many_kills_change_nothing() {
+    let kills = number("ARMWATCH_KILLS").map_or(200, |kills| usize::try_from(kills).expect("a size"));
+    let counts = rounds(kills);
+    assert!(counts.between_cycles > 0 && counts.at_the_end_of_a_run > 0, "phases not met: {counts:?}");
+}
