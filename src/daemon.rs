@@ -6,8 +6,9 @@
 //! order of the names.
 
 mod book;
+mod vanished;
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -19,11 +20,13 @@ use tokio_util::sync::CancellationToken;
 use crate::alert;
 use crate::config::Config;
 use crate::ingest::tail;
-use crate::ingest::watch::{self, Complaints};
+use crate::ingest::watch::{self, Complaints, Scan};
 use crate::pipeline::follow::Followed;
 use crate::pipeline::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::run::FileId;
-use book::{Book, Closing, Due};
+use crate::store::UnfinishedSource;
+use book::{Begun, Book, Closing, Due};
+use vanished::Missing;
 
 /// Hints that arrive within this time cause one scan: a copy of a large file makes thousands.
 const HINT_PAUSE: Duration = Duration::from_millis(100);
@@ -35,6 +38,9 @@ const SCAN_SHARE: u32 = 10;
 /// Settled files at once. With two, a large or slow one leaves a way past it; each takes the memory of a
 /// few cycles.
 const BACKLOG_FILES: usize = 2;
+
+/// Why a run ends whose file is gone.
+const VANISHED: &str = "the file vanished before it was read to its end; put it back, or export it again";
 
 /// Which way a file is taken.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -57,6 +63,7 @@ struct Work<'p> {
     pipeline: &'p Pipeline,
     stop: CancellationToken,
     book: Book,
+    missing: Missing,
     tasks: JoinSet<Closed>,
     growing: usize,
     /// Robots with a settled file being read.
@@ -78,7 +85,8 @@ pub async fn watch(
     mut report: impl FnMut(&Path, &Outcome),
 ) -> Result<(), PipelineError> {
     let _claim = pipeline.store().claim().map_err(PipelineError::from)?;
-    let mut work = Work::new(pipeline, stop.child_token());
+    let begun = begun_before(&pipeline.store().unfinished_sources().await?);
+    let mut work = Work::new(pipeline, stop.child_token(), begun);
     let watched = work.go_on(&mut report).await;
     // after a failure the others finish their cycles too
     work.stop.cancel();
@@ -92,11 +100,12 @@ pub async fn watch(
 }
 
 impl<'p> Work<'p> {
-    fn new(pipeline: &'p Pipeline, stop: CancellationToken) -> Self {
+    fn new(pipeline: &'p Pipeline, stop: CancellationToken, begun: HashMap<PathBuf, Begun>) -> Self {
         Self {
             pipeline,
             stop,
-            book: Book::new(pipeline.config().watch.settle),
+            book: Book::new(pipeline.config().watch.settle, begun),
+            missing: Missing::default(),
             tasks: JoinSet::new(),
             growing: 0,
             robots: HashSet::new(),
@@ -133,11 +142,30 @@ impl<'p> Work<'p> {
     }
 
     async fn scan(&mut self, folders: &[PathBuf], complaints: &mut Complaints) -> Result<(), PipelineError> {
-        let folders = folders.to_vec();
-        let scan = tokio::task::spawn_blocking(move || watch::scan(&folders)).await?;
+        let owned = folders.to_vec();
+        let scan = tokio::task::spawn_blocking(move || watch::scan(&owned)).await?;
         complaints.warn(&scan);
         let lane_of = |path: &Path| robot_of(self.pipeline.config(), path);
         self.book.note(&scan.files, Instant::now(), tail::is_marked, lane_of);
+        self.give_up_vanished(folders, &scan).await
+    }
+
+    /// Ends unfinished runs whose files are gone.
+    async fn give_up_vanished(&mut self, folders: &[PathBuf], scan: &Scan) -> Result<(), PipelineError> {
+        let store = self.pipeline.store();
+        let mut unfinished = store.unfinished_sources().await?;
+        // what is open is read to its end, also when its name is gone
+        unfinished.retain(|source| !self.pipeline.is_open(source.run_id));
+        let settle = self.pipeline.config().watch.settle;
+        for run_id in self.missing.note(&unfinished, folders, scan, settle, Instant::now()) {
+            match store.give_up_run(run_id, VANISHED).await {
+                Ok(_) => tracing::warn!(run_id, "{VANISHED}"),
+                Err(error) if !error.is_fatal() => {
+                    tracing::debug!(run_id, %error, "given up at the next look")
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
         Ok(())
     }
 
@@ -222,9 +250,21 @@ fn closing(followed: &Followed, way: &Way) -> Closing {
         (Followed::Outcome(Outcome::Changed | Outcome::InWork { .. } | Outcome::Interrupted), _) => {
             Closing::Again
         }
+        (Followed::Outcome(Outcome::Unreadable { .. }), _) => Closing::Unreadable,
         (Followed::Outcome(_), Way::Growing) => Closing::Done,
         (Followed::Outcome(_), Way::Settled(_)) => Closing::Taken,
     }
+}
+
+/// How files whose runs are not complete are taken up again.
+fn begun_before(unfinished: &[UnfinishedSource]) -> HashMap<PathBuf, Begun> {
+    let begun = |source: &UnfinishedSource| {
+        if source.growing {
+            return Begun::Growing;
+        }
+        Begun::Settled(source.bytes, source.modified.as_microsecond())
+    };
+    unfinished.iter().map(|source| (PathBuf::from(&source.path), begun(source))).collect()
 }
 
 /// The robot that an export's name says, or the path of one that says none: such files do not wait for each
@@ -255,6 +295,7 @@ fn log_outcome(path: &Path, outcome: &Outcome) {
         Outcome::Interrupted => {
             tracing::info!(%file, "stopped at a cycle; the rest follows at the next start")
         }
+        Outcome::Unreadable { rejection } => tracing::warn!("cannot be read now, trying again: {rejection}"),
         Outcome::Changed => tracing::info!(%file, "changed while being read; looking again"),
         Outcome::InWork { run_id } => {
             tracing::debug!(%file, run_id, "the same content is being read under another name");

@@ -222,6 +222,7 @@ fn show_outcome(path: &Path, outcome: &Outcome) {
             }
         }
         Outcome::Quarantined { rejection, .. } => output::line(&format!("quarantined  {rejection}")),
+        Outcome::Unreadable { rejection } => output::line(&format!("unreadable   {rejection}")),
         Outcome::AlreadyStored { .. } | Outcome::Interrupted | Outcome::Changed | Outcome::InWork { .. } => {}
     }
 }

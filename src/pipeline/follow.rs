@@ -64,7 +64,10 @@ impl Pipeline {
             Ok(Opening::Compressed) => return Ok(Followed::UntilSettled),
             Err(rejection) => return Ok(until_settled(&rejection)),
         };
-        let intake = self.begin_growing(path, &recognised, opened.state).await?;
+        let intake = match self.begin_growing(path, &recognised, opened.state).await? {
+            Ok(intake) => intake,
+            Err(rejection) => return Ok(until_settled(&rejection)),
+        };
         let _open = self.open(intake.run_id);
         progress(Progress::Begun);
         let method = match self.method(&intake).await? {
@@ -102,9 +105,12 @@ impl Pipeline {
         path: &Path,
         recognised: &Recognised<'_>,
         state: SourceState,
-    ) -> Result<Intake, PipelineError> {
+    ) -> Result<Result<Intake, Rejection>, PipelineError> {
         let Recognised { entry, robot, started_at, .. } = recognised;
-        let start = intake::start(self, path, state.file, recognised.recording()).await?;
+        let start = match intake::start(self, path, state.file, recognised.recording()).await? {
+            Ok(start) => start,
+            Err(rejection) => return Ok(Err(rejection)),
+        };
         // stands in until the content is whole
         let no_hash = ContentHash([0; 32]);
         let model = &entry.description.model;
@@ -112,14 +118,14 @@ impl Pipeline {
         let identity = Identity::Growing(start.read);
         let begun = self.store.begin_source(&header, identity, start.beginning, state).await?;
         tracing::info!(file = %path.display(), run_id = begun.run_id, robot, cycles = begun.cycles_stored, "growing");
-        Ok(Intake {
+        Ok(Ok(Intake {
             path: path.to_path_buf(),
             run_id: begun.run_id,
             header,
             robot: Arc::clone(&entry.description),
             layout: Arc::clone(&entry.layout),
             cycles_stored: begun.cycles_stored,
-        })
+        }))
     }
 }
 
