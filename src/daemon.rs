@@ -42,6 +42,10 @@ const BACKLOG_FILES: usize = 2;
 /// Why a run ends whose file is gone.
 const VANISHED: &str = "the file vanished before it was read to its end; put it back, or export it again";
 
+/// Growing files at once that are not read up to what is written. After a restart all of them are read again from
+/// their start; one after the other, the first is done before the last, and a daemon that is often killed gets on.
+const CATCHING_UP: usize = 2;
+
 /// Which way a file is taken.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Way {
@@ -71,7 +75,9 @@ struct Work<'p> {
     /// A settled file whose run has no number yet. One at a time, so that numbers follow names, and of two
     /// files with one content the first by name is taken.
     admitting: Option<FileId>,
-    begun: (mpsc::UnboundedSender<FileId>, mpsc::UnboundedReceiver<FileId>),
+    /// Growing files that are not read up to what is written.
+    catching_up: HashSet<FileId>,
+    progress: (mpsc::UnboundedSender<(FileId, Progress)>, mpsc::UnboundedReceiver<(FileId, Progress)>),
 }
 
 /// Watches the configured folders until `stop` is cancelled, then finishes the cycles in hand.
@@ -110,7 +116,8 @@ impl<'p> Work<'p> {
             growing: 0,
             robots: HashSet::new(),
             admitting: None,
-            begun: mpsc::unbounded_channel(),
+            catching_up: HashSet::new(),
+            progress: mpsc::unbounded_channel(),
         }
     }
 
@@ -126,7 +133,7 @@ impl<'p> Work<'p> {
             tokio::select! {
                 () = self.stop.cancelled() => {}
                 Some(closed) = self.tasks.join_next() => self.close(closed?, report)?,
-                Some(file) = self.begun.1.recv() => self.admitted(file),
+                Some((file, progress)) = self.progress.1.recv() => self.progressed(file, progress),
                 Some(()) = hints.recv(), if next_scan > earliest => next_scan = earliest,
                 () = tokio::time::sleep_until(next_scan.into()) => {
                     watcher.watch_missing();
@@ -172,9 +179,11 @@ impl<'p> Work<'p> {
     /// Starts as many tasks as there may be, for growing files first.
     fn take_what_is_due(&mut self) {
         while self.growing < self.pipeline.config().watch.live_files
+            && self.catching_up.len() < CATCHING_UP
             && let Some(due) = self.book.next_growing()
         {
             self.growing += 1;
+            self.catching_up.insert(due.file);
             self.start(due, Way::Growing);
         }
         while self.robots.len() < BACKLOG_FILES
@@ -187,6 +196,16 @@ impl<'p> Work<'p> {
         }
     }
 
+    fn progressed(&mut self, file: FileId, progress: Progress) {
+        match progress {
+            Progress::Begun => self.admitted(file),
+            Progress::CaughtUp => {
+                self.catching_up.remove(&file);
+            }
+            Progress::Read(_) | Progress::Cycle(_) => {}
+        }
+    }
+
     /// Notes that the run of a file has its number, or that the file is closed.
     fn admitted(&mut self, file: FileId) {
         self.admitting.take_if(|admitting| *admitting == file);
@@ -194,11 +213,11 @@ impl<'p> Work<'p> {
 
     fn start(&mut self, due: Due, way: Way) {
         let (pipeline, stop) = (self.pipeline.clone(), self.stop.clone());
-        let (begun, file) = (self.begun.0.clone(), due.file);
+        let (sender, file) = (self.progress.0.clone(), due.file);
         let progress = move |progress| {
-            if progress == Progress::Begun {
+            if matches!(progress, Progress::Begun | Progress::CaughtUp) {
                 // nobody listens any more when the daemon ends
-                let _ = begun.send(file);
+                let _ = sender.send((file, progress));
             }
         };
         self.tasks.spawn(async move {
@@ -220,6 +239,7 @@ impl<'p> Work<'p> {
     ) -> Result<(), PipelineError> {
         let Closed { due, way, result } = closed;
         self.admitted(due.file);
+        self.catching_up.remove(&due.file);
         match &way {
             Way::Growing => self.growing -= 1,
             Way::Settled(robot) => {

@@ -54,7 +54,7 @@ async fn take_all(
         let moving = bar.clone();
         let outcome = pipeline
             .process(path, Retry::Quarantined, stop, move |progress| match progress {
-                Progress::Begun => {}
+                Progress::Begun | Progress::CaughtUp => {}
                 Progress::Read(bytes) => moving.set_position(bytes),
                 Progress::Cycle(cycle) => moving.set_message(format!("cycle {cycle}")),
             })

@@ -75,8 +75,10 @@ impl Pipeline {
             Err(rejection) => return Ok(until_settled(&rejection)),
         };
         let reading = {
-            let (intake, stop) = (intake.clone(), stop.clone());
-            move |cycles: mpsc::Sender<CutCycle>| read_growing(opened, &intake, &cycles, settle, &stop)
+            let (intake, stop, progress) = (intake.clone(), stop.clone(), progress.clone());
+            move |cycles: mpsc::Sender<CutCycle>| {
+                read_growing(opened, &intake, &cycles, settle, &stop, || progress(Progress::CaughtUp))
+            }
         };
         let ((end, state), refused) = match self.stream(&intake, &method, Lane::Live, reading, progress).await
         {
@@ -170,9 +172,10 @@ fn read_growing(
     cycles: &mpsc::Sender<CutCycle>,
     settle: Duration,
     stop: &CancellationToken,
+    caught_up: impl Fn(),
 ) -> GrownEnd {
     let Opened { mut export, mut growth, .. } = opened;
-    let end = read(&mut export, &mut growth, intake, cycles, settle, stop);
+    let end = read(&mut export, &mut growth, intake, cycles, settle, stop, caught_up);
     // of the size that was read: a file that has grown since is another one
     let state = state_of(&growth).filter(|state| state.bytes == growth.hash().bytes());
     (end.unwrap_or_else(ReadEnd::Rejected), state)
@@ -185,6 +188,7 @@ fn read(
     cycles: &mpsc::Sender<CutCycle>,
     settle: Duration,
     stop: &CancellationToken,
+    caught_up: impl Fn(),
 ) -> Result<ReadEnd, Rejection> {
     let failed = |error: std::io::Error| Rejection::from_io(&intake.path, &error);
     let mut cutting = Cutting::new(intake, cycles, stop, growth.hash().clone())?;
@@ -196,7 +200,10 @@ fn read(
                 }
             }
             Step::Waiting => match growth.look(settle, Instant::now()).map_err(failed)? {
-                Fate::Growing => pause(stop),
+                Fate::Growing => {
+                    caught_up();
+                    pause(stop);
+                }
                 Fate::Done => {}
                 Fate::Rewritten => return Ok(ReadEnd::Changed),
             },

@@ -454,6 +454,22 @@ mod tests {
     }
 
     #[test]
+    fn a_recording_exported_again_elsewhere_supersedes_a_complete_run_only() {
+        let named = Some(("A", START));
+        let elsewhere = |status| [(false, earlier(1, status, 2, [false, false]))];
+        let found = chosen(&elsewhere(RunStatus::Complete), named, RewritePolicy::Supersede);
+        assert_eq!((found.beginning.instead_of, found.replaces_here), (Some(1), false));
+        assert_eq!(begins(&elsewhere(RunStatus::Streaming), named), (None, None), "it may be a copy");
+        assert_eq!(begins(&elsewhere(RunStatus::Quarantined), named), (None, None));
+        let kept = chosen(&elsewhere(RunStatus::Complete), named, RewritePolicy::KeepBoth);
+        assert_eq!(kept.beginning, Beginning::default());
+        // a longer file elsewhere is another file; one that goes on where a reader was cut short is the same
+        let begins_alike = |status| [(true, earlier(1, status, 2, [false, false]))];
+        assert_eq!(begins(&begins_alike(RunStatus::Complete), named), (None, Some(1)));
+        assert_eq!(begins(&begins_alike(RunStatus::Streaming), named), (Some(1), None));
+    }
+
+    #[test]
     fn an_unfinished_run_whose_file_was_written_over_is_superseded_and_one_that_was_moved_is_not() {
         let unfinished = |cycles, places| [(false, earlier(1, RunStatus::Streaming, cycles, places))];
         assert_eq!(begins(&unfinished(2, [true, true]), None), (None, Some(1)));

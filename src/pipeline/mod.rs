@@ -153,6 +153,8 @@ impl Outcome {
 pub enum Progress {
     /// The export is let in: its run has its number.
     Begun,
+    /// All that is written of a growing export so far is read.
+    CaughtUp,
     /// Bytes of the file read so far.
     Read(u64),
     /// A cycle is stored.

@@ -149,7 +149,8 @@ fn a_second_daemon_on_the_database_is_refused_and_the_first_goes_on() {
     let second = workshop.run(&["run"]);
     assert_eq!(second.status.code(), Some(74));
     let said = crate::support::text(&second.stderr);
-    assert!(said.contains("another armwatch daemon") && said.contains("armwatch.db"), "{said}");
+    let first_one = format!("another armwatch daemon (process {})", first.child.id());
+    assert!(said.contains(&first_one) && said.contains("armwatch.db"), "{said}");
     workshop.add_reference("inbox");
     workshop.wait_for(COMPLETE_RUNS, 1);
     first.signal("TERM");
