@@ -54,8 +54,8 @@ impl Material {
     fn new() -> Self {
         let whole = vec![
             export("A", 1, 5),
-            export("A", 1, 6).gzip(),
-            export("A", 1, 7),
+            export("A", 11, 6).gzip(),
+            export("A", 12, 7),
             export("B", 2, 5).zstd(),
             export("C", 3, 5).spoiled(),
         ];

@@ -58,7 +58,8 @@ pub fn gzip(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().expect("compressed")
 }
 
-/// The export of a robot that begins on a day of January; the seed decides its numbers. Made once for all tests.
+/// The export of a robot that begins on a day of January; the seed alone decides its content. Made once for all
+/// tests.
 pub fn export(robot: &str, seed: u32, day: u32) -> Export {
     static MADE: LazyLock<Mutex<HashMap<String, Export>>> = LazyLock::new(Mutex::default);
     let mut made = MADE.lock().expect("no test fails while it makes an export");
