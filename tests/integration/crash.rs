@@ -22,9 +22,6 @@ use crate::support::{assert_alike, query};
 /// courses of events.
 const KILLS_OF_A_ROUND: usize = 25;
 
-/// Longest life of a daemon in a round. An export takes it about half a second.
-const LONGEST_LIFE: Duration = Duration::from_millis(900);
-
 /// How a daemon is killed in a round.
 #[derive(Debug, Clone, Copy)]
 struct Kills {
@@ -275,10 +272,12 @@ fn rounds(kills: usize) -> Counts {
     println!("ARMWATCH_SEED={seed}");
     let material = Arc::new(Material::new());
     let mut counts = Counts::default();
+    // in these lives a cycle or two are stored, however fast the machine is
+    let longest_life = time_to_a_cycle() * 2;
     let start = Instant::now();
     for seed in (0..).map(|round| seed.wrapping_add(1000 * round)) {
         let most = KILLS_OF_A_ROUND.min(kills - counts.kills());
-        round(&material, seed, Kills { most, longest_life: LONGEST_LIFE }, &mut counts);
+        round(&material, seed, Kills { most, longest_life }, &mut counts);
         println!("{} kills after {:.0?}: {counts:?}", counts.kills(), start.elapsed());
         if counts.kills() >= kills {
             break;
