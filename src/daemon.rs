@@ -62,6 +62,9 @@ struct Closed {
     result: Result<Followed, PipelineError>,
 }
 
+/// How far which file has come.
+type Progressed = (FileId, Progress);
+
 /// The daemon at work.
 struct Work<'p> {
     pipeline: &'p Pipeline,
@@ -77,7 +80,7 @@ struct Work<'p> {
     admitting: Option<FileId>,
     /// Growing files that are not read up to what is written.
     catching_up: HashSet<FileId>,
-    progress: (mpsc::UnboundedSender<(FileId, Progress)>, mpsc::UnboundedReceiver<(FileId, Progress)>),
+    progress: (mpsc::UnboundedSender<Progressed>, mpsc::UnboundedReceiver<Progressed>),
 }
 
 /// Watches the configured folders until `stop` is cancelled, then finishes the cycles in hand.
