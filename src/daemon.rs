@@ -6,8 +6,9 @@
 //! order of the names.
 
 mod book;
+mod vanished;
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -19,12 +20,14 @@ use tokio_util::sync::CancellationToken;
 use crate::alert;
 use crate::config::Config;
 use crate::ingest::tail;
-use crate::ingest::watch::{self, Complaints};
+use crate::ingest::watch::{self, Complaints, Scan};
 use crate::pipeline::conclude::Concluded;
 use crate::pipeline::follow::Followed;
 use crate::pipeline::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::run::FileId;
-use book::{Book, Closing, Due};
+use crate::store::UnfinishedSource;
+use book::{Begun, Book, Closing, Due};
+use vanished::Missing;
 
 /// Hints that arrive within this time cause one scan: a copy of a large file makes thousands.
 const HINT_PAUSE: Duration = Duration::from_millis(100);
@@ -49,6 +52,12 @@ pub enum Event<'a> {
     /// What a robot's history says.
     Concluded(&'a Concluded),
 }
+/// Why a run ends whose file is gone.
+const VANISHED: &str = "the file vanished before it was read to its end; put it back, or export it again";
+
+/// Growing files at once that are not read up to what is written. After a restart all of them are read again from
+/// their start; one after the other, the first is done before the last, and a daemon that is often killed gets on.
+const CATCHING_UP: usize = 2;
 
 /// Which way a file is taken.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -66,11 +75,15 @@ struct Closed {
     result: Result<Followed, PipelineError>,
 }
 
+/// How far which file has come.
+type Progressed = (FileId, Progress);
+
 /// The daemon at work.
 struct Work<'p> {
     pipeline: &'p Pipeline,
     stop: CancellationToken,
     book: Book,
+    missing: Missing,
     tasks: JoinSet<Closed>,
     growing: usize,
     /// Robots with a settled file being read.
@@ -78,11 +91,13 @@ struct Work<'p> {
     /// A settled file whose run has no number yet. One at a time, so that numbers follow names, and of two
     /// files with one content the first by name is taken.
     admitting: Option<FileId>,
-    begun: (mpsc::UnboundedSender<FileId>, mpsc::UnboundedReceiver<FileId>),
     /// Robots whose history has changed, and since when.
     stale: BTreeMap<String, Instant>,
     /// Conclusions being drawn, one robot at a time.
     concluding: JoinSet<(String, Result<Option<Concluded>, PipelineError>)>,
+    /// Growing files that are not read up to what is written.
+    catching_up: HashSet<FileId>,
+    progress: (mpsc::UnboundedSender<Progressed>, mpsc::UnboundedReceiver<Progressed>),
 }
 
 /// Watches the configured folders until `stop` is cancelled, then finishes the cycles in hand.
@@ -96,7 +111,8 @@ pub async fn watch(
     mut report: impl FnMut(Event<'_>),
 ) -> Result<(), PipelineError> {
     let _claim = pipeline.store().claim().map_err(PipelineError::from)?;
-    let mut work = Work::new(pipeline, stop.child_token());
+    let begun = begun_before(&pipeline.store().unfinished_sources().await?);
+    let mut work = Work::new(pipeline, stop.child_token(), begun);
     let watched = work.go_on(&mut report).await;
     // after a failure the others finish their cycles too
     work.stop.cancel();
@@ -127,18 +143,20 @@ fn announce(concluded: &Concluded, report: &mut impl FnMut(Event<'_>)) {
 }
 
 impl<'p> Work<'p> {
-    fn new(pipeline: &'p Pipeline, stop: CancellationToken) -> Self {
+    fn new(pipeline: &'p Pipeline, stop: CancellationToken, begun: HashMap<PathBuf, Begun>) -> Self {
         Self {
             pipeline,
             stop,
-            book: Book::new(pipeline.config().watch.settle),
+            book: Book::new(pipeline.config().watch.settle, begun),
+            missing: Missing::default(),
             tasks: JoinSet::new(),
             growing: 0,
             robots: HashSet::new(),
             admitting: None,
-            begun: mpsc::unbounded_channel(),
             stale: BTreeMap::new(),
             concluding: JoinSet::new(),
+            catching_up: HashSet::new(),
+            progress: mpsc::unbounded_channel(),
         }
     }
 
@@ -159,7 +177,7 @@ impl<'p> Work<'p> {
                 () = self.stop.cancelled() => {}
                 Some(closed) = self.tasks.join_next() => self.close(closed?, report)?,
                 Some(concluded) = self.concluding.join_next() => self.concluded(concluded?, report)?,
-                Some(file) = self.begun.1.recv() => self.admitted(file),
+                Some((file, progress)) = self.progress.1.recv() => self.progressed(file, progress),
                 Some(()) = hints.recv(), if next_scan > earliest => next_scan = earliest,
                 () = tokio::time::sleep_until(next_scan.into()) => {
                     watcher.watch_missing();
@@ -175,20 +193,41 @@ impl<'p> Work<'p> {
     }
 
     async fn scan(&mut self, folders: &[PathBuf], complaints: &mut Complaints) -> Result<(), PipelineError> {
-        let folders = folders.to_vec();
-        let scan = tokio::task::spawn_blocking(move || watch::scan(&folders)).await?;
+        let owned = folders.to_vec();
+        let scan = tokio::task::spawn_blocking(move || watch::scan(&owned)).await?;
         complaints.warn(&scan);
         let lane_of = |path: &Path| robot_of(self.pipeline.config(), path);
         self.book.note(&scan.files, Instant::now(), tail::is_marked, lane_of);
+        self.give_up_vanished(folders, &scan).await
+    }
+
+    /// Ends unfinished runs whose files are gone.
+    async fn give_up_vanished(&mut self, folders: &[PathBuf], scan: &Scan) -> Result<(), PipelineError> {
+        let store = self.pipeline.store();
+        let mut unfinished = store.unfinished_sources().await?;
+        // what is open is read to its end, also when its name is gone
+        unfinished.retain(|source| !self.pipeline.is_open(source.run_id));
+        let settle = self.pipeline.config().watch.settle;
+        for run_id in self.missing.note(&unfinished, folders, scan, settle, Instant::now()) {
+            match store.give_up_run(run_id, VANISHED).await {
+                Ok(_) => tracing::warn!(run_id, "{VANISHED}"),
+                Err(error) if !error.is_fatal() => {
+                    tracing::debug!(run_id, %error, "given up at the next look")
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
         Ok(())
     }
 
     /// Starts as many tasks as there may be, for growing files first.
     fn take_what_is_due(&mut self) {
         while self.growing < self.pipeline.config().watch.live_files
+            && self.catching_up.len() < CATCHING_UP
             && let Some(due) = self.book.next_growing()
         {
             self.growing += 1;
+            self.catching_up.insert(due.file);
             self.start(due, Way::Growing);
         }
         while self.robots.len() < BACKLOG_FILES
@@ -201,6 +240,16 @@ impl<'p> Work<'p> {
         }
     }
 
+    fn progressed(&mut self, file: FileId, progress: Progress) {
+        match progress {
+            Progress::Begun => self.admitted(file),
+            Progress::CaughtUp => {
+                self.catching_up.remove(&file);
+            }
+            Progress::Read(_) | Progress::Cycle(_) => {}
+        }
+    }
+
     /// Notes that the run of a file has its number, or that the file is closed.
     fn admitted(&mut self, file: FileId) {
         self.admitting.take_if(|admitting| *admitting == file);
@@ -208,11 +257,11 @@ impl<'p> Work<'p> {
 
     fn start(&mut self, due: Due, way: Way) {
         let (pipeline, stop) = (self.pipeline.clone(), self.stop.clone());
-        let (begun, file) = (self.begun.0.clone(), due.file);
+        let (sender, file) = (self.progress.0.clone(), due.file);
         let progress = move |progress| {
-            if progress == Progress::Begun {
+            if matches!(progress, Progress::Begun | Progress::CaughtUp) {
                 // nobody listens any more when the daemon ends
-                let _ = begun.send(file);
+                let _ = sender.send((file, progress));
             }
         };
         self.tasks.spawn(async move {
@@ -269,6 +318,7 @@ impl<'p> Work<'p> {
     fn close(&mut self, closed: Closed, report: &mut impl FnMut(Event<'_>)) -> Result<(), PipelineError> {
         let Closed { due, way, result } = closed;
         self.admitted(due.file);
+        self.catching_up.remove(&due.file);
         match &way {
             Way::Growing => self.growing -= 1,
             Way::Settled(robot) => {
@@ -302,9 +352,21 @@ fn closing(followed: &Followed, way: &Way) -> Closing {
         (Followed::Outcome(Outcome::Changed | Outcome::InWork { .. } | Outcome::Interrupted), _) => {
             Closing::Again
         }
+        (Followed::Outcome(Outcome::Unreadable { .. }), _) => Closing::Unreadable,
         (Followed::Outcome(_), Way::Growing) => Closing::Done,
         (Followed::Outcome(_), Way::Settled(_)) => Closing::Taken,
     }
+}
+
+/// How files whose runs are not complete are taken up again.
+fn begun_before(unfinished: &[UnfinishedSource]) -> HashMap<PathBuf, Begun> {
+    let begun = |source: &UnfinishedSource| {
+        if source.growing {
+            return Begun::Growing;
+        }
+        Begun::Settled(source.bytes, source.modified.as_microsecond())
+    };
+    unfinished.iter().map(|source| (PathBuf::from(&source.path), begun(source))).collect()
 }
 
 /// The robot that an export's name says, or the path of one that says none: such files do not wait for each
@@ -332,6 +394,7 @@ fn log_outcome(path: &Path, outcome: &Outcome) {
         Outcome::Interrupted => {
             tracing::info!(%file, "stopped at a cycle; the rest follows at the next start")
         }
+        Outcome::Unreadable { rejection } => tracing::warn!("cannot be read now, trying again: {rejection}"),
         Outcome::Changed => tracing::info!(%file, "changed while being read; looking again"),
         Outcome::InWork { run_id } => {
             tracing::debug!(%file, run_id, "the same content is being read under another name");

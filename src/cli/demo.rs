@@ -220,6 +220,7 @@ fn show_outcome(path: &Path, outcome: &Outcome) {
             output::line(&format!("stored  {name}: {} cycles, {} rows", run.cycles, run.rows));
         }
         Outcome::Quarantined { rejection, .. } => output::line(&format!("quarantined  {rejection}")),
+        Outcome::Unreadable { rejection } => output::line(&format!("unreadable   {rejection}")),
         Outcome::AlreadyStored { .. } | Outcome::Interrupted | Outcome::Changed | Outcome::InWork { .. } => {}
     }
 }

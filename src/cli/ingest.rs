@@ -55,7 +55,7 @@ async fn take_all(
         let moving = bar.clone();
         let outcome = pipeline
             .process(path, Retry::Quarantined, stop, move |progress| match progress {
-                Progress::Begun => {}
+                Progress::Begun | Progress::CaughtUp => {}
                 Progress::Read(bytes) => moving.set_position(bytes),
                 Progress::Cycle(cycle) => moving.set_message(format!("cycle {cycle}")),
             })
@@ -64,7 +64,10 @@ async fn take_all(
         let outcome = outcome?;
         print(path, &outcome, as_json);
         match outcome {
-            Outcome::Quarantined { .. } | Outcome::Changed | Outcome::InWork { .. } => code = EXIT_FOUND,
+            Outcome::Quarantined { .. }
+            | Outcome::Changed
+            | Outcome::Unreadable { .. }
+            | Outcome::InWork { .. } => code = EXIT_FOUND,
             Outcome::Interrupted => return Ok(EXIT_STOPPED),
             Outcome::Stored(_) | Outcome::AlreadyStored { .. } => {}
         }
@@ -161,6 +164,7 @@ fn as_text(path: &Path, outcome: &Outcome) -> String {
                 if *cycles > 0 { format!(" ({cycles} cycles before it are stored)") } else { String::new() };
             format!("quarantined  {rejection}{kept}")
         }
+        Outcome::Unreadable { rejection } => format!("unreadable   {rejection}; then run again"),
         Outcome::Interrupted => format!("interrupted  {file}: run again to continue"),
         Outcome::InWork { run_id } => format!("in work      {file}: being read as run {run_id}; run again"),
         Outcome::Changed => format!("changed      {file}: changed or vanished while it was read; run again"),
@@ -180,6 +184,9 @@ fn as_value(path: &Path, outcome: &Outcome) -> serde_json::Value {
             "file": file, "outcome": "quarantined", "run_id": run_id, "reason": rejection.sentence(),
             "line": rejection.line, "column": rejection.column, "value": rejection.value,
             "remedy": rejection.remedy, "cycles": cycles,
+        }),
+        Outcome::Unreadable { rejection } => json!({
+            "file": file, "outcome": "unreadable", "reason": rejection.sentence(), "remedy": rejection.remedy,
         }),
         Outcome::Interrupted => json!({"file": file, "outcome": "interrupted"}),
         Outcome::Changed => json!({"file": file, "outcome": "changed"}),

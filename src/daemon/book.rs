@@ -1,9 +1,11 @@
 //! What the daemon knows of each file between two looks, and what is due. Pure: the clock is an argument.
 
-use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+
+use jiff::Timestamp;
 
 use crate::ingest::settle::{Observation, Settling};
 use crate::ingest::watch::FoundFile;
@@ -12,6 +14,19 @@ use crate::run::FileId;
 /// A file that grew again after it was done has a slow writer: each time, it must stand still twice as
 /// long, up to this. Reading it again from its start would else take more and more of the time.
 const LONGEST_PATIENCE: Duration = Duration::from_secs(600);
+
+/// Longest time between two attempts at a file that the system refuses to read.
+const LONGEST_REST: Duration = Duration::from_secs(60);
+
+/// How a file that was begun before the daemon started is taken up again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Begun {
+    /// It was read while it grew: it is read on at once.
+    Growing,
+    /// It had settled, with this size in bytes and this time of modification in microseconds: as long as it is
+    /// like that, it is read on at once.
+    Settled(u64, i64),
+}
 
 /// A file to be taken.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -37,6 +52,8 @@ pub enum Closing {
     UntilSettled,
     /// It is to be looked at again.
     Again,
+    /// The system refuses to read it: it is to be taken again after a rest, which doubles each time.
+    Unreadable,
 }
 
 /// What is known of a path.
@@ -54,6 +71,9 @@ struct Entry {
     /// It was done once.
     done: bool,
     patience: Duration,
+    /// It is left alone until then, after so many refusals to read it.
+    rests_until: Option<Instant>,
+    refusals: u32,
     /// Its queue once it has settled.
     lane: String,
 }
@@ -63,6 +83,8 @@ struct Entry {
 pub struct Book {
     settle: Duration,
     entries: BTreeMap<PathBuf, Entry>,
+    /// Files that were begun before the daemon started and not seen yet.
+    begun: HashMap<PathBuf, Begun>,
     /// Growing files that are not read yet.
     growing: BTreeSet<PathBuf>,
     /// Settled files that are not read yet: a queue for each lane, by name, which begins with robot and time.
@@ -72,12 +94,13 @@ pub struct Book {
 }
 
 impl Book {
-    /// An empty book; files settle in `settle`.
+    /// A book that knows of no file but those that were `begun` earlier; files settle in `settle`.
     #[must_use]
-    pub fn new(settle: Duration) -> Self {
+    pub fn new(settle: Duration, begun: HashMap<PathBuf, Begun>) -> Self {
         Self {
             settle,
             entries: BTreeMap::new(),
+            begun,
             growing: BTreeSet::new(),
             settled: BTreeMap::new(),
             open: HashSet::new(),
@@ -104,8 +127,11 @@ impl Book {
                 .entries
                 .entry(file.path.clone())
                 .and_modify(|entry| entry.see(seen, file.file))
-                .or_insert_with(|| Entry::new(seen, file.file, settle, lane_of(&file.path)));
-            if entry.taken {
+                .or_insert_with(|| {
+                    let begun = self.begun.remove(&file.path);
+                    Entry::new(seen, file.file, settle, lane_of(&file.path)).begun(begun)
+                });
+            if entry.taken || entry.rests_until.is_some_and(|end| now < end) {
                 continue;
             }
             if entry.settling.is_settled(entry.patience) || is_marked(&file.path) {
@@ -172,6 +198,7 @@ impl Book {
             Closing::Done => entry.done = true,
             Closing::UntilSettled => entry.waits = true,
             Closing::Again => entry.settling = Settling::first(entry.seen),
+            Closing::Unreadable => entry.rest(),
         }
     }
 }
@@ -187,8 +214,31 @@ impl Entry {
             taken: false,
             done: false,
             patience,
+            rests_until: None,
+            refusals: 0,
             lane,
         }
+    }
+
+    /// The same of a file that may have been begun earlier.
+    fn begun(mut self, begun: Option<Begun>) -> Self {
+        match begun {
+            Some(Begun::Growing) => self.grown = true,
+            Some(Begun::Settled(size, modified)) => {
+                let seen = Timestamp::try_from(self.seen.modified).map(Timestamp::as_microsecond);
+                if size == self.seen.size && seen.is_ok_and(|seen| seen == modified) {
+                    self.settling = Settling::settled_before(self.seen);
+                }
+            }
+            None => {}
+        }
+        self
+    }
+
+    fn rest(&mut self) {
+        let rest = self.patience.saturating_mul(1 << self.refusals.min(16)).min(LONGEST_REST);
+        self.refusals += 1;
+        self.rests_until = Some(self.seen.at + rest);
     }
 
     fn see(&mut self, seen: Observation, file: FileId) {
@@ -202,6 +252,7 @@ impl Entry {
             self.patience = (2 * self.patience).min(LONGEST_PATIENCE.max(self.patience));
         }
         self.taken = false;
+        (self.rests_until, self.refusals) = (None, 0);
         // a touched file has not grown, and one that was cut has not grown yet
         self.grown = same_file && seen.size > before.size;
         if !same_file || seen.size < before.size {
@@ -226,7 +277,7 @@ mod tests {
 
     impl Desk {
         fn new() -> Self {
-            Self { book: Book::new(SETTLE), start: Instant::now(), files: Vec::new() }
+            Self { book: Book::new(SETTLE, HashMap::new()), start: Instant::now(), files: Vec::new() }
         }
 
         /// Writes a file: its number is the first digit of its name.
@@ -282,6 +333,39 @@ mod tests {
         desk.write("marked1", 10);
         desk.look(0);
         assert_eq!(name(desk.settled(&[]).as_ref()), Some("marked1"));
+    }
+
+    #[test]
+    fn what_was_begun_before_is_taken_at_once_if_it_is_as_it_was() {
+        let mut desk = Desk::new();
+        let settled = |size| Begun::Settled(size, 0);
+        let begun = [("a1", Begun::Growing), ("b2", settled(10)), ("c3", settled(9))];
+        desk.book = Book::new(SETTLE, begun.map(|(name, begun)| (name.into(), begun)).into());
+        ["a1", "b2", "c3"].into_iter().for_each(|name| desk.write(name, 10));
+        desk.look(0);
+        assert_eq!(name(desk.growing().as_ref()), Some("a1"));
+        assert_eq!(name(desk.settled(&[]).as_ref()), Some("b2"));
+        assert_eq!(name(desk.settled(&[]).as_ref()), None, "it has changed since");
+        desk.look(3);
+        assert_eq!(name(desk.settled(&[]).as_ref()), Some("c3"));
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_read_is_tried_less_and_less_often_until_it_changes() {
+        let mut desk = Desk::new();
+        desk.write("a1", 10);
+        let mut tries = Vec::new();
+        for second in 0..200 {
+            desk.look(second);
+            if let Some(due) = desk.settled(&[]) {
+                tries.push(second);
+                desk.book.close(&due, Closing::Unreadable);
+            }
+        }
+        assert_eq!(tries, [3, 6, 12, 24, 48, 96, 156]);
+        desk.write("a1", 11);
+        desk.look(200);
+        assert_eq!(name(desk.growing().as_ref()), Some("a1"));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use crate::run::{FrictionSignal, Samples, Stage};
 fn rejected(name: &str) -> Rejection {
     match read(&fixture(name)) {
         Err(rejection) => {
-            assert_eq!(rejection.path, fixture(name));
+            assert_eq!(*rejection.path, *fixture(name));
             assert!(!rejection.remedy.is_empty());
             rejection
         }

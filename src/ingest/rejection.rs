@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Longest value shown in a message, in characters; a damaged line may hold megabytes.
 const SHOWN_VALUE_CHARS: usize = 60;
@@ -14,7 +14,7 @@ const SHOWN_VALUE_CHARS: usize = 60;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub struct Rejection {
     /// The file.
-    pub path: PathBuf,
+    pub path: Box<Path>,
     /// Line in the decompressed file, from 1; the header is line 1.
     pub line: Option<u64>,
     /// Column name in the header.
@@ -25,6 +25,8 @@ pub struct Rejection {
     pub reason: String,
     /// What to do.
     pub remedy: String,
+    /// Whether the system refused to read the file, which says nothing of its content: it is read again later.
+    pub is_passing: bool,
 }
 
 impl Rejection {
@@ -32,12 +34,13 @@ impl Rejection {
     #[must_use]
     pub fn of_file(path: &Path, reason: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self {
-            path: path.to_owned(),
+            path: path.into(),
             line: None,
             column: None,
             value: None,
             reason: reason.into(),
             remedy: remedy.into(),
+            is_passing: false,
         }
     }
 
@@ -88,17 +91,24 @@ impl Rejection {
     }
 
     /// A rejection from a failed read, with the explanation that [`super::source`] gave the error
-    /// where there is one.
+    /// where there is one. What the operating system refuses may pass.
     #[must_use]
     pub fn from_io(path: &Path, error: &io::Error) -> Self {
-        match error.get_ref().and_then(|inner| inner.downcast_ref::<Unreadable>()) {
-            Some(known) => Self::of_file(path, known.reason.clone(), known.remedy.clone()),
-            None => Self::of_file(
-                path,
-                format!("read failure: {error}"),
-                "check that the file is there and readable for this user",
-            ),
+        if let Some(known) = error.get_ref().and_then(|inner| inner.downcast_ref::<Unreadable>()) {
+            return Self::of_file(path, known.reason.clone(), known.remedy.clone());
         }
+        let (reason, remedy) = match error.kind() {
+            io::ErrorKind::InvalidInput => (error.to_string(), "give the path of a CSV export"),
+            io::ErrorKind::NotFound => ("no such file".into(), "check the path"),
+            io::ErrorKind::PermissionDenied => {
+                ("no permission to read".into(), "let this user read the file and its folder")
+            }
+            _ => (
+                format!("read failure: {error}"),
+                "check the disk or the share, and that the file is readable for this user",
+            ),
+        };
+        Self { is_passing: error.raw_os_error().is_some(), ..Self::of_file(path, reason, remedy) }
     }
 }
 
@@ -144,6 +154,19 @@ mod tests {
             rejection.to_string(),
             "R01.csv, line 1234, column trq_3: \"abc\" is not a number; export again or correct the cell"
         );
+    }
+
+    #[test]
+    fn what_the_system_refuses_may_pass_and_what_a_decoder_refuses_stays() {
+        let of = |error: &io::Error| Rejection::from_io(Path::new("a.csv"), error);
+        for errno in [2, 5, 13, 116] {
+            let rejection = of(&io::Error::from_raw_os_error(errno));
+            assert!(rejection.is_passing && !rejection.remedy.is_empty(), "{rejection}");
+        }
+        let cut =
+            Unreadable { reason: "a gzip stream that ends too early".into(), remedy: "copy again".into() };
+        assert!(!of(&io::Error::other(cut)).is_passing);
+        assert!(!of(&io::Error::new(io::ErrorKind::InvalidInput, "a folder")).is_passing);
     }
 
     #[test]

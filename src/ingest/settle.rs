@@ -23,6 +23,7 @@ pub struct Settling {
     last_seen: Instant,
     /// Observations that agree, this streak only.
     agreeing: u32,
+    settled_before: bool,
 }
 
 impl Settling {
@@ -35,7 +36,14 @@ impl Settling {
             unchanged_since: seen.at,
             last_seen: seen.at,
             agreeing: 1,
+            settled_before: false,
         }
+    }
+
+    /// A file that had settled before this program started, seen for the first time by it.
+    #[must_use]
+    pub fn settled_before(seen: Observation) -> Self {
+        Self { settled_before: true, ..Self::first(seen) }
     }
 
     /// The same file seen again. Any change of size or modification time, forwards or backwards,
@@ -48,10 +56,12 @@ impl Settling {
         Self { last_seen: seen.at, agreeing: self.agreeing.saturating_add(1), ..self }
     }
 
-    /// Whether the file stood still over at least two observations that are `settle` or more apart.
+    /// Whether the file stood still over at least two observations that are `settle` or more apart, or as it
+    /// had settled before.
     #[must_use]
     pub fn is_settled(self, settle: Duration) -> bool {
-        self.agreeing >= 2 && self.last_seen.saturating_duration_since(self.unchanged_since) >= settle
+        self.settled_before
+            || self.agreeing >= 2 && self.last_seen.saturating_duration_since(self.unchanged_since) >= settle
     }
 }
 

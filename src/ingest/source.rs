@@ -36,7 +36,7 @@ pub fn open(path: &Path) -> Result<Box<dyn Read + Send>, Rejection> {
 /// # Errors
 /// As [`open`].
 pub fn open_hashing(path: &Path) -> Result<(Box<dyn Read + Send>, RunningHash), Rejection> {
-    let file = regular_file(path).map_err(|e| cannot_open(path, &e))?;
+    let file = regular_file(path).map_err(|error| Rejection::from_io(path, &error))?;
     let (file, hash) = HashingReader::new(file);
     let decoded = decoded(file, path)?;
     Ok((Box::new(Limited { inner: decoded, left: MAX_DECOMPRESSED_BYTES }), hash))
@@ -52,10 +52,22 @@ pub(super) fn is_plain(head: &[u8]) -> bool {
 /// files are not, nor is what a writer calls `.part` or `.tmp` until it is done.
 #[must_use]
 pub fn is_export(path: &Path) -> bool {
-    let Some(name) = path.file_name().and_then(|n| n.to_str()) else { return false };
-    let name = name.to_ascii_lowercase();
+    let Some(name) = path.file_name() else { return false };
+    let name = name.to_string_lossy().to_ascii_lowercase();
     let stem = [".csv", ".csv.gz", ".csv.zst"].iter().find_map(|ending| name.strip_suffix(ending));
     stem.is_some_and(|stem| !stem.is_empty() && !stem.starts_with('.'))
+}
+
+/// A path as text by which it is known again, also where its bytes are not UTF-8, as in names that an old
+/// controller gives.
+#[must_use]
+pub fn path_text(path: &Path) -> String {
+    let mut text = String::new();
+    for chunk in path.as_os_str().as_encoded_bytes().utf8_chunks() {
+        text.push_str(chunk.valid());
+        text.extend(chunk.invalid().iter().map(|byte| format!("\\x{byte:02X}")));
+    }
+    text
 }
 
 fn decoded(mut file: impl Read + Send + 'static, path: &Path) -> Result<Box<dyn Read + Send>, Rejection> {
@@ -105,19 +117,6 @@ fn format(head: &[u8]) -> Format {
     }
 }
 
-fn cannot_open(path: &Path, error: &io::Error) -> Rejection {
-    match error.kind() {
-        io::ErrorKind::InvalidInput => {
-            Rejection::of_file(path, error.to_string(), "give the path of a CSV export")
-        }
-        io::ErrorKind::NotFound => Rejection::of_file(path, "no such file", "check the path"),
-        io::ErrorKind::PermissionDenied => {
-            Rejection::of_file(path, "no permission to read", "let this user read the file")
-        }
-        _ => Rejection::from_io(path, error),
-    }
-}
-
 /// Gives the decoder's errors words that a person can act on.
 struct Explained<R> {
     inner: R,
@@ -127,6 +126,8 @@ struct Explained<R> {
 impl<R: Read> Read for Explained<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         self.inner.read(buffer).map_err(|error| match error.kind() {
+            // the file below, not the stream in it
+            _ if error.raw_os_error().is_some() => error,
             io::ErrorKind::Interrupted => error,
             io::ErrorKind::UnexpectedEof => unreadable(
                 format!("a {} stream that ends too early", self.format),

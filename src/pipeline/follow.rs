@@ -64,7 +64,10 @@ impl Pipeline {
             Ok(Opening::Compressed) => return Ok(Followed::UntilSettled),
             Err(rejection) => return Ok(until_settled(&rejection)),
         };
-        let intake = self.begin_growing(path, &recognised, opened.state).await?;
+        let intake = match self.begin_growing(path, &recognised, opened.state).await? {
+            Ok(intake) => intake,
+            Err(rejection) => return Ok(until_settled(&rejection)),
+        };
         let _open = self.open(intake.run_id);
         progress(Progress::Begun);
         let method = match self.method(&intake).await? {
@@ -72,8 +75,10 @@ impl Pipeline {
             Err(rejection) => return Ok(until_settled(&rejection)),
         };
         let reading = {
-            let (intake, stop) = (intake.clone(), stop.clone());
-            move |cycles: mpsc::Sender<CutCycle>| read_growing(opened, &intake, &cycles, settle, &stop)
+            let (intake, stop, progress) = (intake.clone(), stop.clone(), progress.clone());
+            move |cycles: mpsc::Sender<CutCycle>| {
+                read_growing(opened, &intake, &cycles, settle, &stop, || progress(Progress::CaughtUp))
+            }
         };
         let ((end, state), refused) = match self.stream(&intake, &method, Lane::Live, reading, progress).await
         {
@@ -102,9 +107,12 @@ impl Pipeline {
         path: &Path,
         recognised: &Recognised<'_>,
         state: SourceState,
-    ) -> Result<Intake, PipelineError> {
+    ) -> Result<Result<Intake, Rejection>, PipelineError> {
         let Recognised { entry, robot, started_at, .. } = recognised;
-        let start = intake::start(self, path, state.file, recognised.recording()).await?;
+        let start = match intake::start(self, path, state.file, recognised.recording()).await? {
+            Ok(start) => start,
+            Err(rejection) => return Ok(Err(rejection)),
+        };
         // stands in until the content is whole
         let no_hash = ContentHash([0; 32]);
         let model = &entry.description.model;
@@ -112,14 +120,14 @@ impl Pipeline {
         let identity = Identity::Growing(start.read);
         let begun = self.store.begin_source(&header, identity, start.beginning, state).await?;
         tracing::info!(file = %path.display(), run_id = begun.run_id, robot, cycles = begun.cycles_stored, "growing");
-        Ok(Intake {
+        Ok(Ok(Intake {
             path: path.to_path_buf(),
             run_id: begun.run_id,
             header,
             robot: Arc::clone(&entry.description),
             layout: Arc::clone(&entry.layout),
             cycles_stored: begun.cycles_stored,
-        })
+        }))
     }
 }
 
@@ -164,9 +172,10 @@ fn read_growing(
     cycles: &mpsc::Sender<CutCycle>,
     settle: Duration,
     stop: &CancellationToken,
+    caught_up: impl Fn(),
 ) -> GrownEnd {
     let Opened { mut export, mut growth, .. } = opened;
-    let end = read(&mut export, &mut growth, intake, cycles, settle, stop);
+    let end = read(&mut export, &mut growth, intake, cycles, settle, stop, caught_up);
     // of the size that was read: a file that has grown since is another one
     let state = state_of(&growth).filter(|state| state.bytes == growth.hash().bytes());
     (end.unwrap_or_else(ReadEnd::Rejected), state)
@@ -179,6 +188,7 @@ fn read(
     cycles: &mpsc::Sender<CutCycle>,
     settle: Duration,
     stop: &CancellationToken,
+    caught_up: impl Fn(),
 ) -> Result<ReadEnd, Rejection> {
     let failed = |error: std::io::Error| Rejection::from_io(&intake.path, &error);
     let mut cutting = Cutting::new(intake, cycles, stop, growth.hash().clone())?;
@@ -190,7 +200,10 @@ fn read(
                 }
             }
             Step::Waiting => match growth.look(settle, Instant::now()).map_err(failed)? {
-                Fate::Growing => pause(stop),
+                Fate::Growing => {
+                    caught_up();
+                    pause(stop);
+                }
                 Fate::Done => {}
                 Fate::Rewritten => return Ok(ReadEnd::Changed),
             },

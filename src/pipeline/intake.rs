@@ -61,20 +61,23 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
             return Ok(Known::Yes(Outcome::Changed));
         }
         (Err(error), file_time) => {
-            let rejection =
-                Rejection::of_file(path, format!("cannot be read: {error}"), "check its permissions");
+            let rejection = Rejection::from_io(path, &error);
             let header = header(path, UNKNOWN_ROBOT, "", file_time, path_identity(path), 0);
-            return Ok(Known::Yes(quarantined(pipeline, &header, rejection).await?));
+            let outcome = quarantined(pipeline, &header, rejection.clone()).await?;
+            let passing = rejection.is_passing;
+            return Ok(Known::Yes(if passing { Outcome::Unreadable { rejection } } else { outcome }));
         }
     };
     let Some(state) = source_state(path) else { return Ok(Known::Yes(Outcome::Changed)) };
     let known = pipeline.store().lookup(&content_hash).await?;
     let recognised = recognise(pipeline, path, file_time);
     let recording = recognised.as_ref().ok().and_then(Recognised::recording);
-    let start = start(pipeline, path, state.file, recording).await?;
+    let start = match start(pipeline, path, state.file, recording).await? {
+        Ok(start) => start,
+        Err(rejection) => return Ok(Known::Yes(Outcome::Unreadable { rejection })),
+    };
     // a content that was superseded at this path has come back to it
-    let returns =
-        |known: &KnownRun| known.status == RunStatus::Superseded && start.beginning.instead_of.is_some();
+    let returns = |known: &KnownRun| known.status == RunStatus::Superseded && start.replaces_here;
     if let Some(known) = &known
         && !returns(known)
     {
@@ -117,6 +120,8 @@ pub struct Start {
     pub beginning: Beginning,
     /// What is stored already was read from these bytes.
     pub read: ContentPrefix,
+    /// Whether the run that it takes the place of lay at this path.
+    replaces_here: bool,
     /// An unfinished run that is not to go on, since this file's content is stored otherwise.
     unfinished: Option<Unfinished>,
 }
@@ -130,7 +135,8 @@ enum Unfinished {
 }
 
 /// Finds out how the run of the file at `path` begins: its first bytes are compared with what runs were
-/// read from that lay at this path, or in this file. `recording` is robot and start where the name says both.
+/// read from that lay at this path, in this file, or are of this recording. `recording` is robot and start where
+/// the name says both. A rejection if the file cannot be read now.
 ///
 /// # Errors
 /// Those of the store.
@@ -139,29 +145,49 @@ pub async fn start(
     path: &Path,
     file: FileId,
     recording: Option<(&str, Timestamp)>,
-) -> Result<Start, PipelineError> {
-    let mut earlier = pipeline.store().earlier_runs(&path.display().to_string(), file).await?;
+) -> Result<Result<Start, Rejection>, PipelineError> {
+    forget_unreadable(pipeline, path).await?;
+    let mut earlier = pipeline.store().earlier_runs(&source::path_text(path), file, recording).await?;
     // what is being read is another file's, which had this name
     earlier.retain(|run| !pipeline.is_open(run.run.run_id));
     let owned = path.to_path_buf();
     let compared = tokio::task::spawn_blocking(move || {
-        let begins_with = |run: &EarlierRun| matches!(fingerprint::prefix(&owned, run.read.bytes), Ok(Some(prefix)) if prefix == run.read);
-        earlier.into_iter().map(|run| (begins_with(&run), run)).collect::<Vec<_>>()
+        let begins_with = |run: &EarlierRun| match fingerprint::prefix(&owned, run.read.bytes) {
+            Ok(prefix) => Ok(prefix == Some(run.read)),
+            // a failure to read must not pass for another content
+            Err(error) => Err(Rejection::from_io(&owned, &error)),
+        };
+        earlier.into_iter().map(|run| Ok((begins_with(&run)?, run))).collect::<Result<Vec<_>, _>>()
     });
-    Ok(chosen(&compared.await?, recording, pipeline.config().watch.on_rewrite))
+    let policy = pipeline.config().watch.on_rewrite;
+    Ok(compared.await?.map(|compared| chosen(&compared, recording, policy)))
+}
+
+/// Takes away what was written down of a file while it could not be read.
+async fn forget_unreadable(pipeline: &Pipeline, path: &Path) -> Result<(), PipelineError> {
+    let known = pipeline.store().lookup(&path_identity(path)).await?;
+    if let Some(run) = known.filter(|run| run.status == RunStatus::Quarantined) {
+        pipeline.store().discard_run(run.run_id).await?;
+    }
+    Ok(())
 }
 
 /// Chooses among runs, each with whether the file begins with what it was read from.
 ///
-/// A run is superseded only by the same recording: by a file of the same path, robot and start. A file whose
-/// name says no start, such as `current.csv`, holds one recording after the other; of those, only an
-/// unfinished one is superseded whose very file was written over.
+/// A run is superseded only by the same recording: by a file whose name says the same robot and start; while it is
+/// unfinished, only by one at its own path. A file whose name says no start, such as `current.csv`, holds one
+/// recording after the other; of those, only an unfinished one is superseded whose very file was written over.
 fn chosen(
     earlier: &[(bool, EarlierRun)],
     recording: Option<(&str, Timestamp)>,
     policy: RewritePolicy,
 ) -> Start {
-    let mut start = Start { beginning: Beginning::default(), read: fingerprint::nothing(), unfinished: None };
+    let mut start = Start {
+        beginning: Beginning::default(),
+        read: fingerprint::nothing(),
+        replaces_here: false,
+        unfinished: None,
+    };
     for (is_prefix, earlier) in earlier {
         let EarlierRun { run, same_path, same_file, .. } = earlier;
         let (unfinished, complete) = (run.status == RunStatus::Streaming, run.status == RunStatus::Complete);
@@ -169,10 +195,11 @@ fn chosen(
         let empty = *same_path && *same_file && unfinished && run.cycles_stored == 0;
         // a header alone is that of any file
         let faulty = run.status == RunStatus::Quarantined && (*same_path || run.cycles_stored > 0);
-        let goes_on = unfinished || complete || faulty;
-        let same_recording = *same_path && recording == Some((earlier.robot.as_str(), earlier.started_at));
+        // another file of the recording that is complete stays as it is
+        let goes_on = unfinished || (complete && (*same_path || *same_file)) || faulty;
+        let same_recording = recording == Some((earlier.robot.as_str(), earlier.started_at));
         let rewritten = match run.status {
-            RunStatus::Streaming => same_recording || *same_file,
+            RunStatus::Streaming => (same_recording && *same_path) || *same_file,
             RunStatus::Complete => same_recording && policy == RewritePolicy::Supersede,
             RunStatus::Quarantined | RunStatus::Superseded => false,
         };
@@ -183,6 +210,7 @@ fn chosen(
             start.unfinished = unfinished.then_some(Unfinished::Prefix(run.run_id));
         } else if start.beginning.instead_of.is_none() && rewritten {
             start.beginning.instead_of = Some(run.run_id);
+            start.replaces_here = *same_path;
             if unfinished && start.unfinished.is_none() {
                 start.unfinished = Some(Unfinished::Rewritten(run.run_id));
             }
@@ -341,7 +369,7 @@ pub fn header(
         model: model.to_owned(),
         started_at,
         source_name: file_name(path),
-        source_path: path.display().to_string(),
+        source_path: source::path_text(path),
         content_hash,
         source_bytes,
     }
@@ -423,6 +451,22 @@ mod tests {
         }
         let kept = chosen(&complete, Some(("A", START)), RewritePolicy::KeepBoth);
         assert_eq!(kept.beginning, Beginning::default());
+    }
+
+    #[test]
+    fn a_recording_exported_again_elsewhere_supersedes_a_complete_run_only() {
+        let named = Some(("A", START));
+        let elsewhere = |status| [(false, earlier(1, status, 2, [false, false]))];
+        let found = chosen(&elsewhere(RunStatus::Complete), named, RewritePolicy::Supersede);
+        assert_eq!((found.beginning.instead_of, found.replaces_here), (Some(1), false));
+        assert_eq!(begins(&elsewhere(RunStatus::Streaming), named), (None, None), "it may be a copy");
+        assert_eq!(begins(&elsewhere(RunStatus::Quarantined), named), (None, None));
+        let kept = chosen(&elsewhere(RunStatus::Complete), named, RewritePolicy::KeepBoth);
+        assert_eq!(kept.beginning, Beginning::default());
+        // a longer file elsewhere is another file; one that goes on where a reader was cut short is the same
+        let begins_alike = |status| [(true, earlier(1, status, 2, [false, false]))];
+        assert_eq!(begins(&begins_alike(RunStatus::Complete), named), (None, Some(1)));
+        assert_eq!(begins(&begins_alike(RunStatus::Streaming), named), (Some(1), None));
     }
 
     #[test]

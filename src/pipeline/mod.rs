@@ -32,6 +32,7 @@ use tokio_util::sync::CancellationToken;
 use crate::analysis::CycleAnalysis;
 use crate::config::Config;
 use crate::ingest::rejection::Rejection;
+use crate::ingest::source;
 use crate::numerics::analyse::{Method, analyse_cycle};
 use crate::robot::Robot;
 use crate::run::ContentPrefix;
@@ -107,6 +108,11 @@ pub enum Outcome {
     Interrupted,
     /// The file changed or vanished while it was read; it is looked at again later.
     Changed,
+    /// The system refuses to read the file, which says nothing of its content; it is looked at again later.
+    Unreadable {
+        /// What the system says.
+        rejection: Rejection,
+    },
     /// The same content is being read under another name; it is looked at again later.
     InWork {
         /// The run that it becomes.
@@ -136,7 +142,7 @@ impl Outcome {
         match self {
             Self::Stored(run) => Some(run.run_id),
             Self::AlreadyStored { run_id } | Self::Quarantined { run_id, .. } => Some(*run_id),
-            Self::Interrupted | Self::Changed | Self::InWork { .. } => None,
+            Self::Interrupted | Self::Changed | Self::Unreadable { .. } | Self::InWork { .. } => None,
         }
     }
 }
@@ -146,6 +152,8 @@ impl Outcome {
 pub enum Progress {
     /// The export is let in: its run has its number.
     Begun,
+    /// All that is written of a growing export so far is read.
+    CaughtUp,
     /// Bytes of the file read so far.
     Read(u64),
     /// A cycle is stored.
@@ -209,7 +217,7 @@ impl Pipeline {
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
-        let name = path.display().to_string();
+        let name = source::path_text(path);
         let state = intake::source_state(path);
         if let (Retry::Never, Some(state)) = (retry, state)
             && let Some(known) = self.store.known_source(&name, state).await?
@@ -257,6 +265,7 @@ impl Pipeline {
         };
         match end {
             ReadEnd::Complete(totals) => record::finish(self, &intake, &method, totals, refused).await,
+            ReadEnd::Rejected(rejection) if rejection.is_passing => Ok(Outcome::Unreadable { rejection }),
             ReadEnd::Rejected(rejection) => record::quarantine(self, &intake, rejection).await,
             ReadEnd::Interrupted => Ok(Outcome::Interrupted),
             // its stored cycles are compared with the file when it is looked at again
@@ -321,7 +330,8 @@ impl Pipeline {
     }
 
     /// Whether an export of the run is being read.
-    fn is_open(&self, run_id: i64) -> bool {
+    #[must_use]
+    pub fn is_open(&self, run_id: i64) -> bool {
         self.open.lock().unwrap_or_else(PoisonError::into_inner).contains(&run_id)
     }
 

@@ -1,12 +1,13 @@
 //! One daemon a database: two would analyse every export twice.
 
 use std::fs::{File, TryLockError};
+use std::io::Write;
 use std::path::Path;
 
 use super::StoreError;
 
 /// A daemon's claim on a database. The operating system releases it with the process, however that
-/// ends; the empty file beside the database stays.
+/// ends; the file beside the database, which holds the number of the process, stays.
 #[derive(Debug)]
 pub struct DaemonClaim {
     _locked: File,
@@ -19,9 +20,24 @@ pub(super) fn claim(database: &Path) -> Result<DaemonClaim, StoreError> {
         |error: std::io::Error| StoreError::NotWritable { path: database.into(), detail: error.to_string() };
     let file = File::options().create(true).truncate(false).write(true).open(&name).map_err(not_writable)?;
     match file.try_lock() {
-        Ok(()) => Ok(DaemonClaim { _locked: file }),
-        Err(TryLockError::WouldBlock) => Err(StoreError::Claimed { path: database.into() }),
+        Ok(()) => {
+            leave_number(&file);
+            Ok(DaemonClaim { _locked: file })
+        }
+        Err(TryLockError::WouldBlock) => {
+            let said = std::fs::read_to_string(&name).unwrap_or_default();
+            Err(StoreError::Claimed { path: database.into(), process: said.trim().parse().ok() })
+        }
         // a file system without locks, such as some network shares, cannot tell two daemons apart
         Err(TryLockError::Error(error)) => Err(not_writable(error)),
+    }
+}
+
+/// Writes down which process holds the claim. Only for people: a full disk must not keep the daemon from
+/// saying so in its own words.
+fn leave_number(mut file: &File) {
+    let number = std::process::id();
+    if let Err(error) = file.set_len(0).and_then(|()| writeln!(file, "{number}")) {
+        tracing::debug!(%error, "the number of this process is not beside the database");
     }
 }

@@ -69,10 +69,15 @@ pub enum StoreError {
         detail: String,
     },
     /// Another daemon works on the database.
-    #[error("another armwatch daemon works on database {}; stop it first, or name another database", .path.display())]
+    #[error(
+        "another armwatch daemon{} works on database {}; stop it first, or name another database",
+        .process.map(|number| format!(" (process {number})")).unwrap_or_default(), .path.display()
+    )]
     Claimed {
         /// Database file.
         path: PathBuf,
+        /// Number of its process, where it has left one.
+        process: Option<u32>,
     },
     /// A rule of the schema refuses the values. The database itself is well.
     #[error("database {} refuses these values ({detail}); please report this with the export", .path.display())]

@@ -64,7 +64,7 @@ impl FinishTransaction {
         if owner == Owner::Ours {
             let replaced = ledger::replaced_by(&mut *self.transaction, self.run_id).await;
             if let Some(old) = self.checked(replaced)? {
-                let superseded = ledger::supersede(&mut *self.transaction, self.run_id, old).await;
+                let superseded = ledger::supersede_shorter(&mut self.transaction, self.run_id, old).await;
                 self.checked(superseded)?;
             }
         }

@@ -158,6 +158,19 @@ async fn replace(connection: &mut SqliteConnection, run_id: i64, old: i64) -> Re
     }
 }
 
+/// Marks `old` as superseded by `run_id`, which is read to its end; not if that is of another path and has
+/// fewer cycles, since a part of a copy is no correction.
+pub(super) async fn supersede_shorter(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    old: i64,
+) -> Result<(), sqlx::Error> {
+    if is_as_long_or_here(&mut *connection, run_id, old).await? {
+        supersede(connection, run_id, old).await?;
+    }
+    Ok(())
+}
+
 /// Gives a run that is ending the identity of its content, unless a complete run has it. An unfinished
 /// run of the same content gives way, and so does a superseded one: its rows would be the same.
 pub(super) async fn adopt(
@@ -366,6 +379,22 @@ pub(super) async fn replaced_by(
     Ok(found.flatten())
 }
 
+async fn is_as_long_or_here(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    old: i64,
+) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT new.source_path = old.source_path OR new.cycles_stored >= old.cycles_stored
+         FROM run AS new, run AS old
+         WHERE new.run_id = ? AND old.run_id = ?",
+    )
+    .bind(run_id)
+    .bind(old)
+    .fetch_one(executor)
+    .await
+}
+
 /// Marks `old` as superseded by `run_id`. Its rows stay.
 pub(super) async fn supersede(
     executor: impl SqliteExecutor<'_>,
@@ -374,7 +403,7 @@ pub(super) async fn supersede(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET status = 'quarantined', reason = 'superseded by run ' || ?1 || ': the file was rewritten',
+         SET status = 'quarantined', reason = 'superseded by run ' || ?1 || ': the recording was exported again',
              reason_line = NULL, reason_column = NULL, superseded_by_run_id = ?1
          WHERE run_id = ?2 AND superseded_by_run_id IS NULL",
     )
@@ -393,7 +422,7 @@ pub(super) async fn hand_on(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET reason = 'superseded by run ' || ?1 || ': the file was rewritten', superseded_by_run_id = ?1
+         SET reason = 'superseded by run ' || ?1 || ': the recording was exported again', superseded_by_run_id = ?1
          WHERE superseded_by_run_id = ?2",
     )
     .bind(other)
@@ -498,6 +527,27 @@ pub(super) async fn mark_complete(
     .execute(executor)
     .await?;
     Ok(())
+}
+
+/// Ends a run whose file is gone. Its content will not be known, so that the key becomes a number that no
+/// content has; what its cycles were read from tells the file if it comes back.
+pub(super) async fn give_up(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    reason: &str,
+) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query(
+        "UPDATE run
+         SET status = 'quarantined', reason = ?2, growing = 1, content_hash = randomblob(32),
+             prefix_bytes = iif(cycles_stored > 0, ifnull(prefix_bytes, source_bytes), NULL),
+             prefix_hash = iif(cycles_stored > 0, ifnull(prefix_hash, content_hash), NULL)
+         WHERE run_id = ?1 AND status = 'streaming'",
+    )
+    .bind(run_id)
+    .bind(reason)
+    .execute(executor)
+    .await?;
+    Ok(done.rows_affected() > 0)
 }
 
 /// Takes away a run that is not complete, with its cycles. Returns whether there was one.

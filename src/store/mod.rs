@@ -42,6 +42,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use jiff::Timestamp;
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
 pub use anomalies::Reconciled;
@@ -59,7 +60,7 @@ pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
 pub use reestimates::{
     CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,
 };
-pub use sources::{EarlierRun, RunSource, SourceState};
+pub use sources::{EarlierRun, RunSource, SourceState, UnfinishedSource};
 pub use verification::{CycleState, OfCycle};
 
 use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd, WarmingContrast};
@@ -143,13 +144,35 @@ impl Store {
         self.checked(sources::remember(&self.writer, path, state, run_id).await)
     }
 
-    /// Runs whose export lay at `path`, or in the file of this number under another name: that of the path
-    /// first, then the newest.
+    /// Runs whose export lay at `path`, in the file of this number under another name, or is of this recording
+    /// (robot and start): that of the path first, then the newest.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn earlier_runs(&self, path: &str, file: FileId) -> Result<Vec<EarlierRun>, StoreError> {
-        self.checked(sources::earlier_runs(&self.readers, path, file).await)
+    pub async fn earlier_runs(
+        &self,
+        path: &str,
+        file: FileId,
+        recording: Option<(&str, Timestamp)>,
+    ) -> Result<Vec<EarlierRun>, StoreError> {
+        self.checked(sources::earlier_runs(&self.readers, path, file, recording).await)
+    }
+
+    /// Files of runs that are not complete, as they were when the runs were last begun.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn unfinished_sources(&self) -> Result<Vec<UnfinishedSource>, StoreError> {
+        self.checked(sources::unfinished(&self.readers).await)
+    }
+
+    /// Ends an unfinished run whose file is gone as quarantined, for `reason`. Its cycles stay, and it goes on if
+    /// the file comes back. Returns whether there was such a run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn give_up_run(&self, run_id: i64, reason: &str) -> Result<bool, StoreError> {
+        self.checked(ledger::give_up(&self.writer, run_id, reason).await)
     }
 
     /// Begins the run of the file at `source`, as `beginning` says, and writes down that the file holds it.

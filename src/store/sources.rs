@@ -39,7 +39,23 @@ pub struct EarlierRun {
     pub same_file: bool,
 }
 
-/// Most runs that are compared with a file: one lay at its path, and few in files of its number.
+/// A file whose run is not complete, as it was when the run was last begun.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnfinishedSource {
+    /// The run.
+    pub run_id: i64,
+    /// Where the file lay.
+    pub path: String,
+    /// Its size, bytes.
+    pub bytes: u64,
+    /// Time of its last modification, to the microsecond.
+    pub modified: Timestamp,
+    /// Whether it was read while it grew, and not after it had settled.
+    pub growing: bool,
+}
+
+/// Most runs that are compared with a file: one lay at its path, and few in files of its number or of its
+/// recording.
 const MOST_EARLIER: i64 = 16;
 
 /// What tells the export of a run, and what its rows were analysed with.
@@ -78,24 +94,28 @@ pub(super) async fn find(
     .await
 }
 
-/// Runs whose export lay at `path` or in the file of this number: that of the path first, then the newest.
+/// Runs whose export lay at `path` or in the file of this number, or is of this recording (robot and start):
+/// that of the path first, then the newest.
 pub(super) async fn earlier_runs(
     executor: impl SqliteExecutor<'_>,
     path: &str,
     file: FileId,
+    recording: Option<(&str, Timestamp)>,
 ) -> Result<Vec<EarlierRun>, sqlx::Error> {
     sqlx::query(
         "WITH earlier AS (
              SELECT run_id FROM source_file WHERE path = ?1
              UNION
              SELECT run_id FROM run WHERE inode = ?2 AND device = ?3
+             UNION
+             SELECT run_id FROM robot JOIN run USING (robot_id) WHERE robot.name = ?5 AND started_at = ?6
          )
          SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored,
                 robot.name AS robot, started_at,
                 EXISTS (SELECT 1 FROM source_file WHERE path = ?1 AND source_file.run_id = run.run_id) AS same_path,
                 ifnull(inode = ?2 AND device = ?3, 0) AS same_file,
-                iif(status = 'streaming', ifnull(prefix_bytes, source_bytes), source_bytes) AS bytes,
-                iif(status = 'streaming', ifnull(prefix_hash, content_hash), content_hash) AS hash
+                iif(status = 'streaming' OR growing, ifnull(prefix_bytes, source_bytes), source_bytes) AS bytes,
+                iif(status = 'streaming' OR growing, ifnull(prefix_hash, content_hash), content_hash) AS hash
          FROM earlier
          JOIN run USING (run_id)
          JOIN robot USING (robot_id)
@@ -106,6 +126,8 @@ pub(super) async fn earlier_runs(
     .bind(file.inode.cast_signed())
     .bind(file.device.cast_signed())
     .bind(MOST_EARLIER)
+    .bind(recording.map(|(robot, _)| robot))
+    .bind(recording.map(|(_, started_at)| started_at.as_microsecond()))
     .try_map(|row: SqliteRow| {
         let hash: Vec<u8> = row.try_get("hash")?;
         let hash = hash.try_into().map_err(|_| sqlx::Error::Decode("a hash of another length".into()))?;
@@ -116,6 +138,29 @@ pub(super) async fn earlier_runs(
             read: ContentPrefix { bytes: size(&row, "bytes")?, hash: ContentHash(hash) },
             same_path: row.try_get("same_path")?,
             same_file: row.try_get("same_file")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Files of runs that are not complete.
+pub(super) async fn unfinished(
+    executor: impl SqliteExecutor<'_>,
+) -> Result<Vec<UnfinishedSource>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, path, bytes, modified, growing
+         FROM run JOIN source_file USING (run_id)
+         WHERE status = 'streaming'
+         ORDER BY run.run_id, path",
+    )
+    .try_map(|row: SqliteRow| {
+        Ok(UnfinishedSource {
+            run_id: row.try_get("run_id")?,
+            path: row.try_get("path")?,
+            bytes: size(&row, "bytes")?,
+            modified: time(&row, "modified")?,
+            growing: row.try_get("growing")?,
         })
     })
     .fetch_all(executor)

@@ -7,15 +7,22 @@ mod support;
 
 mod architecture;
 mod bad_input;
+mod canon;
 mod cli;
+mod crash;
 mod daemon;
 mod docs;
+#[cfg(target_os = "linux")]
+mod faults;
 mod real_recording;
 mod reference_export;
 mod robot_urdf;
 mod shipped;
+mod small;
 mod stored_factors;
 mod torque_sources;
 mod torque;
 mod streaming;
+#[cfg(unix)]
+mod writers;
 mod wrong_recordings;

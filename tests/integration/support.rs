@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteRow};
 use sqlx::{Connection, Row, TypeInfo, ValueRef};
 
+use crate::canon::canonical_dump;
+
 /// Longest wait for something that happens within a second on an idle machine.
 const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -56,6 +58,13 @@ impl Workshop {
         let others: Vec<&str> = text.lines().filter(|line| !line.starts_with(key)).collect();
         let set = others.join("\n").replacen("[watch]", &format!("[watch]\n{key} = {value}"), 1);
         fs::write(path, set + "\n").expect("a configuration");
+    }
+
+    /// Describes all robots by another shipped description, such as `scara`.
+    pub fn describe(&self, model: &str) {
+        let path = self.path("armwatch.toml");
+        let text = fs::read_to_string(&path).expect("the configuration");
+        fs::write(path, text.replace("er3a.toml", &format!("{model}.toml"))).expect("a configuration");
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -125,35 +134,9 @@ impl Workshop {
         }
     }
 
-    /// As [`Workshop::dump`], with each run named by its export instead of its number, and without the numbers
-    /// of anomalies: both follow the order in which files that are read side by side come to their turn.
+    /// As [`Workshop::dump`], comparable with that of a database that was filled in another order.
     pub fn canonical_dump(&self) -> String {
-        let names =
-            "SELECT run_id, robot || ' ' || started_at || ' ' || coalesce(content_hash, '') FROM runs";
-        let names: Vec<(String, String)> = self
-            .query(names)
-            .iter()
-            .filter_map(|row| row.split_once('|').map(|(id, name)| (id.to_owned(), format!("run {name}"))))
-            .collect();
-        let mut dump = String::new();
-        for (view, _) in VIEWS {
-            let columns = self.query(&format!("SELECT name FROM pragma_table_info('{view}')"));
-            let rows = self.query(&format!("SELECT * FROM {view}"));
-            let named = |row: &String| {
-                let cells = row.split('|').zip(&columns).map(|(cell, column)| match column.as_str() {
-                    "anomaly_id" => "",
-                    name if name.ends_with("run_id") => {
-                        names.iter().find(|(id, _)| id == cell).map_or(cell, |(_, name)| name)
-                    }
-                    _ => cell,
-                });
-                cells.collect::<Vec<_>>().join("|")
-            };
-            let mut rows: Vec<String> = rows.iter().map(named).collect();
-            rows.sort_unstable();
-            dump.push_str(&format!("# {view}\n{}\n", rows.join("\n")));
-        }
-        dump
+        canonical_dump(&self.path("armwatch.db"))
     }
 
     /// Every row of every public view, in a fixed order.

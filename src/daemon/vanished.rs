@@ -1,0 +1,113 @@
+//! Runs whose file is gone. Pure: the clock is an argument.
+
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use crate::ingest::watch::Scan;
+use crate::store::UnfinishedSource;
+
+/// A file that is missing for so many times the time to settle is gone: longer than a rename or a copy from
+/// folder to folder takes to be seen.
+const SETTLES: u32 = 20;
+
+/// Unfinished runs none of whose files is to be seen, and since when.
+#[derive(Debug, Default)]
+pub struct Missing(HashMap<i64, Instant>);
+
+impl Missing {
+    /// Notes what a look at `folders` found at `now` and returns the runs whose files are gone. A file is
+    /// missing only from a folder that can be looked into, so that a share which is away takes no run with it;
+    /// of a file outside of the folders nothing can be said.
+    pub fn note(
+        &mut self,
+        unfinished: &[UnfinishedSource],
+        folders: &[PathBuf],
+        scan: &Scan,
+        settle: Duration,
+        now: Instant,
+    ) -> Vec<i64> {
+        let found: HashSet<&Path> = scan.files.iter().map(|file| file.path.as_path()).collect();
+        let is_missing = |source: &UnfinishedSource| {
+            let path = Path::new(&source.path);
+            let hidden = scan.unreadable.iter().any(|place| path.starts_with(&place.path));
+            folders.iter().any(|folder| path.starts_with(folder)) && !hidden && !found.contains(path)
+        };
+        let there: HashSet<i64> =
+            unfinished.iter().filter(|source| !is_missing(source)).map(|source| source.run_id).collect();
+        let missing: HashSet<i64> = unfinished.iter().map(|source| source.run_id).collect();
+        self.0.retain(|run_id, _| missing.contains(run_id) && !there.contains(run_id));
+        let gone = missing
+            .difference(&there)
+            .copied()
+            .filter(|run_id| now.duration_since(*self.0.entry(*run_id).or_insert(now)) >= SETTLES * settle);
+        gone.collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+    use std::time::SystemTime;
+
+    use jiff::Timestamp;
+
+    use super::*;
+    use crate::ingest::watch::{FoundFile, Unreadable};
+    use crate::run::FileId;
+
+    const SETTLE: Duration = Duration::from_secs(5);
+
+    fn unfinished(run_id: i64, path: &str) -> UnfinishedSource {
+        let modified = Timestamp::UNIX_EPOCH;
+        UnfinishedSource { run_id, path: path.into(), bytes: 1, modified, growing: true }
+    }
+
+    fn found(path: &str) -> FoundFile {
+        let file = FileId { device: 1, inode: 1 };
+        FoundFile { path: path.into(), size: 1, modified: SystemTime::UNIX_EPOCH, file }
+    }
+
+    #[test]
+    fn a_file_that_stays_away_is_gone_and_one_that_nobody_can_see_is_not() {
+        let runs = [
+            unfinished(1, "/in/a.csv"),
+            unfinished(2, "/in/b.csv"),
+            unfinished(2, "/in/moved.csv"),
+            unfinished(3, "/elsewhere/c.csv"),
+            unfinished(4, "/share/d.csv"),
+        ];
+        let folders = ["/in", "/share"].map(PathBuf::from);
+        let error = io::Error::from(io::ErrorKind::NotFound);
+        let scan = Scan {
+            files: vec![found("/in/moved.csv")],
+            unreadable: vec![Unreadable { path: "/share".into(), error }],
+        };
+        let start = Instant::now();
+        let mut missing = Missing::default();
+        let mut gone =
+            |at: u64| missing.note(&runs, &folders, &scan, SETTLE, start + Duration::from_secs(at));
+        assert_eq!(gone(0), [0; 0]);
+        assert_eq!(gone(99), [0; 0]);
+        assert_eq!(gone(100), [1]);
+    }
+
+    #[test]
+    fn a_file_that_comes_back_in_time_is_waited_for_anew() {
+        let runs = [unfinished(1, "/in/a.csv")];
+        let folders = [PathBuf::from("/in")];
+        let (here, away) = (Scan { files: vec![found("/in/a.csv")], ..Scan::default() }, Scan::default());
+        let start = Instant::now();
+        let mut missing = Missing::default();
+        for (at, scan, is_gone) in [
+            (0, &away, false),
+            (90, &away, false),
+            (95, &here, false),
+            (110, &away, false),
+            (210, &away, true),
+        ] {
+            let gone = missing.note(&runs, &folders, scan, SETTLE, start + Duration::from_secs(at));
+            assert_eq!(!gone.is_empty(), is_gone, "{at}");
+        }
+    }
+}
