@@ -52,13 +52,19 @@ struct Closed {
     result: Result<Followed, PipelineError>,
 }
 
+/// Reads the configuration again; says why itself where it cannot be used.
+pub type Reread<'r> = dyn Fn() -> Option<Config> + 'r;
+
 /// The daemon at work.
-struct Work<'p> {
-    pipeline: &'p Pipeline,
+struct Work<'r> {
+    pipeline: Pipeline,
+    reread: &'r Reread<'r>,
     stop: CancellationToken,
     book: Book,
     tasks: JoinSet<Closed>,
     growing: usize,
+    /// Files that were to be read again at the last look.
+    asked: HashSet<PathBuf>,
     /// Robots with a settled file being read.
     robots: HashSet<String>,
     /// A settled file whose run has no number yet. One at a time, so that numbers follow names, and of two
@@ -68,17 +74,20 @@ struct Work<'p> {
 }
 
 /// Watches the configured folders until `stop` is cancelled, then finishes the cycles in hand.
-/// `report` hears the outcome of every export.
+/// `reread` is asked for the configuration when quarantined exports are to be read again, because their
+/// robot or layout may have been corrected; folders and times stay as they were. `report` hears the outcome
+/// of every export.
 ///
 /// # Errors
 /// [`PipelineError`] where the daemon cannot go on: a full disk, or another daemon on the database.
 pub async fn watch(
     pipeline: &Pipeline,
     stop: &CancellationToken,
+    reread: &Reread<'_>,
     mut report: impl FnMut(&Path, &Outcome),
 ) -> Result<(), PipelineError> {
     let _claim = pipeline.store().claim().map_err(PipelineError::from)?;
-    let mut work = Work::new(pipeline, stop.child_token());
+    let mut work = Work::new(pipeline, reread, stop.child_token());
     let watched = work.go_on(&mut report).await;
     // after a failure the others finish their cycles too
     work.stop.cancel();
@@ -91,14 +100,16 @@ pub async fn watch(
     watched
 }
 
-impl<'p> Work<'p> {
-    fn new(pipeline: &'p Pipeline, stop: CancellationToken) -> Self {
+impl<'r> Work<'r> {
+    fn new(pipeline: &Pipeline, reread: &'r Reread<'r>, stop: CancellationToken) -> Self {
         Self {
-            pipeline,
+            pipeline: pipeline.clone(),
+            reread,
             stop,
             book: Book::new(pipeline.config().watch.settle),
             tasks: JoinSet::new(),
             growing: 0,
+            asked: HashSet::new(),
             robots: HashSet::new(),
             admitting: None,
             begun: mpsc::unbounded_channel(),
@@ -136,8 +147,24 @@ impl<'p> Work<'p> {
         let folders = folders.to_vec();
         let scan = tokio::task::spawn_blocking(move || watch::scan(&folders)).await?;
         complaints.warn(&scan);
+        self.note_retries().await?;
         let lane_of = |path: &Path| robot_of(self.pipeline.config(), path);
         self.book.note(&scan.files, Instant::now(), tail::is_marked, lane_of);
+        Ok(())
+    }
+
+    /// Lets exports be taken again that a person asked for, by the configuration as it is now.
+    async fn note_retries(&mut self) -> Result<(), PipelineError> {
+        let asked = self.pipeline.store().paths_to_retry().await?;
+        let asked: HashSet<PathBuf> = asked.into_iter().collect();
+        if !asked.is_subset(&self.asked) {
+            if let Some(config) = (self.reread)() {
+                tracing::info!("configuration read again");
+                self.pipeline = self.pipeline.with_config(config.into());
+            }
+            asked.iter().for_each(|path| self.book.again(path));
+        }
+        self.asked = asked;
         Ok(())
     }
 
@@ -192,6 +219,7 @@ impl<'p> Work<'p> {
     ) -> Result<(), PipelineError> {
         let Closed { due, way, result } = closed;
         self.admitted(due.file);
+        self.asked.remove(&due.path);
         match &way {
             Way::Growing => self.growing -= 1,
             Way::Settled(robot) => {

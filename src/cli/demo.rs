@@ -199,7 +199,7 @@ async fn watch_fleet(
             Ok(())
         }
     });
-    daemon::watch(pipeline, &done, |path, outcome| {
+    daemon::watch(pipeline, &done, &|| None, |path, outcome| {
         show_outcome(path, outcome);
         // the tally may be done already when the demo watches on
         let _ = to_tally.send(path.to_path_buf());

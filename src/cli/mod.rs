@@ -16,6 +16,8 @@ mod plot;
 mod rmsd;
 mod parameters;
 mod prior_choice;
+mod quarantine;
+mod quarantine_story;
 mod robot_check;
 mod robot_urdf;
 mod run;
@@ -110,6 +112,8 @@ enum Command {
     Run(run::RunArgs),
     /// Take files or folders through the pipeline once
     Ingest(ingest::IngestArgs),
+    /// Exports that were not understood: list and explain them, have them read again
+    Quarantine(quarantine::QuarantineArgs),
     /// Identify one parameter set on chosen cycles from what is stored of them
     Identify(identify::IdentifyArgs),
     /// List, show or delete what `identify --save` keeps
@@ -216,6 +220,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Demo(args) => demo::demo(&cli.global, &args),
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
+        Command::Quarantine(args) => quarantine::quarantine(&cli.global, &args),
         Command::Identify(args) => identify::identify(&cli.global, &args),
         Command::Parameters(args) => parameters::parameters(&cli.global, &args),
         Command::Verify(args) => verify::verify(&cli.global, &args),
@@ -247,6 +252,13 @@ impl Global {
             config.database.clone_from(db);
         }
         Ok(config)
+    }
+
+    /// The configuration as it is now, for a daemon at work; a wrong one is warned of.
+    fn reread_config(&self) -> Option<Config> {
+        self.read_config()
+            .inspect_err(|error| tracing::warn!(%error, "configuration not usable; the earlier one stays"))
+            .ok()
     }
 }
 

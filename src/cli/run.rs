@@ -25,7 +25,7 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
         let folders: Vec<String> = config.watch.folders.iter().map(|f| f.display().to_string()).collect();
         tracing::info!(database = %config.database.display(), folders = folders.join(", "), "watching");
         let pipeline = Pipeline::new(shared(config), store);
-        let watched = daemon::watch(&pipeline, &stop, |_, _| ()).await;
+        let watched = daemon::watch(&pipeline, &stop, &|| global.reread_config(), |_, _| ()).await;
         watched?;
         pipeline.close().await?;
         tracing::info!("stopped");

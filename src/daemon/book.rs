@@ -149,6 +149,13 @@ impl Book {
         self.open.insert(file).then(|| Due { path: path.to_owned(), seen, file, patience })
     }
 
+    /// Lets a file that was taken be taken again at the next look; others are left as they are.
+    pub fn again(&mut self, path: &Path) {
+        if let Some(entry) = self.entries.get_mut(path) {
+            entry.taken = false;
+        }
+    }
+
     /// Notes what became of a file that was open.
     pub fn close(&mut self, due: &Due, closing: Closing) {
         self.open.remove(&due.file);
@@ -314,6 +321,20 @@ mod tests {
         desk.book.close(&due, Closing::Taken);
         desk.look(25);
         assert_eq!(name(desk.growing().as_ref()), Some("b2"), "it changed while it was read");
+    }
+
+    #[test]
+    fn a_file_that_is_asked_for_is_taken_again() {
+        let mut desk = Desk::new();
+        desk.write("a1", 10);
+        [0, 3].into_iter().for_each(|at| desk.look(at));
+        let due = desk.settled(&[]).expect("settled");
+        desk.book.close(&due, Closing::Taken);
+        desk.book.again(&due.path);
+        desk.book.again(Path::new("unknown"));
+        assert!(desk.settled(&[]).is_none(), "the next look queues it");
+        desk.look(4);
+        assert_eq!(name(desk.settled(&[]).as_ref()), Some("a1"));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::cutting::{CutCycle, Cutting, ReadEnd};
-use super::{Outcome, Pipeline, PipelineError, Retry};
+use super::{Outcome, Pipeline, PipelineError, Retry, record};
 use crate::config::{FleetEntry, Layout, RewritePolicy};
 use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::fingerprint::{self, fingerprint};
@@ -67,6 +67,35 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
             return Ok(Known::Yes(quarantined(pipeline, &header, rejection).await?));
         }
     };
+    let admitted = admit_content(pipeline, path, retry, (content_hash, source_bytes), file_time).await?;
+    let run_id = match &admitted {
+        Known::No(intake) => Some(intake.run_id),
+        Known::Yes(outcome) => outcome.run_id(),
+    };
+    if let Some(run_id) = run_id {
+        supersede_unreadable(pipeline, path, run_id).await?;
+    }
+    Ok(admitted)
+}
+
+/// Lets the run of a file that could be read take the place of what was written down when it could not.
+async fn supersede_unreadable(pipeline: &Pipeline, path: &Path, run_id: i64) -> Result<(), PipelineError> {
+    match pipeline.store().lookup(&path_identity(path)).await? {
+        Some(unreadable) if unreadable.status == RunStatus::Quarantined => {
+            Ok(pipeline.store().supersede_run(run_id, unreadable.run_id).await?)
+        }
+        _ => Ok(()),
+    }
+}
+
+/// As [`admit`], for a file whose content could be read.
+async fn admit_content(
+    pipeline: &Pipeline,
+    path: &Path,
+    retry: Retry,
+    (content_hash, source_bytes): (ContentHash, u64),
+    file_time: Timestamp,
+) -> Result<Known, PipelineError> {
     let Some(state) = source_state(path) else { return Ok(Known::Yes(Outcome::Changed)) };
     let known = pipeline.store().lookup(&content_hash).await?;
     let recognised = recognise(pipeline, path, file_time);
@@ -211,7 +240,7 @@ async fn leave(pipeline: &Pipeline, run_id: i64, start: &Start) -> Result<(), Pi
 pub fn decided(path: &Path, known: KnownRun, retry: Retry) -> Option<Outcome> {
     match known.status {
         RunStatus::Complete | RunStatus::Superseded => Some(Outcome::AlreadyStored { run_id: known.run_id }),
-        RunStatus::Quarantined if retry == Retry::Never => Some(Outcome::Quarantined {
+        RunStatus::Quarantined if retry == Retry::Never && !known.retry_asked => Some(Outcome::Quarantined {
             run_id: known.run_id,
             rejection: Rejection::stored(path, known.reason.unwrap_or_default()),
             cycles: known.cycles_stored,
@@ -319,10 +348,7 @@ async fn quarantined(
     header: &RunHeader,
     rejection: Rejection,
 ) -> Result<Outcome, PipelineError> {
-    let run_id = pipeline
-        .store()
-        .quarantine(header, &rejection.sentence(), rejection.line, rejection.column.as_deref())
-        .await?;
+    let run_id = record::write_down(pipeline, header, &rejection).await?;
     Ok(Outcome::Quarantined { run_id, rejection, cycles: 0 })
 }
 
@@ -375,7 +401,7 @@ mod tests {
     fn earlier(run_id: i64, status: RunStatus, cycles_stored: u32, places: [bool; 2]) -> EarlierRun {
         let [same_path, same_file] = places;
         EarlierRun {
-            run: KnownRun { run_id, status, reason: None, cycles_stored },
+            run: KnownRun { run_id, status, reason: None, cycles_stored, retry_asked: false },
             robot: "A".into(),
             started_at: START,
             read: ContentPrefix { bytes: 9, hash: ContentHash([9; 32]) },

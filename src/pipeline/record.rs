@@ -6,11 +6,13 @@ use super::cutting::ReadTotals;
 use super::intake::Intake;
 use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun, friction};
 use crate::analysis::{FrictionPoint, RunAnalysis, WarmUpFit};
+use crate::ingest::excerpt;
 use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::{AnalysisSettings, Method, RunResults, analyse_run, warm_up_fits};
 use crate::numerics::detect::detect;
 use crate::robot::{JointIndex, ParameterId};
-use crate::store::{AnomalyRow, Owner, RunMeasurements, RunTotals, Store};
+use crate::run::RunHeader;
+use crate::store::{AnomalyRow, Fault, Owner, RunMeasurements, RunTotals, Store};
 
 /// Up to this many runs of a robot, the fits over all its runs are renewed with every run; later,
 /// each time the history has grown by this fraction. Renewing them always would make the work of a
@@ -127,13 +129,31 @@ pub async fn quarantine(
     intake: &Intake,
     rejection: Rejection,
 ) -> Result<Outcome, PipelineError> {
-    let run_id = pipeline
-        .store()
-        .quarantine(&intake.header, &rejection.sentence(), rejection.line, rejection.column.as_deref())
-        .await?;
+    let run_id = write_down(pipeline, &intake.header, &rejection).await?;
     let cycles =
         pipeline.store().lookup(&intake.header.content_hash).await?.map_or(0, |run| run.cycles_stored);
     Ok(Outcome::Quarantined { run_id, rejection, cycles })
+}
+
+/// Writes down why an export was not understood, with the place in the file as far as it can be found.
+/// Returns the key of the run.
+pub(super) async fn write_down(
+    pipeline: &Pipeline,
+    header: &RunHeader,
+    rejection: &Rejection,
+) -> Result<i64, PipelineError> {
+    let place = rejection.clone();
+    let excerpt = tokio::task::spawn_blocking(move || excerpt::of_rejection(&place, 0)).await?;
+    let fault = Fault {
+        reason: rejection.sentence(),
+        problem: rejection.reason.clone(),
+        line: rejection.line,
+        column: rejection.column.as_deref().map(str::to_owned),
+        byte: excerpt.map(|excerpt| excerpt.byte),
+        value: rejection.value.as_deref().map(str::to_owned),
+        remedy: rejection.remedy.clone(),
+    };
+    Ok(pipeline.store().quarantine(header, &fault).await?)
 }
 
 async fn opened(store: &Store, ids: &[i64]) -> Result<Vec<AnomalyRow>, PipelineError> {

@@ -9,7 +9,7 @@ use super::anomalies::{self, Reconciled};
 use super::friction::{self, CycleSpeedFits};
 use super::history::{self, RunMeasurements};
 use super::ledger::{self, Owner, RunTotals};
-use super::{StoreError, run_analysis};
+use super::{StoreError, quarantine, run_analysis};
 use crate::analysis::{FrictionPoint, RunAnalysis, WarmUpFit};
 use crate::anomaly::{Findings, RunSummary};
 use crate::numerics::friction_index::RobotFriction;
@@ -129,13 +129,15 @@ impl FinishTransaction {
         Ok(owner)
     }
 
-    /// Marks the run complete.
+    /// Marks the run complete; quarantined ones of the same recording are superseded by it.
     ///
     /// # Errors
     /// [`StoreError::Refused`] if not every cycle is stored.
     pub async fn complete(&mut self, totals: RunTotals) -> Result<(), StoreError> {
         let result = ledger::mark_complete(&mut *self.transaction, self.run_id, totals).await;
-        self.checked(result)
+        self.checked(result)?;
+        let superseded = quarantine::supersede_faulty(&mut *self.transaction, self.run_id).await;
+        self.checked(superseded)
     }
 
     /// Makes all of it lasting.
