@@ -10,6 +10,7 @@ use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::recognition::{DEFAULT_FILE_NAME, time_zone};
 use super::robot_file::parse_robot_with;
+use super::serve::{ServeSettings, read_serve};
 use super::{Channel, Config, FleetEntry, Layout, Recognition, RewritePolicy, WatchSettings};
 use super::{parse_layout, pattern};
 use crate::analysis::Estimator;
@@ -47,6 +48,7 @@ pub(super) fn read(path: &Path, read_text: &ReadText<'_>) -> Result<Config, Conf
 fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config> {
     let database = root.text_or("database", DEFAULT_DATABASE);
     let watch = read_watch(root.table("watch").as_ref());
+    let serve = read_serve(root.table("serve").as_ref());
     let recognition = read_recognition(root.table("recognition").as_ref());
     let fleet = read_fleet(root, references);
     let analysis =
@@ -54,12 +56,23 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
     let detect = root.table("detect").map_or_else(|| Some(DetectSettings::default()), |t| read_detect(&t));
     Some(Config {
         database: PathBuf::from(database?),
-        watch: watch?,
+        watch: with_spool(watch?, serve.as_ref()?.as_ref()),
+        serve: serve?,
         recognition: recognition?,
         fleet: fleet?,
         analysis: analysis?,
         detect: detect?,
     })
+}
+
+/// Lets the folder that uploads go to be watched too.
+fn with_spool(mut watch: WatchSettings, serve: Option<&ServeSettings>) -> WatchSettings {
+    if let Some(upload) = serve.and_then(|serve| serve.upload.as_ref())
+        && !watch.folders.contains(&upload.spool)
+    {
+        watch.folders.push(upload.spool.clone());
+    }
+    watch
 }
 
 fn read_watch(table: Option<&Table<'_>>) -> Option<WatchSettings> {

@@ -16,6 +16,7 @@ mod quantity;
 mod reader;
 mod recognition;
 mod robot_file;
+mod serve;
 mod source;
 mod suggestion;
 mod summary;
@@ -40,6 +41,7 @@ pub use self::layout_file::{parse_layout, read_layout};
 pub use self::problem::{ConfigErrors, ConfigProblem};
 pub use self::recognition::{RecogniseError, Recognised};
 pub use self::robot_file::{parse_robot, read_robot};
+pub use self::serve::{ServeSettings, UploadSettings};
 pub use self::source::ConfigSource;
 pub use self::summary::summary;
 pub use self::urdf_writer::{UrdfFriction, straight_friction, urdf_text};
@@ -54,6 +56,8 @@ pub struct Config {
     pub database: PathBuf,
     /// Folders to watch and how.
     pub watch: WatchSettings,
+    /// What is served over HTTP; `None`: nothing.
+    pub serve: Option<ServeSettings>,
     /// How a file name gives robot and start time.
     pub recognition: Recognition,
     /// Which robots there are; the first entry whose pattern matches a robot's name is its own.

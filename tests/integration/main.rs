@@ -19,4 +19,5 @@ mod stored_factors;
 mod torque_sources;
 mod torque;
 mod streaming;
+mod upload;
 mod wrong_recordings;
