@@ -5,6 +5,7 @@
 //! are the backlog: a few at a time, those of one robot one after the other, so that its history grows in the
 //! order of the names.
 
+mod archive;
 mod book;
 
 use std::collections::HashSet;
@@ -32,9 +33,23 @@ const HINT_PAUSE: Duration = Duration::from_millis(100);
 /// all day must not make the daemon look at thousands of others all day.
 const SCAN_SHARE: u32 = 10;
 
-/// Settled files at once. With two, a large or slow one leaves a way past it; each takes the memory of a
-/// few cycles.
-const BACKLOG_FILES: usize = 2;
+/// Settled files, by what they ask of the machine. Each class has places of its own, so that no number of large
+/// or slow files holds up small ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Class {
+    /// Read within seconds.
+    Small,
+    /// Read within minutes or more.
+    Large,
+}
+
+impl Class {
+    const ALL: [Self; 2] = [Self::Small, Self::Large];
+
+    fn of(bytes: u64, config: &Config) -> Self {
+        if bytes < config.limits.large_file_bytes { Self::Small } else { Self::Large }
+    }
+}
 
 /// Which way a file is taken.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -42,7 +57,7 @@ enum Way {
     /// As it grows.
     Growing,
     /// As it has settled, in the turn of its robot.
-    Settled(String),
+    Settled(String, Class),
 }
 
 /// A file whose task has ended.
@@ -67,9 +82,11 @@ struct Work<'r> {
     asked: HashSet<PathBuf>,
     /// Robots with a settled file being read.
     robots: HashSet<String>,
-    /// A settled file whose run has no number yet. One at a time, so that numbers follow names, and of two
-    /// files with one content the first by name is taken.
-    admitting: Option<FileId>,
+    /// Settled files being read, of each class.
+    settled: [usize; Class::ALL.len()],
+    /// A settled file of each class whose run has no number yet. One at a time, so that numbers follow names,
+    /// and of two files with one content, which have one size, the first by name is taken.
+    admitting: [Option<FileId>; Class::ALL.len()],
     begun: (mpsc::UnboundedSender<FileId>, mpsc::UnboundedReceiver<FileId>),
 }
 
@@ -111,7 +128,8 @@ impl<'r> Work<'r> {
             growing: 0,
             asked: HashSet::new(),
             robots: HashSet::new(),
-            admitting: None,
+            settled: [0; Class::ALL.len()],
+            admitting: [None; Class::ALL.len()],
             begun: mpsc::unbounded_channel(),
         }
     }
@@ -176,19 +194,30 @@ impl<'r> Work<'r> {
             self.growing += 1;
             self.start(due, Way::Growing);
         }
-        while self.robots.len() < BACKLOG_FILES
-            && self.admitting.is_none()
-            && let Some((due, robot)) = self.book.next_settled(&self.robots)
-        {
-            self.robots.insert(robot.clone());
-            self.admitting = Some(due.file);
-            self.start(due, Way::Settled(robot));
+        let config = self.pipeline.config();
+        let most = config.limits.backlog_files;
+        let mut starting = Vec::new();
+        for class in Class::ALL {
+            let place = class as usize;
+            if self.settled[place] < most
+                && self.admitting[place].is_none()
+                && let Some((due, robot)) =
+                    self.book.next_settled(&self.robots, |bytes| Class::of(bytes, config) == class)
+            {
+                self.robots.insert(robot.clone());
+                self.settled[place] += 1;
+                self.admitting[place] = Some(due.file);
+                starting.push((due, Way::Settled(robot, class)));
+            }
         }
+        starting.into_iter().for_each(|(due, way)| self.start(due, way));
     }
 
     /// Notes that the run of a file has its number, or that the file is closed.
     fn admitted(&mut self, file: FileId) {
-        self.admitting.take_if(|admitting| *admitting == file);
+        for place in &mut self.admitting {
+            place.take_if(|admitting| *admitting == file);
+        }
     }
 
     fn start(&mut self, due: Due, way: Way) {
@@ -203,10 +232,13 @@ impl<'r> Work<'r> {
         self.tasks.spawn(async move {
             let result = match &way {
                 Way::Growing => pipeline.follow(&due.path, due.patience, &stop, progress).await,
-                Way::Settled(_) => {
+                Way::Settled(..) => {
                     pipeline.process(&due.path, Retry::Never, &stop, progress).await.map(Followed::Outcome)
                 }
             };
+            if let (Way::Settled(..), Ok(Followed::Outcome(outcome))) = (&way, &result) {
+                archive::after(&pipeline, &due.path, outcome).await;
+            }
             Closed { due, way, result }
         });
     }
@@ -222,8 +254,9 @@ impl<'r> Work<'r> {
         self.asked.remove(&due.path);
         match &way {
             Way::Growing => self.growing -= 1,
-            Way::Settled(robot) => {
+            Way::Settled(robot, class) => {
                 self.robots.remove(robot);
+                self.settled[*class as usize] -= 1;
             }
         }
         let followed = match result {
@@ -251,7 +284,7 @@ fn closing(followed: &Followed, way: &Way) -> Closing {
             Closing::Again
         }
         (Followed::Outcome(_), Way::Growing) => Closing::Done,
-        (Followed::Outcome(_), Way::Settled(_)) => Closing::Taken,
+        (Followed::Outcome(_), Way::Settled(..)) => Closing::Taken,
     }
 }
 

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::config::Config;
 use crate::daemon;
-use crate::ingest::fingerprint::fingerprint;
+use crate::ingest::fingerprint::{fingerprint, of_bytes};
 use crate::pipeline::Pipeline;
 use crate::run::RunStatus;
 use crate::store::{FaultState, QuarantineRow, Store, StoreError};
@@ -155,8 +155,10 @@ async fn place_of(store: &Store, run_id: i64) -> Result<Place, CliError> {
     let source = source.ok_or_else(|| CliError::Internal(format!("run {run_id} has no source")))?;
     let mut found = None;
     for path in &source.paths {
+        // of a file that could not be read, the path stands for the content
+        let by_path = of_bytes(path.as_os_str().as_encoded_bytes()) == source.content_hash;
         let place = match fingerprint(path) {
-            Ok((hash, _)) if hash == source.content_hash => return Ok(Place::At(path.clone())),
+            Ok((hash, _)) if by_path || hash == source.content_hash => return Ok(Place::At(path.clone())),
             Ok(_) => Place::Changed(path.clone()),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
             Err(error) => Place::Unreadable(path.clone(), error.to_string()),

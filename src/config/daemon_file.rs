@@ -11,7 +11,8 @@ use super::reader::{Table, Value, read_document};
 use super::recognition::{DEFAULT_FILE_NAME, time_zone};
 use super::robot_file::parse_robot_with;
 use super::serve::{ServeSettings, read_serve};
-use super::{Channel, Config, FleetEntry, Layout, Recognition, RewritePolicy, WatchSettings};
+use super::work_limits::{archive_of, read_work_limits};
+use super::{Channel, Config, FleetEntry, Layout, Recognition, RewritePolicy, WatchSettings, WorkLimits};
 use super::{parse_layout, pattern};
 use crate::analysis::Estimator;
 use crate::numerics::analyse::AnalysisSettings;
@@ -48,6 +49,7 @@ pub(super) fn read(path: &Path, read_text: &ReadText<'_>) -> Result<Config, Conf
 fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config> {
     let database = root.text_or("database", DEFAULT_DATABASE);
     let watch = read_watch(root.table("watch").as_ref());
+    let limits = root.table("limits").map_or(Some(WorkLimits::default()), |t| read_work_limits(&t));
     let serve = read_serve(root.table("serve").as_ref());
     let recognition = read_recognition(root.table("recognition").as_ref());
     let fleet = read_fleet(root, references);
@@ -57,6 +59,7 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
     Some(Config {
         database: PathBuf::from(database?),
         watch: with_spool(watch?, serve.as_ref()?.as_ref()),
+        limits: limits?,
         serve: serve?,
         recognition: recognition?,
         fleet: fleet?,
@@ -93,12 +96,17 @@ fn read_watch(table: Option<&Table<'_>>) -> Option<WatchSettings> {
         Some(value) => read_policy(&value),
         None => Some(RewritePolicy::Supersede),
     };
+    let archive = match table.and_then(|t| t.optional("archive")) {
+        Some(value) => archive_of(&value, folders.as_deref().unwrap_or_default()).map(Some),
+        None => Some(None),
+    };
     Some(WatchSettings {
         folders: folders?,
         scan_interval: Duration::try_from_secs_f64(scan_interval?).ok()?,
         settle: Duration::try_from_secs_f64(settle?).ok()?,
         live_files: live_files?,
         on_rewrite: on_rewrite?,
+        archive: archive?,
     })
 }
 

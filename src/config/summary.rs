@@ -22,6 +22,15 @@ pub fn summary(config: &Config) -> String {
     line("settling time of a file", seconds(config.watch.settle));
     line("growing files at once", config.watch.live_files.to_string());
     line("rewritten files", config.watch.on_rewrite.name().to_owned());
+    let archive = config.watch.archive.as_ref();
+    line("archive", archive.map_or_else(|| "off, exports stay".to_owned(), |to| to.display().to_string()));
+    let limits = &config.limits;
+    line(
+        "exports at once",
+        format!("{0} small and {0} large, from {1} bytes", limits.backlog_files, limits.large_file_bytes),
+    );
+    line("longest export", format!("{} bytes after decompression", limits.export_bytes));
+    line("longest cycle", format!("{} rows", limits.cycle_rows));
     line("HTTP", config.serve.as_ref().map_or_else(|| "off".to_owned(), serve));
     line("file names", config.recognition.file_name.to_string());
     line("time zone of file names", config.recognition.time_zone.clone());
@@ -115,6 +124,10 @@ mod tests {
             "settling time of a file   3 s",
             "growing files at once     16",
             "rewritten files           supersede",
+            "archive                   off, exports stay",
+            "exports at once           2 small and 2 large, from 67108864 bytes",
+            "longest export            68719476736 bytes after decompression",
+            "longest cycle             1000000 rows",
             "HTTP                      off",
             "time zone of file names   UTC",
             "robot *                   er3a with 6 joints, 6 speed levels, nominal parameters of 6 joints, an excitation; layout native, velocity recorded",

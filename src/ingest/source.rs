@@ -36,10 +36,18 @@ pub fn open(path: &Path) -> Result<Box<dyn Read + Send>, Rejection> {
 /// # Errors
 /// As [`open`].
 pub fn open_hashing(path: &Path) -> Result<(Box<dyn Read + Send>, RunningHash), Rejection> {
+    open_hashing_up_to(path, MAX_DECOMPRESSED_BYTES)
+}
+
+/// As [`open_hashing`], with `most` bytes after decompression as the bound.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_hashing_up_to(path: &Path, most: u64) -> Result<(Box<dyn Read + Send>, RunningHash), Rejection> {
     let file = regular_file(path).map_err(|e| cannot_open(path, &e))?;
     let (file, hash) = HashingReader::new(file);
     let decoded = decoded(file, path)?;
-    Ok((Box::new(Limited { inner: decoded, left: MAX_DECOMPRESSED_BYTES }), hash))
+    Ok((Box::new(Limited { inner: decoded, left: most, most }), hash))
 }
 
 /// Whether the first bytes of a file are those of plain text, of which a part can be read.
@@ -144,6 +152,7 @@ impl<R: Read> Read for Explained<R> {
 struct Limited<R> {
     inner: R,
     left: u64,
+    most: u64,
 }
 
 impl<R: Read> Read for Limited<R> {
@@ -151,8 +160,8 @@ impl<R: Read> Read for Limited<R> {
         let count = self.inner.read(buffer)?;
         self.left = self.left.checked_sub(count as u64).ok_or_else(|| {
             unreadable(
-                format!("more than {} GiB after decompression", MAX_DECOMPRESSED_BYTES >> 30),
-                "split the recording into several exports",
+                format!("more than {} bytes after decompression", self.most),
+                "split the recording into several exports, or raise limits.export_max_bytes",
             )
         })?;
         Ok(count)

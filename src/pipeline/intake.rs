@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::{Outcome, Pipeline, PipelineError, Retry, record};
-use crate::config::{FleetEntry, Layout, RewritePolicy};
+use crate::config::{FleetEntry, Layout, RewritePolicy, WorkLimits};
 use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::fingerprint::{self, fingerprint};
 use crate::ingest::rejection::Rejection;
@@ -36,6 +36,8 @@ pub struct Intake {
     pub layout: Arc<Layout>,
     /// Cycles stored by an earlier attempt.
     pub cycles_stored: u32,
+    /// What reading it may take.
+    pub limits: WorkLimits,
 }
 
 /// Whether an export needs reading.
@@ -136,6 +138,7 @@ async fn admit_content(
         robot: description,
         layout: Arc::clone(&entry.layout),
         cycles_stored: begun.cycles_stored,
+        limits: pipeline.config().limits,
     })))
 }
 
@@ -274,7 +277,7 @@ fn read(
     stop: &CancellationToken,
     progress: impl Fn(u64),
 ) -> Result<ReadEnd, Rejection> {
-    let (bytes, hash) = source::open_hashing(&intake.path)?;
+    let (bytes, hash) = source::open_hashing_up_to(&intake.path, intake.limits.export_bytes)?;
     let mut export =
         ExportReader::new(bytes, &intake.path, &intake.layout, &intake.robot, ReadOptions::default())?;
     let mut cutting = Cutting::new(intake, cycles, stop, hash.clone())?;

@@ -5,6 +5,7 @@
 
 mod support;
 
+mod archive;
 mod architecture;
 mod bad_input;
 mod cli;
