@@ -14,6 +14,7 @@
 
 mod access;
 mod answer;
+mod part;
 mod receive;
 mod spool;
 mod status;
