@@ -83,7 +83,8 @@ pub fn of_disk(error: &io::Error) -> Refusal {
 }
 
 fn is_full(error: &io::Error) -> bool {
-    matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded)
+    use io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
+    matches!(error.kind(), FileTooLarge | QuotaExceeded | StorageFull)
 }
 
 fn write(mut file: File, mut pieces: mpsc::Receiver<Bytes>) -> io::Result<()> {
@@ -184,7 +185,7 @@ mod tests {
 
     #[test]
     fn a_full_disk_is_told_as_such() {
-        for kind in [io::ErrorKind::StorageFull, io::ErrorKind::QuotaExceeded] {
+        for kind in [io::ErrorKind::StorageFull, io::ErrorKind::QuotaExceeded, io::ErrorKind::FileTooLarge] {
             assert_eq!(of_disk(&kind.into()).status, StatusCode::INSUFFICIENT_STORAGE);
         }
         assert_eq!(of_disk(&io::ErrorKind::Other.into()).status, StatusCode::INTERNAL_SERVER_ERROR);

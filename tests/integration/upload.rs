@@ -56,6 +56,23 @@ impl Receiver {
 
     fn start(&mut self) {
         self.daemon = Some(self.workshop.daemon());
+        self.wait_until_ready();
+    }
+
+    /// Starts a daemon that can make no file larger than about `kb` kB, as on a disk that is full.
+    fn start_confined(&mut self, kb: u32) {
+        let limit = format!("trap '' XFSZ; ulimit -f {}; exec \"$0\" run", 2 * kb);
+        let child = std::process::Command::new("sh")
+            .args(["-c", &limit, env!("CARGO_BIN_EXE_armwatch")])
+            .current_dir(self.workshop.path(""))
+            .stdout(std::process::Stdio::null())
+            .stderr(std::process::Stdio::null())
+            .spawn();
+        self.daemon = Some(Daemon { child: child.expect("the daemon starts") });
+        self.wait_until_ready();
+    }
+
+    fn wait_until_ready(&self) {
         let start = Instant::now();
         while self.try_send("GET /ready", "", b"").is_none_or(|answer| answer.status != 200) {
             assert!(start.elapsed() < Duration::from_secs(60), "the daemon does not listen");
@@ -311,6 +328,27 @@ fn a_faulty_upload_is_told_and_corrected_under_its_name() {
     receiver.workshop.wait_for(COMPLETE_RUNS, 1);
     assert_eq!(receiver.workshop.number("SELECT count(*) FROM quarantine WHERE state = 'open'"), 0);
     assert_eq!(receiver.stop("TERM"), Some(0));
+}
+
+#[test]
+fn a_full_disk_is_told_and_leaves_nothing_behind() {
+    let mut receiver = Receiver::new("");
+    assert_eq!(receiver.stop("TERM"), Some(0));
+    receiver.start_confined(4000);
+    // with shells that count 1024 bytes a block, twice as many
+    let full = receiver.put("R00_20260105_0847.csv", "", &vec![b'1'; 9_000_000]);
+    assert_eq!(full.status, 507, "{}{}", full.head, full.body);
+    assert!(
+        full.header("retry-after").is_some() && full.body.contains("no space"),
+        "{}{}",
+        full.head,
+        full.body
+    );
+    assert_eq!(receiver.partials(), 0);
+    let small = receiver.put(REFERENCE_NAME, "", &export());
+    assert_eq!(small.status, 201, "{}", small.body);
+    assert_eq!(receiver.try_send("GET /health", "", b"").map(|answer| answer.status), Some(200));
+    receiver.stop("KILL");
 }
 
 #[test]
