@@ -36,7 +36,8 @@ fn a_stored_export_is_moved_and_a_quarantined_one_stays() {
     assert!(workshop.inbox("Bad_20260105_0847.csv").exists());
     assert_eq!(workshop.query(COMPLETE_RUNS), ["1"]);
     // commands that read rows again find them in the archive
-    let rows = workshop.stdout(&["torque", "--run", "1", "--cycle", "1"], 0);
+    let run = workshop.query("SELECT run_id FROM runs WHERE status = 'complete'").remove(0);
+    let rows = workshop.stdout(&["torque", "--run", &run, "--cycle", "1"], 0);
     assert!(rows.lines().count() > 1000, "{}", rows.lines().count());
 }
 
