@@ -1,28 +1,25 @@
 -- Which exports were not understood, why and where, and are they stored meanwhile?
 --
--- stored_run_id is a complete run of the same file name and robot: the export was corrected and
--- taken, and the row here only remembers the faulty content.
+-- stored_run_id is the run that a corrected export became, under the same file name: the row here only
+-- remembers the faulty content.
 --
 --   :robot        only this robot; all if left out
 --   :unresolved   1: only exports that are not stored meanwhile
-WITH faulty AS (
-    SELECT runs.*,
-           (SELECT max(other.run_id) FROM runs AS other
-            WHERE other.status = 'complete' AND other.source_name = runs.source_name
-              AND other.robot = runs.robot) AS stored_run_id
-    FROM runs
-    WHERE runs.status = 'quarantined'
-)
-SELECT robot,
-       started_at,
+SELECT quarantine.robot,
+       runs.started_at,
        run_id,
-       source_name,
-       reason,
-       reason_line,
-       reason_column,
-       cycles AS cycles_stored,
-       stored_run_id
-FROM faulty
-WHERE (nullif(:robot, '') IS NULL OR robot = :robot)
-  AND (coalesce(nullif(:unresolved, ''), '0') = '0' OR stored_run_id IS NULL)
-ORDER BY started_at DESC, run_id DESC;
+       quarantine.source_name,
+       quarantine.problem,
+       quarantine.line,
+       quarantine.column_name,
+       quarantine.value,
+       quarantine.remedy,
+       quarantine.cycles_stored,
+       quarantine.first_at,
+       quarantine.superseded_by_run_id AS stored_run_id
+FROM quarantine
+JOIN runs USING (run_id)
+WHERE quarantine.state IN ('open', 'superseded')
+  AND (nullif(:robot, '') IS NULL OR quarantine.robot = :robot)
+  AND (coalesce(nullif(:unresolved, ''), '0') = '0' OR quarantine.state = 'open')
+ORDER BY runs.started_at DESC, run_id DESC;

@@ -5,6 +5,7 @@
 //! are the backlog: a few at a time, those of one robot one after the other, so that its history grows in the
 //! order of the names.
 
+mod archive;
 mod book;
 mod vanished;
 
@@ -36,9 +37,23 @@ const HINT_PAUSE: Duration = Duration::from_millis(100);
 /// all day must not make the daemon look at thousands of others all day.
 const SCAN_SHARE: u32 = 10;
 
-/// Settled files at once. With two, a large or slow one leaves a way past it; each takes the memory of a
-/// few cycles.
-const BACKLOG_FILES: usize = 2;
+/// Settled files, by what they ask of the machine. Each class has places of its own, so that no number of large
+/// or slow files holds up small ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Class {
+    /// Read within seconds.
+    Small,
+    /// Read within minutes or more.
+    Large,
+}
+
+impl Class {
+    const ALL: [Self; 2] = [Self::Small, Self::Large];
+
+    fn of(bytes: u64, config: &Config) -> Self {
+        if bytes < config.limits.large_file_bytes { Self::Small } else { Self::Large }
+    }
+}
 
 /// While settled files of a robot wait, conclusions from its history wait for the last of them, but no longer
 /// than this: a backlog of a thousand runs is not judged a thousand times, nor only in the end.
@@ -65,7 +80,7 @@ enum Way {
     /// As it grows.
     Growing,
     /// As it has settled, in the turn of its robot.
-    Settled(String),
+    Settled(String, Class),
 }
 
 /// A file whose task has ended.
@@ -78,19 +93,27 @@ struct Closed {
 /// How far which file has come.
 type Progressed = (FileId, Progress);
 
+/// Reads the configuration again; says why itself where it cannot be used.
+pub type Reread<'r> = dyn Fn() -> Option<Config> + 'r;
+
 /// The daemon at work.
-struct Work<'p> {
-    pipeline: &'p Pipeline,
+struct Work<'r> {
+    pipeline: Pipeline,
+    reread: &'r Reread<'r>,
     stop: CancellationToken,
     book: Book,
     missing: Missing,
     tasks: JoinSet<Closed>,
     growing: usize,
+    /// Files that were to be read again at the last look.
+    asked: HashSet<PathBuf>,
     /// Robots with a settled file being read.
     robots: HashSet<String>,
-    /// A settled file whose run has no number yet. One at a time, so that numbers follow names, and of two
-    /// files with one content the first by name is taken.
-    admitting: Option<FileId>,
+    /// Settled files being read, of each class.
+    settled: [usize; Class::ALL.len()],
+    /// A settled file of each class whose run has no number yet. One at a time, so that numbers follow names,
+    /// and of two files with one content, which have one size, the first by name is taken.
+    admitting: [Option<FileId>; Class::ALL.len()],
     /// Robots whose history has changed, and since when.
     stale: BTreeMap<String, Instant>,
     /// Conclusions being drawn, one robot at a time.
@@ -101,18 +124,21 @@ struct Work<'p> {
 }
 
 /// Watches the configured folders until `stop` is cancelled, then finishes the cycles in hand.
-/// `report` hears the outcome of every export and what each robot's history says.
+/// `reread` is asked for the configuration when quarantined exports are to be read again, because their
+/// robot or layout may have been corrected; folders and times stay as they were. `report` hears the outcome
+/// of every export and what each robot's history says.
 ///
 /// # Errors
 /// [`PipelineError`] where the daemon cannot go on: a full disk, or another daemon on the database.
 pub async fn watch(
     pipeline: &Pipeline,
     stop: &CancellationToken,
+    reread: &Reread<'_>,
     mut report: impl FnMut(Event<'_>),
 ) -> Result<(), PipelineError> {
     let _claim = pipeline.store().claim().map_err(PipelineError::from)?;
     let begun = begun_before(&pipeline.store().unfinished_sources().await?);
-    let mut work = Work::new(pipeline, stop.child_token(), begun);
+    let mut work = Work::new(pipeline, reread, stop.child_token(), begun);
     let watched = work.go_on(&mut report).await;
     // after a failure the others finish their cycles too
     work.stop.cancel();
@@ -142,17 +168,25 @@ fn announce(concluded: &Concluded, report: &mut impl FnMut(Event<'_>)) {
     report(Event::Concluded(concluded));
 }
 
-impl<'p> Work<'p> {
-    fn new(pipeline: &'p Pipeline, stop: CancellationToken, begun: HashMap<PathBuf, Begun>) -> Self {
+impl<'r> Work<'r> {
+    fn new(
+        pipeline: &Pipeline,
+        reread: &'r Reread<'r>,
+        stop: CancellationToken,
+        begun: HashMap<PathBuf, Begun>,
+    ) -> Self {
         Self {
-            pipeline,
+            pipeline: pipeline.clone(),
+            reread,
             stop,
             book: Book::new(pipeline.config().watch.settle, begun),
             missing: Missing::default(),
             tasks: JoinSet::new(),
             growing: 0,
+            asked: HashSet::new(),
             robots: HashSet::new(),
-            admitting: None,
+            settled: [0; Class::ALL.len()],
+            admitting: [None; Class::ALL.len()],
             stale: BTreeMap::new(),
             concluding: JoinSet::new(),
             catching_up: HashSet::new(),
@@ -196,6 +230,7 @@ impl<'p> Work<'p> {
         let owned = folders.to_vec();
         let scan = tokio::task::spawn_blocking(move || watch::scan(&owned)).await?;
         complaints.warn(&scan);
+        self.note_retries().await?;
         let lane_of = |path: &Path| robot_of(self.pipeline.config(), path);
         self.book.note(&scan.files, Instant::now(), tail::is_marked, lane_of);
         self.give_up_vanished(folders, &scan).await
@@ -220,6 +255,21 @@ impl<'p> Work<'p> {
         Ok(())
     }
 
+    /// Lets exports be taken again that a person asked for, by the configuration as it is now.
+    async fn note_retries(&mut self) -> Result<(), PipelineError> {
+        let asked = self.pipeline.store().paths_to_retry().await?;
+        let asked: HashSet<PathBuf> = asked.into_iter().collect();
+        if !asked.is_subset(&self.asked) {
+            if let Some(config) = (self.reread)() {
+                tracing::info!("configuration read again");
+                self.pipeline = self.pipeline.with_config(config.into());
+            }
+            asked.iter().for_each(|path| self.book.again(path));
+        }
+        self.asked = asked;
+        Ok(())
+    }
+
     /// Starts as many tasks as there may be, for growing files first.
     fn take_what_is_due(&mut self) {
         while self.growing < self.pipeline.config().watch.live_files
@@ -230,14 +280,23 @@ impl<'p> Work<'p> {
             self.catching_up.insert(due.file);
             self.start(due, Way::Growing);
         }
-        while self.robots.len() < BACKLOG_FILES
-            && self.admitting.is_none()
-            && let Some((due, robot)) = self.book.next_settled(&self.robots)
-        {
-            self.robots.insert(robot.clone());
-            self.admitting = Some(due.file);
-            self.start(due, Way::Settled(robot));
+        let config = self.pipeline.config();
+        let most = config.limits.backlog_files;
+        let mut starting = Vec::new();
+        for class in Class::ALL {
+            let place = class as usize;
+            if self.settled[place] < most
+                && self.admitting[place].is_none()
+                && let Some((due, robot)) =
+                    self.book.next_settled(&self.robots, |bytes| Class::of(bytes, config) == class)
+            {
+                self.robots.insert(robot.clone());
+                self.settled[place] += 1;
+                self.admitting[place] = Some(due.file);
+                starting.push((due, Way::Settled(robot, class)));
+            }
         }
+        starting.into_iter().for_each(|(due, way)| self.start(due, way));
     }
 
     fn progressed(&mut self, file: FileId, progress: Progress) {
@@ -252,7 +311,9 @@ impl<'p> Work<'p> {
 
     /// Notes that the run of a file has its number, or that the file is closed.
     fn admitted(&mut self, file: FileId) {
-        self.admitting.take_if(|admitting| *admitting == file);
+        for place in &mut self.admitting {
+            place.take_if(|admitting| *admitting == file);
+        }
     }
 
     fn start(&mut self, due: Due, way: Way) {
@@ -267,10 +328,13 @@ impl<'p> Work<'p> {
         self.tasks.spawn(async move {
             let result = match &way {
                 Way::Growing => pipeline.follow(&due.path, due.patience, &stop, progress).await,
-                Way::Settled(_) => {
+                Way::Settled(..) => {
                     pipeline.process(&due.path, Retry::Never, &stop, progress).await.map(Followed::Outcome)
                 }
             };
+            if let (Way::Settled(..), Ok(Followed::Outcome(outcome))) = (&way, &result) {
+                archive::after(&pipeline, &due.path, outcome).await;
+            }
             Closed { due, way, result }
         });
     }
@@ -319,10 +383,12 @@ impl<'p> Work<'p> {
         let Closed { due, way, result } = closed;
         self.admitted(due.file);
         self.catching_up.remove(&due.file);
+        self.asked.remove(&due.path);
         match &way {
             Way::Growing => self.growing -= 1,
-            Way::Settled(robot) => {
+            Way::Settled(robot, class) => {
                 self.robots.remove(robot);
+                self.settled[*class as usize] -= 1;
             }
         }
         let followed = match result {
@@ -354,7 +420,7 @@ fn closing(followed: &Followed, way: &Way) -> Closing {
         }
         (Followed::Outcome(Outcome::Unreadable { .. }), _) => Closing::Unreadable,
         (Followed::Outcome(_), Way::Growing) => Closing::Done,
-        (Followed::Outcome(_), Way::Settled(_)) => Closing::Taken,
+        (Followed::Outcome(_), Way::Settled(..)) => Closing::Taken,
     }
 }
 

@@ -200,7 +200,7 @@ async fn watch_fleet(
             Ok(())
         }
     });
-    daemon::watch(pipeline, &done, |event| match event {
+    daemon::watch(pipeline, &done, &|| None, |event| match event {
         Event::Export(path, outcome) => {
             show_outcome(path, outcome);
             // the tally may be done already when the demo watches on

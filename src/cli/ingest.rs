@@ -43,7 +43,7 @@ pub(super) fn ingest(global: &Global, args: &IngestArgs) -> Result<u8, CliError>
     })
 }
 
-async fn take_all(
+pub(super) async fn take_all(
     pipeline: &Pipeline,
     exports: &[PathBuf],
     stop: &CancellationToken,
@@ -145,7 +145,7 @@ fn print_conclusions(concluded: &Concluded, as_json: bool) {
     }
 }
 
-fn as_text(path: &Path, outcome: &Outcome) -> String {
+pub(super) fn as_text(path: &Path, outcome: &Outcome) -> String {
     let file = path.display();
     match outcome {
         Outcome::Stored(run) => {

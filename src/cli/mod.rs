@@ -15,6 +15,8 @@ mod output;
 mod parameters;
 mod plot;
 mod prior_choice;
+mod quarantine;
+mod quarantine_story;
 mod rmsd;
 mod robot_check;
 mod robot_urdf;
@@ -111,6 +113,8 @@ enum Command {
     Run(run::RunArgs),
     /// Take files or folders through the pipeline once
     Ingest(ingest::IngestArgs),
+    /// Exports that were not understood: list and explain them, have them read again
+    Quarantine(quarantine::QuarantineArgs),
     /// Identify one parameter set on chosen cycles from what is stored of them
     Identify(identify::IdentifyArgs),
     /// List, show or delete what `identify --save` keeps
@@ -222,6 +226,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Demo(args) => demo::demo(&cli.global, &args),
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
+        Command::Quarantine(args) => quarantine::quarantine(&cli.global, &args),
         Command::Identify(args) => identify::identify(&cli.global, &args),
         Command::Parameters(args) => parameters::parameters(&cli.global, &args),
         Command::Verify(args) => verify::verify(&cli.global, &args),
@@ -257,6 +262,13 @@ impl Global {
             config.database.clone_from(db);
         }
         Ok(config)
+    }
+
+    /// The configuration as it is now, for a daemon at work; a wrong one is warned of.
+    fn reread_config(&self) -> Option<Config> {
+        self.read_config()
+            .inspect_err(|error| tracing::warn!(%error, "configuration not usable; the earlier one stays"))
+            .ok()
     }
 }
 

@@ -10,7 +10,9 @@ use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::recognition::{DEFAULT_FILE_NAME, time_zone};
 use super::robot_file::parse_robot_with;
-use super::{Channel, Config, FleetEntry, Layout, Recognition, RewritePolicy, WatchSettings};
+use super::serve::{ServeSettings, read_serve};
+use super::work_limits::{archive_of, read_work_limits};
+use super::{Channel, Config, FleetEntry, Layout, Recognition, RewritePolicy, WatchSettings, WorkLimits};
 use super::{parse_layout, pattern};
 use crate::analysis::Estimator;
 use crate::numerics::analyse::AnalysisSettings;
@@ -47,6 +49,8 @@ pub(super) fn read(path: &Path, read_text: &ReadText<'_>) -> Result<Config, Conf
 fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config> {
     let database = root.text_or("database", DEFAULT_DATABASE);
     let watch = read_watch(root.table("watch").as_ref());
+    let limits = root.table("limits").map_or(Some(WorkLimits::default()), |t| read_work_limits(&t));
+    let serve = read_serve(root.table("serve").as_ref());
     let recognition = read_recognition(root.table("recognition").as_ref());
     let fleet = read_fleet(root, references);
     let analysis =
@@ -54,12 +58,24 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
     let detect = root.table("detect").map_or_else(|| Some(DetectSettings::default()), |t| read_detect(&t));
     Some(Config {
         database: PathBuf::from(database?),
-        watch: watch?,
+        watch: with_spool(watch?, serve.as_ref()?.as_ref()),
+        limits: limits?,
+        serve: serve?,
         recognition: recognition?,
         fleet: fleet?,
         analysis: analysis?,
         detect: detect?,
     })
+}
+
+/// Lets the folder that uploads go to be watched too.
+fn with_spool(mut watch: WatchSettings, serve: Option<&ServeSettings>) -> WatchSettings {
+    if let Some(upload) = serve.and_then(|serve| serve.upload.as_ref())
+        && !watch.folders.contains(&upload.spool)
+    {
+        watch.folders.push(upload.spool.clone());
+    }
+    watch
 }
 
 fn read_watch(table: Option<&Table<'_>>) -> Option<WatchSettings> {
@@ -80,12 +96,17 @@ fn read_watch(table: Option<&Table<'_>>) -> Option<WatchSettings> {
         Some(value) => read_policy(&value),
         None => Some(RewritePolicy::Supersede),
     };
+    let archive = match table.and_then(|t| t.optional("archive")) {
+        Some(value) => archive_of(&value, folders.as_deref().unwrap_or_default()).map(Some),
+        None => Some(None),
+    };
     Some(WatchSettings {
         folders: folders?,
         scan_interval: Duration::try_from_secs_f64(scan_interval?).ok()?,
         settle: Duration::try_from_secs_f64(settle?).ok()?,
         live_files: live_files?,
         on_rewrite: on_rewrite?,
+        archive: archive?,
     })
 }
 

@@ -16,6 +16,7 @@ mod quantity;
 mod reader;
 mod recognition;
 mod robot_file;
+mod serve;
 mod source;
 mod suggestion;
 mod summary;
@@ -27,6 +28,7 @@ mod urdf_tests;
 mod urdf_writer;
 #[cfg(test)]
 mod urdf_writer_tests;
+mod work_limits;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -40,6 +42,7 @@ pub use self::layout_file::{parse_layout, read_layout};
 pub use self::problem::{ConfigErrors, ConfigProblem};
 pub use self::recognition::{RecogniseError, Recognised};
 pub use self::robot_file::{parse_robot, read_robot};
+pub use self::serve::{ServeSettings, UploadSettings};
 pub use self::source::ConfigSource;
 pub use self::summary::summary;
 pub use self::urdf_writer::{UrdfFriction, straight_friction, urdf_text};
@@ -54,6 +57,10 @@ pub struct Config {
     pub database: PathBuf,
     /// Folders to watch and how.
     pub watch: WatchSettings,
+    /// What the work may take.
+    pub limits: WorkLimits,
+    /// What is served over HTTP; `None`: nothing.
+    pub serve: Option<ServeSettings>,
     /// How a file name gives robot and start time.
     pub recognition: Recognition,
     /// Which robots there are; the first entry whose pattern matches a robot's name is its own.
@@ -85,6 +92,21 @@ pub struct WatchSettings {
     pub live_files: usize,
     /// What becomes of a run whose file is written over with another content.
     pub on_rewrite: RewritePolicy,
+    /// Folder that exports are moved to once they are stored; `None`: they stay.
+    pub archive: Option<PathBuf>,
+}
+
+/// What the work may take, whatever the exports are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WorkLimits {
+    /// Settled exports that are read at once: so many small ones and so many large ones.
+    pub backlog_files: usize,
+    /// From this size on disk an export is large, bytes.
+    pub large_file_bytes: u64,
+    /// Most bytes of an export after decompression.
+    pub export_bytes: u64,
+    /// Most rows of a cycle, which are in memory together.
+    pub cycle_rows: usize,
 }
 
 /// What becomes of a complete run whose file is written over with another content.

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use super::{Config, FleetEntry, Layout};
+use super::{Config, FleetEntry, Layout, ServeSettings};
 use crate::robot::{JointKind, Robot};
 
 /// What was read and which settings are in force, with units, one topic a paragraph.
@@ -22,6 +22,16 @@ pub fn summary(config: &Config) -> String {
     line("settling time of a file", seconds(config.watch.settle));
     line("growing files at once", config.watch.live_files.to_string());
     line("rewritten files", config.watch.on_rewrite.name().to_owned());
+    let archive = config.watch.archive.as_ref();
+    line("archive", archive.map_or_else(|| "off, exports stay".to_owned(), |to| to.display().to_string()));
+    let limits = &config.limits;
+    line(
+        "exports at once",
+        format!("{0} small and {0} large, from {1} bytes", limits.backlog_files, limits.large_file_bytes),
+    );
+    line("longest export", format!("{} bytes after decompression", limits.export_bytes));
+    line("longest cycle", format!("{} rows", limits.cycle_rows));
+    line("HTTP", config.serve.as_ref().map_or_else(|| "off".to_owned(), serve));
     line("file names", config.recognition.file_name.to_string());
     line("time zone of file names", config.recognition.time_zone.clone());
     for entry in &config.fleet {
@@ -40,6 +50,24 @@ pub fn summary(config: &Config) -> String {
     line("oscillation", format!("{} times the baseline's swing", detect.oscillation_ratio));
     line("relative RMSD", levels(detect.accuracy_warning, detect.accuracy_critical));
     out
+}
+
+fn serve(serve: &ServeSettings) -> String {
+    let token = match &serve.token_file {
+        Some(file) => format!("token in {}", file.display()),
+        None => "no token file".to_owned(),
+    };
+    let upload = match &serve.upload {
+        Some(upload) => format!(
+            "uploads to {}, {} bytes at most, {} at once, {} idle",
+            upload.spool.display(),
+            upload.max_bytes,
+            upload.at_once,
+            seconds(upload.idle_timeout)
+        ),
+        None => "no uploads".to_owned(),
+    };
+    format!("{}; {token}; {upload}", serve.listen)
 }
 
 fn fleet_entry(entry: &FleetEntry) -> String {
@@ -96,6 +124,11 @@ mod tests {
             "settling time of a file   3 s",
             "growing files at once     16",
             "rewritten files           supersede",
+            "archive                   off, exports stay",
+            "exports at once           2 small and 2 large, from 67108864 bytes",
+            "longest export            68719476736 bytes after decompression",
+            "longest cycle             1000000 rows",
+            "HTTP                      off",
             "time zone of file names   UTC",
             "robot *                   er3a with 6 joints, 6 speed levels, nominal parameters of 6 joints, an excitation; layout native, velocity recorded",
             "low-pass cut-off          12 Hz",

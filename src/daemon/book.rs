@@ -153,12 +153,20 @@ impl Book {
         None
     }
 
-    /// The next settled file of a lane that is not busy, with its lane: the first by name. It counts as open
-    /// from now on.
-    pub fn next_settled(&mut self, busy: &HashSet<String>) -> Option<(Due, String)> {
+    /// The next settled file of a lane that is not busy, with its lane: the first by name of those that are first
+    /// in their lane and of a wanted size, bytes. It counts as open from now on.
+    pub fn next_settled(
+        &mut self,
+        busy: &HashSet<String>,
+        is_wanted: impl Fn(u64) -> bool,
+    ) -> Option<(Due, String)> {
         loop {
             let free = self.settled.iter().filter(|(lane, _)| !busy.contains(*lane));
-            let (first, lane) = free.filter_map(|(lane, queue)| Some((queue.first()?, lane))).min()?;
+            let first = free.filter_map(|(lane, queue)| Some((queue.first()?, lane)));
+            let wanted = first.filter(|((_, path), _)| {
+                self.entries.get(path).is_some_and(|entry| is_wanted(entry.seen.size))
+            });
+            let (first, lane) = wanted.min()?;
             let (path, lane) = (first.1.clone(), lane.clone());
             if let Some(queue) = self.settled.get_mut(&lane) {
                 queue.pop_first();
@@ -179,6 +187,13 @@ impl Book {
         let entry = self.entries.get(path)?;
         let (seen, file, patience) = (entry.seen, entry.file, entry.patience);
         self.open.insert(file).then(|| Due { path: path.to_owned(), seen, file, patience })
+    }
+
+    /// Lets a file that was taken be taken again at the next look; others are left as they are.
+    pub fn again(&mut self, path: &Path) {
+        if let Some(entry) = self.entries.get_mut(path) {
+            entry.taken = false;
+        }
     }
 
     /// Notes what became of a file that was open.
@@ -301,7 +316,7 @@ mod tests {
 
         fn settled(&mut self, busy: &[&str]) -> Option<Due> {
             let busy = busy.iter().map(|lane| (*lane).to_owned()).collect();
-            self.book.next_settled(&busy).map(|(due, _)| due)
+            self.book.next_settled(&busy, |_| true).map(|(due, _)| due)
         }
     }
 
@@ -382,6 +397,22 @@ mod tests {
     }
 
     #[test]
+    fn small_files_go_past_large_ones_of_other_robots() {
+        let mut desk = Desk::new();
+        for (name, bytes) in [("a1", 1000), ("a2", 10), ("b3", 10)] {
+            desk.write(name, bytes);
+        }
+        [0, 3].into_iter().for_each(|at| desk.look(at));
+        let small = |desk: &mut Desk, busy: &[&str]| {
+            let busy = busy.iter().map(|lane| (*lane).to_owned()).collect();
+            desk.book.next_settled(&busy, |bytes| bytes < 100).map(|(due, _)| due)
+        };
+        assert_eq!(name(small(&mut desk, &[]).as_ref()), Some("b3"), "a2 waits for a1");
+        assert_eq!(name(small(&mut desk, &["b"]).as_ref()), None);
+        assert_eq!(name(desk.settled(&["b"]).as_ref()), Some("a1"));
+    }
+
+    #[test]
     fn a_file_taken_is_left_alone_until_it_changes_even_while_it_was_read() {
         let mut desk = Desk::new();
         desk.write("a1", 10);
@@ -404,6 +435,20 @@ mod tests {
         desk.book.close(&due, Closing::Taken);
         desk.look(25);
         assert_eq!(name(desk.growing().as_ref()), Some("b2"), "it changed while it was read");
+    }
+
+    #[test]
+    fn a_file_that_is_asked_for_is_taken_again() {
+        let mut desk = Desk::new();
+        desk.write("a1", 10);
+        [0, 3].into_iter().for_each(|at| desk.look(at));
+        let due = desk.settled(&[]).expect("settled");
+        desk.book.close(&due, Closing::Taken);
+        desk.book.again(&due.path);
+        desk.book.again(Path::new("unknown"));
+        assert!(desk.settled(&[]).is_none(), "the next look queues it");
+        desk.look(4);
+        assert_eq!(name(desk.settled(&[]).as_ref()), Some("a1"));
     }
 
     #[test]

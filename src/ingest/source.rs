@@ -36,10 +36,18 @@ pub fn open(path: &Path) -> Result<Box<dyn Read + Send>, Rejection> {
 /// # Errors
 /// As [`open`].
 pub fn open_hashing(path: &Path) -> Result<(Box<dyn Read + Send>, RunningHash), Rejection> {
+    open_hashing_up_to(path, MAX_DECOMPRESSED_BYTES)
+}
+
+/// As [`open_hashing`], with `most` bytes after decompression as the bound.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_hashing_up_to(path: &Path, most: u64) -> Result<(Box<dyn Read + Send>, RunningHash), Rejection> {
     let file = regular_file(path).map_err(|error| Rejection::from_io(path, &error))?;
     let (file, hash) = HashingReader::new(file);
     let decoded = decoded(file, path)?;
-    Ok((Box::new(Limited { inner: decoded, left: MAX_DECOMPRESSED_BYTES }), hash))
+    Ok((Box::new(Limited { inner: decoded, left: most, most }), hash))
 }
 
 /// Whether the first bytes of a file are those of plain text, of which a part can be read.
@@ -145,6 +153,7 @@ impl<R: Read> Read for Explained<R> {
 struct Limited<R> {
     inner: R,
     left: u64,
+    most: u64,
 }
 
 impl<R: Read> Read for Limited<R> {
@@ -152,8 +161,8 @@ impl<R: Read> Read for Limited<R> {
         let count = self.inner.read(buffer)?;
         self.left = self.left.checked_sub(count as u64).ok_or_else(|| {
             unreadable(
-                format!("more than {} GiB after decompression", MAX_DECOMPRESSED_BYTES >> 30),
-                "split the recording into several exports",
+                format!("more than {} bytes after decompression", self.most),
+                "split the recording into several exports, or raise limits.export_max_bytes",
             )
         })?;
         Ok(count)
@@ -272,11 +281,11 @@ mod tests {
 
     #[test]
     fn a_stream_over_the_limit_ends_with_an_error() {
-        let mut stream = Limited { inner: io::repeat(b'0'), left: 100_000 };
+        let mut stream = Limited { inner: io::repeat(b'0'), left: 100_000, most: 100_000 };
         let error = io::copy(&mut stream, &mut io::sink()).unwrap_err();
         let rejection = Rejection::from_io(Path::new("bomb.csv.gz"), &error);
-        assert_eq!(rejection.reason, "more than 64 GiB after decompression");
-        let mut exact = Limited { inner: io::repeat(b'0').take(100_000), left: 100_000 };
+        assert_eq!(rejection.reason, "more than 100000 bytes after decompression");
+        let mut exact = Limited { inner: io::repeat(b'0').take(100_000), left: 100_000, most: 100_000 };
         assert_eq!(io::copy(&mut exact, &mut io::sink()).unwrap(), 100_000);
     }
 

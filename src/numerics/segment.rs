@@ -62,6 +62,8 @@ pub struct CycleCutter {
     cycles_cut: u32,
     rows_seen: u64,
     stage_seen: bool,
+    /// Most rows of a cycle, where it is not [`MAX_CYCLE_ROWS`].
+    most_rows: Option<usize>,
 }
 
 impl CycleCutter {
@@ -69,6 +71,12 @@ impl CycleCutter {
     #[must_use]
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// The same with another bound on the rows of a cycle than [`MAX_CYCLE_ROWS`].
+    #[must_use]
+    pub fn with_most_rows(self, rows: usize) -> Self {
+        Self { most_rows: Some(rows), ..self }
     }
 
     /// Takes the next rows and returns the cycles that they end.
@@ -86,7 +94,7 @@ impl CycleCutter {
             self.note_row(self.searched);
             self.searched += 1;
         }
-        if self.pending.rows() > MAX_CYCLE_ROWS {
+        if self.pending.rows() > self.most_rows.unwrap_or(MAX_CYCLE_ROWS) {
             return Err(SegmentError::Endless { rows: self.pending.rows(), start_s: self.pending.time[0] });
         }
         Ok(cycles)

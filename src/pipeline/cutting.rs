@@ -66,7 +66,8 @@ impl<'i> Cutting<'i> {
         stop: &'i CancellationToken,
         hash: RunningHash,
     ) -> Result<Self, Rejection> {
-        let cutter = RowCutter::new(&intake.path, &intake.layout, &intake.robot)?;
+        let cutter = RowCutter::new(&intake.path, &intake.layout, &intake.robot)?
+            .with_most_rows(intake.limits.cycle_rows);
         Ok(Self { intake, cycles, stop, hash, cutter, cycle_count: 0 })
     }
 

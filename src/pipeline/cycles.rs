@@ -38,6 +38,13 @@ impl RowCutter {
         Ok(Self { path: path.to_owned(), joint_side, cutter: CycleCutter::new(), first_times: Vec::new() })
     }
 
+    /// The same with another bound on the rows of a cycle.
+    #[must_use]
+    pub fn with_most_rows(mut self, rows: usize) -> Self {
+        self.cutter = self.cutter.with_most_rows(rows);
+        self
+    }
+
     /// Takes the next rows and gives the cycles that they end.
     ///
     /// # Errors
@@ -88,5 +95,9 @@ pub fn read_cycle(
 }
 
 fn rejected(path: &Path, error: &SegmentError) -> Rejection {
-    Rejection::of_file(path, error.to_string(), "")
+    let remedy = match error {
+        SegmentError::Endless { .. } => "if cycles are that long, raise limits.cycle_max_rows",
+        _ => "",
+    };
+    Rejection::of_file(path, error.to_string(), remedy)
 }

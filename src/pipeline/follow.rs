@@ -127,6 +127,7 @@ impl Pipeline {
             robot: Arc::clone(&entry.description),
             layout: Arc::clone(&entry.layout),
             cycles_stored: begun.cycles_stored,
+            limits: self.config().limits,
         }))
     }
 }

@@ -8,8 +8,8 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::cutting::{CutCycle, Cutting, ReadEnd};
-use super::{Outcome, Pipeline, PipelineError, Retry};
-use crate::config::{FleetEntry, Layout, RewritePolicy};
+use super::{Outcome, Pipeline, PipelineError, Retry, record};
+use crate::config::{FleetEntry, Layout, RewritePolicy, WorkLimits};
 use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::fingerprint::{self, fingerprint};
 use crate::ingest::rejection::Rejection;
@@ -36,6 +36,8 @@ pub struct Intake {
     pub layout: Arc<Layout>,
     /// Cycles stored by an earlier attempt.
     pub cycles_stored: u32,
+    /// What reading it may take.
+    pub limits: WorkLimits,
 }
 
 /// Whether an export needs reading.
@@ -68,6 +70,35 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
             return Ok(Known::Yes(if passing { Outcome::Unreadable { rejection } } else { outcome }));
         }
     };
+    let admitted = admit_content(pipeline, path, retry, (content_hash, source_bytes), file_time).await?;
+    let run_id = match &admitted {
+        Known::No(intake) => Some(intake.run_id),
+        Known::Yes(outcome) => outcome.run_id(),
+    };
+    if let Some(run_id) = run_id {
+        supersede_unreadable(pipeline, path, run_id).await?;
+    }
+    Ok(admitted)
+}
+
+/// Lets the run of a file that could be read take the place of what was written down when it could not.
+async fn supersede_unreadable(pipeline: &Pipeline, path: &Path, run_id: i64) -> Result<(), PipelineError> {
+    match pipeline.store().lookup(&path_identity(path)).await? {
+        Some(unreadable) if unreadable.status == RunStatus::Quarantined => {
+            Ok(pipeline.store().supersede_run(run_id, unreadable.run_id).await?)
+        }
+        _ => Ok(()),
+    }
+}
+
+/// As [`admit`], for a file whose content could be read.
+async fn admit_content(
+    pipeline: &Pipeline,
+    path: &Path,
+    retry: Retry,
+    (content_hash, source_bytes): (ContentHash, u64),
+    file_time: Timestamp,
+) -> Result<Known, PipelineError> {
     let Some(state) = source_state(path) else { return Ok(Known::Yes(Outcome::Changed)) };
     let known = pipeline.store().lookup(&content_hash).await?;
     let recognised = recognise(pipeline, path, file_time);
@@ -110,6 +141,7 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
         robot: description,
         layout: Arc::clone(&entry.layout),
         cycles_stored: begun.cycles_stored,
+        limits: pipeline.config().limits,
     })))
 }
 
@@ -239,7 +271,7 @@ async fn leave(pipeline: &Pipeline, run_id: i64, start: &Start) -> Result<(), Pi
 pub fn decided(path: &Path, known: KnownRun, retry: Retry) -> Option<Outcome> {
     match known.status {
         RunStatus::Complete | RunStatus::Superseded => Some(Outcome::AlreadyStored { run_id: known.run_id }),
-        RunStatus::Quarantined if retry == Retry::Never => Some(Outcome::Quarantined {
+        RunStatus::Quarantined if retry == Retry::Never && !known.retry_asked => Some(Outcome::Quarantined {
             run_id: known.run_id,
             rejection: Rejection::stored(path, known.reason.unwrap_or_default()),
             cycles: known.cycles_stored,
@@ -273,7 +305,7 @@ fn read(
     stop: &CancellationToken,
     progress: impl Fn(u64),
 ) -> Result<ReadEnd, Rejection> {
-    let (bytes, hash) = source::open_hashing(&intake.path)?;
+    let (bytes, hash) = source::open_hashing_up_to(&intake.path, intake.limits.export_bytes)?;
     let mut export =
         ExportReader::new(bytes, &intake.path, &intake.layout, &intake.robot, ReadOptions::default())?;
     let mut cutting = Cutting::new(intake, cycles, stop, hash.clone())?;
@@ -347,10 +379,7 @@ async fn quarantined(
     header: &RunHeader,
     rejection: Rejection,
 ) -> Result<Outcome, PipelineError> {
-    let run_id = pipeline
-        .store()
-        .quarantine(header, &rejection.sentence(), rejection.line, rejection.column.as_deref())
-        .await?;
+    let run_id = record::write_down(pipeline, header, &rejection).await?;
     Ok(Outcome::Quarantined { run_id, rejection, cycles: 0 })
 }
 
@@ -403,7 +432,7 @@ mod tests {
     fn earlier(run_id: i64, status: RunStatus, cycles_stored: u32, places: [bool; 2]) -> EarlierRun {
         let [same_path, same_file] = places;
         EarlierRun {
-            run: KnownRun { run_id, status, reason: None, cycles_stored },
+            run: KnownRun { run_id, status, reason: None, cycles_stored, retry_asked: false },
             robot: "A".into(),
             started_at: START,
             read: ContentPrefix { bytes: 9, hash: ContentHash([9; 32]) },

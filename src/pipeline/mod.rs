@@ -186,6 +186,12 @@ impl Pipeline {
         }
     }
 
+    /// The same pipeline under another configuration, for exports that are taken from now on.
+    #[must_use]
+    pub fn with_config(&self, config: Arc<Config>) -> Self {
+        Self { config, ..self.clone() }
+    }
+
     /// The configuration that the pipeline follows.
     #[must_use]
     pub fn config(&self) -> &Config {

@@ -6,10 +6,12 @@ use super::cutting::ReadTotals;
 use super::intake::Intake;
 use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun, friction};
 use crate::analysis::FrictionPoint;
+use crate::ingest::excerpt;
 use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::{Method, RunResults, analyse_run};
 use crate::robot::{JointIndex, ParameterId};
-use crate::store::{Owner, RunMeasurements, RunTotals, Store};
+use crate::run::RunHeader;
+use crate::store::{Fault, Owner, RunMeasurements, RunTotals, Store};
 
 /// What recording the cycles of an export came to.
 #[derive(Debug, Default)]
@@ -108,13 +110,31 @@ pub async fn quarantine(
     intake: &Intake,
     rejection: Rejection,
 ) -> Result<Outcome, PipelineError> {
-    let run_id = pipeline
-        .store()
-        .quarantine(&intake.header, &rejection.sentence(), rejection.line, rejection.column.as_deref())
-        .await?;
+    let run_id = write_down(pipeline, &intake.header, &rejection).await?;
     let cycles =
         pipeline.store().lookup(&intake.header.content_hash).await?.map_or(0, |run| run.cycles_stored);
     Ok(Outcome::Quarantined { run_id, rejection, cycles })
+}
+
+/// Writes down why an export was not understood, with the place in the file as far as it can be found.
+/// Returns the key of the run.
+pub(super) async fn write_down(
+    pipeline: &Pipeline,
+    header: &RunHeader,
+    rejection: &Rejection,
+) -> Result<i64, PipelineError> {
+    let place = rejection.clone();
+    let excerpt = tokio::task::spawn_blocking(move || excerpt::of_rejection(&place, 0)).await?;
+    let fault = Fault {
+        reason: rejection.sentence(),
+        problem: rejection.reason.clone(),
+        line: rejection.line,
+        column: rejection.column.as_deref().map(str::to_owned),
+        byte: excerpt.map(|excerpt| excerpt.byte),
+        value: rejection.value.as_deref().map(str::to_owned),
+        remedy: rejection.remedy.clone(),
+    };
+    Ok(pipeline.store().quarantine(header, &fault).await?)
 }
 
 /// Turns rows by cycle into series by parameter and joint.

@@ -8,7 +8,7 @@ use sqlx::{Sqlite, Transaction};
 use super::friction::{self, CycleSpeedFits};
 use super::history::{self, RunMeasurements};
 use super::ledger::{self, Owner, RunTotals};
-use super::{StoreError, run_analysis};
+use super::{StoreError, quarantine, run_analysis};
 use crate::analysis::RunAnalysis;
 use crate::run::ContentPrefix;
 
@@ -71,13 +71,15 @@ impl FinishTransaction {
         Ok(owner)
     }
 
-    /// Marks the run complete.
+    /// Marks the run complete; quarantined ones of the same recording are superseded by it.
     ///
     /// # Errors
     /// [`StoreError::Refused`] if not every cycle is stored.
     pub async fn complete(&mut self, totals: RunTotals) -> Result<(), StoreError> {
         let result = ledger::mark_complete(&mut *self.transaction, self.run_id, totals).await;
-        self.checked(result)
+        self.checked(result)?;
+        let superseded = quarantine::supersede_faulty(&mut *self.transaction, self.run_id).await;
+        self.checked(superseded)
     }
 
     /// Makes all of it lasting.

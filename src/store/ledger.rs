@@ -23,6 +23,8 @@ pub struct KnownRun {
     pub reason: Option<String>,
     /// Cycles stored so far; reading goes on after them.
     pub cycles_stored: u32,
+    /// Whether a person has asked for a quarantined export to be read again.
+    pub retry_asked: bool,
 }
 
 /// By what a run is known while it is read.
@@ -63,14 +65,6 @@ pub struct RunTotals {
     pub sample_rate: f64,
     /// Cycles of the export; all of them must be stored.
     pub cycles: u32,
-}
-
-/// Why an export was not understood, and where.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Quarantine<'a> {
-    pub(super) reason: &'a str,
-    pub(super) line: Option<u64>,
-    pub(super) column: Option<&'a str>,
 }
 
 pub(super) fn status(row: &SqliteRow, column: &str) -> Result<RunStatus, sqlx::Error> {
@@ -191,28 +185,7 @@ pub(super) async fn adopt(
 }
 
 fn begun(run_id: i64) -> KnownRun {
-    KnownRun { run_id, status: RunStatus::Streaming, reason: None, cycles_stored: 0 }
-}
-
-/// Writes down that an export was not understood. Cycles already stored stay; a complete run stays
-/// complete.
-pub(super) async fn quarantine(
-    connection: &mut SqliteConnection,
-    header: &RunHeader,
-    quarantine: Quarantine<'_>,
-) -> Result<i64, sqlx::Error> {
-    let run_id = match find_run(&mut *connection, &header.content_hash).await? {
-        Some(run) if matches!(run.status, RunStatus::Complete | RunStatus::Superseded) => {
-            return Ok(run.run_id);
-        }
-        Some(run) => run.run_id,
-        None => {
-            let robot_id = robot_id(&mut *connection, &header.robot).await?;
-            insert_run(&mut *connection, robot_id, header).await?
-        }
-    };
-    mark_quarantined(connection, run_id, quarantine).await?;
-    Ok(run_id)
+    KnownRun { run_id, status: RunStatus::Streaming, reason: None, cycles_stored: 0, retry_asked: false }
 }
 
 pub(super) async fn find_run(
@@ -220,7 +193,8 @@ pub(super) async fn find_run(
     hash: &ContentHash,
 ) -> Result<Option<KnownRun>, sqlx::Error> {
     sqlx::query(
-        "SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored
+        "SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored,
+                retry_asked_at IS NOT NULL AS retry_asked
          FROM run
          WHERE content_hash = ?",
     )
@@ -230,9 +204,13 @@ pub(super) async fn find_run(
     .await
 }
 
-async fn run_by_key(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<KnownRun, sqlx::Error> {
+pub(super) async fn run_by_key(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<KnownRun, sqlx::Error> {
     sqlx::query(
-        "SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored
+        "SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored,
+                retry_asked_at IS NOT NULL AS retry_asked
          FROM run
          WHERE run_id = ?",
     )
@@ -242,18 +220,19 @@ async fn run_by_key(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<Kn
     .await
 }
 
-/// Reads run_id, status, reason and cycles_stored.
+/// Reads run_id, status, reason, cycles_stored and retry_asked.
 pub(super) fn known_run(row: &SqliteRow) -> Result<KnownRun, sqlx::Error> {
     Ok(KnownRun {
         run_id: row.try_get("run_id")?,
         status: status(row, "status")?,
         reason: row.try_get("reason")?,
         cycles_stored: size(row, "cycles_stored")?,
+        retry_asked: row.try_get("retry_asked")?,
     })
 }
 
 /// Key of a robot, which is entered on its first run.
-async fn robot_id(connection: &mut SqliteConnection, name: &str) -> Result<i64, sqlx::Error> {
+pub(super) async fn robot_id(connection: &mut SqliteConnection, name: &str) -> Result<i64, sqlx::Error> {
     sqlx::query("INSERT INTO robot (name) VALUES (?) ON CONFLICT (name) DO NOTHING")
         .bind(name)
         .execute(&mut *connection)
@@ -261,7 +240,7 @@ async fn robot_id(connection: &mut SqliteConnection, name: &str) -> Result<i64, 
     sqlx::query_scalar("SELECT robot_id FROM robot WHERE name = ?").bind(name).fetch_one(connection).await
 }
 
-async fn insert_run(
+pub(super) async fn insert_run(
     executor: impl SqliteExecutor<'_>,
     robot_id: i64,
     header: &RunHeader,
@@ -293,7 +272,7 @@ async fn reopen_run(
          SET robot_id = ?, model = ?, started_at = ?, source_name = ?, source_path = ?, source_bytes = ?,
              cycles_stored = 0, rows = NULL, sample_rate_hz = NULL, cycles_total = NULL, prefix_bytes = NULL,
              prefix_hash = NULL, replaces_run_id = NULL, superseded_by_run_id = NULL, status = 'streaming', reason = NULL,
-             reason_line = NULL, reason_column = NULL
+             reason_line = NULL, reason_column = NULL, retry_asked_at = NULL
          WHERE run_id = ?",
     )
     .bind(robot_id)
@@ -404,7 +383,7 @@ pub(super) async fn supersede(
     sqlx::query(
         "UPDATE run
          SET status = 'quarantined', reason = 'superseded by run ' || ?1 || ': the recording was exported again',
-             reason_line = NULL, reason_column = NULL, superseded_by_run_id = ?1
+             reason_line = NULL, reason_column = NULL, retry_asked_at = NULL, superseded_by_run_id = ?1
          WHERE run_id = ?2 AND superseded_by_run_id IS NULL",
     )
     .bind(run_id)
@@ -422,7 +401,7 @@ pub(super) async fn hand_on(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET reason = 'superseded by run ' || ?1 || ': the recording was exported again', superseded_by_run_id = ?1
+         SET reason = 'superseded by run ' || ?1 || substr(reason, instr(reason, ':')), superseded_by_run_id = ?1
          WHERE superseded_by_run_id = ?2",
     )
     .bind(other)
@@ -445,23 +424,6 @@ async fn delete_last_cycle(executor: impl SqliteExecutor<'_>, run_id: i64) -> Re
 
 async fn delete_cycles(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query("DELETE FROM cycle WHERE run_id = ?").bind(run_id).execute(executor).await?;
-    Ok(())
-}
-
-async fn mark_quarantined(
-    executor: impl SqliteExecutor<'_>,
-    run_id: i64,
-    quarantine: Quarantine<'_>,
-) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "UPDATE run SET status = 'quarantined', reason = ?, reason_line = ?, reason_column = ? WHERE run_id = ?",
-    )
-    .bind(quarantine.reason)
-    .bind(quarantine.line.map(count))
-    .bind(quarantine.column)
-    .bind(run_id)
-    .execute(executor)
-    .await?;
     Ok(())
 }
 

@@ -17,6 +17,7 @@ mod ledger;
 mod models;
 mod open;
 mod parameter_sets;
+mod quarantine;
 mod read;
 mod reestimates;
 mod run_analysis;
@@ -56,6 +57,7 @@ pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use ledger::{Beginning, Identity, KnownRun, Owner, RunTotals};
 pub use models::ModelParameter;
 pub use parameter_sets::{ParameterSet, SourceCycle};
+pub use quarantine::{Fault, FaultState, QuarantineRow};
 pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
 pub use reestimates::{
     CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,
@@ -266,18 +268,47 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn quarantine(
-        &self,
-        header: &RunHeader,
-        reason: &str,
-        line: Option<u64>,
-        column: Option<&str>,
-    ) -> Result<i64, StoreError> {
+    pub async fn quarantine(&self, header: &RunHeader, fault: &Fault) -> Result<i64, StoreError> {
         let mut transaction = self.begin().await?;
-        let quarantine = ledger::Quarantine { reason, line, column };
-        let run_id = self.checked(ledger::quarantine(&mut transaction, header, quarantine).await)?;
+        let run_id = self.checked(quarantine::quarantine(&mut transaction, header, fault).await)?;
         self.commit(transaction).await?;
         Ok(run_id)
+    }
+
+    /// Every fault of every run, those of the newest run first, the latest of a run first.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn faults(&self) -> Result<Vec<QuarantineRow>, StoreError> {
+        self.checked(quarantine::rows(&self.readers).await)
+    }
+
+    /// Marks a quarantined run to be read again by the daemon; `false` if it is not quarantined.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn ask_retry(&self, run_id: i64) -> Result<bool, StoreError> {
+        self.checked(quarantine::ask_retry(&self.writer, run_id).await)
+    }
+
+    /// Paths at which exports were seen that are marked to be read again.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn paths_to_retry(&self) -> Result<Vec<PathBuf>, StoreError> {
+        let paths = self.checked(quarantine::paths_to_retry(&self.readers).await)?;
+        Ok(paths.into_iter().map(PathBuf::from).collect())
+    }
+
+    /// What the ledger knows of a run; `None` for an unknown one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn known_run(&self, run_id: i64) -> Result<Option<KnownRun>, StoreError> {
+        match ledger::run_by_key(&self.readers, run_id).await {
+            Err(sqlx::Error::RowNotFound) => Ok(None),
+            found => self.checked(found).map(Some),
+        }
     }
 
     /// Marks the unfinished run `old` as superseded by `run_id`: its file was written over with the content
@@ -327,6 +358,15 @@ impl Store {
             }
         }
         Ok(Some(source))
+    }
+
+    /// Content that a file name stands for: that of its latest run which is neither quarantined nor superseded
+    /// nor growing.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn content_named(&self, source_name: &str) -> Result<Option<ContentHash>, StoreError> {
+        self.checked(sources::content_named(&self.readers, source_name).await)
     }
 
     /// What the ledger has of each cycle of a run, in order.

@@ -246,7 +246,7 @@ pub(super) async fn counts(executor: impl SqliteExecutor<'_>) -> Result<Counts, 
 }
 
 /// Reads a time as a view shows it.
-fn time_text(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx::Error> {
+pub(super) fn time_text(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx::Error> {
     let text: &str = row.try_get(column)?;
     text.parse().map_err(|error: jiff::Error| sqlx::Error::Decode(error.to_string().into()))
 }

@@ -82,7 +82,7 @@ pub(super) async fn find(
 ) -> Result<Option<KnownRun>, sqlx::Error> {
     sqlx::query(
         "SELECT run.run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, run.reason,
-                run.cycles_stored
+                run.cycles_stored, retry_asked_at IS NOT NULL AS retry_asked
          FROM source_file JOIN run USING (run_id)
          WHERE source_file.path = ? AND source_file.bytes = ? AND source_file.modified = ?",
     )
@@ -111,7 +111,7 @@ pub(super) async fn earlier_runs(
              SELECT run_id FROM robot JOIN run USING (robot_id) WHERE robot.name = ?5 AND started_at = ?6
          )
          SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored,
-                robot.name AS robot, started_at,
+                retry_asked_at IS NOT NULL AS retry_asked, robot.name AS robot, started_at,
                 EXISTS (SELECT 1 FROM source_file WHERE path = ?1 AND source_file.run_id = run.run_id) AS same_path,
                 ifnull(inode = ?2 AND device = ?3, 0) AS same_file,
                 iif(status = 'streaming' OR growing, ifnull(prefix_bytes, source_bytes), source_bytes) AS bytes,
@@ -250,4 +250,24 @@ pub(super) async fn paths_of_run(
         .bind(run_id)
         .fetch_all(executor)
         .await
+}
+
+/// Content of the latest run whose export had this file name and that is neither quarantined, superseded nor
+/// growing.
+pub(super) async fn content_named(
+    executor: impl SqliteExecutor<'_>,
+    source_name: &str,
+) -> Result<Option<ContentHash>, sqlx::Error> {
+    let hash: Option<Vec<u8>> = sqlx::query_scalar(
+        "SELECT content_hash FROM run
+         WHERE source_name = ? AND status <> 'quarantined' AND NOT growing
+         ORDER BY run_id DESC
+         LIMIT 1",
+    )
+    .bind(source_name)
+    .fetch_optional(executor)
+    .await?;
+    let whole =
+        |hash: Vec<u8>| hash.try_into().map_err(|_| sqlx::Error::Decode("a hash of another length".into()));
+    hash.map(whole).transpose().map(|hash| hash.map(ContentHash))
 }

@@ -4,7 +4,7 @@ use jiff::{SignedDuration, Timestamp};
 use sqlx::{AssertSqlSafe, Row};
 use tempfile::TempDir;
 
-use super::{RunTotals, StaleRobot, Store};
+use super::{Fault, RunTotals, StaleRobot, Store};
 use crate::analysis::{
     CycleAnalysis, CycleFactors, Decay, Estimate, Estimator, FrictionPoint, GravityRemoval, Identification,
     IdentifiedParameter, JointResidual, JointSummary, ParameterStatistics, Rmsd, RmsdScope, RmsdSwing,
@@ -36,6 +36,17 @@ pub(super) const VIEWS: [&str; 19] = [
     "reestimated_statistics",
     "joint_residuals",
 ];
+
+/// A fault at a place, or of the export as a whole.
+pub(super) fn fault(problem: &str, place: Option<(u64, &str)>) -> Fault {
+    Fault {
+        reason: problem.into(),
+        problem: problem.into(),
+        line: place.map(|(line, _)| line),
+        column: place.map(|(_, column)| column.into()),
+        ..Fault::default()
+    }
+}
 
 /// A fresh database; the folder lives as long as the first value.
 pub(super) async fn fresh() -> (TempDir, Store) {

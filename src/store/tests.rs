@@ -210,7 +210,7 @@ async fn a_run_begun_before_goes_on_where_it_stood() {
 async fn quarantine_says_why_and_where_and_keeps_cycles() {
     let (_folder, store) = fresh().await;
     let run_id = streaming_run(&store, "R00", 0, 2).await;
-    let same = store.quarantine(&header("R00", 0), "not a number", Some(60_123), Some("trq_3")).await;
+    let same = store.quarantine(&header("R00", 0), &fault("not a number", Some((60_123, "trq_3")))).await;
     assert_eq!(same.expect("the run"), run_id);
     let row = &store.runs().await.expect("runs")[0];
     assert_eq!(
@@ -235,7 +235,7 @@ async fn quarantine_says_why_and_where_and_keeps_cycles() {
 #[tokio::test]
 async fn an_export_of_an_unknown_robot_is_in_the_ledger_and_not_in_the_fleet() {
     let (_folder, store) = fresh().await;
-    store.quarantine(&header("unknown", 0), "no robot has this name", None, None).await.expect("a run");
+    store.quarantine(&header("unknown", 0), &fault("no robot has this name", None)).await.expect("a run");
     let known = store.lookup(&header("unknown", 0).content_hash).await.expect("an answer").expect("the run");
     assert_eq!(
         (known.status, known.reason.as_deref()),
@@ -250,7 +250,7 @@ async fn a_complete_run_cannot_be_quarantined_or_discarded() {
     let run_id = streaming_run(&store, "R00", 0, 1).await;
     finish(&store, run_id, 1, &findings(vec![])).await;
     let before = dump(&store).await;
-    assert_eq!(store.quarantine(&header("R00", 0), "late", None, None).await.expect("the run"), run_id);
+    assert_eq!(store.quarantine(&header("R00", 0), &fault("late", None)).await.expect("the run"), run_id);
     assert!(!store.discard_run(run_id).await.expect("an answer"));
     assert_eq!(store.begin_run(&header("R00", 0)).await.expect("the run").status, RunStatus::Complete);
     assert_eq!(dump(&store).await, before);
@@ -314,4 +314,25 @@ async fn results_stay_compact() {
     store.close().await.expect("closed");
     let bytes = std::fs::metadata(path).expect("a file").len();
     assert!(bytes < pages_of_schema + 48 * BYTES_PER_CYCLE, "{bytes} bytes for 48 cycles");
+}
+
+#[tokio::test]
+async fn a_fault_found_again_is_counted_and_another_one_is_kept_beside_it() {
+    let (_folder, store) = fresh().await;
+    let run_id = store.begin_run(&header("R00", 0)).await.expect("a run").run_id;
+    for problem in ["one", "one", "another"] {
+        store.quarantine(&header("R00", 0), &fault(problem, Some((3, "trq_3")))).await.expect("the run");
+    }
+    let faults = store.faults().await.expect("faults");
+    let told: Vec<_> = faults.iter().map(|f| (f.problem.as_str(), f.tries, f.state.name())).collect();
+    assert_eq!(told, [("another", 1, "open"), ("one", 2, "earlier")]);
+    assert_eq!(store.paths_to_retry().await.expect("paths"), [""; 0].map(std::path::PathBuf::from));
+
+    assert!(store.ask_retry(run_id).await.expect("asked"));
+    assert_eq!(store.paths_to_retry().await.expect("paths").len(), 1);
+    assert!(store.known_run(run_id).await.expect("a look").expect("a run").retry_asked);
+    store.quarantine(&header("R00", 0), &fault("another", Some((3, "trq_3")))).await.expect("the run");
+    assert!(store.paths_to_retry().await.expect("paths").is_empty(), "the try was made");
+    assert!(!store.ask_retry(run_id + 1).await.expect("asked"), "there is no such run");
+    assert!(store.known_run(run_id + 1).await.expect("a look").is_none());
 }

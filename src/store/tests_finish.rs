@@ -108,7 +108,7 @@ async fn a_whole_run_may_be_stored_from_a_spawned_task() {
             conclusion.reconcile(&findings(vec![])).await?;
             conclusion.commit(robot.history).await?;
         }
-        store.quarantine(&header("R00", 1), "no rows", None, None).await?;
+        store.quarantine(&header("R00", 1), &fault("no rows", None)).await?;
         store.lookup(&header("R00", 1).content_hash).await?;
         store.discard_run(run_id).await?;
         let answers = (store.runs().await?.len(), store.fleet_health().await?.len());
@@ -314,7 +314,7 @@ async fn the_same_inputs_give_the_same_views() {
                     .await;
             }
         }
-        store.quarantine(&header("unknown", 1), "no such robot", None, None).await.expect("a run");
+        store.quarantine(&header("unknown", 1), &fault("no such robot", None)).await.expect("a run");
         assert_sound(&store).await;
         dumps.push(dump(&store).await);
     }

@@ -61,6 +61,11 @@ const ROOMS: &[Room] = &[
         door_to: &["nalgebra", "rand", "rand_chacha", "rand_distr", "flate2"],
     },
     Room {
+        name: "serve",
+        may_name: &["run", "config", "ingest", "store", "telemetry"],
+        door_to: &["axum", "hyper", "hyper_util"],
+    },
+    Room {
         name: "daemon",
         may_name: &["run", "alert", "config", "ingest", "pipeline", "store", "telemetry"],
         door_to: &[],
@@ -81,6 +86,7 @@ const ROOMS: &[Room] = &[
             "alert",
             "report",
             "simulate",
+            "serve",
             "daemon",
         ],
         door_to: &["clap", "indicatif", "tempfile", "nalgebra"],

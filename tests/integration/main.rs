@@ -5,6 +5,7 @@
 
 mod support;
 
+mod archive;
 mod architecture;
 mod bad_input;
 mod canon;
@@ -14,6 +15,7 @@ mod daemon;
 mod docs;
 #[cfg(target_os = "linux")]
 mod faults;
+mod quarantine;
 mod real_recording;
 mod reference_export;
 mod robot_urdf;
@@ -25,4 +27,5 @@ mod torque;
 mod streaming;
 #[cfg(unix)]
 mod writers;
+mod upload;
 mod wrong_recordings;

@@ -1,0 +1,337 @@
+//! `armwatch quarantine`: exports that were not understood.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::{Args, Subcommand};
+use serde_json::json;
+use tokio_util::sync::CancellationToken;
+
+use super::{
+    CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, ingest, open_store, output, quarantine_story,
+    runtime, shared,
+};
+use crate::config::Config;
+use crate::daemon;
+use crate::ingest::fingerprint::{fingerprint, of_bytes};
+use crate::pipeline::Pipeline;
+use crate::run::RunStatus;
+use crate::store::{FaultState, QuarantineRow, Store, StoreError};
+
+/// Time between two looks at what the daemon has made of an export.
+const LOOK_INTERVAL: Duration = Duration::from_millis(200);
+
+/// A daemon that has not begun with an export so long after its next scan is busy, or watches elsewhere.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch quarantine list
+  armwatch quarantine list --robot R07 --json | jq .problem
+  armwatch quarantine explain 12
+  armwatch quarantine explain R07_20260105_0847.csv
+  armwatch quarantine retry 12
+  armwatch quarantine retry --all
+
+A quarantined export stays where it is. Either export it again, corrected: it is taken by itself, and the
+faulty content stands as superseded. Or, if the robot or layout file was wrong, correct that and retry.")]
+pub(super) struct QuarantineArgs {
+    #[command(subcommand)]
+    command: QuarantineCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum QuarantineCommand {
+    /// Exports that are quarantined now, the newest first
+    List {
+        /// Only exports of this robot
+        #[arg(long, value_name = "NAME")]
+        robot: Option<String>,
+        /// Also faults that are settled, each with what became of it
+        #[arg(long)]
+        all: bool,
+    },
+    /// The place in the file, what is wrong there, the remedy, and what a retry would do
+    Explain {
+        /// Number of the run, or its file
+        #[arg(value_name = "RUN_ID|FILE")]
+        which: String,
+    },
+    /// Read exports again after the robot or layout file was corrected
+    #[command(after_help = "\
+The run keeps its number; what each attempt found stays in the view `quarantine`. While a daemon works on
+the database, it is asked to do it, reads its configuration again, and takes the export within its scan
+interval; the command waits for the outcome. Exit status 1 if an export is still not understood.")]
+    Retry {
+        /// Number of the run, or its file
+        #[arg(value_name = "RUN_ID|FILE", required_unless_present = "all")]
+        which: Option<String>,
+        /// Every quarantined export
+        #[arg(long, conflicts_with = "which")]
+        all: bool,
+        /// Ask a running daemon and do not wait for the outcome
+        #[arg(long)]
+        no_wait: bool,
+    },
+}
+
+pub(super) fn quarantine(global: &Global, args: &QuarantineArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    runtime()?.block_on(async {
+        let store = open_store(&config).await?;
+        let done = match &args.command {
+            QuarantineCommand::List { robot, all } => list(global, &store, robot.as_deref(), *all).await,
+            QuarantineCommand::Explain { which } => explain(global, &store, which).await,
+            QuarantineCommand::Retry { which, no_wait, .. } => {
+                let retry = Retry { global, config: &config, store: &store, no_wait: *no_wait };
+                retry.retry(which.as_deref()).await
+            }
+        };
+        store.close().await?;
+        done
+    })
+}
+
+async fn list(global: &Global, store: &Store, robot: Option<&str>, all: bool) -> Result<u8, CliError> {
+    let mut faults = store.faults().await?;
+    faults.retain(|fault| {
+        robot.is_none_or(|name| fault.robot == name) && (all || fault.state == FaultState::Open)
+    });
+    if global.json {
+        faults.iter().for_each(|fault| output::json(&quarantine_story::as_value(fault)));
+    } else if faults.is_empty() {
+        let of = robot.map(|name| format!(" of {name}")).unwrap_or_default();
+        output::line(&format!("nothing{of} is quarantined"));
+    } else {
+        let row = |fault: &QuarantineRow| {
+            let retry = if fault.retry_asked_at.is_some() { ", retry asked" } else { "" };
+            vec![
+                fault.run_id.to_string(),
+                fault.robot.clone(),
+                fault.source_name.clone(),
+                quarantine_story::minute(fault.first_at),
+                format!("{}{retry}", fault.state.name()),
+                quarantine_story::one_line(fault),
+            ]
+        };
+        let rows: Vec<_> = faults.iter().map(row).collect();
+        output::line(&output::table(&["run", "robot", "file", "since", "state", "problem"], &rows));
+    }
+    Ok(EXIT_DONE)
+}
+
+async fn explain(global: &Global, store: &Store, which: &str) -> Result<u8, CliError> {
+    let faults = store.faults().await?;
+    let run_id = find(&faults, which).ok_or_else(|| unknown(which))?;
+    let faults: Vec<QuarantineRow> = faults.into_iter().filter(|fault| fault.run_id == run_id).collect();
+    let place = place_of(store, run_id).await?;
+    let story = quarantine_story::Story::new(&faults, &place)
+        .ok_or_else(|| CliError::Internal(format!("run {run_id} has no fault")))?;
+    if global.json {
+        output::json(&story.as_value());
+    } else {
+        output::line(&story.as_text());
+    }
+    Ok(EXIT_DONE)
+}
+
+/// Where the bytes of a quarantined run lie now.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Place {
+    /// There.
+    At(PathBuf),
+    /// There is a file, but with another content.
+    Changed(PathBuf),
+    /// There is a file that still cannot be read.
+    Unreadable(PathBuf, String),
+    /// No file is left; it was there.
+    Gone(PathBuf),
+}
+
+/// Looks where the content of a run was seen for it.
+async fn place_of(store: &Store, run_id: i64) -> Result<Place, CliError> {
+    let source = store.run_source(run_id).await?;
+    let source = source.ok_or_else(|| CliError::Internal(format!("run {run_id} has no source")))?;
+    let mut found = None;
+    for path in &source.paths {
+        // of a file that could not be read, the path stands for the content
+        let by_path = of_bytes(path.as_os_str().as_encoded_bytes()) == source.content_hash;
+        let place = match fingerprint(path) {
+            Ok((hash, _)) if by_path || hash == source.content_hash => return Ok(Place::At(path.clone())),
+            Ok(_) => Place::Changed(path.clone()),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
+            Err(error) => Place::Unreadable(path.clone(), error.to_string()),
+        };
+        found = found.or(Some(place));
+    }
+    let first = source.paths.into_iter().next().unwrap_or_default();
+    Ok(found.unwrap_or(Place::Gone(first)))
+}
+
+/// The run that is meant: by number or, the newest first, by path or file name.
+fn find(faults: &[QuarantineRow], which: &str) -> Option<i64> {
+    if let Ok(number) = which.parse::<i64>() {
+        return faults.iter().find(|fault| fault.run_id == number).map(|fault| fault.run_id);
+    }
+    let absolute = std::path::absolute(which).unwrap_or_default();
+    let is_meant = |fault: &&QuarantineRow| {
+        fault.source_path == which
+            || fault.source_name == which
+            || std::path::absolute(&fault.source_path).is_ok_and(|path| path == absolute)
+    };
+    let open = faults.iter().filter(|fault| fault.state == FaultState::Open).find(is_meant);
+    open.or_else(|| faults.iter().find(is_meant)).map(|fault| fault.run_id)
+}
+
+fn unknown(which: &str) -> CliError {
+    CliError::Usage(format!(
+        "no export is or was quarantined as {which}; `armwatch quarantine list --all` shows them"
+    ))
+}
+
+/// What the retries of one call share.
+struct Retry<'a> {
+    global: &'a Global,
+    config: &'a Config,
+    store: &'a Store,
+    no_wait: bool,
+}
+
+impl Retry<'_> {
+    async fn retry(&self, which: Option<&str>) -> Result<u8, CliError> {
+        let chosen = self.chosen(which).await?;
+        if chosen.is_empty() {
+            if !self.global.json {
+                output::line("nothing is quarantined");
+            }
+            return Ok(EXIT_DONE);
+        }
+        let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
+        let under_daemon = matches!(self.store.claim(), Err(StoreError::Claimed { .. }));
+        let (mut code, mut asked, mut own) = (EXIT_DONE, Vec::new(), Vec::new());
+        for fault in chosen {
+            match place_of(self.store, fault.run_id).await? {
+                Place::At(path) | Place::Unreadable(path, _) => {
+                    if under_daemon && is_below(&path, &self.config.watch.folders) {
+                        asked.push((fault.run_id, path));
+                    } else {
+                        own.push(path);
+                    }
+                }
+                place => {
+                    self.say_impossible(&fault, &place);
+                    code = EXIT_FOUND;
+                }
+            }
+        }
+        code = code.max(self.ask(&asked, &stop).await?);
+        if own.is_empty() {
+            return Ok(code);
+        }
+        let pipeline = Pipeline::new(shared(self.config.clone()), self.store.clone());
+        Ok(code.max(ingest::take_all(&pipeline, &own, &stop, self.global.json).await?))
+    }
+
+    /// The quarantined runs to be read again, oldest first, as their robots' histories grow.
+    async fn chosen(&self, which: Option<&str>) -> Result<Vec<QuarantineRow>, CliError> {
+        let mut faults = self.store.faults().await?;
+        let wanted = which.map(|which| find(&faults, which).ok_or_else(|| unknown(which))).transpose()?;
+        let of_wanted = |fault: &QuarantineRow| wanted.is_none_or(|run_id| fault.run_id == run_id);
+        if let Some(settled) = faults.iter().find(|fault| wanted.is_some() && of_wanted(fault))
+            && settled.state != FaultState::Open
+        {
+            return Err(CliError::Usage(format!(
+                "run {} is not quarantined any more: {}",
+                settled.run_id,
+                quarantine_story::became(settled)
+            )));
+        }
+        faults.retain(|fault| fault.state == FaultState::Open && of_wanted(fault));
+        faults.sort_by(|a, b| (&a.source_name, a.run_id).cmp(&(&b.source_name, b.run_id)));
+        Ok(faults)
+    }
+
+    fn say_impossible(&self, fault: &QuarantineRow, place: &Place) {
+        let why = quarantine_story::what_retry_does(fault, place);
+        if self.global.json {
+            output::json(
+                &json!({"file": fault.source_path, "run_id": fault.run_id, "outcome": "gone", "reason": why}),
+            );
+        } else {
+            output::line(&format!("gone         {}: {why}", fault.source_path));
+        }
+    }
+
+    /// Asks the running daemon and waits for what becomes of the exports.
+    async fn ask(&self, asked: &[(i64, PathBuf)], stop: &CancellationToken) -> Result<u8, CliError> {
+        for (run_id, _) in asked {
+            self.store.ask_retry(*run_id).await?;
+        }
+        let deadline = Instant::now() + 2 * self.config.watch.scan_interval + PATIENCE;
+        let mut code = EXIT_DONE;
+        for (run_id, path) in asked {
+            if self.no_wait {
+                self.say(path, *run_id, "asked", "the daemon reads it at its next scan");
+                continue;
+            }
+            code = code.max(self.wait(*run_id, path, deadline, stop).await?);
+        }
+        Ok(code)
+    }
+
+    async fn wait(
+        &self,
+        run_id: i64,
+        path: &Path,
+        deadline: Instant,
+        stop: &CancellationToken,
+    ) -> Result<u8, CliError> {
+        loop {
+            let known = self.store.known_run(run_id).await?;
+            match known {
+                Some(run) if run.retry_asked && Instant::now() > deadline => {
+                    let why =
+                        "the daemon has not come to it; it stays asked for, see `armwatch quarantine list`";
+                    self.say(path, run_id, "waiting", why);
+                    return Ok(EXIT_FOUND);
+                }
+                Some(run) if run.retry_asked || run.status == RunStatus::Streaming => {}
+                Some(run) if run.status == RunStatus::Quarantined => {
+                    self.say(path, run_id, "quarantined", &run.reason.unwrap_or_default());
+                    return Ok(EXIT_FOUND);
+                }
+                Some(run) if run.status == RunStatus::Complete => {
+                    let cycles = format!("run {run_id}, {} cycles", run.cycles_stored);
+                    self.say(path, run_id, "stored", &cycles);
+                    return Ok(EXIT_DONE);
+                }
+                // another export has its content or its place
+                _ => {
+                    self.say(path, run_id, "known", "another run has taken its place");
+                    return Ok(EXIT_DONE);
+                }
+            }
+            tokio::select! {
+                () = stop.cancelled() => return Ok(EXIT_STOPPED),
+                () = tokio::time::sleep(LOOK_INTERVAL) => {}
+            }
+        }
+    }
+
+    fn say(&self, path: &Path, run_id: i64, outcome: &str, text: &str) {
+        let file = path.display().to_string();
+        if self.global.json {
+            output::json(&json!({"file": file, "run_id": run_id, "outcome": outcome, "reason": text}));
+        } else {
+            output::line(&format!("{outcome:<12} {file}: {text}"));
+        }
+    }
+}
+
+/// Whether a file lies in one of the folders, whatever they are called.
+fn is_below(path: &Path, folders: &[PathBuf]) -> bool {
+    let real = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let path = real(path);
+    folders.iter().any(|folder| path.starts_with(real(folder)))
+}

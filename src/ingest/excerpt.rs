@@ -1,0 +1,187 @@
+//! The lines of an export around a place, to show a person what was not understood.
+
+use std::io::{self, BufRead, BufReader};
+use std::ops::Range;
+use std::path::Path;
+
+use super::encoding::without_bom;
+use super::rejection::Rejection;
+use super::source;
+
+/// Longest part of a line that is kept. Lines that are longer are refused by the reader, and a file
+/// without line ends must not fill the memory.
+const MAX_KEPT_BYTES: usize = 1 << 20;
+
+/// Separators that a header is tried with.
+const DELIMITERS: [char; 5] = [',', ';', '\t', '|', ' '];
+
+/// A place in an export, with the lines around it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Excerpt {
+    /// First byte of the cell, or else of the line, in the decompressed file, from 0.
+    pub byte: u64,
+    /// Number of the first of `lines`, from 1.
+    pub first_line: u64,
+    /// The lines, without their ends; what is not UTF-8 is replaced.
+    pub lines: Vec<String>,
+    /// Which of `lines` the place is in, from 0.
+    pub place: usize,
+    /// Characters of the cell in its line, where the column is found.
+    pub cell: Option<Range<usize>>,
+}
+
+/// The place that a rejection points at with `around` lines before and after it; `None` if it names no line,
+/// or the file as it is now has none of this number or cannot be read.
+#[must_use]
+pub fn of_rejection(rejection: &Rejection, around: u64) -> Option<Excerpt> {
+    excerpt(&rejection.path, rejection.line?, rejection.column.as_deref(), around).ok().flatten()
+}
+
+/// Line `line` of the export at `path` with `around` lines before and after it, and the cell of the column
+/// that its header calls `column`, or that has this number. `None` if the file has fewer lines. Reads up to
+/// the place, in memory that does not grow with the file.
+///
+/// # Errors
+/// A rejection of a file that cannot be opened.
+pub fn excerpt(
+    path: &Path,
+    line: u64,
+    column: Option<&str>,
+    around: u64,
+) -> Result<Option<Excerpt>, Rejection> {
+    let mut reader = BufReader::new(source::open(path)?);
+    let (mut header, mut kept, mut place_at) = (None, Vec::new(), None);
+    let (mut byte, mut number) = (0_u64, 1_u64);
+    let mut bytes = Vec::new();
+    // a stream that breaks off is shown as far as it goes
+    while let Ok(length @ 1..) = next_line(&mut reader, &mut bytes) {
+        if header.is_none() && !bytes.trim_ascii().is_empty() {
+            header = Some(String::from_utf8_lossy(without_bom(&bytes)).into_owned());
+        }
+        if number.saturating_add(around) >= line {
+            if number == line {
+                place_at = Some((kept.len(), byte));
+            }
+            kept.push(bytes.clone());
+        }
+        if number >= line.saturating_add(around) {
+            break;
+        }
+        byte += length;
+        number += 1;
+    }
+    let Some((place, line_byte)) = place_at else { return Ok(None) };
+    let cell = match (&header, column, kept.get(place)) {
+        (Some(header), Some(column), Some(line)) => cell(header, column, line),
+        _ => None,
+    };
+    let first_line = line - place as u64;
+    Ok(Some(Excerpt {
+        byte: line_byte + cell.as_ref().map_or(0, |cell| cell.start as u64),
+        first_line,
+        cell: cell.and_then(|cell| kept.get(place).map(|line| in_characters(line, &cell))),
+        lines: kept.iter().map(|line| String::from_utf8_lossy(line).into_owned()).collect(),
+        place,
+    }))
+}
+
+/// Takes a line into `line`, without its end, and returns its length with it: 0 at the end of the file.
+fn next_line(reader: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<u64> {
+    line.clear();
+    let mut length = 0_u64;
+    loop {
+        let available = reader.fill_buf()?;
+        if available.is_empty() {
+            break;
+        }
+        let end = available.iter().position(|byte| *byte == b'\n');
+        let taken = end.map_or(available.len(), |end| end + 1);
+        let room = MAX_KEPT_BYTES.saturating_sub(line.len());
+        line.extend_from_slice(&available[..taken.min(room)]);
+        reader.consume(taken);
+        length += taken as u64;
+        if end.is_some() {
+            break;
+        }
+    }
+    while line.last().is_some_and(|byte| matches!(byte, b'\n' | b'\r')) {
+        line.pop();
+    }
+    Ok(length)
+}
+
+/// Bytes of the cell that stands under `column`: a name of the header or, in a file without one, a number.
+fn cell(header: &str, column: &str, line: &[u8]) -> Option<Range<usize>> {
+    let usual = DELIMITERS.into_iter().max_by_key(|delimiter| header.matches(*delimiter).count())?;
+    let numbers = header.split(usual).all(|cell| cell.trim().replace(',', ".").parse::<f64>().is_ok());
+    let (index, delimiter) = if numbers {
+        (column.parse::<usize>().ok()?.checked_sub(1)?, usual)
+    } else {
+        DELIMITERS.into_iter().find_map(|delimiter| {
+            let mut names = header.split(delimiter).map(|name| name.trim().trim_matches('"'));
+            names.position(|name| name == column).map(|index| (index, delimiter))
+        })?
+    };
+    let delimiter = u8::try_from(delimiter).ok()?;
+    let mut start = 0;
+    for (at, cell) in line.split(|byte| *byte == delimiter).enumerate() {
+        if at == index {
+            return Some(start..start + cell.len());
+        }
+        start += cell.len() + 1;
+    }
+    None
+}
+
+fn in_characters(line: &[u8], bytes: &Range<usize>) -> Range<usize> {
+    let characters =
+        |end: usize| String::from_utf8_lossy(line.get(..end).unwrap_or_default()).chars().count();
+    characters(bytes.start)..characters(bytes.end)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(text: &str, line: u64, column: Option<&str>, around: u64) -> Option<Excerpt> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        std::fs::write(&path, text).unwrap();
+        excerpt(&path, line, column, around).unwrap()
+    }
+
+    #[test]
+    fn the_byte_is_where_the_cell_begins() {
+        let text = "\u{feff}time,\"pos_1\",trq_1\r\n0,1,2\r\n1,µ,abc\r\n2,3,4\r\n";
+        for (column, cell) in [("time", "1"), ("pos_1", "µ"), ("trq_1", "abc")] {
+            let found = of(text, 3, Some(column), 1).unwrap();
+            let byte = usize::try_from(found.byte).unwrap();
+            assert_eq!(&text[byte..byte + cell.len()], cell);
+            assert_eq!((found.first_line, found.place, found.lines.len()), (2, 1, 3));
+            let shown: String =
+                found.lines[1].chars().collect::<Vec<_>>()[found.cell.unwrap()].iter().collect();
+            assert_eq!(shown, cell);
+        }
+    }
+
+    #[test]
+    fn a_column_goes_by_number_where_there_are_no_names() {
+        let found = of("0;1;2\n1;x;3\n", 2, Some("2"), 0).unwrap();
+        assert_eq!((found.byte, found.cell, found.lines), (8, Some(2..3), vec!["1;x;3".to_owned()]));
+    }
+
+    #[test]
+    fn without_the_column_the_line_is_the_place_and_without_the_line_there_is_none() {
+        let found = of("time,pos_1\n0,1\n", 2, Some("pos_9"), 5).unwrap();
+        assert_eq!((found.byte, found.cell, found.place), (11, None, 1));
+        assert_eq!(of("time,pos_1\n0\n", 2, Some("pos_1"), 0).unwrap().cell, None, "the line is short");
+        assert_eq!(of("time\n", 2, None, 0), None);
+        assert_eq!(of("", 1, None, 3), None);
+    }
+
+    #[test]
+    fn a_line_without_end_is_kept_in_part() {
+        let found = of(&"7".repeat(3 * MAX_KEPT_BYTES), 1, None, 0).unwrap();
+        assert_eq!(found.lines[0].len(), MAX_KEPT_BYTES);
+    }
+}

@@ -1,0 +1,237 @@
+//! HTTP: exports come in, and what became of them can be asked.
+//!
+//! Uploads go to a folder that is watched like any other ([`spool`]), so that they come through the same door
+//! as files on disk; nothing here reads an export or writes to the database.
+//!
+//! | request | does |
+//! |---|---|
+//! | `PUT /v1/exports/NAME` | takes an export, whole or from where an earlier attempt was cut ([`upload`]) |
+//! | `HEAD /v1/exports/NAME` | says in `Upload-Offset` how much of it is there |
+//! | `GET /v1/exports/HASH` | says what became of a content ([`status`]) |
+//! | `GET /health`, `/ready` | whether the process lives, and whether it can work |
+//!
+//! Everything that a client can make large is bounded: connections, uploads, headers, bytes, time.
+
+mod access;
+mod answer;
+mod part;
+mod receive;
+mod spool;
+mod status;
+mod upload;
+
+use std::future::Future;
+use std::net::SocketAddr;
+use std::pin::pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::routing::{get, head};
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Semaphore;
+use tokio::task::{JoinHandle, JoinSet};
+use tokio_util::sync::CancellationToken;
+
+use crate::config::{Config, ServeSettings};
+use crate::store::Store;
+pub use access::TOKEN_VARIABLE;
+use access::{Access, AccessError};
+use spool::Spool;
+use upload::Uploads;
+
+/// Connections at once; each holds a socket and at most [`HEADER_BYTES`] before its request is understood.
+const CONNECTIONS: usize = 256;
+
+/// Most bytes of a request's headers: a name of 255 bytes, percent-encoded, and a dozen usual headers.
+const HEADER_BYTES: usize = 16 << 10;
+
+/// Most headers of a request.
+const HEADERS: usize = 64;
+
+/// How long a client may take over the headers of a request, and stay connected without one.
+const HEADER_TIME: Duration = Duration::from_secs(15);
+
+/// How long requests in hand may take when the program stops. Uploads are cut sooner, and resumed later.
+const STOP_TIME: Duration = Duration::from_secs(5);
+
+/// Pause after a failed accept: without file descriptors the next one fails at once.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+
+/// Why nothing is served.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// Who may ask is not settled.
+    #[error(transparent)]
+    Access(#[from] AccessError),
+    /// The address is taken, or not of this machine.
+    #[error("cannot listen on {address}: {detail}; change serve.listen in the configuration")]
+    Listen {
+        /// The address.
+        address: SocketAddr,
+        /// What the system says.
+        detail: String,
+    },
+    /// The folder for uploads cannot be used.
+    #[error(
+        "the folder for uploads {folder}: {detail}; make it writable for this user, or change serve.upload.spool"
+    )]
+    Spool {
+        /// The folder.
+        folder: String,
+        /// What the system says.
+        detail: String,
+    },
+}
+
+impl ServeError {
+    /// Whether a person has to change the configuration, rather than the machine.
+    #[must_use]
+    pub fn is_configuration(&self) -> bool {
+        matches!(self, Self::Access(_))
+    }
+}
+
+/// What requests share.
+#[derive(Debug)]
+struct Shared {
+    store: Store,
+    access: Access,
+    uploads: Option<Uploads>,
+    stop: CancellationToken,
+}
+
+/// A server at work.
+#[derive(Debug)]
+pub struct Server {
+    /// Where it listens; the port is the system's where the configuration says 0.
+    pub address: SocketAddr,
+    task: JoinHandle<()>,
+}
+
+impl Server {
+    /// Waits for the end, which comes after the stop was asked for.
+    pub async fn ended(self) {
+        if let Err(error) = self.task.await {
+            tracing::error!(%error, "the HTTP server panicked");
+        }
+    }
+}
+
+/// Listens as `settings` say until `stop` is cancelled. Requests in hand are then finished, uploads cut where
+/// they can go on.
+///
+/// # Errors
+/// [`ServeError`]; nothing listens then.
+pub async fn start(
+    settings: &ServeSettings,
+    config: Arc<Config>,
+    store: Store,
+    stop: CancellationToken,
+) -> Result<Server, ServeError> {
+    let access = Access::new(settings)?;
+    let uploads = match &settings.upload {
+        Some(upload) => {
+            let spool = Spool::open(&upload.spool).map_err(|error| ServeError::Spool {
+                folder: upload.spool.display().to_string(),
+                detail: error.to_string(),
+            })?;
+            Some(Uploads::new(upload.clone(), spool, config))
+        }
+        None => None,
+    };
+    let listening =
+        |error: std::io::Error| ServeError::Listen { address: settings.listen, detail: error.to_string() };
+    let listener = TcpListener::bind(settings.listen).await.map_err(listening)?;
+    let address = listener.local_addr().map_err(listening)?;
+    tracing::info!(%address, uploads = uploads.is_some(), "serving HTTP");
+    let shared = Arc::new(Shared { store, access, uploads, stop: stop.clone() });
+    let cleaning = Arc::clone(&shared);
+    let task = tokio::spawn(async move {
+        let accepting = accept(listener, router(shared), stop);
+        tokio::join!(accepting, upload::clean(&cleaning));
+    });
+    Ok(Server { address, task })
+}
+
+fn router(shared: Arc<Shared>) -> Router {
+    let exports = head(upload::offset).put(upload::put).get(status::of_content);
+    Router::new()
+        .route("/v1/exports/{name}", exports)
+        .route("/health", get(status::health))
+        .route("/ready", get(status::ready))
+        .fallback(status::nothing)
+        .method_not_allowed_fallback(status::no_method)
+        // uploads are counted where they are taken
+        .layer(DefaultBodyLimit::disable())
+        .with_state(shared)
+}
+
+async fn accept(listener: TcpListener, router: Router, stop: CancellationToken) {
+    let places = Arc::new(Semaphore::new(CONNECTIONS));
+    let mut connections = JoinSet::new();
+    loop {
+        // a full house leaves further clients to the system's queue
+        let place = tokio::select! {
+            () = stop.cancelled() => break,
+            place = Arc::clone(&places).acquire_owned() => place,
+        };
+        let accepted = tokio::select! {
+            () = stop.cancelled() => break,
+            accepted = listener.accept() => accepted,
+        };
+        match accepted {
+            Ok((stream, _)) => {
+                let (router, stop) = (router.clone(), stop.clone());
+                connections.spawn(async move {
+                    serve(stream, router, stop).await;
+                    drop(place);
+                });
+            }
+            Err(error) => {
+                tracing::warn!(%error, "cannot accept a connection");
+                tokio::time::sleep(ACCEPT_PAUSE).await;
+            }
+        }
+        while connections.try_join_next().is_some() {}
+    }
+    drop(listener);
+    let ending = async { while connections.join_next().await.is_some() {} };
+    if tokio::time::timeout(STOP_TIME, ending).await.is_err() {
+        tracing::warn!("HTTP requests were cut by the stop");
+    }
+}
+
+async fn serve(stream: TcpStream, router: Router, stop: CancellationToken) {
+    let mut builder = http1::Builder::new();
+    builder
+        .timer(TokioTimer::new())
+        .header_read_timeout(HEADER_TIME)
+        .max_buf_size(HEADER_BYTES)
+        .max_headers(HEADERS);
+    let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+    let mut connection = pin!(connection);
+    let ended = until_stop(&mut connection, &stop).await;
+    let ended = match ended {
+        Some(ended) => ended,
+        None => {
+            connection.as_mut().graceful_shutdown();
+            connection.await
+        }
+    };
+    if let Err(error) = ended {
+        // a client that went away, or sent what is no HTTP
+        tracing::debug!(%error, "HTTP connection ended");
+    }
+}
+
+async fn until_stop<F: Future + Unpin>(future: &mut F, stop: &CancellationToken) -> Option<F::Output> {
+    tokio::select! {
+        output = future => Some(output),
+        () = stop.cancelled() => None,
+    }
+}

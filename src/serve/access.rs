@@ -1,0 +1,197 @@
+//! Who may ask: a bearer token, or programs of this machine.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use axum::http::HeaderMap;
+use axum::http::header::{AUTHORIZATION, HOST};
+
+use super::answer::Refusal;
+use crate::config::ServeSettings;
+use crate::ingest::fingerprint::of_bytes;
+use crate::run::ContentHash;
+
+/// Environment variable with the token, where the configuration names no file.
+pub const TOKEN_VARIABLE: &str = "ARMWATCH_TOKEN";
+
+/// Shortest token: 16 characters of base 64 are 96 bits.
+const SHORTEST_TOKEN: usize = 16;
+
+/// Longest token, and most that is read of its file.
+const LONGEST_TOKEN: usize = 1024;
+
+/// Why it is not settled who may ask.
+#[derive(Debug, thiserror::Error)]
+pub enum AccessError {
+    /// Other machines could ask, and there is no token.
+    #[error(
+        "serve.listen = \"{0}\" is reached from other machines and there is no token; give serve.token_file or the \
+         environment variable {TOKEN_VARIABLE}, or listen on 127.0.0.1"
+    )]
+    Open(std::net::SocketAddr),
+    /// The file cannot be read.
+    #[error("serve.token_file: {file}: {detail}", file = path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        detail: String,
+    },
+    /// The token is easily guessed, or cannot be sent.
+    #[error(
+        "the token in {0} must be one line of {SHORTEST_TOKEN} to {LONGEST_TOKEN} printable characters without \
+         blanks; `openssl rand -hex 24` makes one"
+    )]
+    Token(String),
+}
+
+/// What a request must know.
+pub struct Access {
+    /// The token's hash: hashes are compared, so that time says nothing of a token, not even its length.
+    token: Option<ContentHash>,
+}
+
+impl std::fmt::Debug for Access {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Access").field("token", &self.token.map(|_| "..")).finish()
+    }
+}
+
+impl Access {
+    /// Reads the token.
+    ///
+    /// # Errors
+    /// [`AccessError`].
+    pub fn new(settings: &ServeSettings) -> Result<Self, AccessError> {
+        let (token, place) = match &settings.token_file {
+            Some(path) => (Some(read(path)?), path.display().to_string()),
+            None => (std::env::var(TOKEN_VARIABLE).ok().filter(|t| !t.is_empty()), TOKEN_VARIABLE.to_owned()),
+        };
+        let Some(token) = token else {
+            if settings.listen.ip().is_loopback() {
+                return Ok(Self { token: None });
+            }
+            return Err(AccessError::Open(settings.listen));
+        };
+        let token = token.trim();
+        let length = SHORTEST_TOKEN..=LONGEST_TOKEN;
+        if !length.contains(&token.len()) || !token.bytes().all(|byte| byte.is_ascii_graphic()) {
+            return Err(AccessError::Token(place));
+        }
+        Ok(Self { token: Some(of_bytes(token.as_bytes())) })
+    }
+
+    /// Whether a request may be answered.
+    ///
+    /// # Errors
+    /// 401 without the token. Where there is none, 403 unless the request names this machine: a page in a
+    /// browser could otherwise ask in its user's place.
+    pub fn check(&self, headers: &HeaderMap) -> Result<(), Refusal> {
+        match &self.token {
+            Some(token) if bearer(headers).is_some_and(|given| is_same(token, &of_bytes(given))) => Ok(()),
+            Some(_) => Err(Refusal::unauthorized()),
+            None if names_this_machine(headers) => Ok(()),
+            None => Err(Refusal::forbidden()),
+        }
+    }
+}
+
+fn read(path: &Path) -> Result<String, AccessError> {
+    let failed = |detail: String| AccessError::File { path: path.to_owned(), detail };
+    let file = File::open(path).map_err(|error| failed(error.to_string()))?;
+    warn_if_open(path, &file);
+    let mut text = String::new();
+    let limit = LONGEST_TOKEN as u64 + 2;
+    file.take(limit).read_to_string(&mut text).map_err(|error| failed(error.to_string()))?;
+    Ok(text)
+}
+
+fn warn_if_open(path: &Path, file: &File) {
+    use std::os::unix::fs::PermissionsExt;
+    const OTHERS: u32 = 0o077;
+    if file.metadata().is_ok_and(|metadata| metadata.permissions().mode() & OTHERS != 0) {
+        tracing::warn!(path = %path.display(), "other users may read the token; chmod 600 it");
+    }
+}
+
+fn bearer(headers: &HeaderMap) -> Option<&[u8]> {
+    let value = headers.get(AUTHORIZATION)?.as_bytes();
+    let (scheme, token) = value.split_at_checked("bearer ".len())?;
+    scheme.eq_ignore_ascii_case(b"bearer ").then(|| token.trim_ascii())
+}
+
+/// Compares in the same time whatever differs.
+fn is_same(a: &ContentHash, b: &ContentHash) -> bool {
+    let differing = a.0.iter().zip(&b.0).fold(0, |differing, (a, b)| differing | (a ^ b));
+    std::hint::black_box(differing) == 0
+}
+
+fn names_this_machine(headers: &HeaderMap) -> bool {
+    let Some(host) = headers.get(HOST).and_then(|host| host.to_str().ok()) else { return false };
+    let name = match host.rsplit_once(':') {
+        Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) => name,
+        _ => host,
+    };
+    let address = name.trim_start_matches('[').trim_end_matches(']').parse::<std::net::IpAddr>();
+    name.eq_ignore_ascii_case("localhost") || address.is_ok_and(|address| address.is_loopback())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(listen: &str, token_file: Option<PathBuf>) -> ServeSettings {
+        ServeSettings { listen: listen.parse().unwrap(), token_file, upload: None }
+    }
+
+    fn headers(name: &'static str, value: &str) -> HeaderMap {
+        let mut headers = HeaderMap::new();
+        headers.insert(name, value.parse().unwrap());
+        headers
+    }
+
+    #[test]
+    fn the_token_and_nothing_like_it_opens() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("token");
+        std::fs::write(&path, "0123456789abcdef0123\n").unwrap();
+        let access = Access::new(&settings("0.0.0.0:0", Some(path))).unwrap();
+        assert!(!format!("{access:?}").contains("0123"), "{access:?}");
+        for good in ["Bearer 0123456789abcdef0123", "bearer  0123456789abcdef0123"] {
+            assert!(access.check(&headers("authorization", good)).is_ok(), "{good}");
+        }
+        for bad in
+            ["Bearer 0123456789abcdef012", "Bearer ", "Basic 0123456789abcdef0123", "0123456789abcdef0123"]
+        {
+            assert!(access.check(&headers("authorization", bad)).is_err(), "{bad}");
+        }
+        assert!(access.check(&headers("host", "localhost")).is_err());
+    }
+
+    #[test]
+    fn a_short_a_broken_and_a_missing_token_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("token");
+        for text in ["short", "0123456789abcdef 0123", "0123456789abcdef\nx", ""] {
+            std::fs::write(&path, text).unwrap();
+            let refused = Access::new(&settings("127.0.0.1:0", Some(path.clone())));
+            assert!(matches!(refused, Err(AccessError::Token(_))), "{text:?}");
+        }
+        std::fs::remove_file(&path).unwrap();
+        let refused = Access::new(&settings("127.0.0.1:0", Some(path)));
+        assert!(matches!(refused, Err(AccessError::File { .. })));
+    }
+
+    #[test]
+    fn without_a_token_only_this_machine_is_named() {
+        let access = Access { token: None };
+        for host in ["localhost", "localhost:8650", "127.0.0.1:8650", "[::1]:8650", "[::1]"] {
+            assert!(access.check(&headers("host", host)).is_ok(), "{host}");
+        }
+        for host in ["evil.example", "127.0.0.1.evil.example:8650", "10.0.0.1"] {
+            assert!(access.check(&headers("host", host)).is_err(), "{host}");
+        }
+        assert!(access.check(&HeaderMap::new()).is_err());
+    }
+}

@@ -1,0 +1,193 @@
+//! From a request's body to a file: bounded in memory, size and time.
+
+use std::fs::File;
+use std::future::poll_fn;
+use std::io::{self, Write};
+use std::pin::Pin;
+use std::time::Duration;
+
+use axum::body::{Body, Bytes, HttpBody};
+use axum::http::StatusCode;
+use tokio::sync::mpsc;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+
+use super::answer::Refusal;
+use super::spool::Claim;
+
+/// Pieces between the connection and the disk; each has some 16 to 400 kilobytes.
+const PIECES_IN_FLIGHT: usize = 2;
+
+/// What a client must send within the idle time; less is held to be nothing.
+const LEAST_BYTES: u64 = 16 << 10;
+
+/// Bounds of one body.
+#[derive(Debug, Clone, Copy)]
+pub struct Bounds {
+    /// Most bytes.
+    pub bytes: u64,
+    /// How long a client may send next to nothing.
+    pub idle: Duration,
+}
+
+/// Writes a body to the upload, from its start or behind what is there, and gives back the claim. What arrived
+/// before a failure is on disk and can be gone on with.
+///
+/// # Errors
+/// 408 for a client that sends next to nothing, 413 beyond the bound, 503 at a stop, 507 on a full disk, and
+/// 400 for a body that breaks off, which mostly nobody is left to hear.
+pub async fn receive(
+    claim: Claim,
+    from_start: bool,
+    body: Body,
+    bounds: Bounds,
+    stop: &CancellationToken,
+) -> Result<Claim, Refusal> {
+    let (pieces, to_write) = mpsc::channel(PIECES_IN_FLIGHT);
+    // the claim goes with the writer: when the client goes away, this function is dropped in its middle
+    let writer = tokio::task::spawn_blocking(move || {
+        let written = claim.open(from_start).and_then(|file| write(file, to_write));
+        (written, claim)
+    });
+    let received = hand_on(body, pieces, bounds, stop).await;
+    let (written, claim) = writer.await.map_err(|error| Refusal::internal(&error))?;
+    match (written, received) {
+        (Err(error), _) => {
+            if is_full(&error) {
+                // it would keep the disk full, for the database too
+                claim.remove();
+            }
+            Err(of_disk(&error))
+        }
+        (Ok(()), Ok(())) => Ok(claim),
+        (Ok(()), Err(refusal)) if refusal.status == StatusCode::PAYLOAD_TOO_LARGE => {
+            claim.remove();
+            Err(refusal)
+        }
+        (Ok(()), Err(refusal)) => {
+            let offset = claim.length().map_err(|error| Refusal::internal(&error))?;
+            Err(refusal.at(offset))
+        }
+    }
+}
+
+/// What a failed write means for the client.
+pub fn of_disk(error: &io::Error) -> Refusal {
+    if is_full(error) {
+        tracing::warn!(%error, "no space for uploads");
+        Refusal::new(StatusCode::INSUFFICIENT_STORAGE, "no space left for uploads; free some and send again")
+            .after(60)
+    } else {
+        Refusal::internal(error)
+    }
+}
+
+fn is_full(error: &io::Error) -> bool {
+    use io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
+    matches!(error.kind(), FileTooLarge | QuotaExceeded | StorageFull)
+}
+
+fn write(mut file: File, mut pieces: mpsc::Receiver<Bytes>) -> io::Result<()> {
+    while let Some(piece) = pieces.blocking_recv() {
+        file.write_all(&piece)?;
+    }
+    file.sync_all()
+}
+
+async fn hand_on(
+    mut body: Body,
+    pieces: mpsc::Sender<Bytes>,
+    bounds: Bounds,
+    stop: &CancellationToken,
+) -> Result<(), Refusal> {
+    let (mut received, mut lately) = (0_u64, 0_u64);
+    let mut deadline = Instant::now() + bounds.idle;
+    loop {
+        let next = poll_fn(|context| Pin::new(&mut body).poll_frame(context));
+        let frame = tokio::select! {
+            () = stop.cancelled() => {
+                return Err(Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "stopping; go on later").after(10));
+            }
+            frame = tokio::time::timeout_at(deadline, next) => frame,
+        };
+        let piece = match frame {
+            Err(_) => {
+                return Err(Refusal::new(StatusCode::REQUEST_TIMEOUT, "too slow; go on from where it is"));
+            }
+            Ok(None) => return Ok(()),
+            Ok(Some(Err(_))) => {
+                return Err(Refusal::new(
+                    StatusCode::BAD_REQUEST,
+                    "the body broke off; go on from where it is",
+                ));
+            }
+            Ok(Some(Ok(frame))) => frame.into_data().unwrap_or_default(),
+        };
+        let length = piece.len() as u64;
+        (received, lately) = (received + length, lately + length);
+        if received > bounds.bytes {
+            return Err(too_large(bounds.bytes));
+        }
+        if lately >= LEAST_BYTES {
+            (lately, deadline) = (0, Instant::now() + bounds.idle);
+        }
+        if pieces.send(piece).await.is_err() {
+            // the writer says why
+            return Ok(());
+        }
+    }
+}
+
+/// An upload that is longer than allowed.
+pub fn too_large(most: u64) -> Refusal {
+    let sentence = format!(
+        "larger than {most} bytes; compress the export, or raise serve.upload.max_bytes in the configuration"
+    );
+    Refusal::new(StatusCode::PAYLOAD_TOO_LARGE, sentence)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::serve::spool::Spool;
+
+    const BOUNDS: Bounds = Bounds { bytes: 10, idle: Duration::from_secs(5) };
+
+    fn upload() -> (tempfile::TempDir, Spool, Claim) {
+        let folder = tempfile::tempdir().unwrap();
+        let spool = Spool::open(folder.path()).unwrap();
+        let claim = spool.claim("A.csv", None).unwrap();
+        (folder, spool, claim)
+    }
+
+    #[tokio::test]
+    async fn a_body_is_written_and_one_that_is_too_long_leaves_nothing() {
+        let (_folder, spool, claim) = upload();
+        let stop = CancellationToken::new();
+        let claim = receive(claim, true, Body::from("01234"), BOUNDS, &stop).await.unwrap();
+        let claim = receive(claim, false, Body::from("56789"), BOUNDS, &stop).await.unwrap();
+        assert_eq!(claim.length().unwrap(), 10);
+        let refusal = receive(claim, true, Body::from("0123456789x"), BOUNDS, &stop).await.unwrap_err();
+        assert_eq!(refusal.status, StatusCode::PAYLOAD_TOO_LARGE);
+        assert_eq!(spool.offset("A.csv", None).unwrap(), None);
+    }
+
+    #[tokio::test]
+    async fn a_stop_keeps_what_arrived() {
+        let (_folder, _spool, claim) = upload();
+        claim.open(true).unwrap().write_all(b"0123").unwrap();
+        let stop = CancellationToken::new();
+        stop.cancel();
+        let refusal = receive(claim, false, Body::empty(), BOUNDS, &stop).await.err();
+        // of two that are ready, either may come first
+        assert!(refusal.is_none_or(|r| r.offset == Some(4) && r.status == StatusCode::SERVICE_UNAVAILABLE));
+    }
+
+    #[test]
+    fn a_full_disk_is_told_as_such() {
+        for kind in [io::ErrorKind::StorageFull, io::ErrorKind::QuotaExceeded, io::ErrorKind::FileTooLarge] {
+            assert_eq!(of_disk(&kind.into()).status, StatusCode::INSUFFICIENT_STORAGE);
+        }
+        assert_eq!(of_disk(&io::ErrorKind::Other.into()).status, StatusCode::INTERNAL_SERVER_ERROR);
+    }
+}

@@ -1,0 +1,420 @@
+//! `PUT` and `HEAD /v1/exports/NAME`.
+//!
+//! An upload is told apart by its name and, where the client says it, its content. Sent again it does no harm:
+//! a content that is there or stored already is not taken twice.
+
+use std::collections::VecDeque;
+use std::path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, SystemTime};
+
+use axum::Json;
+use axum::body::Body;
+use axum::extract::{Path, Query, State};
+use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
+use axum::response::{IntoResponse, Response};
+use serde_json::json;
+use tokio::sync::Semaphore;
+
+use super::Shared;
+use super::answer::{Refusal, UPLOAD_COMPLETE, UPLOAD_OFFSET};
+use super::part::Part;
+use super::receive::{Bounds, of_disk, receive};
+use super::spool::{Claim, MOST_PARTIALS, Spool};
+use super::status::content_hash;
+use crate::config::{Config, UploadSettings};
+use crate::ingest::source::is_export;
+use crate::run::{ContentHash, RunStatus};
+use crate::store::Store;
+
+/// The content that the client means to send, 64 hexadecimal digits.
+const CONTENT_BLAKE3: HeaderName = HeaderName::from_static("x-content-blake3");
+
+/// Longest file name of usual file systems, bytes.
+const LONGEST_NAME: usize = 255;
+
+/// Contents remembered until the ledger knows them, so that a client can ask at once.
+const REMEMBERED: usize = 1024;
+
+/// Time between two looks for uploads that nobody goes on with.
+const CLEANING_INTERVAL: Duration = Duration::from_secs(3600);
+
+/// Media types of exports; `octet-stream` says nothing, and so does a form, which `curl` claims by default.
+const MEDIA_TYPES: [&str; 9] = [
+    "text/csv",
+    "text/plain",
+    "application/csv",
+    "application/gzip",
+    "application/x-gzip",
+    "application/zstd",
+    "application/octet-stream",
+    "binary/octet-stream",
+    "application/x-www-form-urlencoded",
+];
+
+/// What uploads share.
+#[derive(Debug)]
+pub struct Uploads {
+    settings: UploadSettings,
+    spool: Spool,
+    config: Arc<Config>,
+    places: Semaphore,
+    /// Held while a whole upload gets its name, so that of two under one name the second sees the first.
+    placing: tokio::sync::Mutex<()>,
+    waiting: Mutex<VecDeque<ContentHash>>,
+}
+
+impl Uploads {
+    /// Uploads into `spool` of robots that `config` knows.
+    pub fn new(settings: UploadSettings, spool: Spool, config: Arc<Config>) -> Self {
+        let places = Semaphore::new(settings.at_once);
+        Self {
+            settings,
+            spool,
+            config,
+            places,
+            placing: tokio::sync::Mutex::default(),
+            waiting: Mutex::default(),
+        }
+    }
+
+    /// Whether a content was taken that the ledger may not know yet.
+    pub fn is_waiting(&self, hash: &ContentHash) -> bool {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner).contains(hash)
+    }
+
+    /// Whether the spool can be written to.
+    pub async fn is_writable(&self) -> bool {
+        let spool = self.spool.clone();
+        matches!(tokio::task::spawn_blocking(move || spool.probe()).await, Ok(Ok(())))
+    }
+
+    fn remember(&self, hash: ContentHash) {
+        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        if waiting.len() >= REMEMBERED {
+            waiting.pop_front();
+        }
+        waiting.push_back(hash);
+    }
+}
+
+/// `?supersede=true`: the content takes the place of another one under the same name.
+#[derive(Debug, Clone, Copy, Default, serde::Deserialize)]
+pub struct Wishes {
+    #[serde(default)]
+    supersede: bool,
+}
+
+/// `HEAD`: how much of an upload is there, in `Upload-Offset`.
+pub async fn offset(
+    State(shared): State<Arc<Shared>>,
+    Path(name): Path<String>,
+    headers: HeaderMap,
+) -> Result<Response, Refusal> {
+    shared.access.check(&headers)?;
+    let uploads = uploads(&shared)?;
+    check_name(&name)?;
+    let (content, spool) = (declared_content(&headers)?, uploads.spool.clone());
+    let found = tokio::task::spawn_blocking(move || spool.offset(&name, content.as_ref())).await;
+    let found = found.map_err(|e| Refusal::internal(&e))?.map_err(|e| Refusal::internal(&e))?;
+    match found {
+        Some((bytes, whole)) => Ok((StatusCode::OK, offset_headers(bytes, whole)).into_response()),
+        None => Err(Refusal::new(StatusCode::NOT_FOUND, "nothing of this name is here").at(0)),
+    }
+}
+
+/// `PUT`: takes an export, or a part of one.
+pub async fn put(
+    State(shared): State<Arc<Shared>>,
+    Path(name): Path<String>,
+    wishes: Result<Query<Wishes>, axum::extract::rejection::QueryRejection>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Refusal> {
+    shared.access.check(&headers)?;
+    let uploads = uploads(&shared)?;
+    let Query(wishes) = wishes.map_err(|_| {
+        Refusal::new(StatusCode::BAD_REQUEST, "the only parameter is supersede, true or false")
+    })?;
+    check_name(&name)?;
+    check_robot(uploads, &name)?;
+    check_media(&headers)?;
+    let content = declared_content(&headers)?;
+    let part = Part::of(&headers, uploads.settings.max_bytes)?;
+    if let Some(content) = &content
+        && let Some(run_id) = stored(&shared.store, content).await?
+    {
+        return Ok(
+            Taken { name, content: *content, bytes: None, run_id: Some(run_id), is_new: false }.answer()
+        );
+    }
+    let _place = uploads.places.try_acquire().map_err(|_| {
+        let most = uploads.settings.at_once;
+        Refusal::new(StatusCode::SERVICE_UNAVAILABLE, format!("{most} uploads are under way; try again"))
+            .after(5)
+    })?;
+    let claim = claimed(uploads, &name, content.as_ref(), part).await?;
+    let bounds = Bounds { bytes: part.most(uploads.settings.max_bytes), idle: uploads.settings.idle_timeout };
+    let claim = receive(claim, part.is_from_start(), body, bounds, &shared.stop).await?;
+    let length = claim.length().map_err(|error| Refusal::internal(&error))?;
+    if let Some(total) = part.total
+        && length < total
+    {
+        return Ok((StatusCode::ACCEPTED, offset_headers(length, false)).into_response());
+    }
+    if length == 0 {
+        claim.remove();
+        return Err(Refusal::new(StatusCode::BAD_REQUEST, "the export is empty"));
+    }
+    let upload = Upload { name, declared: content, length, claim, supersede: wishes.supersede };
+    // goes on without a client that has sent everything and gone away
+    let shared = Arc::clone(&shared);
+    let placed = tokio::spawn(async move { place(&shared, upload).await });
+    placed.await.map_err(|error| Refusal::internal(&error))?.map(Taken::answer)
+}
+
+/// Gives up uploads that nobody goes on with, until the stop.
+pub async fn clean(shared: &Shared) {
+    let Some(uploads) = &shared.uploads else { return };
+    loop {
+        let spool = uploads.spool.clone();
+        match tokio::task::spawn_blocking(move || spool.remove_stale(SystemTime::now())).await {
+            Ok(Ok(0)) => {}
+            Ok(Ok(removed)) => tracing::info!(removed, "uploads that nobody went on with are given up"),
+            Ok(Err(error)) => tracing::warn!(%error, "cannot look for uploads that nobody goes on with"),
+            Err(error) => tracing::error!(%error, "cleaning uploads panicked"),
+        }
+        tokio::select! {
+            () = shared.stop.cancelled() => return,
+            () = tokio::time::sleep(CLEANING_INTERVAL) => {}
+        }
+    }
+}
+
+fn uploads(shared: &Shared) -> Result<&Uploads, Refusal> {
+    shared.uploads.as_ref().ok_or_else(|| {
+        Refusal::new(
+            StatusCode::NOT_FOUND,
+            "uploads are off; [serve.upload] in the configuration lets them in",
+        )
+    })
+}
+
+/// A name that is one file in the spool and that a scan takes for an export.
+fn check_name(name: &str) -> Result<(), Refusal> {
+    let bad = |sentence: &str| Err(Refusal::new(StatusCode::BAD_REQUEST, sentence));
+    if name.contains(['/', '\\']) || name.contains("..") {
+        return bad("the name must be that of a file, without folders");
+    }
+    if name.chars().any(char::is_control) {
+        return bad("the name has a control character");
+    }
+    if name.len() > LONGEST_NAME {
+        return bad("the name is longer than 255 bytes");
+    }
+    if name.starts_with('.') {
+        return bad("the name begins with a dot: hidden files are not read");
+    }
+    if !is_export(path::Path::new(name)) {
+        let sentence = "the name must end in .csv, .csv.gz or .csv.zst";
+        return Err(Refusal::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, sentence));
+    }
+    Ok(())
+}
+
+fn check_robot(uploads: &Uploads, name: &str) -> Result<(), Refusal> {
+    if uploads.settings.unknown_robots {
+        return Ok(());
+    }
+    let refuse = |sentence: String| Err(Refusal::new(StatusCode::UNPROCESSABLE_ENTITY, sentence));
+    match uploads.config.recognition.recognise(name) {
+        Err(error) => {
+            refuse(format!("{error}; rename the file, or change [recognition] in the configuration"))
+        }
+        Ok(found) if uploads.config.robot_entry(&found.robot).is_none() => {
+            refuse(format!("no [[robot]] of the configuration matches robot \"{}\"", found.robot))
+        }
+        Ok(_) => Ok(()),
+    }
+}
+
+fn check_media(headers: &HeaderMap) -> Result<(), Refusal> {
+    let refuse = |sentence: &str| Err(Refusal::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, sentence));
+    let text = |name| headers.get(name).map(|value: &HeaderValue| value.to_str().unwrap_or("?"));
+    if text(CONTENT_ENCODING).is_some_and(|encoding| !encoding.eq_ignore_ascii_case("identity")) {
+        return refuse("send the file as it is, without Content-Encoding; .csv.gz and .csv.zst are taken");
+    }
+    let media = text(CONTENT_TYPE).map(|media| media.split(';').next().unwrap_or_default().trim());
+    match media {
+        Some(media) if !MEDIA_TYPES.iter().any(|known| media.eq_ignore_ascii_case(known)) => {
+            refuse("send the bytes of the file alone, as text/csv or application/octet-stream")
+        }
+        _ => Ok(()),
+    }
+}
+
+fn declared_content(headers: &HeaderMap) -> Result<Option<ContentHash>, Refusal> {
+    let Some(value) = headers.get(CONTENT_BLAKE3) else { return Ok(None) };
+    let hash = value.to_str().ok().and_then(|text| content_hash(text.trim()));
+    hash.map(Some).ok_or_else(|| {
+        Refusal::new(StatusCode::BAD_REQUEST, "X-Content-BLAKE3 must have 64 hexadecimal digits")
+    })
+}
+
+/// The run that holds a content for good.
+async fn stored(store: &Store, content: &ContentHash) -> Result<Option<i64>, Refusal> {
+    let known = store.lookup(content).await.map_err(|error| Refusal::internal(&error))?;
+    Ok(known.filter(|run| run.status == RunStatus::Complete).map(|run| run.run_id))
+}
+
+/// Claims the upload, and sees that the part goes on where it ends.
+async fn claimed(
+    uploads: &Uploads,
+    name: &str,
+    content: Option<&ContentHash>,
+    part: Part,
+) -> Result<Claim, Refusal> {
+    let Some(claim) = uploads.spool.claim(name, content) else {
+        let sentence = "an upload of this name is under way; try again when it has ended";
+        return Err(
+            Refusal::new(StatusCode::CONFLICT, sentence).after(uploads.settings.idle_timeout.as_secs())
+        );
+    };
+    let spool = uploads.spool.clone();
+    let looked = tokio::task::spawn_blocking(move || {
+        let there = claim.length()?;
+        Ok::<_, std::io::Error>((there, spool.partials()?, claim))
+    });
+    let looked = looked.await.map_err(|error| Refusal::internal(&error))?;
+    let (there, partials, claim) = looked.map_err(|error| Refusal::internal(&error))?;
+    if !part.is_from_start() && there != part.first {
+        let sentence = format!("{there} bytes are here; go on from there, or send the whole export");
+        return Err(Refusal::new(StatusCode::CONFLICT, sentence).at(there));
+    }
+    if there == 0 && partials >= MOST_PARTIALS {
+        let sentence = format!("{MOST_PARTIALS} uploads were begun and not ended; go on with those first");
+        return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, sentence));
+    }
+    Ok(claim)
+}
+
+/// An upload of which all bytes are there.
+struct Upload {
+    name: String,
+    declared: Option<ContentHash>,
+    length: u64,
+    claim: Claim,
+    supersede: bool,
+}
+
+/// An upload that is done with.
+struct Taken {
+    name: String,
+    content: ContentHash,
+    bytes: Option<u64>,
+    run_id: Option<i64>,
+    is_new: bool,
+}
+
+impl Taken {
+    fn answer(self) -> Response {
+        let status = if self.is_new { StatusCode::CREATED } else { StatusCode::OK };
+        let told = json!({
+            "name": self.name, "hash": self.content.to_string(), "bytes": self.bytes, "new": self.is_new,
+            "run_id": self.run_id, "status_at": format!("/v1/exports/{}", self.content),
+        });
+        let mut response = (status, Json(told)).into_response();
+        if let Some(bytes) = self.bytes {
+            response.headers_mut().extend(offset_headers(bytes, true));
+        }
+        response
+    }
+}
+
+fn offset_headers(bytes: u64, whole: bool) -> HeaderMap {
+    let mut headers = HeaderMap::new();
+    headers.insert(UPLOAD_OFFSET, bytes.into());
+    headers.insert(UPLOAD_COMPLETE, HeaderValue::from_static(if whole { "?1" } else { "?0" }));
+    headers
+}
+
+/// Gives a whole upload its name, unless its content is there or stored already.
+async fn place(shared: &Shared, upload: Upload) -> Result<Taken, Refusal> {
+    let uploads = uploads(shared)?;
+    let Upload { name, declared, length, claim, supersede } = upload;
+    let read = tokio::task::spawn_blocking(move || (claim.content(), claim)).await;
+    let (content, claim) = read.map_err(|error| Refusal::internal(&error))?;
+    let (content, _) = content.map_err(|error| Refusal::internal(&error))?;
+    if let Some(declared) = declared.filter(|declared| *declared != content) {
+        claim.remove();
+        let sentence = format!("the bytes that arrived have hash {content}, not {declared}; send them again");
+        return Err(Refusal::new(StatusCode::BAD_REQUEST, sentence));
+    }
+    let _turn = uploads.placing.lock().await;
+    let (spool, of) = (uploads.spool.clone(), name.clone());
+    let there = tokio::task::spawn_blocking(move || spool.content(&of)).await;
+    let there = there.map_err(|e| Refusal::internal(&e))?.map_err(|e| Refusal::internal(&e))?;
+    let known = shared.store.lookup(&content).await.map_err(|error| Refusal::internal(&error))?;
+    let run_id = known.as_ref().map(|run| run.run_id);
+    let is_new = there != Some(content) && known.is_none();
+    let taken = Taken { name: name.clone(), content, bytes: Some(length), run_id, is_new };
+    // the bytes of a faulty or unfinished one may be gone from where they were, and are wanted
+    if there == Some(content) || known.is_some_and(|run| run.status == RunStatus::Complete) {
+        claim.remove();
+        return Ok(taken);
+    }
+    if !supersede && let Some(other) = other_content(&shared.store, &name, there).await? {
+        claim.remove();
+        let sentence = format!(
+            "the name holds another content, {other}; send it under another name, or with ?supersede=true to take \
+             its place"
+        );
+        return Err(Refusal::new(StatusCode::CONFLICT, sentence));
+    }
+    let (spool, to) = (uploads.spool.clone(), name.clone());
+    let put = tokio::task::spawn_blocking(move || spool.put(&claim, &to)).await;
+    put.map_err(|error| Refusal::internal(&error))?.map_err(|error| of_disk(&error))?;
+    tracing::info!(name, bytes = length, "uploaded");
+    uploads.remember(content);
+    Ok(taken)
+}
+
+/// A content that the name stands for, in the spool or in the ledger, and that is not known to be faulty.
+async fn other_content(
+    store: &Store,
+    name: &str,
+    there: Option<ContentHash>,
+) -> Result<Option<ContentHash>, Refusal> {
+    let failed = |error: crate::store::StoreError| Refusal::internal(&error);
+    if let Some(there) = there {
+        let known = store.lookup(&there).await.map_err(failed)?;
+        let is_faulty = known.is_some_and(|run| run.status == RunStatus::Quarantined);
+        return Ok((!is_faulty).then_some(there));
+    }
+    store.content_named(name).await.map_err(failed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_one_file_that_is_an_export() {
+        for good in
+            ["R00_20260105_0847.csv", "R00.CSV.GZ", "Rü 1.csv.zst", &format!("{}.csv", "R".repeat(251))]
+        {
+            assert_eq!(check_name(good), Ok(()), "{good}");
+        }
+        let long = format!("{}.csv", "R".repeat(252));
+        for bad in
+            ["../R.csv", "a/R.csv", "a\\R.csv", "..csv", ".R.csv", "R\0.csv", "R\n.csv", "\u{85}R.csv", &long]
+        {
+            assert_eq!(check_name(bad).map_err(|r| r.status), Err(StatusCode::BAD_REQUEST), "{bad:?}");
+        }
+        for other in ["R00.txt", "R00.csv.part", "R00", "", "csv"] {
+            let refused = check_name(other).map_err(|r| r.status);
+            assert_eq!(refused, Err(StatusCode::UNSUPPORTED_MEDIA_TYPE), "{other:?}");
+        }
+    }
+}

@@ -1,0 +1,261 @@
+//! Exports that were not understood: what was found, when, and who asked for another try.
+//!
+//! A content has one row in the ledger, so that a run that is read again keeps its number; the faults that
+//! attempts found stay beside it. Which of them is open follows from the run and is written nowhere.
+
+use jiff::Timestamp;
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+use sqlx::{Row, SqliteConnection};
+
+use super::ledger::{find_run, insert_run, robot_id};
+use super::read::time_text;
+use super::values::{count, named, size};
+use crate::run::{RunHeader, RunStatus};
+
+/// What was found wrong in an export.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Fault {
+    /// Place, fault and remedy in one sentence, without the file.
+    pub reason: String,
+    /// The fault alone; where there is a value, it goes on after "value is ".
+    pub problem: String,
+    /// Line in the decompressed file, from 1.
+    pub line: Option<u64>,
+    /// Column in the header.
+    pub column: Option<String>,
+    /// First byte of the cell, or else of the line, in the decompressed file, from 0.
+    pub byte: Option<u64>,
+    /// What stands there.
+    pub value: Option<String>,
+    /// What to do.
+    pub remedy: String,
+}
+
+/// A row of the view `quarantine`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct QuarantineRow {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// The individual robot; `unknown` where the name does not say it.
+    pub robot: String,
+    /// File name of the export.
+    pub source_name: String,
+    /// Where it was found first.
+    pub source_path: String,
+    /// Where the fault stands.
+    pub state: FaultState,
+    /// The fault alone.
+    pub problem: String,
+    /// Line in the decompressed file, from 1.
+    pub line: Option<u64>,
+    /// Column in the header.
+    pub column: Option<String>,
+    /// First byte of the cell, or else of the line, in the decompressed file, from 0.
+    pub byte: Option<u64>,
+    /// What stands there.
+    pub value: Option<String>,
+    /// What to do.
+    pub remedy: String,
+    /// Whole cycles before the fault, which were stored.
+    pub cycles_stored: u32,
+    /// Attempts that found just this.
+    pub tries: u32,
+    /// When the first of them did.
+    pub first_at: Timestamp,
+    /// When the last of them did.
+    pub last_at: Timestamp,
+    /// When a person asked for another try that was not made yet.
+    pub retry_asked_at: Option<Timestamp>,
+    /// The run that has taken this one's place.
+    pub superseded_by_run_id: Option<i64>,
+}
+
+/// Where a fault stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FaultState {
+    /// Somebody has to do something.
+    Open,
+    /// A later attempt found another fault.
+    Earlier,
+    /// The export is being read again.
+    Reading,
+    /// The export was understood in the end.
+    Stored,
+    /// A corrected export has taken its place.
+    Superseded,
+}
+
+impl FaultState {
+    const ALL: [Self; 5] = [Self::Open, Self::Earlier, Self::Reading, Self::Stored, Self::Superseded];
+
+    /// Name as in the view `quarantine`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Open => "open",
+            Self::Earlier => "earlier",
+            Self::Reading => "reading",
+            Self::Stored => "stored",
+            Self::Superseded => "superseded",
+        }
+    }
+}
+
+/// Writes down that an export was not understood. Cycles already stored stay; a complete run stays
+/// complete.
+pub(super) async fn quarantine(
+    connection: &mut SqliteConnection,
+    header: &RunHeader,
+    fault: &Fault,
+) -> Result<i64, sqlx::Error> {
+    let run_id = match find_run(&mut *connection, &header.content_hash).await? {
+        Some(run) if matches!(run.status, RunStatus::Complete | RunStatus::Superseded) => {
+            return Ok(run.run_id);
+        }
+        Some(run) => run.run_id,
+        None => {
+            let robot_id = robot_id(&mut *connection, &header.robot).await?;
+            insert_run(&mut *connection, robot_id, header).await?
+        }
+    };
+    mark(&mut *connection, run_id, fault).await?;
+    if !count_again(&mut *connection, run_id, fault).await? {
+        insert(connection, run_id, fault).await?;
+    }
+    Ok(run_id)
+}
+
+async fn mark(executor: impl SqliteExecutor<'_>, run_id: i64, fault: &Fault) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET status = 'quarantined', reason = ?, reason_line = ?, reason_column = ?, retry_asked_at = NULL
+         WHERE run_id = ?",
+    )
+    .bind(&fault.reason)
+    .bind(fault.line.map(count))
+    .bind(&fault.column)
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Counts another attempt that found what the one before it found; `false` if it had found something else.
+async fn count_again(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    fault: &Fault,
+) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query(
+        "UPDATE fault
+         SET tries = tries + 1, last_at = CAST(unixepoch('subsec') * 1000000 AS INTEGER),
+             cycles_stored = (SELECT run.cycles_stored FROM run WHERE run.run_id = fault.run_id)
+         WHERE fault_id = (SELECT max(latest.fault_id) FROM fault AS latest WHERE latest.run_id = ?)
+           AND problem = ? AND line IS ? AND column_name IS ? AND byte IS ? AND value IS ?",
+    )
+    .bind(run_id)
+    .bind(&fault.problem)
+    .bind(fault.line.map(count))
+    .bind(&fault.column)
+    .bind(fault.byte.map(count))
+    .bind(&fault.value)
+    .execute(executor)
+    .await?;
+    Ok(done.rows_affected() > 0)
+}
+
+async fn insert(executor: impl SqliteExecutor<'_>, run_id: i64, fault: &Fault) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "INSERT INTO fault (run_id, problem, line, column_name, byte, value, remedy, cycles_stored)
+         SELECT run_id, ?, ?, ?, ?, ?, ?, cycles_stored FROM run WHERE run_id = ?",
+    )
+    .bind(&fault.problem)
+    .bind(fault.line.map(count))
+    .bind(&fault.column)
+    .bind(fault.byte.map(count))
+    .bind(&fault.value)
+    .bind(&fault.remedy)
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Every fault of every run, those of the newest run first, the latest of a run first.
+pub(super) async fn rows(executor: impl SqliteExecutor<'_>) -> Result<Vec<QuarantineRow>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run_id, robot, source_name, source_path, state, problem, line, column_name, byte, value, remedy,
+                cycles_stored, tries, first_at, last_at, retry_asked_at, superseded_by_run_id
+         FROM quarantine
+         ORDER BY run_id DESC, last_at DESC",
+    )
+    .try_map(|row: SqliteRow| {
+        let asked: Option<&str> = row.try_get("retry_asked_at")?;
+        Ok(QuarantineRow {
+            run_id: row.try_get("run_id")?,
+            robot: row.try_get("robot")?,
+            source_name: row.try_get("source_name")?,
+            source_path: row.try_get("source_path")?,
+            state: named(&row, "state", &FaultState::ALL, FaultState::name)?,
+            problem: row.try_get("problem")?,
+            line: row.try_get("line")?,
+            column: row.try_get("column_name")?,
+            byte: row.try_get("byte")?,
+            value: row.try_get("value")?,
+            remedy: row.try_get("remedy")?,
+            cycles_stored: size(&row, "cycles_stored")?,
+            tries: size(&row, "tries")?,
+            first_at: time_text(&row, "first_at")?,
+            last_at: time_text(&row, "last_at")?,
+            retry_asked_at: asked.map(|_| time_text(&row, "retry_asked_at")).transpose()?,
+            superseded_by_run_id: row.try_get("superseded_by_run_id")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Marks a quarantined run to be read again; `false` if it is not quarantined.
+pub(super) async fn ask_retry(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query(
+        "UPDATE run
+         SET retry_asked_at = CAST(unixepoch('subsec') * 1000000 AS INTEGER)
+         WHERE run_id = ? AND status = 'quarantined' AND superseded_by_run_id IS NULL",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(done.rows_affected() > 0)
+}
+
+/// Paths at which exports were seen that are to be read again.
+pub(super) async fn paths_to_retry(executor: impl SqliteExecutor<'_>) -> Result<Vec<String>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT source_path FROM run WHERE retry_asked_at IS NOT NULL
+         UNION
+         SELECT source_file.path FROM run JOIN source_file USING (run_id) WHERE retry_asked_at IS NOT NULL",
+    )
+    .fetch_all(executor)
+    .await
+}
+
+/// Lets `run_id`, which is complete, take the place of quarantined runs of the same recording: robot, start
+/// and file name are alike. Their content was corrected.
+pub(super) async fn supersede_faulty(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET reason = 'superseded by run ' || complete.run_id || ': the export was corrected', reason_line = NULL,
+             reason_column = NULL, superseded_by_run_id = complete.run_id, retry_asked_at = NULL
+         FROM run AS complete
+         WHERE complete.run_id = ? AND run.run_id <> complete.run_id AND run.status = 'quarantined'
+           AND run.superseded_by_run_id IS NULL AND run.robot_id = complete.robot_id
+           AND run.started_at = complete.started_at AND run.source_name = complete.source_name",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}

@@ -1,0 +1,132 @@
+//! The optional archive, and what large exports may not do to small ones.
+
+use std::fs;
+
+use crate::support::{REFERENCE_NAME, Workshop, text};
+
+const COMPLETE_RUNS: &str = "SELECT count(*) FROM runs WHERE status = 'complete'";
+
+/// Waits until a path is there, or is gone.
+fn wait_until(is_so: impl Fn() -> bool, what: &str) {
+    let start = std::time::Instant::now();
+    while !is_so() {
+        assert!(start.elapsed() < std::time::Duration::from_secs(60), "{what}");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn a_stored_export_is_moved_and_a_quarantined_one_stays() {
+    let workshop = Workshop::new();
+    workshop.set("archive", "\"archive\"");
+    fs::create_dir(workshop.inbox("cell 7")).expect("a folder");
+    let bytes = fs::read(workshop.add_reference("inbox/cell 7")).expect("the export");
+    fs::write(workshop.inbox("Bad_20260105_0847.csv"), "time,pos_1\n0,1\n").expect("an export");
+    let daemon = workshop.daemon();
+    let target = workshop.path("archive/cell 7").join(REFERENCE_NAME);
+    let source = workshop.inbox("cell 7").join(REFERENCE_NAME);
+    wait_until(|| target.exists() && !source.exists(), "the export is not moved");
+    workshop.wait_for("SELECT count(*) FROM quarantine WHERE state = 'open'", 1);
+    assert_eq!(fs::read(&target).expect("the copy"), bytes);
+    // a copy of what is stored goes too; so does one that a crash left between copy and removal
+    fs::write(&source, &bytes).expect("again");
+    wait_until(|| !source.exists(), "the copy is not moved");
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+    assert!(workshop.inbox("Bad_20260105_0847.csv").exists());
+    assert_eq!(workshop.query(COMPLETE_RUNS), ["1"]);
+    // commands that read rows again find them in the archive
+    let run = workshop.query("SELECT run_id FROM runs WHERE status = 'complete'").remove(0);
+    let rows = workshop.stdout(&["torque", "--run", &run, "--cycle", "1"], 0);
+    assert!(rows.lines().count() > 1000, "{}", rows.lines().count());
+}
+
+#[test]
+fn an_archive_in_a_watched_folder_is_refused() {
+    let workshop = Workshop::new();
+    workshop.set("archive", "\"inbox/archive\"");
+    let told = workshop.stdout(&["config", "check"], 2);
+    assert!(told.contains("watch.archive") && told.contains("watched folder inbox"), "{told}");
+}
+
+#[test]
+fn large_exports_do_not_hold_up_small_ones_of_other_robots() {
+    let workshop = Workshop::new();
+    let made = |robot: &str, cycles: &str| {
+        let of = ["--warming-s", "5", "--name", robot, "--cycles", cycles];
+        let files = workshop.simulate("inbox", &of);
+        fs::metadata(&files[0]).expect("a file").len()
+    };
+    // by name the large ones come first
+    let large = ["A", "B"].map(|robot| made(robot, "12"));
+    let small = ["C", "D", "E"].map(|robot| made(robot, "1"));
+    assert!(large.iter().all(|bytes| small.iter().all(|small| small < bytes)), "{small:?} {large:?}");
+    let limits = format!("[limits]\nbacklog_files = 1\nlarge_file_bytes = {}\n\n", large[0].min(large[1]));
+    let path = workshop.path("armwatch.toml");
+    let config = fs::read_to_string(&path).expect("the configuration");
+    fs::write(&path, limits + &config).expect("it");
+    let daemon = workshop.daemon();
+    let small = format!("{COMPLETE_RUNS} AND robot IN ('C', 'D', 'E')");
+    workshop.wait_for(&small, 3);
+    // the second large one has not had its turn by then
+    assert!(workshop.number(COMPLETE_RUNS) <= 4, "{:?}", workshop.query("SELECT robot, status FROM runs"));
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+}
+
+#[test]
+fn bounds_that_are_configured_hold_and_say_their_key() {
+    let workshop = Workshop::new();
+    let path = workshop.path("armwatch.toml");
+    let config = fs::read_to_string(&path).expect("the configuration");
+    workshop.add_reference("inbox");
+    for (limit, key) in [
+        ("export_max_bytes = 1000000", "limits.export_max_bytes"),
+        ("cycle_max_rows = 1000", "limits.cycle_max_rows"),
+    ] {
+        fs::write(&path, format!("[limits]\n{limit}\n\n{config}")).expect("it");
+        let told = workshop.stdout(&["ingest", "inbox"], 1);
+        assert!(told.contains(key), "{told}");
+    }
+    fs::write(&path, format!("[limits]\nbacklog_files = 0\nexport_max_bytes = -1\n\n{config}")).expect("it");
+    let told = workshop.run(&["config", "check"]);
+    assert_eq!(told.status.code(), Some(2));
+    let told = text(&told.stdout);
+    assert!(told.contains("limits.backlog_files") && told.contains("limits.export_max_bytes"), "{told}");
+}
+
+/// Most memory that a process has had so far, kB.
+fn peak_kb(process: u32) -> u64 {
+    let status = fs::read_to_string(format!("/proc/{process}/status")).expect("its status");
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("its peak");
+    line.trim().trim_end_matches(" kB").parse().expect("a number")
+}
+
+#[test]
+#[ignore = "makes 100,000 files"]
+fn a_folder_of_100_000_files_takes_little_memory() {
+    let peak = |files: u32| {
+        let workshop = Workshop::new();
+        for file in 0..files {
+            // all of one robot, so that one at a time is read while all are looked at
+            let name = format!(
+                "R00_20260105_{:02}{:02}{:02}_{file}.csv",
+                file / 3600 % 24,
+                file / 60 % 60,
+                file % 60
+            );
+            fs::write(workshop.inbox(&name), format!("time,pos_1\n0,{file}\n")).expect("an export");
+        }
+        let daemon = workshop.daemon();
+        // by then every file was looked at twice and is queued
+        workshop.wait_for("SELECT count(*) >= 20 FROM quarantine", 1);
+        let peak = peak_kb(daemon.child.id());
+        daemon.signal("TERM");
+        assert_eq!(daemon.end(), Some(0));
+        peak
+    };
+    let (few, many) = (peak(100), peak(100_000));
+    // two paths, two times and a queue place for each file are half a kilobyte; a scan holds them once more
+    let by_file = (many.saturating_sub(few)) as f64 * 1024.0 / 1e5;
+    assert!(by_file < 1500.0, "{by_file} bytes a file, {few} kB for 100 files, {many} kB for 100,000");
+}

@@ -1,0 +1,145 @@
+//! `armwatch quarantine`: what was not understood is told, and read again once its cause is gone.
+
+use std::fs;
+use std::path::PathBuf;
+
+use serde_json::Value;
+
+use crate::bad_input::decompressed;
+use crate::support::{Workshop, text};
+
+const NAME: &str = "R00_20260105_0847.csv";
+const OPEN: &str = "SELECT count(*) FROM quarantine WHERE state = 'open'";
+
+/// Three cycles of the reference export; in the third, a cell of `trq_3` holds what is no number.
+fn faulty_export() -> (String, u64) {
+    let text = decompressed();
+    let mut lines: Vec<String> = text.lines().take(1 + 3 * 8509).map(str::to_owned).collect();
+    let column = lines[0].split(',').position(|name| name == "trq_3").expect("the column");
+    let line = 2 * 8509 + 1200;
+    let mut cells: Vec<&str> = lines[line - 1].split(',').collect();
+    cells[column] = "#NV";
+    lines[line - 1] = cells.join(",");
+    (lines.join("\n") + "\n", line as u64)
+}
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
+}
+
+/// Lets the test's configuration read exports by a layout file of its own, broken or mended.
+fn write_layout(workshop: &Workshop, stage_column: &str) {
+    let shipped = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/config/exports/native.toml"));
+    let shipped = shipped.expect("the layout");
+    assert!(shipped.contains("\"stage\""), "{shipped}");
+    fs::write(workshop.path("layout.toml"), shipped.replace("\"stage\"", &format!("\"{stage_column}\"")))
+        .expect("written");
+    let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("read");
+    let lines = config.lines().map(|line| match line.starts_with("layout = ") {
+        true => "layout = \"layout.toml\"",
+        false => line,
+    });
+    fs::write(workshop.path("armwatch.toml"), lines.collect::<Vec<_>>().join("\n") + "\n").expect("written");
+}
+
+#[test]
+fn nothing_quarantined_is_said_so() {
+    let workshop = Workshop::new();
+    assert_eq!(workshop.stdout(&["quarantine", "list"], 0), "nothing is quarantined\n");
+    assert_eq!(workshop.stdout(&["quarantine", "list", "--json"], 0), "");
+    assert_eq!(workshop.stdout(&["quarantine", "retry", "--all"], 0), "nothing is quarantined\n");
+    let unknown = workshop.run(&["quarantine", "explain", "7"]);
+    assert_eq!(unknown.status.code(), Some(2));
+    assert!(text(&unknown.stderr).contains("quarantine list --all"), "{}", text(&unknown.stderr));
+}
+
+#[test]
+fn a_fault_is_told_with_its_place_and_a_corrected_export_settles_it() {
+    let workshop = Workshop::new();
+    let (export, line) = faulty_export();
+    fs::write(workshop.inbox(NAME), &export).expect("an export");
+    workshop.stdout(&["ingest", "inbox"], 1);
+
+    let listed = workshop.stdout(&["quarantine", "list"], 0);
+    assert!(listed.contains(NAME) && listed.contains(&format!("line {line}, column trq_3")), "{listed}");
+    let told = json(&workshop.stdout(&["quarantine", "explain", NAME, "--json"], 0));
+    let byte = usize::try_from(told["byte"].as_u64().expect("a byte")).expect("small");
+    assert!(export[byte..].starts_with("#NV,"), "{told}");
+    assert_eq!((told["line"].as_u64(), told["value"].as_str()), (Some(line), Some("#NV")));
+    assert_eq!((told["content"].as_str(), told["cycles_stored"].as_u64()), (Some("unchanged"), Some(2)));
+    let shown = workshop.stdout(&["quarantine", "explain", "1"], 0);
+    let lines: Vec<&str> = shown.lines().collect();
+    let mark = lines.iter().position(|line| line.contains("^^^")).expect("a mark");
+    let under = lines[mark].find('^').expect("a mark");
+    assert_eq!(lines[mark - 1].get(under..under + 3), Some("#NV"), "{shown}");
+    assert!(shown.contains("the 2 stored cycles are replaced"), "{shown}");
+
+    // tried in vain: counted, not told twice
+    let again = workshop.stdout(&["quarantine", "retry", "1"], 1);
+    assert!(again.starts_with("quarantined"), "{again}");
+    assert_eq!(workshop.query("SELECT tries, state, cycles_stored FROM quarantine"), ["2|open|2"]);
+
+    fs::write(workshop.inbox(NAME), export.replace("#NV", "0.5")).expect("a corrected export");
+    let explained = workshop.stdout(&["quarantine", "explain", "1"], 0);
+    assert!(explained.contains("holds another content now") && !explained.contains('^'), "{explained}");
+    workshop.stdout(&["ingest", "inbox"], 0);
+    assert_eq!(workshop.stdout(&["quarantine", "list"], 0), "nothing is quarantined\n");
+    assert_eq!(
+        workshop.query("SELECT status, reason, superseded_by_run_id FROM runs ORDER BY run_id"),
+        ["superseded|superseded by run 2: the export was corrected|2", "complete||"]
+    );
+    assert_eq!(workshop.query("SELECT state, value FROM quarantine"), ["superseded|#NV"]);
+    let settled = workshop.run(&["quarantine", "retry", "1"]);
+    assert_eq!(settled.status.code(), Some(2));
+    assert!(text(&settled.stderr).contains("superseded by run 2"), "{}", text(&settled.stderr));
+}
+
+#[test]
+fn a_retry_after_the_layout_was_mended_keeps_the_number_and_the_history() {
+    let workshop = Workshop::new();
+    workshop.add_reference("inbox");
+    write_layout(&workshop, "phase");
+    workshop.stdout(&["ingest", "inbox"], 1);
+    write_layout(&workshop, "Stage");
+    assert_eq!(workshop.number(OPEN), 1);
+    workshop.stdout(&["quarantine", "retry", "--all"], 1);
+    write_layout(&workshop, "stage");
+    let done = workshop.stdout(&["quarantine", "retry", "--all"], 0);
+    assert!(done.starts_with("stored"), "{done}");
+    assert_eq!(workshop.query("SELECT run_id, status, cycles FROM runs"), ["1|complete|5"]);
+    assert_eq!(
+        workshop.query("SELECT state, column_name FROM quarantine ORDER BY last_at"),
+        ["stored|phase", "stored|Stage"]
+    );
+    let all = workshop.stdout(&["quarantine", "list", "--all", "--json"], 0);
+    assert_eq!(all.lines().count(), 2, "{all}");
+}
+
+#[test]
+fn a_running_daemon_reads_its_configuration_and_the_export_again() {
+    let workshop = Workshop::new();
+    workshop.add_reference("inbox");
+    write_layout(&workshop, "phase");
+    let daemon = workshop.daemon();
+    workshop.wait_for(OPEN, 1);
+    let tried = workshop.stdout(&["quarantine", "retry", "1"], 1);
+    assert!(tried.starts_with("quarantined") && tried.contains("phase"), "{tried}");
+    write_layout(&workshop, "stage");
+    let done = workshop.stdout(&["quarantine", "retry", "1"], 0);
+    assert!(done.starts_with("stored") && done.contains("run 1, 5 cycles"), "{done}");
+    // what comes later is read by the mended layout too
+    let cycle: Vec<String> = decompressed().lines().take(1 + 8509).map(str::to_owned).collect();
+    fs::write(workshop.inbox("R01_20260106_0847.csv"), cycle.join("\n") + "\n").expect("an export");
+    workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 2);
+    // a file that lies elsewhere is read by the command itself
+    let elsewhere: PathBuf = workshop.path("R02_20260106_0847.csv");
+    fs::write(&elsewhere, "time,pos_1\n0,1\n").expect("an export");
+    workshop.stdout(&["ingest", "R02_20260106_0847.csv"], 1);
+    let own = workshop.stdout(&["quarantine", "retry", "R02_20260106_0847.csv"], 1);
+    assert!(own.starts_with("quarantined"), "{own}");
+    fs::remove_file(&elsewhere).expect("removed");
+    let gone = workshop.stdout(&["quarantine", "retry", "--all"], 1);
+    assert!(gone.starts_with("gone") && gone.contains("export it again"), "{gone}");
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+}

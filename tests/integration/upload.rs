@@ -1,0 +1,369 @@
+//! Exports over HTTP: sent to the real daemon over real connections, cut, repeated, refused.
+
+use std::fs;
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::support::{Daemon, REFERENCE_NAME, Workshop, reference, text};
+
+const TOKEN: &str = "a-token-of-this-test-0123456789";
+const COMPLETE_RUNS: &str = "SELECT count(*) FROM runs WHERE status = 'complete'";
+
+/// A daemon that takes uploads, and where it listens.
+struct Receiver {
+    workshop: Workshop,
+    daemon: Option<Daemon>,
+    port: u16,
+}
+
+struct Answer {
+    status: u16,
+    head: String,
+    body: String,
+}
+
+impl Answer {
+    fn json(&self) -> Value {
+        serde_json::from_str(&self.body).unwrap_or_else(|error| panic!("{error}: {}{}", self.head, self.body))
+    }
+
+    fn header(&self, name: &str) -> Option<&str> {
+        let of = |line: &'_ str| line.split_once(": ").is_some_and(|(n, _)| n.eq_ignore_ascii_case(name));
+        self.head.lines().find(|line| of(line)).and_then(|line| Some(line.split_once(": ")?.1))
+    }
+}
+
+impl Receiver {
+    fn new(upload: &str) -> Self {
+        let workshop = Workshop::new();
+        // a port that was free a moment ago
+        let port =
+            std::net::TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("it").port();
+        let path = workshop.path("armwatch.toml");
+        let config = fs::read_to_string(&path).expect("the configuration");
+        let serve = format!(
+            "[serve]\nlisten = \"127.0.0.1:{port}\"\ntoken_file = \"token\"\n[serve.upload]\nspool = \"spool\"\n{upload}\n\n"
+        );
+        fs::write(&path, serve + &config).expect("a configuration");
+        fs::write(workshop.path("token"), TOKEN).expect("a token");
+        let mut receiver = Self { workshop, daemon: None, port };
+        receiver.start();
+        receiver
+    }
+
+    fn start(&mut self) {
+        self.daemon = Some(self.workshop.daemon());
+        self.wait_until_ready();
+    }
+
+    /// Starts a daemon that can make no file larger than about `kb` kB, as on a disk that is full.
+    fn start_confined(&mut self, kb: u32) {
+        let limit = format!("trap '' XFSZ; ulimit -f {}; exec \"$0\" run", 2 * kb);
+        let child = std::process::Command::new("sh")
+            .args(["-c", &limit, env!("CARGO_BIN_EXE_armwatch")])
+            .current_dir(self.workshop.path(""))
+            .stdout(std::process::Stdio::null())
+            .stderr(std::process::Stdio::null())
+            .spawn();
+        self.daemon = Some(Daemon { child: child.expect("the daemon starts") });
+        self.wait_until_ready();
+    }
+
+    fn wait_until_ready(&self) {
+        let start = Instant::now();
+        while self.try_send("GET /ready", "", b"").is_none_or(|answer| answer.status != 200) {
+            assert!(start.elapsed() < Duration::from_secs(60), "the daemon does not listen");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    fn stop(&mut self, signal: &str) -> Option<i32> {
+        let daemon = self.daemon.take().expect("a daemon");
+        daemon.signal(signal);
+        daemon.end()
+    }
+
+    fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(("127.0.0.1", self.port)).expect("a connection");
+        stream.set_read_timeout(Some(Duration::from_secs(60))).expect("a timeout");
+        stream
+    }
+
+    /// Sends a request with the token.
+    fn send(&self, line: &str, headers: &str, body: &[u8]) -> Answer {
+        let headers = format!("Authorization: Bearer {TOKEN}\r\n{headers}");
+        self.try_send(line, &headers, body).unwrap_or_else(|| panic!("no answer to {line}"))
+    }
+
+    fn try_send(&self, line: &str, headers: &str, body: &[u8]) -> Option<Answer> {
+        let mut stream = TcpStream::connect(("127.0.0.1", self.port)).ok()?;
+        stream.set_read_timeout(Some(Duration::from_secs(60))).ok()?;
+        let length = match headers.contains("chunked") {
+            true => String::new(),
+            false => format!("Content-Length: {}\r\n", body.len()),
+        };
+        let head =
+            format!("{line} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n{headers}{length}\r\n");
+        stream.write_all(head.as_bytes()).ok()?;
+        // an answer may come before all is sent
+        let _ = stream.write_all(body);
+        answer(&mut stream)
+    }
+
+    fn put(&self, name: &str, headers: &str, body: &[u8]) -> Answer {
+        self.send(&format!("PUT /v1/exports/{name}"), headers, body)
+    }
+
+    /// Waits until an upload of this name has so many bytes.
+    fn wait_for_offset(&self, name: &str, wanted: u64) {
+        let start = Instant::now();
+        loop {
+            let answer = self.send(&format!("HEAD /v1/exports/{name}"), "", b"");
+            if answer.header("upload-offset") == Some(&wanted.to_string()) {
+                return;
+            }
+            assert!(start.elapsed() < Duration::from_secs(60), "{}", answer.head);
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    fn partials(&self) -> usize {
+        fs::read_dir(self.workshop.path("spool/.partial")).expect("the folder").count()
+    }
+}
+
+fn answer(stream: &mut TcpStream) -> Option<Answer> {
+    let mut bytes = Vec::new();
+    // a closed connection after the answer is as good as its end
+    let _ = stream.read_to_end(&mut bytes);
+    let all = text(&bytes);
+    let (head, body) = all.split_once("\r\n\r\n")?;
+    let status = head.split(' ').nth(1)?.parse().ok()?;
+    Some(Answer { status, head: head.to_owned(), body: body.to_owned() })
+}
+
+fn export() -> Vec<u8> {
+    fs::read(reference(REFERENCE_NAME)).expect("the reference export")
+}
+
+#[test]
+fn an_upload_becomes_a_run_and_the_same_again_does_nothing() {
+    let mut receiver = Receiver::new("");
+    let bytes = export();
+    let taken = receiver.put(REFERENCE_NAME, "Content-Type: application/gzip\r\n", &bytes);
+    assert_eq!(taken.status, 201, "{}{}", taken.head, taken.body);
+    let told = taken.json();
+    assert_eq!((told["new"].as_bool(), told["bytes"].as_u64()), (Some(true), Some(bytes.len() as u64)));
+    let status_at = format!("GET {}", told["status_at"].as_str().expect("an address"));
+    assert_eq!(receiver.send(&status_at, "", b"").status, 200, "waiting or known at once");
+    receiver.workshop.wait_for(COMPLETE_RUNS, 1);
+    let known = receiver.send(&status_at, "", b"").json();
+    assert_eq!((known["status"].as_str(), known["cycles"].as_u64()), (Some("complete"), Some(5)), "{known}");
+    assert_eq!(
+        receiver.workshop.query("SELECT content_hash FROM runs")[0],
+        told["hash"].as_str().expect("it")
+    );
+
+    let again = receiver.put(REFERENCE_NAME, "", &bytes);
+    assert_eq!((again.status, again.json()["new"].as_bool()), (200, Some(false)), "{}", again.body);
+    let renamed = receiver.put("R09_20260105_0847.csv.gz", "", &bytes);
+    assert_eq!(renamed.status, 200, "{}", renamed.body);
+    // without a byte of the body, where the client says the content first
+    let said =
+        format!("X-Content-BLAKE3: {}\r\nTransfer-Encoding: chunked\r\n", told["hash"].as_str().expect("it"));
+    assert_eq!(receiver.put(REFERENCE_NAME, &said, b"").status, 200);
+    assert_eq!(receiver.partials(), 0);
+    assert_eq!(receiver.stop("TERM"), Some(0));
+    assert_eq!(receiver.workshop.query("SELECT count(*) FROM runs"), ["1"]);
+}
+
+#[test]
+fn an_upload_that_was_cut_goes_on_after_a_kill_and_a_restart() {
+    let mut receiver = Receiver::new("");
+    let bytes = export();
+    let (first, rest) = bytes.split_at(100_000);
+    let head = |range: &str, length: usize| {
+        format!(
+            "PUT /v1/exports/{REFERENCE_NAME} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {TOKEN}\r\n\
+             {range}Content-Length: {length}\r\n\r\n"
+        )
+    };
+    let mut cut = receiver.connect();
+    cut.write_all(head("", bytes.len()).as_bytes()).expect("sent");
+    cut.write_all(first).expect("sent");
+    receiver.wait_for_offset(REFERENCE_NAME, 100_000);
+    let under_way = receiver.put(REFERENCE_NAME, "", &bytes);
+    assert_eq!(under_way.status, 409, "{}", under_way.body);
+    drop(cut);
+    // the next part is cut by a kill
+    let (second, last) = rest.split_at(50_000);
+    let total = bytes.len();
+    let range = |from: usize, to: usize| format!("Content-Range: bytes {from}-{}/{total}\r\n", to - 1);
+    let start = Instant::now();
+    let mut killed = loop {
+        let mut stream = receiver.connect();
+        stream.write_all(head(&range(100_000, total), rest.len()).as_bytes()).expect("sent");
+        stream.write_all(second).expect("sent");
+        let offset = receiver.send(&format!("HEAD /v1/exports/{REFERENCE_NAME}"), "", b"");
+        if offset.header("upload-offset") != Some("100000") || start.elapsed() > Duration::from_secs(30) {
+            break stream;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    receiver.wait_for_offset(REFERENCE_NAME, 150_000);
+    assert_eq!(receiver.stop("KILL"), None);
+    let _ = killed.write_all(b"lost");
+    receiver.start();
+    receiver.wait_for_offset(REFERENCE_NAME, 150_000);
+    assert_eq!(receiver.workshop.number("SELECT count(*) FROM runs"), 0, "nothing half is read");
+
+    let wrong = receiver.put(REFERENCE_NAME, &range(140_000, total), &bytes[140_000..]);
+    assert_eq!((wrong.status, wrong.header("upload-offset")), (409, Some("150000")), "{}", wrong.body);
+    let (third, end) = last.split_at(1000);
+    let part = receiver.put(REFERENCE_NAME, &range(150_000, 151_000), third);
+    assert_eq!((part.status, part.header("upload-offset")), (202, Some("151000")), "{}", part.body);
+    let done = receiver.put(REFERENCE_NAME, &range(151_000, total), end);
+    assert_eq!(done.status, 201, "{}", done.body);
+    assert_eq!(fs::read(receiver.workshop.path("spool").join(REFERENCE_NAME)).expect("it"), bytes);
+    receiver.workshop.wait_for(COMPLETE_RUNS, 1);
+    assert_eq!(receiver.stop("TERM"), Some(0));
+}
+
+#[test]
+fn what_is_not_an_upload_is_refused_with_a_sentence() {
+    let mut receiver = Receiver::new("max_bytes = 1000\nidle_timeout_s = 1");
+    let small = b"time,pos_1\n0,1\n";
+    let refused = |answer: Answer, status: u16, word: &str| {
+        assert_eq!(answer.status, status, "{word}: {}{}", answer.head, answer.body);
+        let said = answer.json()["error"].as_str().unwrap_or_default().to_owned();
+        assert!(said.contains(word), "{word}: {said}");
+        assert!(!answer.body.contains(TOKEN));
+    };
+    let name = "R00_20260105_0847.csv";
+    let line = format!("PUT /v1/exports/{name}");
+    refused(receiver.try_send(&line, "", small).expect("an answer"), 401, "Bearer");
+    let wrong = "Authorization: Bearer a-token-of-this-test-0123456780\r\n";
+    refused(receiver.try_send(&line, wrong, small).expect("an answer"), 401, "Bearer");
+    refused(receiver.put("..%2Finbox%2FR00.csv", "", small), 400, "without folders");
+    refused(receiver.put(".R00.csv", "", small), 400, "hidden");
+    refused(receiver.put("R00%00.csv", "", small), 400, "control");
+    refused(receiver.put(&format!("{}.csv", "R".repeat(252)), "", small), 400, "255");
+    refused(receiver.put("R00.xlsx", "", small), 415, ".csv.gz");
+    refused(receiver.put(name, "Content-Type: multipart/form-data; boundary=x\r\n", small), 415, "alone");
+    refused(receiver.put(name, "Content-Encoding: gzip\r\n", small), 415, "Content-Encoding");
+    refused(receiver.put("R00_20261399_0847.csv", "", small), 422, "date");
+    refused(receiver.put(name, "X-Content-BLAKE3: 12\r\n", small), 400, "64");
+    let other = format!("X-Content-BLAKE3: {}\r\n", "0".repeat(64));
+    refused(receiver.put(name, &other, small), 400, "send them again");
+    refused(receiver.put(name, "", &[b'1'; 1001]), 413, "max_bytes");
+    let chunked = [b"3e9\r\n".to_vec(), vec![b'1'; 1001], b"\r\n0\r\n\r\n".to_vec()].concat();
+    refused(receiver.put(name, "Transfer-Encoding: chunked\r\n", &chunked), 413, "max_bytes");
+    refused(receiver.put(name, "Content-Range: bytes 5-2/9\r\n", small), 400, "FIRST-LAST");
+    refused(receiver.put(name, "", b""), 400, "empty");
+    refused(receiver.send(&format!("POST /v1/exports/{name}"), "", small), 405, "PUT");
+    refused(receiver.send("GET /v1/exports/12", "", b""), 400, "64");
+    refused(receiver.send(&format!("GET /v1/exports/{}", "0".repeat(64)), "", b""), 404, "known");
+    refused(receiver.send("GET /", "", b""), 404, "/v1/exports");
+
+    // next to nothing, for longer than allowed
+    let mut slow = receiver.connect();
+    let head = format!(
+        "{line} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {TOKEN}\r\nContent-Length: 900\r\n\r\nt"
+    );
+    slow.write_all(head.as_bytes()).expect("sent");
+    refused(answer(&mut slow).expect("an answer"), 408, "slow");
+    assert!(!receiver.workshop.path("inbox/R00.csv").exists());
+    assert_eq!(fs::read_dir(receiver.workshop.path("spool")).expect("the spool").count(), 1, "only .partial");
+    assert_eq!(receiver.stop("TERM"), Some(0));
+}
+
+#[test]
+fn a_name_holds_one_content_unless_the_sender_wants_it_otherwise() {
+    let mut receiver = Receiver::new("");
+    let first = export();
+    let second = fs::read(
+        receiver.workshop.simulate("elsewhere", &["--cycles", "2", "--warming-s", "5", "--name", "R00"])[0]
+            .clone(),
+    );
+    let second = second.expect("an export");
+    let name = "R00_20260105_0847.csv";
+    // two at once: one is taken, the other told of it
+    let answers: Vec<u16> = std::thread::scope(|scope| {
+        let sending: Vec<_> = (0..2).map(|_| scope.spawn(|| receiver.put(name, "", &first).status)).collect();
+        sending.into_iter().map(|thread| thread.join().expect("an answer")).collect()
+    });
+    assert!(answers.contains(&201), "{answers:?}");
+    assert!(answers.iter().all(|status| [200, 201, 409].contains(status)), "{answers:?}");
+    receiver.workshop.wait_for(COMPLETE_RUNS, 1);
+
+    let conflict = receiver.put(name, "", &second);
+    assert_eq!(conflict.status, 409, "{}", conflict.body);
+    assert!(conflict.body.contains("supersede=true"), "{}", conflict.body);
+    assert_eq!(fs::read(receiver.workshop.path("spool").join(name)).expect("it"), first);
+    let wanted = receiver.put(&format!("{name}?supersede=true"), "", &second);
+    assert_eq!(wanted.status, 201, "{}", wanted.body);
+    receiver.workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'superseded'", 1);
+    assert_eq!(
+        receiver.workshop.query("SELECT status, cycles FROM runs ORDER BY run_id"),
+        ["superseded|5", "complete|2"]
+    );
+    assert_eq!(receiver.stop("TERM"), Some(0));
+}
+
+#[test]
+fn a_faulty_upload_is_told_and_corrected_under_its_name() {
+    let mut receiver = Receiver::new("unknown_robots = \"take\"");
+    let faulty = receiver.put("R00_20260105_0847.csv", "", b"time,pos_1\n0,1\n");
+    assert_eq!(faulty.status, 201, "{}", faulty.body);
+    receiver.workshop.wait_for("SELECT count(*) FROM quarantine WHERE state = 'open'", 1);
+    let told =
+        receiver.send(&format!("GET {}", faulty.json()["status_at"].as_str().expect("it")), "", b"").json();
+    assert_eq!(told["status"].as_str(), Some("quarantined"), "{told}");
+    assert!(told["reason"].as_str().is_some_and(|reason| reason.contains("wrong joint count")), "{told}");
+    let corrected = receiver.put("R00_20260105_0847.csv", "", &export());
+    assert_eq!(corrected.status, 201, "{}", corrected.body);
+    receiver.workshop.wait_for(COMPLETE_RUNS, 1);
+    assert_eq!(receiver.workshop.number("SELECT count(*) FROM quarantine WHERE state = 'open'"), 0);
+    assert_eq!(receiver.stop("TERM"), Some(0));
+}
+
+#[test]
+fn a_full_disk_is_told_and_leaves_nothing_behind() {
+    let mut receiver = Receiver::new("");
+    assert_eq!(receiver.stop("TERM"), Some(0));
+    receiver.start_confined(4000);
+    // with shells that count 1024 bytes a block, twice as many
+    let full = receiver.put("R00_20260105_0847.csv", "", &vec![b'1'; 9_000_000]);
+    assert_eq!(full.status, 507, "{}{}", full.head, full.body);
+    assert!(
+        full.header("retry-after").is_some() && full.body.contains("no space"),
+        "{}{}",
+        full.head,
+        full.body
+    );
+    assert_eq!(receiver.partials(), 0);
+    let small = receiver.put(REFERENCE_NAME, "", &export());
+    assert_eq!(small.status, 201, "{}", small.body);
+    assert_eq!(receiver.try_send("GET /health", "", b"").map(|answer| answer.status), Some(200));
+    receiver.stop("KILL");
+}
+
+#[test]
+fn without_a_token_other_machines_are_not_listened_to() {
+    let workshop = Workshop::new();
+    let path = workshop.path("armwatch.toml");
+    let config = fs::read_to_string(&path).expect("the configuration");
+    fs::write(&path, format!("[serve]\nlisten = \"0.0.0.0:0\"\n\n{config}")).expect("a configuration");
+    let refused = workshop.command(&["run"]).env_remove("ARMWATCH_TOKEN").output().expect("it runs");
+    assert_eq!(refused.status.code(), Some(2), "{}", text(&refused.stderr));
+    assert!(text(&refused.stderr).contains("token_file"), "{}", text(&refused.stderr));
+    let checked = workshop.stdout(&["config", "check"], 0);
+    assert!(checked.contains("HTTP                      0.0.0.0:0; no token file; no uploads"), "{checked}");
+    fs::write(&path, format!("[serve]\nlisten = \"here\"\n[serve.upload]\nmax_bytes = 0\n\n{config}"))
+        .expect("it");
+    let checked = workshop.stdout(&["config", "check"], 2);
+    assert!(checked.contains("serve.listen") && checked.contains("serve.upload.max_bytes"), "{checked}");
+}
