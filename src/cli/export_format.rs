@@ -59,8 +59,17 @@ fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, Cell)>, CliError
         };
     let offsets: Vec<f64> = robot.joints.iter().map(|joint| -joint.position_offset).collect();
     let mut cells = Vec::new();
-    if let TimeSource::Column(time) = &layout.time {
-        cells.push((time.column.clone(), Cell::Time(time.to_si.recip())));
+    match &layout.time {
+        TimeSource::Column(time) | TimeSource::Counter { column: time, .. } => {
+            cells.push((time.column.clone(), Cell::Time(time.to_si.recip())));
+        }
+        TimeSource::Timestamp(_) => {
+            return Err(CliError::Usage(format!(
+                "layout \"{}\" has timestamps, which the simulator does not write",
+                layout.name
+            )));
+        }
+        TimeSource::SampleRate(_) => {}
     }
     let still = vec![0.0; n];
     let mut channel = |channel: &Channel,

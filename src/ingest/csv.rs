@@ -5,6 +5,7 @@
 //! read only if its lines, its delimiters and its numbers are as many as they must be. Any other
 //! block is read again cell by cell, which either understands it or names the first bad cell.
 
+use std::borrow::Cow;
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,11 +15,14 @@ use polars::prelude::{
 };
 
 use super::blocks::{BLOCK_BYTES, Block, Blocks, Next, line_count};
+use super::cell;
 use super::channels::{self, RawColumns};
+use super::encoding::Found;
 use super::exact::{self, LastLine, PreviousTime};
-use super::layout::{ColumnMap, Role, map_columns};
+use super::layout::{ColumnMap, Role, TimeColumn, fields, map_columns};
+use super::preamble::{self, Header};
 use super::rejection::Rejection;
-use crate::config::Layout;
+use crate::config::{DecimalMark, Layout};
 use crate::robot::Robot;
 use crate::run::Samples;
 
@@ -70,6 +74,8 @@ pub struct ExportReader<R> {
     blocks: Blocks<R>,
     parser: Parser,
     path: PathBuf,
+    /// Line of the header; `None` without one.
+    header_line: Option<u64>,
     previous: Option<PreviousTime>,
     /// Subtracted from every time, s.
     origin: f64,
@@ -92,13 +98,12 @@ impl<R: Read> ExportReader<R> {
         robot: &Robot,
         options: ReadOptions,
     ) -> Result<Self, Rejection> {
-        let mut blocks = Blocks::new(reader, options.block_bytes);
-        let header = blocks.header(path)?;
-        Self::with_header(blocks, &header, path, layout, robot, options)
+        let read = Self::of_growing(reader, path, layout, robot, options)?;
+        read.ok_or_else(|| Rejection::of_file(path, "an empty file", exact::CUT_REMEDY))
     }
 
     /// As [`ExportReader::new`], of a file that may still grow: `None` as long as its header has no
-    /// line end.
+    /// line end; also of an empty file.
     ///
     /// # Errors
     /// As [`ExportReader::new`].
@@ -109,25 +114,27 @@ impl<R: Read> ExportReader<R> {
         robot: &Robot,
         options: ReadOptions,
     ) -> Result<Option<Self>, Rejection> {
-        let mut blocks = Blocks::new(reader, options.block_bytes);
-        let Some(header) = blocks.whole_header(path)? else { return Ok(None) };
+        let mut blocks = Blocks::new(reader, options.block_bytes, layout.text.encoding);
+        let Some(header) = preamble::read(&mut blocks, layout, path)? else { return Ok(None) };
         Self::with_header(blocks, &header, path, layout, robot, options).map(Some)
     }
 
     fn with_header(
-        mut blocks: Blocks<R>,
-        header: &str,
+        blocks: Blocks<R>,
+        header: &Header,
         path: &Path,
         layout: &Layout,
         robot: &Robot,
         options: ReadOptions,
     ) -> Result<Self, Rejection> {
-        let map = map_columns(header, layout, robot, path)?;
-        if !layout.header {
-            blocks.put_back(header);
-        }
+        let map =
+            map_columns(&header.text, layout, robot, path).map_err(|rejection| match rejection.line {
+                Some(_) => rejection.at_line(header.line),
+                None => rejection,
+            })?;
         Ok(Self {
             blocks,
+            header_line: layout.header.then_some(header.line),
             parser: Parser::new(map, options.threads),
             path: path.to_owned(),
             previous: None,
@@ -143,6 +150,12 @@ impl<R: Read> ExportReader<R> {
     #[must_use]
     pub fn columns(&self) -> &ColumnMap {
         &self.parser.map
+    }
+
+    /// How the file writes its text, as far as it was read.
+    #[must_use]
+    pub fn encoding(&self) -> Found {
+        self.blocks.encoding()
     }
 
     /// Rows given so far.
@@ -173,6 +186,9 @@ impl<R: Read> ExportReader<R> {
             Next::End => return self.end(),
         };
         let first_line = block.first_line;
+        if self.rows == 0 {
+            self.parser.count_from(&block);
+        }
         let judged = if block.unterminated { self.judge_end(&mut block) } else { Ok(()) };
         if block.bytes.is_empty() {
             return self.end();
@@ -180,11 +196,26 @@ impl<R: Read> ExportReader<R> {
         let read = judged.and_then(|()| self.parser.read(&block, self.previous, &self.path));
         let mut samples = match read {
             Ok(samples) => samples,
-            Err(rejection) => self.rows_before(block, rejection)?,
+            Err(rejection) => {
+                let rejection = self.placed(rejection, &block);
+                self.rows_before(block, rejection)?
+            }
         };
         self.count_time(&mut samples);
         self.rows += samples.rows() as u64;
         Ok(Step::Rows(Chunk { samples, first_line }))
+    }
+
+    /// The rejection of a line of `block` with its place in the file, and with what a first line of words means.
+    fn placed(&self, mut rejection: Rejection, block: &Block) -> Rejection {
+        let Some(line) = rejection.line else { return rejection };
+        let before = start_of_line(block, line).and_then(|at| block.bytes.get(..at)).unwrap_or_default();
+        rejection = rejection.at_byte(block.first_byte + block.encoding.bytes_in_file(before));
+        if self.header_line.is_some_and(|header| header + 1 == line) && rejection.reason == "not a number" {
+            rejection.remedy =
+                "if this line gives units or types, set skip_after_header = 1 in the layout".into();
+        }
+        rejection
     }
 
     /// The rows of a block before its fault, which comes with the next chunk: what is given does not
@@ -193,11 +224,7 @@ impl<R: Read> ExportReader<R> {
     /// # Errors
     /// The rejection itself where no row stands before it.
     fn rows_before(&mut self, mut block: Block, rejection: Rejection) -> Result<Samples, Rejection> {
-        let sound = rejection.line.and_then(|line| line.checked_sub(block.first_line)).unwrap_or(0);
-        let end = (block.bytes.iter().enumerate())
-            .filter(|(_, byte)| **byte == b'\n')
-            .nth(usize::try_from(sound).unwrap_or(0).wrapping_sub(1))
-            .map(|(at, _)| at + 1);
+        let end = rejection.line.and_then(|line| start_of_line(&block, line)).filter(|end| *end > 0);
         let Some(end) = end else { return Err(rejection) };
         block.bytes.truncate(end);
         let Ok(samples) = self.parser.read(&block, self.previous, &self.path) else { return Err(rejection) };
@@ -243,6 +270,17 @@ impl<R: Read> ExportReader<R> {
     }
 }
 
+/// Where a line of a block begins.
+fn start_of_line(block: &Block, line: u64) -> Option<usize> {
+    match line.checked_sub(block.first_line)? {
+        0 => Some(0),
+        lines => {
+            let ends = block.bytes.iter().enumerate().filter(|(_, byte)| **byte == b'\n');
+            ends.map(|(at, _)| at + 1).nth(usize::try_from(lines).ok()?.checked_sub(1)?)
+        }
+    }
+}
+
 impl<R: Read> Iterator for ExportReader<R> {
     type Item = Result<Chunk, Rejection>;
 
@@ -272,13 +310,17 @@ impl Parser {
     /// A parser for exports with these columns.
     #[must_use]
     pub fn new(map: ColumnMap, threads: usize) -> Self {
-        // Columns go by number, since names may be empty or come twice.
-        let field = |(column, role): (usize, &Role)| {
-            let kind = if *role == Role::Ignored { DataType::String } else { DataType::Float64 };
-            Field::new(column.to_string().into(), kind)
-        };
-        let schema = map.roles.iter().enumerate().map(field).collect::<Schema>();
-        Self { map, schema: Arc::new(schema), threads }
+        let schema = schema(&map, map.names.len());
+        Self { map, schema, threads }
+    }
+
+    /// Lets dates and times count from the first row of the export, which begins with this block. One that is
+    /// not understood is left to reading.
+    fn count_from(&mut self, block: &Block) {
+        let TimeColumn::Stamped { column, origin } = &mut self.map.time else { return };
+        let row = exact::lines(&block.bytes).next().and_then(|line| std::str::from_utf8(line).ok());
+        let cell = row.and_then(|row| fields(row, self.map.delimiter).nth(*column));
+        *origin = cell.and_then(cell::timestamp).unwrap_or(*origin);
     }
 
     /// The rows of a block whose lines are whole; time must be later than `previous`.
@@ -302,39 +344,98 @@ impl Parser {
 
     /// The needed columns as polars reads them, or `None` if anything is out of the ordinary.
     fn columns(&self, bytes: &[u8]) -> Option<RawColumns> {
-        let rows = usize::try_from(line_count(bytes)).ok()?;
+        let map = &self.map;
+        let rows = usize::try_from(line_count(bytes)).ok().filter(|rows| *rows > 0)?;
         // Without quotes a delimiter is a delimiter: with as many as there must be, and polars
         // refusing lines with more, no line has fewer.
-        let delimiters = bytes.iter().filter(|byte| **byte == self.map.delimiter).count();
-        let regular = delimiters == rows * self.map.names.len().saturating_sub(1)
+        let delimiters = bytes.iter().filter(|byte| **byte == map.delimiter).count();
+        let fields = delimiters / rows + 1;
+        let regular = delimiters % rows == 0
+            && (map.least_fields..=map.names.len() + 1).contains(&fields)
             && !bytes.contains(&b'"')
             && !bytes.contains(&0)
             && std::str::from_utf8(bytes).is_ok();
         if !regular {
             return None;
         }
-        let frame = self.parsed(bytes).filter(|frame| frame.height() == rows)?;
-        let needed = |(column, role): (&Column, &Role)| match role {
-            Role::Ignored => Some(Vec::new()),
-            _ => numbers(column, rows),
-        };
-        frame.columns().iter().zip(&self.map.roles).map(needed).collect()
+        let frame = self.parsed(&self.with_points(bytes)?, fields).filter(|frame| frame.height() == rows)?;
+        let mut columns = Vec::with_capacity(map.names.len());
+        for (column, role) in frame.columns().iter().zip(&map.roles) {
+            columns.push(match (role, map.time) {
+                (Role::Ignored, _) => Vec::new(),
+                (Role::Time, TimeColumn::Stamped { origin, .. }) => self.moments(column, origin)?,
+                _ => numbers(column, rows)?,
+            });
+        }
+        columns.resize(map.names.len(), Vec::new());
+        let beyond = frame.columns().get(map.names.len());
+        beyond.is_none_or(is_blank).then_some(columns)
     }
 
-    fn parsed(&self, bytes: &[u8]) -> Option<DataFrame> {
+    /// The text with decimal points. Where it has commas, points become commas at the same time, so that a
+    /// number with a point does not become another number but none.
+    fn with_points<'b>(&self, bytes: &'b [u8]) -> Option<Cow<'b, [u8]>> {
+        match self.map.decimal {
+            DecimalMark::Point => Some(Cow::Borrowed(bytes)),
+            DecimalMark::Comma if self.map.delimiter == b',' => None,
+            DecimalMark::Comma => Some(bytes.iter().copied().map(swapped).collect()),
+        }
+    }
+
+    /// Seconds from `origin` to the dates and times of a column without a gap.
+    fn moments(&self, column: &Column, origin: i64) -> Option<Vec<f64>> {
+        let blank = |c: char| matches!(c, ' ' | '\t' | '\r');
+        let moment = |cell: Option<&str>| exact::stamped(cell?.trim_matches(blank), origin);
+        column.str().ok()?.iter().map(moment).collect()
+    }
+
+    fn parsed(&self, bytes: &[u8], fields: usize) -> Option<DataFrame> {
         let format = CsvParseOptions::default().with_separator(self.map.delimiter).with_quote_char(None);
         // polars cuts a block into sixteen parts for each of its threads, whatever pool they run
         // on; only 0 keeps a block whole, and one part is parsed by one thread.
         let threads = if self.threads <= 1 { 0 } else { self.threads };
+        let schema = match fields == self.map.names.len() {
+            true => Arc::clone(&self.schema),
+            false => schema(&self.map, fields),
+        };
         CsvReadOptions::default()
             .with_has_header(false)
-            .with_schema(Some(self.schema.clone()))
+            .with_schema(Some(schema))
             .with_n_threads(Some(threads))
             .with_parse_options(format)
             .into_reader_with_file_handle(Cursor::new(bytes))
             .finish()
             .ok()
     }
+}
+
+/// What polars is to take from lines of so many fields. Columns go by number, since names may be empty or come
+/// twice.
+fn schema(map: &ColumnMap, fields: usize) -> SchemaRef {
+    let field = |column: usize| {
+        let kind = match (map.roles.get(column), map.time) {
+            (None | Some(Role::Ignored), _) | (Some(Role::Time), TimeColumn::Stamped { .. }) => {
+                DataType::String
+            }
+            _ => DataType::Float64,
+        };
+        Field::new(column.to_string().into(), kind)
+    };
+    Arc::new((0..fields).map(field).collect::<Schema>())
+}
+
+fn swapped(byte: u8) -> u8 {
+    match byte {
+        b',' => b'.',
+        b'.' => b',',
+        other => other,
+    }
+}
+
+/// Whether a column of text holds nothing, as behind a delimiter at the end of each line.
+fn is_blank(column: &Column) -> bool {
+    let blank = |cell: Option<&str>| cell.is_none_or(|cell| cell.trim().is_empty());
+    column.str().is_ok_and(|cells| cells.iter().all(blank))
 }
 
 /// The numbers of a column without a gap.
@@ -355,7 +456,7 @@ mod tests {
 
     use super::super::fixture::{channel, fixture, native, read_bytes, recording};
     use super::*;
-    use crate::config::{Column, JointSigns, ScaledColumn, StageSource, TimeSource};
+    use crate::config::{Column, JointSigns, ScaledColumn, StageSource, TextEncoding, TimeSource};
     use crate::run::Stage;
     use crate::testing::er3a;
 
@@ -373,8 +474,8 @@ mod tests {
     }
 
     fn body(text: &str) -> Block {
-        let mut blocks = Blocks::new(text.as_bytes(), 1 << 20);
-        blocks.header(Path::new("a.csv")).unwrap();
+        let mut blocks = Blocks::new(text.as_bytes(), 1 << 20, TextEncoding::Auto);
+        blocks.next_line(Path::new("a.csv")).unwrap();
         match blocks.next_block(Path::new("a.csv")).unwrap() {
             Next::Block(block) => block,
             other => panic!("{other:?}"),
@@ -642,7 +743,7 @@ mod tests {
             cells[column] = &cell;
             lines[row + 1] = cells.join(",");
             let parser = parser(&lines[0]);
-            let block = Block { bytes: (lines[1..].join("\n") + "\n").into_bytes(), first_line: 2, unterminated: false };
+            let block = Block { bytes: (lines[1..].join("\n") + "\n").into_bytes(), first_line: 2, first_byte: 0, encoding: Found::Utf8, unterminated: false };
             let fast = parser.columns(&block.bytes).and_then(|c| channels::samples(c, &parser.map, None));
             let exact = exact::read(&block, &parser.map, None, Path::new("a.csv"));
             if let Some(samples) = fast {

@@ -7,7 +7,7 @@ use super::rejection::Rejection;
 use super::source::open;
 use crate::config::{
     Channel, Column, JointColumns, JointSigns, Layout, MotorSide, ScaledColumn, StageSignal, StageSource,
-    TimeSource, TorqueQuantity,
+    TextFormat, TimeSource, TorqueQuantity,
 };
 use crate::run::{FrictionSignal, Samples, Stage};
 use crate::testing::er3a;
@@ -18,6 +18,7 @@ pub(super) fn native() -> Layout {
     Layout {
         name: "native".into(),
         delimiter: b',',
+        text: TextFormat::default(),
         header: true,
         time: TimeSource::Column(ScaledColumn { column: column("time"), to_si: 1.0 }),
         position: channel("pos_{joint}"),

@@ -4,21 +4,25 @@
 //!
 //! In reading order: [`watch`] finds files, [`settle`] says when a writer has finished,
 //! [`fingerprint`] tells one content from another, [`source`] opens plain and compressed exports,
-//! [`tail`] those that still grow, [`blocks`] cuts them at line ends, [`layout`] finds the columns, [`csv`] reads blocks with polars
-//! and [`exact`] reads them cell by cell where polars would guess; [`channels`] turns columns into SI.
+//! [`tail`] those that still grow, [`encoding`] makes UTF-8 of them, [`blocks`] cuts them at line ends,
+//! [`preamble`] finds the header, [`layout`] the columns, [`csv`] reads blocks with polars and [`exact`] reads
+//! them cell by cell where polars would guess; [`cell`] knows what one of them says, [`channels`] turns columns
+//! into SI.
 //!
 //! Three rules hold in here. A file is understood whole or not at all: whatever is not read as it
 //! was written becomes a rejection that names line, column, value and remedy. Foreign units, signs
-//! and number formats end in here. Nothing but this module names polars, notify, flate2, zstd or
-//! blake3.
+//! and number formats end in here. Nothing but this module names polars, notify, flate2, zstd,
+//! encoding_rs or blake3.
 
 pub mod blocks;
+pub mod cell;
 pub mod channels;
 pub mod csv;
-mod encoding;
+pub mod encoding;
 pub mod exact;
 pub mod fingerprint;
 pub mod layout;
+pub mod preamble;
 pub mod rejection;
 pub mod settle;
 pub mod source;
