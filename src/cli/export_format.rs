@@ -3,13 +3,14 @@
 use nalgebra::DMatrix;
 
 use super::CliError;
-use crate::config::{Channel, Column, Layout, StageSource, TimeSource};
+use crate::config::{Channel, Column, DecimalMark, Layout, StageSource, TextEncoding, TimeSource};
 use crate::robot::Robot;
 use crate::simulate::format::{Cell, ExportColumn, ExportFormat, Weighted};
 
 /// The columns with which `layout` reads exports of `robot`: columns by number at their places, all others
 /// in the order time, position, velocity, torque, stage, cycle, friction joint and level.
 pub(super) fn export_format(layout: &Layout, robot: &Robot) -> Result<ExportFormat, CliError> {
+    refuse_text(layout)?;
     let cells = cells(layout, robot)?;
     let place = |column: &Column| match column {
         Column::Number(number) => Some(*number),
@@ -41,6 +42,22 @@ pub(super) fn export_format(layout: &Layout, robot: &Robot) -> Result<ExportForm
         *slot = ExportColumn { name: column.to_string(), cell };
     }
     Ok(ExportFormat { delimiter: layout.delimiter, header: layout.header, columns })
+}
+
+/// The simulator writes UTF-8 with decimal points, and nothing before or under the header.
+fn refuse_text(layout: &Layout) -> Result<(), CliError> {
+    let text = &layout.text;
+    let is_plain = matches!(text.encoding, TextEncoding::Auto | TextEncoding::Utf8)
+        && text.decimal == DecimalMark::Point
+        && text.skip_lines == 0
+        && text.skip_after_header == 0;
+    if is_plain {
+        return Ok(());
+    }
+    Err(CliError::Usage(format!(
+        "layout \"{}\" has another encoding, decimal commas or skipped lines, which the simulator does not write",
+        layout.name
+    )))
 }
 
 fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, Cell)>, CliError> {

@@ -202,6 +202,7 @@ impl<R: Read> Blocks<R> {
 
     fn fill(&mut self, wanted: usize, path: &Path) {
         let missing = wanted.saturating_sub(self.pending.len());
+        self.paused = false;
         if missing == 0 || self.at_end {
             return;
         }

@@ -8,7 +8,8 @@ use std::path::Path;
 use super::blocks::{Block, is_blank, narrow, nul};
 use super::cell;
 use super::channels::{self, RawColumns};
-use super::layout::{ColumnMap, Role, TimeColumn, fields};
+use super::fields::fields;
+use super::layout::{ColumnMap, Role, TimeColumn};
 use super::rejection::Rejection;
 use crate::run::Samples;
 

@@ -5,9 +5,9 @@
 //! In reading order: [`watch`] finds files, [`settle`] says when a writer has finished,
 //! [`fingerprint`] tells one content from another, [`source`] opens plain and compressed exports,
 //! [`tail`] those that still grow, [`encoding`] makes UTF-8 of them, [`blocks`] cuts them at line ends,
-//! [`preamble`] finds the header, [`layout`] the columns, [`csv`] reads blocks with polars and [`exact`] reads
-//! them cell by cell where polars would guess; [`cell`] knows what one of them says, [`channels`] turns columns
-//! into SI.
+//! [`preamble`] finds the header, [`layout`] the columns, [`csv`] gives rows that [`parser`] reads with
+//! polars and [`exact`] cell by cell where polars would guess; [`cell`] knows what one of them says, [`channels`] turns columns
+//! into SI. [`infer`] proposes a layout for exports that have none.
 //!
 //! Three rules hold in here. A file is understood whole or not at all: whatever is not read as it
 //! was written becomes a rejection that names line, column, value and remedy. Foreign units, signs
@@ -20,8 +20,10 @@ pub mod channels;
 pub mod csv;
 pub mod encoding;
 pub mod exact;
+mod fields;
 pub mod fingerprint;
 pub mod layout;
+pub mod parser;
 pub mod preamble;
 pub mod rejection;
 pub mod settle;
@@ -29,6 +31,8 @@ pub mod source;
 pub mod tail;
 pub mod watch;
 
+#[cfg(test)]
+mod csv_tests;
 #[cfg(test)]
 mod fixture;
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::blocks::{Blocks, Line};
 use super::cell;
-use super::layout::fields;
+use super::fields::fields;
 use super::rejection::Rejection;
 use crate::config::Layout;
 
