@@ -10,6 +10,7 @@ mod each_cycle;
 mod identify;
 mod identify_output;
 mod ingest;
+mod layout;
 mod load;
 mod output;
 mod plot;
@@ -129,6 +130,11 @@ enum Command {
         #[command(subcommand)]
         command: RobotCommand,
     },
+    /// Layouts of exports
+    Layout {
+        #[command(subcommand)]
+        command: LayoutCommand,
+    },
     /// Measure how good the method is, on simulated exports
     Benchmark {
         #[command(subcommand)]
@@ -149,6 +155,12 @@ enum RobotCommand {
     DriveGains(drive_gains::DriveGainsArgs),
     /// Identified bodies of all links as a URDF file, from what is stored of chosen cycles
     Urdf(robot_urdf::RobotUrdfArgs),
+}
+
+#[derive(Debug, Subcommand)]
+enum LayoutCommand {
+    /// Propose a layout for an export, with its reasons
+    Infer(layout::InferArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -228,6 +240,7 @@ pub fn run(cli: Cli) -> ExitCode {
             drive_gains::drive_gains(&cli.global, &args)
         }
         Command::Robot { command: RobotCommand::Urdf(args) } => robot_urdf::urdf(&cli.global, &args),
+        Command::Layout { command: LayoutCommand::Infer(args) } => layout::infer(&cli.global, &args),
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {
             coverage::coverage(&cli.global, &args)
         }

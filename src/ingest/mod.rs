@@ -22,6 +22,7 @@ pub mod encoding;
 pub mod exact;
 mod fields;
 pub mod fingerprint;
+pub mod infer;
 pub mod layout;
 pub mod parser;
 pub mod preamble;
