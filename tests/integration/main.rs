@@ -10,6 +10,7 @@ mod bad_input;
 mod cli;
 mod daemon;
 mod docs;
+mod fuzz_seeds;
 mod layouts;
 mod real_recording;
 mod reference_export;
