@@ -50,7 +50,11 @@ pub fn run(data: &[u8]) {
     let samples = rows(bytes, choice & 1 == 1);
     let (whole, error) = cut(std::iter::once(samples.clone()));
     assert!(whole.iter().map(|cycle| cycle.samples.rows()).sum::<usize>() <= bytes.len());
-    assert!(whole.iter().zip(1..).all(|(cycle, number)| cycle.number == number));
+    // Counted cycles keep their counter, which may leave numbers out and stand at zero in between.
+    match choice & 1 {
+        1 => assert!(whole.iter().is_sorted_by_key(|cycle| cycle.number)),
+        _ => assert!(whole.iter().zip(1..).all(|(cycle, number)| cycle.number == number)),
+    }
     let mut rest = samples;
     let mut ends: Vec<usize> =
         bytes.iter().enumerate().filter(|(_, b)| **b & 16 != 0).map(|(at, _)| at).collect();

@@ -489,7 +489,7 @@ fn torque_section(joints: &Joints<'_>) -> Section {
             "a torque without unit; the largest is {most:.4}. Not % or permille of rated?"
         )),
     };
-    let needs_gain = !unit.value.contains("N");
+    let needs_gain = !unit.value.contains('N');
     let mut keys = vec![Key::decided(found.key.0, found.key.1.clone()).because(&found.why), unit];
     if needs_gain {
         keys[1]

@@ -1,9 +1,8 @@
 //! A layout for an unknown export, proposed from its first rows, with the reasons.
 //!
-//! [`head`] finds how the text is written, [`names`] what the names of columns say, [`units`] what their numbers
-//! say, [`decide`] makes a [`decide::Proposal`] of it, and [`write`] writes that as a layout file. Nothing is
-//! guessed in silence: each choice has its reason as a comment, and what cannot be decided is a commented line
-//! with a question.
+//! `head` finds how the text is written, `names` what the names of columns say, `units` and `stages` what their
+//! numbers say, `decide` puts it together, and `write` makes a layout file of it. Nothing is guessed in silence:
+//! each choice has its reason as a comment, and what cannot be decided is a commented line with a question.
 
 mod decide;
 mod head;

@@ -107,7 +107,7 @@ pub(super) struct Figures {
     /// Median step of time, where recorded.
     pub(super) step: Option<f64>,
     pub(super) slope: Option<Slope>,
-    /// Largest amount of a position that the arm allows, rad, and whether positions are its joints'.
+    /// Largest amount of a position that the arm allows, rad, where it is known.
     pub(super) limit: Option<f64>,
     /// Whether positions are those of motors, which turn many times.
     pub(super) is_motor: bool,
