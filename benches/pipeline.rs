@@ -19,8 +19,8 @@ use std::sync::Arc;
 use armwatch::analysis::CycleAnalysis;
 use armwatch::config::{Config, FleetEntry};
 use armwatch::ingest::blocks::{BLOCK_BYTES, Block, Blocks, Next};
-use armwatch::ingest::csv::Parser;
 use armwatch::ingest::layout::map_columns;
+use armwatch::ingest::parser::Parser;
 use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
 use armwatch::numerics::dynamics::inverse_dynamics;
 use armwatch::numerics::regressor::{Regressor, joint_torque_regressor};
@@ -63,8 +63,8 @@ fn main() {
 fn read_block(criterion: &mut Criterion, arm: &FleetEntry, rows: &[Row]) {
     let text = export(rows, arm.description.joint_count());
     let path = Path::new("bench.csv");
-    let mut blocks = Blocks::new(&text[..], BLOCK_BYTES);
-    let header = blocks.header(path).expect("a header");
+    let mut blocks = Blocks::new(&text[..], BLOCK_BYTES, arm.layout.text.encoding);
+    let header = blocks.next_line(path).expect("readable").expect("a header").text;
     let Next::Block(block) = blocks.next_block(path).expect("readable") else {
         panic!("an export has a block");
     };

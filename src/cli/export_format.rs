@@ -3,13 +3,14 @@
 use nalgebra::DMatrix;
 
 use super::CliError;
-use crate::config::{Channel, Column, Layout, StageSource, TimeSource};
+use crate::config::{Channel, Column, DecimalMark, Layout, StageSource, TextEncoding, TimeSource};
 use crate::robot::Robot;
 use crate::simulate::format::{Cell, ExportColumn, ExportFormat, Weighted};
 
 /// The columns with which `layout` reads exports of `robot`: columns by number at their places, all others
 /// in the order time, position, velocity, torque, stage, cycle, friction joint and level.
 pub(super) fn export_format(layout: &Layout, robot: &Robot) -> Result<ExportFormat, CliError> {
+    refuse_text(layout)?;
     let cells = cells(layout, robot)?;
     let place = |column: &Column| match column {
         Column::Number(number) => Some(*number),
@@ -43,6 +44,22 @@ pub(super) fn export_format(layout: &Layout, robot: &Robot) -> Result<ExportForm
     Ok(ExportFormat { delimiter: layout.delimiter, header: layout.header, columns })
 }
 
+/// The simulator writes UTF-8 with decimal points, and nothing before or under the header.
+fn refuse_text(layout: &Layout) -> Result<(), CliError> {
+    let text = &layout.text;
+    let is_plain = matches!(text.encoding, TextEncoding::Auto | TextEncoding::Utf8)
+        && text.decimal == DecimalMark::Point
+        && text.skip_lines == 0
+        && text.skip_after_header == 0;
+    if is_plain {
+        return Ok(());
+    }
+    Err(CliError::Usage(format!(
+        "layout \"{}\" has another encoding, decimal commas or skipped lines, which the simulator does not write",
+        layout.name
+    )))
+}
+
 fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, Cell)>, CliError> {
     let n = robot.joint_count();
     let factors = layout
@@ -59,8 +76,17 @@ fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, Cell)>, CliError
         };
     let offsets: Vec<f64> = robot.joints.iter().map(|joint| -joint.position_offset).collect();
     let mut cells = Vec::new();
-    if let TimeSource::Column(time) = &layout.time {
-        cells.push((time.column.clone(), Cell::Time(time.to_si.recip())));
+    match &layout.time {
+        TimeSource::Column(time) | TimeSource::Counter { column: time, .. } => {
+            cells.push((time.column.clone(), Cell::Time(time.to_si.recip())));
+        }
+        TimeSource::Timestamp(_) => {
+            return Err(CliError::Usage(format!(
+                "layout \"{}\" has timestamps, which the simulator does not write",
+                layout.name
+            )));
+        }
+        TimeSource::SampleRate(_) => {}
     }
     let still = vec![0.0; n];
     let mut channel = |channel: &Channel,

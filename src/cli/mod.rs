@@ -10,6 +10,7 @@ mod friction;
 mod identify;
 mod identify_output;
 mod ingest;
+mod layout;
 mod load;
 mod output;
 mod parameters;
@@ -134,6 +135,11 @@ enum Command {
         #[command(subcommand)]
         command: RobotCommand,
     },
+    /// Layouts of exports
+    Layout {
+        #[command(subcommand)]
+        command: LayoutCommand,
+    },
     /// Measure how good and how fast the program is, on simulated exports
     Benchmark {
         #[command(subcommand)]
@@ -154,6 +160,12 @@ enum RobotCommand {
     DriveGains(drive_gains::DriveGainsArgs),
     /// Identified bodies of all links as a URDF file, from what is stored of chosen cycles
     Urdf(robot_urdf::RobotUrdfArgs),
+}
+
+#[derive(Debug, Subcommand)]
+enum LayoutCommand {
+    /// Propose a layout for an export, with its reasons
+    Infer(layout::InferArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -239,6 +251,7 @@ pub fn run(cli: Cli) -> ExitCode {
             drive_gains::drive_gains(&cli.global, &args)
         }
         Command::Robot { command: RobotCommand::Urdf(args) } => robot_urdf::urdf(&cli.global, &args),
+        Command::Layout { command: LayoutCommand::Infer(args) } => layout::infer(&cli.global, &args),
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {
             coverage::coverage(&cli.global, &args)
         }

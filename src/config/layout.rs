@@ -6,6 +6,7 @@ use super::joint::{
     DRIVE_GAIN, DRIVE_GAIN_OF_SLIDE, MOTOR_TORQUE_CONSTANT, RATED_JOINT_FORCE, RATED_JOINT_TORQUE,
     RATED_MOTOR_TORQUE,
 };
+use super::text_format::TextFormat;
 use crate::robot::{Joint, JointKind, Robot};
 use crate::run::Stage;
 
@@ -16,6 +17,8 @@ pub struct Layout {
     pub name: String,
     /// Separator between columns.
     pub delimiter: u8,
+    /// Encoding, decimal mark and lines around the header.
+    pub text: TextFormat,
     /// Whether the first line names the columns; without names, columns go by number from 1.
     pub header: bool,
     /// Where time comes from.
@@ -45,8 +48,38 @@ pub struct Layout {
 pub enum TimeSource {
     /// A column.
     Column(ScaledColumn),
+    /// A column that begins anew.
+    Counter {
+        /// The column.
+        column: ScaledColumn,
+        /// One more than the largest value, in the column's unit.
+        wraps_at: f64,
+    },
+    /// A column of dates and times: ISO 8601, with or without zone, or day first with points.
+    Timestamp(Column),
     /// The number of the row and this sample rate, Hz.
     SampleRate(f64),
+}
+
+impl TimeSource {
+    /// The column, where there is one.
+    #[must_use]
+    pub fn column(&self) -> Option<&Column> {
+        match self {
+            Self::Column(column) | Self::Counter { column, .. } => Some(&column.column),
+            Self::Timestamp(column) => Some(column),
+            Self::SampleRate(_) => None,
+        }
+    }
+
+    /// Factor from the column's unit to s; 1 where there is none.
+    #[must_use]
+    pub fn to_si(&self) -> f64 {
+        match self {
+            Self::Column(column) | Self::Counter { column, .. } => column.to_si,
+            Self::Timestamp(_) | Self::SampleRate(_) => 1.0,
+        }
+    }
 }
 
 /// Where the stage of a row comes from.

@@ -3,12 +3,11 @@
 use std::path::Path;
 
 use super::files;
-use super::limits::Limits;
 use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::{
-    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, ScaledColumn, StageSignal, StageSource,
-    TimeSource, TorqueQuantity,
+    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, StageSignal, StageSource, TorqueQuantity,
+    layout_time, text_format,
 };
 use crate::run::Stage;
 
@@ -20,15 +19,11 @@ type Unit = (&'static str, f64);
 
 const DEG: f64 = std::f64::consts::PI / 180.0;
 const REV: f64 = std::f64::consts::TAU;
-const TIME: &[Unit] = &[("s", 1.0), ("ms", 1e-3)];
 const POSITION: &[Unit] = &[("rad", 1.0), ("deg", DEG), ("rev", REV), ("m", 1.0)];
 const VELOCITY: &[Unit] =
     &[("rad/s", 1.0), ("deg/s", DEG), ("rev/s", REV), ("rpm", REV / 60.0), ("m/s", 1.0)];
 /// Drives after CiA 402 give torque and current in thousandths of the rated one.
 const TORQUE: &[Unit] = &[("Nm", 1.0), ("N", 1.0), ("A", 1.0), ("mA", 1e-3), ("%", 1e-2), ("permille", 1e-3)];
-
-/// Sample rates of exports that count rows instead of recording time.
-const SAMPLE_RATE: Limits = Limits::between(0.1, 1e6, "Hz");
 
 /// Separators between columns that cannot be part of a number.
 const DELIMITERS: [&str; 4] = [",", ";", "\t", "|"];
@@ -61,9 +56,10 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
     let mut names = ColumnNames::default();
     let name = root.text("name");
     let delimiter = read_delimiter(root);
+    let text = text_format::read(root);
     let required = |key| root.required(key).and_then(|value| value.table());
     let header = root.optional("header").map_or(Some(true), |value| value.boolean());
-    let time = required("time").and_then(|t| read_time(&t, &mut names));
+    let time = required("time").and_then(|t| layout_time::read(&t, &mut names));
     let mut motor_side = MotorSide::default();
     let position = required("position").and_then(|t| {
         motor_side.position = read_side(&t)?;
@@ -91,6 +87,7 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
     Some(Layout {
         name: name?.to_owned(),
         delimiter: delimiter?,
+        text: text?,
         header: header?,
         time: time?,
         position: position?,
@@ -113,17 +110,6 @@ fn joint_places(name: &str) -> usize {
     };
     let sums = name.match_indices("{joint+").filter(|(at, opening)| with_sum(&name[at + opening.len()..]));
     name.matches(JOINT).count() + sums.count()
-}
-
-fn read_time(table: &Table<'_>, names: &mut ColumnNames) -> Option<TimeSource> {
-    match table.optional("sample_rate_hz") {
-        Some(value) => value.number(&SAMPLE_RATE).map(TimeSource::SampleRate),
-        None => {
-            let column = table.required("column").and_then(|value| names.take(&value));
-            let to_si = table.required("unit").and_then(|value| read_unit(&value, TIME));
-            Some(TimeSource::Column(ScaledColumn { column: column?, to_si: to_si? }))
-        }
-    }
 }
 
 /// Whether a channel is recorded on the motor's side.
@@ -154,11 +140,11 @@ fn read_stage_source(table: &Table<'_>, names: &mut ColumnNames) -> Option<Stage
 /// Columns given so far, so that none is read twice; a name with a place for the joint's number stands
 /// as it is given.
 #[derive(Default)]
-struct ColumnNames(Vec<Column>);
+pub(super) struct ColumnNames(Vec<Column>);
 
 impl ColumnNames {
     /// One column, by name or number.
-    fn take(&mut self, value: &Value<'_>) -> Option<Column> {
+    pub(super) fn take(&mut self, value: &Value<'_>) -> Option<Column> {
         let column = match value.is_integer() {
             true => Column::Number(usize::try_from(value.integer(1..=MAX_COLUMN)?).ok()?),
             false => Column::Name(value.text()?.to_owned()),
@@ -243,7 +229,7 @@ fn read_quantity(table: &Table<'_>) -> TorqueQuantity {
     }
 }
 
-fn read_unit(value: &Value<'_>, units: &[Unit]) -> Option<f64> {
+pub(super) fn read_unit(value: &Value<'_>, units: &[Unit]) -> Option<f64> {
     let given = value.text()?;
     let factor = units.iter().find(|(name, _)| *name == given).map(|&(_, factor)| factor);
     if factor.is_none() {
@@ -295,6 +281,7 @@ fn read_stage_values(table: &Table<'_>, key: &'static str, taken: &mut Vec<(i64,
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::{ScaledColumn, TimeSource};
 
     const NATIVE: &str = include_str!("../../config/exports/native.toml");
 

@@ -3,8 +3,9 @@
 use std::io::{ErrorKind, Read};
 use std::path::Path;
 
-use super::encoding::{narrow_encoding, wide_encoding, without_bom};
+use super::encoding::{Found, TextReader, Wide, narrow_encoding, wide_encoding, without_bom};
 use super::rejection::Rejection;
+use crate::config::TextEncoding;
 
 /// Bytes read before a block is cut: large enough that polars' fixed cost of about 0.1 ms a call
 /// is below one per cent, small enough that a few blocks in flight stay within tens of megabytes.
@@ -17,8 +18,6 @@ const MAX_BLOCK_BYTES: usize = 256 << 20;
 /// kilobytes; a file without line ends must not grow the buffer without bound.
 pub const MAX_LINE_BYTES: usize = 1 << 20;
 
-const CUT_REMEDY: &str = "wait until the writer has finished, or export again";
-
 /// Consecutive whole lines, without the header. The last one is not blank.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Block {
@@ -26,8 +25,22 @@ pub struct Block {
     pub bytes: Vec<u8>,
     /// Number of the first line in the decompressed file, from 1.
     pub first_line: u64,
+    /// Offset of the first line in the decompressed file, bytes from 0.
+    pub first_byte: u64,
+    /// How the file writes these characters.
+    pub encoding: Found,
     /// The file ends without a line end behind the last line, so that line may be cut.
     pub unterminated: bool,
+}
+
+/// A line before the rows.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Line {
+    /// Its text without byte order mark and line end; empty if it is blank.
+    pub text: String,
+    /// Its number in the decompressed file, from 1.
+    pub number: u64,
+    raw: Vec<u8>,
 }
 
 /// What a stream gives next.
@@ -45,12 +58,16 @@ pub enum Next {
 /// file that may still grow: whole lines are handed on at once, and the rest waits for its line end.
 #[derive(Debug)]
 pub struct Blocks<R> {
-    reader: R,
+    reader: TextReader<R>,
     block_bytes: usize,
     /// Read and not yet handed on.
     pending: Vec<u8>,
     /// Line number of the first byte in `pending`.
     line: u64,
+    /// Offset of that byte in the decompressed file, without a byte order mark.
+    byte: u64,
+    /// Why reading ended, once whole lines are handed on.
+    fault: Option<Rejection>,
     at_end: bool,
     /// The reader had nothing more when it was last asked, and was not at its end.
     paused: bool,
@@ -59,49 +76,57 @@ pub struct Blocks<R> {
 impl<R: Read> Blocks<R> {
     /// Blocks of about `block_bytes`, at least one line each and 256 MiB at most.
     #[must_use]
-    pub fn new(reader: R, block_bytes: usize) -> Self {
+    pub fn new(reader: R, block_bytes: usize, encoding: TextEncoding) -> Self {
         Self {
-            reader,
+            reader: TextReader::new(reader, encoding),
             block_bytes: block_bytes.clamp(1, MAX_BLOCK_BYTES),
             pending: Vec::new(),
             line: 1,
+            byte: 0,
+            fault: None,
             at_end: false,
             paused: false,
         }
     }
 
-    /// Takes the header: the first line that is not blank, without byte order mark and line end.
-    /// To be called once, before [`Blocks::next_block`].
+    /// Takes the next line; `None` as long as it has no end and the file may still grow, and at the end of
+    /// the file. To be called before [`Blocks::next_block`].
     ///
     /// # Errors
-    /// A rejection for an empty file, an encoding that is not UTF-8, NUL bytes, lines that end with
-    /// carriage returns alone, a line that does not end, or a failed read.
-    pub fn header(&mut self, path: &Path) -> Result<String, Rejection> {
-        self.whole_header(path)?.ok_or_else(|| Rejection::of_file(path, "an empty file", CUT_REMEDY))
+    /// A rejection for an encoding that is not read, NUL bytes, lines that end with carriage returns alone, a
+    /// line that does not end, or a failed read.
+    pub fn next_line(&mut self, path: &Path) -> Result<Option<Line>, Rejection> {
+        let Some(end) = self.line_end(path)? else { return Ok(None) };
+        let raw: Vec<u8> = self.pending.drain(..end).collect();
+        let number = self.line;
+        self.pass(&raw);
+        let text = line_text(&raw, path).map_err(|rejection| rejection.at_line(number))?;
+        Ok(Some(Line { text, number, raw }))
     }
 
-    /// As [`Blocks::header`], for a file that may still grow: `None` as long as its header has no line
-    /// end, to be asked again.
-    ///
-    /// # Errors
-    /// As [`Blocks::header`].
-    pub fn whole_header(&mut self, path: &Path) -> Result<Option<String>, Rejection> {
-        loop {
-            let Some(end) = self.line_end(path)? else { return Ok(None) };
-            let line: Vec<u8> = self.pending.drain(..end).collect();
-            let number = self.line;
-            self.line += 1;
-            let text = header_text(&line, path).map_err(|rejection| rejection.at_line(number))?;
-            if !text.is_empty() {
-                return Ok(Some(text));
-            }
-        }
+    /// Puts back the line that was taken last, where it is a row.
+    pub fn put_back(&mut self, line: Line) {
+        self.line = line.number;
+        self.byte -= self.reader.found().bytes_in_file(&line.raw);
+        self.pending.splice(0..0, line.raw);
     }
 
-    /// Puts back the line that [`Blocks::header`] took, where it is a row of numbers.
-    pub fn put_back(&mut self, line: &str) {
-        self.pending.splice(0..0, line.bytes().chain([b'\n']));
-        self.line -= 1;
+    /// Whether nothing is left.
+    #[must_use]
+    pub fn is_at_end(&self) -> bool {
+        self.at_end && self.pending.is_empty()
+    }
+
+    /// What the text turned out to be.
+    #[must_use]
+    pub fn encoding(&self) -> Found {
+        self.reader.found()
+    }
+
+    /// Counts the lines of `bytes`, which are handed on.
+    fn pass(&mut self, bytes: &[u8]) {
+        self.line += line_count(bytes);
+        self.byte += self.reader.found().bytes_in_file(bytes);
     }
 
     /// The next block. Blank lines at the end of the file are left out.
@@ -111,9 +136,10 @@ impl<R: Read> Blocks<R> {
     pub fn next_block(&mut self, path: &Path) -> Result<Next, Rejection> {
         let mut wanted = self.block_bytes;
         loop {
-            self.fill(wanted, path)?;
+            self.fill(wanted, path);
             let rest = match last_line_end(&self.pending) {
                 Some(end) => self.pending.split_off(end),
+                None if self.fault.is_some() => return self.fault.take().map_or(Ok(Next::End), Err),
                 None if self.at_end => return Ok(self.unterminated_line().map_or(Next::End, Next::Block)),
                 None => {
                     self.refuse_endless_line(path)?;
@@ -125,9 +151,9 @@ impl<R: Read> Blocks<R> {
                 }
             };
             let bytes = std::mem::replace(&mut self.pending, rest);
-            let first_line = self.line;
-            self.line += line_count(&bytes);
-            return Ok(Next::Block(Block { bytes, first_line, unterminated: false }));
+            let block = self.block_here(bytes, false);
+            self.pass(&block.bytes);
+            return Ok(Next::Block(block));
         }
     }
 
@@ -139,7 +165,12 @@ impl<R: Read> Blocks<R> {
         // A carriage return is half of a line end, and says that the line is whole.
         let unterminated = bytes.last() != Some(&b'\r');
         bytes.push(b'\n');
-        Some(Block { bytes, first_line: self.line, unterminated })
+        Some(self.block_here(bytes, unterminated))
+    }
+
+    fn block_here(&self, bytes: Vec<u8>, unterminated: bool) -> Block {
+        let first_byte = self.byte + self.reader.mark_bytes();
+        Block { bytes, first_line: self.line, first_byte, encoding: self.reader.found(), unterminated }
     }
 
     /// Length of the first line with its end; `None` at the end of the file and where it may still
@@ -149,11 +180,14 @@ impl<R: Read> Blocks<R> {
             if let Some(at) = self.pending.iter().position(|byte| *byte == b'\n') {
                 return Ok(Some(at + 1));
             }
+            if let Some(fault) = self.fault.take() {
+                return Err(fault);
+            }
             if self.at_end {
                 return Ok(Some(self.pending.len()).filter(|length| *length > 0));
             }
             self.refuse_endless_line(path)?;
-            self.fill(self.longer(), path)?;
+            self.fill(self.longer(), path);
             if self.paused && !self.pending.contains(&b'\n') {
                 return Ok(None);
             }
@@ -166,10 +200,11 @@ impl<R: Read> Blocks<R> {
         self.pending.len() + self.block_bytes.max(self.pending.len())
     }
 
-    fn fill(&mut self, wanted: usize, path: &Path) -> Result<(), Rejection> {
+    fn fill(&mut self, wanted: usize, path: &Path) {
         let missing = wanted.saturating_sub(self.pending.len());
+        self.paused = false;
         if missing == 0 || self.at_end {
-            return Ok(());
+            return;
         }
         self.pending.reserve(missing);
         let read = self.reader.by_ref().take(missing as u64).read_to_end(&mut self.pending);
@@ -178,9 +213,13 @@ impl<R: Read> Blocks<R> {
             Ok(count) => self.at_end = count < missing,
             // what was read before the pause is in `pending` all the same
             Err(_) if self.paused => {}
-            Err(error) => return Err(Rejection::from_io(path, &error)),
+            // whole lines before it come first, so that what is given does not depend on blocks
+            Err(error) => {
+                let lines = line_count(&self.pending);
+                self.fault = Some(Rejection::from_io(path, &error).at_line(self.line + lines));
+                self.at_end = true;
+            }
         }
-        Ok(())
     }
 
     fn refuse_endless_line(&self, path: &Path) -> Result<(), Rejection> {
@@ -228,7 +267,7 @@ pub(super) fn narrow(path: &Path, text: &[u8]) -> Rejection {
     Rejection::of_file(
         path,
         format!("text that is not UTF-8; it looks like {}", narrow_encoding(text)),
-        "export as UTF-8",
+        "export as UTF-8, or give the encoding in the layout",
     )
 }
 
@@ -240,7 +279,7 @@ fn last_line_end(bytes: &[u8]) -> Option<usize> {
     bytes[content..].iter().position(|byte| *byte == b'\n').map(|at| content + at + 1)
 }
 
-fn header_text(line: &[u8], path: &Path) -> Result<String, Rejection> {
+fn line_text(line: &[u8], path: &Path) -> Result<String, Rejection> {
     if let Some(encoding) = wide_encoding(line) {
         return Err(wide(path, encoding));
     }
@@ -257,8 +296,13 @@ fn header_text(line: &[u8], path: &Path) -> Result<String, Rejection> {
     Ok(if text.trim().is_empty() { String::new() } else { text.to_owned() })
 }
 
-fn wide(path: &Path, encoding: &str) -> Rejection {
-    Rejection::of_file(path, format!("text that is not UTF-8; it looks like {encoding}"), "export as UTF-8")
+fn wide(path: &Path, encoding: Wide) -> Rejection {
+    let reason = format!("text that is not UTF-8; it looks like {}", encoding.name());
+    let remedy = match encoding {
+        Wide::Utf16Le | Wide::Utf16Be => "export as UTF-8, or leave encoding out of the layout",
+        Wide::Utf32Le | Wide::Utf32Be => "export as UTF-8",
+    };
+    Rejection::of_file(path, reason, remedy)
 }
 
 fn bare_returns(path: &Path) -> Rejection {
@@ -269,10 +313,16 @@ fn bare_returns(path: &Path) -> Rejection {
 mod tests {
     use super::*;
 
+    /// The first line that is not blank.
+    fn first_text(cutter: &mut Blocks<impl Read>) -> String {
+        let mut next = || cutter.next_line(Path::new("a.csv")).unwrap().unwrap().text;
+        std::iter::from_fn(|| Some(next())).find(|text| !text.is_empty()).unwrap()
+    }
+
     fn blocks(text: &str, block_bytes: usize) -> (String, Vec<Block>) {
         let path = Path::new("a.csv");
-        let mut cutter = Blocks::new(text.as_bytes(), block_bytes);
-        let header = cutter.header(path).unwrap();
+        let mut cutter = Blocks::new(text.as_bytes(), block_bytes, TextEncoding::Auto);
+        let header = first_text(&mut cutter);
         let mut blocks = Vec::new();
         while let Next::Block(block) = cutter.next_block(path).unwrap() {
             blocks.push(block);
@@ -289,8 +339,12 @@ mod tests {
             if self.1 || self.0.is_empty() {
                 return Err(ErrorKind::WouldBlock.into());
             }
-            let part = self.0.remove(0);
+            let mut part = self.0.remove(0);
+            let rest = part.split_off(part.len().min(buffer.len()));
             buffer[..part.len()].copy_from_slice(&part);
+            if !rest.is_empty() {
+                self.0.insert(0, rest);
+            }
             Ok(part.len())
         }
     }
@@ -299,9 +353,9 @@ mod tests {
     fn a_growing_file_gives_whole_lines_only() {
         let path = Path::new("a.csv");
         let parts = ["ti", "me\n", "1\n2", "2\n\n", "3\r", "\n4"].map(|part| part.as_bytes().to_vec());
-        let mut cutter = Blocks::new(Slow(parts.to_vec(), false), 1 << 10);
-        let header = (0..9).find_map(|_| cutter.whole_header(path).unwrap());
-        assert_eq!(header.as_deref(), Some("time"));
+        let mut cutter = Blocks::new(Slow(parts.to_vec(), false), 1 << 10, TextEncoding::Auto);
+        let header = (0..9).find_map(|_| cutter.next_line(path).unwrap());
+        assert_eq!(header.map(|line| line.text).as_deref(), Some("time"));
         let mut lines = Vec::new();
         for _ in 0..20 {
             if let Next::Block(block) = cutter.next_block(path).unwrap() {
@@ -322,10 +376,11 @@ mod tests {
             assert_eq!(header, "time,x");
             let bytes: Vec<u8> = blocks.iter().flat_map(|b| b.bytes.clone()).collect();
             assert_eq!(String::from_utf8(bytes).unwrap(), "1,2\r\n3,4\r\n\r\n5,6\r\n", "{block_bytes}");
-            let mut line = 2;
+            let (mut line, mut byte) = (2, 8);
             for block in &blocks {
-                assert_eq!(block.first_line, line);
+                assert_eq!((block.first_line, block.first_byte), (line, byte));
                 line += line_count(&block.bytes);
+                byte += block.bytes.len() as u64;
             }
         }
     }
@@ -354,13 +409,13 @@ mod tests {
         let reason = |bytes: Vec<u8>| {
             let endless =
                 std::io::repeat(0).take(0).chain(std::io::Cursor::new(bytes)).chain(std::io::repeat(b'7'));
-            Blocks::new(endless, BLOCK_BYTES).header(path).unwrap_err().reason
+            Blocks::new(endless, BLOCK_BYTES, TextEncoding::Auto).next_line(path).unwrap_err().reason
         };
         assert_eq!(reason(b"7".to_vec()), "a line longer than 1024 KiB");
         assert!(reason(b"77\r77".to_vec()).starts_with("lines that end with carriage"));
         assert!(reason(b"777\0".to_vec()).starts_with("NUL bytes"));
-        let mut cutter = Blocks::new((&b"time\n1\n"[..]).chain(std::io::repeat(0)), 10);
-        cutter.header(path).unwrap();
+        let mut cutter = Blocks::new((&b"time\n1\n"[..]).chain(std::io::repeat(0)), 10, TextEncoding::Auto);
+        first_text(&mut cutter);
         assert!(matches!(cutter.next_block(path).unwrap(), Next::Block(_)));
         let rejection = cutter.next_block(path).unwrap_err();
         assert!(rejection.reason.starts_with("NUL bytes"), "{rejection}");

@@ -32,7 +32,14 @@ pub type RawColumns = Vec<Vec<f64>>;
 pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f64>) -> Option<Samples> {
     let factors = &map.to_si;
     let time = match map.time {
-        TimeColumn::Recorded(column) => scaled(taken(&mut columns, column), factors.time, MAX_TIME)?,
+        TimeColumn::Recorded(column) | TimeColumn::Stamped { column, .. } => {
+            scaled(taken(&mut columns, column), factors.time, MAX_TIME)?
+        }
+        TimeColumn::Wrapping { column, period } => {
+            let counts =
+                unwrapped(taken(&mut columns, column), period, previous_time.map(|t| t / factors.time));
+            scaled(counts, factors.time, MAX_TIME)?
+        }
         TimeColumn::Counted(rate) => {
             let rows = map.position.first().and_then(|column| columns.get(*column)).map_or(0, Vec::len);
             counted(rows, rate, previous_time)
@@ -121,6 +128,26 @@ pub fn may_continue(cell: &str, role: Role, map: &ColumnMap) -> bool {
         }
         Role::FrictionJoint => (0..=map.joint_count()).any(|joint| longer(&joint)),
         Role::FrictionLevel => (0..=max_level(map)).any(|level| longer(&level)),
+    }
+}
+
+/// Counts of a counter that begins anew after `period`, counted on from `previous`.
+fn unwrapped(mut counts: Vec<f64>, period: f64, previous: Option<f64>) -> Vec<f64> {
+    let mut before = previous;
+    for count in &mut counts {
+        *count = counted_on(*count, period, before);
+        before = Some(*count);
+    }
+    counts
+}
+
+/// A count of a counter that begins anew after `period`, with as many periods added as bring it nearest to the
+/// one before: a step back by less than half a period stays one.
+#[must_use]
+pub fn counted_on(count: f64, period: f64, before: Option<f64>) -> f64 {
+    match before {
+        Some(before) if before >= count => count + ((before - count) / period).round() * period,
+        _ => count,
     }
 }
 

@@ -6,13 +6,15 @@
 use std::path::Path;
 
 use super::blocks::{Block, is_blank, narrow, nul};
+use super::cell;
 use super::channels::{self, RawColumns};
-use super::layout::{ColumnMap, Role, fields};
+use super::fields::fields;
+use super::layout::{ColumnMap, Role, TimeColumn};
 use super::rejection::Rejection;
 use crate::run::Samples;
 
 const CUT: &str = "last line is cut";
-const CUT_REMEDY: &str = "wait until the writer has finished, or export again";
+pub(super) const CUT_REMEDY: &str = "wait until the writer has finished, or export again";
 const CELL_REMEDY: &str = "export again or correct the cell";
 
 /// The time of the last row of the block before.
@@ -79,14 +81,16 @@ pub fn judge_last_line(
         Some(_) => narrow(path, line).at_line(number),
     })?;
     let cells: Vec<&str> = fields(text, map.delimiter).collect();
-    let last = map.names.len().saturating_sub(1);
+    let last = map.least_fields.saturating_sub(1);
     let (Some(cell), Some(role), Some(name)) = (cells.get(last), map.roles.get(last), map.names.get(last))
     else {
         return Err(cut());
     };
-    let reads = *role == Role::Ignored || cell.parse::<f64>().is_ok();
-    if !reads {
+    if *role != Role::Ignored && value(cell, *role, map).is_err() {
         return Err(cut().in_column(name));
+    }
+    if cells.len() > map.least_fields {
+        return Ok(LastLine::Whole);
     }
     Ok(if channels::may_continue(cell, *role, map) { LastLine::Doubtful } else { LastLine::Whole })
 }
@@ -141,13 +145,23 @@ impl Row<'_> {
 
     fn refuse_wrong_shape(&self, text: &str) -> Result<(), Rejection> {
         let names = &self.map.names;
-        let count = fields(text, self.map.delimiter).count();
-        if count == names.len() && !fields(text, self.map.delimiter).eq(names.iter().map(String::as_str)) {
+        let (mut count, mut as_header, mut empty_beyond) = (0, true, true);
+        for cell in fields(text, self.map.delimiter) {
+            match names.get(count) {
+                Some(name) => as_header &= name == cell,
+                // Further fields are those of delimiters at the end of the line.
+                None => empty_beyond &= cell.is_empty(),
+            }
+            count += 1;
+        }
+        let is_header = as_header && count >= names.len();
+        let fits = count >= self.map.least_fields && empty_beyond;
+        if fits && !is_header {
             return Ok(());
         }
         let mut rejection = if text.bytes().all(is_blank) {
             self.rejection("blank line between rows")
-        } else if count == names.len() {
+        } else if is_header {
             self.rejection("repeated header: two exports in one file")
         } else {
             let size = if count < names.len() { "short" } else { "long" };
@@ -162,10 +176,10 @@ impl Row<'_> {
             return Err(self.rejection("empty cell"));
         }
         let refused = |reason: String| self.rejection(reason).with_value(cell);
-        let value: f64 = cell.parse().map_err(|_| {
-            let with_point = cell.replacen(',', ".", 1);
-            let comma = with_point != cell && with_point.parse::<f64>().is_ok();
-            refused(if comma { "a number with a decimal comma" } else { "not a number" }.into())
+        let value = value(cell, role, self.map).map_err(|no| {
+            let mut rejection = refused(no.reason.into());
+            no.remedy.into_iter().for_each(|remedy| rejection.remedy = remedy.into());
+            rejection
         })?;
         if let Some(reason) = channels::refusal(value, role, self.map) {
             let mut rejection = refused(reason);
@@ -181,23 +195,68 @@ impl Row<'_> {
     }
 
     fn step_time(&mut self, recorded: f64, cell: &str) -> Result<(), Rejection> {
-        let seconds = scaled_time(recorded, self.map);
+        let seconds = self.scaled_time(recorded);
         if let Some(before) = self.previous.filter(|before| before.seconds >= seconds) {
-            let reason = if before.seconds > seconds {
-                format!("earlier than {} in the row before: time runs backwards", before.recorded)
-            } else {
-                format!("not later than {} in the row before: time stands still", before.recorded)
-            };
-            let mut rejection = self.rejection(reason).with_value(cell);
-            rejection.remedy = "export the recording again in one piece, with a finer time if needed".into();
-            return Err(rejection);
+            return Err(self.time_does_not_rise(before, seconds, recorded).with_value(cell));
         }
         self.previous = Some(PreviousTime { recorded, seconds });
         Ok(())
     }
+
+    /// A time in s, converted exactly as [`channels::samples`] converts it.
+    fn scaled_time(&self, recorded: f64) -> f64 {
+        let factor = self.map.to_si.time;
+        let counts = match self.map.time {
+            TimeColumn::Wrapping { period, .. } => {
+                channels::counted_on(recorded, period, self.previous.map(|before| before.seconds / factor))
+            }
+            _ => recorded,
+        };
+        counts * factor
+    }
+
+    fn time_does_not_rise(&self, before: PreviousTime, seconds: f64, recorded: f64) -> Rejection {
+        let backwards = before.seconds > seconds;
+        let last = match self.map.time {
+            TimeColumn::Stamped { .. } => "the time".to_owned(),
+            _ => before.recorded.to_string(),
+        };
+        let mut rejection = self.rejection(if backwards {
+            format!("earlier than {last} in the row before: time runs backwards")
+        } else {
+            format!("not later than {last} in the row before: time stands still")
+        });
+        rejection.remedy = match began_anew(before.recorded, recorded).filter(|_| backwards) {
+            Some(period) => {
+                format!("if this is a counter that began anew, set wraps_at = {period} under [time]")
+            }
+            None => "export the recording again in one piece, with a finer time if needed".into(),
+        };
+        rejection
+    }
 }
 
-/// A time in s, converted exactly as [`channels::samples`] converts it.
-fn scaled_time(recorded: f64, map: &ColumnMap) -> f64 {
-    recorded * map.to_si.time
+/// The period of a counter of 16, 31 or 32 bits that was near its end and is near its beginning.
+fn began_anew(before: f64, after: f64) -> Option<u64> {
+    let near = |period: u64| {
+        let period = period as f64;
+        before < period && before > 0.99 * period && (0.0..0.01 * period).contains(&after)
+    };
+    [1 << 16, 1 << 31, 1 << 32].into_iter().find(|period| near(*period))
+}
+
+/// The number in a cell; of a date and time, s from the map's origin.
+fn value(cell: &str, role: Role, map: &ColumnMap) -> Result<f64, cell::NoNumber> {
+    match (role, map.time) {
+        (Role::Time, TimeColumn::Stamped { origin, .. }) => stamped(cell, origin).ok_or(cell::NoNumber {
+            reason: "not a date and time",
+            remedy: Some("export times as 2026-03-01T08:00:00.004, or give [time] another unit"),
+        }),
+        _ => cell::number(cell, map.decimal),
+    }
+}
+
+/// Seconds from `origin`, ns from 1970, to a date and time.
+pub(super) fn stamped(cell: &str, origin: i64) -> Option<f64> {
+    Some(cell::timestamp(cell)?.checked_sub(origin)? as f64 * 1e-9)
 }

@@ -2,12 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
 use super::csv::{Chunk, ExportReader, ReadOptions};
 use super::rejection::Rejection;
 use super::source::open;
 use crate::config::{
     Channel, Column, JointColumns, JointSigns, Layout, MotorSide, ScaledColumn, StageSignal, StageSource,
-    TimeSource, TorqueQuantity,
+    TextFormat, TimeSource, TorqueQuantity,
 };
 use crate::run::{FrictionSignal, Samples, Stage};
 use crate::testing::er3a;
@@ -18,6 +21,7 @@ pub(super) fn native() -> Layout {
     Layout {
         name: "native".into(),
         delimiter: b',',
+        text: TextFormat::default(),
         header: true,
         time: TimeSource::Column(ScaledColumn { column: column("time"), to_si: 1.0 }),
         position: channel("pos_{joint}"),
@@ -66,6 +70,17 @@ fn collected(reader: impl Iterator<Item = Result<Chunk, Rejection>>) -> Result<S
         samples.append(chunk?.samples);
     }
     Ok(samples)
+}
+
+/// Blocks of this many bytes.
+pub(super) fn with_blocks_of(block_bytes: usize) -> ReadOptions {
+    ReadOptions { block_bytes, ..ReadOptions::default() }
+}
+
+/// A recording of numbers without meaning, the same each time.
+pub(super) fn made_recording(rows: usize) -> (Samples, String) {
+    let mut random = ChaCha8Rng::seed_from_u64(7);
+    recording(rows, || random.random_range(-100.0..100.0))
 }
 
 /// A recording in the native layout: its samples and the export that says the same, with the

@@ -3,8 +3,10 @@
 
 use std::path::Path;
 
+use super::cell;
+use super::fields::fields;
 use super::rejection::Rejection;
-use crate::config::{Channel, Column, JointColumns, Layout, MotorSide, StageSource, TimeSource};
+use crate::config::{Channel, Column, DecimalMark, JointColumns, Layout, MotorSide, StageSource, TimeSource};
 use crate::robot::{JointIndex, Robot};
 
 /// Most column names listed in a message.
@@ -38,12 +40,16 @@ pub enum Role {
 pub struct ColumnMap {
     /// Separator between columns.
     pub delimiter: u8,
+    /// What stands before the decimals of a number.
+    pub decimal: DecimalMark,
     /// Names in the export's order, trimmed.
     pub names: Vec<String>,
     /// Role of each column, in the export's order.
     pub roles: Vec<Role>,
     /// Where time stands.
     pub time: TimeColumn,
+    /// Fields that each row must have: all up to the last column that has a name or is needed.
+    pub least_fields: usize,
     /// Column index of each joint's position.
     pub position: Vec<usize>,
     /// Column index of each joint's velocity, where recorded.
@@ -71,8 +77,35 @@ pub struct ColumnMap {
 pub enum TimeColumn {
     /// The column of this index.
     Recorded(usize),
+    /// The column of this index, which begins anew.
+    Wrapping {
+        /// Column index.
+        column: usize,
+        /// One more than its largest value, in its unit.
+        period: f64,
+    },
+    /// Dates and times in the column of this index.
+    Stamped {
+        /// Column index.
+        column: usize,
+        /// Moment that times count from, ns from 1970.
+        origin: i64,
+    },
     /// The number of the row at this sample rate, Hz.
     Counted(f64),
+}
+
+impl TimeColumn {
+    /// Column index, where there is one.
+    #[must_use]
+    pub fn column(self) -> Option<usize> {
+        match self {
+            Self::Recorded(column) | Self::Wrapping { column, .. } | Self::Stamped { column, .. } => {
+                Some(column)
+            }
+            Self::Counted(_) => None,
+        }
+    }
 }
 
 /// Column indices of the friction signal.
@@ -135,6 +168,10 @@ pub fn map_columns(
 
     let time = match &layout.time {
         TimeSource::Column(column) => TimeColumn::Recorded(search.needed(&column.column)?),
+        TimeSource::Counter { column, wraps_at } => {
+            TimeColumn::Wrapping { column: search.needed(&column.column)?, period: *wraps_at }
+        }
+        TimeSource::Timestamp(column) => TimeColumn::Stamped { column: search.needed(column)?, origin: 0 },
         TimeSource::SampleRate(rate) => TimeColumn::Counted(*rate),
     };
     let position = search.needed_by_joint(&layout.position)?;
@@ -162,9 +199,7 @@ pub fn map_columns(
             *slot = role;
         }
     };
-    if let TimeColumn::Recorded(column) = time {
-        assign(column, Role::Time);
-    }
+    time.column().into_iter().for_each(|column| assign(column, Role::Time));
     for joint in robot.joint_indices() {
         assign(position[joint.index()], Role::Position(joint));
         assign(torque[joint.index()], Role::Torque(joint));
@@ -187,8 +222,12 @@ pub fn map_columns(
             )
             .in_column(&names[column]));
     }
+    let needed = |(name, role): (&String, &Role)| !name.is_empty() || *role != Role::Ignored;
+    let least_fields = names.iter().zip(&roles).rposition(needed).map_or(0, |last| last + 1);
     Ok(ColumnMap {
         delimiter: layout.delimiter,
+        decimal: layout.text.decimal,
+        least_fields,
         names,
         roles,
         time,
@@ -199,10 +238,7 @@ pub fn map_columns(
         cycle,
         friction,
         to_si: Factors {
-            time: match &layout.time {
-                TimeSource::Column(column) => column.to_si,
-                TimeSource::SampleRate(_) => 1.0,
-            },
+            time: layout.time.to_si(),
             position: factors.position,
             velocity: factors.velocity,
             torque: factors.torque,
@@ -211,50 +247,6 @@ pub fn map_columns(
         motor_side: layout.motor_side,
         levels: robot.speed_levels.len(),
     })
-}
-
-/// The fields of a line: blanks around them and quotes taken off. A quoted field may hold the
-/// delimiter; quotes doubled inside it stay doubled, since no number and no column needs them.
-pub(super) fn fields(line: &str, delimiter: u8) -> impl Iterator<Item = &str> {
-    let delimiter = char::from(delimiter);
-    let blank = move |c: char| matches!(c, ' ' | '\t' | '\r') && c != delimiter;
-    let mut rest = Some(line);
-    std::iter::from_fn(move || {
-        let text = rest?;
-        let (field, after) = match quoted_end(text.trim_start_matches(blank)) {
-            Some(end) => {
-                let start = text.len() - text.trim_start_matches(blank).len();
-                split_at_delimiter(text, start + end, delimiter)
-            }
-            None => split_at_delimiter(text, 0, delimiter),
-        };
-        rest = after;
-        let field = field.trim_matches(blank);
-        let inside = field.strip_prefix('"').and_then(|f| f.strip_suffix('"'));
-        Some(inside.map_or(field, |inside| inside.trim_matches(blank)))
-    })
-}
-
-/// Byte behind the closing quote of a text that begins with a quote.
-fn quoted_end(text: &str) -> Option<usize> {
-    let mut quotes = text.strip_prefix('"')?.match_indices('"').map(|(at, _)| at + 1).peekable();
-    while let Some(quote) = quotes.next() {
-        // A doubled quote is a quote inside the field.
-        if quotes.next_if_eq(&(quote + 1)).is_none() {
-            return Some(quote + 1);
-        }
-    }
-    None
-}
-
-fn split_at_delimiter(text: &str, search_from: usize, delimiter: char) -> (&str, Option<&str>) {
-    match text[search_from..].find(delimiter) {
-        Some(at) => {
-            let at = search_from + at;
-            (&text[..at], Some(&text[at + delimiter.len_utf8()..]))
-        }
-        None => (text, None),
-    }
 }
 
 /// What every question to the header needs.
@@ -279,7 +271,7 @@ impl Search<'_> {
 
     fn refuse_missing_header(&self) -> Result<(), Rejection> {
         let mut cells = self.names.iter().filter(|name| !name.is_empty()).peekable();
-        if cells.peek().is_some() && !cells.all(|name| name.parse::<f64>().is_ok()) {
+        if cells.peek().is_some() && !cells.all(|name| cell::number(name, self.layout.text.decimal).is_ok()) {
             return Ok(());
         }
         Err(self.rejection(
@@ -411,10 +403,7 @@ impl Search<'_> {
 
     fn is_named(&self, name: &str) -> bool {
         let layout = self.layout;
-        let time = match &layout.time {
-            TimeSource::Column(column) => Some(&column.column),
-            TimeSource::SampleRate(_) => None,
-        };
+        let time = layout.time.column();
         let stage = match &layout.stage {
             StageSource::Signal(signal) => Some(&signal.column),
             StageSource::Whole(_) => None,
@@ -456,24 +445,6 @@ mod tests {
 
     fn mapped(header: &str) -> Result<ColumnMap, Rejection> {
         map_columns(header, &native(), &er3a(), Path::new("a.csv"))
-    }
-
-    fn split(line: &str) -> Vec<&str> {
-        fields(line, b',').collect()
-    }
-
-    #[test]
-    fn fields_lose_blanks_and_quotes_and_keep_quoted_delimiters() {
-        assert_eq!(split("a,b"), ["a", "b"]);
-        assert_eq!(split(""), [""]);
-        assert_eq!(split(","), ["", ""]);
-        assert_eq!(split(" a ,\tb\r"), ["a", "b"]);
-        assert_eq!(split("\"a,b\", \" c \" ,d"), ["a,b", "c", "d"]);
-        assert_eq!(split("\"a \"\"x\"\", y\",2"), ["a \"\"x\"\", y", "2"]);
-        assert_eq!(split("5\" pipe,2"), ["5\" pipe", "2"]);
-        assert_eq!(split("\"open,2"), ["\"open", "2"]);
-        assert_eq!(split("\"\",\"\"\"\""), ["", "\"\""]);
-        assert_eq!(fields("a\t b\t\t", b'\t').collect::<Vec<_>>(), ["a", "b", "", ""]);
     }
 
     #[test]

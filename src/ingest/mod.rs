@@ -4,32 +4,40 @@
 //!
 //! In reading order: [`watch`] finds files, [`settle`] says when a writer has finished,
 //! [`fingerprint`] tells one content from another, [`source`] opens plain and compressed exports,
-//! [`tail`] those that still grow, [`blocks`] cuts them at line ends, [`layout`] finds the columns, [`csv`] reads blocks with polars
-//! and [`exact`] reads them cell by cell where polars would guess; [`channels`] turns columns into SI;
-//! [`excerpt`] shows the place where an export was not
-//! understood, and [`archive`] moves one that is stored.
+//! [`tail`] those that still grow, [`encoding`] makes UTF-8 of them, [`blocks`] cuts them at line ends,
+//! [`preamble`] finds the header, [`layout`] the columns, [`csv`] gives rows that [`parser`] reads with
+//! polars and [`exact`] cell by cell where polars would guess; [`cell`] knows what one of them says, [`channels`] turns columns
+//! into SI. [`infer`] proposes a layout for exports that have none. [`excerpt`] shows the place where an export was
+//! not understood, [`archive`] moves one that is stored.
 //!
 //! Three rules hold in here. A file is understood whole or not at all: whatever is not read as it
 //! was written becomes a rejection that names line, column, value and remedy. Foreign units, signs
-//! and number formats end in here. Nothing but this module names polars, notify, flate2, zstd or
-//! blake3.
+//! and number formats end in here. Nothing but this module names polars, notify, flate2, zstd,
+//! encoding_rs or blake3.
 
 pub mod archive;
 pub mod blocks;
+pub mod cell;
 pub mod channels;
 pub mod csv;
-mod encoding;
+pub mod encoding;
 pub mod exact;
 pub mod excerpt;
+mod fields;
 pub mod fingerprint;
+pub mod infer;
 pub mod layout;
 pub mod plain;
+pub mod parser;
+pub mod preamble;
 pub mod rejection;
 pub mod settle;
 pub mod source;
 pub mod tail;
 pub mod watch;
 
+#[cfg(test)]
+mod csv_tests;
 #[cfg(test)]
 mod fixture;
 #[cfg(test)]

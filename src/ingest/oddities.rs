@@ -1,9 +1,13 @@
 //! One fixture file for each oddity, and what is said of it.
 
-use super::fixture::{fixture, read};
+use super::csv::{ExportReader, ReadOptions};
+use super::fixture::{fixture, native as layout, read, read_bytes};
 use super::rejection::Rejection;
+use super::source::open;
+use crate::config::{Column, DecimalMark, Layout, ScaledColumn, TextFormat, TimeSource};
 use crate::robot::JointIndex;
 use crate::run::{FrictionSignal, Samples, Stage};
+use crate::testing::er3a;
 
 fn rejected(name: &str) -> Rejection {
     match read(&fixture(name)) {
@@ -187,19 +191,145 @@ fn a_row_that_may_be_cut_in_its_last_number_is_left_out() {
 }
 
 #[test]
-fn foreign_encodings_are_named() {
+fn foreign_encodings_are_read_and_those_that_are_none_are_named() {
+    for name in ["utf16.csv", "utf16_no_bom.csv", "latin1.csv", "latin1_in_a_cell.csv"] {
+        assert_eq!(read(&fixture(name)).as_ref(), Ok(&native()), "{name}");
+    }
     assert_message(
-        "utf16.csv",
-        ", line 1: text that is not UTF-8; it looks like UTF-16 (little endian); export as UTF-8",
-    );
-    assert_message(
-        "utf16_no_bom.csv",
-        ", line 1: text that is not UTF-8; it looks like UTF-16 (big endian);",
-    );
-    assert_message("latin1.csv", ", line 1: text that is not UTF-8; it looks like Latin-1;");
-    assert_message(
-        "latin1_in_a_cell.csv",
+        "utf8_and_latin1.csv",
         ", line 5, column note: text that is not UTF-8; it looks like Latin-1;",
     );
+    assert_message(
+        "utf32.csv",
+        ", line 1: text that is not UTF-8; it looks like UTF-32 (little endian); export as UTF-8",
+    );
     assert_message("carriage_returns.csv", ", line 1: lines that end with carriage returns alone;");
+}
+
+#[test]
+fn lines_before_the_rows() {
+    for name in ["comments_before_header.csv", "header_behind_comment_sign.csv"] {
+        assert_eq!(read(&fixture(name)).as_ref(), Ok(&native()), "{name}");
+    }
+    assert_message(
+        "unit_row.csv",
+        ", line 2, column time: \"[s]\" is not a number; if this line gives units or types, set \
+         skip_after_header = 1 in the layout (the line begins at byte ",
+    );
+    let with = |name: &str, text: TextFormat| {
+        let bytes = std::fs::read(fixture(name)).unwrap();
+        read_bytes(&bytes, &Layout { text, ..layout() }, ReadOptions::default())
+    };
+    let units = TextFormat { skip_after_header: 1, ..TextFormat::default() };
+    assert_eq!(with("unit_row.csv", units), Ok(native()));
+    let lines = TextFormat { skip_lines: 3, ..TextFormat::default() };
+    assert_eq!(with("lines_before_header.csv", lines), Ok(native()));
+    assert!(with("lines_before_header.csv", TextFormat::default()).is_err());
+}
+
+#[test]
+fn delimiters_at_the_end_of_rows_or_header_only_and_mixed_line_ends() {
+    for name in
+        ["trailing_delimiters_in_rows.csv", "trailing_delimiter_in_header.csv", "crlf_in_the_middle.csv"]
+    {
+        assert_eq!(read(&fixture(name)).as_ref(), Ok(&native()), "{name}");
+    }
+}
+
+#[test]
+fn a_decimal_comma_is_read_where_the_layout_says_so_and_explained_where_not() {
+    let comma = |delimiter| Layout {
+        delimiter,
+        text: TextFormat { decimal: DecimalMark::Comma, ..TextFormat::default() },
+        ..layout()
+    };
+    let read = |name: &str, layout: &Layout| {
+        read_bytes(&std::fs::read(fixture(name)).unwrap(), layout, ReadOptions::default())
+    };
+    assert_eq!(read("decimal_commas.csv", &comma(b';')), Ok(native()));
+    assert_eq!(read("decimal_commas_quoted.csv", &comma(b',')), Ok(native()));
+    let said = |name: &str, layout: &Layout| read(name, layout).unwrap_err().to_string();
+    let points = said("semicolons.csv", &comma(b';'));
+    assert!(
+        points.starts_with(
+            "a.csv, line 2, column time: \"0.000\" is a number with a decimal point, and the layout says \
+             decimal = \",\"; take decimal"
+        ),
+        "{points}"
+    );
+    let commas = said("decimal_commas.csv", &Layout { delimiter: b';', ..layout() });
+    assert!(commas.contains("\"0,000\" is a number with a decimal comma; set decimal = \",\""), "{commas}");
+    let thousands = said("thousands.csv", &comma(b';'));
+    assert!(
+        thousands.contains("line 4, column trq_3: \"1.009,00\" is a number with separators of thousands;"),
+        "{thousands}"
+    );
+}
+
+#[test]
+fn times_in_other_units_and_as_timestamps() {
+    let read = |name: &str, time: TimeSource| {
+        read_bytes(
+            &std::fs::read(fixture(name)).unwrap(),
+            &Layout { time, ..layout() },
+            ReadOptions::default(),
+        )
+    };
+    let column = || Column::Name("time".into());
+    let ticks = || ScaledColumn { column: column(), to_si: 0.002 };
+    assert_eq!(read("timestamps.csv", TimeSource::Timestamp(column())), Ok(native()));
+    assert_eq!(read("ticks.csv", TimeSource::Column(ticks())), Ok(native()));
+    let wrapping = read("wrapping_ticks.csv", TimeSource::Counter { column: ticks(), wraps_at: 65_536.0 });
+    let start = 65_534.0 * 0.002;
+    let times: Vec<f64> = wrapping.unwrap().time.iter().map(|time| time - start).collect();
+    // 131 s in doubles are 3e-14 s apart.
+    assert!(times.iter().zip(&native().time).all(|(a, b)| (a - b).abs() < 1e-12), "{times:?}");
+    let said = read("wrapping_ticks.csv", TimeSource::Column(ticks())).unwrap_err();
+    assert_eq!(said.remedy, "if this is a counter that began anew, set wraps_at = 65536 under [time]");
+    let said = read("native.csv", TimeSource::Timestamp(column())).unwrap_err();
+    assert_eq!((said.line, said.reason.as_str()), (Some(2), "not a date and time"));
+}
+
+/// Each line of these files has a known length, so the byte of a line is known too.
+#[test]
+fn the_byte_of_a_bad_line_is_that_of_the_file_whatever_its_encoding() {
+    let text = std::fs::read_to_string(fixture("text_in_number.csv")).unwrap();
+    let start = text.lines().take(3).map(|line| line.len() + 1).sum::<usize>() as u64;
+    let byte = |bytes: &[u8]| read_bytes(bytes, &layout(), ReadOptions::default()).unwrap_err().byte;
+    assert_eq!(byte(text.as_bytes()), Some(start));
+    assert_eq!(byte(["\u{feff}", &text].concat().as_bytes()), Some(start + 3));
+    let wide: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    assert_eq!(byte(&wide), Some(2 * start));
+    let narrow: Vec<u8> = [&b"\xB0\n"[..], text.as_bytes()].concat();
+    let skipping = Layout { text: TextFormat { skip_lines: 1, ..TextFormat::default() }, ..layout() };
+    let rejection = read_bytes(&narrow, &skipping, ReadOptions::default()).unwrap_err();
+    assert_eq!((rejection.line, rejection.byte), (Some(5), Some(start + 2)));
+}
+
+/// A cut stream gives all whole lines before the cut, whatever the blocks.
+#[test]
+fn rows_before_the_cut_of_a_compressed_stream_are_kept() {
+    let text = std::fs::read_to_string(fixture("native.csv")).unwrap();
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::none());
+    std::io::Write::write_all(&mut encoder, text.as_bytes()).unwrap();
+    let whole = encoder.finish().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.csv.gz");
+    // Stored without compression, so that half of the file holds about half of the text.
+    std::fs::write(&path, &whole[..whole.len() - 100]).unwrap();
+    for block_bytes in [64, 1 << 20] {
+        let options = ReadOptions { block_bytes, ..ReadOptions::default() };
+        let mut reader = ExportReader::new(open(&path).unwrap(), &path, &layout(), &er3a(), options).unwrap();
+        let (mut rows, mut fault) = (Samples::default(), None);
+        for item in &mut reader {
+            match item {
+                Ok(chunk) => rows.append(chunk.samples),
+                Err(rejection) => fault = Some(rejection),
+            }
+        }
+        assert_eq!(rows, native().take_front(4), "{block_bytes}");
+        let fault = fault.unwrap();
+        assert_eq!(fault.line, Some(6), "{fault}");
+        assert!(fault.reason.contains(&format!("at byte {} of the file", whole.len() - 100)), "{fault}");
+    }
 }

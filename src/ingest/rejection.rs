@@ -17,6 +17,8 @@ pub struct Rejection {
     pub path: Box<Path>,
     /// Line in the decompressed file, from 1; the header is line 1.
     pub line: Option<u64>,
+    /// Offset of that line's first byte in the decompressed file, from 0.
+    pub byte: Option<u64>,
     /// Column name in the header.
     pub column: Option<Box<str>>,
     /// What stands there.
@@ -36,6 +38,7 @@ impl Rejection {
         Self {
             path: path.into(),
             line: None,
+            byte: None,
             column: None,
             value: None,
             reason: reason.into(),
@@ -48,6 +51,13 @@ impl Rejection {
     #[must_use]
     pub fn at_line(mut self, line: u64) -> Self {
         self.line = Some(line);
+        self
+    }
+
+    /// The same in a line that begins at this byte, from 0.
+    #[must_use]
+    pub fn at_byte(mut self, byte: u64) -> Self {
+        self.byte = Some(byte);
         self
     }
 
@@ -87,7 +97,8 @@ impl Rejection {
     fn fault(&self) -> String {
         let value = self.value.as_ref().map(|value| format!("\"{}\" is ", value.escape_debug()));
         let remedy = if self.remedy.is_empty() { String::new() } else { format!("; {}", self.remedy) };
-        format!("{}{}{remedy}", value.unwrap_or_default(), self.reason)
+        let byte = self.byte.map(|byte| format!(" (the line begins at byte {byte})"));
+        format!("{}{}{remedy}{}", value.unwrap_or_default(), self.reason, byte.unwrap_or_default())
     }
 
     /// A rejection from a failed read, with the explanation that [`super::source`] gave the error
@@ -153,6 +164,11 @@ mod tests {
         assert_eq!(
             rejection.to_string(),
             "R01.csv, line 1234, column trq_3: \"abc\" is not a number; export again or correct the cell"
+        );
+        assert_eq!(
+            rejection.at_byte(77).sentence(),
+            "line 1234, column trq_3: \"abc\" is not a number; export again or correct the cell \
+             (the line begins at byte 77)"
         );
     }
 

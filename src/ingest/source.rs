@@ -46,7 +46,7 @@ pub fn open_hashing(path: &Path) -> Result<(Box<dyn Read + Send>, RunningHash), 
 pub fn open_hashing_up_to(path: &Path, most: u64) -> Result<(Box<dyn Read + Send>, RunningHash), Rejection> {
     let file = regular_file(path).map_err(|error| Rejection::from_io(path, &error))?;
     let (file, hash) = HashingReader::new(file);
-    let decoded = decoded(file, path)?;
+    let decoded = decoded(file, &hash, path)?;
     Ok((Box::new(Limited { inner: decoded, left: most, most }), hash))
 }
 
@@ -78,7 +78,11 @@ pub fn path_text(path: &Path) -> String {
     text
 }
 
-fn decoded(mut file: impl Read + Send + 'static, path: &Path) -> Result<Box<dyn Read + Send>, Rejection> {
+fn decoded(
+    mut file: impl Read + Send + 'static,
+    raw: &RunningHash,
+    path: &Path,
+) -> Result<Box<dyn Read + Send>, Rejection> {
     let mut head = Vec::new();
     file.by_ref()
         .take(MAGIC_BYTES)
@@ -90,12 +94,12 @@ fn decoded(mut file: impl Read + Send + 'static, path: &Path) -> Result<Box<dyn 
         Format::Plain => Ok(Box::new(whole)),
         Format::Gzip => {
             let decoder = MultiGzDecoder::new(BufReader::with_capacity(DISK_BUFFER_BYTES, whole));
-            Ok(Box::new(Explained { inner: decoder, format: "gzip" }))
+            Ok(Box::new(Explained { inner: decoder, format: "gzip", raw: raw.clone(), given: 0 }))
         }
         Format::Zstandard => {
             let decoder = zstd::Decoder::with_buffer(BufReader::with_capacity(DISK_BUFFER_BYTES, whole))
                 .map_err(|error| Rejection::from_io(path, &error))?;
-            Ok(Box::new(Explained { inner: decoder, format: "zstd" }))
+            Ok(Box::new(Explained { inner: decoder, format: "zstd", raw: raw.clone(), given: 0 }))
         }
         Format::Other(name) => {
             Err(Rejection::of_file(path, name, "unpack it, or compress the export with gzip or zstd"))
@@ -129,20 +133,31 @@ fn format(head: &[u8]) -> Format {
 struct Explained<R> {
     inner: R,
     format: &'static str,
+    /// Counts the bytes on disk.
+    raw: RunningHash,
+    /// Decompressed bytes so far.
+    given: u64,
 }
 
 impl<R: Read> Read for Explained<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        self.inner.read(buffer).map_err(|error| match error.kind() {
+        let read = self.inner.read(buffer);
+        self.given += read.as_ref().map_or(0, |count| *count as u64);
+        read.map_err(|error| match error.kind() {
             // the file below, not the stream in it
             _ if error.raw_os_error().is_some() => error,
             io::ErrorKind::Interrupted => error,
             io::ErrorKind::UnexpectedEof => unreadable(
-                format!("a {} stream that ends too early", self.format),
+                format!(
+                    "a {} stream that ends too early, at byte {} of the file, after {} bytes of text",
+                    self.format,
+                    self.raw.bytes(),
+                    self.given
+                ),
                 "the copy or the compression was cut off; copy the export again",
             ),
             _ => unreadable(
-                format!("a damaged {} stream ({error})", self.format),
+                format!("a damaged {} stream after {} bytes of text ({error})", self.format, self.given),
                 "copy or compress the export again",
             ),
         })
@@ -239,7 +254,9 @@ mod tests {
         for (format, bytes) in [("gzip", gzip(&long)), ("zstd", zstandard(&long))] {
             for keep in [6, bytes.len() / 2, bytes.len() - 1] {
                 let rejection = read(&case("a.csv.gz", &bytes[..keep]).path).unwrap_err();
-                assert_eq!(rejection.reason, format!("a {format} stream that ends too early"), "{keep}");
+                let said =
+                    format!("a {format} stream that ends too early, at byte {keep} of the file, after ");
+                assert!(rejection.reason.starts_with(&said), "{rejection}");
             }
         }
     }

@@ -35,6 +35,17 @@ pub enum SegmentError {
         /// Time of the first of them, s.
         start_s: f64,
     },
+    /// The cycle counter stands at zero inside a cycle.
+    #[error(
+        "the cycle counter comes back to {counter} at time {time_s} s after it stood at zero; export each test to a \
+         file of its own, or leave the counter as it is inside a cycle"
+    )]
+    CounterReturns {
+        /// Counter before and after.
+        counter: u32,
+        /// Time of the row at which it is back, s.
+        time_s: f64,
+    },
     /// The cycle counter runs backwards.
     #[error(
         "the cycle counter falls from {from} to {to} at time {time_s} s; export each test to a file of its own"
@@ -59,6 +70,8 @@ pub struct CycleCutter {
     counter: Option<u32>,
     /// Largest counter so far; zero, before and after a test, does not count as falling.
     counter_reached: u32,
+    /// Number of the cycle that was cut last; zero before the first.
+    number_cut: u32,
     cycles_cut: u32,
     rows_seen: u64,
     stage_seen: bool,
@@ -82,7 +95,7 @@ impl CycleCutter {
     /// Takes the next rows and returns the cycles that they end.
     ///
     /// # Errors
-    /// [`SegmentError::Endless`] and [`SegmentError::CounterFalls`].
+    /// [`SegmentError::Endless`], [`SegmentError::CounterFalls`] and [`SegmentError::CounterReturns`].
     pub fn push(&mut self, chunk: Samples) -> Result<Vec<Cycle>, SegmentError> {
         self.rows_seen += chunk.rows() as u64;
         self.pending.append(chunk);
@@ -118,6 +131,9 @@ impl CycleCutter {
                 let time_s = self.pending.time[row];
                 return Err(SegmentError::CounterFalls { from: self.counter_reached, to, time_s });
             }
+            if to != from && to != 0 && to == self.number_cut {
+                return Err(SegmentError::CounterReturns { counter: to, time_s: self.pending.time[row] });
+            }
             return Ok(to != from);
         }
         let stage = self.pending.stage[row];
@@ -149,6 +165,7 @@ impl CycleCutter {
             return None;
         }
         self.cycles_cut += 1;
+        self.number_cut = number;
         Some(Cycle { number, samples })
     }
 }
@@ -235,6 +252,15 @@ mod tests {
         let mut cutter = CycleCutter::new();
         let error = cutter.push(samples(&[1, 1, 1], Some(&[5, 5, 3]))).expect_err("falls");
         assert_eq!(error, SegmentError::CounterFalls { from: 5, to: 3, time_s: 0.02 });
+    }
+
+    /// Two cycles of one number were refused by the database, which stopped the program.
+    #[test]
+    fn a_counter_that_comes_back_from_zero_is_refused_unless_no_stage_was_before() {
+        let mut cutter = CycleCutter::new();
+        let error = cutter.push(samples(&[1, 1, 1], Some(&[1, 0, 1]))).expect_err("comes back");
+        assert_eq!(error, SegmentError::CounterReturns { counter: 1, time_s: 0.02 });
+        assert_eq!(cut_all(samples(&[0, 0, 1], Some(&[1, 0, 1])), 100), vec![(1, 1)]);
     }
 
     #[test]

@@ -31,7 +31,7 @@ const ROOMS: &[Room] = &[
     Room {
         name: "ingest",
         may_name: &["robot", "run", "config", "telemetry"],
-        door_to: &["polars", "notify", "flate2", "zstd", "blake3"],
+        door_to: &["polars", "notify", "flate2", "zstd", "blake3", "encoding_rs"],
     },
     Room {
         name: "store",

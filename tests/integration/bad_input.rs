@@ -148,9 +148,9 @@ const ODDITIES: &[Oddity] = &[
         said: &["line 701", "too short"],
     },
     Oddity {
-        name: "comment_above_the_header",
+        name: "words_above_the_header",
         spoil: |mut l| {
-            l.insert(0, "# exported by the controller".into());
+            l.insert(0, "exported by the controller".into());
             joined(l)
         },
         said: &["line 1", "time"],

@@ -16,6 +16,8 @@ mod docs;
 #[cfg(target_os = "linux")]
 mod faults;
 mod quarantine;
+mod fuzz_seeds;
+mod layouts;
 mod real_recording;
 mod reference_export;
 mod robot_urdf;

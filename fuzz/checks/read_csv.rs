@@ -1,0 +1,100 @@
+//! Any bytes are rows or a rejection, the same whatever the blocks; what polars reads, the reader of cells reads
+//! with the same numbers.
+//!
+//! The first byte of an input chooses a layout and whether its header stands before the other bytes.
+
+use std::path::Path;
+use std::sync::OnceLock;
+
+use armwatch::config::{Layout, parse_layout, parse_robot};
+use armwatch::ingest::blocks::{Blocks, Next};
+use armwatch::ingest::csv::{ExportReader, ReadOptions};
+use armwatch::ingest::layout::map_columns;
+use armwatch::ingest::parser::Parser;
+use armwatch::ingest::rejection::Rejection;
+use armwatch::ingest::{exact, preamble};
+use armwatch::robot::Robot;
+use armwatch::run::Samples;
+
+const ROBOT: &str = include_str!("../../config/robots/scara.toml");
+
+/// Names of the columns of a four-axis arm, with `,` for the delimiter.
+const HEADER: &str = "time,pos_1,pos_2,pos_3,pos_4,trq_1,trq_2,trq_3,trq_4,stage,cycle\n";
+
+const COLUMNS: &str = "[position]\ncolumn = \"pos_{joint}\"\nunit = \"rad\"\n[torque]\ncolumn = \"trq_{joint}\"\n\
+     unit = \"Nm\"\n[stage]\ncolumn = \"stage\"\nbetween = [0]\nexcitation = [1]\nfriction = [2]\nwarming = [3]\n\
+     [if_present]\ncycle = \"cycle\"\n";
+
+/// Delimiter, further keys, keys of time.
+const KINDS: [(char, &str, &str); 6] = [
+    (',', "", "unit = \"s\""),
+    (';', "decimal = \",\"", "unit = \"ms\""),
+    (',', "decimal = \",\"", "unit = \"s\""),
+    ('\t', "encoding = \"utf-8\"\nskip_after_header = 1", "unit = \"timestamp\""),
+    (',', "encoding = \"windows-1252\"\nskip_lines = 1", "unit = \"ticks\"\ntick_s = 0.004\nwraps_at = 256"),
+    (';', "decimal = \",\"", "unit = \"timestamp\""),
+];
+
+struct Kind {
+    layout: Layout,
+    header: String,
+}
+
+fn kinds() -> &'static (Robot, Vec<Kind>) {
+    static MADE: OnceLock<(Robot, Vec<Kind>)> = OnceLock::new();
+    MADE.get_or_init(|| {
+        let robot = parse_robot("scara.toml", ROBOT).expect("the shipped arm");
+        let kind = |(delimiter, keys, time): &(char, &str, &str)| {
+            let sign = if *delimiter == '\t' { "\\t".to_owned() } else { delimiter.to_string() };
+            let text = format!(
+                "name = \"fuzz\"\ndelimiter = \"{sign}\"\n{keys}\n[time]\ncolumn = \"time\"\n{time}\n{COLUMNS}"
+            );
+            let layout = parse_layout("fuzz.toml", &text).expect("a layout");
+            Kind { layout, header: HEADER.replace(',', &delimiter.to_string()) }
+        };
+        (robot, KINDS.iter().map(kind).collect())
+    })
+}
+
+/// All rows before the end or the fault, and the fault.
+fn read(bytes: &[u8], layout: &Layout, robot: &Robot, block_bytes: usize) -> (Samples, Option<Rejection>) {
+    let options = ReadOptions { block_bytes, threads: 1 };
+    let reader = match ExportReader::new(bytes, Path::new("fuzz.csv"), layout, robot, options) {
+        Ok(reader) => reader,
+        Err(rejection) => return (Samples::default(), Some(rejection)),
+    };
+    let mut rows = Samples::default();
+    for item in reader {
+        match item {
+            Ok(chunk) => rows.append(chunk.samples),
+            Err(rejection) => return (rows, Some(rejection)),
+        }
+    }
+    (rows, None)
+}
+
+/// One block by both readers.
+fn agree(bytes: &[u8], layout: &Layout, robot: &Robot) {
+    let path = Path::new("fuzz.csv");
+    let mut blocks = Blocks::new(bytes, 1 << 20, layout.text.encoding);
+    let Ok(Some(header)) = preamble::read(&mut blocks, layout, path) else { return };
+    let Ok(map) = map_columns(&header.text, layout, robot, path) else { return };
+    let Ok(Next::Block(block)) = blocks.next_block(path) else { return };
+    let fast = Parser::new(map.clone(), 1).read(&block, None, path);
+    assert_eq!(fast, exact::read(&block, &map, None, path));
+}
+
+/// Checks one input; a failure panics.
+pub fn run(data: &[u8]) {
+    let Some((choice, bytes)) = data.split_first() else { return };
+    let (robot, kinds) = kinds();
+    let kind = &kinds[usize::from(choice & 0x7F) % kinds.len()];
+    let mut file = Vec::new();
+    if choice & 0x80 != 0 {
+        file.extend_from_slice(kind.header.as_bytes());
+    }
+    file.extend_from_slice(bytes);
+    let whole = read(&file, &kind.layout, robot, 1 << 20);
+    assert_eq!(read(&file, &kind.layout, robot, 48), whole, "blocks of 48 bytes and of all");
+    agree(&file, &kind.layout, robot);
+}

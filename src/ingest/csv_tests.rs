@@ -1,0 +1,332 @@
+//! Reading whole exports: any blocks, any growth, any damage.
+
+use std::collections::VecDeque;
+use std::io::Read;
+use std::path::Path;
+
+use proptest::prelude::*;
+
+use super::channels;
+use super::csv::{ExportReader, ReadOptions, Step};
+use super::fixture::{channel, fixture, made_recording, native, read_bytes, recording, with_blocks_of};
+use super::source::open;
+use crate::config::{Column, DecimalMark, JointSigns, Layout, ScaledColumn, StageSource, TimeSource};
+use crate::run::{Samples, Stage};
+use crate::testing::er3a;
+
+#[test]
+fn rows_without_header_time_and_stage_are_counted_and_named_by_the_layout() {
+    let layout = Layout {
+        header: false,
+        time: TimeSource::SampleRate(5000.0),
+        position: channel("{joint}"),
+        velocity: None,
+        torque: channel("{joint+6}"),
+        stage: StageSource::Whole(Stage::Excitation),
+        ..native()
+    };
+    let text: String = (0..50)
+        .map(|row| {
+            let cells: Vec<String> =
+                (0..12).map(|column| format!("{}", f64::from(row * 100 + column))).collect();
+            cells.join(",") + "\n"
+        })
+        .collect();
+    for block_bytes in [100, 1 << 20] {
+        let reader = ExportReader::new(
+            text.as_bytes(),
+            Path::new("a.csv"),
+            &layout,
+            &er3a(),
+            with_blocks_of(block_bytes),
+        );
+        let mut samples = Samples::default();
+        reader.unwrap().for_each(|chunk| samples.append(chunk.unwrap().samples));
+        assert_eq!((samples.rows(), samples.time[0], samples.time[49]), (50, 0.0, 49.0 / 5000.0));
+        assert_eq!((samples.position[2][7], samples.torque[2][7]), (702.0, 708.0));
+        assert!(samples.velocity.is_none() && samples.cycle.is_none());
+        assert!(samples.stage.iter().all(|stage| *stage == Stage::Excitation));
+    }
+    let broken = text.replacen("1003", "x", 1);
+    let reader =
+        ExportReader::new(broken.as_bytes(), Path::new("a.csv"), &layout, &er3a(), ReadOptions::default());
+    let rejection = reader.unwrap().find_map(Result::err).unwrap();
+    assert_eq!((rejection.line, rejection.column.as_deref()), (Some(11), Some("4")));
+}
+
+#[test]
+fn rows_before_a_fault_come_whole_whatever_the_blocks() {
+    let (_, text) = made_recording(200);
+    let mut lines: Vec<&str> = text.lines().collect();
+    let broken = lines[150].replacen(',', ",x", 1);
+    lines[150] = &broken;
+    let text = lines.join("\n") + "\n";
+    for block_bytes in [600, 5000, 1 << 20] {
+        let reader = ExportReader::new(
+            text.as_bytes(),
+            Path::new("a.csv"),
+            &native(),
+            &er3a(),
+            with_blocks_of(block_bytes),
+        );
+        let items: Vec<_> = reader.unwrap().collect();
+        let rows: usize = items.iter().flatten().map(|chunk| chunk.samples.rows()).sum();
+        assert_eq!(rows, 149, "blocks of {block_bytes} bytes");
+        assert_eq!(items.last().unwrap().as_ref().unwrap_err().line, Some(151));
+    }
+}
+
+#[test]
+fn more_threads_read_the_same() {
+    let (samples, text) = made_recording(2000);
+    for threads in [0, 1, 2, 5] {
+        let options = ReadOptions { threads, ..ReadOptions::default() };
+        assert_eq!(read_bytes(text.as_bytes(), &native(), options).as_ref(), Ok(&samples), "{threads}");
+    }
+}
+
+#[test]
+fn lines_and_rows_are_counted_over_chunks() {
+    let (_, text) = made_recording(300);
+    let path = Path::new("a.csv");
+    let mut reader =
+        ExportReader::new(text.as_bytes(), path, &native(), &er3a(), with_blocks_of(5000)).unwrap();
+    let mut line = 2;
+    let mut chunks = 0;
+    for chunk in reader.by_ref() {
+        let chunk = chunk.unwrap();
+        assert_eq!(chunk.first_line, line);
+        line += chunk.samples.rows() as u64;
+        chunks += 1;
+    }
+    assert!(chunks > 10);
+    assert_eq!((reader.rows(), reader.left_out_line()), (300, None));
+    assert!(reader.next().is_none());
+}
+
+#[test]
+fn time_is_compared_over_chunks_and_reading_ends_at_the_rejection() {
+    let (_, text) = made_recording(200);
+    let twice = format!("{text}{}", text.split_once('\n').unwrap().1);
+    for block_bytes in [1, 700, 5000, 1 << 20] {
+        let options = with_blocks_of(block_bytes);
+        let mut reader =
+            ExportReader::new(twice.as_bytes(), Path::new("a.csv"), &native(), &er3a(), options).unwrap();
+        let rejection = reader.find_map(Result::err).expect("time runs backwards");
+        assert_eq!((rejection.line, rejection.value.as_deref()), (Some(202), Some("0")));
+        assert_eq!(rejection.reason, "earlier than 0.398 in the row before: time runs backwards");
+        assert!(reader.next().is_none());
+    }
+}
+
+#[test]
+fn foreign_units_end_here() {
+    let mut layout = native();
+    layout.time = TimeSource::Column(ScaledColumn { column: Column::Name("time".into()), to_si: 1e-3 });
+    layout.position.to_si = std::f64::consts::PI / 180.0;
+    layout.torque.to_si = 50.0;
+    layout.torque.sign = JointSigns::Each(vec![1.0, 1.0, 1.0, 1.0, 1.0, -1.0]);
+    let (samples, text) = made_recording(20);
+    let read = read_bytes(text.as_bytes(), &layout, ReadOptions::default()).unwrap();
+    for row in 0..20 {
+        assert_eq!(read.time[row], samples.time[row] * 1e-3);
+        assert_eq!(read.position[2][row], samples.position[2][row] * (std::f64::consts::PI / 180.0));
+        assert_eq!(read.torque[4][row], samples.torque[4][row] * 50.0);
+        assert_eq!(read.torque[5][row], samples.torque[5][row] * -50.0);
+    }
+    assert_eq!(read.velocity, samples.velocity);
+}
+
+#[test]
+fn clock_times_are_counted_from_the_first_row_and_others_are_not() {
+    let (samples, text) = made_recording(50);
+    let moved = |origin: f64| {
+        let lines = text.lines().enumerate().map(|(number, line)| match (number, line.split_once(',')) {
+            (1.., Some((time, rest))) => format!("{},{rest}\n", time.parse::<f64>().unwrap() + origin),
+            _ => format!("{line}\n"),
+        });
+        let moved: String = lines.collect();
+        read_bytes(moved.as_bytes(), &native(), with_blocks_of(1000)).unwrap().time
+    };
+    // Doubles near 1.7e9 lie 2.4e-7 apart.
+    let clock = moved(1.7e9);
+    assert_eq!(clock[0], 0.0);
+    assert!(clock.iter().zip(&samples.time).all(|(a, b)| (a - b).abs() < 5e-7));
+    assert_eq!(moved(3600.0)[0], 3600.0);
+}
+
+#[test]
+fn a_file_that_ends_inside_a_number_is_noticed_at_any_block_size() {
+    let text = std::fs::read_to_string(fixture("no_final_newline_after_torque.csv")).unwrap();
+    for block_bytes in 1..text.len() + 2 {
+        let path = Path::new("a.csv");
+        let options = with_blocks_of(block_bytes);
+        let mut reader = ExportReader::new(text.as_bytes(), path, &native(), &er3a(), options).unwrap();
+        assert_eq!(reader.by_ref().map(|chunk| chunk.unwrap().samples.rows()).sum::<usize>(), 4);
+        assert_eq!(reader.left_out_line(), Some(6));
+    }
+}
+
+#[test]
+fn wherever_a_file_is_cut_no_wrong_row_comes_out() {
+    let text = std::fs::read_to_string(fixture("native.csv")).unwrap();
+    let whole = read_bytes(text.as_bytes(), &native(), ReadOptions::default()).unwrap();
+    for keep in 0..text.len() {
+        if let Ok(read) = read_bytes(&text.as_bytes()[..keep], &native(), ReadOptions::default()) {
+            assert_eq!(read, whole.clone().take_front(read.rows()), "cut to {keep} bytes");
+        }
+    }
+}
+
+/// A number of any magnitude that a channel may have; larger ones come as their reciprocals.
+fn number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        -1e4..1e4,
+        any::<f64>().prop_map(|x| if x.abs() <= channels::MAX_POSITION { x } else { x.recip() })
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn any_block_size_reads_the_same(block_bytes in 1_usize..9000) {
+        let (samples, text) = made_recording(60);
+        let read = read_bytes(text.as_bytes(), &native(), with_blocks_of(block_bytes));
+        prop_assert_eq!(read, Ok(samples));
+    }
+
+    #[test]
+    fn numbers_come_back_bit_by_bit(numbers in proptest::collection::vec(number(), 18..200)) {
+        let mut cycle = numbers.iter().cycle();
+        let (samples, text) = recording(numbers.len() / 18, || *cycle.next().expect("endless"));
+        let read = read_bytes(text.as_bytes(), &native(), ReadOptions::default());
+        prop_assert_eq!(read, Ok(samples));
+    }
+}
+
+/// A file that grows: gives what is written up to the next cut, then pauses once.
+struct Slow<'b> {
+    bytes: &'b [u8],
+    given: usize,
+    cuts: VecDeque<usize>,
+}
+
+impl Read for Slow<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let written = self.cuts.front().map_or(self.bytes.len(), |cut| (*cut).min(self.bytes.len()));
+        if self.given >= written && self.cuts.pop_front().is_some() {
+            return Err(std::io::ErrorKind::WouldBlock.into());
+        }
+        let count = buffer.len().min(written - self.given);
+        buffer[..count].copy_from_slice(&self.bytes[self.given..self.given + count]);
+        self.given += count;
+        Ok(count)
+    }
+}
+
+/// The rows of a file that is read while it grows by these pieces, opened again until its header is whole.
+fn read_growing(bytes: &[u8], layout: &Layout, pieces: &[usize], block_bytes: usize) -> Samples {
+    let mut cuts: VecDeque<usize> = pieces
+        .iter()
+        .scan(0, |end, piece| {
+            *end += piece;
+            Some(*end)
+        })
+        .collect();
+    let mut reader = loop {
+        let file = Slow { bytes, given: 0, cuts: cuts.clone() };
+        let options = with_blocks_of(block_bytes);
+        match ExportReader::of_growing(file, Path::new("a.csv"), layout, &er3a(), options).unwrap() {
+            Some(reader) => break reader,
+            None => cuts.pop_front(),
+        };
+    };
+    let mut samples = Samples::default();
+    loop {
+        match reader.step().unwrap() {
+            Step::Rows(chunk) => samples.append(chunk.samples),
+            Step::Waiting => {}
+            Step::End => return samples,
+        }
+    }
+}
+
+/// The text in another encoding.
+fn encoded(text: &str, kind: usize) -> Vec<u8> {
+    match kind {
+        0 => text.as_bytes().to_vec(),
+        1 => ["\u{feff}", text].concat().into_bytes(),
+        2 => [0xFEFF].into_iter().chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect(),
+        3 => text.encode_utf16().flat_map(u16::to_be_bytes).collect(),
+        _ => encoding_rs::WINDOWS_1252.encode(text).0.into_owned(),
+    }
+}
+
+/// The bytes as a file holds them: plain, gzip or zstd, in one member or cut into two.
+fn packed(bytes: &[u8], kind: usize, cut: usize) -> Vec<u8> {
+    let gzip = |bytes: &[u8]| {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        std::io::Write::write_all(&mut encoder, bytes).unwrap();
+        encoder.finish().unwrap()
+    };
+    let zstd = |bytes: &[u8]| zstd::encode_all(bytes, 1).unwrap();
+    let (front, back) = bytes.split_at(cut.min(bytes.len()));
+    match kind {
+        0 => bytes.to_vec(),
+        1 => [gzip(front), gzip(back)].concat(),
+        _ => [zstd(front), zstd(back)].concat(),
+    }
+}
+
+/// A recording with a column beside it that is not ASCII, so that encodings differ.
+fn accented(rows: usize, comma: bool) -> (Samples, String, Layout) {
+    let (samples, text) = made_recording(rows);
+    let noted = |(at, line): (usize, &str)| match at {
+        0 => format!("{line},größe [°]\n"),
+        at => format!("{line},{}\n", if at % 3 == 0 { "ä" } else { "" }),
+    };
+    let text: String = text.lines().enumerate().map(noted).collect();
+    if !comma {
+        return (samples, text, native());
+    }
+    let mut layout = Layout { delimiter: b';', ..native() };
+    layout.text.decimal = DecimalMark::Comma;
+    (samples, text.replace(',', ";").replace('.', ","), layout)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn however_a_file_is_written_and_grows_it_reads_the_same(
+        encoding in 0_usize..5,
+        comma: bool,
+        pieces in proptest::collection::vec(1_usize..700, 0..40),
+        block_bytes in 1_usize..5000,
+    ) {
+        let (samples, text, layout) = accented(40, comma);
+        let read = read_growing(&encoded(&text, encoding), &layout, &pieces, block_bytes);
+        prop_assert_eq!(read, samples);
+    }
+
+    #[test]
+    fn however_a_file_is_packed_it_reads_the_same(
+        encoding in 0_usize..5,
+        packing in 0_usize..3,
+        cut in 0_usize..9000,
+        block_bytes in 1_usize..9000,
+    ) {
+        let (samples, text, layout) = accented(40, false);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        std::fs::write(&path, packed(&encoded(&text, encoding), packing, cut)).unwrap();
+        let bytes = open(&path).unwrap();
+        let reader = ExportReader::new(bytes, &path, &layout, &er3a(), with_blocks_of(block_bytes)).unwrap();
+        let mut read = Samples::default();
+        for chunk in reader {
+            read.append(chunk.unwrap().samples);
+        }
+        prop_assert_eq!(read, samples);
+    }
+}

@@ -1,0 +1,51 @@
+//! A layout for an unknown export, proposed from its first rows, with the reasons.
+//!
+//! `head` finds how the text is written, `names` what the names of columns say, `units` and `stages` what their
+//! numbers say, `decide` puts it together, and `write` makes a layout file of it. Nothing is guessed in silence:
+//! each choice has its reason as a comment, and what cannot be decided is a commented line with a question.
+
+mod decide;
+mod head;
+mod names;
+mod stages;
+mod units;
+mod write;
+
+#[cfg(test)]
+mod tests;
+
+use std::io::Read;
+use std::path::Path;
+
+use super::rejection::Rejection;
+use crate::robot::Robot;
+
+/// What is known beforehand.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Hints<'a> {
+    /// The arm, whose number of joints and limits help to decide.
+    pub robot: Option<&'a Robot>,
+    /// Rows per second, Hz, for exports without time.
+    pub sample_rate: Option<f64>,
+}
+
+/// A proposed layout.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Proposed {
+    /// Text of the layout file.
+    pub toml: String,
+    /// Questions that are left in it; with any, it does not load yet.
+    pub questions: usize,
+    /// Rows that were looked at.
+    pub rows: usize,
+}
+
+/// Proposes a layout called `name` from the first rows of an export.
+///
+/// # Errors
+/// A rejection of a file that cannot be read or holds no table of numbers.
+pub fn infer(reader: impl Read, path: &Path, name: &str, hints: Hints<'_>) -> Result<Proposed, Rejection> {
+    let head = head::read(reader, path)?;
+    let proposal = decide::propose(&head, hints);
+    Ok(write::layout(name, path, &head, &proposal))
+}

@@ -1,0 +1,134 @@
+//! Which values of a stage signal may mean which stage, by how the joints move under them.
+
+use std::collections::BTreeMap;
+
+/// Most different values of a column that may be a signal.
+const MOST_VALUES: usize = 32;
+
+/// Share of its largest speed below which a joint is at rest.
+const AT_REST: f64 = 0.01;
+
+/// Mean number of moving joints, over rows in which any moves, of a stage in which they move one by one.
+const ONE_BY_ONE: f64 = 1.3;
+
+/// Fewest moving joints of a stage in which they move together.
+const TOGETHER: f64 = 1.8;
+
+/// A whole number and the rows that have it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Value {
+    pub(super) value: i64,
+    pub(super) rows: usize,
+    /// Mean number of moving joints over the rows in which any moves.
+    pub(super) moving: f64,
+}
+
+/// Which values mean which stage.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(super) struct Meaning {
+    pub(super) between: Vec<i64>,
+    pub(super) excitation: Vec<i64>,
+    pub(super) friction: Vec<i64>,
+    pub(super) warming: Vec<i64>,
+}
+
+/// The values of a column of few whole numbers, in the order in which they come first; `None` of any other.
+pub(super) fn alphabet(values: &[f64]) -> Option<Vec<i64>> {
+    let mut found: Vec<i64> = Vec::new();
+    let mut last = f64::NAN;
+    for value in values {
+        if *value == last {
+            continue;
+        }
+        last = *value;
+        if value.fract() != 0.0 || value.abs() > 1e6 {
+            return None;
+        }
+        if !found.contains(&(*value as i64)) {
+            found.push(*value as i64);
+        }
+        if found.len() > MOST_VALUES {
+            return None;
+        }
+    }
+    (!found.is_empty()).then_some(found)
+}
+
+/// How the joints move under each value; `speeds` `[n][rows]` in any unit.
+pub(super) fn values(signal: &[f64], alphabet: &[i64], speeds: &[Vec<f64>]) -> Vec<Value> {
+    let limits: Vec<f64> = speeds.iter().map(|speed| AT_REST * super::units::largest(speed)).collect();
+    let mut counts: BTreeMap<i64, (usize, usize, usize)> = BTreeMap::new();
+    for (row, value) in signal.iter().enumerate() {
+        let moving = (speeds.iter().zip(&limits))
+            .filter(|(speed, limit)| speed.get(row).is_some_and(|speed| speed.abs() > **limit))
+            .count();
+        let (rows, moved, sum) = counts.entry(*value as i64).or_default();
+        *rows += 1;
+        *moved += usize::from(moving > 0);
+        *sum += moving;
+    }
+    let mean = |value: &i64| {
+        let (rows, moved, sum) = counts.get(value).copied().unwrap_or_default();
+        let moving = if moved > 0 { sum as f64 / moved as f64 } else { 0.0 };
+        Value { value: *value, rows, moving }
+    };
+    alphabet.iter().map(mean).collect()
+}
+
+/// What values mean that are those of the native layout, 0 to 3.
+pub(super) fn native(alphabet: &[i64]) -> Option<Meaning> {
+    alphabet.iter().all(|value| (0..=3).contains(value)).then(|| Meaning {
+        between: vec![0],
+        excitation: vec![1],
+        friction: vec![2],
+        warming: vec![3],
+    })
+}
+
+/// What the motion under the values says: one joint after the other is friction, all together are excitation
+/// and, after it, warming; nothing, or only moves, is between. `None` where no value has joints together.
+pub(super) fn by_motion(values: &[Value]) -> Option<Meaning> {
+    let mut meaning = Meaning::default();
+    for value in values {
+        let list = if value.value == 0 || value.moving == 0.0 {
+            &mut meaning.between
+        } else if value.moving <= ONE_BY_ONE {
+            &mut meaning.friction
+        } else if value.moving < TOGETHER {
+            &mut meaning.between
+        } else if meaning.excitation.is_empty() {
+            &mut meaning.excitation
+        } else if meaning.warming.is_empty() {
+            &mut meaning.warming
+        } else {
+            &mut meaning.between
+        };
+        list.push(value.value);
+    }
+    (!meaning.excitation.is_empty()).then_some(meaning)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_whole_numbers_are_an_alphabet() {
+        assert_eq!(alphabet(&[0.0, 0.0, 2.0, 1.0, 2.0]), Some(vec![0, 2, 1]));
+        assert_eq!(alphabet(&[0.0, 0.5]), None);
+        let many: Vec<f64> = (0..100).map(f64::from).collect();
+        assert_eq!(alphabet(&many), None);
+    }
+
+    #[test]
+    fn motion_tells_friction_from_the_others() {
+        // 7: nothing, 10: both joints, 20: one after the other, 30: both again
+        let signal: Vec<f64> = [7.0, 10.0, 20.0, 20.0, 30.0].iter().flat_map(|v| [*v; 10]).collect();
+        let first: Vec<f64> = [0.0, 1.0, 1.0, 0.0, 1.0].iter().flat_map(|v| [*v; 10]).collect();
+        let second: Vec<f64> = [0.0, 1.0, 0.0, 1.0, 1.0].iter().flat_map(|v| [*v; 10]).collect();
+        let found = values(&signal, &alphabet(&signal).unwrap(), &[first, second]);
+        let meaning = by_motion(&found).unwrap();
+        let lists = (meaning.between, meaning.excitation, meaning.friction, meaning.warming);
+        assert_eq!(lists, (vec![7], vec![10], vec![20], vec![30]));
+    }
+}

@@ -1,0 +1,285 @@
+//! What the numbers say of their units: velocity is the derivative of position, so the factor between them
+//! tells how their units and that of time go together.
+
+use std::f64::consts::{PI, TAU};
+
+/// A unit as layouts name it, and its factor to SI.
+pub(super) type Unit = (&'static str, f64);
+
+pub(super) const POSITION: [Unit; 3] = [("rad", 1.0), ("deg", PI / 180.0), ("rev", TAU)];
+pub(super) const VELOCITY: [Unit; 4] =
+    [("rad/s", 1.0), ("deg/s", PI / 180.0), ("rpm", TAU / 60.0), ("rev/s", TAU)];
+pub(super) const TIME: [Unit; 4] = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
+
+/// Unit of time that is a clock's own.
+pub(super) const TICKS: &str = "ticks";
+
+/// Steps of a clock that are believed, s: what a layout takes.
+const TICK: std::ops::RangeInclusive<f64> = 1e-9..=10.0;
+
+/// Rows between two positions that are compared: long enough for the noise and steps of an encoder to be small
+/// beside the motion.
+const WINDOW: usize = 20;
+
+/// Largest relative difference between the factor found and that of a pair of units; the nearest two, 1 rad/s
+/// against 9.55 rpm or 57.3 deg/s, are far apart, and velocities that are filtered differ by a few per cent.
+const SLOPE_TOLERANCE: f64 = 0.05;
+
+/// Windows in which a joint moves less than this part of its wide moves are left out: there, noise decides.
+const LEAST_MOVE: f64 = 0.1;
+
+/// A window's factor agrees if it is this near to the median of all.
+const AGREES: f64 = 0.15;
+
+/// Least share of windows that agree for a factor to be believed; gaps in time and turning points do not.
+const LEAST_AGREEMENT: f64 = 0.7;
+
+/// Sample rates of controllers and loggers, Hz.
+const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 5.0..=25_000.0;
+
+/// Largest position of a joint without end stops, rad: three turns either way.
+const MAX_POSITION: f64 = 3.0 * TAU;
+
+/// Least motion of a recording by which anything is to be identified, rad, as the largest position of any joint.
+const LEAST_POSITION: f64 = 0.05;
+
+/// Largest speed of a joint, rad/s: small arms reach ten.
+const MAX_SPEED: f64 = 20.0;
+
+/// How velocity goes with the change of position.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Slope {
+    /// Velocity over change of position in a unit of time, all in the export's units.
+    pub(super) ratio: f64,
+    /// Share of windows in which it is so.
+    pub(super) agreement: f64,
+}
+
+/// The factor between `velocity` and the derivative of `position` `[rows]` over `time`; rows count where there
+/// is none. The median over windows of the sum of velocity over the change of position, so that gaps in time
+/// and noise do not matter; `None` where the windows do not agree.
+pub(super) fn slope(position: &[f64], velocity: &[f64], time: Option<&[f64]>) -> Option<Slope> {
+    let at = |row: usize| time.map_or(row as f64, |time| time[row]);
+    let rows = position.len().min(velocity.len()).min(time.map_or(usize::MAX, <[f64]>::len));
+    let window = |start: usize| {
+        let travelled: f64 = (start..start + WINDOW)
+            .map(|row| (velocity[row] + velocity[row + 1]) / 2.0 * (at(row + 1) - at(row)))
+            .sum();
+        (position[start + WINDOW] - position[start], travelled)
+    };
+    let windows: Vec<(f64, f64)> = (0..rows.saturating_sub(WINDOW)).step_by(WINDOW / 2).map(window).collect();
+    let mut moves: Vec<f64> = windows.iter().map(|(change, _)| change.abs()).collect();
+    moves.sort_by(f64::total_cmp);
+    let least = LEAST_MOVE * moves.get(moves.len() * 9 / 10).copied().filter(|wide| *wide > 0.0)?;
+    let moving = windows.into_iter().filter(|(change, _)| change.abs() >= least);
+    let mut ratios: Vec<f64> = moving.map(|(change, travelled)| travelled / change).collect();
+    ratios.sort_by(f64::total_cmp);
+    let ratio = ratios.get(ratios.len() / 2).copied().filter(|ratio| *ratio != 0.0)?;
+    let agree = ratios.iter().filter(|one| (*one / ratio - 1.0).abs() <= AGREES).count();
+    let agreement = agree as f64 / ratios.len() as f64;
+    (agreement >= LEAST_AGREEMENT).then_some(Slope { ratio, agreement })
+}
+
+/// The factor over all joints `[n][rows]`: the median of those that move.
+pub(super) fn joint_slope(position: &[&[f64]], velocity: &[&[f64]], time: Option<&[f64]>) -> Option<Slope> {
+    let mut slopes: Vec<Slope> = (position.iter().zip(velocity))
+        .filter_map(|(position, velocity)| slope(position, velocity, time))
+        .collect();
+    slopes.sort_by(|a, b| a.ratio.abs().total_cmp(&b.ratio.abs()));
+    slopes.get(slopes.len() / 2).copied()
+}
+
+/// What is known before the numbers are asked.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Known {
+    pub(super) position: Option<&'static str>,
+    pub(super) velocity: Option<&'static str>,
+    pub(super) time: Option<&'static str>,
+}
+
+/// What the numbers are like, in the export's units.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Figures {
+    /// Largest amount of any position.
+    pub(super) position: f64,
+    /// Largest amount of any velocity, where recorded.
+    pub(super) velocity: Option<f64>,
+    /// Median step of time, where recorded.
+    pub(super) step: Option<f64>,
+    pub(super) slope: Option<Slope>,
+    /// Largest amount of a position that the arm allows, rad, where it is known.
+    pub(super) limit: Option<f64>,
+    /// Whether positions are those of motors, which turn many times.
+    pub(super) is_motor: bool,
+}
+
+/// A choice of units: names and factors to SI.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Choice {
+    pub(super) position: Unit,
+    pub(super) velocity: Unit,
+    pub(super) time: Unit,
+}
+
+/// All choices that go with what is known and what the numbers are like; those that are more usual stand first.
+pub(super) fn choices(known: Known, figures: Figures) -> Vec<Choice> {
+    let of = |units: &[Unit], known: Option<&str>| -> Vec<Unit> {
+        units.iter().copied().filter(|(name, _)| known.is_none_or(|known| known == *name)).collect()
+    };
+    let velocities = match figures.velocity {
+        Some(_) => of(&VELOCITY, known.velocity),
+        None => vec![("rad/s", 1.0)],
+    };
+    let times = match figures.step {
+        Some(_) => of(&TIME, known.time),
+        None => vec![("s", 1.0)],
+    };
+    let mut found = Vec::new();
+    for position in of(&POSITION, known.position) {
+        for &velocity in &velocities {
+            for &time in &times {
+                let choice = Choice { position, velocity, time };
+                if is_possible(choice, known, figures) {
+                    found.push(choice);
+                }
+            }
+        }
+    }
+    if found.is_empty() && known.time.is_none() {
+        found = of_ticks(&of(&POSITION, known.position), &velocities, known, figures);
+    }
+    found
+}
+
+/// Choices with a clock whose step follows from positions and velocities.
+fn of_ticks(positions: &[Unit], velocities: &[Unit], known: Known, figures: Figures) -> Vec<Choice> {
+    let Some(slope) = figures.slope else { return Vec::new() };
+    let pairs =
+        positions.iter().flat_map(|position| velocities.iter().map(move |velocity| (*position, *velocity)));
+    let choice = |(position, velocity): (Unit, Unit)| {
+        let tick = position.1 / (slope.ratio.abs() * velocity.1);
+        Choice { position, velocity, time: (TICKS, tick) }
+    };
+    pairs
+        .map(choice)
+        .filter(|choice| TICK.contains(&choice.time.1) && is_possible(*choice, known, figures))
+        .collect()
+}
+
+fn is_possible(choice: Choice, known: Known, figures: Figures) -> bool {
+    let Choice { position, velocity, time } = choice;
+    let agrees = match (figures.slope, figures.step) {
+        (Some(slope), Some(_)) => {
+            let expected = position.1 / (time.1 * velocity.1);
+            (slope.ratio.abs() / expected - 1.0).abs() <= SLOPE_TOLERANCE
+        }
+        _ => true,
+    };
+    let rate = figures.step.is_none_or(|step| SAMPLE_RATES.contains(&(1.0 / (step * time.1))));
+    let reach = figures.position * position.1;
+    let most = figures.limit.map_or(MAX_POSITION, |limit| 1.1 * limit);
+    let inside = known.position.is_some() || figures.is_motor || (LEAST_POSITION..=most).contains(&reach);
+    // Turns are rare enough to need a word for them, or a factor that nothing else gives.
+    let usual = position.0 != "rev" || known.position.is_some() || figures.slope.is_some();
+    let speed = figures.velocity.map_or(0.0, |speed| speed * velocity.1);
+    let sane = known.velocity.is_some() || figures.is_motor || speed <= MAX_SPEED;
+    agrees && rate && inside && usual && sane
+}
+
+/// The median of the steps of a column.
+pub(super) fn median_step(values: &[f64]) -> Option<f64> {
+    let mut steps: Vec<f64> = values.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() / 2).copied()
+}
+
+/// The largest amount.
+pub(super) fn largest<'v>(values: impl IntoIterator<Item = &'v f64>) -> f64 {
+    values.into_iter().fold(0.0, |most, value| value.abs().max(most))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A motion in rad and rad/s at 250 Hz.
+    fn motion() -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+        let time: Vec<f64> = (0..2000).map(|row| f64::from(row) * 0.004).collect();
+        let position = time.iter().map(|t| 1.2 * (1.7 * t).sin() + 0.3 * (5.0 * t).cos()).collect();
+        let velocity =
+            time.iter().map(|t| 1.2 * 1.7 * (1.7 * t).cos() - 0.3 * 5.0 * (5.0 * t).sin()).collect();
+        (time, position, velocity)
+    }
+
+    fn in_units(values: &[f64], factor: f64) -> Vec<f64> {
+        values.iter().map(|value| value / factor).collect()
+    }
+
+    #[test]
+    fn every_triple_of_units_is_among_those_found() {
+        let (time, position, velocity) = motion();
+        for p in POSITION {
+            for v in VELOCITY {
+                for t in TIME {
+                    let (time, position) = (in_units(&time, t.1), in_units(&position, p.1));
+                    let velocity = in_units(&velocity, v.1);
+                    let slope = joint_slope(&[&position], &[&velocity], Some(&time)).unwrap();
+                    let figures = Figures {
+                        position: largest(&position),
+                        velocity: Some(largest(&velocity)),
+                        step: median_step(&time),
+                        slope: Some(slope),
+                        limit: Some(3.0),
+                        is_motor: false,
+                    };
+                    let found = choices(Known::default(), figures);
+                    let right = Choice { position: p, velocity: v, time: t };
+                    assert!(found.contains(&right), "{right:?} is not in {found:?}");
+                    let known = Known { position: Some(p.0), ..Known::default() };
+                    assert_eq!(choices(known, figures), [right], "one unit known");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_clock_of_its_own_is_found_by_its_step() {
+        let (time, position, velocity) = motion();
+        let counts = in_units(&time, 0.002);
+        let figures = Figures {
+            position: largest(&position),
+            velocity: Some(largest(&velocity)),
+            step: median_step(&counts),
+            slope: joint_slope(&[&position], &[&velocity], Some(&counts)),
+            limit: Some(3.0),
+            is_motor: false,
+        };
+        let found = choices(Known::default(), figures);
+        assert_eq!((found[0].position.0, found[0].time.0), ("rad", TICKS));
+        assert!((found[0].time.1 - 0.002).abs() < 1e-5, "{found:?}");
+    }
+
+    #[test]
+    fn a_velocity_that_is_none_has_no_slope() {
+        let (time, position, _) = motion();
+        assert_eq!(joint_slope(&[&position], &[&position], Some(&time)), None);
+        assert_eq!(slope(&[1.0; 100], &[0.0; 100], None), None);
+    }
+
+    #[test]
+    fn gaps_and_rests_do_not_matter() {
+        let (time, mut position, mut velocity) = motion();
+        position[1000..1800].fill(0.7);
+        velocity[1000..1800].fill(0.0);
+        let slope = slope(&position, &velocity, Some(&time)).unwrap();
+        assert!((slope.ratio - 1.0).abs() < 0.01, "{slope:?}");
+    }
+
+    #[test]
+    fn a_turned_velocity_has_a_negative_slope() {
+        let (time, position, velocity) = motion();
+        let velocity = in_units(&velocity, -1.0);
+        let slope = slope(&position, &velocity, Some(&time)).unwrap();
+        assert!((slope.ratio + 1.0).abs() < 0.01 && slope.agreement > 0.9, "{slope:?}");
+    }
+}
