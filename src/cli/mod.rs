@@ -21,6 +21,8 @@ mod robot_urdf;
 mod run;
 mod selection;
 mod simulate;
+mod stage_signal;
+mod explain;
 mod torque;
 mod verify;
 
@@ -110,6 +112,8 @@ enum Command {
     Run(run::RunArgs),
     /// Take files or folders through the pipeline once
     Ingest(ingest::IngestArgs),
+    /// Say what would become of an export, without storing anything
+    Explain(explain::ExplainArgs),
     /// Identify one parameter set on chosen cycles from what is stored of them
     Identify(identify::IdentifyArgs),
     /// List, show or delete what `identify --save` keeps
@@ -216,6 +220,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Demo(args) => demo::demo(&cli.global, &args),
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
+        Command::Explain(args) => explain::explain(&cli.global, &args),
         Command::Identify(args) => identify::identify(&cli.global, &args),
         Command::Parameters(args) => parameters::parameters(&cli.global, &args),
         Command::Verify(args) => verify::verify(&cli.global, &args),

@@ -17,6 +17,8 @@ mod reader;
 mod recognition;
 mod robot_file;
 mod source;
+mod stage_file;
+mod stage_source;
 mod suggestion;
 mod summary;
 mod transmission;
@@ -34,13 +36,14 @@ use std::time::Duration;
 
 pub use self::layout::{
     Channel, Column, JointColumns, JointFactors, JointSigns, Layout, Misfit, MotorSide, ScaledColumn,
-    StageSignal, StageSource, TimeSource, TorqueQuantity,
+    TimeSource, TorqueQuantity,
 };
-pub use self::layout_file::{parse_layout, read_layout};
+pub use self::layout_file::{LayoutUnits, layout_units, parse_layout, read_layout};
 pub use self::problem::{ConfigErrors, ConfigProblem};
 pub use self::recognition::{RecogniseError, Recognised};
 pub use self::robot_file::{parse_robot, read_robot};
 pub use self::source::ConfigSource;
+pub use self::stage_source::{OneHot, StageLevels, StageSignal, StageSource, StageWords};
 pub use self::summary::summary;
 pub use self::urdf_writer::{UrdfFriction, straight_friction, urdf_text};
 use crate::numerics::analyse::AnalysisSettings;

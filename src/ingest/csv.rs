@@ -274,7 +274,8 @@ impl Parser {
     pub fn new(map: ColumnMap, threads: usize) -> Self {
         // Columns go by number, since names may be empty or come twice.
         let field = |(column, role): (usize, &Role)| {
-            let kind = if *role == Role::Ignored { DataType::String } else { DataType::Float64 };
+            let text = *role == Role::Ignored || channels::is_text(*role, &map);
+            let kind = if text { DataType::String } else { DataType::Float64 };
             Field::new(column.to_string().into(), kind)
         };
         let schema = map.roles.iter().enumerate().map(field).collect::<Schema>();
@@ -316,6 +317,7 @@ impl Parser {
         let frame = self.parsed(bytes).filter(|frame| frame.height() == rows)?;
         let needed = |(column, role): (&Column, &Role)| match role {
             Role::Ignored => Some(Vec::new()),
+            role if channels::is_text(*role, &self.map) => word_numbers(column, *role, &self.map),
             _ => numbers(column, rows),
         };
         frame.columns().iter().zip(&self.map.roles).map(needed).collect()
@@ -335,6 +337,23 @@ impl Parser {
             .finish()
             .ok()
     }
+}
+
+/// The numbers that the words of a column stand for, or `None` if one of them stands for none.
+fn word_numbers(column: &Column, role: Role, map: &ColumnMap) -> Option<Vec<f64>> {
+    // a stage lasts for thousands of rows: the word of the row before is nearly always this one
+    let mut last: Option<(&str, f64)> = None;
+    let words = column.str().ok()?.iter().map(|word| word.unwrap_or_default());
+    words
+        .map(|word| match last {
+            Some((known, number)) if known == word => Some(number),
+            _ => {
+                let found = channels::word_number(word, role, map)?;
+                last = Some((word, found));
+                Some(found)
+            }
+        })
+        .collect()
 }
 
 /// The numbers of a column without a gap.

@@ -13,6 +13,7 @@
 
 pub mod analyse;
 pub mod signal;
+pub mod stages;
 pub mod segment;
 pub mod transmission;
 pub mod kinematics;

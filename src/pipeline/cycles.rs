@@ -8,6 +8,7 @@ use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
 use crate::numerics::segment::{CycleCutter, SegmentError};
 use crate::numerics::signal::median_step;
+use crate::numerics::stages::{StageFinder, StageRule};
 use crate::numerics::transmission::JointSide;
 use crate::robot::Robot;
 use crate::run::{Cycle, Samples};
@@ -16,11 +17,12 @@ use crate::run::{Cycle, Samples};
 /// on the pieces in which a growing file is read.
 const SAMPLE_RATE_ROWS: usize = 1000;
 
-/// Brings the rows of an export to the joints and cuts them into cycles.
+/// Brings the rows of an export to the joints, gives them their stage and cuts them into cycles.
 #[derive(Debug)]
 pub struct RowCutter {
     path: PathBuf,
     joint_side: JointSide,
+    stages: StageFinder,
     cutter: CycleCutter,
     first_times: Vec<f64>,
 }
@@ -35,7 +37,13 @@ impl RowCutter {
         let joint_side = JointSide::new(robot, motor.position, motor.torque).map_err(|error| {
             Rejection::of_file(path, error.to_string(), "correct the transmission of the robot's description")
         })?;
-        Ok(Self { path: path.to_owned(), joint_side, cutter: CycleCutter::new(), first_times: Vec::new() })
+        let rule = layout.stage.rule();
+        let cutter = match rule {
+            StageRule::Windows { .. } => CycleCutter::of_windows(),
+            _ => CycleCutter::new(),
+        };
+        let stages = StageFinder::new(rule);
+        Ok(Self { path: path.to_owned(), joint_side, stages, cutter, first_times: Vec::new() })
     }
 
     /// Takes the next rows and gives the cycles that they end.
@@ -46,16 +54,20 @@ impl RowCutter {
         let missing = SAMPLE_RATE_ROWS.saturating_sub(self.first_times.len());
         self.first_times.extend(samples.time.iter().take(missing));
         self.joint_side.apply(&mut samples);
-        self.cutter.push(samples).map_err(|error| rejected(&self.path, &error))
+        let staged = self.stages.push(samples).map_err(|error| rejected(&self.path, &error))?;
+        self.cutter.push(staged).map_err(|error| rejected(&self.path, &error))
     }
 
-    /// Ends the export and gives its last cycle. Nothing is left to cut.
+    /// Ends the export and gives its last cycles. Nothing is left to cut.
     ///
     /// # Errors
     /// A rejection of an export without stages.
-    pub fn finish(&mut self) -> Result<Option<Cycle>, Rejection> {
-        let cutter = std::mem::take(&mut self.cutter);
-        cutter.finish().map_err(|error| rejected(&self.path, &error))
+    pub fn finish(&mut self) -> Result<Vec<Cycle>, Rejection> {
+        let mut cutter = std::mem::take(&mut self.cutter);
+        let cut = |error: SegmentError| rejected(&self.path, &error);
+        let mut cycles = cutter.push(self.stages.finish()).map_err(cut)?;
+        cycles.extend(cutter.finish().map_err(cut)?);
+        Ok(cycles)
     }
 
     /// Rows per second, from the median time step of the first rows, Hz; zero where it is unknown.
@@ -84,9 +96,9 @@ pub fn read_cycle(
             return Ok(Some(found));
         }
     }
-    Ok(cutter.finish()?.filter(|cycle| cycle.number == wanted))
+    Ok(cutter.finish()?.into_iter().find(|cycle| cycle.number == wanted))
 }
 
-fn rejected(path: &Path, error: &SegmentError) -> Rejection {
+fn rejected(path: &Path, error: &dyn std::error::Error) -> Rejection {
     Rejection::of_file(path, error.to_string(), "")
 }

@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::{Outcome, Pipeline, PipelineError, Retry};
-use crate::config::{FleetEntry, Layout, RewritePolicy};
+use crate::config::{Config, FleetEntry, Layout, RewritePolicy};
 use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::fingerprint::{self, fingerprint};
 use crate::ingest::rejection::Rejection;
@@ -69,7 +69,7 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
     };
     let Some(state) = source_state(path) else { return Ok(Known::Yes(Outcome::Changed)) };
     let known = pipeline.store().lookup(&content_hash).await?;
-    let recognised = recognise(pipeline, path, file_time);
+    let recognised = recognise(pipeline.config(), path, file_time);
     let recording = recognised.as_ref().ok().and_then(Recognised::recording);
     let start = start(pipeline, path, state.file, recording).await?;
     // a content that was superseded at this path has come back to it
@@ -287,11 +287,10 @@ impl Recognised<'_> {
 /// # Errors
 /// A rejection of a name that says no robot, or one without description.
 pub fn recognise<'a>(
-    pipeline: &'a Pipeline,
+    config: &'a Config,
     path: &Path,
     file_time: Timestamp,
 ) -> Result<Recognised<'a>, Rejection> {
-    let config = pipeline.config();
     let recognised = config.recognition.recognise(&file_name(path)).map_err(|error| {
         Rejection::of_file(
             path,

@@ -9,6 +9,7 @@
 pub mod drive_gain;
 pub mod cycles;
 pub mod cutting;
+pub mod explain;
 pub mod follow;
 pub mod intake;
 pub mod physical;

@@ -91,6 +91,15 @@ impl Store {
         open::open(path, open::BUSY_TIMEOUT).await
     }
 
+    /// Opens the database at `path` to look into it; nothing is made or changed, and writing fails. `None` if
+    /// there is none.
+    ///
+    /// # Errors
+    /// As [`Store::open`], and [`StoreError::Older`] for a schema that is not up to date.
+    pub async fn open_existing(path: &Path) -> Result<Option<Self>, StoreError> {
+        open::open_existing(path).await
+    }
+
     /// Moves the write-ahead log into the database file and closes it, for all clones.
     ///
     /// # Errors

@@ -10,6 +10,8 @@ mod bad_input;
 mod cli;
 mod daemon;
 mod docs;
+mod explain;
+mod stage_signals;
 mod real_recording;
 mod reference_export;
 mod robot_urdf;
