@@ -13,7 +13,7 @@ use crate::config::{Config, Layout, layout_units};
 use crate::ingest::layout::{ColumnMap, Role};
 use crate::pipeline::explain::{CycleSketch, Explainer, Explanation, Ledger, Next, Reading, RecognisedAs};
 use crate::robot::{JointIndex, Robot};
-use crate::run::Stage;
+use crate::run::{RunKind, Stage};
 
 /// Most names of ignored columns that are listed.
 const LISTED_COLUMNS: usize = 12;
@@ -103,9 +103,13 @@ fn reading_lines(layout: &Layout, robot: &Robot, of: &Reading) -> Vec<String> {
         lines.extend(column_lines(layout, map));
     }
     if of.rows > 0 {
-        let rate = if of.sample_rate > 0.0 { format!(", {:.4} Hz", of.sample_rate) } else { String::new() };
-        let rate = rate.trim_end_matches('0').trim_end_matches('.').to_owned();
+        // clocks of milliseconds leave digits that say nothing
+        let hertz = (of.sample_rate * 1e3).round() / 1e3;
+        let rate = if hertz > 0.0 { format!(", {hertz} Hz") } else { String::new() };
         lines.push(topic("recording", &format!("{} rows, {:.1} s{rate}", of.rows, of.duration)));
+    }
+    if layout.stage.run_kind() == RunKind::Production {
+        lines.push(topic("kind", "production: no stages, held against the parameters of the robot's tests"));
     }
     if !of.cycles.is_empty() {
         lines.push(topic("cycles", &of.cycles.len().to_string()));
@@ -177,10 +181,11 @@ fn stage_table(cycles: &[CycleSketch]) -> String {
             }));
             row.push(match &cycle.analysis {
                 None => "not made".into(),
-                Some(CycleAnalysis { identification: Ok(found), .. }) => {
-                    format!("{} parameters", found.parameters.len())
-                }
-                Some(CycleAnalysis { identification: Err(_), .. }) => "no parameters".into(),
+                Some(analysis) => match (&analysis.identification, analysis.refusal()) {
+                    (Ok(found), _) => format!("{} parameters", found.parameters.len()),
+                    (Err(_), Some(_)) => "refused".into(),
+                    (Err(_), None) => "held against a test".into(),
+                },
             });
             row
         })
@@ -248,7 +253,7 @@ fn problems(of: &Explanation) -> Vec<String> {
     let mut said: Vec<(String, Vec<u32>)> = Vec::new();
     for cycle in &reading.cycles {
         let Some(analysis) = &cycle.analysis else { continue };
-        let refused = analysis.identification.as_ref().err().map(|reason| format!("no parameters: {reason}"));
+        let refused = analysis.refusal().map(|reason| format!("no parameters: {reason}"));
         for text in refused.into_iter().chain(analysis.remarks.iter().cloned()) {
             match said.iter_mut().find(|(known, _)| *known == text) {
                 Some((_, cycles)) => cycles.push(cycle.cycle),
@@ -337,6 +342,7 @@ fn as_value(of: &Explanation) -> serde_json::Value {
         value["start_from_name"] = json!(recognised.named_start);
         value["model"] = json!(recognised.entry.description.model);
         value["layout"] = json!(recognised.entry.layout.name);
+        value["kind"] = json!(recognised.entry.layout.stage.run_kind().name());
     }
     if let Some(reading) = &of.reading {
         value["rows"] = json!(reading.rows);
@@ -367,7 +373,7 @@ fn cycle_value(of: &CycleSketch) -> serde_json::Value {
         "rows": of.rows,
         "stages": stages,
         "identified": of.analysis.as_ref().map(|analysis| analysis.identification.is_ok()),
-        "reason": of.analysis.as_ref().and_then(|analysis| analysis.identification.as_ref().err()),
+        "reason": of.analysis.as_ref().and_then(CycleAnalysis::refusal),
         "remarks": of.analysis.as_ref().map(|analysis| &analysis.remarks),
     })
 }

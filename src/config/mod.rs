@@ -68,10 +68,23 @@ pub struct Config {
 }
 
 impl Config {
-    /// The entry of the robot called `robot`: the first whose pattern matches the whole name.
+    /// The entry of the robot called `robot`: the first whose pattern matches the whole name, one for all its
+    /// files if there is one.
     #[must_use]
     pub fn robot_entry(&self, robot: &str) -> Option<&FleetEntry> {
-        self.fleet.iter().find(|entry| pattern::matches(&entry.robots, robot))
+        let mut entries = self.fleet.iter().filter(|entry| pattern::matches(&entry.robots, robot));
+        let for_all = entries.clone().find(|entry| entry.files.is_none());
+        for_all.or_else(|| entries.next())
+    }
+
+    /// The entry for an export of the robot called `robot`: the first whose patterns match its name and that
+    /// of the file.
+    #[must_use]
+    pub fn export_entry(&self, robot: &str, file_name: &str) -> Option<&FleetEntry> {
+        self.fleet.iter().find(|entry| {
+            let of_file = entry.files.as_ref().is_none_or(|files| pattern::matches(files, file_name));
+            of_file && pattern::matches(&entry.robots, robot)
+        })
     }
 }
 
@@ -125,6 +138,8 @@ pub struct Recognition {
 pub struct FleetEntry {
     /// Pattern over the whole robot name; `*` stands for any characters.
     pub robots: String,
+    /// Pattern over the file name of an export, with its endings; `None` for all of them.
+    pub files: Option<String>,
     /// The arm.
     pub description: Arc<Robot>,
     /// The layout of its exports.

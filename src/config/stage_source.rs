@@ -36,6 +36,12 @@ impl StageSource {
         }
     }
 
+    /// Whether a row says its stage, or the layout the stage of all of them; otherwise it is found later.
+    #[must_use]
+    pub fn is_recorded(&self) -> bool {
+        self.rule() == StageRule::Recorded
+    }
+
     /// How rows get their stage once they are read.
     #[must_use]
     pub fn rule(&self) -> StageRule {

@@ -287,14 +287,16 @@ fn friction_signals(
     map: &ColumnMap,
 ) -> Option<Vec<Option<FrictionSignal>>> {
     let (joints, levels) = (map.joint_count() as u64, u64::from(max_level(map)));
+    let later = !map.stage_source.is_recorded();
     stage
         .iter()
         .zip(joint.iter().zip(level))
         .map(|(stage, (joint, level))| {
             let joint = in_range(*joint, 0, joints)?;
             let level = in_range(*level, 0, levels)?;
-            // Between two joints of the friction stage either may be zero.
-            let tested = *stage == Stage::Friction && level > 0;
+            // Between two joints of the friction stage either may be zero. A stage that is not known yet
+            // takes those outside it away later.
+            let tested = (later || *stage == Stage::Friction) && level > 0;
             let joint = JointIndex::from_number(joint as usize).filter(|_| tested);
             Some(joint.map(|joint| FrictionSignal { joint, level: level as u8 }))
         })

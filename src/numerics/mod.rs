@@ -63,6 +63,7 @@ pub mod warm_up;
 #[cfg(test)]
 mod warm_up_tests;
 pub mod verify;
+pub mod production;
 pub mod torque_series;
 pub mod cross;
 pub mod drive_gain;

@@ -119,9 +119,14 @@ impl StageFinder {
     ///
     /// # Errors
     /// [`OutsideLevels`] for an analogue signal outside every range.
-    pub fn push(&mut self, mut rows: Samples) -> Result<Samples, OutsideLevels> {
+    pub fn push(&mut self, rows: Samples) -> Result<Samples, OutsideLevels> {
         let Some(first) = self.first_time.or(rows.time.first().copied()) else { return Ok(rows) };
         self.first_time = Some(first);
+        let rows = self.staged(rows, first)?;
+        Ok(if self.rule == StageRule::Recorded { rows } else { without_stray_signals(rows) })
+    }
+
+    fn staged(&mut self, mut rows: Samples, first: f64) -> Result<Samples, OutsideLevels> {
         match &self.rule {
             StageRule::Recorded => Ok(rows),
             StageRule::Schedule(schedule) => {
@@ -149,7 +154,7 @@ impl StageFinder {
         let mut rows = std::mem::take(&mut self.held);
         rows.stage = vec![self.present.unwrap_or(Stage::Between); rows.rows()];
         rows.stage_level = None;
-        rows
+        without_stray_signals(rows)
     }
 
     fn settle(&mut self, settings: &LevelSettings, rows: Samples) -> Result<Samples, OutsideLevels> {
@@ -214,6 +219,16 @@ impl StageFinder {
         }
         Ok(())
     }
+}
+
+/// Takes away joint and level of rows outside the friction stage, which mean nothing there.
+fn without_stray_signals(mut rows: Samples) -> Samples {
+    for (signal, stage) in rows.friction_signal.iter_mut().flatten().zip(&rows.stage) {
+        if *stage != Stage::Friction {
+            *signal = None;
+        }
+    }
+    rows
 }
 
 #[cfg(test)]

@@ -17,8 +17,9 @@ use crate::ingest::layout::ColumnMap;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
 use crate::numerics::analyse::{Method, analyse_cycle};
+use crate::numerics::production::analyse_window;
 use crate::robot::Robot;
-use crate::run::{ContentHash, Cycle, RunStatus, Samples, Stage};
+use crate::run::{ContentHash, Cycle, RunKind, RunStatus, Samples, Stage};
 use crate::store::{KnownRun, Store};
 
 /// Everything that is known of an export before it is stored.
@@ -281,7 +282,7 @@ fn read_into(
     let mut export = ExportReader::new(bytes, path, layout, robot, ReadOptions::default())?;
     reading.columns = Some(export.columns().clone());
     let mut cutter = RowCutter::new(path, layout, robot)?;
-    let mut first_time = None;
+    let (mut first_time, kind) = (None, layout.stage.run_kind());
     while let Some(chunk) = export.next() {
         let samples = chunk?.samples;
         reading.rows = export.rows();
@@ -290,20 +291,20 @@ fn read_into(
         }
         let cycles = cutter.push(samples);
         reading.sample_rate = cutter.sample_rate();
-        reading.cycles.extend(cycles?.iter().map(|cycle| sketch(cycle, method)));
+        reading.cycles.extend(cycles?.iter().map(|cycle| sketch(cycle, method, kind)));
     }
     reading.left_out_line = export.left_out_line();
     reading.content = Some(hash.so_far().0);
-    reading.cycles.extend(cutter.finish()?.iter().map(|cycle| sketch(cycle, method)));
+    reading.cycles.extend(cutter.finish()?.iter().map(|cycle| sketch(cycle, method, kind)));
     Ok(())
 }
 
-fn sketch(cycle: &Cycle, method: Option<&Method>) -> CycleSketch {
+fn sketch(cycle: &Cycle, method: Option<&Method>, kind: RunKind) -> CycleSketch {
     let samples = &cycle.samples;
     let ends = samples.time.first().zip(samples.time.last());
     // an hour's factors are of no use here
     let analysis = method
-        .map(|method| CycleAnalysis { factors: CycleFactors::default(), ..analyse_cycle(method, cycle) });
+        .map(|method| CycleAnalysis { factors: CycleFactors::default(), ..analysed(method, cycle, kind) });
     CycleSketch {
         cycle: cycle.number,
         start: ends.map_or(0.0, |(first, _)| *first),
@@ -311,6 +312,13 @@ fn sketch(cycle: &Cycle, method: Option<&Method>) -> CycleSketch {
         rows: samples.rows(),
         stages: stage_parts(samples),
         analysis,
+    }
+}
+
+fn analysed(method: &Method, cycle: &Cycle, kind: RunKind) -> CycleAnalysis {
+    match kind {
+        RunKind::Test => analyse_cycle(method, cycle),
+        RunKind::Production => analyse_window(method, cycle, None),
     }
 }
 

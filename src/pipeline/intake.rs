@@ -298,10 +298,10 @@ pub fn recognise<'a>(
             "rename the file, or change [recognition] in the configuration",
         )
     })?;
-    let entry = config.robot_entry(&recognised.robot).ok_or_else(|| {
+    let entry = config.export_entry(&recognised.robot, &file_name(path)).ok_or_else(|| {
         Rejection::of_file(
             path,
-            format!("no description for robot \"{}\"", recognised.robot),
+            format!("no description for robot \"{}\" and this file", recognised.robot),
             "add a [[robot]] entry whose name matches to the configuration",
         )
     })?;

@@ -4,12 +4,13 @@ use tokio::sync::mpsc;
 
 use super::cutting::ReadTotals;
 use super::intake::Intake;
-use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun, friction};
+use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun, friction, production};
 use crate::analysis::{FrictionPoint, RunAnalysis, WarmUpFit};
 use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::{AnalysisSettings, Method, RunResults, analyse_run, warm_up_fits};
 use crate::numerics::detect::detect;
 use crate::robot::{JointIndex, ParameterId};
+use crate::run::RunKind;
 use crate::store::{AnomalyRow, Owner, RunMeasurements, RunTotals, Store};
 
 /// Up to this many runs of a robot, the fits over all its runs are renewed with every run; later,
@@ -53,8 +54,8 @@ pub(super) async fn cycles(
         }
         store.record_cycle_read(intake.run_id, &analysis, &intake.robot, Some(&read)).await?;
         stored(analysis.cycle);
-        if let Err(reason) = analysis.identification {
-            recorded.refused.push((analysis.cycle, reason));
+        if let Some(reason) = analysis.refusal() {
+            recorded.refused.push((analysis.cycle, reason.to_owned()));
         }
     }
     Ok(recorded)
@@ -74,6 +75,9 @@ pub async fn finish(
     refused: Vec<(u32, String)>,
 ) -> Result<Outcome, PipelineError> {
     let _turn = pipeline.ending.lock().await;
+    if intake.layout.stage.run_kind() == RunKind::Production {
+        return production::finish(pipeline, intake, totals, refused).await;
+    }
     let measurements = pipeline.store().run_measurements(intake.run_id).await?;
     let baseline_runs = pipeline.config().detect.baseline_runs;
     let friction =
@@ -108,6 +112,7 @@ pub async fn finish(
     };
     ending.complete(figures).await?;
     ending.commit().await?;
+    production::check_waiting(pipeline.store(), intake.run_id).await?;
     Ok(Outcome::Stored(StoredRun {
         run_id: intake.run_id,
         robot: intake.header.robot.clone(),

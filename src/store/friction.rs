@@ -69,7 +69,7 @@ async fn run_starts(
 ) -> Result<Vec<(i64, i64)>, sqlx::Error> {
     sqlx::query_as(
         "SELECT run_id, started_at FROM run
-         WHERE robot_id = ?1 AND (status = 'complete' OR run_id = ?2)
+         WHERE robot_id = ?1 AND kind = 'test' AND (status = 'complete' OR run_id = ?2)
                AND run_id IS NOT (SELECT replaces_run_id FROM run WHERE run_id = ?2)
          ORDER BY started_at, run_id",
     )

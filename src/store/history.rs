@@ -65,7 +65,8 @@ pub(super) async fn complete_runs_beside(
 ) -> Result<usize, sqlx::Error> {
     let found: i64 = sqlx::query_scalar(
         "SELECT COUNT(*) FROM run
-         WHERE robot_id = (SELECT robot_id FROM run WHERE run_id = ?1) AND status = 'complete' AND run_id <> ?1
+         WHERE robot_id = (SELECT robot_id FROM run WHERE run_id = ?1) AND status = 'complete' AND kind = 'test'
+               AND run_id <> ?1
                AND run_id IS NOT (SELECT replaces_run_id FROM run WHERE run_id = ?1)",
     )
     .bind(run_id)
@@ -160,7 +161,7 @@ async fn excitation_rmsd(
     .await
 }
 
-/// Summaries of a robot's complete runs and of `finishing_run_id`, oldest first.
+/// Summaries of a robot's complete tests and of `finishing_run_id`, oldest first.
 pub(super) async fn run_summaries(
     executor: impl SqliteExecutor<'_>,
     robot_id: i64,
@@ -173,7 +174,7 @@ pub(super) async fn run_summaries(
                 summary.relative_rmsd, summary.rmsd_swing, summary.rmsd_swing_cycles
          FROM run
          LEFT JOIN run_joint_summary AS summary USING (run_id)
-         WHERE run.robot_id = ? AND (run.status = 'complete' OR run.run_id = ?)
+         WHERE run.robot_id = ? AND run.kind = 'test' AND (run.status = 'complete' OR run.run_id = ?)
          ORDER BY run.started_at, run.run_id, summary.joint",
     )
     .bind(robot_id)
@@ -214,7 +215,7 @@ pub(super) async fn friction_history(
          FROM run
          CROSS JOIN cycle USING (run_id)
          CROSS JOIN friction_point USING (cycle_id)
-         WHERE run.robot_id = ?1 AND (run.status = 'complete' OR run.run_id = ?2)
+         WHERE run.robot_id = ?1 AND run.kind = 'test' AND (run.status = 'complete' OR run.run_id = ?2)
                AND run.run_id IS NOT (SELECT replaces_run_id FROM run WHERE run_id = ?2)
                AND speed_fraction BETWEEN ?3 AND ?4
          ORDER BY run.started_at, run.run_id, cycle.number, friction_point.number",

@@ -15,6 +15,7 @@ mod ledger;
 mod models;
 mod open;
 mod parameter_sets;
+mod production;
 mod read;
 mod reestimates;
 mod run_analysis;
@@ -60,9 +61,11 @@ pub use reestimates::{
 pub use sources::{EarlierRun, RunSource, SourceState};
 pub use verification::{CycleState, OfCycle};
 
-use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd, WarmingContrast};
+use crate::analysis::{
+    CycleAnalysis, FrictionPoint, IdentifiedParameter, ProductionCheck, TorqueRmsd, WarmingContrast,
+};
 use crate::robot::{ParameterId, Robot};
-use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader};
+use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunKind};
 use analyses::Recorded;
 
 /// An open database. Clones share it.
@@ -391,7 +394,57 @@ impl Store {
         self.checked(friction::independent_fractions(&self.readers, run_id).await)
     }
 
-    /// Number of complete runs of the robot of run `run_id`, that run left out.
+    /// Writes down what a run is a recording of.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn set_run_kind(&self, run_id: i64, kind: RunKind) -> Result<(), StoreError> {
+        self.checked(ledger::set_kind(&self.writer, run_id, kind).await)
+    }
+
+    /// Complete tests of the robot of run `run_id` whose parameters it may be held against, the best first:
+    /// the latest that started no later, and those before it; then the first that started later.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn reference_runs(&self, run_id: i64) -> Result<Vec<i64>, StoreError> {
+        self.checked(production::reference_runs(&self.readers, run_id).await)
+    }
+
+    /// Runs of production of the robot of run `run_id` with windows that are held against nothing yet.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn unchecked_runs(&self, run_id: i64) -> Result<Vec<i64>, StoreError> {
+        self.checked(production::unchecked_runs(&self.readers, run_id).await)
+    }
+
+    /// The run whose parameters a window of production was held against.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn checked_against(&self, run_id: i64, cycle: u32) -> Result<Option<i64>, StoreError> {
+        self.checked(production::checked_against(&self.readers, run_id, cycle).await)
+    }
+
+    /// Writes checks of windows, given by their numbers, that were held against nothing so far; others stay
+    /// as they are. All of it or nothing.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn store_production_checks(
+        &self,
+        run_id: i64,
+        checks: &[(u32, ProductionCheck)],
+    ) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        for (cycle, check) in checks {
+            self.checked(production::add(&mut transaction, run_id, *cycle, check).await)?;
+        }
+        self.commit(transaction).await
+    }
+
+    /// Number of complete tests of the robot of run `run_id`, that run left out.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

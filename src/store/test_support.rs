@@ -12,7 +12,7 @@ use crate::analysis::{
 };
 use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Severity};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
-use crate::run::{ContentHash, RunHeader, Stage};
+use crate::run::{ContentHash, RunHeader, RunKind, Stage};
 use crate::testing::er3a;
 
 pub(super) const VIEWS: [&str; 19] = [
@@ -110,6 +110,8 @@ pub(super) fn cycle(number: u32) -> CycleAnalysis {
         warming_contrast: Vec::new(),
         friction_points: friction_points(start),
         factors: CycleFactors::default(),
+        kind: RunKind::Test,
+        production: None,
         remarks: vec!["velocity is derived".into(), "joint 4 starts late".into()],
     }
 }

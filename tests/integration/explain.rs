@@ -43,7 +43,7 @@ fn an_export_is_explained_as_it_is_then_stored() {
         .iter()
         .filter_map(|of| of.as_str())
         .collect();
-    assert_eq!(said.join("\n"), remarks[0].replace("NULL", ""));
+    assert_eq!(said.join("\n"), remarks[0]);
     let levels = before["friction_levels"].as_array().expect("levels");
     assert_eq!(levels.len(), 6);
 
@@ -77,7 +77,7 @@ fn a_fault_is_said_with_line_and_column_and_a_rewritten_file_with_the_run_it_sup
     assert_eq!(faulty["rows"], 1999, "rows before the fault are read");
     assert_eq!(workshop.number("SELECT count(*) FROM runs"), 1, "nothing is stored");
 
-    fs::write(workshop.path("20260105.csv"), &text).expect("a file of nobody");
+    fs::write(workshop.path("20260105.csv"), &text[..text.len() / 2]).expect("a file of nobody");
     let unknown = explained(&workshop, "20260105.csv", 1);
     assert!(unknown["problems"][0].as_str().is_some_and(|text| text.contains("recognition")), "{unknown}");
 }

@@ -11,6 +11,7 @@ mod cli;
 mod daemon;
 mod docs;
 mod explain;
+mod production;
 mod stage_signals;
 mod real_recording;
 mod reference_export;
