@@ -50,7 +50,7 @@ impl CycleAnalysis {
     #[must_use]
     pub fn refusal(&self) -> Option<&str> {
         match self.kind {
-            RunKind::Production if !self.factors.factors.is_empty() => None,
+            RunKind::Production if self.sample_rate > 0.0 => None,
             _ => self.identification.as_ref().err().map(String::as_str),
         }
     }

@@ -142,7 +142,10 @@ fn stage_cells(layout: &Layout) -> Result<Vec<(Column, Cell)>, CliError> {
             let levels = <[f64; 4]>::try_from(middles).map_err(|_| lacking())?;
             Ok(vec![(of.column.clone(), Cell::StageLevel { levels, noise: NOISE_OF_RANGE * width })])
         }
-        StageSource::Schedule(_) | StageSource::Whole(_) | StageSource::Production(_) => Ok(Vec::new()),
+        StageSource::Motion
+        | StageSource::Schedule(_)
+        | StageSource::Whole(_)
+        | StageSource::Production(_) => Ok(Vec::new()),
     }
 }
 

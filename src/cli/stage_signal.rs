@@ -66,7 +66,7 @@ impl StageSignalArg {
             Self::None => {
                 let none = (None, None, None);
                 let (cycle, friction_joint, friction_level) = none;
-                let stage = StageSource::Whole(Stage::Excitation);
+                let stage = StageSource::Motion;
                 return Ok(Layout { stage, cycle, friction_joint, friction_level, ..native });
             }
         };

@@ -51,10 +51,12 @@ pub(super) fn read_stage_source(table: &Table<'_>, names: &mut ColumnNames) -> O
         "signal" => read_signal(table, names),
         "one_hot" => read_one_hot(table, names).map(StageSource::OneHot),
         "levels" => read_levels(table, names).map(StageSource::Levels),
+        "motion" => Some(StageSource::Motion),
         "schedule" => read_schedule(table).map(StageSource::Schedule),
         "production" => table.number_or("window_s", &WINDOW, USUAL_WINDOW_S).map(StageSource::Production),
         _ => {
-            let kinds = "must be \"signal\", \"one_hot\", \"levels\", \"schedule\" or \"production\"";
+            let kinds =
+                "must be \"signal\", \"one_hot\", \"levels\", \"motion\", \"schedule\" or \"production\"";
             kind.refuse(kinds.into(), None);
             // the keys of a kind that is not understood are no mistakes of their own
             let keys = STAGES.map(Stage::name).into_iter();

@@ -15,6 +15,8 @@ pub enum StageSource {
     OneHot(OneHot),
     /// The level of an analogue signal in a column.
     Levels(StageLevels),
+    /// The motion; no column says it.
+    Motion,
     /// A sequence with durations; no column says it.
     Schedule(Schedule),
     /// The whole recording is one stage.
@@ -32,7 +34,7 @@ impl StageSource {
             Self::Words(words) => vec![&words.column],
             Self::Levels(levels) => vec![&levels.column],
             Self::OneHot(one_hot) => one_hot.columns.iter().map(|(_, column)| column).collect(),
-            Self::Schedule(_) | Self::Whole(_) | Self::Production(_) => Vec::new(),
+            Self::Motion | Self::Schedule(_) | Self::Whole(_) | Self::Production(_) => Vec::new(),
         }
     }
 
@@ -48,8 +50,21 @@ impl StageSource {
         match self {
             Self::Signal(_) | Self::Words(_) | Self::OneHot(_) | Self::Whole(_) => StageRule::Recorded,
             Self::Levels(levels) => StageRule::Levels(levels.settings.clone()),
+            Self::Motion => StageRule::Motion,
             Self::Schedule(schedule) => StageRule::Schedule(schedule.clone()),
             Self::Production(window) => StageRule::Windows { window: *window },
+        }
+    }
+
+    /// What is said of a cycle whose stages no signal of the controller tells.
+    #[must_use]
+    pub fn remark(&self) -> Option<&'static str> {
+        match self {
+            Self::Motion => Some("stages come from the motion, not from a signal of the controller"),
+            Self::Schedule(_) => {
+                Some("stages come from the layout's schedule, not from a signal of the controller")
+            }
+            _ => None,
         }
     }
 

@@ -254,7 +254,9 @@ fn stage_channel(
             Some((one_hot_stages(&flags, rows)?, None))
         }
         StageSource::Whole(stage) => Some((vec![*stage; rows], None)),
-        StageSource::Schedule(_) | StageSource::Production(_) => Some((vec![Stage::Between; rows], None)),
+        StageSource::Motion | StageSource::Schedule(_) | StageSource::Production(_) => {
+            Some((vec![Stage::Between; rows], None))
+        }
     }
 }
 

@@ -14,6 +14,7 @@
 pub mod analyse;
 pub mod signal;
 pub mod stages;
+pub mod motion_stages;
 pub mod segment;
 pub mod transmission;
 pub mod kinematics;

@@ -6,7 +6,7 @@ use super::factors::factor_cycle;
 use super::jumps::jumps;
 use super::signal::condition;
 use super::torque_series::{SeriesRows, TorqueSeries, torque_series};
-use crate::analysis::{CycleAnalysis, JointCheck, ProductionCheck, RmsdScope};
+use crate::analysis::{CycleAnalysis, JointCheck, ProductionCheck, RmsdPair, RmsdScope};
 use crate::robot::{JointIndex, ParameterId};
 use crate::run::{Cycle, RunKind};
 
@@ -66,7 +66,7 @@ fn joint_check(series: &TorqueSeries, joint: JointIndex) -> JointCheck {
     let rmsd = series.rmsd(joint, RmsdScope::WholeCycle);
     JointCheck {
         joint,
-        rmsd: crate::analysis::RmsdPair { all_rows: rmsd.all_rows, moving_rows: rmsd.moving_rows },
+        rmsd: RmsdPair { all_rows: rmsd.all_rows, moving_rows: rmsd.moving_rows },
         bias: some(moving.iter().sum::<f64>() / moving.len().max(1) as f64),
         max: some(moving.iter().fold(0.0, |most: f64, residual| most.max(residual.abs()))),
     }

@@ -1,9 +1,10 @@
-//! Stages of rows whose export does not name them: from an analogue signal, or from a sequence that the
-//! configuration declares; and windows of a recording that has none.
+//! Stages of rows whose export does not name them: from an analogue signal, from the motion, or from a sequence
+//! that the configuration declares; and windows of a recording that has none.
 //!
 //! Rows come in chunks of any size and leave in the same order once their stage is settled; the result
-//! does not depend on the chunks. At most the rows of one debounce time are held back.
+//! does not depend on the chunks. At most the rows of one debounce time, or of a block of motion, are held back.
 
+use super::motion_stages::MotionFinder;
 use crate::run::{Samples, Stage};
 
 /// Longest time that an analogue signal may stay outside every range, s: slower than any output switches,
@@ -18,6 +19,8 @@ pub enum StageRule {
     Recorded,
     /// From the level of an analogue signal.
     Levels(LevelSettings),
+    /// From the motion.
+    Motion,
     /// From time alone.
     Schedule(Schedule),
     /// From nothing: a recording without stages is taken window by window.
@@ -98,7 +101,8 @@ pub struct OutsideLevels {
 pub struct StageFinder {
     rule: StageRule,
     first_time: Option<f64>,
-    /// Rows whose stage is not settled; only an analogue signal leaves any.
+    motion: MotionFinder,
+    /// Rows whose stage an analogue signal has not settled.
     held: Samples,
     /// Stage of the last settled row.
     present: Option<Stage>,
@@ -109,10 +113,11 @@ pub struct StageFinder {
 }
 
 impl StageFinder {
-    /// A finder at the start of a recording.
+    /// A finder at the start of a recording; `low_speed` `[n]` is each joint's low-speed threshold, rad/s
+    /// (m/s).
     #[must_use]
-    pub fn new(rule: StageRule) -> Self {
-        Self { rule, ..Self::default() }
+    pub fn new(rule: StageRule, low_speed: Vec<f64>) -> Self {
+        Self { rule, motion: MotionFinder::new(low_speed), ..Self::default() }
     }
 
     /// Takes the next rows and gives those whose stage is settled.
@@ -129,6 +134,7 @@ impl StageFinder {
     fn staged(&mut self, mut rows: Samples, first: f64) -> Result<Samples, OutsideLevels> {
         match &self.rule {
             StageRule::Recorded => Ok(rows),
+            StageRule::Motion => Ok(self.motion.push(rows)),
             StageRule::Schedule(schedule) => {
                 let (cycles, stages) = rows.time.iter().map(|time| schedule.at(time - first)).unzip();
                 rows.cycle = Some(cycles);
@@ -151,6 +157,9 @@ impl StageFinder {
     /// Ends the recording and gives the rows that were held back. A stage that was not yet confirmed is none.
     #[must_use]
     pub fn finish(&mut self) -> Samples {
+        if self.rule == StageRule::Motion {
+            return without_stray_signals(self.motion.finish());
+        }
         let mut rows = std::mem::take(&mut self.held);
         rows.stage = vec![self.present.unwrap_or(Stage::Between); rows.rows()];
         rows.stage_level = None;
@@ -264,7 +273,7 @@ mod tests {
     }
 
     fn found(rule: &StageRule, mut rows: Samples, chunk: usize) -> Result<Samples, OutsideLevels> {
-        let mut finder = StageFinder::new(rule.clone());
+        let mut finder = StageFinder::new(rule.clone(), Vec::new());
         let mut settled = Samples::default();
         while !rows.is_empty() {
             let front = rows.take_front(chunk.min(rows.rows()));

@@ -42,7 +42,8 @@ impl RowCutter {
             StageRule::Windows { .. } => CycleCutter::of_windows(),
             _ => CycleCutter::new(),
         };
-        let stages = StageFinder::new(rule);
+        let low_speed = robot.joints.iter().map(|joint| joint.low_speed).collect();
+        let stages = StageFinder::new(rule, low_speed);
         Ok(Self { path: path.to_owned(), joint_side, stages, cutter, first_times: Vec::new() })
     }
 
@@ -101,4 +102,83 @@ pub fn read_cycle(
 
 fn rejected(path: &Path, error: &dyn std::error::Error) -> Rejection {
     Rejection::of_file(path, error.to_string(), "")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::parse_layout;
+    use crate::numerics::factors::tests::cycle;
+    use crate::run::Stage;
+    use crate::testing::er3a;
+
+    const NATIVE: &str = include_str!("../../config/exports/native.toml");
+
+    /// The native layout with another section `[stage]`.
+    fn layout(section: &str) -> Layout {
+        let start = NATIVE.find("[stage]").expect("a section");
+        let end = NATIVE.find("# Columns that are used if").expect("what follows");
+        let text = format!("{}[stage]\n{section}\n{}", &NATIVE[..start], &NATIVE[end..]);
+        parse_layout("layout.toml", &text).expect("no problems")
+    }
+
+    /// Three cycles one after the other, without a counter.
+    fn recording() -> Samples {
+        let mut recording = Samples::default();
+        for _ in 0..3 {
+            let mut samples = Samples { cycle: None, ..cycle(1, 1500).samples };
+            let offset = recording.time.last().map_or(0.0, |last| last + samples.time[1]);
+            samples.time.iter_mut().for_each(|time| *time += offset);
+            recording.append(samples);
+        }
+        recording
+    }
+
+    fn cut(layout: &Layout, mut rows: Samples, chunk: usize) -> Vec<Cycle> {
+        let mut cutter = RowCutter::new(Path::new("a.csv"), layout, &er3a()).expect("a cutter");
+        let mut cycles = Vec::new();
+        while !rows.is_empty() {
+            cycles.extend(cutter.push(rows.take_front(chunk.min(rows.rows()))).expect("cycles"));
+        }
+        cycles.extend(cutter.finish().expect("cycles"));
+        cycles
+    }
+
+    #[test]
+    fn levels_cut_the_cycles_that_their_stages_cut_whatever_the_pieces() {
+        let numbers =
+            layout("column = \"stage\"\nbetween = [0]\nexcitation = [1]\nfriction = [2]\nwarming = [3]");
+        let levels = layout(
+            "kind = \"levels\"\ncolumn = \"stage\"\nbetween = [-0.5, 0.5]\nexcitation = [2, 3]\nfriction = [4.5, 5.5]\n\
+             warming = [7, 8]\nhysteresis = 0.1\ndebounce_s = 0.05",
+        );
+        let staged = recording();
+        let expected = cut(&numbers, staged.clone(), staged.rows());
+        assert_eq!(expected.len(), 3);
+        let mut analogue = staged.clone();
+        let level = |(row, stage): (usize, &Stage)| {
+            // noise within the ranges and, apart from boundaries, a spike now and then
+            let inside = row >= 10 && staged.stage[row - 10] == *stage;
+            let spike = if inside && row % 97 == 50 { 2.5 } else { 0.0 };
+            2.5 * f64::from(*stage as u8) + spike + 0.4 * (row as f64).sin()
+        };
+        analogue.stage_level = Some(staged.stage.iter().enumerate().map(level).collect());
+        analogue.stage.fill(Stage::Between);
+        for chunk in [1, 7, 100, 1499, 4500] {
+            assert_eq!(cut(&levels, analogue.clone(), chunk), expected, "pieces of {chunk} rows");
+        }
+    }
+
+    #[test]
+    fn motion_and_windows_cut_the_same_whatever_the_pieces() {
+        for section in ["kind = \"motion\"", "kind = \"production\"\nwindow_s = 5"] {
+            let layout = layout(section);
+            let rows = recording();
+            let whole = cut(&layout, rows.clone(), rows.rows());
+            assert!(!whole.is_empty(), "{section}");
+            for chunk in [1, 13, 500] {
+                assert_eq!(cut(&layout, rows.clone(), chunk), whole, "{section} in pieces of {chunk} rows");
+            }
+        }
+    }
 }

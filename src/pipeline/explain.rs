@@ -9,6 +9,7 @@ use jiff::Timestamp;
 
 use super::cycles::RowCutter;
 use super::intake::{self, Recognised};
+use super::production::{Work, work_alone};
 use super::{Pipeline, PipelineError, Retry};
 use crate::analysis::{CycleAnalysis, CycleFactors};
 use crate::config::{Config, FleetEntry, Layout};
@@ -16,10 +17,9 @@ use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::layout::ColumnMap;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
-use crate::numerics::analyse::{Method, analyse_cycle};
-use crate::numerics::production::analyse_window;
+use crate::numerics::analyse::Method;
 use crate::robot::Robot;
-use crate::run::{ContentHash, Cycle, RunKind, RunStatus, Samples, Stage};
+use crate::run::{ContentHash, Cycle, RunStatus, Samples, Stage};
 use crate::store::{KnownRun, Store};
 
 /// Everything that is known of an export before it is stored.
@@ -170,8 +170,9 @@ impl Explainer {
         let mut reading = None;
         if let Some(of) = &recognised {
             let method = if quick { None } else { self.method(&of.entry.description).await? };
+            let work = method.as_ref().map(|method| work_alone(&of.entry.layout, method));
             let (owned, entry) = (path.to_owned(), of.entry.clone());
-            let read = tokio::task::spawn_blocking(move || read(&owned, &entry, method.as_deref()));
+            let read = tokio::task::spawn_blocking(move || read(&owned, &entry, work.as_ref()));
             let (found, fault) = read.await?;
             (reading, rejection) = (Some(found), fault);
         }
@@ -257,7 +258,7 @@ fn age(modified: SystemTime) -> f64 {
 }
 
 /// Reads an export to its end or its first fault.
-fn read(path: &Path, entry: &FleetEntry, method: Option<&Method>) -> (Reading, Option<Rejection>) {
+fn read(path: &Path, entry: &FleetEntry, work: Option<&Work>) -> (Reading, Option<Rejection>) {
     let mut reading = Reading {
         content: None,
         columns: None,
@@ -267,7 +268,7 @@ fn read(path: &Path, entry: &FleetEntry, method: Option<&Method>) -> (Reading, O
         left_out_line: None,
         cycles: Vec::new(),
     };
-    let fault = read_into(&mut reading, path, &entry.layout, &entry.description, method).err();
+    let fault = read_into(&mut reading, path, &entry.layout, &entry.description, work).err();
     (reading, fault)
 }
 
@@ -276,13 +277,13 @@ fn read_into(
     path: &Path,
     layout: &Layout,
     robot: &Robot,
-    method: Option<&Method>,
+    work: Option<&Work>,
 ) -> Result<(), Rejection> {
     let (bytes, hash) = source::open_hashing(path)?;
     let mut export = ExportReader::new(bytes, path, layout, robot, ReadOptions::default())?;
     reading.columns = Some(export.columns().clone());
     let mut cutter = RowCutter::new(path, layout, robot)?;
-    let (mut first_time, kind) = (None, layout.stage.run_kind());
+    let mut first_time = None;
     while let Some(chunk) = export.next() {
         let samples = chunk?.samples;
         reading.rows = export.rows();
@@ -291,20 +292,19 @@ fn read_into(
         }
         let cycles = cutter.push(samples);
         reading.sample_rate = cutter.sample_rate();
-        reading.cycles.extend(cycles?.iter().map(|cycle| sketch(cycle, method, kind)));
+        reading.cycles.extend(cycles?.iter().map(|cycle| sketch(cycle, work)));
     }
     reading.left_out_line = export.left_out_line();
     reading.content = Some(hash.so_far().0);
-    reading.cycles.extend(cutter.finish()?.iter().map(|cycle| sketch(cycle, method, kind)));
+    reading.cycles.extend(cutter.finish()?.iter().map(|cycle| sketch(cycle, work)));
     Ok(())
 }
 
-fn sketch(cycle: &Cycle, method: Option<&Method>, kind: RunKind) -> CycleSketch {
+fn sketch(cycle: &Cycle, work: Option<&Work>) -> CycleSketch {
     let samples = &cycle.samples;
     let ends = samples.time.first().zip(samples.time.last());
     // an hour's factors are of no use here
-    let analysis = method
-        .map(|method| CycleAnalysis { factors: CycleFactors::default(), ..analysed(method, cycle, kind) });
+    let analysis = work.map(|work| CycleAnalysis { factors: CycleFactors::default(), ..work.analyse(cycle) });
     CycleSketch {
         cycle: cycle.number,
         start: ends.map_or(0.0, |(first, _)| *first),
@@ -312,13 +312,6 @@ fn sketch(cycle: &Cycle, method: Option<&Method>, kind: RunKind) -> CycleSketch 
         rows: samples.rows(),
         stages: stage_parts(samples),
         analysis,
-    }
-}
-
-fn analysed(method: &Method, cycle: &Cycle, kind: RunKind) -> CycleAnalysis {
-    match kind {
-        RunKind::Test => analyse_cycle(method, cycle),
-        RunKind::Production => analyse_window(method, cycle, None),
     }
 }
 

@@ -7,6 +7,7 @@ use super::intake::Intake;
 use super::stored::{Candidate, Chosen, StoredError, cross_verification, unit_identification};
 use super::{Outcome, Pipeline, PipelineError, StoredRun};
 use crate::analysis::{CycleAnalysis, JointCheck, ProductionCheck, RmsdPair, RmsdScope, TorqueRmsd};
+use crate::config::Layout;
 use crate::numerics::analyse::{Method, analyse_cycle};
 use crate::numerics::production::{Reference, analyse_window};
 use crate::run::{Cycle, RunKind};
@@ -15,8 +16,8 @@ use crate::store::{Owner, RunTotals, Store};
 /// What is done with each cycle of an export.
 #[derive(Debug, Clone)]
 pub(super) enum Work {
-    /// A test: all of the method.
-    Test(Arc<Method>),
+    /// A test: all of the method, and what is to be said of each cycle.
+    Test(Arc<Method>, Option<&'static str>),
     /// Production: held against a test, where there is one.
     Production(Arc<Method>, Option<Arc<Reference>>),
 }
@@ -25,9 +26,21 @@ impl Work {
     /// Analyses one cycle.
     pub(super) fn analyse(&self, cycle: &Cycle) -> CycleAnalysis {
         match self {
-            Self::Test(method) => analyse_cycle(method, cycle),
+            Self::Test(method, remark) => {
+                let mut analysis = analyse_cycle(method, cycle);
+                analysis.remarks.extend(remark.map(str::to_owned));
+                analysis
+            }
             Self::Production(method, reference) => analyse_window(method, cycle, reference.as_deref()),
         }
+    }
+}
+
+/// What the cycles of an export in `layout` would be analysed with, without a test to hold them against.
+pub(super) fn work_alone(layout: &Layout, method: &Arc<Method>) -> Work {
+    match layout.stage.run_kind() {
+        RunKind::Test => Work::Test(Arc::clone(method), layout.stage.remark()),
+        RunKind::Production => Work::Production(Arc::clone(method), None),
     }
 }
 
@@ -40,7 +53,7 @@ pub(super) async fn work(
     let (store, kind) = (pipeline.store(), intake.layout.stage.run_kind());
     store.set_run_kind(intake.run_id, kind).await?;
     if kind == RunKind::Test {
-        return Ok(Work::Test(Arc::clone(method)));
+        return Ok(work_alone(&intake.layout, method));
     }
     let found = candidate(store, intake.run_id).await?;
     let found = found.filter(|(_, candidate)| candidate.model.describes(&intake.robot));

@@ -15,7 +15,7 @@ use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{ContentHash, RunHeader, RunKind, Stage};
 use crate::testing::er3a;
 
-pub(super) const VIEWS: [&str; 19] = [
+pub(super) const VIEWS: [&str; 20] = [
     "runs",
     "cycles",
     "cycle_parameters",
@@ -35,6 +35,7 @@ pub(super) const VIEWS: [&str; 19] = [
     "reestimated_parameters",
     "reestimated_statistics",
     "joint_residuals",
+    "production_checks",
 ];
 
 /// A fresh database; the folder lives as long as the first value.

@@ -20,8 +20,8 @@ fn an_export_is_explained_as_it_is_then_stored() {
     assert!(before["ledger"].as_str().is_some_and(|text| text.contains("no database")), "{before}");
     assert!(!workshop.path("armwatch.db").exists(), "looking makes no database");
     let text = workshop.stdout(&["explain", &file], 0);
-    for words in ["robot       R07, by recognition", "(rad/s)", "2 cycles", "next        ", "excitation"] {
-        assert!(words == "2 cycles" || text.contains(words), "{words}\n{text}");
+    for words in ["robot       R07, by recognition", "(rad/s)", "next        ", "excitation"] {
+        assert!(text.contains(words), "{words}\n{text}");
     }
 
     workshop.stdout(&["ingest", &file], 0);

@@ -19,8 +19,19 @@ fn workshop() -> Workshop {
     workshop
 }
 
-const TEST: [&str; 6] = ["--cycles", "2", "--warming-s", "10", "--name", "R07"];
-const WORK: [&str; 8] = ["--cycles", "1", "--warming-s", "10", "--name", "R07", "--stage-signal", "none"];
+const TEST: [&str; 8] = ["--cycles", "2", "--warming-s", "10", "--name", "R07", "--initial-warm-s", "7200"];
+const WORK: [&str; 10] = [
+    "--cycles",
+    "1",
+    "--warming-s",
+    "10",
+    "--name",
+    "R07",
+    "--initial-warm-s",
+    "7200",
+    "--stage-signal",
+    "none",
+];
 
 fn take(workshop: &Workshop, folder: &str, arguments: &[&str]) {
     workshop.simulate(folder, arguments);
@@ -48,7 +59,7 @@ fn windows_of_work_are_held_against_the_last_test_and_leave_its_history_alone() 
     let checks = "SELECT count(*), count(DISTINCT cycle), min(reference_run_id), max(reference_run_id) FROM production_checks";
     assert_eq!(workshop.query(checks), ["18|3|1|1"]);
     assert_eq!(workshop.number("SELECT count(*) FROM production_checks WHERE abs(bias_nm) > moving_rmsd_nm OR moving_rmsd_nm > max_nm"), 0);
-    // the same arm: what differs is warmth within a cycle and friction that no polynomial describes
+    // the same warm arm: what is left is friction that no polynomial describes
     let worst = workshop.query("SELECT max(moving_relative_rmsd) FROM production_checks");
     let worst: f64 = worst[0].parse().expect("a figure");
     assert!(worst > 0.005 && worst < 0.2, "{worst}");

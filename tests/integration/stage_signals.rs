@@ -76,3 +76,60 @@ fn two_stages_at_once_are_refused_with_their_line() {
         said["rejection"]["reason"].as_str().is_some_and(|text| text.contains("two stages at once: exc"))
     );
 }
+
+/// Without any signal the stages also hold the approaches to them: the same arm, seen over other rows.
+#[test]
+fn motion_alone_gives_the_same_cycles_friction_and_parameters_within_their_errors() {
+    let signals = Workshop::new();
+    let arguments = ["--cycles", "2", "--warming-s", "20", "--stage-signal"];
+    let take = |workshop: &Workshop, signal: &str| {
+        let export = workshop.simulate("inbox", &[&arguments[..], &[signal]].concat());
+        workshop.stdout(&["ingest", &export[0].display().to_string()], 0);
+    };
+    take(&signals, "integer");
+    let motion = with_stage("kind = \"motion\"");
+    take(&motion, "none");
+    let said = "SELECT count(*) FROM cycles WHERE remarks LIKE '%stages come from the motion%' AND status = 'complete'";
+    assert_eq!(motion.number(said), 2);
+
+    let friction = "SELECT cycle, joint, speed_fraction, direction, torque_nm FROM friction_points
+                    ORDER BY cycle, joint, speed_fraction, direction";
+    let points = |workshop: &Workshop| -> Vec<(String, f64)> {
+        let split = |row: String| {
+            row.rsplit_once('|').map(|(key, torque)| (key.to_owned(), torque.parse().expect("Nm")))
+        };
+        workshop.query(friction).into_iter().filter_map(split).collect()
+    };
+    let (expected, found) = (points(&signals), points(&motion));
+    assert_eq!(found.len(), expected.len());
+    let worst = expected.iter().zip(&found).map(|(a, b)| {
+        assert_eq!(a.0, b.0);
+        (a.1 - b.1).abs() / a.1.abs()
+    });
+    let worst = worst.fold(0.0, f64::max);
+    assert!(worst < FRICTION, "{worst}");
+
+    let values = "SELECT cycle, joint, parameter, value, std_error FROM cycle_parameters ORDER BY 1, 2, 3";
+    let values = |workshop: &Workshop| -> Vec<[f64; 2]> {
+        let row = |row: String| {
+            let cells: Vec<f64> =
+                row.split('|').skip(3).map(|cell| cell.parse().expect("a number")).collect();
+            [cells[0], cells[1]]
+        };
+        workshop.query(values).into_iter().map(row).collect()
+    };
+    let (expected, found) = (values(&signals), values(&motion));
+    assert_eq!(found.len(), expected.len());
+    let mut off: Vec<f64> =
+        expected.iter().zip(&found).map(|(a, b)| (a[0] - b[0]).abs() / a[1].hypot(b[1])).collect();
+    off.sort_by(f64::total_cmp);
+    let median = off[off.len() / 2];
+    println!(
+        "friction {worst}, parameters in standard errors: median {median}, largest {}",
+        off[off.len() - 1]
+    );
+    assert!(median < 1.0, "{off:?}");
+}
+
+/// Plateaus found by motion may begin and end some rows apart from those that signals tell.
+const FRICTION: f64 = 0.02;
