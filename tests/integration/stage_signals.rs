@@ -101,12 +101,13 @@ fn motion_alone_gives_the_same_cycles_friction_and_parameters_within_their_error
         workshop.query(friction).into_iter().filter_map(split).collect()
     };
     let (expected, found) = (points(&signals), points(&motion));
-    assert_eq!(found.len(), expected.len());
-    let worst = expected.iter().zip(&found).map(|(a, b)| {
-        assert_eq!(a.0, b.0);
-        (a.1 - b.1).abs() / a.1.abs()
-    });
-    let worst = worst.fold(0.0, f64::max);
+    assert!(expected.len() > 100, "{}", expected.len());
+    // by motion a level may be seen where the signals' level is not held
+    let off = |(key, torque): &(String, f64)| {
+        let same = found.iter().find(|(other, _)| other == key).unwrap_or_else(|| panic!("no point {key}"));
+        (same.1 - torque).abs() / torque.abs()
+    };
+    let worst = expected.iter().map(off).fold(0.0, f64::max);
     assert!(worst < FRICTION, "{worst}");
 
     let values = "SELECT cycle, joint, parameter, value, std_error FROM cycle_parameters ORDER BY 1, 2, 3";
@@ -124,12 +125,10 @@ fn motion_alone_gives_the_same_cycles_friction_and_parameters_within_their_error
         expected.iter().zip(&found).map(|(a, b)| (a[0] - b[0]).abs() / a[1].hypot(b[1])).collect();
     off.sort_by(f64::total_cmp);
     let median = off[off.len() / 2];
-    println!(
-        "friction {worst}, parameters in standard errors: median {median}, largest {}",
-        off[off.len() - 1]
-    );
-    assert!(median < 1.0, "{off:?}");
+    // other rows of the same noise: well within the errors that both state
+    assert!(off[off.len() - 1] < 2.0, "{off:?}");
+    assert!(median < 0.5, "{off:?}");
 }
 
 /// Plateaus found by motion may begin and end some rows apart from those that signals tell.
-const FRICTION: f64 = 0.02;
+const FRICTION: f64 = 0.01;
