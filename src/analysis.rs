@@ -6,7 +6,7 @@ pub mod friction;
 use std::sync::Arc;
 
 use crate::robot::{JointIndex, ParameterId};
-use crate::run::Stage;
+use crate::run::{RunKind, Stage};
 
 /// Everything computed from one cycle.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,6 +38,45 @@ pub struct CycleAnalysis {
     pub factors: CycleFactors,
     /// What a user should know of the data, in sentences.
     pub remarks: Vec<String>,
+    /// What it is a recording of. A window of production has no parameters, no verification of its own and
+    /// no friction points; its factors are those of rows between stages.
+    pub kind: RunKind,
+    /// A window of production against parameters of a test; `None` where there were none.
+    pub production: Option<ProductionCheck>,
+}
+
+impl CycleAnalysis {
+    /// Why nothing could be had of it: a test without parameters, a window that cannot be filtered.
+    #[must_use]
+    pub fn refusal(&self) -> Option<&str> {
+        match self.kind {
+            RunKind::Production if self.sample_rate > 0.0 => None,
+            _ => self.identification.as_ref().err().map(String::as_str),
+        }
+    }
+}
+
+/// Torques of a window of production against those that the parameters of a test give.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProductionCheck {
+    /// The run whose parameters they are.
+    pub reference_run_id: i64,
+    /// By joint.
+    pub joints: Vec<JointCheck>,
+}
+
+/// One joint's part of a [`ProductionCheck`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointCheck {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Deviation over all rows and over those in which the joint moves.
+    pub rmsd: RmsdPair,
+    /// Mean of measured less estimated torque over the moving rows, Nm; `None` without such rows, and of
+    /// checks from factors, which do not know it.
+    pub bias: Option<f64>,
+    /// Largest size of measured less estimated torque over the moving rows, Nm; `None` as for the bias.
+    pub max: Option<f64>,
 }
 
 /// How rows become parameters.

@@ -64,8 +64,11 @@ pub struct Samples {
     pub velocity: Option<Vec<Vec<f64>>>,
     /// Joint torques, Nm (N).
     pub torque: Vec<Vec<f64>>,
-    /// Stage of each row.
+    /// Stage of each row; where it follows from [`Samples::stage_level`] or the motion, not known until
+    /// [`crate::numerics::stages`] has looked at the rows.
     pub stage: Vec<Stage>,
+    /// Level of an analogue stage signal, in the unit of the export, where there is one.
+    pub stage_level: Option<Vec<f64>>,
     /// Cycle counter of each row, from 1, where recorded; 0 before and after the test.
     pub cycle: Option<Vec<u32>>,
     /// Joint and level of each row, where recorded; `None` in a row outside the friction stage.
@@ -104,6 +107,9 @@ impl Samples {
         }
         append_channels(&mut self.torque, &mut other.torque);
         self.stage.append(&mut other.stage);
+        if let (Some(mine), Some(theirs)) = (&mut self.stage_level, &mut other.stage_level) {
+            mine.append(theirs);
+        }
         if let (Some(mine), Some(theirs)) = (&mut self.cycle, &mut other.cycle) {
             mine.append(theirs);
         }
@@ -120,6 +126,7 @@ impl Samples {
             velocity: self.velocity.as_mut().map(|v| split_channels(v, rows)),
             torque: split_channels(&mut self.torque, rows),
             stage: self.stage.split_off(rows),
+            stage_level: self.stage_level.as_mut().map(|level| level.split_off(rows)),
             cycle: self.cycle.as_mut().map(|c| c.split_off(rows)),
             friction_signal: self.friction_signal.as_mut().map(|f| f.split_off(rows)),
         };
@@ -192,6 +199,27 @@ pub struct RunHeader {
     pub content_hash: ContentHash,
     /// Bytes of the export on disk.
     pub source_bytes: u64,
+}
+
+/// What a run is a recording of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+pub enum RunKind {
+    /// The test: stages from which parameters and friction are identified.
+    #[default]
+    Test,
+    /// Ordinary work, held against the parameters of tests.
+    Production,
+}
+
+impl RunKind {
+    /// Name as in the view `runs`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Test => "test",
+            Self::Production => "production",
+        }
+    }
 }
 
 /// Where a run stands.

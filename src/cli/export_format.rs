@@ -5,6 +5,7 @@ use nalgebra::DMatrix;
 use super::CliError;
 use crate::config::{Channel, Column, DecimalMark, Layout, StageSource, TextEncoding, TimeSource};
 use crate::robot::Robot;
+use crate::run::Stage;
 use crate::simulate::format::{Cell, ExportColumn, ExportFormat, Weighted};
 
 /// The columns with which `layout` reads exports of `robot`: columns by number at their places, all others
@@ -118,17 +119,7 @@ fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, Cell)>, CliError
 
 fn signals(layout: &Layout) -> Result<Vec<(Column, Cell)>, CliError> {
     let mut cells = Vec::new();
-    if let StageSource::Signal(signal) = &layout.stage {
-        let lists = [&signal.between, &signal.excitation, &signal.friction, &signal.warming];
-        let values: Option<Vec<i64>> = lists.iter().map(|list| list.first().copied()).collect();
-        let values = values.and_then(|values| <[i64; 4]>::try_from(values).ok()).ok_or_else(|| {
-            CliError::Usage(format!(
-                "layout \"{}\" has no value for some stage, and a simulated run has all of them",
-                layout.name
-            ))
-        })?;
-        cells.push((signal.column.clone(), Cell::Stage(values)));
-    }
+    cells.extend(stage_cells(layout)?);
     let optional = [
         (&layout.cycle, Cell::Cycle),
         (&layout.friction_joint, Cell::FrictionJoint),
@@ -137,3 +128,55 @@ fn signals(layout: &Layout) -> Result<Vec<(Column, Cell)>, CliError> {
     cells.extend(optional.into_iter().filter_map(|(column, cell)| Some((column.clone()?, cell))));
     Ok(cells)
 }
+
+/// The columns of the stage signal, none where the layout has none.
+fn stage_cells(layout: &Layout) -> Result<Vec<(Column, Cell)>, CliError> {
+    let lacking = || {
+        CliError::Usage(format!(
+            "layout \"{}\" has no value for some stage, and a simulated run has all of them",
+            layout.name
+        ))
+    };
+    match &layout.stage {
+        StageSource::Signal(signal) => {
+            let lists = [&signal.between, &signal.excitation, &signal.friction, &signal.warming];
+            let values: Option<Vec<i64>> = lists.iter().map(|list| list.first().copied()).collect();
+            let values = values.and_then(|values| <[i64; 4]>::try_from(values).ok()).ok_or_else(lacking)?;
+            Ok(vec![(signal.column.clone(), Cell::Stage(values))])
+        }
+        StageSource::Words(words) => {
+            let word =
+                |stage: Stage| words.words.iter().find(|(_, of)| *of == stage).map(|(word, _)| word.clone());
+            let all: Option<Vec<String>> = STAGES.into_iter().map(word).collect();
+            let all = all.and_then(|all| <[String; 4]>::try_from(all).ok()).ok_or_else(lacking)?;
+            Ok(vec![(words.column.clone(), Cell::StageWord(all))])
+        }
+        StageSource::OneHot(one_hot) => {
+            if one_hot.columns.len() < Stage::ANALYSED.len() {
+                return Err(lacking());
+            }
+            let cell = |(stage, column): &(Stage, Column)| (column.clone(), Cell::StageFlag(*stage));
+            Ok(one_hot.columns.iter().map(cell).collect())
+        }
+        StageSource::Levels(of) => {
+            let range =
+                |stage: Stage| of.settings.ranges.iter().find(|(of, _)| *of == stage).map(|(_, range)| range);
+            let ranges: Option<Vec<&[f64; 2]>> = STAGES.into_iter().map(range).collect();
+            let ranges = ranges.ok_or_else(lacking)?;
+            let width = ranges.iter().map(|[low, high]| high - low).fold(f64::INFINITY, f64::min);
+            let middles: Vec<f64> = ranges.iter().map(|[low, high]| 0.5 * (low + high)).collect();
+            let levels = <[f64; 4]>::try_from(middles).map_err(|_| lacking())?;
+            Ok(vec![(of.column.clone(), Cell::StageLevel { levels, noise: NOISE_OF_RANGE * width })])
+        }
+        StageSource::Motion
+        | StageSource::Schedule(_)
+        | StageSource::Whole(_)
+        | StageSource::Production(_) => Ok(Vec::new()),
+    }
+}
+
+/// The stages of a run in the order of a format's values.
+const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
+
+/// Largest noise of an analogue stage signal, as a part of its narrowest range.
+const NOISE_OF_RANGE: f64 = 0.3;

@@ -25,6 +25,8 @@ mod run;
 mod selection;
 mod simulate;
 mod throughput;
+mod stage_signal;
+mod explain;
 mod torque;
 mod verify;
 
@@ -116,6 +118,8 @@ enum Command {
     Ingest(ingest::IngestArgs),
     /// Exports that were not understood: list and explain them, have them read again
     Quarantine(quarantine::QuarantineArgs),
+    /// Say what would become of an export, without storing anything
+    Explain(explain::ExplainArgs),
     /// Identify one parameter set on chosen cycles from what is stored of them
     Identify(identify::IdentifyArgs),
     /// List, show or delete what `identify --save` keeps
@@ -239,6 +243,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
         Command::Quarantine(args) => quarantine::quarantine(&cli.global, &args),
+        Command::Explain(args) => explain::explain(&cli.global, &args),
         Command::Identify(args) => identify::identify(&cli.global, &args),
         Command::Parameters(args) => parameters::parameters(&cli.global, &args),
         Command::Verify(args) => verify::verify(&cli.global, &args),

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::CliError;
 use crate::pipeline::stored::{Candidate, Chosen, StoredError, unit_identification};
-use crate::run::RunStatus;
+use crate::run::{RunKind, RunStatus};
 use crate::store::{ParameterSet, RunRow, Store};
 
 /// Most cycles that a range may name: a test of a week at five minutes a cycle.
@@ -38,10 +38,10 @@ pub(super) fn cycle_numbers(text: &str) -> Result<Vec<u32>, String> {
     Ok(numbers.into_iter().collect())
 }
 
-/// Complete runs of a robot, oldest first.
+/// Complete tests of a robot, oldest first.
 pub(super) fn runs_of<'a>(runs: &'a [RunRow], robot: &str) -> Result<Vec<&'a RunRow>, CliError> {
-    let of_robot: Vec<&RunRow> =
-        runs.iter().filter(|run| run.robot == robot && run.status == RunStatus::Complete).collect();
+    let is_test = |run: &&RunRow| run.status == RunStatus::Complete && run.kind == RunKind::Test;
+    let of_robot: Vec<&RunRow> = runs.iter().filter(|run| run.robot == robot).filter(is_test).collect();
     if !of_robot.is_empty() {
         return Ok(of_robot);
     }

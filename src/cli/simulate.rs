@@ -10,6 +10,7 @@ use serde_json::json;
 
 use super::export_format::export_format;
 use super::load::LoadArgs;
+use super::stage_signal::StageSignalArg;
 use super::{CliError, EXIT_DONE, Global, output};
 use crate::config::{Config, read_layout, read_robot};
 use crate::robot::Robot;
@@ -26,6 +27,7 @@ Examples:
   armwatch simulate -o exports --full-test --gzip
   armwatch simulate -o exports --robot config/robots/scara.toml
   armwatch simulate -o exports --layout config/exports/motor_side.toml
+  armwatch simulate -o exports --stage-signal analogue
   armwatch simulate -o exports --load-mass-kg 3 --load-centre-m 0,0,0.08
 
 Each run is one export in the native layout or the one given, with a truth file NAME.truth.json beside it that holds
@@ -81,6 +83,9 @@ pub(super) struct SimulateArgs {
     /// [default: native, rounded as a controller does]
     #[arg(long, value_name = "FILE")]
     layout: Option<PathBuf>,
+    /// How the export tells its stages; other columns as in the native layout, every digit written
+    #[arg(long, value_enum, conflicts_with = "layout")]
+    stage_signal: Option<StageSignalArg>,
     /// Friction is exactly f1 to f4 of the description, always warm: no bump at low speed, no ripple, no
     /// warm-up. The true base parameters are then those of the description
     #[arg(long)]
@@ -100,6 +105,9 @@ pub(super) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u8, CliEr
     let mut settings = args.settings()?;
     if let Some(path) = &args.layout {
         settings.format = Some(export_format(&read_layout(path)?, &robot)?);
+    }
+    if let Some(signal) = args.stage_signal {
+        settings.format = Some(export_format(&signal.layout()?, &robot)?);
     }
     for run in 0..settings.runs {
         simulate_one(&robot, &settings, run, args, global.json)?;

@@ -31,8 +31,8 @@ Examples:
 
 Samples are not kept in the database, so the run's export is read again, up to the end of the cycle, and
 filtered as it was. It is looked for where it was seen last and in the watched folders, and taken only if
-its content is still the run's. Parameters are the cycle's own; RUN, RUN:CYCLES and saved sets as in
-`armwatch verify`.
+its content is still the run's. Parameters are the cycle's own, or those that a window of
+production was held against; RUN, RUN:CYCLES and saved sets as in `armwatch verify`.
 
 CSV has a line a row and joint: time_s, stage, joint, q_rad, qd_rad_s, measured_nm (after the analysis
 low-pass), estimated_nm, residual_nm (measured less estimated), moving (1 at the joint's low-speed threshold
@@ -162,7 +162,12 @@ async fn parameters(
     store: &Store,
     replay: &Replay,
 ) -> Result<(Vec<(ParameterId, f64)>, String), CliError> {
-    let (found, name) = match &args.parameters {
+    // a window of production has none of its own
+    let checked_against = match &args.parameters {
+        None => store.checked_against(args.run, args.cycle).await?.map(|run| run.to_string()),
+        Some(_) => None,
+    };
+    let (found, name) = match args.parameters.as_ref().or(checked_against.as_ref()) {
         None => (store.cycle_parameters(args.run, args.cycle).await?, "its own parameters".to_string()),
         Some(word) => {
             let named = NamedCandidate::find(store, word).await?;

@@ -252,10 +252,19 @@ fn read_fleet(root: &Table<'_>, references: &mut References<'_>) -> Option<Vec<F
         .iter()
         .map(|item| {
             let table = item.table()?;
-            let robots = table.required("name").and_then(|value| read_pattern(&value, &mut patterns));
+            let files = table.optional("files").map(|value| value.text());
+            let robots = table.required("name").and_then(|value| match files {
+                None => read_pattern(&value, &mut patterns),
+                Some(_) => read_exception(&value, &patterns),
+            });
+            let files = match files {
+                Some(text) => Some(text?.to_owned()),
+                None => None,
+            };
             let description = references.robot(&table, "description");
             let layout = references.layout(&table, "layout");
-            let entry = FleetEntry { robots: robots?.to_owned(), description: description?, layout: layout? };
+            let robots = robots?.to_owned();
+            let entry = FleetEntry { robots, files, description: description?, layout: layout? };
             check_units(&table, &entry)?;
             check_fit(&table, &entry)?;
             Some(entry)
@@ -293,6 +302,17 @@ fn check_fit(table: &Table<'_>, entry: &FleetEntry) -> Option<()> {
             None
         }
     }
+}
+
+/// The pattern of an entry for some files only, which must come before one for all files of these robots.
+fn read_exception<'d>(value: &Value<'d>, earlier: &[&'d str]) -> Option<&'d str> {
+    let robots = value.text()?;
+    if let Some(known) = earlier.iter().find(|known| pattern::covers(known, robots)) {
+        let problem = format!("is never used: \"{known}\", given before, takes all files of these robots");
+        value.refuse(problem, Some("put the entry with files first".into()));
+        return None;
+    }
+    Some(robots)
 }
 
 /// A pattern, which must leave no robot with two arms to choose from. One that is narrower than a

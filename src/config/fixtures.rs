@@ -240,6 +240,28 @@ fn an_exception_comes_before_the_rest_and_files_in_common_are_read_once() {
 }
 
 #[test]
+fn an_entry_for_some_files_comes_before_that_for_all_of_them() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("armwatch.toml");
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+    let entry = |files: &str, layout: &str| {
+        format!(
+            "[[robot]]\nname = \"*\"\n{files}description = '{0}/robots/er3a.toml'\nlayout = '{0}/exports/{layout}.toml'\n",
+            config.display()
+        )
+    };
+    let (work, tests) = (entry("files = \"*_work*\"\n", "production"), entry("", "native"));
+    std::fs::write(&path, format!("{work}{tests}")).expect("written");
+    let config = Config::read(&path).unwrap_or_else(|errors| panic!("{errors}"));
+    let layout = |file: &str| config.export_entry("R00", file).map(|entry| entry.layout.name.as_str());
+    assert_eq!([layout("R00_work.csv"), layout("R00.csv")], [Some("production"), Some("native")]);
+    assert_eq!(config.robot_entry("R00").map(|entry| entry.layout.name.as_str()), Some("native"));
+    std::fs::write(&path, format!("{tests}{work}")).expect("written");
+    let errors = Config::read(&path).expect_err("one is never used");
+    assert!(errors.to_string().contains("takes all files of these robots"), "{errors}");
+}
+
+#[test]
 fn files_that_are_no_text_or_far_too_large_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("robot.toml");

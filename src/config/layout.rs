@@ -6,9 +6,9 @@ use super::joint::{
     DRIVE_GAIN, DRIVE_GAIN_OF_SLIDE, MOTOR_TORQUE_CONSTANT, RATED_JOINT_FORCE, RATED_JOINT_TORQUE,
     RATED_MOTOR_TORQUE,
 };
+use super::stage_source::StageSource;
 use super::text_format::TextFormat;
 use crate::robot::{Joint, JointKind, Robot};
-use crate::run::Stage;
 
 /// How an export's columns become channels in SI.
 #[derive(Debug, Clone, PartialEq)]
@@ -80,15 +80,6 @@ impl TimeSource {
             Self::Timestamp(_) | Self::SampleRate(_) => 1.0,
         }
     }
-}
-
-/// Where the stage of a row comes from.
-#[derive(Debug, Clone, PartialEq)]
-pub enum StageSource {
-    /// A column.
-    Signal(StageSignal),
-    /// The whole recording is one stage.
-    Whole(Stage),
 }
 
 /// Channels that are recorded at the motors, before gears and couplings.
@@ -192,21 +183,6 @@ pub enum TorqueQuantity {
     /// Fraction of the rated torque: of `rated_joint_torque_nm` at the joint, of
     /// `rated_motor_torque_nm` at the motor.
     FractionOfRated,
-}
-
-/// Which values of a column mean which stage; any other value is between stages.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StageSignal {
-    /// The column.
-    pub column: Column,
-    /// Values of the excitation stage.
-    pub excitation: Vec<i64>,
-    /// Values of the friction stage.
-    pub friction: Vec<i64>,
-    /// Values of the warming stage.
-    pub warming: Vec<i64>,
-    /// Values between stages; a value that is in no list is an error.
-    pub between: Vec<i64>,
 }
 
 /// Factors from the columns of each joint to SI `[n]`, signs and drives included: rad (m), rad/s

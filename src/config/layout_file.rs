@@ -5,11 +5,10 @@ use std::path::Path;
 use super::files;
 use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
+use super::stage_file::read_stage_source;
 use super::{
-    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, StageSignal, StageSource, TorqueQuantity,
-    layout_time, text_format,
+    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, TorqueQuantity, layout_time, text_format,
 };
-use crate::run::Stage;
 
 /// Stands for the joint's number, from 1, in the name of a column.
 const JOINT: &str = "{joint}";
@@ -31,8 +30,45 @@ const DELIMITERS: [&str; 4] = [",", ";", "\t", "|"];
 /// Largest number of a column; wider exports than this are none of a robot arm.
 const MAX_COLUMN: i64 = 10_000;
 
-/// Most values of the stage signal that may mean one stage.
-const MAX_STAGE_VALUES: usize = 100;
+/// Units of a layout's columns, by the names that its file gives them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LayoutUnits {
+    /// Of the time column; `None` where rows are counted.
+    pub time: Option<&'static str>,
+    /// Of positions.
+    pub position: &'static str,
+    /// Of velocities.
+    pub velocity: Option<&'static str>,
+    /// Of torques.
+    pub torque: &'static str,
+}
+
+/// The units in which `layout` reads its columns. A sliding joint's are named like a turning one's where
+/// both are SI.
+#[must_use]
+pub fn layout_units(layout: &Layout) -> LayoutUnits {
+    let torque: &[Unit] = match layout.torque_quantity {
+        TorqueQuantity::Torque => &TORQUE[..2],
+        TorqueQuantity::Current => &TORQUE[2..4],
+        TorqueQuantity::FractionOfRated => &TORQUE[4..],
+    };
+    LayoutUnits {
+        time: layout_time::unit_of(&layout.time),
+        position: unit_name(POSITION, layout.position.to_si),
+        velocity: layout.velocity.as_ref().map(|velocity| unit_name(VELOCITY, velocity.to_si)),
+        torque: unit_name(torque, layout.torque.to_si),
+    }
+}
+
+fn unit_name(units: &[Unit], to_si: f64) -> &'static str {
+    named_unit(units, to_si).unwrap_or("its own unit")
+}
+
+/// The name of a factor in a list of units.
+#[expect(clippy::float_cmp, reason = "factors are copied from one list, never computed")]
+pub(super) fn named_unit(units: &[Unit], to_si: f64) -> Option<&'static str> {
+    units.iter().find(|(_, factor)| *factor == to_si).map(|(name, _)| *name)
+}
 
 /// Reads a layout from `text`; `file_name` only says where problems are.
 ///
@@ -123,18 +159,6 @@ fn read_side(table: &Table<'_>) -> Option<bool> {
             None
         }
     }
-}
-
-fn read_stage_source(table: &Table<'_>, names: &mut ColumnNames) -> Option<StageSource> {
-    let Some(value) = table.optional("whole_recording") else {
-        return read_stage(table, names).map(StageSource::Signal);
-    };
-    let given = value.text()?;
-    let found = Stage::ANALYSED.into_iter().find(|stage| stage.name() == given);
-    if found.is_none() {
-        value.refuse("must be \"excitation\", \"friction\" or \"warming\"".into(), None);
-    }
-    found.map(StageSource::Whole)
 }
 
 /// Columns given so far, so that none is read twice; a name with a place for the joint's number stands
@@ -239,49 +263,12 @@ pub(super) fn read_unit(value: &Value<'_>, units: &[Unit]) -> Option<f64> {
     factor
 }
 
-fn read_stage(table: &Table<'_>, names: &mut ColumnNames) -> Option<StageSignal> {
-    let column = table.required("column").and_then(|value| names.take(&value));
-    let mut taken: Vec<(i64, &str)> = Vec::new();
-    let mut values = |key| read_stage_values(table, key, &mut taken);
-    let (between, excitation) = (values("between"), values("excitation"));
-    let (friction, warming) = (values("friction"), values("warming"));
-    Some(StageSignal {
-        column: column?,
-        excitation: excitation?,
-        friction: friction?,
-        warming: warming?,
-        between: between?,
-    })
-}
-
-fn read_stage_values(table: &Table<'_>, key: &'static str, taken: &mut Vec<(i64, &str)>) -> Option<Vec<i64>> {
-    let list = table.required_or_else(key, || Some("write [] if the export has no such rows".into()))?;
-    let items = list.items()?;
-    if items.len() > MAX_STAGE_VALUES {
-        list.refuse(format!("has {} entries, must have at most {MAX_STAGE_VALUES}", items.len()), None);
-        return None;
-    }
-    let mut values = Vec::new();
-    for item in &items {
-        let value = item.integer(-1_000_000..=1_000_000)?;
-        if let Some((_, other)) = taken.iter().find(|(known, _)| *known == value) {
-            item.refuse(format!("this value already means {other}"), None);
-            return None;
-        }
-        taken.push((value, key));
-        values.push(value);
-    }
-    if key == "excitation" && values.is_empty() {
-        list.refuse("must have an entry: parameters are identified on the excitation stage".into(), None);
-        return None;
-    }
-    Some(values)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::config::{ScaledColumn, TimeSource};
+
+    use crate::config::StageSource;
 
     const NATIVE: &str = include_str!("../../config/exports/native.toml");
 

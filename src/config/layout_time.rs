@@ -1,6 +1,6 @@
 //! The time of a layout: `[time]`.
 
-use super::layout_file::{ColumnNames, read_unit};
+use super::layout_file::{ColumnNames, named_unit, read_unit};
 use super::limits::Limits;
 use super::reader::{Table, Value};
 use super::{ScaledColumn, TimeSource};
@@ -43,6 +43,17 @@ pub(super) fn read(table: &Table<'_>, names: &mut ColumnNames) -> Option<TimeSou
     match wraps_at {
         Some(value) => value.number(&WRAP).map(|wraps_at| TimeSource::Counter { column, wraps_at }),
         None => Some(TimeSource::Column(column)),
+    }
+}
+
+/// The name of the unit that a layout reads time in; `None` where rows are counted.
+pub(super) fn unit_of(time: &TimeSource) -> Option<&'static str> {
+    match time {
+        TimeSource::Column(column) | TimeSource::Counter { column, .. } => {
+            Some(named_unit(UNITS, column.to_si).unwrap_or(TICKS))
+        }
+        TimeSource::Timestamp(_) => Some(TIMESTAMP),
+        TimeSource::SampleRate(_) => None,
     }
 }
 

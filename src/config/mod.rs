@@ -19,6 +19,8 @@ mod recognition;
 mod robot_file;
 mod serve;
 mod source;
+mod stage_file;
+mod stage_source;
 mod suggestion;
 mod summary;
 mod text_format;
@@ -38,14 +40,15 @@ use std::time::Duration;
 
 pub use self::layout::{
     Channel, Column, JointColumns, JointFactors, JointSigns, Layout, Misfit, MotorSide, ScaledColumn,
-    StageSignal, StageSource, TimeSource, TorqueQuantity,
+    TimeSource, TorqueQuantity,
 };
-pub use self::layout_file::{parse_layout, read_layout};
+pub use self::layout_file::{LayoutUnits, layout_units, parse_layout, read_layout};
 pub use self::problem::{ConfigErrors, ConfigProblem};
 pub use self::recognition::{RecogniseError, Recognised};
 pub use self::robot_file::{parse_robot, read_robot};
 pub use self::serve::{ServeSettings, UploadSettings};
 pub use self::source::ConfigSource;
+pub use self::stage_source::{OneHot, StageLevels, StageSignal, StageSource, StageWords};
 pub use self::summary::summary;
 pub use self::text_format::{DecimalMark, TextEncoding, TextFormat};
 pub use self::urdf_writer::{UrdfFriction, straight_friction, urdf_text};
@@ -75,10 +78,23 @@ pub struct Config {
 }
 
 impl Config {
-    /// The entry of the robot called `robot`: the first whose pattern matches the whole name.
+    /// The entry of the robot called `robot`: the first whose pattern matches the whole name, one for all its
+    /// files if there is one.
     #[must_use]
     pub fn robot_entry(&self, robot: &str) -> Option<&FleetEntry> {
-        self.fleet.iter().find(|entry| pattern::matches(&entry.robots, robot))
+        let mut entries = self.fleet.iter().filter(|entry| pattern::matches(&entry.robots, robot));
+        let for_all = entries.clone().find(|entry| entry.files.is_none());
+        for_all.or_else(|| entries.next())
+    }
+
+    /// The entry for an export of the robot called `robot`: the first whose patterns match its name and that
+    /// of the file.
+    #[must_use]
+    pub fn export_entry(&self, robot: &str, file_name: &str) -> Option<&FleetEntry> {
+        self.fleet.iter().find(|entry| {
+            let of_file = entry.files.as_ref().is_none_or(|files| pattern::matches(files, file_name));
+            of_file && pattern::matches(&entry.robots, robot)
+        })
     }
 }
 
@@ -147,6 +163,8 @@ pub struct Recognition {
 pub struct FleetEntry {
     /// Pattern over the whole robot name; `*` stands for any characters.
     pub robots: String,
+    /// Pattern over the file name of an export, with its endings; `None` for all of them.
+    pub files: Option<String>,
     /// The arm.
     pub description: Arc<Robot>,
     /// The layout of its exports.

@@ -35,7 +35,8 @@ pub fn summary(config: &Config) -> String {
     line("file names", config.recognition.file_name.to_string());
     line("time zone of file names", config.recognition.time_zone.clone());
     for entry in &config.fleet {
-        line(&format!("robot {}", entry.robots), fleet_entry(entry));
+        let files = entry.files.as_ref().map(|files| format!(", files {files}")).unwrap_or_default();
+        line(&format!("robot {}{files}", entry.robots), fleet_entry(entry));
     }
     let analysis = &config.analysis;
     line("low-pass cut-off", format!("{} Hz", analysis.cutoff));

@@ -4,7 +4,7 @@
 //! number what [`samples`] only knows of a column: that there is a bad one.
 
 use super::layout::{ColumnMap, Role, TimeColumn};
-use crate::config::{StageSignal, StageSource};
+use crate::config::{StageSignal, StageSource, StageWords};
 use crate::robot::JointIndex;
 use crate::run::{FrictionSignal, Samples, Stage};
 
@@ -24,6 +24,55 @@ pub const MAX_CYCLE: u32 = 1_000_000;
 /// One column of numbers for each column of the export, in its order and units; empty where the
 /// column is not needed.
 pub type RawColumns = Vec<Vec<f64>>;
+
+/// Words for yes and for no in the column of a stage, in any case.
+const YES: [&str; 4] = ["1", "true", "on", "yes"];
+const NO: [&str; 4] = ["0", "false", "off", "no"];
+
+/// Whether the cells of a column of this role are words.
+#[must_use]
+pub fn is_text(role: Role, map: &ColumnMap) -> bool {
+    match role {
+        Role::Stage => matches!(map.stage_source, StageSource::Words(_)),
+        Role::StageFlag(_) => true,
+        _ => false,
+    }
+}
+
+/// The number that stands for a word in a column of words: a stage's place among the stages, or 1 for
+/// yes and 0 for no. `None` for a word that means nothing there.
+#[must_use]
+pub fn word_number(cell: &str, role: Role, map: &ColumnMap) -> Option<f64> {
+    let cell = cell.trim();
+    match (role, &map.stage_source) {
+        (Role::Stage, StageSource::Words(StageWords { words, .. })) => {
+            words.iter().find(|(word, _)| word == cell).map(|(_, stage)| f64::from(*stage as u8))
+        }
+        (Role::StageFlag(_), _) => {
+            let is = |words: &[&str]| words.iter().any(|word| cell.eq_ignore_ascii_case(word));
+            if is(&YES) || cell.parse() == Ok(1.0) {
+                Some(1.0)
+            } else if is(&NO) || cell.parse() == Ok(0.0) {
+                Some(0.0)
+            } else {
+                None
+            }
+        }
+        _ => None,
+    }
+}
+
+/// What a word that means nothing in a column of words should have been.
+#[must_use]
+pub fn words_wanted(role: Role, map: &ColumnMap) -> String {
+    match (role, &map.stage_source) {
+        (Role::Stage, StageSource::Words(StageWords { words, .. })) => {
+            let words: Vec<String> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
+            format!("no known stage: the layout has {}", words.join(", "))
+        }
+        _ => "neither yes nor no: 1, true, on or yes, 0, false, off or no".into(),
+    }
+}
 
 /// The channels in SI, or `None` if any number is refused or time does not rise strictly.
 ///
@@ -58,11 +107,7 @@ pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f
         None => None,
     };
     let torque = joints(&map.torque, &factors.torque, MAX_TORQUE)?;
-    let stage = match (map.stage, &map.stage_source) {
-        (Some(column), StageSource::Signal(signal)) => stages(&taken(&mut columns, column), signal)?,
-        (_, StageSource::Whole(stage)) => vec![*stage; time.len()],
-        (None, StageSource::Signal(_)) => return None,
-    };
+    let (stage, stage_level) = stage_channel(&mut columns, map, time.len())?;
     let cycle = match map.cycle {
         Some(column) => Some(cycles(&taken(&mut columns, column))?),
         None => None,
@@ -75,7 +120,7 @@ pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f
         }
         None => None,
     };
-    Some(Samples { time, position, velocity, torque, stage, cycle, friction_signal })
+    Some(Samples { time, position, velocity, torque, stage, stage_level, cycle, friction_signal })
 }
 
 /// Why `value`, in the export's unit, may not stand in a column of this role; the words complete
@@ -102,8 +147,9 @@ pub fn refusal(value: f64, role: Role, map: &ColumnMap) -> Option<String> {
         Role::Torque(j) => beyond(of(&factors.torque, j), MAX_TORQUE, "joint's torque", "Nm"),
         Role::Stage => match &map.stage_source {
             StageSource::Signal(signal) => stage_of(value, signal).is_none().then(|| "no known stage".into()),
-            StageSource::Whole(_) => None,
+            _ => None,
         },
+        Role::StageFlag(_) => None,
         Role::Cycle => out_of_range(value, 0, u64::from(MAX_CYCLE)),
         Role::FrictionJoint => out_of_range(value, 0, map.joint_count() as u64),
         Role::FrictionLevel => out_of_range(value, 0, u64::from(max_level(map))),
@@ -121,11 +167,15 @@ pub fn may_continue(cell: &str, role: Role, map: &ColumnMap) -> bool {
     match role {
         Role::Ignored => false,
         Role::Time | Role::Position(_) | Role::Velocity(_) | Role::Torque(_) | Role::Cycle => true,
-        Role::Stage => {
-            let StageSource::Signal(signal) = &map.stage_source else { return false };
-            let lists = [&signal.between, &signal.excitation, &signal.friction, &signal.warming];
-            lists.into_iter().flatten().any(|value| longer(value))
-        }
+        Role::Stage => match &map.stage_source {
+            StageSource::Signal(signal) => {
+                let lists = [&signal.between, &signal.excitation, &signal.friction, &signal.warming];
+                lists.into_iter().flatten().any(|value| longer(value))
+            }
+            StageSource::Words(words) => words.words.iter().any(|(word, _)| longer(word)),
+            _ => true,
+        },
+        Role::StageFlag(_) => YES.iter().chain(&NO).any(|word| longer(&word)),
         Role::FrictionJoint => (0..=map.joint_count()).any(|joint| longer(&joint)),
         Role::FrictionLevel => (0..=max_level(map)).any(|level| longer(&level)),
     }
@@ -207,6 +257,54 @@ fn stage_of(value: f64, signal: &StageSignal) -> Option<Stage> {
     lists.into_iter().find(|(list, _)| list.contains(&value)).map(|(_, stage)| stage)
 }
 
+/// Stages of the rows, or between stages where they do not stand in the export, and the level of an
+/// analogue signal.
+fn stage_channel(
+    columns: &mut RawColumns,
+    map: &ColumnMap,
+    rows: usize,
+) -> Option<(Vec<Stage>, Option<Vec<f64>>)> {
+    let mut column = || map.stage.map(|column| taken(columns, column));
+    match &map.stage_source {
+        StageSource::Signal(signal) => Some((stages(&column()?, signal)?, None)),
+        StageSource::Words(_) => {
+            let stage = |number: &f64| STAGES.iter().copied().find(|of| f64::from(*of as u8) == *number);
+            Some((column()?.iter().map(stage).collect::<Option<_>>()?, None))
+        }
+        StageSource::Levels(_) => {
+            let levels = column()?;
+            levels.iter().all(|level| level.is_finite()).then(|| (vec![Stage::Between; rows], Some(levels)))
+        }
+        StageSource::OneHot(_) => {
+            let flags: Vec<(Stage, Vec<f64>)> =
+                map.stage_flags.iter().map(|(of, column)| (*of, taken(columns, *column))).collect();
+            Some((one_hot_stages(&flags, rows)?, None))
+        }
+        StageSource::Whole(stage) => Some((vec![*stage; rows], None)),
+        StageSource::Motion | StageSource::Schedule(_) | StageSource::Production(_) => {
+            Some((vec![Stage::Between; rows], None))
+        }
+    }
+}
+
+/// Stages in the order of their places.
+const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
+
+/// The stage that goes on in each row; `None` if two do.
+fn one_hot_stages(flags: &[(Stage, Vec<f64>)], rows: usize) -> Option<Vec<Stage>> {
+    let mut stages = vec![Stage::Between; rows];
+    for (of, flags) in flags {
+        for (stage, flag) in stages.iter_mut().zip(flags) {
+            match (*flag != 0.0, *stage) {
+                (false, _) => {}
+                (true, Stage::Between) => *stage = *of,
+                (true, _) => return None,
+            }
+        }
+    }
+    Some(stages)
+}
+
 fn cycles(values: &[f64]) -> Option<Vec<u32>> {
     values.iter().map(|value| in_range(*value, 0, u64::from(MAX_CYCLE)).map(|v| v as u32)).collect()
 }
@@ -218,14 +316,16 @@ fn friction_signals(
     map: &ColumnMap,
 ) -> Option<Vec<Option<FrictionSignal>>> {
     let (joints, levels) = (map.joint_count() as u64, u64::from(max_level(map)));
+    let later = !map.stage_source.is_recorded();
     stage
         .iter()
         .zip(joint.iter().zip(level))
         .map(|(stage, (joint, level))| {
             let joint = in_range(*joint, 0, joints)?;
             let level = in_range(*level, 0, levels)?;
-            // Between two joints of the friction stage either may be zero.
-            let tested = *stage == Stage::Friction && level > 0;
+            // Between two joints of the friction stage either may be zero. A stage that is not known yet
+            // takes those outside it away later.
+            let tested = (later || *stage == Stage::Friction) && level > 0;
             let joint = JointIndex::from_number(joint as usize).filter(|_| tested);
             Some(joint.map(|joint| FrictionSignal { joint, level: level as u8 }))
         })

@@ -16,6 +16,7 @@ use crate::run::Samples;
 const CUT: &str = "last line is cut";
 pub(super) const CUT_REMEDY: &str = "wait until the writer has finished, or export again";
 const CELL_REMEDY: &str = "export again or correct the cell";
+const STAGE_REMEDY: &str = "add the value to the stage signal of the layout, or export again";
 
 /// The time of the last row of the block before.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -86,7 +87,11 @@ pub fn judge_last_line(
     else {
         return Err(cut());
     };
-    if *role != Role::Ignored && value(cell, *role, map).is_err() {
+    let reads = match channels::is_text(*role, map) {
+        true => channels::word_number(cell, *role, map).is_some(),
+        false => *role == Role::Ignored || value(cell, *role, map).is_ok(),
+    };
+    if !reads {
         return Err(cut().in_column(name));
     }
     if cells.len() > map.least_fields {
@@ -116,6 +121,7 @@ impl Row<'_> {
         let text = self.text(line)?;
         self.refuse_wrong_shape(text)?;
         let map = self.map;
+        let mut stage_on: Option<usize> = None;
         for (column, cell) in fields(text, map.delimiter).enumerate() {
             let role = map.roles.get(column).copied().unwrap_or(Role::Ignored);
             if role == Role::Ignored {
@@ -124,11 +130,25 @@ impl Row<'_> {
             let value = self
                 .number(cell, role)
                 .map_err(|rejection| rejection.in_column(map.names.get(column).map_or("", String::as_str)))?;
+            if matches!(role, Role::StageFlag(_)) && value != 0.0 {
+                self.refuse_second_stage(stage_on.replace(column), column)?;
+            }
             if let Some(values) = self.columns.get_mut(column) {
                 values.push(value);
             }
         }
         Ok(())
+    }
+
+    /// Refuses a row in which two stages go on.
+    fn refuse_second_stage(&self, first: Option<usize>, second: usize) -> Result<(), Rejection> {
+        let Some(first) = first else { return Ok(()) };
+        let name = |column: usize| self.map.names.get(column).map_or("", String::as_str);
+        let mut rejection = self.rejection(format!("two stages at once: {} is on too", name(first)));
+        rejection.remedy =
+            "export again with one stage at a time, or name other columns in the layout's [stage] section"
+                .into();
+        Err(rejection.in_column(name(second)))
     }
 
     fn text<'t>(&self, line: &'t [u8]) -> Result<&'t str, Rejection> {
@@ -172,6 +192,14 @@ impl Row<'_> {
     }
 
     fn number(&mut self, cell: &str, role: Role) -> Result<f64, Rejection> {
+        let refused = |reason: String| self.rejection(reason).with_value(cell);
+        if channels::is_text(role, self.map) {
+            return channels::word_number(cell, role, self.map).ok_or_else(|| {
+                let mut rejection = refused(channels::words_wanted(role, self.map));
+                rejection.remedy = STAGE_REMEDY.into();
+                rejection
+            });
+        }
         if cell.is_empty() {
             return Err(self.rejection("empty cell"));
         }
@@ -184,7 +212,7 @@ impl Row<'_> {
         if let Some(reason) = channels::refusal(value, role, self.map) {
             let mut rejection = refused(reason);
             if role == Role::Stage {
-                rejection.remedy = "add the value to the stage signal of the layout, or export again".into();
+                rejection.remedy = STAGE_REMEDY.into();
             }
             return Err(rejection);
         }

@@ -98,6 +98,7 @@ pub(super) fn recording(rows: usize, mut number: impl FnMut() -> f64) -> (Sample
         torque,
         stage: (0..rows).map(|row| stages[row / 3 % 4]).collect(),
         cycle: Some((0..rows).map(|row| 1 + (row / 12) as u32).collect()),
+        stage_level: None,
         friction_signal: Some(
             (0..rows)
                 .map(|row| {

@@ -8,6 +8,7 @@ use super::fields::fields;
 use super::rejection::Rejection;
 use crate::config::{Channel, Column, DecimalMark, JointColumns, Layout, MotorSide, StageSource, TimeSource};
 use crate::robot::{JointIndex, Robot};
+use crate::run::Stage;
 
 /// Most column names listed in a message.
 const LISTED_COLUMNS: usize = 40;
@@ -27,6 +28,8 @@ pub enum Role {
     Torque(JointIndex),
     /// Stage signal.
     Stage,
+    /// Whether a stage goes on.
+    StageFlag(Stage),
     /// Cycle counter.
     Cycle,
     /// Joint under friction test.
@@ -56,8 +59,10 @@ pub struct ColumnMap {
     pub velocity: Option<Vec<usize>>,
     /// Column index of each joint's torque.
     pub torque: Vec<usize>,
-    /// Column index of the stage signal, unless the whole recording is one stage.
+    /// Column index of the stage signal, where one column is it.
     pub stage: Option<usize>,
+    /// Column indices of the stages, where each has one.
+    pub stage_flags: Vec<(Stage, usize)>,
     /// Column index of the cycle counter, where recorded.
     pub cycle: Option<usize>,
     /// Column indices of friction joint and speed level, where both are recorded.
@@ -180,10 +185,19 @@ pub fn map_columns(
         _ => None,
     };
     let torque = search.needed_by_joint(&layout.torque)?;
-    let stage = match &layout.stage {
-        StageSource::Signal(signal) => Some(search.stage(&signal.column)?),
-        StageSource::Whole(_) => None,
-    };
+    let (mut stage, mut stage_flags) = (None, Vec::new());
+    match &layout.stage {
+        StageSource::OneHot(one_hot) => {
+            for (of, column) in &one_hot.columns {
+                stage_flags.push((*of, search.stage(column)?));
+            }
+        }
+        one => {
+            for column in one.columns() {
+                stage = Some(search.stage(column)?);
+            }
+        }
+    }
     let cycle = search.optional(layout.cycle.as_ref())?;
     let joint = search.optional(layout.friction_joint.as_ref())?;
     let level = search.optional(layout.friction_level.as_ref())?;
@@ -208,6 +222,7 @@ pub fn map_columns(
         }
     }
     stage.into_iter().for_each(|column| assign(column, Role::Stage));
+    stage_flags.iter().for_each(|(of, column)| assign(*column, Role::StageFlag(*of)));
     cycle.into_iter().for_each(|column| assign(column, Role::Cycle));
     if let Some(friction) = friction {
         assign(friction.joint, Role::FrictionJoint);
@@ -235,6 +250,7 @@ pub fn map_columns(
         velocity,
         torque,
         stage,
+        stage_flags,
         cycle,
         friction,
         to_si: Factors {
@@ -404,16 +420,13 @@ impl Search<'_> {
     fn is_named(&self, name: &str) -> bool {
         let layout = self.layout;
         let time = layout.time.column();
-        let stage = match &layout.stage {
-            StageSource::Signal(signal) => Some(&signal.column),
-            StageSource::Whole(_) => None,
-        };
         let is = |column: &Column| matches!(column, Column::Name(named) if named == name);
-        let single = [time, stage, layout.cycle.as_ref()]
+        let single = [time, layout.cycle.as_ref()]
             .into_iter()
             .chain([layout.friction_joint.as_ref(), layout.friction_level.as_ref()]);
         let joints = [Some(&layout.position), layout.velocity.as_ref(), Some(&layout.torque)];
         single.flatten().any(is)
+            || layout.stage.columns().into_iter().any(is)
             || joints.into_iter().flatten().any(|channel| self.columns(channel).any(|column| is(&column)))
     }
 }

@@ -96,6 +96,7 @@ impl Parser {
             columns.push(match (role, map.time) {
                 (Role::Ignored, _) => Vec::new(),
                 (Role::Time, TimeColumn::Stamped { origin, .. }) => self.moments(column, origin)?,
+                (role, _) if channels::is_text(*role, map) => word_numbers(column, *role, map)?,
                 _ => numbers(column, rows)?,
             });
         }
@@ -156,6 +157,7 @@ fn schema(map: &ColumnMap, fields: usize) -> SchemaRef {
             (None | Some(Role::Ignored), _) | (Some(Role::Time), TimeColumn::Stamped { .. }) => {
                 DataType::String
             }
+            (Some(role), _) if channels::is_text(*role, map) => DataType::String,
             _ => DataType::Float64,
         };
         Field::new(column.to_string().into(), kind)
@@ -184,6 +186,23 @@ fn as_written(swapped: char) -> char {
 fn is_blank(column: &Column) -> bool {
     let blank = |cell: Option<&str>| cell.is_none_or(|cell| cell.trim().is_empty());
     column.str().is_ok_and(|cells| cells.iter().all(blank))
+}
+
+/// The numbers that the words of a column stand for, or `None` if one of them stands for none.
+fn word_numbers(column: &Column, role: Role, map: &ColumnMap) -> Option<Vec<f64>> {
+    // a stage lasts for thousands of rows: the word of the row before is nearly always this one
+    let mut last: Option<(&str, f64)> = None;
+    let words = column.str().ok()?.iter().map(|word| word.unwrap_or_default());
+    words
+        .map(|word| match last {
+            Some((known, number)) if known == word => Some(number),
+            _ => {
+                let found = channels::word_number(word, role, map)?;
+                last = Some((word, found));
+                Some(found)
+            }
+        })
+        .collect()
 }
 
 /// The numbers of a column without a gap.

@@ -23,7 +23,7 @@ use crate::analysis::{
     WarmFriction, WarmUpFit,
 };
 use crate::robot::{JointIndex, ParameterId, Robot};
-use crate::run::{Cycle, Samples, Stage};
+use crate::run::{Cycle, RunKind, Samples, Stage};
 
 /// What the method may be told.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,21 +71,7 @@ impl Method {
 #[must_use]
 pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     let samples = &cycle.samples;
-    let mut analysis = CycleAnalysis {
-        cycle: cycle.number,
-        start: samples.time.first().copied().unwrap_or(0.0),
-        duration: duration(samples),
-        rows: samples.rows(),
-        sample_rate: 0.0,
-        cutoff: method.settings.cutoff,
-        estimator: method.settings.estimator,
-        identification: Err(String::new()),
-        verification: Vec::new(),
-        warming_contrast: Vec::new(),
-        friction_points: Vec::new(),
-        factors: CycleFactors::default(),
-        remarks: Vec::new(),
-    };
+    let mut analysis = unanalysed(method, cycle);
     let conditioned = match condition(samples, method.settings.cutoff) {
         Ok(conditioned) => conditioned,
         Err(error) => {
@@ -123,6 +109,28 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     analysis.remarks.extend(friction.remarks);
     note_missing_stages(samples, &mut analysis.remarks);
     analysis
+}
+
+/// What is known of a cycle before anything is computed.
+pub(super) fn unanalysed(method: &Method, cycle: &Cycle) -> CycleAnalysis {
+    let samples = &cycle.samples;
+    CycleAnalysis {
+        cycle: cycle.number,
+        start: samples.time.first().copied().unwrap_or(0.0),
+        duration: duration(samples),
+        rows: samples.rows(),
+        sample_rate: 0.0,
+        cutoff: method.settings.cutoff,
+        estimator: method.settings.estimator,
+        identification: Err(String::new()),
+        verification: Vec::new(),
+        warming_contrast: Vec::new(),
+        friction_points: Vec::new(),
+        factors: CycleFactors::default(),
+        remarks: Vec::new(),
+        kind: RunKind::Test,
+        production: None,
+    }
 }
 
 /// Takes up what is worth knowing as remarks, and gives what must not pass as the reason to refuse.
@@ -206,7 +214,7 @@ fn identifying_factors(method: &Method, factored: &Factored) -> Vec<TriangularFa
     widened(&method.columns, chosen)
 }
 
-fn keep_factors(method: &Method, factored: &Factored, analysis: &mut CycleAnalysis) {
+pub(super) fn keep_factors(method: &Method, factored: &Factored, analysis: &mut CycleAnalysis) {
     let (factors, complete) = pack(&method.columns, &factored.factors);
     analysis.factors = factors;
     if !complete {
@@ -217,7 +225,7 @@ fn keep_factors(method: &Method, factored: &Factored, analysis: &mut CycleAnalys
     }
 }
 
-fn note_gaps(samples: &Samples, conditioned: &Conditioned, remarks: &mut Vec<String>) {
+pub(super) fn note_gaps(samples: &Samples, conditioned: &Conditioned, remarks: &mut Vec<String>) {
     let (stretches, rows) = conditioned.filtered();
     let lost = samples.rows() - rows;
     if stretches != 1 || lost > 0 {

@@ -13,6 +13,8 @@
 
 pub mod analyse;
 pub mod signal;
+pub mod stages;
+pub mod motion_stages;
 pub mod segment;
 pub mod transmission;
 pub mod kinematics;
@@ -62,6 +64,7 @@ pub mod warm_up;
 #[cfg(test)]
 mod warm_up_tests;
 pub mod verify;
+pub mod production;
 pub mod torque_series;
 pub mod cross;
 pub mod drive_gain;

@@ -77,6 +77,8 @@ pub struct CycleCutter {
     stage_seen: bool,
     /// Most rows of a cycle, where it is not [`MAX_CYCLE_ROWS`].
     most_rows: Option<usize>,
+    /// Whether a cycle needs no stage.
+    of_windows: bool,
 }
 
 impl CycleCutter {
@@ -90,6 +92,12 @@ impl CycleCutter {
     #[must_use]
     pub fn with_most_rows(self, rows: usize) -> Self {
         Self { most_rows: Some(rows), ..self }
+    }
+
+    /// A cutter of a recording without stages, whose counter numbers windows.
+    #[must_use]
+    pub fn of_windows() -> Self {
+        Self { of_windows: true, ..Self::default() }
     }
 
     /// Takes the next rows and returns the cycles that they end.
@@ -118,7 +126,7 @@ impl CycleCutter {
     /// # Errors
     /// [`SegmentError::NoStage`] if no row of the whole recording was in a stage.
     pub fn finish(mut self) -> Result<Option<Cycle>, SegmentError> {
-        if !self.stage_seen {
+        if !self.stage_seen && !self.of_windows {
             return Err(SegmentError::NoStage { rows: self.rows_seen });
         }
         Ok(self.cut(self.pending.rows()))
@@ -156,7 +164,10 @@ impl CycleCutter {
         let samples = self.pending.take_front(rows);
         self.searched = 0;
         self.stage_reached = None;
-        let staged = samples.stage.iter().any(|stage| *stage != Stage::Between);
+        let staged = match self.of_windows {
+            true => !samples.is_empty(),
+            false => samples.stage.iter().any(|stage| *stage != Stage::Between),
+        };
         let number = match samples.cycle.as_ref().and_then(|counters| counters.first()) {
             Some(counter) => *counter,
             None => self.cycles_cut + u32::from(staged),
@@ -213,6 +224,7 @@ mod tests {
             stage: stages.iter().map(stage).collect(),
             cycle: counters.map(<[u32]>::to_vec),
             friction_signal: None,
+            stage_level: None,
         }
     }
 

@@ -85,14 +85,15 @@ impl<'i> Cutting<'i> {
         Ok(!self.stop.is_cancelled())
     }
 
-    /// Ends the export after `rows` rows and sends its last cycle.
+    /// Ends the export after `rows` rows and sends its last cycles.
     ///
     /// # Errors
     /// A rejection of an export without stages.
     pub fn end(mut self, rows: u64) -> Result<ReadEnd, Rejection> {
-        let last = self.cutter.finish()?;
-        if last.is_some_and(|cycle| !self.send(cycle)) {
-            return Ok(ReadEnd::Interrupted);
+        for cycle in self.cutter.finish()? {
+            if !self.send(cycle) {
+                return Ok(ReadEnd::Interrupted);
+            }
         }
         Ok(ReadEnd::Complete(ReadTotals {
             rows,

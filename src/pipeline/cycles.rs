@@ -8,6 +8,7 @@ use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
 use crate::numerics::segment::{CycleCutter, SegmentError};
 use crate::numerics::signal::median_step;
+use crate::numerics::stages::{StageFinder, StageRule};
 use crate::numerics::transmission::JointSide;
 use crate::robot::Robot;
 use crate::run::{Cycle, Samples};
@@ -16,11 +17,12 @@ use crate::run::{Cycle, Samples};
 /// on the pieces in which a growing file is read.
 const SAMPLE_RATE_ROWS: usize = 1000;
 
-/// Brings the rows of an export to the joints and cuts them into cycles.
+/// Brings the rows of an export to the joints, gives them their stage and cuts them into cycles.
 #[derive(Debug)]
 pub struct RowCutter {
     path: PathBuf,
     joint_side: JointSide,
+    stages: StageFinder,
     cutter: CycleCutter,
     first_times: Vec<f64>,
 }
@@ -35,7 +37,14 @@ impl RowCutter {
         let joint_side = JointSide::new(robot, motor.position, motor.torque).map_err(|error| {
             Rejection::of_file(path, error.to_string(), "correct the transmission of the robot's description")
         })?;
-        Ok(Self { path: path.to_owned(), joint_side, cutter: CycleCutter::new(), first_times: Vec::new() })
+        let rule = layout.stage.rule();
+        let cutter = match rule {
+            StageRule::Windows { .. } => CycleCutter::of_windows(),
+            _ => CycleCutter::new(),
+        };
+        let low_speed = robot.joints.iter().map(|joint| joint.low_speed).collect();
+        let stages = StageFinder::new(rule, low_speed);
+        Ok(Self { path: path.to_owned(), joint_side, stages, cutter, first_times: Vec::new() })
     }
 
     /// The same with another bound on the rows of a cycle.
@@ -53,16 +62,23 @@ impl RowCutter {
         let missing = SAMPLE_RATE_ROWS.saturating_sub(self.first_times.len());
         self.first_times.extend(samples.time.iter().take(missing));
         self.joint_side.apply(&mut samples);
-        self.cutter.push(samples).map_err(|error| rejected(&self.path, &error))
+        let staged = self
+            .stages
+            .push(samples)
+            .map_err(|error| Rejection::of_file(&self.path, error.to_string(), ""))?;
+        self.cutter.push(staged).map_err(|error| not_cut(&self.path, &error))
     }
 
-    /// Ends the export and gives its last cycle. Nothing is left to cut.
+    /// Ends the export and gives its last cycles. Nothing is left to cut.
     ///
     /// # Errors
     /// A rejection of an export without stages.
-    pub fn finish(&mut self) -> Result<Option<Cycle>, Rejection> {
-        let cutter = std::mem::take(&mut self.cutter);
-        cutter.finish().map_err(|error| rejected(&self.path, &error))
+    pub fn finish(&mut self) -> Result<Vec<Cycle>, Rejection> {
+        let mut cutter = std::mem::take(&mut self.cutter);
+        let cut = |error: SegmentError| not_cut(&self.path, &error);
+        let mut cycles = cutter.push(self.stages.finish()).map_err(cut)?;
+        cycles.extend(cutter.finish().map_err(cut)?);
+        Ok(cycles)
     }
 
     /// Rows per second, from the median time step of the first rows, Hz; zero where it is unknown.
@@ -91,13 +107,92 @@ pub fn read_cycle(
             return Ok(Some(found));
         }
     }
-    Ok(cutter.finish()?.filter(|cycle| cycle.number == wanted))
+    Ok(cutter.finish()?.into_iter().find(|cycle| cycle.number == wanted))
 }
 
-fn rejected(path: &Path, error: &SegmentError) -> Rejection {
+fn not_cut(path: &Path, error: &SegmentError) -> Rejection {
     let remedy = match error {
         SegmentError::Endless { .. } => "if cycles are that long, raise limits.cycle_max_rows",
         _ => "",
     };
     Rejection::of_file(path, error.to_string(), remedy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::parse_layout;
+    use crate::numerics::factors::tests::cycle;
+    use crate::run::Stage;
+    use crate::testing::er3a;
+
+    const NATIVE: &str = include_str!("../../config/exports/native.toml");
+
+    /// The native layout with another section `[stage]`.
+    fn layout(section: &str) -> Layout {
+        let start = NATIVE.find("[stage]").expect("a section");
+        let end = NATIVE.find("# Columns that are used if").expect("what follows");
+        let text = format!("{}[stage]\n{section}\n{}", &NATIVE[..start], &NATIVE[end..]);
+        parse_layout("layout.toml", &text).expect("no problems")
+    }
+
+    /// Three cycles one after the other, without a counter.
+    fn recording() -> Samples {
+        let mut recording = Samples::default();
+        for _ in 0..3 {
+            let mut samples = Samples { cycle: None, ..cycle(1, 1500).samples };
+            let offset = recording.time.last().map_or(0.0, |last| last + samples.time[1]);
+            samples.time.iter_mut().for_each(|time| *time += offset);
+            recording.append(samples);
+        }
+        recording
+    }
+
+    fn cut(layout: &Layout, mut rows: Samples, chunk: usize) -> Vec<Cycle> {
+        let mut cutter = RowCutter::new(Path::new("a.csv"), layout, &er3a()).expect("a cutter");
+        let mut cycles = Vec::new();
+        while !rows.is_empty() {
+            cycles.extend(cutter.push(rows.take_front(chunk.min(rows.rows()))).expect("cycles"));
+        }
+        cycles.extend(cutter.finish().expect("cycles"));
+        cycles
+    }
+
+    #[test]
+    fn levels_cut_the_cycles_that_their_stages_cut_whatever_the_pieces() {
+        let numbers =
+            layout("column = \"stage\"\nbetween = [0]\nexcitation = [1]\nfriction = [2]\nwarming = [3]");
+        let levels = layout(
+            "kind = \"levels\"\ncolumn = \"stage\"\nbetween = [-0.5, 0.5]\nexcitation = [2, 3]\nfriction = [4.5, 5.5]\n\
+             warming = [7, 8]\nhysteresis = 0.1\ndebounce_s = 0.05",
+        );
+        let staged = recording();
+        let expected = cut(&numbers, staged.clone(), staged.rows());
+        assert_eq!(expected.len(), 3);
+        let mut analogue = staged.clone();
+        let level = |(row, stage): (usize, &Stage)| {
+            // noise within the ranges and, apart from boundaries, a spike now and then
+            let inside = row >= 10 && staged.stage[row - 10] == *stage;
+            let spike = if inside && row % 97 == 50 { 2.5 } else { 0.0 };
+            2.5 * f64::from(*stage as u8) + spike + 0.4 * (row as f64).sin()
+        };
+        analogue.stage_level = Some(staged.stage.iter().enumerate().map(level).collect());
+        analogue.stage.fill(Stage::Between);
+        for chunk in [1, 7, 100, 1499, 4500] {
+            assert_eq!(cut(&levels, analogue.clone(), chunk), expected, "pieces of {chunk} rows");
+        }
+    }
+
+    #[test]
+    fn motion_and_windows_cut_the_same_whatever_the_pieces() {
+        for section in ["kind = \"motion\"", "kind = \"production\"\nwindow_s = 5"] {
+            let layout = layout(section);
+            let rows = recording();
+            let whole = cut(&layout, rows.clone(), rows.rows());
+            assert!(!whole.is_empty(), "{section}");
+            for chunk in [1, 13, 500] {
+                assert_eq!(cut(&layout, rows.clone(), chunk), whole, "{section} in pieces of {chunk} rows");
+            }
+        }
+    }
 }

@@ -53,7 +53,7 @@ impl Pipeline {
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Followed, PipelineError> {
-        let Ok(recognised) = intake::recognise(self, path, intake::file_time(path)) else {
+        let Ok(recognised) = intake::recognise(self.config(), path, intake::file_time(path)) else {
             return Ok(Followed::UntilSettled);
         };
         let (owned, arm) = (path.to_path_buf(), recognised.entry.clone());

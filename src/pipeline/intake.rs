@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::{Outcome, Pipeline, PipelineError, Retry, record};
-use crate::config::{FleetEntry, Layout, RewritePolicy, WorkLimits};
+use crate::config::{Config, FleetEntry, Layout, RewritePolicy, WorkLimits};
 use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::fingerprint::{self, fingerprint};
 use crate::ingest::rejection::Rejection;
@@ -101,7 +101,7 @@ async fn admit_content(
 ) -> Result<Known, PipelineError> {
     let Some(state) = source_state(path) else { return Ok(Known::Yes(Outcome::Changed)) };
     let known = pipeline.store().lookup(&content_hash).await?;
-    let recognised = recognise(pipeline, path, file_time);
+    let recognised = recognise(pipeline.config(), path, file_time);
     let recording = recognised.as_ref().ok().and_then(Recognised::recording);
     let start = match start(pipeline, path, state.file, recording).await? {
         Ok(start) => start,
@@ -347,11 +347,10 @@ impl Recognised<'_> {
 /// # Errors
 /// A rejection of a name that says no robot, or one without description.
 pub fn recognise<'a>(
-    pipeline: &'a Pipeline,
+    config: &'a Config,
     path: &Path,
     file_time: Timestamp,
 ) -> Result<Recognised<'a>, Rejection> {
-    let config = pipeline.config();
     let recognised = config.recognition.recognise(&file_name(path)).map_err(|error| {
         Rejection::of_file(
             path,
@@ -359,10 +358,10 @@ pub fn recognise<'a>(
             "rename the file, or change [recognition] in the configuration",
         )
     })?;
-    let entry = config.robot_entry(&recognised.robot).ok_or_else(|| {
+    let entry = config.export_entry(&recognised.robot, &file_name(path)).ok_or_else(|| {
         Rejection::of_file(
             path,
-            format!("no description for robot \"{}\"", recognised.robot),
+            format!("no description for robot \"{}\" and this file", recognised.robot),
             "add a [[robot]] entry whose name matches to the configuration",
         )
     })?;

@@ -10,10 +10,12 @@ pub mod conclude;
 pub mod cutting;
 pub mod cycles;
 pub mod drive_gain;
+pub mod explain;
 pub mod follow;
 mod friction;
 pub mod intake;
 pub mod physical;
+mod production;
 pub mod record;
 pub mod replay;
 pub mod reestimate;
@@ -33,12 +35,13 @@ use crate::analysis::CycleAnalysis;
 use crate::config::Config;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
-use crate::numerics::analyse::{Method, analyse_cycle};
+use crate::numerics::analyse::Method;
 use crate::robot::Robot;
 use crate::run::ContentPrefix;
 use crate::store::{Store, StoreError};
 use cutting::{CutCycle, ReadEnd};
 use intake::{Intake, Known};
+use production::Work;
 
 /// Cycles between the reading thread and analysis. One is enough to keep both busy; each takes
 /// 12 MB at 250 Hz and five minutes.
@@ -289,13 +292,14 @@ impl Pipeline {
         read: impl FnOnce(mpsc::Sender<CutCycle>) -> E + Send + 'static,
         progress: impl Fn(Progress),
     ) -> Result<(E, Vec<(u32, String)>), PipelineError> {
+        let work = production::work(self, intake, method).await?;
         let (to_analysis, cycles) = mpsc::channel::<CutCycle>(CYCLES_READ_AHEAD);
         // the task being awaited and those in the channel are the cycles in analysis
         let (to_record, analyses) = mpsc::channel::<InAnalysis>(CYCLES_IN_ANALYSIS - 1);
 
         let reader = tokio::task::spawn_blocking(move || read(to_analysis));
         let places = Arc::clone(&self.places[lane as usize]);
-        let analyser = tokio::spawn(analyse_in_order(Arc::clone(method), places, cycles, to_record));
+        let analyser = tokio::spawn(analyse_in_order(work, places, cycles, to_record));
         let recorded = record::cycles(&self.store, intake, analyses, |n| progress(Progress::Cycle(n))).await;
         // a recorder that ended early has dropped its end of the channel, so both others end too
         let recorded = recorded?;
@@ -373,7 +377,7 @@ impl EndsRejected for ReadEnd {
 
 /// Starts analyses as cycles arrive and hands on their handles in the order of the cycles.
 async fn analyse_in_order(
-    method: Arc<Method>,
+    work: Work,
     places: Arc<Semaphore>,
     mut cycles: mpsc::Receiver<CutCycle>,
     to_record: mpsc::Sender<InAnalysis>,
@@ -381,9 +385,9 @@ async fn analyse_in_order(
     while let Some(CutCycle { cycle, read }) = cycles.recv().await {
         let Ok(turn) = to_record.reserve().await else { return };
         let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
-        let method = Arc::clone(&method);
+        let work = work.clone();
         let analysis = tokio::task::spawn_blocking(move || {
-            let analysis = analyse_cycle(&method, &cycle);
+            let analysis = work.analyse(&cycle);
             drop(place);
             analysis
         });

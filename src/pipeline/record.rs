@@ -4,13 +4,13 @@ use tokio::sync::mpsc;
 
 use super::cutting::ReadTotals;
 use super::intake::Intake;
-use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun, friction};
+use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun, friction, production};
 use crate::analysis::FrictionPoint;
 use crate::ingest::excerpt;
 use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::{Method, RunResults, analyse_run};
 use crate::robot::{JointIndex, ParameterId};
-use crate::run::RunHeader;
+use crate::run::{RunHeader, RunKind};
 use crate::store::{Fault, Owner, RunMeasurements, RunTotals, Store};
 
 /// What recording the cycles of an export came to.
@@ -49,8 +49,8 @@ pub(super) async fn cycles(
         }
         store.record_cycle_read(intake.run_id, &analysis, &intake.robot, Some(&read)).await?;
         stored(analysis.cycle);
-        if let Err(reason) = analysis.identification {
-            recorded.refused.push((analysis.cycle, reason));
+        if let Some(reason) = analysis.refusal() {
+            recorded.refused.push((analysis.cycle, reason.to_owned()));
         }
     }
     Ok(recorded)
@@ -69,6 +69,9 @@ pub async fn finish(
     totals: ReadTotals,
     refused: Vec<(u32, String)>,
 ) -> Result<Outcome, PipelineError> {
+    if intake.layout.stage.run_kind() == RunKind::Production {
+        return production::finish(pipeline, intake, totals, refused).await;
+    }
     let measurements = pipeline.store().run_measurements(intake.run_id).await?;
     let speed_fits =
         friction::over_speed(pipeline.store(), intake.run_id, &measurements.friction_points).await?;
@@ -92,6 +95,7 @@ pub async fn finish(
     };
     ending.complete(figures).await?;
     ending.commit().await?;
+    production::check_waiting(pipeline.store(), intake.run_id).await?;
     Ok(Outcome::Stored(StoredRun {
         run_id: intake.run_id,
         robot: intake.header.robot.clone(),

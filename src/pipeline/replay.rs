@@ -74,7 +74,7 @@ impl Replay {
             let reason = state.reason.as_deref().unwrap_or("it could not be filtered");
             ReplayError::Refused(format!("cycle {cycle} of run {run_id} has no torques to show: {reason}"))
         })?;
-        let entry = config.robot_entry(&run.robot).ok_or_else(|| {
+        let entry = config.export_entry(&run.robot, &run.source_name).ok_or_else(|| {
             ReplayError::Refused(format!(
                 "no description for robot \"{}\"; add a [[robot]] entry whose name matches to the configuration, \
                  or name the configuration that run {run_id} was taken with (--config)",

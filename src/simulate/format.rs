@@ -40,6 +40,18 @@ pub enum Cell {
     Torque(Weighted),
     /// Stage signal: values for between stages, excitation, friction and warming.
     Stage([i64; 4]),
+    /// Stage signal in words, in the same order.
+    StageWord([String; 4]),
+    /// Whether a stage goes on, 1 or 0.
+    StageFlag(Stage),
+    /// Analogue stage signal: levels in the same order, and how far it strays from them; now and then a row
+    /// shows another level.
+    StageLevel {
+        /// The levels.
+        levels: [f64; 4],
+        /// Largest deviation from the level.
+        noise: f64,
+    },
     /// Cycle counter.
     Cycle,
     /// Joint under friction test, from 1; 0 outside.
@@ -88,6 +100,11 @@ impl ExportFormat {
                 Cell::Velocity(sum) => write!(text, "{}", sum.of(&row.velocity)),
                 Cell::Torque(sum) => write!(text, "{}", sum.of(&row.torque)),
                 Cell::Stage(values) => write!(text, "{}", values[stage_index(row.stage)]),
+                Cell::StageWord(words) => write!(text, "{}", words[stage_index(row.stage)]),
+                Cell::StageFlag(stage) => write!(text, "{}", u8::from(row.stage == *stage)),
+                Cell::StageLevel { levels, noise } => {
+                    write!(text, "{:.4}", level(levels, *noise, stage_index(row.stage), row.time))
+                }
                 Cell::Cycle => write!(text, "{}", row.cycle),
                 Cell::FrictionJoint => write!(text, "{}", row.signal.map_or(0, |s| s.joint.number())),
                 Cell::FrictionLevel => write!(text, "{}", row.signal.map_or(0, |s| s.level)),
@@ -96,6 +113,22 @@ impl ExportFormat {
         }
         text.push(b'\n');
     }
+}
+
+/// One row in this many shows another level than that of its stage.
+const SPIKE_EVERY: u64 = 400;
+
+/// An analogue level with noise and single spikes, which follow from the time alone: the same run has the
+/// same bytes.
+fn level(levels: &[f64; 4], noise: f64, stage: usize, time: f64) -> f64 {
+    // splitmix64, a mixer of bits without state
+    let mut bits = time.to_bits().wrapping_add(0x9e37_79b9_7f4a_7c15);
+    bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    bits ^= bits >> 31;
+    let shown = if bits.is_multiple_of(SPIKE_EVERY) { (stage + 1) % levels.len() } else { stage };
+    let uniform = (bits >> 11) as f64 / (1_u64 << 53) as f64;
+    levels[shown] + noise * (2.0 * uniform - 1.0)
 }
 
 fn stage_index(stage: Stage) -> usize {

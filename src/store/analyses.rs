@@ -6,7 +6,7 @@ use sqlx::sqlite::SqliteExecutor;
 use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number};
-use super::{factors, ledger, models};
+use super::{factors, ledger, models, production};
 use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, JointResidual, Rmsd, TorqueRmsd};
 use crate::robot::{ParameterId, Robot};
 use crate::run::ContentPrefix;
@@ -60,6 +60,9 @@ pub(super) async fn record_cycle(
     for rows in numbered.chunks(ROWS_PER_STATEMENT) {
         insert_friction_points(&mut *connection, cycle_id, rows).await?;
     }
+    if let Some(check) = &analysis.production {
+        production::record(&mut *connection, cycle_id, check).await?;
+    }
     ledger::advance(connection, run_id, model, read).await?;
     Ok(Recorded::Stored)
 }
@@ -71,7 +74,7 @@ async fn insert_cycle(
     run_start: i64,
     analysis: &CycleAnalysis,
 ) -> Result<Option<i64>, sqlx::Error> {
-    let identification = analysis.identification.as_ref();
+    let (identification, refusal) = (analysis.identification.as_ref(), analysis.refusal());
     let remarks = (!analysis.remarks.is_empty()).then(|| analysis.remarks.join("\n"));
     sqlx::query_scalar(
         "INSERT INTO cycle (run_id, number, started_at, duration_s, rows, sample_rate_hz, cutoff_hz, status, reason,
@@ -88,8 +91,8 @@ async fn insert_cycle(
     .bind(count(analysis.rows))
     .bind(finite(analysis.sample_rate))
     .bind(finite(analysis.cutoff))
-    .bind(identification.map_or("refused", |_| "complete"))
-    .bind(identification.err())
+    .bind(refusal.map_or("complete", |_| "refused"))
+    .bind(refusal)
     .bind(remarks)
     .bind(identification.map(|i| count(i.samples)).ok())
     .bind(identification.ok().and_then(|i| finite(i.condition_number)))

@@ -57,6 +57,19 @@ pub enum StoreError {
         /// Latest schema version of this program.
         known: i64,
     },
+    /// An older program made the schema, and it is only read.
+    #[error(
+        "database {} has schema {found}, this program {known}; `armwatch run` and `armwatch ingest` bring it up to date",
+        .path.display()
+    )]
+    Older {
+        /// Database file.
+        path: PathBuf,
+        /// Schema version of the file.
+        found: i64,
+        /// Schema version of this program.
+        known: i64,
+    },
     /// The content is damaged.
     #[error(
         "database {} is damaged ({detail}); move it away and ingest the exports again, or restore a copy",

@@ -78,7 +78,7 @@ async fn first_and_latest_runs(
 ) -> Result<Vec<(i64, i64)>, sqlx::Error> {
     let mut starts: Vec<(i64, i64)> = sqlx::query_as(
         "SELECT run_id, started_at FROM run
-         WHERE robot_id = ? AND status = 'complete'
+         WHERE robot_id = ? AND kind = 'test' AND status = 'complete'
          ORDER BY started_at, run_id",
     )
     .bind(robot_id)

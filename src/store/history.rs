@@ -145,7 +145,7 @@ async fn excitation_rmsd(
     .await
 }
 
-/// Summaries of a robot's complete runs, oldest first.
+/// Summaries of a robot's complete tests, oldest first.
 pub(super) async fn run_summaries(
     executor: impl SqliteExecutor<'_>,
     robot_id: i64,
@@ -157,7 +157,7 @@ pub(super) async fn run_summaries(
                 summary.relative_rmsd, summary.rmsd_swing, summary.rmsd_swing_cycles
          FROM run
          LEFT JOIN run_joint_summary AS summary USING (run_id)
-         WHERE run.robot_id = ? AND run.status = 'complete'
+         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete'
          ORDER BY run.started_at, run.run_id, summary.joint",
     )
     .bind(robot_id)

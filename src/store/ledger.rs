@@ -7,7 +7,7 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
 use super::values::{count, finite, named, size};
-use crate::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
+use crate::run::{ContentHash, ContentPrefix, RunHeader, RunKind, RunStatus};
 
 const STATUSES: [RunStatus; 4] =
     [RunStatus::Streaming, RunStatus::Complete, RunStatus::Quarantined, RunStatus::Superseded];
@@ -510,6 +510,20 @@ pub(super) async fn give_up(
     .execute(executor)
     .await?;
     Ok(done.rows_affected() > 0)
+}
+
+/// Writes down what a run is a recording of; writes nothing where that stands already.
+pub(super) async fn set_kind(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    kind: RunKind,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET kind = ?1 WHERE run_id = ?2 AND kind <> ?1")
+        .bind(kind.name())
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
 }
 
 /// Takes away a run that is not complete, with its cycles. Returns whether there was one.

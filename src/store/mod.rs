@@ -18,6 +18,7 @@ mod models;
 mod open;
 mod parameter_sets;
 mod quarantine;
+mod production;
 mod read;
 mod reestimates;
 mod run_analysis;
@@ -65,10 +66,12 @@ pub use reestimates::{
 pub use sources::{EarlierRun, RunSource, SourceState, UnfinishedSource};
 pub use verification::{CycleState, OfCycle};
 
-use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd, WarmingContrast};
+use crate::analysis::{
+    CycleAnalysis, FrictionPoint, IdentifiedParameter, ProductionCheck, TorqueRmsd, WarmingContrast,
+};
 use crate::anomaly::RunSummary;
 use crate::robot::{ParameterId, Robot};
-use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader};
+use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunKind};
 use analyses::Recorded;
 
 /// An open database. Clones share it.
@@ -95,6 +98,15 @@ impl Store {
     /// a file that is refused is left as it is.
     pub async fn open(path: &Path) -> Result<Self, StoreError> {
         open::open(path, open::BUSY_TIMEOUT).await
+    }
+
+    /// Opens the database at `path` to look into it; nothing is made or changed, and writing fails. `None` if
+    /// there is none.
+    ///
+    /// # Errors
+    /// As [`Store::open`], and [`StoreError::Older`] for a schema that is not up to date.
+    pub async fn open_existing(path: &Path) -> Result<Option<Self>, StoreError> {
+        open::open_existing(path).await
     }
 
     /// Moves the write-ahead log into the database file and closes it, for all clones.
@@ -466,6 +478,56 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn independent_fractions(&self, run_id: i64) -> Result<HashMap<u32, f64>, StoreError> {
         self.checked(friction::independent_fractions(&self.readers, run_id).await)
+    }
+
+    /// Writes down what a run is a recording of.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn set_run_kind(&self, run_id: i64, kind: RunKind) -> Result<(), StoreError> {
+        self.checked(ledger::set_kind(&self.writer, run_id, kind).await)
+    }
+
+    /// Complete tests of the robot of run `run_id` whose parameters it may be held against, the best first:
+    /// the latest that started no later, and those before it; then the first that started later.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn reference_runs(&self, run_id: i64) -> Result<Vec<i64>, StoreError> {
+        self.checked(production::reference_runs(&self.readers, run_id).await)
+    }
+
+    /// Runs of production of the robot of run `run_id` with windows that are held against nothing yet.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn unchecked_runs(&self, run_id: i64) -> Result<Vec<i64>, StoreError> {
+        self.checked(production::unchecked_runs(&self.readers, run_id).await)
+    }
+
+    /// The run whose parameters a window of production was held against.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn checked_against(&self, run_id: i64, cycle: u32) -> Result<Option<i64>, StoreError> {
+        self.checked(production::checked_against(&self.readers, run_id, cycle).await)
+    }
+
+    /// Writes checks of windows, given by their numbers, that were held against nothing so far; others stay
+    /// as they are. All of it or nothing.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn store_production_checks(
+        &self,
+        run_id: i64,
+        checks: &[(u32, ProductionCheck)],
+    ) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        for (cycle, check) in checks {
+            self.checked(production::add(&mut transaction, run_id, *cycle, check).await)?;
+        }
+        self.commit(transaction).await
     }
 
     /// Reads the factors of a run's cycles, in the order of the cycles, those without any left out.

@@ -57,6 +57,26 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
     Ok(Store { path, writer, readers })
 }
 
+/// Opens what is there for reading only; see [`Store::open_existing`].
+pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreError> {
+    if std::fs::metadata(path).map_or(true, |metadata| metadata.len() == 0) {
+        return Ok(None);
+    }
+    let path: Arc<Path> = std::path::absolute(path).map_err(|e| not_writable(path, &e))?.into();
+    let options = SqliteConnectOptions::new()
+        .filename(&path)
+        .busy_timeout(BUSY_TIMEOUT)
+        .read_only(true)
+        .disable_statement_logging();
+    let known = latest_schema();
+    let found = inspect(&path, &options).await?;
+    if found < known {
+        return Err(StoreError::Older { path: path.to_path_buf(), found, known });
+    }
+    let readers = pool(READERS, options, BUSY_TIMEOUT).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
+    Ok(Some(Store { path, writer: readers.clone(), readers }))
+}
+
 /// The writer. Turning a new file's journal into a write-ahead log needs an exclusive lock, for which
 /// SQLite does not wait: of two programs that start on a new file, one has to try again.
 async fn writer_pool(
@@ -90,11 +110,16 @@ async fn pool(
         .await
 }
 
-/// Refuses a file that is not this program's, before anything about it is changed.
-async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(), StoreError> {
+/// Schema of a database that is up to date.
+fn latest_schema() -> i64 {
+    MIGRATOR.iter().map(|m| m.version).max().unwrap_or(0)
+}
+
+/// Refuses a file that is not this program's, before anything about it is changed; gives its schema.
+async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<i64, StoreError> {
     // An empty file is a new database to SQLite too.
     if std::fs::metadata(path).map_or(true, |m| m.is_file() && m.len() == 0) {
-        return Ok(());
+        return Ok(0);
     }
     let result = match options.connect().await {
         Ok(mut connection) => {
@@ -104,13 +129,13 @@ async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(), Stor
         Err(error) => Err(error),
     };
     match result.map_err(|e| StoreError::from_sqlx(path, &e))? {
-        Identity::New => Ok(()),
+        Identity::New => Ok(0),
         Identity::Ours { schema } => {
-            let known = MIGRATOR.iter().map(|m| m.version).max().unwrap_or(0);
+            let known = latest_schema();
             if schema > known {
                 return Err(StoreError::Newer { path: path.to_path_buf(), found: schema, known });
             }
-            Ok(())
+            Ok(schema)
         }
         Identity::Foreign => Err(StoreError::NotADatabase {
             path: path.to_path_buf(),

@@ -8,7 +8,7 @@ use super::ledger;
 use super::values::{joint, named, size};
 use crate::anomaly::Severity;
 use crate::robot::JointIndex;
-use crate::run::RunStatus;
+use crate::run::{RunKind, RunStatus};
 
 /// A row of the view `runs`.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,6 +27,8 @@ pub struct RunRow {
     pub cycles: u32,
     /// Where the run stands.
     pub status: RunStatus,
+    /// What it is a recording of.
+    pub kind: RunKind,
     /// Why it was quarantined.
     pub reason: Option<String>,
     /// Line of the export that the reason points at.
@@ -135,7 +137,7 @@ pub struct Counts {
 /// All runs, by robot and start.
 pub(super) async fn runs(executor: impl SqliteExecutor<'_>) -> Result<Vec<RunRow>, sqlx::Error> {
     sqlx::query(
-        "SELECT run_id, robot, started_at, source_name, rows, cycles, status, reason, reason_line, reason_column
+        "SELECT run_id, robot, started_at, source_name, rows, cycles, status, kind, reason, reason_line, reason_column
          FROM runs
          ORDER BY robot, started_at, run_id",
     )
@@ -148,6 +150,7 @@ pub(super) async fn runs(executor: impl SqliteExecutor<'_>) -> Result<Vec<RunRow
             rows: row.try_get("rows")?,
             cycles: size(&row, "cycles")?,
             status: ledger::status(&row, "status")?,
+            kind: named(&row, "kind", &[RunKind::Test, RunKind::Production], RunKind::name)?,
             reason: row.try_get("reason")?,
             reason_line: row.try_get("reason_line")?,
             reason_column: row.try_get("reason_column")?,

@@ -12,10 +12,10 @@ use crate::analysis::{
 };
 use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Severity};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
-use crate::run::{ContentHash, RunHeader, Stage};
+use crate::run::{ContentHash, RunHeader, RunKind, Stage};
 use crate::testing::er3a;
 
-pub(super) const VIEWS: [&str; 19] = [
+pub(super) const VIEWS: [&str; 20] = [
     "runs",
     "cycles",
     "cycle_parameters",
@@ -35,6 +35,7 @@ pub(super) const VIEWS: [&str; 19] = [
     "reestimated_parameters",
     "reestimated_statistics",
     "joint_residuals",
+    "production_checks",
 ];
 
 /// A fault at a place, or of the export as a whole.
@@ -121,6 +122,8 @@ pub(super) fn cycle(number: u32) -> CycleAnalysis {
         warming_contrast: Vec::new(),
         friction_points: friction_points(start),
         factors: CycleFactors::default(),
+        kind: RunKind::Test,
+        production: None,
         remarks: vec!["velocity is derived".into(), "joint 4 starts late".into()],
     }
 }

@@ -241,7 +241,7 @@ async fn migrations_keep_the_data_of_earlier_versions() {
     for view in VIEWS {
         assert!(rows.iter().any(|row| row.starts_with(&format!("{view}:"))), "{view} lost its rows");
     }
-    assert_eq!(store.runs().await.expect("runs").len(), 3);
+    assert_eq!(store.runs().await.expect("runs").len(), 4);
     assert_eq!(store.fleet_health().await.expect("health").len(), 2);
     assert_eq!(store.anomalies_after(0).await.expect("anomalies").len(), 1);
     assert_sound(&store).await;

@@ -1,0 +1,379 @@
+//! `armwatch explain`: what would become of exports, without storing anything.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::Args;
+use serde_json::json;
+
+use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, output, runtime};
+use crate::analysis::CycleAnalysis;
+use crate::config::{Config, Layout, layout_units};
+use crate::ingest::layout::{ColumnMap, Role};
+use crate::pipeline::explain::{CycleSketch, Explainer, Explanation, Ledger, Next, Reading, RecognisedAs};
+use crate::robot::{JointIndex, Robot};
+use crate::run::{RunKind, Stage};
+
+/// Most names of ignored columns that are listed.
+const LISTED_COLUMNS: usize = 12;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch explain R00_20260105_0847_Col23_20s_cycle5.csv.gz
+  armwatch explain new.csv --config trial.toml --quick
+  armwatch explain inbox/*.csv --json | jq 'select(.next != \"nothing\") | .problems'
+
+Says of each export whose it is and why, how its columns are read, which stages and cycles it has, what the
+analysis has to say of it, whether its content is stored already, and what `armwatch run` would do with it. It is
+read and analysed exactly as `armwatch ingest` does; nothing is written, and the database is only looked at.
+Exit status 1 if an export would be quarantined.")]
+pub(super) struct ExplainArgs {
+    /// Exports
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Read and cut only; leave out the analysis of the cycles
+    #[arg(long)]
+    quick: bool,
+}
+
+pub(super) fn explain(global: &Global, args: &ExplainArgs) -> Result<u8, CliError> {
+    let config = Arc::new(global.read_config()?);
+    runtime()?.block_on(async {
+        let mut explainer = Explainer::new(Arc::clone(&config)).await;
+        let mut code = EXIT_DONE;
+        for (number, path) in args.files.iter().enumerate() {
+            if !path.is_file() {
+                return Err(CliError::Usage(format!("{}: no such file", path.display())));
+            }
+            let explanation = explainer.explain(path, args.quick).await?;
+            if explanation.next == Next::Quarantine {
+                code = EXIT_FOUND;
+            }
+            if global.json {
+                output::json(&as_value(&explanation));
+            } else {
+                let space = if number > 0 { "\n" } else { "" };
+                output::line(&format!("{space}{}", as_text(&config, &explanation)));
+            }
+        }
+        Ok(code)
+    })
+}
+
+fn as_text(config: &Config, of: &Explanation) -> String {
+    let mut lines = vec![format!("{} ({})", of.path.display(), size(of.bytes))];
+    if let Some(recognised) = &of.recognised {
+        lines.extend(recognised_lines(recognised));
+        if let Some(reading) = &of.reading {
+            lines.extend(reading_lines(&recognised.entry.layout, &recognised.entry.description, reading));
+        }
+    }
+    let problems = problems(of);
+    let listed = problems.iter().map(|problem| topic("problem", problem));
+    lines.extend(listed);
+    if problems.is_empty() {
+        lines.push(topic("problems", "none"));
+    }
+    lines.push(topic("ledger", &ledger_text(&of.ledger)));
+    lines.push(topic("next", &next_text(config, of)));
+    lines.join("\n")
+}
+
+fn topic(name: &str, text: &str) -> String {
+    format!("  {name:<11} {text}")
+}
+
+fn recognised_lines(of: &RecognisedAs) -> Vec<String> {
+    let from = if of.named_start { "from the file's name" } else { "the file's time, as its name has none" };
+    vec![
+        topic("robot", &format!("{}, by recognition.file_name '{}'", of.robot, of.pattern)),
+        topic(
+            "description",
+            &format!("{}, of the entry [[robot]] name = \"{}\"", of.entry.description.model, of.entry.robots),
+        ),
+        topic("start", &format!("{}, {from}", of.started_at)),
+    ]
+}
+
+fn reading_lines(layout: &Layout, robot: &Robot, of: &Reading) -> Vec<String> {
+    let mut lines = vec![topic("layout", &layout.name)];
+    if let Some(map) = &of.columns {
+        lines.extend(column_lines(layout, map));
+    }
+    if of.rows > 0 {
+        // clocks of milliseconds leave digits that say nothing
+        let hertz = (of.sample_rate * 1e3).round() / 1e3;
+        let rate = if hertz > 0.0 { format!(", {hertz} Hz") } else { String::new() };
+        lines.push(topic("recording", &format!("{} rows, {:.1} s{rate}", of.rows, of.duration)));
+    }
+    if layout.stage.run_kind() == RunKind::Production {
+        lines.push(topic("kind", "production: no stages, held against the parameters of the robot's tests"));
+    }
+    if !of.cycles.is_empty() {
+        lines.push(topic("cycles", &of.cycles.len().to_string()));
+        lines.extend(stage_table(&of.cycles).lines().map(|line| format!("              {line}")));
+        lines.extend(friction_text(robot, &of.cycles).map(|text| topic("friction", &text)));
+    }
+    lines
+}
+
+fn column_lines(layout: &Layout, map: &ColumnMap) -> Vec<String> {
+    let units = layout_units(layout);
+    let side = |motor: bool| if motor { ", at the motor" } else { "" };
+    let named = |wanted: &dyn Fn(Role) -> bool| -> String {
+        let found = map.roles.iter().zip(&map.names).filter(|(role, _)| wanted(**role));
+        found.map(|(_, name)| name.as_str()).collect::<Vec<_>>().join(", ")
+    };
+    let mut lines = Vec::new();
+    let mut add = |what: &str, names: String, unit: String| {
+        if !names.is_empty() {
+            lines.push(topic("column", &format!("{what}: {names}{unit}")));
+        }
+    };
+    let unit = |unit: &str| format!(" ({unit})");
+    let motor = layout.motor_side;
+    add("time", named(&|role| role == Role::Time), units.time.map(unit).unwrap_or_default());
+    add(
+        "position",
+        named(&|role| matches!(role, Role::Position(_))),
+        format!(" ({}{})", units.position, side(motor.position)),
+    );
+    add(
+        "velocity",
+        named(&|role| matches!(role, Role::Velocity(_))),
+        format!(" ({}{})", units.velocity.unwrap_or("rad/s"), side(motor.position)),
+    );
+    add(
+        "torque",
+        named(&|role| matches!(role, Role::Torque(_))),
+        format!(" ({}{})", units.torque, side(motor.torque)),
+    );
+    add("stage", named(&|role| matches!(role, Role::Stage | Role::StageFlag(_))), String::new());
+    add("cycle", named(&|role| role == Role::Cycle), String::new());
+    add("friction", named(&|role| matches!(role, Role::FrictionJoint | Role::FrictionLevel)), String::new());
+    let ignored: Vec<&str> = ignored(map);
+    let more = ignored.len().saturating_sub(LISTED_COLUMNS);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    add("ignored", ignored.iter().take(LISTED_COLUMNS).copied().collect::<Vec<_>>().join(", "), more);
+    if map.velocity.is_none() {
+        lines.push(topic("column", "velocity: none, derived from positions"));
+    }
+    lines
+}
+
+fn ignored(map: &ColumnMap) -> Vec<&str> {
+    let unused = map.roles.iter().zip(&map.names).filter(|(role, _)| **role == Role::Ignored);
+    unused.map(|(_, name)| if name.is_empty() { "(no name)" } else { name.as_str() }).collect()
+}
+
+fn stage_table(cycles: &[CycleSketch]) -> String {
+    let header = ["cycle", "start_s", "rows", "between", "excitation", "friction", "warming", "analysis"];
+    let rows: Vec<Vec<String>> = cycles
+        .iter()
+        .map(|cycle| {
+            let mut row =
+                vec![cycle.cycle.to_string(), format!("{:.1}", cycle.start), cycle.rows.to_string()];
+            row.extend(cycle.stages.iter().map(|part| match part.rows {
+                0 => "-".to_owned(),
+                rows => format!("{rows} ({:.1} s)", part.seconds),
+            }));
+            row.push(match &cycle.analysis {
+                None => "not made".into(),
+                Some(analysis) => match (&analysis.identification, analysis.refusal()) {
+                    (Ok(found), _) => format!("{} parameters", found.parameters.len()),
+                    (Err(_), Some(_)) => "refused".into(),
+                    (Err(_), None) => "held against a test".into(),
+                },
+            });
+            row
+        })
+        .collect();
+    output::table(&header, &rows)
+}
+
+/// Levels at which friction was measured, of all cycles together, by joint; `None` if nothing was analysed.
+fn levels_seen(cycles: &[CycleSketch]) -> Option<BTreeMap<JointIndex, Vec<f64>>> {
+    let mut seen: BTreeMap<JointIndex, Vec<f64>> = BTreeMap::new();
+    for analysis in cycles.iter().filter_map(|cycle| cycle.analysis.as_ref()) {
+        for point in &analysis.friction_points {
+            let of_joint = seen.entry(point.joint).or_default();
+            if !of_joint.iter().any(|known| same_level(*known, point.speed_fraction)) {
+                of_joint.push(point.speed_fraction);
+            }
+        }
+    }
+    seen.values_mut().for_each(|levels| levels.sort_by(f64::total_cmp));
+    cycles.iter().any(|cycle| cycle.analysis.is_some()).then_some(seen)
+}
+
+/// Levels lie some percent apart.
+fn same_level(a: f64, b: f64) -> bool {
+    (a - b).abs() < 1e-9
+}
+
+fn friction_text(robot: &Robot, cycles: &[CycleSketch]) -> impl Iterator<Item = String> {
+    let has_stage = cycles.iter().any(|cycle| cycle.stages[Stage::Friction as usize].rows > 0);
+    let seen = levels_seen(cycles).filter(|_| has_stage);
+    let percent = |levels: &[f64]| {
+        let shown: Vec<String> = levels.iter().map(|level| format!("{:.0}", 100.0 * level)).collect();
+        format!("{} %", shown.join(", "))
+    };
+    let lines: Vec<String> = seen.map_or_else(Vec::new, |seen| {
+        let line = |joint: JointIndex| {
+            let found = seen.get(&joint).map(Vec::as_slice).unwrap_or_default();
+            let missing: Vec<f64> = robot
+                .speed_levels
+                .iter()
+                .copied()
+                .filter(|level| !found.iter().any(|known| same_level(*known, *level)))
+                .collect();
+            match (found.is_empty(), missing.is_empty()) {
+                (true, _) => format!("joint {joint}: no level seen"),
+                (false, true) => format!("joint {joint}: {}", percent(found)),
+                (false, false) => format!("joint {joint}: {}; missing {}", percent(found), percent(&missing)),
+            }
+        };
+        robot.joint_indices().map(line).collect()
+    });
+    lines.into_iter()
+}
+
+/// What is wrong or odd, the worst first.
+fn problems(of: &Explanation) -> Vec<String> {
+    let mut problems: Vec<String> = of.rejection.iter().map(|rejection| rejection.sentence()).collect();
+    let Some(reading) = &of.reading else { return problems };
+    problems.extend(reading.left_out_line.map(|line| {
+        format!(
+            "line {line}: the last line has no line end and its last number may be cut; the row is left out"
+        )
+    }));
+    // what is said of several cycles is said once
+    let mut said: Vec<(String, Vec<u32>)> = Vec::new();
+    for cycle in &reading.cycles {
+        let Some(analysis) = &cycle.analysis else { continue };
+        let refused = analysis.refusal().map(|reason| format!("no parameters: {reason}"));
+        for text in refused.into_iter().chain(analysis.remarks.iter().cloned()) {
+            match said.iter_mut().find(|(known, _)| *known == text) {
+                Some((_, cycles)) => cycles.push(cycle.cycle),
+                None => said.push((text, vec![cycle.cycle])),
+            }
+        }
+    }
+    problems.extend(said.into_iter().map(|(text, cycles)| {
+        let numbers: Vec<String> = cycles.iter().map(u32::to_string).collect();
+        format!("cycle {}: {text}", numbers.join(", "))
+    }));
+    problems
+}
+
+fn ledger_text(of: &Ledger) -> String {
+    match of {
+        Ledger::NoDatabase => "there is no database yet".into(),
+        Ledger::Unreadable(reason) => format!("not looked at: {reason}"),
+        Ledger::Unknown => "this content is not stored".into(),
+        Ledger::Known(run) => {
+            let reason = run.reason.as_ref().map(|reason| format!(": {reason}")).unwrap_or_default();
+            format!(
+                "stored as run {}, {}, {} cycles{reason}",
+                run.run_id,
+                run.status.name(),
+                run.cycles_stored
+            )
+        }
+    }
+}
+
+fn next_text(config: &Config, of: &Explanation) -> String {
+    let settle = config.watch.settle.as_secs_f64();
+    let wait = match of.age_s {
+        Some(age) if age < settle => format!(
+            "written {age:.1} s ago; a plain file is taken cycle by cycle as it grows, and is done when it has stood \
+             still for {settle} s: "
+        ),
+        _ => String::new(),
+    };
+    let then = match &of.next {
+        Next::Nothing { run_id } => format!("nothing: the content is run {run_id}"),
+        Next::Quarantine => {
+            "quarantined, because of the first problem; whole cycles before it are stored".into()
+        }
+        Next::Store { onwards, instead_of } => {
+            let onwards = onwards.map(|run| format!(", going on with run {run}")).unwrap_or_default();
+            let instead = instead_of.map(|run| format!(", superseding run {run}")).unwrap_or_default();
+            format!("stored{onwards}{instead}")
+        }
+    };
+    format!("{wait}{then}")
+}
+
+fn size(bytes: u64) -> String {
+    match bytes {
+        0..10_000 => format!("{bytes} bytes"),
+        10_000..10_000_000 => format!("{:.0} kB", bytes as f64 / 1e3),
+        _ => format!("{:.0} MB", bytes as f64 / 1e6),
+    }
+}
+
+fn as_value(of: &Explanation) -> serde_json::Value {
+    let (next, run_id, supersedes) = match &of.next {
+        Next::Store { onwards, instead_of } => ("store", *onwards, *instead_of),
+        Next::Nothing { run_id } => ("nothing", Some(*run_id), None),
+        Next::Quarantine => ("quarantine", None, None),
+    };
+    let mut value = json!({
+        "file": of.path.display().to_string(),
+        "bytes": of.bytes,
+        "age_s": of.age_s,
+        "next": next,
+        "run_id": run_id,
+        "supersedes_run_id": supersedes,
+        "ledger": ledger_text(&of.ledger),
+        "problems": problems(of),
+        "rejection": of.rejection.as_ref().map(|rejection| json!({
+            "line": rejection.line, "column": rejection.column, "value": rejection.value,
+            "reason": rejection.reason, "remedy": rejection.remedy,
+        })),
+    });
+    if let Some(recognised) = &of.recognised {
+        value["robot"] = json!(recognised.robot);
+        value["started_at"] = json!(recognised.started_at.to_string());
+        value["start_from_name"] = json!(recognised.named_start);
+        value["model"] = json!(recognised.entry.description.model);
+        value["layout"] = json!(recognised.entry.layout.name);
+        value["kind"] = json!(recognised.entry.layout.stage.run_kind().name());
+    }
+    if let Some(reading) = &of.reading {
+        value["rows"] = json!(reading.rows);
+        value["duration_s"] = json!(reading.duration);
+        value["sample_rate_hz"] = json!(reading.sample_rate);
+        value["content_hash"] = json!(reading.content.map(|hash| hash.to_string()));
+        value["ignored_columns"] = json!(reading.columns.as_ref().map(ignored));
+        value["cycles"] = reading.cycles.iter().map(cycle_value).collect();
+        value["friction_levels"] = json!(levels_seen(&reading.cycles).map(|seen| {
+            seen.iter()
+                .map(|(joint, levels)| json!({"joint": joint.number(), "speed_fractions": levels}))
+                .collect::<Vec<_>>()
+        }));
+    }
+    value
+}
+
+fn cycle_value(of: &CycleSketch) -> serde_json::Value {
+    let stages: Vec<serde_json::Value> = of
+        .stages
+        .iter()
+        .map(|part| json!({"stage": part.stage.name(), "rows": part.rows, "seconds": part.seconds}))
+        .collect();
+    json!({
+        "cycle": of.cycle,
+        "start_s": of.start,
+        "duration_s": of.duration,
+        "rows": of.rows,
+        "stages": stages,
+        "identified": of.analysis.as_ref().map(|analysis| analysis.identification.is_ok()),
+        "reason": of.analysis.as_ref().and_then(CycleAnalysis::refusal),
+        "remarks": of.analysis.as_ref().map(|analysis| &analysis.remarks),
+    })
+}
