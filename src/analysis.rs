@@ -410,6 +410,9 @@ pub struct JointSummary {
     pub joint: JointIndex,
     /// Friction once warm, or why it is unknown.
     pub warm_friction: Option<WarmFriction>,
+    /// Friction against the joint's own baseline at equal thermal state, where the robot's history gives one:
+    /// known only once the run is held against that history.
+    pub friction_index: Option<Estimate>,
     /// Median over the cycles of the moving relative RMSD of the excitation stage.
     pub relative_rmsd: Option<f64>,
     /// How much that RMSD swings from cycle to cycle.

@@ -6,6 +6,7 @@ mod demo;
 mod drive_gains;
 mod export_format;
 mod friction;
+mod friction_index;
 mod each_cycle;
 mod identify;
 mod identify_output;

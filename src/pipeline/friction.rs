@@ -4,7 +4,6 @@ use std::collections::HashMap;
 
 use super::PipelineError;
 use crate::analysis::FrictionPoint;
-use crate::anomaly::Findings;
 use crate::numerics::friction_index::{MapRun, RobotFriction, robot_friction};
 use crate::numerics::friction_speed::friction_over_speed;
 use crate::robot::JointIndex;
@@ -13,7 +12,6 @@ use crate::store::{CyclePoint, CycleSpeedFits, FinishTransaction, Store, StoreEr
 /// What a run says of friction beyond its own warm-up.
 #[derive(Debug)]
 pub struct RunFriction {
-    run_id: i64,
     speed_fits: Vec<CycleSpeedFits>,
     run_ids: Vec<i64>,
     robot: RobotFriction,
@@ -41,7 +39,7 @@ pub async fn analyse(
     for remark in &robot.remarks {
         tracing::debug!(run_id, "{remark}");
     }
-    Ok(RunFriction { run_id, speed_fits, run_ids, robot })
+    Ok(RunFriction { speed_fits, run_ids, robot })
 }
 
 /// Friction over speed by cycle; joints with too few speeds have said so as cycle remarks already.
@@ -69,19 +67,5 @@ impl RunFriction {
     pub async fn store(&self, ending: &mut FinishTransaction) -> Result<(), StoreError> {
         ending.replace_speed_fits(&self.speed_fits).await?;
         ending.replace_friction_maps(&self.run_ids, &self.robot).await
-    }
-
-    /// Gives the joints' health the index at equal thermal state, where the latest run has one and this run
-    /// is among those looked at.
-    pub fn refine(&self, findings: &mut Findings) {
-        if !self.run_ids.contains(&self.run_id) {
-            return;
-        }
-        let Some(latest) = self.robot.indices.last() else { return };
-        for health in findings.health.iter_mut().filter(|health| !health.learning) {
-            if let Some(found) = latest.iter().find(|found| found.joint == health.joint) {
-                health.friction_index = Some(found.index.value);
-            }
-        }
     }
 }

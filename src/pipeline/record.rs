@@ -98,8 +98,7 @@ pub async fn finish(
     }
     friction.store(&mut ending).await?;
     let history = ending.run_summaries().await?;
-    let mut findings = detect(&history, &pipeline.config().detect);
-    friction.refine(&mut findings);
+    let findings = detect(&history, &pipeline.config().detect);
     let reconciled = ending.reconcile(&findings).await?;
     let figures = RunTotals {
         rows: usize::try_from(totals.rows).unwrap_or(usize::MAX),

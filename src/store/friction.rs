@@ -2,15 +2,18 @@
 
 use std::collections::HashMap;
 
+use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::history;
-use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number, size};
+use super::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, size, time};
+use crate::analysis::Estimate;
 use crate::analysis::friction::{FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient};
 use crate::numerics::cross::independent_fraction;
 use crate::numerics::friction_index::{MapRun, RobotFriction};
 use crate::numerics::thermal::MotionSpan;
+use crate::robot::JointIndex;
 
 /// Runs that a map is made of, of a longer history: the first ones, which hold the baseline, and the
 /// latest ones. That bounds the work at the end of a run; what lies between has no later say.
@@ -113,6 +116,55 @@ pub(super) async fn independent_fractions(
     .fetch_all(executor)
     .await?;
     Ok(rows.into_iter().collect())
+}
+
+/// The friction index of one joint in one run, with its run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IndexRow {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// Start of the run.
+    pub started_at: Timestamp,
+    /// The joint.
+    pub joint: JointIndex,
+    /// 1 = unchanged.
+    pub index: Estimate,
+    /// Friction as measured against that of the baseline.
+    pub raw: Option<f64>,
+    /// Whether the run was too short for the map.
+    pub short: bool,
+}
+
+/// Indices of a robot's complete runs, by joint, oldest run first.
+pub(super) async fn indices(
+    executor: impl SqliteExecutor<'_>,
+    robot: &str,
+) -> Result<Vec<IndexRow>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, run.started_at, joint, friction_index, friction_index_std_error, raw_index, short_run
+         FROM run
+         JOIN robot USING (robot_id)
+         JOIN run_friction_index USING (run_id)
+         WHERE robot.name = ? AND run.status = 'complete'
+         ORDER BY joint, run.started_at, run.run_id",
+    )
+    .bind(robot)
+    .try_map(|row: SqliteRow| {
+        let std_error: Option<f64> = row.try_get("friction_index_std_error")?;
+        Ok(IndexRow {
+            run_id: row.try_get("run_id")?,
+            started_at: time(&row, "started_at")?,
+            joint: joint(&row, "joint")?,
+            index: Estimate {
+                value: row.try_get("friction_index")?,
+                std_error: std_error.unwrap_or(f64::NAN),
+            },
+            raw: row.try_get("raw_index")?,
+            short: row.try_get("short_run")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
 }
 
 /// Replaces the fits over speed of a run. Call in a transaction.
@@ -299,7 +351,8 @@ async fn insert_indices(
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Sqlite>::new(
         "INSERT INTO run_friction_index (run_id, joint, friction_index, friction_index_std_error, ambient_coldness,
-                                         ambient_coldness_std_error, coldness_at_start, points) ",
+                                         ambient_coldness_std_error, coldness_at_start, points, raw_index,
+                                         short_run) ",
     )
     .push_values(rows, |mut row, found| {
         row.push_bind(run_id)
@@ -309,7 +362,9 @@ async fn insert_indices(
             .push_bind(finite(found.ambient.value))
             .push_bind(finite(found.ambient.std_error))
             .push_bind(finite(found.coldness_at_start))
-            .push_bind(count(found.points));
+            .push_bind(count(found.points))
+            .push_bind(finite(found.raw))
+            .push_bind(found.short);
     })
     .build()
     .execute(executor)

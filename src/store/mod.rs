@@ -48,7 +48,7 @@ pub use claim::DaemonClaim;
 pub use error::StoreError;
 pub use factors::{FactorsWanted, StoredCycle, StoredModel};
 pub use finish::FinishTransaction;
-pub use friction::{CycleSpeedFits, FrictionRun};
+pub use friction::{CycleSpeedFits, FrictionRun, IndexRow};
 pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use ledger::{Beginning, Identity, KnownRun, Owner, RunTotals};
 pub use models::ModelParameter;
@@ -371,6 +371,14 @@ impl Store {
         let robot = self.checked(ledger::robot_of_run(&mut *connection, run_id).await)?;
         let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
         self.checked(friction::friction_runs(&mut connection, robot_id, run_id).await)
+    }
+
+    /// Friction indices of the complete runs of a robot, by joint, oldest run first.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn friction_indices(&self, robot: &str) -> Result<Vec<IndexRow>, StoreError> {
+        self.checked(friction::indices(&self.readers, robot).await)
     }
 
     /// Reads which fraction of the rows of each cycle of a run is independent behind its low-pass, by number

@@ -244,6 +244,7 @@ fn summary(joint: JointIndex, seed: f64) -> JointSummary {
             minute: 100.0,
             speed_fraction: 0.6,
         }),
+        friction_index: None,
         relative_rmsd: known.then_some(0.05 + seed / 1000.0),
         rmsd_swing: known.then_some(RmsdSwing { value: 0.002, cycles: 24 }),
     }
