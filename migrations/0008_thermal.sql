@@ -1,4 +1,8 @@
--- What the friction index is beside warm-up: friction as measured, and runs too short for the map.
+-- What warms a joint, and what the friction index is beside warm-up: friction as measured, runs too short for the map.
+
+-- Mean magnitude of each joint's velocity over the cycle, rad/s, as a JSON array from the first joint on: how much of
+-- a test's heat the cycle makes. NULL in cycles stored before, and where the channels were refused.
+ALTER TABLE cycle ADD COLUMN mean_speeds_rad_s TEXT CHECK (json_valid(mean_speeds_rad_s));
 
 -- Friction of the run as measured against that of the baseline; NULL without a common level, or in rows made before.
 ALTER TABLE run_friction_index ADD COLUMN raw_index REAL;

@@ -32,6 +32,9 @@ pub struct CycleAnalysis {
     /// Self-verification at the start and at the end of the warming stage; empty without parameters
     /// or warming.
     pub warming_contrast: Vec<WarmingContrast>,
+    /// Mean magnitude of each joint's velocity over the cycle, rad/s (m/s), `[n]`: what warms it. Empty where the
+    /// channels were refused.
+    pub mean_speeds: Vec<f64>,
     /// Mean friction on constant-speed plateaus.
     pub friction_points: Vec<FrictionPoint>,
     /// All that later identification and verification need of the rows.

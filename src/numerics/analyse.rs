@@ -82,6 +82,7 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         identification: Err(String::new()),
         verification: Vec::new(),
         warming_contrast: Vec::new(),
+        mean_speeds: Vec::new(),
         friction_points: Vec::new(),
         factors: CycleFactors::default(),
         remarks: Vec::new(),
@@ -103,6 +104,7 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         return analysis;
     }
 
+    analysis.mean_speeds = mean_speeds(&conditioned);
     let jumps = jumps(&method.robot, &conditioned);
     let kept = &method.base.kept_columns;
     let factored = factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, samples);
@@ -123,6 +125,12 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     analysis.remarks.extend(friction.remarks);
     note_missing_stages(samples, &mut analysis.remarks);
     analysis
+}
+
+fn mean_speeds(conditioned: &Conditioned) -> Vec<f64> {
+    let usable = || conditioned.usable.iter().flat_map(Clone::clone);
+    let rows = usable().count().max(1) as f64;
+    conditioned.qd.iter().map(|qd| usable().map(|row| qd[row].abs()).sum::<f64>() / rows).collect()
 }
 
 /// Takes up what is worth knowing as remarks, and gives what must not pass as the reason to refuse.

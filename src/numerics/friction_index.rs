@@ -11,6 +11,7 @@
 use super::friction_effects::{Effect, run_effects, start_decay};
 use super::friction_map::{Fitted, JointRecord, RecordPoint, fit_map, mixed, published, rates};
 use super::friction_means::friction_means;
+use super::statistics::median;
 use super::thermal::{MotionSpan, coldness_at};
 use crate::analysis::friction::{FrictionIndex, FrictionMap};
 use crate::analysis::{Estimate, FrictionPoint};
@@ -26,13 +27,27 @@ const MIN_POINTS_BY_RUN: usize = 6;
 /// thermal state nearly enough, and what it does not tell is in the interval.
 const MIN_POINTS_OF_INDEX: usize = 2;
 
+/// No cycle counts for more heat than this, in usual cycles: beyond it speed says little of heat.
+const MAX_ACTIVITY: f64 = 2.0;
+
+/// A stretch of motion of all joints.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleMotion {
+    /// Start, s.
+    pub start: f64,
+    /// End, s.
+    pub end: f64,
+    /// Mean magnitude of each joint's velocity, rad/s (m/s), `[n]`; empty where it is not known.
+    pub speeds: Vec<f64>,
+}
+
 /// One run, as the map sees it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapRun {
     /// Start of the recording, UTC, s.
     pub started_at: f64,
-    /// Motion since the start, s; rising, not overlapping.
-    pub spans: Vec<MotionSpan>,
+    /// Motion since the start; rising, not overlapping.
+    pub spans: Vec<CycleMotion>,
     /// Plateaus of the friction stages, times since the start, s.
     pub points: Vec<FrictionPoint>,
 }
@@ -103,7 +118,7 @@ pub fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFriction {
 }
 
 /// Motion of the whole history and the start of each run, in seconds since the first run.
-fn timeline(runs: &[MapRun]) -> (Vec<MotionSpan>, Vec<f64>) {
+fn timeline(runs: &[MapRun]) -> (Vec<CycleMotion>, Vec<f64>) {
     let epoch = runs.first().map_or(0.0, |run| run.started_at);
     let (mut spans, mut end) = (Vec::new(), f64::NEG_INFINITY);
     for run in runs {
@@ -111,7 +126,7 @@ fn timeline(runs: &[MapRun]) -> (Vec<MotionSpan>, Vec<f64>) {
         for span in &run.spans {
             let (start, stop) = ((span.start + from).max(end), span.end + from);
             if stop > start {
-                spans.push(MotionSpan { start, end: stop, activity: span.activity });
+                spans.push(CycleMotion { start, end: stop, speeds: span.speeds.clone() });
                 end = stop;
             }
         }
@@ -122,7 +137,7 @@ fn timeline(runs: &[MapRun]) -> (Vec<MotionSpan>, Vec<f64>) {
 fn record(
     joint: JointIndex,
     runs: &[MapRun],
-    spans: &[MotionSpan],
+    spans: &[CycleMotion],
     starts: &[f64],
     needed: usize,
 ) -> Result<JointRecord, String> {
@@ -175,7 +190,24 @@ fn record(
             with_points.len()
         ));
     }
-    Ok(JointRecord { joint, spans: spans.to_vec(), levels, points })
+    Ok(JointRecord { joint, spans: activities(joint, spans), levels, points })
+}
+
+/// Motion of one joint: its heat is friction times speed, so to first order as many times that of its usual cycle
+/// as it is faster on average. A cycle of unknown speed counts as usual.
+fn activities(joint: JointIndex, spans: &[CycleMotion]) -> Vec<MotionSpan> {
+    let speed =
+        |span: &CycleMotion| span.speeds.get(joint.index()).copied().filter(|speed| speed.is_finite());
+    let known: Vec<f64> = spans.iter().filter_map(speed).filter(|speed| *speed > 0.0).collect();
+    let usual = median(&known);
+    let activity = |span: &CycleMotion| match (speed(span), usual) {
+        (Some(speed), Some(usual)) => (speed / usual).min(MAX_ACTIVITY),
+        _ => 1.0,
+    };
+    spans
+        .iter()
+        .map(|span| MotionSpan { start: span.start, end: span.end, activity: activity(span) })
+        .collect()
 }
 
 /// Leaves out joints whose friction does not fall while they warm: coldness means nothing there.

@@ -7,12 +7,11 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::history;
-use super::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, size, time};
+use super::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, json_numbers, size, time};
 use crate::analysis::Estimate;
 use crate::analysis::friction::{FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient};
 use crate::numerics::cross::independent_fraction;
-use crate::numerics::friction_index::{MapRun, RobotFriction};
-use crate::numerics::thermal::MotionSpan;
+use crate::numerics::friction_index::{CycleMotion, MapRun, RobotFriction};
 use crate::robot::JointIndex;
 
 /// Runs that a map is made of, of a longer history: the first ones, which hold the baseline, and the
@@ -87,16 +86,21 @@ async fn motion(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
     run_started_at: i64,
-) -> Result<Vec<MotionSpan>, sqlx::Error> {
-    sqlx::query("SELECT started_at, duration_s FROM cycle WHERE run_id = ? ORDER BY started_at")
-        .bind(run_id)
-        .try_map(|row: SqliteRow| {
-            let start = (row.try_get::<i64, _>("started_at")? - run_started_at) as f64 / MICROSECONDS;
-            let duration: f64 = row.try_get("duration_s")?;
-            Ok(MotionSpan { start, end: start + duration, activity: 1.0 })
-        })
-        .fetch_all(executor)
-        .await
+) -> Result<Vec<CycleMotion>, sqlx::Error> {
+    sqlx::query(
+        "SELECT started_at, duration_s, mean_speeds_rad_s FROM cycle WHERE run_id = ? ORDER BY started_at",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        let start = (row.try_get::<i64, _>("started_at")? - run_started_at) as f64 / MICROSECONDS;
+        let duration: f64 = row.try_get("duration_s")?;
+        let speeds: Option<&str> = row.try_get("mean_speeds_rad_s")?;
+        let speeds = speeds.map_or(Ok(Vec::new()), serde_json::from_str);
+        let speeds = speeds.map_err(|error| sqlx::Error::Decode(error.into()))?;
+        Ok(CycleMotion { start, end: start + duration, speeds })
+    })
+    .fetch_all(executor)
+    .await
 }
 
 /// Fraction of independent rows of each cycle of a run, by number; those without a low-pass left out.
@@ -290,8 +294,6 @@ async fn insert_law(
 ) -> Result<(), sqlx::Error> {
     const SECONDS: f64 = 60.0;
     let law = &map.law;
-    let covariance: Vec<String> =
-        map.covariance.iter().map(|c| finite(*c).unwrap_or(0.0).to_string()).collect();
     let remarks = (!map.remarks.is_empty()).then(|| map.remarks.join("\n"));
     sqlx::query(
         "INSERT INTO friction_law (robot_id, joint, slow_min, slow_std_error_min, fast_min, fast_std_error_min,
@@ -314,7 +316,7 @@ async fn insert_law(
     .bind(count(map.runs))
     .bind(count(map.points))
     .bind(remarks)
-    .bind(format!("[{}]", covariance.join(",")))
+    .bind(json_numbers(&map.covariance))
     .execute(executor)
     .await?;
     Ok(())

@@ -96,6 +96,7 @@ pub(super) fn cycle(number: u32) -> CycleAnalysis {
         duration: 300.25,
         rows: 30_026,
         sample_rate: 100.0,
+        mean_speeds: vec![0.5, 0.25],
         cutoff: 12.5,
         estimator: Estimator::Weighted,
         identification: Ok(Identification {
