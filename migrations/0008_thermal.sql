@@ -2,7 +2,8 @@
 
 -- Mean magnitude of each joint's velocity over the cycle, rad/s, as a JSON array from the first joint on: how much of
 -- a test's heat the cycle makes. NULL in cycles stored before, and where the channels were refused.
-ALTER TABLE cycle ADD COLUMN mean_speeds_rad_s TEXT CHECK (json_valid(mean_speeds_rad_s));
+ALTER TABLE cycle ADD COLUMN mean_speeds_rad_s TEXT
+    CHECK (mean_speeds_rad_s IS NULL OR json_valid(mean_speeds_rad_s));
 
 -- Friction of the run as measured against that of the baseline; NULL without a common level, or in rows made before.
 ALTER TABLE run_friction_index ADD COLUMN raw_index REAL;

@@ -71,7 +71,8 @@ fn the_index_raises_no_more_false_alarms_than_warm_friction_in_healthy_fleets() 
 #[test]
 #[ignore = "a minute of histories"]
 fn a_wear_ramp_is_found_no_later_by_the_index() {
-    let (mut later, mut sooner) = (0, 0);
+    // a ramp that was not found counts as found after the last run
+    let (mut by_index, mut by_warm) = (Vec::new(), Vec::new());
     for seed in 320..328 {
         let joint = usize::try_from(seed).expect("small") % JOINTS;
         let mut arm = Arm::unlike(seed);
@@ -83,14 +84,15 @@ fn a_wear_ramp_is_found_no_later_by_the_index() {
         }
         let first = |with_index| {
             let of_joint = alarms(&arm, with_index).into_iter().filter(|(j, _)| *j == joint);
-            of_joint.map(|(_, run)| run).filter(|run| *run >= 8).min().unwrap_or(i64::MAX)
+            of_joint.map(|(_, run)| run).filter(|run| *run >= 8).min().unwrap_or(20)
         };
         let (index, warm) = (first(true), first(false));
         println!("seed {seed}: ramp from run 8 found at run {index} by index, {warm} by warm friction");
         assert!(index < 20, "a tenth of wear must be found");
-        later += usize::from(index > warm + 1);
-        sooner += usize::from(index < warm);
+        by_index.push(index);
+        by_warm.push(warm);
     }
-    // warm friction is sooner by chance where the hall happens to be cold as the wear begins
-    assert!(later <= sooner + 1, "later {later}, sooner {sooner}");
+    // single arms may be found sooner by warm friction, where the hall happens to be cold as the wear begins
+    let sum = |runs: &[i64]| runs.iter().sum::<i64>();
+    assert!(sum(&by_index) <= sum(&by_warm), "{by_index:?} {by_warm:?}");
 }

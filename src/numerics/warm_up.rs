@@ -32,6 +32,9 @@ const NEIGHBOURS_FROM: f64 = 0.3;
 /// would be an extrapolation (thesis Table N.1 has one with a = 0 and a time constant of a day).
 const LONGEST_IN_RECORDS: f64 = 1.5;
 
+/// Fewest runs whose scatter alone tells the errors.
+const MIN_RUNS: usize = 4;
+
 /// Two exponentials whose time constants are closer than this ratio share one decay.
 const MIN_RATIO: f64 = 2.0;
 
@@ -56,9 +59,8 @@ pub struct WarmUpPoint {
 /// constant neither longer than the record allows nor resolved worse than by half of itself.
 ///
 /// With points of several runs, standard errors are those of leaving out one run after the other, to first order
-/// (Efron & Stein 1981), where these are larger than those of independent points: runs differ by more than points
-/// do. They are widened by Student's quantile with one degree of freedom less than there are runs, so that 1.96
-/// of them are the 95 % interval also of few runs.
+/// (Efron & Stein 1981): runs differ by more than points do. They are widened by Student's quantile with one
+/// degree of freedom less than there are runs, so that 1.96 of them are the 95 % interval also of few runs.
 ///
 /// # Errors
 /// [`NumericsError::TooShort`] below four points, [`NumericsError::NotFinite`] for values that are
@@ -81,7 +83,7 @@ pub fn fit_warm_up(
     let grouped = grouped(points);
     let mut constant = constant_fit(joint, speed_fraction, &grouped)?;
     if let Some(errors) = errors_by_run(points, constant.a.value, &[]) {
-        constant.a.std_error = constant.a.std_error.max(errors[0]);
+        constant.a.std_error = errors.of(0, constant.a.std_error);
     }
     let by_run = |candidate: Option<Candidate>| candidate.map(|of| of.with_errors_by_run(points));
     let single = by_run(best_fit(&grouped, &single_starts(&grouped), 1));
@@ -189,11 +191,11 @@ struct Candidate {
 impl Candidate {
     fn with_errors_by_run(mut self, points: &[WarmUpPoint]) -> Self {
         if let Some(errors) = errors_by_run(points, self.a.value, &self.parts) {
-            self.a.std_error = self.a.std_error.max(errors[0]);
-            for (part, errors) in self.parts.iter_mut().zip(errors[1..].chunks(2)) {
-                let time = &mut part.time_constant;
-                part.amplitude.std_error = part.amplitude.std_error.max(errors[0]);
-                time.std_error = time.std_error.max(time.value * errors[1]);
+            self.a.std_error = errors.of(0, self.a.std_error);
+            for (k, part) in self.parts.iter_mut().enumerate() {
+                let (amplitude, time) = (&mut part.amplitude, &mut part.time_constant);
+                amplitude.std_error = errors.of(1 + 2 * k, amplitude.std_error);
+                time.std_error = time.value * errors.of(2 + 2 * k, time.std_error / time.value);
             }
         }
         self
@@ -216,12 +218,27 @@ impl Candidate {
     }
 }
 
+/// Standard errors from the scatter between runs.
+struct ErrorsByRun {
+    runs: usize,
+    errors: Vec<f64>,
+}
+
+impl ErrorsByRun {
+    /// The error of a parameter. Two or three runs may agree by chance, and must not promise more then than
+    /// independent points would (`plain`).
+    fn of(&self, parameter: usize, plain: f64) -> f64 {
+        let by_run = self.errors[parameter];
+        if self.runs < MIN_RUNS { by_run.max(plain) } else { by_run }
+    }
+}
+
 /// Standard errors from the scatter between runs: of `a`, then of amplitude and logarithm of the time constant
 /// of each part. `None` for a single run, or where one run alone shows a parameter.
 ///
 /// With the normal equations `A` of all points, `A_r` and the score `s_r` of run `r`, leaving it out changes the
 /// parameters by `d_r = (A - A_r)^-1 s_r`; the covariance is `(R - 1) / R sum d_r d_r^T`.
-fn errors_by_run(points: &[WarmUpPoint], a: f64, parts: &[Decay]) -> Option<Vec<f64>> {
+fn errors_by_run(points: &[WarmUpPoint], a: f64, parts: &[Decay]) -> Option<ErrorsByRun> {
     let size = 1 + 2 * parts.len();
     let runs = points.iter().map(|p| p.run).max()? + 1;
     let mut of_runs = vec![(DMatrix::zeros(size, size), DVector::zeros(size)); runs];
@@ -241,8 +258,8 @@ fn errors_by_run(points: &[WarmUpPoint], a: f64, parts: &[Decay]) -> Option<Vec<
         score.axpy(p.torque - value, &row, 1.0);
     }
     of_runs.retain(|(normal, _)| normal[(0, 0)] > 0.0);
-    let count = of_runs.len() as f64;
-    if of_runs.len() < 2 {
+    let (runs, count) = (of_runs.len(), of_runs.len() as f64);
+    if runs < 2 {
         return None;
     }
     let mut variances = vec![0.0; size];
@@ -251,7 +268,8 @@ fn errors_by_run(points: &[WarmUpPoint], a: f64, parts: &[Decay]) -> Option<Vec<
         variances.iter_mut().zip(change.iter()).for_each(|(sum, d)| *sum += d * d);
     }
     let wider = student_quantile(0.975, count - 1.0) / normal_quantile(0.975);
-    Some(variances.into_iter().map(|sum| wider * ((count - 1.0) / count * sum).sqrt()).collect())
+    let error = |sum: f64| wider * ((count - 1.0) / count * sum).sqrt();
+    Some(ErrorsByRun { runs, errors: variances.into_iter().map(error).collect() })
 }
 
 /// Whether every part of a fit is told by the data and possible for a gearbox that warms up.
