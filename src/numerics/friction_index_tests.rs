@@ -349,7 +349,9 @@ fn healthy_arms_have_indices_without_memory() {
     }
     let spread = (squares / (6.0 * 6.0 * 25.0)).sqrt();
     let (lag, held) = (products / squares, f64::from(inside as u32) / f64::from(count));
-    println!("healthy arms: lag-1 autocorrelation {lag:.3}, run-to-run deviation {spread:.4}, {held:.3} held");
+    println!(
+        "healthy arms: lag-1 autocorrelation {lag:.3}, run-to-run deviation {spread:.4}, {held:.3} held"
+    );
     assert!(lag.abs() < 0.2, "{lag}");
     assert!(spread < 0.01, "{spread}");
     assert!(held > 0.9, "{held}");
