@@ -4,8 +4,8 @@
 -- Warm friction is the mean over both directions of the friction on the plateaus nearest the
 -- reference speed, in the last third of a run's cycles. The baseline is the median of the joint's
 -- first runs; an index is only given for runs that were about as warm as these (time of the warm
--- points within 25 %). These are the detectors' definitions: the last index of a joint is that of
--- fleet_health.
+-- points within 25 %). This is what detectors and fleet_health go by where a joint has no row in the
+-- view friction_index, which compares at equal thermal state too.
 --
 --   :robot            a robot; the one tested last if left out
 --   :joint            only this joint; all if left out

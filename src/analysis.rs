@@ -32,6 +32,9 @@ pub struct CycleAnalysis {
     /// Self-verification at the start and at the end of the warming stage; empty without parameters
     /// or warming.
     pub warming_contrast: Vec<WarmingContrast>,
+    /// Mean magnitude of each joint's velocity over the cycle, rad/s (m/s), `[n]`: what warms it. Empty where the
+    /// channels were refused.
+    pub mean_speeds: Vec<f64>,
     /// Mean friction on constant-speed plateaus.
     pub friction_points: Vec<FrictionPoint>,
     /// All that later identification and verification need of the rows.
@@ -449,6 +452,9 @@ pub struct JointSummary {
     pub joint: JointIndex,
     /// Friction once warm, or why it is unknown.
     pub warm_friction: Option<WarmFriction>,
+    /// Friction against the joint's own baseline at equal thermal state, where the robot's history gives one:
+    /// known only once the run is held against that history.
+    pub friction_index: Option<Estimate>,
     /// Median over the cycles of the moving relative RMSD of the excitation stage.
     pub relative_rmsd: Option<f64>,
     /// How much that RMSD swings from cycle to cycle.

@@ -22,7 +22,7 @@ use crate::alert;
 use crate::config::Config;
 use crate::ingest::tail;
 use crate::ingest::watch::{self, Complaints, Scan};
-use crate::pipeline::conclude::Concluded;
+use crate::pipeline::conclude::{Concluded, RUNS_AT_ONCE};
 use crate::pipeline::follow::Followed;
 use crate::pipeline::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::run::FileId;
@@ -114,8 +114,8 @@ struct Work<'r> {
     /// A settled file of each class whose run has no number yet. One at a time, so that numbers follow names,
     /// and of two files with one content, which have one size, the first by name is taken.
     admitting: [Option<FileId>; Class::ALL.len()],
-    /// Robots whose history has changed, and since when.
-    stale: BTreeMap<String, Instant>,
+    /// Robots whose history has changed: since when, and by how many runs.
+    stale: BTreeMap<String, (Instant, usize)>,
     /// Conclusions being drawn, one robot at a time.
     concluding: JoinSet<(String, Result<Option<Concluded>, PipelineError>)>,
     /// Growing files that are not read up to what is written.
@@ -202,7 +202,7 @@ impl<'r> Work<'r> {
         let mut next_scan = Instant::now();
         let mut earliest = next_scan;
         for robot in self.pipeline.store().stale_robots().await? {
-            self.stale.insert(robot.name, Instant::now());
+            self.stale.insert(robot.name, (Instant::now(), 0));
         }
         while !self.stop.is_cancelled() {
             self.take_what_is_due();
@@ -345,8 +345,9 @@ impl<'r> Work<'r> {
             return;
         }
         let is_through = |robot: &String| !self.robots.contains(robot) && !self.book.has_settled(robot);
-        let due =
-            |(robot, since): (&String, &Instant)| is_through(robot) || since.elapsed() > CONCLUDE_WITHIN;
+        let due = |(robot, (since, runs)): (&String, &(Instant, usize))| {
+            is_through(robot) || since.elapsed() > CONCLUDE_WITHIN || *runs >= RUNS_AT_ONCE
+        };
         let Some(robot) = self.stale.iter().find(|entry| due(*entry)).map(|(robot, _)| robot.clone()) else {
             return;
         };
@@ -367,7 +368,7 @@ impl<'r> Work<'r> {
         let concluded = match result {
             Err(PipelineError::Store(error)) if !error.is_fatal() => {
                 tracing::warn!(robot, %error, "conclusions not stored now; trying again");
-                self.stale.entry(robot).or_insert_with(Instant::now);
+                self.stale.entry(robot).or_insert_with(|| (Instant::now(), 0));
                 return Ok(());
             }
             result => result?,
@@ -403,7 +404,7 @@ impl<'r> Work<'r> {
         if let Followed::Outcome(outcome) = &followed {
             log_outcome(&due.path, outcome);
             if let Outcome::Stored(run) = outcome {
-                self.stale.entry(run.robot.clone()).or_insert_with(Instant::now);
+                self.stale.entry(run.robot.clone()).or_insert_with(|| (Instant::now(), 0)).1 += 1;
             }
             report(Event::Export(&due.path, outcome));
         }

@@ -168,10 +168,15 @@ pub struct FrictionIndex {
     pub joint: JointIndex,
     /// 1 = unchanged, with its standard error; that of the baseline is in it.
     pub index: Estimate,
+    /// Friction of the run as it was measured, against that of the baseline; not a number without a level in
+    /// common. What it varies by more than the index, warm-up and hall explain.
+    pub raw: f64,
     /// Coldness beyond the predicted one that lasted through the run, as a colder hall gives.
     pub ambient: Estimate,
     /// Predicted coldness at the start of the run, slow and fast part mixed, 0 to 1.
     pub coldness_at_start: f64,
     /// Points that the run has of the joint.
     pub points: usize,
+    /// Whether the run was too short for the map, so that its thermal state stands on the map alone.
+    pub short: bool,
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
+use super::friction_index::{self, JointSeries};
 use super::plot::{PlotFile, write_lines};
 use super::selection::{named_runs, runs_of};
 use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
@@ -12,7 +13,9 @@ use crate::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::warm_up::warm_up_torque;
 use crate::report::figure::Figure;
-use crate::report::friction::{CycleFriction, friction_figure, friction_speed_figure};
+use crate::report::friction::{
+    CycleFriction, RunCurves, friction_figure, friction_speed_figure, run_comparison_figure,
+};
 use crate::store::{RunRow, Store};
 
 #[derive(Debug, Args)]
@@ -22,7 +25,9 @@ Examples:
   armwatch friction --robot Left --joint 3
   armwatch friction --run 3 --run 4 --speed 0.6 --plot friction.svg
   armwatch friction --run 3 --plot curves.html --over speed
+  armwatch friction --robot Left --plot runs.svg --over runs
   armwatch friction --robot Left -o points.csv
+  armwatch friction --robot Left --index --plot index.svg
   armwatch friction --run 3 --json | jq '{joint, speed_fraction, a_nm, t1_min}'
 
 For each joint and speed the curve a + b exp(-t/t1) + c exp(-t/t2) is fitted to the friction of both
@@ -30,6 +35,12 @@ directions over the minutes since the start of the run, points of several runs m
 own start. model says how many parts the points support: double, single or constant; a number in brackets is
 the standard error. Nothing is stored; the fits of each run, and of all runs of a robot at the reference
 speed, stand in the view warmup_fits.
+
+--index shows the friction index of each run instead: friction against the joint's own baseline at equal speed
+and thermal state, with its 95 % interval, beside friction as measured. Then, of the index about its mean over
+the runs: lag-1 autocorrelation (its standard error in brackets), the probability that white noise has as much
+memory (Ljung-Box), whether that is white enough for control charts, and which part of the variance of measured
+friction between runs warm-up and hall explained. A worn joint has memory; below 8 runs nothing is said.
 
 -o writes the points as CSV: robot, run_id, cycle, minute, joint, speed_fraction, speed_rad_s, direction,
 torque_nm, std_nm, samples, gravity, fit_nm. --json prints one object a joint and speed, with its fit and its
@@ -53,6 +64,9 @@ pub(super) struct FrictionArgs {
     /// Draw points and curves into this file, .svg or .html
     #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
     plot: Option<PlotFile>,
+    /// Friction index by run, and whether it is white from run to run
+    #[arg(long, requires = "robots", conflicts_with_all = ["runs", "speed", "output"])]
+    index: bool,
     /// What the picture shows friction over
     #[arg(long, value_enum, default_value_t = OverArg::Time, requires = "plot")]
     over: OverArg,
@@ -64,7 +78,12 @@ enum OverArg {
     Time,
     /// Speed, some cycles from cold to warm
     Speed,
+    /// Minutes at one speed, each run in its colour with a curve of its own
+    Runs,
 }
+
+/// Speed at which runs are compared, as the thesis does in figure 5.23, as a fraction of the largest.
+const COMPARED_SPEED: f64 = 0.6;
 
 /// A friction point with where it comes from.
 struct Sourced {
@@ -76,6 +95,19 @@ struct Sourced {
 
 pub(super) fn friction(global: &Global, args: &FrictionArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
+    if args.index {
+        let series = runtime()?.block_on(async {
+            let store = open_store(&config).await?;
+            let done = index_series(args, &store).await;
+            store.close().await?;
+            done
+        })?;
+        if let Some(plot) = &args.plot {
+            plot.write(&friction_index::figure(&series, &args.robots.join(", ")))?;
+        }
+        friction_index::print(&series, global.json);
+        return Ok(EXIT_DONE);
+    }
     let (names, points) = runtime()?.block_on(async {
         let store = open_store(&config).await?;
         let done = chosen_points(args, &store).await;
@@ -96,6 +128,25 @@ pub(super) fn friction(global: &Global, args: &FrictionArgs) -> Result<u8, CliEr
         output::line(&as_text(&names, &bare, &fits));
     }
     Ok(EXIT_DONE)
+}
+
+async fn index_series(args: &FrictionArgs, store: &Store) -> Result<Vec<JointSeries>, CliError> {
+    let known = store.runs().await?;
+    let mut series = Vec::new();
+    for robot in &args.robots {
+        runs_of(&known, robot)?;
+        let mut rows = store.friction_indices(robot).await?;
+        rows.retain(|row| args.joint.is_none_or(|joint| row.joint.number() == usize::from(joint)));
+        series.extend(JointSeries::of(robot, &rows));
+    }
+    if series.is_empty() {
+        return Err(CliError::Usage(format!(
+            "{} has no friction index: that takes as many runs as the baseline, of six cycles or more with friction \
+             stages, in which friction falls while the joint warms; view friction_map has the joints with a map",
+            args.robots.join(", ")
+        )));
+    }
+    Ok(series)
 }
 
 async fn chosen_points(args: &FrictionArgs, store: &Store) -> Result<(String, Vec<Sourced>), CliError> {
@@ -207,6 +258,12 @@ fn figure(
             let curves = "curves a + b exp(-t/t1) + c exp(-t/t2) as far as the points support them";
             friction_figure(bare, fits, format!("{names}: friction over time"), format!("{POINTS}; {curves}"))
         }
+        OverArg::Runs => {
+            let title = format!("{names}: friction over time by run");
+            let curves =
+                "means of both directions; curves a + b exp(-t/t1) + c exp(-t/t2) fitted to each run";
+            run_comparison_figure(&run_curves(points), title, format!("{POINTS}, {curves}"))
+        }
         OverArg::Speed => {
             let runs = points.chunk_by(|a, b| a.run_id == b.run_id).count();
             let cycles = points.chunk_by(|a, b| (a.run_id, a.cycle) == (b.run_id, b.cycle));
@@ -224,6 +281,21 @@ fn figure(
             friction_speed_figure(&cycles, title, format!("{POINTS}, {both}"))
         }
     }
+}
+
+/// Points of each run at the level nearest to [`COMPARED_SPEED`], if `--speed` has not chosen one.
+fn run_curves(points: &[Sourced]) -> Vec<RunCurves> {
+    let distance = |of: &Sourced| (of.point.speed_fraction - COMPARED_SPEED).abs();
+    points
+        .chunk_by(|a, b| a.run_id == b.run_id)
+        .map(|of_run| {
+            let nearest = of_run.iter().map(distance).fold(f64::INFINITY, f64::min);
+            let at_level = |of: &&Sourced| distance(of) <= nearest;
+            let points: Vec<FrictionPoint> = of_run.iter().filter(at_level).map(|of| of.point).collect();
+            let fits = warm_up_fits(&points);
+            RunCurves { label: format!("{}, run {}", of_run[0].robot, of_run[0].run_id), points, fits }
+        })
+        .collect()
 }
 
 fn csv_lines<'a>(points: &'a [Sourced], fits: &'a [WarmUpFit]) -> impl Iterator<Item = String> + use<'a> {

@@ -1,5 +1,6 @@
 //! `armwatch ingest`: files and folders through the pipeline once.
 
+use std::collections::HashMap;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
@@ -11,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 use super::{CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, output, runtime, shared};
 use crate::daemon;
 use crate::ingest::watch;
-use crate::pipeline::conclude::Concluded;
+use crate::pipeline::conclude::{Concluded, RUNS_AT_ONCE};
 use crate::pipeline::{Outcome, Pipeline, Progress, Retry};
 
 #[derive(Debug, Args)]
@@ -50,6 +51,7 @@ pub(super) async fn take_all(
     as_json: bool,
 ) -> Result<u8, CliError> {
     let mut code = EXIT_DONE;
+    let mut ended: HashMap<String, usize> = HashMap::new();
     for path in exports {
         let bar = progress_bar(path);
         let moving = bar.clone();
@@ -63,6 +65,15 @@ pub(super) async fn take_all(
         bar.finish_and_clear();
         let outcome = outcome?;
         print(path, &outcome, as_json);
+        if let Outcome::Stored(run) = &outcome {
+            let runs = ended.entry(run.robot.clone()).or_default();
+            *runs += 1;
+            if *runs % RUNS_AT_ONCE == 0
+                && let Some(concluded) = pipeline.conclude_named(&run.robot).await?
+            {
+                print_conclusions(&concluded, as_json);
+            }
+        }
         match outcome {
             Outcome::Quarantined { .. }
             | Outcome::Changed

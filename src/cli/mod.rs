@@ -7,6 +7,7 @@ mod drive_gains;
 mod each_cycle;
 mod export_format;
 mod friction;
+mod friction_index;
 mod identify;
 mod identify_output;
 mod ingest;

@@ -6,7 +6,7 @@ use super::diagnose::{DiagnoseSettings, Finding, FindingSeverity, diagnose_sampl
 use super::dynamics::DynamicModel;
 use super::factors::{Factored, JointColumns, factor_cycle, identifies, pack, widened};
 use super::friction::friction_points;
-use super::friction_means::direction_difference;
+use super::friction_means::{SAME_PASS_S, direction_difference};
 use super::identify::{identify_rows, noise_errors};
 use super::jumps::{Jump, jumps};
 use super::plausible::doubt::{DoubtSettings, Judged, diagnose_description};
@@ -89,6 +89,7 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         return analysis;
     }
 
+    analysis.mean_speeds = mean_speeds(&conditioned);
     let jumps = jumps(&method.robot, &conditioned);
     let kept = &method.base.kept_columns;
     let factored = factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, samples);
@@ -125,12 +126,20 @@ pub(super) fn unanalysed(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         identification: Err(String::new()),
         verification: Vec::new(),
         warming_contrast: Vec::new(),
+        mean_speeds: Vec::new(),
         friction_points: Vec::new(),
         factors: CycleFactors::default(),
         remarks: Vec::new(),
         kind: RunKind::Test,
         production: None,
     }
+}
+
+/// Mean speed of each joint over the rows that the low-pass leaves, rad/s (m/s), `[n]`.
+fn mean_speeds(conditioned: &Conditioned) -> Vec<f64> {
+    let usable = || conditioned.usable.iter().flat_map(Clone::clone);
+    let rows = usable().count().max(1) as f64;
+    conditioned.qd.iter().map(|qd| usable().map(|row| qd[row].abs()).sum::<f64>() / rows).collect()
 }
 
 /// Takes up what is worth knowing as remarks, and gives what must not pass as the reason to refuse.
@@ -270,7 +279,7 @@ pub fn analyse_run(joint_count: usize, settings: &AnalysisSettings, results: &Ru
 }
 
 /// Warm-up curves of the given friction points: one for each joint and speed with enough of them. Points of
-/// several runs stand one run after another.
+/// several runs stand one run after another: where time goes back, the next run begins.
 #[must_use]
 pub fn warm_up_fits(points: &[FrictionPoint]) -> Vec<WarmUpFit> {
     let mut keys: Vec<(JointIndex, f64)> = points.iter().map(|p| (p.joint, p.speed_fraction)).collect();
@@ -281,10 +290,13 @@ pub fn warm_up_fits(points: &[FrictionPoint]) -> Vec<WarmUpFit> {
             // a lasting difference of the directions is no scatter in time
             let half = 0.5 * direction_difference(points, joint, speed_fraction);
             let curve = |half: f64| -> Vec<WarmUpPoint> {
+                let (mut run, mut before) = (0, f64::NEG_INFINITY);
                 at_level(points, joint, speed_fraction)
-                    .map(|p| WarmUpPoint {
-                        minute: p.time / 60.0,
-                        torque: p.torque.abs() - half * f64::from(p.direction),
+                    .map(|p| {
+                        run += usize::from(p.time < before - SAME_PASS_S);
+                        before = p.time;
+                        let torque = p.torque.abs() - half * f64::from(p.direction);
+                        WarmUpPoint { run, minute: p.time / 60.0, torque }
                     })
                     .collect()
             };
@@ -309,6 +321,7 @@ fn summary(joint: JointIndex, settings: &AnalysisSettings, results: &RunResults)
     JointSummary {
         joint,
         warm_friction: warm_friction(joint, settings, &results.friction_points),
+        friction_index: None,
         relative_rmsd: median(&rmsd),
         rmsd_swing: swing(&rmsd),
     }

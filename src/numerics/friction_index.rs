@@ -8,12 +8,10 @@
 //! between joints. Both are one least-squares problem with weak priors, solved for each run; its
 //! covariance gives the intervals.
 
-use nalgebra::{DMatrix, DVector};
-
-use super::friction_map::{
-    Fitted, JointRecord, RecordPoint, fit_map, mixed, published, rates, record_coldness,
-};
+use super::friction_effects::{Effect, run_effects, start_decay};
+use super::friction_map::{Fitted, JointRecord, RecordPoint, fit_map, mixed, published, rates};
 use super::friction_means::friction_means;
+use super::statistics::median;
 use super::thermal::{MotionSpan, coldness_at};
 use crate::analysis::friction::{FrictionIndex, FrictionMap};
 use crate::analysis::{Estimate, FrictionPoint};
@@ -21,36 +19,35 @@ use crate::robot::JointIndex;
 
 /// Map and run effects are fitted in turn this often; the third time changes the index by less than 0.1 %.
 const OUTER_ROUNDS: usize = 3;
-/// Run effects are solved again with the scales that they showed.
-const INNER_ROUNDS: usize = 4;
-
-/// Wear from one run to the baseline is mostly below this fraction, and sometimes far above (the scale is
-/// taken half from here, half from the run itself, which makes the prior as wide as Student's).
-const WEAR_SCALE: f64 = 0.02;
-/// Friction at the largest speed changes with the hall by less than this fraction, mostly.
-const AMBIENT_SCALE: f64 = 0.3;
-/// Joints differ from each other in what the hall does to them by this part of it, and at least by the
-/// second number as a fraction of friction.
-const AMBIENT_SPREAD: [f64; 2] = [0.4, 0.003];
-/// Coldness at the start beyond the predicted one.
-const START_SCALE: f64 = 0.3;
-/// Friction at one level in one run differs by this fraction for reasons of its own, before the history has
-/// shown by how much; and it is never believed to be less than the second number.
-const LEVEL_SCALE: [f64; 2] = [0.005, 0.001];
-/// Least scatter of a point, as a fraction of friction.
-const MIN_SCATTER: f64 = 1e-4;
-
-/// Fewest points of a level in a run that count: a run of fewer cycles shows too little of its own warm-up
-/// for its thermal state to be told.
+/// Fewest points of a level in a run that count for the map: a run of fewer cycles shows too little of its own
+/// warm-up for its thermal state to be told.
 const MIN_POINTS_BY_RUN: usize = 6;
+
+/// Fewest points of a level in a run that has an index: with the map given, the motion before the run tells its
+/// thermal state nearly enough, and what it does not tell is in the interval.
+const MIN_POINTS_OF_INDEX: usize = 2;
+
+/// No cycle counts for more heat than this, in usual cycles: beyond it speed says little of heat.
+const MAX_ACTIVITY: f64 = 2.0;
+
+/// A stretch of motion of all joints.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleMotion {
+    /// Start, s.
+    pub start: f64,
+    /// End, s.
+    pub end: f64,
+    /// Mean magnitude of each joint's velocity, rad/s (m/s), `[n]`; empty where it is not known.
+    pub speeds: Vec<f64>,
+}
 
 /// One run, as the map sees it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapRun {
     /// Start of the recording, UTC, s.
     pub started_at: f64,
-    /// Motion since the start, s; rising, not overlapping.
-    pub spans: Vec<MotionSpan>,
+    /// Motion since the start; rising, not overlapping.
+    pub spans: Vec<CycleMotion>,
     /// Plateaus of the friction stages, times since the start, s.
     pub points: Vec<FrictionPoint>,
 }
@@ -70,7 +67,8 @@ pub struct RobotFriction {
 /// `baseline_runs` runs of its joint.
 ///
 /// A joint needs `baseline_runs` runs (two at least) with six points or more at a level, and friction that falls
-/// while it warms. Shorter runs have no index; their motion counts.
+/// while it warms. Runs of two to five points have no part in the map but an index by it, with a wider interval;
+/// of shorter ones only the motion counts.
 /// A run that overlaps the one before it counts as beginning when that ends.
 #[must_use]
 pub fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFriction {
@@ -89,9 +87,10 @@ pub fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFriction {
     }
     let mut fits: Vec<Fitted> = records.iter().map(|record| fit_map(record, None)).collect();
     drop_flat(&mut records, &mut fits, &mut found.remarks);
-    let mut effects = Vec::new();
+    let (mut effects, mut scales) = (Vec::new(), None);
     for round in 0..OUTER_ROUNDS {
-        effects = run_effects(&records, &fits, &starts);
+        let (of_joints, shown) = run_effects(&records, &fits, &starts, scales.take());
+        (effects, scales) = (of_joints, Some(shown));
         for (j, record) in records.iter_mut().enumerate() {
             settle(record, &fits[j], &mut effects[j], &starts, baseline_runs.max(2));
             if round + 1 < OUTER_ROUNDS {
@@ -102,13 +101,16 @@ pub fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFriction {
     for ((record, fit), effects) in records.iter().zip(&fits).zip(&effects) {
         found.maps.extend(published(record, fit, runs.len()));
         let cold = coldness_at(&rates(&fit.law), &record.spans, &starts);
+        let raw = raw_indices(record, &baseline(effects, baseline_runs.max(2)), runs.len());
         for (run, effect) in effects.iter().enumerate().filter(|(_, effect)| effect.points > 0) {
             found.indices[run].push(FrictionIndex {
                 joint: record.joint,
-                index: effect.index,
+                index: Estimate { value: 1.0 + effect.wear, std_error: effect.variance.sqrt() },
+                raw: raw[run],
                 ambient: effect.ambient,
                 coldness_at_start: mixed(&fit.law, cold[run]),
                 points: effect.points,
+                short: !effect.full,
             });
         }
     }
@@ -116,7 +118,7 @@ pub fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFriction {
 }
 
 /// Motion of the whole history and the start of each run, in seconds since the first run.
-fn timeline(runs: &[MapRun]) -> (Vec<MotionSpan>, Vec<f64>) {
+fn timeline(runs: &[MapRun]) -> (Vec<CycleMotion>, Vec<f64>) {
     let epoch = runs.first().map_or(0.0, |run| run.started_at);
     let (mut spans, mut end) = (Vec::new(), f64::NEG_INFINITY);
     for run in runs {
@@ -124,7 +126,7 @@ fn timeline(runs: &[MapRun]) -> (Vec<MotionSpan>, Vec<f64>) {
         for span in &run.spans {
             let (start, stop) = ((span.start + from).max(end), span.end + from);
             if stop > start {
-                spans.push(MotionSpan { start, end: stop, activity: span.activity });
+                spans.push(CycleMotion { start, end: stop, speeds: span.speeds.clone() });
                 end = stop;
             }
         }
@@ -135,7 +137,7 @@ fn timeline(runs: &[MapRun]) -> (Vec<MotionSpan>, Vec<f64>) {
 fn record(
     joint: JointIndex,
     runs: &[MapRun],
-    spans: &[MotionSpan],
+    spans: &[CycleMotion],
     starts: &[f64],
     needed: usize,
 ) -> Result<JointRecord, String> {
@@ -153,21 +155,23 @@ fn record(
             let points = runs.iter().zip(starts).enumerate().flat_map(|(run, (of_run, start))| {
                 let mut means = friction_means(&of_run.points, joint, level);
                 means.retain(|mean| mean.torque.is_finite() && mean.torque > 0.0);
-                if means.len() < MIN_POINTS_BY_RUN {
+                if means.len() < MIN_POINTS_OF_INDEX {
                     means.clear();
                 }
+                let in_map = means.len() >= MIN_POINTS_BY_RUN;
                 means.into_iter().map(move |mean| RecordPoint {
                     run,
                     time: start + mean.time,
                     level: 0,
                     torque: mean.torque,
+                    in_map,
                     offset: 0.0,
                     factor: 1.0,
                 })
             });
             (level, points.collect())
         })
-        .filter(|(_, points): &(f64, Vec<RecordPoint>)| !points.is_empty())
+        .filter(|(_, points): &(f64, Vec<RecordPoint>)| points.iter().any(|p| p.in_map))
         .collect();
     let levels: Vec<f64> = by_level.iter().map(|(level, _)| *level).collect();
     let mut points: Vec<RecordPoint> = by_level
@@ -176,7 +180,7 @@ fn record(
         .flat_map(|(level, (_, points))| points.into_iter().map(move |p| RecordPoint { level, ..p }))
         .collect();
     points.sort_by(|a, b| a.time.total_cmp(&b.time));
-    let mut with_points: Vec<usize> = points.iter().map(|p| p.run).collect();
+    let mut with_points: Vec<usize> = points.iter().filter(|p| p.in_map).map(|p| p.run).collect();
     with_points.sort_unstable();
     with_points.dedup();
     if with_points.len() < needed {
@@ -186,7 +190,24 @@ fn record(
             with_points.len()
         ));
     }
-    Ok(JointRecord { joint, spans: spans.to_vec(), levels, points })
+    Ok(JointRecord { joint, spans: activities(joint, spans), levels, points })
+}
+
+/// Motion of one joint: its heat is friction times speed, so to first order as many times that of its usual cycle
+/// as it is faster on average. A cycle of unknown speed counts as usual.
+fn activities(joint: JointIndex, spans: &[CycleMotion]) -> Vec<MotionSpan> {
+    let speed =
+        |span: &CycleMotion| span.speeds.get(joint.index()).copied().filter(|speed| speed.is_finite());
+    let known: Vec<f64> = spans.iter().filter_map(speed).filter(|speed| *speed > 0.0).collect();
+    let usual = median(&known);
+    let activity = |span: &CycleMotion| match (speed(span), usual) {
+        (Some(speed), Some(usual)) => (speed / usual).min(MAX_ACTIVITY),
+        _ => 1.0,
+    };
+    spans
+        .iter()
+        .map(|span| MotionSpan { start: span.start, end: span.end, activity: activity(span) })
+        .collect()
 }
 
 /// Leaves out joints whose friction does not fall while they warm: coldness means nothing there.
@@ -203,17 +224,9 @@ fn drop_flat(records: &mut Vec<JointRecord>, fits: &mut Vec<Fitted>, remarks: &m
     }
 }
 
-/// What one run has beyond the map, of one joint.
-#[derive(Debug, Clone)]
-struct Effect {
-    points: usize,
-    /// Friction as a factor, less one, with its variance.
-    wear: f64,
-    variance: f64,
-    ambient: Estimate,
-    /// Coldness at the start beyond the predicted one, slow and fast part.
-    start: [f64; 2],
-    index: Estimate,
+/// The joint's first runs that are in the map.
+fn baseline(effects: &[Effect], baseline_runs: usize) -> Vec<usize> {
+    (0..effects.len()).filter(|&run| effects[run].full).take(baseline_runs).collect()
 }
 
 /// Takes the baseline out of the effects and gives each point its run's offset and factor.
@@ -224,232 +237,49 @@ fn settle(
     starts: &[f64],
     baseline_runs: usize,
 ) {
-    let baseline: Vec<usize> =
-        (0..effects.len()).filter(|&run| effects[run].points > 0).take(baseline_runs).collect();
+    let baseline = baseline(effects, baseline_runs);
     let n = baseline.len() as f64;
     let mean = |of: &dyn Fn(&Effect) -> f64| baseline.iter().map(|&run| of(&effects[run])).sum::<f64>() / n;
     let (wear, ambient) = (mean(&|e| e.wear), mean(&|e| e.ambient.value));
     let variance = mean(&|e| e.variance) / n;
-    for effect in effects.iter_mut() {
-        let value = (1.0 + effect.wear) / (1.0 + wear);
-        effect.index = Estimate { value, std_error: (effect.variance + variance).sqrt() };
+    for (run, effect) in effects.iter_mut().enumerate() {
+        // a run of the baseline is the nth part of what it is held against
+        let own = if baseline.contains(&run) { 1.0 - 2.0 / n } else { 1.0 };
+        effect.wear = (1.0 + effect.wear) / (1.0 + wear) - 1.0;
+        effect.variance = own * effect.variance + variance;
         effect.ambient.value -= ambient;
     }
     for p in &mut record.points {
         let effect = &effects[p.run];
         let [slow, fast] = start_decay(fit, p.time - starts[p.run]);
         p.offset = effect.ambient.value + slow * effect.start[0] + fast * effect.start[1];
-        p.factor = effect.index.value;
+        p.factor = 1.0 + effect.wear;
     }
 }
 
-/// What is left, `seconds` into a run, of a unit of coldness at its start, in the slow and the fast part.
-fn start_decay(fit: &Fitted, seconds: f64) -> [f64; 2] {
-    let heating = rates(&fit.law).heating;
-    let share = [fit.law[2], 1.0 - fit.law[2]];
-    std::array::from_fn(|part| share[part] * (-seconds / heating[part]).exp())
-}
-
-/// Scales that the history shows, by joint.
-#[derive(Debug, Clone)]
-struct Scales {
-    /// Scatter of points by level, as a fraction of friction.
-    points: Vec<f64>,
-    /// Of a level in a run.
-    level: f64,
-}
-
-/// One joint's points of one run with the map's values.
-struct RunRows {
-    /// Level, friction of the map, its slope over coldness as a fraction of friction, decay of the start.
-    rows: Vec<(usize, f64, f64, [f64; 2])>,
-    torque: Vec<f64>,
-    /// Slope over coldness, as a fraction of warm friction, at the largest speed.
-    top: f64,
-}
-
-/// Unknowns of a joint in a run before those of its levels: wear, ambient, start slow and fast.
-const EFFECTS: usize = 4;
-
-fn run_effects(records: &[JointRecord], fits: &[Fitted], starts: &[f64]) -> Vec<Vec<Effect>> {
-    let runs = starts.len();
-    let rows: Vec<Vec<RunRows>> =
-        records.iter().zip(fits).map(|(record, fit)| run_rows(record, fit, starts)).collect();
-    let mut scales: Vec<Scales> = records
-        .iter()
-        .zip(&rows)
-        .map(|(record, rows)| Scales { points: scatter(rows, record.levels.len()), level: LEVEL_SCALE[0] })
-        .collect();
-    let mut effects: Vec<Vec<Effect>> = Vec::new();
-    for _ in 0..2 {
-        let mut levels = vec![(0.0, 0.0); records.len()];
-        effects = vec![Vec::with_capacity(runs); records.len()];
-        for run in 0..runs {
-            let of_run: Vec<&RunRows> = rows.iter().map(|rows| &rows[run]).collect();
-            for (j, (effect, squares, count)) in one_run(&of_run, &scales).into_iter().enumerate() {
-                effects[j].push(effect);
-                levels[j].0 += squares;
-                levels[j].1 += count;
-            }
-        }
-        for (scale, (squares, count)) in scales.iter_mut().zip(levels) {
-            if count > 0.0 {
-                scale.level = (squares / count).sqrt().max(LEVEL_SCALE[1]);
-            }
-        }
+/// Friction of each run as measured, against that of the baseline: mean over levels of the ratio of mean
+/// friction. What runs of equal length differ by before warmth is taken into account.
+fn raw_indices(record: &JointRecord, baseline: &[usize], runs: usize) -> Vec<f64> {
+    let levels = record.levels.len();
+    let mut sums = vec![[0.0; 2]; runs * levels];
+    for p in &record.points {
+        let sum = &mut sums[p.run * levels + p.level];
+        *sum = [sum[0] + p.torque, sum[1] + 1.0];
     }
-    effects
-}
-
-fn run_rows(record: &JointRecord, fit: &Fitted, starts: &[f64]) -> Vec<RunRows> {
-    let top = record.levels.len() - 1;
-    let top = fit.cold[top].max(f64::MIN_POSITIVE) / fit.warm[top];
-    let empty = || RunRows { rows: Vec::new(), torque: Vec::new(), top };
-    let mut found: Vec<RunRows> = starts.iter().map(|_| empty()).collect();
-    for (p, x) in record.points.iter().zip(record_coldness(record, &fit.law)) {
-        let friction = fit.warm[p.level] + fit.cold[p.level] * mixed(&fit.law, x);
-        let decay = start_decay(fit, p.time - starts[p.run]);
-        found[p.run].rows.push((p.level, friction, fit.cold[p.level], decay));
-        found[p.run].torque.push(p.torque);
-    }
-    found
-}
-
-/// Scatter of points about a smooth course, by level: from second differences inside runs (their variance is
-/// six times that of a point), which warm-up and offsets leave alone.
-fn scatter(runs: &[RunRows], levels: usize) -> Vec<f64> {
-    (0..levels)
+    let mean = |run: usize, level: usize| {
+        let [torque, count] = sums[run * levels + level];
+        (count > 0.0).then(|| torque / count)
+    };
+    let usual: Vec<Option<f64>> = (0..levels)
         .map(|level| {
-            let (mut squares, mut count) = (0.0, 0.0);
-            for run in runs {
-                let of_level = run.rows.iter().zip(&run.torque).filter(|((l, ..), _)| *l == level);
-                let relative: Vec<f64> =
-                    of_level.map(|((_, friction, ..), torque)| torque / friction).collect();
-                for w in relative.windows(3) {
-                    squares += (w[0] - 2.0 * w[1] + w[2]).powi(2) / 6.0;
-                    count += 1.0;
-                }
-            }
-            if count > 0.0 { (squares / count).sqrt().max(MIN_SCATTER) } else { LEVEL_SCALE[0] }
-        })
-        .collect()
-}
-
-/// Solves one run: for each joint its effect, and the squares and number of its level deviations.
-fn one_run(joints: &[&RunRows], scales: &[Scales]) -> Vec<(Effect, f64, f64)> {
-    let first: Vec<usize> = joints
-        .iter()
-        .zip(scales)
-        .scan(1, |at, (_, scale)| {
-            let first = *at;
-            *at += EFFECTS + scale.points.len();
-            Some(first)
+            let found: Vec<f64> = baseline.iter().filter_map(|&run| mean(run, level)).collect();
+            super::statistics::mean(&found)
         })
         .collect();
-    let size = first.last().zip(scales.last()).map_or(1, |(at, scale)| at + EFFECTS + scale.points.len());
-    let mut x = DVector::zeros(size);
-    let mut covariance = DMatrix::zeros(size, size);
-    let mut wear = vec![WEAR_SCALE; joints.len()];
-    for _ in 0..INNER_ROUNDS {
-        let (mut information, mut score) = priors(joints, scales, &first, &wear, x[0], size);
-        for (j, rows) in joints.iter().enumerate() {
-            add_rows(rows, &scales[j], first[j], &x, &mut information, &mut score);
-        }
-        let Some(factor) = information.cholesky() else { break };
-        x = factor.solve(&score);
-        covariance = factor.inverse();
-        for (j, scale) in wear.iter_mut().enumerate() {
-            let at = first[j];
-            let shown = x[at] * x[at] + covariance[(at, at)];
-            *scale = f64::midpoint(WEAR_SCALE * WEAR_SCALE, shown).sqrt();
-        }
-    }
-    joints
-        .iter()
-        .enumerate()
-        .map(|(j, rows)| {
-            let (at, levels) = (first[j], scales[j].points.len());
-            let effect = Effect {
-                points: rows.rows.len(),
-                wear: x[at],
-                variance: covariance[(at, at)].max(0.0),
-                ambient: Estimate {
-                    value: x[at + 1],
-                    std_error: covariance[(at + 1, at + 1)].max(0.0).sqrt(),
-                },
-                start: [x[at + 2], x[at + 3]],
-                index: Estimate { value: 1.0, std_error: f64::NAN },
-            };
-            let measured = if rows.rows.is_empty() { 0 } else { levels };
-            let squares = (at + EFFECTS..at + EFFECTS + measured)
-                .map(|k| x[k] * x[k] + covariance[(k, k)])
-                .sum::<f64>();
-            (effect, squares, measured as f64)
-        })
-        .collect()
-}
-
-/// Information and score of what is known before the run is looked at.
-fn priors(
-    joints: &[&RunRows],
-    scales: &[Scales],
-    first: &[usize],
-    wear: &[f64],
-    common: f64,
-    size: usize,
-) -> (DMatrix<f64>, DVector<f64>) {
-    let mut information = DMatrix::zeros(size, size);
-    information[(0, 0)] = AMBIENT_SCALE.powi(-2);
-    let spread = AMBIENT_SPREAD[1].hypot(AMBIENT_SPREAD[0] * common);
-    for (j, rows) in joints.iter().enumerate() {
-        let at = first[j];
-        information[(at, at)] = wear[j].powi(-2);
-        // top * ambient_j - common has the spread among joints
-        let weight = spread.powi(-2);
-        information[(at + 1, at + 1)] = rows.top * rows.top * weight;
-        information[(at + 1, 0)] = -rows.top * weight;
-        information[(0, at + 1)] = -rows.top * weight;
-        information[(0, 0)] += weight;
-        for k in [at + 2, at + 3] {
-            information[(k, k)] = START_SCALE.powi(-2);
-        }
-        for level in 0..scales[j].points.len() {
-            let k = at + EFFECTS + level;
-            information[(k, k)] = scales[j].level.powi(-2);
-        }
-    }
-    (information, DVector::zeros(size))
-}
-
-/// Adds a joint's points, linearised about the coldness found so far.
-fn add_rows(
-    rows: &RunRows,
-    scale: &Scales,
-    at: usize,
-    x: &DVector<f64>,
-    information: &mut DMatrix<f64>,
-    score: &mut DVector<f64>,
-) {
-    for ((level, friction, cold, decay), torque) in rows.rows.iter().zip(&rows.torque) {
-        let offset = x[at + 1] + decay[0] * x[at + 2] + decay[1] * x[at + 3];
-        let shifted = friction + cold * offset;
-        // far out of the map, a first step may overshoot; friction stays friction
-        let shifted = if shifted > 0.2 * friction { shifted } else { 0.2 * friction };
-        let slope = cold / shifted;
-        let target = torque / shifted - 1.0 + slope * offset;
-        let entries = [
-            (at, 1.0),
-            (at + 1, slope),
-            (at + 2, slope * decay[0]),
-            (at + 3, slope * decay[1]),
-            (at + EFFECTS + level, 1.0),
-        ];
-        let weight = scale.points[*level].powi(-2);
-        for (i, a) in entries {
-            score[i] += weight * a * target;
-            for (k, b) in entries {
-                information[(i, k)] += weight * a * b;
-            }
-        }
-    }
+    let raw = |run: usize| {
+        let ratios: Vec<f64> =
+            (0..levels).filter_map(|level| Some(mean(run, level)? / usual[level]?)).collect();
+        super::statistics::mean(&ratios).unwrap_or(f64::NAN)
+    };
+    (0..runs).map(raw).collect()
 }

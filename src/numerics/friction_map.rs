@@ -79,9 +79,22 @@ pub(super) struct RecordPoint {
     /// Place in the levels.
     pub level: usize,
     pub torque: f64,
+    /// Whether the run is long enough to take part in the map.
+    pub in_map: bool,
     /// What the run has beyond the law: coldness, and friction as a factor.
     pub offset: f64,
     pub factor: f64,
+}
+
+impl JointRecord {
+    /// Points that the map is made of, each with what belongs to it in `of_points`.
+    fn in_map<'a, T>(&'a self, of_points: &'a [T]) -> impl Iterator<Item = (&'a RecordPoint, &'a T)> {
+        self.points.iter().zip(of_points).filter(|(p, _)| p.in_map)
+    }
+
+    fn map_points(&self) -> usize {
+        self.points.iter().filter(|p| p.in_map).count()
+    }
 }
 
 impl RecordPoint {
@@ -158,7 +171,7 @@ fn at_law(record: &JointRecord, law: LawParameters) -> Fitted {
     let coldness = record_coldness(record, &law);
     // sums of 1, x, x², y, xy, y² by level
     let mut sums = vec![[0.0; 6]; record.levels.len()];
-    for (p, x) in record.points.iter().zip(&coldness) {
+    for (p, x) in record.in_map(&coldness) {
         let (x, y) = (mixed(&law, *x) + p.offset, p.healthy());
         for (sum, term) in sums[p.level].iter_mut().zip([1.0, x, x * x, y, x * y, y * y]) {
             *sum += term;
@@ -176,7 +189,7 @@ fn at_law(record: &JointRecord, law: LawParameters) -> Fitted {
         warm.push(level);
         cold.push(slope);
     }
-    let n = record.points.len() as f64;
+    let n = record.map_points() as f64;
     let prior: f64 = law.iter().zip(PRIOR).map(|(value, (centre, sd))| ((value - centre) / sd).powi(2)).sum();
     // rounding of noise-free friction has no logarithm
     let cost = n * squares.max(f64::MIN_POSITIVE).ln() + prior;
@@ -214,7 +227,7 @@ pub(super) fn published(record: &JointRecord, fitted: &Fitted, runs: usize) -> O
         relative_rmsd,
         explained,
         runs,
-        points: record.points.len(),
+        points: record.map_points(),
         remarks: remarks(record.joint, |k| error(law_at + k)),
     })
 }
@@ -239,14 +252,14 @@ fn predicted(fitted: &Fitted, p: &RecordPoint, x: Coldness) -> f64 {
 /// Relative RMSD, and the part of the variance about each level's mean that coldness explains.
 fn quality(record: &JointRecord, fitted: &Fitted) -> (f64, f64) {
     let coldness = record_coldness(record, &fitted.law);
-    let n = record.points.len() as f64;
+    let n = record.map_points() as f64;
     let mut means = vec![(0.0, 0.0); record.levels.len()];
-    for p in &record.points {
+    for p in record.points.iter().filter(|p| p.in_map) {
         means[p.level].0 += p.torque;
         means[p.level].1 += 1.0;
     }
     let (mut left, mut unexplained, mut raw) = (0.0, 0.0, 0.0);
-    for (p, x) in record.points.iter().zip(&coldness) {
+    for (p, x) in record.in_map(&coldness) {
         let mean = means[p.level].0 / means[p.level].1;
         let found = predicted(fitted, p, *x);
         left += ((p.healthy() - found) / mean).powi(2);
@@ -281,7 +294,7 @@ fn covariance(record: &JointRecord, fitted: &Fitted, runs: usize) -> Option<DMat
     let mut information = DMatrix::zeros(size, size);
     let mut scores = DMatrix::zeros(size, runs);
     let mut squares = 0.0;
-    for (i, p) in record.points.iter().enumerate() {
+    for (i, p) in record.points.iter().enumerate().filter(|(_, p)| p.in_map) {
         let scale = 1.0 / fitted.warm[p.level].abs().max(f64::MIN_POSITIVE);
         let mut row = nalgebra::DVector::zeros(size);
         row[p.level] = scale;
@@ -295,7 +308,7 @@ fn covariance(record: &JointRecord, fitted: &Fitted, runs: usize) -> Option<DMat
         information.ger(1.0, &row, &row, 1.0);
         scores.column_mut(p.run).axpy(residual, &row, 1.0);
     }
-    let freedom = record.points.len().saturating_sub(size).max(1) as f64;
+    let freedom = record.map_points().saturating_sub(size).max(1) as f64;
     let variance = (squares / freedom).max(f64::MIN_POSITIVE);
     for (k, (_, sd)) in PRIOR.iter().enumerate() {
         information[(2 * levels + k, 2 * levels + k)] += variance / (sd * sd);

@@ -57,9 +57,15 @@ mod friction_speed_tests;
 pub mod friction_means;
 pub mod thermal;
 pub mod friction_map;
+mod friction_effects;
 pub mod friction_index;
 #[cfg(test)]
+mod friction_alarm_tests;
+#[cfg(test)]
+mod friction_index_coverage;
+#[cfg(test)]
 mod friction_index_tests;
+pub mod whiteness;
 pub mod warm_up;
 #[cfg(test)]
 mod warm_up_tests;
@@ -77,6 +83,8 @@ pub mod nominal_prior;
 mod history_tests;
 pub mod statistics;
 pub mod detect;
+#[cfg(test)]
+mod detect_tests;
 
 /// Why numbers could not be had. Carries the figures that decided it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -13,7 +13,7 @@ pub struct MotionSpan {
     pub start: f64,
     /// End, s.
     pub end: f64,
-    /// How much of the standard test's heat the motion makes, above 0 to 1.
+    /// How much of the standard test's heat the motion makes, 0 or more: 1 in the standard test, 0 at rest.
     pub activity: f64,
 }
 

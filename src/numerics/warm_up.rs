@@ -4,13 +4,14 @@
 //! solves for the latter alone. Time constants are sought as logarithms, so a rate can never turn
 //! negative. Of a constant, one and two exponentials the one is kept that the data support.
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use varpro::prelude::*;
 use varpro::problem::SeparableProblemBuilder;
 use varpro::solvers::levmar::LevMarSolver;
 use varpro::statistics::FitStatistics;
 
 use super::NumericsError;
+use super::student::{normal_quantile, student_quantile};
 use crate::analysis::{Decay, Estimate, WarmUpFit, WarmUpModel};
 use crate::robot::JointIndex;
 
@@ -31,6 +32,9 @@ const NEIGHBOURS_FROM: f64 = 0.3;
 /// would be an extrapolation (thesis Table N.1 has one with a = 0 and a time constant of a day).
 const LONGEST_IN_RECORDS: f64 = 1.5;
 
+/// Fewest runs whose scatter alone tells the errors.
+const MIN_RUNS: usize = 4;
+
 /// Two exponentials whose time constants are closer than this ratio share one decay.
 const MIN_RATIO: f64 = 2.0;
 
@@ -40,6 +44,8 @@ const MIN_SIGNIFICANCE: f64 = 2.0;
 /// A point of a warm-up curve: time since the run's start in minutes, torque magnitude in Nm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WarmUpPoint {
+    /// Which run it is of, from 0: points of a run share what the run has of its own.
+    pub run: usize,
     /// Minutes since the run's start.
     pub minute: f64,
     /// Magnitude of the friction torque, Nm.
@@ -51,6 +57,10 @@ pub struct WarmUpPoint {
 /// A shape with more parts wins if it lowers the corrected Akaike criterion (Hurvich & Tsai 1989)
 /// and each of its parts is supported by the data: positive and clear of its standard error, time
 /// constant neither longer than the record allows nor resolved worse than by half of itself.
+///
+/// With points of several runs, standard errors are those of leaving out one run after the other, to first order
+/// (Efron & Stein 1981): runs differ by more than points do. They are widened by Student's quantile with one
+/// degree of freedom less than there are runs, so that 1.96 of them are the 95 % interval also of few runs.
 ///
 /// # Errors
 /// [`NumericsError::TooShort`] below four points, [`NumericsError::NotFinite`] for values that are
@@ -71,9 +81,13 @@ pub fn fit_warm_up(
         return Err(NumericsError::NotFinite("the points of the warm-up curve"));
     }
     let grouped = grouped(points);
-    let constant = constant_fit(joint, speed_fraction, &grouped)?;
-    let single = best_fit(&grouped, &single_starts(&grouped), 1);
-    let double = best_fit(&grouped, &double_starts(&grouped), 2);
+    let mut constant = constant_fit(joint, speed_fraction, &grouped)?;
+    if let Some(errors) = errors_by_run(points, constant.a.value, &[]) {
+        constant.a.std_error = errors.of(0, constant.a.std_error);
+    }
+    let by_run = |candidate: Option<Candidate>| candidate.map(|of| of.with_errors_by_run(points));
+    let single = by_run(best_fit(&grouped, &single_starts(&grouped), 1));
+    let double = by_run(best_fit(&grouped, &double_starts(&grouped), 2));
     let mut best = (constant, criterion(grouped.len(), constant.rmsd, 1));
     for (parts, candidate) in [(1, single), (2, double)] {
         let Some(candidate) = candidate.filter(|c| supported(c, &grouped)) else { continue };
@@ -175,6 +189,18 @@ struct Candidate {
 }
 
 impl Candidate {
+    fn with_errors_by_run(mut self, points: &[WarmUpPoint]) -> Self {
+        if let Some(errors) = errors_by_run(points, self.a.value, &self.parts) {
+            self.a.std_error = errors.of(0, self.a.std_error);
+            for (k, part) in self.parts.iter_mut().enumerate() {
+                let (amplitude, time) = (&mut part.amplitude, &mut part.time_constant);
+                amplitude.std_error = errors.of(1 + 2 * k, amplitude.std_error);
+                time.std_error = time.value * errors.of(2 + 2 * k, time.std_error / time.value);
+            }
+        }
+        self
+    }
+
     fn into_fit(self, joint: JointIndex, speed_fraction: f64, samples: usize) -> WarmUpFit {
         let model = if self.parts.len() == 2 { WarmUpModel::Double } else { WarmUpModel::Single };
         let mut parts = self.parts.into_iter();
@@ -190,6 +216,60 @@ impl Candidate {
             record: [0.0, 0.0],
         }
     }
+}
+
+/// Standard errors from the scatter between runs.
+struct ErrorsByRun {
+    runs: usize,
+    errors: Vec<f64>,
+}
+
+impl ErrorsByRun {
+    /// The error of a parameter. Two or three runs may agree by chance, and must not promise more then than
+    /// independent points would (`plain`).
+    fn of(&self, parameter: usize, plain: f64) -> f64 {
+        let by_run = self.errors[parameter];
+        if self.runs < MIN_RUNS { by_run.max(plain) } else { by_run }
+    }
+}
+
+/// Standard errors from the scatter between runs: of `a`, then of amplitude and logarithm of the time constant
+/// of each part. `None` for a single run, or where one run alone shows a parameter.
+///
+/// With the normal equations `A` of all points, `A_r` and the score `s_r` of run `r`, leaving it out changes the
+/// parameters by `d_r = (A - A_r)^-1 s_r`; the covariance is `(R - 1) / R sum d_r d_r^T`.
+fn errors_by_run(points: &[WarmUpPoint], a: f64, parts: &[Decay]) -> Option<ErrorsByRun> {
+    let size = 1 + 2 * parts.len();
+    let runs = points.iter().map(|p| p.run).max()? + 1;
+    let mut of_runs = vec![(DMatrix::zeros(size, size), DVector::zeros(size)); runs];
+    let mut all = DMatrix::zeros(size, size);
+    for p in points {
+        let (mut value, mut row) = (a, DVector::from_element(size, 1.0));
+        for (k, part) in parts.iter().enumerate() {
+            let x = p.minute / part.time_constant.value;
+            let decayed = (-x).exp();
+            value += part.amplitude.value * decayed;
+            row[1 + 2 * k] = decayed;
+            row[2 + 2 * k] = part.amplitude.value * x * decayed;
+        }
+        let (normal, score) = &mut of_runs[p.run];
+        normal.ger(1.0, &row, &row, 1.0);
+        all.ger(1.0, &row, &row, 1.0);
+        score.axpy(p.torque - value, &row, 1.0);
+    }
+    of_runs.retain(|(normal, _)| normal[(0, 0)] > 0.0);
+    let (runs, count) = (of_runs.len(), of_runs.len() as f64);
+    if runs < 2 {
+        return None;
+    }
+    let mut variances = vec![0.0; size];
+    for (normal, score) in of_runs {
+        let change = (&all - normal).cholesky()?.solve(&score);
+        variances.iter_mut().zip(change.iter()).for_each(|(sum, d)| *sum += d * d);
+    }
+    let wider = student_quantile(0.975, count - 1.0) / normal_quantile(0.975);
+    let error = |sum: f64| wider * ((count - 1.0) / count * sum).sqrt();
+    Some(ErrorsByRun { runs, errors: variances.into_iter().map(error).collect() })
 }
 
 /// Whether every part of a fit is told by the data and possible for a gearbox that warms up.
@@ -310,7 +390,7 @@ mod tests {
             .map(|i| {
                 let minute = 1.0 + 2.5 * i as f64;
                 let torque = a + b * (-minute / t1).exp() + c * (-minute / t2).exp() + sigma * noise(i);
-                WarmUpPoint { minute, torque }
+                WarmUpPoint { run: 0, minute, torque }
             })
             .collect()
     }
@@ -358,7 +438,7 @@ mod tests {
     #[test]
     fn a_straight_fall_is_not_given_a_time_constant_of_a_day() {
         let line: Vec<WarmUpPoint> = (0..48)
-            .map(|i| WarmUpPoint { minute: f64::from(i), torque: 30.0 - 0.05 * f64::from(i) })
+            .map(|i| WarmUpPoint { run: 0, minute: f64::from(i), torque: 30.0 - 0.05 * f64::from(i) })
             .collect();
         let fit = fit_warm_up(JOINT, 0.6, &line).expect("fits");
         for part in [fit.slow, fit.fast].into_iter().flatten() {

@@ -6,11 +6,14 @@
 
 use super::friction::FrictionHistory;
 use super::{Pipeline, PipelineError};
-use crate::analysis::WarmUpFit;
-use crate::anomaly::{Findings, RunSummary};
+use crate::anomaly::RunSummary;
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::detect::detect;
 use crate::store::{AnomalyRow, StaleRobot};
+
+/// Of a longer backlog, conclusions are drawn each time this many runs of a robot have ended: the friction index
+/// is made for the latest two dozen runs, and no run is to be passed over.
+pub const RUNS_AT_ONCE: usize = 12;
 
 /// What the history of a robot says that it did not say before.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,21 +56,20 @@ impl Pipeline {
         let level = reference_level(&summaries, self.config.analysis.reference_speed_fraction);
         let points = self.store.friction_history(robot.robot_id, level).await?;
         let runs = self.store.friction_runs(robot.robot_id).await?;
-        let settings = self.config.detect;
-        let history = tokio::task::spawn_blocking(move || {
-            let friction = FrictionHistory::of_runs(runs, settings.baseline_runs);
-            let mut findings = detect(&summaries, &settings);
-            friction.refine(&mut findings);
-            History { mixed: warm_up_fits(&points), friction, findings }
+        let baseline_runs = self.config.detect.baseline_runs;
+        let (mixed, friction) = tokio::task::spawn_blocking(move || {
+            (warm_up_fits(&points), FrictionHistory::of_runs(runs, baseline_runs))
         })
         .await?;
-        for remark in &history.friction.found.remarks {
+        for remark in &friction.found.remarks {
             tracing::debug!(robot = robot.name, "{remark}");
         }
         let mut conclusion = self.store.conclude(robot.robot_id).await?;
-        conclusion.replace_mixed_fits(&history.mixed).await?;
-        conclusion.replace_friction_maps(&history.friction.run_ids, &history.friction.found).await?;
-        let reconciled = conclusion.reconcile(&history.findings).await?;
+        conclusion.replace_mixed_fits(&mixed).await?;
+        conclusion.replace_friction_maps(&friction.run_ids, &friction.found).await?;
+        // detectors watch the index that was stored just now
+        let findings = detect(&conclusion.run_summaries().await?, &self.config.detect);
+        let reconciled = conclusion.reconcile(&findings).await?;
         conclusion.commit(robot.history).await?;
         let new_anomalies = self.opened(&reconciled.opened).await?;
         Ok(Concluded { robot: robot.name.clone(), new_anomalies })
@@ -81,13 +83,6 @@ impl Pipeline {
         let rows = self.store.anomalies_after(before).await?;
         Ok(rows.into_iter().filter(|row| ids.contains(&row.anomaly_id)).collect())
     }
-}
-
-/// What a robot's history says.
-struct History {
-    mixed: Vec<WarmUpFit>,
-    friction: FrictionHistory,
-    findings: Findings,
 }
 
 /// The speed level that the latest run's warm friction was taken at, the reference itself without one.

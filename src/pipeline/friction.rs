@@ -4,7 +4,6 @@ use std::collections::HashMap;
 
 use super::PipelineError;
 use crate::analysis::FrictionPoint;
-use crate::anomaly::Findings;
 use crate::numerics::friction_index::{MapRun, RobotFriction, robot_friction};
 use crate::numerics::friction_speed::friction_over_speed;
 use crate::robot::JointIndex;
@@ -57,15 +56,5 @@ impl FrictionHistory {
         let (run_ids, runs): (Vec<i64>, Vec<MapRun>) =
             runs.into_iter().map(|run| (run.run_id, run.run)).unzip();
         Self { run_ids, found: robot_friction(&runs, baseline_runs) }
-    }
-
-    /// Gives the joints' health the index at equal thermal state, where the latest run has one.
-    pub fn refine(&self, findings: &mut Findings) {
-        let Some(latest) = self.found.indices.last() else { return };
-        for health in findings.health.iter_mut().filter(|health| !health.learning) {
-            if let Some(found) = latest.iter().find(|found| found.joint == health.joint) {
-                health.friction_index = Some(found.index.value);
-            }
-        }
     }
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use super::figure::{COLOURS, Figure, Key, Look, Mark, Panel, Series, extent};
 use crate::analysis::{FrictionPoint, WarmUpFit};
+use crate::numerics::friction_means::friction_means;
 use crate::numerics::warm_up::warm_up_torque;
 use crate::robot::JointIndex;
 
@@ -73,6 +74,60 @@ pub fn friction_speed_figure(cycles: &[CycleFriction], title: String, subtitle: 
     };
     let legend = shown.iter().enumerate().map(key).collect();
     Figure { title, subtitle, legend, panels: joints.into_iter().map(panel).collect(), columns: 2 }
+}
+
+/// Friction points of one run at one speed level, with the curves fitted to them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunCurves {
+    /// What the run is called, such as `run 3, 2026-01-05`.
+    pub label: String,
+    /// Its points.
+    pub points: Vec<FrictionPoint>,
+    /// Its own fits.
+    pub fits: Vec<WarmUpFit>,
+}
+
+/// Draws friction over time of several runs in one picture, each with its own curve, as thesis figure 5.23 does
+/// with the four tests of a robot: a panel a joint, a colour a run. Of more runs than there are colours the first,
+/// the last and others evenly between them. Points are means of both directions.
+#[must_use]
+pub fn run_comparison_figure(runs: &[RunCurves], title: String, subtitle: String) -> Figure {
+    let shown = evenly(runs, COLOURS.len());
+    let levels: BTreeSet<(JointIndex, u64)> = runs
+        .iter()
+        .flat_map(|run| &run.points)
+        .map(|point| (point.joint, point.speed_fraction.to_bits()))
+        .collect();
+    let panel = |(joint, bits): (JointIndex, u64)| {
+        let level = f64::from_bits(bits);
+        Panel {
+            title: format!("joint {joint}, {:.0} % of the largest speed", 100.0 * level),
+            x_label: "time since the start of the run, min".into(),
+            y_label: "friction, Nm".into(),
+            with_zero: false,
+            series: (shown.iter().enumerate())
+                .flat_map(|(colour, run)| of_run(run, joint, level, colour))
+                .collect(),
+            ..Panel::default()
+        }
+    };
+    let key = |(colour, run): (usize, &&RunCurves)| Key {
+        label: run.label.clone(),
+        look: Look::Series(colour, Mark::LineWithDots),
+    };
+    let legend = shown.iter().enumerate().map(key).collect();
+    Figure { title, subtitle, legend, panels: levels.into_iter().map(panel).collect(), columns: 2 }
+}
+
+fn of_run(run: &RunCurves, joint: JointIndex, level: f64, colour: usize) -> Vec<Series> {
+    let means = friction_means(&run.points, joint, level);
+    let stride = means.len().div_ceil(MAX_POINTS).max(1);
+    let dots = means.iter().step_by(stride).map(|mean| [mean.time / 60.0, mean.torque]).collect();
+    let points: Vec<&FrictionPoint> = run.points.iter().filter(|point| point.joint == joint).collect();
+    let fit = run.fits.iter().find(|fit| fit.joint == joint && fit.speed_fraction.total_cmp(&level).is_eq());
+    let mut series = vec![Series { colour, mark: Mark::Dots, points: dots }];
+    series.extend(fit.and_then(|fit| curve(fit, &points, colour)));
+    series
 }
 
 /// At most `most` of `all`, the first and the last among them.
@@ -190,6 +245,37 @@ mod tests {
             assert!(series.points.len() <= MAX_POINTS);
             assert!(series.points.iter().all(|point| (point[1] - 10.6).abs() < 1e-9));
         }
+    }
+
+    #[test]
+    fn each_run_has_its_colour_its_means_and_its_curve() {
+        let fit = |a: f64| WarmUpFit {
+            joint: JointIndex::new(0),
+            speed_fraction: 0.6,
+            model: WarmUpModel::Constant,
+            a: Estimate { value: a, std_error: 0.0 },
+            slow: None,
+            fast: None,
+            rmsd: 0.0,
+            samples: 4,
+            record: [0.0, 5.0],
+        };
+        let run = |number: usize| RunCurves {
+            label: format!("run {number}"),
+            points: [0.0, 5.0]
+                .into_iter()
+                .flat_map(|minute| [1, -1].map(|sign| point(0, minute, 0.6, sign)))
+                .collect(),
+            fits: vec![fit(10.0 + number as f64)],
+        };
+        let runs: Vec<RunCurves> = (1..=4).map(run).collect();
+        let figure = run_comparison_figure(&runs, "R01".into(), String::new());
+        assert_eq!((figure.legend.len(), figure.panels.len()), (4, 1));
+        let series = &figure.panels[0].series;
+        assert_eq!(series.len(), 8, "dots and a curve of each run");
+        assert_eq!((series[6].mark, series[6].colour, series[6].points.len()), (Mark::Dots, 3, 2));
+        assert!((series[6].points[1][1] - 10.6).abs() < 1e-9);
+        assert!((series[7].points[5][1] - 14.0).abs() < 1e-9);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 
 pub mod figure;
 pub mod friction;
+pub mod friction_index;
 pub mod rmsd;
 mod scale;
 mod svg;

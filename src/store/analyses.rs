@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use sqlx::sqlite::SqliteExecutor;
 use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
-use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number};
+use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number, json_numbers};
 use super::{factors, ledger, models, production};
 use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, JointResidual, Rmsd, TorqueRmsd};
 use crate::robot::{ParameterId, Robot};
@@ -79,8 +79,8 @@ async fn insert_cycle(
     sqlx::query_scalar(
         "INSERT INTO cycle (run_id, number, started_at, duration_s, rows, sample_rate_hz, cutoff_hz, status, reason,
                             remarks, samples, condition_number, scaled_condition_number, residual_std_nm,
-                            estimator)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+                            estimator, mean_speeds_rad_s)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
          ON CONFLICT (run_id, number) DO NOTHING
          RETURNING cycle_id",
     )
@@ -99,6 +99,7 @@ async fn insert_cycle(
     .bind(identification.ok().and_then(|i| finite(i.scaled_condition_number)))
     .bind(identification.ok().and_then(|i| finite(i.residual_std)))
     .bind(analysis.estimator.name())
+    .bind((!analysis.mean_speeds.is_empty()).then(|| json_numbers(&analysis.mean_speeds)))
     .fetch_optional(executor)
     .await
 }

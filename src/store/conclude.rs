@@ -8,9 +8,9 @@ use sqlx::sqlite::SqliteExecutor;
 use sqlx::{Sqlite, Transaction};
 
 use super::anomalies::{self, Reconciled};
-use super::{StoreError, friction, run_analysis};
+use super::{StoreError, friction, history, run_analysis};
 use crate::analysis::WarmUpFit;
-use crate::anomaly::Findings;
+use crate::anomaly::{Findings, RunSummary};
 use crate::numerics::friction_index::RobotFriction;
 
 /// A robot whose conclusions are older than its history.
@@ -55,6 +55,16 @@ impl ConclusionTransaction {
         found: &RobotFriction,
     ) -> Result<(), StoreError> {
         let result = friction::replace_maps(&mut self.transaction, self.robot_id, run_ids, found).await;
+        self.checked(result)
+    }
+
+    /// Reads the summaries of the robot's complete runs, ordered by start, then key, with the friction index that
+    /// was stored last.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn run_summaries(&mut self) -> Result<Vec<RunSummary>, StoreError> {
+        let result = history::run_summaries(&mut *self.transaction, self.robot_id).await;
         self.checked(result)
     }
 

@@ -2,16 +2,17 @@
 
 use std::collections::HashMap;
 
+use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::history;
-use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number, size};
-use crate::analysis::FrictionPoint;
+use super::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, json_numbers, size, time};
 use crate::analysis::friction::{FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient};
+use crate::analysis::{Estimate, FrictionPoint};
 use crate::numerics::cross::independent_fraction;
-use crate::numerics::friction_index::{MapRun, RobotFriction};
-use crate::numerics::thermal::MotionSpan;
+use crate::numerics::friction_index::{CycleMotion, MapRun, RobotFriction};
+use crate::robot::JointIndex;
 
 /// Runs that maps and fits over runs are made of, of a longer history: the first ones, which hold the
 /// baseline, and the latest ones. That bounds the work of a conclusion; what lies between has no later say.
@@ -95,16 +96,21 @@ async fn motion(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
     run_started_at: i64,
-) -> Result<Vec<MotionSpan>, sqlx::Error> {
-    sqlx::query("SELECT started_at, duration_s FROM cycle WHERE run_id = ? ORDER BY started_at")
-        .bind(run_id)
-        .try_map(|row: SqliteRow| {
-            let start = (row.try_get::<i64, _>("started_at")? - run_started_at) as f64 / MICROSECONDS;
-            let duration: f64 = row.try_get("duration_s")?;
-            Ok(MotionSpan { start, end: start + duration, activity: 1.0 })
-        })
-        .fetch_all(executor)
-        .await
+) -> Result<Vec<CycleMotion>, sqlx::Error> {
+    sqlx::query(
+        "SELECT started_at, duration_s, mean_speeds_rad_s FROM cycle WHERE run_id = ? ORDER BY started_at",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        let start = (row.try_get::<i64, _>("started_at")? - run_started_at) as f64 / MICROSECONDS;
+        let duration: f64 = row.try_get("duration_s")?;
+        let speeds: Option<&str> = row.try_get("mean_speeds_rad_s")?;
+        let speeds = speeds.map_or(Ok(Vec::new()), serde_json::from_str);
+        let speeds = speeds.map_err(|error| sqlx::Error::Decode(error.into()))?;
+        Ok(CycleMotion { start, end: start + duration, speeds })
+    })
+    .fetch_all(executor)
+    .await
 }
 
 /// Fraction of independent rows of each cycle of a run, by number; those without a low-pass left out.
@@ -124,6 +130,55 @@ pub(super) async fn independent_fractions(
     .fetch_all(executor)
     .await?;
     Ok(rows.into_iter().collect())
+}
+
+/// The friction index of one joint in one run, with its run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IndexRow {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// Start of the run.
+    pub started_at: Timestamp,
+    /// The joint.
+    pub joint: JointIndex,
+    /// 1 = unchanged.
+    pub index: Estimate,
+    /// Friction as measured against that of the baseline.
+    pub raw: Option<f64>,
+    /// Whether the run was too short for the map.
+    pub short: bool,
+}
+
+/// Indices of a robot's complete runs, by joint, oldest run first.
+pub(super) async fn indices(
+    executor: impl SqliteExecutor<'_>,
+    robot: &str,
+) -> Result<Vec<IndexRow>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, run.started_at, joint, friction_index, friction_index_std_error, raw_index, short_run
+         FROM run
+         JOIN robot USING (robot_id)
+         JOIN run_friction_index USING (run_id)
+         WHERE robot.name = ? AND run.status = 'complete'
+         ORDER BY joint, run.started_at, run.run_id",
+    )
+    .bind(robot)
+    .try_map(|row: SqliteRow| {
+        let std_error: Option<f64> = row.try_get("friction_index_std_error")?;
+        Ok(IndexRow {
+            run_id: row.try_get("run_id")?,
+            started_at: time(&row, "started_at")?,
+            joint: joint(&row, "joint")?,
+            index: Estimate {
+                value: row.try_get("friction_index")?,
+                std_error: std_error.unwrap_or(f64::NAN),
+            },
+            raw: row.try_get("raw_index")?,
+            short: row.try_get("short_run")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
 }
 
 /// Replaces the fits over speed of a run. Call in a transaction.
@@ -249,8 +304,6 @@ async fn insert_law(
 ) -> Result<(), sqlx::Error> {
     const SECONDS: f64 = 60.0;
     let law = &map.law;
-    let covariance: Vec<String> =
-        map.covariance.iter().map(|c| finite(*c).unwrap_or(0.0).to_string()).collect();
     let remarks = (!map.remarks.is_empty()).then(|| map.remarks.join("\n"));
     sqlx::query(
         "INSERT INTO friction_law (robot_id, joint, slow_min, slow_std_error_min, fast_min, fast_std_error_min,
@@ -273,7 +326,7 @@ async fn insert_law(
     .bind(count(map.runs))
     .bind(count(map.points))
     .bind(remarks)
-    .bind(format!("[{}]", covariance.join(",")))
+    .bind(json_numbers(&map.covariance))
     .execute(executor)
     .await?;
     Ok(())
@@ -310,7 +363,8 @@ async fn insert_indices(
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Sqlite>::new(
         "INSERT INTO run_friction_index (run_id, joint, friction_index, friction_index_std_error, ambient_coldness,
-                                         ambient_coldness_std_error, coldness_at_start, points) ",
+                                         ambient_coldness_std_error, coldness_at_start, points, raw_index,
+                                         short_run) ",
     )
     .push_values(rows, |mut row, found| {
         row.push_bind(run_id)
@@ -320,7 +374,9 @@ async fn insert_indices(
             .push_bind(finite(found.ambient.value))
             .push_bind(finite(found.ambient.std_error))
             .push_bind(finite(found.coldness_at_start))
-            .push_bind(count(found.points));
+            .push_bind(count(found.points))
+            .push_bind(finite(found.raw))
+            .push_bind(found.short);
     })
     .build()
     .execute(executor)

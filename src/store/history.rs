@@ -7,7 +7,7 @@ use sqlx::{Row, SqliteConnection};
 
 use super::values::{identified, joint, named, size, time};
 use crate::analysis::{
-    FrictionPoint, GravityRemoval, IdentifiedParameter, JointSummary, RmsdSwing, WarmFriction,
+    Estimate, FrictionPoint, GravityRemoval, IdentifiedParameter, JointSummary, RmsdSwing, WarmFriction,
 };
 use crate::anomaly::RunSummary;
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
@@ -154,9 +154,11 @@ pub(super) async fn run_summaries(
     let rows = sqlx::query(
         "SELECT run.run_id, run.started_at, run.cycles_stored, summary.joint, summary.warm_friction_nm,
                 summary.warm_friction_std_error_nm, summary.warm_minute, summary.warm_speed_fraction,
-                summary.relative_rmsd, summary.rmsd_swing, summary.rmsd_swing_cycles
+                summary.relative_rmsd, summary.rmsd_swing, summary.rmsd_swing_cycles,
+                found.friction_index, found.friction_index_std_error
          FROM run
          LEFT JOIN run_joint_summary AS summary USING (run_id)
+         LEFT JOIN run_friction_index AS found ON found.run_id = summary.run_id AND found.joint = summary.joint
          WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete'
          ORDER BY run.started_at, run.run_id, summary.joint",
     )
@@ -233,6 +235,10 @@ fn joint_summary(row: &SqliteRow) -> Result<JointSummary, sqlx::Error> {
         }
         _ => None,
     };
+    let std_error: Option<f64> = row.try_get("friction_index_std_error")?;
+    let friction_index = row
+        .try_get::<Option<f64>, _>("friction_index")?
+        .map(|value| Estimate { value, std_error: std_error.unwrap_or(f64::NAN) });
     let rmsd_swing = match row.try_get("rmsd_swing")? {
         Some(value) => Some(RmsdSwing { value, cycles: size(row, "rmsd_swing_cycles")? }),
         None => None,
@@ -240,6 +246,7 @@ fn joint_summary(row: &SqliteRow) -> Result<JointSummary, sqlx::Error> {
     Ok(JointSummary {
         joint: joint(row, "joint")?,
         warm_friction,
+        friction_index,
         relative_rmsd: row.try_get("relative_rmsd")?,
         rmsd_swing,
     })

@@ -53,7 +53,7 @@ pub use conclude::{ConclusionTransaction, StaleRobot};
 pub use error::StoreError;
 pub use factors::{FactorsWanted, StoredCycle, StoredModel};
 pub use finish::FinishTransaction;
-pub use friction::{CycleSpeedFits, FrictionRun};
+pub use friction::{CycleSpeedFits, FrictionRun, IndexRow};
 pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use ledger::{Beginning, Identity, KnownRun, Owner, RunTotals};
 pub use models::ModelParameter;
@@ -469,6 +469,14 @@ impl Store {
     pub async fn conclude(&self, robot_id: i64) -> Result<ConclusionTransaction, StoreError> {
         let transaction = self.begin().await?;
         Ok(ConclusionTransaction { transaction, path: Arc::clone(&self.path), robot_id })
+    }
+
+    /// Friction indices of the complete runs of a robot, by joint, oldest run first.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn friction_indices(&self, robot: &str) -> Result<Vec<IndexRow>, StoreError> {
+        self.checked(friction::indices(&self.readers, robot).await)
     }
 
     /// Reads which fraction of the rows of each cycle of a run is independent behind its low-pass, by number

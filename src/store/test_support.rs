@@ -108,6 +108,7 @@ pub(super) fn cycle(number: u32) -> CycleAnalysis {
         duration: 300.25,
         rows: 30_026,
         sample_rate: 100.0,
+        mean_speeds: vec![0.5, 0.25],
         cutoff: 12.5,
         estimator: Estimator::Weighted,
         identification: Ok(Identification {
@@ -258,6 +259,7 @@ fn summary(joint: JointIndex, seed: f64) -> JointSummary {
             minute: 100.0,
             speed_fraction: 0.6,
         }),
+        friction_index: None,
         relative_rmsd: known.then_some(0.05 + seed / 1000.0),
         rmsd_swing: known.then_some(RmsdSwing { value: 0.002, cycles: 24 }),
     }

@@ -42,7 +42,7 @@ async fn views_have_the_promised_columns_in_order() {
         (
             "friction_index",
             "robot run_id started_at joint friction_index friction_index_std_error ambient_coldness \
-             ambient_coldness_std_error coldness_at_start points",
+             ambient_coldness_std_error coldness_at_start points raw_index short_run",
         ),
         ("parameter_statistics", "robot run_id joint parameter window mean min max d_mm d_se sdv"),
         (

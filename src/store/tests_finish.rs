@@ -4,7 +4,10 @@ use sqlx::AssertSqlSafe;
 
 use super::test_support::*;
 use super::{HealthStatus, StoreError};
+use crate::analysis::Estimate;
+use crate::analysis::friction::FrictionIndex;
 use crate::anomaly::{Findings, JointHealth, Severity};
+use crate::numerics::friction_index::RobotFriction;
 use crate::run::RunStatus;
 use crate::testing::er3a;
 
@@ -351,6 +354,41 @@ async fn natural_questions_are_answered_from_indexes() {
             .collect();
         assert!(scans.is_empty(), "{question}: {scans:?} in {plan:?}");
     }
+}
+
+#[tokio::test]
+async fn detectors_get_the_index_of_each_run_and_people_too() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 1).await;
+    let mut found = RobotFriction { indices: vec![Vec::new()], ..RobotFriction::default() };
+    let index = FrictionIndex {
+        joint: joint(2),
+        index: Estimate { value: 1.03, std_error: 0.004 },
+        raw: 1.2,
+        ambient: Estimate { value: 0.1, std_error: 0.02 },
+        coldness_at_start: 0.9,
+        points: 12,
+        short: true,
+    };
+    found.indices[0].push(index);
+    let mut end = store.finish_run(run_id).await.expect("a transaction");
+    end.store_analysis(&run_analysis(1.0)).await.expect("an analysis");
+    end.complete(totals(1)).await.expect("completion");
+    end.commit().await.expect("a commit");
+    let robot = stale(&store, run_id).await;
+    let mut conclusion = store.conclude(robot.robot_id).await.expect("a transaction");
+    conclusion.replace_friction_maps(&[run_id], &found).await.expect("an index");
+    let summaries = conclusion.run_summaries().await.expect("summaries");
+    let known: Vec<_> =
+        summaries[0].joints.iter().filter_map(|of| Some((of.joint, of.friction_index?))).collect();
+    assert_eq!(known, [(joint(2), index.index)]);
+    conclusion.commit(robot.history).await.expect("a commit");
+    let rows = store.friction_indices("R00").await.expect("rows");
+    let [row] = &rows[..] else { panic!("one row: {rows:?}") };
+    assert_eq!(
+        (row.run_id, row.joint, row.index, row.raw, row.short),
+        (run_id, joint(2), index.index, Some(1.2), true)
+    );
 }
 
 async fn reconcile(

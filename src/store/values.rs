@@ -16,6 +16,12 @@ pub(super) fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
+/// Numbers as a JSON array; what is not finite is zero.
+pub(super) fn json_numbers(values: &[f64]) -> String {
+    let texts: Vec<String> = values.iter().map(|value| finite(*value).unwrap_or(0.0).to_string()).collect();
+    format!("[{}]", texts.join(","))
+}
+
 /// A count as SQLite holds it. Nothing counted here comes near the limit.
 pub(super) fn count(value: impl TryInto<i64>) -> i64 {
     value.try_into().unwrap_or(i64::MAX)

@@ -231,6 +231,7 @@ fn what_there_is_nothing_of_is_said() {
         (&["rmsd", "--run", "1", "--joint", "7"], "no joint 7"),
         (&["friction", "--run", "9"], "there is no run 9"),
         (&["friction", "--robot", "Left"], "there are runs of: R00"),
+        (&["friction", "--robot", "R00", "--index"], "R00 has no friction index"),
         (&["friction", "--run", "1", "--joint", "7"], "no friction points of joint 7"),
     ] {
         let output = workshop.run(arguments);
@@ -315,6 +316,7 @@ fn pictures_show_six_panels_and_need_no_other_file() {
         (&["rmsd", "--run", "1"], 6 * 4 * 5),
         (&["friction", "--run", "1", "--speed", "0.6"], 6 * 5 * 2),
         (&["friction", "--run", "1", "--over", "speed"], 6 * 5 * 4),
+        (&["friction", "--run", "1", "--over", "runs"], 6 * 5),
     ] {
         let svg = picture(&workshop, arguments, "a.svg");
         assert!(svg.starts_with("<svg xmlns=") && svg.ends_with("</svg>\n"), "{arguments:?}");

@@ -1,0 +1,91 @@
+//! Detectors over whole simulated histories: the index against warm friction alone.
+
+use jiff::{SignedDuration, Timestamp};
+
+use super::detect::{DetectSettings, detect};
+use super::friction_index_tests::{Arm, BASELINE, JOINTS};
+use crate::analysis::{JointSummary, WarmFriction};
+use crate::anomaly::RunSummary;
+use crate::robot::JointIndex;
+
+const REFERENCE: f64 = 0.6;
+
+/// The history as the detectors get it, with the index or without.
+fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
+    let found = arm.friction();
+    let summary = |i: usize, j: usize| {
+        let joint = JointIndex::new(j);
+        let of_joint: Vec<_> = (arm.runs[i].points.iter())
+            .filter(|p| p.joint == joint && (p.speed_fraction - REFERENCE).abs() < 1e-9)
+            .collect();
+        let warm = &of_joint[of_joint.len() * 2 / 3..];
+        let mean = |of: &dyn Fn(usize) -> f64| (0..warm.len()).map(of).sum::<f64>() / warm.len() as f64;
+        let index = found.indices[i].iter().find(|index| index.joint == joint).map(|index| index.index);
+        JointSummary {
+            joint,
+            warm_friction: Some(WarmFriction {
+                torque: mean(&|k| warm[k].torque.abs()),
+                std_error: f64::NAN,
+                minute: mean(&|k| warm[k].time / 60.0),
+                speed_fraction: REFERENCE,
+            }),
+            friction_index: index.filter(|_| with_index),
+            relative_rmsd: None,
+            rmsd_swing: None,
+        }
+    };
+    (0..arm.runs.len())
+        .map(|i| RunSummary {
+            run_id: i as i64,
+            started_at: Timestamp::UNIX_EPOCH + SignedDuration::from_secs(arm.runs[i].started_at as i64),
+            cycles: 12,
+            joints: (0..JOINTS).map(|j| summary(i, j)).collect(),
+        })
+        .collect()
+}
+
+fn alarms(arm: &Arm, with_index: bool) -> Vec<(usize, i64)> {
+    let found = detect(&summaries(arm, with_index), &DetectSettings::default()).anomalies;
+    found.into_iter().map(|anomaly| (anomaly.joint.index(), anomaly.first_run_id)).collect()
+}
+
+#[test]
+#[ignore = "a minute of histories"]
+fn the_index_raises_no_more_false_alarms_than_warm_friction_in_healthy_fleets() {
+    let (mut by_index, mut by_warm, mut runs) = (0, 0, 0);
+    for (seeds, spread) in [(300..308, 1.5), (308..314, 5.0)] {
+        for seed in seeds {
+            let mut arm = Arm::unlike(seed);
+            arm.go_on(24, spread, [0.0; JOINTS]);
+            by_index += alarms(&arm, true).len();
+            by_warm += alarms(&arm, false).len();
+            runs += (24 - BASELINE) * JOINTS;
+        }
+    }
+    println!(
+        "false alarms in {runs} runs of healthy joints: {by_index} by index, {by_warm} by warm friction"
+    );
+    assert!(by_index <= by_warm && by_index * 500 <= runs, "{by_index} {by_warm}");
+}
+
+#[test]
+#[ignore = "a minute of histories"]
+fn a_wear_ramp_is_found_by_the_index_before_a_tenth_is_lost() {
+    for seed in 320..328 {
+        let joint = usize::try_from(seed).expect("small") % JOINTS;
+        let mut arm = Arm::unlike(seed);
+        arm.go_on(8, 1.5, [0.0; JOINTS]);
+        for step in 1..=12 {
+            let mut wear = [0.0; JOINTS];
+            wear[joint] = 0.01 * f64::from(step);
+            arm.go_on(1, 1.5, wear);
+        }
+        let first = |with_index| {
+            let of_joint = alarms(&arm, with_index).into_iter().filter(|(j, _)| *j == joint);
+            of_joint.map(|(_, run)| run).filter(|run| *run >= 8).min().unwrap_or(20)
+        };
+        let (index, warm) = (first(true), first(false));
+        println!("seed {seed}: ramp from run 8 found at run {index} by index, {warm} by warm friction");
+        assert!(index < 20, "a tenth of wear must be found");
+    }
+}
