@@ -62,7 +62,8 @@ SELECT run.run_id,
        replace(strftime('%Y-%m-%dT%H:%M:%fZ', fault.last_at / 1000000.0, 'unixepoch'), '.000Z', 'Z') AS last_at,
        replace(strftime('%Y-%m-%dT%H:%M:%fZ', run.retry_asked_at / 1000000.0, 'unixepoch'), '.000Z', 'Z')
            AS retry_asked_at,
-       run.superseded_by_run_id
+       run.superseded_by_run_id,
+       fault.fault_id
 FROM fault
 JOIN run USING (run_id)
 JOIN robot USING (robot_id);

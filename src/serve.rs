@@ -1,13 +1,13 @@
 //! HTTP: exports come in, and what became of them can be asked.
 //!
-//! Uploads go to a folder that is watched like any other ([`spool`]), so that they come through the same door
+//! Uploads go to a folder that is watched like any other (`spool`), so that they come through the same door
 //! as files on disk; nothing here reads an export or writes to the database.
 //!
 //! | request | does |
 //! |---|---|
-//! | `PUT /v1/exports/NAME` | takes an export, whole or from where an earlier attempt was cut ([`upload`]) |
+//! | `PUT /v1/exports/NAME` | takes an export, whole or from where an earlier attempt was cut (`upload`) |
 //! | `HEAD /v1/exports/NAME` | says in `Upload-Offset` how much of it is there |
-//! | `GET /v1/exports/HASH` | says what became of a content ([`status`]) |
+//! | `GET /v1/exports/HASH` | says what became of a content (`status`) |
 //! | `GET /health`, `/ready` | whether the process lives, and whether it can work |
 //!
 //! Everything that a client can make large is bounded: connections, uploads, headers, bytes, time.

@@ -68,7 +68,7 @@ pub(super) async fn take_all(
         if let Outcome::Stored(run) = &outcome {
             let runs = ended.entry(run.robot.clone()).or_default();
             *runs += 1;
-            if *runs % RUNS_AT_ONCE == 0
+            if runs.is_multiple_of(RUNS_AT_ONCE)
                 && let Some(concluded) = pipeline.conclude_named(&run.robot).await?
             {
                 print_conclusions(&concluded, as_json);

@@ -411,7 +411,7 @@ mod tests {
                 std::io::repeat(0).take(0).chain(std::io::Cursor::new(bytes)).chain(std::io::repeat(b'7'));
             Blocks::new(endless, BLOCK_BYTES, TextEncoding::Auto).next_line(path).unwrap_err().reason
         };
-        assert_eq!(reason(b"7".to_vec()), "a line longer than 1024 KiB");
+        assert_eq!(&*reason(b"7".to_vec()), "a line longer than 1024 KiB");
         assert!(reason(b"77\r77".to_vec()).starts_with("lines that end with carriage"));
         assert!(reason(b"777\0".to_vec()).starts_with("NUL bytes"));
         let mut cutter = Blocks::new((&b"time\n1\n"[..]).chain(std::io::repeat(0)), 10, TextEncoding::Auto);

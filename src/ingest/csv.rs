@@ -199,7 +199,7 @@ impl<R: Read> ExportReader<R> {
         let Some(line) = rejection.line else { return rejection };
         let before = start_of_line(block, line).and_then(|at| block.bytes.get(..at)).unwrap_or_default();
         rejection = rejection.at_byte(block.first_byte + block.encoding.bytes_in_file(before));
-        if self.header_line.is_some_and(|header| header + 1 == line) && rejection.reason == "not a number" {
+        if self.header_line.is_some_and(|header| header + 1 == line) && &*rejection.reason == "not a number" {
             rejection.remedy =
                 "if this line gives units or types, set skip_after_header = 1 in the layout".into();
         }

@@ -114,7 +114,7 @@ fn time_is_compared_over_chunks_and_reading_ends_at_the_rejection() {
             ExportReader::new(twice.as_bytes(), Path::new("a.csv"), &native(), &er3a(), options).unwrap();
         let rejection = reader.find_map(Result::err).expect("time runs backwards");
         assert_eq!((rejection.line, rejection.value.as_deref()), (Some(202), Some("0")));
-        assert_eq!(rejection.reason, "earlier than 0.398 in the row before: time runs backwards");
+        assert_eq!(&*rejection.reason, "earlier than 0.398 in the row before: time runs backwards");
         assert!(reader.next().is_none());
     }
 }

@@ -113,7 +113,7 @@ struct Row<'a> {
 }
 
 impl Row<'_> {
-    fn rejection(&self, reason: impl Into<String>) -> Rejection {
+    fn rejection(&self, reason: impl Into<Box<str>>) -> Rejection {
         Rejection::of_file(self.path, reason, CELL_REMEDY)
     }
 
@@ -256,7 +256,7 @@ impl Row<'_> {
         });
         rejection.remedy = match began_anew(before.recorded, recorded).filter(|_| backwards) {
             Some(period) => {
-                format!("if this is a counter that began anew, set wraps_at = {period} under [time]")
+                format!("if this is a counter that began anew, set wraps_at = {period} under [time]").into()
             }
             None => "export the recording again in one piece, with a finer time if needed".into(),
         };

@@ -1,12 +1,13 @@
 //! The lines of an export around a place, to show a person what was not understood.
 
-use std::io::{self, BufRead, BufReader};
+use std::io::{self, BufRead, BufReader, Read};
 use std::ops::Range;
 use std::path::Path;
 
-use super::encoding::without_bom;
+use super::encoding::{Found, TextReader};
 use super::rejection::Rejection;
 use super::source;
+use crate::config::TextEncoding;
 
 /// Longest part of a line that is kept. Lines that are longer are refused by the reader, and a file
 /// without line ends must not fill the memory.
@@ -49,14 +50,14 @@ pub fn excerpt(
     column: Option<&str>,
     around: u64,
 ) -> Result<Option<Excerpt>, Rejection> {
-    let mut reader = BufReader::new(source::open(path)?);
+    let mut reader = BufReader::new(TextReader::new(source::open(path)?, TextEncoding::Auto));
     let (mut header, mut kept, mut place_at) = (None, Vec::new(), None);
     let (mut byte, mut number) = (0_u64, 1_u64);
     let mut bytes = Vec::new();
     // a stream that breaks off is shown as far as it goes
     while let Ok(length @ 1..) = next_line(&mut reader, &mut bytes) {
         if header.is_none() && !bytes.trim_ascii().is_empty() {
-            header = Some(String::from_utf8_lossy(without_bom(&bytes)).into_owned());
+            header = Some(String::from_utf8_lossy(&bytes).into_owned());
         }
         if number.saturating_add(around) >= line {
             if number == line {
@@ -71,13 +72,16 @@ pub fn excerpt(
         number += 1;
     }
     let Some((place, line_byte)) = place_at else { return Ok(None) };
+    let (found, mark) = (reader.get_ref().found(), reader.get_ref().mark_bytes());
     let cell = match (&header, column, kept.get(place)) {
         (Some(header), Some(column), Some(line)) => cell(header, column, line),
         _ => None,
     };
     let first_line = line - place as u64;
     Ok(Some(Excerpt {
-        byte: line_byte + cell.as_ref().map_or(0, |cell| cell.start as u64),
+        byte: mark
+            + line_byte
+            + cell.as_ref().map_or(0, |cell| bytes_before(kept.get(place), cell.start, found)),
         first_line,
         cell: cell.and_then(|cell| kept.get(place).map(|line| in_characters(line, &cell))),
         lines: kept.iter().map(|line| String::from_utf8_lossy(line).into_owned()).collect(),
@@ -85,11 +89,23 @@ pub fn excerpt(
     }))
 }
 
-/// Takes a line into `line`, without its end, and returns its length with it: 0 at the end of the file.
-fn next_line(reader: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<u64> {
+/// Bytes that the text before `end` takes in the file.
+fn bytes_before(line: Option<&Vec<u8>>, end: usize, found: Found) -> u64 {
+    line.and_then(|line| line.get(..end)).map_or(0, |text| found.bytes_in_file(text))
+}
+
+/// Takes a line into `line`, without its end, and returns the bytes that it takes in the file with it: 0 at the
+/// end of the file.
+fn next_line<R: Read>(reader: &mut BufReader<TextReader<R>>, line: &mut Vec<u8>) -> io::Result<u64> {
     line.clear();
     let mut length = 0_u64;
     loop {
+        match reader.fill_buf() {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            filled => filled?,
+        };
+        let found = reader.get_ref().found();
+        // the same bytes once more
         let available = reader.fill_buf()?;
         if available.is_empty() {
             break;
@@ -98,8 +114,8 @@ fn next_line(reader: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<u64> {
         let taken = end.map_or(available.len(), |end| end + 1);
         let room = MAX_KEPT_BYTES.saturating_sub(line.len());
         line.extend_from_slice(&available[..taken.min(room)]);
+        length += found.bytes_in_file(&available[..taken]);
         reader.consume(taken);
-        length += taken as u64;
         if end.is_some() {
             break;
         }
@@ -144,6 +160,10 @@ mod tests {
     use super::*;
 
     fn of(text: &str, line: u64, column: Option<&str>, around: u64) -> Option<Excerpt> {
+        of_bytes(text.as_bytes(), line, column, around)
+    }
+
+    fn of_bytes(text: &[u8], line: u64, column: Option<&str>, around: u64) -> Option<Excerpt> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.csv");
         std::fs::write(&path, text).unwrap();
@@ -162,6 +182,18 @@ mod tests {
                 found.lines[1].chars().collect::<Vec<_>>()[found.cell.unwrap()].iter().collect();
             assert_eq!(shown, cell);
         }
+    }
+
+    #[test]
+    fn the_byte_is_that_of_the_file_in_other_encodings() {
+        let text = "time;größe\n0;1\n1;abc\n";
+        let wide: Vec<u8> = ["\u{feff}", text].concat().encode_utf16().flat_map(u16::to_le_bytes).collect();
+        let found = of_bytes(&wide, 3, Some("größe"), 0).unwrap();
+        assert_eq!((found.lines, found.cell), (vec!["1;abc".to_owned()], Some(2..5)));
+        assert_eq!(&wide[usize::try_from(found.byte).unwrap()..][..4], b"a\0b\0");
+        let narrow: Vec<u8> = text.chars().map(|c| u8::try_from(u32::from(c)).unwrap()).collect();
+        let found = of_bytes(&narrow, 3, Some("größe"), 0).unwrap();
+        assert_eq!(&narrow[usize::try_from(found.byte).unwrap()..][..3], b"abc");
     }
 
     #[test]

@@ -84,7 +84,7 @@ fn files_without_rows() {
 fn missing_columns_are_named_with_the_nearest_spelling() {
     let rejection = rejected("missing_column.csv");
     assert_eq!((rejection.line, rejection.column.as_deref()), (Some(1), Some("trq_3")));
-    assert_eq!(rejection.reason, "missing column");
+    assert_eq!(&*rejection.reason, "missing column");
     assert!(rejection.remedy.contains("the export has time, pos_1, pos_2,"), "{rejection}");
     assert!(rejection.remedy.contains("trq_2, torque_3, trq_4"), "{rejection}");
 
@@ -285,9 +285,9 @@ fn times_in_other_units_and_as_timestamps() {
     // 131 s in doubles are 3e-14 s apart.
     assert!(times.iter().zip(&native().time).all(|(a, b)| (a - b).abs() < 1e-12), "{times:?}");
     let said = read("wrapping_ticks.csv", TimeSource::Column(ticks())).unwrap_err();
-    assert_eq!(said.remedy, "if this is a counter that began anew, set wraps_at = 65536 under [time]");
+    assert_eq!(&*said.remedy, "if this is a counter that began anew, set wraps_at = 65536 under [time]");
     let said = read("native.csv", TimeSource::Timestamp(column())).unwrap_err();
-    assert_eq!((said.line, said.reason.as_str()), (Some(2), "not a date and time"));
+    assert_eq!((said.line, &*said.reason), (Some(2), "not a date and time"));
 }
 
 /// Each line of these files has a known length, so the byte of a line is known too.

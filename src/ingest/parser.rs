@@ -366,7 +366,7 @@ mod tests {
             if let Some(samples) = fast {
                 prop_assert_eq!(Ok(samples), exact);
             } else if let Err(rejection) = exact {
-                prop_assert_ne!(rejection.reason, "numbers that cannot be read reliably");
+                prop_assert_ne!(&*rejection.reason, "numbers that cannot be read reliably");
             }
         }
     }

@@ -24,9 +24,9 @@ pub struct Rejection {
     /// What stands there.
     pub value: Option<Box<str>>,
     /// What is wrong, short; where there is a value, it completes the sentence "value is ..".
-    pub reason: String,
+    pub reason: Box<str>,
     /// What to do.
-    pub remedy: String,
+    pub remedy: Box<str>,
     /// Whether the system refused to read the file, which says nothing of its content: it is read again later.
     pub is_passing: bool,
 }
@@ -34,7 +34,7 @@ pub struct Rejection {
 impl Rejection {
     /// A rejection of the file as a whole.
     #[must_use]
-    pub fn of_file(path: &Path, reason: impl Into<String>, remedy: impl Into<String>) -> Self {
+    pub fn of_file(path: &Path, reason: impl Into<Box<str>>, remedy: impl Into<Box<str>>) -> Self {
         Self {
             path: path.into(),
             line: None,
@@ -77,7 +77,7 @@ impl Rejection {
 
     /// A rejection that was stored earlier as its [`Rejection::sentence`].
     #[must_use]
-    pub fn stored(path: &Path, sentence: impl Into<String>) -> Self {
+    pub fn stored(path: &Path, sentence: impl Into<Box<str>>) -> Self {
         Self::of_file(path, sentence, "")
     }
 

@@ -273,22 +273,22 @@ mod tests {
     #[test]
     fn other_archives_are_named() {
         let rejection = read(&case("a.csv", b"PK\x03\x04....").path).unwrap_err();
-        assert_eq!(rejection.reason, "a zip archive or spreadsheet, not a CSV export");
+        assert_eq!(&*rejection.reason, "a zip archive or spreadsheet, not a CSV export");
     }
 
     #[test]
     fn only_regular_files_are_opened() {
         let folder = tempfile::tempdir().unwrap();
         let reason = |path: &Path| open(path).err().unwrap().reason;
-        assert_eq!(reason(folder.path()), "a folder, not a regular file");
-        assert_eq!(reason(&folder.path().join("none.csv")), "no such file");
+        assert_eq!(&*reason(folder.path()), "a folder, not a regular file");
+        assert_eq!(&*reason(&folder.path().join("none.csv")), "no such file");
         #[cfg(unix)]
         {
             let special = "a special file (pipe, socket or device), not a regular file";
-            assert_eq!(reason(Path::new("/dev/zero")), special);
+            assert_eq!(&*reason(Path::new("/dev/zero")), special);
             let socket = folder.path().join("socket.csv");
             let _bound = std::os::unix::net::UnixListener::bind(&socket).unwrap();
-            assert_eq!(reason(&socket), special);
+            assert_eq!(&*reason(&socket), special);
             let link = folder.path().join("link.csv");
             let target = case("a.csv", TEXT);
             std::os::unix::fs::symlink(&target.path, &link).unwrap();
@@ -301,7 +301,7 @@ mod tests {
         let mut stream = Limited { inner: io::repeat(b'0'), left: 100_000, most: 100_000 };
         let error = io::copy(&mut stream, &mut io::sink()).unwrap_err();
         let rejection = Rejection::from_io(Path::new("bomb.csv.gz"), &error);
-        assert_eq!(rejection.reason, "more than 100000 bytes after decompression");
+        assert_eq!(&*rejection.reason, "more than 100000 bytes after decompression");
         let mut exact = Limited { inner: io::repeat(b'0').take(100_000), left: 100_000, most: 100_000 };
         assert_eq!(io::copy(&mut exact, &mut io::sink()).unwrap(), 100_000);
     }

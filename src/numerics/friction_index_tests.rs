@@ -232,7 +232,7 @@ fn largest(changes: &[f64]) -> f64 {
 fn the_explained_share_is_that_of_a_known_truth() {
     // every other run ends worn by 6 % of joint 1, by itself as large as what an even hall leaves
     let mut arm = Arm::new(70);
-    let wear = |run: usize| if run >= BASELINE && run % 2 == 0 { 0.06 } else { 0.0 };
+    let wear = |run: usize| if run >= BASELINE && run.is_multiple_of(2) { 0.06 } else { 0.0 };
     for run in 0..12 {
         arm.rest(20.0 * HOUR, 0.0);
         arm.run(0.0, [wear(run), 0.0, 0.0, 0.0, 0.0, 0.0]);

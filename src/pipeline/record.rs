@@ -131,12 +131,12 @@ pub(super) async fn write_down(
     let excerpt = tokio::task::spawn_blocking(move || excerpt::of_rejection(&place, 0)).await?;
     let fault = Fault {
         reason: rejection.sentence(),
-        problem: rejection.reason.clone(),
+        problem: rejection.reason.to_string(),
         line: rejection.line,
         column: rejection.column.as_deref().map(str::to_owned),
         byte: excerpt.map(|excerpt| excerpt.byte),
         value: rejection.value.as_deref().map(str::to_owned),
-        remedy: rejection.remedy.clone(),
+        remedy: rejection.remedy.to_string(),
     };
     Ok(pipeline.store().quarantine(header, &fault).await?)
 }

@@ -187,7 +187,7 @@ pub(super) async fn rows(executor: impl SqliteExecutor<'_>) -> Result<Vec<Quaran
         "SELECT run_id, robot, source_name, source_path, state, problem, line, column_name, byte, value, remedy,
                 cycles_stored, tries, first_at, last_at, retry_asked_at, superseded_by_run_id
          FROM quarantine
-         ORDER BY run_id DESC, last_at DESC",
+         ORDER BY run_id DESC, last_at DESC, fault_id DESC",
     )
     .try_map(|row: SqliteRow| {
         let asked: Option<&str> = row.try_get("retry_asked_at")?;

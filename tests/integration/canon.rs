@@ -5,8 +5,8 @@ use std::path::Path;
 use crate::support::query;
 
 /// Every row of every public view, sorted. Runs are named by robot, export and content instead of their number,
-/// and anomalies have no number: both follow the order in which files come to their turn. Nothing else is left
-/// out: no view holds a time of the machine.
+/// and anomalies and faults have no number: these follow the order in which files come to their turn. Left out is also
+/// how often and when a fault was met: that tells what the program went through, not what it concludes.
 pub fn canonical_dump(database: &Path) -> String {
     let mut dump = String::new();
     for view in query(database, "SELECT name FROM sqlite_schema WHERE type = 'view' ORDER BY name") {
@@ -19,7 +19,12 @@ pub fn canonical_dump(database: &Path) -> String {
 
 fn canonical_select(database: &Path, view: &str) -> String {
     let columns = query(database, &format!("SELECT name FROM pragma_table_info('{view}')"));
-    let cells = columns.iter().filter(|column| *column != "anomaly_id").map(|column| {
+    let of_history = |column: &str| {
+        view == "quarantine" && ["tries", "first_at", "last_at", "retry_asked_at"].contains(&column)
+    };
+    let numbers = ["anomaly_id", "fault_id"];
+    let compared = columns.iter().filter(|column| !numbers.contains(&column.as_str()) && !of_history(column));
+    let cells = compared.map(|column| {
         if column.ends_with("run_id") {
             format!(
                 "(SELECT robot || ' ' || source_name || ' ' || ifnull(content_hash, 'unfinished') FROM runs
