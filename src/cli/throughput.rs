@@ -19,7 +19,7 @@ use crate::simulate::{SimulationSettings, simulate_run};
 const LOOK: Duration = Duration::from_millis(5);
 /// Small exports that are simulated; the others are these with other times.
 const DISTINCT_SMALL: u32 = 8;
-/// Start of the first of them.
+/// Start of the first simulated export.
 const FIRST_START: &str = "2026-01-05T08:47:00Z";
 /// Shift of time between two small exports of one origin, s.
 const SHIFT_S: f64 = 0.001;
@@ -234,11 +234,14 @@ fn simulated(folder: &Path, cycles: u32, rate_hz: f64) -> Result<PathBuf, CliErr
     Ok(made.map_err(|error| CliError::Usage(error.to_string()))?.export)
 }
 
+fn first_start() -> Result<Timestamp, CliError> {
+    FIRST_START.parse().map_err(|error| CliError::Internal(format!("{FIRST_START}: {error}")))
+}
+
 /// Writes `count` exports of one cycle each, a day apart.
 fn write_small(folder: &Path, count: u32) -> Result<(), CliError> {
     output::note(&format!("writing {count} small exports"));
-    let first_start: Timestamp =
-        FIRST_START.parse().map_err(|error| CliError::Internal(format!("{FIRST_START}: {error}")))?;
+    let first_start = first_start()?;
     let settings =
         SimulationSettings { cycles: 1, warming_s: 5.0, first_start, ..SimulationSettings::default() };
     let robot = shipped_robot()?;

@@ -119,6 +119,9 @@ fn the_ingest_benchmark_measures_two_programs_on_the_same_rows() {
     #[cfg(target_os = "linux")]
     assert!(figure("ingest", "peak_mb") > 1.0, "{out}");
 
+    let simulated = ["benchmark", "ingest", "--cycles", "1", "--rate-hz", "20", "--rounds", "1", "--json"];
+    assert!(workshop.stdout(&simulated, 0).contains("\"ratio\""));
+
     let out = workshop.stdout(&["benchmark", "ingest", "--small-files", "8", "--json"], 0);
     let value: serde_json::Value = serde_json::from_str(&out).expect("one object");
     let counts: Vec<&serde_json::Value> =
