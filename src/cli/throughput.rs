@@ -229,7 +229,12 @@ fn best(costs: &[Cost]) -> Cost {
 
 fn simulated(folder: &Path, cycles: u32, rate_hz: f64) -> Result<PathBuf, CliError> {
     output::note(&format!("simulating {cycles} cycles at {rate_hz} Hz"));
-    let settings = SimulationSettings { cycles, sample_rate_hz: rate_hz, ..SimulationSettings::full_test() };
+    let settings = SimulationSettings {
+        cycles,
+        sample_rate_hz: rate_hz,
+        first_start: first_start()?,
+        ..SimulationSettings::full_test()
+    };
     let made = simulate_run(&shipped_robot()?, &settings, 0, folder, &mut |_| ());
     Ok(made.map_err(|error| CliError::Usage(error.to_string()))?.export)
 }
