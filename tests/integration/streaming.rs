@@ -266,6 +266,7 @@ fn a_file_written_over_is_superseded_and_kept() {
     assert_eq!(workshop.query(runs), ["1|superseded|2|2", "2|complete|3|"]);
     let reason = workshop.query("SELECT reason FROM runs WHERE run_id = 1");
     assert_eq!(reason, ["superseded by run 2: the recording was exported again"]);
+    workshop.wait_for_conclusions();
     let fits = workshop.query("SELECT SUM(samples) FROM warmup_fits WHERE run_id IS NULL");
     let alone =
         workshop.query("SELECT SUM(samples) FROM warmup_fits WHERE run_id = 2 AND speed_fraction = 0.6");

@@ -135,6 +135,11 @@ impl Workshop {
         }
     }
 
+    /// Waits until what every robot's history says stands on all of its complete runs.
+    pub fn wait_for_conclusions(&self) {
+        self.wait_for("SELECT COUNT(*) FROM robot WHERE history <> concluded", 0);
+    }
+
     /// As [`Workshop::dump`], comparable with that of a database that was filled in another order.
     pub fn canonical_dump(&self) -> String {
         canonical_dump(&self.path("armwatch.db"))
@@ -142,6 +147,7 @@ impl Workshop {
 
     /// Every row of every public view, in a fixed order.
     pub fn dump(&self) -> String {
+        self.wait_for_conclusions();
         let mut dump = String::new();
         for (view, order) in VIEWS {
             dump.push_str(&format!("# {view}\n"));
