@@ -118,6 +118,17 @@ impl Samples {
         }
     }
 
+    /// Gives back memory beyond what the rows need. Channels that grew piece by piece hold up to twice that.
+    pub fn shrink_to_fit(&mut self) {
+        self.time.shrink_to_fit();
+        let channels = self.position.iter_mut().chain(self.velocity.iter_mut().flatten());
+        channels.chain(&mut self.torque).for_each(Vec::shrink_to_fit);
+        self.stage.shrink_to_fit();
+        self.stage_level.iter_mut().for_each(Vec::shrink_to_fit);
+        self.cycle.iter_mut().for_each(Vec::shrink_to_fit);
+        self.friction_signal.iter_mut().for_each(Vec::shrink_to_fit);
+    }
+
     /// Takes away and returns the first `rows` rows; the rest stays.
     pub fn take_front(&mut self, rows: usize) -> Self {
         let rest = Self {

@@ -94,7 +94,7 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     let kept = &method.base.kept_columns;
     let factored = factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, samples);
     analysis.identification = identify_excitation(method, &factored, &conditioned, &jumps, samples);
-    doubt_model(method, samples, &conditioned, &factored, &mut analysis);
+    doubt_model(method, samples, (&conditioned, &jumps), &factored, &mut analysis);
     let model = analysis.identification.as_ref().ok().map(|found| {
         let parameters = found.parameters.iter().map(|p| (p.id, p.value));
         DynamicModel::from_parameters(&method.robot, parameters)
@@ -157,7 +157,7 @@ fn judge(findings: Vec<Finding>, remarks: &mut Vec<String>) -> Result<(), String
 fn doubt_model(
     method: &Method,
     samples: &Samples,
-    conditioned: &Conditioned,
+    (conditioned, jumps): (&Conditioned, &[Jump]),
     factored: &Factored,
     analysis: &mut CycleAnalysis,
 ) {
@@ -181,6 +181,7 @@ fn doubt_model(
         columns: &method.columns,
         kept_columns: &method.base.kept_columns,
         conditioned,
+        jumps,
         excitation: &rows,
         identified: &doubted,
         verification: &verification,

@@ -229,19 +229,24 @@ impl<'a> View<'a> {
         &self.robot.joints[joint.index()]
     }
 
+    /// Pieces of a channel that may be used.
+    fn pieces<'c>(&'c self, channel: &'c [f64]) -> impl Iterator<Item = &'c [f64]> + 'c {
+        self.conditioned.usable.iter().map(move |stretch| &channel[stretch.clone()])
+    }
+
     fn rms(&self, channel: &[f64]) -> f64 {
-        (self.rows.iter().map(|&row| channel[row] * channel[row]).sum::<f64>() / self.rows.len() as f64)
-            .sqrt()
+        self.product(channel, channel).sqrt()
     }
 
     fn product(&self, a: &[f64], b: &[f64]) -> f64 {
-        self.rows.iter().map(|&row| a[row] * b[row]).sum::<f64>() / self.rows.len() as f64
+        let of_piece = |(a, b): (&[f64], &[f64])| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        self.pieces(a).zip(self.pieces(b)).map(of_piece).sum::<f64>() / self.rows.len() as f64
     }
 
     fn extent(&self, channel: &[f64]) -> [f64; 2] {
-        self.rows.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &row| {
-            [low.min(channel[row]), high.max(channel[row])]
-        })
+        self.pieces(channel)
+            .flatten()
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &x| [low.min(x), high.max(x)])
     }
 }
 

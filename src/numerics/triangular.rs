@@ -151,10 +151,18 @@ impl TriangularFactor {
     /// If `kept` names a column that there is not.
     #[must_use]
     pub fn restricted(&self, kept: &[usize]) -> Self {
-        let b = self.columns();
-        let columns: Vec<usize> = kept.iter().copied().chain([b]).collect();
+        self.selected(kept, self.columns())
+    }
+
+    /// The same with the column `right` of `[w | tau]` in place of the torque.
+    ///
+    /// # Panics
+    /// If a column is named that there is not.
+    #[must_use]
+    pub fn selected(&self, kept: &[usize], right: usize) -> Self {
+        let columns: Vec<usize> = kept.iter().copied().chain([right]).collect();
         let mut own = Self::new(kept.len());
-        own.fold(Mat::from_fn(b + 1, columns.len(), |i, k| self.r[(i, columns[k])]).as_ref());
+        own.fold(Mat::from_fn(self.r.nrows(), columns.len(), |i, k| self.r[(i, columns[k])]).as_ref());
         own.rows = self.rows;
         own
     }

@@ -66,7 +66,10 @@ impl RowCutter {
             .stages
             .push(samples)
             .map_err(|error| Rejection::of_file(&self.path, error.to_string(), ""))?;
-        self.cutter.push(staged).map_err(|error| not_cut(&self.path, &error))
+        let mut cycles = self.cutter.push(staged).map_err(|error| not_cut(&self.path, &error))?;
+        // several wait for analysis
+        cycles.iter_mut().for_each(|cycle| cycle.samples.shrink_to_fit());
+        Ok(cycles)
     }
 
     /// Ends the export and gives its last cycles. Nothing is left to cut.

@@ -382,8 +382,9 @@ async fn analyse_in_order(
     mut cycles: mpsc::Receiver<CutCycle>,
     to_record: mpsc::Sender<InAnalysis>,
 ) {
-    while let Some(CutCycle { cycle, read }) = cycles.recv().await {
-        let Ok(turn) = to_record.reserve().await else { return };
+    // a cycle is not taken over before it is its turn: those that wait fill the memory
+    while let Ok(turn) = to_record.reserve().await {
+        let Some(CutCycle { cycle, read }) = cycles.recv().await else { return };
         let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
         let work = work.clone();
         let analysis = tokio::task::spawn_blocking(move || {

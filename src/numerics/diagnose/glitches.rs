@@ -42,17 +42,18 @@ fn spike(
     least: f64,
 ) -> Option<Finding> {
     let stride = view.rows.len().div_ceil(RANGE_ROWS).max(1);
-    let mut sorted: Vec<f64> = view.rows.iter().step_by(stride).map(|&row| channel[row]).collect();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let at = |part: f64| sorted[((sorted.len() - 1) as f64 * part) as usize];
+    let mut some: Vec<f64> = view.rows.iter().step_by(stride).map(|&row| channel[row]).collect();
+    let last = (some.len() - 1) as f64;
+    let mut at = |part: f64| *some.select_nth_unstable_by((last * part) as usize, f64::total_cmp).1;
     let (low, high) = (at(TAIL), at(1.0 - TAIL));
     let reach = BEYOND * (high - low).max(least);
     let beyond = |value: f64| (low - value).max(value - high);
-    let worst =
-        view.rows.iter().copied().max_by(|&a, &b| beyond(channel[a]).total_cmp(&beyond(channel[b])))?;
-    if reach <= 0.0 || beyond(channel[worst]) <= reach {
+    let [lowest, highest] = view.extent(channel);
+    if reach <= 0.0 || beyond(lowest).max(beyond(highest)) <= reach {
         return None;
     }
+    let worst =
+        view.rows.iter().copied().max_by(|&a, &b| beyond(channel[a]).total_cmp(&beyond(channel[b])))?;
     let rows = view.rows.iter().filter(|&&row| beyond(channel[row]) > reach).count();
     let unit = match (name, view.joint(joint).kind) {
         ("position", JointKind::Revolute) => "rad",

@@ -23,9 +23,10 @@ struct Explained {
     friction_power: f64,
 }
 
-/// `tau_i = c + b cos q_j + s sin q_j + I qdd_j + f sign(qd_j) + v qd_j`, over the rows in which joint
-/// `j` moves.
-fn explain(view: &View<'_>, torque: usize, joint: JointIndex) -> Option<Explained> {
+/// `tau_i = c + b cos q_j + s sin q_j + I qdd_j + f sign(qd_j) + v qd_j` for each torque `i`, `[n]`, over the rows in
+/// which joint `j` moves.
+fn explain(view: &View<'_>, joint: JointIndex) -> Vec<Option<Explained>> {
+    const OWN: [usize; 6] = [0, 1, 2, 3, 4, 5];
     let j = joint.index();
     let Conditioned { q, qd, qdd, tau, .. } = view.conditioned;
     let low = view.joint(joint).low_speed;
@@ -39,34 +40,39 @@ fn explain(view: &View<'_>, torque: usize, joint: JointIndex) -> Option<Explaine
         3 => qdd[j][row],
         4 => qd[j][row].signum(),
         5 => qd[j][row],
-        _ => tau[torque][row],
+        _ => tau[k - OWN.len()][row],
     };
-    let mut factor = TriangularFactor::new(6);
-    factor.fold(faer::Mat::from_fn(rows.len(), 7, |i, k| column(rows[i], k)).as_ref());
-    let solved = factor.solve(1e6, |k| k.to_string()).ok()?;
+    let mut factor = TriangularFactor::new(OWN.len() + tau.len() - 1);
+    factor.fold(faer::Mat::from_fn(rows.len(), OWN.len() + tau.len(), |i, k| column(rows[i], k)).as_ref());
     let count = rows.len() as f64;
-    let mean = rows.iter().map(|&row| tau[torque][row]).sum::<f64>() / count;
-    let variance = rows.iter().map(|&row| (tau[torque][row] - mean).powi(2)).sum::<f64>() / count;
     let speed = (rows.iter().map(|&row| qd[j][row].powi(2)).sum::<f64>() / count).sqrt();
-    let power =
-        rows.iter().map(|&row| qd[j][row].abs() * (solved.theta[4] + solved.theta[5] * qd[j][row].abs()));
-    let scale = variance.sqrt() * speed;
-    (scale > 0.0).then(|| Explained {
-        share: 1.0 - solved.residual_sum_of_squares / (count * variance),
-        friction_power: power.sum::<f64>() / count / scale,
-    })
+    let of_torque = |torque: usize| {
+        let solved = factor.selected(&OWN, OWN.len() + torque).solve(1e6, |k| k.to_string()).ok()?;
+        let mean = rows.iter().map(|&row| tau[torque][row]).sum::<f64>() / count;
+        let variance = rows.iter().map(|&row| (tau[torque][row] - mean).powi(2)).sum::<f64>() / count;
+        let friction = |speed: f64| speed * (solved.theta[4] + solved.theta[5] * speed);
+        let power = rows.iter().map(|&row| friction(qd[j][row].abs())).sum::<f64>();
+        let scale = variance.sqrt() * speed;
+        (scale > 0.0).then(|| Explained {
+            share: 1.0 - solved.residual_sum_of_squares / (count * variance),
+            friction_power: power / count / scale,
+        })
+    };
+    (0..tau.len()).map(of_torque).collect()
 }
 
 /// Torques with the wrong sign or of another joint.
 pub(super) fn torques(view: &View<'_>, joints: &[JointIndex], known: &[Finding]) -> Vec<Finding> {
     let mut found = Vec::new();
+    let mut by_motion = vec![Vec::new(); view.robot.joint_count()];
+    joints.iter().for_each(|&joint| by_motion[joint.index()] = explain(view, joint));
+    let of = |torque: JointIndex, joint: JointIndex| by_motion[joint.index()][torque.index()];
     let own: Vec<(JointIndex, Explained)> =
-        joints.iter().filter_map(|&joint| Some((joint, explain(view, joint.index(), joint)?))).collect();
+        joints.iter().filter_map(|&joint| Some((joint, of(joint, joint)?))).collect();
     let mut swapped = Vec::new();
     for (at, &(a, own_a)) in own.iter().enumerate() {
         for &(b, own_b) in &own[at + 1..] {
-            let crossed = (explain(view, a.index(), b), explain(view, b.index(), a));
-            let (Some(a_by_b), Some(b_by_a)) = crossed else { continue };
+            let (Some(a_by_b), Some(b_by_a)) = (of(a, b), of(b, a)) else { continue };
             if a_by_b.share > own_a.share + EXPLAINED_GAP && b_by_a.share > own_b.share + EXPLAINED_GAP {
                 swapped.extend([a, b]);
                 found.push(finding(

@@ -1,7 +1,7 @@
 //! Whether torques are late against positions: the model is fitted to torques of earlier and later rows.
 
 use crate::numerics::factors::JointColumns;
-use crate::numerics::jumps::{jumps, smear};
+use crate::numerics::jumps::{Jump, smear};
 use crate::numerics::regressor::{Regressor, joint_torque_regressor};
 use crate::numerics::signal::Conditioned;
 use crate::numerics::triangular::RowFolder;
@@ -26,14 +26,14 @@ pub struct TorqueDelay {
 
 /// The delay of each joint's torque at which its own columns explain it best.
 ///
-/// `excitation` are usable rows in their order. Joints for which no shift fits better than the outermost
+/// `jumps` are the low-passed columns of the robot that jump, `excitation` usable rows in their order. Joints for which no shift fits better than the outermost
 /// ones are left out: nothing can be said of them.
 #[must_use]
 pub fn torque_delays(
     robot: &Robot,
     columns: &JointColumns,
     kept_columns: &[usize],
-    conditioned: &Conditioned,
+    (conditioned, jumps): (&Conditioned, &[Jump]),
     excitation: &[usize],
 ) -> Vec<TorqueDelay> {
     let step = (STEP_S * conditioned.sample_rate).round().max(1.0) as usize;
@@ -49,7 +49,7 @@ pub fn torque_delays(
     let rows: Vec<usize> =
         excitation.iter().copied().step_by(apart).filter(|&row| row >= reach && inside(row)).collect();
     let step_s = step as f64 / conditioned.sample_rate;
-    let profiles = profiles(robot, columns, kept_columns, conditioned, &rows, [step, shifts]);
+    let profiles = profiles(robot, columns, kept_columns, (conditioned, jumps), &rows, [step, shifts]);
     robot
         .joint_indices()
         .zip(profiles)
@@ -62,12 +62,11 @@ fn profiles(
     robot: &Robot,
     columns: &JointColumns,
     kept_columns: &[usize],
-    conditioned: &Conditioned,
+    (conditioned, jumps): (&Conditioned, &[Jump]),
     rows: &[usize],
     [step, shifts]: [usize; 2],
 ) -> Vec<Option<Vec<f64>>> {
     let n = robot.joint_count();
-    let jumps = jumps(robot, conditioned);
     let mut y = Regressor::new(robot);
     let of_joint: Vec<Vec<usize>> = robot
         .joint_indices()
@@ -81,7 +80,7 @@ fn profiles(
     for &row in rows {
         conditioned.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
         joint_torque_regressor(robot, &q[..n], &qd[..n], &qdd[..n], &mut y);
-        smear(&jumps, row, &mut y);
+        smear(jumps, row, &mut y);
         let moving = (0..n).filter(|&j| qd[j].abs() >= robot.joints[j].low_speed);
         for j in moving {
             let w = of_joint[j].iter().map(|&column| y.column(column)[j]);

@@ -166,7 +166,8 @@ struct State {
 
 /// Holds the residual of the identified parameters against the description's numbers.
 ///
-/// `kept_columns` `[b]` are the regressor's columns of the identified parameters. `None` with too few
+/// `kept_columns` `[b]` are the regressor's columns of the identified parameters, `jumps` the low-passed columns of
+/// the robot that jump. `None` with too few
 /// rows to say anything.
 #[must_use]
 pub fn test_description(
@@ -174,6 +175,7 @@ pub fn test_description(
     kept_columns: &[usize],
     identified: &Identification,
     evidenced: &Evidenced<'_>,
+    jumps: &[Jump],
 ) -> Option<DescriptionTest> {
     let numbers = DescribedNumber::all(robot);
     let (b, m) = (kept_columns.len(), numbers.len());
@@ -181,13 +183,12 @@ pub fn test_description(
     let model = DynamicModel::from_parameters(robot, parameters);
     let theta: Vec<f64> = values_of(robot, kept_columns, identified);
     let slopes = Slopes::new(robot, &numbers, &model, evidenced.conditioned);
-    let jumps = jumps(robot, evidenced.conditioned);
     let mut folder = RowFolder::new(b + m);
     let mut y = Regressor::new(robot);
     let mut slope = vec![[0.0; MAX_JOINTS]; m];
     let mut written = None;
     let mut rows = 0;
-    evidenced.each(robot, &jumps, &mut y, |row, j, y, state| {
+    evidenced.each(robot, jumps, &mut y, |row, j, y, state| {
         if written != Some(row) {
             slopes.write(row, state, &mut slope);
             written = Some(row);

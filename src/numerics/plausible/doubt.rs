@@ -7,6 +7,7 @@ use super::numbers::DescribedNumber;
 use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
 use crate::numerics::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::numerics::factors::JointColumns;
+use crate::numerics::jumps::Jump;
 use crate::numerics::signal::Conditioned;
 use crate::robot::Robot;
 use crate::run::Stage;
@@ -51,6 +52,8 @@ pub struct Judged<'a> {
     pub kept_columns: &'a [usize],
     /// The cycle after the low-pass.
     pub conditioned: &'a Conditioned,
+    /// Columns of the description's regressor that jump, low-passed.
+    pub jumps: &'a [Jump],
     /// Usable rows of the excitation, in order.
     pub excitation: &'a [usize],
     /// The parameters.
@@ -75,7 +78,8 @@ pub fn diagnose_description(
         return late.into_iter().collect();
     }
     let evidenced = Evidenced::new(judged.conditioned, judged.excitation, noise);
-    let Some(test) = test_description(judged.robot, judged.kept_columns, judged.identified, &evidenced)
+    let Some(test) =
+        test_description(judged.robot, judged.kept_columns, judged.identified, &evidenced, judged.jumps)
     else {
         return Vec::new();
     };
@@ -107,8 +111,8 @@ fn noise(judged: &Judged<'_>) -> Vec<f64> {
 }
 
 fn delays(judged: &Judged<'_>) -> Vec<TorqueDelay> {
-    let Judged { robot, columns, kept_columns, conditioned, excitation, .. } = *judged;
-    torque_delays(robot, columns, kept_columns, conditioned, excitation)
+    let Judged { robot, columns, kept_columns, conditioned, jumps, excitation, .. } = *judged;
+    torque_delays(robot, columns, kept_columns, (conditioned, jumps), excitation)
 }
 
 /// The median delay of the joints, if their torques gain by it.

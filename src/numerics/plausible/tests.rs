@@ -8,7 +8,7 @@ use crate::analysis::{Estimator, Identification, RmsdScope};
 use crate::numerics::analyse::{AnalysisSettings, Method};
 use crate::numerics::factors::{factor_cycle, identifies, widened};
 use crate::numerics::identify::identify_factors;
-use crate::numerics::jumps::jumps;
+use crate::numerics::jumps::{Jump, jumps};
 use crate::numerics::signal::{Conditioned, condition};
 use crate::numerics::verify::torque_rmsd;
 use crate::robot::{DhParameters, JointGeometry, JointIndex, Robot};
@@ -26,6 +26,7 @@ fn recording(robot: &Robot, seed: u64) -> Samples {
 struct Explained {
     method: Method,
     conditioned: Conditioned,
+    jumps: Vec<Jump>,
     rows: Vec<usize>,
     identified: Identification,
     noise: Vec<f64>,
@@ -50,7 +51,7 @@ impl Explained {
             .collect();
         let rows = conditioned.usable.iter().flat_map(Clone::clone);
         let rows = rows.filter(|&row| samples.stage[row] == Stage::Excitation).collect();
-        Self { method, conditioned, rows, identified, noise }
+        Self { method, conditioned, jumps, rows, identified, noise }
     }
 
     fn evidenced(&self) -> Evidenced<'_> {
@@ -59,7 +60,8 @@ impl Explained {
 
     fn test(&self) -> DescriptionTest {
         let kept = &self.method.base.kept_columns;
-        test_description(&self.method.robot, kept, &self.identified, &self.evidenced()).expect("rows enough")
+        test_description(&self.method.robot, kept, &self.identified, &self.evidenced(), &self.jumps)
+            .expect("rows enough")
     }
 }
 
@@ -108,7 +110,7 @@ fn late_torques_are_found_with_their_delay() {
     let delays = |samples: &Samples| {
         let explained = Explained::new(&er3a(), samples);
         let (columns, kept) = (&explained.method.columns, &explained.method.base.kept_columns);
-        torque_delays(&er3a(), columns, kept, &explained.conditioned, &explained.rows)
+        torque_delays(&er3a(), columns, kept, (&explained.conditioned, &explained.jumps), &explained.rows)
     };
     // the parabola between steps of 10 ms, and noise
     const WITHIN: f64 = 0.003;
