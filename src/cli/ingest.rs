@@ -161,18 +161,32 @@ pub(super) fn as_text(path: &Path, outcome: &Outcome) -> String {
     match outcome {
         Outcome::Stored(run) => {
             let mut text = format!(
-                "stored       {file}: robot {}, run {}, {} cycles, {} rows",
-                run.robot, run.run_id, run.cycles, run.rows
+                "stored       {file}: robot {}, run {}, {}, {} rows",
+                run.robot,
+                run.run_id,
+                counted(run.cycles),
+                run.rows
             );
-            for (cycle, reason) in &run.refused {
-                text.push_str(&format!("\n             cycle {cycle} without parameters: {reason}"));
+            // what is wrong with a channel is mostly wrong in every cycle
+            for alike in run.refused.chunk_by(|a, b| a.1 == b.1 && a.0 + 1 == b.0) {
+                let (first, reason) = &alike[0];
+                let last = alike[alike.len() - 1].0;
+                let cycles = if last == *first {
+                    format!("cycle {first}")
+                } else {
+                    format!("cycles {first} to {last}")
+                };
+                text.push_str(&format!("\n             {cycles} without parameters: {reason}"));
             }
             text
         }
         Outcome::AlreadyStored { run_id } => format!("known        {file}: stored as run {run_id}"),
         Outcome::Quarantined { rejection, cycles, .. } => {
-            let kept =
-                if *cycles > 0 { format!(" ({cycles} cycles before it are stored)") } else { String::new() };
+            let kept = match cycles {
+                0 => String::new(),
+                1 => " (1 cycle before it is stored)".into(),
+                _ => format!(" ({cycles} cycles before it are stored)"),
+            };
             format!("quarantined  {rejection}{kept}")
         }
         Outcome::Unreadable { rejection } => format!("unreadable   {rejection}; then run again"),
@@ -180,6 +194,10 @@ pub(super) fn as_text(path: &Path, outcome: &Outcome) -> String {
         Outcome::InWork { run_id } => format!("in work      {file}: being read as run {run_id}; run again"),
         Outcome::Changed => format!("changed      {file}: changed or vanished while it was read; run again"),
     }
+}
+
+fn counted(cycles: u32) -> String {
+    if cycles == 1 { "1 cycle".into() } else { format!("{cycles} cycles") }
 }
 
 fn as_value(path: &Path, outcome: &Outcome) -> serde_json::Value {

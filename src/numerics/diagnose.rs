@@ -60,7 +60,7 @@ pub enum FindingKind {
     FarFromNominal,
     /// The model does not explain the torque.
     Unexplained,
-    /// A value far outside all others of its channel.
+    /// A value far outside all others of its channel, or of the row before.
     Spike,
     /// Rows that repeat the row before.
     Repeated,
@@ -162,11 +162,16 @@ pub fn diagnose_samples(
         findings.iter().any(|f| f.joint == Some(joint) && (kinds.is_empty() || kinds.contains(&f.kind)))
     };
     findings.extend(glitches::spikes(&view));
+    findings.extend(glitches::leaps(&view, &findings));
     let broken: Vec<bool> = robot.joint_indices().map(|j| explained(&findings, j, &[])).collect();
     if samples.velocity.is_some() {
         findings.extend(velocity::velocity_against_position(&view, settings, &broken));
     }
-    findings.extend(position::positions(&view, settings));
+    // a wrong value looks fast, and lies beyond the limits
+    let glitches: Vec<Option<JointIndex>> =
+        findings.iter().filter(|f| f.kind == FindingKind::Spike).map(|f| f.joint).collect();
+    let found = position::positions(&view, settings).into_iter();
+    findings.extend(found.filter(|finding| !glitches.contains(&finding.joint)));
     findings.extend(position::small_motion(&view, settings));
     if let Some(repeated) = glitches::repeats(&view) {
         // steps of two rows at once look fast

@@ -217,6 +217,28 @@ fn markers_of_the_logger_are_named_with_their_time() {
 }
 
 #[test]
+fn a_position_that_leaps_is_named_with_its_time() {
+    let found = spoilt(&er3a(), |samples| samples.position[2][700] += 1.5);
+    assert_found(&found, &[(FindingKind::Spike, 3)]);
+    assert!(found[0].sentence.contains("from one row to the next at 14.0"), "{}", found[0].sentence);
+    // there and back
+    assert!((found[0].evidence[2].value - 2.0).abs() < f64::EPSILON, "{found:#?}");
+}
+
+#[test]
+fn positions_folded_into_one_turn_are_told_from_lost_digits() {
+    let found = spoilt(&er3a(), |samples| {
+        let channel = &mut samples.position[5];
+        let middle = channel.iter().sum::<f64>() / channel.len() as f64;
+        for position in channel.iter_mut().filter(|position| **position > middle + 0.8) {
+            *position -= std::f64::consts::TAU;
+        }
+    });
+    assert_found(&found, &[(FindingKind::Spike, 6)]);
+    assert!(found[0].sentence.contains("folded into one turn"), "{}", found[0].sentence);
+}
+
+#[test]
 fn rows_that_repeat_are_told() {
     let found = spoilt(&er3a(), |samples| {
         for row in (1..samples.rows()).step_by(10) {

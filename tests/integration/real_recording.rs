@@ -15,7 +15,7 @@ fn ingested() -> Workshop {
     let (export, config) = (reference("tx40/TX40_0000-4000ms_5kHz.csv.gz"), reference("tx40/armwatch.toml"));
     let [export, config] = [&export, &config].map(|path| path.to_str().expect("a path"));
     let out = workshop.stdout(&["ingest", export, "--config", config], 0);
-    assert!(out.contains("1 cycles, 20000 rows"), "{out}");
+    assert!(out.contains("1 cycle, 20000 rows"), "{out}");
     workshop
 }
 

@@ -13,6 +13,13 @@ const RANGE_ROWS: usize = 4000;
 /// Part of the moving rows that may repeat the row before in every channel.
 const REPEATED: f64 = 0.01;
 
+/// A joint is nowhere near this many times its largest speed: a larger step from one row to the next is no motion.
+const LEAP: f64 = 4.0;
+/// Part of the range that a joint moved over below which a step is resolution and no leap.
+const RESOLUTION: f64 = 0.01;
+/// Part of the rows that may leap. Where more do, the position is in another unit, which other checks see.
+const LEAPING: f64 = 0.002;
+
 /// Values that stand far outside what a channel shows otherwise: markers such as -9999, lost digits.
 pub(super) fn spikes(view: &View<'_>) -> Vec<Finding> {
     let mut found = Vec::new();
@@ -73,6 +80,52 @@ fn spike(
              to {high:.3} {unit}; a fault of the sensor or a marker of the logger: remove these rows or record again"
         ),
         &[("value_si", value), ("time_s", time), ("rows", rows as f64)],
+    ))
+}
+
+/// Positions that the joint cannot have reached since the row before: folded into one turn, lost digits, rows
+/// that were cut out. Joints of `known` findings are left out.
+pub(super) fn leaps(view: &View<'_>, known: &[Finding]) -> Vec<Finding> {
+    let judged = |joint: &JointIndex| known.iter().all(|finding| finding.joint != Some(*joint));
+    view.robot.joint_indices().filter(judged).filter_map(|joint| leap(view, joint)).collect()
+}
+
+fn leap(view: &View<'_>, joint: JointIndex) -> Option<Finding> {
+    let channel = &view.samples.position[joint.index()];
+    let [low, high] = view.extent(channel);
+    let reach = LEAP * view.joint(joint).limits.velocity / view.conditioned.sample_rate;
+    let least = reach.max(RESOLUTION * (high - low));
+    let steps = view.conditioned.usable.iter().flat_map(|stretch| stretch.clone().skip(1));
+    let leaps: Vec<(usize, f64)> = steps
+        .map(|row| (row, channel[row] - channel[row - 1]))
+        .filter(|(_, step)| step.abs() > least)
+        .collect();
+    let few = leaps.len() as f64 <= (LEAPING * view.rows.len() as f64).max(2.0);
+    let &(row, step) = leaps.iter().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).filter(|_| few)?;
+    let (time, turn) = (view.samples.time[row], std::f64::consts::TAU);
+    let folded = |step: f64| ((step / turn).round() * turn - step).abs() <= reach && step.abs() > 0.5 * turn;
+    let turning = view.joint(joint).kind == JointKind::Revolute;
+    let (unit, words) = match turning {
+        true if leaps.iter().all(|(_, step)| folded(*step)) => {
+            ("rad", "it is folded into one turn: export positions that go on counting beyond it")
+        }
+        true => {
+            ("rad", "no drive does that: lost digits, or rows were cut out; remove the row or record again")
+        }
+        false => {
+            ("m", "no drive does that: lost digits, or rows were cut out; remove the row or record again")
+        }
+    };
+    Some(finding(
+        FindingKind::Spike,
+        FindingSeverity::Refuse,
+        Some(joint),
+        format!(
+            "joint {joint}: the position jumps by {step:.3} {unit} from one row to the next at {time:.3} s ({} such rows); \
+             {words}",
+            leaps.len()
+        ),
+        &[("step_si", step), ("time_s", time), ("rows", leaps.len() as f64)],
     ))
 }
 
