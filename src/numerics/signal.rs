@@ -140,11 +140,12 @@ pub fn condition(samples: &Samples, cutoff: f64) -> Result<Conditioned, Numerics
 }
 
 /// Every how many rows of a recording at `sample_rate` Hz something new is seen after a low-pass at
-/// `cutoff` Hz. At twice the cut-off the low-pass, run both ways, leaves `1 / (1 + 2⁸)`, less than 0.004;
-/// rows at twice that rate hold everything below. More of them cost time and say the same again.
+/// `cutoff` Hz. At three times the cut-off the low-pass, run both ways, leaves `1 / (1 + 3⁸)`, less
+/// than 0.0002; rows at twice that rate hold everything below. More of them cost time and say the same
+/// again.
 #[must_use]
 pub fn row_step(cutoff: f64, sample_rate: f64) -> usize {
-    const ROWS_PER_PERIOD: f64 = 4.0;
+    const ROWS_PER_PERIOD: f64 = 6.0;
     ((sample_rate / (ROWS_PER_PERIOD * cutoff)).floor() as usize).max(1)
 }
 
