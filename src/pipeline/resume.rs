@@ -328,3 +328,50 @@ impl Reader<'_> {
         stages.into_iter().find(|of| *of as u64 == stage)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_comes_back_bit_by_bit_and_one_of_another_version_is_none() {
+        let settings = ContentHash([7; 32]);
+        let point = ResumePoint {
+            place: Place {
+                line: 3,
+                byte: u64::MAX,
+                rows: 1,
+                previous: Some(PreviousTime { recorded: 0.1 + 0.2, seconds: -0.0 }),
+                origin: 1.7e9,
+                moment: Some(i64::MIN),
+            },
+            stages: FinderState {
+                first_time: Some(f64::MIN_POSITIVE),
+                signal: SignalState {
+                    present: Some(Stage::Warming),
+                    candidate: Some((Stage::Between, 1.0 / 3.0)),
+                    outside: Some(OutsideLevels { level: 9.75, start_s: 4.0 }),
+                },
+                motion: MotionState {
+                    moved: vec![None, Some(2.5)],
+                    recent: [(1.0, vec![0.5, 1e-300]), (1.5, vec![])].into(),
+                    block: Motion::Several,
+                    block_start: Some(0.7),
+                    block_last: None,
+                    last: Some(0.8),
+                    stage: Some(Stage::Friction),
+                    candidate: Some((Motion::OneJoint, 0.9)),
+                    phase: Phase::Warming,
+                },
+            },
+            cutter: CutterState { rows_cut: 5, cycles_cut: 4, number_cut: 9, counter_reached: u32::MAX },
+            sample_rate: 1000.0 / 3.0,
+        };
+        let stored = encoded(&point, &settings);
+        assert_eq!(decoded(&stored.state, &settings).as_ref(), Some(&point));
+        let mut older = stored.state[..stored.state.len() - CHECK_BYTES].to_vec();
+        older[0] -= 1;
+        older.extend(check(&older, &settings).0);
+        assert_eq!(decoded(&older, &settings), None);
+    }
+}

@@ -9,11 +9,11 @@ use tokio_util::sync::CancellationToken;
 
 use super::cutting::{CutCycle, ReadEnd};
 use super::intake::{self, Intake, header};
-use super::resume::{decoded, encoded, settings_hash};
+use super::resume::{ResumePoint, decoded, encoded, settings_hash};
 use crate::config::{Layout, WorkLimits, parse_layout};
-use crate::ingest::csv::ReadOptions;
+use crate::ingest::csv::{Place, ReadOptions};
 use crate::ingest::fingerprint::fingerprint;
-use crate::run::Cycle;
+use crate::run::{ContentHash, Cycle};
 use crate::testing::er3a;
 
 const NATIVE: &str = include_str!("../../config/exports/native.toml");
@@ -377,6 +377,63 @@ fn each_way_to_write_an_export_has_points_to_go_on_from() {
     for (name, intake) in &EXPORTS.intakes {
         let points = assert_goes_on(name, intake, 20_000, 1 << 20);
         assert!(points >= 2, "{name}: {points} points");
+    }
+}
+
+/// A point with its settings.
+fn a_point(name: &str) -> (Vec<u8>, ContentHash) {
+    let (_, intake) = EXPORTS.intakes.iter().find(|(of, _)| *of == name).expect("a name");
+    let settings = settings_hash(&intake.layout, &intake.robot, &intake.limits);
+    let points = read(intake, 20_000).0.into_iter().filter_map(|cut| cut.read.resume);
+    (points.last().expect("a point").state, settings)
+}
+
+#[test]
+fn a_state_with_a_byte_changed_or_missing_or_of_other_settings_is_none() {
+    let (state, settings) = a_point("motion by positions, and a counter");
+    assert!(decoded(&state, &settings).is_some());
+    for byte in 0..state.len() {
+        let mut changed = state.clone();
+        changed[byte] ^= 0x10;
+        assert_eq!(decoded(&changed, &settings), None, "byte {byte}");
+        assert_eq!(decoded(&state[..byte], &settings), None, "the first {byte} bytes");
+    }
+    let (_, intake) = &EXPORTS.intakes[0];
+    let mut robot = er3a();
+    robot.joints[0].position_offset += 1e-9;
+    let others = [
+        settings_hash(&EXPORTS.intakes[1].1.layout, &robot, &intake.limits),
+        settings_hash(&intake.layout, &robot, &intake.limits),
+        settings_hash(&intake.layout, &intake.robot, &WorkLimits { cycle_rows: 7, ..intake.limits }),
+    ];
+    others.iter().for_each(|other| assert_eq!(decoded(&state, other), None));
+}
+
+/// The transaction of a cycle must not grow by what nobody asks for.
+#[test]
+fn a_state_takes_less_than_a_kilobyte() {
+    for (name, intake) in &EXPORTS.intakes {
+        for point in read(intake, 20_000).0.into_iter().filter_map(|cut| cut.read.resume) {
+            assert!(point.state.len() < 1000, "{name}: {} bytes", point.state.len());
+        }
+    }
+}
+
+/// A point that is sound, and of another file.
+#[test]
+fn a_file_that_does_not_have_the_place_is_another_one() {
+    let (_, intake) = &EXPORTS.intakes[0];
+    let (state, settings) = a_point("native");
+    let point = decoded(&state, &settings).expect("its own point");
+    let places = [
+        Place { byte: point.place.byte + 1, ..point.place },
+        Place { line: point.place.line + 1, ..point.place },
+        Place { line: 1_000_000, ..point.place },
+    ];
+    for place in places {
+        let resume = Some(ResumePoint { place, ..point.clone() });
+        let elsewhere = Intake { cycles_stored: 1, resume, ..intake.clone() };
+        assert_eq!(read(&elsewhere, 20_000), (vec![], ReadEnd::Changed), "{place:?}");
     }
 }
 
