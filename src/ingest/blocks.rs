@@ -145,8 +145,10 @@ impl<R: Read> Blocks<R> {
                 }
             }
         };
-        let passed: Vec<u8> = self.pending.drain(..end).collect();
-        self.pass(&passed);
+        let passed = &self.pending[..end];
+        (self.line, self.byte) =
+            (self.line + line_count(passed), self.byte + self.reader.found().bytes_in_file(passed));
+        self.pending.drain(..end);
         Ok(Passed::Going)
     }
 

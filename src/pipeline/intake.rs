@@ -281,6 +281,7 @@ pub fn decided(path: &Path, known: KnownRun, retry: Retry) -> Option<Outcome> {
             run_id: known.run_id,
             rejection: Rejection::stored(path, known.reason.unwrap_or_default()),
             cycles: known.cycles_stored,
+            known: true,
         }),
         RunStatus::Quarantined | RunStatus::Streaming => None,
     }
@@ -391,7 +392,7 @@ async fn quarantined(
     rejection: Rejection,
 ) -> Result<Outcome, PipelineError> {
     let run_id = record::write_down(pipeline, header, &rejection).await?;
-    Ok(Outcome::Quarantined { run_id, rejection, cycles: 0 })
+    Ok(Outcome::Quarantined { run_id, rejection, cycles: 0, known: false })
 }
 
 /// What is known of an export before its rows are read.

@@ -4,7 +4,7 @@
 //! blocking threads, and recording in the order of the cycles. The daemon, which takes several exports
 //! at once, and the one-shot command use the same path, for files that have settled ([`intake`]) and
 //! files that grow ([`follow`]). A cycle is done when the transaction that stores its rows commits;
-//! whatever was cut short is read again and picks up after the last stored cycle.
+//! whatever was cut short is read again from behind the last stored cycle ([`resume`]).
 
 pub mod conclude;
 pub mod cutting;
@@ -108,6 +108,8 @@ pub enum Outcome {
         rejection: Rejection,
         /// Whole cycles before the fault, which are stored.
         cycles: u32,
+        /// Whether this was known of its content, which was not read again.
+        known: bool,
     },
     /// A stop was asked for; what is stored stays, the rest is read when the program starts again.
     Interrupted,

@@ -310,16 +310,18 @@ impl Reader<'_> {
             last: self.optional(Self::number)?,
             stage: self.optional(Self::stage)?,
             candidate: self.optional(|from| Some((from.motion_kind()?, from.number()?)))?,
-            phase: {
-                let phase = self.whole()?;
-                [Phase::Begun, Phase::Friction, Phase::Warming].into_iter().find(|of| *of as u64 == phase)?
-            },
+            phase: self.phase()?,
         })
     }
 
     fn motion_kind(&mut self) -> Option<Motion> {
         let motion = self.whole()?;
         [Motion::Rest, Motion::OneJoint, Motion::Several].into_iter().find(|of| *of as u64 == motion)
+    }
+
+    fn phase(&mut self) -> Option<Phase> {
+        let phase = self.whole()?;
+        [Phase::Begun, Phase::Friction, Phase::Warming].into_iter().find(|of| *of as u64 == phase)
     }
 
     fn stage(&mut self) -> Option<Stage> {
