@@ -66,7 +66,7 @@ pub struct Place {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
     /// Rows.
-    Rows(Chunk),
+    Rows(Box<Chunk>),
     /// No whole row now; the file may still grow.
     Waiting,
     /// No more rows.
@@ -236,7 +236,7 @@ impl<R: Read> ExportReader<R> {
         };
         self.count_time(&mut samples);
         self.rows += samples.rows() as u64;
-        Ok(Step::Rows(Chunk { samples, first_line, place }))
+        Ok(Step::Rows(Box::new(Chunk { samples, first_line, place })))
     }
 
     /// The rejection of a line of `block` with its place in the file, and with what a first line of words means.
@@ -322,7 +322,7 @@ impl<R: Read> Iterator for ExportReader<R> {
             return None;
         }
         let item = match self.step() {
-            Ok(Step::Rows(chunk)) => Some(Ok(chunk)),
+            Ok(Step::Rows(chunk)) => Some(Ok(*chunk)),
             Ok(Step::Waiting | Step::End) => None,
             Err(rejection) => Some(Err(rejection)),
         };

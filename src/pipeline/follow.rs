@@ -207,7 +207,7 @@ fn read(
     loop {
         match export.step()? {
             Step::Rows(chunk) => {
-                if !cutting.push(chunk)? {
+                if !cutting.push(*chunk)? {
                     return Ok(ReadEnd::Interrupted);
                 }
             }

@@ -384,8 +384,8 @@ fn each_way_to_write_an_export_has_points_to_go_on_from() {
 fn a_point(name: &str) -> (Vec<u8>, ContentHash) {
     let (_, intake) = EXPORTS.intakes.iter().find(|(of, _)| *of == name).expect("a name");
     let settings = settings_hash(&intake.layout, &intake.robot, &intake.limits);
-    let points = read(intake, 20_000).0.into_iter().filter_map(|cut| cut.read.resume);
-    (points.last().expect("a point").state, settings)
+    let mut points = read(intake, 20_000).0.into_iter().filter_map(|cut| cut.read.resume);
+    (points.next_back().expect("a point").state, settings)
 }
 
 #[test]
