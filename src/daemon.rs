@@ -70,8 +70,8 @@ pub enum Event<'a> {
 /// Why a run ends whose file is gone.
 const VANISHED: &str = "the file vanished before it was read to its end; put it back, or export it again";
 
-/// Growing files at once that are not read up to what is written. After a restart all of them are read again from
-/// their start; one after the other, the first is done before the last, and a daemon that is often killed gets on.
+/// Growing files at once that are not read up to what is written. After a restart all of them have to be caught up
+/// with; one after the other, the first is done before the last, and a daemon that is often killed gets on.
 const CATCHING_UP: usize = 2;
 
 /// Which way a file is taken.
@@ -137,6 +137,10 @@ pub async fn watch(
     mut report: impl FnMut(Event<'_>),
 ) -> Result<(), PipelineError> {
     let _claim = pipeline.store().claim().map_err(PipelineError::from)?;
+    let quarantined = pipeline.store().counts().await?.quarantined_runs;
+    if quarantined > 0 {
+        tracing::info!(quarantined, "exports in quarantine; `armwatch quarantine list` shows them");
+    }
     let begun = begun_before(&pipeline.store().unfinished_sources().await?);
     let mut work = Work::new(pipeline, reread, stop.child_token(), begun);
     let watched = work.go_on(&mut report).await;
@@ -457,6 +461,10 @@ fn log_outcome(path: &Path, outcome: &Outcome) {
             }
         }
         Outcome::AlreadyStored { run_id } => tracing::debug!(%file, run_id, "already stored"),
+        // said once, when it was read
+        Outcome::Quarantined { rejection, known: true, .. } => {
+            tracing::debug!("quarantined before: {rejection}");
+        }
         Outcome::Quarantined { rejection, .. } => tracing::warn!("quarantined: {rejection}"),
         Outcome::Interrupted => {
             tracing::info!(%file, "stopped at a cycle; the rest follows at the next start")

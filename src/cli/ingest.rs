@@ -209,7 +209,7 @@ fn as_value(path: &Path, outcome: &Outcome) -> serde_json::Value {
             "refused": run.refused.iter().map(|(cycle, reason)| json!({"cycle": cycle, "reason": reason})).collect::<Vec<_>>(),
         }),
         Outcome::AlreadyStored { run_id } => json!({"file": file, "outcome": "known", "run_id": run_id}),
-        Outcome::Quarantined { run_id, rejection, cycles } => json!({
+        Outcome::Quarantined { run_id, rejection, cycles, .. } => json!({
             "file": file, "outcome": "quarantined", "run_id": run_id, "reason": rejection.sentence(),
             "line": rejection.line, "column": rejection.column, "value": rejection.value,
             "remedy": rejection.remedy, "cycles": cycles,

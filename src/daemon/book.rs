@@ -12,7 +12,7 @@ use crate::ingest::watch::FoundFile;
 use crate::run::FileId;
 
 /// A file that grew again after it was done has a slow writer: each time, it must stand still twice as
-/// long, up to this. Reading it again from its start would else take more and more of the time.
+/// long, up to this. Hashing it again from its start would else take more and more of the time.
 const LONGEST_PATIENCE: Duration = Duration::from_secs(600);
 
 /// Longest time between two attempts at a file that the system refuses to read.

@@ -54,6 +54,17 @@ pub enum Next {
     End,
 }
 
+/// How far lines were passed over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Passed {
+    /// More is to be passed.
+    Going,
+    /// To the place.
+    There,
+    /// The stream does not have this place.
+    Elsewhere,
+}
+
 /// Cuts a stream into blocks. A reader that says [`std::io::ErrorKind::WouldBlock`] is at the end of a
 /// file that may still grow: whole lines are handed on at once, and the rest waits for its line end.
 #[derive(Debug)]
@@ -109,6 +120,45 @@ impl<R: Read> Blocks<R> {
         self.line = line.number;
         self.byte -= self.reader.found().bytes_in_file(&line.raw);
         self.pending.splice(0..0, line.raw);
+    }
+
+    /// Passes over lines, a block at most, on the way to line `line`, which begins at byte `byte` of the
+    /// decompressed file. Nothing is asked of their cells.
+    ///
+    /// # Errors
+    /// As [`Blocks::next_block`].
+    pub fn pass_to(&mut self, line: u64, byte: u64, path: &Path) -> Result<Passed, Rejection> {
+        if self.line >= line {
+            let here = self.byte + self.reader.mark_bytes();
+            return Ok(if (self.line, here) == (line, byte) { Passed::There } else { Passed::Elsewhere });
+        }
+        self.fill(self.block_bytes, path);
+        let end = loop {
+            match self.pending.iter().rposition(|byte| *byte == b'\n') {
+                Some(last) if self.line + line_count(&self.pending) <= line => break last + 1,
+                Some(_) => break self.start_of(line),
+                None if self.fault.is_some() => return self.fault.take().map_or(Ok(Passed::Elsewhere), Err),
+                None if self.at_end || self.paused => return Ok(Passed::Elsewhere),
+                None => {
+                    self.refuse_endless_line(path)?;
+                    self.fill(self.longer(), path);
+                }
+            }
+        };
+        let passed = &self.pending[..end];
+        (self.line, self.byte) =
+            (self.line + line_count(passed), self.byte + self.reader.found().bytes_in_file(passed));
+        self.pending.drain(..end);
+        Ok(Passed::Going)
+    }
+
+    /// Where a line begins that is later than the first and begins in `pending`.
+    fn start_of(&self, line: u64) -> usize {
+        let ends = self.pending.iter().enumerate().filter(|(_, byte)| **byte == b'\n');
+        ends.map(|(at, _)| at + 1)
+            .zip(self.line + 1..)
+            .find(|(_, next)| *next == line)
+            .map_or(0, |(at, _)| at)
     }
 
     /// Whether nothing is left.

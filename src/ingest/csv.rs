@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use super::blocks::{BLOCK_BYTES, Block, Blocks, Next, line_count};
+use super::blocks::{BLOCK_BYTES, Block, Blocks, Next, Passed, line_count};
 use super::encoding::Found;
 use super::exact::{self, LastLine, PreviousTime};
 use super::layout::{ColumnMap, map_columns};
@@ -41,13 +41,32 @@ pub struct Chunk {
     pub samples: Samples,
     /// Line of the first row in the decompressed file, from 1.
     pub first_line: u64,
+    /// Where the reader stood before them.
+    pub place: Place,
+}
+
+/// Where a reader stands before a row: with it, another reader of the same export goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Place {
+    /// Line of the row in the decompressed file, from 1.
+    pub line: u64,
+    /// Its first byte in the decompressed file, from 0.
+    pub byte: u64,
+    /// Rows before it.
+    pub rows: u64,
+    /// Time of the row before, as recorded and counted on.
+    pub previous: Option<PreviousTime>,
+    /// Subtracted from every time, s.
+    pub origin: f64,
+    /// Moment that dates and times count from, ns from 1970, where they do.
+    pub moment: Option<i64>,
 }
 
 /// What an export gives next.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
     /// Rows.
-    Rows(Chunk),
+    Rows(Box<Chunk>),
     /// No whole row now; the file may still grow.
     Waiting,
     /// No more rows.
@@ -159,6 +178,32 @@ impl<R: Read> ExportReader<R> {
         self.left_out
     }
 
+    /// Passes over rows, a block of them at most, on the way to `place`, where a reader of the same export stood.
+    /// To be called before the first [`ExportReader::step`], until it says [`Passed::There`]; with
+    /// [`Passed::Elsewhere`] the export is another one, and this reader is of no use.
+    ///
+    /// # Errors
+    /// A rejection of a file that cannot be read so far.
+    pub fn pass_to(&mut self, place: &Place) -> Result<Passed, Rejection> {
+        let passed = self.blocks.pass_to(place.line, place.byte, &self.path)?;
+        if passed == Passed::There {
+            (self.rows, self.previous, self.origin) = (place.rows, place.previous, place.origin);
+            place.moment.into_iter().for_each(|moment| self.parser.count_from_moment(moment));
+        }
+        Ok(passed)
+    }
+
+    fn place(&self, block: &Block) -> Place {
+        Place {
+            line: block.first_line,
+            byte: block.first_byte,
+            rows: self.rows,
+            previous: self.previous,
+            origin: self.origin,
+            moment: self.parser.counted_from(),
+        }
+    }
+
     /// The next rows. To be asked again after [`Step::Waiting`], and no more after [`Step::End`] or a
     /// rejection.
     ///
@@ -173,7 +218,7 @@ impl<R: Read> ExportReader<R> {
             Next::Later => return Ok(Step::Waiting),
             Next::End => return self.end(),
         };
-        let first_line = block.first_line;
+        let (first_line, place) = (block.first_line, self.place(&block));
         if self.rows == 0 {
             self.parser.count_from(&block);
         }
@@ -191,7 +236,7 @@ impl<R: Read> ExportReader<R> {
         };
         self.count_time(&mut samples);
         self.rows += samples.rows() as u64;
-        Ok(Step::Rows(Chunk { samples, first_line }))
+        Ok(Step::Rows(Box::new(Chunk { samples, first_line, place })))
     }
 
     /// The rejection of a line of `block` with its place in the file, and with what a first line of words means.
@@ -277,7 +322,7 @@ impl<R: Read> Iterator for ExportReader<R> {
             return None;
         }
         let item = match self.step() {
-            Ok(Step::Rows(chunk)) => Some(Ok(chunk)),
+            Ok(Step::Rows(chunk)) => Some(Ok(*chunk)),
             Ok(Step::Waiting | Step::End) => None,
             Err(rejection) => Some(Err(rejection)),
         };

@@ -49,6 +49,21 @@ impl Parser {
         *origin = cell.and_then(cell::timestamp).unwrap_or(*origin);
     }
 
+    /// Moment that dates and times count from, ns from 1970, where they do.
+    pub(super) fn counted_from(&self) -> Option<i64> {
+        match self.map.time {
+            TimeColumn::Stamped { origin, .. } => Some(origin),
+            _ => None,
+        }
+    }
+
+    /// Lets dates and times count from this moment, ns from 1970.
+    pub(super) fn count_from_moment(&mut self, moment: i64) {
+        if let TimeColumn::Stamped { origin, .. } = &mut self.map.time {
+            *origin = moment;
+        }
+    }
+
     /// The rows of a block whose lines are whole; time must be later than `previous`.
     ///
     /// # Errors

@@ -29,19 +29,25 @@ const HOLD_S: f64 = 0.3;
 
 /// How many joints move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-enum Motion {
+pub enum Motion {
+    /// None.
     #[default]
     Rest,
+    /// One.
     OneJoint,
+    /// More.
     Several,
 }
 
 /// How far a cycle has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-enum Phase {
+pub enum Phase {
+    /// To its start, or to the excitation.
     #[default]
     Begun,
+    /// To the friction stage.
     Friction,
+    /// To the warming stage.
     Warming,
 }
 
@@ -50,28 +56,55 @@ enum Phase {
 pub struct MotionFinder {
     /// By joint, rad/s (m/s).
     low_speed: Vec<f64>,
-    /// When each joint moved last, s.
-    moved: Vec<Option<f64>>,
-    /// Latest positions, for speeds that are not recorded.
-    recent: VecDeque<(f64, Vec<f64>)>,
     /// Rows without a stage: those of the present block as long as it is short, and of what may follow it.
     held: Samples,
     /// How many of them belong to the present block.
     in_block: usize,
-    block: Motion,
-    block_start: Option<f64>,
-    /// Stage of the present block, once it is long enough.
-    stage: Option<Stage>,
+    state: MotionState,
+}
+
+/// What is known of the motion before the next row, but for the rows that are held back.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MotionState {
+    /// When each joint moved last, s, `[n]`.
+    pub moved: Vec<Option<f64>>,
+    /// Latest times, s, and positions, rad (m), `[n]` each, for speeds that are not recorded.
+    pub recent: VecDeque<(f64, Vec<f64>)>,
+    /// Motion of the present block.
+    pub block: Motion,
+    /// When it began, s.
+    pub block_start: Option<f64>,
+    /// Time of its last row, s.
+    pub block_last: Option<f64>,
+    /// Time of the row before, s.
+    pub last: Option<f64>,
+    /// Its stage, once it is long enough.
+    pub stage: Option<Stage>,
     /// Another motion that goes on since this time, s.
-    candidate: Option<(Motion, f64)>,
-    phase: Phase,
+    pub candidate: Option<(Motion, f64)>,
+    /// How far the cycle has come.
+    pub phase: Phase,
 }
 
 impl MotionFinder {
     /// At the start of a recording; `low_speed` `[n]` is each joint's threshold, rad/s (m/s).
     #[must_use]
     pub fn new(low_speed: Vec<f64>) -> Self {
-        Self { moved: vec![None; low_speed.len()], low_speed, ..Self::default() }
+        let state = MotionState { moved: vec![None; low_speed.len()], ..MotionState::default() };
+        Self { low_speed, state, ..Self::default() }
+    }
+
+    /// The same as another finder that stood at `state`. What that one held back is not given; rows from here on
+    /// get their stages without.
+    #[must_use]
+    pub fn at(self, state: MotionState) -> Self {
+        Self { state, ..self }
+    }
+
+    /// What it knows before the next row.
+    #[must_use]
+    pub fn state(&self) -> &MotionState {
+        &self.state
     }
 
     /// Takes the next rows and gives those whose stage is settled.
@@ -82,14 +115,15 @@ impl MotionFinder {
         let mut stages = Vec::new();
         for row in first_new..self.held.rows() {
             let (time, motion) = (self.held.time[row], self.motion(row));
-            self.block_start.get_or_insert(time);
-            if motion == self.block {
-                self.candidate = None;
-                self.in_block = row + 1;
+            self.state.block_start.get_or_insert(time);
+            if motion == self.state.block {
+                self.state.candidate = None;
+                (self.in_block, self.state.block_last) = (row + 1, Some(time));
             } else {
                 self.follow(motion, row, time, &mut stages);
             }
             self.settle_block(&mut stages);
+            self.state.last = Some(time);
         }
         let mut done = self.held.take_front(stages.len());
         self.in_block -= stages.len();
@@ -101,50 +135,50 @@ impl MotionFinder {
     #[must_use]
     pub fn finish(&mut self) -> Samples {
         let mut rows = std::mem::take(&mut self.held);
-        rows.stage = vec![self.stage.unwrap_or(Stage::Between); rows.rows()];
+        rows.stage = vec![self.state.stage.unwrap_or(Stage::Between); rows.rows()];
         rows
     }
 
     /// Takes note of another motion than the block's in `row`.
     fn follow(&mut self, motion: Motion, row: usize, time: f64, stages: &mut Vec<Stage>) {
-        match self.candidate {
+        match self.state.candidate {
             Some((known, since)) if known == motion => {
                 if time - since >= SETTLE_S {
-                    stages.resize(self.in_block, self.stage.unwrap_or(Stage::Between));
-                    (self.block, self.block_start) = (motion, Some(since));
-                    (self.stage, self.candidate) = (None, None);
-                    self.in_block = row + 1;
+                    stages.resize(self.in_block, self.state.stage.unwrap_or(Stage::Between));
+                    (self.state.block, self.state.block_start) = (motion, Some(since));
+                    (self.state.stage, self.state.candidate) = (None, None);
+                    (self.in_block, self.state.block_last) = (row + 1, Some(time));
                 }
             }
             // what came between was too short
             _ => {
-                self.candidate = Some((motion, time));
-                self.in_block = row;
+                self.state.candidate = Some((motion, time));
+                (self.in_block, self.state.block_last) = (row, self.state.last);
             }
         }
     }
 
     /// Gives the present block its stage, as soon as it is long enough, and its rows with it.
     fn settle_block(&mut self, stages: &mut Vec<Stage>) {
-        if self.stage.is_none() {
-            let last = self.in_block.checked_sub(1).map(|row| self.held.time[row]);
-            let lasted = last.zip(self.block_start).map_or(0.0, |(last, start)| last - start);
-            if self.block != Motion::Rest && lasted < BLOCK_S {
+        if self.state.stage.is_none() {
+            let lasted = self.state.block_last.zip(self.state.block_start);
+            let lasted = lasted.map_or(0.0, |(last, start)| last - start);
+            if self.state.block != Motion::Rest && lasted < BLOCK_S {
                 return;
             }
-            self.stage = Some(self.stage_of_block());
+            self.state.stage = Some(self.stage_of_block());
         }
-        stages.resize(self.in_block.max(stages.len()), self.stage.unwrap_or(Stage::Between));
+        stages.resize(self.in_block.max(stages.len()), self.state.stage.unwrap_or(Stage::Between));
     }
 
     fn stage_of_block(&mut self) -> Stage {
-        let (stage, phase) = match (self.block, self.phase) {
+        let (stage, phase) = match (self.state.block, self.state.phase) {
             (Motion::Rest, phase) => (Stage::Between, phase),
             (Motion::OneJoint, _) => (Stage::Friction, Phase::Friction),
             (Motion::Several, Phase::Friction) => (Stage::Warming, Phase::Warming),
             (Motion::Several, Phase::Begun | Phase::Warming) => (Stage::Excitation, Phase::Begun),
         };
-        self.phase = phase;
+        self.state.phase = phase;
         stage
     }
 
@@ -154,12 +188,12 @@ impl MotionFinder {
             Some(velocity) => velocity.iter().map(|qd| qd[row].abs()).collect(),
             None => self.speeds_by_position(row),
         };
-        for ((moved, speed), low) in self.moved.iter_mut().zip(speeds).zip(&self.low_speed) {
+        for ((moved, speed), low) in self.state.moved.iter_mut().zip(speeds).zip(&self.low_speed) {
             if speed >= *low {
                 *moved = Some(time);
             }
         }
-        let moving = self.moved.iter().flatten().filter(|moved| time - **moved <= HOLD_S);
+        let moving = self.state.moved.iter().flatten().filter(|moved| time - **moved <= HOLD_S);
         match moving.count() {
             0 => Motion::Rest,
             1 => Motion::OneJoint,
@@ -171,16 +205,16 @@ impl MotionFinder {
     fn speeds_by_position(&mut self, row: usize) -> Vec<f64> {
         let time = self.held.time[row];
         let q: Vec<f64> = self.held.position.iter().map(|q| q[row]).collect();
-        while self.recent.get(1).is_some_and(|(then, _)| time - then >= DIFFERENCE_S) {
-            self.recent.pop_front();
+        while self.state.recent.get(1).is_some_and(|(then, _)| time - then >= DIFFERENCE_S) {
+            self.state.recent.pop_front();
         }
-        let speeds = match self.recent.front() {
+        let speeds = match self.state.recent.front() {
             Some((then, before)) => {
                 q.iter().zip(before).map(|(q, before)| (q - before).abs() / (time - then)).collect()
             }
             None => vec![0.0; q.len()],
         };
-        self.recent.push_back((time, q));
+        self.state.recent.push_back((time, q));
         speeds
     }
 }
@@ -288,6 +322,25 @@ mod tests {
             let rows = recording(&parts, true);
             let whole = rows.rows().max(1);
             prop_assert_eq!(found(rows.clone(), chunk), found(rows, whole));
+        }
+
+        #[test]
+        fn a_finder_that_goes_on_anywhere_gives_the_same_stages(
+            parts in prop::collection::vec((0_u8..8, 0.2_f64..9.0), 1..12),
+            with_velocity: bool,
+            place in 0.0_f64..1.0,
+            chunk in 1_usize..200,
+        ) {
+            let mut rows = recording(&parts, with_velocity);
+            let whole = found(rows.clone(), chunk);
+            let before = rows.take_front((place * rows.rows() as f64) as usize);
+            let mut first = MotionFinder::new(vec![0.02; 3]);
+            let skipped = before.rows();
+            let _ = first.push(before);
+            let mut second = MotionFinder::new(vec![0.02; 3]).at(first.state().clone());
+            let mut stages = second.push(rows).stage;
+            stages.extend(second.finish().stage);
+            prop_assert_eq!(&stages, &whole.stage[skipped..]);
         }
     }
 }

@@ -73,12 +73,27 @@ pub struct CycleCutter {
     /// Number of the cycle that was cut last; zero before the first.
     number_cut: u32,
     cycles_cut: u32,
+    /// Rows before the first of `pending`.
+    rows_cut: u64,
     rows_seen: u64,
     stage_seen: bool,
     /// Most rows of a cycle, where it is not [`MAX_CYCLE_ROWS`].
     most_rows: Option<usize>,
     /// Whether a cycle needs no stage.
     of_windows: bool,
+}
+
+/// Where a cutter stands behind its last cut: with it and the rows from there on, another one goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CutterState {
+    /// Rows before the first one that is in no cycle yet.
+    pub rows_cut: u64,
+    /// Cycles cut so far.
+    pub cycles_cut: u32,
+    /// Number of the last one; zero before the first.
+    pub number_cut: u32,
+    /// Largest cycle counter so far.
+    pub counter_reached: u32,
 }
 
 impl CycleCutter {
@@ -100,25 +115,48 @@ impl CycleCutter {
         Self { of_windows: true, ..Self::default() }
     }
 
-    /// Takes the next rows and returns the cycles that they end.
+    /// The same as another cutter that stood at `state`; the next row is the one behind its last cut.
+    #[must_use]
+    pub fn at(self, state: CutterState) -> Self {
+        let CutterState { rows_cut, cycles_cut, number_cut, counter_reached } = state;
+        // what was cut as a cycle had a stage
+        let stage_seen = cycles_cut > 0;
+        Self { rows_cut, rows_seen: rows_cut, cycles_cut, number_cut, counter_reached, stage_seen, ..self }
+    }
+
+    /// Where it stands.
+    #[must_use]
+    pub fn state(&self) -> CutterState {
+        // rows that are in no cycle yet have one counter, so that it may have reached theirs
+        CutterState {
+            rows_cut: self.rows_cut,
+            cycles_cut: self.cycles_cut,
+            number_cut: self.number_cut,
+            counter_reached: self.counter_reached,
+        }
+    }
+
+    /// Takes the next rows and appends the cycles that they end to `cycles`, also those before a fault; behind
+    /// one, nothing is to be pushed.
     ///
     /// # Errors
     /// [`SegmentError::Endless`], [`SegmentError::CounterFalls`] and [`SegmentError::CounterReturns`].
-    pub fn push(&mut self, chunk: Samples) -> Result<Vec<Cycle>, SegmentError> {
+    pub fn push(&mut self, chunk: Samples, cycles: &mut Vec<Cycle>) -> Result<(), SegmentError> {
+        let most_rows = self.most_rows.unwrap_or(MAX_CYCLE_ROWS);
         self.rows_seen += chunk.rows() as u64;
         self.pending.append(chunk);
-        let mut cycles = Vec::new();
         while self.searched < self.pending.rows() {
             if self.begins_cycle(self.searched)? {
                 cycles.extend(self.cut(self.searched));
             }
+            // row by row, so that it does not matter in which pieces they come
+            if self.searched >= most_rows {
+                return Err(SegmentError::Endless { rows: self.searched + 1, start_s: self.pending.time[0] });
+            }
             self.note_row(self.searched);
             self.searched += 1;
         }
-        if self.pending.rows() > self.most_rows.unwrap_or(MAX_CYCLE_ROWS) {
-            return Err(SegmentError::Endless { rows: self.pending.rows(), start_s: self.pending.time[0] });
-        }
-        Ok(cycles)
+        Ok(())
     }
 
     /// Ends the recording and returns its last cycle, if the rows left hold a stage.
@@ -162,6 +200,7 @@ impl CycleCutter {
     /// of zero, are not a cycle.
     fn cut(&mut self, rows: usize) -> Option<Cycle> {
         let samples = self.pending.take_front(rows);
+        self.rows_cut += rows as u64;
         self.searched = 0;
         self.stage_reached = None;
         let staged = match self.of_windows {
@@ -234,7 +273,7 @@ mod tests {
         let mut cycles = Vec::new();
         while !rest.is_empty() {
             let front = rest.take_front(chunk.min(rest.rows()));
-            cycles.extend(cutter.push(front).expect("cuts"));
+            cutter.push(front, &mut cycles).expect("cuts");
         }
         cycles.extend(cutter.finish().expect("has stages"));
         cycles.iter().map(|c| (c.number, c.samples.rows())).collect()
@@ -262,7 +301,7 @@ mod tests {
     #[test]
     fn a_counter_that_falls_is_refused_with_both_values() {
         let mut cutter = CycleCutter::new();
-        let error = cutter.push(samples(&[1, 1, 1], Some(&[5, 5, 3]))).expect_err("falls");
+        let error = cutter.push(samples(&[1, 1, 1], Some(&[5, 5, 3])), &mut Vec::new()).expect_err("falls");
         assert_eq!(error, SegmentError::CounterFalls { from: 5, to: 3, time_s: 0.02 });
     }
 
@@ -270,7 +309,8 @@ mod tests {
     #[test]
     fn a_counter_that_comes_back_from_zero_is_refused_unless_no_stage_was_before() {
         let mut cutter = CycleCutter::new();
-        let error = cutter.push(samples(&[1, 1, 1], Some(&[1, 0, 1]))).expect_err("comes back");
+        let error =
+            cutter.push(samples(&[1, 1, 1], Some(&[1, 0, 1])), &mut Vec::new()).expect_err("comes back");
         assert_eq!(error, SegmentError::CounterReturns { counter: 1, time_s: 0.02 });
         assert_eq!(cut_all(samples(&[0, 0, 1], Some(&[1, 0, 1])), 100), vec![(1, 1)]);
     }
@@ -278,7 +318,8 @@ mod tests {
     #[test]
     fn a_recording_without_stages_is_refused() {
         let mut cutter = CycleCutter::new();
-        assert_eq!(cutter.push(samples(&[0, 0, 0], None)), Ok(vec![]));
+        let mut cycles = Vec::new();
+        assert_eq!((cutter.push(samples(&[0, 0, 0], None), &mut cycles), &cycles), (Ok(()), &vec![]));
         assert_eq!(cutter.finish(), Err(SegmentError::NoStage { rows: 3 }));
     }
 
@@ -286,10 +327,96 @@ mod tests {
     fn an_endless_cycle_is_refused_before_memory_grows() {
         let mut cutter = CycleCutter::new();
         let chunk = samples(&vec![1; MAX_CYCLE_ROWS + 1], None);
-        assert!(matches!(cutter.push(chunk), Err(SegmentError::Endless { .. })));
+        let rows = MAX_CYCLE_ROWS + 1;
+        assert_eq!(cutter.push(chunk, &mut Vec::new()), Err(SegmentError::Endless { rows, start_s: 0.0 }));
+    }
+
+    /// The cycles of a recording in pieces of `chunk` rows, each with its rows and where it leaves the cutter, and the
+    /// fault that ends it.
+    fn cut_from(
+        mut cutter: CycleCutter,
+        mut rest: Samples,
+        chunk: usize,
+    ) -> (Vec<(u32, usize, CutterState)>, Option<SegmentError>) {
+        let mut found = Vec::new();
+        while !rest.is_empty() {
+            let mut cycles = Vec::new();
+            let fault = cutter.push(rest.take_front(chunk.min(rest.rows())), &mut cycles).err();
+            let state = cutter.state();
+            found.extend(cycles.iter().map(|cycle| (cycle.number, cycle.samples.rows(), state)));
+            if fault.is_some() {
+                return (found, fault);
+            }
+        }
+        let state = cutter.state();
+        match cutter.finish() {
+            Ok(last) => found.extend(last.map(|last| (last.number, last.samples.rows(), state))),
+            Err(fault) => return (found, Some(fault)),
+        }
+        (found, None)
+    }
+
+    fn without_states(found: &[(u32, usize, CutterState)]) -> Vec<(u32, usize)> {
+        found.iter().map(|(number, rows, _)| (*number, *rows)).collect()
+    }
+
+    /// Counters that rise, fall, come back, and stand at zero.
+    fn counters() -> impl Strategy<Value = Vec<u32>> {
+        let steps = prop::collection::vec((0_u32..6, 1_usize..12), 1..20);
+        steps.prop_map(|steps| {
+            let mut reached = 0;
+            let step = |(step, rows)| {
+                let counter = match step {
+                    0 => 0,
+                    1 => reached,
+                    2 => u32::saturating_sub(reached, 1),
+                    _ => reached + 1,
+                };
+                reached = reached.max(counter);
+                std::iter::repeat_n(counter, rows)
+            };
+            steps.into_iter().flat_map(step).collect()
+        })
     }
 
     proptest! {
+        /// Cycles that end in the same piece as a fault were lost.
+        #[test]
+        fn any_chunking_gives_the_same_cycles_and_the_same_fault(
+            counters in prop::option::of(counters()),
+            stages in prop::collection::vec(0_u8..4, 240),
+            most_rows in 3_usize..40,
+            chunk in 1_usize..50,
+        ) {
+            let stages = &stages[..counters.as_ref().map_or(240, Vec::len)];
+            let rows = samples(stages, counters.as_deref());
+            let cutter = || CycleCutter::new().with_most_rows(most_rows);
+            let (whole, fault) = cut_from(cutter(), rows.clone(), rows.rows());
+            let (cut, same_fault) = cut_from(cutter(), rows, chunk);
+            prop_assert_eq!(without_states(&cut), without_states(&whole));
+            prop_assert_eq!(same_fault, fault);
+        }
+
+        #[test]
+        fn a_cutter_that_stands_behind_a_cut_goes_on_as_the_other_did(
+            counters in prop::option::of(counters()),
+            stages in prop::collection::vec(0_u8..4, 240),
+            chunk in 1_usize..50,
+        ) {
+            let stages = &stages[..counters.as_ref().map_or(240, Vec::len)];
+            let rows = samples(stages, counters.as_deref());
+            let (whole, fault) = cut_from(CycleCutter::new(), rows.clone(), 1);
+            for (place, (_, _, state)) in whole.iter().enumerate() {
+                let mut rest = rows.clone();
+                rest.take_front(usize::try_from(state.rows_cut).expect("few"));
+                let (after, same_fault) = cut_from(CycleCutter::new().at(*state), rest, chunk);
+                // the last cycle ends with the recording, and then nothing was cut behind it
+                let expected = if state.cycles_cut as usize > place { &whole[place + 1..] } else { &whole[place..] };
+                prop_assert_eq!(without_states(&after), without_states(expected));
+                prop_assert_eq!(&same_fault, &fault);
+            }
+        }
+
         #[test]
         fn any_chunking_gives_the_same_cycles(
             stages in prop::collection::vec(0_u8..4, 1..200),

@@ -4,7 +4,7 @@
 //! Rows come in chunks of any size and leave in the same order once their stage is settled; the result
 //! does not depend on the chunks. At most the rows of one debounce time, or of a block of motion, are held back.
 
-use super::motion_stages::MotionFinder;
+use super::motion_stages::{MotionFinder, MotionState};
 use crate::run::{Samples, Stage};
 
 /// Longest time that an analogue signal may stay outside every range, s: slower than any output switches,
@@ -104,12 +104,30 @@ pub struct StageFinder {
     motion: MotionFinder,
     /// Rows whose stage an analogue signal has not settled.
     held: Samples,
+    signal: SignalState,
+}
+
+/// What is known of an analogue signal before its next row.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SignalState {
     /// Stage of the last settled row.
-    present: Option<Stage>,
+    pub present: Option<Stage>,
     /// Another stage that the signal shows since this time, s: that of the first held row.
-    candidate: Option<(Stage, f64)>,
+    pub candidate: Option<(Stage, f64)>,
     /// First row of those outside every range: its level and time, s.
-    outside: Option<OutsideLevels>,
+    pub outside: Option<OutsideLevels>,
+}
+
+/// What is known before the next row, but for the rows that are held back: a finder that goes on from it gives all
+/// rows from there on the stages that this one does, and does not give those that were held back.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FinderState {
+    /// Time of the first row of the recording, s.
+    pub first_time: Option<f64>,
+    /// Of the analogue signal, where there is one.
+    pub signal: SignalState,
+    /// Of the motion, where it is looked at.
+    pub motion: MotionState,
 }
 
 impl StageFinder {
@@ -120,32 +138,49 @@ impl StageFinder {
         Self { rule, motion: MotionFinder::new(low_speed), ..Self::default() }
     }
 
-    /// Takes the next rows and gives those whose stage is settled.
-    ///
-    /// # Errors
-    /// [`OutsideLevels`] for an analogue signal outside every range.
-    pub fn push(&mut self, rows: Samples) -> Result<Samples, OutsideLevels> {
-        let Some(first) = self.first_time.or(rows.time.first().copied()) else { return Ok(rows) };
-        self.first_time = Some(first);
-        let rows = self.staged(rows, first)?;
-        Ok(if self.rule == StageRule::Recorded { rows } else { without_stray_signals(rows) })
+    /// The same as another finder that stood at `state`; the next row is the one that was its next.
+    #[must_use]
+    pub fn at(self, state: FinderState) -> Self {
+        let FinderState { first_time, signal, motion } = state;
+        Self { first_time, signal, motion: self.motion.at(motion), ..self }
     }
 
-    fn staged(&mut self, mut rows: Samples, first: f64) -> Result<Samples, OutsideLevels> {
+    /// What it knows before the next row.
+    #[must_use]
+    pub fn state(&self) -> FinderState {
+        FinderState { first_time: self.first_time, signal: self.signal, motion: self.motion.state().clone() }
+    }
+
+    /// Takes the next rows and gives those whose stage is settled, also with the fault that is behind them; then
+    /// nothing more is to be pushed.
+    ///
+    /// The fault is [`OutsideLevels`], of an analogue signal outside every range.
+    #[must_use]
+    pub fn push(&mut self, rows: Samples) -> (Samples, Option<OutsideLevels>) {
+        let Some(first) = self.first_time.or(rows.time.first().copied()) else { return (rows, None) };
+        self.first_time = Some(first);
+        if self.rule == StageRule::Recorded {
+            return (rows, None);
+        }
+        let (rows, fault) = self.staged(rows, first);
+        (without_stray_signals(rows), fault)
+    }
+
+    fn staged(&mut self, mut rows: Samples, first: f64) -> (Samples, Option<OutsideLevels>) {
         match &self.rule {
-            StageRule::Recorded => Ok(rows),
-            StageRule::Motion => Ok(self.motion.push(rows)),
+            StageRule::Recorded => (rows, None),
+            StageRule::Motion => (self.motion.push(rows), None),
             StageRule::Schedule(schedule) => {
                 let (cycles, stages) = rows.time.iter().map(|time| schedule.at(time - first)).unzip();
                 rows.cycle = Some(cycles);
                 rows.stage = stages;
-                Ok(rows)
+                (rows, None)
             }
             StageRule::Windows { window } => {
                 let number = |time: &f64| ((time - first) / window).floor() as u32 + 1;
                 rows.cycle = Some(rows.time.iter().map(number).collect());
                 rows.stage = vec![Stage::Between; rows.rows()];
-                Ok(rows)
+                (rows, None)
             }
             StageRule::Levels(settings) => {
                 let settings = settings.clone();
@@ -161,40 +196,44 @@ impl StageFinder {
             return without_stray_signals(self.motion.finish());
         }
         let mut rows = std::mem::take(&mut self.held);
-        rows.stage = vec![self.present.unwrap_or(Stage::Between); rows.rows()];
+        rows.stage = vec![self.signal.present.unwrap_or(Stage::Between); rows.rows()];
         rows.stage_level = None;
         without_stray_signals(rows)
     }
 
-    fn settle(&mut self, settings: &LevelSettings, rows: Samples) -> Result<Samples, OutsideLevels> {
+    fn settle(&mut self, settings: &LevelSettings, rows: Samples) -> (Samples, Option<OutsideLevels>) {
         let first_new = self.held.rows();
         // held rows are those of the candidate, so none of them is settled
         let mut settled = 0;
+        let mut fault = None;
         self.held.append(rows);
         let mut stages = vec![Stage::Between; self.held.rows()];
         for row in first_new..self.held.rows() {
             let time = self.held.time[row];
             let level = self.held.stage_level.as_ref().map_or(f64::NAN, |levels| levels[row]);
-            let present = *self
-                .present
-                .get_or_insert_with(|| settings.stage_of(level, Stage::Between).unwrap_or(Stage::Between));
+            let first_stage = || settings.stage_of(level, Stage::Between).unwrap_or(Stage::Between);
+            let present = *self.signal.present.get_or_insert_with(first_stage);
             let seen = self
+                .signal
                 .candidate
                 .and_then(|(stage, _)| settings.stage_of(level, stage).filter(|seen| *seen == stage));
             let seen = seen.or_else(|| settings.stage_of(level, present));
-            self.note_outside(settings, seen.is_none(), OutsideLevels { level, start_s: time }, time)?;
-            let goes_on = self.candidate.is_some_and(|(stage, _)| seen == Some(stage));
+            fault = self.note_outside(settings, seen.is_none(), OutsideLevels { level, start_s: time }, time);
+            if fault.is_some() {
+                break;
+            }
+            let goes_on = self.signal.candidate.is_some_and(|(stage, _)| seen == Some(stage));
             if !goes_on {
                 stages[settled..row].fill(present);
                 settled = row;
-                self.candidate = seen.filter(|stage| *stage != present).map(|stage| (stage, time));
+                self.signal.candidate = seen.filter(|stage| *stage != present).map(|stage| (stage, time));
             }
-            match self.candidate {
+            match self.signal.candidate {
                 Some((stage, since)) if time - since >= settings.debounce => {
                     stages[settled..=row].fill(stage);
                     settled = row + 1;
-                    self.present = Some(stage);
-                    self.candidate = None;
+                    self.signal.present = Some(stage);
+                    self.signal.candidate = None;
                 }
                 Some(_) => {}
                 None => {
@@ -207,26 +246,23 @@ impl StageFinder {
         let mut done = self.held.take_front(settled);
         done.stage = stages;
         done.stage_level = None;
-        Ok(done)
+        (done, fault)
     }
 
-    /// Refuses a signal that stays outside every range.
+    /// What is to be said of a signal that stays outside every range.
     fn note_outside(
         &mut self,
         settings: &LevelSettings,
         is_outside: bool,
         row: OutsideLevels,
         time: f64,
-    ) -> Result<(), OutsideLevels> {
+    ) -> Option<OutsideLevels> {
         if !is_outside {
-            self.outside = None;
-            return Ok(());
+            self.signal.outside = None;
+            return None;
         }
-        let first = *self.outside.get_or_insert(row);
-        if time - first.start_s > OUTSIDE_S.max(settings.debounce) {
-            return Err(first);
-        }
-        Ok(())
+        let first = *self.signal.outside.get_or_insert(row);
+        (time - first.start_s > OUTSIDE_S.max(settings.debounce)).then_some(first)
     }
 }
 
@@ -277,7 +313,11 @@ mod tests {
         let mut settled = Samples::default();
         while !rows.is_empty() {
             let front = rows.take_front(chunk.min(rows.rows()));
-            settled.append(finder.push(front)?);
+            let (rows, fault) = finder.push(front);
+            settled.append(rows);
+            if let Some(fault) = fault {
+                return Err(fault);
+            }
             let most = (settings().debounce * RATE) as usize + 1;
             assert!(finder.held.rows() <= most, "{} rows are held", finder.held.rows());
         }
@@ -348,19 +388,65 @@ mod tests {
         assert_eq!((cycles[0], cycles[99], cycles[101], cycles[249]), (1, 1, 2, 3));
     }
 
+    /// Levels that stay, chatter, lie between ranges and, seldom, far from any.
+    fn levels() -> impl Strategy<Value = Vec<f64>> {
+        const LEVELS: [f64; 7] = [0.0, 1.5, 2.5, 3.5, 2.0, 1.0, 5.0];
+        let steps = prop::collection::vec((0_usize..7, 1_usize..20), 1..40);
+        let noise = prop::collection::vec(-0.3_f64..0.3, 32);
+        (steps, noise).prop_map(|(steps, noise)| {
+            let levels = steps.into_iter().flat_map(|(level, rows)| std::iter::repeat_n(LEVELS[level], rows));
+            levels.zip(noise.iter().cycle()).map(|(level, noise)| level + noise).collect()
+        })
+    }
+
+    /// Settled rows, also those before a fault, and the fault.
+    fn settled(
+        mut finder: StageFinder,
+        mut rows: Samples,
+        chunk: usize,
+    ) -> (Vec<Stage>, Option<OutsideLevels>) {
+        let mut stages = Vec::new();
+        while !rows.is_empty() {
+            let (done, fault) = finder.push(rows.take_front(chunk.min(rows.rows())));
+            stages.extend(done.stage);
+            if fault.is_some() {
+                return (stages, fault);
+            }
+        }
+        stages.extend(finder.finish().stage);
+        (stages, None)
+    }
+
     proptest! {
+        /// Rows that were settled in the same piece as a fault were lost.
         #[test]
-        fn any_chunking_gives_the_same_stages(
-            steps in prop::collection::vec((0_usize..6, 1_usize..20), 1..40),
-            noise in prop::collection::vec(-0.3_f64..0.3, 32),
+        fn any_chunking_gives_the_same_rows_and_the_same_fault(levels in levels(), chunk in 1_usize..60) {
+            let finder = || StageFinder::new(StageRule::Levels(settings()), Vec::new());
+            let whole = settled(finder(), recording(&levels), levels.len());
+            prop_assert_eq!(settled(finder(), recording(&levels), chunk), whole);
+        }
+
+        #[test]
+        fn a_finder_that_goes_on_anywhere_gives_the_same_stages(
+            levels in levels(),
+            place in 0.0_f64..1.0,
             chunk in 1_usize..60,
         ) {
-            const LEVELS: [f64; 6] = [0.0, 1.5, 2.5, 3.5, 2.0, 1.0];
-            let mut levels = Vec::new();
-            for (level, rows) in steps {
-                levels.extend(std::iter::repeat_n(LEVELS[level], rows));
-            }
-            levels.iter_mut().zip(noise.iter().cycle()).for_each(|(level, noise)| *level += noise);
+            let finder = || StageFinder::new(StageRule::Levels(settings()), Vec::new());
+            let mut rows = recording(&levels);
+            let (whole, fault) = settled(finder(), rows.clone(), levels.len());
+            let skipped = (place * levels.len() as f64) as usize;
+            let mut first = finder();
+            let early = first.push(rows.take_front(skipped)).1;
+            prop_assume!(early.is_none());
+            let (stages, same_fault) = settled(finder().at(first.state()), rows, chunk);
+            prop_assert_eq!(same_fault, fault);
+            // of a recording that ends with a fault, rows may have been held back before it
+            prop_assert_eq!(&stages[..], whole.get(skipped..).unwrap_or_default());
+        }
+
+        #[test]
+        fn any_chunking_gives_the_same_stages(levels in levels(), chunk in 1_usize..60) {
             let rule = StageRule::Levels(settings());
             let (whole, cut) = (found(&rule, recording(&levels), levels.len()), found(&rule, recording(&levels), chunk));
             prop_assert_eq!(cut, whole);

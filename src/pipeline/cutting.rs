@@ -5,17 +5,20 @@ use tokio_util::sync::CancellationToken;
 
 use super::cycles::RowCutter;
 use super::intake::Intake;
+use super::resume::{self, Places};
+use crate::ingest::csv::Chunk;
 use crate::ingest::fingerprint::RunningHash;
 use crate::ingest::rejection::Rejection;
-use crate::run::{ContentPrefix, Cycle, Samples};
+use crate::run::{ContentHash, ContentPrefix, Cycle};
+use crate::store::{ReadSoFar, StoredPoint};
 
-/// A cycle, and the first bytes of the export that it and those before it were read from.
+/// A cycle, and what it and those before it were read from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CutCycle {
     /// The cycle.
     pub cycle: Cycle,
-    /// At least all bytes of its rows.
-    pub read: ContentPrefix,
+    /// At least all bytes of its rows, and where reading goes on behind them.
+    pub read: ReadSoFar,
 }
 
 /// How the reading of an export ended.
@@ -53,10 +56,13 @@ pub struct Cutting<'i> {
     hash: RunningHash,
     cutter: RowCutter,
     cycle_count: u32,
+    places: Places,
+    settings: ContentHash,
 }
 
 impl<'i> Cutting<'i> {
-    /// A cutter at the start of the export of `intake`; `hash` is of what its reader has read.
+    /// A cutter at the start of the export of `intake`, or at its point of resuming; `hash` is of what its
+    /// reader has read.
     ///
     /// # Errors
     /// A rejection where the robot's transmission cannot be inverted.
@@ -66,35 +72,54 @@ impl<'i> Cutting<'i> {
         stop: &'i CancellationToken,
         hash: RunningHash,
     ) -> Result<Self, Rejection> {
-        let cutter = RowCutter::new(&intake.path, &intake.layout, &intake.robot)?
+        let mut cutter = RowCutter::new(&intake.path, &intake.layout, &intake.robot)?
             .with_most_rows(intake.limits.cycle_rows);
-        Ok(Self { intake, cycles, stop, hash, cutter, cycle_count: 0 })
+        let mut cycle_count = 0;
+        if let Some(point) = &intake.resume {
+            cutter = cutter.at(point);
+            cycle_count = point.cutter.cycles_cut;
+        }
+        let settings = resume::settings_hash(&intake.layout, &intake.robot, &intake.limits);
+        Ok(Self { intake, cycles, stop, hash, cutter, cycle_count, places: Places::default(), settings })
     }
 
     /// Takes the next rows and sends the cycles that they end. `false` if reading is to end, because a stop
     /// was asked for or nobody takes cycles any more.
     ///
     /// # Errors
-    /// A rejection of rows that make no cycle.
-    pub fn push(&mut self, samples: Samples) -> Result<bool, Rejection> {
-        for cycle in self.cutter.push(samples)? {
-            if self.stop.is_cancelled() || !self.send(cycle) {
+    /// A rejection of rows that make no cycle, after the cycles before them.
+    pub fn push(&mut self, chunk: Chunk) -> Result<bool, Rejection> {
+        self.places.note(chunk.place, &self.cutter);
+        let mut cycles = Vec::new();
+        let fault = self.cutter.push(chunk.samples, &mut cycles);
+        // the last cut has the point: those before it in one block would read the same rows again
+        let last = cycles.len().saturating_sub(1);
+        for (place, cycle) in cycles.into_iter().enumerate() {
+            let point = if place == last { self.places.at_cut(&self.cutter) } else { None };
+            let point = point.map(|point| resume::encoded(&point, &self.settings));
+            if self.stop.is_cancelled() || !self.send(cycle, point) {
                 return Ok(false);
             }
         }
+        fault?;
+        self.places.forget_before(self.cutter.rows_settled());
         Ok(!self.stop.is_cancelled())
     }
 
-    /// Ends the export after `rows` rows and sends its last cycles.
+    /// Ends the export after `rows` rows and sends its last cycles. They have no point to go on from, since it was
+    /// the end of the file that has cut them.
     ///
     /// # Errors
     /// A rejection of an export without stages.
     pub fn end(mut self, rows: u64) -> Result<ReadEnd, Rejection> {
-        for cycle in self.cutter.finish()? {
-            if !self.send(cycle) {
+        let mut cycles = Vec::new();
+        let fault = self.cutter.finish(&mut cycles);
+        for cycle in cycles {
+            if !self.send(cycle, None) {
                 return Ok(ReadEnd::Interrupted);
             }
         }
+        fault?;
         Ok(ReadEnd::Complete(ReadTotals {
             rows,
             sample_rate: self.cutter.sample_rate(),
@@ -103,11 +128,12 @@ impl<'i> Cutting<'i> {
         }))
     }
 
-    fn send(&mut self, cycle: Cycle) -> bool {
+    fn send(&mut self, cycle: Cycle, resume: Option<StoredPoint>) -> bool {
         self.cycle_count += 1;
         if self.cycle_count <= self.intake.cycles_stored {
             return true;
         }
-        self.cycles.blocking_send(CutCycle { cycle, read: self.hash.prefix() }).is_ok()
+        let read = ReadSoFar { prefix: self.hash.prefix(), resume };
+        self.cycles.blocking_send(CutCycle { cycle, read }).is_ok()
     }
 }

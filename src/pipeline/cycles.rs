@@ -2,20 +2,21 @@
 
 use std::path::{Path, PathBuf};
 
+use super::resume::ResumePoint;
 use crate::config::Layout;
 use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
-use crate::numerics::segment::{CycleCutter, SegmentError};
+use crate::numerics::segment::{CutterState, CycleCutter, SegmentError};
 use crate::numerics::signal::median_step;
-use crate::numerics::stages::{StageFinder, StageRule};
+use crate::numerics::stages::{FinderState, StageFinder, StageRule};
 use crate::numerics::transmission::JointSide;
 use crate::robot::Robot;
 use crate::run::{Cycle, Samples};
 
 /// First rows of an export that its sample rate is taken from. A fixed number, so that it does not depend
 /// on the pieces in which a growing file is read.
-const SAMPLE_RATE_ROWS: usize = 1000;
+pub(super) const SAMPLE_RATE_ROWS: usize = 1000;
 
 /// Brings the rows of an export to the joints, gives them their stage and cuts them into cycles.
 #[derive(Debug)]
@@ -25,6 +26,12 @@ pub struct RowCutter {
     stages: StageFinder,
     cutter: CycleCutter,
     first_times: Vec<f64>,
+    /// The sample rate, where it was taken from first rows that are not read again, Hz.
+    known_rate: Option<f64>,
+    /// Rows that have their stage.
+    rows_settled: u64,
+    /// Next rows with a stage that are in cycles already.
+    in_cycles: u64,
 }
 
 impl RowCutter {
@@ -44,7 +51,16 @@ impl RowCutter {
         };
         let low_speed = robot.joints.iter().map(|joint| joint.low_speed).collect();
         let stages = StageFinder::new(rule, low_speed);
-        Ok(Self { path: path.to_owned(), joint_side, stages, cutter, first_times: Vec::new() })
+        Ok(Self {
+            path: path.to_owned(),
+            joint_side,
+            stages,
+            cutter,
+            first_times: Vec::new(),
+            known_rate: None,
+            rows_settled: 0,
+            in_cycles: 0,
+        })
     }
 
     /// The same with another bound on the rows of a cycle.
@@ -54,40 +70,84 @@ impl RowCutter {
         self
     }
 
-    /// Takes the next rows and gives the cycles that they end.
+    /// The same as the cutter that reached `point`; the next row is the first one of its place.
+    #[must_use]
+    pub fn at(mut self, point: &ResumePoint) -> Self {
+        self.stages = self.stages.at(point.stages.clone());
+        self.cutter = self.cutter.at(point.cutter);
+        self.rows_settled = point.place.rows;
+        self.in_cycles = point.cutter.rows_cut.saturating_sub(point.place.rows);
+        self.known_rate = Some(point.sample_rate);
+        self
+    }
+
+    /// What its finder of stages knows before the next row.
+    #[must_use]
+    pub fn stages(&self) -> FinderState {
+        self.stages.state()
+    }
+
+    /// Where its cutter stands.
+    #[must_use]
+    pub fn cutter(&self) -> CutterState {
+        self.cutter.state()
+    }
+
+    /// Rows that have their stage; later ones are held back.
+    #[must_use]
+    pub fn rows_settled(&self) -> u64 {
+        self.rows_settled
+    }
+
+    /// Takes the next rows and appends the cycles that they end to `cycles`, also those before a fault; behind one,
+    /// nothing is to be pushed.
     ///
     /// # Errors
     /// A rejection of rows that make no cycle.
-    pub fn push(&mut self, mut samples: Samples) -> Result<Vec<Cycle>, Rejection> {
+    pub fn push(&mut self, mut samples: Samples, cycles: &mut Vec<Cycle>) -> Result<(), Rejection> {
         let missing = SAMPLE_RATE_ROWS.saturating_sub(self.first_times.len());
         self.first_times.extend(samples.time.iter().take(missing));
         self.joint_side.apply(&mut samples);
-        let staged = self
-            .stages
-            .push(samples)
-            .map_err(|error| Rejection::of_file(&self.path, error.to_string(), ""))?;
-        let mut cycles = self.cutter.push(staged).map_err(|error| not_cut(&self.path, &error))?;
-        // several wait for analysis
-        cycles.iter_mut().for_each(|cycle| cycle.samples.shrink_to_fit());
-        Ok(cycles)
+        let (staged, fault) = self.stages.push(samples);
+        self.cut(staged, cycles)?;
+        match fault {
+            Some(fault) => Err(Rejection::of_file(&self.path, fault.to_string(), "")),
+            None => Ok(()),
+        }
     }
 
-    /// Ends the export and gives its last cycles. Nothing is left to cut.
+    /// Ends the export and appends its last cycles. Nothing is left to cut.
     ///
     /// # Errors
     /// A rejection of an export without stages.
-    pub fn finish(&mut self) -> Result<Vec<Cycle>, Rejection> {
-        let mut cutter = std::mem::take(&mut self.cutter);
-        let cut = |error: SegmentError| not_cut(&self.path, &error);
-        let mut cycles = cutter.push(self.stages.finish()).map_err(cut)?;
-        cycles.extend(cutter.finish().map_err(cut)?);
-        Ok(cycles)
+    pub fn finish(&mut self, cycles: &mut Vec<Cycle>) -> Result<(), Rejection> {
+        let held = self.stages.finish();
+        self.cut(held, cycles)?;
+        let cutter = std::mem::take(&mut self.cutter);
+        cycles.extend(cutter.finish().map_err(|error| not_cut(&self.path, &error))?);
+        Ok(())
+    }
+
+    /// Cuts rows whose stage is settled, but for those that are in cycles already.
+    fn cut(&mut self, mut staged: Samples, cycles: &mut Vec<Cycle>) -> Result<(), Rejection> {
+        self.rows_settled += staged.rows() as u64;
+        let in_cycles = usize::try_from(self.in_cycles).map_or(staged.rows(), |rows| rows.min(staged.rows()));
+        self.in_cycles -= in_cycles as u64;
+        if in_cycles > 0 {
+            staged.take_front(in_cycles);
+        }
+        let known = cycles.len();
+        let cut = self.cutter.push(staged, cycles);
+        // several wait for analysis
+        cycles[known..].iter_mut().for_each(|cycle| cycle.samples.shrink_to_fit());
+        cut.map_err(|error| not_cut(&self.path, &error))
     }
 
     /// Rows per second, from the median time step of the first rows, Hz; zero where it is unknown.
     #[must_use]
     pub fn sample_rate(&self) -> f64 {
-        median_step(&self.first_times).map_or(0.0, |step| 1.0 / step)
+        let found = || median_step(&self.first_times).map_or(0.0, |step| 1.0 / step);
+        self.known_rate.unwrap_or_else(found)
     }
 }
 
@@ -104,13 +164,16 @@ pub fn read_cycle(
 ) -> Result<Option<Cycle>, Rejection> {
     let bytes = source::open(path)?;
     let mut cutter = RowCutter::new(path, layout, robot)?;
+    let mut cycles = Vec::new();
     for chunk in ExportReader::new(bytes, path, layout, robot, ReadOptions::default())? {
-        let cycles = cutter.push(chunk?.samples)?;
-        if let Some(found) = cycles.into_iter().find(|cycle| cycle.number == wanted) {
+        let fault = cutter.push(chunk?.samples, &mut cycles);
+        if let Some(found) = cycles.drain(..).find(|cycle| cycle.number == wanted) {
             return Ok(Some(found));
         }
+        fault?;
     }
-    Ok(cutter.finish()?.into_iter().find(|cycle| cycle.number == wanted))
+    cutter.finish(&mut cycles)?;
+    Ok(cycles.into_iter().find(|cycle| cycle.number == wanted))
 }
 
 fn not_cut(path: &Path, error: &SegmentError) -> Rejection {
@@ -155,9 +218,9 @@ mod tests {
         let mut cutter = RowCutter::new(Path::new("a.csv"), layout, &er3a()).expect("a cutter");
         let mut cycles = Vec::new();
         while !rows.is_empty() {
-            cycles.extend(cutter.push(rows.take_front(chunk.min(rows.rows()))).expect("cycles"));
+            cutter.push(rows.take_front(chunk.min(rows.rows())), &mut cycles).expect("cycles");
         }
-        cycles.extend(cutter.finish().expect("cycles"));
+        cutter.finish(&mut cycles).expect("cycles");
         cycles
     }
 

@@ -285,21 +285,23 @@ fn read_into(
     let mut export = ExportReader::new(bytes, path, layout, robot, ReadOptions::default())?;
     reading.columns = Some(export.columns().clone());
     let mut cutter = RowCutter::new(path, layout, robot)?;
-    let mut first_time = None;
+    let (mut first_time, mut cycles) = (None, Vec::new());
     while let Some(chunk) = export.next() {
         let samples = chunk?.samples;
         reading.rows = export.rows();
         if let (Some(first), Some(last)) = (samples.time.first(), samples.time.last()) {
             reading.duration = last - *first_time.get_or_insert(*first);
         }
-        let cycles = cutter.push(samples);
+        let fault = cutter.push(samples, &mut cycles);
         reading.sample_rate = cutter.sample_rate();
-        reading.cycles.extend(cycles?.iter().map(|cycle| sketch(cycle, work)));
+        reading.cycles.extend(cycles.drain(..).map(|cycle| sketch(&cycle, work)));
+        fault?;
     }
     reading.left_out_line = export.left_out_line();
     reading.content = Some(hash.so_far().0);
-    reading.cycles.extend(cutter.finish()?.iter().map(|cycle| sketch(cycle, work)));
-    Ok(())
+    let fault = cutter.finish(&mut cycles);
+    reading.cycles.extend(cycles.iter().map(|cycle| sketch(cycle, work)));
+    fault
 }
 
 fn sketch(cycle: &Cycle, work: Option<&Work>) -> CycleSketch {

@@ -16,8 +16,9 @@ use tokio_util::sync::CancellationToken;
 
 use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::intake::{self, Intake, Recognised};
-use super::{EndsRejected, Lane, Outcome, Pipeline, PipelineError, Progress, record};
+use super::{EndsRejected, Lane, Outcome, Pipeline, PipelineError, Progress, record, resume};
 use crate::config::FleetEntry;
+use crate::ingest::blocks::Passed;
 use crate::ingest::csv::{ExportReader, ReadOptions, Step};
 use crate::ingest::fingerprint::HashingReader;
 use crate::ingest::rejection::Rejection;
@@ -98,7 +99,10 @@ impl Pipeline {
             }
             ReadEnd::Rejected(rejection) => Ok(until_settled(&rejection)),
             ReadEnd::Interrupted => Ok(Followed::Outcome(Outcome::Interrupted)),
-            ReadEnd::Changed => Ok(Followed::Outcome(Outcome::Changed)),
+            ReadEnd::Changed => {
+                self.store.forget_resume_point(intake.run_id).await?;
+                Ok(Followed::Outcome(Outcome::Changed))
+            }
         }
     }
 
@@ -119,6 +123,7 @@ impl Pipeline {
         let header = intake::header(path, robot, model, *started_at, no_hash, state.bytes);
         let identity = Identity::Growing(start.read);
         let begun = self.store.begin_source(&header, identity, start.beginning, state).await?;
+        let resume = resume::of_run(self, begun.run_id, &entry.layout, &entry.description).await?;
         tracing::info!(file = %path.display(), run_id = begun.run_id, robot, cycles = begun.cycles_stored, "growing");
         Ok(Ok(Intake {
             path: path.to_path_buf(),
@@ -127,6 +132,7 @@ impl Pipeline {
             robot: Arc::clone(&entry.description),
             layout: Arc::clone(&entry.layout),
             cycles_stored: begun.cycles_stored,
+            resume,
             limits: self.config().limits,
         }))
     }
@@ -192,11 +198,16 @@ fn read(
     caught_up: impl Fn(),
 ) -> Result<ReadEnd, Rejection> {
     let failed = |error: std::io::Error| Rejection::from_io(&intake.path, &error);
+    match resume::pass_to_point(export, intake, stop, || ())? {
+        Passed::There => {}
+        Passed::Elsewhere => return Ok(ReadEnd::Changed),
+        Passed::Going => return Ok(ReadEnd::Interrupted),
+    }
     let mut cutting = Cutting::new(intake, cycles, stop, growth.hash().clone())?;
     loop {
         match export.step()? {
             Step::Rows(chunk) => {
-                if !cutting.push(chunk.samples)? {
+                if !cutting.push(*chunk)? {
                     return Ok(ReadEnd::Interrupted);
                 }
             }

@@ -8,8 +8,10 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::cutting::{CutCycle, Cutting, ReadEnd};
+use super::resume::{self, ResumePoint};
 use super::{Outcome, Pipeline, PipelineError, Retry, record};
 use crate::config::{Config, FleetEntry, Layout, RewritePolicy, WorkLimits};
+use crate::ingest::blocks::Passed;
 use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::fingerprint::{self, fingerprint};
 use crate::ingest::rejection::Rejection;
@@ -36,6 +38,8 @@ pub struct Intake {
     pub layout: Arc<Layout>,
     /// Cycles stored by an earlier attempt.
     pub cycles_stored: u32,
+    /// Where reading goes on behind some of them, if not at the start.
+    pub resume: Option<ResumePoint>,
     /// What reading it may take.
     pub limits: WorkLimits,
 }
@@ -134,6 +138,7 @@ async fn admit_content(
     let beginning = Beginning { onwards, instead_of };
     let begun =
         pipeline.store().begin_source(&header, Identity::Content(content_hash), beginning, state).await?;
+    let resume = resume::of_run(pipeline, begun.run_id, &entry.layout, &description).await?;
     Ok(Known::No(Box::new(Intake {
         path: path.to_path_buf(),
         run_id: begun.run_id,
@@ -141,6 +146,7 @@ async fn admit_content(
         robot: description,
         layout: Arc::clone(&entry.layout),
         cycles_stored: begun.cycles_stored,
+        resume,
         limits: pipeline.config().limits,
     })))
 }
@@ -275,6 +281,7 @@ pub fn decided(path: &Path, known: KnownRun, retry: Retry) -> Option<Outcome> {
             run_id: known.run_id,
             rejection: Rejection::stored(path, known.reason.unwrap_or_default()),
             cycles: known.cycles_stored,
+            known: true,
         }),
         RunStatus::Quarantined | RunStatus::Streaming => None,
     }
@@ -296,22 +303,28 @@ pub fn read_cycles(
     stop: &CancellationToken,
     progress: impl Fn(u64),
 ) -> ReadEnd {
-    read(intake, cycles, stop, progress).unwrap_or_else(ReadEnd::Rejected)
+    read(intake, ReadOptions::default(), cycles, stop, progress).unwrap_or_else(ReadEnd::Rejected)
 }
 
-fn read(
+/// As [`read_cycles`], in blocks of any size.
+pub(super) fn read(
     intake: &Intake,
+    options: ReadOptions,
     cycles: &mpsc::Sender<CutCycle>,
     stop: &CancellationToken,
     progress: impl Fn(u64),
 ) -> Result<ReadEnd, Rejection> {
     let (bytes, hash) = source::open_hashing_up_to(&intake.path, intake.limits.export_bytes)?;
-    let mut export =
-        ExportReader::new(bytes, &intake.path, &intake.layout, &intake.robot, ReadOptions::default())?;
+    let mut export = ExportReader::new(bytes, &intake.path, &intake.layout, &intake.robot, options)?;
+    match resume::pass_to_point(&mut export, intake, stop, || progress(hash.bytes()))? {
+        Passed::There => {}
+        Passed::Elsewhere => return Ok(ReadEnd::Changed),
+        Passed::Going => return Ok(ReadEnd::Interrupted),
+    }
     let mut cutting = Cutting::new(intake, cycles, stop, hash.clone())?;
     for chunk in export.by_ref() {
         progress(hash.bytes());
-        if !cutting.push(chunk?.samples)? {
+        if !cutting.push(chunk?)? {
             return Ok(ReadEnd::Interrupted);
         }
     }
@@ -379,7 +392,7 @@ async fn quarantined(
     rejection: Rejection,
 ) -> Result<Outcome, PipelineError> {
     let run_id = record::write_down(pipeline, header, &rejection).await?;
-    Ok(Outcome::Quarantined { run_id, rejection, cycles: 0 })
+    Ok(Outcome::Quarantined { run_id, rejection, cycles: 0, known: false })
 }
 
 /// What is known of an export before its rows are read.

@@ -4,7 +4,7 @@
 //! blocking threads, and recording in the order of the cycles. The daemon, which takes several exports
 //! at once, and the one-shot command use the same path, for files that have settled ([`intake`]) and
 //! files that grow ([`follow`]). A cycle is done when the transaction that stores its rows commits;
-//! whatever was cut short is read again and picks up after the last stored cycle.
+//! whatever was cut short is read again from behind the last stored cycle ([`resume`]).
 
 pub mod conclude;
 pub mod cutting;
@@ -19,6 +19,9 @@ mod production;
 pub mod record;
 pub mod replay;
 pub mod reestimate;
+pub mod resume;
+#[cfg(test)]
+mod resume_tests;
 pub mod stored;
 #[cfg(test)]
 mod tests;
@@ -37,8 +40,7 @@ use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
 use crate::numerics::analyse::Method;
 use crate::robot::Robot;
-use crate::run::ContentPrefix;
-use crate::store::{Store, StoreError};
+use crate::store::{ReadSoFar, Store, StoreError};
 use cutting::{CutCycle, ReadEnd};
 use intake::{Intake, Known};
 use production::Work;
@@ -106,6 +108,8 @@ pub enum Outcome {
         rejection: Rejection,
         /// Whole cycles before the fault, which are stored.
         cycles: u32,
+        /// Whether this was known of its content, which was not read again.
+        known: bool,
     },
     /// A stop was asked for; what is stored stays, the rest is read when the program starts again.
     Interrupted,
@@ -278,7 +282,10 @@ impl Pipeline {
             ReadEnd::Rejected(rejection) => record::quarantine(self, &intake, rejection).await,
             ReadEnd::Interrupted => Ok(Outcome::Interrupted),
             // its stored cycles are compared with the file when it is looked at again
-            ReadEnd::Changed => Ok(Outcome::Changed),
+            ReadEnd::Changed => {
+                self.store.forget_resume_point(intake.run_id).await?;
+                Ok(Outcome::Changed)
+            }
         }
     }
 
@@ -361,7 +368,7 @@ pub enum Retry {
 }
 
 /// A cycle under analysis, and what it and those before it were read from.
-type InAnalysis = (JoinHandle<CycleAnalysis>, ContentPrefix);
+type InAnalysis = (JoinHandle<CycleAnalysis>, ReadSoFar);
 
 /// An end of reading that an analysis may have cut short.
 trait EndsRejected: Send + 'static {

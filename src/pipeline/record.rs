@@ -117,7 +117,7 @@ pub async fn quarantine(
     let run_id = write_down(pipeline, &intake.header, &rejection).await?;
     let cycles =
         pipeline.store().lookup(&intake.header.content_hash).await?.map_or(0, |run| run.cycles_stored);
-    Ok(Outcome::Quarantined { run_id, rejection, cycles })
+    Ok(Outcome::Quarantined { run_id, rejection, cycles, known: false })
 }
 
 /// Writes down why an export was not understood, with the place in the file as far as it can be found.

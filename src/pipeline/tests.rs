@@ -42,7 +42,7 @@ fn cycles_of(export: &Path, method: &Method, entry: &crate::config::FleetEntry) 
     let mut cutter = CycleCutter::new();
     let mut cycles = Vec::new();
     for chunk in reader.expect("a header") {
-        cycles.extend(cutter.push(chunk.expect("rows").samples).expect("cycles"));
+        cutter.push(chunk.expect("rows").samples, &mut cycles).expect("cycles");
     }
     cycles.extend(cutter.finish().expect("a last cycle"));
     cycles

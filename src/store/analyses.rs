@@ -5,11 +5,11 @@ use std::collections::{HashMap, HashSet};
 use sqlx::sqlite::SqliteExecutor;
 use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
+use super::resume::ReadSoFar;
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number, json_numbers};
-use super::{factors, ledger, models, production};
+use super::{factors, ledger, models, production, resume};
 use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, JointResidual, Rmsd, TorqueRmsd};
 use crate::robot::{ParameterId, Robot};
-use crate::run::ContentPrefix;
 
 /// What became of a cycle that was offered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,7 +28,7 @@ pub(super) async fn record_cycle(
     run_id: i64,
     analysis: &CycleAnalysis,
     robot: &Robot,
-    read: Option<&ContentPrefix>,
+    read: Option<&ReadSoFar>,
 ) -> Result<Recorded, sqlx::Error> {
     let Some(run_start) = ledger::open_run_start(&mut *connection, run_id).await? else {
         return Ok(Recorded::RunNotOpen);
@@ -63,7 +63,10 @@ pub(super) async fn record_cycle(
     if let Some(check) = &analysis.production {
         production::record(&mut *connection, cycle_id, check).await?;
     }
-    ledger::advance(connection, run_id, model, read).await?;
+    if let Some(point) = read.and_then(|read| read.resume.as_ref()) {
+        resume::set(&mut *connection, run_id, point).await?;
+    }
+    ledger::advance(connection, run_id, model, read.map(|read| &read.prefix)).await?;
     Ok(Recorded::Stored)
 }
 

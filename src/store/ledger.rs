@@ -6,6 +6,7 @@
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
+use super::resume;
 use super::values::{count, finite, named, size};
 use crate::run::{ContentHash, ContentPrefix, RunHeader, RunKind, RunStatus};
 
@@ -119,6 +120,7 @@ async fn afresh(
     header: &RunHeader,
 ) -> Result<KnownRun, sqlx::Error> {
     delete_cycles(&mut *connection, run_id).await?;
+    resume::forget(&mut *connection, run_id).await?;
     let robot_id = robot_id(&mut *connection, &header.robot).await?;
     reopen_run(connection, run_id, robot_id, header).await?;
     Ok(begun(run_id))

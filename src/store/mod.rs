@@ -21,6 +21,7 @@ mod quarantine;
 mod production;
 mod read;
 mod reestimates;
+mod resume;
 mod run_analysis;
 mod sources;
 #[cfg(test)]
@@ -63,6 +64,7 @@ pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
 pub use reestimates::{
     CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,
 };
+pub use resume::{ReadSoFar, StoredPoint};
 pub use sources::{EarlierRun, RunSource, SourceState, UnfinishedSource};
 pub use verification::{CycleState, OfCycle};
 
@@ -71,7 +73,7 @@ use crate::analysis::{
 };
 use crate::anomaly::RunSummary;
 use crate::robot::{ParameterId, Robot};
-use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunKind};
+use crate::run::{ContentHash, FileId, RunHeader, RunKind};
 use analyses::Recorded;
 
 /// An open database. Clones share it.
@@ -237,7 +239,7 @@ impl Store {
     }
 
     /// As [`Store::record_cycle`], and moves with the mark of progress what the cycles so far were read
-    /// from.
+    /// from, and where reading goes on after them.
     ///
     /// # Errors
     /// As [`Store::record_cycle`].
@@ -246,7 +248,7 @@ impl Store {
         run_id: i64,
         analysis: &CycleAnalysis,
         robot: &Robot,
-        read: Option<&ContentPrefix>,
+        read: Option<&ReadSoFar>,
     ) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         match self.checked(analyses::record_cycle(&mut transaction, run_id, analysis, robot, read).await)? {
@@ -254,6 +256,22 @@ impl Store {
             Recorded::Known => Ok(false),
             Recorded::RunNotOpen => Err(self.run_not_open(run_id)),
         }
+    }
+
+    /// Where reading of a run goes on behind cycles that are stored.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn resume_point(&self, run_id: i64) -> Result<Option<StoredPoint>, StoreError> {
+        self.checked(resume::of_run(&self.readers, run_id).await)
+    }
+
+    /// Lets a run be read from its start when it is read again.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn forget_resume_point(&self, run_id: i64) -> Result<(), StoreError> {
+        self.checked(resume::forget(&self.writer, run_id).await)
     }
 
     /// Writes down which sums of standard parameters the base parameters of a description stand for.

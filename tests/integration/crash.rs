@@ -127,6 +127,9 @@ struct Counts {
     run_ended_in_this_life: usize,
     cycle_stored_in_this_life: usize,
     nothing_stored_in_this_life: usize,
+    /// Exports that a later life went on with, and their bytes that it did not parse again.
+    resumed: usize,
+    bytes_passed: u64,
 }
 
 impl Counts {
@@ -136,6 +139,17 @@ impl Counts {
             + self.run_ended_in_this_life
             + self.cycle_stored_in_this_life
             + self.nothing_stored_in_this_life
+    }
+
+    /// Counts where the daemons of a round have gone on reading, by their log.
+    fn resumed(&mut self, log: &str) {
+        let after = |line: &str| {
+            line.split_once("resumed at byte ")?.1.split_whitespace().next()?.parse::<u64>().ok()
+        };
+        for byte in log.lines().filter_map(after) {
+            self.resumed += 1;
+            self.bytes_passed += byte;
+        }
     }
 
     /// Counts a kill by the runs before the life of the daemon and after it.
@@ -172,7 +186,7 @@ fn round(material: &Arc<Material>, seed: u64, kills: Kills, counts: &mut Counts)
     let done = || writers.is_finished() && states() == material.golden.states;
     while counts.kills() - before < kills.most && !done() {
         let runs = states();
-        let mut daemon = workshop.daemon();
+        let mut daemon = workshop.daemon_with_log();
         counts.restarts += 1;
         live(&mut random, kills.longest_life, &workshop.path("armwatch.db-wal"));
         kill(&mut daemon.child);
@@ -182,7 +196,7 @@ fn round(material: &Arc<Material>, seed: u64, kills: Kills, counts: &mut Counts)
             assert_sound(&database, &format!("seed {seed}, kill {}", counts.kills() - before));
         }
     }
-    let daemon = workshop.daemon();
+    let daemon = workshop.daemon_with_log();
     counts.restarts += 1;
     let start = Instant::now();
     while !done() {
@@ -205,6 +219,7 @@ fn round(material: &Arc<Material>, seed: u64, kills: Kills, counts: &mut Counts)
     assert_sound(&database, &format!("seed {seed}, at the end"));
     counts.rows_compared += dump.lines().count();
     counts.rounds += 1;
+    counts.resumed(&workshop.log());
 }
 
 /// Lets a daemon live for a random time; every third time to just after it has written.
@@ -302,6 +317,7 @@ fn many_kills_change_nothing() {
             && counts.all_cycles_stored_and_run_not_ended > 0,
         "phases not met: {counts:?}"
     );
+    assert!(counts.resumed > 0, "no daemon went on where another one was killed: {counts:?}");
 }
 
 /// How long a daemon takes here and now from its start to the first stored cycle of a settled export.

@@ -23,6 +23,7 @@ mod production;
 mod stage_signals;
 mod real_recording;
 mod reference_export;
+mod resume;
 mod robot_urdf;
 mod shipped;
 mod small;

@@ -143,3 +143,21 @@ fn a_running_daemon_reads_its_configuration_and_the_export_again() {
     daemon.signal("TERM");
     assert_eq!(daemon.end(), Some(0));
 }
+
+#[test]
+fn a_quarantine_is_logged_when_it_is_new_and_not_at_each_start() {
+    let workshop = Workshop::new();
+    fs::write(workshop.inbox(NAME), "time,pos_1\n0,1\n").expect("an export");
+    let logged = || workshop.log().matches("quarantined: ").count();
+    for name in ["R01_20260106_0847.csv", "R02_20260107_0847.csv"] {
+        // behind the first by name, so that both are looked at in each life
+        fs::write(workshop.inbox(name), format!("time,{name}\n0,1\n")).expect("an export");
+        let daemon = workshop.daemon_with_log();
+        workshop.wait_for(&format!("SELECT count(*) FROM quarantine WHERE source_name = '{name}'"), 1);
+        daemon.signal("TERM");
+        assert_eq!(daemon.end(), Some(0));
+        fs::remove_file(workshop.inbox(name)).expect("removed");
+    }
+    assert_eq!(logged(), 3, "{}", workshop.log());
+    assert!(workshop.log().contains("exports in quarantine"), "{}", workshop.log());
+}

@@ -113,6 +113,18 @@ impl Workshop {
         Daemon { child: child.expect("the daemon starts") }
     }
 
+    /// As [`Workshop::daemon`], with its log at the end of the file `daemon.log`.
+    pub fn daemon_with_log(&self) -> Daemon {
+        let log = fs::OpenOptions::new().create(true).append(true).open(self.path("daemon.log"));
+        let child = self.command(&["run"]).stdout(Stdio::null()).stderr(log.expect("a log")).spawn();
+        Daemon { child: child.expect("the daemon starts") }
+    }
+
+    /// What daemons have written into `daemon.log`.
+    pub fn log(&self) -> String {
+        fs::read_to_string(self.path("daemon.log")).unwrap_or_default()
+    }
+
     /// Rows of a query on `armwatch.db`, each a line with cells separated by `|`.
     pub fn query(&self, sql: &str) -> Vec<String> {
         query(&self.path("armwatch.db"), sql)

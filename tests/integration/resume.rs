@@ -1,0 +1,172 @@
+//! Reading that goes on after a restart where stored cycles end, before the real daemon.
+
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::Path;
+use std::sync::LazyLock;
+use std::time::Duration;
+
+use sqlx::Connection;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+
+use crate::small::{self, Export};
+use crate::support::{Daemon, Workshop, assert_alike};
+
+const COMPLETE: &str = "SELECT COUNT(*) FROM runs WHERE status = 'complete'";
+const CYCLES: &str = "SELECT COUNT(*) FROM cycles";
+
+/// Pieces in which a cycle is written, so that blocks of rows are far shorter than a cycle.
+const PIECES: usize = 12;
+
+/// Place behind the last row of cycle `number`.
+fn end_of_cycle(export: &Export, number: u32) -> usize {
+    let lines = export.lines();
+    let cycle = |line: &[u8]| {
+        let text = std::str::from_utf8(line).expect("text");
+        text.split(',').nth(14).and_then(|cell| cell.parse::<u32>().ok())
+    };
+    lines
+        .iter()
+        .take_while(|line| cycle(line).is_none_or(|cycle| cycle <= number))
+        .map(|line| line.len())
+        .sum()
+}
+
+/// Appends bytes in pieces that the daemon reads one by one.
+fn append(path: &Path, bytes: &[u8]) {
+    let mut file = OpenOptions::new().create(true).append(true).open(path).expect("an export");
+    for piece in bytes.chunks(bytes.len() / PIECES + 1) {
+        file.write_all(piece).expect("written");
+        std::thread::sleep(Duration::from_millis(130));
+    }
+}
+
+/// What the database holds after the export was read once, which is the same for all tests.
+fn golden() -> &'static str {
+    static GOLDEN: LazyLock<String> = LazyLock::new(|| {
+        let (export, workshop) = (the_export(), small::workshop());
+        std::fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+        workshop.stdout(&["ingest", "inbox"], 0);
+        workshop.dump()
+    });
+    &GOLDEN
+}
+
+fn the_export() -> Export {
+    small::export("A", 1, 5)
+}
+
+fn kill(daemon: Daemon) {
+    daemon.signal("KILL");
+    assert_eq!(daemon.end(), None);
+}
+
+fn stop(daemon: Daemon) {
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+}
+
+/// A daemon that was killed when two cycles of a growing export were stored; returns the byte to go on from.
+fn killed_behind_two_cycles(workshop: &Workshop, export: &Export) -> usize {
+    workshop.set("settle_s", "60");
+    let daemon = workshop.daemon();
+    let path = workshop.inbox(&export.name);
+    let (first, second) = (end_of_cycle(export, 1), end_of_cycle(export, 2));
+    append(&path, &export.bytes[..first]);
+    append(&path, &export.bytes[first..second + 2000]);
+    workshop.wait_for(CYCLES, 2);
+    kill(daemon);
+    let point = workshop.query("SELECT cycles, byte FROM resume_point");
+    let (cycles, byte) = point.first().and_then(|row| row.split_once('|')).expect("a point");
+    assert_eq!(cycles, "2");
+    let byte = byte.parse().expect("a byte");
+    // behind the first cycle, since blocks are far shorter; and where a row begins
+    assert!((first..=second).contains(&byte), "{byte} is not in {first}..={second}");
+    assert_eq!(export.bytes[byte - 1], b'\n');
+    byte
+}
+
+/// Lets a daemon take the rest of an export and returns what it has logged.
+fn finished(workshop: &Workshop, export: &Export) -> String {
+    let path = workshop.inbox(&export.name);
+    let written = usize::try_from(std::fs::metadata(&path).expect("an export").len()).expect("a size");
+    append(&path, &export.bytes[written..]);
+    std::fs::write(workshop.inbox(&format!("{}.done", export.name)), "").expect("a mark");
+    let daemon = workshop.daemon_with_log();
+    workshop.wait_for(COMPLETE, 1);
+    assert_alike(&workshop.dump(), golden(), "dump");
+    stop(daemon);
+    workshop.log()
+}
+
+#[test]
+fn a_killed_daemon_goes_on_reading_where_stored_cycles_end() {
+    let (export, workshop) = (the_export(), small::workshop());
+    let byte = killed_behind_two_cycles(&workshop, &export);
+    let log = finished(&workshop, &export);
+    assert_eq!(log.matches(&format!("resumed at byte {byte}")).count(), 1, "{log}");
+}
+
+/// What is stored to go on with may be of an older program, or damaged.
+#[test]
+fn a_state_that_is_not_understood_is_no_state() {
+    let (export, workshop) = (the_export(), small::workshop());
+    killed_behind_two_cycles(&workshop, &export);
+    let half = "UPDATE resume_point SET state = substr(state, 1, length(state) / 2)";
+    execute(&workshop.path("armwatch.db"), half);
+    let log = finished(&workshop, &export);
+    assert!(!log.contains("resumed at byte") && log.contains("read from the start"), "{log}");
+}
+
+/// Another layout may mean another thing by the same columns.
+#[test]
+fn another_layout_does_not_go_on_with_the_state_of_the_first() {
+    let (export, workshop) = (the_export(), small::workshop());
+    killed_behind_two_cycles(&workshop, &export);
+    let native = concat!(env!("CARGO_MANIFEST_DIR"), "/config/exports/native.toml");
+    let text = std::fs::read_to_string(native).expect("the layout");
+    std::fs::write(workshop.path("other.toml"), text.replace("name = \"native\"", "name = \"other\""))
+        .expect("written");
+    let config = workshop.path("armwatch.toml");
+    let text = std::fs::read_to_string(&config).expect("the configuration");
+    std::fs::write(&config, text.replace(native, "other.toml")).expect("written");
+    let log = finished(&workshop, &export);
+    assert!(!log.contains("resumed at byte") && log.contains("read from the start"), "{log}");
+}
+
+#[test]
+fn a_complete_export_that_grows_again_is_gone_on_with_where_its_last_whole_cycle_ends() {
+    let (export, workshop) = (the_export(), small::workshop());
+    workshop.set("settle_s", "0.5");
+    let path = workshop.inbox(&export.name);
+    let daemon = workshop.daemon_with_log();
+    let (first, second) = (end_of_cycle(&export, 1), end_of_cycle(&export, 2));
+    append(&path, &export.bytes[..first]);
+    append(&path, &export.bytes[first..second]);
+    workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete' AND cycles = 2", 1);
+    assert_eq!(
+        workshop.query("SELECT cycles FROM resume_point"),
+        ["1"],
+        "the end of the file has cut the second"
+    );
+    let log = finished_again(&workshop, &export, second);
+    assert!(log.contains("resumed at byte"), "{log}");
+    stop(daemon);
+}
+
+fn finished_again(workshop: &Workshop, export: &Export, written: usize) -> String {
+    append(&workshop.inbox(&export.name), &export.bytes[written..]);
+    workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete' AND cycles = 3", 1);
+    assert_alike(&workshop.dump(), golden(), "dump");
+    workshop.log()
+}
+
+fn execute(database: &Path, sql: &str) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+    runtime.block_on(async {
+        let options = SqliteConnectOptions::new().filename(database);
+        let mut connection = SqliteConnection::connect_with(&options).await.expect("a connection");
+        sqlx::query(sqlx::AssertSqlSafe(sql)).execute(&mut connection).await.expect("done");
+        connection.close().await.expect("closed");
+    });
+}
