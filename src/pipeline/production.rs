@@ -106,10 +106,14 @@ pub(super) type Settled = (i64, Vec<(u32, ProductionCheck)>);
 /// # Errors
 /// Those of the store.
 pub(super) async fn settle(store: &Store, robot_id: i64) -> Result<Vec<Settled>, PipelineError> {
+    let windows = store.production_windows(robot_id).await?;
+    if windows.is_empty() {
+        return Ok(Vec::new());
+    }
     let tests = store.reference_tests(robot_id).await?;
     let mut candidates: HashMap<i64, Option<Arc<Reference>>> = HashMap::new();
     let mut due: BTreeMap<i64, BTreeMap<u32, Arc<Reference>>> = BTreeMap::new();
-    for window in store.production_windows(robot_id).await? {
+    for window in windows {
         for test in nearest(&tests, &window).take(MOST_REFERENCES) {
             if window.settled_against == Some(test.run_id) {
                 break;
