@@ -143,7 +143,7 @@ fn alarms(model: &str, seeds: std::ops::Range<u64>, of: impl Fn(u64, u32) -> Sta
 }
 
 #[test]
-#[ignore = "a minute of simulated arms at work"]
+#[ignore = "hundreds of simulated recordings, to be looked at by hand"]
 fn healthy_arms_at_work_are_not_called_worn() {
     for model in ["er3a", "scara"] {
         let [wear, load, judged] = alarms(model, 500..506, weather);
@@ -153,7 +153,7 @@ fn healthy_arms_at_work_are_not_called_worn() {
 }
 
 #[test]
-#[ignore = "a minute of simulated arms at work"]
+#[ignore = "hundreds of simulated recordings, to be looked at by hand"]
 fn changing_loads_are_said_and_not_called_wear() {
     // two of three shifts carry something
     let loaded = |seed, run| State { load_kg: f64::from(run % 3), ..weather(seed, run) };
@@ -172,7 +172,7 @@ fn changing_loads_are_said_and_not_called_wear() {
 }
 
 #[test]
-#[ignore = "a minute of simulated arms at work"]
+#[ignore = "hundreds of simulated recordings, to be looked at by hand"]
 fn wear_between_tests_is_found() {
     let arm = Arm::new("er3a");
     for (step, worn) in [(0.25, 540..543), (0.5, 543..546)] {
