@@ -75,11 +75,31 @@ pub struct JointCheck {
     pub joint: JointIndex,
     /// Deviation over all rows and over those in which the joint moves.
     pub rmsd: RmsdPair,
-    /// Mean of measured less estimated torque over the moving rows, Nm; `None` without such rows, and of
-    /// checks from factors, which do not know it.
-    pub bias: Option<f64>,
-    /// Largest size of measured less estimated torque over the moving rows, Nm; `None` as for the bias.
-    pub max: Option<f64>,
+    /// How much of the deviation looks like friction; `None` where the joint does not move.
+    pub friction: Option<FrictionExcess>,
+}
+
+/// Friction of a window beyond the test's, by least squares over the moving rows: the measured torque less the
+/// estimated one as a multiple of the friction torque that the test's parameters give.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FrictionExcess {
+    /// The multiple: 0.1 is a tenth more friction than in the test, negative less.
+    pub excess: f64,
+    /// Part of the squared deviation that it explains, 0 to 1.
+    pub share: f64,
+}
+
+/// Windows of one recording of production against one test, medians over those in which the joint moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ProductionJoint {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Windows behind the medians.
+    pub windows: usize,
+    /// Moving RMSD as a fraction of the measured torque's RMS.
+    pub relative_rmsd: f64,
+    /// Friction beyond the test's.
+    pub friction: FrictionExcess,
 }
 
 /// How rows become parameters.

@@ -4,7 +4,7 @@ use std::fmt;
 
 use jiff::Timestamp;
 
-use crate::analysis::JointSummary;
+use crate::analysis::{JointSummary, ProductionJoint};
 use crate::robot::JointIndex;
 
 /// What kind of change an anomaly is.
@@ -16,6 +16,8 @@ pub enum AnomalyKind {
     Oscillation,
     /// RMSD over its limit.
     Accuracy,
+    /// Torque that the test's parameters do not give and friction does not explain: another load, most often.
+    Payload,
 }
 
 impl AnomalyKind {
@@ -26,6 +28,7 @@ impl AnomalyKind {
             Self::Drift => "drift",
             Self::Oscillation => "oscillation",
             Self::Accuracy => "accuracy",
+            Self::Payload => "payload",
         }
     }
 }
@@ -76,6 +79,20 @@ pub struct RunSummary {
     pub cycles: u32,
     /// One entry a joint.
     pub joints: Vec<JointSummary>,
+}
+
+/// One complete log of production held against one test, as the detectors see it. A log with a test in its middle
+/// gives two.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProductionSummary {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// Start of the recording.
+    pub started_at: Timestamp,
+    /// The test.
+    pub reference_run_id: i64,
+    /// One entry a joint that moves.
+    pub joints: Vec<ProductionJoint>,
 }
 
 /// An anomaly found in a history. The same history always gives the same anomalies, so a repeated

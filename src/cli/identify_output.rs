@@ -190,8 +190,8 @@ impl Report<'_> {
         let mut text = format!(
             "condition number {}, columns scaled {}\nthe motion of these cycles does not show every parameter; no \
              values are given\n",
-            figure(shown.condition_number),
-            figure(shown.scaled_condition_number)
+            four_digits(shown.condition_number),
+            four_digits(shown.scaled_condition_number)
         );
         for &column in &shown.unseen {
             text.push_str(&format!("  {} never changes a torque\n", self.id(column)));
@@ -343,8 +343,8 @@ fn figures_text(found: &Identification) -> String {
     format!(
         "{} samples, condition number {}, columns scaled {}; residual {:.4} Nm",
         found.samples,
-        figure(found.condition_number),
-        figure(found.scaled_condition_number),
+        four_digits(found.condition_number),
+        four_digits(found.scaled_condition_number),
         found.residual_std,
     )
 }
@@ -362,6 +362,18 @@ fn errors_text(errors: ErrorBasis) -> String {
 
 fn figure(value: f64) -> String {
     known(value).map_or_else(|| "-".to_owned(), |value| format!("{value:.6}"))
+}
+
+/// A condition number says how many digits are lost; more than four of its own say nothing.
+fn four_digits(value: f64) -> String {
+    let text = |value: f64| match value.abs() {
+        size if size >= 1e6 => format!("{value:.3e}"),
+        size if size >= 1e3 => format!("{value:.0}"),
+        size if size >= 1e2 => format!("{value:.1}"),
+        size if size >= 1e1 => format!("{value:.2}"),
+        _ => format!("{value:.3}"),
+    };
+    known(value).map_or_else(|| "-".to_owned(), text)
 }
 
 fn rmsd_table(rmsd: &[TorqueRmsd]) -> String {
@@ -396,4 +408,15 @@ pub(super) fn rmsd_value(rmsd: &TorqueRmsd) -> Value {
         "samples": rmsd.all_rows.samples,
         "moving_samples": rmsd.moving_rows.samples,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn condition_numbers_have_four_digits() {
+        let shown = [1.0, 29.64159, 161.647, 1616.472852, 2.5e9, f64::INFINITY].map(four_digits);
+        assert_eq!(shown, ["1.000", "29.64", "161.6", "1616", "2.500e9", "-"]);
+    }
 }

@@ -247,21 +247,32 @@ impl Row<'_> {
         let backwards = before.seconds > seconds;
         let last = match self.map.time {
             TimeColumn::Stamped { .. } => "the time".to_owned(),
-            _ => before.recorded.to_string(),
+            // of the row before a block only the count that goes on is known
+            TimeColumn::Wrapping { .. } => "the count".to_owned(),
+            _ => without_rounding(before.recorded).to_string(),
         };
         let mut rejection = self.rejection(if backwards {
             format!("earlier than {last} in the row before: time runs backwards")
         } else {
             format!("not later than {last} in the row before: time stands still")
         });
-        rejection.remedy = match began_anew(before.recorded, recorded).filter(|_| backwards) {
-            Some(period) => {
+        let anew = || began_anew(before.recorded, recorded).filter(|_| backwards);
+        rejection.remedy = match (&self.map.time, anew()) {
+            (TimeColumn::Wrapping { period, .. }, _) => {
+                format!("check wraps_at = {period} under [time]: the counter must begin anew there").into()
+            }
+            (_, Some(period)) => {
                 format!("if this is a counter that began anew, set wraps_at = {period} under [time]").into()
             }
-            None => "export the recording again in one piece, with a finer time if needed".into(),
+            (_, None) => "export the recording again in one piece, with a finer time if needed".into(),
         };
         rejection
     }
+}
+
+/// A time that was converted to seconds and back, as it was recorded.
+fn without_rounding(recorded: f64) -> f64 {
+    format!("{recorded:.11e}").parse().unwrap_or(recorded)
 }
 
 /// The period of a counter of 16, 31 or 32 bits that was near its end and is near its beginning.

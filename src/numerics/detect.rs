@@ -5,6 +5,8 @@
 //! always gives the same anomalies. Every joint is compared with its own baseline: two arms of one
 //! model differ by half in friction when both are healthy.
 
+use jiff::Timestamp;
+
 use super::statistics::{median, robust_deviation};
 use crate::analysis::{Estimate, JointSummary, WarmFriction};
 use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, RunSummary, Severity};
@@ -45,7 +47,7 @@ impl Default for DetectSettings {
 
 /// Weight of the newest run in the smoothed friction index (EWMA, Roberts 1959): three runs in a
 /// row carry four fifths of the weight, one odd run does not decide.
-const EWMA_WEIGHT: f64 = 0.4;
+pub(super) const EWMA_WEIGHT: f64 = 0.4;
 
 /// Smallest run-to-run standard deviation that a baseline of a few runs is believed to have, as a
 /// fraction of friction: hall temperature alone moves warm friction by about this.
@@ -74,6 +76,7 @@ const QUIET_RUNS: usize = 2;
 pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
     let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
     let mut findings = Findings::default();
+    let moments: Vec<(i64, Timestamp)> = history.iter().map(|run| (run.run_id, run.started_at)).collect();
     for joint in (0..joints).map(JointIndex::new) {
         let series: Vec<Option<&JointSummary>> =
             history.iter().map(|run| run.joints.iter().find(|summary| summary.joint == joint)).collect();
@@ -88,7 +91,7 @@ pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
             (AnomalyKind::Oscillation, "moving_relative_rmsd", oscillation(&series, settings)),
             (AnomalyKind::Accuracy, "moving_relative_rmsd", accuracy(&series, settings)),
         ] {
-            findings.anomalies.extend(episodes(history, joint, kind, quantity, &verdicts));
+            findings.anomalies.extend(episodes(&moments, joint, kind, quantity, &verdicts));
         }
     }
     findings
@@ -96,7 +99,7 @@ pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
 
 /// What one run says of one quantity.
 #[derive(Debug, Clone, PartialEq)]
-enum Verdict {
+pub(super) enum Verdict {
     /// Not measured, or not comparable.
     Unknown,
     /// As expected.
@@ -347,9 +350,9 @@ fn accuracy(series: &[Option<&JointSummary>], settings: &DetectSettings) -> Vec<
         .collect()
 }
 
-/// Joins the verdicts of successive runs into episodes.
-fn episodes(
-    history: &[RunSummary],
+/// Joins the verdicts of successive runs, given by key and start, into episodes.
+pub(super) fn episodes(
+    runs: &[(i64, Timestamp)],
     joint: JointIndex,
     kind: AnomalyKind,
     quantity: &'static str,
@@ -357,7 +360,7 @@ fn episodes(
 ) -> Vec<Anomaly> {
     let mut found: Vec<Anomaly> = Vec::new();
     let mut quiet = QUIET_RUNS;
-    for (run, verdict) in history.iter().zip(verdicts) {
+    for (&(run_id, started_at), verdict) in runs.iter().zip(verdicts) {
         match verdict {
             Verdict::Unknown => {}
             Verdict::Quiet => {
@@ -373,8 +376,7 @@ fn episodes(
                         open.severity = open.severity.max(*severity);
                         (open.score, open.threshold, open.value, open.baseline) =
                             (*score, *threshold, *value, *baseline);
-                        (open.last_run_id, open.last_seen_at, open.message) =
-                            (run.run_id, run.started_at, message);
+                        (open.last_run_id, open.last_seen_at, open.message) = (run_id, started_at, message);
                     }
                     None => found.push(Anomaly {
                         joint,
@@ -385,10 +387,10 @@ fn episodes(
                         threshold: *threshold,
                         value: *value,
                         baseline: *baseline,
-                        first_run_id: run.run_id,
-                        last_run_id: run.run_id,
-                        first_seen_at: run.started_at,
-                        last_seen_at: run.started_at,
+                        first_run_id: run_id,
+                        last_run_id: run_id,
+                        first_seen_at: started_at,
+                        last_seen_at: started_at,
                         ended: false,
                         message,
                     }),

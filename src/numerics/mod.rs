@@ -83,6 +83,9 @@ pub mod nominal_prior;
 mod history_tests;
 pub mod statistics;
 pub mod detect;
+pub mod detect_production;
+#[cfg(test)]
+mod detect_production_tests;
 #[cfg(test)]
 mod detect_tests;
 

@@ -1,13 +1,17 @@
 //! Windows of ordinary work against parameters that a test has given: no identification, since a program
 //! of production moves as it must and not as parameters need.
 
+use super::NumericsError;
 use super::analyse::{Method, keep_factors, note_gaps, unanalysed};
-use super::factors::factor_cycle;
+use super::factors::{JointColumns, JointFactor, factor_cycle};
 use super::jumps::jumps;
 use super::signal::condition;
-use super::torque_series::{SeriesRows, TorqueSeries, torque_series};
-use crate::analysis::{CycleAnalysis, JointCheck, ProductionCheck, RmsdPair, RmsdScope};
-use crate::robot::{JointIndex, ParameterId};
+use super::statistics::median;
+use super::verify::torque_rmsd;
+use crate::analysis::{
+    CycleAnalysis, FrictionExcess, JointCheck, Motion, ProductionCheck, ProductionJoint, RmsdPair, RmsdScope,
+};
+use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{Cycle, RunKind};
 
 /// Why a window of production has no parameters; never shown while it has factors.
@@ -23,7 +27,7 @@ pub struct Reference {
 }
 
 /// Conditions a window as a cycle of a test, keeps its factors, and holds its torques against those that
-/// `reference` gives [5.1]: deviation with and without slow rows, its mean and its largest value.
+/// `reference` gives, see [`check_window`].
 ///
 /// Never fails: what could not be had says why in the result. Channels are not diagnosed as those of a
 /// test, since in ordinary work joints may well stand still or move at one speed.
@@ -45,40 +49,97 @@ pub fn analyse_window(method: &Method, cycle: &Cycle, reference: Option<&Referen
     let kept = &method.base.kept_columns;
     let factored = factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, samples);
     keep_factors(method, &factored, &mut analysis);
-    let Some(reference) = reference else { return analysis };
-    let rows = SeriesRows::Counted;
-    match torque_series(&method.robot, &reference.parameters, samples, &conditioned, rows) {
-        Ok(series) => {
-            let joints = (0..series.joints.len()).map(|j| joint_check(&series, JointIndex::new(j)));
-            let joints = joints.collect();
-            analysis.production = Some(ProductionCheck { reference_run_id: reference.run_id, joints });
-        }
-        Err(error) => analysis.remarks.push(format!("not held against run {}: {error}", reference.run_id)),
-    }
+    // parameters of other columns are no error here: what a window is held against is settled later
+    analysis.production =
+        reference.and_then(|reference| check_window(&method.columns, &factored.factors, reference).ok());
     analysis
 }
 
-fn joint_check(series: &TorqueSeries, joint: JointIndex) -> JointCheck {
-    let of_joint = &series.joints[joint.index()];
-    let moving: Vec<f64> =
-        (0..series.rows()).filter(|&row| of_joint.moving[row]).map(|row| of_joint.residual(row)).collect();
-    let some = |value: f64| (!moving.is_empty()).then_some(value);
-    let rmsd = series.rmsd(joint, RmsdScope::WholeCycle);
-    JointCheck {
-        joint,
-        rmsd: RmsdPair { all_rows: rmsd.all_rows, moving_rows: rmsd.moving_rows },
-        bias: some(moving.iter().sum::<f64>() / moving.len().max(1) as f64),
-        max: some(moving.iter().fold(0.0, |most: f64, residual| most.max(residual.abs()))),
+/// Holds the rows behind `factors` against the parameters of `reference` `[b]`: deviation with and without slow rows
+/// [5.1], and the friction excess `e` that minimises `|tau - w theta - e w_f theta_f|` over the moving rows, `w_f`
+/// being the columns of the joint's own friction.
+///
+/// # Errors
+/// [`NumericsError::ColumnsDiffer`] unless the parameters are exactly those of the columns.
+pub fn check_window(
+    columns: &JointColumns,
+    factors: &[JointFactor],
+    reference: &Reference,
+) -> Result<ProductionCheck, NumericsError> {
+    let theta = columns.theta(reference.parameters.iter().copied())?;
+    let rmsd = torque_rmsd(columns, factors, &theta);
+    let whole = rmsd.iter().filter(|of| of.scope == RmsdScope::WholeCycle);
+    let joints = whole.map(|of| JointCheck {
+        joint: of.joint,
+        rmsd: RmsdPair { all_rows: of.all_rows, moving_rows: of.moving_rows },
+        friction: friction_excess(columns, factors, &theta, of.joint),
+    });
+    Ok(ProductionCheck { reference_run_id: reference.run_id, joints: joints.collect() })
+}
+
+/// From factors alone: reflections keep the inner products of `w theta - tau` and `w_f theta_f`.
+fn friction_excess(
+    columns: &JointColumns,
+    factors: &[JointFactor],
+    theta: &[f64],
+    joint: JointIndex,
+) -> Option<FrictionExcess> {
+    let theta = columns.select(joint, theta);
+    let ids = columns.by_joint().get(joint.index())?;
+    let own = |id: &ParameterId| id.joint == joint && matches!(id.kind, ParameterKind::Friction(_));
+    let (mut of_friction, mut of_deviation, mut of_both) = (0.0, 0.0, 0.0);
+    for of in factors.iter().filter(|of| of.joint == joint && of.motion == Motion::Moving) {
+        let r = of.factor.upper();
+        for row in 0..r.nrows() {
+            let friction: f64 =
+                (row..theta.len()).filter(|&k| own(&ids[k])).map(|k| r[(row, k)] * theta[k]).sum();
+            let estimated: f64 = (row..theta.len()).map(|k| r[(row, k)] * theta[k]).sum();
+            let deviation = r[(row, theta.len())] - estimated;
+            of_friction += friction * friction;
+            of_deviation += deviation * deviation;
+            of_both += friction * deviation;
+        }
     }
+    let excess = of_both / of_friction;
+    let share = if of_deviation > 0.0 { excess * of_both / of_deviation } else { 0.0 };
+    excess.is_finite().then_some(FrictionExcess { excess, share })
+}
+
+/// The windows of one recording against one test, joint by joint: medians over the windows in which the joint moves.
+///
+/// Medians, since single windows hold a contact or a wait.
+#[must_use]
+pub fn summarise<'a>(checks: impl IntoIterator<Item = &'a [JointCheck]>) -> Vec<ProductionJoint> {
+    let mut by_joint: Vec<(JointIndex, Vec<[f64; 3]>)> = Vec::new();
+    for check in checks.into_iter().flatten() {
+        let Some(friction) = check.friction.filter(|_| check.rmsd.moving_rows.samples > 0) else { continue };
+        let figures = [check.rmsd.moving_rows.relative, friction.excess, friction.share];
+        match by_joint.iter_mut().find(|(joint, _)| *joint == check.joint) {
+            Some((_, windows)) => windows.push(figures),
+            None => by_joint.push((check.joint, vec![figures])),
+        }
+    }
+    by_joint.sort_unstable_by_key(|(joint, _)| *joint);
+    let summary = |(joint, windows): (JointIndex, Vec<[f64; 3]>)| {
+        let of = |figure: usize| median(&windows.iter().map(|of| of[figure]).collect::<Vec<_>>());
+        Some(ProductionJoint {
+            joint,
+            windows: windows.len(),
+            relative_rmsd: of(0)?,
+            friction: FrictionExcess { excess: of(1)?, share: of(2)? },
+        })
+    };
+    by_joint.into_iter().filter_map(summary).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::Rmsd;
     use crate::numerics::analyse::AnalysisSettings;
     use crate::numerics::factors::tests::cycle;
     use crate::numerics::factors::unpack;
-    use crate::numerics::verify::torque_rmsd;
+    use crate::numerics::torque_series::{SeriesRows, torque_series};
     use crate::run::Stage;
     use crate::testing::er3a;
 
@@ -86,37 +147,75 @@ mod tests {
     const EQUAL: f64 = 1e-9;
 
     #[test]
-    fn a_window_gives_the_deviation_that_its_factors_give() {
+    fn a_window_gives_the_deviation_that_its_rows_give_one_by_one() {
         let method = Method::new(er3a(), AnalysisSettings::default()).expect("base parameters");
         let mut window = cycle(4, 1200);
         window.samples.stage.fill(Stage::Between);
         let parameters: Vec<(ParameterId, f64)> = (method.base.kept.iter().enumerate())
             .map(|(k, id)| (*id, 1.0 + (k * 7919 % 13) as f64))
             .collect();
-        let theta: Vec<f64> = parameters.iter().map(|(_, value)| *value).collect();
-        let reference = Reference { run_id: 7, parameters };
+        let reference = Reference { run_id: 7, parameters: parameters.clone() };
         let analysis = analyse_window(&method, &window, Some(&reference));
         assert_eq!((analysis.refusal(), analysis.cycle, analysis.rows), (None, 4, 1200));
         assert!(analysis.friction_points.is_empty() && analysis.verification.is_empty());
-        let factors = unpack(&analysis.factors).expect("factors");
-        let expected = torque_rmsd(&method.columns, &factors, &theta);
+        let stored = unpack(&analysis.factors).expect("factors");
         let check = analysis.production.expect("a reference");
         assert_eq!((check.reference_run_id, check.joints.len()), (7, 6));
+        assert_eq!(check_window(&method.columns, &stored, &reference).expect("the same columns"), check);
+        let conditioned = condition(&window.samples, analysis.cutoff).expect("a long window");
+        let series = |parameters: &[(ParameterId, f64)]| {
+            torque_series(&method.robot, parameters, &window.samples, &conditioned, SeriesRows::Counted)
+                .expect("the same columns")
+        };
+        let whole = series(&parameters);
         for joint in &check.joints {
-            let whole = |of: &&crate::analysis::TorqueRmsd| {
-                of.scope == RmsdScope::WholeCycle && of.joint == joint.joint
-            };
-            let expected = expected.iter().find(whole).expect("the whole window");
+            let expected = whole.rmsd(joint.joint, RmsdScope::WholeCycle);
             let pairs =
                 [(joint.rmsd.all_rows, expected.all_rows), (joint.rmsd.moving_rows, expected.moving_rows)];
             for (found, expected) in pairs {
                 assert_eq!(found.samples, expected.samples);
                 assert!((found.value - expected.value).abs() <= EQUAL * expected.value);
             }
-            let (bias, max) = (joint.bias.expect("it moves"), joint.max.expect("it moves"));
-            let rmsd = joint.rmsd.moving_rows.value;
-            assert!(bias.abs() <= rmsd && rmsd <= max, "{bias} {rmsd} {max}");
+            let own = |of: &&(ParameterId, f64)| {
+                of.0.joint == joint.joint && matches!(of.0.kind, ParameterKind::Friction(_))
+            };
+            let friction: Vec<(ParameterId, f64)> = parameters.iter().filter(own).copied().collect();
+            let (friction, whole) =
+                (&series(&friction).joints[joint.joint.index()], &whole.joints[joint.joint.index()]);
+            let moving: Vec<usize> = (0..whole.q.len()).filter(|&row| whole.moving[row]).collect();
+            let sum = |of: &dyn Fn(usize) -> f64| moving.iter().map(|&row| of(row)).sum::<f64>();
+            let square = sum(&|row| friction.estimated[row].powi(2));
+            let both = sum(&|row| friction.estimated[row] * whole.residual(row));
+            let all = sum(&|row| whole.residual(row).powi(2));
+            let found = joint.friction.expect("it moves");
+            assert!((found.excess - both / square).abs() <= EQUAL * all.sqrt() / square.sqrt());
+            assert!((found.share - both * both / square / all).abs() <= EQUAL);
         }
+    }
+
+    #[test]
+    fn medians_leave_out_windows_in_which_a_joint_rests() {
+        let check = |joint: usize, relative: f64, friction: Option<f64>| JointCheck {
+            joint: JointIndex::new(joint),
+            rmsd: RmsdPair {
+                all_rows: Rmsd { value: 1.0, relative: 1.0, samples: 10 },
+                moving_rows: Rmsd { value: relative, relative, samples: 5 * usize::from(friction.is_some()) },
+            },
+            friction: friction.map(|excess| FrictionExcess { excess, share: 0.5 }),
+        };
+        let windows = [
+            vec![check(1, 0.02, Some(0.1)), check(0, 0.3, None)],
+            vec![check(1, 0.9, Some(4.0))],
+            vec![check(1, 0.03, Some(0.2))],
+        ];
+        let found = summarise(windows.iter().map(Vec::as_slice));
+        let expected = ProductionJoint {
+            joint: JointIndex::new(1),
+            windows: 3,
+            relative_rmsd: 0.03,
+            friction: FrictionExcess { excess: 0.2, share: 0.5 },
+        };
+        assert_eq!(found, [expected]);
     }
 
     #[test]

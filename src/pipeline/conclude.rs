@@ -1,14 +1,16 @@
-//! What follows from a robot's whole history: fits over its runs, its friction map, anomalies and health.
+//! What follows from a robot's whole history: fits over its runs, its friction map, what production is held
+//! against, anomalies and health.
 //!
 //! Conclusions depend on the set of complete runs alone. They are drawn in a transaction of their own, after
 //! one run or after many: a backlog of a thousand exports is not judged a thousand times. The database knows
 //! which robots wait for it, so that nothing is forgotten if the program ends in between.
 
 use super::friction::FrictionHistory;
-use super::{Pipeline, PipelineError};
+use super::{Pipeline, PipelineError, production};
 use crate::anomaly::RunSummary;
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::detect::detect;
+use crate::numerics::detect_production::detect_production;
 use crate::store::{AnomalyRow, StaleRobot};
 
 /// Of a longer backlog, conclusions are drawn each time this many runs of a robot have ended: the friction index
@@ -64,11 +66,19 @@ impl Pipeline {
         for remark in &friction.found.remarks {
             tracing::debug!(robot = robot.name, "{remark}");
         }
+        let settled = production::settle(&self.store, robot.robot_id).await?;
         let mut conclusion = self.store.conclude(robot.robot_id).await?;
+        // a test that has changed meanwhile gave parameters that nobody stores any more
+        if conclusion.history().await? == robot.history {
+            for (run_id, checks) in &settled {
+                conclusion.settle_production(*run_id, checks).await?;
+            }
+        }
         conclusion.replace_mixed_fits(&mixed).await?;
         conclusion.replace_friction_maps(&friction.run_ids, &friction.found).await?;
         // detectors watch the index that was stored just now
-        let findings = detect(&conclusion.run_summaries().await?, &self.config.detect);
+        let mut findings = detect(&conclusion.run_summaries().await?, &self.config.detect);
+        findings.anomalies.extend(detect_production(&conclusion.production_summaries().await?));
         let reconciled = conclusion.reconcile(&findings).await?;
         conclusion.commit(robot.history).await?;
         let new_anomalies = self.opened(&reconciled.opened).await?;

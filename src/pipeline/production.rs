@@ -1,17 +1,25 @@
 //! Recordings of ordinary work: windows held against the parameters of the robot's tests.
 
+use std::collections::hash_map::Entry;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-use super::cutting::ReadTotals;
 use super::intake::Intake;
-use super::stored::{Candidate, Chosen, StoredError, cross_verification, unit_identification};
-use super::{Outcome, Pipeline, PipelineError, StoredRun};
-use crate::analysis::{CycleAnalysis, JointCheck, ProductionCheck, RmsdPair, RmsdScope, TorqueRmsd};
+use super::stored::{Candidate, Chosen, StoredError, unit_identification};
+use super::{Pipeline, PipelineError};
+use crate::analysis::{CycleAnalysis, ProductionCheck};
 use crate::config::Layout;
 use crate::numerics::analyse::{Method, analyse_cycle};
-use crate::numerics::production::{Reference, analyse_window};
+use crate::numerics::factors::{JointColumns, unpack};
+use crate::numerics::production::{Reference, analyse_window, check_window};
 use crate::run::{Cycle, RunKind};
-use crate::store::{Owner, RunTotals, Store};
+use crate::store::{ProductionWindow, ReferenceTest, Store, StoredCycle};
+
+/// Windows whose factors are held at once: 50 kB each for a six-joint arm, 3 MB.
+const WINDOWS_AT_ONCE: usize = 64;
+
+/// Tests that are looked at for a window until one has parameters.
+const MOST_REFERENCES: usize = 8;
 
 /// What is done with each cycle of an export.
 #[derive(Debug, Clone)]
@@ -55,104 +63,116 @@ pub(super) async fn work(
     if kind == RunKind::Test {
         return Ok(work_alone(&intake.layout, method));
     }
-    let found = candidate(store, intake.run_id).await?;
-    let found = found.filter(|(_, candidate)| candidate.model.describes(&intake.robot));
-    let reference = found.map(|(run_id, candidate)| {
-        let parameters = candidate.parameters.iter().map(|parameter| (parameter.id, parameter.value));
-        Arc::new(Reference { run_id, parameters: parameters.collect() })
-    });
-    Ok(Work::Production(Arc::clone(method), reference))
-}
-
-/// Parameters of the test that a run of production is held against: those of all its cycles together. `None`
-/// as long as the robot has no test with parameters.
-async fn candidate(store: &Store, run_id: i64) -> Result<Option<(i64, Candidate)>, PipelineError> {
-    for test in store.reference_runs(run_id).await? {
-        match unit_identification(store, &[Chosen { run_id: test, cycles: None }]).await {
-            Ok(set) => {
-                let parameters = set.identification.parameters;
-                return Ok(Some((test, Candidate { model: set.model, parameters })));
-            }
-            Err(StoredError::Store(error)) => return Err(error.into()),
-            Err(StoredError::Task(error)) => return Err(error.into()),
-            // stored by an older program, or a motion too poor: an earlier test may do
-            Err(StoredError::Numerics(_) | StoredError::Refused(_)) => {}
+    // what is said of a window while its log is still written; conclusions settle it
+    for test in store.reference_runs(intake.run_id).await? {
+        if let Some(found) = candidate(store, test).await?
+            && found.model.describes(&intake.robot)
+        {
+            return Ok(Work::Production(Arc::clone(method), Some(as_reference(test, &found))));
         }
     }
-    Ok(None)
+    Ok(Work::Production(Arc::clone(method), None))
 }
 
-/// Ends a run of production: nothing follows from it for the robot's tests.
-///
-/// # Errors
-/// Those of the store.
-pub(super) async fn finish(
-    pipeline: &Pipeline,
-    intake: &Intake,
-    totals: ReadTotals,
-    refused: Vec<(u32, String)>,
-) -> Result<Outcome, PipelineError> {
-    let store = pipeline.store();
-    let mut ending = store.finish_run(intake.run_id).await?;
-    if let Owner::Other(run_id) = ending.adopt(&totals.content).await? {
-        drop(ending);
-        store.merge_run(intake.run_id, run_id).await?;
-        return Ok(Outcome::AlreadyStored { run_id });
+/// Parameters of a test, those of all its cycles together; `None` where they cannot be had.
+async fn reference(store: &Store, run_id: i64) -> Result<Option<Arc<Reference>>, PipelineError> {
+    Ok(candidate(store, run_id).await?.map(|candidate| as_reference(run_id, &candidate)))
+}
+
+fn as_reference(run_id: i64, candidate: &Candidate) -> Arc<Reference> {
+    let parameters = candidate.parameters.iter().map(|parameter| (parameter.id, parameter.value));
+    Arc::new(Reference { run_id, parameters: parameters.collect() })
+}
+
+async fn candidate(store: &Store, run_id: i64) -> Result<Option<Candidate>, PipelineError> {
+    match unit_identification(store, &[Chosen { run_id, cycles: None }]).await {
+        Ok(set) => Ok(Some(Candidate { model: set.model, parameters: set.identification.parameters })),
+        Err(StoredError::Store(error)) => Err(error.into()),
+        Err(StoredError::Task(error)) => Err(error.into()),
+        // stored by an older program, or a motion too poor: another test may do
+        Err(StoredError::Numerics(_) | StoredError::Refused(_)) => Ok(None),
     }
-    ending
-        .complete(RunTotals {
-            rows: usize::try_from(totals.rows).unwrap_or(usize::MAX),
-            sample_rate: totals.sample_rate,
-            cycles: totals.cycles,
-        })
-        .await?;
-    ending.commit().await?;
-    Ok(Outcome::Stored(StoredRun {
-        run_id: intake.run_id,
-        robot: intake.header.robot.clone(),
-        cycles: totals.cycles,
-        refused,
-        rows: totals.rows,
-    }))
 }
 
-/// Holds what the robot of test `run_id` recorded in production before it had a test against the tests that
-/// there are now, from stored factors: no export is read.
+/// Checks of a run's windows that are to take the place of what is stored.
+pub(super) type Settled = (i64, Vec<(u32, ProductionCheck)>);
+
+/// What windows of a robot's production are to be held against by its whole history, where that is not stored yet,
+/// from stored factors: no export is read.
+///
+/// A window belongs to the last test that started no later, else to the first one; a test without parameters of the
+/// window's description is passed over.
 ///
 /// # Errors
 /// Those of the store.
-pub(super) async fn check_waiting(store: &Store, run_id: i64) -> Result<(), PipelineError> {
-    for waiting in store.unchecked_runs(run_id).await? {
-        let Some((reference, candidate)) = candidate(store, waiting).await? else { continue };
-        let verified = match cross_verification(store, vec![candidate], &[waiting]).await {
-            Ok(verified) => verified,
-            Err(StoredError::Store(error)) => return Err(error.into()),
-            Err(StoredError::Task(error)) => return Err(error.into()),
-            Err(StoredError::Numerics(error)) => {
-                tracing::warn!(run_id = waiting, %error, "production is not held against a test");
-                continue;
+pub(super) async fn settle(store: &Store, robot_id: i64) -> Result<Vec<Settled>, PipelineError> {
+    let windows = store.production_windows(robot_id).await?;
+    if windows.is_empty() {
+        return Ok(Vec::new());
+    }
+    let tests = store.reference_tests(robot_id).await?;
+    let mut candidates: HashMap<i64, Option<Arc<Reference>>> = HashMap::new();
+    let mut due: BTreeMap<i64, BTreeMap<u32, Arc<Reference>>> = BTreeMap::new();
+    for window in windows {
+        for test in nearest(&tests, &window).take(MOST_REFERENCES) {
+            if window.settled_against == Some(test.run_id) {
+                break;
             }
-            // another description of the arm: its parameters mean something else
-            Err(StoredError::Refused(_)) => continue,
-        };
-        let checks: Vec<(u32, ProductionCheck)> = verified
-            .iter()
-            .flat_map(|of| &of.by_cycle)
-            .map(|(cycle, rmsd)| (*cycle, check_of(reference, rmsd)))
-            .collect();
-        store.store_production_checks(waiting, &checks).await?;
+            let candidate = match candidates.entry(test.run_id) {
+                Entry::Occupied(known) => known.into_mut(),
+                Entry::Vacant(new) => new.insert(reference(store, test.run_id).await?),
+            };
+            if let Some(reference) = candidate {
+                due.entry(window.run_id).or_default().insert(window.cycle, Arc::clone(reference));
+                break;
+            }
+        }
     }
-    Ok(())
+    let mut settled = Vec::with_capacity(due.len());
+    for (run_id, windows) in due {
+        settled.push((run_id, checks(store, run_id, windows).await?));
+    }
+    Ok(settled)
 }
 
-/// A check from factors, which know neither the mean nor the largest deviation.
-fn check_of(reference_run_id: i64, rmsd: &[TorqueRmsd]) -> ProductionCheck {
-    let whole = rmsd.iter().filter(|of| of.scope == RmsdScope::WholeCycle);
-    let joint = |of: &TorqueRmsd| JointCheck {
-        joint: of.joint,
-        rmsd: RmsdPair { all_rows: of.all_rows, moving_rows: of.moving_rows },
-        bias: None,
-        max: None,
-    };
-    ProductionCheck { reference_run_id, joints: whole.map(joint).collect() }
+/// Tests of the window's description, the best first. `tests` are in the order of their start.
+fn nearest<'a>(
+    tests: &'a [ReferenceTest],
+    window: &ProductionWindow,
+) -> impl Iterator<Item = &'a ReferenceTest> {
+    let (before, after) = tests.split_at(tests.partition_point(|test| test.started_at <= window.started_at));
+    let model = window.robot_model_id;
+    before.iter().rev().chain(after).filter(move |test| test.robot_model_id == model)
+}
+
+/// Checks of windows, given by their numbers with the test that each is held against.
+async fn checks(
+    store: &Store,
+    run_id: i64,
+    windows: BTreeMap<u32, Arc<Reference>>,
+) -> Result<Vec<(u32, ProductionCheck)>, PipelineError> {
+    let (mut checks, windows) = (Vec::with_capacity(windows.len()), Vec::from_iter(windows));
+    for some in windows.chunks(WINDOWS_AT_ONCE) {
+        let numbers: Vec<u32> = some.iter().map(|(number, _)| *number).collect();
+        let cycles = store.factors_of_cycles(run_id, &numbers).await?;
+        let references: HashMap<u32, Arc<Reference>> = some.iter().cloned().collect();
+        let made = tokio::task::spawn_blocking(move || {
+            let check = |cycle: &StoredCycle| {
+                let columns = JointColumns::of_stored(&cycle.factors.columns);
+                let reference = references.get(&cycle.cycle)?;
+                let checked =
+                    unpack(&cycle.factors).and_then(|factors| check_window(&columns, &factors, reference));
+                match checked {
+                    Ok(check) => Some((cycle.cycle, check)),
+                    Err(error) => {
+                        tracing::warn!(run_id, window = cycle.cycle, %error, "not held against a test");
+                        None
+                    }
+                }
+            };
+            cycles.iter().filter_map(check).collect::<Vec<_>>()
+        });
+        checks.extend(made.await?);
+    }
+    Ok(checks)
 }

@@ -4,14 +4,14 @@ use tokio::sync::mpsc;
 
 use super::cutting::ReadTotals;
 use super::intake::Intake;
-use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun, friction, production};
-use crate::analysis::FrictionPoint;
+use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun, friction};
+use crate::analysis::{FrictionPoint, RunAnalysis};
 use crate::ingest::excerpt;
 use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::{Method, RunResults, analyse_run};
 use crate::robot::{JointIndex, ParameterId};
 use crate::run::{RunHeader, RunKind};
-use crate::store::{Fault, Owner, RunMeasurements, RunTotals, Store};
+use crate::store::{CycleSpeedFits, Fault, Owner, RunMeasurements, RunTotals, Store};
 
 /// What recording the cycles of an export came to.
 #[derive(Debug, Default)]
@@ -69,25 +69,20 @@ pub async fn finish(
     totals: ReadTotals,
     refused: Vec<(u32, String)>,
 ) -> Result<Outcome, PipelineError> {
-    if intake.layout.stage.run_kind() == RunKind::Production {
-        return production::finish(pipeline, intake, totals, refused).await;
-    }
-    let measurements = pipeline.store().run_measurements(intake.run_id).await?;
-    let speed_fits =
-        friction::over_speed(pipeline.store(), intake.run_id, &measurements.friction_points).await?;
-    let (joints, settings) = (method.robot.joint_count(), pipeline.config().analysis);
-    let analysis =
-        tokio::task::spawn_blocking(move || analyse_run(joints, &settings, &as_results(measurements)))
-            .await?;
-
+    let of_test = match intake.layout.stage.run_kind() {
+        RunKind::Test => Some(analyse_test(pipeline, intake, method).await?),
+        RunKind::Production => None,
+    };
     let mut ending = pipeline.store().finish_run(intake.run_id).await?;
     if let Owner::Other(run_id) = ending.adopt(&totals.content).await? {
         drop(ending);
         pipeline.store().merge_run(intake.run_id, run_id).await?;
         return Ok(Outcome::AlreadyStored { run_id });
     }
-    ending.store_analysis(&analysis).await?;
-    ending.replace_speed_fits(&speed_fits).await?;
+    if let Some((analysis, speed_fits)) = of_test {
+        ending.store_analysis(&analysis).await?;
+        ending.replace_speed_fits(&speed_fits).await?;
+    }
     let figures = RunTotals {
         rows: usize::try_from(totals.rows).unwrap_or(usize::MAX),
         sample_rate: totals.sample_rate,
@@ -95,7 +90,6 @@ pub async fn finish(
     };
     ending.complete(figures).await?;
     ending.commit().await?;
-    production::check_waiting(pipeline.store(), intake.run_id).await?;
     Ok(Outcome::Stored(StoredRun {
         run_id: intake.run_id,
         robot: intake.header.robot.clone(),
@@ -103,6 +97,22 @@ pub async fn finish(
         refused,
         rows: totals.rows,
     }))
+}
+
+/// What a test says as a whole; a log of production says nothing beyond its windows.
+async fn analyse_test(
+    pipeline: &Pipeline,
+    intake: &Intake,
+    method: &Method,
+) -> Result<(RunAnalysis, Vec<CycleSpeedFits>), PipelineError> {
+    let measurements = pipeline.store().run_measurements(intake.run_id).await?;
+    let speed_fits =
+        friction::over_speed(pipeline.store(), intake.run_id, &measurements.friction_points).await?;
+    let (joints, settings) = (method.robot.joint_count(), pipeline.config().analysis);
+    let analysis =
+        tokio::task::spawn_blocking(move || analyse_run(joints, &settings, &as_results(measurements)))
+            .await?;
+    Ok((analysis, speed_fits))
 }
 
 /// Quarantines an export that was let in; whole cycles before the fault stay stored.

@@ -45,6 +45,8 @@ use truth::{CycleTruth, FaultTruth, JointTruth, LoadTruth, RunTruth, write_truth
 const PROGRESS_ROWS: u64 = 10_000;
 /// Sample rates that an export carries: time has four decimals.
 const SAMPLE_RATE_HZ: [f64; 2] = [10.0, 5000.0];
+/// Start of the first run unless said otherwise, 2026-01-05T08:47:00Z: file names of 1970 are not believed.
+const FIRST_START: Timestamp = Timestamp::constant(1_767_602_820, 0);
 
 /// What to simulate: one robot over its runs.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,7 +91,7 @@ pub struct SimulationSettings {
 }
 
 impl Default for SimulationSettings {
-    /// A small healthy robot: one run of five cycles at 50 Hz with 20 s of warming.
+    /// A small healthy robot: one run of five cycles at 50 Hz with 20 s of warming, on 2026-01-05.
     fn default() -> Self {
         Self {
             robot_name: "R01".into(),
@@ -98,7 +100,7 @@ impl Default for SimulationSettings {
             cycles: 5,
             warming_s: 20.0,
             runs: 1,
-            first_start: Timestamp::UNIX_EPOCH,
+            first_start: FIRST_START,
             interval: Duration::from_secs(24 * 60 * 60),
             faults: Vec::new(),
             gzip: false,

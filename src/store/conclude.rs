@@ -8,9 +8,9 @@ use sqlx::sqlite::SqliteExecutor;
 use sqlx::{Sqlite, Transaction};
 
 use super::anomalies::{self, Reconciled};
-use super::{StoreError, friction, history, run_analysis};
-use crate::analysis::WarmUpFit;
-use crate::anomaly::{Findings, RunSummary};
+use super::{StoreError, friction, history, production, run_analysis};
+use crate::analysis::{ProductionCheck, WarmUpFit};
+use crate::anomaly::{Findings, ProductionSummary, RunSummary};
 use crate::numerics::friction_index::RobotFriction;
 
 /// A robot whose conclusions are older than its history.
@@ -58,6 +58,38 @@ impl ConclusionTransaction {
         self.checked(result)
     }
 
+    /// How often the robot's history has changed by now.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn history(&mut self) -> Result<i64, StoreError> {
+        let result = history_of(&mut *self.transaction, self.robot_id).await;
+        self.checked(result)
+    }
+
+    /// Writes what windows of a run of production, given by their numbers, are held against, in place of what was
+    /// stored of them.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn settle_production(
+        &mut self,
+        run_id: i64,
+        checks: &[(u32, ProductionCheck)],
+    ) -> Result<(), StoreError> {
+        let result = production::settle(&mut self.transaction, run_id, checks).await;
+        self.checked(result)
+    }
+
+    /// Reads what the robot's complete logs of production come to, in the order of their starts.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn production_summaries(&mut self) -> Result<Vec<ProductionSummary>, StoreError> {
+        let result = production::summaries(&mut *self.transaction, self.robot_id).await;
+        self.checked(result)
+    }
+
     /// Reads the summaries of the robot's complete runs, ordered by start, then key, with the friction index that
     /// was stored last.
     ///
@@ -99,6 +131,13 @@ impl ConclusionTransaction {
 pub(super) async fn stale_robots(executor: impl SqliteExecutor<'_>) -> Result<Vec<StaleRobot>, sqlx::Error> {
     sqlx::query_as("SELECT robot_id, name, history FROM robot WHERE history <> concluded ORDER BY name")
         .fetch_all(executor)
+        .await
+}
+
+async fn history_of(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<i64, sqlx::Error> {
+    sqlx::query_scalar("SELECT history FROM robot WHERE robot_id = ?")
+        .bind(robot_id)
+        .fetch_one(executor)
         .await
 }
 

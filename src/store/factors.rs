@@ -1,6 +1,7 @@
 //! Factors of a cycle's rows: written with the cycle, read for later identification.
 
 use std::collections::HashMap;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
@@ -127,11 +128,32 @@ pub(super) async fn of_run(
     run_id: i64,
     wanted: FactorsWanted,
 ) -> Result<Vec<StoredCycle>, sqlx::Error> {
+    read(connection, run_id, wanted, 0..=u32::MAX).await
+}
+
+/// All factors of those of `cycles`, numbers in rising order, that have any.
+pub(super) async fn of_cycles(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    cycles: &[u32],
+) -> Result<Vec<StoredCycle>, sqlx::Error> {
+    let (Some(&first), Some(&last)) = (cycles.first(), cycles.last()) else { return Ok(Vec::new()) };
+    let mut read = read(connection, run_id, FactorsWanted::All, first..=last).await?;
+    read.retain(|cycle| cycles.contains(&cycle.cycle));
+    Ok(read)
+}
+
+async fn read(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    wanted: FactorsWanted,
+    range: RangeInclusive<u32>,
+) -> Result<Vec<StoredCycle>, sqlx::Error> {
     let mut layouts: HashMap<i64, Layout> = HashMap::new();
     let mut cycles = Vec::new();
-    let mut factors = factors_by_cycle(&mut *connection, run_id, wanted).await?;
+    let mut factors = factors_by_cycle(&mut *connection, run_id, wanted, &range).await?;
     let mut shares = shares_by_cycle(&mut *connection, run_id).await?;
-    for head in heads(&mut *connection, run_id).await? {
+    for head in heads(&mut *connection, run_id, &range).await? {
         let (model, columns) = match layouts.get(&head.layout) {
             Some(known) => known.clone(),
             None => {
@@ -165,7 +187,11 @@ struct Head {
     layout: i64,
 }
 
-async fn heads(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<Vec<Head>, sqlx::Error> {
+async fn heads(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    range: &RangeInclusive<u32>,
+) -> Result<Vec<Head>, sqlx::Error> {
     sqlx::query(
         "SELECT cycle.cycle_id, robot.name AS robot, cycle.number AS cycle, cutoff_hz, cycle.sample_rate_hz,
                 factor_layout_id
@@ -173,10 +199,12 @@ async fn heads(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<Vec<Hea
          JOIN cycle_factor_layout USING (cycle_id)
          JOIN run USING (run_id)
          JOIN robot USING (robot_id)
-         WHERE run_id = ?
+         WHERE run_id = ? AND cycle.number BETWEEN ? AND ?
          ORDER BY cycle.number",
     )
     .bind(run_id)
+    .bind(range.start())
+    .bind(range.end())
     .try_map(|row: SqliteRow| {
         Ok(Head {
             cycle_id: row.try_get("cycle_id")?,
@@ -195,15 +223,19 @@ async fn factors_by_cycle(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
     wanted: FactorsWanted,
+    range: &RangeInclusive<u32>,
 ) -> Result<HashMap<i64, Vec<TorqueFactor>>, sqlx::Error> {
     let rows = sqlx::query(
         "SELECT cycle_id, joint, stage, motion, torque_factor.rows, factor
          FROM cycle
          JOIN torque_factor USING (cycle_id)
-         WHERE run_id = ? AND (? OR (stage = 'excitation' AND motion = 'moving'))
+         WHERE run_id = ? AND cycle.number BETWEEN ? AND ?
+               AND (? OR (stage = 'excitation' AND motion = 'moving'))
          ORDER BY cycle_id, torque_factor_id",
     )
     .bind(run_id)
+    .bind(range.start())
+    .bind(range.end())
     .bind(wanted == FactorsWanted::All)
     .try_map(|row: SqliteRow| {
         let factor = TorqueFactor {

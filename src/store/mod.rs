@@ -59,6 +59,7 @@ pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use ledger::{Beginning, Identity, KnownRun, Owner, RunTotals};
 pub use models::ModelParameter;
 pub use parameter_sets::{ParameterSet, SourceCycle};
+pub use production::{ProductionWindow, ReferenceTest};
 pub use quarantine::{Fault, FaultState, QuarantineRow};
 pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
 pub use reestimates::{
@@ -68,9 +69,7 @@ pub use resume::{ReadSoFar, StoredPoint};
 pub use sources::{EarlierRun, RunSource, SourceState, UnfinishedSource};
 pub use verification::{CycleState, OfCycle};
 
-use crate::analysis::{
-    CycleAnalysis, FrictionPoint, IdentifiedParameter, ProductionCheck, TorqueRmsd, WarmingContrast,
-};
+use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd, WarmingContrast};
 use crate::anomaly::RunSummary;
 use crate::robot::{ParameterId, Robot};
 use crate::run::{ContentHash, FileId, RunHeader, RunKind};
@@ -523,12 +522,20 @@ impl Store {
         self.checked(production::reference_runs(&self.readers, run_id).await)
     }
 
-    /// Runs of production of the robot of run `run_id` with windows that are held against nothing yet.
+    /// Complete tests of a robot that production may be held against, oldest first.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn unchecked_runs(&self, run_id: i64) -> Result<Vec<i64>, StoreError> {
-        self.checked(production::unchecked_runs(&self.readers, run_id).await)
+    pub async fn reference_tests(&self, robot_id: i64) -> Result<Vec<ReferenceTest>, StoreError> {
+        self.checked(production::reference_tests(&self.readers, robot_id).await)
+    }
+
+    /// Windows of production of a robot that have factors, by run and number.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn production_windows(&self, robot_id: i64) -> Result<Vec<ProductionWindow>, StoreError> {
+        self.checked(production::windows(&self.readers, robot_id).await)
     }
 
     /// The run whose parameters a window of production was held against.
@@ -537,23 +544,6 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn checked_against(&self, run_id: i64, cycle: u32) -> Result<Option<i64>, StoreError> {
         self.checked(production::checked_against(&self.readers, run_id, cycle).await)
-    }
-
-    /// Writes checks of windows, given by their numbers, that were held against nothing so far; others stay
-    /// as they are. All of it or nothing.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn store_production_checks(
-        &self,
-        run_id: i64,
-        checks: &[(u32, ProductionCheck)],
-    ) -> Result<(), StoreError> {
-        let mut transaction = self.begin().await?;
-        for (cycle, check) in checks {
-            self.checked(production::add(&mut transaction, run_id, *cycle, check).await)?;
-        }
-        self.commit(transaction).await
     }
 
     /// Reads the factors of a run's cycles, in the order of the cycles, those without any left out.
@@ -567,6 +557,20 @@ impl Store {
     ) -> Result<Vec<StoredCycle>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(factors::of_run(&mut connection, run_id, wanted).await)
+    }
+
+    /// Reads the factors of some cycles of a run, given by their numbers in rising order; those without any are left
+    /// out. Memory does not grow with the run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn factors_of_cycles(
+        &self,
+        run_id: i64,
+        cycles: &[u32],
+    ) -> Result<Vec<StoredCycle>, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(factors::of_cycles(&mut connection, run_id, cycles).await)
     }
 
     /// Reads the parameters of one cycle, in no particular order; none for a refused or unknown one.

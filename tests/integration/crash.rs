@@ -15,7 +15,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::canon::assert_sound;
-use crate::small::{self, CYCLES, Export, export};
+use crate::small::{self, CYCLES, Export, export, work};
 use crate::support::{assert_alike, query};
 
 /// Kills of a round before the daemon may finish: enough to hit every phase, few enough to try several
@@ -38,9 +38,9 @@ const STATES: &str =
 
 /// Exports of a round.
 struct Material {
-    /// There from the start: plain, compressed, and one with a fault in its last cycle.
+    /// There from the start: plain, compressed, one with a fault in its last cycle, and logs of work.
     whole: Vec<Export>,
-    /// Written slowly, the second with a fault.
+    /// Written slowly, the second with a fault, the third a log of work.
     growing: Vec<Export>,
     /// There from the start, and written over with the second when it is stored.
     rewritten: [Export; 2],
@@ -62,11 +62,14 @@ impl Material {
             export("A", 12, 7),
             export("B", 2, 5).zstd(),
             export("C", 3, 5).spoiled(),
+            // ordinary work before the robot's first test, and between its tests
+            work("A", 21, 3),
+            work("A", 22, 6),
         ];
         let mut material = Self {
             copy: format!("again_{}", whole[0].name),
             whole,
-            growing: vec![export("G", 4, 5), export("H", 5, 5).spoiled()],
+            growing: vec![export("G", 4, 5), export("H", 5, 5).spoiled(), work("A", 23, 8)],
             rewritten: [export("F", 6, 5), export("F", 7, 5)],
             golden: Golden { dump: String::new(), states: Vec::new() },
         };
@@ -76,7 +79,7 @@ impl Material {
 
     /// What the one-shot command, which nobody interrupts, makes of the same files.
     fn golden(&self) -> Golden {
-        let workshop = small::workshop();
+        let workshop = small::watching_work();
         let [first, second] = &self.rewritten;
         for export in self.whole.iter().chain(&self.growing).chain([first]) {
             fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
@@ -87,7 +90,7 @@ impl Material {
         workshop.stdout(&["ingest", "inbox"], 1);
         let database = workshop.path("armwatch.db");
         let states = query(&database, STATES);
-        for (status, count) in [("complete", 6), ("quarantined", 2), ("superseded", 1)] {
+        for (status, count) in [("complete", 9), ("quarantined", 2), ("superseded", 1)] {
             let found = states.iter().filter(|state| state.contains(&format!("|{status}|"))).count();
             assert_eq!(found, count, "{status}: {states:#?}");
         }
@@ -172,7 +175,7 @@ impl Counts {
 }
 
 fn round(material: &Arc<Material>, seed: u64, kills: Kills, counts: &mut Counts) {
-    let workshop = small::workshop();
+    let workshop = small::watching_work();
     let (inbox, database) = (workshop.path("inbox"), workshop.path("armwatch.db"));
     let gone = Arc::new(AtomicBool::new(false));
     let writers = std::thread::spawn({
@@ -322,7 +325,7 @@ fn many_kills_change_nothing() {
 
 /// How long a daemon takes here and now from its start to the first stored cycle of a settled export.
 fn time_to_a_cycle() -> Duration {
-    let workshop = small::workshop();
+    let workshop = small::watching_work();
     let export = export("A", 1, 5);
     fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
     let start = Instant::now();

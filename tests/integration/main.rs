@@ -20,6 +20,7 @@ mod fuzz_seeds;
 mod layouts;
 mod explain;
 mod production;
+mod production_alarms;
 mod stage_signals;
 mod real_recording;
 mod reference_export;

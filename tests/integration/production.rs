@@ -1,21 +1,14 @@
 //! Logs of ordinary work: held against the robot's tests, and no part of its history.
 
 use std::fs;
-use std::path::Path;
 
-use crate::support::Workshop;
+use crate::canon::assert_sound;
+use crate::small::{self, Export, export, work};
+use crate::support::{Workshop, assert_alike};
 
-/// A workshop in which files called `*_Col19_*`, as the simulator calls exports without signals, are production.
 fn workshop() -> Workshop {
     let workshop = Workshop::new();
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).display();
-    let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
-    let entry = format!(
-        "[[robot]]\nname = \"*\"\nfiles = \"*_Col19_*\"\ndescription = \"{root}/config/robots/er3a.toml\"\n\
-         layout = \"{root}/config/exports/production.toml\"\n\n[[robot]]"
-    );
-    fs::write(workshop.path("armwatch.toml"), config.replacen("[[robot]]", &entry, 1))
-        .expect("a configuration");
+    workshop.watch_work("er3a", 1 + 3 * 6);
     workshop
 }
 
@@ -55,10 +48,18 @@ fn windows_of_work_are_held_against_the_last_test_and_leave_its_history_alone() 
     assert_eq!(workshop.query("SELECT * FROM parameter_statistics"), parameters);
     assert_eq!(workshop.number("SELECT count(*) FROM cycle_parameters WHERE run_id = 2"), 0);
 
-    // 170 s are three windows
+    // 170 s are three windows; in the last one two joints stand still
     let checks = "SELECT count(*), count(DISTINCT cycle), min(reference_run_id), max(reference_run_id) FROM production_checks";
     assert_eq!(workshop.query(checks), ["18|3|1|1"]);
-    assert_eq!(workshop.number("SELECT count(*) FROM production_checks WHERE abs(bias_nm) > moving_rmsd_nm OR moving_rmsd_nm > max_nm"), 0);
+    assert_eq!(
+        workshop.number("SELECT count(*) FROM production_checks WHERE friction_share NOT BETWEEN 0 AND 1"),
+        0
+    );
+    assert_eq!(
+        workshop
+            .query("SELECT count(*), sum(windows), min(run_id), max(reference_run_id) FROM production_trend"),
+        ["6|16|2|1"]
+    );
     // the same warm arm: what is left is friction that no polynomial describes
     let worst = workshop.query("SELECT max(moving_relative_rmsd) FROM production_checks");
     let worst: f64 = worst[0].parse().expect("a figure");
@@ -96,8 +97,9 @@ fn work_before_the_first_test_waits_for_it_and_wear_shows() {
     assert_eq!(workshop.query("SELECT DISTINCT joint, reason FROM production_checks"), ["|no model yet"]);
     take(&workshop, "test", &TEST);
     assert_eq!(
-        workshop.query("SELECT count(*), count(bias_nm), min(reference_run_id) FROM production_checks"),
-        ["18|0|2"]
+        workshop
+            .query("SELECT count(*), count(friction_excess), min(reference_run_id) FROM production_checks"),
+        ["18|16|2"]
     );
     // joint 3 rubs half as much again on one later day
     let worn = ["--start", "2026-01-07T10:00:00Z", "--fault", "wear:joint=3,from=1,rate=0.5"];
@@ -116,5 +118,61 @@ fn work_before_the_first_test_waits_for_it_and_wear_shows() {
     for joint in [1, 2, 4, 5, 6] {
         assert!((ratio(joint) - 1.0).abs() < 0.2, "joint {joint}: {}", ratio(joint));
     }
+    // half as much friction again, and nothing else, whatever the motion
+    let excess = |run: u32, joint: u32| -> f64 {
+        let of = format!("FROM production_trend WHERE run_id = {run} AND joint = {joint}");
+        workshop.query(&format!("SELECT friction_excess {of}"))[0].parse().expect("a figure")
+    };
+    assert!((excess(3, 3) - excess(1, 3) - 0.5).abs() < 0.1, "{} {}", excess(1, 3), excess(3, 3));
+    assert!((excess(3, 2) - excess(1, 2)).abs() < 0.1, "{} {}", excess(1, 2), excess(3, 2));
     assert_eq!(workshop.number("SELECT count(*) FROM anomalies"), 0);
+}
+
+/// Tests of robot A on two days, work before, between and after them.
+fn history() -> [Export; 5] {
+    [work("A", 21, 3), export("A", 1, 5), work("A", 22, 6), export("A", 11, 8), work("A", 23, 9)]
+}
+
+fn dump_after(order: &[usize], together: bool) -> String {
+    let (workshop, exports) = (small::watching_work(), history());
+    for &place in order {
+        fs::write(workshop.inbox(&exports[place].name), &exports[place].bytes).expect("written");
+        if !together {
+            workshop.stdout(&["ingest", "inbox"], 0);
+        }
+    }
+    workshop.stdout(&["ingest", "inbox"], 0);
+    assert_sound(&workshop.path("armwatch.db"), &format!("{order:?}"));
+    let references = "SELECT DISTINCT strftime('%d', log.started_at), strftime('%d', test.started_at)
+                      FROM production_checks
+                      JOIN runs AS log USING (run_id)
+                      JOIN runs AS test ON test.run_id = reference_run_id ORDER BY 1";
+    assert_eq!(workshop.query(references), ["03|05", "06|05", "09|08"], "{order:?}");
+    workshop.canonical_dump()
+}
+
+#[test]
+fn what_work_is_held_against_does_not_depend_on_the_order_in_which_files_come() {
+    let expected = dump_after(&[0, 1, 2, 3, 4], false);
+    for (order, together) in [([3, 4, 2, 0, 1], false), ([0, 1, 2, 3, 4], true)] {
+        assert_alike(&dump_after(&order, together), &expected, &format!("{order:?}"));
+    }
+}
+
+#[test]
+fn a_test_that_is_corrected_is_what_work_is_held_against_from_then_on() {
+    let (workshop, [_, test, log, ..]) = (small::watching_work(), history());
+    for file in [&test, &log] {
+        fs::write(workshop.inbox(&file.name), &file.bytes).expect("written");
+    }
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let checks = "SELECT reference_run_id, group_concat(moving_rmsd_nm) FROM production_checks GROUP BY 1";
+    let before = workshop.query(checks);
+    // the same recording, exported again from other channels
+    let corrected = export("A", 12, 5).named(&test.name);
+    fs::write(workshop.inbox(&corrected.name), &corrected.bytes).expect("written");
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let after = workshop.query(checks);
+    assert!(before.len() == 1 && after.len() == 1 && before != after, "{before:?} {after:?}");
+    assert!(after[0].starts_with("3|"), "{after:?}");
 }

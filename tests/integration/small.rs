@@ -61,24 +61,40 @@ pub fn gzip(bytes: &[u8]) -> Vec<u8> {
 /// The export of a robot that begins on a day of January; the seed alone decides its content. Made once for all
 /// tests.
 pub fn export(robot: &str, seed: u32, day: u32) -> Export {
+    made(robot, seed, &format!("2026-01-{day:02}T08:47:00Z"), &[])
+}
+
+/// The same as a log of ordinary work from the afternoon of that day, see [`watching_work`].
+pub fn work(robot: &str, seed: u32, day: u32) -> Export {
+    made(robot, seed, &format!("2026-01-{day:02}T14:00:00Z"), &["--stage-signal", "none"])
+}
+
+fn made(robot: &str, seed: u32, start: &str, more: &[&str]) -> Export {
     static MADE: LazyLock<Mutex<HashMap<String, Export>>> = LazyLock::new(Mutex::default);
     let mut made = MADE.lock().expect("no test fails while it makes an export");
     let make = || {
-        let (seed, start) = (seed.to_string(), format!("2026-01-{day:02}T08:47:00Z"));
+        let seed = seed.to_string();
         let scara = format!("{}/config/robots/scara.toml", env!("CARGO_MANIFEST_DIR"));
         let shape = ["--cycles", CYCLES, "--warming-s", "2", "--rate-hz", "30", "--robot", &scara];
-        let which = ["--name", robot, "--seed", &seed, "--start", &start];
+        let which = ["--name", robot, "--seed", &seed, "--start", start];
         let workshop = workshop();
-        let path = workshop.simulate("made", &[&shape[..], &which[..]].concat()).remove(0);
+        let path = workshop.simulate("made", &[&shape[..], &which[..], more].concat()).remove(0);
         let name = path.file_name().expect("a name").to_str().expect("text").to_owned();
         Export { name, bytes: fs::read(path).expect("an export") }
     };
-    made.entry(format!("{robot} {seed} {day}")).or_insert_with(make).clone()
+    made.entry(format!("{robot} {seed} {start} {more:?}")).or_insert_with(make).clone()
 }
 
 /// A folder for such exports.
 pub fn workshop() -> Workshop {
     let workshop = Workshop::new();
     workshop.describe("scara");
+    workshop
+}
+
+/// As [`workshop`], and exports without signals are logs of ordinary work.
+pub fn watching_work() -> Workshop {
+    let workshop = workshop();
+    workshop.watch_work("scara", 1 + 3 * 4);
     workshop
 }

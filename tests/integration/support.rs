@@ -68,6 +68,19 @@ impl Workshop {
         fs::write(path, text.replace("er3a.toml", &format!("{model}.toml"))).expect("a configuration");
     }
 
+    /// Takes exports of so many columns, as the simulator names those without signals, as logs of ordinary work of
+    /// robots of this description.
+    pub fn watch_work(&self, model: &str, columns: usize) {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).display();
+        let path = self.path("armwatch.toml");
+        let text = fs::read_to_string(&path).expect("the configuration");
+        let entry = format!(
+            "[[robot]]\nname = \"*\"\nfiles = \"*_Col{columns}_*\"\ndescription = \"{root}/config/robots/{model}.toml\"\n\
+             layout = \"{root}/config/exports/production.toml\"\n\n[[robot]]"
+        );
+        fs::write(path, text.replacen("[[robot]]", &entry, 1)).expect("a configuration");
+    }
+
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }

@@ -1,11 +1,15 @@
 //! A layout for an unknown export, proposed from its first rows, with the reasons.
 //!
 //! `head` finds how the text is written, `names` what the names of columns say, `units` and `stages` what their
-//! numbers say, `decide` puts it together, and `write` makes a layout file of it. Nothing is guessed in silence:
+//! numbers say; `joints` finds the columns of the joints, `motion_units` their units, `motion_sections` writes of
+//! both; `decide` puts it together, and `write` makes a layout file of it. Nothing is guessed in silence:
 //! each choice has its reason as a comment, and what cannot be decided is a commented line with a question.
 
 mod decide;
 mod head;
+mod joints;
+mod motion_sections;
+mod motion_units;
 mod names;
 mod stages;
 mod units;

@@ -100,7 +100,8 @@ fn comment(text: &mut String, words: &str) {
             line = String::from("#");
         }
         line.push(' ');
-        line.push_str(word);
+        // names come from the file and may hold anything; TOML takes no control characters in comments
+        line.extend(word.chars().map(|c| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c }));
     }
     text.push_str(&line);
     text.push('\n');

@@ -1,0 +1,178 @@
+//! The sections of a layout on time, positions, velocities and torques, with reasons.
+
+use super::Hints;
+use super::decide::{Key, Section, column_name};
+use super::head::Head;
+use super::joints::Joints;
+use super::motion_units::{Slopes, Units};
+use super::names::Kind;
+use super::units::{self, Slope};
+use super::write::quoted;
+
+/// Sample rates that are believed, Hz: what a layout takes.
+const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;
+
+/// A number with three digits that count.
+fn rounded(value: f64) -> f64 {
+    if value == 0.0 || !value.is_finite() {
+        return value;
+    }
+    let digits = 10_f64.powi(2 - value.abs().log10().floor() as i32);
+    (value * digits).round() / digits
+}
+
+pub(super) fn time_section(
+    head: &Head,
+    time: Option<(usize, &[f64])>,
+    units: &Units,
+    slope: Option<Slope>,
+    hints: Hints<'_>,
+) -> Section {
+    let mut section = Section { title: Some("time"), ..Section::default() };
+    let Some((at, values)) = time else {
+        section.keys.push(sample_rate(slope, hints));
+        return section;
+    };
+    let column = &head.columns[at];
+    section.keys.push(Key::decided("column", column_name(head, at)).because("it rises from row to row"));
+    if column.timestamps {
+        section.keys.push(Key::decided("unit", quoted("timestamp")).because("its cells are dates and times"));
+        return section;
+    }
+    let step = units.figures.step.unwrap_or(0.0);
+    match (units.known.time, units.choice(), slope) {
+        (Some(unit), ..) => {
+            section.keys.push(Key::decided("unit", quoted(unit)).because("the name says so"));
+        }
+        (None, Some(choice), Some(_)) if choice.time.0 == units::TICKS => {
+            let reason = format!(
+                "no unit of time goes with the velocities; they are the change of position over {:.6} s a count",
+                choice.time.1
+            );
+            section.keys.push(Key::decided("unit", quoted(units::TICKS)).because(&reason));
+            section.keys.push(Key::decided("tick_s", rounded(choice.time.1).to_string()));
+        }
+        (None, Some(choice), _) if slope.is_some() || step != 1.0 => {
+            let reason = format!(
+                "rows are {} apart, {:.4} Hz; {}",
+                rounded(step),
+                1.0 / (step * choice.time.1),
+                units.by_numbers()
+            );
+            section.keys.push(Key::decided("unit", quoted(choice.time.0)).because(&reason));
+        }
+        _ => {
+            let question =
+                format!("rows are {step} apart: in which unit? s, ms, us, ns, or ticks with tick_s");
+            section.keys.push(Key::decided("unit", quoted("ms")).asked(&question));
+        }
+    }
+    section.keys.extend(wrap(values));
+    section
+}
+
+fn sample_rate(slope: Option<Slope>, hints: Hints<'_>) -> Key {
+    match (hints.sample_rate, slope) {
+        (Some(rate), _) => Key::decided("sample_rate_hz", format!("{rate:?}")).because("as it was given"),
+        (None, Some(slope)) if SAMPLE_RATES.contains(&slope.ratio.abs()) => {
+            let rate = rounded(slope.ratio.abs());
+            let reason =
+                "no column rises; velocities are the change of position from row to row at this rate";
+            Key::decided("sample_rate_hz", format!("{rate:?}")).because(reason)
+        }
+        (None, _) => Key::decided("sample_rate_hz", "250.0")
+            .asked("no column rises from row to row: how many rows are there a second?"),
+    }
+}
+
+/// Where the counter of a time that falls begins anew.
+fn wrap(values: &[f64]) -> Option<Key> {
+    let (before, after) = values.windows(2).map(|pair| (pair[0], pair[1])).find(|(a, b)| a >= b)?;
+    let periods = [1_u64 << 16, 1 << 31, 1 << 32];
+    let period = periods.into_iter().find(|period| before < *period as f64 && before > 0.9 * *period as f64);
+    let reason = format!("it falls from {before} to {after}");
+    let key = Key::decided("wraps_at", period.unwrap_or(1 << 32).to_string()).because(&reason);
+    Some(match period {
+        Some(_) => key,
+        None => key.asked("is this a counter that began anew, and after how many?"),
+    })
+}
+
+fn joint_question(title: &'static str, count: usize) -> Section {
+    let names = if count == 0 { "no name of a column says so" } else { "no name of as many columns says so" };
+    let question =
+        format!("which columns hold the {title}s? {names}; --robot helps where columns have no names");
+    let key = Key::decided("columns", "[2, 3, 4, 5, 6, 7]").asked(&question);
+    Section { title: Some(title), comments: Vec::new(), keys: vec![key] }
+}
+
+pub(super) fn position_section(joints: &Joints<'_>, units: &Units) -> Section {
+    let Some(found) = &joints.position else { return joint_question("position", joints.count) };
+    let mut keys = vec![Key::decided(found.key.0, found.key.1.clone()).because(&found.why)];
+    keys.push(match (units.known.position, units.choice()) {
+        (Some(unit), _) => Key::decided("unit", quoted(unit)).because("the name gives it"),
+        (None, Some(choice)) => Key::decided("unit", quoted(choice.position.0))
+            .because(&(units.by_numbers() + &units.alternatives())),
+        (None, None) => Key::decided("unit", quoted("rad")).asked(&format!(
+            "positions reach {:.4}: rad, deg or rev? No unit goes with the limits and velocities",
+            units.figures.position
+        )),
+    });
+    if found.said.is_motor || units.beyond_limits {
+        let reason = match units.beyond_limits {
+            true => "positions are far beyond the arm's limits in any unit: motors turn so",
+            false => "the name says motor",
+        };
+        keys.push(Key::decided("side", quoted("motor")).because(reason));
+    }
+    Section { title: Some("position"), comments: Vec::new(), keys }
+}
+
+pub(super) fn velocity_section(joints: &Joints<'_>, units: &Units, slopes: &Slopes) -> Option<Section> {
+    let found = joints.velocity.as_ref()?;
+    let mut keys = vec![Key::decided(found.key.0, found.key.1.clone()).because(&found.why)];
+    keys.push(match (units.known.velocity, units.choice()) {
+        (Some(unit), _) => Key::decided("unit", quoted(unit)).because("the name gives it"),
+        (None, Some(choice)) => Key::decided("unit", quoted(choice.velocity.0)).because(&units.by_numbers()),
+        (None, None) => Key::decided("unit", quoted("rad/s")).asked(&format!(
+            "velocities reach {:.4}: rad/s, deg/s, rpm or rev/s?",
+            units.figures.velocity.unwrap_or(0.0)
+        )),
+    });
+    let signs: Vec<&str> = slopes
+        .each
+        .iter()
+        .map(|slope| if slope.is_some_and(|slope| slope.ratio < 0.0) { "-1" } else { "1" })
+        .collect();
+    if signs.contains(&"-1") {
+        let reason = "these velocities are against the change of position";
+        keys.push(Key::decided("sign", format!("[{}]", signs.join(", "))).because(reason));
+    }
+    Some(Section { title: Some("velocity"), comments: Vec::new(), keys })
+}
+
+pub(super) fn torque_section(joints: &Joints<'_>) -> Section {
+    let Some(found) = &joints.torque else { return joint_question("torque", joints.count) };
+    let most = units::largest(found.values.iter().copied().flatten());
+    let unit = match (found.said.unit, found.said.kind) {
+        (Some(unit @ ("Nm" | "N" | "A" | "mA" | "%" | "permille")), _) => {
+            Key::decided("unit", quoted(unit)).because("the name gives it")
+        }
+        (_, Some(Kind::Current)) => Key::decided("unit", quoted("A"))
+            .because(&format!("a current without unit; the largest is {most:.4}")),
+        _ => Key::decided("unit", quoted("Nm")).because(&format!(
+            "a torque without unit; the largest is {most:.4}. Not % or permille of rated?"
+        )),
+    };
+    let needs_gain = !unit.value.contains('N');
+    let mut keys = vec![Key::decided(found.key.0, found.key.1.clone()).because(&found.why), unit];
+    if needs_gain {
+        keys[1]
+            .reasons
+            .push("the robot's description must turn it into torque: docs/torque-sources.md".into());
+    }
+    if found.said.is_motor {
+        keys.push(Key::decided("side", quoted("motor")).because("the name says motor"));
+    }
+    Section { title: Some("torque"), comments: Vec::new(), keys }
+}

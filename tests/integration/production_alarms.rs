@@ -1,0 +1,205 @@
+//! How often robots are called worn between tests that are not, and how soon worn ones are: simulated tests and logs of
+//! work, analysed as the daemon does, without a database.
+
+use std::path::Path;
+
+use armwatch::anomaly::{Anomaly, AnomalyKind, ProductionSummary};
+use armwatch::config::{Layout, read_layout, read_robot};
+use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use armwatch::numerics::detect_production::detect_production;
+use armwatch::numerics::production::{Reference, analyse_window, summarise};
+use armwatch::pipeline::cycles::read_cycle;
+use armwatch::robot::JointIndex;
+use armwatch::simulate::fault::Fault;
+use armwatch::simulate::load::Load;
+use armwatch::simulate::{SimulationSettings, simulate_run};
+use nalgebra::{Matrix3, Vector3};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Logs behind each test.
+const LOGS: u32 = 9;
+
+/// An arm, and how its exports are read.
+struct Arm {
+    method: Method,
+    test: Layout,
+    work: Layout,
+}
+
+/// How an arm was when it was recorded.
+#[derive(Debug, Clone, Default)]
+struct State {
+    /// Time since it was started, s.
+    warm_s: f64,
+    /// Against the hall's mean, K.
+    hall_k: f64,
+    load_kg: f64,
+    faults: Vec<Fault>,
+}
+
+impl Arm {
+    fn new(model: &str) -> Self {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+        let layout = |name: &str| read_layout(&config.join("exports").join(name)).expect("a shipped layout");
+        let robot = read_robot(&config.join("robots").join(format!("{model}.toml"))).expect("a shipped arm");
+        let method = Method::new(robot, AnalysisSettings::default()).expect("base parameters");
+        Self { method, test: layout("native.toml"), work: layout("production.toml") }
+    }
+
+    fn record<T>(&self, seed: u64, run: u32, state: &State, read: impl FnOnce(&Path) -> T) -> T {
+        let folder = tempfile::tempdir().expect("a folder");
+        let settings = SimulationSettings {
+            seed,
+            robot_name: format!("R{seed}"),
+            cycles: 1,
+            warming_s: 10.0,
+            runs: run + 1,
+            initial_warm_s: state.warm_s,
+            ambient_offset_k: state.hall_k,
+            ambient_std_k: 0.0,
+            faults: state.faults.clone(),
+            load: (state.load_kg > 0.0).then(|| Load {
+                mass: state.load_kg,
+                centre: Vector3::new(0.02, 0.0, 0.06),
+                inertia: Matrix3::identity() * (0.002 * state.load_kg),
+            }),
+            ..SimulationSettings::default()
+        };
+        let files = simulate_run(&self.method.robot, &settings, run, folder.path(), &mut |_| ());
+        read(&files.expect("a recording").export)
+    }
+
+    fn reference(&self, seed: u64, run: u32, state: &State) -> Reference {
+        let cycle = self.record(seed, run, state, |export| {
+            read_cycle(export, &self.test, &self.method.robot, 1).expect("rows").expect("a cycle")
+        });
+        let found = analyse_cycle(&self.method, &cycle).identification.expect("parameters");
+        let parameters = found.parameters.iter().map(|parameter| (parameter.id, parameter.value)).collect();
+        Reference { run_id: -1 - i64::from(run), parameters }
+    }
+
+    fn log(&self, seed: u64, run: u32, state: &State, reference: &Reference) -> ProductionSummary {
+        let windows = self.record(seed, run, state, |export| {
+            let window = |number| read_cycle(export, &self.work, &self.method.robot, number).expect("rows");
+            (1..).map_while(window).collect::<Vec<_>>()
+        });
+        let checks: Vec<_> = (windows.iter())
+            .filter_map(|window| analyse_window(&self.method, window, Some(reference)).production)
+            .collect();
+        ProductionSummary {
+            run_id: i64::from(run),
+            started_at: jiff::Timestamp::from_second(i64::from(run) * 28_800).expect("a time"),
+            reference_run_id: reference.run_id,
+            joints: summarise(checks.iter().map(|check| &check.joints[..])),
+        }
+    }
+
+    /// Tests with logs behind each; `of` is the state in a log, counted through from 0.
+    fn history(&self, seed: u64, tests: u32, of: impl Fn(u32) -> State) -> Vec<ProductionSummary> {
+        let mut history = Vec::new();
+        for test in 0..tests {
+            let first = test * (LOGS + 1);
+            // tests run from cold to warm for two hours, and are made without a load
+            let at_test = State { warm_s: 3600.0, load_kg: 0.0, ..of(first) };
+            let reference = self.reference(seed, first, &at_test);
+            history.extend((first + 1..=first + LOGS).map(|run| self.log(seed, run, &of(run), &reference)));
+        }
+        history
+    }
+}
+
+/// Shifts at any warmth, in a hall that is a few degrees warmer or colder.
+fn weather(seed: u64, run: u32) -> State {
+    let mut random = ChaCha8Rng::seed_from_u64(seed * 1000 + u64::from(run));
+    let warm_s = [600.0, 3600.0, 14_400.0][random.random_range(0..3)];
+    State { warm_s, hall_k: random.random_range(-4.0..4.0), ..State::default() }
+}
+
+fn of_kind(found: &[Anomaly], kind: AnomalyKind) -> Vec<&Anomaly> {
+    found.iter().filter(|anomaly| anomaly.kind == kind).collect()
+}
+
+/// False alarms of friction and said loads over healthy histories, and the joint-logs that were judged.
+fn alarms(model: &str, seeds: std::ops::Range<u64>, of: impl Fn(u64, u32) -> State) -> [usize; 3] {
+    let arm = Arm::new(model);
+    let mut counts = [0; 3];
+    for seed in seeds {
+        let history = arm.history(seed, 2, |run| of(seed, run));
+        let found = detect_production(&history);
+        let (wear, load) = (of_kind(&found, AnomalyKind::Drift), of_kind(&found, AnomalyKind::Payload));
+        for anomaly in &wear {
+            println!(
+                "{model} seed {seed}: {} {:.3}: {}",
+                anomaly.first_run_id, anomaly.score, anomaly.message
+            );
+        }
+        counts[0] += wear.len();
+        counts[1] += load.len();
+        counts[2] +=
+            history.iter().map(|log| log.joints.len()).sum::<usize>() * (LOGS as usize - 3) / LOGS as usize;
+    }
+    counts
+}
+
+#[test]
+#[ignore = "hundreds of simulated recordings, to be looked at by hand"]
+fn healthy_arms_at_work_are_not_called_worn() {
+    for model in ["er3a", "scara"] {
+        let [wear, load, judged] = alarms(model, 500..506, weather);
+        println!("{model}: {wear} false alarms of friction, {load} loads said, in {judged} logs of joints");
+        assert!(wear * 200 <= judged && load * 50 <= judged, "{model}: {wear} {load} {judged}");
+    }
+}
+
+#[test]
+#[ignore = "hundreds of simulated recordings, to be looked at by hand"]
+fn changing_loads_are_said_and_not_called_wear() {
+    // two of three shifts carry something
+    let loaded = |seed, run| State { load_kg: f64::from(run % 3), ..weather(seed, run) };
+    let [wear, load, judged] = alarms("er3a", 520..526, loaded);
+    println!(
+        "er3a with changing loads: {wear} false alarms of friction, {load} loads said, in {judged} logs of joints"
+    );
+    assert!(wear * 100 <= judged, "{wear} {judged}");
+    // a load that comes once, after the first logs
+    let once = |seed, run| State { load_kg: if run % 10 == 6 { 2.0 } else { 0.0 }, ..weather(seed, run) };
+    let [wear, load, judged] = alarms("er3a", 530..533, once);
+    println!(
+        "er3a with one load: {wear} false alarms of friction, {load} loads said, in {judged} logs of joints"
+    );
+    assert!(wear * 100 <= judged && load >= 2 * 3, "{wear} {load} {judged}");
+}
+
+#[test]
+#[ignore = "hundreds of simulated recordings, to be looked at by hand"]
+fn wear_between_tests_is_found() {
+    let arm = Arm::new("er3a");
+    for (step, worn) in [(0.25, 540..543), (0.5, 543..546)] {
+        for seed in worn {
+            let joint = usize::try_from(seed).expect("small") % 6;
+            let faults = vec![Fault::Wear {
+                joint: JointIndex::new(joint),
+                // wear begins with the fifth log after the first test
+                start_run: 6,
+                rate_per_run: step,
+                cap: step,
+            }];
+            let history = arm.history(seed, 1, |run| State { faults: faults.clone(), ..weather(seed, run) });
+            let found = detect_production(&history);
+            let wear = of_kind(&found, AnomalyKind::Drift);
+            let first =
+                wear.iter().map(|anomaly| (anomaly.joint.index(), anomaly.first_run_id)).collect::<Vec<_>>();
+            println!(
+                "seed {seed}: {step} more friction in joint {} from log 5 on: found {first:?}",
+                joint + 1
+            );
+            if step >= 0.5 {
+                assert!(
+                    matches!(first[..], [(of, run)] if of == joint && (5..=7).contains(&run)),
+                    "{first:?}"
+                );
+            }
+        }
+    }
+}
