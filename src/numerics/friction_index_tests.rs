@@ -8,7 +8,7 @@ use rand_distr::StandardNormal;
 use super::friction_index::{CycleMotion, MapRun, RobotFriction, robot_friction};
 use super::friction_map::map_friction;
 use super::thermal::{MotionSpan, Rates, coldness_at};
-use crate::analysis::{FrictionPoint, GravityRemoval};
+use crate::analysis::{CycleTemperatures, FrictionPoint, GravityRemoval};
 use crate::robot::JointIndex;
 
 pub(super) const JOINTS: usize = 6;
@@ -170,7 +170,12 @@ impl Arm {
         self.now += end;
         self.runs.push(MapRun {
             started_at,
-            spans: vec![CycleMotion { start: 0.0, end, speeds: self.pace.map(|pace| 1.5 * pace).to_vec() }],
+            spans: vec![CycleMotion {
+                start: 0.0,
+                end,
+                speeds: self.pace.map(|pace| 1.5 * pace).to_vec(),
+                temperatures: CycleTemperatures::default(),
+            }],
             points,
         });
     }

@@ -7,31 +7,37 @@
 use nalgebra::DMatrix;
 
 use super::thermal::{Coldness, MotionSpan, Rates, coldness_at};
+use super::thermal_source::Measured;
 use crate::analysis::Estimate;
-use crate::analysis::friction::{FrictionMap, MapLevel, ThermalLaw};
+use crate::analysis::friction::{FrictionMap, MapLevel, ThermalLaw, ThermalSource};
 use crate::robot::JointIndex;
 
 /// Parameters of the law: logarithms of the slow and the fast time constant (s), share, logarithm of the
-/// cooling ratio.
-pub(super) type LawParameters = [f64; 4];
+/// cooling ratio, and coldness for a kelvin that the hall is colder (1/K).
+pub(super) type LawParameters = [f64; 5];
 
-/// Place of the cooling ratio among them.
+/// Places among them.
+const SLOW: usize = 0;
+const FAST: usize = 1;
+const SHARE: usize = 2;
 const COOLING: usize = 3;
+const HALL: usize = 4;
 
 /// Prior of the law, centre and standard deviation. Six gearboxes of thesis Table 5.6 have slow time
 /// constants of 13 to 57 min, geometric mean 27, and fast ones of 0.3 to 7.4 min, geometric mean 1.6. A
-/// resting housing loses heat as a moving one does, give or take its own wind and motor losses.
-const PRIOR: [(f64, f64); 4] = [(7.39, 0.9), (4.56, 1.4), (0.5, 0.5), (0.0, 1.0)];
+/// resting housing loses heat as a moving one does, give or take its own wind and motor losses. Of the hall nothing
+/// is known but its scale: gearboxes warm by 10 to 40 K, one coldness.
+const PRIOR: [(f64, f64); 5] = [(7.39, 0.9), (4.56, 1.4), (0.5, 0.5), (0.0, 1.0), (0.0, 0.1)];
 
 /// Bounds of the law's parameters: half a minute to ten hours, two seconds to an hour, a share, cooling
-/// five times faster to twenty times slower.
-const BOUNDS: [(f64, f64); 4] = [(3.4, 10.5), (0.7, 8.2), (0.0, 1.0), (-1.6, 3.0)];
+/// five times faster to twenty times slower, and a hall that does as much as one coldness in 2 K, either way.
+const BOUNDS: [(f64, f64); 5] = [(3.4, 10.5), (0.7, 8.2), (0.0, 1.0), (-1.6, 3.0), (-0.5, 0.5)];
 
 /// Least ratio of the two time constants; closer ones share one decay.
 const MIN_RATIO: f64 = 2.0;
 
 /// First and last step of the search, in units of the parameters.
-const STEPS: [f64; 4] = [0.4, 0.4, 0.15, 0.4];
+const STEPS: [f64; 5] = [0.4, 0.4, 0.15, 0.4, 0.04];
 const LAST_STEP: f64 = 0.01;
 /// Most rounds of the search over all coordinates.
 const MAX_ROUNDS: usize = 60;
@@ -68,6 +74,9 @@ pub(super) struct JointRecord {
     pub spans: Vec<MotionSpan>,
     pub levels: Vec<f64>,
     pub points: Vec<RecordPoint>,
+    pub measured: Measured,
+    /// Why something measured is not used, in sentences.
+    pub remarks: Vec<String>,
 }
 
 /// One friction mean in its run.
@@ -110,6 +119,8 @@ pub(super) struct Fitted {
     pub law: LawParameters,
     pub warm: Vec<f64>,
     pub cold: Vec<f64>,
+    /// Root-mean-square of what is left, as a fraction of friction.
+    pub rms: f64,
     cost: f64,
 }
 
@@ -122,20 +133,65 @@ pub(super) fn mixed(law: &LawParameters, x: Coldness) -> f64 {
     law[2] * x[0] + (1.0 - law[2]) * x[1]
 }
 
-/// Coldness of each point as the law has it.
+/// Coldness of each point as law and measurement have it.
 pub(super) fn record_coldness(record: &JointRecord, law: &LawParameters) -> Vec<Coldness> {
-    let times: Vec<f64> = record.points.iter().map(|p| p.time).collect();
-    coldness_at(&rates(law), &record.spans, &times)
+    let moments: Vec<(usize, f64)> = record.points.iter().map(|p| (p.run, p.time)).collect();
+    moment_coldness(record, law, &moments)
+}
+
+/// Coldness at moments, each of a run and a time since the epoch, s; times rise.
+pub(super) fn moment_coldness(
+    record: &JointRecord,
+    law: &LawParameters,
+    moments: &[(usize, f64)],
+) -> Vec<Coldness> {
+    let times: Vec<f64> = moments.iter().map(|(_, time)| *time).collect();
+    let mut found = coldness_at(&rates(law), &record.spans, &times);
+    match &record.measured {
+        Measured::Nothing => {}
+        Measured::Motor(scale) => {
+            for (x, (run, time)) in found.iter_mut().zip(moments) {
+                x[0] = scale.coldness(*run, *time);
+            }
+        }
+        Measured::Hall(hall) => {
+            for (x, (run, _)) in found.iter_mut().zip(moments) {
+                *x = x.map(|part| part + law[HALL] * hall.colder[*run]);
+            }
+        }
+    }
+    found
+}
+
+/// The parameters of the law that are sought for a record; the others stay at their prior.
+fn sought(record: &JointRecord) -> Vec<usize> {
+    let mut sought = match record.measured {
+        // what a sensor says needs no law
+        Measured::Motor(_) => return vec![FAST, SHARE],
+        Measured::Nothing | Measured::Hall(_) => vec![SLOW, FAST, SHARE],
+    };
+    if cooling_shows(record) {
+        sought.push(COOLING);
+    }
+    if matches!(record.measured, Measured::Hall(_)) {
+        sought.push(HALL);
+    }
+    sought
+}
+
+/// Number of the law's parameters that a map of the record has.
+fn law_size(record: &JointRecord) -> usize {
+    if matches!(record.measured, Measured::Hall(_)) { HALL + 1 } else { HALL }
 }
 
 /// Fits law and levels, from `start` if there is one.
 pub(super) fn fit_map(record: &JointRecord, start: Option<LawParameters>) -> Fitted {
     let mut best = at_law(record, start.unwrap_or(PRIOR.map(|(centre, _)| centre)));
     let mut steps = STEPS;
-    let sought = if cooling_shows(record) { steps.len() } else { COOLING };
+    let sought = sought(record);
     for _ in 0..MAX_ROUNDS {
         let mut moved = false;
-        for k in 0..sought {
+        for &k in &sought {
             for sign in [1.0, -1.0] {
                 let mut law = best.law;
                 law[k] += sign * steps[k];
@@ -164,7 +220,7 @@ fn cooling_shows(record: &JointRecord) -> bool {
 /// Levels solved for at one law, with minus twice the logarithm of the posterior.
 fn at_law(record: &JointRecord, law: LawParameters) -> Fitted {
     let inside = law.iter().zip(BOUNDS).all(|(value, (low, high))| (low..=high).contains(value));
-    let nothing = Fitted { law, warm: Vec::new(), cold: Vec::new(), cost: f64::INFINITY };
+    let nothing = Fitted { law, warm: Vec::new(), cold: Vec::new(), rms: f64::INFINITY, cost: f64::INFINITY };
     if !inside || law[0] - law[1] < MIN_RATIO.ln() {
         return nothing;
     }
@@ -193,7 +249,15 @@ fn at_law(record: &JointRecord, law: LawParameters) -> Fitted {
     let prior: f64 = law.iter().zip(PRIOR).map(|(value, (centre, sd))| ((value - centre) / sd).powi(2)).sum();
     // rounding of noise-free friction has no logarithm
     let cost = n * squares.max(f64::MIN_POSITIVE).ln() + prior;
-    if cost.is_finite() { Fitted { law, warm, cold, cost } } else { nothing }
+    if cost.is_finite() { Fitted { law, warm, cold, rms: (squares / n).sqrt(), cost } } else { nothing }
+}
+
+/// The coldness for a kelvin of the hall, with its standard error; `None` where the hall is not used.
+pub(super) fn hall_coldness(record: &JointRecord, fitted: &Fitted, runs: usize) -> Option<Estimate> {
+    matches!(record.measured, Measured::Hall(_)).then_some(())?;
+    let at = 2 * record.levels.len() + HALL;
+    let variance = covariance(record, fitted, runs)?[(at, at)];
+    Some(Estimate { value: fitted.law[HALL], std_error: variance.max(0.0).sqrt() })
 }
 
 /// The map with its covariance and what it explains.
@@ -202,6 +266,14 @@ pub(super) fn published(record: &JointRecord, fitted: &Fitted, runs: usize) -> O
     let covariance = covariance(record, fitted, runs)?;
     let error = |k: usize| covariance[(k, k)].max(0.0).sqrt();
     let law_at = 2 * levels;
+    let source = match &record.measured {
+        Measured::Nothing => ThermalSource::Motion,
+        Measured::Motor(scale) => ThermalSource::MotorTemperature { warm: scale.warm, cold: scale.cold },
+        Measured::Hall(hall) => ThermalSource::AmbientAndMotion {
+            usual: hall.usual,
+            coldness: Estimate { value: fitted.law[HALL], std_error: error(law_at + HALL) },
+        },
+    };
     let relative = |k: usize| {
         let value = fitted.law[k].exp();
         Estimate { value, std_error: value * error(law_at + k) }
@@ -216,6 +288,7 @@ pub(super) fn published(record: &JointRecord, fitted: &Fitted, runs: usize) -> O
     Some(FrictionMap {
         joint: record.joint,
         law,
+        source,
         levels: (0..levels)
             .map(|k| MapLevel {
                 speed_fraction: record.levels[k],
@@ -228,21 +301,26 @@ pub(super) fn published(record: &JointRecord, fitted: &Fitted, runs: usize) -> O
         explained,
         runs,
         points: record.map_points(),
-        remarks: remarks(record.joint, |k| error(law_at + k)),
+        remarks: remarks(record, |k| error(law_at + k)),
     })
 }
 
-fn remarks(joint: JointIndex, error: impl Fn(usize) -> f64) -> Vec<String> {
+fn remarks(record: &JointRecord, error: impl Fn(usize) -> f64) -> Vec<String> {
     let names = [
         "slow time constant is assumed: the runs are too short for it, or all began warm",
         "fast time constant is assumed: the first cycles do not resolve it",
         "share of the slow part is assumed: the warm-up does not show two parts",
         "cooling is assumed to be as warming: no run began between warm and cold",
     ];
-    (0..names.len())
+    let used = |k: &usize| match record.measured {
+        Measured::Motor(_) => [FAST, SHARE].contains(k),
+        Measured::Nothing | Measured::Hall(_) => true,
+    };
+    let assumed = (0..names.len())
+        .filter(used)
         .filter(|&k| error(k) > MEASURED * PRIOR[k].1)
-        .map(|k| format!("joint {joint}: the {}", names[k]))
-        .collect()
+        .map(|k| format!("joint {}: the {}", record.joint, names[k]));
+    record.remarks.iter().cloned().chain(assumed).collect()
 }
 
 fn predicted(fitted: &Fitted, p: &RecordPoint, x: Coldness) -> f64 {
@@ -275,20 +353,20 @@ fn quality(record: &JointRecord, fitted: &Fitted) -> (f64, f64) {
 fn covariance(record: &JointRecord, fitted: &Fitted, runs: usize) -> Option<DMatrix<f64>> {
     const STEP: f64 = 1e-4;
     let levels = record.levels.len();
-    let size = 2 * levels + fitted.law.len();
+    let size = 2 * levels + law_size(record);
     let at = |law: &LawParameters| -> Vec<f64> {
         let coldness = record_coldness(record, law);
         let shifted = Fitted { law: *law, ..fitted.clone() };
         record.points.iter().zip(coldness).map(|(p, x)| predicted(&shifted, p, x)).collect()
     };
     let (middle, coldness) = (at(&fitted.law), record_coldness(record, &fitted.law));
-    let sought = if cooling_shows(record) { fitted.law.len() } else { COOLING };
-    let slopes: Vec<Vec<f64>> = (0..sought)
+    let slopes: Vec<(usize, Vec<f64>)> = sought(record)
+        .into_iter()
         .map(|k| {
             let (mut up, mut down) = (fitted.law, fitted.law);
             up[k] += STEP;
             down[k] -= STEP;
-            at(&up).iter().zip(at(&down)).map(|(u, d)| (u - d) / (2.0 * STEP)).collect()
+            (k, at(&up).iter().zip(at(&down)).map(|(u, d)| (u - d) / (2.0 * STEP)).collect())
         })
         .collect();
     let mut information = DMatrix::zeros(size, size);
@@ -302,7 +380,7 @@ fn covariance(record: &JointRecord, fitted: &Fitted, runs: usize) -> Option<DMat
         if fitted.cold[p.level] > 0.0 {
             row[levels + p.level] = scale * (mixed(&fitted.law, coldness[i]) + p.offset);
         }
-        (0..slopes.len()).for_each(|k| row[2 * levels + k] = scale * slopes[k][i]);
+        slopes.iter().for_each(|(k, slope)| row[2 * levels + k] = scale * slope[i]);
         let residual = scale * (p.healthy() - middle[i]);
         squares += residual * residual;
         information.ger(1.0, &row, &row, 1.0);
@@ -310,7 +388,7 @@ fn covariance(record: &JointRecord, fitted: &Fitted, runs: usize) -> Option<DMat
     }
     let freedom = record.map_points().saturating_sub(size).max(1) as f64;
     let variance = (squares / freedom).max(f64::MIN_POSITIVE);
-    for (k, (_, sd)) in PRIOR.iter().enumerate() {
+    for (k, (_, sd)) in PRIOR.iter().enumerate().take(law_size(record)) {
         information[(2 * levels + k, 2 * levels + k)] += variance / (sd * sd);
     }
     for k in (0..levels).filter(|k| fitted.cold[*k] <= 0.0) {

@@ -13,6 +13,7 @@
 
 pub mod analyse;
 pub mod signal;
+pub mod temperature;
 pub mod stages;
 pub mod motion_stages;
 pub mod segment;
@@ -56,6 +57,7 @@ pub mod friction_speed;
 mod friction_speed_tests;
 pub mod friction_means;
 pub mod thermal;
+mod thermal_source;
 pub mod friction_map;
 mod friction_effects;
 pub mod friction_index;

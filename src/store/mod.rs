@@ -23,6 +23,7 @@ mod read;
 mod reestimates;
 mod run_analysis;
 mod sources;
+mod temperatures;
 #[cfg(test)]
 mod test_support;
 #[cfg(test)]
