@@ -14,6 +14,9 @@ ALTER TABLE friction_law ADD COLUMN thermal_source TEXT NOT NULL DEFAULT 'motion
 -- Motor temperatures at which the slow part of coldness is 0 and 1; with source `motor_temperature` only.
 ALTER TABLE friction_law ADD COLUMN warm_degc REAL;
 ALTER TABLE friction_law ADD COLUMN cold_degc REAL;
+-- How much steeper coldness is where it is cold, as viscosity has it; 0 is a line.
+ALTER TABLE friction_law ADD COLUMN curvature REAL;
+ALTER TABLE friction_law ADD COLUMN curvature_std_error REAL;
 -- The usual temperature of the hall, and coldness for each kelvin below it; with source `ambient_and_motion` only.
 ALTER TABLE friction_law ADD COLUMN ambient_degc REAL;
 ALTER TABLE friction_law ADD COLUMN coldness_1_k REAL;
@@ -60,6 +63,8 @@ SELECT robot.name AS robot,
        law.thermal_source,
        law.warm_degc,
        law.cold_degc,
+       law.curvature,
+       law.curvature_std_error,
        law.ambient_degc,
        law.coldness_1_k,
        law.coldness_std_error_1_k

@@ -131,12 +131,15 @@ pub struct ThermalLaw {
 pub enum ThermalSource {
     /// Motion and rest alone.
     Motion,
-    /// The slow part from the motor's temperature `T`, `(warm - T) / (warm - cold)`; the fast part from motion.
+    /// The slow part from the motor's temperature `T`: `(exp(k x) - 1) / (exp(k) - 1)` with
+    /// `x = (warm - T) / (warm - cold)`; the fast part, what the sensor does not show, from motion.
     MotorTemperature {
         /// Temperature at which the slow part is zero, K.
         warm: f64,
         /// Temperature at which it is one, K.
         cold: f64,
+        /// The curvature `k`; 0 is a line.
+        curvature: Estimate,
     },
     /// Motion and rest, and as many times `coldness` more as the hall is colder than usual, in K.
     AmbientAndMotion {
@@ -184,7 +187,7 @@ pub struct FrictionMap {
     pub levels: Vec<MapLevel>,
     /// Covariance, row after row, of `warm` of each level, `cold` of each level, then the logarithms of
     /// `slow_s` and `fast_s`, `slow_share` and the logarithm of `cooling_ratio`; then, where the hall's temperature
-    /// is used, of the coldness for a kelvin.
+    /// is used, of the coldness for a kelvin, where the motor's is, of the curvature.
     pub covariance: Vec<f64>,
     /// Root-mean-square of the residuals as a fraction of friction, after each run's offset and index.
     pub relative_rmsd: f64,

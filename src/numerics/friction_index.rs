@@ -13,7 +13,7 @@ use super::friction_map::{Fitted, JointRecord, RecordPoint, fit_map, mixed, mome
 use super::friction_means::friction_means;
 use super::statistics::median;
 use super::thermal::MotionSpan;
-use super::thermal_source::{first_fit, measured};
+use super::thermal_source::{Measured, first_fit, measured};
 use crate::analysis::friction::{FrictionIndex, FrictionMap};
 use crate::analysis::{CycleTemperatures, Estimate, FrictionPoint};
 use crate::robot::JointIndex;
@@ -88,8 +88,7 @@ pub fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFriction {
             Err(reason) => found.remarks.push(reason),
         }
     }
-    let mut fits: Vec<Fitted> =
-        records.iter_mut().map(|record| first_fit(record, runs.len())).collect();
+    let mut fits: Vec<Fitted> = records.iter_mut().map(|record| first_fit(record, runs.len())).collect();
     drop_flat(&mut records, &mut fits, &mut found.remarks);
     let (mut effects, mut scales) = (Vec::new(), None);
     for round in 0..OUTER_ROUNDS {
@@ -256,10 +255,13 @@ fn settle(
         effect.variance = own * effect.variance + variance;
         effect.ambient.value -= ambient;
     }
+    // what a measurement does not explain stays with the points: a coefficient of the hall, or a motor's lag, has
+    // nothing else to stand on, and runs would take it over in turn
+    let own = f64::from(u8::from(record.measured == Measured::Nothing));
     for p in &mut record.points {
         let effect = &effects[p.run];
         let [slow, fast] = start_decay(fit, p.time - starts[p.run]);
-        p.offset = effect.ambient.value + slow * effect.start[0] + fast * effect.start[1];
+        p.offset = own * (effect.ambient.value + slow * effect.start[0] + fast * effect.start[1]);
         p.factor = 1.0 + effect.wear;
     }
 }

@@ -13,7 +13,8 @@ use crate::analysis::friction::{FrictionMap, MapLevel, ThermalLaw, ThermalSource
 use crate::robot::JointIndex;
 
 /// Parameters of the law: logarithms of the slow and the fast time constant (s), share, logarithm of the
-/// cooling ratio, and coldness for a kelvin that the hall is colder (1/K).
+/// cooling ratio; then coldness for a kelvin that the hall is colder (1/K), or the curvature over a motor's
+/// temperature.
 pub(super) type LawParameters = [f64; 5];
 
 /// Places among them.
@@ -21,7 +22,7 @@ const SLOW: usize = 0;
 const FAST: usize = 1;
 const SHARE: usize = 2;
 const COOLING: usize = 3;
-const HALL: usize = 4;
+const EXTRA: usize = 4;
 
 /// Prior of the law, centre and standard deviation. Six gearboxes of thesis Table 5.6 have slow time
 /// constants of 13 to 57 min, geometric mean 27, and fast ones of 0.3 to 7.4 min, geometric mean 1.6. A
@@ -32,6 +33,17 @@ const PRIOR: [(f64, f64); 5] = [(7.39, 0.9), (4.56, 1.4), (0.5, 0.5), (0.0, 1.0)
 /// Bounds of the law's parameters: half a minute to ten hours, two seconds to an hour, a share, cooling
 /// five times faster to twenty times slower, and a hall that does as much as one coldness in 2 K, either way.
 const BOUNDS: [(f64, f64); 5] = [(3.4, 10.5), (0.7, 8.2), (0.0, 1.0), (-1.6, 3.0), (-0.5, 0.5)];
+
+/// Prior and bounds where the motor's temperature is the slow part. The sensor is taken at its word; what it does
+/// not show lasts two minutes to half an hour, as between winding, housing and teeth; less than that, plateaus
+/// a minute after the start of a cycle do not tell. Above one, the share leaves a fast part that takes
+/// away: motors warm by losses of their own, ahead of the gears. Viscosity falls exponentially, by 1 to 3 % a kelvin
+/// over some 25 K.
+const PRIOR_OF_MOTOR: [(f64, f64); 5] = [PRIOR[SLOW], (5.3, 0.7), (1.0, 0.3), PRIOR[COOLING], (0.5, 0.3)];
+const BOUNDS_OF_MOTOR: [(f64, f64); 5] = [BOUNDS[SLOW], (4.8, 7.5), (0.3, 2.5), BOUNDS[COOLING], (0.0, 2.0)];
+
+/// Curvatures below this are a line.
+const LEAST_CURVATURE: f64 = 1e-3;
 
 /// Least ratio of the two time constants; closer ones share one decay.
 const MIN_RATIO: f64 = 2.0;
@@ -55,7 +67,8 @@ const MIN_CLUSTERS: usize = 6;
 /// Friction that a map has at its speed level `level` (its place in [`FrictionMap::levels`]) and coldness `x`, mean
 /// of both directions, Nm, with the standard error of the map; `None` for a level that it does not have.
 ///
-/// The coldness of a coming run is that of [`coldness_at`] at its start, mixed by the law's `slow_share`.
+/// The coldness of a coming run is that of [`coldness_at`] at its start, corrected by [`with_temperatures`] and mixed
+/// by the law's `slow_share`.
 #[must_use]
 pub fn map_friction(map: &FrictionMap, level: usize, x: f64) -> Option<Estimate> {
     let of_level = map.levels.get(level)?;
@@ -65,6 +78,27 @@ pub fn map_friction(map: &FrictionMap, level: usize, x: f64) -> Option<Estimate>
     let variance = entry(warm, warm)? + 2.0 * x * entry(warm, cold)? + x * x * entry(cold, cold)?;
     let value = of_level.warm.value + of_level.cold.value * x;
     Some(Estimate { value, std_error: variance.max(0.0).sqrt() })
+}
+
+/// Coldness by motion, corrected by what was measured: the motor's and the hall's temperature, K. A hall that is not
+/// known counts as the usual one; `None` where the map needs the motor's temperature and there is none.
+#[must_use]
+pub fn with_temperatures(
+    source: ThermalSource,
+    by_motion: Coldness,
+    motor: Option<f64>,
+    ambient: Option<f64>,
+) -> Option<Coldness> {
+    match source {
+        ThermalSource::Motion => Some(by_motion),
+        ThermalSource::MotorTemperature { warm, cold, curvature } => {
+            motor.map(|kelvin| [curved(curvature.value, (warm - kelvin) / (warm - cold)), by_motion[1]])
+        }
+        ThermalSource::AmbientAndMotion { usual, coldness } => {
+            let offset = coldness.value * (usual - ambient.unwrap_or(usual));
+            Some(by_motion.map(|part| part + offset))
+        }
+    }
 }
 
 /// One joint's friction over all runs, ready to be fitted. Times rise.
@@ -151,42 +185,58 @@ pub(super) fn moment_coldness(
         Measured::Nothing => {}
         Measured::Motor(scale) => {
             for (x, (run, time)) in found.iter_mut().zip(moments) {
-                x[0] = scale.coldness(*run, *time);
+                x[0] = curved(law[EXTRA], scale.coldness(*run, *time));
             }
         }
         Measured::Hall(hall) => {
             for (x, (run, _)) in found.iter_mut().zip(moments) {
-                *x = x.map(|part| part + law[HALL] * hall.colder[*run]);
+                *x = x.map(|part| part + law[EXTRA] * hall.colder[*run]);
             }
         }
     }
     found
 }
 
+/// Coldness over a temperature that runs from 0 (warm) to 1 (cold), `(exp(k x) - 1) / (exp(k) - 1)`: viscosity over
+/// temperature, with the curvature `k`; a line where that is zero.
+fn curved(k: f64, x: f64) -> f64 {
+    if k < LEAST_CURVATURE { x } else { (k * x).exp_m1() / k.exp_m1() }
+}
+
+type Spread = [(f64, f64); 5];
+
+/// Prior (centre and standard deviation) and bounds of the law's parameters.
+fn prior_and_bounds(record: &JointRecord) -> (Spread, Spread) {
+    match record.measured {
+        Measured::Motor(_) => (PRIOR_OF_MOTOR, BOUNDS_OF_MOTOR),
+        Measured::Nothing | Measured::Hall(_) => (PRIOR, BOUNDS),
+    }
+}
+
 /// The parameters of the law that are sought for a record; the others stay at their prior.
 fn sought(record: &JointRecord) -> Vec<usize> {
     let mut sought = match record.measured {
         // what a sensor says needs no law
-        Measured::Motor(_) => return vec![FAST, SHARE],
+        Measured::Motor(_) => return vec![FAST, SHARE, EXTRA],
         Measured::Nothing | Measured::Hall(_) => vec![SLOW, FAST, SHARE],
     };
     if cooling_shows(record) {
         sought.push(COOLING);
     }
     if matches!(record.measured, Measured::Hall(_)) {
-        sought.push(HALL);
+        sought.push(EXTRA);
     }
     sought
 }
 
 /// Number of the law's parameters that a map of the record has.
 fn law_size(record: &JointRecord) -> usize {
-    if matches!(record.measured, Measured::Hall(_)) { HALL + 1 } else { HALL }
+    if record.measured == Measured::Nothing { EXTRA } else { EXTRA + 1 }
 }
 
 /// Fits law and levels, from `start` if there is one.
 pub(super) fn fit_map(record: &JointRecord, start: Option<LawParameters>) -> Fitted {
-    let mut best = at_law(record, start.unwrap_or(PRIOR.map(|(centre, _)| centre)));
+    let mut best = at_law(record, start.unwrap_or(prior_and_bounds(record).0.map(|(centre, _)| centre)));
     let mut steps = STEPS;
     let sought = sought(record);
     for _ in 0..MAX_ROUNDS {
@@ -219,9 +269,12 @@ fn cooling_shows(record: &JointRecord) -> bool {
 
 /// Levels solved for at one law, with minus twice the logarithm of the posterior.
 fn at_law(record: &JointRecord, law: LawParameters) -> Fitted {
-    let inside = law.iter().zip(BOUNDS).all(|(value, (low, high))| (low..=high).contains(value));
+    let (prior, bounds) = prior_and_bounds(record);
+    let inside = law.iter().zip(bounds).all(|(value, (low, high))| (low..=high).contains(value));
     let nothing = Fitted { law, warm: Vec::new(), cold: Vec::new(), rms: f64::INFINITY, cost: f64::INFINITY };
-    if !inside || law[0] - law[1] < MIN_RATIO.ln() {
+    // a measured slow part is no decay that the fast one could be taken for
+    let apart = law[SLOW] - law[FAST] >= MIN_RATIO.ln() || matches!(record.measured, Measured::Motor(_));
+    if !inside || !apart {
         return nothing;
     }
     let coldness = record_coldness(record, &law);
@@ -246,7 +299,7 @@ fn at_law(record: &JointRecord, law: LawParameters) -> Fitted {
         cold.push(slope);
     }
     let n = record.map_points() as f64;
-    let prior: f64 = law.iter().zip(PRIOR).map(|(value, (centre, sd))| ((value - centre) / sd).powi(2)).sum();
+    let prior: f64 = law.iter().zip(prior).map(|(value, (centre, sd))| ((value - centre) / sd).powi(2)).sum();
     // rounding of noise-free friction has no logarithm
     let cost = n * squares.max(f64::MIN_POSITIVE).ln() + prior;
     if cost.is_finite() { Fitted { law, warm, cold, rms: (squares / n).sqrt(), cost } } else { nothing }
@@ -255,9 +308,9 @@ fn at_law(record: &JointRecord, law: LawParameters) -> Fitted {
 /// The coldness for a kelvin of the hall, with its standard error; `None` where the hall is not used.
 pub(super) fn hall_coldness(record: &JointRecord, fitted: &Fitted, runs: usize) -> Option<Estimate> {
     matches!(record.measured, Measured::Hall(_)).then_some(())?;
-    let at = 2 * record.levels.len() + HALL;
+    let at = 2 * record.levels.len() + EXTRA;
     let variance = covariance(record, fitted, runs)?[(at, at)];
-    Some(Estimate { value: fitted.law[HALL], std_error: variance.max(0.0).sqrt() })
+    Some(Estimate { value: fitted.law[EXTRA], std_error: variance.max(0.0).sqrt() })
 }
 
 /// The map with its covariance and what it explains.
@@ -268,10 +321,14 @@ pub(super) fn published(record: &JointRecord, fitted: &Fitted, runs: usize) -> O
     let law_at = 2 * levels;
     let source = match &record.measured {
         Measured::Nothing => ThermalSource::Motion,
-        Measured::Motor(scale) => ThermalSource::MotorTemperature { warm: scale.warm, cold: scale.cold },
+        Measured::Motor(scale) => ThermalSource::MotorTemperature {
+            warm: scale.warm,
+            cold: scale.cold,
+            curvature: Estimate { value: fitted.law[EXTRA], std_error: error(law_at + EXTRA) },
+        },
         Measured::Hall(hall) => ThermalSource::AmbientAndMotion {
             usual: hall.usual,
-            coldness: Estimate { value: fitted.law[HALL], std_error: error(law_at + HALL) },
+            coldness: Estimate { value: fitted.law[EXTRA], std_error: error(law_at + EXTRA) },
         },
     };
     let relative = |k: usize| {
@@ -318,7 +375,7 @@ fn remarks(record: &JointRecord, error: impl Fn(usize) -> f64) -> Vec<String> {
     };
     let assumed = (0..names.len())
         .filter(used)
-        .filter(|&k| error(k) > MEASURED * PRIOR[k].1)
+        .filter(|&k| error(k) > MEASURED * prior_and_bounds(record).0[k].1)
         .map(|k| format!("joint {}: the {}", record.joint, names[k]));
     record.remarks.iter().cloned().chain(assumed).collect()
 }
@@ -388,7 +445,7 @@ fn covariance(record: &JointRecord, fitted: &Fitted, runs: usize) -> Option<DMat
     }
     let freedom = record.map_points().saturating_sub(size).max(1) as f64;
     let variance = (squares / freedom).max(f64::MIN_POSITIVE);
-    for (k, (_, sd)) in PRIOR.iter().enumerate().take(law_size(record)) {
+    for (k, (_, sd)) in prior_and_bounds(record).0.iter().enumerate().take(law_size(record)) {
         information[(2 * levels + k, 2 * levels + k)] += variance / (sd * sd);
     }
     for k in (0..levels).filter(|k| fitted.cold[*k] <= 0.0) {

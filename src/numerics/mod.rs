@@ -67,6 +67,8 @@ mod friction_alarm_tests;
 mod friction_index_coverage;
 #[cfg(test)]
 mod friction_index_tests;
+#[cfg(test)]
+mod friction_temperature_tests;
 pub mod whiteness;
 pub mod warm_up;
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! What is known of a joint's thermal state beside its motion: the temperature of its motor, or of the hall.
 //!
-//! A motor's temperature takes the place of the slow part of coldness, `(warm - T) / (warm - cold)`: where it is
-//! measured, nobody has to guess how the joint heats in motion and cools at rest. The fast part, the heat between
-//! the teeth and the housing, no sensor in a motor sees; it follows the motion as before. A hall's temperature is
-//! an offset of coldness, as many times a coefficient as it is below the usual.
+//! A motor's temperature takes the place of the slow part of coldness: where it is measured, nobody has to guess
+//! how the joint heats in motion and cools at rest. What a sensor in a motor does not show (the heat between teeth and
+//! housing, the motor's own) stays as a fast part that follows the motion. A hall's temperature is an offset of
+//! coldness, as many times a coefficient as it is below the usual.
 
 use super::friction_index::{CycleMotion, MapRun};
 use super::friction_map::{Fitted, JointRecord, RecordPoint, fit_map, hall_coldness};
@@ -112,7 +112,9 @@ pub(super) fn first_fit(record: &mut JointRecord, runs: usize) -> Fitted {
         }
         Measured::Hall(_) => hall_coldness(record, &fit, runs)
             .filter(|found| found.value < LEAST_ERRORS * found.std_error)
-            .map(|_| "the ambient temperature is not used: friction does not tell that it matters".to_owned()),
+            .map(|_| {
+                "the ambient temperature is not used: friction does not tell that it matters".to_owned()
+            }),
     };
     let Some(reason) = reason else { return fit };
     record.measured = Measured::Nothing;

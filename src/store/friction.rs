@@ -189,6 +189,40 @@ pub(super) async fn indices(
     .await
 }
 
+/// What the thermal state of a joint's map is taken from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ThermalSourceRow {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Name as in the view `friction_map`.
+    pub source: String,
+    /// What the map does not know or does not use, a sentence a line.
+    pub remarks: Option<String>,
+}
+
+/// Sources of the maps of a robot, by joint.
+pub(super) async fn thermal_sources(
+    executor: impl SqliteExecutor<'_>,
+    robot: &str,
+) -> Result<Vec<ThermalSourceRow>, sqlx::Error> {
+    sqlx::query(
+        "SELECT joint, thermal_source, remarks FROM friction_law
+         JOIN robot USING (robot_id)
+         WHERE robot.name = ?
+         ORDER BY joint",
+    )
+    .bind(robot)
+    .try_map(|row: SqliteRow| {
+        Ok(ThermalSourceRow {
+            joint: joint(&row, "joint")?,
+            source: row.try_get("thermal_source")?,
+            remarks: row.try_get("remarks")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
 /// Replaces the fits over speed of a run. Call in a transaction.
 pub(super) async fn replace_speed_fits(
     connection: &mut SqliteConnection,
@@ -316,7 +350,7 @@ async fn insert_law(
     let (mut motor, mut hall) = (None, None);
     match map.source {
         ThermalSource::Motion => {}
-        ThermalSource::MotorTemperature { warm, cold } => motor = Some((warm, cold)),
+        ThermalSource::MotorTemperature { warm, cold, curvature } => motor = Some((warm, cold, curvature)),
         ThermalSource::AmbientAndMotion { usual, coldness } => hall = Some((usual, coldness)),
     }
     let celsius = |kelvin: f64| finite(kelvin - ZERO_CELSIUS);
@@ -324,8 +358,8 @@ async fn insert_law(
         "INSERT INTO friction_law (robot_id, joint, slow_min, slow_std_error_min, fast_min, fast_std_error_min,
                                    slow_share, slow_share_std_error, cooling_ratio, cooling_ratio_std_error,
                                    relative_rmsd, explained, runs, points, remarks, covariance, thermal_source,
-                                   warm_degc, cold_degc, ambient_degc, coldness_1_k, coldness_std_error_1_k)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                                   warm_degc, cold_degc, curvature, curvature_std_error, ambient_degc, coldness_1_k, coldness_std_error_1_k)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(robot_id)
     .bind(joint_number(map.joint))
@@ -344,8 +378,10 @@ async fn insert_law(
     .bind(remarks)
     .bind(json_numbers(&map.covariance))
     .bind(map.source.name())
-    .bind(motor.and_then(|(warm, _)| celsius(warm)))
-    .bind(motor.and_then(|(_, cold)| celsius(cold)))
+    .bind(motor.and_then(|(warm, ..)| celsius(warm)))
+    .bind(motor.and_then(|(_, cold, _)| celsius(cold)))
+    .bind(motor.and_then(|(.., curvature)| finite(curvature.value)))
+    .bind(motor.and_then(|(.., curvature)| finite(curvature.std_error)))
     .bind(hall.and_then(|(usual, _)| celsius(usual)))
     .bind(hall.and_then(|(_, coldness)| finite(coldness.value)))
     .bind(hall.and_then(|(_, coldness)| finite(coldness.std_error)))

@@ -4,6 +4,7 @@ use super::Hints;
 use super::head::{Head, HeadColumn};
 use super::names::{self, Group, Kind, Said};
 use super::stages::{self, Meaning};
+use super::temperatures::temperatures;
 use super::units::{self, Choice, Figures, Known, Slope};
 use super::write::quoted;
 use crate::robot::Robot;
@@ -89,9 +90,13 @@ pub(super) fn propose(head: &Head, hints: Hints<'_>) -> Vec<Section> {
     sections.extend(velocity_section(&joints, &units, &slopes));
     sections.push(torque_section(&joints));
     let signals = signals(head, &joints, time.map(|(column, _)| column));
+    let is_time = |at: usize| time.is_some_and(|(column, _)| column == at);
+    let temperatures = temperatures(head, joints.count, |at| joints.has(at) || is_time(at));
+    sections.extend(temperatures.sections);
     sections.push(stage_section(head, &joints, &signals));
     sections.extend(optional_section(head, &signals));
-    sections.push(rest_section(head, &joints, &signals, time.map(|(column, _)| column)));
+    let others: Vec<usize> = temperatures.columns.into_iter().chain(time.map(|(column, _)| column)).collect();
+    sections.push(rest_section(head, &joints, &signals, &others));
     sections
 }
 
@@ -141,7 +146,7 @@ fn named(template: &str, said: &Said) -> String {
 }
 
 /// One name with a place for the number where that gives the columns, else a list.
-fn columns_key(group: &Group, count: usize, names: &[&str]) -> (&'static str, String) {
+pub(super) fn columns_key(group: &Group, count: usize, names: &[&str]) -> (&'static str, String) {
     let columns = &group.columns[..count];
     let simple = columns.iter().all(|column| is_plain_name(names, *column));
     if group.first > 0 && group.columns.len() == count && simple {
@@ -156,7 +161,7 @@ fn columns_key(group: &Group, count: usize, names: &[&str]) -> (&'static str, St
 }
 
 /// A column by its name, or by its number where the name does not tell it from others.
-fn reference(names: &[&str], column: usize) -> String {
+pub(super) fn reference(names: &[&str], column: usize) -> String {
     match is_plain_name(names, column) {
         true => quoted(names[column]),
         false => (column + 1).to_string(),
@@ -626,15 +631,21 @@ fn optional_section(head: &Head, signals: &Signals) -> Option<Section> {
     (!keys.is_empty()).then(|| Section { title: Some("if_present"), comments: Vec::new(), keys })
 }
 
-fn rest_section(head: &Head, joints: &Joints<'_>, signals: &Signals, time: Option<usize>) -> Section {
-    let used = [signals.cycle, signals.friction_joint, signals.friction_level, time];
+fn rest_section(head: &Head, joints: &Joints<'_>, signals: &Signals, others: &[usize]) -> Section {
+    let used = [signals.cycle, signals.friction_joint, signals.friction_level];
     let is_used = |at: usize| {
-        joints.has(at) || used.contains(&Some(at)) || signals.stage.is_some_and(|(stage, _)| stage == at)
+        joints.has(at)
+            || others.contains(&at)
+            || used.contains(&Some(at))
+            || signals.stage.is_some_and(|(stage, _)| stage == at)
     };
     let rest: Vec<String> = (head.columns.iter().enumerate())
         .filter(|(at, column)| !is_used(*at) && !column.name.is_empty())
         .map(|(_, column)| match names::said(&column.name, &column.under) {
             Said { kind: Some(Kind::Other(what)), .. } => format!("{} ({what})", column.name),
+            Said { kind: Some(Kind::Temperature), .. } => {
+                format!("{} (a temperature, not told to be the motors' or the hall's)", column.name)
+            }
             Said { is_target: true, .. } => format!("{} (a target, not a measurement)", column.name),
             _ => column.name.clone(),
         })

@@ -8,6 +8,7 @@ mod decide;
 mod head;
 mod names;
 mod stages;
+mod temperatures;
 mod units;
 mod write;
 
