@@ -249,7 +249,7 @@ impl Layout {
 
     fn check_lists(&self, robot: &Robot) -> Result<(), Misfit> {
         let n = robot.joint_count();
-        let signed = |channel: &'_ Channel| (channel.columns.clone(), channel.sign.clone());
+        let signed = |channel: &Channel| (channel.columns.clone(), channel.sign.clone());
         let unsigned = |channel: &MotorTemperature| (channel.columns.clone(), JointSigns::All(1.0));
         let channels = [
             ("position", Some(signed(&self.position))),

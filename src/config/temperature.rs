@@ -2,7 +2,7 @@
 
 use super::layout::{Column, JointColumns};
 use super::layout_file::ColumnNames;
-use super::reader::{Table, Value};
+use super::reader::Table;
 use crate::run::temperature::ZERO_CELSIUS;
 
 /// A unit of temperature as exports have it.
@@ -84,7 +84,7 @@ pub(super) fn read_ambient(table: &Table<'_>, names: &mut ColumnNames) -> Option
 }
 
 fn read_unit(table: &Table<'_>) -> Option<TemperatureUnit> {
-    let value: Value<'_> = table.required("unit")?;
+    let value = table.required("unit")?;
     let given = value.text()?;
     let unit = TemperatureUnit::ALL.into_iter().find(|unit| unit.name() == given);
     if unit.is_none() {

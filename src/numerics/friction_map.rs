@@ -35,12 +35,16 @@ const PRIOR: [(f64, f64); 5] = [(7.39, 0.9), (4.56, 1.4), (0.5, 0.5), (0.0, 1.0)
 const BOUNDS: [(f64, f64); 5] = [(3.4, 10.5), (0.7, 8.2), (0.0, 1.0), (-1.6, 3.0), (-0.5, 0.5)];
 
 /// Prior and bounds where the motor's temperature is the slow part. The sensor is taken at its word; what it does
-/// not show lasts two minutes to half an hour, as between winding, housing and teeth; less than that, plateaus
-/// a minute after the start of a cycle do not tell. Above one, the share leaves a fast part that takes
-/// away: motors warm by losses of their own, ahead of the gears. Viscosity falls exponentially, by 1 to 3 % a kelvin
-/// over some 25 K.
+/// not show is half of it at most and lasts two minutes to half an hour, as between winding, housing and teeth: less
+/// than that, plateaus a minute after the start of a cycle do not tell. Above one, the share leaves a fast part that
+/// takes away: motors warm by losses of their own, ahead of the gears. Viscosity falls exponentially, by 1 to 3 % a
+/// kelvin over some 25 K.
 const PRIOR_OF_MOTOR: [(f64, f64); 5] = [PRIOR[SLOW], (5.3, 0.7), (1.0, 0.3), PRIOR[COOLING], (0.5, 0.3)];
-const BOUNDS_OF_MOTOR: [(f64, f64); 5] = [BOUNDS[SLOW], (4.8, 7.5), (0.3, 2.5), BOUNDS[COOLING], (0.0, 2.0)];
+const BOUNDS_OF_MOTOR: [(f64, f64); 5] = [BOUNDS[SLOW], (4.8, 7.5), (0.5, 2.5), BOUNDS[COOLING], (0.0, 2.0)];
+
+/// Second start of the search with a motor's temperature: a motor that warms in a quarter of an hour by half of what
+/// its gear does.
+const MOTOR_AHEAD: LawParameters = [PRIOR[SLOW].0, 6.8, 1.4, PRIOR[COOLING].0, 0.5];
 
 /// Curvatures below this are a line.
 const LEAST_CURVATURE: f64 = 1e-3;
@@ -236,7 +240,19 @@ fn law_size(record: &JointRecord) -> usize {
 
 /// Fits law and levels, from `start` if there is one.
 pub(super) fn fit_map(record: &JointRecord, start: Option<LawParameters>) -> Fitted {
-    let mut best = at_law(record, start.unwrap_or(prior_and_bounds(record).0.map(|(centre, _)| centre)));
+    let centre = prior_and_bounds(record).0.map(|(centre, _)| centre);
+    let from_centre = sought_from(record, start.unwrap_or(centre));
+    // teeth ahead of the sensor and a sensor ahead of the teeth are two valleys
+    let ahead = match (&record.measured, start) {
+        (Measured::Motor(_), None) => Some(sought_from(record, MOTOR_AHEAD)),
+        _ => None,
+    };
+    ahead.filter(|ahead| ahead.cost < from_centre.cost).unwrap_or(from_centre)
+}
+
+/// The best fit that steps from `start` lead to.
+fn sought_from(record: &JointRecord, start: LawParameters) -> Fitted {
+    let mut best = at_law(record, start);
     let mut steps = STEPS;
     let sought = sought(record);
     for _ in 0..MAX_ROUNDS {

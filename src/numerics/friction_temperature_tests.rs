@@ -156,12 +156,6 @@ fn with_motor_temperatures_the_first_minute_of_a_warm_start_is_expected_better()
     for (seed, minutes) in [(60, 20.0), (61, 45.0), (62, 90.0)] {
         let mut arm = healthy(seed, 8, 1.5, MOTORS);
         let (measured, by_motion) = (arm.friction().maps, blind(&arm).maps);
-        for map in &measured {
-            println!(
-                "DEBUG {:.0?} {:.2?} {:?} {:.4}",
-                map.law.fast_s, map.law.slow_share, map.source, map.relative_rmsd
-            );
-        }
         let hall = -3.0;
         arm.rest(60.0 * minutes, hall);
         let now = arm.readings(hall);

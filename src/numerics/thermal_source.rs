@@ -26,9 +26,10 @@ const TAIL: f64 = 0.05;
 const LEAST_HALLS: usize = 5;
 const LEAST_HALL_DEVIATION_K: f64 = 1.0;
 
-/// A motor's temperature is left out if it leaves as many times what motion leaves. Measured as a whole it leaves
-/// less; a sensor that lags still leaves about as much.
+/// A motor's temperature is left out if it leaves more than twice what motion leaves, and more than this part of what
+/// friction varies by. One that lags leaves less; one that has nothing to do with the joint leaves nearly all.
 const MOST_WORSE: f64 = 2.0;
+const MOST_LEFT: f64 = 0.4;
 
 /// A coefficient of the hall is used from as many standard errors on.
 const LEAST_ERRORS: f64 = 2.0;
@@ -101,7 +102,7 @@ pub(super) fn first_fit(record: &mut JointRecord, runs: usize) -> Fitted {
         Measured::Nothing => None,
         Measured::Motor(_) => {
             let by_motion = fit_map(&JointRecord { measured: Measured::Nothing, ..record.clone() }, None);
-            (fit.rms > MOST_WORSE * by_motion.rms).then(|| {
+            (fit.rms > MOST_WORSE * by_motion.rms && fit.rms > MOST_LEFT * variation(record)).then(|| {
                 format!(
                     "its motor temperature does not go with its friction (it leaves {:.1} %, motion {:.1} %): the \
                      sensor of another joint? The thermal state follows from motion",
@@ -120,6 +121,18 @@ pub(super) fn first_fit(record: &mut JointRecord, runs: usize) -> Fitted {
     record.measured = Measured::Nothing;
     record.remarks.push(format!("joint {}: {reason}", record.joint));
     fit_map(record, None)
+}
+
+/// Root-mean-square by which friction in the map differs from its level's mean, as a fraction of that.
+fn variation(record: &JointRecord) -> f64 {
+    let of_level = |level: usize| {
+        let torques: Vec<f64> =
+            record.points.iter().filter(|p| p.in_map && p.level == level).map(|p| p.torque).collect();
+        let mean = mean(&torques).unwrap_or(1.0);
+        torques.into_iter().map(move |torque| (torque / mean - 1.0).powi(2))
+    };
+    let squares: Vec<f64> = (0..record.levels.len()).flat_map(of_level).collect();
+    mean(&squares).unwrap_or(0.0).sqrt()
 }
 
 /// The scale of the joint's motor temperature, if every run with points has it.
