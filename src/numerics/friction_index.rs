@@ -257,11 +257,11 @@ fn settle(
     }
     // what a measurement does not explain stays with the points: a coefficient of the hall, or a motor's lag, has
     // nothing else to stand on, and runs would take it over in turn
-    let own = f64::from(u8::from(record.measured == Measured::Nothing));
+    let taken = f64::from(u8::from(record.measured == Measured::Nothing));
     for p in &mut record.points {
         let effect = &effects[p.run];
         let [slow, fast] = start_decay(fit, p.time - starts[p.run]);
-        p.offset = own * (effect.ambient.value + slow * effect.start[0] + fast * effect.start[1]);
+        p.offset = taken * (effect.ambient.value + slow * effect.start[0] + fast * effect.start[1]);
         p.factor = 1.0 + effect.wear;
     }
 }

@@ -101,6 +101,31 @@ fn with_motor_temperatures_wear_of_four_percent_is_four_percent() {
     }
 }
 
+#[test]
+#[ignore = "some seconds"]
+fn intervals_of_arms_with_temperatures_hold_the_truth() {
+    for sensors in [MOTORS, HALL] {
+        let (mut inside, mut count, mut squares) = (0_u32, 0_u32, 0.0);
+        for seed in 90..94 {
+            let mut arm = Arm { sensors, ..Arm::unlike(seed) };
+            arm.go_on(14, 2.0, [0.0; JOINTS]);
+            for index in arm.friction().indices[BASELINE..].iter().flatten() {
+                let off = (index.index.value - 1.0) / index.index.std_error;
+                inside += u32::from(off.abs() < 1.96);
+                count += 1;
+                squares += off * off;
+            }
+        }
+        let held = f64::from(inside) / f64::from(count);
+        let ratio = (squares / f64::from(count)).sqrt();
+        println!(
+            "motors {}: {count} intervals, {held:.3} held, true over stated error {ratio:.2}",
+            sensors.motor
+        );
+        assert!(held > 0.9, "{held}");
+    }
+}
+
 /// The motion of an arm's history.
 fn motion(arm: &Arm) -> Vec<MotionSpan> {
     let of_run = |run: &MapRun| -> Vec<MotionSpan> {
@@ -151,6 +176,7 @@ fn rms(values: &[f64]) -> f64 {
 }
 
 #[test]
+#[ignore = "some seconds"]
 fn with_motor_temperatures_the_first_minute_of_a_warm_start_is_expected_better() {
     let (mut with, mut without) = (Vec::new(), Vec::new());
     for (seed, minutes) in [(60, 20.0), (61, 45.0), (62, 90.0)] {
@@ -175,20 +201,20 @@ fn with_motor_temperatures_the_first_minute_of_a_warm_start_is_expected_better()
 #[test]
 fn a_history_that_has_motor_temperatures_in_part_stands_on_motion() {
     let mut arm = Arm::new(5);
-    arm.go_on(3, 1.0, [0.0; JOINTS]);
+    arm.go_on(2, 1.0, [0.0; JOINTS]);
     arm.sensors = MOTORS;
-    arm.go_on(5, 1.0, [0.0; JOINTS]);
+    arm.go_on(4, 1.0, [0.0; JOINTS]);
     let found = arm.friction();
     assert!(same(&found, &blind(&arm)));
     for map in &found.maps {
         assert_eq!(map.source, ThermalSource::Motion);
-        assert!(map.remarks[0].contains("recorded in 5 of 8 runs"), "{:?}", map.remarks);
+        assert!(map.remarks[0].contains("recorded in 4 of 6 runs"), "{:?}", map.remarks);
     }
 }
 
 #[test]
 fn sensors_that_are_stuck_or_of_another_joint_are_not_believed() {
-    let mut arm = healthy(6, 7, 1.0, MOTORS);
+    let mut arm = healthy(6, 6, 1.0, MOTORS);
     let mut noise: Vec<f64> = (0..200).map(|_| arm.normal()).collect();
     for span in arm.runs.iter_mut().flat_map(|run| &mut run.spans) {
         span.temperatures.motor[0] = Some(310.0);
@@ -240,7 +266,7 @@ fn a_recorded_hall_is_expected_and_its_coefficient_is_the_gears() {
 
 #[test]
 fn a_hall_that_hardly_changes_tells_nothing_of_itself() {
-    let arm = healthy(8, 7, 0.3, HALL);
+    let arm = healthy(8, 6, 0.3, HALL);
     let found = arm.friction();
     assert!(same(&found, &blind(&arm)));
     assert!(
@@ -251,6 +277,7 @@ fn a_hall_that_hardly_changes_tells_nothing_of_itself() {
 }
 
 #[test]
+#[ignore = "some seconds"]
 fn runs_without_the_halls_temperature_count_as_in_the_usual_hall() {
     let mut arm = Arm::new(9);
     arm.go_on(3, 2.0, [0.0; JOINTS]);
