@@ -107,7 +107,8 @@ fn intervals_of_arms_with_temperatures_hold_the_truth() {
     for sensors in [MOTORS, HALL] {
         let (mut inside, mut count, mut squares) = (0_u32, 0_u32, 0.0);
         for seed in 90..94 {
-            let mut arm = Arm { sensors, ..Arm::unlike(seed) };
+            let mut arm = Arm::unlike(seed);
+            arm.sensors = sensors;
             arm.go_on(14, 2.0, [0.0; JOINTS]);
             for index in arm.friction().indices[BASELINE..].iter().flatten() {
                 let off = (index.index.value - 1.0) / index.index.std_error;
