@@ -217,6 +217,7 @@ fn samples(rows: &[Row], joints: usize) -> Samples {
         stage_level: None,
         cycle: Some(rows.iter().map(|row| row.cycle).collect()),
         friction_signal: Some(rows.iter().map(|row| row.signal).collect()),
+        temperatures: None,
     }
 }
 

@@ -35,6 +35,8 @@ pub struct CycleAnalysis {
     /// Mean magnitude of each joint's velocity over the cycle, rad/s (m/s), `[n]`: what warms it. Empty where the
     /// channels were refused.
     pub mean_speeds: Vec<f64>,
+    /// Temperatures of motors and hall, where recorded.
+    pub temperatures: CycleTemperatures,
     /// Mean friction on constant-speed plateaus.
     pub friction_points: Vec<FrictionPoint>,
     /// All that later identification and verification need of the rows.
@@ -57,6 +59,15 @@ impl CycleAnalysis {
             _ => self.identification.as_ref().err().map(String::as_str),
         }
     }
+}
+
+/// Mean temperatures of a cycle, K.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CycleTemperatures {
+    /// Of each joint's motor `[n]`; `None` where not recorded or not believed. Empty without any record.
+    pub motor: Vec<Option<f64>>,
+    /// Of the hall.
+    pub ambient: Option<f64>,
 }
 
 /// Torques of a window of production against those that the parameters of a test give.

@@ -1,10 +1,13 @@
 //! What was recorded: a run is one export, made of cycles, each made of stages.
 
+pub mod temperature;
+
 use std::fmt;
 
 use jiff::Timestamp;
 
 use crate::robot::JointIndex;
+use temperature::Temperatures;
 
 /// Part of a cycle, as the controller's stage signal separates them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -73,6 +76,8 @@ pub struct Samples {
     pub cycle: Option<Vec<u32>>,
     /// Joint and level of each row, where recorded; `None` in a row outside the friction stage.
     pub friction_signal: Option<Vec<Option<FrictionSignal>>>,
+    /// Temperatures of motors and hall, where any is recorded.
+    pub temperatures: Option<Temperatures>,
 }
 
 impl Samples {
@@ -116,6 +121,9 @@ impl Samples {
         if let (Some(mine), Some(theirs)) = (&mut self.friction_signal, &mut other.friction_signal) {
             mine.append(theirs);
         }
+        if let (Some(mine), Some(theirs)) = (&mut self.temperatures, other.temperatures) {
+            mine.append(theirs);
+        }
     }
 
     /// Gives back memory beyond what the rows need. Channels that grew piece by piece hold up to twice that.
@@ -131,6 +139,7 @@ impl Samples {
 
     /// Takes away and returns the first `rows` rows; the rest stays.
     pub fn take_front(&mut self, rows: usize) -> Self {
+        let first_temperatures = self.temperatures.as_mut().map(|t| t.take_front(rows));
         let rest = Self {
             time: self.time.split_off(rows),
             position: split_channels(&mut self.position, rows),
@@ -140,8 +149,9 @@ impl Samples {
             stage_level: self.stage_level.as_mut().map(|level| level.split_off(rows)),
             cycle: self.cycle.as_mut().map(|c| c.split_off(rows)),
             friction_signal: self.friction_signal.as_mut().map(|f| f.split_off(rows)),
+            temperatures: self.temperatures.take(),
         };
-        std::mem::replace(self, rest)
+        Self { temperatures: first_temperatures, ..std::mem::replace(self, rest) }
     }
 }
 

@@ -126,6 +126,42 @@ pub struct ThermalLaw {
     pub cooling_ratio: Estimate,
 }
 
+/// What the thermal state of a joint is taken from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ThermalSource {
+    /// Motion and rest alone.
+    Motion,
+    /// The slow part from the motor's temperature `T`: `(exp(k x) - 1) / (exp(k) - 1)` with
+    /// `x = (warm - T) / (warm - cold)`; the fast part, what the sensor does not show, from motion.
+    MotorTemperature {
+        /// Temperature at which the slow part is zero, K.
+        warm: f64,
+        /// Temperature at which it is one, K.
+        cold: f64,
+        /// The curvature `k`; 0 is a line.
+        curvature: Estimate,
+    },
+    /// Motion and rest, and as many times `coldness` more as the hall is colder than usual, in K.
+    AmbientAndMotion {
+        /// The usual temperature of the hall, K.
+        usual: f64,
+        /// Coldness for a kelvin, 1/K.
+        coldness: Estimate,
+    },
+}
+
+impl ThermalSource {
+    /// Name as in the view `friction_map`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Motion => "motion",
+            Self::MotorTemperature { .. } => "motor_temperature",
+            Self::AmbientAndMotion { .. } => "ambient_and_motion",
+        }
+    }
+}
+
 /// Friction at one speed level as a line over coldness: `warm + cold x`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapLevel {
@@ -142,12 +178,16 @@ pub struct MapLevel {
 pub struct FrictionMap {
     /// The joint.
     pub joint: JointIndex,
-    /// Warming and cooling.
+    /// Warming and cooling. With a motor's temperature only `fast_s` and `slow_share` are fitted and used; the
+    /// others keep what is assumed.
     pub law: ThermalLaw,
+    /// What the thermal state is taken from.
+    pub source: ThermalSource,
     /// By speed level, slowest first.
     pub levels: Vec<MapLevel>,
     /// Covariance, row after row, of `warm` of each level, `cold` of each level, then the logarithms of
-    /// `slow_s` and `fast_s`, `slow_share` and the logarithm of `cooling_ratio`.
+    /// `slow_s` and `fast_s`, `slow_share` and the logarithm of `cooling_ratio`; then, where the hall's temperature
+    /// is used, of the coldness for a kelvin, where the motor's is, of the curvature.
     pub covariance: Vec<f64>,
     /// Root-mean-square of the residuals as a fraction of friction, after each run's offset and index.
     pub relative_rmsd: f64,

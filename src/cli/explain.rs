@@ -150,6 +150,18 @@ fn column_lines(layout: &Layout, map: &ColumnMap) -> Vec<String> {
         named(&|role| matches!(role, Role::Torque(_))),
         format!(" ({}{})", units.torque, side(motor.torque)),
     );
+    let motor_unit = layout.motor_temperature.as_ref().map(|motor| unit(motor.unit.name()));
+    let ambient_unit = layout.ambient_temperature.as_ref().map(|ambient| unit(ambient.unit.name()));
+    add(
+        "motor temperature",
+        named(&|role| matches!(role, Role::MotorTemperature(..))),
+        motor_unit.unwrap_or_default(),
+    );
+    add(
+        "ambient temperature",
+        named(&|role| matches!(role, Role::AmbientTemperature(_))),
+        ambient_unit.unwrap_or_default(),
+    );
     add("stage", named(&|role| matches!(role, Role::Stage | Role::StageFlag(_))), String::new());
     add("cycle", named(&|role| role == Role::Cycle), String::new());
     add("friction", named(&|role| matches!(role, Role::FrictionJoint | Role::FrictionLevel)), String::new());

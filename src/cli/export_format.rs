@@ -3,16 +3,25 @@
 use nalgebra::DMatrix;
 
 use super::CliError;
-use crate::config::{Channel, Column, DecimalMark, Layout, StageSource, TextEncoding, TimeSource};
+use crate::config::{
+    Channel, Column, DecimalMark, Layout, StageSource, TemperatureUnit, TextEncoding, TimeSource,
+};
 use crate::robot::Robot;
 use crate::run::Stage;
-use crate::simulate::format::{Cell, ExportColumn, ExportFormat, Weighted};
+use crate::simulate::format::{Cell, ExportColumn, ExportFormat, TemperatureScale, Weighted};
+use crate::simulate::heat::TemperatureColumns;
 
 /// The columns with which `layout` reads exports of `robot`: columns by number at their places, all others
-/// in the order time, position, velocity, torque, stage, cycle, friction joint and level.
-pub(super) fn export_format(layout: &Layout, robot: &Robot) -> Result<ExportFormat, CliError> {
+/// in the order time, position, velocity, torque, stage, cycle, friction joint and level, and of the temperatures
+/// that the layout names those that are recorded.
+pub(super) fn export_format(
+    layout: &Layout,
+    robot: &Robot,
+    recorded: TemperatureColumns,
+) -> Result<ExportFormat, CliError> {
     refuse_text(layout)?;
-    let cells = cells(layout, robot)?;
+    let mut cells = cells(layout, robot)?;
+    cells.extend(temperature_cells(layout, robot, recorded));
     let place = |column: &Column| match column {
         Column::Number(number) => Some(*number),
         Column::Name(name) if !layout.header => name.parse().ok(),
@@ -115,6 +124,23 @@ fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, Cell)>, CliError
     channel(&layout.torque, &torques, &still, &factors.torque, Cell::Torque);
     cells.extend(signals(layout)?);
     Ok(cells)
+}
+
+fn temperature_cells(layout: &Layout, robot: &Robot, recorded: TemperatureColumns) -> Vec<(Column, Cell)> {
+    let scale = |unit: TemperatureUnit| {
+        let at_zero = unit.of_kelvin(0.0);
+        TemperatureScale { at_zero, per_kelvin: unit.of_kelvin(1.0) - at_zero }
+    };
+    let motor = layout.motor_temperature.as_ref().filter(|_| recorded.motor);
+    let motors = motor.into_iter().flat_map(|motor| {
+        let cell = move |joint| Cell::MotorTemperature { joint, scale: scale(motor.unit) };
+        (0..robot.joint_count())
+            .filter_map(move |joint| Some((motor.columns.of_joint(joint + 1)?, cell(joint))))
+    });
+    let ambient = layout.ambient_temperature.as_ref().filter(|_| recorded.ambient);
+    let ambient =
+        ambient.map(|ambient| (ambient.column.clone(), Cell::AmbientTemperature(scale(ambient.unit))));
+    motors.chain(ambient).collect()
 }
 
 fn signals(layout: &Layout) -> Result<Vec<(Column, Cell)>, CliError> {

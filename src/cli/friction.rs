@@ -40,7 +40,8 @@ speed, stand in the view warmup_fits.
 and thermal state, with its 95 % interval, beside friction as measured. Then, of the index about its mean over
 the runs: lag-1 autocorrelation (its standard error in brackets), the probability that white noise has as much
 memory (Ljung-Box), whether that is white enough for control charts, and which part of the variance of measured
-friction between runs warm-up and hall explained. A worn joint has memory; below 8 runs nothing is said.
+friction between runs warm-up and hall explained. A worn joint has memory; below 8 runs nothing is said. thermal
+state says what it is taken from: motion, motor_temperature or ambient_and_motion; docs/method.md has the rules.
 
 -o writes the points as CSV: robot, run_id, cycle, minute, joint, speed_fraction, speed_rad_s, direction,
 torque_nm, std_nm, samples, gravity, fit_nm. --json prints one object a joint and speed, with its fit and its
@@ -137,7 +138,7 @@ async fn index_series(args: &FrictionArgs, store: &Store) -> Result<Vec<JointSer
         runs_of(&known, robot)?;
         let mut rows = store.friction_indices(robot).await?;
         rows.retain(|row| args.joint.is_none_or(|joint| row.joint.number() == usize::from(joint)));
-        series.extend(JointSeries::of(robot, &rows));
+        series.extend(JointSeries::of(robot, &rows, &store.thermal_sources(robot).await?));
     }
     if series.is_empty() {
         return Err(CliError::Usage(format!(

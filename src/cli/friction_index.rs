@@ -8,19 +8,37 @@ use crate::numerics::student::normal_quantile;
 use crate::numerics::whiteness::{LARGEST_LAG, MIN_VALUES, Whiteness, common_lag_1, whiteness};
 use crate::report::figure::Figure;
 use crate::report::friction_index::{IndexPoint, index_figure};
-use crate::store::IndexRow;
+use crate::store::{IndexRow, ThermalSourceRow};
 
 /// Indices of one joint of one robot, oldest run first.
 pub(super) struct JointSeries {
     robot: String,
     rows: Vec<IndexRow>,
+    /// What the thermal state is taken from, where there is a map now.
+    source: Option<ThermalSourceRow>,
 }
 
 impl JointSeries {
     /// Splits rows of a robot, ordered by joint.
-    pub(super) fn of(robot: &str, rows: &[IndexRow]) -> Vec<Self> {
+    pub(super) fn of(robot: &str, rows: &[IndexRow], sources: &[ThermalSourceRow]) -> Vec<Self> {
+        let source = |joint| sources.iter().find(|source| source.joint == joint).cloned();
         let by_joint = rows.chunk_by(|a, b| a.joint == b.joint);
-        by_joint.map(|rows| Self { robot: robot.to_owned(), rows: rows.to_vec() }).collect()
+        by_joint
+            .map(|rows| Self {
+                robot: robot.to_owned(),
+                rows: rows.to_vec(),
+                source: rows.first().and_then(|row| source(row.joint)),
+            })
+            .collect()
+    }
+
+    fn source_name(&self) -> Option<&str> {
+        self.source.as_ref().map(|row| row.source.as_str())
+    }
+
+    /// What the map of the joint does not know, in sentences.
+    fn remarks(&self) -> impl Iterator<Item = &str> {
+        self.source.iter().filter_map(|row| row.remarks.as_deref()).flat_map(str::lines)
     }
 
     fn values(&self) -> Vec<f64> {
@@ -117,8 +135,19 @@ fn robot_text(series: &[JointSeries]) -> String {
     lines.push(output::table(&["joint", "run", "start", "index", "95 %", "as measured", ""], &rows));
     lines.push(String::new());
     let rows: Vec<Vec<String>> = series.iter().map(summary_cells).collect();
-    let header = ["joint", "runs", "mean", "std", "lag-1", "p white", "white enough", "warm-up explains"];
+    let header = [
+        "joint",
+        "runs",
+        "mean",
+        "std",
+        "lag-1",
+        "p white",
+        "white enough",
+        "warm-up explains",
+        "thermal state",
+    ];
     lines.push(output::table(&header, &rows));
+    lines.extend(series.iter().flat_map(JointSeries::remarks).map(str::to_owned));
     lines.join("\n")
 }
 
@@ -136,6 +165,7 @@ fn summary_cells(of_joint: &JointSeries) -> Vec<String> {
     }
     let explained = of_joint.explained();
     cells.push(explained.map_or_else(|| "-".into(), |part| format!("{:.0} %", 100.0 * part)));
+    cells.push(of_joint.source_name().unwrap_or("-").to_owned());
     cells
 }
 
@@ -161,6 +191,7 @@ fn as_value(of_joint: &JointSeries) -> serde_json::Value {
         "ljung_box": known(|w| w.ljung_box), "lags": white.map(|w| w.lags), "p_white": known(|w| w.p_value),
         "white_enough": white.map_or("too few runs", |w| w.verdict().name()),
         "warm_up_explains": of_joint.explained(),
+        "thermal_source": of_joint.source_name(), "remarks": of_joint.remarks().collect::<Vec<_>>(),
     })
 }
 
@@ -188,7 +219,12 @@ mod tests {
     fn memory_and_too_few_runs_are_said_and_the_explained_part_is_that_of_the_variances() {
         let mut all = rows(0, 20, |run| 1.0 + 0.01 * f64::from(u8::from(run > 9)));
         all.extend(rows(1, 5, |run| 1.0 + 0.001 * run as f64));
-        let series = JointSeries::of("R01", &all);
+        let source = ThermalSourceRow {
+            joint: JointIndex::new(0),
+            source: "motor_temperature".into(),
+            remarks: Some("joint 1: the fast time constant is assumed".into()),
+        };
+        let series = JointSeries::of("R01", &all, &[source]);
         assert_eq!(series.len(), 2);
         let text = robot_text(&series);
         assert!(text.contains("too few runs") && text.contains("  no  "), "{text}");
@@ -199,5 +235,11 @@ mod tests {
         let value = as_value(&series[0]);
         assert_eq!((value["joint"].as_u64(), value["white_enough"].as_str()), (Some(1), Some("no")));
         assert_eq!(value["runs"].as_array().map(Vec::len), Some(20));
+        assert_eq!(value["thermal_source"].as_str(), Some("motor_temperature"));
+        assert!(
+            text.contains("motor_temperature") && text.contains("joint 1: the fast time constant"),
+            "{text}"
+        );
+        assert!(as_value(&series[1])["thermal_source"].is_null());
     }
 }

@@ -4,7 +4,7 @@ use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
@@ -16,6 +16,7 @@ use crate::config::{Config, read_layout, read_robot};
 use crate::robot::Robot;
 use crate::simulate::fault::Fault;
 use crate::simulate::friction::FrictionShape;
+use crate::simulate::heat::{TemperatureColumns, TemperatureSettings};
 use crate::simulate::load::Load;
 use crate::simulate::{SimulateError, SimulationSettings, simulate_run};
 
@@ -28,6 +29,7 @@ Examples:
   armwatch simulate -o exports --robot config/robots/scara.toml
   armwatch simulate -o exports --layout config/exports/motor_side.toml
   armwatch simulate -o exports --stage-signal analogue
+  armwatch simulate -o exports --runs 12 --cycles 8 --temperatures --ambient-std-k 3
   armwatch simulate -o exports --load-mass-kg 3 --load-centre-m 0,0,0.08
 
 Each run is one export in the native layout or the one given, with a truth file NAME.truth.json beside it that holds
@@ -90,11 +92,30 @@ pub(super) struct SimulateArgs {
     /// warm-up. The true base parameters are then those of the description
     #[arg(long)]
     plain_friction: bool,
+    /// Record temperatures as drives do: of each motor, of the hall, or both
+    #[arg(long, value_enum, value_name = "WHICH", num_args = 0..=1, default_missing_value = "both")]
+    temperatures: Option<TemperaturesArg>,
+    /// Step of recorded temperatures, K
+    #[arg(long, default_value_t = 0.1, value_name = "K", requires = "temperatures")]
+    temperature_step_k: f64,
+    /// How far a motor's temperature is behind that of its housing, s
+    #[arg(long, default_value_t = 600.0, value_name = "S", requires = "temperatures")]
+    temperature_lag_s: f64,
     #[command(flatten)]
     load: LoadArgs,
     /// Folder for truth files, instead of beside the exports
     #[arg(long, value_name = "DIR")]
     truth: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum TemperaturesArg {
+    /// Of each joint's motor
+    Motor,
+    /// Of the hall
+    Ambient,
+    /// Of motors and hall
+    Both,
 }
 
 pub(super) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u8, CliError> {
@@ -104,10 +125,10 @@ pub(super) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u8, CliEr
     };
     let mut settings = args.settings()?;
     if let Some(path) = &args.layout {
-        settings.format = Some(export_format(&read_layout(path)?, &robot)?);
+        settings.format = Some(export_format(&read_layout(path)?, &robot, settings.temperatures.columns)?);
     }
     if let Some(signal) = args.stage_signal {
-        settings.format = Some(export_format(&signal.layout()?, &robot)?);
+        settings.format = Some(export_format(&signal.layout()?, &robot, settings.temperatures.columns)?);
     }
     for run in 0..settings.runs {
         simulate_one(&robot, &settings, run, args, global.json)?;
@@ -153,8 +174,26 @@ impl SimulateArgs {
                 centre: load.centre,
                 inertia: load.inertia,
             }),
+            temperatures: self.temperature_settings(),
             ..usual
         })
+    }
+}
+
+impl SimulateArgs {
+    fn temperature_settings(&self) -> TemperatureSettings {
+        let recorded = |of: TemperaturesArg| {
+            self.temperatures.is_some_and(|which| [of, TemperaturesArg::Both].contains(&which))
+        };
+        TemperatureSettings {
+            columns: TemperatureColumns {
+                motor: recorded(TemperaturesArg::Motor),
+                ambient: recorded(TemperaturesArg::Ambient),
+            },
+            step_k: self.temperature_step_k,
+            lag_s: self.temperature_lag_s,
+            ..TemperatureSettings::default()
+        }
     }
 }
 

@@ -7,6 +7,7 @@ use super::joint::{
     RATED_MOTOR_TORQUE,
 };
 use super::stage_source::StageSource;
+use super::temperature::{AmbientTemperature, MotorTemperature};
 use super::text_format::TextFormat;
 use crate::robot::{Joint, JointKind, Robot};
 
@@ -31,6 +32,10 @@ pub struct Layout {
     pub torque: Channel,
     /// What the torque columns hold.
     pub torque_quantity: TorqueQuantity,
+    /// Columns of the motors' temperatures; used if the export has them.
+    pub motor_temperature: Option<MotorTemperature>,
+    /// Column of the hall's temperature; used if the export has it.
+    pub ambient_temperature: Option<AmbientTemperature>,
     /// Where the stages come from.
     pub stage: StageSource,
     /// Which channels are recorded on the motor's side of the transmission.
@@ -244,13 +249,16 @@ impl Layout {
 
     fn check_lists(&self, robot: &Robot) -> Result<(), Misfit> {
         let n = robot.joint_count();
+        let signed = |channel: &Channel| (channel.columns.clone(), channel.sign.clone());
+        let unsigned = |channel: &MotorTemperature| (channel.columns.clone(), JointSigns::All(1.0));
         let channels = [
-            ("position", Some(&self.position)),
-            ("velocity", self.velocity.as_ref()),
-            ("torque", Some(&self.torque)),
+            ("position", Some(signed(&self.position))),
+            ("velocity", self.velocity.as_ref().map(signed)),
+            ("torque", Some(signed(&self.torque))),
+            ("motor_temperature", self.motor_temperature.as_ref().map(unsigned)),
         ];
         for (name, channel) in channels {
-            let Some(Channel { columns, sign, .. }) = channel else { continue };
+            let Some((columns, sign)) = channel else { continue };
             let columns = match columns {
                 JointColumns::Each(columns) => Some(("columns", columns.len())),
                 JointColumns::Pattern(_) => None,

@@ -7,7 +7,8 @@ use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::stage_file::read_stage_source;
 use super::{
-    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, TorqueQuantity, layout_time, text_format,
+    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, TorqueQuantity, layout_time, temperature,
+    text_format,
 };
 
 /// Stands for the joint's number, from 1, in the name of a column.
@@ -108,6 +109,9 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
         torque_quantity = read_quantity(&t);
         read_channel(&t, TORQUE, &mut names)
     });
+    let motor_temperature = root.table("motor_temperature").map(|t| temperature::read_motor(&t, &mut names));
+    let ambient_temperature =
+        root.table("ambient_temperature").map(|t| temperature::read_ambient(&t, &mut names));
     let stage = required("stage").and_then(|t| read_stage_source(&t, &mut names));
     let if_present = root.table("if_present");
     let mut column = |key| {
@@ -130,6 +134,8 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
         velocity,
         torque: torque?,
         torque_quantity,
+        motor_temperature: motor_temperature.flatten(),
+        ambient_temperature: ambient_temperature.flatten(),
         stage: stage?,
         motor_side,
         cycle,
@@ -182,6 +188,18 @@ impl ColumnNames {
         self.add(value, column)
     }
 
+    /// The columns of all joints: one name with a place for the joint's number, or one by one.
+    pub(super) fn take_joints(&mut self, table: &Table<'_>) -> Option<JointColumns> {
+        let (which, value) = table.one_of(&["column", "columns"])?;
+        match which {
+            0 => self.take_pattern(&value).map(JointColumns::Pattern),
+            _ => {
+                let columns: Vec<_> = value.items()?.iter().map(|item| self.take(item)).collect();
+                columns.into_iter().collect::<Option<_>>().map(JointColumns::Each)
+            }
+        }
+    }
+
     /// One name for the columns of all joints.
     fn take_pattern(&mut self, value: &Value<'_>) -> Option<String> {
         let pattern = value.text()?;
@@ -217,13 +235,7 @@ fn read_delimiter(root: &Table<'_>) -> Option<u8> {
 }
 
 fn read_channel(table: &Table<'_>, units: &[Unit], names: &mut ColumnNames) -> Option<Channel> {
-    let columns = table.one_of(&["column", "columns"]).and_then(|(which, value)| match which {
-        0 => names.take_pattern(&value).map(JointColumns::Pattern),
-        _ => {
-            let columns: Vec<_> = value.items()?.iter().map(|item| names.take(item)).collect();
-            columns.into_iter().collect::<Option<_>>().map(JointColumns::Each)
-        }
-    });
+    let columns = names.take_joints(table);
     let to_si = table.required("unit").and_then(|value| read_unit(&value, units));
     let sign = table.optional("sign").map_or(Some(JointSigns::All(1.0)), |value| read_sign(&value));
     Some(Channel { columns: columns?, to_si: to_si?, sign: sign? })

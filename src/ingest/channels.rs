@@ -3,9 +3,11 @@
 //! Both readers end in [`samples`], so a unit is converted in one place. [`refusal`] says of a single
 //! number what [`samples`] only knows of a column: that there is a bad one.
 
+use super::cell;
 use super::layout::{ColumnMap, Role, TimeColumn};
-use crate::config::{StageSignal, StageSource, StageWords};
+use crate::config::{DecimalMark, StageSignal, StageSource, StageWords};
 use crate::robot::JointIndex;
+use crate::run::temperature::{TemperatureTrack, Temperatures};
 use crate::run::{FrictionSignal, Samples, Stage};
 
 /// Largest time, s: three thousand years in seconds, so any clock passes; doubles still tell
@@ -120,14 +122,47 @@ pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f
         }
         None => None,
     };
-    Some(Samples { time, position, velocity, torque, stage, stage_level, cycle, friction_signal })
+    let temperatures = temperatures(&mut columns, map);
+    Some(Samples {
+        time,
+        position,
+        velocity,
+        torque,
+        stage,
+        stage_level,
+        cycle,
+        friction_signal,
+        temperatures,
+    })
+}
+
+/// The number in a cell of a temperature column, in its unit; not a number where the cell holds none, which is
+/// how controllers leave out what has not changed.
+#[must_use]
+pub fn temperature(cell: &str, decimal: DecimalMark) -> f64 {
+    cell::number(cell, decimal).unwrap_or(f64::NAN)
+}
+
+/// Tracks of the recorded temperatures; `None` where there is no column of any.
+fn temperatures(columns: &mut RawColumns, map: &ColumnMap) -> Option<Temperatures> {
+    let mut track = |column: usize| {
+        let unit = map.roles.get(column).and_then(|role| role.temperature_unit())?;
+        let mut track = TemperatureTrack::default();
+        taken(columns, column).into_iter().for_each(|value| track.push(Some(unit.kelvin(value))));
+        Some(track)
+    };
+    let motor: Vec<Option<TemperatureTrack>> =
+        map.motor_temperature.iter().map(|column| column.and_then(&mut track)).collect();
+    let ambient = map.ambient_temperature.and_then(track);
+    let recorded = ambient.is_some() || motor.iter().any(Option::is_some);
+    recorded.then_some(Temperatures { motor, ambient })
 }
 
 /// Why `value`, in the export's unit, may not stand in a column of this role; the words complete
 /// "value is ..".
 #[must_use]
 pub fn refusal(value: f64, role: Role, map: &ColumnMap) -> Option<String> {
-    if role == Role::Ignored {
+    if role == Role::Ignored || role.temperature_unit().is_some() {
         return None;
     }
     if !value.is_finite() {
@@ -140,7 +175,7 @@ pub fn refusal(value: f64, role: Role, map: &ColumnMap) -> Option<String> {
     let factors = &map.to_si;
     let of = |factors: &[f64], joint: JointIndex| factors.get(joint.index()).copied().unwrap_or(1.0);
     match role {
-        Role::Ignored => None,
+        Role::Ignored | Role::MotorTemperature(..) | Role::AmbientTemperature(_) => None,
         Role::Time => beyond(factors.time, MAX_TIME, "clock", "s"),
         Role::Position(j) => beyond(of(&factors.position, j), MAX_POSITION, "joint's position", "rad"),
         Role::Velocity(j) => beyond(of(&factors.velocity, j), MAX_VELOCITY, "joint's velocity", "rad/s"),
@@ -167,6 +202,7 @@ pub fn may_continue(cell: &str, role: Role, map: &ColumnMap) -> bool {
     match role {
         Role::Ignored => false,
         Role::Time | Role::Position(_) | Role::Velocity(_) | Role::Torque(_) | Role::Cycle => true,
+        Role::MotorTemperature(..) | Role::AmbientTemperature(_) => true,
         Role::Stage => match &map.stage_source {
             StageSource::Signal(signal) => {
                 let lists = [&signal.between, &signal.excitation, &signal.friction, &signal.warming];

@@ -89,7 +89,10 @@ pub fn judge_last_line(
     };
     let reads = match channels::is_text(*role, map) {
         true => channels::word_number(cell, *role, map).is_some(),
-        false => *role == Role::Ignored || value(cell, *role, map).is_ok(),
+        // an empty cell of a temperature is none, not a cut one
+        false => {
+            *role == Role::Ignored || role.temperature_unit().is_some() || value(cell, *role, map).is_ok()
+        }
     };
     if !reads {
         return Err(cut().in_column(name));
@@ -199,6 +202,9 @@ impl Row<'_> {
                 rejection.remedy = STAGE_REMEDY.into();
                 rejection
             });
+        }
+        if role.temperature_unit().is_some() {
+            return Ok(channels::temperature(cell, self.map.decimal));
         }
         if cell.is_empty() {
             return Err(self.rejection("empty cell"));

@@ -9,8 +9,8 @@ use super::csv::{Chunk, ExportReader, ReadOptions};
 use super::rejection::Rejection;
 use super::source::open;
 use crate::config::{
-    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, ScaledColumn, StageSignal, StageSource,
-    TextFormat, TimeSource, TorqueQuantity,
+    AmbientTemperature, Channel, Column, JointColumns, JointSigns, Layout, MotorSide, MotorTemperature,
+    ScaledColumn, StageSignal, StageSource, TemperatureUnit, TextFormat, TimeSource, TorqueQuantity,
 };
 use crate::run::{FrictionSignal, Samples, Stage};
 use crate::testing::er3a;
@@ -28,6 +28,14 @@ pub(super) fn native() -> Layout {
         velocity: Some(channel("vel_{joint}")),
         torque: channel("trq_{joint}"),
         torque_quantity: TorqueQuantity::Torque,
+        motor_temperature: Some(MotorTemperature {
+            columns: JointColumns::Pattern("motor_temperature_{joint}_degc".into()),
+            unit: TemperatureUnit::Celsius,
+        }),
+        ambient_temperature: Some(AmbientTemperature {
+            column: column("ambient_temperature_degc"),
+            unit: TemperatureUnit::Celsius,
+        }),
         stage: StageSource::Signal(StageSignal {
             column: column("stage"),
             excitation: vec![1],
@@ -99,6 +107,7 @@ pub(super) fn recording(rows: usize, mut number: impl FnMut() -> f64) -> (Sample
         stage: (0..rows).map(|row| stages[row / 3 % 4]).collect(),
         cycle: Some((0..rows).map(|row| 1 + (row / 12) as u32).collect()),
         stage_level: None,
+        temperatures: None,
         friction_signal: Some(
             (0..rows)
                 .map(|row| {

@@ -6,7 +6,9 @@ use std::path::Path;
 use super::cell;
 use super::fields::fields;
 use super::rejection::Rejection;
-use crate::config::{Channel, Column, DecimalMark, JointColumns, Layout, MotorSide, StageSource, TimeSource};
+use crate::config::{
+    Channel, Column, DecimalMark, JointColumns, Layout, MotorSide, StageSource, TemperatureUnit, TimeSource,
+};
 use crate::robot::{JointIndex, Robot};
 use crate::run::Stage;
 
@@ -36,6 +38,21 @@ pub enum Role {
     FrictionJoint,
     /// Speed level of the friction test.
     FrictionLevel,
+    /// Temperature of a joint's motor. A cell that holds no number is no measurement.
+    MotorTemperature(JointIndex, TemperatureUnit),
+    /// Temperature of the hall, likewise.
+    AmbientTemperature(TemperatureUnit),
+}
+
+impl Role {
+    /// Unit of a temperature; `None` of everything else.
+    #[must_use]
+    pub fn temperature_unit(self) -> Option<TemperatureUnit> {
+        match self {
+            Self::MotorTemperature(_, unit) | Self::AmbientTemperature(unit) => Some(unit),
+            _ => None,
+        }
+    }
 }
 
 /// Where each channel stands in an export, and in which unit.
@@ -67,6 +84,10 @@ pub struct ColumnMap {
     pub cycle: Option<usize>,
     /// Column indices of friction joint and speed level, where both are recorded.
     pub friction: Option<FrictionColumns>,
+    /// Column index of each joint's motor temperature, where recorded, `[n]`.
+    pub motor_temperature: Vec<Option<usize>>,
+    /// Column index of the hall's temperature, where recorded.
+    pub ambient_temperature: Option<usize>,
     /// Factors to SI.
     pub to_si: Factors,
     /// Meaning of the stage signal's values, or the one stage.
@@ -147,7 +168,8 @@ impl ColumnMap {
 ///
 /// Order does not matter and unknown columns are ignored. Names are trimmed, quotes around them are
 /// taken off. Velocities may be absent altogether, unless a column is spelled almost like them;
-/// cycle, friction joint and level are used if they are there, the last two only together.
+/// cycle, friction joint and level are used if they are there, the last two only together; so are temperatures,
+/// each for itself.
 ///
 /// # Errors
 /// A rejection at line 1: no header, a column twice, another number of joints than the robot has,
@@ -203,6 +225,10 @@ pub fn map_columns(
     let level = search.optional(layout.friction_level.as_ref())?;
     let friction = joint.zip(level).map(|(joint, level)| FrictionColumns { joint, level });
 
+    let motor_temperature = search.motor_temperatures()?;
+    let ambient = layout.ambient_temperature.as_ref();
+    let ambient_temperature = search.optional(ambient.map(|ambient| &ambient.column))?;
+
     let mut roles = vec![Role::Ignored; names.len()];
     let mut twice = None;
     let mut assign = |column: usize, role: Role| {
@@ -220,6 +246,14 @@ pub fn map_columns(
         if let Some(velocity) = &velocity {
             assign(velocity[joint.index()], Role::Velocity(joint));
         }
+    }
+    for (joint, column) in robot.joint_indices().zip(&motor_temperature) {
+        if let (Some(column), Some(motor)) = (column, &layout.motor_temperature) {
+            assign(*column, Role::MotorTemperature(joint, motor.unit));
+        }
+    }
+    if let (Some(column), Some(ambient)) = (ambient_temperature, ambient) {
+        assign(column, Role::AmbientTemperature(ambient.unit));
     }
     stage.into_iter().for_each(|column| assign(column, Role::Stage));
     stage_flags.iter().for_each(|(of, column)| assign(*column, Role::StageFlag(*of)));
@@ -253,6 +287,8 @@ pub fn map_columns(
         stage_flags,
         cycle,
         friction,
+        motor_temperature,
+        ambient_temperature,
         to_si: Factors {
             time: layout.time.to_si(),
             position: factors.position,
@@ -379,6 +415,14 @@ impl Search<'_> {
         self.columns(channel).map(|column| self.needed(&column)).collect()
     }
 
+    /// Columns of the motors' temperatures, of the joints that have one.
+    fn motor_temperatures(&self) -> Result<Vec<Option<usize>>, Rejection> {
+        let columns = self.layout.motor_temperature.as_ref().map(|motor| &motor.columns);
+        (1..=self.robot.joint_count())
+            .map(|joint| self.optional(columns.and_then(|columns| columns.of_joint(joint)).as_ref()))
+            .collect()
+    }
+
     /// The channel's columns, one a joint.
     fn columns<'c>(&self, channel: &'c Channel) -> impl Iterator<Item = Column> + use<'c> {
         (1..=self.robot.joint_count()).filter_map(|joint| channel.columns.of_joint(joint))
@@ -425,7 +469,12 @@ impl Search<'_> {
             .into_iter()
             .chain([layout.friction_joint.as_ref(), layout.friction_level.as_ref()]);
         let joints = [Some(&layout.position), layout.velocity.as_ref(), Some(&layout.torque)];
-        single.flatten().any(is)
+        let ambient = layout.ambient_temperature.as_ref().map(|ambient| &ambient.column);
+        let motors = layout.motor_temperature.as_ref().into_iter().flat_map(|motor| {
+            (1..=self.robot.joint_count()).filter_map(|joint| motor.columns.of_joint(joint))
+        });
+        single.chain([ambient]).flatten().any(is)
+            || motors.into_iter().any(|column| is(&column))
             || layout.stage.columns().into_iter().any(is)
             || joints.into_iter().flatten().any(|channel| self.columns(channel).any(|column| is(&column)))
     }

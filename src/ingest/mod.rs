@@ -42,3 +42,5 @@ mod csv_tests;
 mod fixture;
 #[cfg(test)]
 mod oddities;
+#[cfg(test)]
+mod temperature_tests;

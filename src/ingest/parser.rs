@@ -112,6 +112,7 @@ impl Parser {
                 (Role::Ignored, _) => Vec::new(),
                 (Role::Time, TimeColumn::Stamped { origin, .. }) => self.moments(column, origin)?,
                 (role, _) if channels::is_text(*role, map) => word_numbers(column, *role, map)?,
+                (role, _) if role.temperature_unit().is_some() => temperatures(column)?,
                 _ => numbers(column, rows)?,
             });
         }
@@ -172,7 +173,9 @@ fn schema(map: &ColumnMap, fields: usize) -> SchemaRef {
             (None | Some(Role::Ignored), _) | (Some(Role::Time), TimeColumn::Stamped { .. }) => {
                 DataType::String
             }
-            (Some(role), _) if channels::is_text(*role, map) => DataType::String,
+            (Some(role), _) if channels::is_text(*role, map) || role.temperature_unit().is_some() => {
+                DataType::String
+            }
             _ => DataType::Float64,
         };
         Field::new(column.to_string().into(), kind)
@@ -218,6 +221,21 @@ fn word_numbers(column: &Column, role: Role, map: &ColumnMap) -> Option<Vec<f64>
             }
         })
         .collect()
+}
+
+/// The numbers of a column of temperatures, whose cells may hold none. Decimal commas are points already.
+fn temperatures(column: &Column) -> Option<Vec<f64>> {
+    // a drive gives a new value once in hundreds of rows
+    let mut last = ("", f64::NAN);
+    let cells = column.str().ok()?.iter().map(|cell| cell.unwrap_or_default());
+    let number = |cell| {
+        if last.0 != cell {
+            let blank = |c: char| matches!(c, ' ' | '\t' | '\r');
+            last = (cell, channels::temperature(cell.trim_matches(blank), DecimalMark::Point));
+        }
+        last.1
+    };
+    Some(cells.map(number).collect())
 }
 
 /// The numbers of a column without a gap.

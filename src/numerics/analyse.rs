@@ -15,6 +15,7 @@ use super::regressor::KeptColumns;
 use super::rows::CycleRows;
 use super::signal::{Conditioned, condition};
 use super::statistics::{mean, median, parameter_statistics, standard_deviation, swing};
+use super::temperature::cycle_temperatures;
 use super::triangular::TriangularFactor;
 use super::verify::{torque_rmsd, warming_contrast};
 use super::warm_up::{WarmUpPoint, fit_warm_up, warm_up_rmsd};
@@ -115,6 +116,7 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
 /// What is known of a cycle before anything is computed.
 pub(super) fn unanalysed(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     let samples = &cycle.samples;
+    let (temperatures, remarks) = cycle_temperatures(samples);
     CycleAnalysis {
         cycle: cycle.number,
         start: samples.time.first().copied().unwrap_or(0.0),
@@ -127,9 +129,10 @@ pub(super) fn unanalysed(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         verification: Vec::new(),
         warming_contrast: Vec::new(),
         mean_speeds: Vec::new(),
+        temperatures,
         friction_points: Vec::new(),
         factors: CycleFactors::default(),
-        remarks: Vec::new(),
+        remarks,
         kind: RunKind::Test,
         production: None,
     }

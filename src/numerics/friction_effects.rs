@@ -5,6 +5,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::friction_map::{Fitted, JointRecord, mixed, rates, record_coldness};
+use super::thermal_source::Measured;
 use crate::analysis::Estimate;
 
 /// Run effects are solved again with the scales that they showed.
@@ -21,6 +22,10 @@ const AMBIENT_SCALE: [f64; 2] = [0.3, 0.02];
 /// Joints differ from each other in what the hall does to them by this part of it, and at least by the
 /// second number as a fraction of friction.
 const AMBIENT_SPREAD: [f64; 2] = [0.4, 0.003];
+/// Friction at the largest speed of a joint whose motor's temperature is measured differs through a run by this
+/// fraction for what the sensor does not show, likewise. The hall is in that temperature, so that it is nothing that
+/// joints have in common.
+const UNSEEN_SCALE: [f64; 2] = [0.03, 0.003];
 /// Coldness at the start beyond the predicted one, likewise.
 const START_SCALE: [f64; 2] = [0.3, 0.02];
 /// Friction at one level in one run differs by this fraction for reasons of its own, likewise.
@@ -67,6 +72,8 @@ struct JointScales {
     level: f64,
     /// Of the start.
     start: f64,
+    /// Of what lasts through a run, where the hall is measured with the motor.
+    unseen: Option<f64>,
 }
 
 /// A scale in the making: squares of effects, and how many of them the data told rather than their prior.
@@ -127,6 +134,7 @@ pub(super) fn run_effects(
         points: scatter(rows, record.levels.len()),
         level: LEVEL_SCALE[0],
         start: START_SCALE[0],
+        unseen: matches!(record.measured, Measured::Motor(_)).then_some(UNSEEN_SCALE[0]),
     };
     let rounds = if known.is_some() { 1 } else { SCALE_ROUNDS };
     let mut scales = known.unwrap_or_else(|| Scales {
@@ -151,12 +159,16 @@ fn shown_scales(rows: &[Vec<RunRows>], solved: &[Solved], scales: &Scales) -> Sc
         ambient.add(run.x[0], run.covariance[(0, 0)], scales.ambient);
     }
     let joint = |(j, before): (usize, &JointScales)| {
-        let (mut start, mut level) = (Shown::default(), Shown::default());
+        let [mut start, mut level, mut unseen] = <[Shown; 3]>::default();
         for (rows, run) in rows[j].iter().zip(solved).filter(|(rows, _)| !rows.rows.is_empty()) {
             let at = run.first[j];
             let told = |shown: &mut Shown, k: usize, scale| {
                 shown.add(run.x[k], run.covariance[(k, k)], scale);
             };
+            if let Some(scale) = before.unseen {
+                let variance = rows.top * rows.top * run.covariance[(at + 1, at + 1)];
+                unseen.add(rows.top * run.x[at + 1], variance, scale);
+            }
             (at + 2..at + EFFECTS).for_each(|k| told(&mut start, k, before.start));
             let mut measured: Vec<usize> = rows.rows.iter().map(|(level, ..)| *level).collect();
             measured.sort_unstable();
@@ -167,6 +179,7 @@ fn shown_scales(rows: &[Vec<RunRows>], solved: &[Solved], scales: &Scales) -> Sc
             points: before.points.clone(),
             level: level.scale(before.level, LEVEL_SCALE),
             start: start.scale(before.start, START_SCALE),
+            unseen: before.unseen.map(|scale| unseen.scale(scale, UNSEEN_SCALE)),
         }
     };
     Scales {
@@ -282,11 +295,13 @@ fn priors(
         let at = first[j];
         information[(at, at)] = wear[j].powi(-2);
         // top * ambient_j - common has the spread among joints
-        let weight = spread.powi(-2);
+        let weight = scales.joints[j].unseen.unwrap_or(spread).powi(-2);
         information[(at + 1, at + 1)] = rows.top * rows.top * weight;
-        information[(at + 1, 0)] = -rows.top * weight;
-        information[(0, at + 1)] = -rows.top * weight;
-        information[(0, 0)] += weight;
+        if scales.joints[j].unseen.is_none() {
+            information[(at + 1, 0)] = -rows.top * weight;
+            information[(0, at + 1)] = -rows.top * weight;
+            information[(0, 0)] += weight;
+        }
         for k in [at + 2, at + 3] {
             information[(k, k)] = scales.joints[j].start.powi(-2);
         }

@@ -9,12 +9,13 @@
 //! covariance gives the intervals.
 
 use super::friction_effects::{Effect, run_effects, start_decay};
-use super::friction_map::{Fitted, JointRecord, RecordPoint, fit_map, mixed, published, rates};
+use super::friction_map::{Fitted, JointRecord, RecordPoint, fit_map, mixed, moment_coldness, published};
 use super::friction_means::friction_means;
 use super::statistics::median;
-use super::thermal::{MotionSpan, coldness_at};
+use super::thermal::MotionSpan;
+use super::thermal_source::{Measured, first_fit, measured};
 use crate::analysis::friction::{FrictionIndex, FrictionMap};
-use crate::analysis::{Estimate, FrictionPoint};
+use crate::analysis::{CycleTemperatures, Estimate, FrictionPoint};
 use crate::robot::JointIndex;
 
 /// Map and run effects are fitted in turn this often; the third time changes the index by less than 0.1 %.
@@ -39,6 +40,8 @@ pub struct CycleMotion {
     pub end: f64,
     /// Mean magnitude of each joint's velocity, rad/s (m/s), `[n]`; empty where it is not known.
     pub speeds: Vec<f64>,
+    /// Mean temperatures, where recorded.
+    pub temperatures: CycleTemperatures,
 }
 
 /// One run, as the map sees it.
@@ -85,7 +88,7 @@ pub fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFriction {
             Err(reason) => found.remarks.push(reason),
         }
     }
-    let mut fits: Vec<Fitted> = records.iter().map(|record| fit_map(record, None)).collect();
+    let mut fits: Vec<Fitted> = records.iter_mut().map(|record| first_fit(record, runs.len())).collect();
     drop_flat(&mut records, &mut fits, &mut found.remarks);
     let (mut effects, mut scales) = (Vec::new(), None);
     for round in 0..OUTER_ROUNDS {
@@ -100,7 +103,8 @@ pub fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFriction {
     }
     for ((record, fit), effects) in records.iter().zip(&fits).zip(&effects) {
         found.maps.extend(published(record, fit, runs.len()));
-        let cold = coldness_at(&rates(&fit.law), &record.spans, &starts);
+        let moments: Vec<(usize, f64)> = starts.iter().copied().enumerate().collect();
+        let cold = moment_coldness(record, &fit.law, &moments);
         let raw = raw_indices(record, &baseline(effects, baseline_runs.max(2)), runs.len());
         for (run, effect) in effects.iter().enumerate().filter(|(_, effect)| effect.points > 0) {
             found.indices[run].push(FrictionIndex {
@@ -126,7 +130,7 @@ fn timeline(runs: &[MapRun]) -> (Vec<CycleMotion>, Vec<f64>) {
         for span in &run.spans {
             let (start, stop) = ((span.start + from).max(end), span.end + from);
             if stop > start {
-                spans.push(CycleMotion { start, end: stop, speeds: span.speeds.clone() });
+                spans.push(CycleMotion { start, end: stop, ..span.clone() });
                 end = stop;
             }
         }
@@ -190,7 +194,9 @@ fn record(
             with_points.len()
         ));
     }
-    Ok(JointRecord { joint, spans: activities(joint, spans), levels, points })
+    let (measured, remark) = measured(joint, runs, starts, &points);
+    let remarks = remark.into_iter().collect();
+    Ok(JointRecord { joint, spans: activities(joint, spans), levels, points, measured, remarks })
 }
 
 /// Motion of one joint: its heat is friction times speed, so to first order as many times that of its usual cycle
@@ -249,10 +255,13 @@ fn settle(
         effect.variance = own * effect.variance + variance;
         effect.ambient.value -= ambient;
     }
+    // what a measurement does not explain stays with the points: a coefficient of the hall, or a motor's lag, has
+    // nothing else to stand on, and runs would take it over in turn
+    let taken = f64::from(u8::from(record.measured == Measured::Nothing));
     for p in &mut record.points {
         let effect = &effects[p.run];
         let [slow, fast] = start_decay(fit, p.time - starts[p.run]);
-        p.offset = effect.ambient.value + slow * effect.start[0] + fast * effect.start[1];
+        p.offset = taken * (effect.ambient.value + slow * effect.start[0] + fast * effect.start[1]);
         p.factor = 1.0 + effect.wear;
     }
 }

@@ -8,7 +8,7 @@ use rand_distr::StandardNormal;
 use super::friction_index::{CycleMotion, MapRun, RobotFriction, robot_friction};
 use super::friction_map::map_friction;
 use super::thermal::{MotionSpan, Rates, coldness_at};
-use crate::analysis::{FrictionPoint, GravityRemoval};
+use crate::analysis::{CycleTemperatures, FrictionPoint, GravityRemoval};
 use crate::robot::JointIndex;
 
 pub(super) const JOINTS: usize = 6;
@@ -79,6 +79,23 @@ impl Gear {
     }
 }
 
+/// What the controller records of temperatures.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Sensors {
+    pub(super) motor: bool,
+    pub(super) ambient: bool,
+    /// Step in which drives give them, K.
+    pub(super) step: f64,
+}
+
+/// The usual hall, K.
+pub(super) const USUAL_HALL: f64 = 295.0;
+/// A motor's own losses: its rise over the housing in usual motion, K, and how long it takes, s.
+const MOTOR_RISE: f64 = 15.0;
+const MOTOR_TIME: f64 = 500.0;
+/// Noise of a sensor, K.
+const SENSOR_NOISE: f64 = 0.2;
+
 /// One arm with its state of heat.
 pub(super) struct Arm {
     rng: ChaCha8Rng,
@@ -86,7 +103,10 @@ pub(super) struct Arm {
     /// Mean speed of each joint's motion as a multiple of the usual one.
     pub(super) pace: [f64; JOINTS],
     heat: [[f64; 2]; JOINTS],
-    now: f64,
+    /// Temperature of each motor above the usual hall, K: neither the oil's nor the housing's.
+    motor: [f64; JOINTS],
+    pub(super) sensors: Sensors,
+    pub(super) now: f64,
     pub(super) runs: Vec<MapRun>,
 }
 
@@ -98,6 +118,8 @@ impl Arm {
             gears: gears(),
             pace: [1.0; JOINTS],
             heat: [[0.0; 2]; JOINTS],
+            motor: [0.0; JOINTS],
+            sensors: Sensors::default(),
             now: 0.0,
             runs: Vec::new(),
         }
@@ -124,11 +146,40 @@ impl Arm {
 
     pub(super) fn rest(&mut self, seconds: f64, hall: f64) {
         for _ in 0..(seconds / 30.0) as usize {
-            for (gear, heat) in self.gears.iter().zip(&mut self.heat) {
-                gear.step(heat, hall, 0.0, 30.0);
-            }
+            self.step(hall, [0.0; JOINTS], 30.0);
         }
         self.now += seconds;
+    }
+
+    fn step(&mut self, hall: f64, pace: [f64; JOINTS], dt: f64) {
+        for ((gear, heat), pace) in self.gears.iter().zip(&mut self.heat).zip(pace) {
+            gear.step(heat, hall, pace, dt);
+        }
+        for ((motor, heat), pace) in self.motor.iter_mut().zip(&self.heat).zip(pace) {
+            *motor += dt / MOTOR_TIME * (MOTOR_RISE * pace * pace - (*motor - heat[1]));
+        }
+    }
+
+    /// What the sensors say now, K.
+    pub(super) fn readings(&mut self, hall: f64) -> CycleTemperatures {
+        let Sensors { motor, ambient, step } = self.sensors;
+        let mut reading = |above: f64| {
+            let noisy = USUAL_HALL + above + SENSOR_NOISE * self.rng.sample::<f64, _>(StandardNormal);
+            (noisy / step).round() * step
+        };
+        CycleTemperatures {
+            motor: if motor {
+                self.motor.iter().map(|above| Some(reading(*above))).collect()
+            } else {
+                Vec::new()
+            },
+            ambient: ambient.then(|| reading(hall)),
+        }
+    }
+
+    /// Friction at a level of each joint as the gears have it now, without wear, Nm.
+    pub(super) fn friction_now(&self, level: usize) -> Vec<f64> {
+        self.gears.iter().zip(&self.heat).map(|(gear, heat)| gear.friction(LEVELS[level], heat[0])).collect()
     }
 
     /// A run in a hall that is `hall` K warmer than usual, with wear by joint.
@@ -138,13 +189,14 @@ impl Arm {
 
     pub(super) fn run_of(&mut self, cycles: usize, hall: f64, wear: [f64; JOINTS]) {
         let started_at = self.now;
-        let mut points = Vec::new();
+        let (mut points, mut readings) = (Vec::new(), Vec::new());
         for cycle in 0..cycles {
             for second in 0..CYCLE_S as usize {
                 if second % 5 == 0 {
-                    for ((gear, heat), pace) in self.gears.iter().zip(&mut self.heat).zip(self.pace) {
-                        gear.step(heat, hall, pace, 5.0);
-                    }
+                    self.step(hall, self.pace, 5.0);
+                }
+                if self.sensors.step > 0.0 && second % 60 == 30 {
+                    readings.push((cycle, self.readings(hall)));
                 }
                 let Some(place) = second.checked_sub(40).filter(|s| s % 2 == 0) else { continue };
                 let (joint, rest) = (place / 2 / 12, place / 2 % 12);
@@ -168,11 +220,24 @@ impl Arm {
         }
         let end = cycles as f64 * CYCLE_S;
         self.now += end;
-        self.runs.push(MapRun {
-            started_at,
-            spans: vec![CycleMotion { start: 0.0, end, speeds: self.pace.map(|pace| 1.5 * pace).to_vec() }],
-            points,
-        });
+        let speeds = self.pace.map(|pace| 1.5 * pace).to_vec();
+        let span =
+            |start, end, temperatures| CycleMotion { start, end, speeds: speeds.clone(), temperatures };
+        let spans = match self.sensors.step > 0.0 {
+            false => vec![span(0.0, end, CycleTemperatures::default())],
+            true => (0..cycles)
+                .map(|cycle| {
+                    let start = cycle as f64 * CYCLE_S;
+                    span(start, start + CYCLE_S, mean_readings(&readings, cycle))
+                })
+                .collect(),
+        };
+        self.runs.push(MapRun { started_at, spans, points });
+    }
+
+    /// The same with sensors.
+    pub(super) fn with_sensors(seed: u64, motor: bool, ambient: bool, step: f64) -> Self {
+        Self { sensors: Sensors { motor, ambient, step }, ..Self::new(seed) }
     }
 
     /// A history of healthy runs with random rests (half an hour to a day and a half) in a hall that
@@ -198,8 +263,22 @@ impl Arm {
     }
 }
 
+/// Means of the readings of a cycle.
+fn mean_readings(readings: &[(usize, CycleTemperatures)], cycle: usize) -> CycleTemperatures {
+    let of_cycle = || readings.iter().filter(|(of, _)| *of == cycle).map(|(_, found)| found);
+    let mean = |of: &dyn Fn(&CycleTemperatures) -> Option<f64>| {
+        let values: Option<Vec<f64>> = of_cycle().map(of).collect();
+        super::statistics::mean(&values?)
+    };
+    let motors = of_cycle().next().map_or(0, |found| found.motor.len());
+    CycleTemperatures {
+        motor: (0..motors).map(|j| mean(&|found| found.motor[j])).collect(),
+        ambient: mean(&|found| found.ambient),
+    }
+}
+
 /// Indices of the last run less one.
-fn last_changes(found: &RobotFriction) -> Vec<f64> {
+pub(super) fn last_changes(found: &RobotFriction) -> Vec<f64> {
     let last = found.indices.last().expect("runs");
     assert_eq!(last.len(), JOINTS, "{:?}", found.remarks);
     last.iter().map(|i| i.index.value - 1.0).collect()
@@ -222,7 +301,7 @@ fn raw_changes(arm: &Arm) -> Vec<f64> {
         .collect()
 }
 
-fn largest(changes: &[f64]) -> f64 {
+pub(super) fn largest(changes: &[f64]) -> f64 {
     changes.iter().fold(0.0, |worst, change| worst.max(change.abs()))
 }
 
@@ -261,7 +340,7 @@ fn the_explained_share_is_that_of_a_known_truth() {
 }
 
 /// Kelvin by which the hall is colder so that the cold part of joint 1 grows by half.
-fn half_colder() -> f64 {
+pub(super) fn half_colder() -> f64 {
     let gear = gears()[0];
     let cold_part = gear.viscosity(0.0) - 1.0;
     (1.0 + 1.5 * cold_part).ln() / gear.beta - gear.warm()
@@ -269,8 +348,8 @@ fn half_colder() -> f64 {
 
 /// Of the index where nothing is worn, and of wear of 4 %: half of what an alarm needs, and what tells 4 % from
 /// none.
-const ADMITTED: f64 = 0.02;
-const WEAR_TOLERANCE: f64 = 0.015;
+pub(super) const ADMITTED: f64 = 0.02;
+pub(super) const WEAR_TOLERANCE: f64 = 0.015;
 
 #[test]
 fn hall_rest_and_wear_are_told_apart() {

@@ -13,6 +13,7 @@
 
 pub mod analyse;
 pub mod signal;
+pub mod temperature;
 pub mod stages;
 pub mod motion_stages;
 pub mod segment;
@@ -56,6 +57,7 @@ pub mod friction_speed;
 mod friction_speed_tests;
 pub mod friction_means;
 pub mod thermal;
+mod thermal_source;
 pub mod friction_map;
 mod friction_effects;
 pub mod friction_index;
@@ -65,6 +67,8 @@ mod friction_alarm_tests;
 mod friction_index_coverage;
 #[cfg(test)]
 mod friction_index_tests;
+#[cfg(test)]
+mod friction_temperature_tests;
 pub mod whiteness;
 pub mod warm_up;
 #[cfg(test)]

@@ -263,6 +263,7 @@ mod tests {
             stage: stages.iter().map(stage).collect(),
             cycle: counters.map(<[u32]>::to_vec),
             friction_signal: None,
+            temperatures: None,
             stage_level: None,
         }
     }

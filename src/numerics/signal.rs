@@ -270,6 +270,7 @@ mod tests {
             stage: vec![crate::run::Stage::Excitation; rows],
             cycle: None,
             friction_signal: None,
+            temperatures: None,
             stage_level: None,
             time,
         }

@@ -9,15 +9,18 @@ use flate2::write::GzEncoder;
 
 use super::fixed_point::{push_fixed, push_whole};
 use super::format::ExportFormat;
+use super::heat::TemperatureColumns;
 use super::motion::PerJoint;
 use super::recording::Row;
 use crate::run::Stage;
+use crate::run::temperature::ZERO_CELSIUS;
 
 /// Text collected before it is written: some hundred rows, few system calls.
 const CHUNK_BYTES: usize = 1 << 16;
 const TIME_DECIMALS: usize = 4;
 const MOTION_DECIMALS: usize = 6;
 const TORQUE_DECIMALS: usize = 4;
+const TEMPERATURE_DECIMALS: usize = 2;
 
 /// Number of columns for `joint_count` joints.
 #[must_use]
@@ -25,14 +28,20 @@ pub fn column_count(joint_count: usize) -> usize {
     3 * joint_count + 5
 }
 
-/// Header line of the native layout, without its end.
+/// Header line of the native layout, without its end; temperatures stand behind everything else.
 #[must_use]
-pub fn header(joint_count: usize) -> String {
+pub fn header(joint_count: usize, temperatures: TemperatureColumns) -> String {
     let mut columns = vec!["time".to_owned()];
     for channel in ["pos", "vel", "trq"] {
         columns.extend((1..=joint_count).map(|j| format!("{channel}_{j}")));
     }
     columns.extend(["stage", "cycle", "joint", "level"].map(str::to_owned));
+    if temperatures.motor {
+        columns.extend((1..=joint_count).map(|j| format!("motor_temperature_{j}_degc")));
+    }
+    if temperatures.ambient {
+        columns.push("ambient_temperature_degc".to_owned());
+    }
     columns.join(",")
 }
 
@@ -42,6 +51,7 @@ pub fn header(joint_count: usize) -> String {
 #[derive(Debug)]
 pub struct ExportWriter {
     joint_count: usize,
+    temperatures: TemperatureColumns,
     format: Option<ExportFormat>,
     part: PartFile,
     output: Output,
@@ -61,7 +71,19 @@ impl ExportWriter {
     /// # Errors
     /// Whatever creating the file fails with.
     pub fn create(path: &Path, joint_count: usize) -> io::Result<Self> {
-        Self::start(path, joint_count, None)
+        Self::create_with(path, joint_count, TemperatureColumns::default())
+    }
+
+    /// The same with columns of temperatures.
+    ///
+    /// # Errors
+    /// Whatever creating the file fails with.
+    pub fn create_with(
+        path: &Path,
+        joint_count: usize,
+        temperatures: TemperatureColumns,
+    ) -> io::Result<Self> {
+        Self::start(path, joint_count, temperatures, None)
     }
 
     /// The same with the columns of `format`.
@@ -69,10 +91,15 @@ impl ExportWriter {
     /// # Errors
     /// Whatever creating the file fails with.
     pub fn create_in(path: &Path, format: ExportFormat) -> io::Result<Self> {
-        Self::start(path, 0, Some(format))
+        Self::start(path, 0, TemperatureColumns::default(), Some(format))
     }
 
-    fn start(path: &Path, joint_count: usize, format: Option<ExportFormat>) -> io::Result<Self> {
+    fn start(
+        path: &Path,
+        joint_count: usize,
+        temperatures: TemperatureColumns,
+        format: Option<ExportFormat>,
+    ) -> io::Result<Self> {
         let part = PartFile::beside(path)?;
         let file = File::create(&part.hidden)?;
         let output = if path.extension().is_some_and(|e| e == "gz") {
@@ -84,11 +111,11 @@ impl ExportWriter {
         match &format {
             Some(format) => format.push_header(&mut text),
             None => {
-                text.extend_from_slice(header(joint_count).as_bytes());
+                text.extend_from_slice(header(joint_count, temperatures).as_bytes());
                 text.push(b'\n');
             }
         }
-        Ok(Self { joint_count, format, part, output, text })
+        Ok(Self { joint_count, temperatures, format, part, output, text })
     }
 
     /// Appends a row.
@@ -98,7 +125,7 @@ impl ExportWriter {
     pub fn push(&mut self, row: &Row) -> io::Result<()> {
         match &self.format {
             Some(format) => format.push_row(&mut self.text, row),
-            None => push_row(&mut self.text, row, self.joint_count),
+            None => push_row(&mut self.text, row, self.joint_count, self.temperatures),
         }
         if self.text.len() >= CHUNK_BYTES { self.write_text() } else { Ok(()) }
     }
@@ -126,7 +153,7 @@ impl ExportWriter {
     }
 }
 
-fn push_row(text: &mut Vec<u8>, row: &Row, joint_count: usize) {
+fn push_row(text: &mut Vec<u8>, row: &Row, joint_count: usize, temperatures: TemperatureColumns) {
     push_fixed(text, row.time, TIME_DECIMALS);
     push_channel(text, &row.position, joint_count, MOTION_DECIMALS);
     push_channel(text, &row.velocity, joint_count, MOTION_DECIMALS);
@@ -141,6 +168,14 @@ fn push_row(text: &mut Vec<u8>, row: &Row, joint_count: usize) {
     for value in [stage, row.cycle, joint, level] {
         text.push(b',');
         push_whole(text, value);
+    }
+    if temperatures.motor {
+        let celsius = row.motor_temperature.map(|kelvin| kelvin - ZERO_CELSIUS);
+        push_channel(text, &celsius, joint_count, TEMPERATURE_DECIMALS);
+    }
+    if temperatures.ambient {
+        text.push(b',');
+        push_fixed(text, row.ambient_temperature - ZERO_CELSIUS, TEMPERATURE_DECIMALS);
     }
     text.push(b'\n');
 }
@@ -206,7 +241,25 @@ mod tests {
             stage: Stage::Friction,
             cycle: 3,
             signal: Some(FrictionSignal { joint: JointIndex::new(1), level: 6 }),
+            motor_temperature: [ZERO_CELSIUS + 41.3; MAX_JOINTS],
+            ambient_temperature: ZERO_CELSIUS - 0.5,
         }
+    }
+
+    #[test]
+    fn temperatures_stand_behind_everything_else_and_the_native_layout_reads_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        let columns = TemperatureColumns { motor: true, ambient: true };
+        let mut writer = ExportWriter::create_with(&path, 2, columns).unwrap();
+        writer.push(&row()).unwrap();
+        writer.finish().unwrap();
+        let text = fs::read_to_string(&path).unwrap();
+        let lines: Vec<&str> =
+            text.lines().zip(TEXT.lines()).map(|(line, plain)| line.strip_prefix(plain).unwrap()).collect();
+        let names = ",motor_temperature_1_degc,motor_temperature_2_degc,ambient_temperature_degc";
+        assert_eq!(lines, [names, ",41.30,41.30,-0.50"]);
+        assert_eq!(columns.count(2), 3);
     }
 
     const TEXT: &str = "time,pos_1,pos_2,vel_1,vel_2,trq_1,trq_2,stage,cycle,joint,level\n\

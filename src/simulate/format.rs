@@ -58,8 +58,32 @@ pub enum Cell {
     FrictionJoint,
     /// Its speed level, from 1; 0 outside.
     FrictionLevel,
+    /// Temperature of a joint's motor.
+    MotorTemperature {
+        /// Place of the joint, from 0.
+        joint: usize,
+        /// Unit.
+        scale: TemperatureScale,
+    },
+    /// Temperature of the hall.
+    AmbientTemperature(TemperatureScale),
     /// Nothing that anybody reads.
     Unused,
+}
+
+/// A scale of temperature: so many of its degrees at 0 K, and in a kelvin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TemperatureScale {
+    /// Value at 0 K.
+    pub at_zero: f64,
+    /// Degrees in a kelvin.
+    pub per_kelvin: f64,
+}
+
+impl TemperatureScale {
+    fn of(self, kelvin: f64) -> f64 {
+        self.at_zero + self.per_kelvin * kelvin
+    }
 }
 
 /// A weighted sum of the joints' signals: units, signs, gears and couplings in one.
@@ -108,6 +132,10 @@ impl ExportFormat {
                 Cell::Cycle => write!(text, "{}", row.cycle),
                 Cell::FrictionJoint => write!(text, "{}", row.signal.map_or(0, |s| s.joint.number())),
                 Cell::FrictionLevel => write!(text, "{}", row.signal.map_or(0, |s| s.level)),
+                Cell::MotorTemperature { joint, scale } => {
+                    write!(text, "{:.2}", scale.of(row.motor_temperature[*joint]))
+                }
+                Cell::AmbientTemperature(scale) => write!(text, "{:.2}", scale.of(row.ambient_temperature)),
                 Cell::Unused => write!(text, "0"),
             };
         }

@@ -10,6 +10,7 @@ mod fixed_point;
 pub mod exact;
 pub mod format;
 pub mod friction;
+pub mod heat;
 pub mod load;
 pub mod motion;
 pub mod recording;
@@ -36,6 +37,7 @@ use export::{ExportWriter, column_count};
 use fault::{Fault, wear};
 use format::ExportFormat;
 use friction::{FrictionShape, ThermalState, joint_friction};
+use heat::TemperatureSettings;
 use load::Load;
 use recording::{Recording, SensorSettings, record};
 use trajectory::{PlanSettings, plan_cycle};
@@ -88,6 +90,8 @@ pub struct SimulationSettings {
     pub load: Option<Load>,
     /// Columns of the exports; the native layout if `None`.
     pub format: Option<ExportFormat>,
+    /// Temperatures that the controller records; a `format` names their columns itself.
+    pub temperatures: TemperatureSettings,
 }
 
 impl Default for SimulationSettings {
@@ -112,6 +116,7 @@ impl Default for SimulationSettings {
             friction: FrictionShape::Gearbox,
             load: None,
             format: None,
+            temperatures: TemperatureSettings::default(),
         }
     }
 }
@@ -265,7 +270,7 @@ pub fn simulate_run(
     }
     let writer = match &settings.format {
         Some(format) => ExportWriter::create_in(&export, format.clone()),
-        None => ExportWriter::create(&export, robot.joint_count()),
+        None => ExportWriter::create_with(&export, robot.joint_count(), settings.temperatures.columns),
     };
     let mut writer = writer.map_err(|e| write_error(&export, e))?;
     let cycle_truth = write_rows(&recording, settings, run_index, &mut writer, progress)
@@ -280,7 +285,8 @@ pub fn simulate_run(
 #[must_use]
 pub fn file_stem(joint_count: usize, settings: &SimulationSettings, started_at: Timestamp) -> String {
     let SimulationSettings { robot_name, warming_s, cycles, .. } = settings;
-    let columns = settings.format.as_ref().map_or(column_count(joint_count), |format| format.columns.len());
+    let native = || column_count(joint_count) + settings.temperatures.columns.count(joint_count);
+    let columns = settings.format.as_ref().map_or_else(native, |format| format.columns.len());
     let start = started_at.strftime("%Y%m%d_%H%M");
     format!("{robot_name}_{start}_Col{columns}_{warming_s:.0}s_cycle{cycles}")
 }
@@ -323,6 +329,7 @@ pub fn recording_of_run(
             seconds: settings.initial_warm_s,
             ambient_offset_k: ambient_offset(settings, run_index),
         },
+        temperatures: settings.temperatures,
     })
 }
 
@@ -430,6 +437,18 @@ fn check_settings(robot: &Robot, settings: &SimulationSettings) -> Result<(), Si
     ];
     if let Some((key, value)) = durations.into_iter().find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
         return setting(key, value.to_string(), "it must be 0 or more");
+    }
+    let TemperatureSettings { step_k, noise_k, lag_s, .. } = settings.temperatures;
+    let sensors = [("temperature_step_k", step_k, 1e-3), ("temperature_lag_s", lag_s, 1.0)];
+    if let Some((key, value, _)) = sensors.into_iter().find(|(_, v, least)| !(v.is_finite() && v >= least)) {
+        return setting(
+            key,
+            value.to_string(),
+            "steps of at least 0.001 K and lags of at least 1 s are possible",
+        );
+    }
+    if !(noise_k.is_finite() && noise_k >= 0.0) {
+        return setting("temperature_noise_k", noise_k.to_string(), "it must be 0 or more");
     }
     if settings.runs > 1 && settings.interval < Duration::from_secs(60) {
         let hint = "file names have a resolution of one minute, so runs must start at least 60 s apart";

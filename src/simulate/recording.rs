@@ -8,6 +8,7 @@ use super::dynamics::{RigidChain, joint_torque};
 use super::friction::{
     JointFriction, ThermalState, coefficients_at, friction_torque, ripple_torque, thermal_multiplier,
 };
+use super::heat::{Heat, Reading, TemperatureSettings, friction_power};
 use super::motion::{Motion, MotionState, PerJoint};
 use super::trajectory::{CyclePlan, Segment};
 use super::truth::{CycleTruth, FrictionLevelTruth, JointThermalTruth};
@@ -53,6 +54,8 @@ pub struct Recording {
     pub cycles: u32,
     /// Warmth at the first row.
     pub initial: ThermalState,
+    /// Temperatures that the controller records.
+    pub temperatures: TemperatureSettings,
 }
 
 /// One row as recorded; arrays are zero beyond the arm's joints.
@@ -72,6 +75,10 @@ pub struct Row {
     pub cycle: u32,
     /// Joint and level during the friction stage.
     pub signal: Option<FrictionSignal>,
+    /// Temperatures of the motors as their sensors give them, K; zero where none are recorded.
+    pub motor_temperature: PerJoint,
+    /// That of the hall, K.
+    pub ambient_temperature: f64,
 }
 
 impl Recording {
@@ -105,6 +112,10 @@ pub fn record<E>(
     rng.set_stream(stream);
     let rows_per_cycle = recording.rows_per_cycle();
     let mut truths = Vec::new();
+    let sensors = recording.temperatures;
+    let recorded = sensors.columns.motor || sensors.columns.ambient;
+    let mut heat = recorded.then(|| Heat::new(recording, sensors, seed, stream));
+    let dt = recording.sample_rate_hz.recip();
     for cycle in 1..=recording.cycles {
         let first = u64::from(cycle - 1) * u64::from(rows_per_cycle);
         let start_s = first as f64 / recording.sample_rate_hz;
@@ -114,15 +125,20 @@ pub fn record<E>(
             let segment = tally.segment_at(&recording.plan, t);
             let state = segment.state_at(t);
             let time = (first + u64::from(k)) as f64 / recording.sample_rate_hz;
-            let torque = true_torque(recording, &state, time, segment, t, &mut tally);
-            sink(&measured(recording, &mut rng, time, cycle, segment, &state, torque))?;
+            let (torque, lost) = true_torque(recording, &state, time, segment, t, &mut tally);
+            let row = measured(recording, &mut rng, time, cycle, segment, &state, torque);
+            let reading = heat
+                .as_mut()
+                .map(|heat| heat.step(time, dt, &torque, &friction_power(&lost, &state.velocity)));
+            let Reading { motor, ambient } = reading.unwrap_or_default();
+            sink(&Row { motor_temperature: motor, ambient_temperature: ambient, ..row })?;
         }
         truths.push(tally.into_truth(recording, cycle, start_s));
     }
     Ok(truths)
 }
 
-/// Torque at each joint; plateau friction is tallied on the way.
+/// Torque at each joint, and the part of it that the gears lose; plateau friction is tallied on the way.
 fn true_torque(
     recording: &Recording,
     state: &MotionState,
@@ -130,24 +146,26 @@ fn true_torque(
     segment: &Segment,
     t: f64,
     tally: &mut Tally,
-) -> PerJoint {
+) -> (PerJoint, PerJoint) {
     let thermal = thermal_at(recording, time);
     let plateau = match &segment.motion {
         Motion::Plateaus(p) => p.plateau_direction(t - segment.start).map(|direction| (p.joint, direction)),
         _ => None,
     };
     let mut torque = joint_torque(&recording.chain, state);
+    let mut all_lost = [0.0; MAX_JOINTS];
     for (j, friction) in recording.friction.iter().enumerate() {
         let (q, qd) = (state.position[j], state.velocity[j]);
         let lost = friction_torque(friction, &coefficients_at(friction, thermal), qd);
         torque[j] += lost + ripple_torque(friction, q, qd);
+        all_lost[j] = lost;
         if let Some((joint, direction)) = plateau
             && joint == j
         {
             tally.add(time, direction, qd.abs(), lost);
         }
     }
-    torque
+    (torque, all_lost)
 }
 
 fn thermal_at(recording: &Recording, time: f64) -> ThermalState {
@@ -172,7 +190,17 @@ fn measured(
         velocity[j] = stepped(state.velocity[j] + sensors.velocity_noise * v, sensors.velocity_step);
         torque[j] += noise * t;
     }
-    Row { time, position, velocity, torque, stage: segment.stage, cycle, signal: segment.signal }
+    Row {
+        time,
+        position,
+        velocity,
+        torque,
+        stage: segment.stage,
+        cycle,
+        signal: segment.signal,
+        motor_temperature: [0.0; MAX_JOINTS],
+        ambient_temperature: 0.0,
+    }
 }
 
 fn stepped(value: f64, step: f64) -> f64 {

@@ -7,7 +7,7 @@ use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
 use super::resume::ReadSoFar;
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number, json_numbers};
-use super::{factors, ledger, models, production, resume};
+use super::{factors, ledger, models, production, resume, temperatures};
 use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, JointResidual, Rmsd, TorqueRmsd};
 use crate::robot::{ParameterId, Robot};
 
@@ -56,6 +56,7 @@ pub(super) async fn record_cycle(
     }
     factors::record_contrast(&mut *connection, cycle_id, &analysis.warming_contrast).await?;
     factors::record(&mut *connection, cycle_id, model, &keys, &analysis.factors).await?;
+    temperatures::record(&mut *connection, cycle_id, &analysis.temperatures).await?;
     let numbered: Vec<(i64, FrictionPoint)> = (1..).zip(analysis.friction_points.iter().copied()).collect();
     for rows in numbered.chunks(ROWS_PER_STATEMENT) {
         insert_friction_points(&mut *connection, cycle_id, rows).await?;

@@ -6,13 +6,16 @@ use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
-use super::history;
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, json_numbers, size, time};
-use crate::analysis::friction::{FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient};
-use crate::analysis::{Estimate, FrictionPoint};
+use super::{history, temperatures};
+use crate::analysis::friction::{
+    FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient, ThermalSource,
+};
+use crate::analysis::{CycleTemperatures, Estimate, FrictionPoint};
 use crate::numerics::cross::independent_fraction;
 use crate::numerics::friction_index::{CycleMotion, MapRun, RobotFriction};
 use crate::robot::JointIndex;
+use crate::run::temperature::ZERO_CELSIUS;
 
 /// Runs that maps and fits over runs are made of, of a longer history: the first ones, which hold the
 /// baseline, and the latest ones. That bounds the work of a conclusion; what lies between has no later say.
@@ -47,7 +50,8 @@ pub(super) async fn friction_runs(
     let starts = first_and_latest_runs(&mut *connection, robot_id).await?;
     let mut runs = Vec::with_capacity(starts.len());
     for (run_id, started_at) in starts {
-        let spans = motion(&mut *connection, run_id, started_at).await?;
+        let temperatures = temperatures::of_run(&mut *connection, run_id).await?;
+        let spans = motion(&mut *connection, run_id, started_at, temperatures).await?;
         let points = history::friction_points(&mut *connection, run_id).await?;
         let points = points.into_iter().map(|row| row.point).collect();
         runs.push(FrictionRun {
@@ -91,14 +95,17 @@ async fn first_and_latest_runs(
     Ok(starts)
 }
 
-/// The cycles of a run as stretches of motion: a test moves from its first row to its last.
+/// The cycles of a run as stretches of motion: a test moves from its first row to its last. `temperatures` are
+/// those of the cycles by their key.
 async fn motion(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
     run_started_at: i64,
+    mut temperatures: HashMap<i64, CycleTemperatures>,
 ) -> Result<Vec<CycleMotion>, sqlx::Error> {
     sqlx::query(
-        "SELECT started_at, duration_s, mean_speeds_rad_s FROM cycle WHERE run_id = ? ORDER BY started_at",
+        "SELECT cycle_id, started_at, duration_s, mean_speeds_rad_s FROM cycle
+         WHERE run_id = ? ORDER BY started_at",
     )
     .bind(run_id)
     .try_map(|row: SqliteRow| {
@@ -107,7 +114,8 @@ async fn motion(
         let speeds: Option<&str> = row.try_get("mean_speeds_rad_s")?;
         let speeds = speeds.map_or(Ok(Vec::new()), serde_json::from_str);
         let speeds = speeds.map_err(|error| sqlx::Error::Decode(error.into()))?;
-        Ok(CycleMotion { start, end: start + duration, speeds })
+        let temperatures = temperatures.remove(&row.try_get("cycle_id")?).unwrap_or_default();
+        Ok(CycleMotion { start, end: start + duration, speeds, temperatures })
     })
     .fetch_all(executor)
     .await
@@ -175,6 +183,40 @@ pub(super) async fn indices(
             },
             raw: row.try_get("raw_index")?,
             short: row.try_get("short_run")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// What the thermal state of a joint's map is taken from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ThermalSourceRow {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Name as in the view `friction_map`.
+    pub source: String,
+    /// What the map does not know or does not use, a sentence a line.
+    pub remarks: Option<String>,
+}
+
+/// Sources of the maps of a robot, by joint.
+pub(super) async fn thermal_sources(
+    executor: impl SqliteExecutor<'_>,
+    robot: &str,
+) -> Result<Vec<ThermalSourceRow>, sqlx::Error> {
+    sqlx::query(
+        "SELECT joint, thermal_source, remarks FROM friction_law
+         JOIN robot USING (robot_id)
+         WHERE robot.name = ?
+         ORDER BY joint",
+    )
+    .bind(robot)
+    .try_map(|row: SqliteRow| {
+        Ok(ThermalSourceRow {
+            joint: joint(&row, "joint")?,
+            source: row.try_get("thermal_source")?,
+            remarks: row.try_get("remarks")?,
         })
     })
     .fetch_all(executor)
@@ -305,11 +347,19 @@ async fn insert_law(
     const SECONDS: f64 = 60.0;
     let law = &map.law;
     let remarks = (!map.remarks.is_empty()).then(|| map.remarks.join("\n"));
+    let (mut motor, mut hall) = (None, None);
+    match map.source {
+        ThermalSource::Motion => {}
+        ThermalSource::MotorTemperature { warm, cold, curvature } => motor = Some((warm, cold, curvature)),
+        ThermalSource::AmbientAndMotion { usual, coldness } => hall = Some((usual, coldness)),
+    }
+    let celsius = |kelvin: f64| finite(kelvin - ZERO_CELSIUS);
     sqlx::query(
         "INSERT INTO friction_law (robot_id, joint, slow_min, slow_std_error_min, fast_min, fast_std_error_min,
                                    slow_share, slow_share_std_error, cooling_ratio, cooling_ratio_std_error,
-                                   relative_rmsd, explained, runs, points, remarks, covariance)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                                   relative_rmsd, explained, runs, points, remarks, covariance, thermal_source,
+                                   warm_degc, cold_degc, curvature, curvature_std_error, ambient_degc, coldness_1_k, coldness_std_error_1_k)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(robot_id)
     .bind(joint_number(map.joint))
@@ -327,6 +377,14 @@ async fn insert_law(
     .bind(count(map.points))
     .bind(remarks)
     .bind(json_numbers(&map.covariance))
+    .bind(map.source.name())
+    .bind(motor.and_then(|(warm, ..)| celsius(warm)))
+    .bind(motor.and_then(|(_, cold, _)| celsius(cold)))
+    .bind(motor.and_then(|(.., curvature)| finite(curvature.value)))
+    .bind(motor.and_then(|(.., curvature)| finite(curvature.std_error)))
+    .bind(hall.and_then(|(usual, _)| celsius(usual)))
+    .bind(hall.and_then(|(_, coldness)| finite(coldness.value)))
+    .bind(hall.and_then(|(_, coldness)| finite(coldness.std_error)))
     .execute(executor)
     .await?;
     Ok(())

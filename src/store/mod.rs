@@ -24,6 +24,7 @@ mod reestimates;
 mod resume;
 mod run_analysis;
 mod sources;
+mod temperatures;
 #[cfg(test)]
 mod test_support;
 #[cfg(test)]
@@ -54,7 +55,7 @@ pub use conclude::{ConclusionTransaction, StaleRobot};
 pub use error::StoreError;
 pub use factors::{FactorsWanted, StoredCycle, StoredModel};
 pub use finish::FinishTransaction;
-pub use friction::{CycleSpeedFits, FrictionRun, IndexRow};
+pub use friction::{CycleSpeedFits, FrictionRun, IndexRow, ThermalSourceRow};
 pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use ledger::{Beginning, Identity, KnownRun, Owner, RunTotals};
 pub use models::ModelParameter;
@@ -494,6 +495,14 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn friction_indices(&self, robot: &str) -> Result<Vec<IndexRow>, StoreError> {
         self.checked(friction::indices(&self.readers, robot).await)
+    }
+
+    /// What the thermal state of each joint of a robot that has a friction map is taken from, by joint.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn thermal_sources(&self, robot: &str) -> Result<Vec<ThermalSourceRow>, StoreError> {
+        self.checked(friction::thermal_sources(&self.readers, robot).await)
     }
 
     /// Reads which fraction of the rows of each cycle of a run is independent behind its low-pass, by number

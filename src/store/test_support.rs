@@ -6,16 +6,19 @@ use tempfile::TempDir;
 
 use super::{Fault, RunTotals, StaleRobot, Store};
 use crate::analysis::{
-    CycleAnalysis, CycleFactors, Decay, Estimate, Estimator, FrictionPoint, GravityRemoval, Identification,
-    IdentifiedParameter, JointResidual, JointSummary, ParameterStatistics, Rmsd, RmsdScope, RmsdSwing,
-    RunAnalysis, StatisticsWindow, TorqueRmsd, WarmFriction, WarmUpFit, WarmUpModel,
+    CycleAnalysis, CycleFactors, CycleTemperatures, Decay, Estimate, Estimator, FrictionPoint,
+    GravityRemoval, Identification, IdentifiedParameter, JointResidual, JointSummary, ParameterStatistics,
+    Rmsd, RmsdScope, RmsdSwing, RunAnalysis, StatisticsWindow, TorqueRmsd, WarmFriction, WarmUpFit,
+    WarmUpModel,
 };
 use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Severity};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{ContentHash, RunHeader, RunKind, Stage};
 use crate::testing::er3a;
 
-pub(super) const VIEWS: [&str; 20] = [
+pub(super) const VIEWS: [&str; 22] = [
+    "temperatures",
+    "production_trend",
     "runs",
     "cycles",
     "cycle_parameters",
@@ -109,6 +112,7 @@ pub(super) fn cycle(number: u32) -> CycleAnalysis {
         rows: 30_026,
         sample_rate: 100.0,
         mean_speeds: vec![0.5, 0.25],
+        temperatures: CycleTemperatures { motor: vec![Some(312.65), None], ambient: Some(294.4) },
         cutoff: 12.5,
         estimator: Estimator::Weighted,
         identification: Ok(Identification {

@@ -30,6 +30,7 @@ mod shipped;
 mod small;
 mod stored_factors;
 mod torque_sources;
+mod temperatures;
 mod torque;
 mod streaming;
 #[cfg(unix)]

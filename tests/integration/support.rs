@@ -14,7 +14,8 @@ use crate::canon::canonical_dump;
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Views of the public contract, with what orders their rows.
-pub const VIEWS: [(&str, &str); 16] = [
+pub const VIEWS: [(&str, &str); 17] = [
+    ("temperatures", "run_id, cycle, sensor, joint"),
     ("production_checks", "run_id, cycle, joint"),
     ("runs", "run_id"),
     ("cycles", "run_id, cycle"),

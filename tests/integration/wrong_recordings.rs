@@ -171,6 +171,8 @@ fn export(path: &std::path::Path, samples: &Samples) {
             stage: samples.stage[row],
             cycle: 1,
             signal: None,
+            motor_temperature: [0.0; MAX_JOINTS],
+            ambient_temperature: 0.0,
         };
         writer.push(&row).expect("a row");
     }

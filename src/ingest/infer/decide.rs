@@ -7,6 +7,7 @@ use super::motion_sections::{position_section, time_section, torque_section, vel
 use super::motion_units::{decide_units, slopes};
 use super::names::{self, Kind, Said};
 use super::stages::{self, Meaning};
+use super::temperatures::temperatures;
 use super::write::quoted;
 
 /// Part of a layout file.
@@ -59,9 +60,13 @@ pub(super) fn propose(head: &Head, hints: Hints<'_>) -> Vec<Section> {
     sections.extend(velocity_section(&joints, &units, &slopes));
     sections.push(torque_section(&joints));
     let signals = signals(head, &joints, time.map(|(column, _)| column));
+    let is_time = |at: usize| time.is_some_and(|(column, _)| column == at);
+    let temperatures = temperatures(head, joints.count, |at| joints.has(at) || is_time(at));
+    sections.extend(temperatures.sections);
     sections.push(stage_section(head, &joints, &signals));
     sections.extend(optional_section(head, &signals));
-    sections.push(rest_section(head, &joints, &signals, time.map(|(column, _)| column)));
+    let others: Vec<usize> = temperatures.columns.into_iter().chain(time.map(|(column, _)| column)).collect();
+    sections.push(rest_section(head, &joints, &signals, &others));
     sections
 }
 
@@ -189,15 +194,21 @@ fn optional_section(head: &Head, signals: &Signals) -> Option<Section> {
     (!keys.is_empty()).then(|| Section { title: Some("if_present"), comments: Vec::new(), keys })
 }
 
-fn rest_section(head: &Head, joints: &Joints<'_>, signals: &Signals, time: Option<usize>) -> Section {
-    let used = [signals.cycle, signals.friction_joint, signals.friction_level, time];
+fn rest_section(head: &Head, joints: &Joints<'_>, signals: &Signals, others: &[usize]) -> Section {
+    let used = [signals.cycle, signals.friction_joint, signals.friction_level];
     let is_used = |at: usize| {
-        joints.has(at) || used.contains(&Some(at)) || signals.stage.is_some_and(|(stage, _)| stage == at)
+        joints.has(at)
+            || others.contains(&at)
+            || used.contains(&Some(at))
+            || signals.stage.is_some_and(|(stage, _)| stage == at)
     };
     let rest: Vec<String> = (head.columns.iter().enumerate())
         .filter(|(at, column)| !is_used(*at) && !column.name.is_empty())
         .map(|(_, column)| match names::said(&column.name, &column.under) {
             Said { kind: Some(Kind::Other(what)), .. } => format!("{} ({what})", column.name),
+            Said { kind: Some(Kind::Temperature), .. } => {
+                format!("{} (a temperature, not told to be the motors' or the hall's)", column.name)
+            }
             Said { is_target: true, .. } => format!("{} (a target, not a measurement)", column.name),
             _ => column.name.clone(),
         })

@@ -21,6 +21,9 @@ const LEAST_COLUMNS: usize = 3;
 /// Share of the cells of a row that are numbers, in a row of numbers: a note and a name may stand beside them.
 const NUMERIC_SHARE: f64 = 0.5;
 
+/// Numbers that are kept of a column in which not every cell is one: enough for their range.
+const KEPT_NUMBERS: usize = 4096;
+
 /// The first rows, and how they are written.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Head {
@@ -49,6 +52,8 @@ pub(super) struct HeadColumn {
     pub(super) under: String,
     /// Its numbers, where all cells are numbers; of dates and times, s from the first.
     pub(super) values: Option<Vec<f64>>,
+    /// The first of its numbers, whatever else stands in it.
+    pub(super) numbers: Vec<f64>,
     /// Whether all cells are dates and times.
     pub(super) timestamps: bool,
 }
@@ -153,6 +158,7 @@ fn assembled(lines: &[&str], format: Format, encoding: Found) -> Option<Head> {
             },
             under: under.get(at).cloned().unwrap_or_default(),
             values: Some(Vec::new()),
+            numbers: Vec::new(),
             timestamps: true,
         })
         .collect();
@@ -165,7 +171,10 @@ fn assembled(lines: &[&str], format: Format, encoding: Found) -> Option<Head> {
             let moment = cell::timestamp(cell).filter(|_| column.timestamps);
             column.timestamps = moment.is_some();
             moments.extend(moment);
-            match (&mut column.values, cell::number(cell, format.decimal)) {
+            let number = cell::number(cell, format.decimal);
+            let finite = number.ok().filter(|number| number.is_finite());
+            column.numbers.extend(finite.filter(|_| column.numbers.len() < KEPT_NUMBERS));
+            match (&mut column.values, number) {
                 (Some(values), Ok(value)) => values.push(value),
                 (values, Err(_)) => *values = None,
                 (None, Ok(_)) => {}

@@ -81,7 +81,7 @@ fn named(template: &str, said: &Said) -> String {
 }
 
 /// One name with a place for the number where that gives the columns, else a list.
-fn columns_key(group: &Group, count: usize, names: &[&str]) -> (&'static str, String) {
+pub(super) fn columns_key(group: &Group, count: usize, names: &[&str]) -> (&'static str, String) {
     let columns = &group.columns[..count];
     let simple = columns.iter().all(|column| is_plain_name(names, *column));
     if group.first > 0 && group.columns.len() == count && simple {

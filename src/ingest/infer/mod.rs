@@ -12,6 +12,7 @@ mod motion_sections;
 mod motion_units;
 mod names;
 mod stages;
+mod temperatures;
 mod units;
 mod write;
 

@@ -12,6 +12,7 @@ pub(super) enum Kind {
     Cycle,
     FrictionJoint,
     FrictionLevel,
+    Temperature,
     /// Known, and of no use for a layout.
     Other(&'static str),
 }
@@ -36,8 +37,8 @@ const WORDS: &[(Kind, &[&str])] = &[
         ],
     ),
     (
-        Kind::Other("a temperature"),
-        &["temp", "temperature", "temperatur", "température", "temperatura", "温度"],
+        Kind::Temperature,
+        &["temp", "tmp", "temperature", "temperatur", "température", "temperatura", "温度", "室温", "温升"],
     ),
     (
         Kind::Torque,
@@ -172,6 +173,52 @@ const TARGETS: &[&str] = &[
 /// Words for the side before the gears.
 const MOTOR: &[&str] = &["motor", "mot", "mpos", "mtrq", "mvel", "moteur", "motore", "电机"];
 
+/// Parts of words for a temperature, for languages that write words together.
+const TEMPERATURES: &[&str] = &["temperatur", "températur"];
+
+/// Words for the air around the robot.
+const HALL: &[&str] = &[
+    "ambient",
+    "amb",
+    "room",
+    "hall",
+    "environment",
+    "umgebung",
+    "umgebungstemperatur",
+    "raum",
+    "raumtemperatur",
+    "halle",
+    "hallentemperatur",
+    "ambiante",
+    "salle",
+    "ambiente",
+    "sala",
+    "nave",
+    "环境",
+    "室温",
+    "室内",
+];
+
+/// Words for what has a temperature and is neither a motor nor a gearbox.
+const ELECTRONICS: &[&str] = &[
+    "drive",
+    "inverter",
+    "amplifier",
+    "controller",
+    "cabinet",
+    "cpu",
+    "board",
+    "encoder",
+    "umrichter",
+    "regler",
+    "verstärker",
+    "schaltschrank",
+    "variateur",
+    "armoire",
+    "驱动器",
+    "控制柜",
+];
+
 /// Units of columns in many spellings, and as layouts name them.
 const UNITS: &[(&str, &[&str])] = &[
     ("rad/s", &["rad/s", "rads", "rad/sec", "rad_s"]),
@@ -193,6 +240,9 @@ const UNITS: &[(&str, &[&str])] = &[
     ("ms", &["ms", "msec", "毫秒"]),
     ("s", &["s", "sec", "sek", "seconds", "sekunden", "秒"]),
     ("m", &["m"]),
+    ("degC", &["°c", "degc", "deg c", "celsius", "grad c", "℃", "c", "摄氏度"]),
+    ("degF", &["°f", "degf", "deg f", "fahrenheit", "℉", "f"]),
+    ("K", &["k", "kelvin"]),
 ];
 
 /// What a name says.
@@ -205,6 +255,10 @@ pub(super) struct Said {
     pub(super) is_target: bool,
     /// Before the gears.
     pub(super) is_motor: bool,
+    /// Of the air around the robot.
+    pub(super) is_hall: bool,
+    /// Of something that is neither motor nor gearbox.
+    pub(super) is_electronics: bool,
 }
 
 /// What the name of a column says, with what stands under it; `{joint}` may stand for the joint's number.
@@ -214,13 +268,24 @@ pub(super) fn said(name: &str, under: &str) -> Said {
     let has =
         |list: &[&str]| words.iter().any(|word| list.contains(&word.as_str()) || is_chinese(word, list));
     let unit = unit_of(under.trim_matches(['[', ']', '(', ')', ' '])).or_else(|| unit_in(&text));
-    let by_words = WORDS.iter().find(|(_, list)| has(list)).map(|(kind, _)| *kind);
+    let compound = words.iter().any(|word| TEMPERATURES.iter().any(|part| word.contains(part)));
+    let by_words = match compound {
+        true => Some(Kind::Temperature),
+        false => WORDS.iter().find(|(_, list)| has(list)).map(|(kind, _)| *kind),
+    };
     let kind = match (by_words, unit) {
         // A word for the joint alone says less than a unit.
         (None | Some(Kind::FrictionJoint | Kind::Position), Some(unit)) => kind_of_unit(unit).or(by_words),
         _ => by_words,
     };
-    Said { kind, unit, is_target: has(TARGETS), is_motor: has(MOTOR) }
+    Said {
+        kind,
+        unit,
+        is_target: has(TARGETS),
+        is_motor: has(MOTOR) || (compound && words.iter().any(|word| word.starts_with("motor"))),
+        is_hall: has(HALL),
+        is_electronics: has(ELECTRONICS),
+    }
 }
 
 /// What a unit is one of; `None` for those of several quantities.
@@ -230,6 +295,7 @@ fn kind_of_unit(unit: &str) -> Option<Kind> {
         "rad/s" | "deg/s" | "rpm" | "rev/s" | "m/s" => Some(Kind::Velocity),
         "Nm" | "N" | "permille" => Some(Kind::Torque),
         "A" | "mA" => Some(Kind::Current),
+        "degC" | "degF" | "K" => Some(Kind::Temperature),
         _ => None,
     }
 }
@@ -383,8 +449,41 @@ mod tests {
         }
         assert!(said("pos_soll_{joint}", "").is_target && said("mpos_{joint}", "").is_motor);
         assert_eq!(said("q{joint}", "[deg]").unit, Some("deg"));
-        assert!(matches!(said("temp_motor_{joint}", "").kind, Some(Kind::Other(_))));
+        assert_eq!(said("temp_motor_{joint}", "").kind, Some(Kind::Temperature));
         assert_eq!(said("note", "").kind, None);
+    }
+
+    #[test]
+    fn temperatures_are_known_in_many_languages_and_nothing_else_is_taken_for_one() {
+        for (name, unit, is_motor, is_hall) in [
+            ("motor_temperature_{joint}_degc", Some("degC"), true, false),
+            ("ambient_temperature_degc", Some("degC"), false, true),
+            ("Motortemperatur A{joint} [°C]", Some("degC"), true, false),
+            ("Temp Motor {joint}", None, true, false),
+            ("motor_temp_{joint} (K)", Some("K"), true, false),
+            ("Température moteur axe {joint} (°C)", Some("degC"), true, false),
+            ("temperatura motore {joint}", None, true, false),
+            ("电机{joint}温度", None, true, false),
+            ("Umgebungstemperatur", None, false, true),
+            ("Raumtemperatur [°C]", Some("degC"), false, true),
+            ("Hall temperature [°F]", Some("degF"), false, true),
+            ("环境温度", None, false, true),
+            ("A{joint} [°C]", Some("degC"), false, false),
+        ] {
+            let said = said(name, "");
+            assert_eq!((said.kind, said.unit), (Some(Kind::Temperature), unit), "{name}");
+            assert_eq!((said.is_motor, said.is_hall), (is_motor, is_hall), "{name}");
+        }
+        assert!(said("drive temperature {joint}", "").is_electronics);
+        for (name, kind) in [
+            ("temps [s]", Kind::Time),
+            ("tempo", Kind::Time),
+            ("Couple moteur {joint} [N.m]", Kind::Torque),
+            ("pos_{joint} [°]", Kind::Position),
+            ("motor_torque_{joint}", Kind::Torque),
+        ] {
+            assert_eq!(said(name, "").kind, Some(kind), "{name}");
+        }
     }
 
     #[test]

@@ -237,3 +237,55 @@ fn velocities_that_count_against_positions_get_a_sign() {
     let toml = proposed(export(&style).as_bytes(), Hints::default()).toml;
     assert!(toml.contains("sign = [-1, -1, -1, -1, -1, -1]"), "{toml}");
 }
+
+/// The native export with temperatures of its joints and the hall under other names.
+fn with_temperatures(motor: fn(usize) -> String, hall: &str, cells: [fn(usize) -> String; 2]) -> String {
+    let text = export(&native_style());
+    let mut lines = text.lines();
+    let names: Vec<String> = (1..=6).map(motor).chain([hall.to_owned()]).collect();
+    let mut found = format!("{},{}\n", lines.next().unwrap(), names.join(","));
+    for (row, line) in lines.enumerate() {
+        let motors = (0..6).map(|_| cells[0](row)).collect::<Vec<_>>().join(",");
+        writeln!(found, "{line},{motors},{}", cells[1](row)).unwrap();
+    }
+    found
+}
+
+#[test]
+fn temperatures_are_proposed_with_their_units_and_disturb_nothing() {
+    let sparse =
+        |row: usize| if row.is_multiple_of(50) { format!("{}", 30 + row / 300) } else { String::new() };
+    let kelvin = |row: usize| format!("{:.1}", 303.15 + (row / 300) as f64);
+    let text = with_temperatures(
+        |j| format!("Motortemperatur A{j} [°C]"),
+        "Raumtemperatur",
+        [sparse, |_| "21.5".into()],
+    );
+    let proposal = proposed(text.as_bytes(), Hints::default());
+    let found = samples(text.as_bytes(), &loaded(&proposal));
+    let temperatures = found.temperatures.clone().expect("named");
+    let motor = temperatures.motor[5].as_ref().expect("all of them");
+    assert_eq!(motor.measured().map(|(rows, _)| rows).sum::<usize>(), ROWS / 50);
+    assert!(motor.measured().all(|(_, kelvin)| (303.0..309.0).contains(&kelvin)));
+    assert!(
+        temperatures.ambient.expect("named").measured().all(|(_, kelvin)| (kelvin - 294.65).abs() < 0.01)
+    );
+    let plain = samples(export(&native_style()).as_bytes(), &native());
+    assert_eq!(Samples { temperatures: None, ..found }, plain, "{}", proposal.toml);
+
+    let text =
+        with_temperatures(|j| format!("motor_temp_{j}"), "room temperature", [kelvin, |_| "71.2".into()]);
+    let toml = proposed(text.as_bytes(), Hints::default()).toml;
+    assert!(
+        toml.contains("unit = \"K\"") && toml.contains("unit = \"degF\"") && !toml.contains("Not read"),
+        "{toml}"
+    );
+
+    let text =
+        with_temperatures(|j| format!("inverter temperature {j}"), "cabinet temperature", [sparse, sparse]);
+    let toml = proposed(text.as_bytes(), Hints::default()).toml.replace("\n#", "");
+    assert!(
+        !toml.contains("_temperature]") && toml.contains("cabinet temperature (a temperature, not told"),
+        "{toml}"
+    );
+}
