@@ -50,7 +50,7 @@ fn alarms(arm: &Arm, with_index: bool) -> Vec<(usize, i64)> {
 }
 
 #[test]
-#[ignore = "a minute of histories"]
+#[ignore = "histories of many arms, seconds each"]
 fn the_index_raises_no_more_false_alarms_than_warm_friction_in_healthy_fleets() {
     let (mut by_index, mut by_warm, mut runs) = (0, 0, 0);
     for (seeds, spread) in [(300..308, 1.5), (308..314, 5.0)] {
@@ -69,7 +69,7 @@ fn the_index_raises_no_more_false_alarms_than_warm_friction_in_healthy_fleets() 
 }
 
 #[test]
-#[ignore = "a minute of histories"]
+#[ignore = "histories of many arms, seconds each"]
 fn a_wear_ramp_is_found_by_the_index_before_a_tenth_is_lost() {
     for seed in 320..328 {
         let joint = usize::try_from(seed).expect("small") % JOINTS;

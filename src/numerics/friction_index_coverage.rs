@@ -107,7 +107,7 @@ fn intervals_hold_the_truth() {
 }
 
 #[test]
-#[ignore = "a minute of histories"]
+#[ignore = "histories of many arms, seconds each"]
 fn intervals_of_short_runs_are_wider_and_hold_the_truth() {
     let mut all = Tally::default();
     let mut before = f64::INFINITY;

@@ -365,7 +365,7 @@ fn hall_rest_and_wear_are_told_apart() {
 }
 
 #[test]
-#[ignore = "some seconds"]
+#[ignore = "histories of many arms, seconds each"]
 fn a_colder_hall_moves_the_index_by_less_than_two_percent() {
     for seed in 0..4 {
         let mut arm = Arm::healthy(seed, 12, 1.5);
@@ -378,7 +378,7 @@ fn a_colder_hall_moves_the_index_by_less_than_two_percent() {
 }
 
 #[test]
-#[ignore = "some seconds"]
+#[ignore = "histories of many arms, seconds each"]
 fn a_warm_start_moves_the_index_by_less_than_two_percent() {
     for (seed, minutes) in [(10, 5.0), (11, 20.0), (12, 45.0), (13, 90.0)] {
         let mut arm = Arm::healthy(seed, 12, 1.5);
@@ -390,7 +390,7 @@ fn a_warm_start_moves_the_index_by_less_than_two_percent() {
 }
 
 #[test]
-#[ignore = "some seconds"]
+#[ignore = "histories of many arms, seconds each"]
 fn wear_of_four_percent_is_four_percent_of_the_worn_joint() {
     for (seed, joint) in (20..26).zip(0..JOINTS) {
         let mut arm = Arm::healthy(seed, 12, 1.5);
@@ -408,7 +408,7 @@ fn wear_of_four_percent_is_four_percent_of_the_worn_joint() {
 }
 
 #[test]
-#[ignore = "some seconds"]
+#[ignore = "histories of many arms, seconds each"]
 fn healthy_arms_have_indices_without_memory() {
     let (mut products, mut squares) = (0.0, 0.0);
     let (mut inside, mut count) = (0, 0);
@@ -437,7 +437,7 @@ fn healthy_arms_have_indices_without_memory() {
 }
 
 #[test]
-#[ignore = "some seconds"]
+#[ignore = "histories of many arms, seconds each"]
 fn a_warm_start_is_expected_nearer_than_a_cold_one() {
     let mut arm = Arm::healthy(60, 12, 0.0);
     let maps = arm.friction().maps;

@@ -64,7 +64,7 @@ fn with_motor_temperatures_hall_rest_and_wear_are_told_apart() {
 }
 
 #[test]
-#[ignore = "some seconds"]
+#[ignore = "histories of many arms, seconds each"]
 fn with_motor_temperatures_a_colder_hall_and_a_warm_start_move_the_index_by_less_than_two_percent() {
     for step in [FINE, COARSE] {
         for (seed, minutes) in [(10, 5.0), (11, 20.0), (12, 45.0), (13, 90.0), (14, 1200.0)] {
@@ -83,7 +83,7 @@ fn with_motor_temperatures_a_colder_hall_and_a_warm_start_move_the_index_by_less
 }
 
 #[test]
-#[ignore = "some seconds"]
+#[ignore = "histories of many arms, seconds each"]
 fn with_motor_temperatures_wear_of_four_percent_is_four_percent() {
     for (seed, joint) in (20..26).zip(0..JOINTS) {
         let mut arm = healthy(seed, 12, 1.5, MOTORS);
@@ -102,7 +102,7 @@ fn with_motor_temperatures_wear_of_four_percent_is_four_percent() {
 }
 
 #[test]
-#[ignore = "some seconds"]
+#[ignore = "histories of many arms, seconds each"]
 fn intervals_of_arms_with_temperatures_hold_the_truth() {
     for sensors in [MOTORS, HALL] {
         let (mut inside, mut count, mut squares) = (0_u32, 0_u32, 0.0);
@@ -177,7 +177,7 @@ fn rms(values: &[f64]) -> f64 {
 }
 
 #[test]
-#[ignore = "some seconds"]
+#[ignore = "histories of many arms, seconds each"]
 fn with_motor_temperatures_the_first_minute_of_a_warm_start_is_expected_better() {
     let (mut with, mut without) = (Vec::new(), Vec::new());
     for (seed, minutes) in [(60, 20.0), (61, 45.0), (62, 90.0)] {
@@ -279,7 +279,7 @@ fn a_hall_that_hardly_changes_tells_nothing_of_itself() {
 }
 
 #[test]
-#[ignore = "some seconds"]
+#[ignore = "histories of many arms, seconds each"]
 fn runs_without_the_halls_temperature_count_as_in_the_usual_hall() {
     let mut arm = Arm::new(9);
     arm.go_on(3, 2.0, [0.0; JOINTS]);
