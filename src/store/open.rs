@@ -106,6 +106,9 @@ async fn pool(
         // A connection to a file does not go stale; reopening would only lose its prepared statements.
         .idle_timeout(None)
         .max_lifetime(None)
+        // SQLite ends a transaction by itself when the disk fails under it; the connection, which cannot end it once
+        // more, counts it as open for good and would refuse the next one with words that name no disk.
+        .before_acquire(|connection, _| Box::pin(async { Ok(!connection.is_in_transaction()) }))
         .connect_with(options)
         .await
 }

@@ -59,6 +59,17 @@ async fn a_database_opened_again_holds_what_was_committed() {
     assert!(store.record_cycle(run_id, &cycle(3), &er3a()).await.expect("a cycle"));
 }
 
+/// What a disk that fails inside a transaction leaves behind: SQLite has ended it, the driver counts it as open.
+#[tokio::test]
+async fn a_transaction_that_sqlite_ended_by_itself_does_not_block_the_next() {
+    let (_folder, store) = fresh().await;
+    let mut lost = store.begin().await.expect("a transaction");
+    sqlx::raw_sql("ROLLBACK").execute(&mut *lost).await.expect("ended");
+    drop(lost);
+    streaming_run(&store, "R00", 0, 1).await;
+    assert_eq!(number(&store, "SELECT count(*) + 0.0 FROM cycles").await, Some(1.0));
+}
+
 #[tokio::test]
 async fn an_empty_file_becomes_a_database() {
     let folder = tempfile::tempdir().expect("a folder");
