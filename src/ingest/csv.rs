@@ -64,7 +64,6 @@ pub struct Place {
 
 /// What an export gives next.
 #[derive(Debug, Clone, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "made once a block of rows and taken apart at once")]
 pub enum Step {
     /// Rows.
     Rows(Box<Chunk>),
