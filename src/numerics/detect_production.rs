@@ -118,9 +118,14 @@ fn friction(history: &[ProductionSummary], joint: JointIndex, loads: &[Verdict])
                 value: ratio,
                 baseline: level,
                 message: format!(
-                    "in ordinary work friction is {:.0} % above that of the first logs since the last test, and not \
-                     in the other joints; check lubrication, gearbox and brake, and run a test",
-                    100.0 * change / level
+                    "in ordinary work friction is {:.0} % above that of the first logs since the last test{}; check \
+                     lubrication, gearbox and brake, and run a test",
+                    100.0 * change / level,
+                    if history[log].joints.len() < FEWEST_JOINTS {
+                        ""
+                    } else {
+                        ", and not in the other joints"
+                    }
                 ),
             };
         }

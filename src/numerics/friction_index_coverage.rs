@@ -94,7 +94,7 @@ fn told(name: &str, tally: &Tally) -> f64 {
 }
 
 #[test]
-#[ignore = "two minutes of histories"]
+#[ignore = "histories of many arms, seconds each"]
 fn intervals_hold_the_truth() {
     let mut healthy = Tally::default();
     for (runs, spread, wear) in [(24, 1.5, 0.04), (24, 4.0, 0.08), (12, 1.5, 0.04), (12, 0.2, 0.02)] {

@@ -64,7 +64,7 @@ pub(super) async fn work(
         return Ok(work_alone(&intake.layout, method));
     }
     // what is said of a window while its log is still written; conclusions settle it
-    for test in store.reference_runs(intake.run_id).await? {
+    for test in store.reference_runs(intake.run_id, MOST_REFERENCES).await? {
         if let Some(found) = candidate(store, test).await?
             && found.model.describes(&intake.robot)
         {

@@ -522,13 +522,13 @@ impl Store {
         self.checked(ledger::set_kind(&self.writer, run_id, kind).await)
     }
 
-    /// Complete tests of the robot of run `run_id` whose parameters it may be held against, the best first:
+    /// At most `most` complete tests of the robot of run `run_id` whose parameters it may be held against, the best first:
     /// the latest that started no later, and those before it; then the first that started later.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn reference_runs(&self, run_id: i64) -> Result<Vec<i64>, StoreError> {
-        self.checked(production::reference_runs(&self.readers, run_id).await)
+    pub async fn reference_runs(&self, run_id: i64, most: usize) -> Result<Vec<i64>, StoreError> {
+        self.checked(production::reference_runs(&self.readers, run_id, most).await)
     }
 
     /// Complete tests of a robot that production may be held against, oldest first.

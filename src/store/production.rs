@@ -11,9 +11,6 @@ use crate::analysis::{FrictionExcess, JointCheck, ProductionCheck, ProductionJoi
 use crate::anomaly::ProductionSummary;
 use crate::numerics::production::summarise;
 
-/// Tests that are looked at until one has parameters of the robot's present description.
-const MOST_REFERENCES: i64 = 8;
-
 /// Writes the check of a window that has none. Call in a transaction.
 pub(super) async fn record(
     connection: &mut SqliteConnection,
@@ -52,11 +49,12 @@ async fn insert(
     Ok(())
 }
 
-/// Complete tests with parameters of the robot of `run_id`, the latest no later than it first, then the
-/// first later one.
+/// At most so many complete tests with parameters of the robot of `run_id`, the latest no later than it first, then
+/// the first later one.
 pub(super) async fn reference_runs(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
+    most: usize,
 ) -> Result<Vec<i64>, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT test.run_id
@@ -68,7 +66,7 @@ pub(super) async fn reference_runs(
          LIMIT ?",
     )
     .bind(run_id)
-    .bind(MOST_REFERENCES)
+    .bind(count(most))
     .fetch_all(executor)
     .await
 }
