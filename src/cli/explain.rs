@@ -10,6 +10,8 @@ use serde_json::json;
 use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, output, runtime};
 use crate::analysis::CycleAnalysis;
 use crate::config::{Config, Layout, layout_units};
+use crate::ingest::csv::LeftOut;
+use crate::ingest::exact::PassedOver;
 use crate::ingest::layout::{ColumnMap, Role};
 use crate::pipeline::explain::{CycleSketch, Explainer, Explanation, Ledger, Next, Reading, RecognisedAs};
 use crate::robot::{JointIndex, Robot};
@@ -256,11 +258,14 @@ fn friction_text(robot: &Robot, cycles: &[CycleSketch]) -> impl Iterator<Item = 
 fn problems(of: &Explanation) -> Vec<String> {
     let mut problems: Vec<String> = of.rejection.iter().map(|rejection| rejection.sentence()).collect();
     let Some(reading) = &of.reading else { return problems };
-    problems.extend(reading.left_out_line.map(|line| {
-        format!(
-            "line {line}: the last line has no line end and its last number may be cut; the row is left out"
-        )
-    }));
+    problems.extend(
+        reading.left_out.map(|LeftOut { line, reason }| {
+            format!("line {line}: the last line {reason}; the row is left out")
+        }),
+    );
+    if reading.passed_over.rows > 0 {
+        problems.push(passed_over_text(&reading.passed_over, of));
+    }
     // what is said of several cycles is said once
     let mut said: Vec<(String, Vec<u32>)> = Vec::new();
     for cycle in &reading.cycles {
@@ -278,6 +283,17 @@ fn problems(of: &Explanation) -> Vec<String> {
         format!("cycle {}: {text}", numbers.join(", "))
     }));
     problems
+}
+
+fn passed_over_text(passed_over: &PassedOver, of: &Explanation) -> String {
+    let rows = passed_over.rows;
+    let (s, are) = if rows == 1 { ("", "is") } else { ("s", "are") };
+    let permitted = of.recognised.as_ref().map_or(0, |of| of.entry.layout.rows.skip_bad);
+    let first = passed_over
+        .first
+        .as_ref()
+        .map_or_else(String::new, |first| format!("; the first: {}", first.sentence()));
+    format!("{rows} bad row{s} {are} passed over, the layout permits {permitted} (skip_bad){first}")
 }
 
 fn ledger_text(of: &Ledger) -> String {

@@ -20,6 +20,8 @@ pub struct Layout {
     pub delimiter: u8,
     /// Encoding, decimal mark and lines around the header.
     pub text: TextFormat,
+    /// Which rows may be passed over.
+    pub rows: RowRule,
     /// Whether the first line names the columns; without names, columns go by number from 1.
     pub header: bool,
     /// Where time comes from.
@@ -46,6 +48,13 @@ pub struct Layout {
     pub friction_joint: Option<Column>,
     /// Column of the speed level, from 1; used if the export has it.
     pub friction_level: Option<Column>,
+}
+
+/// Which rows of an export may be passed over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RowRule {
+    /// Most rows that have a wrong number of fields, or a cell that is empty or not understood.
+    pub skip_bad: u64,
 }
 
 /// Where the time of a row comes from.

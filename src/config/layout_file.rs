@@ -7,8 +7,8 @@ use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::stage_file::read_stage_source;
 use super::{
-    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, TorqueQuantity, layout_time, temperature,
-    text_format,
+    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, RowRule, TorqueQuantity, layout_time,
+    temperature, text_format,
 };
 
 /// Stands for the joint's number, from 1, in the name of a column.
@@ -30,6 +30,9 @@ const DELIMITERS: [&str; 4] = [",", ";", "\t", "|"];
 
 /// Largest number of a column; wider exports than this are none of a robot arm.
 const MAX_COLUMN: i64 = 10_000;
+
+/// Most bad rows that a layout lets be passed over; an export with more is broken, or its layout is another.
+const MAX_BAD_ROWS: i64 = 100_000;
 
 /// Units of a layout's columns, by the names that its file gives them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -94,6 +97,7 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
     let name = root.text("name");
     let delimiter = read_delimiter(root);
     let text = text_format::read(root);
+    let rows = root.table("rows").map_or(Some(RowRule::default()), |table| read_rows(&table));
     let required = |key| root.required(key).and_then(|value| value.table());
     let header = root.optional("header").map_or(Some(true), |value| value.boolean());
     let time = required("time").and_then(|t| layout_time::read(&t, &mut names));
@@ -128,6 +132,7 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
         name: name?.to_owned(),
         delimiter: delimiter?,
         text: text?,
+        rows: rows?,
         header: header?,
         time: time?,
         position: position?,
@@ -142,6 +147,12 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
         friction_joint,
         friction_level,
     })
+}
+
+/// Which rows may be passed over.
+fn read_rows(table: &Table<'_>) -> Option<RowRule> {
+    let skip_bad = table.optional("skip_bad").map_or(Some(0), |value| value.integer(0..=MAX_BAD_ROWS))?;
+    Some(RowRule { skip_bad: u64::try_from(skip_bad).ok()? })
 }
 
 /// How often a name holds a place for the joint's number, as it is or with something added to it.

@@ -40,8 +40,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 pub use self::layout::{
-    Channel, Column, JointColumns, JointFactors, JointSigns, Layout, Misfit, MotorSide, ScaledColumn,
-    TimeSource, TorqueQuantity,
+    Channel, Column, JointColumns, JointFactors, JointSigns, Layout, Misfit, MotorSide, RowRule,
+    ScaledColumn, TimeSource, TorqueQuantity,
 };
 pub use self::layout_file::{LayoutUnits, layout_units, parse_layout, read_layout};
 pub use self::problem::{ConfigErrors, ConfigProblem};

@@ -93,7 +93,9 @@ fn arm(robot: &Robot) -> String {
 
 fn layout(layout: &Layout) -> String {
     let velocity = if layout.velocity.is_some() { "velocity recorded" } else { "velocity derived" };
-    format!("layout {}, {velocity}", layout.name)
+    let bad = layout.rows.skip_bad;
+    let rows = if bad > 0 { format!(", up to {bad} bad rows passed over") } else { String::new() };
+    format!("layout {}, {velocity}{rows}", layout.name)
 }
 
 fn seconds(duration: Duration) -> String {

@@ -93,7 +93,7 @@ pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f
         }
         TimeColumn::Counted(rate) => {
             let rows = map.position.first().and_then(|column| columns.get(*column)).map_or(0, Vec::len);
-            counted(rows, rate, previous_time)
+            counted(0..rows, rate, previous_time)
         }
     };
     if !rises(&time, previous_time) {
@@ -259,11 +259,11 @@ fn rises(time: &[f64], previous: Option<f64>) -> bool {
     joins && time.iter().zip(time.iter().skip(1)).all(|(a, b)| a < b)
 }
 
-/// Times of `rows` rows at `rate`, Hz, after a row at `previous`, s. From the row's number, so that
-/// nothing adds up.
-fn counted(rows: usize, rate: f64, previous: Option<f64>) -> Vec<f64> {
+/// Times of rows at `rate`, Hz, after a row at `previous`, s; `rows` are their numbers from there. From the number,
+/// so that nothing adds up.
+pub(super) fn counted(rows: impl IntoIterator<Item = usize>, rate: f64, previous: Option<f64>) -> Vec<f64> {
     let first = previous.map_or(0.0, |time| (time * rate).round() + 1.0);
-    (0..rows).map(|row| (first + row as f64) / rate).collect()
+    rows.into_iter().map(|row| (first + row as f64) / rate).collect()
 }
 
 fn stages(values: &[f64], signal: &StageSignal) -> Option<Vec<Stage>> {

@@ -4,9 +4,10 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::blocks::{BLOCK_BYTES, Block, Blocks, Next, Passed, line_count};
+use super::channels;
 use super::encoding::Found;
-use super::exact::{self, LastLine, PreviousTime};
-use super::layout::{ColumnMap, map_columns};
+use super::exact::{self, LastLine, PassedOver, PreviousTime};
+use super::layout::{ColumnMap, TimeColumn, map_columns};
 use super::parser::Parser;
 use super::preamble::{self, Header};
 use super::rejection::Rejection;
@@ -17,6 +18,9 @@ use crate::run::Samples;
 /// A first time beyond this, s, is a clock's and not counted from the recording's start: twelve
 /// days are longer than any test. Times are then counted from the first row.
 pub const MAX_START_TIME: f64 = 1e6;
+
+/// Lines below a line that is no header in which a header is looked for, to say how many to skip.
+const MOST_LINES_ABOVE_HEADER: usize = 100;
 
 /// How an export is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,6 +58,8 @@ pub struct Place {
     pub byte: u64,
     /// Rows before it.
     pub rows: u64,
+    /// Bad rows before it that were passed over, beyond those.
+    pub rows_skipped: u64,
     /// Time of the row before, as recorded and counted on.
     pub previous: Option<PreviousTime>,
     /// Subtracted from every time, s.
@@ -73,6 +79,21 @@ pub enum Step {
     End,
 }
 
+/// A last line that was left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LeftOut {
+    /// Its number in the decompressed file, from 1.
+    pub line: u64,
+    /// Why, as a clause about "the last line".
+    pub reason: &'static str,
+}
+
+/// Of a last line that reads well and has no line end.
+const MAY_BE_CUT: &str = "has no line end and its last number may be cut";
+
+/// Of a last line that has too few fields, or whose last cell is not understood.
+const IS_CUT: &str = "has too few fields or ends inside a cell";
+
 /// The rows of an export, chunk by chunk. Ends after the first rejection.
 ///
 /// An export without rows gives a rejection, so at least one item comes.
@@ -86,7 +107,14 @@ pub struct ExportReader<R> {
     previous: Option<PreviousTime>,
     /// Subtracted from every time, s.
     origin: f64,
-    left_out: Option<u64>,
+    /// Whether the moment that dates and times count from is known.
+    has_moment: bool,
+    /// Most bad rows that are passed over.
+    most_bad: u64,
+    passed_over: PassedOver,
+    /// A line with too few fields, of which it is not known yet whether it is the last.
+    held: Option<Block>,
+    left_out: Option<LeftOut>,
     /// A rejection that follows the rows given last.
     fault: Option<Rejection>,
     rows: u64,
@@ -136,7 +164,14 @@ impl<R: Read> ExportReader<R> {
     ) -> Result<Self, Rejection> {
         let map =
             map_columns(&header.text, layout, robot, path).map_err(|rejection| match rejection.line {
-                Some(_) => rejection.at_line(header.line),
+                Some(_) => {
+                    let rejection = rejection.at_line(header.line);
+                    let is_header = |line: &str| map_columns(line, layout, robot, path).is_ok();
+                    match header_below(&blocks, is_header).filter(|_| layout.header) {
+                        Some(line) => rejection.with_header_at(line),
+                        None => rejection,
+                    }
+                }
                 None => rejection,
             })?;
         Ok(Self {
@@ -146,6 +181,10 @@ impl<R: Read> ExportReader<R> {
             path: path.to_owned(),
             previous: None,
             origin: 0.0,
+            has_moment: false,
+            most_bad: layout.rows.skip_bad,
+            passed_over: PassedOver::default(),
+            held: None,
             left_out: None,
             fault: None,
             rows: 0,
@@ -171,11 +210,17 @@ impl<R: Read> ExportReader<R> {
         self.rows
     }
 
-    /// The last line, where it was left out because its last number may be cut; see
+    /// The last line, where it was left out because the writer did not get to its end; see
     /// [`exact::judge_last_line`].
     #[must_use]
-    pub fn left_out_line(&self) -> Option<u64> {
+    pub fn left_out(&self) -> Option<LeftOut> {
         self.left_out
+    }
+
+    /// The bad rows that were passed over so far; the first of them is unknown where another reader met it.
+    #[must_use]
+    pub fn passed_over(&self) -> &PassedOver {
+        &self.passed_over
     }
 
     /// Passes over rows, a block of them at most, on the way to `place`, where a reader of the same export stood.
@@ -188,6 +233,8 @@ impl<R: Read> ExportReader<R> {
         let passed = self.blocks.pass_to(place.line, place.byte, &self.path)?;
         if passed == Passed::There {
             (self.rows, self.previous, self.origin) = (place.rows, place.previous, place.origin);
+            self.passed_over.rows = place.rows_skipped;
+            self.has_moment = true;
             place.moment.into_iter().for_each(|moment| self.parser.count_from_moment(moment));
         }
         Ok(passed)
@@ -198,6 +245,7 @@ impl<R: Read> ExportReader<R> {
             line: block.first_line,
             byte: block.first_byte,
             rows: self.rows,
+            rows_skipped: self.passed_over.rows,
             previous: self.previous,
             origin: self.origin,
             moment: self.parser.counted_from(),
@@ -213,30 +261,50 @@ impl<R: Read> ExportReader<R> {
         if let Some(fault) = self.fault.take() {
             return Err(fault);
         }
-        let mut block = match self.blocks.next_block(&self.path)? {
-            Next::Block(block) => block,
-            Next::Later => return Ok(Step::Waiting),
-            Next::End => return self.end(),
-        };
-        let (first_line, place) = (block.first_line, self.place(&block));
-        if self.rows == 0 {
-            self.parser.count_from(&block);
+        loop {
+            let mut block = match self.blocks.next_block(&self.path)? {
+                Next::Block(block) => block,
+                Next::Later => return Ok(Step::Waiting),
+                Next::End => return self.end(),
+            };
+            // what follows a short line says that it was not the last one
+            if let Some(held) = self.held.take() {
+                self.take_rows(held)?;
+            }
+            match block.unterminated {
+                true => self.judge_end(&mut block)?,
+                false => self.hold_short_line(&mut block),
+            }
+            if block.bytes.is_empty() {
+                continue;
+            }
+            let (first_line, place) = (block.first_line, self.place(&block));
+            let samples = self.take_rows(block)?;
+            if !samples.is_empty() {
+                return Ok(Step::Rows(Box::new(Chunk { samples, first_line, place })));
+            }
         }
-        let judged = if block.unterminated { self.judge_end(&mut block) } else { Ok(()) };
-        if block.bytes.is_empty() {
-            return self.end();
+    }
+
+    /// The rows of a block, counted. A fault behind some of them comes with the next step.
+    fn take_rows(&mut self, block: Block) -> Result<Samples, Rejection> {
+        if !self.has_moment {
+            self.has_moment = self.parser.count_from(&block);
         }
-        let read = judged.and_then(|()| self.parser.read(&block, self.previous, &self.path));
-        let mut samples = match read {
-            Ok(samples) => samples,
+        let left = self.most_bad.saturating_sub(self.passed_over.rows);
+        let read = self.parser.read_passing_over(&block, self.previous, &self.path, left);
+        let lines = line_count(&block.bytes);
+        let (mut samples, passed) = match read {
+            Ok(read) => read,
             Err(rejection) => {
                 let rejection = self.placed(rejection, &block);
-                self.rows_before(block, rejection)?
+                self.rows_before(block, rejection, left)?
             }
         };
-        self.count_time(&mut samples);
+        self.count_time(&mut samples, lines);
         self.rows += samples.rows() as u64;
-        Ok(Step::Rows(Box::new(Chunk { samples, first_line, place })))
+        self.passed_over.add(passed);
+        Ok(samples)
     }
 
     /// The rejection of a line of `block` with its place in the file, and with what a first line of words means.
@@ -247,8 +315,27 @@ impl<R: Read> ExportReader<R> {
         if self.header_line.is_some_and(|header| header + 1 == line) && &*rejection.reason == "not a number" {
             rejection.remedy =
                 "if this line gives units or types, set skip_after_header = 1 in the layout".into();
+            return rejection;
         }
+        rejection.remedy = self.with_skip_bad(&rejection).into();
         rejection
+    }
+
+    /// The remedy of a bad row, with the setting that passes over such rows.
+    fn with_skip_bad(&self, rejection: &Rejection) -> String {
+        let remedy = &rejection.remedy;
+        match (rejection.is_bad_row, self.most_bad) {
+            (false, _) => remedy.to_string(),
+            (true, 0) => {
+                format!(
+                    "{remedy}; or let a few such rows be passed over: skip_bad = 10 under [rows] in the layout"
+                )
+            }
+            (true, most) => format!(
+                "{remedy}; as many bad rows as skip_bad = {most} under [rows] of the layout permits were passed over \
+                 before it"
+            ),
+        }
     }
 
     /// The rows of a block before its fault, which comes with the next chunk: what is given does not
@@ -256,51 +343,120 @@ impl<R: Read> ExportReader<R> {
     ///
     /// # Errors
     /// The rejection itself where no row stands before it.
-    fn rows_before(&mut self, mut block: Block, rejection: Rejection) -> Result<Samples, Rejection> {
+    fn rows_before(
+        &mut self,
+        mut block: Block,
+        rejection: Rejection,
+        most: u64,
+    ) -> Result<(Samples, PassedOver), Rejection> {
         let end = rejection.line.and_then(|line| start_of_line(&block, line)).filter(|end| *end > 0);
         let Some(end) = end else { return Err(rejection) };
         block.bytes.truncate(end);
-        let Ok(samples) = self.parser.read(&block, self.previous, &self.path) else { return Err(rejection) };
-        self.fault = Some(rejection);
-        Ok(samples)
+        let read = self.parser.read_passing_over(&block, self.previous, &self.path, most);
+        match read {
+            Ok((samples, passed)) if !samples.is_empty() => {
+                self.fault = Some(rejection);
+                Ok((samples, passed))
+            }
+            _ => Err(rejection),
+        }
     }
 
+    /// Takes the last line of a block off where it has too few fields: whether it is the file's last shows later.
+    fn hold_short_line(&mut self, block: &mut Block) {
+        let last = exact::lines(&block.bytes).last().unwrap_or_default();
+        if !exact::is_short(last, self.parser.map()) {
+            return;
+        }
+        let start = block.bytes.len().saturating_sub(last.len() + 1);
+        let bytes = block.bytes.split_off(start);
+        self.held = Some(Block {
+            first_line: block.first_line + line_count(&block.bytes),
+            first_byte: block.first_byte + block.encoding.bytes_in_file(&block.bytes),
+            bytes,
+            encoding: block.encoding,
+            unterminated: false,
+        });
+    }
+
+    /// Takes the last line of a file without line end off its block where it may be cut.
     fn judge_end(&mut self, block: &mut Block) -> Result<(), Rejection> {
         let lines = line_count(&block.bytes);
         let number = block.first_line + lines.saturating_sub(1);
         let last = exact::lines(&block.bytes).last().unwrap_or_default();
         let length = last.len() + 1;
-        if exact::judge_last_line(last, number, self.parser.map(), &self.path)? == LastLine::Doubtful {
-            tracing::warn!(
-                path = %self.path.display(),
-                line = number,
-                "the last line has no line end and its last number may be cut; the row is left out"
-            );
-            self.left_out = Some(number);
-            block.bytes.truncate(block.bytes.len().saturating_sub(length));
-        }
+        let reason = match exact::judge_last_line(last, number, self.parser.map(), &self.path)? {
+            LastLine::Whole => return Ok(()),
+            LastLine::Doubtful => MAY_BE_CUT,
+            LastLine::Cut => IS_CUT,
+        };
+        self.leave_out(number, reason);
+        block.bytes.truncate(block.bytes.len().saturating_sub(length));
         Ok(())
     }
 
-    fn end(&self) -> Result<Step, Rejection> {
+    fn leave_out(&mut self, line: u64, reason: &'static str) {
+        tracing::warn!(path = %self.path.display(), line, "the last line {reason}; the row is left out");
+        self.left_out = Some(LeftOut { line, reason });
+    }
+
+    fn end(&mut self) -> Result<Step, Rejection> {
+        if let Some(held) = self.held.take() {
+            self.leave_out(held.first_line, IS_CUT);
+        }
         if self.rows > 0 {
+            if self.passed_over.rows > 0 {
+                self.remark_passed_over();
+            }
             return Ok(Step::End);
+        }
+        if let Some(first) = self.passed_over.first.take() {
+            return Err(*first);
+        }
+        if let Some(LeftOut { line, .. }) = self.left_out {
+            return Err(Rejection::of_file(&self.path, exact::CUT, exact::CUT_REMEDY).at_line(line));
         }
         let reason = "a header and no rows";
         Err(Rejection::of_file(&self.path, reason, "export again, with the recording in it"))
     }
 
-    fn count_time(&mut self, samples: &mut Samples) {
-        let (Some(first), Some(last)) = (samples.time.first(), samples.time.last()) else { return };
-        if self.previous.is_none() && first.abs() > MAX_START_TIME {
-            self.origin = *first;
+    fn remark_passed_over(&self) {
+        let first = self.passed_over.first.as_ref().map(|first| first.sentence()).unwrap_or_default();
+        let (path, rows) = (self.path.display(), self.passed_over.rows);
+        tracing::warn!(%path, rows, first, "bad rows were passed over, as skip_bad of the layout permits");
+    }
+
+    /// Counts times from the recording's start, and notes the last one of a block of `lines` lines.
+    fn count_time(&mut self, samples: &mut Samples, lines: u64) {
+        let before = self.previous;
+        if let (Some(first), Some(last)) = (samples.time.first(), samples.time.last()) {
+            if self.previous.is_none() && first.abs() > MAX_START_TIME {
+                self.origin = *first;
+            }
+            let factor = self.parser.map().to_si.time;
+            self.previous = Some(PreviousTime { recorded: last / factor, seconds: *last });
         }
-        let factor = self.parser.map().to_si.time;
-        self.previous = Some(PreviousTime { recorded: last / factor, seconds: *last });
+        // counted rows go on behind the last line, also where it was passed over
+        if let TimeColumn::Counted(rate) = self.parser.map().time
+            && let Some(last) = usize::try_from(lines).ok().and_then(|lines| lines.checked_sub(1))
+            && self.fault.is_none()
+        {
+            let times = channels::counted([last], rate, before.map(|before| before.seconds));
+            self.previous =
+                times.first().map(|seconds| PreviousTime { recorded: *seconds, seconds: *seconds });
+        }
         if self.origin != 0.0 {
             samples.time.iter_mut().for_each(|time| *time -= self.origin);
         }
     }
+}
+
+/// The line further down that holds the names of columns, where `is_header` says so of one of the next lines.
+fn header_below<R: Read>(blocks: &Blocks<R>, is_header: impl Fn(&str) -> bool) -> Option<u64> {
+    let (first, bytes) = blocks.upcoming();
+    let lines = exact::lines(bytes).zip(first..).take(MOST_LINES_ABOVE_HEADER);
+    let mut texts = lines.filter_map(|(line, number)| Some((std::str::from_utf8(line).ok()?, number)));
+    texts.find(|(line, _)| is_header(line.trim_end_matches('\r'))).map(|(_, number)| number)
 }
 
 /// Where a line of a block begins.

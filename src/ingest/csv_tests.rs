@@ -10,7 +10,9 @@ use super::channels;
 use super::csv::{ExportReader, ReadOptions, Step};
 use super::fixture::{channel, fixture, made_recording, native, read_bytes, recording, with_blocks_of};
 use super::source::open;
-use crate::config::{Column, DecimalMark, JointSigns, Layout, ScaledColumn, StageSource, TimeSource};
+use crate::config::{
+    Column, DecimalMark, JointSigns, Layout, RowRule, ScaledColumn, StageSource, TimeSource,
+};
 use crate::run::{Samples, Stage};
 use crate::testing::er3a;
 
@@ -100,7 +102,7 @@ fn lines_and_rows_are_counted_over_chunks() {
         chunks += 1;
     }
     assert!(chunks > 10);
-    assert_eq!((reader.rows(), reader.left_out_line()), (300, None));
+    assert_eq!((reader.rows(), reader.left_out()), (300, None));
     assert!(reader.next().is_none());
 }
 
@@ -163,7 +165,7 @@ fn a_file_that_ends_inside_a_number_is_noticed_at_any_block_size() {
         let options = with_blocks_of(block_bytes);
         let mut reader = ExportReader::new(text.as_bytes(), path, &native(), &er3a(), options).unwrap();
         assert_eq!(reader.by_ref().map(|chunk| chunk.unwrap().samples.rows()).sum::<usize>(), 4);
-        assert_eq!(reader.left_out_line(), Some(6));
+        assert_eq!(reader.left_out().map(|left_out| left_out.line), Some(6));
     }
 }
 
@@ -329,4 +331,165 @@ proptest! {
         }
         prop_assert_eq!(read, samples);
     }
+}
+
+/// A recording with bad rows of every kind at these places, and the samples without them.
+fn with_bad_rows(rows: usize, places: &[usize]) -> (Samples, String) {
+    let (samples, text) = made_recording(rows);
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    for (kind, row) in places.iter().enumerate() {
+        let cells: Vec<&str> = lines[row + 1].split(',').collect();
+        let with = |column: usize, cell: &str| {
+            let mut cells = cells.clone();
+            cells[column] = cell;
+            cells.join(",")
+        };
+        lines[row + 1] = match kind % 7 {
+            0 => cells[..9].join(","),
+            1 => with(5, ""),
+            2 => with(0, "x"),
+            3 => with(14, "1e300"),
+            4 => format!("{},1,2,3", lines[row + 1]),
+            5 => String::new(),
+            // an earlier time, and a cell that is no number
+            _ => with(8, "#REF!").replacen(cells[0], "0", 1),
+        };
+    }
+    let mut kept = Samples::default();
+    let mut rest = samples;
+    for row in 0..rows {
+        let one = rest.take_front(1);
+        if !places.contains(&row) {
+            kept.append(one);
+        }
+    }
+    (kept, lines.join("\n") + "\n")
+}
+
+fn skipping(most: u64) -> Layout {
+    Layout { rows: RowRule { skip_bad: most }, ..native() }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn bad_rows_are_passed_over_however_the_file_grows(
+        places in proptest::collection::btree_set(1_usize..40, 0..12),
+        pieces in proptest::collection::vec(1_usize..700, 0..40),
+        block_bytes in 1_usize..5000,
+    ) {
+        // the last row is whole: a bad one there would be left out and not counted
+        let places: Vec<usize> = places.into_iter().filter(|row| *row < 39).collect();
+        let (kept, text) = with_bad_rows(40, &places);
+        let layout = skipping(places.len() as u64);
+        let mut reader = ExportReader::new(
+            text.as_bytes(), Path::new("a.csv"), &layout, &er3a(), with_blocks_of(block_bytes),
+        ).unwrap();
+        let mut read = Samples::default();
+        for chunk in reader.by_ref() {
+            read.append(chunk.unwrap().samples);
+        }
+        prop_assert_eq!(&read, &kept);
+        prop_assert_eq!((reader.rows(), reader.passed_over().rows), (kept.rows() as u64, places.len() as u64));
+        prop_assert_eq!(read_growing(text.as_bytes(), &layout, &pieces, block_bytes), kept);
+    }
+}
+
+#[test]
+fn one_bad_row_more_than_permitted_is_refused_with_the_setting() {
+    let (_, text) = with_bad_rows(40, &[3, 8, 20]);
+    let refused = |most| {
+        let read = |block_bytes| read_bytes(text.as_bytes(), &skipping(most), with_blocks_of(block_bytes));
+        let rejection = read(1 << 20).unwrap_err();
+        assert_eq!(read(300).unwrap_err(), rejection);
+        rejection
+    };
+    let none = refused(0);
+    assert_eq!(none.line, Some(5));
+    assert!(none.remedy.contains("skip_bad = 10 under [rows] in the layout"), "{none}");
+    let two = refused(2);
+    assert_eq!((two.line, two.column.as_deref()), (Some(22), Some("time")));
+    assert!(two.remedy.contains("skip_bad = 2 under [rows]"), "{two}");
+    assert_eq!(read_bytes(text.as_bytes(), &skipping(3), with_blocks_of(300)).unwrap().rows(), 37);
+}
+
+#[test]
+fn what_is_wrong_with_the_recording_is_not_passed_over() {
+    for name in ["time_backwards.csv", "time_standing_still.csv", "repeated_header.csv"] {
+        let text = std::fs::read(fixture(name)).unwrap();
+        let rejection = read_bytes(&text, &skipping(100), with_blocks_of(300)).expect_err(name);
+        assert!(!rejection.remedy.contains("skip_bad"), "{rejection}");
+    }
+}
+
+#[test]
+fn a_row_that_is_passed_over_takes_its_time_where_rows_are_counted() {
+    let layout = Layout { time: TimeSource::SampleRate(100.0), ..skipping(9) };
+    let (_, text) = with_bad_rows(40, &[0, 1, 7, 8, 9, 30]);
+    for block_bytes in [1, 300, 1 << 20] {
+        let read = read_bytes(text.as_bytes(), &layout, with_blocks_of(block_bytes)).unwrap();
+        let expected =
+            (0..40).filter(|row| ![0, 1, 7, 8, 9, 30].contains(row)).map(|row| f64::from(row) / 100.0);
+        assert_eq!(read.time, expected.collect::<Vec<_>>(), "blocks of {block_bytes} bytes");
+    }
+}
+
+#[test]
+fn dates_count_from_the_first_that_is_understood_whatever_the_blocks() {
+    let text = std::fs::read_to_string(fixture("timestamps.csv")).unwrap();
+    let mut lines: Vec<&str> = text.lines().collect();
+    let (unreadable, short) =
+        (lines[1].replacen('2', "x", 1), lines[2].rsplit_once(',').unwrap().0.to_owned());
+    (lines[1], lines[2]) = (&unreadable, &short);
+    let text = lines.join("\n") + "\n";
+    let layout = Layout { time: TimeSource::Timestamp(Column::Name("time".into())), ..skipping(2) };
+    let read = |block_bytes| read_bytes(text.as_bytes(), &layout, with_blocks_of(block_bytes)).unwrap().time;
+    assert_eq!(read(1 << 20)[0], 0.002);
+    for block_bytes in [1, 200, 400] {
+        assert_eq!(read(block_bytes), read(1 << 20), "blocks of {block_bytes} bytes");
+    }
+}
+
+#[test]
+fn a_last_line_with_too_few_fields_is_left_out_with_or_without_line_end() {
+    let (samples, text) = made_recording(30);
+    let whole = samples.clone().take_front(29);
+    let last = text.lines().last().unwrap().len();
+    for keep in [1, 9, 30, last / 2] {
+        let cut = &text[..text.len() - 1 - last + keep];
+        for end in ["", "\n", "\r\n", "\n\n  \n"] {
+            let text = format!("{cut}{end}");
+            for block_bytes in [1, 400, 1 << 20] {
+                let options = with_blocks_of(block_bytes);
+                let mut reader =
+                    ExportReader::new(text.as_bytes(), Path::new("a.csv"), &native(), &er3a(), options)
+                        .unwrap();
+                let mut read = Samples::default();
+                reader.by_ref().for_each(|chunk| read.append(chunk.unwrap().samples));
+                assert_eq!(read, whole, "{keep} bytes of the last line, then {end:?}");
+                let left_out = reader.left_out().map(|left_out| (left_out.line, left_out.reason));
+                assert_eq!(left_out, Some((31, "has too few fields or ends inside a cell")));
+                assert_eq!(reader.passed_over().rows, 0);
+            }
+            assert_eq!(read_growing(text.as_bytes(), &native(), &[900, 7, 3000, 1], 500), whole);
+        }
+        let alone = format!("{}\n{}\n", text.lines().next().unwrap(), &cut[cut.len() - keep..]);
+        let rejection = read_bytes(alone.as_bytes(), &native(), ReadOptions::default()).unwrap_err();
+        assert_eq!((&*rejection.reason, rejection.line), ("last line is cut", Some(2)));
+    }
+}
+
+#[test]
+fn lines_above_the_header_are_counted_in_the_remedy() {
+    let (_, text) = made_recording(3);
+    let text = format!("Exported by cell 4\n\nRobot;R00\n{text}");
+    let rejection = read_bytes(text.as_bytes(), &native(), ReadOptions::default()).unwrap_err();
+    assert_eq!(
+        &*rejection.remedy,
+        "the names of the columns stand in line 4: set skip_lines = 3 in the layout"
+    );
+    let mut layout = native();
+    layout.text.skip_lines = 3;
+    assert_eq!(read_bytes(text.as_bytes(), &layout, ReadOptions::default()).unwrap().rows(), 3);
 }

@@ -13,7 +13,8 @@ use super::layout::{ColumnMap, Role, TimeColumn};
 use super::rejection::Rejection;
 use crate::run::Samples;
 
-const CUT: &str = "last line is cut";
+/// What a file is that ends before its first row is whole.
+pub(super) const CUT: &str = "last line is cut";
 pub(super) const CUT_REMEDY: &str = "wait until the writer has finished, or export again";
 const CELL_REMEDY: &str = "export again or correct the cell";
 const STAGE_REMEDY: &str = "add the value to the stage signal of the layout, or export again";
@@ -37,15 +38,79 @@ pub fn read(
     previous: Option<PreviousTime>,
     path: &Path,
 ) -> Result<Samples, Rejection> {
-    let mut columns: RawColumns = vec![Vec::new(); map.names.len()];
-    let mut row = Row { map, path, columns: &mut columns, previous };
-    for (bytes, number) in lines(&block.bytes).zip(block.first_line..) {
-        row.read(bytes).map_err(|rejection| rejection.at_line(number))?;
+    read_passing_over(block, map, previous, path, 0).map(|(samples, _)| samples)
+}
+
+/// Bad rows that were passed over.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct PassedOver {
+    /// How many.
+    pub rows: u64,
+    /// What was wrong with the first of them.
+    pub first: Option<Box<Rejection>>,
+}
+
+impl PassedOver {
+    /// Counts later ones too.
+    pub(super) fn add(&mut self, later: Self) {
+        self.rows += later.rows;
+        self.first = self.first.take().or(later.first);
     }
-    channels::samples(columns, map, previous.map(|p| p.seconds)).ok_or_else(|| {
+}
+
+/// As [`read`], passing over `most` bad rows at most: rows with another number of fields than columns, and rows with
+/// a cell that is empty or not understood. A row whose time does not rise, in which two stages go on, or that
+/// repeats the header is no bad row: what is wrong there is the recording.
+///
+/// Where rows are counted instead of timed, a row that is passed over takes its time.
+///
+/// # Errors
+/// As [`read`], of the first bad row beyond `most`.
+pub fn read_passing_over(
+    block: &Block,
+    map: &ColumnMap,
+    previous: Option<PreviousTime>,
+    path: &Path,
+    most: u64,
+) -> Result<(Samples, PassedOver), Rejection> {
+    let mut columns: RawColumns = vec![Vec::new(); map.names.len()];
+    let mut row = Row { map, path, columns: &mut columns, previous, passes_over: most > 0, kept: Vec::new() };
+    let mut passed = PassedOver::default();
+    // rows before each row that is kept, those passed over included
+    let mut places: Vec<usize> = Vec::new();
+    for (place, (bytes, number)) in lines(&block.bytes).zip(block.first_line..).enumerate() {
+        match row.read(bytes) {
+            Ok(()) => places.push(place),
+            Err(rejection) if rejection.is_bad_row && passed.rows < most => {
+                let first = Some(Box::new(rejection.at_line(number)));
+                passed.add(PassedOver { rows: 1, first });
+            }
+            Err(rejection) => return Err(rejection.at_line(number)),
+        }
+    }
+    let mut samples = channels::samples(columns, map, previous.map(|p| p.seconds)).ok_or_else(|| {
         Rejection::of_file(path, "numbers that cannot be read reliably", CELL_REMEDY)
             .at_line(block.first_line)
-    })
+    })?;
+    if let TimeColumn::Counted(rate) = map.time
+        && passed.rows > 0
+    {
+        samples.time = channels::counted(places, rate, previous.map(|p| p.seconds));
+    }
+    Ok((samples, passed))
+}
+
+/// The rejection of a row that is bad by itself; what others say is wrong with the recording.
+fn of_row(rejection: Rejection) -> Rejection {
+    Rejection { is_bad_row: true, ..rejection }
+}
+
+/// Whether a line has fewer fields than a row needs.
+#[must_use]
+pub(super) fn is_short(line: &[u8], map: &ColumnMap) -> bool {
+    !line.contains(&0)
+        && std::str::from_utf8(line)
+            .is_ok_and(|text| fields(text, map.delimiter).take(map.least_fields).count() < map.least_fields)
 }
 
 /// What a last line without a line end is.
@@ -55,38 +120,37 @@ pub enum LastLine {
     Whole,
     /// It reads well, but its last number may have had further digits.
     Doubtful,
+    /// It has too few fields, or its last cell is empty or not understood: the writer did not get to its end.
+    Cut,
 }
 
 /// Judges the last line of a file that does not end with a line end.
 ///
-/// A line with too few fields, or with a last cell that is empty or no number, is cut. With all
-/// fields it is whole if no longer number could stand in its last cell, as in a column of stages 0
+/// A line with too few fields, or with a last cell that is empty or no number, is cut: leaving it out is harmless,
+/// since nothing follows it. With all fields it is whole if no longer number could stand in its last cell, as in a column of stages 0
 /// to 3 or one that is not needed. Else it is doubtful, since `-12.34` may be the beginning of
 /// `-12.345`: leaving out one row of a recording is harmless, a wrong torque is not.
 ///
 /// # Errors
-/// A rejection of a cut line.
+/// A rejection of a line that is no text.
 pub fn judge_last_line(
     line: &[u8],
     number: u64,
     map: &ColumnMap,
     path: &Path,
 ) -> Result<LastLine, Rejection> {
-    let cut = || Rejection::of_file(path, CUT, CUT_REMEDY).at_line(number);
     if line.contains(&0) {
         return Err(nul(path).at_line(number));
     }
-    let text = std::str::from_utf8(line).map_err(|error| match error.error_len() {
+    let text = match std::str::from_utf8(line) {
+        Ok(text) => text,
         // Without a length the text ends inside a character.
-        None => cut(),
-        Some(_) => narrow(path, line).at_line(number),
-    })?;
+        Err(error) if error.error_len().is_none() => return Ok(LastLine::Cut),
+        Err(_) => return Err(narrow(path, line).at_line(number)),
+    };
     let cells: Vec<&str> = fields(text, map.delimiter).collect();
     let last = map.least_fields.saturating_sub(1);
-    let (Some(cell), Some(role), Some(name)) = (cells.get(last), map.roles.get(last), map.names.get(last))
-    else {
-        return Err(cut());
-    };
+    let (Some(cell), Some(role)) = (cells.get(last), map.roles.get(last)) else { return Ok(LastLine::Cut) };
     let reads = match channels::is_text(*role, map) {
         true => channels::word_number(cell, *role, map).is_some(),
         // an empty cell of a temperature is none, not a cut one
@@ -95,7 +159,7 @@ pub fn judge_last_line(
         }
     };
     if !reads {
-        return Err(cut().in_column(name));
+        return Ok(LastLine::Cut);
     }
     if cells.len() > map.least_fields {
         return Ok(LastLine::Whole);
@@ -113,6 +177,11 @@ struct Row<'a> {
     path: &'a Path,
     columns: &'a mut RawColumns,
     previous: Option<PreviousTime>,
+    /// Whether a bad row is passed over: then it is looked at to its end, so that a wrong time in it counts as one
+    /// of its bad cells.
+    passes_over: bool,
+    /// The row's numbers by column, until all of it is understood.
+    kept: Vec<(usize, f64)>,
 }
 
 impl Row<'_> {
@@ -120,22 +189,44 @@ impl Row<'_> {
         Rejection::of_file(self.path, reason, CELL_REMEDY)
     }
 
+    /// Reads a row; nothing of one with a fault is kept.
     fn read(&mut self, line: &[u8]) -> Result<(), Rejection> {
-        let text = self.text(line)?;
+        let text = self.text(line).map_err(of_row)?;
         self.refuse_wrong_shape(text)?;
         let map = self.map;
         let mut stage_on: Option<usize> = None;
+        let mut of_recording: Option<Rejection> = None;
+        let mut time = None;
+        self.kept.clear();
         for (column, cell) in fields(text, map.delimiter).enumerate() {
             let role = map.roles.get(column).copied().unwrap_or(Role::Ignored);
             if role == Role::Ignored {
                 continue;
             }
-            let value = self
-                .number(cell, role)
-                .map_err(|rejection| rejection.in_column(map.names.get(column).map_or("", String::as_str)))?;
-            if matches!(role, Role::StageFlag(_)) && value != 0.0 {
-                self.refuse_second_stage(stage_on.replace(column), column)?;
+            let named =
+                |rejection: Rejection| rejection.in_column(map.names.get(column).map_or("", String::as_str));
+            let value = self.number(cell, role).map_err(|rejection| of_row(named(rejection)))?;
+            let mut refused = None;
+            if role == Role::Time {
+                match self.next_time(value, cell) {
+                    Ok(next) => time = Some(next),
+                    Err(rejection) => refused = Some(named(rejection)),
+                }
             }
+            if matches!(role, Role::StageFlag(_)) && value != 0.0 {
+                refused = self.refuse_second_stage(stage_on.replace(column), column).err();
+            }
+            match refused {
+                Some(rejection) if !self.passes_over => return Err(rejection),
+                refused => of_recording = of_recording.or(refused),
+            }
+            self.kept.push((column, value));
+        }
+        if let Some(rejection) = of_recording {
+            return Err(rejection);
+        }
+        self.previous = time.or(self.previous);
+        for (column, value) in self.kept.drain(..) {
             if let Some(values) = self.columns.get_mut(column) {
                 values.push(value);
             }
@@ -191,10 +282,10 @@ impl Row<'_> {
             self.rejection(format!("line too {size}: {count} fields, the header has {}", names.len()))
         };
         rejection.remedy = "export again; each line needs one field for each column".into();
-        Err(rejection)
+        Err(if is_header { rejection } else { of_row(rejection) })
     }
 
-    fn number(&mut self, cell: &str, role: Role) -> Result<f64, Rejection> {
+    fn number(&self, cell: &str, role: Role) -> Result<f64, Rejection> {
         let refused = |reason: String| self.rejection(reason).with_value(cell);
         if channels::is_text(role, self.map) {
             return channels::word_number(cell, role, self.map).ok_or_else(|| {
@@ -222,19 +313,15 @@ impl Row<'_> {
             }
             return Err(rejection);
         }
-        if role == Role::Time {
-            self.step_time(value, cell)?;
-        }
         Ok(value)
     }
 
-    fn step_time(&mut self, recorded: f64, cell: &str) -> Result<(), Rejection> {
+    fn next_time(&self, recorded: f64, cell: &str) -> Result<PreviousTime, Rejection> {
         let seconds = self.scaled_time(recorded);
         if let Some(before) = self.previous.filter(|before| before.seconds >= seconds) {
             return Err(self.time_does_not_rise(before, seconds, recorded).with_value(cell));
         }
-        self.previous = Some(PreviousTime { recorded, seconds });
-        Ok(())
+        Ok(PreviousTime { recorded, seconds })
     }
 
     /// A time in s, converted exactly as [`channels::samples`] converts it.

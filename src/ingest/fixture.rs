@@ -10,7 +10,7 @@ use super::rejection::Rejection;
 use super::source::open;
 use crate::config::{
     AmbientTemperature, Channel, Column, JointColumns, JointSigns, Layout, MotorSide, MotorTemperature,
-    ScaledColumn, StageSignal, StageSource, TemperatureUnit, TextFormat, TimeSource, TorqueQuantity,
+    RowRule, ScaledColumn, StageSignal, StageSource, TemperatureUnit, TextFormat, TimeSource, TorqueQuantity,
 };
 use crate::run::{FrictionSignal, Samples, Stage};
 use crate::testing::er3a;
@@ -22,6 +22,7 @@ pub(super) fn native() -> Layout {
         name: "native".into(),
         delimiter: b',',
         text: TextFormat::default(),
+        rows: RowRule::default(),
         header: true,
         time: TimeSource::Column(ScaledColumn { column: column("time"), to_si: 1.0 }),
         position: channel("pos_{joint}"),

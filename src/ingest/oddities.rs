@@ -176,8 +176,9 @@ fn lines_of_the_wrong_shape() {
 
 #[test]
 fn cut_files() {
-    assert_message("cut_last_line.csv", ", line 6: last line is cut; wait until the writer has finished");
-    assert_message("cut_last_number.csv", ", line 6, column level: last line is cut;");
+    for name in ["cut_last_line.csv", "cut_last_number.csv"] {
+        assert_eq!(read(&fixture(name)), Ok(native().take_front(4)), "{name}");
+    }
     assert_message("nul_tail.csv", ", line 6: NUL bytes: a hole left by a crash or an unfinished copy;");
     assert_message("nul_in_line.csv", ", line 4: NUL bytes: ");
 }

@@ -17,7 +17,7 @@ use polars::prelude::{
 use super::blocks::{Block, line_count};
 use super::cell;
 use super::channels::{self, RawColumns};
-use super::exact::{self, PreviousTime};
+use super::exact::{self, PassedOver, PreviousTime};
 use super::fields::fields;
 use super::layout::{ColumnMap, Role, TimeColumn};
 use super::rejection::Rejection;
@@ -40,13 +40,18 @@ impl Parser {
         Self { map, schema, threads }
     }
 
-    /// Lets dates and times count from the first row of the export, which begins with this block. One that is
-    /// not understood is left to reading.
-    pub(super) fn count_from(&mut self, block: &Block) {
-        let TimeColumn::Stamped { column, origin } = &mut self.map.time else { return };
-        let row = exact::lines(&block.bytes).next().and_then(|line| std::str::from_utf8(line).ok());
-        let cell = row.and_then(|row| fields(row, self.map.delimiter).nth(*column));
-        *origin = cell.and_then(cell::timestamp).unwrap_or(*origin);
+    /// Lets dates and times count from the first of them that is understood in this block, which the export begins
+    /// with. Whether there is one; others are left to reading.
+    pub(super) fn count_from(&mut self, block: &Block) -> bool {
+        let TimeColumn::Stamped { column, origin } = &mut self.map.time else { return true };
+        let delimiter = self.map.delimiter;
+        let moment = |line: &[u8]| {
+            let row = std::str::from_utf8(line).ok()?;
+            fields(row, delimiter).nth(*column).and_then(cell::timestamp)
+        };
+        let found = exact::lines(&block.bytes).find_map(moment);
+        *origin = found.unwrap_or(*origin);
+        found.is_some()
     }
 
     /// Moment that dates and times count from, ns from 1970, where they do.
@@ -74,12 +79,26 @@ impl Parser {
         previous: Option<PreviousTime>,
         path: &Path,
     ) -> Result<Samples, Rejection> {
+        self.read_passing_over(block, previous, path, 0).map(|(samples, _)| samples)
+    }
+
+    /// As [`Parser::read`], passing over `most` bad rows at most, see [`exact::read_passing_over`].
+    ///
+    /// # Errors
+    /// As [`Parser::read`], of the first bad row beyond `most`.
+    pub fn read_passing_over(
+        &self,
+        block: &Block,
+        previous: Option<PreviousTime>,
+        path: &Path,
+        most: u64,
+    ) -> Result<(Samples, PassedOver), Rejection> {
         let fast = self
             .columns(&block.bytes)
             .and_then(|columns| channels::samples(columns, &self.map, previous.map(|p| p.seconds)));
         match fast {
-            Some(samples) => Ok(samples),
-            None => exact::read(block, &self.map, previous, path),
+            Some(samples) => Ok((samples, PassedOver::default())),
+            None => exact::read_passing_over(block, &self.map, previous, path, most),
         }
     }
 

@@ -29,6 +29,8 @@ pub struct Rejection {
     pub remedy: Box<str>,
     /// Whether the system refused to read the file, which says nothing of its content: it is read again later.
     pub is_passing: bool,
+    /// Whether it is one row that is not understood, which a layout may let be passed over.
+    pub is_bad_row: bool,
 }
 
 impl Rejection {
@@ -44,6 +46,7 @@ impl Rejection {
             reason: reason.into(),
             remedy: remedy.into(),
             is_passing: false,
+            is_bad_row: false,
         }
     }
 
@@ -58,6 +61,16 @@ impl Rejection {
     #[must_use]
     pub fn at_byte(mut self, byte: u64) -> Self {
         self.byte = Some(byte);
+        self
+    }
+
+    /// The same of a header that stands further down, at `line`, below lines of other text.
+    #[must_use]
+    pub(super) fn with_header_at(mut self, line: u64) -> Self {
+        let lines = line.saturating_sub(1);
+        self.remedy =
+            format!("the names of the columns stand in line {line}: set skip_lines = {lines} in the layout")
+                .into();
         self
     }
 

@@ -39,6 +39,8 @@ pub enum ReadEnd {
 pub struct ReadTotals {
     /// Rows, those outside cycles included.
     pub rows: u64,
+    /// Bad rows that were passed over, beyond those.
+    pub rows_skipped: u64,
     /// Rows per second, from the median time step of the first rows, Hz; zero where it is unknown.
     pub sample_rate: f64,
     /// Cycles, those stored by an earlier attempt included.
@@ -106,12 +108,12 @@ impl<'i> Cutting<'i> {
         Ok(!self.stop.is_cancelled())
     }
 
-    /// Ends the export after `rows` rows and sends its last cycles. They have no point to go on from, since it was
+    /// Ends the export after `rows` rows, with `rows_skipped` bad ones passed over, and sends its last cycles. They have no point to go on from, since it was
     /// the end of the file that has cut them.
     ///
     /// # Errors
     /// A rejection of an export without stages.
-    pub fn end(mut self, rows: u64) -> Result<ReadEnd, Rejection> {
+    pub fn end(mut self, rows: u64, rows_skipped: u64) -> Result<ReadEnd, Rejection> {
         let mut cycles = Vec::new();
         let fault = self.cutter.finish(&mut cycles);
         for cycle in cycles {
@@ -122,6 +124,7 @@ impl<'i> Cutting<'i> {
         fault?;
         Ok(ReadEnd::Complete(ReadTotals {
             rows,
+            rows_skipped,
             sample_rate: self.cutter.sample_rate(),
             cycles: self.cycle_count,
             content: self.hash.prefix(),

@@ -13,7 +13,8 @@ use super::production::{Work, work_alone};
 use super::{Pipeline, PipelineError, Retry};
 use crate::analysis::{CycleAnalysis, CycleFactors};
 use crate::config::{Config, FleetEntry, Layout};
-use crate::ingest::csv::{ExportReader, ReadOptions};
+use crate::ingest::csv::{ExportReader, LeftOut, ReadOptions};
+use crate::ingest::exact::PassedOver;
 use crate::ingest::layout::ColumnMap;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
@@ -71,8 +72,10 @@ pub struct Reading {
     pub duration: f64,
     /// Rows per second, Hz; zero where it is unknown.
     pub sample_rate: f64,
-    /// A last line that is left out because its last number may be cut.
-    pub left_out_line: Option<u64>,
+    /// A last line that is left out, because the writer did not get to its end.
+    pub left_out: Option<LeftOut>,
+    /// Bad rows that are passed over.
+    pub passed_over: PassedOver,
     /// The cycles, in order.
     pub cycles: Vec<CycleSketch>,
 }
@@ -267,7 +270,8 @@ fn read(path: &Path, entry: &FleetEntry, work: Option<&Work>) -> (Reading, Optio
         rows: 0,
         duration: 0.0,
         sample_rate: 0.0,
-        left_out_line: None,
+        left_out: None,
+        passed_over: PassedOver::default(),
         cycles: Vec::new(),
     };
     let fault = read_into(&mut reading, path, &entry.layout, &entry.description, work).err();
@@ -297,7 +301,8 @@ fn read_into(
         reading.cycles.extend(cycles.drain(..).map(|cycle| sketch(&cycle, work)));
         fault?;
     }
-    reading.left_out_line = export.left_out_line();
+    reading.left_out = export.left_out();
+    reading.passed_over = export.passed_over().clone();
     reading.content = Some(hash.so_far().0);
     let fault = cutter.finish(&mut cycles);
     reading.cycles.extend(cycles.iter().map(|cycle| sketch(cycle, work)));

@@ -228,7 +228,7 @@ fn read(
     if !growth.is_as_read().map_err(failed)? {
         return Ok(ReadEnd::Changed);
     }
-    cutting.end(export.rows())
+    cutting.end(export.rows(), export.passed_over().rows)
 }
 
 /// Waits until the next look, shorter if a stop is asked for.

@@ -331,7 +331,7 @@ pub(super) fn read(
     if hash.so_far().0 != intake.header.content_hash {
         return Ok(ReadEnd::Changed);
     }
-    cutting.end(export.rows())
+    cutting.end(export.rows(), export.passed_over().rows)
 }
 
 /// What an export's name says of it.

@@ -85,6 +85,7 @@ pub async fn finish(
     }
     let figures = RunTotals {
         rows: usize::try_from(totals.rows).unwrap_or(usize::MAX),
+        rows_skipped: usize::try_from(totals.rows_skipped).unwrap_or(usize::MAX),
         sample_rate: totals.sample_rate,
         cycles: totals.cycles,
     };

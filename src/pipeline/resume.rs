@@ -27,7 +27,7 @@ use crate::run::{ContentHash, Stage};
 use crate::store::StoredPoint;
 
 /// Changes with the meaning of what is written down, and of the rows that it makes: reader, stages and cycles.
-const VERSION: u64 = 1;
+const VERSION: u64 = 2;
 
 /// Bytes of the hash behind the others.
 const CHECK_BYTES: usize = 32;
@@ -194,7 +194,9 @@ impl Writer {
     }
 
     fn place(&mut self, place: &Place) {
-        [place.line, place.byte, place.rows].into_iter().for_each(|number| self.whole(number));
+        [place.line, place.byte, place.rows, place.rows_skipped]
+            .into_iter()
+            .for_each(|number| self.whole(number));
         self.optional(place.previous, |out, PreviousTime { recorded, seconds }| {
             [recorded, seconds].into_iter().for_each(|time| out.number(time));
         });
@@ -273,6 +275,7 @@ impl Reader<'_> {
             line: self.whole()?,
             byte: self.whole()?,
             rows: self.whole()?,
+            rows_skipped: self.whole()?,
             previous: self
                 .optional(|from| Some(PreviousTime { recorded: from.number()?, seconds: from.number()? }))?,
             origin: self.number()?,
@@ -343,6 +346,7 @@ mod tests {
                 line: 3,
                 byte: u64::MAX,
                 rows: 1,
+                rows_skipped: 6,
                 previous: Some(PreviousTime { recorded: 0.1 + 0.2, seconds: -0.0 }),
                 origin: 1.7e9,
                 moment: Some(i64::MIN),

@@ -62,6 +62,8 @@ pub enum Owner {
 pub struct RunTotals {
     /// Rows of the export.
     pub rows: usize,
+    /// Bad rows that were passed over, beyond those.
+    pub rows_skipped: usize,
     /// Sample rate, Hz.
     pub sample_rate: f64,
     /// Cycles of the export; all of them must be stored.
@@ -272,7 +274,7 @@ async fn reopen_run(
     sqlx::query(
         "UPDATE run
          SET robot_id = ?, model = ?, started_at = ?, source_name = ?, source_path = ?, source_bytes = ?,
-             cycles_stored = 0, rows = NULL, sample_rate_hz = NULL, cycles_total = NULL, prefix_bytes = NULL,
+             cycles_stored = 0, rows = NULL, rows_skipped = NULL, sample_rate_hz = NULL, cycles_total = NULL, prefix_bytes = NULL,
              prefix_hash = NULL, replaces_run_id = NULL, superseded_by_run_id = NULL, status = 'streaming', reason = NULL,
              reason_line = NULL, reason_column = NULL, retry_asked_at = NULL
          WHERE run_id = ?",
@@ -294,7 +296,7 @@ async fn reopen_run(
 async fn open_again(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET status = 'streaming', rows = NULL, sample_rate_hz = NULL, cycles_total = NULL,
+         SET status = 'streaming', rows = NULL, rows_skipped = NULL, sample_rate_hz = NULL, cycles_total = NULL,
              cycles_stored = (SELECT count(*) FROM cycle WHERE cycle.run_id = run.run_id),
              prefix_bytes = source_bytes, prefix_hash = content_hash
          WHERE run_id = ?",
@@ -480,11 +482,12 @@ pub(super) async fn mark_complete(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET status = 'complete', rows = ?, sample_rate_hz = ?, cycles_total = ?, growing = 0, prefix_bytes = NULL,
+         SET status = 'complete', rows = ?, rows_skipped = ?, sample_rate_hz = ?, cycles_total = ?, growing = 0, prefix_bytes = NULL,
              prefix_hash = NULL
          WHERE run_id = ?",
     )
     .bind(count(totals.rows))
+    .bind(count(totals.rows_skipped))
     .bind(finite(totals.sample_rate))
     .bind(totals.cycles)
     .bind(run_id)

@@ -331,7 +331,7 @@ pub(super) async fn stale(store: &Store, run_id: i64) -> StaleRobot {
 }
 
 pub(super) fn totals(cycles: u32) -> RunTotals {
-    RunTotals { rows: 30_026 * cycles as usize, sample_rate: 100.0, cycles }
+    RunTotals { rows: 30_026 * cycles as usize, rows_skipped: 0, sample_rate: 100.0, cycles }
 }
 
 pub(super) async fn columns(store: &Store, table: &str) -> Vec<String> {

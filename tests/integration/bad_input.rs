@@ -57,14 +57,6 @@ const ODDITIES: &[Oddity] = &[
     Oddity { name: "empty_file", spoil: |_| String::new(), said: &["empty"] },
     Oddity { name: "header_only", spoil: |l| format!("{}\n", l[0]), said: &["no rows"] },
     Oddity {
-        name: "cut_last_line",
-        spoil: |l| {
-            let text = joined(l[..3000].to_vec());
-            text[..text.len() - 40].to_owned()
-        },
-        said: &["line 3000", "cut"],
-    },
-    Oddity {
         name: "nan",
         spoil: |l| with_cell(l, 2000, 8, "NaN"),
         said: &["line 2000", "column vel_2", "NaN"],
@@ -219,6 +211,48 @@ fn every_oddity_is_quarantined_with_its_place_and_a_remedy() {
     assert_eq!(workshop.number("SELECT COUNT(*) FROM runs"), i64::try_from(ODDITIES.len()).expect("few"));
     assert_eq!(workshop.query("PRAGMA integrity_check"), ["ok"]);
     assert_eq!(workshop.query("PRAGMA foreign_key_check"), [""; 0]);
+}
+
+#[test]
+fn bad_rows_within_the_bound_of_the_layout_are_passed_over_counted_and_said() {
+    let workshop = Workshop::new();
+    let lines: Vec<String> = decompressed().lines().take(1 + 2 * 8509).map(str::to_owned).collect();
+    std::fs::write(workshop.inbox("Good_20260105_0847.csv"), joined(lines.clone())).expect("an export");
+    let mut bad = lines.clone();
+    bad[4000] = bad[4000].split(',').take(7).collect::<Vec<_>>().join(",");
+    bad[4001] = with_cell(bad.clone(), 4002, TORQUE_3, "").lines().nth(4001).expect("a row").to_owned();
+    bad[9000] = "#!".into();
+    let last = bad.len() - 1;
+    bad[last] = bad[last].split(',').take(3).collect::<Vec<_>>().join(",");
+    std::fs::write(workshop.inbox("Bad_20260105_0847.csv"), joined(bad)).expect("an export");
+    let refused = workshop.stdout(&["ingest", "inbox"], 1);
+    assert!(
+        refused.contains("line 4001: line too short") && refused.contains("skip_bad = 10 under [rows]"),
+        "{refused}"
+    );
+
+    let native =
+        std::fs::read_to_string(format!("{}/config/exports/native.toml", env!("CARGO_MANIFEST_DIR")));
+    let layout = native.expect("a layout") + "\n[rows]\nskip_bad = 3\n";
+    std::fs::write(workshop.path("layout.toml"), layout).expect("a layout");
+    let config = std::fs::read_to_string(workshop.path("armwatch.toml")).expect("a configuration");
+    let config: Vec<&str> = config
+        .lines()
+        .map(|l| if l.starts_with("layout") { "layout = \"layout.toml\"" } else { l })
+        .collect();
+    std::fs::write(workshop.path("armwatch.toml"), config.join("\n") + "\n").expect("a configuration");
+    assert!(workshop.stdout(&["config", "check"], 0).contains("up to 3 bad rows passed over"));
+    let said = workshop.stdout(&["explain", "inbox/Bad_20260105_0847.csv"], 0);
+    assert!(
+        said.contains("3 bad rows are passed over") && said.contains("line 4001: line too short"),
+        "{said}"
+    );
+    assert!(said.contains("the last line has too few fields"), "{said}");
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let runs = workshop.query("SELECT robot, status, rows, rows_skipped FROM runs ORDER BY robot");
+    assert_eq!(runs, ["Bad|complete|17014|3", "Good|complete|17018|0"]);
+    let levels = "SELECT COUNT(*) FROM cycle_parameters WHERE robot = 'Bad'";
+    assert!(workshop.number(levels) > 0);
 }
 
 #[test]
