@@ -88,7 +88,11 @@ fn topic(name: &str, text: &str) -> String {
 }
 
 fn recognised_lines(of: &RecognisedAs) -> Vec<String> {
-    let from = if of.named_start { "from the file's name" } else { "the file's time, as its name has none" };
+    let from = match &of.entry.layout.start {
+        Some(start) => format!("from column {} of its first row", start.column),
+        None if of.named_start => "from the file's name".to_owned(),
+        None => "the file's time, as its name has none".to_owned(),
+    };
     vec![
         topic("robot", &format!("{}, by recognition.file_name '{}'", of.robot, of.pattern)),
         topic(
@@ -367,7 +371,7 @@ fn as_value(of: &Explanation) -> serde_json::Value {
     if let Some(recognised) = &of.recognised {
         value["robot"] = json!(recognised.robot);
         value["started_at"] = json!(recognised.started_at.to_string());
-        value["start_from_name"] = json!(recognised.named_start);
+        value["start_from_name"] = json!(recognised.named_start && recognised.entry.layout.start.is_none());
         value["model"] = json!(recognised.entry.description.model);
         value["layout"] = json!(recognised.entry.layout.name);
         value["kind"] = json!(recognised.entry.layout.stage.run_kind().name());

@@ -12,8 +12,10 @@ use super::recognition::{DEFAULT_FILE_NAME, time_zone};
 use super::robot_file::parse_robot_with;
 use super::serve::{ServeSettings, read_serve};
 use super::work_limits::{archive_of, read_work_limits};
-use super::{Channel, Config, FleetEntry, Layout, Recognition, RewritePolicy, WatchSettings, WorkLimits};
-use super::{parse_layout, pattern};
+use super::{
+    Channel, Config, FilePatterns, FleetEntry, Layout, Recognition, RewritePolicy, WatchSettings, WorkLimits,
+};
+use super::{date_format, parse_layout, pattern};
 use crate::analysis::Estimator;
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::DetectSettings;
@@ -148,7 +150,10 @@ fn read_recognition(table: Option<&Table<'_>>) -> Option<Recognition> {
         Some(value) => read_time_zone(&value),
         None => Some("UTC".to_owned()),
     };
-    Some(Recognition { file_name: file_name?, time_zone: zone? })
+    let file_name = file_name?;
+    let has = |group: &str| file_name.capture_names().flatten().any(|name| name == group);
+    let formats = date_format::read(table, has);
+    Some(Recognition { formats: formats?, file_name, time_zone: zone? })
 }
 
 fn read_file_name(value: &Value<'_>) -> Option<regex::Regex> {
@@ -240,6 +245,38 @@ fn refer<T>(
     read
 }
 
+/// The description of the robot called `robot` that the configuration at `path` names, whatever else stands there; that
+/// of an entry for all its files if there is one.
+///
+/// # Errors
+///
+/// Problems of syntax, of the entry, and of the description.
+pub(super) fn read_description(
+    path: &Path,
+    read_text: &ReadText<'_>,
+    robot: &str,
+) -> Result<Option<Robot>, ConfigErrors> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let file_name = path.display().to_string();
+    let named = read_document(&file_name, &read_text(path)?, |root| {
+        root.pass_over();
+        let mut named: Vec<(bool, String)> = Vec::new();
+        for item in root.optional("robot").and_then(|value| value.sections()).unwrap_or_default() {
+            let table = item.table()?;
+            table.pass_over();
+            if table.text("name").is_some_and(|name| pattern::matches(name, robot)) {
+                named.push((table.optional("files").is_some(), table.text("description")?.to_owned()));
+            }
+        }
+        Some(named)
+    })?;
+    let Some((_, description)) = named.into_iter().min_by_key(|(of_some_files, _)| *of_some_files) else {
+        return Ok(None);
+    };
+    let at = folder.join(description);
+    parse_robot_with(&at.display().to_string(), &read_text(&at)?, read_text).map(Some)
+}
+
 fn read_fleet(root: &Table<'_>, references: &mut References<'_>) -> Option<Vec<FleetEntry>> {
     let hint = || Some("write [[robot]] with name = \"*\", description and layout".into());
     let items = root.required_or_else("robot", hint)?.sections()?;
@@ -252,13 +289,13 @@ fn read_fleet(root: &Table<'_>, references: &mut References<'_>) -> Option<Vec<F
         .iter()
         .map(|item| {
             let table = item.table()?;
-            let files = table.optional("files").map(|value| value.text());
+            let files = table.optional("files").map(|value| read_files(&value));
             let robots = table.required("name").and_then(|value| match files {
                 None => read_pattern(&value, &mut patterns),
                 Some(_) => read_exception(&value, &patterns),
             });
             let files = match files {
-                Some(text) => Some(text?.to_owned()),
+                Some(files) => Some(files?),
                 None => None,
             };
             let description = references.robot(&table, "description");
@@ -271,6 +308,23 @@ fn read_fleet(root: &Table<'_>, references: &mut References<'_>) -> Option<Vec<F
         })
         .collect();
     entries.into_iter().collect()
+}
+
+/// One pattern over file names, or several.
+fn read_files(value: &Value<'_>) -> Option<FilePatterns> {
+    if !value.is_array() {
+        return value.text().map(|text| FilePatterns(vec![text.to_owned()]));
+    }
+    let items = value.items()?;
+    if items.is_empty() {
+        value.refuse(
+            "no pattern matches no file".into(),
+            Some("leave files out for all files of the robot".into()),
+        );
+        return None;
+    }
+    let patterns: Vec<_> = items.iter().map(|item| item.text().map(str::to_owned)).collect();
+    patterns.into_iter().collect::<Option<_>>().map(FilePatterns)
 }
 
 /// One factor holds for the columns of all joints, and a factor from degrees would falsify the

@@ -26,6 +26,8 @@ pub struct Layout {
     pub header: bool,
     /// Where time comes from.
     pub time: TimeSource,
+    /// Column whose first row says when the recording started; `None`: the file's name or time does.
+    pub start: Option<StartSource>,
     /// Columns of joint positions.
     pub position: Channel,
     /// Columns of joint velocities, where recorded.
@@ -48,6 +50,26 @@ pub struct Layout {
     pub friction_joint: Option<Column>,
     /// Column of the speed level, from 1; used if the export has it.
     pub friction_level: Option<Column>,
+}
+
+/// Where the start of a recording stands in its rows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StartSource {
+    /// The column; it may be that of time too.
+    pub column: Column,
+    /// How its cells say it.
+    pub form: StartForm,
+}
+
+/// How a cell says a moment.
+#[derive(Debug, Clone, PartialEq)]
+pub enum StartForm {
+    /// As ISO 8601, or day first with points.
+    Timestamp,
+    /// In a form of `strptime`.
+    Format(String),
+    /// As a number since 1970; factor to s.
+    Since1970(f64),
 }
 
 /// Which rows of an export may be passed over.

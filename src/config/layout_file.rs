@@ -101,6 +101,7 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
     let required = |key| root.required(key).and_then(|value| value.table());
     let header = root.optional("header").map_or(Some(true), |value| value.boolean());
     let time = required("time").and_then(|t| layout_time::read(&t, &mut names));
+    let start = root.table("start").map(|table| layout_time::read_start(&table));
     let mut motor_side = MotorSide::default();
     let position = required("position").and_then(|t| {
         motor_side.position = read_side(&t)?;
@@ -128,6 +129,10 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
         Some(velocity) => Some(velocity?),
         None => None,
     };
+    let start = match start {
+        Some(start) => Some(start?),
+        None => None,
+    };
     Some(Layout {
         name: name?.to_owned(),
         delimiter: delimiter?,
@@ -135,6 +140,7 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
         rows: rows?,
         header: header?,
         time: time?,
+        start,
         position: position?,
         velocity,
         torque: torque?,

@@ -3,7 +3,7 @@
 use super::layout_file::{ColumnNames, named_unit, read_unit};
 use super::limits::Limits;
 use super::reader::{Table, Value};
-use super::{ScaledColumn, TimeSource};
+use super::{ScaledColumn, StartForm, StartSource, TimeSource, date_format};
 
 /// A unit of time and its factor to s.
 const UNITS: &[(&str, f64)] = &[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
@@ -44,6 +44,45 @@ pub(super) fn read(table: &Table<'_>, names: &mut ColumnNames) -> Option<TimeSou
         Some(value) => value.number(&WRAP).map(|wraps_at| TimeSource::Counter { column, wraps_at }),
         None => Some(TimeSource::Column(column)),
     }
+}
+
+/// Reads `[start]`; `None` where something is wrong with it.
+pub(super) fn read_start(table: &Table<'_>) -> Option<StartSource> {
+    // not among the columns taken: the column of time may say the start too
+    let column = table.required("column").and_then(|value| ColumnNames::default().take(&value));
+    let (unit, format) = (table.optional("unit"), table.optional("format"));
+    let form = match (unit, format) {
+        (Some(_), Some(format)) => {
+            format.refuse(
+                "is for cells of another form than unit says".into(),
+                Some("leave one of them out".into()),
+            );
+            None
+        }
+        (None, Some(format)) => read_format(&format).map(StartForm::Format),
+        (None, None) => Some(StartForm::Timestamp),
+        (Some(unit), None) if unit.peek_text() == Some(TIMESTAMP) => Some(StartForm::Timestamp),
+        (Some(unit), None) => {
+            let known: Vec<_> = UNITS.iter().copied().chain([(TIMESTAMP, 0.0)]).collect();
+            read_unit(&unit, &known).map(StartForm::Since1970)
+        }
+    };
+    Some(StartSource { column: column?, form: form? })
+}
+
+fn read_format(value: &Value<'_>) -> Option<String> {
+    let format = value.text()?;
+    if !date_format::gives_date(format) {
+        value.refuse(
+            "must give year, month and day, and should give the time".into(),
+            Some(
+                "conversions are those of strptime, such as \"%d/%m/%y %H:%M:%S\" for 05/01/26 08:47:30"
+                    .into(),
+            ),
+        );
+        return None;
+    }
+    Some(format.to_owned())
 }
 
 /// The name of the unit that a layout reads time in; `None` where rows are counted.
@@ -94,6 +133,32 @@ mod tests {
         let counter = TimeSource::Counter { column: column(1e-3), wraps_at: 4_294_967_296.0 };
         assert_eq!(with("unit = \"ms\"\nwraps_at = 4294967296"), Ok(counter));
         assert_eq!(with("unit = \"timestamp\""), Ok(TimeSource::Timestamp(Column::Name("time".into()))));
+    }
+
+    #[test]
+    fn the_start_may_stand_in_a_column_of_any_form() {
+        let start = |keys: &str| {
+            let text = format!("{NATIVE}\n[start]\n{keys}");
+            parse_layout("a.toml", &text).map(|layout| layout.start).map_err(|errors| errors.to_string())
+        };
+        let of = |form| Ok(Some(StartSource { column: Column::Name("time".into()), form }));
+        assert_eq!(start("column = \"time\""), of(StartForm::Timestamp));
+        assert_eq!(start("column = \"time\"\nunit = \"timestamp\""), of(StartForm::Timestamp));
+        assert_eq!(start("column = \"time\"\nunit = \"ms\""), of(StartForm::Since1970(1e-3)));
+        let format = "%d/%m/%y %H:%M";
+        assert_eq!(
+            start(&format!("column = \"time\"\nformat = \"{format}\"")),
+            of(StartForm::Format(format.into()))
+        );
+        for (keys, said) in [
+            ("unit = \"s\"", "start.column: is missing"),
+            ("column = 1\nformat = \"%H:%M\"", "must give year, month and day"),
+            ("column = 1\nunit = \"ticks\"", "unknown unit, must be one of s, ms, us, ns, timestamp"),
+            ("column = 1\nunit = \"s\"\nformat = \"%F\"", "leave one of them out"),
+        ] {
+            let errors = start(keys).expect_err(keys);
+            assert!(errors.contains(said), "{keys}: {errors}");
+        }
     }
 
     #[test]

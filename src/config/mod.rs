@@ -1,6 +1,7 @@
 //! TOML files to settings, with every problem found at once.
 
 mod daemon_file;
+mod date_format;
 mod files;
 #[cfg(test)]
 mod fixtures;
@@ -39,11 +40,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+pub use self::date_format::DateFormats;
 pub use self::layout::{
     Channel, Column, JointColumns, JointFactors, JointSigns, Layout, Misfit, MotorSide, RowRule,
-    ScaledColumn, TimeSource, TorqueQuantity,
+    ScaledColumn, StartForm, StartSource, TimeSource, TorqueQuantity,
 };
 pub use self::layout_file::{LayoutUnits, layout_units, parse_layout, read_layout};
+pub use self::pattern::FilePatterns;
 pub use self::problem::{ConfigErrors, ConfigProblem};
 pub use self::recognition::{RecogniseError, Recognised};
 pub use self::robot_file::{parse_robot, read_robot};
@@ -94,7 +97,7 @@ impl Config {
     #[must_use]
     pub fn export_entry(&self, robot: &str, file_name: &str) -> Option<&FleetEntry> {
         self.fleet.iter().find(|entry| {
-            let of_file = entry.files.as_ref().is_none_or(|files| pattern::matches(files, file_name));
+            let of_file = entry.files.as_ref().is_none_or(|files| files.matches(file_name));
             of_file && pattern::matches(&entry.robots, robot)
         })
     }
@@ -153,11 +156,20 @@ impl RewritePolicy {
 /// How a file name gives robot and start time.
 #[derive(Debug, Clone)]
 pub struct Recognition {
-    /// Pattern over the file name with the named groups `robot` and, where given, `date` (YYYYMMDD)
-    /// and `time` (HHMM or HHMMSS).
+    /// Pattern over the file name with the named groups `robot` and, where given, `date` and `time`.
     pub file_name: regex::Regex,
+    /// How date and time are written.
+    pub formats: DateFormats,
     /// IANA time zone of date and time in file names.
     pub time_zone: String,
+}
+
+impl Recognition {
+    /// The time zone of clocks that say none; `None` if this machine does not know it.
+    #[must_use]
+    pub fn zone(&self) -> Option<jiff::tz::TimeZone> {
+        recognition::time_zone(&self.time_zone)
+    }
 }
 
 /// Robots that share a description and a layout.
@@ -165,8 +177,8 @@ pub struct Recognition {
 pub struct FleetEntry {
     /// Pattern over the whole robot name; `*` stands for any characters.
     pub robots: String,
-    /// Pattern over the file name of an export, with its endings; `None` for all of them.
-    pub files: Option<String>,
+    /// Patterns over the file name of an export, with its endings, of which one must match; `None` for all files.
+    pub files: Option<FilePatterns>,
     /// The arm.
     pub description: Arc<Robot>,
     /// The layout of its exports.

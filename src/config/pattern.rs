@@ -1,5 +1,25 @@
 //! Patterns over robot names: `*` stands for any characters, everything else for itself.
 
+use std::fmt;
+
+/// Patterns over the file names of exports.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FilePatterns(pub Vec<String>);
+
+impl FilePatterns {
+    /// Whether one of them matches the whole name.
+    #[must_use]
+    pub fn matches(&self, file_name: &str) -> bool {
+        self.0.iter().any(|pattern| matches(pattern, file_name))
+    }
+}
+
+impl fmt::Display for FilePatterns {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0.join(" or "))
+    }
+}
+
 /// Whether `pattern` matches the whole of `name`.
 pub(super) fn matches(pattern: &str, name: &str) -> bool {
     let name: Vec<_> = name.chars().map(Piece::One).collect();

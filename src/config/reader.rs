@@ -223,6 +223,11 @@ impl<'d> Table<'d> {
         self.optional(key)?.table()
     }
 
+    /// Lets every key stand, whether or not it is asked for.
+    pub fn pass_over(&self) {
+        self.asked.borrow_mut().extend(self.entries.iter().map(|(key, _)| key.get_ref().to_string()));
+    }
+
     /// Notes a problem of the whole table.
     pub fn refuse(&self, problem: String, hint: Option<String>) {
         self.source.note(&self.at, &self.path, None, problem, hint);

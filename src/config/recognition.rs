@@ -1,10 +1,9 @@
 //! What a file name says: which robot, and when its recording started.
 
 use jiff::Timestamp;
-use jiff::civil::{Date, DateTime, Time};
 use jiff::tz::TimeZone;
 
-use super::Recognition;
+use super::{DateFormats, Recognition};
 
 /// Pattern of the native file names, `{robot}_{YYYYMMDD}_{HHMM}_...`.
 pub(super) const DEFAULT_FILE_NAME: &str = r"^(?<robot>.+?)_(?<date>\d{8})_(?<time>\d{4}(?:\d{2})?)(?:_.*)?$";
@@ -14,9 +13,6 @@ const EXAMPLE: &str = "R00_20260105_0847_Col23_20s_cycle5.csv.gz";
 
 /// Endings of exports; they say nothing of robot or time.
 const ENDINGS: [&str; 3] = [".gz", ".zst", ".csv"];
-
-/// Years that a recording can be from. Outside, eight digits are no date but a serial number.
-const YEARS: std::ops::RangeInclusive<i16> = 1980..=2199;
 
 /// What a file name says.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -39,14 +35,14 @@ pub enum RecogniseError {
         pattern: String,
     },
     /// Date and time are no date and time.
-    #[error(
-        "the name {file_name} says '{text}' where date (YYYYMMDD) and time (HHMM or HHMMSS) should be: {reason}"
-    )]
+    #[error("the name {file_name} says '{text}' where {wanted} should be: {reason}")]
     NoDate {
         /// The name without its folder.
         file_name: String,
         /// What the groups `date` and `time` hold.
         text: String,
+        /// What they should hold.
+        wanted: String,
         /// What is wrong with it.
         reason: String,
     },
@@ -84,11 +80,13 @@ impl Recognition {
         let time = group("time");
         let zone =
             time_zone(&self.time_zone).ok_or_else(|| RecogniseError::NoTimeZone(self.time_zone.clone()))?;
-        let started_at = timestamp(date, time, &zone).map_err(|reason| RecogniseError::NoDate {
-            file_name: file_name.to_owned(),
-            text: [Some(date), time].into_iter().flatten().collect::<Vec<_>>().join(" "),
-            reason,
-        })?;
+        let started_at =
+            timestamp(&self.formats, date, time, &zone).map_err(|reason| RecogniseError::NoDate {
+                file_name: file_name.to_owned(),
+                text: [Some(date), time].into_iter().flatten().collect::<Vec<_>>().join(" "),
+                wanted: self.formats.wanted(),
+                reason,
+            })?;
         Ok(Recognised { robot, started_at: Some(started_at) })
     }
 }
@@ -126,47 +124,14 @@ fn strip<'n>(name: &'n str, endings: &[&str]) -> &'n str {
 /// Date and time of a clock on a wall in `zone`. Where clocks are set back, the earlier of the two
 /// moments is taken; where they are set forward, the hour that does not exist continues the old
 /// one, as a controller's clock does.
-fn timestamp(date: &str, time: Option<&str>, zone: &TimeZone) -> Result<Timestamp, String> {
-    let date = parse_date(date)?;
-    let time = time.map_or(Ok(Time::midnight()), parse_time)?;
-    let moment = DateTime::from_parts(date, time);
+fn timestamp(
+    formats: &DateFormats,
+    date: &str,
+    time: Option<&str>,
+    zone: &TimeZone,
+) -> Result<Timestamp, String> {
+    let moment = formats.moment(date, time)?;
     zone.to_ambiguous_timestamp(moment).compatible().map_err(|error| error.to_string())
-}
-
-fn parse_date(text: &str) -> Result<Date, String> {
-    let [year, month, day] = digits(text, [4, 2, 2]).ok_or("the date needs eight digits")?;
-    if !YEARS.contains(&year) {
-        return Err(format!("the year {year} is not between {} and {}", YEARS.start(), YEARS.end()));
-    }
-    let (month, day) = (small(month)?, small(day)?);
-    Date::new(year, month, day).map_err(|_| format!("there is no day {day} of month {month} in {year}"))
-}
-
-fn parse_time(text: &str) -> Result<Time, String> {
-    let [hour, minute, second] = digits(text, [2, 2, 2])
-        .or_else(|| digits(text, [2, 2]).map(|[hour, minute]| [hour, minute, 0]))
-        .ok_or("the time needs four or six digits")?;
-    Time::new(small(hour)?, small(minute)?, small(second)?, 0)
-        .map_err(|_| format!("there is no time {hour:02}:{minute:02}:{second:02}"))
-}
-
-fn small(number: i16) -> Result<i8, String> {
-    i8::try_from(number).map_err(|error| error.to_string())
-}
-
-/// Consecutive decimal numbers of the given widths, which make up the whole text.
-fn digits<const N: usize>(text: &str, widths: [usize; N]) -> Option<[i16; N]> {
-    if text.len() != widths.iter().sum::<usize>() || !text.bytes().all(|b| b.is_ascii_digit()) {
-        return None;
-    }
-    let mut numbers = [0; N];
-    let mut rest = text;
-    for (number, width) in numbers.iter_mut().zip(widths) {
-        let (head, tail) = rest.split_at_checked(width)?;
-        *number = head.parse().ok()?;
-        rest = tail;
-    }
-    Some(numbers)
 }
 
 #[cfg(test)]
@@ -175,7 +140,7 @@ mod tests {
 
     fn native() -> Recognition {
         let file_name = regex::Regex::new(DEFAULT_FILE_NAME).expect("a pattern");
-        Recognition { file_name, time_zone: "UTC".into() }
+        Recognition { file_name, formats: DateFormats::default(), time_zone: "UTC".into() }
     }
 
     fn recognised(file_name: &str) -> (String, String) {
@@ -236,6 +201,7 @@ mod tests {
     fn a_pattern_may_leave_out_the_time_and_may_name_the_ending() {
         let by = |pattern| Recognition {
             file_name: regex::Regex::new(pattern).expect(pattern),
+            formats: DateFormats::default(),
             time_zone: "UTC".into(),
         };
         let robot_only = by(r"^(?<robot>.+)$").recognise("Left.csv.gz").expect("matches");
@@ -256,7 +222,7 @@ mod tests {
             ("20260329", "0230", "2026-03-29T01:30:00Z"),
         ] {
             assert_eq!(
-                timestamp(date, Some(time), &zone).map(|t| t.to_string()),
+                timestamp(&DateFormats::default(), date, Some(time), &zone).map(|t| t.to_string()),
                 Ok(expected.to_owned()),
                 "{date}"
             );

@@ -8,6 +8,7 @@ use super::Config;
 use super::daemon_file;
 use super::files;
 use super::problem::ConfigErrors;
+use crate::robot::Robot;
 
 /// Environment variable that names the configuration file.
 const VARIABLE: &str = "ARMWATCH_CONFIG";
@@ -58,6 +59,23 @@ impl ConfigSource {
                 Config::read(path)
             }
             Self::Shipped => Config::shipped(),
+        }
+    }
+}
+
+impl ConfigSource {
+    /// The description of the robot called `robot`, and nothing else: layouts and settings may be missing or wrong.
+    /// `None` where no entry is for it.
+    ///
+    /// # Errors
+    ///
+    /// Every problem of the entries' names and of that description.
+    pub fn read_description(&self, robot: &str) -> Result<Option<Robot>, ConfigErrors> {
+        match self {
+            Self::Argument(path) | Self::Environment(path) | Self::WorkingDirectory(path) => {
+                daemon_file::read_description(path, &files::read_text, robot)
+            }
+            Self::Shipped => daemon_file::read_description(Path::new(SHIPPED[0].0), &shipped_text, robot),
         }
     }
 }

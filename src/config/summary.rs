@@ -12,7 +12,7 @@ pub fn summary(config: &Config) -> String {
     let mut out = String::new();
     let mut line = |name: &str, value: String| {
         // Writing to a string cannot fail.
-        let _ = writeln!(out, "{name:<26}{value}");
+        let _ = writeln!(out, "{name:<25} {value}");
     };
     line("database", config.database.display().to_string());
     for folder in &config.watch.folders {
@@ -33,6 +33,7 @@ pub fn summary(config: &Config) -> String {
     line("longest cycle", format!("{} rows", limits.cycle_rows));
     line("HTTP", config.serve.as_ref().map_or_else(|| "off".to_owned(), serve));
     line("file names", config.recognition.file_name.to_string());
+    line("date and time in them", config.recognition.formats.wanted());
     line("time zone of file names", config.recognition.time_zone.clone());
     for entry in &config.fleet {
         let files = entry.files.as_ref().map(|files| format!(", files {files}")).unwrap_or_default();
@@ -95,7 +96,8 @@ fn layout(layout: &Layout) -> String {
     let velocity = if layout.velocity.is_some() { "velocity recorded" } else { "velocity derived" };
     let bad = layout.rows.skip_bad;
     let rows = if bad > 0 { format!(", up to {bad} bad rows passed over") } else { String::new() };
-    format!("layout {}, {velocity}{rows}", layout.name)
+    let start = layout.start.as_ref().map(|start| format!(", start from column {}", start.column));
+    format!("layout {}, {velocity}{rows}{}", layout.name, start.unwrap_or_default())
 }
 
 fn seconds(duration: Duration) -> String {

@@ -86,6 +86,14 @@ pub fn timestamp(cell: &str) -> Option<i64> {
     seconds.checked_mul(1_000_000_000)?.checked_add(nanoseconds)
 }
 
+/// As [`timestamp`] of a cell that has a date, and whether it has an offset from UTC.
+#[must_use]
+pub(super) fn dated_moment(cell: &str) -> Option<(i64, bool)> {
+    let (_, clock) = cell.split_once(['T', 't', ' '])?;
+    let has_offset = clock.ends_with(['Z', 'z']) || clock.contains(['+', '-']);
+    timestamp(cell).map(|nanoseconds| (nanoseconds, has_offset))
+}
+
 /// Days from 1970.
 fn days(date: &str) -> Option<i32> {
     let bytes = date.as_bytes();

@@ -347,7 +347,7 @@ fn with_bad_rows(rows: usize, places: &[usize]) -> (Samples, String) {
         lines[row + 1] = match kind % 7 {
             0 => cells[..9].join(","),
             1 => with(5, ""),
-            2 => with(0, "x"),
+            2 => with(1, "x"),
             3 => with(14, "1e300"),
             4 => format!("{},1,2,3", lines[row + 1]),
             5 => String::new(),

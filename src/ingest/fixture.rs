@@ -25,6 +25,7 @@ pub(super) fn native() -> Layout {
         rows: RowRule::default(),
         header: true,
         time: TimeSource::Column(ScaledColumn { column: column("time"), to_si: 1.0 }),
+        start: None,
         position: channel("pos_{joint}"),
         velocity: Some(channel("vel_{joint}")),
         torque: channel("trq_{joint}"),

@@ -6,7 +6,7 @@
 //! [`fingerprint`] tells one content from another, [`source`] opens plain and compressed exports,
 //! [`tail`] those that still grow, [`encoding`] makes UTF-8 of them, [`blocks`] cuts them at line ends,
 //! [`preamble`] finds the header, [`layout`] the columns, [`csv`] gives rows that [`parser`] reads with
-//! polars and [`exact`] cell by cell where polars would guess; [`cell`] knows what one of them says, [`channels`] turns columns
+//! polars and [`exact`] cell by cell where polars would guess; [`start`] finds when a recording started; [`cell`] knows what one of them says, [`channels`] turns columns
 //! into SI. [`infer`] proposes a layout for exports that have none. [`excerpt`] shows the place where an export was
 //! not understood, [`archive`] moves one that is stored.
 //!
@@ -33,6 +33,7 @@ pub mod preamble;
 pub mod rejection;
 pub mod settle;
 pub mod source;
+pub mod start;
 pub mod tail;
 pub mod watch;
 

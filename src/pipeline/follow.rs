@@ -54,8 +54,11 @@ impl Pipeline {
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Followed, PipelineError> {
-        let Ok(recognised) = intake::recognise(self.config(), path, intake::file_time(path)) else {
-            return Ok(Followed::UntilSettled);
+        let recognised = match intake::recognise(self.config(), path, intake::file_time(path)) {
+            Ok(recognised) => recognised,
+            // the row that says the start may not be written yet
+            Err(rejection) if rejection.is_passing => return Ok(Followed::NotYet),
+            Err(_) => return Ok(Followed::UntilSettled),
         };
         let (owned, arm) = (path.to_path_buf(), recognised.entry.clone());
         let opened = tokio::task::spawn_blocking(move || open(owned, &arm)).await?;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use jiff::Timestamp;
+use jiff::tz::TimeZone;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
@@ -16,6 +17,7 @@ use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::fingerprint::{self, fingerprint};
 use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
+use crate::ingest::start;
 use crate::robot::Robot;
 use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunStatus};
 use crate::store::{Beginning, EarlierRun, Identity, KnownRun, SourceState};
@@ -341,9 +343,9 @@ pub struct Recognised<'a> {
     pub entry: &'a FleetEntry,
     /// The individual robot.
     pub robot: String,
-    /// Start of the recording: from the name or, without one there, the file's time.
+    /// Start of the recording: from its rows or its name or, without one there, the file's time.
     pub started_at: Timestamp,
-    /// Whether the name says the start.
+    /// Whether the rows or the name say the start.
     named_start: bool,
 }
 
@@ -378,11 +380,23 @@ pub fn recognise<'a>(
             "add a [[robot]] entry whose name matches to the configuration",
         )
     })?;
+    let started_at = match &entry.layout.start {
+        Some(start) => Some(start::recorded_start(path, &entry.layout, start, &zone(config, path)?)?),
+        None => recognised.started_at,
+    };
     Ok(Recognised {
         entry,
         robot: recognised.robot,
-        started_at: recognised.started_at.unwrap_or(file_time),
-        named_start: recognised.started_at.is_some(),
+        started_at: started_at.unwrap_or(file_time),
+        named_start: started_at.is_some(),
+    })
+}
+
+/// The time zone of clocks in names and rows.
+fn zone(config: &Config, path: &Path) -> Result<TimeZone, Rejection> {
+    config.recognition.zone().ok_or_else(|| {
+        let reason = format!("time zone {} is not known on this machine", config.recognition.time_zone);
+        Rejection::of_file(path, reason, "install the time zone database (package tzdata)")
     })
 }
 

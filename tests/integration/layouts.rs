@@ -91,3 +91,86 @@ fn proposals_for_what_is_shipped_load_and_ask_what_only_people_know() {
     let refused = workshop.run(&["layout", "infer", "empty.csv"]);
     assert_eq!(refused.status.code(), Some(1));
 }
+
+#[test]
+fn a_layout_is_written_whole_and_needs_none_that_exists() {
+    let workshop = Workshop::new();
+    workshop.add_reference("inbox");
+    let export = format!("inbox/{REFERENCE_NAME}");
+    // a configuration whose layout is what is about to be made
+    let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
+    let config: Vec<&str> =
+        config.lines().map(|l| if l.starts_with("layout") { "layout = \"cell4.toml\"" } else { l }).collect();
+    fs::write(workshop.path("armwatch.toml"), config.join("\n") + "\n").expect("a configuration");
+    let infer = ["layout", "infer", &export, "--robot", "R00", "-o", "cell4.toml"];
+    assert_eq!(workshop.stdout(&infer, 0), "");
+    workshop.stdout(&["config", "check"], 0);
+    let first = fs::read_to_string(workshop.path("cell4.toml")).expect("a layout");
+    assert!(first.contains("name = \"cell4\"") && first.ends_with('\n'), "{first}");
+
+    fs::write(workshop.path("cell4.toml"), "# by hand\n").expect("a layout");
+    let refused = workshop.run(&infer);
+    assert_eq!(refused.status.code(), Some(2));
+    assert_eq!(fs::read_to_string(workshop.path("cell4.toml")).expect("as it was"), "# by hand\n");
+    let bad = ["layout", "infer", "armwatch.toml", "-o", "cell4.toml", "--force"];
+    assert_eq!(workshop.run(&bad).status.code(), Some(1));
+    assert_eq!(fs::read_to_string(workshop.path("cell4.toml")).expect("as it was"), "# by hand\n");
+    workshop.stdout(&[&infer[..], &["--force"]].concat(), 0);
+    assert_eq!(fs::read_to_string(workshop.path("cell4.toml")).expect("a layout"), first);
+    let entries: Vec<_> =
+        fs::read_dir(workshop.path("")).expect("the folder").flatten().map(|e| e.file_name()).collect();
+    assert!(entries.iter().all(|name| !name.to_string_lossy().ends_with(".tmp")), "{entries:?}");
+
+    let unknown = workshop.run(&["layout", "infer", &export, "--config", "armwatch.toml", "--robot", "R00"]);
+    assert_eq!(unknown.status.code(), Some(0));
+    let root = env!("CARGO_MANIFEST_DIR");
+    let description = format!("{root}/config/robots/er3a.toml");
+    fs::write(workshop.path("armwatch.toml"), "[watch\n").expect("a broken configuration");
+    workshop.stdout(&["layout", "infer", &export, "--description", &description], 0);
+    workshop.stdout(&["layout", "infer", &export], 0);
+}
+
+#[test]
+fn dates_in_any_form_and_the_start_from_a_column_of_the_export() {
+    let workshop = Workshop::new();
+    let native = decompressed();
+    let lines: Vec<&str> = native.lines().take(1 + 8509).collect();
+    fs::write(workshop.inbox("left-26_01_05-08h47.csv"), lines.join("\n") + "\n").expect("an export");
+    let dated: Vec<String> = (lines.iter().enumerate())
+        .map(|(at, line)| match at {
+            0 => format!("{line},Date"),
+            at => format!("{line},06/01/26 10:{:02}:07.5", at / 1000),
+        })
+        .collect();
+    fs::write(workshop.inbox("right.csv"), dated.join("\n") + "\n").expect("an export");
+
+    let root = env!("CARGO_MANIFEST_DIR");
+    let layout = fs::read_to_string(format!("{root}/config/exports/native.toml")).expect("a layout");
+    let start = "\n[start]\ncolumn = \"Date\"\nformat = \"%d/%m/%y %H:%M:%S%.f\"\n";
+    fs::write(workshop.path("dated.toml"), layout + start).expect("a layout");
+    let config = format!(
+        "[watch]\nfolders = [\"inbox\"]\n\n[recognition]\n\
+         file_name = '^(?<robot>[a-z]+)(?:-(?<date>\\d\\d_\\d\\d_\\d\\d)-(?<time>\\d\\dh\\d\\d))?$'\n\
+         date_format = \"%y_%m_%d\"\ntime_format = \"%Hh%M\"\ntime_zone = \"UTC\"\n\n\
+         [[robot]]\nname = \"*\"\nfiles = [\"none*\", \"right*\"]\ndescription = \"{root}/config/robots/er3a.toml\"\n\
+         layout = \"dated.toml\"\n\n[[robot]]\nname = \"*\"\ndescription = \"{root}/config/robots/er3a.toml\"\n\
+         layout = \"{root}/config/exports/native.toml\"\n"
+    );
+    fs::write(workshop.path("armwatch.toml"), config).expect("a configuration");
+    let summary = workshop.stdout(&["config", "check"], 0);
+    assert!(summary.contains("robot *, files none* or right* er3a with 6 joints"), "{summary}");
+    assert!(summary.contains("date (%y_%m_%d) and time (%Hh%M)"), "{summary}");
+    let said = workshop.stdout(&["explain", "--quick", "inbox/right.csv"], 0);
+    assert!(said.contains("2026-01-06T10:00:07.5Z, from column Date of its first row"), "{said}");
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let starts = workshop.query("SELECT robot, started_at FROM runs ORDER BY robot");
+    assert_eq!(starts, ["left|2026-01-05T08:47:00.000Z", "right|2026-01-06T10:00:07.500Z"]);
+
+    let wrong =
+        fs::read_to_string(workshop.path("armwatch.toml")).expect("it").replace("%y_%m_%d", "YY_MM_DD");
+    fs::write(workshop.path("armwatch.toml"), wrong).expect("a configuration");
+    let refused = workshop.run(&["config", "check"]);
+    let said =
+        String::from_utf8_lossy(&refused.stderr).into_owned() + &String::from_utf8_lossy(&refused.stdout);
+    assert!(said.contains("recognition.date_format") && said.contains("%y_%m_%d for 26_01_05"), "{said}");
+}

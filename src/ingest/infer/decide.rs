@@ -58,7 +58,7 @@ pub(super) fn propose(head: &Head, hints: Hints<'_>) -> Vec<Section> {
     let mut sections = vec![time_section(head, time, &units, slopes.overall, hints)];
     sections.push(position_section(&joints, &units));
     sections.extend(velocity_section(&joints, &units, &slopes));
-    sections.push(torque_section(&joints));
+    sections.push(torque_section(&joints, &units, hints));
     let signals = signals(head, &joints, time.map(|(column, _)| column));
     let is_time = |at: usize| time.is_some_and(|(column, _)| column == at);
     let temperatures = temperatures(head, joints.count, |at| joints.has(at) || is_time(at));

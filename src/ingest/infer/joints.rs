@@ -51,10 +51,10 @@ pub(super) fn by_name<'h>(head: &'h Head, robot: Option<&Robot>) -> Joints<'h> {
         })
         .collect();
     let of = |kind: Kind| groups.iter().filter(move |(_, said)| said.kind == Some(kind));
-    let count = robot.map_or_else(
-        || of(Kind::Position).map(|(group, _)| group.columns.len()).max().unwrap_or(0),
-        Robot::joint_count,
-    );
+    // a log may have no positions: then the other columns tell how many joints there are
+    let most = |kind: Kind| of(kind).map(|(group, _)| group.columns.len()).max();
+    let kinds = [Kind::Position, Kind::Velocity, Kind::Torque, Kind::Current, Kind::Temperature];
+    let count = robot.map_or_else(|| kinds.into_iter().find_map(most).unwrap_or(0), Robot::joint_count);
     let best = |kind: Kind| {
         let fitting = of(kind).filter(|(group, _)| group.columns.len() >= count.max(1));
         fitting.min_by_key(|(group, said)| (said.is_target, said.is_motor, group.columns.len() != count))

@@ -1,8 +1,8 @@
 //! A layout for an unknown export, proposed from its first rows, with the reasons.
 //!
 //! `head` finds how the text is written, `names` what the names of columns say, `units` and `stages` what their
-//! numbers say; `joints` finds the columns of the joints, `motion_units` their units, `motion_sections` writes of
-//! both; `decide` puts it together, and `write` makes a layout file of it. Nothing is guessed in silence:
+//! numbers say; `joints` finds the columns of the joints, `motion_units` their units, `torque_size` whether torques
+//! are as large as the arm's, `motion_sections` writes of them; `decide` puts it together, and `write` makes a layout file of it. Nothing is guessed in silence:
 //! each choice has its reason as a comment, and what cannot be decided is a commented line with a question.
 
 mod decide;
@@ -13,6 +13,7 @@ mod motion_units;
 mod names;
 mod stages;
 mod temperatures;
+mod torque_size;
 mod units;
 mod write;
 
@@ -30,9 +31,14 @@ use crate::robot::Robot;
 pub struct Hints<'a> {
     /// The arm, whose number of joints and limits help to decide.
     pub robot: Option<&'a Robot>,
+    /// Torques that hold the arm against gravity at joint positions, Nm (N); `None` for an arm without masses.
+    pub gravity_torques: Option<GravityTorques>,
     /// Rows per second, Hz, for exports without time.
     pub sample_rate: Option<f64>,
 }
+
+/// Torques `[n]`, Nm (N), that hold an arm against gravity at joint positions `[n]`, rad (m).
+pub type GravityTorques = fn(&Robot, &[f64]) -> Option<Vec<f64>>;
 
 /// A proposed layout.
 #[derive(Debug, Clone, PartialEq, Eq)]

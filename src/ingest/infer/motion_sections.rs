@@ -3,14 +3,18 @@
 use super::Hints;
 use super::decide::{Key, Section, column_name};
 use super::head::Head;
-use super::joints::Joints;
+use super::joints::{Found, Joints};
 use super::motion_units::{Slopes, Units};
 use super::names::Kind;
+use super::torque_size::{self, Size};
 use super::units::{self, Slope};
 use super::write::quoted;
 
 /// Sample rates that are believed, Hz: what a layout takes.
 const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;
+
+/// Currents from here on are not in A: the motors of the largest arms take some 100 A.
+const LEAST_MILLIAMPERES: f64 = 300.0;
 
 /// A number with three digits that count.
 fn rounded(value: f64) -> f64 {
@@ -151,19 +155,9 @@ pub(super) fn velocity_section(joints: &Joints<'_>, units: &Units, slopes: &Slop
     Some(Section { title: Some("velocity"), comments: Vec::new(), keys })
 }
 
-pub(super) fn torque_section(joints: &Joints<'_>) -> Section {
+pub(super) fn torque_section(joints: &Joints<'_>, units: &Units, hints: Hints<'_>) -> Section {
     let Some(found) = &joints.torque else { return joint_question("torque", joints.count) };
-    let most = units::largest(found.values.iter().copied().flatten());
-    let unit = match (found.said.unit, found.said.kind) {
-        (Some(unit @ ("Nm" | "N" | "A" | "mA" | "%" | "permille")), _) => {
-            Key::decided("unit", quoted(unit)).because("the name gives it")
-        }
-        (_, Some(Kind::Current)) => Key::decided("unit", quoted("A"))
-            .because(&format!("a current without unit; the largest is {most:.4}")),
-        _ => Key::decided("unit", quoted("Nm")).because(&format!(
-            "a torque without unit; the largest is {most:.4}. Not % or permille of rated?"
-        )),
-    };
+    let unit = torque_unit(found, size_of(found, joints, units, hints), hints);
     let needs_gain = !unit.value.contains('N');
     let mut keys = vec![Key::decided(found.key.0, found.key.1.clone()).because(&found.why), unit];
     if needs_gain {
@@ -175,4 +169,55 @@ pub(super) fn torque_section(joints: &Joints<'_>) -> Section {
         keys.push(Key::decided("side", quoted("motor")).because("the name says motor"));
     }
     Section { title: Some("torque"), comments: Vec::new(), keys }
+}
+
+/// How large the recorded torques are beside those of gravity, where positions are the joints' and their unit is known.
+fn size_of(found: &Found<'_>, joints: &Joints<'_>, units: &Units, hints: Hints<'_>) -> Option<Size> {
+    let position =
+        joints.position.as_ref().filter(|position| !position.said.is_motor && !units.beyond_limits)?;
+    if found.said.is_motor {
+        return None;
+    }
+    let to_si = units.choice()?.position.1;
+    let radians: Vec<Vec<f64>> =
+        position.values.iter().map(|values| values.iter().map(|value| value * to_si).collect()).collect();
+    torque_size::size(hints, &radians, &found.values)
+}
+
+/// The unit of torques: by their name, else only where nothing speaks for currents.
+fn torque_unit(found: &Found<'_>, size: Option<Size>, hints: Hints<'_>) -> Key {
+    let most = units::largest(found.values.iter().copied().flatten());
+    let named_torque = found.said.kind == Some(Kind::Torque);
+    let gains = hints.robot.filter(|robot| {
+        robot.joints.iter().any(|joint| joint.drive_gain.is_some() || joint.motor_torque_constant.is_some())
+    });
+    let compared = size.map_or_else(String::new, |size| format!("; {}", size.text()));
+    match (found.said.unit, found.said.kind) {
+        (Some(unit @ ("Nm" | "N" | "A" | "mA" | "%" | "permille")), _) => {
+            Key::decided("unit", quoted(unit)).because("the name gives it")
+        }
+        (_, Some(Kind::Current)) if most >= LEAST_MILLIAMPERES => Key::decided("unit", quoted("mA")).asked(&format!(
+            "a current without unit: A or mA? The largest is {most:.4}, more than the motors of an arm take in A"
+        )),
+        (_, Some(Kind::Current)) => Key::decided("unit", quoted("A"))
+            .because(&format!("a current without unit; the largest is {most:.4}")),
+        _ if size.is_some_and(|size| !size.is_like_torque()) => {
+            let what = if named_torque { "the name says torque, and the numbers are not as large as torques in Nm" }
+                else { "no name says what these are, and they are not as large as torques in Nm" };
+            Key::decided("unit", quoted("Nm"))
+                .asked(&format!("{what}{compared}. Currents in A, or % or permille of rated?"))
+        }
+        _ if named_torque => Key::decided("unit", quoted("Nm")).because(&format!(
+            "a torque without unit; the largest is {most:.4}{compared}. Not % or permille of rated?"
+        )),
+        _ if gains.is_some() => Key::decided("unit", quoted("A")).asked(&format!(
+            "no name says whether these are torques in Nm or currents in A, and the description has drive gains, which \
+             currents need; the largest is {most:.4}{compared}"
+        )),
+        _ if size.is_some() => Key::decided("unit", quoted("Nm"))
+            .because(&format!("no name says so; they are as large as the arm's torques: {}", compared.trim_start_matches("; "))),
+        _ => Key::decided("unit", quoted("Nm")).asked(&format!(
+            "no name says whether these are torques in Nm, currents in A or % of rated; the largest is {most:.4}"
+        )),
+    }
 }

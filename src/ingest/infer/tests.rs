@@ -191,7 +191,14 @@ fn without_names_the_arm_tells_how_many_columns_belong_together() {
     let robot = er3a();
     let asked = proposed(rows.as_bytes(), Hints::default());
     assert!(asked.questions > 0 && asked.toml.contains("# ? "), "{}", asked.toml);
-    let told = proposed(rows.as_bytes(), Hints { robot: Some(&robot), sample_rate: None });
+    let told = proposed(
+        rows.as_bytes(),
+        Hints {
+            robot: Some(&robot),
+            gravity_torques: Some(|_, _| Some(vec![0.1, 0.5, 0.2, 0.0, 0.0, 2.0])),
+            ..Hints::default()
+        },
+    );
     let layout = loaded(&told);
     assert!(!layout.header);
     let truth = samples(native_text.as_bytes(), &native());
@@ -211,7 +218,7 @@ fn recordings_at_the_motors_without_time_need_only_the_rate() {
             .collect();
     let asked = proposed(text.as_bytes(), Hints::default());
     assert!(asked.toml.contains("how many rows are there a second?"), "{}", asked.toml);
-    let told = proposed(text.as_bytes(), Hints { robot: None, sample_rate: Some(5000.0) });
+    let told = proposed(text.as_bytes(), Hints { sample_rate: Some(5000.0), ..Hints::default() });
     assert!(
         told.toml.contains("column = \"mpos_{joint}\"") && told.toml.contains("side = \"motor\""),
         "{}",
@@ -288,4 +295,71 @@ fn temperatures_are_proposed_with_their_units_and_disturb_nothing() {
         !toml.contains("_temperature]") && toml.contains("cabinet temperature (a temperature, not told"),
         "{toml}"
     );
+}
+
+/// The native export without names, its torques divided by `gain`.
+fn nameless(gain: f64) -> String {
+    let text = export(&native_style());
+    let rows = text.lines().skip(1).map(|line| {
+        let cells = line.split(',').enumerate().map(|(column, cell)| match column {
+            13..=18 => format!("{:.6}", cell.parse::<f64>().unwrap() / gain),
+            _ => cell.to_owned(),
+        });
+        cells.collect::<Vec<_>>().join(",") + "\n"
+    });
+    rows.collect()
+}
+
+/// Gravity that asks as much of the joints as the made exports hold, in Nm.
+fn gravity(_: &crate::robot::Robot, _: &[f64]) -> Option<Vec<f64>> {
+    Some(vec![0.1, 1.0, 1.0, 0.2, 0.1, 6.0])
+}
+
+#[test]
+fn columns_without_names_are_never_guessed_to_be_torques_where_they_may_be_currents() {
+    let plain = er3a();
+    let mut with_gains = er3a();
+    with_gains.joints.iter_mut().for_each(|joint| joint.drive_gain = Some(10.0));
+    let toml = |robot, gravity_torques, gain| {
+        let hints = Hints { robot: Some(robot), gravity_torques, sample_rate: None };
+        proposed(nameless(gain).as_bytes(), hints)
+    };
+    let fits = toml(&plain, Some(gravity), 1.0);
+    assert_eq!(fits.questions, 0, "{}", fits.toml);
+    for (asked, said) in [
+        (toml(&plain, Some(gravity), 20.0), "not as large as torques in Nm"),
+        (toml(&plain, None, 1.0), "torques in Nm, currents in A or % of rated"),
+        (toml(&with_gains, Some(gravity), 1.0), "the description has drive gains"),
+        (toml(&with_gains, None, 20.0), "the description has drive gains"),
+    ] {
+        assert_eq!(asked.questions, 1, "{}", asked.toml);
+        let words = asked.toml.replace("\n#", "");
+        assert!(words.contains(said) && words.contains("# ? no name says"), "{}", asked.toml);
+        assert!(!asked.toml.contains("\nunit = \"Nm\""), "{}", asked.toml);
+    }
+}
+
+#[test]
+fn torques_by_name_that_are_as_small_as_currents_are_asked_about() {
+    let robot = er3a();
+    let hints = Hints { robot: Some(&robot), gravity_torques: Some(gravity), sample_rate: None };
+    let native = proposed(export(&native_style()).as_bytes(), hints);
+    assert_eq!(native.questions, 0, "{}", native.toml);
+    let header = export(&native_style()).lines().next().unwrap().to_owned();
+    let small = proposed(format!("{header}\n{}", nameless(50.0)).as_bytes(), hints);
+    assert!(small.questions == 1 && small.toml.contains("# ? the name says torque"), "{}", small.toml);
+}
+
+#[test]
+fn a_log_without_positions_names_its_currents_and_asks_for_positions() {
+    let text: String = std::iter::once("time,current_1,current_2,temp_motor_1,temp_motor_2\n".to_owned())
+        .chain((0..50).map(|row| format!("{row}.5,{}.25,-1.5,31.5,30\n", row % 5)))
+        .collect();
+    let found = proposed(text.as_bytes(), Hints::default()).toml;
+    assert!(
+        found.contains("column = \"current_{joint}\"") && found.contains("the largest is 4.2500"),
+        "{found}"
+    );
+    assert!(!found.contains("columns = []") && found.contains("# ? "), "{found}");
+    assert!(found.contains("column = \"temp_motor_{joint}\""), "{found}");
 }
