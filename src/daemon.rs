@@ -8,10 +8,12 @@
 mod archive;
 mod book;
 mod places;
+pub mod preflight;
 mod stale;
 mod vanished;
 
 use std::collections::{HashMap, HashSet};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -29,7 +31,7 @@ use crate::pipeline::follow::{Ends, Followed};
 use crate::pipeline::isolation::Conclusion;
 use crate::pipeline::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::run::FileId;
-use crate::store::UnfinishedSource;
+use crate::store::{DaemonClaim, UnfinishedSource};
 use book::{Begun, Book, Closing, Due};
 use places::{Place, Places};
 use stale::Stale;
@@ -107,6 +109,8 @@ struct Work<'r> {
     tasks: JoinSet<Closed>,
     /// Growing files being read.
     places: Places,
+    /// The configuration was read again, and what watches the folders does not know it yet.
+    is_reloaded: bool,
     /// Files that were to be read again at the last look.
     asked: HashSet<PathBuf>,
     /// Robots with a settled file being read.
@@ -125,27 +129,37 @@ struct Work<'r> {
     progress: (mpsc::UnboundedSender<Progressed>, mpsc::UnboundedReceiver<Progressed>),
 }
 
-/// Watches the configured folders until `stop` is cancelled, then finishes the cycles in hand.
-/// `reread` is asked for the configuration when quarantined exports are to be read again, because their
-/// robot or layout may have been corrected; folders and times stay as they were. `report` hears the outcome
-/// of every export and what each robot's history says.
+/// What a daemon works with besides its pipeline.
+pub struct Control<'r> {
+    /// The database is this daemon's.
+    pub claim: DaemonClaim,
+    /// Ends it.
+    pub stop: CancellationToken,
+    /// Asks it to read its configuration again; see [`reload_on_hangup`].
+    pub reload: mpsc::Receiver<()>,
+    /// Reads the configuration, when asked to and when quarantined exports are to be read again, because their
+    /// robot or layout may have been corrected.
+    pub reread: &'r Reread<'r>,
+}
+
+/// Watches the configured folders until a stop is asked for, then finishes the cycles in hand. `report` hears the
+/// outcome of every export and what each robot's history says.
 ///
 /// # Errors
-/// [`PipelineError`] where the daemon cannot go on: a full disk, or another daemon on the database.
+/// [`PipelineError`] where the daemon cannot go on, such as a full disk.
 pub async fn watch(
     pipeline: &Pipeline,
-    stop: &CancellationToken,
-    reread: &Reread<'_>,
+    control: Control<'_>,
     mut report: impl FnMut(Event<'_>),
 ) -> Result<(), PipelineError> {
-    let _claim = pipeline.store().claim().map_err(PipelineError::from)?;
+    let Control { claim: _claim, stop, reload, reread } = control;
     let quarantined = pipeline.store().counts().await?.quarantined_runs;
     if quarantined > 0 {
         tracing::info!(quarantined, "exports in quarantine; `armwatch quarantine list` shows them");
     }
     let begun = begun_before(&pipeline.store().unfinished_sources().await?);
     let mut work = Work::new(pipeline, reread, stop.child_token(), begun);
-    let watched = work.go_on(&mut report).await;
+    let watched = work.go_on(reload, &mut report).await;
     // after a failure the others finish their cycles too
     work.stop.cancel();
     while let Some(closed) = work.tasks.join_next().await {
@@ -166,7 +180,7 @@ pub async fn watch(
     while Instant::now() < end
         && let Some(robot) = work.stale.next(Instant::now(), |_| true)
     {
-        let concluded = pipeline.conclude_isolated(&robot).await;
+        let concluded = work.pipeline.conclude_isolated(&robot).await;
         work.concluded((robot, concluded), &mut report)?;
     }
     Ok(())
@@ -193,6 +207,7 @@ impl<'r> Work<'r> {
             missing: Missing::default(),
             tasks: JoinSet::new(),
             places: Places::default(),
+            is_reloaded: false,
             asked: HashSet::new(),
             robots: HashSet::new(),
             settled: [0; Class::ALL.len()],
@@ -205,14 +220,26 @@ impl<'r> Work<'r> {
     }
 
     /// Scans and takes files until a stop is asked for.
-    async fn go_on(&mut self, report: &mut impl FnMut(Event<'_>)) -> Result<(), PipelineError> {
-        let settings = self.pipeline.config().watch.clone();
+    async fn go_on(
+        &mut self,
+        mut reload: mpsc::Receiver<()>,
+        report: &mut impl FnMut(Event<'_>),
+    ) -> Result<(), PipelineError> {
+        let mut settings = self.pipeline.config().watch.clone();
         let (mut watcher, mut hints) = watch::watch_folders(&settings.folders);
         let mut complaints = Complaints::default();
         let mut next_scan = Instant::now();
         let mut earliest = next_scan;
         self.take_over_stale().await?;
         while !self.stop.is_cancelled() {
+            if std::mem::take(&mut self.is_reloaded) {
+                let new = self.pipeline.config().watch.clone();
+                if new.folders != settings.folders {
+                    (watcher, hints) = watch::watch_folders(&new.folders);
+                }
+                (next_scan, settings) = (Instant::now(), new);
+                earliest = next_scan;
+            }
             self.take_what_is_due();
             self.conclude_what_is_due();
             let next_look = self.next_look();
@@ -222,6 +249,7 @@ impl<'r> Work<'r> {
                 Some(concluded) = self.concluding.join_next() => self.concluded(concluded?, report)?,
                 Some((file, progress)) = self.progress.1.recv() => self.progressed(file, progress),
                 Some(()) = hints.recv(), if next_scan > earliest => next_scan = earliest,
+                Some(()) = reload.recv() => self.reload(),
                 () = until(next_look) => {}
                 () = tokio::time::sleep_until(next_scan.into()) => {
                     watcher.watch_missing();
@@ -275,15 +303,22 @@ impl<'r> Work<'r> {
         Ok(())
     }
 
+    /// Reads the configuration again, for exports that are taken from now on; one that cannot be used changes
+    /// nothing.
+    fn reload(&mut self) {
+        let Some(config) = (self.reread)() else { return };
+        tracing::info!("configuration read again");
+        self.book.settle_in(config.watch.settle);
+        self.pipeline = self.pipeline.with_config(config.into());
+        self.is_reloaded = true;
+    }
+
     /// Lets exports be taken again that a person asked for, by the configuration as it is now.
     async fn note_retries(&mut self) -> Result<(), PipelineError> {
         let asked = self.pipeline.store().paths_to_retry().await?;
         let asked: HashSet<PathBuf> = asked.into_iter().collect();
         if !asked.is_subset(&self.asked) {
-            if let Some(config) = (self.reread)() {
-                tracing::info!("configuration read again");
-                self.pipeline = self.pipeline.with_config(config.into());
-            }
+            self.reload();
             asked.iter().for_each(|path| self.book.again(path));
         }
         self.asked = asked;
@@ -553,6 +588,31 @@ fn log_outcome(path: &Path, outcome: &Outcome) {
             tracing::debug!(%file, run_id, "the same content is being read under another name");
         }
     }
+}
+
+/// Hears SIGHUP: asks for the configuration to be read again, or, where the terminal that the program was started in
+/// has been closed, for a stop.
+///
+/// # Errors
+/// If the handler cannot be installed.
+pub fn reload_on_hangup(stop: &CancellationToken) -> std::io::Result<mpsc::Receiver<()>> {
+    let mut hangup = signal(SignalKind::hangup())?;
+    let (sender, receiver) = mpsc::channel(1);
+    let had_terminal = std::io::stdin().is_terminal();
+    let stop = stop.clone();
+    tokio::spawn(async move {
+        while hangup.recv().await.is_some() {
+            // a terminal that is closed answers nothing any more
+            if had_terminal && !std::io::stdin().is_terminal() {
+                tracing::info!("SIGHUP, the terminal is closed: finishing the cycle in hand");
+                return stop.cancel();
+            }
+            tracing::info!("SIGHUP: reading the configuration again");
+            // a full channel holds the wish already
+            let _ = sender.try_send(());
+        }
+    });
+    Ok(receiver)
 }
 
 /// A token that SIGINT and SIGTERM cancel. A second signal ends the process at once, which is safe:

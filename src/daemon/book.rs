@@ -122,6 +122,14 @@ impl Book {
         }
     }
 
+    /// Lets files settle in `settle` from now on; those whose writers were found to be slow keep their longer time.
+    pub fn settle_in(&mut self, settle: Duration) {
+        let before = std::mem::replace(&mut self.settle, settle);
+        for entry in self.entries.values_mut().filter(|entry| entry.patience <= before.max(settle)) {
+            entry.patience = settle;
+        }
+    }
+
     /// Notes what a look at the folders found at `now`. `is_marked` says whether the writer has marked a file
     /// as done, `lane_of` in which queue it stands when it has settled.
     pub fn note(

@@ -199,7 +199,9 @@ impl Pipeline {
     /// The same pipeline under another configuration, for exports that are taken from now on.
     #[must_use]
     pub fn with_config(&self, config: Arc<Config>) -> Self {
-        Self { config, ..self.clone() }
+        let same_analysis = config.analysis == self.config.analysis;
+        let methods = if same_analysis { Arc::clone(&self.methods) } else { Arc::default() };
+        Self { config, methods, ..self.clone() }
     }
 
     /// The configuration that the pipeline follows.
