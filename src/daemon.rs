@@ -7,9 +7,13 @@
 
 mod archive;
 mod book;
+mod places;
+pub mod preflight;
+mod stale;
 mod vanished;
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{HashMap, HashSet};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -22,12 +26,15 @@ use crate::alert;
 use crate::config::Config;
 use crate::ingest::tail;
 use crate::ingest::watch::{self, Complaints, Scan};
-use crate::pipeline::conclude::{Concluded, RUNS_AT_ONCE};
-use crate::pipeline::follow::Followed;
+use crate::pipeline::conclude::Concluded;
+use crate::pipeline::follow::{Ends, Followed};
+use crate::pipeline::isolation::Conclusion;
 use crate::pipeline::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::run::FileId;
-use crate::store::UnfinishedSource;
+use crate::store::{DaemonClaim, UnfinishedSource};
 use book::{Begun, Book, Closing, Due};
+use places::{Place, Places};
+use stale::Stale;
 use vanished::Missing;
 
 /// Hints that arrive within this time cause one scan: a copy of a large file makes thousands.
@@ -55,9 +62,9 @@ impl Class {
     }
 }
 
-/// While settled files of a robot wait, conclusions from its history wait for the last of them, but no longer
-/// than this: a backlog of a thousand runs is not judged a thousand times, nor only in the end.
-const CONCLUDE_WITHIN: Duration = Duration::from_secs(10);
+/// Conclusions that still wait when the daemon is to stop are drawn for this long, the others at the next start: a
+/// fleet's backlog takes minutes, and who stops a service waits for seconds.
+const CONCLUDE_AT_STOP: Duration = Duration::from_secs(5);
 
 /// What the daemon has to say.
 #[derive(Debug)]
@@ -69,10 +76,6 @@ pub enum Event<'a> {
 }
 /// Why a run ends whose file is gone.
 const VANISHED: &str = "the file vanished before it was read to its end; put it back, or export it again";
-
-/// Growing files at once that are not read up to what is written. After a restart all of them have to be caught up
-/// with; one after the other, the first is done before the last, and a daemon that is often killed gets on.
-const CATCHING_UP: usize = 2;
 
 /// Which way a file is taken.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -104,7 +107,10 @@ struct Work<'r> {
     book: Book,
     missing: Missing,
     tasks: JoinSet<Closed>,
-    growing: usize,
+    /// Growing files being read.
+    places: Places,
+    /// The configuration was read again, and what watches the folders does not know it yet.
+    is_reloaded: bool,
     /// Files that were to be read again at the last look.
     asked: HashSet<PathBuf>,
     /// Robots with a settled file being read.
@@ -114,36 +120,46 @@ struct Work<'r> {
     /// A settled file of each class whose run has no number yet. One at a time, so that numbers follow names,
     /// and of two files with one content, which have one size, the first by name is taken.
     admitting: [Option<FileId>; Class::ALL.len()],
-    /// Robots whose history has changed: since when, and by how many runs.
-    stale: BTreeMap<String, (Instant, usize)>,
+    /// Robots that wait for conclusions.
+    stale: Stale,
     /// Conclusions being drawn, one robot at a time.
-    concluding: JoinSet<(String, Result<Option<Concluded>, PipelineError>)>,
-    /// Growing files that are not read up to what is written.
-    catching_up: HashSet<FileId>,
+    concluding: JoinSet<(String, Result<Conclusion, PipelineError>)>,
+    /// The robot that they are of.
+    concluded_robot: Option<String>,
     progress: (mpsc::UnboundedSender<Progressed>, mpsc::UnboundedReceiver<Progressed>),
 }
 
-/// Watches the configured folders until `stop` is cancelled, then finishes the cycles in hand.
-/// `reread` is asked for the configuration when quarantined exports are to be read again, because their
-/// robot or layout may have been corrected; folders and times stay as they were. `report` hears the outcome
-/// of every export and what each robot's history says.
+/// What a daemon works with besides its pipeline.
+pub struct Control<'r> {
+    /// The database is this daemon's.
+    pub claim: DaemonClaim,
+    /// Ends it.
+    pub stop: CancellationToken,
+    /// Asks it to read its configuration again; see [`reload_on_hangup`].
+    pub reload: mpsc::Receiver<()>,
+    /// Reads the configuration, when asked to and when quarantined exports are to be read again, because their
+    /// robot or layout may have been corrected.
+    pub reread: &'r Reread<'r>,
+}
+
+/// Watches the configured folders until a stop is asked for, then finishes the cycles in hand. `report` hears the
+/// outcome of every export and what each robot's history says.
 ///
 /// # Errors
-/// [`PipelineError`] where the daemon cannot go on: a full disk, or another daemon on the database.
+/// [`PipelineError`] where the daemon cannot go on, such as a full disk.
 pub async fn watch(
     pipeline: &Pipeline,
-    stop: &CancellationToken,
-    reread: &Reread<'_>,
+    control: Control<'_>,
     mut report: impl FnMut(Event<'_>),
 ) -> Result<(), PipelineError> {
-    let _claim = pipeline.store().claim().map_err(PipelineError::from)?;
+    let Control { claim: _claim, stop, reload, reread } = control;
     let quarantined = pipeline.store().counts().await?.quarantined_runs;
     if quarantined > 0 {
         tracing::info!(quarantined, "exports in quarantine; `armwatch quarantine list` shows them");
     }
     let begun = begun_before(&pipeline.store().unfinished_sources().await?);
     let mut work = Work::new(pipeline, reread, stop.child_token(), begun);
-    let watched = work.go_on(&mut report).await;
+    let watched = work.go_on(reload, &mut report).await;
     // after a failure the others finish their cycles too
     work.stop.cancel();
     while let Some(closed) = work.tasks.join_next().await {
@@ -159,9 +175,13 @@ pub async fn watch(
         }
     }
     watched?;
-    // what is not concluded when a second signal comes is concluded when the daemon starts again
-    for concluded in pipeline.conclude().await? {
-        announce(&concluded, &mut report);
+    // what is not concluded then is concluded when the daemon starts again
+    let end = Instant::now() + CONCLUDE_AT_STOP;
+    while Instant::now() < end
+        && let Some(robot) = work.stale.next(Instant::now(), |_| true)
+    {
+        let concluded = work.pipeline.conclude_isolated(&robot).await;
+        work.concluded((robot, concluded), &mut report)?;
     }
     Ok(())
 }
@@ -186,41 +206,60 @@ impl<'r> Work<'r> {
             book: Book::new(pipeline.config().watch.settle, begun),
             missing: Missing::default(),
             tasks: JoinSet::new(),
-            growing: 0,
+            places: Places::default(),
+            is_reloaded: false,
             asked: HashSet::new(),
             robots: HashSet::new(),
             settled: [0; Class::ALL.len()],
             admitting: [None; Class::ALL.len()],
-            stale: BTreeMap::new(),
+            stale: Stale::default(),
             concluding: JoinSet::new(),
-            catching_up: HashSet::new(),
+            concluded_robot: None,
             progress: mpsc::unbounded_channel(),
         }
     }
 
     /// Scans and takes files until a stop is asked for.
-    async fn go_on(&mut self, report: &mut impl FnMut(Event<'_>)) -> Result<(), PipelineError> {
-        let settings = self.pipeline.config().watch.clone();
+    async fn go_on(
+        &mut self,
+        mut reload: mpsc::Receiver<()>,
+        report: &mut impl FnMut(Event<'_>),
+    ) -> Result<(), PipelineError> {
+        let mut settings = self.pipeline.config().watch.clone();
         let (mut watcher, mut hints) = watch::watch_folders(&settings.folders);
         let mut complaints = Complaints::default();
         let mut next_scan = Instant::now();
         let mut earliest = next_scan;
-        for robot in self.pipeline.store().stale_robots().await? {
-            self.stale.insert(robot.name, (Instant::now(), 0));
-        }
+        self.take_over_stale().await?;
         while !self.stop.is_cancelled() {
+            if std::mem::take(&mut self.is_reloaded) {
+                let new = self.pipeline.config().watch.clone();
+                if new.folders != settings.folders {
+                    (watcher, hints) = watch::watch_folders(&new.folders);
+                }
+                (next_scan, settings) = (Instant::now(), new);
+                earliest = next_scan;
+            }
             self.take_what_is_due();
             self.conclude_what_is_due();
+            let next_look = self.next_look();
             tokio::select! {
                 () = self.stop.cancelled() => {}
                 Some(closed) = self.tasks.join_next() => self.close(closed?, report)?,
                 Some(concluded) = self.concluding.join_next() => self.concluded(concluded?, report)?,
                 Some((file, progress)) = self.progress.1.recv() => self.progressed(file, progress),
                 Some(()) = hints.recv(), if next_scan > earliest => next_scan = earliest,
+                Some(()) = reload.recv() => self.reload(),
+                () = until(next_look) => {}
                 () = tokio::time::sleep_until(next_scan.into()) => {
                     watcher.watch_missing();
                     let started = Instant::now();
-                    self.scan(&settings.folders, &mut complaints).await?;
+                    match self.scan(&settings.folders, &mut complaints).await {
+                        Err(PipelineError::Store(error)) if !error.is_fatal() => {
+                            tracing::warn!(%error, "not all was looked at; looking again");
+                        }
+                        scanned => scanned?,
+                    }
                     let ended = Instant::now();
                     next_scan = ended + settings.scan_interval;
                     earliest = ended + HINT_PAUSE.max(SCAN_SHARE * (ended - started));
@@ -234,10 +273,15 @@ impl<'r> Work<'r> {
         let owned = folders.to_vec();
         let scan = tokio::task::spawn_blocking(move || watch::scan(&owned)).await?;
         complaints.warn(&scan);
-        self.note_retries().await?;
+        let retries = self.note_retries().await;
         let lane_of = |path: &Path| robot_of(self.pipeline.config(), path);
         self.book.note(&scan.files, Instant::now(), tail::is_marked, lane_of);
-        self.give_up_vanished(folders, &scan).await
+        // files are taken also while the database is busy
+        retries?;
+        self.give_up_vanished(folders, &scan).await?;
+        let stale = self.pipeline.store().stale_robots().await?;
+        self.stale.look(&stale, self.concluded_robot.as_deref(), Instant::now());
+        Ok(())
     }
 
     /// Ends unfinished runs whose files are gone.
@@ -259,15 +303,22 @@ impl<'r> Work<'r> {
         Ok(())
     }
 
+    /// Reads the configuration again, for exports that are taken from now on; one that cannot be used changes
+    /// nothing.
+    fn reload(&mut self) {
+        let Some(config) = (self.reread)() else { return };
+        tracing::info!("configuration read again");
+        self.book.settle_in(config.watch.settle);
+        self.pipeline = self.pipeline.with_config(config.into());
+        self.is_reloaded = true;
+    }
+
     /// Lets exports be taken again that a person asked for, by the configuration as it is now.
     async fn note_retries(&mut self) -> Result<(), PipelineError> {
         let asked = self.pipeline.store().paths_to_retry().await?;
         let asked: HashSet<PathBuf> = asked.into_iter().collect();
         if !asked.is_subset(&self.asked) {
-            if let Some(config) = (self.reread)() {
-                tracing::info!("configuration read again");
-                self.pipeline = self.pipeline.with_config(config.into());
-            }
+            self.reload();
             asked.iter().for_each(|path| self.book.again(path));
         }
         self.asked = asked;
@@ -276,13 +327,17 @@ impl<'r> Work<'r> {
 
     /// Starts as many tasks as there may be, for growing files first.
     fn take_what_is_due(&mut self) {
-        while self.growing < self.pipeline.config().watch.live_files
-            && self.catching_up.len() < CATCHING_UP
+        let (now, most) = (Instant::now(), self.pipeline.config().watch.live_files);
+        self.places.say_hanging(now);
+        while self.places.has_free(most, now)
             && let Some(due) = self.book.next_growing()
         {
-            self.growing += 1;
-            self.catching_up.insert(due.file);
-            self.start(due, Way::Growing);
+            self.follow(due, now);
+        }
+        let waiting = self.book.growing_waiting();
+        if waiting > 0 && self.places.are_taken(most, now) {
+            self.places.say_short(waiting, most);
+            self.places.ask(waiting, now);
         }
         let config = self.pipeline.config();
         let most = config.limits.backlog_files;
@@ -297,20 +352,27 @@ impl<'r> Work<'r> {
                 self.robots.insert(robot.clone());
                 self.settled[place] += 1;
                 self.admitting[place] = Some(due.file);
-                starting.push((due, Way::Settled(robot, class)));
+                starting.push((due, robot, class));
             }
         }
-        starting.into_iter().for_each(|(due, way)| self.start(due, way));
+        starting.into_iter().for_each(|(due, robot, class)| self.take(due, robot, class));
     }
 
     fn progressed(&mut self, file: FileId, progress: Progress) {
         match progress {
             Progress::Begun => self.admitted(file),
-            Progress::CaughtUp => {
-                self.catching_up.remove(&file);
-            }
-            Progress::Read(_) | Progress::Cycle(_) => {}
+            Progress::CaughtUp => self.places.caught_up(file, Instant::now()),
+            Progress::Reading | Progress::Read(_) | Progress::Cycle(_) => {}
         }
+    }
+
+    /// When something is due though nothing happens.
+    fn next_look(&self) -> Option<Instant> {
+        let now = Instant::now();
+        let places = self.places.next_look(self.book.growing_waiting() > 0, now);
+        // while conclusions are drawn, their end is waited for
+        let stale = if self.concluding.is_empty() { self.stale.next_look(now) } else { None };
+        places.into_iter().chain(stale).min()
     }
 
     /// Notes that the run of a file has its number, or that the file is closed.
@@ -320,45 +382,76 @@ impl<'r> Work<'r> {
         }
     }
 
-    fn start(&mut self, due: Due, way: Way) {
+    /// Begins to read a growing file.
+    fn follow(&mut self, due: Due, now: Instant) {
+        let Place { sign, give_way } = self.places.give(due.file, &due.path, &self.stop, now);
+        let (pipeline, sender) = (self.pipeline.clone(), self.progress.0.clone());
+        let (ends, file) = (Ends { stop: self.stop.clone(), give_way }, due.file);
+        let progress = move |progress| {
+            match progress {
+                Progress::Reading => sign.reads(Instant::now()),
+                Progress::Read(bytes) => sign.has_read(bytes),
+                Progress::Begun | Progress::CaughtUp => {
+                    sign.waits_for_others();
+                    // nobody listens any more when the daemon ends
+                    let _ = sender.send((file, progress));
+                }
+                Progress::Cycle(_) => {}
+            }
+        };
+        self.tasks.spawn(async move {
+            let (path, patience) = (due.path.clone(), due.patience);
+            let reading =
+                tokio::spawn(async move { pipeline.follow(&path, patience, &ends, progress).await });
+            let result = reading.await.unwrap_or_else(|panic| Err(panic.into()));
+            Closed { due, way: Way::Growing, result }
+        });
+    }
+
+    /// Begins to read a settled file.
+    fn take(&mut self, due: Due, robot: String, class: Class) {
         let (pipeline, stop) = (self.pipeline.clone(), self.stop.clone());
         let (sender, file) = (self.progress.0.clone(), due.file);
         let progress = move |progress| {
-            if matches!(progress, Progress::Begun | Progress::CaughtUp) {
+            if progress == Progress::Begun {
                 // nobody listens any more when the daemon ends
                 let _ = sender.send((file, progress));
             }
         };
         self.tasks.spawn(async move {
-            let result = match &way {
-                Way::Growing => pipeline.follow(&due.path, due.patience, &stop, progress).await,
-                Way::Settled(..) => {
-                    pipeline.process(&due.path, Retry::Never, &stop, progress).await.map(Followed::Outcome)
-                }
-            };
-            if let (Way::Settled(..), Ok(Followed::Outcome(outcome))) = (&way, &result) {
-                archive::after(&pipeline, &due.path, outcome).await;
-            }
-            Closed { due, way, result }
+            let path = due.path.clone();
+            let reading = tokio::spawn(async move {
+                let outcome = pipeline.process(&path, Retry::Never, &stop, progress).await?;
+                archive::after(&pipeline, &path, &outcome).await;
+                Ok(Followed::Outcome(outcome))
+            });
+            let result = reading.await.unwrap_or_else(|panic| Err(panic.into()));
+            Closed { due, way: Way::Settled(robot, class), result }
         });
     }
 
-    /// Begins conclusions for the first robot that is through with its backlog, or has waited long enough.
+    /// Takes over the robots that wait for conclusions, and says of which of them they failed.
+    async fn take_over_stale(&mut self) -> Result<(), PipelineError> {
+        let store = self.pipeline.store();
+        let (stale, faults) = (store.stale_robots().await?, store.conclusion_faults().await?);
+        for fault in &faults {
+            tracing::warn!(robot = fault.robot, "nothing new is concluded of this robot: {}", fault.reason);
+        }
+        self.stale.take_over(&stale, &faults, Instant::now());
+        Ok(())
+    }
+
+    /// Begins conclusions for the robot whose turn it is.
     fn conclude_what_is_due(&mut self) {
         if !self.concluding.is_empty() {
             return;
         }
-        let is_through = |robot: &String| !self.robots.contains(robot) && !self.book.has_settled(robot);
-        let due = |(robot, (since, runs)): (&String, &(Instant, usize))| {
-            is_through(robot) || since.elapsed() > CONCLUDE_WITHIN || *runs >= RUNS_AT_ONCE
-        };
-        let Some(robot) = self.stale.iter().find(|entry| due(*entry)).map(|(robot, _)| robot.clone()) else {
-            return;
-        };
-        self.stale.remove(&robot);
+        let is_through = |robot: &str| !self.robots.contains(robot) && !self.book.has_settled(robot);
+        let Some(robot) = self.stale.next(Instant::now(), is_through) else { return };
+        self.concluded_robot = Some(robot.clone());
         let pipeline = self.pipeline.clone();
         self.concluding.spawn(async move {
-            let concluded = pipeline.conclude_named(&robot).await;
+            let concluded = pipeline.conclude_isolated(&robot).await;
             (robot, concluded)
         });
     }
@@ -366,19 +459,23 @@ impl<'r> Work<'r> {
     /// Announces conclusions, or notes that they are still to be drawn.
     fn concluded(
         &mut self,
-        (robot, result): (String, Result<Option<Concluded>, PipelineError>),
+        (robot, result): (String, Result<Conclusion, PipelineError>),
         report: &mut impl FnMut(Event<'_>),
     ) -> Result<(), PipelineError> {
-        let concluded = match result {
+        self.concluded_robot = None;
+        match result {
             Err(PipelineError::Store(error)) if !error.is_fatal() => {
                 tracing::warn!(robot, %error, "conclusions not stored now; trying again");
-                self.stale.entry(robot).or_insert_with(|| (Instant::now(), 0));
+                self.stale.again(robot, Instant::now());
                 return Ok(());
             }
-            result => result?,
-        };
-        if let Some(concluded) = concluded {
-            announce(&concluded, report);
+            Err(error) => return Err(error),
+            Ok(Conclusion::Faulty(_)) => self.stale.failed(robot, Instant::now()),
+            Ok(Conclusion::UpToDate) => self.stale.concluded(&robot),
+            Ok(Conclusion::Drawn(concluded)) => {
+                self.stale.concluded(&robot);
+                announce(&concluded, report);
+            }
         }
         Ok(())
     }
@@ -387,10 +484,10 @@ impl<'r> Work<'r> {
     fn close(&mut self, closed: Closed, report: &mut impl FnMut(Event<'_>)) -> Result<(), PipelineError> {
         let Closed { due, way, result } = closed;
         self.admitted(due.file);
-        self.catching_up.remove(&due.file);
         self.asked.remove(&due.path);
+        let mut read = 0;
         match &way {
-            Way::Growing => self.growing -= 1,
+            Way::Growing => read = self.places.take_back(due.file),
             Way::Settled(robot, class) => {
                 self.robots.remove(robot);
                 self.settled[*class as usize] -= 1;
@@ -402,13 +499,19 @@ impl<'r> Work<'r> {
                 self.book.close(&due, Closing::Again);
                 return Ok(());
             }
+            Err(PipelineError::Task(error)) if error.is_panic() => {
+                tracing::error!(file = %due.path.display(), %error, "internal error; other exports go on");
+                let is_growing = way == Way::Growing;
+                self.book.close(&due, if is_growing { Closing::UntilSettled } else { Closing::Unreadable });
+                return Ok(());
+            }
             result => result?,
         };
-        self.book.close(&due, closing(&followed, &way));
+        self.book.close(&due, closing(&followed, &way, read));
         if let Followed::Outcome(outcome) = &followed {
             log_outcome(&due.path, outcome);
             if let Outcome::Stored(run) = outcome {
-                self.stale.entry(run.robot.clone()).or_insert_with(|| (Instant::now(), 0)).1 += 1;
+                self.stale.completed(&run.robot, Instant::now());
             }
             report(Event::Export(&due.path, outcome));
         }
@@ -416,8 +519,10 @@ impl<'r> Work<'r> {
     }
 }
 
-fn closing(followed: &Followed, way: &Way) -> Closing {
+/// What becomes of a file of which so many bytes were read while it grew.
+fn closing(followed: &Followed, way: &Way, read: u64) -> Closing {
     match (followed, way) {
+        (Followed::GaveWay, _) => Closing::GaveWay(read),
         (Followed::UntilSettled, _) => Closing::UntilSettled,
         (Followed::NotYet, _) => Closing::Again,
         (Followed::Outcome(Outcome::Changed | Outcome::InWork { .. } | Outcome::Interrupted), _) => {
@@ -426,6 +531,14 @@ fn closing(followed: &Followed, way: &Way) -> Closing {
         (Followed::Outcome(Outcome::Unreadable { .. }), _) => Closing::Unreadable,
         (Followed::Outcome(_), Way::Growing) => Closing::Done,
         (Followed::Outcome(_), Way::Settled(..)) => Closing::Taken,
+    }
+}
+
+/// Waits until then, or for ever.
+async fn until(moment: Option<Instant>) {
+    match moment {
+        Some(moment) => tokio::time::sleep_until(moment.into()).await,
+        None => std::future::pending().await,
     }
 }
 
@@ -475,6 +588,31 @@ fn log_outcome(path: &Path, outcome: &Outcome) {
             tracing::debug!(%file, run_id, "the same content is being read under another name");
         }
     }
+}
+
+/// Hears SIGHUP: asks for the configuration to be read again, or, where the terminal that the program was started in
+/// has been closed, for a stop.
+///
+/// # Errors
+/// If the handler cannot be installed.
+pub fn reload_on_hangup(stop: &CancellationToken) -> std::io::Result<mpsc::Receiver<()>> {
+    let mut hangup = signal(SignalKind::hangup())?;
+    let (sender, receiver) = mpsc::channel(1);
+    let had_terminal = std::io::stdin().is_terminal();
+    let stop = stop.clone();
+    tokio::spawn(async move {
+        while hangup.recv().await.is_some() {
+            // a terminal that is closed answers nothing any more
+            if had_terminal && !std::io::stdin().is_terminal() {
+                tracing::info!("SIGHUP, the terminal is closed: finishing the cycle in hand");
+                return stop.cancel();
+            }
+            tracing::info!("SIGHUP: reading the configuration again");
+            // a full channel holds the wish already
+            let _ = sender.try_send(());
+        }
+    });
+    Ok(receiver)
 }
 
 /// A token that SIGINT and SIGTERM cancel. A second signal ends the process at once, which is safe:

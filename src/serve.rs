@@ -20,10 +20,12 @@ mod spool;
 mod status;
 mod upload;
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::future::Future;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::pin::pin;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Router;
@@ -33,7 +35,7 @@ use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::Semaphore;
+use tokio::sync::{Semaphore, watch};
 use tokio::task::{JoinHandle, JoinSet};
 use tokio_util::sync::CancellationToken;
 
@@ -58,6 +60,10 @@ const HEADER_TIME: Duration = Duration::from_secs(15);
 
 /// How long requests in hand may take when the program stops. Uploads are cut sooner, and resumed later.
 const STOP_TIME: Duration = Duration::from_secs(5);
+
+/// Of these, most of one address, so that one client alone cannot keep the others out. Programs of this machine may
+/// have all: a proxy stands for many clients.
+const CONNECTIONS_OF_ONE: usize = CONNECTIONS / 4;
 
 /// Pause after a failed accept: without file descriptors the next one fails at once.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
@@ -103,6 +109,8 @@ struct Shared {
     access: Access,
     uploads: Option<Uploads>,
     stop: CancellationToken,
+    /// What `/ready` said last.
+    readiness: tokio::sync::Mutex<Option<status::Readiness>>,
 }
 
 /// A server at work.
@@ -122,6 +130,14 @@ impl Server {
     }
 }
 
+/// Sees whether it is settled who may ask, as [`start`] does.
+///
+/// # Errors
+/// [`ServeError::Access`].
+pub fn check_access(settings: &ServeSettings) -> Result<(), ServeError> {
+    Ok(Access::new(settings).map(|_| ())?)
+}
+
 /// Listens as `settings` say until `stop` is cancelled. Requests in hand are then finished, uploads cut where
 /// they can go on.
 ///
@@ -129,7 +145,7 @@ impl Server {
 /// [`ServeError`]; nothing listens then.
 pub async fn start(
     settings: &ServeSettings,
-    config: Arc<Config>,
+    config: watch::Receiver<Arc<Config>>,
     store: Store,
     stop: CancellationToken,
 ) -> Result<Server, ServeError> {
@@ -149,7 +165,13 @@ pub async fn start(
     let listener = TcpListener::bind(settings.listen).await.map_err(listening)?;
     let address = listener.local_addr().map_err(listening)?;
     tracing::info!(%address, uploads = uploads.is_some(), "serving HTTP");
-    let shared = Arc::new(Shared { store, access, uploads, stop: stop.clone() });
+    let shared = Arc::new(Shared {
+        store,
+        access,
+        uploads,
+        stop: stop.clone(),
+        readiness: tokio::sync::Mutex::default(),
+    });
     let cleaning = Arc::clone(&shared);
     let task = tokio::spawn(async move {
         let accepting = accept(listener, router(shared), stop);
@@ -173,6 +195,7 @@ fn router(shared: Arc<Shared>) -> Router {
 
 async fn accept(listener: TcpListener, router: Router, stop: CancellationToken) {
     let places = Arc::new(Semaphore::new(CONNECTIONS));
+    let clients = Clients::default();
     let mut connections = JoinSet::new();
     loop {
         // a full house leaves further clients to the system's queue
@@ -185,12 +208,16 @@ async fn accept(listener: TcpListener, router: Router, stop: CancellationToken) 
             accepted = listener.accept() => accepted,
         };
         match accepted {
-            Ok((stream, _)) => {
-                let (router, stop) = (router.clone(), stop.clone());
-                connections.spawn(async move {
-                    serve(stream, router, stop).await;
-                    drop(place);
-                });
+            Ok((stream, from)) => {
+                if let Some(client) = clients.enter(from.ip()) {
+                    let (router, stop) = (router.clone(), stop.clone());
+                    connections.spawn(async move {
+                        serve(stream, router, stop).await;
+                        drop((place, client));
+                    });
+                } else {
+                    tracing::debug!(%from, "closed: {CONNECTIONS_OF_ONE} connections of one address");
+                }
             }
             Err(error) => {
                 tracing::warn!(%error, "cannot accept a connection");
@@ -203,6 +230,39 @@ async fn accept(listener: TcpListener, router: Router, stop: CancellationToken) 
     let ending = async { while connections.join_next().await.is_some() {} };
     if tokio::time::timeout(STOP_TIME, ending).await.is_err() {
         tracing::warn!("HTTP requests were cut by the stop");
+    }
+}
+
+/// Connections that are open, by the address that they come from.
+#[derive(Debug, Clone, Default)]
+struct Clients(Arc<Mutex<HashMap<IpAddr, usize>>>);
+
+/// A connection among them, until it is dropped.
+#[derive(Debug)]
+struct Client(Clients, IpAddr);
+
+impl Clients {
+    /// Counts one more connection; `None` where the address has as many as it may.
+    fn enter(&self, address: IpAddr) -> Option<Client> {
+        let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let of_one = open.entry(address).or_insert(0);
+        if *of_one >= CONNECTIONS_OF_ONE && !address.is_loopback() {
+            return None;
+        }
+        *of_one += 1;
+        Some(Client(self.clone(), address))
+    }
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        let mut open = self.0.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Entry::Occupied(mut of_one) = open.entry(self.1) {
+            *of_one.get_mut() -= 1;
+            if *of_one.get() == 0 {
+                of_one.remove();
+            }
+        }
     }
 }
 
@@ -233,5 +293,26 @@ async fn until_stop<F: Future + Unpin>(future: &mut F, stop: &CancellationToken)
     tokio::select! {
         output = future => Some(output),
         () = stop.cancelled() => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_address_cannot_have_all_connections() {
+        let clients = Clients::default();
+        let [one, other, here] = ["10.0.0.1", "10.0.0.2", "127.0.0.1"].map(|text| text.parse().unwrap());
+        let mut held: Vec<_> = (0..CONNECTIONS_OF_ONE).map(|_| clients.enter(one).unwrap()).collect();
+        assert!(clients.enter(one).is_none());
+        assert!(clients.enter(other).is_some());
+        assert!(
+            (0..CONNECTIONS).map(|_| clients.enter(here)).collect::<Vec<_>>().iter().all(Option::is_some)
+        );
+        held.pop();
+        assert!(clients.enter(one).is_some());
+        held.clear();
+        assert!(clients.0.lock().unwrap().is_empty());
     }
 }

@@ -200,7 +200,10 @@ async fn watch_fleet(
             Ok(())
         }
     });
-    daemon::watch(pipeline, &done, &|| None, |event| match event {
+    let claim = pipeline.store().claim()?;
+    let reload = daemon::reload_on_hangup(&done).map_err(|error| CliError::Internal(error.to_string()))?;
+    let control = daemon::Control { claim, stop: done.clone(), reload, reread: &|| None };
+    daemon::watch(pipeline, control, |event| match event {
         Event::Export(path, outcome) => {
             show_outcome(path, outcome);
             // the tally may be done already when the demo watches on

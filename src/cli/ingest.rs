@@ -9,10 +9,13 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use tokio_util::sync::CancellationToken;
 
-use super::{CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, output, runtime, shared};
+use super::{
+    CliError, EXIT_DONE, EXIT_FOUND, EXIT_INTERNAL, EXIT_STOPPED, Global, open_store, output, runtime, shared,
+};
 use crate::daemon;
 use crate::ingest::watch;
 use crate::pipeline::conclude::{Concluded, RUNS_AT_ONCE};
+use crate::pipeline::isolation::Conclusion;
 use crate::pipeline::{Outcome, Pipeline, Progress, Retry};
 
 #[derive(Debug, Args)]
@@ -57,7 +60,7 @@ pub(super) async fn take_all(
         let moving = bar.clone();
         let outcome = pipeline
             .process(path, Retry::Quarantined, stop, move |progress| match progress {
-                Progress::Begun | Progress::CaughtUp => {}
+                Progress::Begun | Progress::CaughtUp | Progress::Reading => {}
                 Progress::Read(bytes) => moving.set_position(bytes),
                 Progress::Cycle(cycle) => moving.set_message(format!("cycle {cycle}")),
             })
@@ -68,10 +71,8 @@ pub(super) async fn take_all(
         if let Outcome::Stored(run) = &outcome {
             let runs = ended.entry(run.robot.clone()).or_default();
             *runs += 1;
-            if runs.is_multiple_of(RUNS_AT_ONCE)
-                && let Some(concluded) = pipeline.conclude_named(&run.robot).await?
-            {
-                print_conclusions(&concluded, as_json);
+            if runs.is_multiple_of(RUNS_AT_ONCE) {
+                conclude(pipeline, &run.robot, as_json).await?;
             }
         }
         match outcome {
@@ -86,10 +87,25 @@ pub(super) async fn take_all(
             return Ok(EXIT_STOPPED);
         }
     }
-    for concluded in pipeline.conclude().await? {
-        print_conclusions(&concluded, as_json);
+    let mut is_faulty = false;
+    for robot in pipeline.store().stale_robots().await? {
+        is_faulty |= !conclude(pipeline, &robot.name, as_json).await?;
     }
-    Ok(code)
+    // other robots are concluded all the same
+    Ok(if is_faulty { EXIT_INTERNAL } else { code })
+}
+
+/// Draws and prints what a robot's history says; `false`, with the reason in the log, if that cannot be.
+async fn conclude(pipeline: &Pipeline, robot: &str, as_json: bool) -> Result<bool, CliError> {
+    match pipeline.conclude_isolated(robot).await? {
+        Conclusion::Drawn(concluded) => print_conclusions(&concluded, as_json),
+        Conclusion::UpToDate => {}
+        Conclusion::Faulty(reason) => {
+            output::note(&format!("{robot}: nothing new is concluded: {reason}"));
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }
 
 /// Files as they were named, folders by their exports in the order of their names.

@@ -282,13 +282,6 @@ impl Global {
         }
         Ok(config)
     }
-
-    /// The configuration as it is now, for a daemon at work; a wrong one is warned of.
-    fn reread_config(&self) -> Option<Config> {
-        self.read_config()
-            .inspect_err(|error| tracing::warn!(%error, "configuration not usable; the earlier one stays"))
-            .ok()
-    }
 }
 
 /// The asynchronous runtime of a command.

@@ -3,9 +3,12 @@
 use std::sync::Arc;
 
 use clap::Args;
+use tokio::sync::watch;
 
 use super::{CliError, EXIT_DONE, Global, open_store, runtime, shared};
-use crate::daemon;
+use crate::config::{Config, ConfigErrors};
+use crate::daemon::preflight::preflight;
+use crate::daemon::{self, Control};
 use crate::pipeline::Pipeline;
 use crate::serve::{self, ServeError};
 
@@ -17,30 +20,42 @@ Examples:
 
 Watches the folders of the configuration, takes exports cycle by cycle while they are written and others
 when they have settled, and keeps going until SIGTERM or SIGINT; then it finishes the cycles in hand and
-stops. Killed at any moment, it continues after the last stored cycle. With [serve] in the configuration
+stops. Killed at any moment, it continues after the last stored cycle. SIGHUP reads the configuration again;
+one with problems is logged, and the earlier one stays. With [serve] in the configuration
 it takes exports over HTTP too, see docs/upload.md:
   curl -T R00_20260105_0847.csv.gz -H \"Authorization: Bearer $TOKEN\" \\
        http://127.0.0.1:8650/v1/exports/")]
 pub(super) struct RunArgs {}
 
 pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
-    let config = global.read_config()?;
+    let config = checked(global.read_config()?)?;
     runtime()?.block_on(async {
-        let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
+        let internal = |error: std::io::Error| CliError::Internal(error.to_string());
+        let stop = daemon::stop_on_signal().map_err(internal)?;
+        let reload = daemon::reload_on_hangup(&stop).map_err(internal)?;
         let store = open_store(&config).await?;
+        // before anything listens: a second daemon is told of the first, not of its port
+        let claim = store.claim()?;
         let folders: Vec<String> = config.watch.folders.iter().map(|f| f.display().to_string()).collect();
         tracing::info!(database = %config.database.display(), folders = folders.join(", "), "watching");
         let config = shared(config);
+        let (in_force, configs) = watch::channel(Arc::clone(&config));
         let pipeline = Pipeline::new(Arc::clone(&config), store.clone());
         // the server ends with the daemon, whatever ends that
         let serving = stop.child_token();
         let server = match &config.serve {
-            Some(settings) => Some(
-                serve::start(settings, Arc::clone(&config), store, serving.clone()).await.map_err(refused)?,
-            ),
+            Some(settings) => {
+                Some(serve::start(settings, configs, store, serving.clone()).await.map_err(refused)?)
+            }
             None => None,
         };
-        let watched = daemon::watch(&pipeline, &stop, &|| global.reread_config(), |_| ()).await;
+        let reread = || {
+            let config = keep_what_runs(reread(global)?, &config);
+            in_force.send_replace(shared(config.clone()));
+            Some(config)
+        };
+        let control = Control { claim, stop, reload, reread: &reread };
+        let watched = daemon::watch(&pipeline, control, |_| ()).await;
         serving.cancel();
         if let Some(server) = server {
             server.ended().await;
@@ -50,6 +65,50 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
         tracing::info!("stopped");
         Ok(EXIT_DONE)
     })
+}
+
+/// The configuration, if the daemon can work with it on this machine.
+fn checked(config: Config) -> Result<Config, CliError> {
+    let found = preflight(&config);
+    for remark in &found.remarks {
+        tracing::warn!("{remark}");
+    }
+    if found.refusals.is_empty() { Ok(config) } else { Err(ConfigErrors(found.refusals).into()) }
+}
+
+/// The configuration as it is now, for a daemon at work; every problem of one that cannot be used is logged.
+fn reread(global: &Global) -> Option<Config> {
+    match global.read_config().and_then(checked) {
+        Ok(config) => Some(config),
+        Err(CliError::Config(ConfigErrors(problems))) => {
+            for problem in problems {
+                tracing::error!("configuration not usable: {problem}");
+            }
+            tracing::error!("the earlier configuration stays in force");
+            None
+        }
+        Err(error) => {
+            tracing::error!(%error, "configuration not usable; the earlier one stays in force");
+            None
+        }
+    }
+}
+
+/// A configuration that was read again, with what takes effect at the next start only as it was.
+fn keep_what_runs(mut config: Config, running: &Config) -> Config {
+    if config.database != running.database {
+        tracing::warn!("`database` has changed; that takes effect at the next start");
+        config.database.clone_from(&running.database);
+    }
+    if config.serve != running.serve {
+        tracing::warn!("[serve] has changed; that takes effect at the next start");
+        config.serve.clone_from(&running.serve);
+    }
+    let spool = running.serve.as_ref().and_then(|serve| serve.upload.as_ref()).map(|upload| &upload.spool);
+    if let Some(spool) = spool.filter(|spool| !config.watch.folders.contains(spool)) {
+        config.watch.folders.push(spool.clone());
+    }
+    config
 }
 
 fn refused(error: ServeError) -> CliError {

@@ -1,9 +1,9 @@
 //! What the daemon knows of each file between two looks, and what is due. Pure: the clock is an argument.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use jiff::Timestamp;
 
@@ -54,6 +54,9 @@ pub enum Closing {
     Again,
     /// The system refuses to read it: it is to be taken again after a rest, which doubles each time.
     Unreadable,
+    /// It gave its place to another growing file after so many of its bytes were read; what is written to it later
+    /// is read in its turn.
+    GaveWay(u64),
 }
 
 /// What is known of a path.
@@ -74,9 +77,15 @@ struct Entry {
     /// It is left alone until then, after so many refusals to read it.
     rests_until: Option<Instant>,
     refusals: u32,
-    /// Its queue once it has settled.
+    /// Its queue once it has settled, which is that of its robot.
     lane: String,
+    /// At which count of the turns it was queued; `None` while it is not.
+    queued: Option<u64>,
 }
+
+/// The order of files in which their lanes take turns: since when the file or its lane waits, since when the file
+/// does, its time of modification, its path.
+type Turn<'e> = (u64, u64, SystemTime, Option<&'e OsStr>, &'e Path);
 
 /// The files of the last look.
 #[derive(Debug)]
@@ -91,6 +100,10 @@ pub struct Book {
     settled: BTreeMap<String, BTreeSet<(Option<OsString>, PathBuf)>>,
     /// Files being read. By number, so that a file with two names is read once.
     open: HashSet<FileId>,
+    /// Looks and files opened so far.
+    count: u64,
+    /// At which of these counts a file of a lane was opened last, so that robots are served in turn.
+    turns: HashMap<String, u64>,
 }
 
 impl Book {
@@ -104,6 +117,16 @@ impl Book {
             growing: BTreeSet::new(),
             settled: BTreeMap::new(),
             open: HashSet::new(),
+            count: 0,
+            turns: HashMap::new(),
+        }
+    }
+
+    /// Lets files settle in `settle` from now on; those whose writers were found to be slow keep their longer time.
+    pub fn settle_in(&mut self, settle: Duration) {
+        let before = std::mem::replace(&mut self.settle, settle);
+        for entry in self.entries.values_mut().filter(|entry| entry.patience <= before.max(settle)) {
+            entry.patience = settle;
         }
     }
 
@@ -120,6 +143,8 @@ impl Book {
         self.entries.retain(|path, _| found.contains(path.as_path()));
         self.growing.clear();
         self.settled.clear();
+        self.count += 1;
+        let mut longest_wait = self.count;
         for file in files {
             let seen = Observation { size: file.size, modified: file.modified, at: now };
             let settle = self.settle;
@@ -131,7 +156,9 @@ impl Book {
                     let begun = self.begun.remove(&file.path);
                     Entry::new(seen, file.file, settle, lane_of(&file.path)).begun(begun)
                 });
-            if entry.taken || entry.rests_until.is_some_and(|end| now < end) {
+            let rests = entry.rests_until.is_some_and(|end| now < end);
+            if entry.taken || rests || self.open.contains(&entry.file) {
+                entry.queued = None;
                 continue;
             }
             if entry.settling.is_settled(entry.patience) || is_marked(&file.path) {
@@ -139,22 +166,36 @@ impl Book {
                 self.settled.entry(entry.lane.clone()).or_default().insert((name, file.path.clone()));
             } else if entry.grown && !entry.waits {
                 self.growing.insert(file.path.clone());
+            } else {
+                entry.queued = None;
+                continue;
             }
+            longest_wait = longest_wait.min(*entry.queued.get_or_insert(self.count));
         }
+        // a lane that was served before any file that waits was queued has no part in their order
+        self.turns.retain(|_, turn| *turn > longest_wait);
     }
 
-    /// The next growing file, which counts as open from now on.
+    /// The next growing file, of the robot that has waited longest; it counts as open from now on.
     pub fn next_growing(&mut self) -> Option<Due> {
-        while let Some(path) = self.growing.pop_first() {
+        loop {
+            let waiting = self.growing.iter().filter_map(|path| self.turn(path));
+            let path = waiting.min()?.4.to_owned();
+            self.growing.remove(&path);
             if let Some(due) = self.open(&path) {
                 return Some(due);
             }
         }
-        None
     }
 
-    /// The next settled file of a lane that is not busy, with its lane: the first by name of those that are first
-    /// in their lane and of a wanted size, bytes. It counts as open from now on.
+    /// Number of growing files that wait to be read.
+    #[must_use]
+    pub fn growing_waiting(&self) -> usize {
+        self.growing.len()
+    }
+
+    /// The next settled file of a lane that is not busy, with its lane: of those that are first by name in their
+    /// lane and of a wanted size, bytes, that of the lane that has waited longest. It counts as open from now on.
     pub fn next_settled(
         &mut self,
         busy: &HashSet<String>,
@@ -162,12 +203,11 @@ impl Book {
     ) -> Option<(Due, String)> {
         loop {
             let free = self.settled.iter().filter(|(lane, _)| !busy.contains(*lane));
-            let first = free.filter_map(|(lane, queue)| Some((queue.first()?, lane)));
-            let wanted = first.filter(|((_, path), _)| {
-                self.entries.get(path).is_some_and(|entry| is_wanted(entry.seen.size))
-            });
-            let (first, lane) = wanted.min()?;
-            let (path, lane) = (first.1.clone(), lane.clone());
+            let first = free.filter_map(|(lane, queue)| Some((&queue.first()?.1, lane)));
+            let wanted = first
+                .filter(|(path, _)| self.entries.get(*path).is_some_and(|entry| is_wanted(entry.seen.size)));
+            let (turn, lane) = wanted.filter_map(|(path, lane)| Some((self.turn(path)?, lane))).min()?;
+            let (path, lane) = (turn.4.to_owned(), lane.clone());
             if let Some(queue) = self.settled.get_mut(&lane) {
                 queue.pop_first();
             }
@@ -183,10 +223,24 @@ impl Book {
         self.settled.get(lane).is_some_and(|queue| !queue.is_empty())
     }
 
+    /// When it is the turn of a file that waits.
+    fn turn(&self, path: &Path) -> Option<Turn<'_>> {
+        let (path, entry) = self.entries.get_key_value(path)?;
+        let queued = entry.queued.unwrap_or(self.count);
+        let served = self.turns.get(&entry.lane).copied().unwrap_or(0);
+        Some((served.max(queued), queued, entry.seen.modified, path.file_name(), path))
+    }
+
     fn open(&mut self, path: &Path) -> Option<Due> {
-        let entry = self.entries.get(path)?;
+        let entry = self.entries.get_mut(path)?;
         let (seen, file, patience) = (entry.seen, entry.file, entry.patience);
-        self.open.insert(file).then(|| Due { path: path.to_owned(), seen, file, patience })
+        entry.queued = None;
+        if !self.open.insert(file) {
+            return None;
+        }
+        self.count += 1;
+        self.turns.insert(entry.lane.clone(), self.count);
+        Some(Due { path: path.to_owned(), seen, file, patience })
     }
 
     /// Lets a file that was taken be taken again at the next look; others are left as they are.
@@ -201,8 +255,9 @@ impl Book {
         self.open.remove(&due.file);
         // looks while it was open have queued it again; the next one knows better
         self.growing.remove(&due.path);
-        for queue in self.settled.values_mut() {
-            queue.retain(|(_, path)| *path != due.path);
+        let lane = self.entries.get(&due.path).map(|entry| &entry.lane);
+        if let Some(queue) = lane.and_then(|lane| self.settled.get_mut(lane)) {
+            queue.remove(&(due.path.file_name().map(Into::into), due.path.clone()));
         }
         let Some(entry) = self.entries.get_mut(&due.path) else { return };
         let unchanged = entry.seen.size == due.seen.size && entry.seen.modified == due.seen.modified;
@@ -214,6 +269,7 @@ impl Book {
             Closing::UntilSettled => entry.waits = true,
             Closing::Again => entry.settling = Settling::first(entry.seen),
             Closing::Unreadable => entry.rest(),
+            Closing::GaveWay(read) => entry.grown = entry.file == due.file && entry.seen.size > read,
         }
     }
 }
@@ -232,6 +288,7 @@ impl Entry {
             rests_until: None,
             refusals: 0,
             lane,
+            queued: None,
         }
     }
 
@@ -278,8 +335,6 @@ impl Entry {
 
 #[cfg(test)]
 mod tests {
-    use std::time::SystemTime;
-
     use super::*;
 
     const SETTLE: Duration = Duration::from_secs(3);
@@ -393,7 +448,69 @@ mod tests {
         assert_eq!(name(desk.settled(&["a"]).as_ref()), Some("b4"));
         assert_eq!(name(desk.settled(&["b"]).as_ref()), Some("a2"));
         assert_eq!(name(desk.settled(&["a", "b"]).as_ref()), None);
+        assert_eq!(name(desk.settled(&[]).as_ref()), Some("b5"), "b was served before a");
         assert_eq!(name(desk.settled(&[]).as_ref()), Some("a3"));
+    }
+
+    #[test]
+    fn robots_are_served_in_turn_and_not_by_their_place_in_the_alphabet() {
+        let mut desk = Desk::new();
+        ["a1", "a2", "a3", "z4"].into_iter().for_each(|name| desk.write(name, 10));
+        [0, 3].into_iter().for_each(|at| desk.look(at));
+        let mut taken = Vec::new();
+        for at in 4.. {
+            let Some(due) = desk.settled(&[]) else { break };
+            taken.push(due.path.display().to_string());
+            desk.book.close(&due, Closing::Taken);
+            // what comes later waits behind those that wait
+            if at == 4 {
+                desk.write("b5", 10);
+            }
+            desk.look(at);
+        }
+        assert_eq!(taken, ["a1", "z4", "a2", "b5", "a3"]);
+    }
+
+    #[test]
+    fn growing_files_of_robots_are_read_in_turn() {
+        let mut desk = Desk::new();
+        let names = ["a1", "a2", "b3", "c4"];
+        let grow = |desk: &mut Desk, at: u64| {
+            names.into_iter().for_each(|name| desk.write(name, 10 + at));
+            desk.look(at);
+        };
+        (0..2).for_each(|at| grow(&mut desk, at));
+        let mut read = Vec::new();
+        for at in 2..10 {
+            let due = desk.growing().expect("all grow");
+            read.push(due.path.display().to_string());
+            grow(&mut desk, at);
+            assert_eq!(desk.book.growing_waiting(), 3, "what is open does not wait");
+            desk.book.close(&due, Closing::GaveWay(due.seen.size));
+            grow(&mut desk, at);
+        }
+        assert_eq!(read, ["a1", "b3", "c4", "a2", "b3", "c4", "a1", "b3"]);
+    }
+
+    #[test]
+    fn a_file_that_gave_its_place_is_read_again_only_if_there_is_more_of_it() {
+        for (read, again) in [(12, None), (11, Some("a1"))] {
+            let mut desk = Desk::new();
+            desk.write("a1", 10);
+            desk.look(0);
+            desk.write("a1", 11);
+            desk.look(1);
+            let due = desk.growing().expect("it grew");
+            desk.write("a1", 12);
+            desk.look(2);
+            desk.book.close(&due, Closing::GaveWay(read));
+            desk.look(3);
+            assert_eq!(name(desk.growing().as_ref()), again);
+            if again.is_none() {
+                desk.look(5);
+                assert_eq!(name(desk.settled(&[]).as_ref()), Some("a1"), "it ends as a settled file");
+            }
+        }
     }
 
     #[test]

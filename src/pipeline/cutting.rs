@@ -85,6 +85,12 @@ impl<'i> Cutting<'i> {
         Ok(Self { intake, cycles, stop, hash, cutter, cycle_count, places: Places::default(), settings })
     }
 
+    /// Cycles cut so far, those stored by an earlier attempt included.
+    #[must_use]
+    pub fn cycle_count(&self) -> u32 {
+        self.cycle_count
+    }
+
     /// Takes the next rows and sends the cycles that they end. `false` if reading is to end, because a stop
     /// was asked for or nobody takes cycles any more.
     ///

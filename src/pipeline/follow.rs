@@ -39,11 +39,22 @@ pub enum Followed {
     NotYet,
     /// It is to be judged when it has settled.
     UntilSettled,
+    /// It gave its place to another file; its run goes on behind its last stored cycle.
+    GaveWay,
+}
+
+/// What ends the reading of a growing export from outside.
+#[derive(Debug, Clone)]
+pub struct Ends {
+    /// The program is to end: reading ends at once.
+    pub stop: CancellationToken,
+    /// Another file wants the place: reading ends when all that is written is read, or behind the next cycle.
+    pub give_way: CancellationToken,
 }
 
 impl Pipeline {
     /// Takes an export that may still grow, cycle by cycle as its rows are written, until it is done: see
-    /// [`tail`]. A file that stands still for `settle` is done.
+    /// [`tail`]. A file that stands still for `settle` is done; what else ends its reading is in `ends`.
     ///
     /// # Errors
     /// As [`Pipeline::process`].
@@ -51,7 +62,7 @@ impl Pipeline {
         &self,
         path: &Path,
         settle: Duration,
-        stop: &CancellationToken,
+        ends: &Ends,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Followed, PipelineError> {
         let recognised = match intake::recognise(self.config(), path, intake::file_time(path)) {
@@ -79,9 +90,9 @@ impl Pipeline {
             Err(rejection) => return Ok(until_settled(&rejection)),
         };
         let reading = {
-            let (intake, stop, progress) = (intake.clone(), stop.clone(), progress.clone());
+            let (intake, ends, progress) = (intake.clone(), ends.clone(), progress.clone());
             move |cycles: mpsc::Sender<CutCycle>| {
-                read_growing(opened, &intake, &cycles, settle, &stop, || progress(Progress::CaughtUp))
+                read_growing(opened, &intake, &cycles, settle, &ends, progress)
             }
         };
         let ((end, state), refused) = match self.stream(&intake, &method, Lane::Live, reading, progress).await
@@ -101,7 +112,8 @@ impl Pipeline {
                 Ok(Followed::Outcome(outcome))
             }
             ReadEnd::Rejected(rejection) => Ok(until_settled(&rejection)),
-            ReadEnd::Interrupted => Ok(Followed::Outcome(Outcome::Interrupted)),
+            ReadEnd::Interrupted if ends.stop.is_cancelled() => Ok(Followed::Outcome(Outcome::Interrupted)),
+            ReadEnd::Interrupted => Ok(Followed::GaveWay),
             ReadEnd::Changed => {
                 self.store.forget_resume_point(intake.run_id).await?;
                 Ok(Followed::Outcome(Outcome::Changed))
@@ -181,11 +193,11 @@ fn read_growing(
     intake: &Intake,
     cycles: &mpsc::Sender<CutCycle>,
     settle: Duration,
-    stop: &CancellationToken,
-    caught_up: impl Fn(),
+    ends: &Ends,
+    progress: impl Fn(Progress),
 ) -> GrownEnd {
     let Opened { mut export, mut growth, .. } = opened;
-    let end = read(&mut export, &mut growth, intake, cycles, settle, stop, caught_up);
+    let end = read(&mut export, &mut growth, intake, cycles, settle, ends, progress);
     // of the size that was read: a file that has grown since is another one
     let state = state_of(&growth).filter(|state| state.bytes == growth.hash().bytes());
     (end.unwrap_or_else(ReadEnd::Rejected), state)
@@ -197,26 +209,32 @@ fn read(
     intake: &Intake,
     cycles: &mpsc::Sender<CutCycle>,
     settle: Duration,
-    stop: &CancellationToken,
-    caught_up: impl Fn(),
+    Ends { stop, give_way }: &Ends,
+    progress: impl Fn(Progress),
 ) -> Result<ReadEnd, Rejection> {
     let failed = |error: std::io::Error| Rejection::from_io(&intake.path, &error);
-    match resume::pass_to_point(export, intake, stop, || ())? {
+    progress(Progress::Reading);
+    match resume::pass_to_point(export, intake, stop, || progress(Progress::Reading))? {
         Passed::There => {}
         Passed::Elsewhere => return Ok(ReadEnd::Changed),
         Passed::Going => return Ok(ReadEnd::Interrupted),
     }
     let mut cutting = Cutting::new(intake, cycles, stop, growth.hash().clone())?;
     loop {
-        match export.step()? {
+        progress(Progress::Reading);
+        let step = export.step()?;
+        progress(Progress::Read(growth.hash().bytes()));
+        match step {
             Step::Rows(chunk) => {
-                if !cutting.push(*chunk)? {
+                let known = cutting.cycle_count().max(intake.cycles_stored);
+                if !cutting.push(*chunk)? || (give_way.is_cancelled() && cutting.cycle_count() > known) {
                     return Ok(ReadEnd::Interrupted);
                 }
             }
             Step::Waiting => match growth.look(settle, Instant::now()).map_err(failed)? {
+                Fate::Growing if give_way.is_cancelled() => return Ok(ReadEnd::Interrupted),
                 Fate::Growing => {
-                    caught_up();
+                    progress(Progress::CaughtUp);
                     pause(stop);
                 }
                 Fate::Done => {}

@@ -14,6 +14,7 @@ pub mod explain;
 pub mod follow;
 mod friction;
 pub mod intake;
+pub mod isolation;
 pub mod physical;
 mod production;
 pub mod record;
@@ -161,6 +162,8 @@ pub enum Progress {
     Begun,
     /// All that is written of a growing export so far is read.
     CaughtUp,
+    /// A read of a growing export begins; it has returned when the next progress is told.
+    Reading,
     /// Bytes of the file read so far.
     Read(u64),
     /// A cycle is stored.
@@ -196,7 +199,9 @@ impl Pipeline {
     /// The same pipeline under another configuration, for exports that are taken from now on.
     #[must_use]
     pub fn with_config(&self, config: Arc<Config>) -> Self {
-        Self { config, ..self.clone() }
+        let same_analysis = config.analysis == self.config.analysis;
+        let methods = if same_analysis { Arc::clone(&self.methods) } else { Arc::default() };
+        Self { config, methods, ..self.clone() }
     }
 
     /// The configuration that the pipeline follows.
@@ -258,9 +263,28 @@ impl Pipeline {
         };
         let _open = self.open(intake.run_id);
         progress(Progress::Begun);
-        let method = match self.method(&intake).await? {
+        let reason = match self.take_admitted(&intake, stop, progress).await {
+            Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
+                format!("results that the database refuses: {detail}")
+            }
+            // other exports go on
+            Err(PipelineError::Task(error)) => isolation::panic_reason(error)?,
+            done => return done,
+        };
+        tracing::error!(file = %path.display(), run_id = intake.run_id, "{reason}");
+        let rejection = Rejection::of_file(path, reason, "report it with this file");
+        record::quarantine(self, &intake, rejection).await
+    }
+
+    async fn take_admitted(
+        &self,
+        intake: &Intake,
+        stop: &CancellationToken,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Outcome, PipelineError> {
+        let method = match self.method(intake).await? {
             Ok(method) => method,
-            Err(rejection) => return record::quarantine(self, &intake, rejection).await,
+            Err(rejection) => return record::quarantine(self, intake, rejection).await,
         };
         let reading = {
             let (intake, stop, progress) = (intake.clone(), stop.clone(), progress.clone());
@@ -268,18 +292,11 @@ impl Pipeline {
                 intake::read_cycles(&intake, &cycles, &stop, |bytes| progress(Progress::Read(bytes)))
             }
         };
-        let (end, refused) = match self.stream(&intake, &method, Lane::Backlog, reading, progress).await {
-            Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
-                let reason = format!("results that the database refuses: {detail}");
-                let rejection = Rejection::of_file(path, reason, "report it with this file");
-                return record::quarantine(self, &intake, rejection).await;
-            }
-            done => done?,
-        };
+        let (end, refused) = self.stream(intake, &method, Lane::Backlog, reading, progress).await?;
         match end {
-            ReadEnd::Complete(totals) => record::finish(self, &intake, &method, totals, refused).await,
+            ReadEnd::Complete(totals) => record::finish(self, intake, &method, totals, refused).await,
             ReadEnd::Rejected(rejection) if rejection.is_passing => Ok(Outcome::Unreadable { rejection }),
-            ReadEnd::Rejected(rejection) => record::quarantine(self, &intake, rejection).await,
+            ReadEnd::Rejected(rejection) => record::quarantine(self, intake, rejection).await,
             ReadEnd::Interrupted => Ok(Outcome::Interrupted),
             // its stored cycles are compared with the file when it is looked at again
             ReadEnd::Changed => {

@@ -21,6 +21,13 @@ const PIECES_IN_FLIGHT: usize = 2;
 /// What a client must send within the idle time; less is held to be nothing.
 const LEAST_BYTES: u64 = 16 << 10;
 
+/// What a client must send on average from the second minute on, bytes per second: a slow line of 64 kbit/s. An upload
+/// is over after a bounded time, and clients that drip cannot hold every place.
+const LEAST_RATE: u64 = 8 << 10;
+
+/// How long an upload may be slower than [`LEAST_RATE`].
+pub const SLOW_START: Duration = Duration::from_secs(60);
+
 /// Bounds of one body.
 #[derive(Debug, Clone, Copy)]
 pub struct Bounds {
@@ -28,6 +35,8 @@ pub struct Bounds {
     pub bytes: u64,
     /// How long a client may send next to nothing.
     pub idle: Duration,
+    /// How long it may be slower than [`LEAST_RATE`].
+    pub slow_start: Duration,
 }
 
 /// Writes a body to the upload, from its start or behind what is there, and gives back the claim. What arrived
@@ -101,14 +110,15 @@ async fn hand_on(
     stop: &CancellationToken,
 ) -> Result<(), Refusal> {
     let (mut received, mut lately) = (0_u64, 0_u64);
-    let mut deadline = Instant::now() + bounds.idle;
+    let begun = Instant::now();
+    let mut deadline = begun + bounds.idle;
     loop {
         let next = poll_fn(|context| Pin::new(&mut body).poll_frame(context));
         let frame = tokio::select! {
             () = stop.cancelled() => {
                 return Err(Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "stopping; go on later").after(10));
             }
-            frame = tokio::time::timeout_at(deadline, next) => frame,
+            frame = tokio::time::timeout_at(deadline.min(begun + bounds.time_for(received)), next) => frame,
         };
         let piece = match frame {
             Err(_) => {
@@ -138,6 +148,13 @@ async fn hand_on(
     }
 }
 
+impl Bounds {
+    /// How long after its begin an upload of so many bytes must have gone on.
+    fn time_for(&self, received: u64) -> Duration {
+        self.slow_start.max(Duration::from_secs(received / LEAST_RATE))
+    }
+}
+
 /// An upload that is longer than allowed.
 pub fn too_large(most: u64) -> Refusal {
     let sentence = format!(
@@ -151,7 +168,7 @@ mod tests {
     use super::*;
     use crate::serve::spool::Spool;
 
-    const BOUNDS: Bounds = Bounds { bytes: 10, idle: Duration::from_secs(5) };
+    const BOUNDS: Bounds = Bounds { bytes: 10, idle: Duration::from_secs(5), slow_start: SLOW_START };
 
     fn upload() -> (tempfile::TempDir, Spool, Claim) {
         let folder = tempfile::tempdir().unwrap();
@@ -181,6 +198,39 @@ mod tests {
         let refusal = receive(claim, false, Body::empty(), BOUNDS, &stop).await.err();
         // of two that are ready, either may come first
         assert!(refusal.is_none_or(|r| r.offset == Some(4) && r.status == StatusCode::SERVICE_UNAVAILABLE));
+    }
+
+    /// A body that goes on for ever, a byte every ten milliseconds.
+    struct Drips(tokio::time::Interval);
+
+    impl HttpBody for Drips {
+        type Data = Bytes;
+        type Error = std::convert::Infallible;
+
+        fn poll_frame(
+            mut self: Pin<&mut Self>,
+            context: &mut std::task::Context<'_>,
+        ) -> std::task::Poll<Option<Result<hyper::body::Frame<Bytes>, Self::Error>>> {
+            let frame = || Some(Ok(hyper::body::Frame::data(Bytes::from_static(b"1"))));
+            self.0.poll_tick(context).map(|_| frame())
+        }
+    }
+
+    #[tokio::test]
+    async fn a_client_that_drips_is_cut_and_can_go_on() {
+        let (_folder, _spool, claim) = upload();
+        let drips = Body::new(Drips(tokio::time::interval(Duration::from_millis(10))));
+        let bounds =
+            Bounds { bytes: 1 << 30, idle: Duration::from_secs(600), slow_start: Duration::from_millis(300) };
+        let refusal = receive(claim, true, drips, bounds, &CancellationToken::new()).await.unwrap_err();
+        assert_eq!(refusal.status, StatusCode::REQUEST_TIMEOUT);
+        assert!(refusal.offset.is_some_and(|offset| offset > 0), "{:?}", refusal.offset);
+    }
+
+    #[test]
+    fn a_steady_client_has_time_in_proportion() {
+        assert_eq!(BOUNDS.time_for(0), SLOW_START);
+        assert_eq!(BOUNDS.time_for(1 << 20), Duration::from_secs(128));
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! The folder that uploads go to. What is not whole yet lies in a hidden folder inside it, which no scan looks
 //! into, under a name made of what tells uploads apart; it survives a restart, and is renamed in when whole.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use crate::ingest::fingerprint::{fingerprint, of_bytes};
 use crate::run::ContentHash;
@@ -18,14 +19,21 @@ const PARTIAL: &str = ".partial";
 /// a week of holidays, still finds its own.
 const STALE: Duration = Duration::from_secs(10 * 24 * 3600);
 
+/// An upload must also have stood still for so long before this process, whose clock does not jump: a machine without
+/// a battery takes the right date from the network after its start.
+const STALE_HERE: Duration = Duration::from_secs(24 * 3600);
+
 /// Uploads that are not whole at most: clients that begin and never end must not fill a disk's tables.
 pub const MOST_PARTIALS: usize = 1024;
 
 /// The folder.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Spool {
     folder: PathBuf,
     active: Arc<Mutex<HashSet<PathBuf>>>,
+    probes: Arc<AtomicU64>,
+    /// Uploads that are not whole: length and time of modification, and since when they have been so.
+    standing: Arc<Mutex<HashMap<PathBuf, (u64, SystemTime, Instant)>>>,
 }
 
 /// An upload that is not whole, claimed by one request until it is dropped.
@@ -48,7 +56,7 @@ impl Spool {
     /// Those of the file system.
     pub fn open(folder: &Path) -> io::Result<Self> {
         fs::create_dir_all(folder.join(PARTIAL))?;
-        let spool = Self { folder: folder.to_owned(), active: Arc::default() };
+        let spool = Self { folder: folder.to_owned(), ..Self::default() };
         spool.probe()?;
         Ok(spool)
     }
@@ -58,9 +66,12 @@ impl Spool {
     /// # Errors
     /// Those of the file system.
     pub fn probe(&self) -> io::Result<()> {
-        let probe = self.folder.join(PARTIAL).join("probe");
-        File::create(&probe)?.write_all(b"?")?;
-        fs::remove_file(&probe)
+        // a name of its own: two that look at once must not take each other's file away
+        let number = self.probes.fetch_add(1, Ordering::Relaxed);
+        let probe = self.folder.join(PARTIAL).join(format!("probe-{}-{number}", std::process::id()));
+        let written = File::create(&probe).and_then(|mut file| file.write_all(b"?"));
+        let removed = fs::remove_file(&probe);
+        written.and(removed)
     }
 
     /// Claims the upload of this name and, where the client said it, content; `None` while another request
@@ -118,16 +129,24 @@ impl Spool {
         Ok(fs::read_dir(self.folder.join(PARTIAL))?.count())
     }
 
-    /// Gives up uploads that were not gone on with for days, as of `now`. Returns how many.
+    /// Gives up uploads that were not gone on with for days, as of `date` and, by a clock that does not jump, `now`.
+    /// Returns how many.
     ///
     /// # Errors
     /// Those of the file system.
-    pub fn remove_stale(&self, now: SystemTime) -> io::Result<usize> {
+    pub fn remove_stale(&self, date: SystemTime, now: Instant) -> io::Result<usize> {
         let mut removed = 0;
+        let mut standing = self.standing.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = std::mem::take(&mut *standing);
         for entry in fs::read_dir(self.folder.join(PARTIAL))? {
             let entry = entry?;
-            let modified = entry.metadata()?.modified()?;
-            let is_stale = now.duration_since(modified).is_ok_and(|age| age > STALE);
+            let metadata = entry.metadata()?;
+            let (bytes, modified) = (metadata.len(), metadata.modified()?);
+            let known = before.get(&entry.path()).filter(|known| (known.0, known.1) == (bytes, modified));
+            let since = known.map_or(now, |known| known.2);
+            standing.insert(entry.path(), (bytes, modified, since));
+            let is_old = date.duration_since(modified).is_ok_and(|age| age > STALE);
+            let is_stale = is_old && now.duration_since(since) >= STALE_HERE;
             let active = self.active.lock().unwrap_or_else(PoisonError::into_inner);
             if is_stale && !active.contains(&entry.path()) {
                 fs::remove_file(entry.path())?;
@@ -223,8 +242,34 @@ mod tests {
         drop(spool.claim("A.csv", None).unwrap().open(true).unwrap());
         let active = spool.claim("B.csv", None).unwrap();
         drop(active.open(true).unwrap());
-        assert_eq!(spool.remove_stale(SystemTime::now()).unwrap(), 0);
-        assert_eq!(spool.remove_stale(SystemTime::now() + 2 * STALE).unwrap(), 1);
+        let (date, now) = (SystemTime::now(), Instant::now());
+        assert_eq!(spool.remove_stale(date, now).unwrap(), 0);
+        assert_eq!(spool.remove_stale(date + 2 * STALE, now + STALE_HERE / 2).unwrap(), 0, "the date jumped");
+        assert_eq!(spool.remove_stale(date + 2 * STALE, now + STALE_HERE).unwrap(), 1);
         assert_eq!(spool.offset("B.csv", None).unwrap(), Some((0, false)));
+    }
+
+    #[test]
+    fn an_upload_that_is_gone_on_with_now_and_then_is_kept_whatever_the_date() {
+        let folder = tempfile::tempdir().unwrap();
+        let spool = Spool::open(folder.path()).unwrap();
+        let (date, now) = (SystemTime::now() + 2 * STALE, Instant::now());
+        for day in 0..5 {
+            let mut file = spool.claim("A.csv", None).unwrap().open(false).unwrap();
+            file.write_all(b"1\n").unwrap();
+            assert_eq!(spool.remove_stale(date, now + day * STALE_HERE).unwrap(), 0, "{day}");
+        }
+    }
+
+    #[test]
+    fn looks_at_the_same_time_do_not_fail_each_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let spool = Spool::open(folder.path()).unwrap();
+        let look = || (0..300).map(|_| spool.probe()).collect::<io::Result<()>>();
+        std::thread::scope(|scope| {
+            let looks: Vec<_> = (0..4).map(|_| scope.spawn(look)).collect();
+            looks.into_iter().for_each(|look| look.join().unwrap().unwrap());
+        });
+        assert_eq!(spool.partials().unwrap(), 0);
     }
 }

@@ -1,6 +1,7 @@
 //! What became of an export, and whether the program lives.
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use axum::Json;
 use axum::extract::{Path, State};
@@ -42,18 +43,39 @@ pub async fn health() -> Json<Value> {
     Json(json!({"status": "ok"}))
 }
 
+/// How long an answer to [`ready`] holds: who asks in a loop, without a token, costs next to nothing.
+const READY_HOLDS: Duration = Duration::from_secs(1);
+
+/// What the last look said, and when it was.
+#[derive(Debug, Clone, Copy)]
+pub struct Readiness {
+    at: Instant,
+    database: bool,
+    spool: bool,
+}
+
 /// `GET /ready`: the database answers and uploads can be written.
 pub async fn ready(State(shared): State<Arc<Shared>>) -> Response {
     let stopping = shared.stop.is_cancelled();
-    let database = shared.store.counts().await.is_ok();
-    let spool = match &shared.uploads {
-        Some(uploads) => uploads.is_writable().await,
-        None => true,
-    };
+    let Readiness { database, spool, .. } = readiness(&shared).await;
     let is_ready = database && spool && !stopping;
     let status = if is_ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
     let told = json!({"ready": is_ready, "database": database, "spool": spool, "stopping": stopping});
     (status, Json(told)).into_response()
+}
+
+async fn readiness(shared: &Shared) -> Readiness {
+    // those that ask meanwhile wait for this look
+    let mut last = shared.readiness.lock().await;
+    if let Some(known) = last.filter(|known| known.at.elapsed() < READY_HOLDS) {
+        return known;
+    }
+    let database = shared.store.probe().await.is_ok();
+    let spool = match &shared.uploads {
+        Some(uploads) => uploads.is_writable().await,
+        None => true,
+    };
+    *last.insert(Readiness { at: Instant::now(), database, spool })
 }
 
 /// Any other address.

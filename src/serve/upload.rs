@@ -6,7 +6,7 @@
 use std::collections::VecDeque;
 use std::path;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use axum::Json;
 use axum::body::Body;
@@ -15,12 +15,12 @@ use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde_json::json;
-use tokio::sync::Semaphore;
+use tokio::sync::{Semaphore, watch};
 
 use super::Shared;
 use super::answer::{Refusal, UPLOAD_COMPLETE, UPLOAD_OFFSET};
 use super::part::Part;
-use super::receive::{Bounds, of_disk, receive};
+use super::receive::{Bounds, SLOW_START, of_disk, receive};
 use super::spool::{Claim, MOST_PARTIALS, Spool};
 use super::status::content_hash;
 use crate::config::{Config, UploadSettings};
@@ -58,7 +58,8 @@ const MEDIA_TYPES: [&str; 9] = [
 pub struct Uploads {
     settings: UploadSettings,
     spool: Spool,
-    config: Arc<Config>,
+    /// As it is in force now.
+    config: watch::Receiver<Arc<Config>>,
     places: Semaphore,
     /// Held while a whole upload gets its name, so that of two under one name the second sees the first.
     placing: tokio::sync::Mutex<()>,
@@ -67,7 +68,7 @@ pub struct Uploads {
 
 impl Uploads {
     /// Uploads into `spool` of robots that `config` knows.
-    pub fn new(settings: UploadSettings, spool: Spool, config: Arc<Config>) -> Self {
+    pub fn new(settings: UploadSettings, spool: Spool, config: watch::Receiver<Arc<Config>>) -> Self {
         let places = Semaphore::new(settings.at_once);
         Self {
             settings,
@@ -155,7 +156,11 @@ pub async fn put(
             .after(5)
     })?;
     let claim = claimed(uploads, &name, content.as_ref(), part).await?;
-    let bounds = Bounds { bytes: part.most(uploads.settings.max_bytes), idle: uploads.settings.idle_timeout };
+    let bounds = Bounds {
+        bytes: part.most(uploads.settings.max_bytes),
+        idle: uploads.settings.idle_timeout,
+        slow_start: SLOW_START,
+    };
     let claim = receive(claim, part.is_from_start(), body, bounds, &shared.stop).await?;
     let length = claim.length().map_err(|error| Refusal::internal(&error))?;
     if let Some(total) = part.total
@@ -179,7 +184,8 @@ pub async fn clean(shared: &Shared) {
     let Some(uploads) = &shared.uploads else { return };
     loop {
         let spool = uploads.spool.clone();
-        match tokio::task::spawn_blocking(move || spool.remove_stale(SystemTime::now())).await {
+        match tokio::task::spawn_blocking(move || spool.remove_stale(SystemTime::now(), Instant::now())).await
+        {
             Ok(Ok(0)) => {}
             Ok(Ok(removed)) => tracing::info!(removed, "uploads that nobody went on with are given up"),
             Ok(Err(error)) => tracing::warn!(%error, "cannot look for uploads that nobody goes on with"),
@@ -228,11 +234,12 @@ fn check_robot(uploads: &Uploads, name: &str) -> Result<(), Refusal> {
         return Ok(());
     }
     let refuse = |sentence: String| Err(Refusal::new(StatusCode::UNPROCESSABLE_ENTITY, sentence));
-    match uploads.config.recognition.recognise(name) {
+    let config = Arc::clone(&uploads.config.borrow());
+    match config.recognition.recognise(name) {
         Err(error) => {
             refuse(format!("{error}; rename the file, or change [recognition] in the configuration"))
         }
-        Ok(found) if uploads.config.robot_entry(&found.robot).is_none() => {
+        Ok(found) if config.robot_entry(&found.robot).is_none() => {
             refuse(format!("no [[robot]] of the configuration matches robot \"{}\"", found.robot))
         }
         Ok(_) => Ok(()),

@@ -8,7 +8,7 @@ use sqlx::sqlite::SqliteExecutor;
 use sqlx::{Sqlite, Transaction};
 
 use super::anomalies::{self, Reconciled};
-use super::{StoreError, friction, history, production, run_analysis};
+use super::{StoreError, conclusion_faults, friction, history, production, run_analysis};
 use crate::analysis::{ProductionCheck, WarmUpFit};
 use crate::anomaly::{Findings, ProductionSummary, RunSummary};
 use crate::numerics::friction_index::RobotFriction;
@@ -119,6 +119,8 @@ impl ConclusionTransaction {
     pub async fn commit(mut self, history: i64) -> Result<(), StoreError> {
         let marked = mark_concluded(&mut *self.transaction, self.robot_id, history).await;
         self.checked(marked)?;
+        let forgotten = conclusion_faults::forget(&mut *self.transaction, self.robot_id).await;
+        self.checked(forgotten)?;
         self.transaction.commit().await.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 

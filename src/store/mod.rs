@@ -8,6 +8,7 @@ mod analyses;
 mod anomalies;
 mod claim;
 mod conclude;
+mod conclusion_faults;
 mod error;
 mod factors;
 mod finish;
@@ -52,6 +53,7 @@ use sqlx::{Sqlite, SqlitePool, Transaction};
 pub use anomalies::Reconciled;
 pub use claim::DaemonClaim;
 pub use conclude::{ConclusionTransaction, StaleRobot};
+pub use conclusion_faults::ConclusionFault;
 pub use error::StoreError;
 pub use factors::{FactorsWanted, StoredCycle, StoredModel};
 pub use finish::FinishTransaction;
@@ -82,6 +84,8 @@ pub struct Store {
     path: Arc<Path>,
     writer: SqlitePool,
     readers: SqlitePool,
+    /// A reader for questions about the database's health: it takes no turn of the others.
+    probe: SqlitePool,
 }
 
 /// Hash by which the database tells descriptions apart: what decides the meaning of base parameters, joint
@@ -117,6 +121,7 @@ impl Store {
     /// [`StoreError`] of the last checkpoint; what was committed is safe all the same.
     pub async fn close(self) -> Result<(), StoreError> {
         // Readers first: a checkpoint cannot empty the log while they look at it.
+        self.probe.close().await;
         self.readers.close().await;
         let checkpoint = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&self.writer).await;
         self.writer.close().await;

@@ -17,6 +17,12 @@ pub(super) const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 /// Pause before the journal's mode is tried again; another program holds that lock for milliseconds.
 const LOCK_RETRY: Duration = Duration::from_millis(20);
 
+/// How long a question about the database's health waits.
+const PROBE_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// A database of this size is said to take its time when its schema is brought up to date, bytes.
+const LARGE_BYTES: u64 = 1 << 30;
+
 /// Readers at a time: a command and a page each ask a few questions, and every connection keeps a
 /// thread and a page cache of about 2 MB.
 const READERS: u32 = 4;
@@ -41,7 +47,7 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
         .busy_timeout(busy_timeout)
         .foreign_keys(true)
         .disable_statement_logging();
-    inspect(&path, &options).await?;
+    let found = inspect(&path, &options).await?;
 
     let writing = options
         .clone()
@@ -50,11 +56,20 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
         .synchronous(SqliteSynchronous::Normal)
         .pragma("journal_size_limit", LOG_LIMIT_BYTES);
     let writer = writer_pool(&path, writing, busy_timeout).await?;
+    let known = latest_schema();
+    let is_older = found > 0 && found < known;
+    if is_older {
+        say_migration(&path, found, known);
+    }
     migrate(&path, &writer).await?;
+    if is_older {
+        tracing::info!(path = %path.display(), schema = known, "the schema of the database is up to date");
+    }
+    let probe = probe(options.clone());
     let readers = pool(READERS, options.read_only(true), busy_timeout)
         .await
         .map_err(|e| StoreError::from_sqlx(&path, &e))?;
-    Ok(Store { path, writer, readers })
+    Ok(Store { path, writer, readers, probe })
 }
 
 /// Opens what is there for reading only; see [`Store::open_existing`].
@@ -73,8 +88,9 @@ pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreErr
     if found < known {
         return Err(StoreError::Older { path: path.to_path_buf(), found, known });
     }
+    let probe = probe(options.clone());
     let readers = pool(READERS, options, BUSY_TIMEOUT).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
-    Ok(Some(Store { path, writer: readers.clone(), readers }))
+    Ok(Some(Store { path, writer: readers.clone(), readers, probe }))
 }
 
 /// The writer. Turning a new file's journal into a write-ahead log needs an exclusive lock, for which
@@ -113,9 +129,44 @@ async fn pool(
         .await
 }
 
+/// A reader of its own, opened when it is asked for the first time.
+fn probe(options: SqliteConnectOptions) -> SqlitePool {
+    SqlitePoolOptions::new()
+        .max_connections(1)
+        .acquire_timeout(PROBE_TIMEOUT)
+        .idle_timeout(None)
+        .max_lifetime(None)
+        .connect_lazy_with(options.read_only(true).busy_timeout(PROBE_TIMEOUT))
+}
+
+impl Store {
+    /// Whether the database answers: one row is read of it, by a reader that nothing else uses.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database, [`StoreError::Busy`] after two seconds.
+    pub async fn probe(&self) -> Result<(), StoreError> {
+        let answer = sqlx::query("SELECT count(*) FROM (SELECT 1 FROM robot LIMIT 1)").execute(&self.probe);
+        self.checked(answer.await).map(|_| ())
+    }
+}
+
 /// Schema of a database that is up to date.
 fn latest_schema() -> i64 {
     MIGRATOR.iter().map(|m| m.version).max().unwrap_or(0)
+}
+
+/// Says that the schema is brought up to date, and what that may take.
+fn say_migration(path: &Path, found: i64, known: i64) {
+    let bytes = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    let (path, megabytes) = (path.display(), bytes >> 20);
+    if bytes < LARGE_BYTES {
+        tracing::info!(%path, megabytes, "bringing the schema of the database from {found} to {known}");
+    } else {
+        tracing::warn!(
+            %path, megabytes, "bringing the schema of the database from {found} to {known}, which may take minutes and \
+             as much free space as the file has; a stop before its end changes nothing"
+        );
+    }
 }
 
 /// Refuses a file that is not this program's, before anything about it is changed; gives its schema.

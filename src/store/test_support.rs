@@ -16,7 +16,9 @@ use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{ContentHash, RunHeader, RunKind, Stage};
 use crate::testing::er3a;
 
-pub(super) const VIEWS: [&str; 22] = [
+pub(super) const VIEWS: [&str; 24] = [
+    "quarantine",
+    "conclusion_faults",
     "temperatures",
     "production_trend",
     "runs",

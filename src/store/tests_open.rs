@@ -49,6 +49,22 @@ async fn folders_are_made_and_connections_behave_as_stated() {
 }
 
 #[tokio::test]
+async fn the_database_answers_while_all_readers_are_busy_and_not_once_it_is_closed() {
+    let (_folder, store) = fresh().await;
+    let mut busy = Vec::new();
+    while let Some(reader) = store.readers.try_acquire() {
+        busy.push(reader);
+    }
+    for _ in busy.len()..4 {
+        busy.push(store.readers.acquire().await.expect("a reader"));
+    }
+    tokio::time::timeout(Duration::from_secs(1), store.probe()).await.expect("at once").expect("an answer");
+    drop(busy);
+    store.clone().close().await.expect("closed");
+    assert!(store.probe().await.is_err());
+}
+
+#[tokio::test]
 async fn a_database_opened_again_holds_what_was_committed() {
     let (folder, store) = fresh().await;
     let run_id = streaming_run(&store, "R00", 0, 2).await;

@@ -19,6 +19,8 @@ mod quarantine;
 mod fuzz_seeds;
 mod layouts;
 mod explain;
+mod fairness;
+mod isolation;
 mod production;
 mod production_alarms;
 mod stage_signals;

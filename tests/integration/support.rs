@@ -161,6 +161,15 @@ impl Workshop {
         }
     }
 
+    /// Waits until something holds.
+    pub fn wait_until(&self, mut holds: impl FnMut() -> bool) {
+        let start = Instant::now();
+        while !holds() {
+            assert!(start.elapsed() < PATIENCE, "it does not come to hold; the log says\n{}", self.log());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
     /// Waits until what every robot's history says stands on all of its complete runs.
     pub fn wait_for_conclusions(&self) {
         self.wait_for("SELECT COUNT(*) FROM robot WHERE history <> concluded", 0);
