@@ -38,4 +38,5 @@ mod streaming;
 #[cfg(unix)]
 mod writers;
 mod upload;
+mod sound_recordings;
 mod wrong_recordings;
