@@ -1,9 +1,12 @@
 //! What is computed from a run: identification, verification, friction and warm-up. An answer that
 //! could not be had keeps its reason here; it is never an empty value.
 
+pub mod finding;
 pub mod friction;
 
 use std::sync::Arc;
+
+use finding::{Finding, FindingSeverity};
 
 use crate::robot::{JointIndex, ParameterId};
 use crate::run::{RunKind, Stage};
@@ -43,6 +46,8 @@ pub struct CycleAnalysis {
     pub factors: CycleFactors,
     /// What a user should know of the data, in sentences.
     pub remarks: Vec<String>,
+    /// What was found of channels and model; those of severity refuse are why there are no parameters.
+    pub findings: Vec<Finding>,
     /// What it is a recording of. A window of production has no parameters, no verification of its own and
     /// no friction points; its factors are those of rows between stages.
     pub kind: RunKind,
@@ -58,6 +63,12 @@ impl CycleAnalysis {
             RunKind::Production if self.sample_rate > 0.0 => None,
             _ => self.identification.as_ref().err().map(String::as_str),
         }
+    }
+
+    /// Whether its numbers are given but nothing may be concluded from them.
+    #[must_use]
+    pub fn is_doubtful(&self) -> bool {
+        self.refusal().is_none() && self.findings.iter().any(|found| found.severity == FindingSeverity::Doubt)
     }
 }
 

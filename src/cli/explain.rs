@@ -200,6 +200,9 @@ fn stage_table(cycles: &[CycleSketch]) -> String {
             row.push(match &cycle.analysis {
                 None => "not made".into(),
                 Some(analysis) => match (&analysis.identification, analysis.refusal()) {
+                    (Ok(found), _) if analysis.is_doubtful() => {
+                        format!("{} parameters, doubtful", found.parameters.len())
+                    }
                     (Ok(found), _) => format!("{} parameters", found.parameters.len()),
                     (Err(_), Some(_)) => "refused".into(),
                     (Err(_), None) => "held against a test".into(),
@@ -405,6 +408,7 @@ fn cycle_value(of: &CycleSketch) -> serde_json::Value {
         "rows": of.rows,
         "stages": stages,
         "identified": of.analysis.as_ref().map(|analysis| analysis.identification.is_ok()),
+        "doubtful": of.analysis.as_ref().map(CycleAnalysis::is_doubtful),
         "reason": of.analysis.as_ref().and_then(CycleAnalysis::refusal),
         "remarks": of.analysis.as_ref().map(|analysis| &analysis.remarks),
     })

@@ -5,6 +5,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use tokio_util::sync::CancellationToken;
@@ -12,6 +13,7 @@ use tokio_util::sync::CancellationToken;
 use super::{
     CliError, EXIT_DONE, EXIT_FOUND, EXIT_INTERNAL, EXIT_STOPPED, Global, open_store, output, runtime, shared,
 };
+use crate::analysis::finding::FindingKind;
 use crate::daemon;
 use crate::ingest::watch;
 use crate::pipeline::conclude::{Concluded, RUNS_AT_ONCE};
@@ -24,6 +26,7 @@ Examples:
   armwatch ingest R00_20260105_0847_Col23_20s_cycle5.csv.gz
   armwatch ingest exports/ --db fleet.db
   armwatch ingest exports/ --json | jq .reason
+  armwatch ingest R00_20260105_0847_Col23_20s_cycle5.csv.gz --accept late_torque
 
 Folders are searched with their subfolders for *.csv, *.csv.gz and *.csv.zst. A file whose content is
 stored already is named and passed over; a quarantined one is read again. Sources are never changed.
@@ -32,10 +35,22 @@ pub(super) struct IngestArgs {
     /// Exports, or folders of exports
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
+    /// Take cycles in spite of this finding, as doubtful ones; may be given again
+    ///
+    /// Adds to [analysis] accept of the configuration. A refusal says its name; docs/method.md lists them.
+    #[arg(long, value_name = "FINDING", value_parser = finding_kind())]
+    accept: Vec<FindingKind>,
+}
+
+/// Reads the name of a finding; clap proposes the nearest one.
+fn finding_kind() -> impl TypedValueParser<Value = FindingKind> {
+    PossibleValuesParser::new(FindingKind::ALL.map(FindingKind::name))
+        .try_map(|name| FindingKind::from_name(&name).ok_or("no finding of this name"))
 }
 
 pub(super) fn ingest(global: &Global, args: &IngestArgs) -> Result<u8, CliError> {
-    let config = global.read_config()?;
+    let mut config = global.read_config()?;
+    config.analysis.accept = config.analysis.accept.union(args.accept.iter().copied().collect());
     let exports = find_exports(&args.paths)?;
     runtime()?.block_on(async {
         let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;

@@ -15,8 +15,9 @@ use super::work_limits::{archive_of, read_work_limits};
 use super::{
     Channel, Config, FilePatterns, FleetEntry, Layout, Recognition, RewritePolicy, WatchSettings, WorkLimits,
 };
-use super::{date_format, parse_layout, pattern};
+use super::{date_format, parse_layout, pattern, suggestion};
 use crate::analysis::Estimator;
+use crate::analysis::finding::{FindingKind, FindingKinds};
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::DetectSettings;
 use crate::robot::{JointKind, Robot};
@@ -407,7 +408,32 @@ fn read_analysis(table: &Table<'_>) -> Option<AnalysisSettings> {
         Some(value) => read_estimator(&value),
         None => Some(default.estimator),
     };
-    Some(AnalysisSettings { cutoff: cutoff?, reference_speed_fraction: reference?, estimator: estimator? })
+    let accept = match table.optional("accept") {
+        Some(value) => read_accept(&value),
+        None => Some(default.accept),
+    };
+    Some(AnalysisSettings {
+        cutoff: cutoff?,
+        reference_speed_fraction: reference?,
+        estimator: estimator?,
+        accept: accept?,
+    })
+}
+
+fn read_accept(value: &Value<'_>) -> Option<FindingKinds> {
+    let kind = |item: &Value<'_>| {
+        let name = item.text()?;
+        let found = FindingKind::from_name(name);
+        if found.is_none() {
+            let hint = match suggestion::nearest(name, FindingKind::ALL.map(FindingKind::name)) {
+                Some(known) => format!("did you mean {known}?"),
+                None => "names are in docs/method.md, and a refusal names its own".into(),
+            };
+            item.refuse("is no finding that a cycle can be refused for".into(), Some(hint));
+        }
+        found
+    };
+    value.items()?.iter().map(kind).collect()
 }
 
 fn read_estimator(value: &Value<'_>) -> Option<Estimator> {

@@ -107,6 +107,7 @@ const DAEMON: &[Expectation] = &[
     ("sound", &[]),
     ("settle_negative", &[(6, "watch.settle_s", "= -1: must be between 0 and 3600 s")]),
     ("estimator_unknown", &[(19, "analysis.estimator", "must be \"ordinary\", \"weighted\" or \"huber\"")]),
+    ("finding_misspelt", &[(19, "analysis.accept[2]", "did you mean late_torque?")]),
     ("key_misspelt", &[(5, "watch.scan_intervall_s", "did you mean scan_interval_s?")]),
     ("table_misspelt", &[(17, "analisys", "did you mean analysis?")]),
     ("number_in_quotes", &[(18, "analysis.cutoff_hz", "= \"12\": is text, must be a number")]),

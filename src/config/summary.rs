@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use super::{Config, FleetEntry, Layout, ServeSettings};
+use crate::analysis::finding::FindingKind;
 use crate::robot::{JointKind, Robot};
 
 /// What was read and which settings are in force, with units, one topic a paragraph.
@@ -43,6 +44,14 @@ pub fn summary(config: &Config) -> String {
     line("low-pass cut-off", format!("{} Hz", analysis.cutoff));
     line("reference speed", format!("{} of the largest", percent(analysis.reference_speed_fraction)));
     line("estimator", analysis.estimator.name().to_owned());
+    let accepted: Vec<&str> = FindingKind::ALL
+        .iter()
+        .filter(|kind| analysis.accept.contains(**kind))
+        .map(|kind| kind.name())
+        .collect();
+    if !accepted.is_empty() {
+        line("accepted findings", accepted.join(", "));
+    }
     let detect = &config.detect;
     line("baseline", format!("{} runs", detect.baseline_runs));
     let levels =

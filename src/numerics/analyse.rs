@@ -9,16 +9,22 @@ use super::friction::friction_points;
 use super::friction_means::{SAME_PASS_S, direction_difference};
 use super::identify::{identify_rows, noise_errors};
 use super::jumps::{Jump, jumps};
+use super::plausible::causes::{motor_torques, reason, sentences};
 use super::plausible::doubt::{DoubtSettings, Judged, diagnose_description};
+use super::plausible::nominal::inertia_ratios;
+use super::plausible::own_fit::own_fits;
+use super::plausible::weigh::{WeighSettings, Weighed, own_torques, turned_torques, weigh};
 use super::plausible::{PlausibleSettings, diagnose_model, top_speeds};
 use super::regressor::KeptColumns;
 use super::rows::CycleRows;
-use super::signal::{Conditioned, condition};
+use super::signal::{Conditioned, carried_cutoff, condition};
 use super::statistics::{mean, median, parameter_statistics, standard_deviation, swing};
 use super::temperature::cycle_temperatures;
+use super::time_grid::sample_rate;
 use super::triangular::TriangularFactor;
 use super::verify::{torque_rmsd, warming_contrast};
 use super::warm_up::{WarmUpPoint, fit_warm_up, warm_up_rmsd};
+use crate::analysis::finding::FindingKinds;
 use crate::analysis::{
     CycleAnalysis, CycleFactors, Estimator, FrictionPoint, Identification, JointSummary, RunAnalysis,
     WarmFriction, WarmUpFit,
@@ -36,11 +42,18 @@ pub struct AnalysisSettings {
     pub reference_speed_fraction: f64,
     /// How rows become parameters.
     pub estimator: Estimator,
+    /// Findings that do not refuse a cycle but make it doubtful.
+    pub accept: FindingKinds,
 }
 
 impl Default for AnalysisSettings {
     fn default() -> Self {
-        Self { cutoff: 12.0, reference_speed_fraction: 0.6, estimator: Estimator::default() }
+        Self {
+            cutoff: 12.0,
+            reference_speed_fraction: 0.6,
+            estimator: Estimator::default(),
+            accept: FindingKinds::default(),
+        }
     }
 }
 
@@ -73,7 +86,7 @@ impl Method {
 pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     let samples = &cycle.samples;
     let mut analysis = unanalysed(method, cycle);
-    let conditioned = match condition(samples, method.settings.cutoff) {
+    let conditioned = match condition(samples, analysis.cutoff) {
         Ok(conditioned) => conditioned,
         Err(error) => {
             analysis.identification = Err(error.to_string());
@@ -83,19 +96,25 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     analysis.sample_rate = conditioned.sample_rate;
     note_gaps(samples, &conditioned, &mut analysis.remarks);
 
-    let findings = diagnose_samples(&method.robot, samples, &conditioned, &DiagnoseSettings::default());
-    if let Err(reason) = judge(findings, &mut analysis.remarks) {
-        // wrong channels give wrong friction and wrong factors too: nothing of this cycle may count
-        analysis.identification = Err(reason);
+    let accept = method.settings.accept;
+    let channels = diagnose_samples(&method.robot, samples, &conditioned, &DiagnoseSettings::default());
+    let jumps = jumps(&method.robot, &conditioned);
+    let kept = &method.base.kept_columns;
+    let factored = factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, samples);
+    let recorded = Recorded { samples, conditioned: &conditioned, jumps: &jumps, factored: &factored };
+    let channels = with_own_fits(method, &recorded, channels);
+    take_up(method, accepted(channels, accept), &mut analysis);
+    // kept of refused cycles too: what is wrong with one may be known later, and verification goes without it
+    keep_factors(method, &factored, &mut analysis);
+    if is_refused(&analysis) {
+        // wrong channels give wrong friction: nothing of this cycle may count
         return analysis;
     }
 
     analysis.mean_speeds = mean_speeds(&conditioned);
-    let jumps = jumps(&method.robot, &conditioned);
-    let kept = &method.base.kept_columns;
-    let factored = factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, samples);
     analysis.identification = identify_excitation(method, &factored, &conditioned, &jumps, samples);
-    doubt_model(method, samples, (&conditioned, &jumps), &factored, &mut analysis);
+    let findings = doubt_model(method, &recorded, &analysis);
+    take_up(method, accepted(findings, accept), &mut analysis);
     let model = analysis.identification.as_ref().ok().map(|found| {
         let parameters = found.parameters.iter().map(|p| (p.id, p.value));
         DynamicModel::from_parameters(&method.robot, parameters)
@@ -105,7 +124,6 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         analysis.verification = torque_rmsd(&method.columns, &factored.factors, &theta);
         analysis.warming_contrast = warming_contrast(&method.columns, &factored, &theta);
     }
-    keep_factors(method, &factored, &mut analysis);
     let friction = friction_points(&method.robot, samples, &conditioned, model.as_ref());
     analysis.friction_points = friction.points;
     analysis.remarks.extend(friction.remarks);
@@ -116,14 +134,19 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
 /// What is known of a cycle before anything is computed.
 pub(super) fn unanalysed(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     let samples = &cycle.samples;
-    let (temperatures, remarks) = cycle_temperatures(samples);
+    let (temperatures, mut remarks) = cycle_temperatures(samples);
+    let asked = method.settings.cutoff;
+    let cutoff = sample_rate(&samples.time).map_or(asked, |rate| carried_cutoff(asked, rate));
+    if cutoff < asked {
+        remarks.push(lowered(asked, cutoff));
+    }
     CycleAnalysis {
         cycle: cycle.number,
         start: samples.time.first().copied().unwrap_or(0.0),
         duration: duration(samples),
         rows: samples.rows(),
         sample_rate: 0.0,
-        cutoff: method.settings.cutoff,
+        cutoff,
         estimator: method.settings.estimator,
         identification: Err(String::new()),
         verification: Vec::new(),
@@ -133,9 +156,19 @@ pub(super) fn unanalysed(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         friction_points: Vec::new(),
         factors: CycleFactors::default(),
         remarks,
+        findings: Vec::new(),
         kind: RunKind::Test,
         production: None,
     }
+}
+
+/// What is said of a cut-off that the rows do not carry.
+fn lowered(asked: f64, cutoff: f64) -> String {
+    format!(
+        "the rows are too few for a low-pass at {asked} Hz, which needs four times as many a second; it is analysed \
+         at {cutoff} Hz, and faster changes of the torque are not seen: record at {} Hz or more",
+        4.0 * asked
+    )
 }
 
 /// Mean speed of each joint over the rows that the low-pass leaves, rad/s (m/s), `[n]`.
@@ -145,30 +178,77 @@ fn mean_speeds(conditioned: &Conditioned) -> Vec<f64> {
     conditioned.qd.iter().map(|qd| usable().map(|row| qd[row].abs()).sum::<f64>() / rows).collect()
 }
 
-/// Takes up what is worth knowing as remarks, and gives what must not pass as the reason to refuse.
-fn judge(findings: Vec<Finding>, remarks: &mut Vec<String>) -> Result<(), String> {
-    let (refused, told): (Vec<Finding>, Vec<Finding>) =
-        findings.into_iter().partition(|finding| finding.severity == FindingSeverity::Refuse);
-    remarks.extend(told.into_iter().map(|finding| finding.sentence));
-    match refused.is_empty() {
-        true => Ok(()),
-        false => Err(refused.into_iter().map(|finding| finding.sentence).collect::<Vec<_>>().join("; ")),
+/// A cycle with what was made of its rows.
+#[derive(Clone, Copy)]
+struct Recorded<'a> {
+    samples: &'a Samples,
+    conditioned: &'a Conditioned,
+    jumps: &'a [Jump],
+    factored: &'a Factored,
+}
+
+impl Recorded<'_> {
+    /// Usable rows of the excitation.
+    fn excitation(&self) -> Vec<usize> {
+        let usable = self.conditioned.usable.iter().flat_map(Clone::clone);
+        usable.filter(|&row| self.samples.stage[row] == Stage::Excitation).collect()
     }
 }
 
-/// Withdraws parameters that no arm can have.
-fn doubt_model(
-    method: &Method,
-    samples: &Samples,
-    (conditioned, jumps): (&Conditioned, &[Jump]),
-    factored: &Factored,
-    analysis: &mut CycleAnalysis,
-) {
-    let Ok(found) = &analysis.identification else { return };
+/// Findings that refuse a cycle and are accepted make it doubtful instead.
+fn accepted(findings: Vec<Finding>, accept: FindingKinds) -> Vec<Finding> {
+    let weakened = |finding: Finding| match finding.severity == FindingSeverity::Refuse
+        && accept.contains(finding.kind)
+    {
+        true => Finding { severity: FindingSeverity::Doubt, ..finding },
+        false => finding,
+    };
+    findings.into_iter().map(weakened).collect()
+}
+
+fn is_refused(analysis: &CycleAnalysis) -> bool {
+    analysis.findings.iter().any(|finding| finding.severity == FindingSeverity::Refuse)
+}
+
+/// Takes up what is worth knowing as remarks, and what must not pass as the reason to refuse.
+fn take_up(method: &Method, findings: Vec<Finding>, analysis: &mut CycleAnalysis) {
+    let (refused, told): (Vec<Finding>, Vec<Finding>) =
+        findings.iter().cloned().partition(|finding| finding.severity == FindingSeverity::Refuse);
+    let (doubted, odd): (Vec<Finding>, Vec<Finding>) =
+        told.into_iter().partition(|finding| finding.severity == FindingSeverity::Doubt);
+    let doubts = sentences(&method.robot, &doubted);
+    analysis.remarks.extend(doubts.into_iter().map(|sentence| format!("doubtful: {sentence}")));
+    analysis.remarks.extend(sentences(&method.robot, &odd));
+    if !refused.is_empty() {
+        analysis.identification = Err(reason(&method.robot, &refused));
+    }
+    analysis.findings.extend(findings);
+}
+
+/// Findings about channels, with signs of torques by each joint's own full fit, and without swapped torques that it
+/// contradicts. Where a position or velocity is wrong, torques are not judged by it.
+fn with_own_fits(method: &Method, recorded: &Recorded<'_>, findings: Vec<Finding>) -> Vec<Finding> {
+    let settings = WeighSettings::default();
+    let Recorded { conditioned, factored, .. } = *recorded;
+    let excitation = recorded.excitation();
+    let fits = own_fits(&method.robot, &method.columns, conditioned, factored, &excitation);
+    let mut kept: Vec<Finding> =
+        findings.into_iter().filter(|finding| !own_torques(finding, &fits, &settings)).collect();
+    let kinds: FindingKinds =
+        kept.iter().filter(|f| f.severity == FindingSeverity::Refuse).map(|f| f.kind).collect();
+    if kinds.is_empty() {
+        kept.extend(turned_torques(&fits, &settings));
+    }
+    kept
+}
+
+/// What the identified model says that no arm can be, as far as nothing else explains it.
+fn doubt_model(method: &Method, recorded: &Recorded<'_>, analysis: &CycleAnalysis) -> Vec<Finding> {
+    let Ok(found) = &analysis.identification else { return Vec::new() };
+    let Recorded { samples, conditioned, jumps, factored } = *recorded;
     let theta: Vec<f64> = found.parameters.iter().map(|p| p.value).collect();
     let verification = torque_rmsd(&method.columns, &factored.factors, &theta);
-    let usable = conditioned.usable.iter().flat_map(Clone::clone);
-    let rows: Vec<usize> = usable.filter(|&row| samples.stage[row] == Stage::Excitation).collect();
+    let rows = recorded.excitation();
     let speeds = top_speeds(&conditioned.qd, &rows);
     let mut doubted = found.clone();
     let factors = identifying_factors(method, factored);
@@ -179,6 +259,17 @@ fn doubt_model(
     }
     let of_model =
         diagnose_model(&method.robot, &doubted, &verification, &speeds, &PlausibleSettings::default());
+    let weighed = Weighed {
+        robot: &method.robot,
+        base: &method.base,
+        factors: &factors,
+        samples,
+        conditioned,
+        excitation: &rows,
+        identified: &doubted,
+        verification: &verification,
+    };
+    let of_model = weigh(of_model, &weighed, &WeighSettings::default());
     let judged = Judged {
         robot: &method.robot,
         columns: &method.columns,
@@ -189,12 +280,12 @@ fn doubt_model(
         identified: &doubted,
         verification: &verification,
     };
-    // the description first: where it is wrong, what it makes of the joints is no news
     let mut findings = diagnose_description(&judged, &of_model, &DoubtSettings::default());
+    let refused = of_model.iter().any(|finding| finding.severity == FindingSeverity::Refuse);
+    let motors = motor_torques(&method.robot, &inertia_ratios(&method.robot, &doubted));
+    findings.extend(motors.filter(|_| refused));
     findings.extend(of_model);
-    if let Err(reason) = judge(findings, &mut analysis.remarks) {
-        analysis.identification = Err(reason);
-    }
+    findings
 }
 
 fn duration(samples: &Samples) -> f64 {
@@ -242,8 +333,9 @@ pub(super) fn note_gaps(samples: &Samples, conditioned: &Conditioned, remarks: &
     let (stretches, rows) = conditioned.filtered();
     let lost = samples.rows() - rows;
     if stretches != 1 || lost > 0 {
+        let parts = if stretches == 1 { "part" } else { "parts" };
         remarks.push(format!(
-            "time has gaps: {stretches} stretches of even steps, {lost} rows in stretches too short to be filtered"
+            "time has gaps: {stretches} {parts} of the cycle can be filtered, {lost} rows in shorter ones are left out"
         ));
     }
 }

@@ -8,95 +8,10 @@ mod position;
 mod torque;
 mod velocity;
 
-use super::signal::{Conditioned, differentiate};
+use super::signal::Conditioned;
+pub use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::robot::{Joint, JointIndex, Robot};
 use crate::run::{Samples, Stage};
-
-/// Whether numbers from such data may pass.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum FindingSeverity {
-    /// Worth knowing; the numbers stand.
-    Warn,
-    /// No parameters should be made from this.
-    Refuse,
-}
-
-/// What was found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum FindingKind {
-    /// A joint does not move during the excitation.
-    Still,
-    /// A joint moves at one speed only.
-    OneSpeed,
-    /// Torque is cut off at a largest value.
-    Saturated,
-    /// A channel repeats one value while the arm moves.
-    Stuck,
-    /// A velocity follows from another joint's position.
-    VelocitySwapped,
-    /// A torque belongs to another joint's motion.
-    TorqueSwapped,
-    /// Velocity is the derivative of position in another unit.
-    VelocityUnit,
-    /// Position is in another unit than the description's.
-    PositionUnit,
-    /// Velocity is the negative derivative of position.
-    VelocitySign,
-    /// Friction would drive the joint.
-    TorqueSign,
-    /// Velocities disagree with positions by one factor for all joints.
-    TimeAxis,
-    /// Velocity does not follow from position.
-    VelocityUnrelated,
-    /// Positions beyond the description's limits.
-    OutsideLimits,
-    /// Speeds beyond the description's limits.
-    TooFast,
-    /// The identified inertia is one that no body has.
-    NegativeInertia,
-    /// The identified friction would drive the joint.
-    NegativeFriction,
-    /// The identified inertia is far from the description's nominal one.
-    FarFromNominal,
-    /// The model does not explain the torque.
-    Unexplained,
-    /// A value far outside all others of its channel, or of the row before.
-    Spike,
-    /// Rows that repeat the row before.
-    Repeated,
-    /// All joints move over a small part of their range only.
-    SmallMotion,
-    /// The excitation is very short.
-    ShortExcitation,
-    /// Torques come earlier or later than the motion that needs them.
-    TorqueDelay,
-    /// Torques contradict lengths, angles, mounting or torque scales of the description.
-    Description,
-}
-
-/// A number that a finding stands on; the unit ends the name.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Evidence {
-    /// What it is.
-    pub name: &'static str,
-    /// Its value.
-    pub value: f64,
-}
-
-/// Something that a person should know of a recording before trusting numbers from it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Finding {
-    /// What was found.
-    pub kind: FindingKind,
-    /// Whether numbers may pass.
-    pub severity: FindingSeverity,
-    /// The joint, if it is about one.
-    pub joint: Option<JointIndex>,
-    /// What is wrong and what to do, as a sentence.
-    pub sentence: String,
-    /// What shows it.
-    pub evidence: Vec<Evidence>,
-}
 
 /// From where on something is worth saying.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -188,7 +103,7 @@ pub fn diagnose_samples(
         .joint_indices()
         .filter(|&j| !explained(&findings, j, &kinematic) && !explained(&findings, j, &[FindingKind::Still]))
         .collect();
-    findings.extend(torque::torques(&view, &judged, &findings));
+    findings.extend(torque::torques(&view, &judged));
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     findings
 }
@@ -212,21 +127,13 @@ impl<'a> View<'a> {
         let excitation: Vec<usize> =
             rows.iter().copied().filter(|&row| samples.stage[row] == Stage::Excitation).collect();
         let excitation = if excitation.is_empty() { rows.clone() } else { excitation };
-        let step = 1.0 / conditioned.sample_rate;
-        let derivative = |q: &Vec<f64>| {
-            let mut out = vec![0.0; q.len()];
-            for stretch in &conditioned.usable {
-                out[stretch.clone()].copy_from_slice(&differentiate(&q[stretch.clone()], step));
-            }
-            out
-        };
         Self {
             robot,
             samples,
             conditioned,
             rows,
             excitation,
-            dq: conditioned.q.iter().map(derivative).collect(),
+            dq: conditioned.q.iter().map(|q| conditioned.derivative(q)).collect(),
         }
     }
 

@@ -13,6 +13,7 @@
 
 pub mod analyse;
 pub mod signal;
+pub mod time_grid;
 pub mod temperature;
 pub mod stages;
 pub mod motion_stages;

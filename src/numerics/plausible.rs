@@ -1,13 +1,19 @@
 //! What an identified model says that no arm can be: a sign of a wrong geometry, unit or sign.
 
 pub mod alternatives;
+pub mod causes;
 pub mod delay;
 pub mod description;
 pub mod doubt;
-mod nominal;
+pub mod friction_shapes;
+pub mod nominal;
 pub mod numbers;
+pub mod own_fit;
+pub mod weigh;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod sound_tests;
 
 use super::actuator::friction_columns;
 use super::base::{PROBE_STATES, probe_state};
@@ -189,10 +195,11 @@ fn negative_inertias(
             severity: FindingSeverity::Refuse,
             joint: Some(joint),
             sentence: format!(
-                "joint {joint}: the identified model gives it a negative inertia ({:.4} kg m^2 or kg) in the posture \
+                "joint {joint}: the identified model gives it a negative inertia ({:.4} {}) in the posture \
                  ({}); no arm is so: check the description's geometry (which Denavit-Hartenberg convention, twists, \
                  offsets), units and signs",
                 felt.value,
+                nominal::inertia_unit(robot, joint),
                 posture.join(", ")
             ),
             evidence: vec![

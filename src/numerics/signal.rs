@@ -6,14 +6,12 @@ use sci_rs::signal::filter::design::{DigitalFilter, FilterBandType, FilterOutput
 use sci_rs::signal::filter::sosfiltfilt_dyn;
 
 use super::NumericsError;
+use super::time_grid::{EvenGrid, is_even, longest_step, median_step, sample_rate};
 use crate::run::Samples;
 
 /// Order of the Butterworth low-pass. Forward and backward passes double the roll-off and cancel
 /// the phase.
 const FILTER_ORDER: usize = 4;
-
-/// A step longer than this many median steps is a gap: a filter must not run across it.
-const GAP_STEPS: f64 = 1.5;
 
 /// Shortest stretch between gaps that is filtered. The odd extension at either end needs 15 rows;
 /// shorter stretches have no inner part.
@@ -40,8 +38,8 @@ pub struct Conditioned {
     /// differences knew only one side.
     pub usable: Vec<Range<usize>>,
     /// Stretches between gaps that were filtered; rows outside hold zeros.
-    stretches: Vec<Range<usize>>,
-    /// Rows per second, from the median time step, Hz.
+    stretches: Vec<Stretch>,
+    /// Rows per second ([`sample_rate`]), Hz.
     pub sample_rate: f64,
     /// Cut-off of the low-pass, Hz.
     pub cutoff: f64,
@@ -78,13 +76,13 @@ impl Conditioned {
 
     /// Rows that went through the low-pass; channels hold zeros in the others.
     pub fn filtered_rows(&self) -> impl Iterator<Item = usize> + '_ {
-        self.stretches.iter().flat_map(Clone::clone)
+        self.stretches.iter().flat_map(|stretch| stretch.rows.clone())
     }
 
     /// Stretches between gaps in time that were long enough to be filtered, and the rows in them.
     #[must_use]
     pub fn filtered(&self) -> (usize, usize) {
-        (self.stretches.len(), self.stretches.iter().map(ExactSizeIterator::len).sum())
+        (self.stretches.len(), self.stretches.iter().map(|stretch| stretch.rows.len()).sum())
     }
 
     /// `series` `[rows]` through the low-pass that the channels went through; zero in unusable rows.
@@ -92,7 +90,27 @@ impl Conditioned {
     pub fn low_passed(&self, series: &[f64]) -> Vec<f64> {
         // a cut-off that made this recording fits its sample rate
         let low_pass = LowPass::new(self.cutoff, self.sample_rate);
-        low_pass.map_or_else(|_| series.to_vec(), |low_pass| low_pass.over(series, &self.stretches))
+        low_pass.map_or_else(
+            |_| series.to_vec(),
+            |low_pass| {
+                spread(series, &self.stretches, |stretch, series| stretch.low_passed(&low_pass, series))
+            },
+        )
+    }
+
+    /// Derivative over true times of a channel that went through the low-pass, per second; zero in rows that did
+    /// not.
+    #[must_use]
+    pub fn derivative(&self, channel: &[f64]) -> Vec<f64> {
+        spread(channel, &self.stretches, |stretch, channel| {
+            differentiate(&stretch.to_grid(channel), stretch.step)
+        })
+    }
+
+    /// Whether rows are evenly spaced in time, as far as their time stamps are known.
+    #[must_use]
+    pub fn is_even(&self) -> bool {
+        self.stretches.iter().all(|stretch| stretch.grid.is_none())
     }
 
     /// Fraction of independent rows: a low-pass at `f_c` leaves `2 f_c` independent values a second
@@ -103,9 +121,20 @@ impl Conditioned {
     }
 }
 
+/// The cut-off that rows at `sample_rate` Hz carry: the given one, or a quarter of the rate where that is less.
+///
+/// A low-pass in time steps bends towards half the rate, differences lose what lies near it, and what the logger
+/// folded down from above comes back: at 30 Hz a cut-off of 12 Hz doubles the errors of parameters against 7 Hz.
+#[must_use]
+pub fn carried_cutoff(cutoff: f64, sample_rate: f64) -> f64 {
+    const RATE_SHARE: f64 = 0.25;
+    let most = RATE_SHARE * sample_rate;
+    if cutoff <= most { cutoff } else { ((10.0 * most).floor() / 10.0).max(0.1 * most) }
+}
+
 /// Filters all channels of `samples` with a zero-phase fourth-order Butterworth low-pass at
 /// `cutoff` Hz and differentiates velocity. A missing velocity is the central difference of the
-/// filtered position.
+/// filtered position. Rows that are not evenly spaced go over an even grid and back.
 ///
 /// # Errors
 /// [`NumericsError::TooShort`] below 32 rows, [`NumericsError::CutoffTooHigh`] if the sample rate
@@ -115,28 +144,33 @@ pub fn condition(samples: &Samples, cutoff: f64) -> Result<Conditioned, Numerics
     if rows < MIN_STRETCH_ROWS {
         return Err(NumericsError::TooShort { what: "the cycle", rows, needed: MIN_STRETCH_ROWS });
     }
-    let step = median_step(&samples.time).ok_or(NumericsError::NotFinite("the time steps"))?;
-    let sample_rate = 1.0 / step;
+    let no_step = NumericsError::NotFinite("the time steps");
+    let step = median_step(&samples.time).ok_or(no_step.clone())?;
+    let sample_rate = sample_rate(&samples.time).ok_or(no_step)?;
     let low_pass = LowPass::new(cutoff, sample_rate)?;
-    let stretches = stretches(&samples.time, step);
+    let stretches = stretches(&samples.time, longest_step(step, cutoff), sample_rate);
 
-    let filtered = |channels: &[Vec<f64>]| -> Vec<Vec<f64>> {
-        channels.iter().map(|channel| low_pass.over(channel, &stretches)).collect()
+    let low_passed = |channel: &Vec<f64>| -> Vec<Vec<f64>> {
+        stretches.iter().map(|stretch| stretch.low_passed(&low_pass, channel)).collect()
     };
-    let differentiated = |channels: &[Vec<f64>]| -> Vec<Vec<f64>> {
-        channels.iter().map(|channel| differentiate_over(channel, &samples.time, &stretches)).collect()
+    let derivative = |pieces: &Vec<Vec<f64>>| -> Vec<Vec<f64>> {
+        pieces.iter().zip(&stretches).map(|(piece, stretch)| differentiate(piece, stretch.step)).collect()
     };
-    let q = filtered(&samples.position);
-    let qd = match &samples.velocity {
-        Some(velocity) => filtered(velocity),
-        None => differentiated(&q),
+    let at_rows = |channels: &[Vec<Vec<f64>>]| -> Vec<Vec<f64>> {
+        channels.iter().map(|pieces| joined(pieces, &stretches, rows)).collect()
     };
-    let qdd = differentiated(&qd);
-    let tau = filtered(&samples.torque);
+    let q: Vec<Vec<Vec<f64>>> = samples.position.iter().map(low_passed).collect();
+    let qd: Vec<Vec<Vec<f64>>> = match &samples.velocity {
+        Some(velocity) => velocity.iter().map(low_passed).collect(),
+        None => q.iter().map(derivative).collect(),
+    };
+    let qdd: Vec<Vec<Vec<f64>>> = qd.iter().map(derivative).collect();
+    let tau: Vec<Vec<Vec<f64>>> = samples.torque.iter().map(low_passed).collect();
+    let [q, qd, qdd, tau] = [q, qd, qdd, tau].map(|channels| at_rows(&channels));
     let edge = (EDGE_PERIODS * sample_rate / cutoff).ceil() as usize;
-    let usable =
-        stretches.iter().map(|s| s.start + edge..s.end.saturating_sub(edge)).filter(|s| !s.is_empty());
-    Ok(Conditioned { q, qd, qdd, tau, usable: usable.collect(), stretches, sample_rate, cutoff })
+    let usable = stretches.iter().map(|s| s.rows.start + edge..s.rows.end.saturating_sub(edge));
+    let usable = usable.filter(|s| !s.is_empty()).collect();
+    Ok(Conditioned { q, qd, qdd, tau, usable, stretches, sample_rate, cutoff })
 }
 
 /// Every how many rows of a recording at `sample_rate` Hz something new is seen after a low-pass at
@@ -147,22 +181,6 @@ pub fn condition(samples: &Samples, cutoff: f64) -> Result<Conditioned, Numerics
 pub fn row_step(cutoff: f64, sample_rate: f64) -> usize {
     const ROWS_PER_PERIOD: f64 = 6.0;
     ((sample_rate / (ROWS_PER_PERIOD * cutoff)).floor() as usize).max(1)
-}
-
-/// Median time step, s; `None` for fewer than two rows or a time that does not grow. Taken over pairs
-/// of steps, halved: loggers whose clock does not divide their rate alternate, say, 10 and 12 ms.
-#[must_use]
-pub fn median_step(time: &[f64]) -> Option<f64> {
-    let mut steps: Vec<f64> = match time.len() {
-        0..3 => time.windows(2).map(|w| w[1] - w[0]).collect(),
-        _ => time.windows(3).map(|w| 0.5 * (w[2] - w[0])).collect(),
-    };
-    if steps.is_empty() {
-        return None;
-    }
-    let middle = steps.len() / 2;
-    let (_, median, _) = steps.select_nth_unstable_by(middle, f64::total_cmp);
-    (median.is_finite() && *median > 0.0).then_some(*median)
 }
 
 /// Derivative of `values` over `step` seconds, same length: central differences of sixth order
@@ -215,21 +233,55 @@ impl LowPass {
         }
     }
 
-    fn over(&self, channel: &[f64], stretches: &[Range<usize>]) -> Vec<f64> {
-        let mut out = vec![0.0; channel.len()];
-        for stretch in stretches {
-            let filtered = sosfiltfilt_dyn(channel[stretch.clone()].iter(), &self.sections);
-            out[stretch.clone()].copy_from_slice(&filtered);
-        }
-        out
+    fn over(&self, values: &[f64]) -> Vec<f64> {
+        sosfiltfilt_dyn(values.iter(), &self.sections)
     }
 }
 
-/// Rows between gaps in time, as far as they are long enough to be filtered.
-fn stretches(time: &[f64], step: f64) -> Vec<Range<usize>> {
-    let breaks =
-        time.windows(2).enumerate().filter(|(_, w)| w[1] - w[0] > GAP_STEPS * step).map(|(i, _)| i + 1);
-    let mut found = Vec::new();
+/// Rows without a gap in time among them.
+#[derive(Debug, Clone, PartialEq)]
+struct Stretch {
+    rows: Range<usize>,
+    /// The even grid that filters and differences work on, where rows are not evenly spaced.
+    grid: Option<EvenGrid>,
+    /// Time between its points, s: the mean step of evenly spaced rows. Time stamps are rounded to what the logger
+    /// prints, and that jitter would enter the acceleration.
+    step: f64,
+}
+
+impl Stretch {
+    /// A channel of the whole recording on the stretch's grid.
+    fn to_grid(&self, channel: &[f64]) -> Vec<f64> {
+        let own = &channel[self.rows.clone()];
+        self.grid.as_ref().map_or_else(|| own.to_vec(), |grid| grid.to_grid(own))
+    }
+
+    fn low_passed(&self, low_pass: &LowPass, channel: &[f64]) -> Vec<f64> {
+        low_pass.over(&self.to_grid(channel))
+    }
+}
+
+/// Makes a channel from another one, stretch by stretch on their grids; zero between them.
+fn spread(channel: &[f64], stretches: &[Stretch], made: impl Fn(&Stretch, &[f64]) -> Vec<f64>) -> Vec<f64> {
+    let pieces: Vec<Vec<f64>> = stretches.iter().map(|stretch| made(stretch, channel)).collect();
+    joined(&pieces, stretches, channel.len())
+}
+
+/// Pieces on the grids of the stretches as one channel of the recording; zero between them.
+fn joined(pieces: &[Vec<f64>], stretches: &[Stretch], rows: usize) -> Vec<f64> {
+    let mut out = vec![0.0; rows];
+    for (piece, stretch) in pieces.iter().zip(stretches) {
+        let at_rows = stretch.grid.as_ref().map(|grid| grid.to_rows(piece));
+        out[stretch.rows.clone()].copy_from_slice(at_rows.as_ref().unwrap_or(piece));
+    }
+    out
+}
+
+/// Rows between steps longer than `longest_step` s, as far as they are long enough to be filtered. If those of one are
+/// not evenly spaced, all of them have grids, of one rate.
+fn stretches(time: &[f64], longest_step: f64, rate: f64) -> Vec<Stretch> {
+    let breaks = time.windows(2).enumerate().filter(|(_, w)| w[1] - w[0] > longest_step).map(|(i, _)| i + 1);
+    let mut found: Vec<Range<usize>> = Vec::new();
     let mut start = 0;
     for end in breaks.chain([time.len()]) {
         if end - start >= MIN_STRETCH_ROWS {
@@ -237,19 +289,13 @@ fn stretches(time: &[f64], step: f64) -> Vec<Range<usize>> {
         }
         start = end;
     }
-    found
-}
-
-/// Differentiates stretch by stretch. The step is the stretch's mean: time stamps are rounded to
-/// what the logger prints, and the jitter would enter the acceleration.
-fn differentiate_over(channel: &[f64], time: &[f64], stretches: &[Range<usize>]) -> Vec<f64> {
-    let mut out = vec![0.0; channel.len()];
-    for stretch in stretches {
-        let steps = (stretch.len() - 1) as f64;
-        let step = (time[stretch.end - 1] - time[stretch.start]) / steps;
-        out[stretch.clone()].copy_from_slice(&differentiate(&channel[stretch.clone()], step));
-    }
-    out
+    let even = found.iter().all(|rows| is_even(&time[rows.clone()], 1.0 / rate));
+    let stretch = |rows: Range<usize>| {
+        let grid = (!even).then(|| EvenGrid::new(&time[rows.clone()], rate));
+        let mean = (time[rows.end - 1] - time[rows.start]) / (rows.len() - 1) as f64;
+        Stretch { step: grid.as_ref().map_or(mean, |grid| grid.step), grid, rows }
+    };
+    found.into_iter().map(stretch).collect()
 }
 
 #[cfg(test)]
@@ -377,6 +423,56 @@ mod tests {
             let exact = w * (w * samples.time[row]).cos();
             assert!((c.qd[0][row] - exact).abs() < 0.01 * w, "{} {exact}", c.qd[0][row]);
         }
+    }
+
+    /// A logger of 500 Hz that writes every fifth or sixth row, as it comes.
+    fn uneven(rows: usize) -> Vec<f64> {
+        let mut state = 7_u32;
+        let mut t = 0.0;
+        (0..rows)
+            .map(|_| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                t += if state >> 16 & 3 == 0 { 0.010 } else { 0.012 };
+                t
+            })
+            .collect()
+    }
+
+    #[test]
+    fn steps_that_change_are_taken_at_their_true_times() {
+        let w = 2.0 * std::f64::consts::PI * 0.5;
+        let mut samples = one_joint(90.0, 2000, |_| 0.0, |_| 0.0);
+        // slower in its second half, one row lost in each
+        samples.time = uneven(2000);
+        let late: Vec<f64> =
+            samples.time[1000..].iter().map(|t| t * 1.08 - 0.08 * samples.time[1000]).collect();
+        samples.time[1000..].copy_from_slice(&late);
+        samples.position[0] = samples.time.iter().map(|t| (w * t).sin()).collect();
+        for lost in [1500, 500] {
+            samples.time.remove(lost);
+            samples.position[0].remove(lost);
+        }
+        samples.velocity = None;
+        let of = |channels: &[Vec<f64>]| vec![channels[0][..1998].to_vec()];
+        samples.torque = of(&samples.torque);
+        samples.stage.truncate(1998);
+        let c = condition(&samples, 12.0).expect("conditions");
+        assert_eq!(c.filtered(), (1, 1998));
+        let span = samples.time[1997] - samples.time[0];
+        assert!((c.sample_rate / (1997.0 / span) - 1.0).abs() < 1e-9, "{}", c.sample_rate);
+        for row in 200..1798 {
+            let t = samples.time[row];
+            assert!((c.qd[0][row] - w * (w * t).cos()).abs() < 2e-4 * w, "{row}: {}", c.qd[0][row]);
+            assert!((c.qdd[0][row] + w * w * (w * t).sin()).abs() < 2e-3 * w * w, "{row}: {}", c.qdd[0][row]);
+            assert!((c.derivative(&c.q[0])[row] - c.qd[0][row]).abs() < 2e-4 * w || row % 100 > 0);
+        }
+    }
+
+    #[test]
+    fn the_cut_off_is_lowered_where_rows_do_not_carry_it() {
+        assert_eq!([50.0, 100.0, 5000.0].map(|rate| carried_cutoff(12.0, rate)), [12.0; 3]);
+        assert_eq!([30.0, 20.0, 10.0].map(|rate| carried_cutoff(12.0, rate)), [7.5, 5.0, 2.5]);
+        assert!(carried_cutoff(12.0, 0.2) > 0.0);
     }
 
     #[test]

@@ -8,8 +8,8 @@ use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
 use crate::numerics::segment::{CutterState, CycleCutter, SegmentError};
-use crate::numerics::signal::median_step;
 use crate::numerics::stages::{FinderState, StageFinder, StageRule};
+use crate::numerics::time_grid::sample_rate;
 use crate::numerics::transmission::JointSide;
 use crate::robot::Robot;
 use crate::run::{Cycle, Samples};
@@ -143,10 +143,10 @@ impl RowCutter {
         cut.map_err(|error| not_cut(&self.path, &error))
     }
 
-    /// Rows per second, from the median time step of the first rows, Hz; zero where it is unknown.
+    /// Rows per second of the first rows, Hz; zero where it is unknown.
     #[must_use]
     pub fn sample_rate(&self) -> f64 {
-        let found = || median_step(&self.first_times).map_or(0.0, |step| 1.0 / step);
+        let found = || sample_rate(&self.first_times).unwrap_or(0.0);
         self.known_rate.unwrap_or_else(found)
     }
 }

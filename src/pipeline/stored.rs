@@ -254,6 +254,20 @@ pub(super) async fn chosen_cycles(
             return Err(StoredError::Refused(format!("run {run_id} has no cycle {missing} with factors")));
         }
         cycles.retain(|cycle| numbers.contains(&cycle.cycle));
+        return Ok(cycles);
+    }
+    // a run as a whole is its cycles that count; those that do not are taken by their numbers
+    match (cycles.iter().any(|cycle| cycle.counts), wanted) {
+        (true, _) => cycles.retain(|cycle| cycle.counts),
+        (false, FactorsWanted::All) => {}
+        (false, FactorsWanted::Identification) => {
+            return Err(StoredError::Refused(format!(
+                "run {run_id} has no complete cycle: its {} cycles are refused or doubtful; `SELECT cycle, status, reason, \
+                 remarks FROM cycles WHERE run_id = {run_id}` says why, and cycles named by their numbers are taken all \
+                 the same",
+                cycles.len()
+            )));
+        }
     }
     Ok(cycles)
 }

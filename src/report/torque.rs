@@ -2,7 +2,7 @@
 
 use super::figure::{Band, ESTIMATED, Figure, Key, Look, MEASURED, Mark, Panel, RESIDUAL, Series};
 use crate::analysis::{Rmsd, RmsdScope};
-use crate::numerics::signal::median_step;
+use crate::numerics::time_grid::median_step;
 use crate::numerics::torque_series::{JointSeries, TorqueSeries, peaks};
 use crate::robot::{JointIndex, JointKind, Robot};
 use crate::run::Stage;

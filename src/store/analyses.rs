@@ -83,8 +83,8 @@ async fn insert_cycle(
     sqlx::query_scalar(
         "INSERT INTO cycle (run_id, number, started_at, duration_s, rows, sample_rate_hz, cutoff_hz, status, reason,
                             remarks, samples, condition_number, scaled_condition_number, residual_std_nm,
-                            estimator, mean_speeds_rad_s)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+                            estimator, mean_speeds_rad_s, doubtful)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
          ON CONFLICT (run_id, number) DO NOTHING
          RETURNING cycle_id",
     )
@@ -104,6 +104,7 @@ async fn insert_cycle(
     .bind(identification.ok().and_then(|i| finite(i.residual_std)))
     .bind(analysis.estimator.name())
     .bind((!analysis.mean_speeds.is_empty()).then(|| json_numbers(&analysis.mean_speeds)))
+    .bind(analysis.is_doubtful())
     .fetch_optional(executor)
     .await
 }

@@ -33,6 +33,8 @@ pub struct StoredCycle {
     /// For each joint the part of its identified rows that counts as independent; empty for a cycle that
     /// was stored before this was known, or has no parameters.
     pub independent_shares: Vec<f64>,
+    /// Whether its numbers count: neither refused nor doubtful.
+    pub counts: bool,
     /// Its factors.
     pub factors: CycleFactors,
 }
@@ -171,6 +173,7 @@ async fn read(
             cutoff: head.cutoff,
             sample_rate: head.sample_rate,
             independent_shares: shares.remove(&head.cycle_id).unwrap_or_default(),
+            counts: head.counts,
             factors: CycleFactors { columns, factors },
         });
     }
@@ -184,6 +187,7 @@ struct Head {
     cycle: u32,
     cutoff: f64,
     sample_rate: f64,
+    counts: bool,
     layout: i64,
 }
 
@@ -194,7 +198,7 @@ async fn heads(
 ) -> Result<Vec<Head>, sqlx::Error> {
     sqlx::query(
         "SELECT cycle.cycle_id, robot.name AS robot, cycle.number AS cycle, cutoff_hz, cycle.sample_rate_hz,
-                factor_layout_id
+                cycle.status = 'complete' AND NOT cycle.doubtful AS counts, factor_layout_id
          FROM cycle
          JOIN cycle_factor_layout USING (cycle_id)
          JOIN run USING (run_id)
@@ -212,6 +216,7 @@ async fn heads(
             cycle: size(&row, "cycle")?,
             cutoff: row.try_get("cutoff_hz")?,
             sample_rate: row.try_get("sample_rate_hz")?,
+            counts: row.try_get("counts")?,
             layout: row.try_get("factor_layout_id")?,
         })
     })

@@ -70,7 +70,7 @@ pub(super) async fn run_measurements(
     })
 }
 
-/// Every friction point of a run.
+/// Friction points of a run; those of doubtful cycles are shown and not counted.
 pub(super) async fn friction_points(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
@@ -80,7 +80,7 @@ pub(super) async fn friction_points(
                 friction_point.samples, gravity
          FROM cycle
          JOIN friction_point USING (cycle_id)
-         WHERE cycle.run_id = ?
+         WHERE cycle.run_id = ? AND NOT cycle.doubtful
          ORDER BY cycle.number, friction_point.number",
     )
     .bind(run_id)
@@ -89,7 +89,7 @@ pub(super) async fn friction_points(
     .await
 }
 
-/// Parameters of every identified cycle of a run.
+/// Parameters of every identified cycle of a run that counts.
 async fn parameters_by_cycle(
     connection: &mut SqliteConnection,
     run_id: i64,
@@ -99,7 +99,7 @@ async fn parameters_by_cycle(
          FROM cycle
          JOIN cycle_parameter USING (cycle_id)
          JOIN model_parameter USING (model_parameter_id)
-         WHERE cycle.run_id = ?
+         WHERE cycle.run_id = ? AND NOT cycle.doubtful
          ORDER BY cycle.number",
     )
     .bind(run_id)
@@ -129,7 +129,7 @@ async fn excitation_rmsd(
         "SELECT cycle.number AS cycle, joint, moving_relative_rmsd
          FROM cycle
          JOIN torque_rmsd USING (cycle_id)
-         WHERE cycle.run_id = ? AND stage = 'excitation' AND verification = 'self'
+         WHERE cycle.run_id = ? AND NOT cycle.doubtful AND stage = 'excitation' AND verification = 'self'
                AND moving_relative_rmsd IS NOT NULL
          ORDER BY cycle.number, joint",
     )
@@ -196,7 +196,7 @@ pub(super) async fn friction_points_at(
                 gravity
          FROM cycle
          CROSS JOIN friction_point USING (cycle_id)
-         WHERE cycle.run_id = ? AND speed_fraction BETWEEN ? AND ?
+         WHERE cycle.run_id = ? AND NOT cycle.doubtful AND speed_fraction BETWEEN ? AND ?
          ORDER BY cycle.number, friction_point.number",
     )
     .bind(run_id)

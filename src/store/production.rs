@@ -61,7 +61,8 @@ pub(super) async fn reference_runs(
          FROM run
          JOIN run AS test USING (robot_id)
          WHERE run.run_id = ? AND test.status = 'complete' AND test.kind = 'test'
-               AND EXISTS (SELECT 1 FROM cycle WHERE cycle.run_id = test.run_id AND cycle.status = 'complete')
+               AND EXISTS (SELECT 1 FROM cycle WHERE cycle.run_id = test.run_id AND cycle.status = 'complete'
+                           AND NOT cycle.doubtful)
          ORDER BY test.started_at > run.started_at, abs(test.started_at - run.started_at), test.content_hash DESC
          LIMIT ?",
     )
@@ -110,6 +111,7 @@ pub(super) async fn reference_tests(
          JOIN cycle_factor_layout USING (cycle_id)
          JOIN factor_layout USING (factor_layout_id)
          WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'complete'
+               AND NOT cycle.doubtful
          GROUP BY run.run_id
          -- cycles of two descriptions cannot be taken together
          HAVING min(factor_layout.robot_model_id) = max(factor_layout.robot_model_id)

@@ -132,6 +132,7 @@ pub(super) fn cycle(number: u32) -> CycleAnalysis {
         kind: RunKind::Test,
         production: None,
         remarks: vec!["velocity is derived".into(), "joint 4 starts late".into()],
+        findings: Vec::new(),
     }
 }
 
@@ -201,6 +202,7 @@ pub(super) fn refused_cycle(number: u32) -> CycleAnalysis {
         identification: Err("joint 3 stands still".into()),
         verification: Vec::new(),
         remarks: Vec::new(),
+        findings: Vec::new(),
         ..cycle(number)
     }
 }

@@ -93,20 +93,23 @@ pub(super) fn leaps(view: &View<'_>, known: &[Finding]) -> Vec<Finding> {
 fn leap(view: &View<'_>, joint: JointIndex) -> Option<Finding> {
     let channel = &view.samples.position[joint.index()];
     let [low, high] = view.extent(channel);
-    let reach = LEAP * view.joint(joint).limits.velocity / view.conditioned.sample_rate;
-    let least = reach.max(RESOLUTION * (high - low));
+    let time = &view.samples.time;
+    let reached = |row: usize| LEAP * view.joint(joint).limits.velocity * (time[row] - time[row - 1]);
+    let resolution = RESOLUTION * (high - low);
     let steps = view.conditioned.usable.iter().flat_map(|stretch| stretch.clone().skip(1));
     let leaps: Vec<(usize, f64)> = steps
         .map(|row| (row, channel[row] - channel[row - 1]))
-        .filter(|(_, step)| step.abs() > least)
+        .filter(|&(row, step)| step.abs() > reached(row).max(resolution))
         .collect();
     let few = leaps.len() as f64 <= (LEAPING * view.rows.len() as f64).max(2.0);
     let &(row, step) = leaps.iter().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).filter(|_| few)?;
     let (time, turn) = (view.samples.time[row], std::f64::consts::TAU);
-    let folded = |step: f64| ((step / turn).round() * turn - step).abs() <= reach && step.abs() > 0.5 * turn;
+    let folded = |(row, step): &(usize, f64)| {
+        ((step / turn).round() * turn - step).abs() <= reached(*row) && step.abs() > 0.5 * turn
+    };
     let turning = view.joint(joint).kind == JointKind::Revolute;
     let (unit, words) = match turning {
-        true if leaps.iter().all(|(_, step)| folded(*step)) => {
+        true if leaps.iter().all(folded) => {
             ("rad", "it is folded into one turn: export positions that go on counting beyond it")
         }
         true => {

@@ -164,8 +164,7 @@ fn settled(
 }
 
 /// The number with its value as described and as the torques have it.
-#[must_use]
-pub fn words(robot: &Robot, number: DescribedNumber, change: f64) -> String {
+fn words(robot: &Robot, number: DescribedNumber, change: f64) -> String {
     let (scale, unit) = if number.is_angle() { (180.0 / PI, " deg") } else { (1.0, "") };
     let sentence = match number.value(robot) {
         Some(value) => {

@@ -6,12 +6,13 @@
 //! take up themselves is held against the residual (Lagrange multiplier test; Rao 1948, Large sample
 //! tests of statistical hypotheses concerning several parameters).
 
+use super::friction_shapes::SHAPES;
 use super::numbers::DescribedNumber;
 use crate::analysis::Identification;
 use crate::numerics::dynamics::{DynamicModel, inverse_dynamics};
 use crate::numerics::jumps::{Jump, jumps, smear};
 use crate::numerics::regressor::{Regressor, joint_torque_regressor};
-use crate::numerics::signal::{Conditioned, differentiate};
+use crate::numerics::signal::Conditioned;
 use crate::numerics::triangular::RowFolder;
 use crate::robot::{MAX_JOINTS, ParameterId, Robot};
 
@@ -62,15 +63,23 @@ pub struct Evidenced<'a> {
     pub rows: Vec<usize>,
     /// Standard deviation of each joint's residual `[n]`, Nm (N): rows are weighted by one over it.
     pub noise: Vec<f64>,
+    /// Friction of other shapes `[n][SHAPES][rows of the recording]`, which every description may have
+    /// ([`friction_shapes`](super::friction_shapes::friction_shapes)); empty for none.
+    pub shapes: &'a [Vec<Vec<f64>>],
 }
 
 impl<'a> Evidenced<'a> {
     /// From the rows of the excitation in their order, thinned to independent ones.
     #[must_use]
-    pub fn new(conditioned: &'a Conditioned, excitation: &[usize], noise: Vec<f64>) -> Self {
+    pub fn new(
+        conditioned: &'a Conditioned,
+        excitation: &[usize],
+        noise: Vec<f64>,
+        shapes: &'a [Vec<Vec<f64>>],
+    ) -> Self {
         let apart = (conditioned.sample_rate / (2.0 * conditioned.cutoff)).ceil().max(1.0) as usize;
         let stride = apart.max(excitation.len().div_ceil(MOST_INSTANTS));
-        Self { conditioned, rows: excitation.iter().copied().step_by(stride).collect(), noise }
+        Self { conditioned, rows: excitation.iter().copied().step_by(stride).collect(), noise, shapes }
     }
 
     /// The same with at most so many instants.
@@ -80,17 +89,31 @@ impl<'a> Evidenced<'a> {
         Self { rows: self.rows.iter().copied().step_by(stride).collect(), ..self.clone() }
     }
 
+    /// Columns that the shapes of friction take.
+    fn shape_columns(&self) -> usize {
+        SHAPES * self.shapes.len()
+    }
+
+    /// Entries of a joint's row in these columns, each times `weight`.
+    fn shaped(&self, joint: usize, row: usize, weight: f64) -> impl Iterator<Item = f64> + '_ {
+        let own = move |of: usize, k: usize| {
+            if of == joint { weight * self.shapes[of][k][row] } else { 0.0 }
+        };
+        (0..self.shapes.len()).flat_map(move |of| (0..SHAPES).map(move |k| own(of, k)))
+    }
+
     /// Weighted residual sum of squares of a description with parameters of its own, by its
     /// whole regressor, its torques times `gains` `[n]`.
     pub(super) fn residual(&self, robot: &Robot, gains: &[f64]) -> f64 {
         let jumps = jumps(robot, self.conditioned);
-        let columns = robot.parameter_count();
+        let of_robot = robot.parameter_count();
+        let columns = of_robot + self.shape_columns();
         let mut folder = RowFolder::new(columns);
         let mut y = Regressor::new(robot);
-        self.each(robot, &jumps, &mut y, |_, j, y, state| {
+        self.each(robot, &jumps, &mut y, |row, j, y, state| {
             let weight = 1.0 / self.noise[j];
-            let entries = (0..columns).map(|k| weight * gains[j] * y.column(k)[j]);
-            folder.push(entries.chain([weight * state.tau[j]]));
+            let entries = (0..of_robot).map(|k| weight * gains[j] * y.column(k)[j]);
+            folder.push(entries.chain(self.shaped(j, row, weight)).chain([weight * state.tau[j]]));
         });
         let factor = folder.take();
         let upper = factor.upper();
@@ -127,11 +150,11 @@ impl<'a> Evidenced<'a> {
 /// Orthonormal vectors, grown one by one (Gram-Schmidt, done twice): unlike a triangular factor it knows
 /// which columns were dependent, and those take nothing from the residual.
 #[derive(Debug, Default)]
-struct Basis(Vec<Vec<f64>>);
+pub(super) struct Basis(Vec<Vec<f64>>);
 
 impl Basis {
     /// What is left of a vector.
-    fn rest(&self, vector: &[f64]) -> Vec<f64> {
+    pub(super) fn rest(&self, vector: &[f64]) -> Vec<f64> {
         let mut rest = vector.to_vec();
         for own in self.0.iter().chain(&self.0) {
             let along = dot(own, &rest);
@@ -141,7 +164,7 @@ impl Basis {
     }
 
     /// Takes up a vector, unless no more than `dependent` of its length is new.
-    fn add(&mut self, vector: &[f64], dependent: f64) {
+    pub(super) fn add(&mut self, vector: &[f64], dependent: f64) {
         let mut rest = self.rest(vector);
         let length = dot(&rest, &rest).sqrt();
         if length > dependent * dot(vector, vector).sqrt() {
@@ -178,7 +201,7 @@ pub fn test_description(
     jumps: &[Jump],
 ) -> Option<DescriptionTest> {
     let numbers = DescribedNumber::all(robot);
-    let (b, m) = (kept_columns.len(), numbers.len());
+    let (b, m) = (kept_columns.len() + evidenced.shape_columns(), numbers.len());
     let parameters = identified.parameters.iter().map(|p| (p.id, p.value));
     let model = DynamicModel::from_parameters(robot, parameters);
     let theta: Vec<f64> = values_of(robot, kept_columns, identified);
@@ -201,6 +224,7 @@ pub fn test_description(
             _ => weight * slope[j],
         };
         let w = kept_columns.iter().map(|&k| weight * y.column(k)[j]);
+        let w = w.chain(evidenced.shaped(j, row, weight));
         folder.push(w.chain(numbers.iter().zip(&slope).map(entry)).chain([weight * state.tau[j]]));
         rows += 1;
     });
@@ -286,14 +310,7 @@ impl<'a> Slopes<'a> {
             DescribedNumber::TorqueGain(_) | DescribedNumber::TorqueDelay => None,
             _ => Some(number.changed(robot, STEP)),
         };
-        let rate = |tau: &Vec<f64>| {
-            let mut out = vec![0.0; tau.len()];
-            for stretch in &conditioned.usable {
-                let slope = differentiate(&tau[stretch.clone()], -1.0 / conditioned.sample_rate);
-                out[stretch.clone()].copy_from_slice(&slope);
-            }
-            out
-        };
+        let rate = |tau: &Vec<f64>| conditioned.derivative(tau).into_iter().map(|slope| -slope).collect();
         Self {
             robot,
             model,

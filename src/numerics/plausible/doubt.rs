@@ -1,9 +1,11 @@
 //! Findings about the description as a whole: wrong numbers, a wrong mounting, torques out of time.
 
-use super::alternatives::{Alternative, best_alternative, words};
-use super::delay::{TorqueDelay, torque_delays};
+use std::cell::OnceCell;
+
+use super::alternatives::{Alternative, best_alternative};
+use super::delay::{JointDelay, TorqueDelay, torque_delays};
 use super::description::{DescriptionTest, Evidenced, test_description};
-use super::numbers::DescribedNumber;
+use super::friction_shapes::friction_shapes;
 use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
 use crate::numerics::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::numerics::factors::JointColumns;
@@ -18,8 +20,11 @@ pub struct DoubtSettings {
     /// Part of the residual that changed numbers of the description explain, from which on another
     /// description is looked for.
     pub looked_share: f64,
-    /// The same part from which on it is said, and refused, though none is found.
+    /// The same part from which on it is said, and refused, though none is found, where the model leaves more of a
+    /// torque than `healthy` unexplained.
     pub description_shares: [f64; 2],
+    /// Moving relative RMSD that models of healthy arms stay below (thesis, chapter 5).
+    pub healthy: f64,
     /// Weighted residual sum of squares that another description may leave, relative to the given
     /// one's, to be named as the likely one.
     pub alternative: f64,
@@ -27,6 +32,8 @@ pub struct DoubtSettings {
     pub delays: [f64; 2],
     /// Residual sum of squares that the best delay must reach, relative to that without one.
     pub delay_residual: f64,
+    /// Joints that must agree on a delay, or all of an arm with fewer; more than half of those that move in any case.
+    pub delay_quorum: usize,
 }
 
 impl Default for DoubtSettings {
@@ -34,9 +41,11 @@ impl Default for DoubtSettings {
         Self {
             looked_share: 0.06,
             description_shares: [0.12, 0.35],
+            healthy: 0.13,
             alternative: 0.8,
             delays: [0.006, 0.012],
             delay_residual: 0.8,
+            delay_quorum: 3,
         }
     }
 }
@@ -73,25 +82,43 @@ pub fn diagnose_description(
     settings: &DoubtSettings,
 ) -> Vec<Finding> {
     let noise = noise(judged);
-    let late = late(&delays(judged), settings);
+    let made = OnceCell::new();
+    let shapes = || made.get_or_init(|| friction_shapes(judged.conditioned));
+    // friction of the description's law first, which is the quicker of the two
+    let moving = judged
+        .verification
+        .iter()
+        .filter(|of| of.scope == RmsdScope::Stage(Stage::Excitation) && of.moving_rows.samples > 0);
+    let moving = moving.count();
+    let suspected = delays(judged, &[]).and_then(|delay| late(&delay, moving, settings));
+    let late =
+        suspected.and_then(|_| delays(judged, shapes())).and_then(|delay| late(&delay, moving, settings));
     if late.is_some() {
         return late.into_iter().collect();
     }
-    let evidenced = Evidenced::new(judged.conditioned, judged.excitation, noise);
-    let Some(test) =
-        test_description(judged.robot, judged.kept_columns, judged.identified, &evidenced, judged.jumps)
-    else {
-        return Vec::new();
+    let evidenced = Evidenced::new(judged.conditioned, judged.excitation, noise, &[]);
+    let tested = |evidenced: &Evidenced<'_>| {
+        test_description(judged.robot, judged.kept_columns, judged.identified, evidenced, judged.jumps)
     };
+    let Some(test) = tested(&evidenced) else { return Vec::new() };
+    if test.share < settings.looked_share && known.is_empty() {
+        return Vec::new();
+    }
+    let evidenced = Evidenced { shapes: shapes(), ..evidenced };
+    // too few rows for friction of any shape say nothing of the description
+    let Some(test) = tested(&evidenced) else { return Vec::new() };
     if test.share < settings.looked_share && known.is_empty() {
         return Vec::new();
     }
     let better = best_alternative(judged.robot, &evidenced, &test.scores)
         .filter(|alternative| alternative.residual_ratio <= settings.alternative);
-    if better.is_none() && test.share < settings.description_shares[0] {
+    let poor = judged.verification.iter().any(|of| {
+        of.scope == RmsdScope::Stage(Stage::Excitation) && of.moving_rows.relative > settings.healthy
+    });
+    if better.is_none() && (test.share < settings.description_shares[0] || !poor) {
         return Vec::new();
     }
-    vec![doubted(judged.robot, &test, better, settings)]
+    vec![doubted(&test, better, settings)]
 }
 
 /// Root mean square of each joint's residual; a hundredth of its torque at least.
@@ -110,25 +137,25 @@ fn noise(judged: &Judged<'_>) -> Vec<f64> {
     judged.robot.joint_indices().map(of_joint).collect()
 }
 
-fn delays(judged: &Judged<'_>) -> Vec<TorqueDelay> {
+fn delays(judged: &Judged<'_>, shapes: &[Vec<Vec<f64>>]) -> Option<JointDelay> {
     let Judged { robot, columns, kept_columns, conditioned, jumps, excitation, .. } = *judged;
-    torque_delays(robot, columns, kept_columns, (conditioned, jumps), excitation)
+    torque_delays(robot, columns, kept_columns, (conditioned, jumps), excitation, shapes)
 }
 
-/// The median delay of the joints, if their torques gain by it.
-fn late(delays: &[TorqueDelay], settings: &DoubtSettings) -> Option<Finding> {
-    let mut sorted: Vec<f64> = delays.iter().map(|of| of.delay).collect();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let delay = *sorted.get(sorted.len() / 2)?;
+/// A delay on which the joint fit and enough of the `moving` joints for themselves agree.
+fn late(found: &JointDelay, moving: usize, settings: &DoubtSettings) -> Option<Finding> {
+    let delay = found.delay;
     let gained = |of: &&TorqueDelay| {
         of.residual_ratio <= settings.delay_residual && (of.delay - delay).abs() <= 0.5 * delay.abs()
     };
-    let agreeing: Vec<&TorqueDelay> = delays.iter().filter(gained).collect();
-    if delay.abs() < settings.delays[0] || 2 * agreeing.len() <= delays.len() {
+    let agreeing = found.joints.iter().filter(gained).count();
+    let quorum = settings.delay_quorum.min(moving).max(moving / 2 + 1);
+    let gains = found.residual_ratio <= settings.delay_residual && agreeing >= quorum;
+    if delay.abs() < settings.delays[0] || !gains {
         return None;
     }
-    let ratio = agreeing.iter().map(|of| of.residual_ratio).sum::<f64>() / agreeing.len() as f64;
-    let severity = match delay.abs() >= settings.delays[1] {
+    // one joint alone cannot tell a delay from friction that it has at no other arm
+    let severity = match delay.abs() >= settings.delays[1] && moving > 1 {
         true => FindingSeverity::Refuse,
         false => FindingSeverity::Warn,
     };
@@ -138,42 +165,34 @@ fn late(delays: &[TorqueDelay], settings: &DoubtSettings) -> Option<Finding> {
         severity,
         joint: None,
         sentence: format!(
-            "the torques come {:.0} ms {direction} the motion that needs them ({} of {} joints agree, the torque error falls \
-             to {:.0} %); record all channels at the same instant, or correct the delay of the logger",
+            "the torques come {:.0} ms {direction} the motion that needs them ({agreeing} of {moving} joints agree, the \
+             torque error falls to {:.0} %); record all channels at the same instant, or correct the delay of the logger",
             1e3 * delay.abs(),
-            agreeing.len(),
-            delays.len(),
-            100.0 * ratio.sqrt()
+            100.0 * found.residual_ratio.sqrt()
         ),
         evidence: vec![
             Evidence { name: "delay_s", value: delay },
-            Evidence { name: "residual_ratio", value: ratio },
+            Evidence { name: "residual_ratio", value: found.residual_ratio },
+            Evidence { name: "agreeing_joints", value: agreeing as f64 },
         ],
     })
 }
 
-fn doubted(
-    robot: &Robot,
-    test: &DescriptionTest,
-    better: Option<Alternative>,
-    settings: &DoubtSettings,
-) -> Finding {
+fn doubted(test: &DescriptionTest, better: Option<Alternative>, settings: &DoubtSettings) -> Finding {
     let severity = match better.is_some() || test.share >= settings.description_shares[1] {
         true => FindingSeverity::Refuse,
         false => FindingSeverity::Warn,
     };
-    let remedy = match (&better, test.scores.first()) {
-        (Some(better), _) => {
-            format!(
-                "with {} the torque error would be {:.0} % of what it is: check that first",
-                better.words,
-                100.0 * better.residual_ratio.sqrt()
-            )
+    let remedy = match &better {
+        Some(better) => format!(
+            "with {} the torque error would be {:.0} % of what it is: check that first",
+            better.words,
+            100.0 * better.residual_ratio.sqrt()
+        ),
+        None => {
+            "no single change explains it: check lengths, angles and mounting, then friction and couplings"
+                .into()
         }
-        (None, Some(score)) => {
-            format!("{} tells most, check it first", named(robot, score.number, score.change))
-        }
-        (None, None) => "check lengths, angles and mounting".into(),
     };
     let mut evidence = vec![
         Evidence { name: "share", value: test.share },
@@ -193,8 +212,4 @@ fn doubted(
         ),
         evidence,
     }
-}
-
-fn named(robot: &Robot, number: DescribedNumber, change: f64) -> String {
-    words(robot, number, change)
 }

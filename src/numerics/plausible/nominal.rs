@@ -79,13 +79,33 @@ fn carried_mass(robot: &Robot, identified: &Identification, joint: JointIndex) -
     Some(mass)
 }
 
-/// Joints whose inertia, as the model feels it, is far from that of the description's nominal
-/// parameters: the usual sign of torques in another unit or on the other side of the gear.
-pub(super) fn far_from_nominal(
-    robot: &Robot,
-    identified: &Identification,
-    settings: &PlausibleSettings,
-) -> Vec<Finding> {
+/// Inertia of a joint, as the model feels it, over that of the description's nominal parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InertiaRatio {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Identified over nominal: medians over postures; below zero for an inertia that no body has.
+    pub ratio: f64,
+}
+
+/// How people write the unit of a joint's inertia.
+pub(super) fn inertia_unit(robot: &Robot, joint: JointIndex) -> &'static str {
+    match robot.joints[joint.index()].kind {
+        JointKind::Revolute => "kg m^2",
+        JointKind::Prismatic => "kg",
+    }
+}
+
+/// Identified over nominal inertia of each joint that is not coupled; nothing without nominal parameters of all.
+#[must_use]
+pub fn inertia_ratios(robot: &Robot, identified: &Identification) -> Vec<InertiaRatio> {
+    let ratio =
+        |(joint, [found, drawn]): (JointIndex, [f64; 2])| InertiaRatio { joint, ratio: found / drawn };
+    inertias(robot, identified).into_iter().map(ratio).collect()
+}
+
+/// Identified and nominal inertia of each joint that is not coupled.
+fn inertias(robot: &Robot, identified: &Identification) -> Vec<(JointIndex, [f64; 2])> {
     let nominal: Option<Vec<(StandardParameters, f64)>> =
         robot.joints.iter().map(|joint| joint.nominal.map(|n| (n.inertial, n.motor_inertia))).collect();
     let Some(nominal) = nominal else { return Vec::new() };
@@ -93,21 +113,35 @@ pub(super) fn far_from_nominal(
     let inertial: Vec<StandardParameters> = nominal.iter().map(|(inertial, _)| *inertial).collect();
     let coupled =
         |joint: JointIndex| robot.couplings.iter().any(|c| c.joint == joint || c.motor_joint == joint);
-    let far = |joint: JointIndex| {
+    let of_joint = |joint: JointIndex| {
         let j = joint.index();
         let drawn = median((0..POSTURES).map(|p| felt(robot, &inertial, j, p) + nominal[j].1));
         let found =
             median((0..POSTURES).map(|p| felt(robot, &model.inertial, j, p) + model.motor_inertia[j]));
+        (joint, [found, drawn])
+    };
+    let judged = robot.joint_indices().filter(|joint| !coupled(*joint)).map(of_joint);
+    judged.filter(|(_, [_, drawn])| *drawn > 0.0).collect()
+}
+
+/// Joints whose inertia is far from that of the description's nominal
+/// parameters: the usual sign of torques in another unit or on the other side of the gear.
+pub(super) fn far_from_nominal(
+    robot: &Robot,
+    identified: &Identification,
+    settings: &PlausibleSettings,
+) -> Vec<Finding> {
+    let far = |(joint, [found, drawn]): (JointIndex, [f64; 2])| {
         let ratio = found / drawn;
         let off = ratio.max(1.0 / ratio);
-        (drawn > 0.0 && ratio > 0.0 && off > settings.nominal_factors[0])
-            .then(|| far_finding(joint, [found, drawn], off, settings))
+        (ratio > 0.0 && off > settings.nominal_factors[0])
+            .then(|| far_finding((joint, inertia_unit(robot, joint)), [found, drawn], off, settings))
     };
-    robot.joint_indices().filter(|joint| !coupled(*joint)).filter_map(far).collect()
+    inertias(robot, identified).into_iter().filter_map(far).collect()
 }
 
 fn far_finding(
-    joint: JointIndex,
+    (joint, unit): (JointIndex, &str),
     [found, drawn]: [f64; 2],
     off: f64,
     settings: &PlausibleSettings,
@@ -121,7 +155,7 @@ fn far_finding(
         severity,
         joint: Some(joint),
         sentence: format!(
-            "joint {joint}: the identified inertia is {found:.4} kg m^2 (kg), {:.2} times the {drawn:.4} of the description's \
+            "joint {joint}: the identified inertia is {found:.4} {unit}, {:.2} times the {drawn:.4} of the description's \
              nominal parameters; check the unit of the torque (percent of rated, motor side, current), the gear ratio \
              and the time column",
             found / drawn

@@ -3,6 +3,7 @@
 use super::alternatives::best_alternative;
 use super::delay::torque_delays;
 use super::description::{DescriptionTest, Evidenced, test_description};
+use super::friction_shapes::friction_shapes;
 use super::numbers::{DescribedNumber, PlaceNumber};
 use crate::analysis::{Estimator, Identification, RmsdScope};
 use crate::numerics::analyse::{AnalysisSettings, Method};
@@ -30,6 +31,7 @@ struct Explained {
     rows: Vec<usize>,
     identified: Identification,
     noise: Vec<f64>,
+    shapes: Vec<Vec<Vec<f64>>>,
 }
 
 impl Explained {
@@ -51,11 +53,12 @@ impl Explained {
             .collect();
         let rows = conditioned.usable.iter().flat_map(Clone::clone);
         let rows = rows.filter(|&row| samples.stage[row] == Stage::Excitation).collect();
-        Self { method, conditioned, jumps, rows, identified, noise }
+        let shapes = friction_shapes(&conditioned);
+        Self { method, conditioned, jumps, rows, identified, noise, shapes }
     }
 
     fn evidenced(&self) -> Evidenced<'_> {
-        Evidenced::new(&self.conditioned, &self.rows, self.noise.clone())
+        Evidenced::new(&self.conditioned, &self.rows, self.noise.clone(), &self.shapes)
     }
 
     fn test(&self) -> DescriptionTest {
@@ -107,22 +110,29 @@ fn a_mounting_that_is_wrong_is_named() {
 #[test]
 fn late_torques_are_found_with_their_delay() {
     let mut samples = recording(&er3a(), 4);
-    let delays = |samples: &Samples| {
+    let delays = |samples: &Samples, shaped: bool| {
         let explained = Explained::new(&er3a(), samples);
         let (columns, kept) = (&explained.method.columns, &explained.method.base.kept_columns);
-        torque_delays(&er3a(), columns, kept, (&explained.conditioned, &explained.jumps), &explained.rows)
+        let shapes = if shaped { &explained.shapes[..] } else { &[] };
+        let channels = (&explained.conditioned, &explained.jumps[..]);
+        torque_delays(&er3a(), columns, kept, channels, &explained.rows, shapes).expect("rows enough")
     };
     // the parabola between steps of 10 ms, and noise
     const WITHIN: f64 = 0.003;
-    assert!(delays(&samples).iter().all(|of| of.delay.abs() < WITHIN), "{:?}", delays(&samples));
+    for shaped in [false, true] {
+        let found = delays(&recording(&er3a(), 4), shaped);
+        assert!(found.delay.abs() < WITHIN && found.judged == 6, "{found:?}");
+    }
     // 100 Hz: three rows later
     for torque in &mut samples.torque {
         torque.rotate_right(3);
     }
-    let found = delays(&samples);
-    assert_eq!(found.len(), 6);
-    assert!(found.iter().all(|of| (of.delay - 0.03).abs() < WITHIN), "{found:?}");
-    assert!(found.iter().all(|of| of.residual_ratio < 0.5), "{found:?}");
+    for shaped in [false, true] {
+        let found = delays(&samples, shaped);
+        assert!((found.delay - 0.03).abs() < WITHIN && found.residual_ratio < 0.3, "{found:?}");
+        assert_eq!(found.joints.len(), 6);
+        assert!(found.joints.iter().all(|of| (of.delay - 0.03).abs() < WITHIN), "{found:?}");
+    }
 }
 
 #[test]

@@ -1,0 +1,218 @@
+//! What was found to be wrong, or odd, in a recording or in the model made from it.
+
+use crate::robot::JointIndex;
+
+/// Whether numbers from such data may pass.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum FindingSeverity {
+    /// Worth knowing; the numbers stand.
+    Warn,
+    /// The numbers are given, and nothing is concluded from them.
+    Doubt,
+    /// No parameters should be made from this.
+    Refuse,
+}
+
+/// What was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum FindingKind {
+    /// A joint does not move during the excitation.
+    Still,
+    /// A joint moves at one speed only.
+    OneSpeed,
+    /// Torque is cut off at a largest value.
+    Saturated,
+    /// A channel repeats one value while the arm moves.
+    Stuck,
+    /// A velocity follows from another joint's position.
+    VelocitySwapped,
+    /// A torque belongs to another joint's motion.
+    TorqueSwapped,
+    /// Velocity is the derivative of position in another unit.
+    VelocityUnit,
+    /// Position is in another unit than the description's.
+    PositionUnit,
+    /// Velocity is the negative derivative of position.
+    VelocitySign,
+    /// Friction would drive the joint.
+    TorqueSign,
+    /// Velocities disagree with positions by one factor for all joints.
+    TimeAxis,
+    /// Velocity does not follow from position.
+    VelocityUnrelated,
+    /// Positions beyond the description's limits.
+    OutsideLimits,
+    /// Speeds beyond the description's limits.
+    TooFast,
+    /// The identified inertia is one that no body has.
+    NegativeInertia,
+    /// The identified friction would drive the joint.
+    NegativeFriction,
+    /// The identified inertia is far from the description's nominal one.
+    FarFromNominal,
+    /// The model does not explain the torque.
+    Unexplained,
+    /// A value far outside all others of its channel, or of the row before.
+    Spike,
+    /// Rows that repeat the row before.
+    Repeated,
+    /// All joints move over a small part of their range only.
+    SmallMotion,
+    /// The excitation is very short.
+    ShortExcitation,
+    /// Torques come earlier or later than the motion that needs them.
+    TorqueDelay,
+    /// Torques contradict lengths, angles, mounting or torque scales of the description.
+    Description,
+    /// Torques of the motors are read as those of the joints.
+    MotorTorque,
+}
+
+impl FindingKind {
+    /// All of them, the likeliest cause of others first: what is wrong with a channel comes before what a model makes
+    /// of it.
+    pub const ALL: [Self; 25] = [
+        Self::Stuck,
+        Self::Spike,
+        Self::Still,
+        Self::OneSpeed,
+        Self::SmallMotion,
+        Self::PositionUnit,
+        Self::VelocitySwapped,
+        Self::VelocitySign,
+        Self::VelocityUnit,
+        Self::TimeAxis,
+        Self::VelocityUnrelated,
+        Self::OutsideLimits,
+        Self::Saturated,
+        Self::TorqueSwapped,
+        Self::TorqueSign,
+        Self::MotorTorque,
+        Self::TorqueDelay,
+        Self::Description,
+        Self::FarFromNominal,
+        Self::NegativeFriction,
+        Self::NegativeInertia,
+        Self::Unexplained,
+        Self::TooFast,
+        Self::Repeated,
+        Self::ShortExcitation,
+    ];
+
+    /// Name as in `[analysis] accept` and `ingest --accept`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Still => "still_joint",
+            Self::OneSpeed => "one_speed",
+            Self::Saturated => "saturated_torque",
+            Self::Stuck => "stuck_channel",
+            Self::VelocitySwapped => "swapped_velocity",
+            Self::TorqueSwapped => "swapped_torque",
+            Self::VelocityUnit => "velocity_unit",
+            Self::PositionUnit => "position_unit",
+            Self::VelocitySign => "velocity_sign",
+            Self::TorqueSign => "torque_sign",
+            Self::TimeAxis => "time_axis",
+            Self::VelocityUnrelated => "unrelated_velocity",
+            Self::OutsideLimits => "outside_limits",
+            Self::TooFast => "too_fast",
+            Self::NegativeInertia => "negative_inertia",
+            Self::NegativeFriction => "negative_friction",
+            Self::FarFromNominal => "far_from_nominal",
+            Self::Unexplained => "unexplained_torque",
+            Self::Spike => "spike",
+            Self::Repeated => "repeated_rows",
+            Self::SmallMotion => "small_motion",
+            Self::ShortExcitation => "short_excitation",
+            Self::TorqueDelay => "late_torque",
+            Self::Description => "description",
+            Self::MotorTorque => "motor_torque",
+        }
+    }
+
+    /// The kind of that name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// Place in [`FindingKind::ALL`].
+    #[must_use]
+    pub fn rank(self) -> usize {
+        Self::ALL.iter().position(|kind| *kind == self).unwrap_or(Self::ALL.len())
+    }
+}
+
+/// Kinds of findings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FindingKinds(u32);
+
+impl FindingKinds {
+    /// Whether `kind` is among them.
+    #[must_use]
+    pub fn contains(self, kind: FindingKind) -> bool {
+        self.0 & (1 << kind.rank()) != 0
+    }
+
+    /// Those of both.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+}
+
+impl FromIterator<FindingKind> for FindingKinds {
+    fn from_iter<I: IntoIterator<Item = FindingKind>>(kinds: I) -> Self {
+        Self(kinds.into_iter().fold(0, |set, kind| set | 1 << kind.rank()))
+    }
+}
+
+/// A number that a finding stands on; the unit ends the name.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Evidence {
+    /// What it is.
+    pub name: &'static str,
+    /// Its value.
+    pub value: f64,
+}
+
+/// Something that a person should know of a recording before trusting numbers from it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// What was found.
+    pub kind: FindingKind,
+    /// Whether numbers may pass.
+    pub severity: FindingSeverity,
+    /// The joint, if it is about one.
+    pub joint: Option<JointIndex>,
+    /// What is wrong and what to do, as a sentence.
+    pub sentence: String,
+    /// What shows it.
+    pub evidence: Vec<Evidence>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_has_a_name_of_its_own() {
+        let mut names: Vec<&str> = FindingKind::ALL.iter().map(|kind| kind.name()).collect();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), FindingKind::ALL.len());
+        for kind in FindingKind::ALL {
+            assert_eq!(FindingKind::from_name(kind.name()), Some(kind));
+            let set: FindingKinds = [kind].into_iter().collect();
+            assert!(FindingKind::ALL.iter().all(|other| set.contains(*other) == (*other == kind)));
+        }
+        assert!(FindingKinds::default().is_empty());
+    }
+}
