@@ -7,6 +7,7 @@
 
 mod archive;
 mod book;
+pub mod overdue;
 mod vanished;
 
 use std::collections::{BTreeMap, HashMap, HashSet};

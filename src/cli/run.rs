@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::{CliError, EXIT_DONE, Global, open_store, runtime, shared};
 use crate::daemon;
+use crate::daemon::overdue::OverdueWatch;
 use crate::pipeline::Pipeline;
 use crate::serve::{self, ServeError};
 
@@ -40,8 +41,11 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
             ),
             None => None,
         };
-        let watched = daemon::watch(&pipeline, &stop, &|| global.reread_config(), |_| ()).await;
+        let overdue = OverdueWatch::start(pipeline.store().clone(), serving.clone());
+        let watched =
+            daemon::watch(&pipeline, &stop, &|| global.reread_config(), |event| overdue.note(&event)).await;
         serving.cancel();
+        overdue.ended().await;
         if let Some(server) = server {
             server.ended().await;
         }

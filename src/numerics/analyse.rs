@@ -11,6 +11,7 @@ use super::identify::{identify_rows, noise_errors};
 use super::jumps::{Jump, jumps};
 use super::plausible::doubt::{DoubtSettings, Judged, diagnose_description};
 use super::plausible::{PlausibleSettings, diagnose_model, top_speeds};
+use super::refusal;
 use super::regressor::KeptColumns;
 use super::rows::CycleRows;
 use super::signal::{Conditioned, condition};
@@ -84,6 +85,7 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     note_gaps(samples, &conditioned, &mut analysis.remarks);
 
     let findings = diagnose_samples(&method.robot, samples, &conditioned, &DiagnoseSettings::default());
+    analysis.refusal_causes = refusal::causes(&findings);
     if let Err(reason) = judge(findings, &mut analysis.remarks) {
         // wrong channels give wrong friction and wrong factors too: nothing of this cycle may count
         analysis.identification = Err(reason);
@@ -126,6 +128,7 @@ pub(super) fn unanalysed(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         cutoff: method.settings.cutoff,
         estimator: method.settings.estimator,
         identification: Err(String::new()),
+        refusal_causes: Vec::new(),
         verification: Vec::new(),
         warming_contrast: Vec::new(),
         mean_speeds: Vec::new(),
@@ -192,6 +195,7 @@ fn doubt_model(
     // the description first: where it is wrong, what it makes of the joints is no news
     let mut findings = diagnose_description(&judged, &of_model, &DoubtSettings::default());
     findings.extend(of_model);
+    analysis.refusal_causes = refusal::causes(&findings);
     if let Err(reason) = judge(findings, &mut analysis.remarks) {
         analysis.identification = Err(reason);
     }
