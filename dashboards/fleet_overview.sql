@@ -1,12 +1,15 @@
 -- Which robots need attention, and when was each last tested? One row a robot, worst first.
 --
--- worst_joint is the joint whose status decides the robot's; friction_index and
+-- worst_joint is the joint whose status decides the robot's, and reason says why; friction_index and
 -- moving_relative_rmsd are the largest over the joints, which need not be that joint.
 --
 --   :robot   only this robot; all if left out
 WITH joint AS (
     SELECT *,
-           CASE status WHEN 'critical' THEN 3 WHEN 'warning' THEN 2 WHEN 'learning' THEN 1 ELSE 0 END AS rank
+           CASE status
+               WHEN 'critical' THEN 5 WHEN 'warning' THEN 4 WHEN 'unknown' THEN 3 WHEN 'overdue' THEN 2
+               WHEN 'learning' THEN 1 ELSE 0
+           END AS rank
     FROM fleet_health
 ),
 worst AS (
@@ -17,9 +20,12 @@ health AS (
     SELECT robot,
            max(friction_index) AS friction_index,
            max(moving_relative_rmsd) AS moving_relative_rmsd,
-           sum(open_anomalies) AS open_anomalies
+           max(last_result_at) AS last_result_at
     FROM joint
     GROUP BY robot
+),
+trouble AS (
+    SELECT robot, sum(state = 'open') AS open_anomalies FROM anomalies GROUP BY robot
 ),
 tested AS (
     SELECT robot,
@@ -31,15 +37,18 @@ tested AS (
 )
 SELECT tested.robot,
        coalesce(worst.status, 'untested') AS status,
-       CASE WHEN worst.rank >= 2 THEN worst.joint END AS worst_joint,
-       coalesce(health.open_anomalies, 0) AS open_anomalies,
+       CASE WHEN worst.rank >= 3 THEN worst.joint END AS worst_joint,
+       coalesce(trouble.open_anomalies, 0) AS open_anomalies,
        round(health.friction_index, 3) AS friction_index,
        round(health.moving_relative_rmsd, 4) AS moving_relative_rmsd,
        tested.last_run_at,
        tested.complete_runs,
-       tested.quarantined_runs
+       tested.quarantined_runs,
+       health.last_result_at,
+       worst.reason
 FROM tested
 LEFT JOIN health ON health.robot = tested.robot
+LEFT JOIN trouble ON trouble.robot = tested.robot
 LEFT JOIN worst ON worst.robot = tested.robot AND worst.place = 1
 WHERE nullif(:robot, '') IS NULL OR tested.robot = :robot
 ORDER BY coalesce(worst.rank, -1) DESC, open_anomalies DESC, tested.robot;

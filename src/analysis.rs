@@ -3,11 +3,13 @@
 
 pub mod finding;
 pub mod friction;
+pub mod refusal;
 
 use std::sync::Arc;
 
 use finding::{Finding, FindingSeverity};
 
+use self::refusal::RefusalCause;
 use crate::robot::{JointIndex, ParameterId};
 use crate::run::{RunKind, Stage};
 
@@ -30,6 +32,9 @@ pub struct CycleAnalysis {
     pub estimator: Estimator,
     /// Parameters, or why there are none.
     pub identification: Result<Identification, String>,
+    /// Findings for which the cycle was refused, the likeliest first; empty where it has parameters, and where
+    /// there was nothing to identify them on.
+    pub refusal_causes: Vec<RefusalCause>,
     /// Self-verification by joint and stage; empty without parameters.
     pub verification: Vec<TorqueRmsd>,
     /// Self-verification at the start and at the end of the warming stage; empty without parameters
@@ -501,6 +506,14 @@ pub struct JointSummary {
     pub relative_rmsd: Option<f64>,
     /// How much that RMSD swings from cycle to cycle.
     pub rmsd_swing: Option<RmsdSwing>,
+}
+
+impl JointSummary {
+    /// Whether the run says anything of the joint.
+    #[must_use]
+    pub fn has_result(&self) -> bool {
+        self.warm_friction.is_some() || self.friction_index.is_some() || self.relative_rmsd.is_some()
+    }
 }
 
 /// Friction at the reference speed over the last third of a run's cycles.

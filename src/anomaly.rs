@@ -4,6 +4,7 @@ use std::fmt;
 
 use jiff::Timestamp;
 
+use crate::analysis::refusal::RefusalCause;
 use crate::analysis::{JointSummary, ProductionJoint};
 use crate::robot::JointIndex;
 
@@ -14,7 +15,9 @@ pub enum AnomalyKind {
     Drift,
     /// Swings from cycle to cycle.
     Oscillation,
-    /// RMSD over its limit.
+    /// A channel that is not what it should be: offset, stuck, saturated, in another unit.
+    Sensor,
+    /// RMSD over its limit, or no model that an arm can have.
     Accuracy,
     /// Torque that the test's parameters do not give and friction does not explain: another load, most often.
     Payload,
@@ -27,6 +30,7 @@ impl AnomalyKind {
         match self {
             Self::Drift => "drift",
             Self::Oscillation => "oscillation",
+            Self::Sensor => "sensor",
             Self::Accuracy => "accuracy",
             Self::Payload => "payload",
         }
@@ -77,8 +81,31 @@ pub struct RunSummary {
     pub started_at: Timestamp,
     /// Cycles stored.
     pub cycles: u32,
+    /// Cycles that were refused.
+    pub refused_cycles: u32,
+    /// Why they were refused, the cause of most cycles first.
+    pub refusals: Vec<RunRefusal>,
     /// One entry a joint.
     pub joints: Vec<JointSummary>,
+}
+
+impl RunSummary {
+    /// Whether no joint has any figure: a test that says nothing of the arm.
+    #[must_use]
+    pub fn is_without_result(&self) -> bool {
+        !self.joints.iter().any(JointSummary::has_result)
+    }
+}
+
+/// One cause for which cycles of a run were refused.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RunRefusal {
+    /// The cause, with the sentence of the first of these cycles.
+    pub cause: RefusalCause,
+    /// Number of the first of these cycles, from 1.
+    pub first_cycle: u32,
+    /// How many cycles.
+    pub cycles: u32,
 }
 
 /// One complete log of production held against one test, as the detectors see it. A log with a test in its middle
@@ -99,22 +126,28 @@ pub struct ProductionSummary {
 /// search recognises each by robot, joint, kind, quantity and the run it began with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Anomaly {
-    /// The joint.
-    pub joint: JointIndex,
+    /// The joint; `None` where the cause is the whole arm's.
+    pub joint: Option<JointIndex>,
     /// What kind of change.
     pub kind: AnomalyKind,
     /// The quantity that changed, with its unit where it has one.
     pub quantity: &'static str,
-    /// Worst severity of the episode.
+    /// Severity in the latest run that showed it, as score, threshold, value, baseline and message are.
     pub severity: Severity,
     /// How far out the value is, in the scale of `threshold`.
     pub score: f64,
     /// Score at which the anomaly begins.
     pub threshold: f64,
-    /// Value in the latest run of the episode.
+    /// The value; not a number where there is none, as of a test without result.
     pub value: f64,
-    /// What the robot's own history led to expect.
+    /// What the robot's own history led to expect; not a number where there is no value.
     pub baseline: f64,
+    /// The value of the run with the largest score of the episode.
+    pub peak_value: f64,
+    /// That score.
+    pub peak_score: f64,
+    /// Cycle of the first run with which it began, where it is a cycle's.
+    pub first_cycle: Option<u32>,
     /// Run with which the episode began.
     pub first_run_id: i64,
     /// Latest run that showed it.
@@ -129,15 +162,71 @@ pub struct Anomaly {
     pub message: String,
 }
 
-/// Whether a joint has a baseline to be compared with.
-#[derive(Debug, Clone, Copy, PartialEq)]
+impl Anomaly {
+    /// Goes on with what a later run shows: all that is said is of that run, but for the beginning and the peak.
+    pub fn go_on(&mut self, later: Self) {
+        let (peak_value, peak_score) = match later.peak_score > self.peak_score {
+            true => (later.peak_value, later.peak_score),
+            false => (self.peak_value, self.peak_score),
+        };
+        *self = Self {
+            peak_value,
+            peak_score,
+            first_cycle: self.first_cycle,
+            first_run_id: self.first_run_id,
+            first_seen_at: self.first_seen_at,
+            ..later
+        };
+    }
+}
+
+/// What is known of a joint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Knowledge {
+    /// The latest test gave figures that compare with the baseline, and they agree with it unless an anomaly says
+    /// otherwise.
+    Compared,
+    /// The history is too short for a baseline.
+    Learning,
+    /// The latest test gave a figure that is out of bounds and that one test alone does not settle, or none of this
+    /// joint.
+    Unsettled,
+    /// The latest test gave no result of any joint.
+    NoResult,
+}
+
+impl Knowledge {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Compared, Self::Learning, Self::Unsettled, Self::NoResult];
+
+    /// Name as stored.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Compared => "compared",
+            Self::Learning => "learning",
+            Self::Unsettled => "unsettled",
+            Self::NoResult => "no_result",
+        }
+    }
+}
+
+/// Where a joint stands after the robot's latest test.
+#[derive(Debug, Clone, PartialEq)]
 pub struct JointHealth {
     /// The joint.
     pub joint: JointIndex,
-    /// Warm friction of the latest run against the baseline, 1 = unchanged; `None` while learning.
+    /// Friction of the latest test against the baseline, 1 = unchanged; `None` while learning, and where that test
+    /// gave none that compares.
     pub friction_index: Option<f64>,
-    /// Whether the history is still too short.
-    pub learning: bool,
+    /// The quantity that `friction_index` comes from.
+    pub friction_quantity: Option<&'static str>,
+    /// What is known.
+    pub knowledge: Knowledge,
+    /// What a technician should know of it, where there is something.
+    pub reason: Option<String>,
+    /// The latest run that gave a result of this joint.
+    pub last_result_run_id: Option<i64>,
 }
 
 /// Outcome of looking at a robot's whole history.
@@ -147,4 +236,7 @@ pub struct Findings {
     pub anomalies: Vec<Anomaly>,
     /// Where each joint stands.
     pub health: Vec<JointHealth>,
+    /// When the next test should have begun at the latest, by the robot's own usual interval; `None` with too few
+    /// tests to know one.
+    pub expected_by: Option<Timestamp>,
 }

@@ -7,6 +7,7 @@
 
 mod archive;
 mod book;
+pub mod overdue;
 mod places;
 pub mod preflight;
 mod stale;

@@ -19,7 +19,7 @@ use crate::pipeline::{Outcome, Pipeline};
 use crate::robot::{JointIndex, Robot};
 use crate::simulate::fault::Fault;
 use crate::simulate::{SimulateError, SimulationSettings, simulate_run};
-use crate::store::Store;
+use crate::store::{HealthStatus, Store};
 
 /// Runs of each arm: five to learn, then wear has time to show.
 const RUNS: u32 = 11;
@@ -251,11 +251,25 @@ async fn show_findings(store: &Store, database: &Path) -> Result<(), CliError> {
                 number(row.friction_index),
                 number(row.moving_relative_rmsd),
                 row.open_anomalies.to_string(),
+                row.last_result_at.map_or_else(|| "-".into(), |at| at.strftime("%Y-%m-%d %H:%M").to_string()),
             ]
         })
         .collect();
-    let header = ["robot", "joint", "status", "friction_index", "moving_relative_rmsd", "open_anomalies"];
+    let header = [
+        "robot",
+        "joint",
+        "status",
+        "friction_index",
+        "moving_relative_rmsd",
+        "open_anomalies",
+        "last_result_at (UTC)",
+    ];
     output::line(&format!("\n{}", output::table(&header, &rows)));
+    for row in health.iter().filter(|row| row.status == HealthStatus::Unknown) {
+        if let Some(reason) = &row.reason {
+            output::line(&format!("{} joint {}: {reason}", row.robot, row.joint));
+        }
+    }
     let anomalies = store.anomalies_after(0).await?;
     if anomalies.is_empty() {
         output::line("\nno anomalies");

@@ -19,6 +19,8 @@ use crate::ingest::watch;
 use crate::pipeline::conclude::{Concluded, RUNS_AT_ONCE};
 use crate::pipeline::isolation::Conclusion;
 use crate::pipeline::{Outcome, Pipeline, Progress, Retry};
+use crate::robot::JointIndex;
+use crate::store::RunResult;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -30,7 +32,7 @@ Examples:
 
 Folders are searched with their subfolders for *.csv, *.csv.gz and *.csv.zst. A file whose content is
 stored already is named and passed over; a quarantined one is read again. Sources are never changed.
-Exit status 1 if an export was quarantined.")]
+Exit status 1 if an export was quarantined, or gave no result: every cycle was refused.")]
 pub(super) struct IngestArgs {
     /// Exports, or folders of exports
     #[arg(required = true, value_name = "PATH")]
@@ -68,7 +70,7 @@ pub(super) async fn take_all(
     stop: &CancellationToken,
     as_json: bool,
 ) -> Result<u8, CliError> {
-    let mut code = EXIT_DONE;
+    let mut tally = Tally::default();
     let mut ended: HashMap<String, usize> = HashMap::new();
     for path in exports {
         let bar = progress_bar(path);
@@ -82,7 +84,9 @@ pub(super) async fn take_all(
             .await;
         bar.finish_and_clear();
         let outcome = outcome?;
-        print(path, &outcome, as_json);
+        let empty = without_result(pipeline, &outcome).await?;
+        print(path, &outcome, empty.as_ref(), as_json);
+        tally.add(&outcome, empty.is_some());
         if let Outcome::Stored(run) = &outcome {
             let runs = ended.entry(run.robot.clone()).or_default();
             *runs += 1;
@@ -90,13 +94,8 @@ pub(super) async fn take_all(
                 conclude(pipeline, &run.robot, as_json).await?;
             }
         }
-        match outcome {
-            Outcome::Quarantined { .. }
-            | Outcome::Changed
-            | Outcome::Unreadable { .. }
-            | Outcome::InWork { .. } => code = EXIT_FOUND,
-            Outcome::Interrupted => return Ok(EXIT_STOPPED),
-            Outcome::Stored(_) | Outcome::AlreadyStored { .. } => {}
+        if matches!(outcome, Outcome::Interrupted) {
+            return Ok(EXIT_STOPPED);
         }
         if stop.is_cancelled() {
             return Ok(EXIT_STOPPED);
@@ -106,8 +105,11 @@ pub(super) async fn take_all(
     for robot in pipeline.store().stale_robots().await? {
         is_faulty |= !conclude(pipeline, &robot.name, as_json).await?;
     }
+    if !as_json {
+        output::line(&tally.as_text());
+    }
     // other robots are concluded all the same
-    Ok(if is_faulty { EXIT_INTERNAL } else { code })
+    Ok(if is_faulty { EXIT_INTERNAL } else { tally.exit_code() })
 }
 
 /// Draws and prints what a robot's history says; `false`, with the reason in the log, if that cannot be.
@@ -121,6 +123,61 @@ async fn conclude(pipeline: &Pipeline, robot: &str, as_json: bool) -> Result<boo
         }
     }
     Ok(true)
+}
+
+/// What became of all exports.
+#[derive(Debug, Default)]
+struct Tally {
+    stored: usize,
+    known: usize,
+    quarantined: usize,
+    without_result: usize,
+    /// To be tried again.
+    not_read: usize,
+}
+
+impl Tally {
+    fn add(&mut self, outcome: &Outcome, without_result: bool) {
+        let counted = match outcome {
+            Outcome::Stored(_) => &mut self.stored,
+            Outcome::AlreadyStored { .. } => &mut self.known,
+            Outcome::Quarantined { .. } => &mut self.quarantined,
+            Outcome::Unreadable { .. } | Outcome::Changed | Outcome::InWork { .. } | Outcome::Interrupted => {
+                &mut self.not_read
+            }
+        };
+        *counted += 1;
+        self.without_result += usize::from(without_result);
+    }
+
+    fn as_text(&self) -> String {
+        let Self { stored, known, quarantined, without_result, not_read } = self;
+        let mut text = format!(
+            "{stored} stored, {known} known, {quarantined} quarantined, {without_result} without result"
+        );
+        if *not_read > 0 {
+            text.push_str(&format!(", {not_read} not read"));
+        }
+        text
+    }
+
+    fn exit_code(&self) -> u8 {
+        match self.quarantined + self.without_result + self.not_read {
+            0 => EXIT_DONE,
+            _ => EXIT_FOUND,
+        }
+    }
+}
+
+/// What there is to say of a complete run that says nothing of the arm, stored now or before.
+async fn without_result(pipeline: &Pipeline, outcome: &Outcome) -> Result<Option<RunResult>, CliError> {
+    let run_id = match outcome {
+        Outcome::Stored(run) => run.run_id,
+        Outcome::AlreadyStored { run_id } => *run_id,
+        _ => return Ok(None),
+    };
+    let result = pipeline.store().run_result(run_id).await?;
+    Ok(result.filter(|result| result.without_result))
 }
 
 /// Files as they were named, folders by their exports in the order of their names.
@@ -161,11 +218,31 @@ fn progress_bar(path: &Path) -> ProgressBar {
     bar
 }
 
-fn print(path: &Path, outcome: &Outcome, as_json: bool) {
+fn print(path: &Path, outcome: &Outcome, empty: Option<&RunResult>, as_json: bool) {
     if as_json {
-        output::json(&as_value(path, outcome));
-    } else {
-        output::line(&as_text(path, outcome));
+        let mut value = as_value(path, outcome);
+        if matches!(outcome, Outcome::Stored(_) | Outcome::AlreadyStored { .. }) {
+            value["without_result"] = empty.is_some().into();
+        }
+        output::json(&value);
+        return;
+    }
+    output::line(&as_text(path, outcome));
+    if let Some(result) = empty {
+        output::line(&format!("             {}", no_result(result, matches!(outcome, Outcome::Stored(_)))));
+    }
+}
+
+/// Why an export gave no result; the reason itself stands above where the export was read just now.
+fn no_result(result: &RunResult, is_read_now: bool) -> String {
+    let reason = result.reason.as_deref().filter(|_| !is_read_now);
+    match (result.refused, reason) {
+        (0, _) => "no result: it holds no cycle that could be measured".into(),
+        (refused, reason) => format!(
+            "no result: {refused} of {} were refused{}",
+            counted(result.cycles),
+            reason.map_or_else(String::new, |reason| format!(": {reason}"))
+        ),
     }
 }
 
@@ -174,7 +251,7 @@ fn print_conclusions(concluded: &Concluded, as_json: bool) {
     for anomaly in &concluded.new_anomalies {
         if as_json {
             output::json(&json!({
-                "outcome": "anomaly", "robot": concluded.robot, "joint": anomaly.joint.number(),
+                "outcome": "anomaly", "robot": concluded.robot, "joint": anomaly.joint.map(JointIndex::number),
                 "anomaly_id": anomaly.anomaly_id, "kind": anomaly.kind, "severity": anomaly.severity.name(),
                 "message": anomaly.message,
             }));

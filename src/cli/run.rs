@@ -7,6 +7,7 @@ use tokio::sync::watch;
 
 use super::{CliError, EXIT_DONE, Global, open_store, runtime, shared};
 use crate::config::{Config, ConfigErrors};
+use crate::daemon::overdue::OverdueWatch;
 use crate::daemon::preflight::preflight;
 use crate::daemon::{self, Control};
 use crate::pipeline::Pipeline;
@@ -54,9 +55,11 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
             in_force.send_replace(shared(config.clone()));
             Some(config)
         };
+        let overdue = OverdueWatch::start(pipeline.store().clone(), serving.clone());
         let control = Control { claim, stop, reload, reread: &reread };
-        let watched = daemon::watch(&pipeline, control, |_| ()).await;
+        let watched = daemon::watch(&pipeline, control, |event| overdue.note(&event)).await;
         serving.cancel();
+        overdue.ended().await;
         if let Some(server) = server {
             server.ended().await;
         }

@@ -463,6 +463,7 @@ fn read_detect(table: &Table<'_>) -> Option<DetectSettings> {
     let ratio =
         table.number_or("oscillation_ratio", &Limits::above(1.0, 1000.0, ""), default.oscillation_ratio);
     let accuracy = read_levels(table, "accuracy", (default.accuracy_warning, default.accuracy_critical));
+    let overdue = table.number_or("overdue_factor", &Limits::above(1.0, 1000.0, ""), default.overdue_factor);
     let ((drift_warning, drift_critical), (accuracy_warning, accuracy_critical)) = (drift?, accuracy?);
     Some(DetectSettings {
         baseline_runs: runs?,
@@ -472,6 +473,7 @@ fn read_detect(table: &Table<'_>) -> Option<DetectSettings> {
         oscillation_ratio: ratio?,
         accuracy_warning,
         accuracy_critical,
+        overdue_factor: overdue?,
     })
 }
 

@@ -59,6 +59,7 @@ pub fn summary(config: &Config) -> String {
     line("friction drift", levels(detect.drift_warning, detect.drift_critical));
     line("drift significance", format!("{} standard deviations", detect.drift_sigma));
     line("oscillation", format!("{} times the baseline's swing", detect.oscillation_ratio));
+    line("overdue", format!("after {} usual intervals without a test", detect.overdue_factor));
     line("relative RMSD", levels(detect.accuracy_warning, detect.accuracy_critical));
     out
 }

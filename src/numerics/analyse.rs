@@ -15,6 +15,7 @@ use super::plausible::nominal::inertia_ratios;
 use super::plausible::own_fit::own_fits;
 use super::plausible::weigh::{WeighSettings, Weighed, own_torques, turned_torques, weigh};
 use super::plausible::{PlausibleSettings, diagnose_model, top_speeds};
+use super::refusal;
 use super::regressor::KeptColumns;
 use super::rows::CycleRows;
 use super::signal::{Conditioned, carried_cutoff, condition};
@@ -149,6 +150,7 @@ pub(super) fn unanalysed(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         cutoff,
         estimator: method.settings.estimator,
         identification: Err(String::new()),
+        refusal_causes: Vec::new(),
         verification: Vec::new(),
         warming_contrast: Vec::new(),
         mean_speeds: Vec::new(),
@@ -223,6 +225,7 @@ fn take_up(method: &Method, findings: Vec<Finding>, analysis: &mut CycleAnalysis
         analysis.identification = Err(reason(&method.robot, &refused));
     }
     analysis.findings.extend(findings);
+    analysis.refusal_causes = refusal::causes(&analysis.findings);
 }
 
 /// Findings about channels, with signs of torques by each joint's own full fit, and without swapped torques that it

@@ -7,9 +7,10 @@
 
 use jiff::Timestamp;
 
+use super::detect_results::{expected_by, health, without_result};
 use super::statistics::{median, robust_deviation};
 use crate::analysis::{Estimate, JointSummary, WarmFriction};
-use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, RunSummary, Severity};
+use crate::anomaly::{Anomaly, AnomalyKind, Findings, RunSummary, Severity};
 use crate::robot::JointIndex;
 
 /// When a change counts.
@@ -29,6 +30,8 @@ pub struct DetectSettings {
     pub accuracy_warning: f64,
     /// Relative RMSD that is critical.
     pub accuracy_critical: f64,
+    /// Usual intervals between tests after which the next one is overdue.
+    pub overdue_factor: f64,
 }
 
 impl Default for DetectSettings {
@@ -41,6 +44,7 @@ impl Default for DetectSettings {
             oscillation_ratio: 3.0,
             accuracy_warning: 0.10,
             accuracy_critical: 0.15,
+            overdue_factor: 4.0,
         }
     }
 }
@@ -81,11 +85,7 @@ pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
         let series: Vec<Option<&JointSummary>> =
             history.iter().map(|run| run.joints.iter().find(|summary| summary.joint == joint)).collect();
         let drift = drift(&series, settings);
-        findings.health.push(JointHealth {
-            joint,
-            friction_index: drift.latest_index,
-            learning: drift.learning,
-        });
+        findings.health.push(health(history, &series, joint, &drift, settings));
         for (kind, quantity, verdicts) in [
             (AnomalyKind::Drift, drift.quantity, drift.verdicts),
             (AnomalyKind::Oscillation, "moving_relative_rmsd", oscillation(&series, settings)),
@@ -94,6 +94,8 @@ pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
             findings.anomalies.extend(episodes(&moments, joint, kind, quantity, &verdicts));
         }
     }
+    findings.anomalies.extend(without_result(history));
+    findings.expected_by = expected_by(history, settings.overdue_factor);
     findings
 }
 
@@ -108,35 +110,56 @@ pub(super) enum Verdict {
     Out { severity: Severity, score: f64, threshold: f64, value: f64, baseline: f64, message: String },
 }
 
-struct Drift {
-    quantity: &'static str,
-    verdicts: Vec<Verdict>,
-    latest_index: Option<f64>,
-    learning: bool,
+/// Friction of one joint over the runs.
+pub(super) struct Drift {
+    pub(super) quantity: &'static str,
+    pub(super) verdicts: Vec<Verdict>,
+    /// The latest run with friction that compares with the baseline.
+    pub(super) latest: Option<Compared>,
+    pub(super) learning: bool,
+    /// Runs that the baseline has so far, at most those that it needs.
+    pub(super) learnt_runs: usize,
+}
+
+/// Friction of a run against the baseline, and how far from it chance may take one run.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Compared {
+    pub(super) observed: Observed,
+    /// Deviation of one healthy run that would be more than chance; infinite within the baseline.
+    pub(super) bound: f64,
 }
 
 /// Friction of a run against the baseline, and by which road.
 #[derive(Debug, Clone, Copy)]
-struct Observed {
-    run: usize,
-    ratio: f64,
+pub(super) struct Observed {
+    /// Place of the run in the history.
+    pub(super) run: usize,
+    pub(super) ratio: f64,
     /// Zero where not known.
     std_error: f64,
     /// Warm friction that it comes from, Nm; `None` for the index.
     torque: Option<f64>,
 }
 
+impl Observed {
+    /// The quantity that it is.
+    pub(super) fn quantity(self) -> &'static str {
+        if self.torque.is_some() { "warm_friction_nm" } else { "friction_index" }
+    }
+}
+
 /// Friction against the joint's baseline, smoothed over runs: the friction index where the history has one,
 /// else warm friction of runs that were equally warm.
-fn drift(series: &[Option<&JointSummary>], settings: &DetectSettings) -> Drift {
+pub(super) fn drift(series: &[Option<&JointSummary>], settings: &DetectSettings) -> Drift {
     let index = |run: usize| series[run].and_then(|summary| summary.friction_index);
     let warm = WarmBaseline::find(series, settings);
     let has_index = (0..series.len()).any(|run| index(run).is_some());
     let mut result = Drift {
         quantity: if has_index { "friction_index" } else { "warm_friction_nm" },
         verdicts: vec![Verdict::Unknown; series.len()],
-        latest_index: None,
+        latest: None,
         learning: !has_index && warm.is_none(),
+        learnt_runs: WarmBaseline::learnt_runs(series, settings),
     };
     let observed: Vec<Observed> = (0..series.len())
         .filter_map(|run| match index(run) {
@@ -160,13 +183,15 @@ fn drift(series: &[Option<&JointSummary>], settings: &DetectSettings) -> Drift {
     let usual = EWMA_WEIGHT / (2.0 - EWMA_WEIGHT) * spread * spread;
     let (mut smoothed, mut variance) = (1.0, usual);
     for of_run in observed {
-        result.latest_index = Some(of_run.ratio);
         if of_run.run <= learnt_from {
+            result.latest = Some(Compared { observed: of_run, bound: f64::INFINITY });
             result.verdicts[of_run.run] = Verdict::Quiet;
             continue;
         }
         // what is less certain than usual has less of a say
         let own = (spread * spread).max(of_run.std_error * of_run.std_error);
+        let bound = settings.drift_warning.max(settings.drift_sigma * (own + baseline_variance).sqrt());
+        result.latest = Some(Compared { observed: of_run, bound });
         let weight = EWMA_WEIGHT * spread * spread / own;
         smoothed = weight * of_run.ratio + (1.0 - weight) * smoothed;
         variance = weight * weight * own + (1.0 - weight) * (1.0 - weight) * variance;
@@ -184,7 +209,7 @@ fn drift(series: &[Option<&JointSummary>], settings: &DetectSettings) -> Drift {
                 threshold,
                 value: of_run.torque.filter(|_| !has_index).unwrap_or(of_run.ratio),
                 baseline,
-                message: drift_message(of_run, warm.as_ref()),
+                message: drift_message(change, threshold, of_run, warm.as_ref()),
             }
         };
     }
@@ -213,6 +238,15 @@ struct WarmBaseline {
 }
 
 impl WarmBaseline {
+    /// Runs at the speed of the first, at most those that a baseline needs.
+    fn learnt_runs(series: &[Option<&JointSummary>], settings: &DetectSettings) -> usize {
+        let mut measured =
+            series.iter().filter_map(|summary| summary.and_then(|of| of.warm_friction)).peekable();
+        let Some(first) = measured.peek().copied() else { return 0 };
+        let alike = measured.filter(|warm| same_speed(warm, first.speed_fraction)).count();
+        alike.min(settings.baseline_runs.max(1))
+    }
+
     /// `None` with too few runs at the speed of the first.
     fn find(series: &[Option<&JointSummary>], settings: &DetectSettings) -> Option<Self> {
         let measured: Vec<(usize, WarmFriction)> = (0..series.len())
@@ -259,26 +293,39 @@ fn same_speed(warm: &WarmFriction, speed_fraction: f64) -> bool {
     (warm.speed_fraction - speed_fraction).abs() < 1e-6
 }
 
-fn drift_message(of_run: Observed, warm: Option<&WarmBaseline>) -> String {
-    let (side, advice) = if of_run.ratio > 1.0 {
+/// Says first what decides, the smoothed change, then what this run alone gave.
+fn drift_message(change: f64, threshold: f64, of_run: Observed, warm: Option<&WarmBaseline>) -> String {
+    let (side, advice) = if change > 0.0 {
         ("above", "check lubrication, gearbox and brake")
     } else {
         ("below", "a change of grease or a loose transmission lowers friction; check after maintenance")
     };
-    let percent = 100.0 * (of_run.ratio - 1.0).abs();
+    let [percent, limit] = apart(100.0 * change.abs(), 100.0 * threshold);
+    let alone = match (of_run.ratio - 1.0) * change.signum() >= threshold {
+        true => "",
+        false => ", within the limit by itself",
+    };
     match (of_run.torque, warm) {
         (Some(torque), Some(warm)) => format!(
-            "warm friction is {percent:.0} % {side} the joint's baseline: {torque:.2} Nm against {:.2} Nm at {:.0} % \
-             speed, as measured since the run has no friction index; {advice}",
+            "warm friction, smoothed over the tests, is {percent} % {side} the joint's baseline (limit {limit} %);              latest test{alone}: {torque:.2} Nm against {:.2} Nm at {:.0} % speed, as measured since the run has no \
+             friction index; {advice}",
             warm.torque,
             100.0 * warm.speed_fraction
         ),
         _ => format!(
-            "friction is {percent:.0} % {side} the joint's baseline at equal speed and warmth: friction index {:.3}, \
-             standard error {:.3}; {advice}",
+            "friction at equal speed and warmth, smoothed over the tests, is {percent} % {side} the joint's baseline \
+             (limit {limit} %); latest test{alone}: friction index {:.3}, standard error {:.3}; {advice}",
             of_run.ratio, of_run.std_error
         ),
     }
+}
+
+/// A figure and its limit with as few decimals, up to three, as tell them apart.
+fn apart(figure: f64, limit: f64) -> [String; 2] {
+    (0..3)
+        .map(|decimals| [figure, limit].map(|of| format!("{of:.decimals$}")))
+        .find(|[figure, limit]| figure != limit)
+        .unwrap_or_else(|| [figure, limit].map(|of| format!("{of:.3}")))
 }
 
 /// Swing of the relative RMSD from cycle to cycle against the joint's usual swing.
@@ -327,6 +374,7 @@ fn accuracy(series: &[Option<&JointSummary>], settings: &DetectSettings) -> Vec<
                 let as_ever =
                     baseline.is_some_and(|b| b > settings.accuracy_warning && *value <= ACCURACY_AS_EVER * b);
                 let threshold = if critical { settings.accuracy_critical } else { settings.accuracy_warning };
+                let [percent, limit] = apart(100.0 * value, 100.0 * threshold);
                 Verdict::Out {
                     severity: match (as_ever, critical) {
                         (true, _) => Severity::Info,
@@ -338,10 +386,8 @@ fn accuracy(series: &[Option<&JointSummary>], settings: &DetectSettings) -> Vec<
                     value: *value,
                     baseline: baseline.unwrap_or(settings.accuracy_warning),
                     message: format!(
-                        "the identified model misses {:.1} % of this joint's torque, limit {:.0} %{}; check torque \
-                         signal, payload and the robot's description",
-                        100.0 * value,
-                        100.0 * threshold,
+                        "the identified model misses {percent} % of this joint's torque, limit {limit} %{}; check \
+                         torque signal, payload and the robot's description",
                         if as_ever { ", as in its baseline" } else { "" }
                     ),
                 }
@@ -350,7 +396,7 @@ fn accuracy(series: &[Option<&JointSummary>], settings: &DetectSettings) -> Vec<
         .collect()
 }
 
-/// Joins the verdicts of successive runs, given by key and start, into episodes.
+/// Joins the verdicts of successive runs, given by key and start, into episodes of a joint.
 pub(super) fn episodes(
     runs: &[(i64, Timestamp)],
     joint: JointIndex,
@@ -370,30 +416,28 @@ pub(super) fn episodes(
                 }
             }
             Verdict::Out { severity, score, threshold, value, baseline, message } => {
-                let message = format!("joint {joint}: {message}");
+                let now = Anomaly {
+                    joint: Some(joint),
+                    kind,
+                    quantity,
+                    severity: *severity,
+                    score: *score,
+                    threshold: *threshold,
+                    value: *value,
+                    baseline: *baseline,
+                    peak_value: *value,
+                    peak_score: *score,
+                    first_cycle: None,
+                    first_run_id: run_id,
+                    last_run_id: run_id,
+                    first_seen_at: started_at,
+                    last_seen_at: started_at,
+                    ended: false,
+                    message: format!("joint {joint}: {message}"),
+                };
                 match found.last_mut().filter(|anomaly| !anomaly.ended) {
-                    Some(open) => {
-                        open.severity = open.severity.max(*severity);
-                        (open.score, open.threshold, open.value, open.baseline) =
-                            (*score, *threshold, *value, *baseline);
-                        (open.last_run_id, open.last_seen_at, open.message) = (run_id, started_at, message);
-                    }
-                    None => found.push(Anomaly {
-                        joint,
-                        kind,
-                        quantity,
-                        severity: *severity,
-                        score: *score,
-                        threshold: *threshold,
-                        value: *value,
-                        baseline: *baseline,
-                        first_run_id: run_id,
-                        last_run_id: run_id,
-                        first_seen_at: started_at,
-                        last_seen_at: started_at,
-                        ended: false,
-                        message,
-                    }),
+                    Some(open) => open.go_on(now),
+                    None => found.push(now),
                 }
                 quiet = 0;
             }

@@ -57,7 +57,7 @@ fn a_joint_that_wears_between_tests_is_named_and_the_next_test_takes_it_in() {
     let found = detect_production(&history(40, |i, j| (wear(i, j) + wobble(i, j), USUAL)));
     let [anomaly] = &found[..] else { panic!("one anomaly: {found:?}") };
     assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Drift, "production_friction"));
-    assert_eq!((anomaly.joint.number(), anomaly.severity), (3, Severity::Warning));
+    assert_eq!((anomaly.joint.expect("one").number(), anomaly.severity), (3, Severity::Warning));
     // four tenths of a quarter are within the limit after the first log, two thirds are not after the second
     assert_eq!((anomaly.first_run_id, anomaly.last_run_id, anomaly.ended), (17, 20, true));
     assert!(anomaly.message.starts_with("joint 3: in ordinary work friction is"), "{}", anomaly.message);
@@ -68,8 +68,10 @@ fn another_load_is_no_wear() {
     let load = |i: usize, j: usize| if i >= 16 && j < 3 { 0.12 } else { USUAL };
     let found =
         detect_production(&history(20, |i, j| (wobble(i, j) + if i >= 16 { 0.2 } else { 0.0 }, load(i, j))));
-    let kinds: Vec<_> =
-        found.iter().map(|of| (of.joint.number(), of.kind, of.severity, of.first_run_id)).collect();
+    let kinds: Vec<_> = found
+        .iter()
+        .map(|of| (of.joint.expect("one").number(), of.kind, of.severity, of.first_run_id))
+        .collect();
     let payload = |joint| (joint, AnomalyKind::Payload, Severity::Info, 17);
     assert_eq!(kinds, [payload(1), payload(2), payload(3)]);
 }

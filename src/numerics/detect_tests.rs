@@ -3,7 +3,7 @@
 use super::detect::*;
 use crate::analysis::{Estimate, JointSummary};
 use crate::analysis::{RmsdSwing, WarmFriction};
-use crate::anomaly::{AnomalyKind, RunSummary, Severity};
+use crate::anomaly::{AnomalyKind, Knowledge, RunSummary, Severity};
 use crate::robot::JointIndex;
 use jiff::{SignedDuration, Timestamp};
 
@@ -32,6 +32,8 @@ fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSummary {
         started_at: Timestamp::UNIX_EPOCH
             + SignedDuration::from_hours(24 * i64::try_from(index).expect("small")),
         cycles: 24,
+        refused_cycles: 0,
+        refusals: vec![],
         joints: vec![quiet(0), quiet(1), joint],
     }
 }
@@ -48,8 +50,8 @@ fn history(runs: usize, friction: impl Fn(usize) -> f64) -> Vec<RunSummary> {
 fn a_steady_arm_raises_nothing_and_has_an_index_near_one() {
     let found = detect(&history(60, |i| 12.0 * wobble(i)), &DetectSettings::default());
     assert_eq!(found.anomalies, vec![]);
-    let health = found.health[2];
-    assert!(!health.learning);
+    let health = &found.health[2];
+    assert_eq!((health.knowledge, &health.reason), (Knowledge::Compared, &None));
     assert!((health.friction_index.expect("learned") - 1.0).abs() < 0.02);
 }
 
@@ -58,7 +60,7 @@ fn wear_is_found_once_names_the_joint_and_grows_worse() {
     let wear = |i: usize| 12.0 * wobble(i) * (1.0 + 0.03 * i.saturating_sub(7) as f64);
     let found = detect(&history(20, wear), &DetectSettings::default());
     let [anomaly] = &found.anomalies[..] else { panic!("one anomaly: {:?}", found.anomalies) };
-    assert_eq!((anomaly.kind, anomaly.joint.number()), (AnomalyKind::Drift, 3));
+    assert_eq!((anomaly.kind, anomaly.joint.expect("one").number()), (AnomalyKind::Drift, 3));
     assert_eq!(anomaly.severity, Severity::Critical);
     assert!(!anomaly.ended);
     // 3 % a run from the ninth run on: 5 % is passed at the earliest with the tenth
@@ -87,7 +89,8 @@ fn a_repaired_joint_ends_its_episode() {
 fn a_short_history_is_learning() {
     let found = detect(&history(4, |i| 12.0 * (1.0 + 0.2 * i as f64)), &DetectSettings::default());
     assert_eq!(found.anomalies, vec![]);
-    assert!(found.health[2].learning);
+    assert_eq!(found.health[2].knowledge, Knowledge::Learning);
+    assert_eq!(found.health[2].reason.as_deref(), Some("4 of 5 tests of the baseline"));
     assert_eq!(found.health[2].friction_index, None);
 }
 

@@ -211,7 +211,7 @@ fn stuck(view: &View<'_>) -> Vec<Finding> {
                     "joint {joint}: the {name} signal stands at {value} for {seconds:.1} s while the joint moves; \
                      check that the channel is connected and recorded"
                 ),
-                &[("value", value), ("duration_s", seconds)],
+                &[("value", value), ("duration_s", seconds), (name, value)],
             ));
         }
     }

@@ -39,6 +39,8 @@ fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
             run_id: i as i64,
             started_at: Timestamp::UNIX_EPOCH + SignedDuration::from_secs(arm.runs[i].started_at as i64),
             cycles: 12,
+            refused_cycles: 0,
+            refusals: vec![],
             joints: (0..JOINTS).map(|j| summary(i, j)).collect(),
         })
         .collect()
@@ -46,7 +48,7 @@ fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
 
 fn alarms(arm: &Arm, with_index: bool) -> Vec<(usize, i64)> {
     let found = detect(&summaries(arm, with_index), &DetectSettings::default()).anomalies;
-    found.into_iter().map(|anomaly| (anomaly.joint.index(), anomaly.first_run_id)).collect()
+    found.into_iter().map(|anomaly| (anomaly.joint.expect("one").index(), anomaly.first_run_id)).collect()
 }
 
 #[test]

@@ -44,6 +44,7 @@ pub mod physical_fit;
 pub mod essential;
 pub mod diagnose;
 pub mod plausible;
+pub mod refusal;
 #[cfg(test)]
 mod diagnose_tests;
 #[cfg(test)]
@@ -88,6 +89,9 @@ pub mod nominal_prior;
 mod history_tests;
 pub mod statistics;
 pub mod detect;
+mod detect_results;
+#[cfg(test)]
+mod detect_results_tests;
 pub mod detect_production;
 #[cfg(test)]
 mod detect_production_tests;

@@ -8,6 +8,7 @@ use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 use super::resume::ReadSoFar;
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number, json_numbers};
 use super::{factors, ledger, models, production, resume, temperatures};
+use crate::analysis::refusal::RefusalCause;
 use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, JointResidual, Rmsd, TorqueRmsd};
 use crate::robot::{ParameterId, Robot};
 
@@ -46,6 +47,9 @@ pub(super) async fn record_cycle(
     let keys = models::ensure_parameters(&mut *connection, model, robot, &wanted).await?;
     for rows in parameters.chunks(ROWS_PER_STATEMENT) {
         insert_parameters(&mut *connection, cycle_id, &keys, rows).await?;
+    }
+    if analysis.refusal().is_some() && !analysis.refusal_causes.is_empty() {
+        insert_causes(&mut *connection, cycle_id, &analysis.refusal_causes).await?;
     }
     let residuals = analysis.identification.as_ref().map_or(&[][..], |i| &i.residuals[..]);
     for rows in residuals.chunks(ROWS_PER_STATEMENT) {
@@ -124,6 +128,30 @@ async fn insert_parameters(
             .push_bind(finite(parameter.value))
             .push_bind(finite(parameter.std_error))
             .push_bind(finite(parameter.degrees_of_freedom));
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Enters why a cycle was refused.
+async fn insert_causes(
+    executor: impl SqliteExecutor<'_>,
+    cycle_id: i64,
+    causes: &[RefusalCause],
+) -> Result<(), sqlx::Error> {
+    let numbered: Vec<(i64, &RefusalCause)> = (1..).zip(causes).collect();
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO cycle_refusal (cycle_id, number, finding, channel, joint, sentence) ",
+    )
+    .push_values(numbered, |mut row, (number, cause)| {
+        row.push_bind(cycle_id)
+            .push_bind(number)
+            .push_bind(&cause.finding)
+            .push_bind(cause.channel.name())
+            .push_bind(cause.joint.map(joint_number))
+            .push_bind(&cause.sentence);
     })
     .build()
     .execute(executor)

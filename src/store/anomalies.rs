@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
@@ -18,7 +19,7 @@ pub struct Reconciled {
 }
 
 /// What makes an anomaly the same one in two findings: joint, kind, quantity, first run.
-type Key = (i64, String, String, i64);
+type Key = (Option<i64>, String, String, i64);
 
 struct Stored {
     anomaly_id: i64,
@@ -63,13 +64,14 @@ pub(super) async fn reconcile(
             outcome.resolved.push(anomaly.anomaly_id);
         }
     }
-    replace_health(connection, robot_id, &findings.health).await?;
+    replace_health(&mut *connection, robot_id, &findings.health).await?;
+    set_expected_by(connection, robot_id, findings.expected_by).await?;
     Ok(outcome)
 }
 
 fn key(anomaly: &Anomaly) -> Key {
     (
-        joint_number(anomaly.joint),
+        anomaly.joint.map(joint_number),
         anomaly.kind.name().to_owned(),
         anomaly.quantity.to_owned(),
         anomaly.first_run_id,
@@ -114,12 +116,13 @@ async fn insert_anomaly(
 ) -> Result<i64, sqlx::Error> {
     sqlx::query_scalar(
         "INSERT INTO anomaly (robot_id, joint, kind, quantity, first_run_id, severity, score, threshold, value,
-                              baseline, last_run_id, first_seen_at, last_seen_at, state, message)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+                              baseline, peak_value, first_cycle, last_run_id, first_seen_at, last_seen_at, state,
+                              message)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
          RETURNING anomaly_id",
     )
     .bind(robot_id)
-    .bind(joint_number(anomaly.joint))
+    .bind(anomaly.joint.map(joint_number))
     .bind(anomaly.kind.name())
     .bind(anomaly.quantity)
     .bind(anomaly.first_run_id)
@@ -128,6 +131,8 @@ async fn insert_anomaly(
     .bind(finite(anomaly.threshold))
     .bind(finite(anomaly.value))
     .bind(finite(anomaly.baseline))
+    .bind(finite(anomaly.peak_value))
+    .bind(anomaly.first_cycle)
     .bind(anomaly.last_run_id)
     .bind(anomaly.first_seen_at.as_microsecond())
     .bind(anomaly.last_seen_at.as_microsecond())
@@ -145,8 +150,8 @@ async fn update_anomaly(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE anomaly
-         SET severity = ?, score = ?, threshold = ?, value = ?, baseline = ?, last_run_id = ?, first_seen_at = ?,
-             last_seen_at = ?, state = ?, message = ?, withdrawn = 0
+         SET severity = ?, score = ?, threshold = ?, value = ?, baseline = ?, peak_value = ?, first_cycle = ?, last_run_id = ?,
+             first_seen_at = ?, last_seen_at = ?, state = ?, message = ?, withdrawn = 0
          WHERE anomaly_id = ?",
     )
     .bind(anomaly.severity.name())
@@ -154,6 +159,8 @@ async fn update_anomaly(
     .bind(finite(anomaly.threshold))
     .bind(finite(anomaly.value))
     .bind(finite(anomaly.baseline))
+    .bind(finite(anomaly.peak_value))
+    .bind(anomaly.first_cycle)
     .bind(anomaly.last_run_id)
     .bind(anomaly.first_seen_at.as_microsecond())
     .bind(anomaly.last_seen_at.as_microsecond())
@@ -185,15 +192,42 @@ async fn replace_health(
     if health.is_empty() {
         return Ok(());
     }
-    QueryBuilder::<Sqlite>::new("INSERT INTO joint_health (robot_id, joint, friction_index, learning) ")
-        .push_values(health, |mut row, joint| {
-            row.push_bind(robot_id)
-                .push_bind(joint_number(joint.joint))
-                .push_bind(joint.friction_index.and_then(finite))
-                .push_bind(joint.learning);
-        })
-        .build()
-        .execute(connection)
-        .await?;
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO joint_health (robot_id, joint, friction_index, friction_quantity, knowledge, reason,
+                                  last_result_run_id) ",
+    )
+    .push_values(health, |mut row, joint| {
+        row.push_bind(robot_id)
+            .push_bind(joint_number(joint.joint))
+            .push_bind(joint.friction_index.and_then(finite))
+            .push_bind(joint.friction_quantity)
+            .push_bind(joint.knowledge.name())
+            .push_bind(joint.reason.as_deref())
+            .push_bind(joint.last_result_run_id);
+    })
+    .build()
+    .execute(connection)
+    .await?;
     Ok(())
+}
+
+/// Another expectation than before, as a new test brings it, ends that a robot is overdue.
+async fn set_expected_by(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+    expected_by: Option<Timestamp>,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE robot SET expected_by = ?1, overdue = overdue AND expected_by IS ?1 WHERE robot_id = ?2",
+    )
+    .bind(expected_by.map(as_text))
+    .bind(robot_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// A time as views show it, always with milliseconds, so that text order is time order.
+pub(super) fn as_text(time: Timestamp) -> String {
+    time.strftime("%Y-%m-%dT%H:%M:%S.%3fZ").to_string()
 }

@@ -96,7 +96,7 @@ impl ConclusionTransaction {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn run_summaries(&mut self) -> Result<Vec<RunSummary>, StoreError> {
-        let result = history::run_summaries(&mut *self.transaction, self.robot_id).await;
+        let result = history::run_summaries(&mut self.transaction, self.robot_id).await;
         self.checked(result)
     }
 

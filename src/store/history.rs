@@ -1,15 +1,16 @@
 //! What detection and fits read back: one run's measurements, one robot's history.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
 use super::values::{identified, joint, named, size, time};
+use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{
     Estimate, FrictionPoint, GravityRemoval, IdentifiedParameter, JointSummary, RmsdSwing, WarmFriction,
 };
-use crate::anomaly::RunSummary;
+use crate::anomaly::{RunRefusal, RunSummary};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 
 const GRAVITY_REMOVALS: [GravityRemoval; 3] =
@@ -18,6 +19,16 @@ const GRAVITY_REMOVALS: [GravityRemoval; 3] =
 /// Nominal speeds closer than this are one level; levels lie some percent apart, and a fraction
 /// may have been computed in more than one way.
 const SAME_SPEED: f64 = 1e-9;
+
+/// Whether friction points of a row of `cycle` count: those of a complete cycle, and of one that only had nothing to
+/// identify parameters on. What a finding has refused or doubted does not.
+macro_rules! friction_counts {
+    () => {
+        "(cycle.status = 'complete' AND NOT cycle.doubtful
+          OR cycle.status = 'refused' AND NOT EXISTS (
+              SELECT 1 FROM cycle_refusal WHERE cycle_refusal.cycle_id = cycle.cycle_id))"
+    };
+}
 
 /// What the analysis of a whole run starts from.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -70,18 +81,21 @@ pub(super) async fn run_measurements(
     })
 }
 
-/// Friction points of a run; those of doubtful cycles are shown and not counted.
+/// Every friction point of a run that counts.
 pub(super) async fn friction_points(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<CyclePoint>, sqlx::Error> {
     sqlx::query(
-        "SELECT cycle.number AS cycle, joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm,
-                friction_point.samples, gravity
-         FROM cycle
-         JOIN friction_point USING (cycle_id)
-         WHERE cycle.run_id = ? AND NOT cycle.doubtful
-         ORDER BY cycle.number, friction_point.number",
+        concat!(
+            "SELECT cycle.number AS cycle, joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm,
+                    friction_point.samples, gravity
+             FROM cycle
+             JOIN friction_point USING (cycle_id)
+             WHERE cycle.run_id = ? AND ",
+            friction_counts!(),
+            " ORDER BY cycle.number, friction_point.number"
+        )
     )
     .bind(run_id)
     .try_map(|row| Ok(CyclePoint { cycle: size(&row, "cycle")?, point: friction_point(&row)? }))
@@ -99,7 +113,7 @@ async fn parameters_by_cycle(
          FROM cycle
          JOIN cycle_parameter USING (cycle_id)
          JOIN model_parameter USING (model_parameter_id)
-         WHERE cycle.run_id = ? AND NOT cycle.doubtful
+         WHERE cycle.run_id = ? AND cycle.status = 'complete' AND NOT cycle.doubtful
          ORDER BY cycle.number",
     )
     .bind(run_id)
@@ -129,7 +143,7 @@ async fn excitation_rmsd(
         "SELECT cycle.number AS cycle, joint, moving_relative_rmsd
          FROM cycle
          JOIN torque_rmsd USING (cycle_id)
-         WHERE cycle.run_id = ? AND NOT cycle.doubtful AND stage = 'excitation' AND verification = 'self'
+         WHERE cycle.run_id = ? AND cycle.status = 'complete' AND NOT cycle.doubtful AND stage = 'excitation' AND verification = 'self'
                AND moving_relative_rmsd IS NOT NULL
          ORDER BY cycle.number, joint",
     )
@@ -147,9 +161,10 @@ async fn excitation_rmsd(
 
 /// Summaries of a robot's complete tests, oldest first.
 pub(super) async fn run_summaries(
-    executor: impl SqliteExecutor<'_>,
+    connection: &mut SqliteConnection,
     robot_id: i64,
 ) -> Result<Vec<RunSummary>, sqlx::Error> {
+    let mut refused = refusals(&mut *connection, robot_id).await?;
     // A run without a summary still belongs to the history, hence the left join.
     let rows = sqlx::query(
         "SELECT run.run_id, run.started_at, run.cycles_stored, summary.joint, summary.warm_friction_nm,
@@ -168,12 +183,14 @@ pub(super) async fn run_summaries(
             run_id: row.try_get("run_id")?,
             started_at: time(&row, "started_at")?,
             cycles: size(&row, "cycles_stored")?,
+            refused_cycles: 0,
+            refusals: Vec::new(),
             joints: Vec::new(),
         };
         let has_summary = row.try_get::<Option<i64>, _>("joint")?.is_some();
         Ok((run, if has_summary { Some(joint_summary(&row)?) } else { None }))
     })
-    .fetch_all(executor)
+    .fetch_all(connection)
     .await?;
     let mut runs: Vec<RunSummary> = Vec::new();
     for (run, joint) in rows {
@@ -182,7 +199,63 @@ pub(super) async fn run_summaries(
             _ => runs.push(RunSummary { joints: joint.into_iter().collect(), ..run }),
         }
     }
+    for run in &mut runs {
+        (run.refused_cycles, run.refusals) = refused.remove(&run.run_id).unwrap_or_default();
+    }
     Ok(runs)
+}
+
+/// Refused cycles of a robot's complete tests, and why they were refused, the cause of most cycles first, by run.
+async fn refusals(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+) -> Result<HashMap<i64, (u32, Vec<RunRefusal>)>, sqlx::Error> {
+    let counts: Vec<(i64, u32)> = sqlx::query_as(
+        "SELECT run.run_id, count(*)
+         FROM run
+         JOIN cycle USING (run_id)
+         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'refused'
+         GROUP BY run.run_id",
+    )
+    .bind(robot_id)
+    .fetch_all(&mut *connection)
+    .await?;
+    let mut by_run: HashMap<i64, (u32, Vec<RunRefusal>)> =
+        counts.into_iter().map(|(run_id, cycles)| (run_id, (cycles, Vec::new()))).collect();
+    // of a group, bare columns are those of the row with the smallest number
+    let causes = sqlx::query(
+        "SELECT run.run_id, ifnull(why.finding, 'nothing_to_identify') AS finding,
+                ifnull(why.channel, 'motion') AS channel, why.joint, ifnull(why.sentence, cycle.reason) AS sentence,
+                min(cycle.number * 1000 + ifnull(why.number, 0)) / 1000 AS first_cycle, count(*) AS cycles
+         FROM run
+         JOIN cycle USING (run_id)
+         LEFT JOIN cycle_refusal AS why USING (cycle_id)
+         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'refused'
+         GROUP BY run.run_id, finding, channel, why.joint
+         ORDER BY run.run_id, cycles DESC, min(ifnull(why.number, 0)), why.joint",
+    )
+    .bind(robot_id)
+    .try_map(|row: SqliteRow| Ok((row.try_get::<i64, _>("run_id")?, refusal(&row)?)))
+    .fetch_all(connection)
+    .await?;
+    for (run_id, cause) in causes {
+        by_run.entry(run_id).or_default().1.push(cause);
+    }
+    Ok(by_run)
+}
+
+fn refusal(row: &SqliteRow) -> Result<RunRefusal, sqlx::Error> {
+    let of_joint = row.try_get::<Option<i64>, _>("joint")?.is_some();
+    Ok(RunRefusal {
+        cause: RefusalCause {
+            finding: row.try_get("finding")?,
+            channel: named(row, "channel", &Channel::ALL, Channel::name)?,
+            joint: if of_joint { Some(joint(row, "joint")?) } else { None },
+            sentence: row.try_get("sentence")?,
+        },
+        first_cycle: size(row, "first_cycle")?,
+        cycles: size(row, "cycles")?,
+    })
 }
 
 /// Friction points of run `run_id` at one nominal speed, in the order of the cycles.
@@ -192,12 +265,15 @@ pub(super) async fn friction_points_at(
     speed_fraction: f64,
 ) -> Result<Vec<FrictionPoint>, sqlx::Error> {
     sqlx::query(
-        "SELECT joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm, friction_point.samples,
-                gravity
-         FROM cycle
-         CROSS JOIN friction_point USING (cycle_id)
-         WHERE cycle.run_id = ? AND NOT cycle.doubtful AND speed_fraction BETWEEN ? AND ?
-         ORDER BY cycle.number, friction_point.number",
+        concat!(
+            "SELECT joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm, friction_point.samples,
+                    gravity
+             FROM cycle
+             CROSS JOIN friction_point USING (cycle_id)
+             WHERE cycle.run_id = ? AND speed_fraction BETWEEN ? AND ? AND ",
+            friction_counts!(),
+            " ORDER BY cycle.number, friction_point.number"
+        )
     )
     .bind(run_id)
     .bind(speed_fraction - SAME_SPEED)

@@ -22,6 +22,7 @@ mod quarantine;
 mod production;
 mod read;
 mod reestimates;
+mod results;
 mod resume;
 mod run_analysis;
 mod sources;
@@ -68,6 +69,7 @@ pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
 pub use reestimates::{
     CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,
 };
+pub use results::{OverdueRobot, RunResult};
 pub use resume::{ReadSoFar, StoredPoint};
 pub use sources::{EarlierRun, RunSource, SourceState, UnfinishedSource};
 pub use verification::{CycleState, OfCycle};
@@ -458,7 +460,8 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn run_summaries(&self, robot_id: i64) -> Result<Vec<RunSummary>, StoreError> {
-        self.checked(history::run_summaries(&self.readers, robot_id).await)
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(history::run_summaries(&mut connection, robot_id).await)
     }
 
     /// Reads the friction points of a robot's complete runs at one nominal speed, oldest run first, of a long

@@ -52,8 +52,16 @@ pub struct FleetHealthRow {
     pub friction_index: Option<f64>,
     /// Anomalies in the state open.
     pub open_anomalies: u32,
-    /// Worst of the joint's anomalies that are not resolved.
+    /// Where the joint stands.
     pub status: HealthStatus,
+    /// Start of the latest complete run that gave a result of this joint.
+    pub last_result_at: Option<Timestamp>,
+    /// Why the status is what it is, where there is something to say.
+    pub reason: Option<String>,
+    /// When the next test should have begun at the latest.
+    pub expected_by: Option<Timestamp>,
+    /// The quantity that `friction_index` comes from.
+    pub friction_quantity: Option<String>,
 }
 
 /// Where a joint stands.
@@ -67,6 +75,10 @@ pub enum HealthStatus {
     Warning,
     /// Look before the next shift.
     Critical,
+    /// The latest test does not say; the reason does.
+    Unknown,
+    /// No test came for longer than usual.
+    Overdue,
 }
 
 impl HealthStatus {
@@ -78,6 +90,8 @@ impl HealthStatus {
             Self::Learning => "learning",
             Self::Warning => "warning",
             Self::Critical => "critical",
+            Self::Unknown => "unknown",
+            Self::Overdue => "overdue",
         }
     }
 }
@@ -91,8 +105,10 @@ pub struct AnomalyRow {
     pub robot: String,
     /// Run with which the episode began.
     pub run_id: i64,
-    /// The joint.
-    pub joint: JointIndex,
+    /// Cycle of that run with which it began, where it is a cycle's.
+    pub cycle: Option<u32>,
+    /// The joint; `None` where the cause is the whole arm's.
+    pub joint: Option<JointIndex>,
     /// Kind, such as `drift`.
     pub kind: String,
     /// The quantity that changed.
@@ -103,7 +119,7 @@ pub struct AnomalyRow {
     pub score: Option<f64>,
     /// Score at which the anomaly begins.
     pub threshold: Option<f64>,
-    /// Value in the latest run of the episode.
+    /// Value in the latest run that showed it.
     pub value: Option<f64>,
     /// What was expected.
     pub baseline: Option<f64>,
@@ -115,6 +131,8 @@ pub struct AnomalyRow {
     pub state: String,
     /// What a technician should read.
     pub message: String,
+    /// The value that was furthest out.
+    pub peak_value: Option<f64>,
 }
 
 /// How much is stored.
@@ -164,10 +182,17 @@ pub(super) async fn runs(executor: impl SqliteExecutor<'_>) -> Result<Vec<RunRow
 pub(super) async fn fleet_health(
     executor: impl SqliteExecutor<'_>,
 ) -> Result<Vec<FleetHealthRow>, sqlx::Error> {
-    const ALL: [HealthStatus; 4] =
-        [HealthStatus::Ok, HealthStatus::Learning, HealthStatus::Warning, HealthStatus::Critical];
+    const ALL: [HealthStatus; 6] = [
+        HealthStatus::Ok,
+        HealthStatus::Learning,
+        HealthStatus::Warning,
+        HealthStatus::Critical,
+        HealthStatus::Unknown,
+        HealthStatus::Overdue,
+    ];
     sqlx::query(
-        "SELECT robot, joint, last_run_at, moving_relative_rmsd, friction_index, open_anomalies, status
+        "SELECT robot, joint, last_run_at, moving_relative_rmsd, friction_index, open_anomalies, status,
+                last_result_at, reason, expected_by, friction_quantity
          FROM fleet_health
          ORDER BY robot, joint",
     )
@@ -180,6 +205,10 @@ pub(super) async fn fleet_health(
             friction_index: row.try_get("friction_index")?,
             open_anomalies: size(&row, "open_anomalies")?,
             status: named(&row, "status", &ALL, HealthStatus::name)?,
+            last_result_at: optional_time(&row, "last_result_at")?,
+            reason: row.try_get("reason")?,
+            expected_by: optional_time(&row, "expected_by")?,
+            friction_quantity: row.try_get("friction_quantity")?,
         })
     })
     .fetch_all(executor)
@@ -193,8 +222,8 @@ pub(super) async fn anomalies_after(
 ) -> Result<Vec<AnomalyRow>, sqlx::Error> {
     const ALL: [Severity; 3] = [Severity::Info, Severity::Warning, Severity::Critical];
     sqlx::query(
-        "SELECT anomaly_id, robot, run_id, joint, kind, quantity, severity, score, threshold, value, baseline,
-                first_seen_at, last_seen_at, state, message
+        "SELECT anomaly_id, robot, run_id, cycle, joint, kind, quantity, severity, score, threshold, value, baseline,
+                first_seen_at, last_seen_at, state, message, peak_value
          FROM anomalies
          WHERE anomaly_id > ?
          ORDER BY anomaly_id",
@@ -205,7 +234,11 @@ pub(super) async fn anomalies_after(
             anomaly_id: row.try_get("anomaly_id")?,
             robot: row.try_get("robot")?,
             run_id: row.try_get("run_id")?,
-            joint: joint(&row, "joint")?,
+            cycle: row.try_get("cycle")?,
+            joint: match row.try_get::<Option<i64>, _>("joint")? {
+                Some(_) => Some(joint(&row, "joint")?),
+                None => None,
+            },
             kind: row.try_get("kind")?,
             quantity: row.try_get("quantity")?,
             severity: named(&row, "severity", &ALL, Severity::name)?,
@@ -217,6 +250,7 @@ pub(super) async fn anomalies_after(
             last_seen_at: time_text(&row, "last_seen_at")?,
             state: row.try_get("state")?,
             message: row.try_get("message")?,
+            peak_value: row.try_get("peak_value")?,
         })
     })
     .fetch_all(executor)
@@ -252,4 +286,11 @@ pub(super) async fn counts(executor: impl SqliteExecutor<'_>) -> Result<Counts, 
 pub(super) fn time_text(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx::Error> {
     let text: &str = row.try_get(column)?;
     text.parse().map_err(|error: jiff::Error| sqlx::Error::Decode(error.to_string().into()))
+}
+
+fn optional_time(row: &SqliteRow, column: &str) -> Result<Option<Timestamp>, sqlx::Error> {
+    match row.try_get::<Option<&str>, _>(column)? {
+        Some(_) => time_text(row, column).map(Some),
+        None => Ok(None),
+    }
 }

@@ -11,7 +11,7 @@ use crate::analysis::{
     Rmsd, RmsdScope, RmsdSwing, RunAnalysis, StatisticsWindow, TorqueRmsd, WarmFriction, WarmUpFit,
     WarmUpModel,
 };
-use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Severity};
+use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Knowledge, Severity};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{ContentHash, RunHeader, RunKind, Stage};
 use crate::testing::er3a;
@@ -125,6 +125,7 @@ pub(super) fn cycle(number: u32) -> CycleAnalysis {
             scaled_condition_number: 9.1,
             residual_std: 1.25,
         }),
+        refusal_causes: Vec::new(),
         verification: verification(base),
         warming_contrast: Vec::new(),
         friction_points: friction_points(start),
@@ -275,7 +276,7 @@ fn summary(joint: JointIndex, seed: f64) -> JointSummary {
 
 pub(super) fn anomaly(joint: JointIndex, first_run_id: i64, severity: Severity) -> Anomaly {
     Anomaly {
-        joint,
+        joint: Some(joint),
         kind: AnomalyKind::Drift,
         quantity: "warm friction, Nm",
         severity,
@@ -283,6 +284,9 @@ pub(super) fn anomaly(joint: JointIndex, first_run_id: i64, severity: Severity) 
         threshold: 5.0,
         value: 13.0,
         baseline: 10.0,
+        peak_value: 14.0,
+        peak_score: 7.0,
+        first_cycle: None,
         first_run_id,
         last_run_id: first_run_id,
         first_seen_at: day(0),
@@ -294,11 +298,19 @@ pub(super) fn anomaly(joint: JointIndex, first_run_id: i64, severity: Severity) 
 
 /// Findings with these anomalies; every joint has its baseline.
 pub(super) fn findings(anomalies: Vec<Anomaly>) -> Findings {
-    let health = er3a()
-        .joint_indices()
-        .map(|joint| JointHealth { joint, friction_index: Some(1.1), learning: false })
-        .collect();
-    Findings { anomalies, health }
+    let health = er3a().joint_indices().map(|joint| health(joint, Knowledge::Compared)).collect();
+    Findings { anomalies, health, expected_by: None }
+}
+
+pub(super) fn health(joint: JointIndex, knowledge: Knowledge) -> JointHealth {
+    JointHealth {
+        joint,
+        friction_index: (knowledge == Knowledge::Compared).then_some(1.1),
+        friction_quantity: None,
+        knowledge,
+        reason: None,
+        last_result_run_id: None,
+    }
 }
 
 /// Begins a run of `robot` and stores `cycles` cycles.

@@ -4,9 +4,10 @@ use sqlx::AssertSqlSafe;
 
 use super::test_support::*;
 use super::{HealthStatus, StoreError};
-use crate::analysis::Estimate;
 use crate::analysis::friction::FrictionIndex;
-use crate::anomaly::{Findings, JointHealth, Severity};
+use crate::analysis::refusal::{Channel, RefusalCause};
+use crate::analysis::{CycleAnalysis, Estimate};
+use crate::anomaly::{Anomaly, Findings, JointHealth, Knowledge, Severity};
 use crate::numerics::friction_index::RobotFriction;
 use crate::run::RunStatus;
 use crate::testing::er3a;
@@ -222,7 +223,7 @@ async fn anomalies_keep_their_number_and_acknowledgement() {
     let row = &store.anomalies_after(0).await.expect("anomalies")[0];
     assert_eq!((row.anomaly_id, row.severity, row.score), (id, Severity::Critical, Some(9.0)));
     assert_eq!((row.first_seen_at, row.last_seen_at), (day(0), day(4)));
-    assert_eq!((row.robot.as_str(), row.run_id, row.joint), ("R00", run_id, joint(2)));
+    assert_eq!((row.robot.as_str(), row.run_id, row.joint), ("R00", run_id, Some(joint(2))));
 
     let gone = reconcile(&store, run_id, vec![past.clone()]).await;
     assert_eq!((gone.opened, gone.resolved), (vec![], vec![id]));
@@ -267,8 +268,8 @@ async fn health_is_the_worst_that_is_not_resolved() {
         resolved,
         anomaly(joint(6), run_id, Severity::Warning),
     ]);
-    found.health[4] = JointHealth { joint: joint(5), friction_index: None, learning: true };
-    found.health[5].learning = true;
+    found.health[4] = health(joint(5), Knowledge::Learning);
+    found.health[5].knowledge = Knowledge::Learning;
     finish(&store, run_id, 1, &found).await;
     acknowledge(&store, 5).await;
 
@@ -294,6 +295,114 @@ async fn health_is_the_worst_that_is_not_resolved() {
     let rows = store.fleet_health().await.expect("health");
     assert_eq!((rows.len(), rows[0].last_run_at), (6, day(9)));
     assert_eq!(rows[0].moving_relative_rmsd, Some(0.05 + later as f64 / 1000.0));
+}
+
+/// Findings with the next test of the robot expected by a moment.
+fn expecting(expected_by: jiff::Timestamp) -> Findings {
+    Findings { expected_by: Some(expected_by), ..findings(vec![]) }
+}
+
+#[tokio::test]
+async fn only_a_robot_that_was_seen_in_time_becomes_overdue_and_a_new_test_ends_it() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 1).await;
+    finish(&store, run_id, 1, &expecting(day(4))).await;
+    let state = async || {
+        let row = store.fleet_health().await.expect("health").remove(0);
+        (row.status, row.expected_by, row.reason)
+    };
+    // nobody saw it arrive
+    assert_eq!(store.mark_overdue(day(30)).await.expect("a look"), []);
+    // a copy of an old export says nothing
+    store.watch_for_tests("R00", day(5)).await.expect("noted");
+    assert_eq!(store.mark_overdue(day(30)).await.expect("a look"), []);
+    assert_eq!(state().await, (HealthStatus::Ok, Some(day(4)), None));
+
+    store.watch_for_tests("R00", day(1)).await.expect("noted");
+    assert_eq!(store.mark_overdue(day(3)).await.expect("a look"), []);
+    let overdue = store.mark_overdue(day(5)).await.expect("a look");
+    assert_eq!(overdue.iter().map(|of| of.robot.as_str()).collect::<Vec<_>>(), ["R00"]);
+    assert_eq!(store.mark_overdue(day(6)).await.expect("a look"), [], "said once");
+    let (status, _, reason) = state().await;
+    assert_eq!(status, HealthStatus::Overdue);
+    let words =
+        "no test since that of 2026-01-05T06:00:00.000Z; the next was expected by 2026-01-09T06:00:00.000Z";
+    assert_eq!(reason.as_deref(), Some(words));
+
+    // conclusions drawn again from the same tests change nothing, a new test does
+    let again = |expected_by| {
+        let store = &store;
+        async move {
+            let mut conclusion = store.conclude(1).await.expect("a transaction");
+            conclusion.reconcile(&expecting(expected_by)).await.expect("findings");
+            conclusion.commit(0).await.expect("a commit");
+        }
+    };
+    again(day(4)).await;
+    assert_eq!(state().await.0, HealthStatus::Overdue);
+    again(day(9)).await;
+    assert_eq!(state().await.0, HealthStatus::Ok);
+    assert_eq!(store.mark_overdue(day(10)).await.expect("a look").len(), 1, "and then again");
+}
+
+#[tokio::test]
+async fn what_is_not_known_goes_before_what_was() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 1).await;
+    let whole_arm = Anomaly { joint: None, ..anomaly(joint(1), run_id, Severity::Warning) };
+    let mut found = findings(vec![whole_arm, anomaly(joint(3), run_id, Severity::Critical)]);
+    for place in [0, 2] {
+        found.health[place] =
+            JointHealth { reason: Some("no result".into()), ..health(joint(place + 1), Knowledge::NoResult) };
+    }
+    found.health[3].last_result_run_id = Some(run_id);
+    finish(&store, run_id, 1, &found).await;
+    let rows = store.fleet_health().await.expect("health");
+    let shown: Vec<_> =
+        rows[..4].iter().map(|row| (row.status, row.open_anomalies, row.reason.as_deref())).collect();
+    assert_eq!(shown[0], (HealthStatus::Unknown, 1, Some("no result")));
+    assert_eq!(shown[1], (HealthStatus::Warning, 1, Some("joint 1 needs more torque")));
+    assert_eq!(shown[2], (HealthStatus::Unknown, 2, Some("no result")));
+    assert_eq!((rows[2].last_result_at, rows[3].last_result_at), (None, Some(day(0))));
+    let row = &store.anomalies_after(0).await.expect("anomalies")[0];
+    assert_eq!((row.joint, row.peak_value), (None, Some(14.0)));
+}
+
+#[tokio::test]
+async fn causes_of_refused_cycles_come_back_with_the_summaries() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 1).await;
+    let cause = |joint, channel| RefusalCause {
+        finding: "stuck_channel".into(),
+        channel,
+        joint,
+        sentence: format!("the {channel} stands still"),
+    };
+    for (number, causes) in [
+        (2, vec![cause(Some(joint(4)), Channel::Torque)]),
+        (3, vec![cause(None, Channel::Time), cause(Some(joint(4)), Channel::Torque)]),
+        (4, vec![]),
+    ] {
+        let refused = CycleAnalysis { refusal_causes: causes, ..refused_cycle(number) };
+        assert!(store.record_cycle(run_id, &refused, &er3a()).await.expect("a cycle"));
+    }
+    let points = store.run_measurements(run_id).await.expect("measurements").friction_points;
+    let counted: std::collections::BTreeSet<u32> = points.iter().map(|point| point.cycle).collect();
+    assert_eq!(Vec::from_iter(counted), [1, 4], "what a finding refused has no say");
+    finish(&store, run_id, 4, &findings(vec![])).await;
+    let summaries = store.run_summaries(1).await.expect("summaries");
+    assert_eq!(summaries[0].refused_cycles, 3);
+    let shown: Vec<_> = summaries[0]
+        .refusals
+        .iter()
+        .map(|of| (of.cause.channel, of.cause.joint, of.first_cycle, of.cycles))
+        .collect();
+    assert_eq!(
+        shown,
+        [(Channel::Torque, Some(joint(4)), 2, 2), (Channel::Motion, None, 4, 1), (Channel::Time, None, 3, 1),]
+    );
+    let result = store.run_result(run_id).await.expect("a look").expect("complete");
+    assert_eq!((result.without_result, result.cycles, result.refused), (false, 4, 3));
 }
 
 #[tokio::test]

@@ -18,6 +18,8 @@ mod faults;
 mod quarantine;
 mod fuzz_seeds;
 mod layouts;
+mod no_result;
+mod overdue;
 mod explain;
 mod fairness;
 mod isolation;

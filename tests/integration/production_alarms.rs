@@ -188,8 +188,10 @@ fn wear_between_tests_is_found() {
             let history = arm.history(seed, 1, |run| State { faults: faults.clone(), ..weather(seed, run) });
             let found = detect_production(&history);
             let wear = of_kind(&found, AnomalyKind::Drift);
-            let first =
-                wear.iter().map(|anomaly| (anomaly.joint.index(), anomaly.first_run_id)).collect::<Vec<_>>();
+            let first = wear
+                .iter()
+                .map(|anomaly| (anomaly.joint.expect("one").index(), anomaly.first_run_id))
+                .collect::<Vec<_>>();
             println!(
                 "seed {seed}: {step} more friction in joint {} from log 5 on: found {first:?}",
                 joint + 1

@@ -79,7 +79,7 @@ fn spike(
             "joint {joint}: the {name} is {value} {unit} at {time:.3} s ({rows} such rows), all others lie around {low:.3} \
              to {high:.3} {unit}; a fault of the sensor or a marker of the logger: remove these rows or record again"
         ),
-        &[("value_si", value), ("time_s", time), ("rows", rows as f64)],
+        &[("value_si", value), ("time_s", time), ("rows", rows as f64), (name, value)],
     ))
 }
 
@@ -128,7 +128,7 @@ fn leap(view: &View<'_>, joint: JointIndex) -> Option<Finding> {
              {words}",
             leaps.len()
         ),
-        &[("step_si", step), ("time_s", time), ("rows", leaps.len() as f64)],
+        &[("step_si", step), ("time_s", time), ("rows", leaps.len() as f64), ("position", step)],
     ))
 }
 

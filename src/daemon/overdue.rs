@@ -1,0 +1,96 @@
+//! Robots of which no test comes any more.
+//!
+//! When the next test of a robot is expected follows from its history and is stored with its conclusions. Whether
+//! that moment has passed only a running program can say, and only of robots that it saw send a test in time: an
+//! archive that is read years later is not overdue.
+
+use std::collections::HashSet;
+use std::time::Duration;
+
+use jiff::Timestamp;
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+
+use super::Event;
+use crate::alert;
+use crate::pipeline::Outcome;
+use crate::store::{Store, StoreError};
+
+/// Time between two looks: small beside the shortest interval of tests, and one query of a small table.
+const LOOK: Duration = Duration::from_secs(10);
+
+/// What is to be known of the daemon's work.
+enum News {
+    /// A run of this robot was stored.
+    Stored(String),
+    /// Conclusions were drawn for this robot.
+    Concluded(String),
+}
+
+/// Watches for tests that do not come, beside the daemon.
+#[derive(Debug)]
+pub struct OverdueWatch {
+    news: mpsc::UnboundedSender<News>,
+    task: JoinHandle<()>,
+}
+
+impl OverdueWatch {
+    /// Starts watching, until `stop` is cancelled.
+    #[must_use]
+    pub fn start(store: Store, stop: CancellationToken) -> Self {
+        let (news, heard) = mpsc::unbounded_channel();
+        Self { news, task: tokio::spawn(look(store, stop, heard)) }
+    }
+
+    /// Hears what the daemon reports.
+    pub fn note(&self, event: &Event<'_>) {
+        let news = match event {
+            Event::Export(_, Outcome::Stored(run)) => News::Stored(run.robot.clone()),
+            Event::Concluded(concluded) => News::Concluded(concluded.robot.clone()),
+            Event::Export(..) => return,
+        };
+        // nobody listens any more when the daemon ends
+        let _ = self.news.send(news);
+    }
+
+    /// Waits for the end.
+    pub async fn ended(self) {
+        drop(self.news);
+        if let Err(error) = self.task.await {
+            tracing::error!(%error, "watching for overdue tests ended");
+        }
+    }
+}
+
+async fn look(store: Store, stop: CancellationToken, mut heard: mpsc::UnboundedReceiver<News>) {
+    let mut arrived: HashSet<String> = HashSet::new();
+    let mut timer = tokio::time::interval(LOOK);
+    loop {
+        let done = tokio::select! {
+            () = stop.cancelled() => return,
+            news = heard.recv() => match news {
+                None => return,
+                Some(News::Stored(robot)) => {
+                    arrived.insert(robot);
+                    Ok(())
+                }
+                Some(News::Concluded(robot)) if arrived.remove(&robot) => {
+                    store.watch_for_tests(&robot, Timestamp::now()).await
+                }
+                Some(News::Concluded(_)) => Ok(()),
+            },
+            _ = timer.tick() => say_overdue(&store).await,
+        };
+        if let Err(error) = done {
+            tracing::warn!(%error, "overdue tests not looked at now; trying again");
+        }
+    }
+}
+
+async fn say_overdue(store: &Store) -> Result<(), StoreError> {
+    for robot in store.mark_overdue(Timestamp::now()).await? {
+        alert::log_overdue(&robot);
+    }
+    Ok(())
+}
