@@ -75,6 +75,8 @@ pub struct CycleTemperatures {
 pub struct ProductionCheck {
     /// The run whose parameters they are.
     pub reference_run_id: i64,
+    /// The estimator that made these parameters.
+    pub estimator: Estimator,
     /// By joint.
     pub joints: Vec<JointCheck>,
 }
@@ -117,9 +119,9 @@ pub struct ProductionJoint {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Estimator {
     /// Least squares, every row of every joint alike.
-    #[default]
     Ordinary,
     /// Least squares, each joint's rows weighted by one over its residual variance [3.22].
+    #[default]
     Weighted,
     /// Huber's M-estimate: as weighted, and rows far off lose weight. Needs the rows themselves.
     Huber,
@@ -136,6 +138,16 @@ impl Estimator {
             Self::Ordinary => "ordinary",
             Self::Weighted => "weighted",
             Self::Huber => "huber",
+        }
+    }
+
+    /// What stands for it where only stored factors are at hand: single rows, which Huber's estimate weighs, are not
+    /// stored, and without that it is the weighted one.
+    #[must_use]
+    pub fn of_factors(self) -> Self {
+        match self {
+            Self::Ordinary => Self::Ordinary,
+            Self::Weighted | Self::Huber => Self::Weighted,
         }
     }
 }

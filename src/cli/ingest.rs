@@ -9,7 +9,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use tokio_util::sync::CancellationToken;
 
-use super::{CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, output, runtime, shared};
+use super::{
+    CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, output, reweight, runtime, shared,
+};
 use crate::daemon;
 use crate::ingest::watch;
 use crate::pipeline::conclude::{Concluded, RUNS_AT_ONCE};
@@ -50,6 +52,9 @@ pub(super) async fn take_all(
     stop: &CancellationToken,
     as_json: bool,
 ) -> Result<u8, CliError> {
+    if !reweight::reweight(pipeline, stop).await? {
+        return Ok(EXIT_STOPPED);
+    }
     let mut code = EXIT_DONE;
     let mut ended: HashMap<String, usize> = HashMap::new();
     for path in exports {

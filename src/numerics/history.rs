@@ -15,15 +15,13 @@ use super::identify::{MAX_SCALED_CONDITION, identify_weighted};
 use super::prior::{Prior, PriorStrength, with_prior, with_prior_rows};
 use super::robust::{HUBER_CONSTANT, torque_change};
 use super::statistics::{median, robust_deviation};
-use super::student::student_quantile;
+use super::student::{LEVEL, student_quantile};
 use super::triangular::TriangularFactor;
 use crate::analysis::{Identification, IdentifiedParameter};
 use crate::robot::{JointIndex, ParameterId};
 
 /// Fewest cycles that a robust estimate weighs against each other: the median of fewer is one of them.
 pub const FEWEST_FOR_HUBER: usize = 5;
-/// Probability that intervals hold the truth with.
-pub const LEVEL: f64 = 0.95;
 /// Rounds in which weights of cycles settle; some ten are usual.
 const MAX_ROUNDS: usize = 100;
 /// Change of the estimated torque, relative to the noise, at which an estimate has settled.

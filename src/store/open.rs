@@ -8,7 +8,7 @@ use sqlx::migrate::Migrator;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{ConnectOptions, Connection, SqliteConnection, SqlitePool};
 
-use super::{Store, StoreError};
+use super::{Store, StoreError, intervals};
 
 /// How long a write waits for another process. Longer than any transaction of this program, shorter
 /// than a person waits for an answer.
@@ -51,6 +51,7 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
         .pragma("journal_size_limit", LOG_LIMIT_BYTES);
     let writer = writer_pool(&path, writing, busy_timeout).await?;
     migrate(&path, &writer).await?;
+    intervals::fill(&writer).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
     let readers = pool(READERS, options.read_only(true), busy_timeout)
         .await
         .map_err(|e| StoreError::from_sqlx(&path, &e))?;
