@@ -41,6 +41,12 @@ SET estimator = (SELECT cycle.estimator FROM cycle
                  WHERE cycle.run_id = run_joint_summary.run_id AND cycle.samples IS NOT NULL
                  ORDER BY cycle.number DESC LIMIT 1);
 
+-- What the points show of the fast part of a warm-up curve: its value at the first point, and the time constant that it
+-- does not exceed with 95 %. NULL without a fast part and in fits made before.
+ALTER TABLE warmup_fit ADD COLUMN c_first_nm REAL;
+ALTER TABLE warmup_fit ADD COLUMN c_first_std_error_nm REAL;
+ALTER TABLE warmup_fit ADD COLUMN t2_max_min REAL;
+
 -- The contract -------------------------------------------------------------------------------------
 
 DROP VIEW cycles;
@@ -166,6 +172,35 @@ JOIN robot USING (robot_id)
 JOIN cycle USING (run_id)
 LEFT JOIN production_check USING (cycle_id)
 WHERE run.kind = 'production' AND run.superseded_by_run_id IS NULL;
+
+DROP VIEW warmup_fits;
+
+CREATE VIEW warmup_fits AS
+SELECT robot.name AS robot,
+       warmup_fit.run_id,
+       warmup_fit.joint,
+       warmup_fit.speed_fraction,
+       warmup_fit.model,
+       warmup_fit.a_nm,
+       warmup_fit.b_nm,
+       warmup_fit.t1_min,
+       warmup_fit.c_nm,
+       warmup_fit.t2_min,
+       warmup_fit.a_std_error_nm,
+       warmup_fit.b_std_error_nm,
+       warmup_fit.t1_std_error_min,
+       warmup_fit.c_std_error_nm,
+       warmup_fit.t2_std_error_min,
+       warmup_fit.rmsd_nm,
+       warmup_fit.samples,
+       warmup_fit.first_min,
+       warmup_fit.last_min,
+       warmup_fit.a_extrapolated,
+       warmup_fit.c_first_nm,
+       warmup_fit.c_first_std_error_nm,
+       warmup_fit.t2_max_min
+FROM warmup_fit
+JOIN robot USING (robot_id);
 
 -- Production was held against ordinary estimates of its tests, whatever was configured: it is settled again.
 UPDATE robot SET history = history + 1

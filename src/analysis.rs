@@ -408,8 +408,11 @@ pub struct WarmUpFit {
     pub a: Estimate,
     /// Slow part, Nm, and its time constant, min; `None` for a constant.
     pub slow: Option<Decay>,
-    /// Fast part, Nm, and its time constant, min; only for a double exponential.
+    /// Fast part, Nm, and its time constant, min; only for a double exponential. Errors are not numbers where the
+    /// points show only that there is one, see [`FastShown`].
     pub fast: Option<Decay>,
+    /// What the points show of the fast part; with `fast`.
+    pub fast_shown: Option<FastShown>,
     /// Root-mean-square deviation of the points from the curve, Nm.
     pub rmsd: f64,
     /// Points used.
@@ -434,6 +437,16 @@ impl WarmUpFit {
             left > (2.0 * self.a.std_error).max(0.01 * self.a.value.abs())
         })
     }
+}
+
+/// The fast part of a warm-up curve as far as the points show it: its height at t = 0 is an extrapolation, and its time
+/// constant may be known from one side only, where the first cycle alone sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FastShown {
+    /// Its value at the first point, Nm.
+    pub at_first: Estimate,
+    /// Time constant that it does not exceed with 95 %, min.
+    pub longest: f64,
 }
 
 /// One exponential part of a warm-up curve.

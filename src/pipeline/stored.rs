@@ -303,17 +303,16 @@ pub(super) async fn chosen_cycles(
         )));
     }
     let has_factors = |cycles: &[StoredCycle], number: u32| cycles.iter().any(|cycle| cycle.cycle == number);
-    let why_without = |number: u32| match states.iter().find(|state| state.cycle == number) {
+    let why = |number: u32| match states.iter().find(|state| state.cycle == number) {
         Some(CycleState { reason: Some(reason), .. }) => format!("refused when it was read: {reason}"),
-        Some(_) => "no factors are stored: it was stored by an older program".to_owned(),
-        None => "the run has no such cycle".to_owned(),
+        _ => "no factors are stored: it was stored by an older program".to_owned(),
     };
     if let Some(numbers) = &chosen.cycles {
         if let Some(missing) = numbers.iter().find(|number| !has_factors(&cycles, **number)) {
-            let reason = why_without(*missing);
-            return Err(StoredError::Refused(format!(
-                "cycle {missing} of run {run_id} has no factors: {reason}"
-            )));
+            return Err(StoredError::Refused(match states.iter().any(|state| state.cycle == *missing) {
+                true => format!("cycle {missing} of run {run_id} has no factors: {}", why(*missing)),
+                false => format!("run {run_id} has no cycle {missing}"),
+            }));
         }
         cycles.retain(|cycle| numbers.contains(&cycle.cycle));
         return Ok(ChosenCycles { cycles, passed_over: Vec::new() });
@@ -321,7 +320,7 @@ pub(super) async fn chosen_cycles(
     let refused = |number: u32| states.iter().any(|state| state.cycle == number && state.reason.is_some());
     cycles.retain(|cycle| !refused(cycle.cycle));
     let without = states.iter().map(|state| state.cycle).filter(|number| !has_factors(&cycles, *number));
-    let passed_over = without.map(|cycle| PassedOver { run_id, cycle, reason: why_without(cycle) }).collect();
+    let passed_over = without.map(|cycle| PassedOver { run_id, cycle, reason: why(cycle) }).collect();
     Ok(ChosenCycles { cycles, passed_over })
 }
 

@@ -154,7 +154,8 @@ async fn insert_fits(
         "INSERT INTO warmup_fit (robot_id, run_id, joint, speed_fraction, model, rmsd_nm, samples,
                                  first_min, last_min, a_extrapolated,
                                  a_nm, a_std_error_nm, b_nm, b_std_error_nm, t1_min, t1_std_error_min,
-                                 c_nm, c_std_error_nm, t2_min, t2_std_error_min) ",
+                                 c_nm, c_std_error_nm, t2_min, t2_std_error_min,
+                                 c_first_nm, c_first_std_error_nm, t2_max_min) ",
     )
     .push_values(rows, |mut row, fit| {
         row.push_bind(robot_id)
@@ -180,6 +181,9 @@ async fn insert_fits(
             row.push_bind(estimate.and_then(|e| finite(e.value)))
                 .push_bind(estimate.and_then(|e| finite(e.std_error)));
         }
+        row.push_bind(fit.fast_shown.and_then(|shown| finite(shown.at_first.value)))
+            .push_bind(fit.fast_shown.and_then(|shown| finite(shown.at_first.std_error)))
+            .push_bind(fit.fast_shown.and_then(|shown| finite(shown.longest)));
     })
     .build()
     .execute(executor)

@@ -18,6 +18,7 @@ mod faults;
 mod quarantine;
 mod fuzz_seeds;
 mod layouts;
+mod estimators;
 mod explain;
 mod production;
 mod production_alarms;
