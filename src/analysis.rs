@@ -91,6 +91,8 @@ pub struct CycleTemperatures {
 pub struct ProductionCheck {
     /// The run whose parameters they are.
     pub reference_run_id: i64,
+    /// The estimator that made these parameters.
+    pub estimator: Estimator,
     /// By joint.
     pub joints: Vec<JointCheck>,
 }
@@ -133,9 +135,9 @@ pub struct ProductionJoint {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Estimator {
     /// Least squares, every row of every joint alike.
-    #[default]
     Ordinary,
     /// Least squares, each joint's rows weighted by one over its residual variance [3.22].
+    #[default]
     Weighted,
     /// Huber's M-estimate: as weighted, and rows far off lose weight. Needs the rows themselves.
     Huber,
@@ -152,6 +154,16 @@ impl Estimator {
             Self::Ordinary => "ordinary",
             Self::Weighted => "weighted",
             Self::Huber => "huber",
+        }
+    }
+
+    /// What stands for it where only stored factors are at hand: single rows, which Huber's estimate weighs, are not
+    /// stored, and without that it is the weighted one.
+    #[must_use]
+    pub fn of_factors(self) -> Self {
+        match self {
+            Self::Ordinary => Self::Ordinary,
+            Self::Weighted | Self::Huber => Self::Weighted,
         }
     }
 }
@@ -412,8 +424,11 @@ pub struct WarmUpFit {
     pub a: Estimate,
     /// Slow part, Nm, and its time constant, min; `None` for a constant.
     pub slow: Option<Decay>,
-    /// Fast part, Nm, and its time constant, min; only for a double exponential.
+    /// Fast part, Nm, and its time constant, min; only for a double exponential. Errors are not numbers where the
+    /// points show only that there is one, see [`FastShown`].
     pub fast: Option<Decay>,
+    /// What the points show of the fast part; with `fast`.
+    pub fast_shown: Option<FastShown>,
     /// Root-mean-square deviation of the points from the curve, Nm.
     pub rmsd: f64,
     /// Points used.
@@ -438,6 +453,16 @@ impl WarmUpFit {
             left > (2.0 * self.a.std_error).max(0.01 * self.a.value.abs())
         })
     }
+}
+
+/// The fast part of a warm-up curve as far as the points show it: its height at t = 0 is an extrapolation, and its time
+/// constant may be known from one side only, where the first cycle alone sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FastShown {
+    /// Its value at the first point, Nm.
+    pub at_first: Estimate,
+    /// Time constant that it does not exceed with 95 %, min.
+    pub longest: f64,
 }
 
 /// One exponential part of a warm-up curve.

@@ -30,6 +30,7 @@ use crate::ingest::watch::{self, Complaints, Scan};
 use crate::pipeline::conclude::Concluded;
 use crate::pipeline::follow::{Ends, Followed};
 use crate::pipeline::isolation::Conclusion;
+use crate::pipeline::reweight::{Reweighted, Reweighting};
 use crate::pipeline::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::run::FileId;
 use crate::store::{DaemonClaim, UnfinishedSource};
@@ -66,6 +67,9 @@ impl Class {
 /// Conclusions that still wait when the daemon is to stop are drawn for this long, the others at the next start: a
 /// fleet's backlog takes minutes, and who stops a service waits for seconds.
 const CONCLUDE_AT_STOP: Duration = Duration::from_secs(5);
+
+/// While stored cycles are identified again at the start, progress is said so often.
+const REWEIGHTING_SAID: Duration = Duration::from_secs(5);
 
 /// What the daemon has to say.
 #[derive(Debug)]
@@ -158,6 +162,9 @@ pub async fn watch(
     if quarantined > 0 {
         tracing::info!(quarantined, "exports in quarantine; `armwatch quarantine list` shows them");
     }
+    if !reweight(pipeline, &stop).await? {
+        return Ok(());
+    }
     let begun = begun_before(&pipeline.store().unfinished_sources().await?);
     let mut work = Work::new(pipeline, reread, stop.child_token(), begun);
     let watched = work.go_on(reload, &mut report).await;
@@ -185,6 +192,30 @@ pub async fn watch(
         work.concluded((robot, concluded), &mut report)?;
     }
     Ok(())
+}
+
+/// Identifies stored cycles of another estimator than the configured one again; `false` if a stop was asked for before
+/// all were through: nothing is read or concluded then.
+async fn reweight(pipeline: &Pipeline, stop: &CancellationToken) -> Result<bool, PipelineError> {
+    let estimator = pipeline.config().analysis.estimator.name();
+    let mut said = Instant::now();
+    let mut progress = |at: Reweighting| {
+        if said.elapsed() > REWEIGHTING_SAID {
+            said = Instant::now();
+            tracing::info!(done = at.done, total = at.total, "cycles identified again as {estimator}");
+        }
+    };
+    let Reweighted { cycles, kept, interrupted } = pipeline.reweight(stop, &mut progress).await?;
+    if cycles > 0 {
+        tracing::info!(cycles, "identified again from their factors as {estimator}");
+    }
+    if kept > 0 {
+        tracing::warn!(
+            kept,
+            "cycles keep another estimator than {estimator}; view cycles, estimator_reason, says why"
+        );
+    }
+    Ok(!interrupted)
 }
 
 /// Logs and reports what a robot's history says.

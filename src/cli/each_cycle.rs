@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 
 use super::identify::{IdentifyArgs, name_taken};
 use super::identify_output::parameter_value;
+use super::selection::note_passed_over;
 use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, output};
 use crate::pipeline::reestimate::{Choice, reestimate};
 use crate::pipeline::stored::Chosen;
@@ -27,7 +28,8 @@ pub(super) async fn each_cycle(
     let bar = progress_bar(expected);
     let found = reestimate(store, chosen, choice, &mut |done| bar.set_position(done as u64)).await;
     bar.finish_and_clear();
-    let found = found?;
+    let (found, passed_over) = found?;
+    note_passed_over(&passed_over);
     if let Some(name) = &args.save
         && !store.save_reestimate(name, &found).await?
     {
@@ -42,7 +44,7 @@ pub(super) async fn each_cycle(
             output::note(&format!("saved as {name}"));
         }
     }
-    let complete = found.cycles.iter().all(|cycle| cycle.reason.is_none());
+    let complete = passed_over.is_empty() && found.cycles.iter().all(|cycle| cycle.reason.is_none());
     Ok(if complete { EXIT_DONE } else { EXIT_FOUND })
 }
 

@@ -33,7 +33,8 @@ Examples:
 For each joint and speed the curve a + b exp(-t/t1) + c exp(-t/t2) is fitted to the friction of both
 directions over the minutes since the start of the run, points of several runs mixed, each counted from its
 own start. model says how many parts the points support: double, single or constant; a number in brackets is
-the standard error. Nothing is stored; the fits of each run, and of all runs of a robot at the reference
+the standard error. A fast part that only the first cycle sees has none: what is known of it is its value at the
+first point and the longest time constant that it may have (--json: c_first_nm, t2_max_min). Nothing is stored; the fits of each run, and of all runs of a robot at the reference
 speed, stand in the view warmup_fits.
 
 --index shows the friction index of each run instead: friction against the joint's own baseline at equal speed
@@ -354,5 +355,9 @@ fn as_value(level: (usize, f64), points: &[Sourced], fits: &[WarmUpFit]) -> serd
         value[format!("{name}_{unit}")] = json!(estimate.map(|estimate| estimate.value));
         value[format!("{name}_std_error_{unit}")] = json!(estimate.map(|estimate| estimate.std_error));
     }
+    let shown = fit.and_then(|fit| fit.fast_shown);
+    value["c_first_nm"] = json!(shown.map(|shown| shown.at_first.value));
+    value["c_first_std_error_nm"] = json!(shown.map(|shown| shown.at_first.std_error));
+    value["t2_max_min"] = json!(shown.map(|shown| shown.longest));
     value
 }

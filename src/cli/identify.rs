@@ -4,9 +4,9 @@ use clap::{Args, ValueEnum};
 
 use super::identify_output::{Report, print};
 use super::prior_choice::{prior_choice, sources_overlap};
-use super::selection::{cycle_numbers, runs_of};
+use super::selection::{cycle_numbers, note_passed_over, runs_of};
 use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, each_cycle, open_store, output, runtime};
-use crate::analysis::TorqueRmsd;
+use crate::analysis::{Estimator, TorqueRmsd};
 use crate::config::Config;
 use crate::numerics::essential::EssentialSettings;
 use crate::numerics::history::{EstimatorKind, HistoryEstimate};
@@ -33,13 +33,17 @@ slow joints left out. What is needed of the rows was stored with the cycles: no 
 result is that of identifying on all rows at once. Units are SI. A saved set is named in
 `armwatch verify --parameters`, and is shown by the views parameter_sets and parameter_set_sources.
 
-Estimators: ordinary gives every row the same weight, weighted weighs each joint by its residual variance.
+Estimators: the configured one if --estimator does not name another, so that a single cycle comes out as the
+pipeline stored it. ordinary gives every row the same weight, weighted weighs each joint by its residual variance.
 per-joint takes each joint's rows alone and prints what it sees of each parameter; a parameter that it tells
 apart from others only elsewhere is in the value of these. huber starts from weighted and compares whole
 cycles, since single rows are not stored: a joint's rows of a cycle whose residual is more than 1.345
 robust standard deviations above that of the median cycle lose weight in proportion; it takes 5 cycles or
 more. prior draws weighted towards --prior, where the motion says little; data_share is 1 where a value is
-all data and 0 where it is all prior.
+all data and 0 where it is all prior. Where huber is configured, weighted stands for it.
+
+Of whole runs, cycles that were refused when they were read are passed over and named on standard error; a refused
+cycle that --cycles names is taken if its factors are stored.
 
 From 8 cycles on, standard errors come from the scatter between the cycles, which needs no assumption on what
 happens inside them; with fewer, from the residual and the share of rows that are independent. Intervals hold
@@ -60,9 +64,9 @@ pub(super) struct IdentifyArgs {
     /// Cycles of each run, such as 10,15,20 or 6-24 [default: all]
     #[arg(long, value_name = "CYCLES")]
     cycles: Option<String>,
-    /// How rows become parameters
-    #[arg(long, value_enum, default_value_t = EstimatorArg::Ordinary)]
-    pub(super) estimator: EstimatorArg,
+    /// How rows become parameters [default: `[analysis] estimator` of the configuration]
+    #[arg(long, value_enum)]
+    estimator: Option<EstimatorArg>,
     /// What is known beforehand: parameters of a run, of some of its cycles, of a saved set, or the
     /// nominal ones of the robot's description
     #[arg(long, value_name = "RUN[:CYCLES]|SET|description", required_if_eq("estimator", "prior"))]
@@ -102,20 +106,37 @@ pub(super) enum EstimatorArg {
 pub(super) fn identify(global: &Global, args: &IdentifyArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     let cycles = args.cycles.as_deref().map(cycle_numbers).transpose().map_err(CliError::Usage)?;
-    check(args)?;
+    let estimator = args.estimator.unwrap_or_else(|| configured(&config));
+    check(args, estimator)?;
     runtime()?.block_on(async {
         let store = open_store(&config).await?;
-        let done = identify_stored(global, args, cycles, &config, &store).await;
+        let done = identify_stored(global, args, (estimator, cycles), &config, &store).await;
         store.close().await?;
         done
     })
 }
 
+/// The configured estimator, or what stands for it on factors.
+fn configured(config: &Config) -> EstimatorArg {
+    let configured = config.analysis.estimator;
+    if configured.of_factors() != configured {
+        output::note(&format!(
+            "the configured estimator {} weighs single rows, which are not stored: {} is taken; --estimator names \
+             another",
+            configured.name(),
+            configured.of_factors().name()
+        ));
+    }
+    match configured.of_factors() {
+        Estimator::Ordinary => EstimatorArg::Ordinary,
+        Estimator::Weighted | Estimator::Huber => EstimatorArg::Weighted,
+    }
+}
+
 /// What cannot be together.
-fn check(args: &IdentifyArgs) -> Result<(), CliError> {
+fn check(args: &IdentifyArgs, of: EstimatorArg) -> Result<(), CliError> {
     args.save.as_deref().map_or(Ok(()), check_name)?;
     let refuse = |what: &str| Err(CliError::Usage(what.to_owned()));
-    let of = args.estimator;
     if args.prior.is_some() && of != EstimatorArg::Prior {
         return refuse("--prior goes with --estimator prior");
     }
@@ -139,7 +160,7 @@ fn check(args: &IdentifyArgs) -> Result<(), CliError> {
 async fn identify_stored(
     global: &Global,
     args: &IdentifyArgs,
-    cycles: Option<Vec<u32>>,
+    (estimator, cycles): (EstimatorArg, Option<Vec<u32>>),
     config: &Config,
     store: &Store,
 ) -> Result<u8, CliError> {
@@ -151,7 +172,7 @@ async fn identify_stored(
     let chosen: Vec<Chosen> =
         run_ids.iter().map(|&run_id| Chosen { run_id, cycles: cycles.clone() }).collect();
     let robot = known.iter().find(|run| run_ids.contains(&run.run_id)).map(|run| run.robot.clone());
-    let (choice, prior_sources) = match args.estimator {
+    let (choice, prior_sources) = match estimator {
         EstimatorArg::Ordinary => (Choice::Ordinary, Vec::new()),
         EstimatorArg::Weighted => (Choice::Weighted, Vec::new()),
         EstimatorArg::PerJoint => (Choice::PerJoint, Vec::new()),
@@ -163,6 +184,7 @@ async fn identify_stored(
         return each_cycle::each_cycle(global, args, &chosen, &choice, expected, store).await;
     }
     let taken = take(store, &chosen).await?;
+    note_passed_over(&taken.passed_over);
     if let Some(cycle) = sources_overlap(&taken.sources, &prior_sources) {
         return Err(CliError::Usage(format!(
             "cycle {} of run {} is behind the prior and among those chosen: it would count twice; choose \

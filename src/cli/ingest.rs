@@ -11,7 +11,8 @@ use serde_json::json;
 use tokio_util::sync::CancellationToken;
 
 use super::{
-    CliError, EXIT_DONE, EXIT_FOUND, EXIT_INTERNAL, EXIT_STOPPED, Global, open_store, output, runtime, shared,
+    CliError, EXIT_DONE, EXIT_FOUND, EXIT_INTERNAL, EXIT_STOPPED, Global, open_store, output, reweight,
+    runtime, shared,
 };
 use crate::analysis::finding::FindingKind;
 use crate::daemon;
@@ -70,6 +71,9 @@ pub(super) async fn take_all(
     stop: &CancellationToken,
     as_json: bool,
 ) -> Result<u8, CliError> {
+    if !reweight::reweight(pipeline, stop).await? {
+        return Ok(EXIT_STOPPED);
+    }
     let mut tally = Tally::default();
     let mut ended: HashMap<String, usize> = HashMap::new();
     for path in exports {

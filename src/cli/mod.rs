@@ -20,6 +20,7 @@ mod prior_choice;
 mod quarantine;
 mod quarantine_story;
 mod rmsd;
+mod reweight;
 mod robot_check;
 mod robot_urdf;
 mod run;

@@ -31,7 +31,7 @@ pub(super) async fn prior_choice(
     let (priors, sources) = if word == "description" {
         (of_description(args, robot, model.as_ref(), config)?, Vec::new())
     } else {
-        let set = find_set(store, word).await?;
+        let set = find_set(store, word, config.analysis.estimator).await?;
         if let Some(model) = model.filter(|model| *model != set.model) {
             return Err(CliError::Usage(format!(
                 "the prior {word} belongs to another description (model {}) than the chosen cycles (model {}): \

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use clap::Args;
 use serde_json::json;
 
-use super::selection::cycle_numbers;
+use super::selection::{cycle_numbers, note_passed_over};
 use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_store, output, runtime};
 use crate::config::{Config, read_robot, straight_friction, urdf_text};
 use crate::numerics::physical_fit::PhysicalFit;
@@ -97,6 +97,7 @@ async fn fit_stored(
         Some(name) => cycles_of_set(store, name).await?,
     };
     let taken = take(store, &chosen).await?;
+    note_passed_over(&taken.passed_over);
     let robot = match &args.description {
         Some(path) => Arc::new(read_robot(path)?),
         None => described(config, &taken.model)?,

@@ -2,8 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use super::CliError;
-use crate::pipeline::stored::{Candidate, Chosen, StoredError, unit_identification};
+use super::{CliError, output};
+use crate::analysis::Estimator;
+use crate::pipeline::stored::{Candidate, Chosen, PassedOver, StoredError, told, unit_identification};
 use crate::run::{RunKind, RunStatus};
 use crate::store::{ParameterSet, RunRow, Store};
 
@@ -16,8 +17,16 @@ impl From<StoredError> for CliError {
             StoredError::Store(error) => Self::Store(error),
             StoredError::Numerics(error) => Self::Usage(error.to_string()),
             StoredError::Refused(reason) => Self::Usage(reason),
+            StoredError::PassedOver(_) => Self::Usage(error.to_string()),
             StoredError::Task(error) => Self::Internal(error.to_string()),
         }
+    }
+}
+
+/// Says which cycles of the chosen runs take no part, and why.
+pub(super) fn note_passed_over(passed_over: &[PassedOver]) {
+    if !passed_over.is_empty() {
+        output::note(&format!("passed over: {}", told(passed_over)));
     }
 }
 
@@ -71,28 +80,36 @@ pub(super) struct NamedCandidate {
 }
 
 impl NamedCandidate {
-    /// Unit parameters of a whole run.
-    pub(super) async fn of_run(store: &Store, run_id: i64) -> Result<Self, CliError> {
-        let set = unit_identification(store, &[Chosen { run_id, cycles: None }]).await?;
+    /// Unit parameters of a whole run, by the configured estimator.
+    pub(super) async fn of_run(
+        store: &Store,
+        run_id: i64,
+        estimator: Estimator,
+    ) -> Result<Self, StoredError> {
+        let set = unit_identification(store, &[Chosen { run_id, cycles: None }], estimator).await?;
         Ok(Self { name: format!("run {run_id}"), run_id: Some(run_id), candidate: as_candidate(set) })
     }
 
-    /// `RUN`, `RUN:CYCLES` or the name of a saved set.
-    pub(super) async fn find(store: &Store, word: &str) -> Result<Self, CliError> {
+    /// `RUN`, `RUN:CYCLES` or the name of a saved set; `estimator` is that of runs and cycles.
+    pub(super) async fn find(store: &Store, word: &str, estimator: Estimator) -> Result<Self, CliError> {
         if let Ok(run_id) = word.parse::<i64>() {
-            return Self::of_run(store, run_id).await;
+            return Ok(Self::of_run(store, run_id, estimator).await?);
         }
-        let set = find_set(store, word).await?;
+        let set = find_set(store, word, estimator).await?;
         Ok(Self { name: word.into(), run_id: None, candidate: as_candidate(set) })
     }
 }
 
-/// Parameters that `RUN`, `RUN:CYCLES` or the name of a saved set stands for.
-pub(super) async fn find_set(store: &Store, word: &str) -> Result<ParameterSet, CliError> {
+/// Parameters that `RUN`, `RUN:CYCLES` or the name of a saved set stands for; `estimator` is that of runs and cycles.
+pub(super) async fn find_set(
+    store: &Store,
+    word: &str,
+    estimator: Estimator,
+) -> Result<ParameterSet, CliError> {
     let (run, cycles) = word.split_once(':').map_or((word, None), |(run, cycles)| (run, Some(cycles)));
     if let Ok(run_id) = run.parse::<i64>() {
         let cycles = cycles.map(cycle_numbers).transpose().map_err(CliError::Usage)?;
-        return Ok(unit_identification(store, &[Chosen { run_id, cycles }]).await?);
+        return Ok(unit_identification(store, &[Chosen { run_id, cycles }], estimator).await?);
     }
     store.parameter_set(word).await?.ok_or_else(|| {
         CliError::Usage(format!(

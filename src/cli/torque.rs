@@ -143,7 +143,7 @@ pub(super) fn torque(global: &Global, args: &TorqueArgs) -> Result<u8, CliError>
 
 async fn replay(args: &TorqueArgs, config: &Config, store: &Store) -> Result<Replayed, CliError> {
     let replay = Replay::find(config, store, args.run, args.cycle).await?;
-    let (parameters, name) = parameters(args, store, &replay).await?;
+    let (parameters, name) = parameters(args, config, store, &replay).await?;
     let export = replay.export(config, args.source.as_deref()).await?;
     for target in [args.output.as_deref(), args.plot.as_ref().map(PlotFile::path)] {
         refuse_export(target, &export)?;
@@ -159,6 +159,7 @@ async fn replay(args: &TorqueArgs, config: &Config, store: &Store) -> Result<Rep
 /// The parameters of the estimate and their name.
 async fn parameters(
     args: &TorqueArgs,
+    config: &Config,
     store: &Store,
     replay: &Replay,
 ) -> Result<(Vec<(ParameterId, f64)>, String), CliError> {
@@ -170,7 +171,7 @@ async fn parameters(
     let (found, name) = match args.parameters.as_ref().or(checked_against.as_ref()) {
         None => (store.cycle_parameters(args.run, args.cycle).await?, "its own parameters".to_string()),
         Some(word) => {
-            let named = NamedCandidate::find(store, word).await?;
+            let named = NamedCandidate::find(store, word, config.analysis.estimator).await?;
             let ours = replay.run.model.as_ref().map(|model| &model.description_hash);
             if ours.is_some_and(|ours| *ours != named.candidate.model.description_hash) {
                 return Err(CliError::Usage(format!(

@@ -4,10 +4,10 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::identify_output::rmsd_value;
-use super::selection::{NamedCandidate, named_runs, runs_of};
+use super::selection::{NamedCandidate, named_runs, note_passed_over, runs_of};
 use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
-use crate::analysis::{RmsdScope, TorqueRmsd};
-use crate::pipeline::stored::{CrossVerification, cross_verification};
+use crate::analysis::{Estimator, RmsdScope, TorqueRmsd};
+use crate::pipeline::stored::{CrossVerification, PassedOver, StoredError, cross_verification};
 use crate::run::Stage;
 use crate::store::{RunRow, Store};
 
@@ -24,8 +24,9 @@ Examples:
 
 For each joint a matrix: a row is a parameter set, a column the run that it is verified against, over all
 cycles of the run; figures are the relative RMSD of the torque, and those above 10 % are marked with *.
-RUN stands for the parameters identified on all cycles of the run together, RUN:CYCLES for those of some
-of its cycles (3:20, 3:10,15,20), any other word for a set kept by `armwatch identify --save`. With
+RUN stands for the parameters identified on all cycles of the run together by the configured estimator,
+RUN:CYCLES for those of some of its cycles (3:20, 3:10,15,20), any other word for a set kept by
+`armwatch identify --save`. Cycles that were refused when they were read are passed over and named on standard error. With
 --robot alone, each run's parameters meet each run. Figures are exact and no export is read.
 
 --store writes them by cycle into the view cycle_rmsd with verification = 'cross'; it takes the parameters
@@ -75,15 +76,20 @@ pub(super) fn verify(global: &Global, args: &VerifyArgs) -> Result<u8, CliError>
     let config = global.read_config()?;
     runtime()?.block_on(async {
         let store = open_store(&config).await?;
-        let done = verify_stored(global, args, &store).await;
+        let done = verify_stored(global, args, config.analysis.estimator, &store).await;
         store.close().await?;
         done
     })
 }
 
-async fn verify_stored(global: &Global, args: &VerifyArgs, store: &Store) -> Result<u8, CliError> {
+async fn verify_stored(
+    global: &Global,
+    args: &VerifyArgs,
+    estimator: Estimator,
+    store: &Store,
+) -> Result<u8, CliError> {
     let known = store.runs().await?;
-    let (named, runs) = chosen(args, store, &known).await?;
+    let (named, runs) = chosen(args, estimator, store, &known).await?;
     let unsaved = named.iter().find(|of| of.run_id.is_none());
     if let Some(set) = unsaved.filter(|_| args.store) {
         return Err(CliError::Usage(format!(
@@ -94,10 +100,18 @@ async fn verify_stored(global: &Global, args: &VerifyArgs, store: &Store) -> Res
     let run_ids: Vec<i64> = runs.iter().map(|run| run.run_id).collect();
     let candidates = named.iter().map(|of| of.candidate.clone()).collect();
     let verified = cross_verification(store, candidates, &run_ids).await?;
+    let mut passed_over: Vec<PassedOver> = verified.iter().flat_map(|of| of.passed_over.clone()).collect();
+    passed_over.sort_by_key(|of| (of.run_id, of.cycle));
+    passed_over.dedup();
+    note_passed_over(&passed_over);
+    if verified.iter().all(|of| of.by_cycle.is_empty()) && !passed_over.is_empty() {
+        return Err(StoredError::PassedOver(passed_over).into());
+    }
     if args.store {
         for of in &verified {
             if let Some(reference) = named[of.candidate].run_id {
-                store.store_cross_verification(of.run_id, reference, &of.by_cycle).await?;
+                let estimator = estimator.of_factors();
+                store.store_cross_verification(of.run_id, reference, estimator, &of.by_cycle).await?;
             }
         }
     }
@@ -113,6 +127,7 @@ async fn verify_stored(global: &Global, args: &VerifyArgs, store: &Store) -> Res
 
 async fn chosen<'a>(
     args: &VerifyArgs,
+    estimator: Estimator,
     store: &Store,
     known: &'a [RunRow],
 ) -> Result<(Vec<NamedCandidate>, Vec<&'a RunRow>), CliError> {
@@ -121,11 +136,23 @@ async fn chosen<'a>(
     if let Some(robot) = &args.robot {
         runs = runs_of(known, robot)?;
         for run in &runs {
-            named.push(NamedCandidate::of_run(store, run.run_id).await?);
+            match NamedCandidate::of_run(store, run.run_id, estimator).await {
+                Ok(found) => named.push(found),
+                // its cycles are named with those that are passed over
+                Err(StoredError::PassedOver(_)) => {}
+                Err(StoredError::Numerics(error)) => output::note(&format!(
+                    "run {} gives no parameters and is only verified against: {error}",
+                    run.run_id
+                )),
+                Err(error) => return Err(error.into()),
+            }
+        }
+        if named.is_empty() {
+            return Err(CliError::Usage(format!("no run of robot {robot} gives parameters")));
         }
     }
     for word in &args.parameters {
-        named.push(NamedCandidate::find(store, word).await?);
+        named.push(NamedCandidate::find(store, word, estimator).await?);
     }
     for word in &args.against {
         for run in named_runs(known, word)? {
@@ -206,11 +233,14 @@ fn as_value(named: &NamedCandidate, verified: &CrossVerification) -> serde_json:
             value
         })
         .collect();
+    let of_cycle = |of: &PassedOver| json!({ "cycle": of.cycle, "reason": of.reason });
+    let passed_over: Vec<serde_json::Value> = verified.passed_over.iter().map(of_cycle).collect();
     json!({
         "parameters": named.name,
         "reference_run_id": named.run_id,
         "run_id": verified.run_id,
         "cycles": verified.by_cycle.len(),
+        "passed_over": passed_over,
         "rmsd": rmsd,
     })
 }

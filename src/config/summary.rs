@@ -148,7 +148,7 @@ mod tests {
             "robot *                   er3a with 6 joints, 6 speed levels, nominal parameters of 6 joints, an excitation; layout native, velocity recorded",
             "low-pass cut-off          12 Hz",
             "reference speed           60 % of the largest",
-            "estimator                 ordinary",
+            "estimator                 weighted",
             "baseline                  5 runs",
             "friction drift            warning from 5 %, critical from 15 %",
             "drift significance        4 standard deviations",

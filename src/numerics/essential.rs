@@ -1,7 +1,7 @@
 //! Essential parameters: the fewest base parameters that explain the torque as well.
 
 use super::NumericsError;
-use super::student::normal_quantile;
+use super::student::f_quantile;
 use super::triangular::{LeastSquares, TriangularFactor};
 
 /// When a parameter goes.
@@ -94,31 +94,11 @@ pub fn essential(
     Ok(found)
 }
 
-/// Quantile of the F distribution by Paulson's normal approximation of cube roots (1942), good to a
-/// few percent for more than three degrees of freedom below.
-fn f_quantile(probability: f64, above: f64, below: f64) -> f64 {
-    let z = normal_quantile(probability);
-    let (p, q) = (2.0 / (9.0 * above), 2.0 / (9.0 * below));
-    // ((1-q) x - (1-p))² = z² (q x² + p) for the cube root x.
-    let a = (1.0 - q).powi(2) - z * z * q;
-    let half_b = (1.0 - q) * (1.0 - p);
-    let c = (1.0 - p).powi(2) - z * z * p;
-    ((half_b + (half_b * half_b - a * c).max(0.0).sqrt()) / a).powi(3)
-}
-
 #[cfg(test)]
 mod tests {
     use faer::Mat;
 
     use super::*;
-
-    #[test]
-    fn quantiles_are_those_of_tables() {
-        for (above, below, table) in [(1.0, 1e6, 3.841), (5.0, 20.0, 2.711), (10.0, 120.0, 1.910)] {
-            let found = f_quantile(0.95, above, below);
-            assert!((found / table - 1.0).abs() < 0.03, "{above} {below}: {found} {table}");
-        }
-    }
 
     #[test]
     fn parameters_that_are_zero_go_and_the_others_stay() {

@@ -8,6 +8,10 @@ use super::triangular::{LeastSquares, TriangularFactor};
 const SETTLED: f64 = 1e-8;
 /// Weights settle in some five rounds; more show that they never will.
 const MAX_ROUNDS: usize = 50;
+/// Least noise that a joint is believed to have, as a part of the largest among the joints. No drive resolves its torque
+/// ten thousand times finer than another's: a smaller residual, as of torques that were computed or are all zero, is no
+/// noise, and would make the other joints' rows count for nothing.
+const LEAST_SIGMA: f64 = 1e-4;
 /// Smallest share of a unit-norm column that must be new for it to be kept: what
 /// [`super::identify::MAX_SCALED_CONDITION`] is to a whole matrix.
 const NEW_SHARE: f64 = 1e-3;
@@ -78,11 +82,15 @@ pub struct WeightedEstimate {
 ///
 /// A joint's variance counts its rows less its share of the parameters. Joints whose torques are
 /// measured finely then count more than those that are measured coarsely, as they should: for
-/// independent noise this is the estimate of smallest variance (Aitken 1936).
+/// independent noise this is the estimate of smallest variance (Aitken 1936). A joint counts at most as
+/// one with a ten-thousandth of the largest noise; where no joint has any, all count alike.
+///
+/// `max_condition` bounds the scaled condition number of the weighted rows. It judges rounding, not the motion, which
+/// the unweighted rows show: fine torques of one joint make one direction far longer than the others and take nothing
+/// from these.
 ///
 /// # Errors
-/// Those of [`TriangularFactor::solve`]; [`NumericsError::NotFinite`] for a joint whose residual
-/// vanishes or is not finite.
+/// Those of [`TriangularFactor::solve`]; [`NumericsError::NotFinite`] for a joint whose residual is not finite.
 pub fn weighted(
     factors: &[TriangularFactor],
     max_condition: f64,
@@ -94,14 +102,23 @@ pub fn weighted(
     let mut rule = WeightRule::equal(n);
     let mut solution = joined(factors, &rule, columns).solve(max_condition, &names)?;
     for round in 1..=MAX_ROUNDS {
-        let mut change = 0.0_f64;
-        for (j, factor) in factors.iter().enumerate().filter(|(_, factor)| factor.rows() > 0) {
-            let share = columns as f64 / rows as f64;
+        let share = columns as f64 / rows as f64;
+        let sigma_of = |factor: &TriangularFactor| {
             let freedom = factor.rows() as f64 * (1.0 - share).max(f64::EPSILON);
-            let sigma = (residual_sum_of_squares(factor, &solution.theta) / freedom).sqrt();
-            if !(sigma.is_finite() && sigma > 0.0) {
-                return Err(NumericsError::NotFinite("a joint's residual standard deviation"));
-            }
+            (residual_sum_of_squares(factor, &solution.theta) / freedom).sqrt()
+        };
+        let found: Vec<f64> =
+            factors.iter().map(|of| if of.rows() > 0 { sigma_of(of) } else { 0.0 }).collect();
+        let largest = found.iter().copied().fold(0.0, f64::max);
+        if !found.iter().all(|sigma| sigma.is_finite()) {
+            return Err(NumericsError::NotFinite("a joint's residual standard deviation"));
+        }
+        if largest <= 0.0 {
+            return Ok(WeightedEstimate { solution, rule, rounds: round, settled: true });
+        }
+        let mut change = 0.0_f64;
+        for (j, _) in factors.iter().enumerate().filter(|(_, factor)| factor.rows() > 0) {
+            let sigma = found[j].max(LEAST_SIGMA * largest);
             change = change.max((sigma / rule.sigma[j] - 1.0).abs());
             rule.sigma[j] = sigma;
         }

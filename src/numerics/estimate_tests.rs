@@ -13,8 +13,8 @@ use super::regressor::{KeptColumns, Regressor, joint_torque_regressor};
 use super::robust::{RobustSettings, huber};
 use super::rows::{RowSource, SampleRows, joint_factors};
 use super::triangular::TriangularFactor;
-use crate::analysis::Estimator;
-use crate::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
+use crate::analysis::{Estimator, Identification};
+use crate::robot::{JointIndex, ParameterId, ParameterKind, Robot, StandardParameters};
 use crate::testing::er3a;
 
 /// Rounding of sums over some thousand rows.
@@ -435,4 +435,48 @@ fn noise_that_makes_least_squares_unphysical_leaves_a_body() {
     let error = |theta: &[f64]| super::estimate::residual_sum_of_squares(&clean, theta);
     let (physical, free) = (error(&base.group(&fit.phi)), error(&plain.theta));
     assert!(physical <= 1.05 * free, "{physical} {free}");
+}
+
+/// Two columns of two joints: the first joint's rows show both, with noise `coarse`; the second's show their sum alone,
+/// with noise `fine`.
+fn coarse_and_fine(coarse: f64, fine: f64, truth: [f64; 2]) -> Vec<TriangularFactor> {
+    let mut state = 7_u64;
+    let mut white = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+    };
+    let mut factor = |sees: &dyn Fn(usize) -> [f64; 2], noise: f64| {
+        let mut rows = faer::Mat::<f64>::zeros(400, 3);
+        for i in 0..400 {
+            let [a, b] = sees(i);
+            (rows[(i, 0)], rows[(i, 1)]) = (a, b);
+            rows[(i, 2)] = a * truth[0] + b * truth[1] + noise * white();
+        }
+        let mut factor = TriangularFactor::new(2);
+        factor.fold(rows.as_ref());
+        factor
+    };
+    let both = |i: usize| [(0.1 * i as f64).sin(), (0.23 * i as f64).cos()];
+    let sum = |i: usize| [(0.1 * i as f64).cos(); 2];
+    vec![factor(&both, coarse), factor(&sum, fine)]
+}
+
+#[test]
+fn a_joint_of_fine_or_perfect_torques_refuses_nothing() {
+    let kept =
+        [0, 1].map(|joint| ParameterId { joint: JointIndex::new(joint), kind: ParameterKind::MotorInertia });
+    let truth = [2.0, -1.0];
+    for (coarse, fine) in [(1.0, 1e-3), (1.0, 1e-5), (1.0, 0.0), (1e-2, 1e-2), (0.0, 0.0)] {
+        let factors = coarse_and_fine(coarse, fine, truth);
+        let find = |estimator| identify_factors(&kept, &factors, &[1.0; 2], estimator);
+        let ordinary = find(Estimator::Ordinary).expect("parameters");
+        let weighted = find(Estimator::Weighted).expect("parameters");
+        let sum = |of: &Identification| of.parameters.iter().map(|p| p.value).sum::<f64>();
+        // what the fine joint says counts, and nothing else suffers
+        let off = |of: &Identification| (sum(of) - 1.0).abs();
+        assert!(off(&weighted) <= off(&ordinary) + 1e-9, "{coarse} {fine}");
+        for (parameter, truth) in weighted.parameters.iter().zip(truth) {
+            assert!((parameter.value - truth).abs() < 0.2 * coarse + 1e-6, "{coarse} {fine}: {parameter:?}");
+        }
+    }
 }

@@ -30,7 +30,8 @@ const UNSEEN_SCALE: [f64; 2] = [0.03, 0.003];
 const START_SCALE: [f64; 2] = [0.3, 0.02];
 /// Friction at one level in one run differs by this fraction for reasons of its own, likewise.
 const LEVEL_SCALE: [f64; 2] = [0.005, 0.0003];
-/// Part of the information on wear that must come from data for its prior to be taken out.
+/// Part of the information on wear that must come from data. With less, what is left after taking out the prior is
+/// rounding, and what stands there is the prior: near one whatever the wear.
 const LEAST_TOLD: f64 = 0.01;
 /// Least scatter of a point, as a fraction of friction.
 const MIN_SCATTER: f64 = 1e-4;
@@ -41,6 +42,8 @@ pub(super) struct Effect {
     /// Points of the run, and whether they were enough for the map.
     pub points: usize,
     pub full: bool,
+    /// Whether the data tell of wear at all; else `wear` is what its prior says.
+    pub told: bool,
     /// Friction as a factor, less one, with its variance.
     pub wear: f64,
     pub variance: f64,
@@ -194,11 +197,12 @@ fn effect(rows: &RunRows, run: &Solved, joint: usize) -> Effect {
     let at = run.first[joint];
     let (value, variance) = (run.x[at], run.covariance[(at, at)].max(f64::MIN_POSITIVE));
     let told = 1.0 / variance - run.wear[joint].powi(-2);
-    // where the data tell next to nothing, what is left after the difference is rounding
-    let free = if told * variance > LEAST_TOLD { 1.0 / told } else { variance };
+    let is_told = told * variance > LEAST_TOLD;
+    let free = if is_told { 1.0 / told } else { variance };
     Effect {
         points: rows.rows.len(),
         full: rows.full,
+        told: is_told,
         wear: value * free / variance,
         variance: free,
         ambient: Estimate {
@@ -342,6 +346,40 @@ fn add_rows(
             for (k, b) in entries {
                 information[(i, k)] += weight * a * b;
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One joint of which the data leave `left` of the prior's variance of wear.
+    fn solved(left: f64) -> (RunRows, Solved) {
+        let rows =
+            RunRows { rows: vec![(0, 10.0, 1.0, [0.5, 0.5])], torque: vec![10.0], full: true, top: 0.1 };
+        let mut covariance = DMatrix::identity(1 + EFFECTS + 1, 1 + EFFECTS + 1);
+        covariance[(1, 1)] = left * WEAR_SCALE * WEAR_SCALE;
+        let mut x = DVector::zeros(1 + EFFECTS + 1);
+        x[1] = 0.004;
+        (rows, Solved { x, covariance, first: vec![1], wear: vec![WEAR_SCALE] })
+    }
+
+    #[test]
+    fn what_the_prior_alone_says_of_wear_is_not_told() {
+        for left in [1.0, 0.995, 1.000_001] {
+            let (rows, run) = solved(left);
+            let found = effect(&rows, &run, 0);
+            assert!(!found.told, "{left}: {found:?}");
+        }
+        for left in [0.9, 0.1] {
+            let (rows, run) = solved(left);
+            let found = effect(&rows, &run, 0);
+            assert!(found.told, "{left}: {found:?}");
+            // the prior is taken out of value and variance
+            let free = 1.0 / (1.0 / left - 1.0) * WEAR_SCALE * WEAR_SCALE;
+            assert!((found.variance / free - 1.0).abs() < 1e-9);
+            assert!((found.wear - 0.004 / (1.0 - left)).abs() < 1e-9);
         }
     }
 }

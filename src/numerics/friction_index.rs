@@ -106,7 +106,8 @@ pub fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFriction {
         let moments: Vec<(usize, f64)> = starts.iter().copied().enumerate().collect();
         let cold = moment_coldness(record, &fit.law, &moments);
         let raw = raw_indices(record, &baseline(effects, baseline_runs.max(2)), runs.len());
-        for (run, effect) in effects.iter().enumerate().filter(|(_, effect)| effect.points > 0) {
+        for (run, effect) in effects.iter().enumerate().filter(|(_, effect)| effect.points > 0 && effect.told)
+        {
             found.indices[run].push(FrictionIndex {
                 joint: record.joint,
                 index: Estimate { value: 1.0 + effect.wear, std_error: effect.variance.sqrt() },
@@ -230,9 +231,13 @@ fn drop_flat(records: &mut Vec<JointRecord>, fits: &mut Vec<Fitted>, remarks: &m
     }
 }
 
-/// The joint's first runs that are in the map.
+/// The joint's first runs that are in the map and tell of wear; where none does, the first in the map.
 fn baseline(effects: &[Effect], baseline_runs: usize) -> Vec<usize> {
-    (0..effects.len()).filter(|&run| effects[run].full).take(baseline_runs).collect()
+    let first = |is_of_it: &dyn Fn(&Effect) -> bool| {
+        (0..effects.len()).filter(|&run| is_of_it(&effects[run])).take(baseline_runs).collect::<Vec<usize>>()
+    };
+    let telling = first(&|effect| effect.full && effect.told);
+    if telling.is_empty() { first(&|effect| effect.full) } else { telling }
 }
 
 /// Takes the baseline out of the effects and gives each point its run's offset and factor.

@@ -11,19 +11,17 @@ use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
 use super::essential::{EssentialSettings, essential};
 use super::estimate::{WeightRule, joined, per_joint, weighted};
 use super::identifiability::identifiability;
-use super::identify::{MAX_SCALED_CONDITION, identify_weighted};
+use super::identify::{MAX_WEIGHTED_CONDITION, identify_weighted};
 use super::prior::{Prior, PriorStrength, with_prior, with_prior_rows};
 use super::robust::{HUBER_CONSTANT, torque_change};
 use super::statistics::{median, robust_deviation};
-use super::student::student_quantile;
+use super::student::{LEVEL, student_quantile};
 use super::triangular::TriangularFactor;
 use crate::analysis::{Identification, IdentifiedParameter};
 use crate::robot::{JointIndex, ParameterId};
 
 /// Fewest cycles that a robust estimate weighs against each other: the median of fewer is one of them.
 pub const FEWEST_FOR_HUBER: usize = 5;
-/// Probability that intervals hold the truth with.
-pub const LEVEL: f64 = 0.95;
 /// Rounds in which weights of cycles settle; some ten are usual.
 const MAX_ROUNDS: usize = 100;
 /// Change of the estimated torque, relative to the noise, at which an estimate has settled.
@@ -217,7 +215,7 @@ fn weights(union: &Union, estimator: &Estimator) -> Result<(RowWeights, bool), N
     let n = union.columns().joint_count();
     match estimator {
         Estimator::Weighted => {
-            let found = weighted(&union.spread_by_joint(), MAX_SCALED_CONDITION, names(union))?;
+            let found = weighted(&union.spread_by_joint(), MAX_WEIGHTED_CONDITION, names(union))?;
             Ok((RowWeights::of_noise(&found.rule.sigma), found.settled))
         }
         Estimator::Huber => huber_weights(union),
@@ -312,12 +310,12 @@ fn huber_weights(union: &Union) -> Result<(RowWeights, bool), NumericsError> {
             needed: FEWEST_FOR_HUBER,
         });
     }
-    let start = weighted(&union.spread_by_joint(), MAX_SCALED_CONDITION, names(union))?;
+    let start = weighted(&union.spread_by_joint(), MAX_WEIGHTED_CONDITION, names(union))?;
     let mut theta = start.solution.theta;
     for _ in 0..MAX_ROUNDS {
         let weights = reweighted(union, &theta)?;
         let factor = union.stacked(&weights);
-        let next = factor.solve(MAX_SCALED_CONDITION, names(union))?.theta;
+        let next = factor.solve(MAX_WEIGHTED_CONDITION, names(union))?.theta;
         let step: Vec<f64> = next.iter().zip(&theta).map(|(a, b)| a - b).collect();
         theta = next;
         if torque_change(&factor, &step) < SETTLED {

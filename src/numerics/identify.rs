@@ -16,6 +16,11 @@ use crate::robot::{JointIndex, MAX_JOINTS, ParameterId};
 /// excitation has 9.1.
 pub const MAX_SCALED_CONDITION: f64 = 1e3;
 
+/// Largest scaled condition number of weighted rows. Whether the motion shows every parameter is judged on the rows as
+/// they are ([`MAX_SCALED_CONDITION`]); this bounds what rounding does, and leaves joints whose noise differs ten
+/// thousandfold their weights.
+pub const MAX_WEIGHTED_CONDITION: f64 = 1e8;
+
 /// Fewest rows per column: below, residuals say nothing of the noise.
 const MIN_ROWS_PER_COLUMN: usize = 4;
 
@@ -29,8 +34,8 @@ pub(super) fn state() -> ([f64; MAX_JOINTS], [f64; MAX_JOINTS], [f64; MAX_JOINTS
 ///
 /// # Errors
 /// [`NumericsError::TooShort`], and [`NumericsError::RankDeficient`] if the motion does not excite
-/// every parameter; [`NumericsError::NotFinite`] where the residual of a joint vanishes but for
-/// an ordinary estimate.
+/// every parameter; [`NumericsError::NotFinite`] where the residual of a joint is not finite, or vanishes in
+/// a robust estimate.
 pub fn identify_rows(
     kept: &[ParameterId],
     factors: &[TriangularFactor],
@@ -92,7 +97,7 @@ pub fn identify_weighted(
 ) -> Result<Identification, NumericsError> {
     let motion = solve_ordinary(kept, factors)?;
     let weighed = joined(factors, rule, kept.len());
-    let theta = weighed.solve(MAX_SCALED_CONDITION, |column| kept[column].to_string())?.theta;
+    let theta = weighed.solve(MAX_WEIGHTED_CONDITION, |column| kept[column].to_string())?.theta;
     let errors = errors_by_joint(factors, &theta, rule, independent_shares)?;
     found(kept, factors, &motion, theta, errors)
 }
@@ -139,7 +144,7 @@ fn estimate(
     match estimator {
         Estimator::Ordinary => Ok((ordinary.theta.clone(), WeightRule::equal(factors.len()))),
         Estimator::Weighted => {
-            let found = weighted(factors, MAX_SCALED_CONDITION, |column| kept[column].to_string())?;
+            let found = weighted(factors, MAX_WEIGHTED_CONDITION, |column| kept[column].to_string())?;
             Ok((found.solution.theta, found.rule))
         }
         Estimator::Huber => Err(NumericsError::Unsupported(

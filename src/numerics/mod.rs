@@ -73,6 +73,7 @@ mod friction_index_tests;
 mod friction_temperature_tests;
 pub mod whiteness;
 pub mod warm_up;
+mod warm_up_early;
 #[cfg(test)]
 mod warm_up_tests;
 pub mod verify;

@@ -9,7 +9,8 @@ use super::signal::condition;
 use super::statistics::median;
 use super::verify::torque_rmsd;
 use crate::analysis::{
-    CycleAnalysis, FrictionExcess, JointCheck, Motion, ProductionCheck, ProductionJoint, RmsdPair, RmsdScope,
+    CycleAnalysis, Estimator, FrictionExcess, JointCheck, Motion, ProductionCheck, ProductionJoint, RmsdPair,
+    RmsdScope,
 };
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{Cycle, RunKind};
@@ -22,6 +23,8 @@ const NO_IDENTIFICATION: &str = "production is not identified on";
 pub struct Reference {
     /// The run that they were identified on.
     pub run_id: i64,
+    /// How its rows became parameters.
+    pub estimator: Estimator,
     /// Base parameters, friction among them.
     pub parameters: Vec<(ParameterId, f64)>,
 }
@@ -74,7 +77,11 @@ pub fn check_window(
         rmsd: RmsdPair { all_rows: of.all_rows, moving_rows: of.moving_rows },
         friction: friction_excess(columns, factors, &theta, of.joint),
     });
-    Ok(ProductionCheck { reference_run_id: reference.run_id, joints: joints.collect() })
+    Ok(ProductionCheck {
+        reference_run_id: reference.run_id,
+        estimator: reference.estimator,
+        joints: joints.collect(),
+    })
 }
 
 /// From factors alone: reflections keep the inner products of `w theta - tau` and `w_f theta_f`.
@@ -154,7 +161,8 @@ mod tests {
         let parameters: Vec<(ParameterId, f64)> = (method.base.kept.iter().enumerate())
             .map(|(k, id)| (*id, 1.0 + (k * 7919 % 13) as f64))
             .collect();
-        let reference = Reference { run_id: 7, parameters: parameters.clone() };
+        let reference =
+            Reference { run_id: 7, estimator: Estimator::Weighted, parameters: parameters.clone() };
         let analysis = analyse_window(&method, &window, Some(&reference));
         assert_eq!((analysis.refusal(), analysis.cycle, analysis.rows), (None, 4, 1200));
         assert!(analysis.friction_points.is_empty() && analysis.verification.is_empty());

@@ -1,53 +1,147 @@
-//! Student's distribution: from a standard error and its degrees of freedom to an interval.
+//! Quantiles and tails of the distributions that intervals and tests stand on.
+
+use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, Normal, StudentsT};
 
 use crate::analysis::IdentifiedParameter;
+
+/// Probability that stated intervals hold the truth with.
+pub const LEVEL: f64 = 0.95;
+
+/// Degrees of freedom from which on Student's distribution is taken for the normal one: the quantiles of 95 % differ by
+/// less than 1e-6 of themselves.
+const NORMAL_FROM: f64 = 1e6;
+
+/// Whether statrs takes it for a probability; it panics otherwise.
+fn is_probability(probability: f64) -> bool {
+    (0.0..=1.0).contains(&probability)
+}
 
 /// Half the width of the two-sided interval about a parameter's value that holds the truth with the
 /// probability `level`, such as 0.95. Not a number if error or degrees of freedom are not known.
 #[must_use]
 pub fn half_width(parameter: &IdentifiedParameter, level: f64) -> f64 {
-    match parameter.degrees_of_freedom.is_nan() {
-        true => f64::NAN,
-        false => student_quantile(0.5 + 0.5 * level, parameter.degrees_of_freedom) * parameter.std_error,
+    student_quantile(0.5 + 0.5 * level, parameter.degrees_of_freedom) * parameter.std_error
+}
+
+/// Quantile of Student's distribution with `freedom` degrees of freedom, which need not be whole, at `probability` in
+/// (0, 1). Not a number for another probability, or unless `freedom` is above 0.
+#[must_use]
+pub fn student_quantile(probability: f64, freedom: f64) -> f64 {
+    if freedom >= NORMAL_FROM {
+        return normal_quantile(probability);
+    }
+    match StudentsT::new(0.0, 1.0, freedom) {
+        Ok(student) if is_probability(probability) => student.inverse_cdf(probability),
+        _ => f64::NAN,
     }
 }
 
-/// Quantile of Student's distribution with `freedom` degrees of freedom at `probability` (0.5 to
-/// 1): expansion about the normal quantile (Abramowitz & Stegun 26.7.5), good to 1 % from four degrees
-/// of freedom on; fewer than three count as three.
-#[must_use]
-pub fn student_quantile(probability: f64, freedom: f64) -> f64 {
-    let z = normal_quantile(probability);
-    let v = freedom.max(3.0);
-    let (z3, z5, z7) = (z.powi(3), z.powi(5), z.powi(7));
-    let z9 = z.powi(9);
-    z + (z3 + z) / (4.0 * v)
-        + (5.0 * z5 + 16.0 * z3 + 3.0 * z) / (96.0 * v * v)
-        + (3.0 * z7 + 19.0 * z5 + 17.0 * z3 - 15.0 * z) / (384.0 * v.powi(3))
-        + (79.0 * z9 + 776.0 * z7 + 1482.0 * z5 - 1920.0 * z3 - 945.0 * z) / (92160.0 * v.powi(4))
-}
-
-/// Quantile of the standard normal distribution at `probability` in (0, 1), absolute error below
-/// 4.5e-4 (Abramowitz & Stegun 26.2.23).
+/// Quantile of the standard normal distribution at `probability` in (0, 1); not a number for another one.
 #[must_use]
 pub fn normal_quantile(probability: f64) -> f64 {
-    let tail = probability.min(1.0 - probability).max(f64::MIN_POSITIVE);
-    let t = (-2.0 * tail.ln()).sqrt();
-    let x = t
-        - (2.515_517 + 0.802_853 * t + 0.010_328 * t * t)
-            / (1.0 + 1.432_788 * t + 0.189_269 * t * t + 0.001_308 * t.powi(3));
-    if probability < 0.5 { -x } else { x }
+    if is_probability(probability) { Normal::standard().inverse_cdf(probability) } else { f64::NAN }
+}
+
+/// Quantile of the F distribution with `above` and `below` degrees of freedom at `probability` in (0, 1). Not a
+/// number for another probability, or unless both are above 0.
+#[must_use]
+pub fn f_quantile(probability: f64, above: f64, below: f64) -> f64 {
+    match FisherSnedecor::new(above, below) {
+        Ok(fisher) if is_probability(probability) => fisher.inverse_cdf(probability),
+        _ => f64::NAN,
+    }
+}
+
+/// Probability that chi-square with `freedom` degrees of freedom exceeds `x`. Not a number unless `freedom` is above 0.
+#[must_use]
+pub fn chi_square_tail(x: f64, freedom: f64) -> f64 {
+    ChiSquared::new(freedom).map_or(f64::NAN, |chi_square| chi_square.sf(x))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::robot::{JointIndex, ParameterId, ParameterKind};
+
+    /// Two-sided 95 % and 99 % points of Student's distribution (Abramowitz & Stegun, table 26.10).
+    #[test]
+    fn student_quantiles_are_those_of_tables() {
+        for (freedom, at_95, at_99) in [
+            (1.0, 12.706, 63.657),
+            (2.0, 4.303, 9.925),
+            (3.0, 3.182, 5.841),
+            (4.0, 2.776, 4.604),
+            (5.0, 2.571, 4.032),
+            (10.0, 2.228, 3.169),
+            (30.0, 2.042, 2.750),
+            (120.0, 1.980, 2.617),
+            (9e5, 1.960, 2.576),
+            (f64::INFINITY, 1.960, 2.576),
+        ] {
+            for (probability, table) in [(0.975, at_95), (0.995, at_99)] {
+                let found = student_quantile(probability, freedom);
+                assert!((found - table).abs() < 6e-4, "{freedom} {probability}: {found} {table}");
+                let below = student_quantile(1.0 - probability, freedom);
+                assert!((found + below).abs() < 1e-6 * found, "{freedom}: {found} {below}");
+            }
+        }
+    }
+
+    /// With one degree of freedom it is Cauchy's distribution, with two there is a closed form.
+    #[test]
+    fn few_degrees_of_freedom_are_taken_as_they_are() {
+        for probability in [0.6_f64, 0.9, 0.975, 0.999] {
+            let cauchy = (std::f64::consts::PI * (probability - 0.5)).tan();
+            assert!((student_quantile(probability, 1.0) / cauchy - 1.0).abs() < 1e-8, "{probability}");
+            let two = (2.0 * probability - 1.0) / (2.0 * probability * (1.0 - probability)).sqrt();
+            assert!((student_quantile(probability, 2.0) / two - 1.0).abs() < 1e-8, "{probability}");
+        }
+        let between = student_quantile(0.975, 1.5);
+        assert!(4.303 < between && between < 12.706, "{between}");
+    }
 
     #[test]
-    fn quantiles_are_those_of_tables() {
-        for (freedom, table) in [(5.0, 2.571), (10.0, 2.228), (30.0, 2.042), (1e6, 1.960)] {
-            let found = student_quantile(0.975, freedom);
-            assert!((found - table).abs() < 0.002, "{freedom}: {found} {table}");
+    fn normal_quantiles_are_those_of_tables() {
+        for (probability, table) in [(0.5, 0.0), (0.975, 1.959_964), (0.95, 1.644_854), (0.001, -3.090_232)] {
+            let found = normal_quantile(probability);
+            assert!((found - table).abs() < 1e-6, "{probability}: {found}");
         }
+    }
+
+    /// 95 % points (Abramowitz & Stegun, table 26.9).
+    #[test]
+    fn f_quantiles_are_those_of_tables() {
+        for (above, below, table) in [
+            (1.0, 1e6, 3.8415),
+            (1.0, 1.0, 161.45),
+            (2.0, 3.0, 9.552),
+            (5.0, 20.0, 2.711),
+            (10.0, 120.0, 1.910),
+        ] {
+            let found = f_quantile(0.95, above, below);
+            assert!((found / table - 1.0).abs() < 3e-4, "{above} {below}: {found} {table}");
+        }
+    }
+
+    #[test]
+    fn chi_square_tails_are_those_of_tables() {
+        for (x, freedom, table) in [
+            (3.841, 1.0, 0.05),
+            (5.991, 2.0, 0.05),
+            (9.488, 4.0, 0.05),
+            (23.209, 10.0, 0.01),
+            (0.0, 4.0, 1.0),
+        ] {
+            assert!((chi_square_tail(x, freedom) - table).abs() < 1e-4, "{x} {freedom}");
+        }
+    }
+
+    #[test]
+    fn an_interval_without_degrees_of_freedom_is_none() {
+        let id = ParameterId { joint: JointIndex::new(0), kind: ParameterKind::MotorInertia };
+        let parameter =
+            |degrees_of_freedom| IdentifiedParameter { id, value: 1.0, std_error: 0.5, degrees_of_freedom };
+        assert!(half_width(&parameter(f64::NAN), LEVEL).is_nan());
+        assert!((half_width(&parameter(1.0), LEVEL) - 6.353).abs() < 1e-3);
     }
 }

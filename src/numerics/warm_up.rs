@@ -12,7 +12,8 @@ use varpro::statistics::FitStatistics;
 
 use super::NumericsError;
 use super::student::{normal_quantile, student_quantile};
-use crate::analysis::{Decay, Estimate, WarmUpFit, WarmUpModel};
+use super::warm_up_early::early_fit;
+use crate::analysis::{Decay, Estimate, FastShown, WarmUpFit, WarmUpModel};
 use crate::robot::JointIndex;
 
 /// Fewest points of a fit.
@@ -58,6 +59,10 @@ pub struct WarmUpPoint {
 /// and each of its parts is supported by the data: positive and clear of its standard error, time
 /// constant neither longer than the record allows nor resolved worse than by half of itself.
 ///
+/// A fast part that only the first points see cannot be supported so: its height at t = 0 is an extrapolation. It is
+/// judged by its value at the first point, and its time constant bounded from above ([`early_fit`]). It has to lower the
+/// Bayesian criterion (Schwarz 1978) too.
+///
 /// With points of several runs, standard errors are those of leaving out one run after the other, to first order
 /// (Efron & Stein 1981): runs differ by more than points do. They are widened by Student's quantile with one
 /// degree of freedom less than there are runs, so that 1.96 of them are the 95 % interval also of few runs.
@@ -88,26 +93,38 @@ pub fn fit_warm_up(
     let by_run = |candidate: Option<Candidate>| candidate.map(|of| of.with_errors_by_run(points));
     let single = by_run(best_fit(&grouped, &single_starts(&grouped), 1));
     let double = by_run(best_fit(&grouped, &double_starts(&grouped), 2));
+    let double = double.filter(|c| supported(c, &grouped));
+    let is_told = double.is_some();
     let mut best = (constant, criterion(grouped.len(), constant.rmsd, 1));
-    for (parts, candidate) in [(1, single), (2, double)] {
-        let Some(candidate) = candidate.filter(|c| supported(c, &grouped)) else { continue };
+    for (parts, candidate) in [(1, single.filter(|c| supported(c, &grouped))), (2, double)] {
+        let Some(candidate) = candidate else { continue };
         let score = criterion(grouped.len(), candidate.rmsd, 1 + 2 * parts);
         if score < best.1 {
             best = (candidate.into_fit(joint, speed_fraction, grouped.len()), score);
         }
     }
-    let fit = best.0;
+    let (simpler, score) = best;
+    let parameters = if simpler.slow.is_some() { 3 } else { 1 };
+    let is_better = |early: &Candidate| {
+        criterion(grouped.len(), early.rmsd, 5) < score
+            && bayesian(grouped.len(), early.rmsd, 5) < bayesian(grouped.len(), simpler.rmsd, parameters)
+    };
+    let early = if is_told { None } else { by_run(early_fit(&grouped)) };
+    let fit = match early.filter(|early| supported(early, &grouped) && is_better(early)) {
+        Some(early) => early.into_fit(joint, speed_fraction, grouped.len()),
+        None => simpler,
+    };
     let (first, last) = extent(points.iter().map(|p| p.minute));
     Ok(WarmUpFit { rmsd: warm_up_rmsd(&fit, points), samples: points.len(), record: [first, last], ..fit })
 }
 
 /// A point, or the mean of neighbours in time with their share of all points.
 #[derive(Debug, Clone, Copy)]
-struct Mean {
-    minute: f64,
-    torque: f64,
+pub(super) struct Mean {
+    pub(super) minute: f64,
+    pub(super) torque: f64,
     /// Points that it stands for, of mean one over all.
-    weight: f64,
+    pub(super) weight: f64,
 }
 
 /// The points themselves up to [`MAX_POINTS`], means of neighbours in time of more.
@@ -159,6 +176,12 @@ fn criterion(points: usize, rmsd: f64, parameters: usize) -> f64 {
     n * (rmsd * rmsd).max(f64::MIN_POSITIVE).ln() + 2.0 * k + 2.0 * k * (k + 1.0) / (n - k - 1.0)
 }
 
+/// Bayesian criterion for normal residuals, with the parameters as [`criterion`] counts them.
+fn bayesian(points: usize, rmsd: f64, parameters: usize) -> f64 {
+    let (n, k) = (points as f64, parameters as f64 + 1.0);
+    n * (rmsd * rmsd).max(f64::MIN_POSITIVE).ln() + k * n.ln()
+}
+
 fn constant_fit(joint: JointIndex, speed_fraction: f64, points: &[Mean]) -> Result<WarmUpFit, NumericsError> {
     let n = points.len() as f64;
     let a = points.iter().map(|p| p.weight * p.torque).sum::<f64>() / n;
@@ -174,6 +197,7 @@ fn constant_fit(joint: JointIndex, speed_fraction: f64, points: &[Mean]) -> Resu
         a,
         slow: None,
         fast: None,
+        fast_shown: None,
         rmsd: (squares / n).sqrt(),
         samples: points.len(),
         record: [0.0, 0.0],
@@ -182,10 +206,12 @@ fn constant_fit(joint: JointIndex, speed_fraction: f64, points: &[Mean]) -> Resu
 
 /// An exponential fit with its parts, slowest first.
 #[derive(Debug, Clone)]
-struct Candidate {
-    a: Estimate,
-    parts: Vec<Decay>,
-    rmsd: f64,
+pub(super) struct Candidate {
+    pub(super) a: Estimate,
+    pub(super) parts: Vec<Decay>,
+    /// What the points show of the faster of two parts.
+    pub(super) fast_shown: Option<FastShown>,
+    pub(super) rmsd: f64,
 }
 
 impl Candidate {
@@ -194,6 +220,10 @@ impl Candidate {
             self.a.std_error = errors.of(0, self.a.std_error);
             for (k, part) in self.parts.iter_mut().enumerate() {
                 let (amplitude, time) = (&mut part.amplitude, &mut part.time_constant);
+                // what is known from one side only has no error
+                if time.std_error.is_nan() {
+                    continue;
+                }
                 amplitude.std_error = errors.of(1 + 2 * k, amplitude.std_error);
                 time.std_error = time.value * errors.of(2 + 2 * k, time.std_error / time.value);
             }
@@ -211,6 +241,7 @@ impl Candidate {
             a: self.a,
             slow: parts.next(),
             fast: parts.next(),
+            fast_shown: self.fast_shown,
             rmsd: self.rmsd,
             samples,
             record: [0.0, 0.0],
@@ -277,23 +308,32 @@ fn supported(candidate: &Candidate, points: &[Mean]) -> bool {
     let (first, last) = extent(points.iter().map(|p| p.minute));
     let record = last - first;
     let clear = |e: &Estimate| e.std_error.is_finite() && e.value > MIN_SIGNIFICANCE * e.std_error;
-    let parts_clear = candidate.parts.iter().all(|part| {
-        clear(&part.amplitude)
-            && clear(&part.time_constant)
-            && part.time_constant.value < LONGEST_IN_RECORDS * record
-    });
+    let is_clear = |part: &Decay| match (part.time_constant.std_error.is_nan(), candidate.fast_shown) {
+        (true, Some(shown)) => clear(&shown.at_first),
+        _ => clear(&part.amplitude) && clear(&part.time_constant),
+    };
+    let parts_clear = candidate
+        .parts
+        .iter()
+        .all(|part| is_clear(part) && part.time_constant.value < LONGEST_IN_RECORDS * record);
     let apart = match &candidate.parts[..] {
-        [slow, fast] => slow.time_constant.value > MIN_RATIO * fast.time_constant.value,
+        [slow, fast] => {
+            let fast = match (fast.time_constant.std_error.is_nan(), candidate.fast_shown) {
+                (true, Some(shown)) => shown.longest,
+                _ => fast.time_constant.value,
+            };
+            slow.time_constant.value > MIN_RATIO * fast
+        }
         _ => true,
     };
     parts_clear && apart && clear(&candidate.a)
 }
 
-fn extent(minutes: impl Iterator<Item = f64>) -> (f64, f64) {
+pub(super) fn extent(minutes: impl Iterator<Item = f64>) -> (f64, f64) {
     minutes.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), m| (low.min(m), high.max(m)))
 }
 
-fn single_starts(points: &[Mean]) -> Vec<Vec<f64>> {
+pub(super) fn single_starts(points: &[Mean]) -> Vec<Vec<f64>> {
     let (first, last) = extent(points.iter().map(|p| p.minute));
     let record = (last - first).max(f64::MIN_POSITIVE);
     [0.05, 0.2, 0.6].iter().map(|part| vec![(part * record).ln()]).collect()
@@ -316,11 +356,11 @@ fn best_fit(points: &[Mean], starts: &[Vec<f64>], parts: usize) -> Option<Candid
         .min_by(|x, y| x.rmsd.total_cmp(&y.rmsd))
 }
 
-fn decay(minute: &DVector<f64>, log_time: f64) -> DVector<f64> {
+pub(super) fn decay(minute: &DVector<f64>, log_time: f64) -> DVector<f64> {
     minute.map(|t| (-t / log_time.exp()).exp())
 }
 
-fn decay_slope(minute: &DVector<f64>, log_time: f64) -> DVector<f64> {
+pub(super) fn decay_slope(minute: &DVector<f64>, log_time: f64) -> DVector<f64> {
     minute.map(|t| {
         let x = t / log_time.exp();
         x * (-x).exp()
@@ -367,7 +407,28 @@ fn exponential_fit(points: &[Mean], start: &[f64], parts: usize) -> Option<Candi
     decays.sort_by(|x, y| y.time_constant.value.total_cmp(&x.time_constant.value));
     let rmsd = (residual.norm_squared() / points.len() as f64).sqrt();
     let finite = rmsd.is_finite() && decays.iter().all(|d| d.time_constant.value.is_finite());
-    finite.then_some(Candidate { a: estimate(0), parts: decays, rmsd })
+    let (first, _) = extent(points.iter().map(|p| p.minute));
+    let covariance = statistics.covariance_matrix();
+    let fast_shown = (parts == 2).then(|| shown_at(first, &decays[1], covariance, log_times.as_slice()));
+    finite.then_some(Candidate { a: estimate(0), parts: decays, fast_shown, rmsd })
+}
+
+/// Value of the fast part at `first`, and the longest that its time constant may be. `covariance` is that of `a`, both
+/// amplitudes and the logarithms of both time constants, in the order of the fit's `log_times`.
+fn shown_at(first: f64, fast: &Decay, covariance: &DMatrix<f64>, log_times: &[f64]) -> FastShown {
+    let k = usize::from(log_times[1] < log_times[0]);
+    let (amplitude, time) = (1 + k, 3 + k);
+    let decayed = (-first / fast.time_constant.value).exp();
+    let value = fast.amplitude.value * decayed;
+    let slope = value * first / fast.time_constant.value;
+    let variance = decayed * decayed * covariance[(amplitude, amplitude)]
+        + slope * slope * covariance[(time, time)]
+        + 2.0 * decayed * slope * covariance[(amplitude, time)];
+    let log_error = fast.time_constant.std_error / fast.time_constant.value;
+    FastShown {
+        at_first: Estimate { value, std_error: variance.max(0.0).sqrt() },
+        longest: fast.time_constant.value * (normal_quantile(0.95) * log_error).exp(),
+    }
 }
 
 #[cfg(test)]

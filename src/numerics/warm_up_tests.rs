@@ -215,3 +215,63 @@ fn a_simulated_run_is_followed_to_one_percent_of_every_joint() {
         }
     }
 }
+
+/// 24 cycles of five and a half minutes, both directions half a minute apart: only the first cycle sees a fast part of a
+/// minute.
+fn long_cycles(fast: f64, sigma: f64, seed: u64) -> Vec<WarmUpPoint> {
+    let mut rng = ChaCha8Rng::seed_from_u64(40_000 + seed);
+    (0..48)
+        .map(|i| {
+            let minute = 1.2 + 5.5 * f64::from(i / 2) + 0.5 * f64::from(i % 2);
+            let noise: f64 = rng.sample(StandardNormal);
+            let torque = 10.0 + 3.0 * (-minute / 35.0).exp() + fast * (-minute / 1.0).exp();
+            WarmUpPoint { run: 0, minute, torque: torque + sigma * noise }
+        })
+        .collect()
+}
+
+#[test]
+fn a_fast_part_that_only_the_first_cycle_sees_is_stated_by_what_it_shows() {
+    let (fast, sigma, seeds) = (8.0, 0.07, 60);
+    let truth = fast * (-1.2_f64).exp();
+    let (mut doubles, mut inside, mut bounded, mut warm) = (0, 0, 0, 0);
+    for seed in 0..seeds {
+        let fit = fit_warm_up(JOINT, 0.6, &long_cycles(fast, sigma, seed)).expect("fits");
+        if fit.model != WarmUpModel::Double {
+            continue;
+        }
+        doubles += 1;
+        let shown = fit.fast_shown.expect("a fast part");
+        inside += u32::from((shown.at_first.value - truth).abs() < 1.96 * shown.at_first.std_error);
+        bounded += u32::from(shown.longest >= 1.0);
+        warm += u32::from((fit.a.value - 10.0).abs() < 1.96 * fit.a.std_error);
+        assert!(shown.longest < 6.0, "{shown:?}");
+        assert!(fit.rmsd < 1.4 * sigma, "{fit:?}");
+        let (slow, fast) = (fit.slow.expect("slow"), fit.fast.expect("fast"));
+        assert!(
+            slow.time_constant.value > fast.time_constant.value && fast.time_constant.value <= shown.longest
+        );
+        // the curve that the points show is kept: the parts give the value at the first point
+        let at_first = fast.amplitude.value * (-1.2 / fast.time_constant.value).exp();
+        assert!((at_first / shown.at_first.value - 1.0).abs() < 1e-9);
+    }
+    assert!(doubles >= 57, "{doubles} of {seeds}");
+    let least = 0.88 * f64::from(doubles);
+    assert!([inside, bounded, warm].iter().all(|held| f64::from(*held) > least), "{inside} {bounded} {warm}");
+}
+
+#[test]
+fn neither_a_single_exponential_nor_an_outlier_is_given_a_fast_part() {
+    let singles = (0..100).filter(|&seed| {
+        let fit = fit_warm_up(JOINT, 0.6, &long_cycles(0.0, 0.07, seed)).expect("fits");
+        fit.model == WarmUpModel::Single
+    });
+    let singles = singles.count();
+    assert!(singles >= 95, "{singles}");
+    for seed in 0..20 {
+        let mut points = long_cycles(0.0, 0.07, seed);
+        points[0].torque += 1.0;
+        let fit = fit_warm_up(JOINT, 0.6, &points).expect("fits");
+        assert!(fit.fast.is_none_or(|fast| fast.time_constant.std_error.is_finite()), "{fit:?}");
+    }
+}

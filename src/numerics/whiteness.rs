@@ -4,6 +4,7 @@
 //! under white noise, `Q` of `h` lags is chi-square with `h` degrees of freedom.
 
 use super::statistics::{mean, standard_deviation};
+use super::student::chi_square_tail;
 use crate::analysis::Estimate;
 
 /// Fewest values of which memory can be told from chance.
@@ -97,7 +98,7 @@ pub fn whiteness(values: &[f64]) -> Option<Whiteness> {
         lag_1: Estimate { value: correlation(1), std_error: ((n - 1.0) / (n * (n + 2.0))).sqrt() },
         lags,
         ljung_box,
-        p_value: chi_square_tail(ljung_box, lags),
+        p_value: chi_square_tail(ljung_box, lags as f64),
     })
 }
 
@@ -122,18 +123,6 @@ fn products(values: &[f64], mean: f64, lag: usize) -> f64 {
     values.iter().zip(&values[lag..]).map(|(x, later)| (x - mean) * (later - mean)).sum()
 }
 
-/// Probability that chi-square with an even number of degrees of freedom exceeds `x`:
-/// `exp(-x/2) sum_{k < freedom/2} (x/2)^k / k!` (Abramowitz & Stegun 26.4.5).
-fn chi_square_tail(x: f64, freedom: usize) -> f64 {
-    let half = 0.5 * x;
-    let terms = (0..freedom / 2).scan(1.0, |term, k| {
-        let this = *term;
-        *term *= half / (k as f64 + 1.0);
-        Some(this)
-    });
-    (-half).exp() * terms.sum::<f64>()
-}
-
 #[cfg(test)]
 mod tests {
     use rand::{Rng, SeedableRng};
@@ -152,13 +141,6 @@ mod tests {
                 state
             })
             .collect()
-    }
-
-    #[test]
-    fn tails_are_those_of_tables() {
-        for (x, freedom, table) in [(5.991, 2, 0.05), (9.488, 4, 0.05), (23.209, 10, 0.01), (0.0, 4, 1.0)] {
-            assert!((chi_square_tail(x, freedom) - table).abs() < 1e-4, "{x} {freedom}");
-        }
     }
 
     #[test]

@@ -54,6 +54,11 @@ impl Pipeline {
     async fn conclude_robot(&self, robot: &StaleRobot) -> Result<Concluded, PipelineError> {
         // of two at once, the one that has read less must not be the later to write
         let _turn = self.concluding.lock().await;
+        // no conclusion compares figures of two estimators
+        let history = match self.reweight_robot(robot.robot_id).await? {
+            true => self.store.conclude(robot.robot_id).await?.history().await?,
+            false => robot.history,
+        };
         let summaries = self.store.run_summaries(robot.robot_id).await?;
         let level = reference_level(&summaries, self.config.analysis.reference_speed_fraction);
         let points = self.store.friction_history(robot.robot_id, level).await?;
@@ -66,10 +71,10 @@ impl Pipeline {
         for remark in &friction.found.remarks {
             tracing::debug!(robot = robot.name, "{remark}");
         }
-        let settled = production::settle(&self.store, robot.robot_id).await?;
+        let settled = production::settle(&self.store, robot.robot_id, self.config.analysis.estimator).await?;
         let mut conclusion = self.store.conclude(robot.robot_id).await?;
         // a test that has changed meanwhile gave parameters that nobody stores any more
-        if conclusion.history().await? == robot.history {
+        if conclusion.history().await? == history {
             for (run_id, checks) in &settled {
                 conclusion.settle_production(*run_id, checks).await?;
             }
@@ -80,7 +85,7 @@ impl Pipeline {
         let mut findings = detect(&conclusion.run_summaries().await?, &self.config.detect);
         findings.anomalies.extend(detect_production(&conclusion.production_summaries().await?));
         let reconciled = conclusion.reconcile(&findings).await?;
-        conclusion.commit(robot.history).await?;
+        conclusion.commit(history).await?;
         let new_anomalies = self.opened(&reconciled.opened).await?;
         Ok(Concluded { robot: robot.name.clone(), new_anomalies })
     }

@@ -1,6 +1,6 @@
 //! Drive gains from stored factors of recordings without and with a known load: no export is read.
 
-use super::stored::{Chosen, StoredError, chosen_cycles, independent_shares, merged};
+use super::stored::{Chosen, ChosenCycles, StoredError, chosen_cycles, independent_shares, merged, told};
 use crate::numerics::NumericsError;
 use crate::numerics::base::base_parameters;
 use crate::numerics::drive_gain::{JointGain, RecordedCycle, drive_gains, load_change};
@@ -65,7 +65,14 @@ fn gains(
 
 async fn read(store: &Store, robot: &Robot, chosen: &Chosen) -> Result<Vec<StoredCycle>, StoredError> {
     let run_id = chosen.run_id;
-    let cycles = chosen_cycles(store, chosen, FactorsWanted::Identification).await?;
+    let ChosenCycles { cycles, passed_over } =
+        chosen_cycles(store, chosen, FactorsWanted::Identification).await?;
+    if cycles.is_empty() {
+        return Err(StoredError::PassedOver(passed_over));
+    }
+    if !passed_over.is_empty() {
+        tracing::warn!("passed over: {}", told(&passed_over));
+    }
     match cycles.iter().find(|cycle| !cycle.model.describes(robot)) {
         Some(_) => Err(StoredError::Refused(format!(
             "run {run_id} was analysed with another description than {} has now: the load's place on the arm would \

@@ -20,6 +20,9 @@ mod production;
 pub mod record;
 pub mod replay;
 pub mod reestimate;
+pub mod reweight;
+#[cfg(test)]
+mod reweight_tests;
 pub mod resume;
 #[cfg(test)]
 mod resume_tests;
@@ -199,8 +202,11 @@ impl Pipeline {
     /// The same pipeline under another configuration, for exports that are taken from now on.
     #[must_use]
     pub fn with_config(&self, config: Arc<Config>) -> Self {
-        let same_analysis = config.analysis == self.config.analysis;
-        let methods = if same_analysis { Arc::clone(&self.methods) } else { Arc::default() };
+        // structure analyses hold the settings of `[analysis]`
+        let methods = match config.analysis == self.config.analysis {
+            true => Arc::clone(&self.methods),
+            false => Arc::default(),
+        };
         Self { config, methods, ..self.clone() }
     }
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::intake::Intake;
 use super::stored::{Candidate, Chosen, StoredError, unit_identification};
 use super::{Pipeline, PipelineError};
-use crate::analysis::{CycleAnalysis, ProductionCheck};
+use crate::analysis::{CycleAnalysis, Estimator, ProductionCheck};
 use crate::config::Layout;
 use crate::numerics::analyse::{Method, analyse_cycle};
 use crate::numerics::factors::{JointColumns, unpack};
@@ -64,33 +64,43 @@ pub(super) async fn work(
         return Ok(work_alone(&intake.layout, method));
     }
     // what is said of a window while its log is still written; conclusions settle it
+    let estimator = pipeline.config().analysis.estimator.of_factors();
     for test in store.reference_runs(intake.run_id, MOST_REFERENCES).await? {
-        if let Some(found) = candidate(store, test).await?
+        if let Some(found) = candidate(store, test, estimator).await?
             && found.model.describes(&intake.robot)
         {
-            return Ok(Work::Production(Arc::clone(method), Some(as_reference(test, &found))));
+            return Ok(Work::Production(Arc::clone(method), Some(as_reference(test, estimator, &found))));
         }
     }
     Ok(Work::Production(Arc::clone(method), None))
 }
 
 /// Parameters of a test, those of all its cycles together; `None` where they cannot be had.
-async fn reference(store: &Store, run_id: i64) -> Result<Option<Arc<Reference>>, PipelineError> {
-    Ok(candidate(store, run_id).await?.map(|candidate| as_reference(run_id, &candidate)))
+async fn reference(
+    store: &Store,
+    run_id: i64,
+    estimator: Estimator,
+) -> Result<Option<Arc<Reference>>, PipelineError> {
+    let found = candidate(store, run_id, estimator).await?;
+    Ok(found.map(|candidate| as_reference(run_id, estimator, &candidate)))
 }
 
-fn as_reference(run_id: i64, candidate: &Candidate) -> Arc<Reference> {
+fn as_reference(run_id: i64, estimator: Estimator, candidate: &Candidate) -> Arc<Reference> {
     let parameters = candidate.parameters.iter().map(|parameter| (parameter.id, parameter.value));
-    Arc::new(Reference { run_id, parameters: parameters.collect() })
+    Arc::new(Reference { run_id, estimator, parameters: parameters.collect() })
 }
 
-async fn candidate(store: &Store, run_id: i64) -> Result<Option<Candidate>, PipelineError> {
-    match unit_identification(store, &[Chosen { run_id, cycles: None }]).await {
+async fn candidate(
+    store: &Store,
+    run_id: i64,
+    estimator: Estimator,
+) -> Result<Option<Candidate>, PipelineError> {
+    match unit_identification(store, &[Chosen { run_id, cycles: None }], estimator).await {
         Ok(set) => Ok(Some(Candidate { model: set.model, parameters: set.identification.parameters })),
         Err(StoredError::Store(error)) => Err(error.into()),
         Err(StoredError::Task(error)) => Err(error.into()),
         // stored by an older program, or a motion too poor: another test may do
-        Err(StoredError::Numerics(_) | StoredError::Refused(_)) => Ok(None),
+        Err(StoredError::Numerics(_) | StoredError::Refused(_) | StoredError::PassedOver(_)) => Ok(None),
     }
 }
 
@@ -101,12 +111,18 @@ pub(super) type Settled = (i64, Vec<(u32, ProductionCheck)>);
 /// from stored factors: no export is read.
 ///
 /// A window belongs to the last test that started no later, else to the first one; a test without parameters of the
-/// window's description is passed over.
+/// window's description is passed over. What is stored by another estimator than the configured one, or what stands for
+/// it on factors, is made again.
 ///
 /// # Errors
 /// Those of the store.
-pub(super) async fn settle(store: &Store, robot_id: i64) -> Result<Vec<Settled>, PipelineError> {
-    let windows = store.production_windows(robot_id).await?;
+pub(super) async fn settle(
+    store: &Store,
+    robot_id: i64,
+    estimator: Estimator,
+) -> Result<Vec<Settled>, PipelineError> {
+    let estimator = estimator.of_factors();
+    let windows = store.production_windows(robot_id, estimator).await?;
     if windows.is_empty() {
         return Ok(Vec::new());
     }
@@ -120,7 +136,7 @@ pub(super) async fn settle(store: &Store, robot_id: i64) -> Result<Vec<Settled>,
             }
             let candidate = match candidates.entry(test.run_id) {
                 Entry::Occupied(known) => known.into_mut(),
-                Entry::Vacant(new) => new.insert(reference(store, test.run_id).await?),
+                Entry::Vacant(new) => new.insert(reference(store, test.run_id, estimator).await?),
             };
             if let Some(reference) = candidate {
                 due.entry(window.run_id).or_default().insert(window.cycle, Arc::clone(reference));

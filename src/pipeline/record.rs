@@ -153,7 +153,7 @@ pub(super) async fn write_down(
 }
 
 /// Turns rows by cycle into series by parameter and joint.
-fn as_results(measurements: RunMeasurements) -> RunResults {
+pub(super) fn as_results(measurements: RunMeasurements) -> RunResults {
     let friction_points: Vec<(u32, FrictionPoint)> =
         measurements.friction_points.into_iter().map(|row| (row.cycle, row.point)).collect();
     let mut parameters: Vec<(ParameterId, Vec<(u32, f64)>)> = Vec::new();

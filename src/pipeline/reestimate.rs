@@ -1,6 +1,6 @@
 //! Estimators of one's choice on stored factors: on cycles together, or on each of a history.
 
-use super::stored::{Chosen, StoredError, Taken, add, chosen_cycles, merged, same_model, source};
+use super::stored::{Chosen, PassedOver, StoredError, Taken, add, chosen_cycles, merged, same_model, source};
 use crate::analysis::IdentifiedParameter;
 use crate::numerics::NumericsError;
 use crate::numerics::cross::{RowWeights, Union};
@@ -121,7 +121,7 @@ fn together(
     }
 }
 
-/// Identifies every chosen cycle alone. `progress` hears after each run how many cycles are done. Runs
+/// Identifies every chosen cycle alone; with the cycles of whole runs that are passed over. `progress` hears after each run how many cycles are done. Runs
 /// are read one after another; a cycle that gives no parameters says why.
 ///
 /// # Errors
@@ -132,7 +132,7 @@ pub async fn reestimate(
     chosen: &[Chosen],
     choice: &Choice,
     progress: &mut dyn FnMut(usize),
-) -> Result<Reestimate, StoredError> {
+) -> Result<(Reestimate, Vec<PassedOver>), StoredError> {
     if *choice == Choice::Huber {
         return Err(StoredError::Refused(
             "huber weighs cycles against each other and has nothing to weigh in one; take another estimator"
@@ -141,8 +141,11 @@ pub async fn reestimate(
     }
     let mut model: Option<(StoredModel, i64)> = None;
     let mut cycles = Vec::new();
+    let mut passed_over = Vec::new();
     for of_run in merged(chosen) {
-        for cycle in chosen_cycles(store, &of_run, FactorsWanted::Identification).await? {
+        let of_run = chosen_cycles(store, &of_run, FactorsWanted::Identification).await?;
+        passed_over.extend(of_run.passed_over);
+        for cycle in of_run.cycles {
             let (model, first_run) = model.get_or_insert_with(|| (cycle.model.clone(), cycle.run_id));
             same_model(model, *first_run, &cycle)?;
             let choice = choice.clone();
@@ -151,10 +154,13 @@ pub async fn reestimate(
         }
     }
     let Some((model, _)) = model else {
-        return Err(StoredError::Refused("no cycles are chosen".into()));
+        return Err(match passed_over.is_empty() {
+            true => StoredError::Refused("no cycles are chosen".into()),
+            false => StoredError::PassedOver(passed_over),
+        });
     };
     let statistics = statistics(&cycles);
-    Ok(Reestimate { model, estimator: choice.kind(), cycles, statistics })
+    Ok((Reestimate { model, estimator: choice.kind(), cycles, statistics }, passed_over))
 }
 
 fn one_cycle(cycle: StoredCycle, choice: &Choice) -> ReestimatedCycle {

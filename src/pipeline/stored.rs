@@ -5,14 +5,16 @@ use std::sync::Arc;
 
 use tokio::task::JoinError;
 
-use crate::analysis::{IdentifiedParameter, TorqueRmsd};
+use crate::analysis::{self, IdentifiedParameter, TorqueRmsd};
 use crate::numerics::NumericsError;
 use crate::numerics::cross::{Union, independent_fraction};
 use crate::numerics::factors::{JointColumns, JointFactor, unpack};
 use crate::numerics::history::{Estimator, EstimatorKind, estimate};
 use crate::numerics::verify::{StageSums, torque_rmsd};
 use crate::robot::JointIndex;
-use crate::store::{FactorsWanted, ParameterSet, SourceCycle, Store, StoreError, StoredCycle, StoredModel};
+use crate::store::{
+    CycleState, FactorsWanted, ParameterSet, SourceCycle, Store, StoreError, StoredCycle, StoredModel,
+};
 
 /// Cycles of one run.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -43,11 +45,27 @@ pub struct CrossVerification {
     pub rmsd: Vec<TorqueRmsd>,
     /// The same for each cycle.
     pub by_cycle: Vec<(u32, Vec<TorqueRmsd>)>,
+    /// Cycles of the run that take no part.
+    pub passed_over: Vec<PassedOver>,
+}
+
+/// A cycle that takes no part although its run was chosen.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PassedOver {
+    /// The run.
+    pub run_id: i64,
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// Why.
+    pub reason: String,
 }
 
 /// Why there is no answer.
 #[derive(Debug, thiserror::Error)]
 pub enum StoredError {
+    /// Every chosen cycle was refused when it was read, or has no factors.
+    #[error("no cycle is left to take: {}", told(.0))]
+    PassedOver(Vec<PassedOver>),
     /// The database failed.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -75,21 +93,28 @@ pub struct Taken {
     pub union: Union,
     /// Which they are, in the order of the union's.
     pub sources: Vec<SourceCycle>,
+    /// Cycles of the chosen runs that take no part.
+    pub passed_over: Vec<PassedOver>,
 }
 
-/// Takes the chosen cycles together.
+/// Takes the chosen cycles together. Of whole runs, cycles that were refused when they were read are passed over.
 ///
 /// # Errors
-/// [`StoredError::Refused`] if a run has no factors, a cycle that is asked for is not among them, the
-/// cycles belong to different descriptions, or there are more than [`MAX_CYCLES_TOGETHER`].
+/// [`StoredError::PassedOver`] if none is left; [`StoredError::Refused`] if a run has no cycles, a cycle that is asked
+/// for has no factors, the cycles belong to different descriptions, or there are more than [`MAX_CYCLES_TOGETHER`].
 pub async fn take(store: &Store, chosen: &[Chosen]) -> Result<Taken, StoredError> {
     let mut taken: Option<(Taken, i64)> = None;
+    let mut passed_over = Vec::new();
     for of_run in merged(chosen) {
-        for cycle in chosen_cycles(store, &of_run, FactorsWanted::Identification).await? {
+        let ChosenCycles { cycles, passed_over: of_run } =
+            chosen_cycles(store, &of_run, FactorsWanted::Identification).await?;
+        passed_over.extend(of_run);
+        for cycle in cycles {
             let columns = JointColumns::of_stored(&cycle.factors.columns);
             let (taken, first_run) = taken.get_or_insert_with(|| {
                 let union = Union::new(columns.clone());
-                (Taken { model: cycle.model.clone(), union, sources: Vec::new() }, cycle.run_id)
+                let (model, sources) = (cycle.model.clone(), Vec::new());
+                (Taken { model, union, sources, passed_over: Vec::new() }, cycle.run_id)
             });
             same_model(&taken.model, *first_run, &cycle)?;
             if taken.sources.len() == MAX_CYCLES_TOGETHER {
@@ -101,7 +126,11 @@ pub async fn take(store: &Store, chosen: &[Chosen]) -> Result<Taken, StoredError
             taken.sources.push(source(cycle));
         }
     }
-    taken.map(|(taken, _)| taken).ok_or_else(|| StoredError::Refused("no cycles are chosen".into()))
+    match taken {
+        Some((taken, _)) => Ok(Taken { passed_over, ..taken }),
+        None if passed_over.is_empty() => Err(StoredError::Refused("no cycles are chosen".into())),
+        None => Err(StoredError::PassedOver(passed_over)),
+    }
 }
 
 /// Adds a stored cycle to a union: the one place that says how many of its rows are independent.
@@ -118,17 +147,28 @@ pub(super) fn source(cycle: StoredCycle) -> SourceCycle {
 }
 
 /// Identifies one parameter set on the chosen cycles, joints stacked, moving rows of their
-/// excitation stages, by ordinary least squares.
+/// excitation stages, with the configured `estimator`, or what stands for it on factors
+/// ([`analysis::Estimator::of_factors`]).
 ///
 /// # Errors
 /// As [`take`]; [`StoredError::Numerics`] if the motion is too poor.
-pub async fn unit_identification(store: &Store, chosen: &[Chosen]) -> Result<ParameterSet, StoredError> {
-    let Taken { model, union, sources } = take(store, chosen).await?;
-    let found = tokio::task::spawn_blocking(move || estimate(&union, &Estimator::Ordinary)).await??;
+pub async fn unit_identification(
+    store: &Store,
+    chosen: &[Chosen],
+    estimator: analysis::Estimator,
+) -> Result<ParameterSet, StoredError> {
+    let (estimator, kind) = match estimator.of_factors() {
+        analysis::Estimator::Ordinary => (Estimator::Ordinary, EstimatorKind::Ordinary),
+        analysis::Estimator::Weighted | analysis::Estimator::Huber => {
+            (Estimator::Weighted, EstimatorKind::Weighted)
+        }
+    };
+    let Taken { model, union, sources, .. } = take(store, chosen).await?;
+    let found = tokio::task::spawn_blocking(move || estimate(&union, &estimator)).await??;
     Ok(ParameterSet {
         model,
         errors: found.errors.source(),
-        estimator: EstimatorKind::Ordinary,
+        estimator: kind,
         identification: found.identification,
         sources,
     })
@@ -145,7 +185,7 @@ pub async fn rmsd_on(
 ) -> Result<Vec<TorqueRmsd>, StoredError> {
     let mut sums = StageSums::default();
     for of_run in merged(chosen) {
-        for cycle in chosen_cycles(store, &of_run, FactorsWanted::All).await? {
+        for cycle in chosen_cycles(store, &of_run, FactorsWanted::All).await?.cycles {
             same_model(&candidate.model, of_run.run_id, &cycle)?;
             let columns = JointColumns::of_stored(&cycle.factors.columns);
             sums.add(&columns, &unpack(&cycle.factors)?, &theta(&columns, candidate)?);
@@ -166,7 +206,7 @@ pub async fn rmsd_of_views(
 ) -> Result<Vec<TorqueRmsd>, StoredError> {
     let mut sums = StageSums::default();
     for of_run in merged(chosen) {
-        for cycle in chosen_cycles(store, &of_run, FactorsWanted::All).await? {
+        for cycle in chosen_cycles(store, &of_run, FactorsWanted::All).await?.cycles {
             let columns = JointColumns::of_stored(&cycle.factors.columns);
             let factors = unpack(&cycle.factors)?;
             for (joint, parameters) in views {
@@ -194,9 +234,9 @@ pub async fn cross_verification(
     let mut verified = Vec::new();
     for &run_id in runs {
         let of_run = Chosen { run_id, cycles: None };
-        let cycles = chosen_cycles(store, &of_run, FactorsWanted::All).await?;
+        let chosen = chosen_cycles(store, &of_run, FactorsWanted::All).await?;
         let candidates = Arc::clone(&candidates);
-        let of_run = tokio::task::spawn_blocking(move || verify_run(&candidates, run_id, &cycles)).await??;
+        let of_run = tokio::task::spawn_blocking(move || verify_run(&candidates, run_id, chosen)).await??;
         verified.extend(of_run);
     }
     Ok(verified)
@@ -205,12 +245,15 @@ pub async fn cross_verification(
 fn verify_run(
     candidates: &[Candidate],
     run_id: i64,
-    cycles: &[StoredCycle],
+    ChosenCycles { cycles, passed_over }: ChosenCycles,
 ) -> Result<Vec<CrossVerification>, StoredError> {
-    let empty = |candidate| CrossVerification { candidate, run_id, rmsd: Vec::new(), by_cycle: Vec::new() };
+    let empty = |candidate| {
+        let (rmsd, by_cycle, passed_over) = (Vec::new(), Vec::new(), passed_over.clone());
+        CrossVerification { candidate, run_id, rmsd, by_cycle, passed_over }
+    };
     let mut verified: Vec<CrossVerification> = (0..candidates.len()).map(empty).collect();
     let mut sums = vec![StageSums::default(); candidates.len()];
-    for cycle in cycles {
+    for cycle in &cycles {
         let columns = JointColumns::of_stored(&cycle.factors.columns);
         let factors = unpack(&cycle.factors)?;
         for ((candidate, verified), sums) in candidates.iter().zip(&mut verified).zip(&mut sums) {
@@ -236,40 +279,71 @@ pub(super) fn merged(chosen: &[Chosen]) -> Vec<Chosen> {
     by_run.into_iter().map(|(run_id, cycles)| Chosen { run_id, cycles }).collect()
 }
 
+/// Cycles of a run, and those of it that take no part.
+#[derive(Debug, Clone)]
+pub(super) struct ChosenCycles {
+    pub(super) cycles: Vec<StoredCycle>,
+    pub(super) passed_over: Vec<PassedOver>,
+}
+
+/// Cycles with factors that a choice names. Of a whole run, refused and doubtful ones are passed over; one that is
+/// asked for by its number is taken if its factors are stored.
 pub(super) async fn chosen_cycles(
     store: &Store,
     chosen: &Chosen,
     wanted: FactorsWanted,
-) -> Result<Vec<StoredCycle>, StoredError> {
+) -> Result<ChosenCycles, StoredError> {
     let run_id = chosen.run_id;
+    let states = store.cycle_states(run_id).await?;
     let mut cycles = store.factors_of_run(run_id, wanted).await?;
-    if cycles.is_empty() {
+    if states.is_empty() {
         return Err(StoredError::Refused(format!(
-            "run {run_id} has no factors: it is unknown or quarantined, or was stored by an older program; \
+            "run {run_id} has no factors: it is unknown, or no cycle of it is stored; \
              `SELECT run_id, robot, started_at, status FROM runs` lists the runs"
         )));
     }
+    let has_factors = |cycles: &[StoredCycle], number: u32| cycles.iter().any(|cycle| cycle.cycle == number);
+    let with_factors: Vec<u32> = cycles.iter().map(|cycle| cycle.cycle).collect();
+    let why = |number: u32| match states.iter().find(|state| state.cycle == number) {
+        Some(CycleState { reason: Some(reason), .. }) => format!("refused when it was read: {reason}"),
+        Some(_) if with_factors.contains(&number) => "doubtful, as its remarks say".to_owned(),
+        _ => "no factors are stored: it was stored by an older program".to_owned(),
+    };
     if let Some(numbers) = &chosen.cycles {
-        if let Some(missing) = numbers.iter().find(|n| cycles.iter().all(|cycle| cycle.cycle != **n)) {
-            return Err(StoredError::Refused(format!("run {run_id} has no cycle {missing} with factors")));
+        if let Some(missing) = numbers.iter().find(|number| !has_factors(&cycles, **number)) {
+            return Err(StoredError::Refused(match states.iter().any(|state| state.cycle == *missing) {
+                true => format!("cycle {missing} of run {run_id} has no factors: {}", why(*missing)),
+                false => format!("run {run_id} has no cycle {missing}"),
+            }));
         }
         cycles.retain(|cycle| numbers.contains(&cycle.cycle));
-        return Ok(cycles);
+        return Ok(ChosenCycles { cycles, passed_over: Vec::new() });
     }
-    // a run as a whole is its cycles that count; those that do not are taken by their numbers
-    match (cycles.iter().any(|cycle| cycle.counts), wanted) {
-        (true, _) => cycles.retain(|cycle| cycle.counts),
-        (false, FactorsWanted::All) => {}
-        (false, FactorsWanted::Identification) => {
-            return Err(StoredError::Refused(format!(
-                "run {run_id} has no complete cycle: its {} cycles are refused or doubtful; `SELECT cycle, status, reason, \
-                 remarks FROM cycles WHERE run_id = {run_id}` says why, and cycles named by their numbers are taken all \
-                 the same",
-                cycles.len()
-            )));
-        }
+    // a run of which nothing counts can be verified all the same: its factors say what it measured
+    if wanted == FactorsWanted::Identification || cycles.iter().any(|cycle| cycle.counts) {
+        cycles.retain(|cycle| cycle.counts);
     }
-    Ok(cycles)
+    let without = states.iter().map(|state| state.cycle).filter(|number| !has_factors(&cycles, *number));
+    let passed_over = without.map(|cycle| PassedOver { run_id, cycle, reason: why(cycle) }).collect();
+    Ok(ChosenCycles { cycles, passed_over })
+}
+
+/// What was passed over, in one sentence: cycles of a run in a row with one reason are told together.
+#[must_use]
+pub fn told(passed_over: &[PassedOver]) -> String {
+    let alike =
+        passed_over.chunk_by(|a, b| (a.run_id, &a.reason, a.cycle + 1) == (b.run_id, &b.reason, b.cycle));
+    let parts: Vec<String> = alike
+        .map(|alike| {
+            let (first, last) = (&alike[0], &alike[alike.len() - 1]);
+            let cycles = match alike.len() {
+                1 => format!("cycle {}", first.cycle),
+                _ => format!("cycles {} to {}", first.cycle, last.cycle),
+            };
+            format!("run {}, {cycles}: {}", first.run_id, first.reason)
+        })
+        .collect();
+    parts.join("; ")
 }
 
 pub(super) fn same_model(model: &StoredModel, of: i64, cycle: &StoredCycle) -> Result<(), StoredError> {

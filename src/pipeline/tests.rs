@@ -6,6 +6,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::stored::{Candidate, Chosen, cross_verification, rmsd_on, unit_identification};
 use super::{Outcome, Pipeline, Retry};
+use crate::analysis::Estimator;
 use crate::config::Config;
 use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::source::open_hashing;
@@ -49,9 +50,9 @@ fn cycles_of(export: &Path, method: &Method, entry: &crate::config::FleetEntry) 
 }
 
 impl Ingested {
-    async fn unit(&self, cycles: &[u32]) -> ParameterSet {
+    async fn unit(&self, cycles: &[u32], estimator: Estimator) -> ParameterSet {
         let chosen = Chosen { run_id: 1, cycles: Some(cycles.to_vec()) };
-        unit_identification(&self.store, &[chosen]).await.expect("parameters")
+        unit_identification(&self.store, &[chosen], estimator).await.expect("parameters")
     }
 
     fn theta(&self, set: &ParameterSet) -> Vec<f64> {
@@ -62,7 +63,7 @@ impl Ingested {
     /// Parameters from the factors of two cycles, and their deviation on a third one, are those of
     /// the rows.
     async fn assert_like_the_rows(&self) {
-        let set = self.unit(&[1, 2]).await;
+        let set = self.unit(&[1, 2], Estimator::Ordinary).await;
         let theta = self.theta(&set);
         assert_equal(&theta, &raw_parameters(&self.method, &[&self.cycles[0], &self.cycles[1]]));
         let candidate = Candidate { model: set.model, parameters: set.identification.parameters };
@@ -94,7 +95,7 @@ async fn a_simulated_export_needs_no_second_reading() {
     let ingested = ingested(&files.export, folder).await;
     ingested.assert_like_the_rows().await;
 
-    let one = ingested.unit(&[2]).await;
+    let one = ingested.unit(&[2], Estimator::Weighted).await;
     let mut stored = ingested.store.cycle_parameters(1, 2).await.expect("parameters");
     stored.sort_by_key(|parameter| parameter.id);
     let values = |of: &[crate::analysis::IdentifiedParameter]| -> (Vec<f64>, Vec<f64>) {
@@ -113,8 +114,8 @@ async fn what_is_not_there_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let store = Store::open(&folder.path().join("fleet.db")).await.expect("a store");
     let chosen = Chosen { run_id: 7, cycles: None };
-    let error = unit_identification(&store, &[chosen]).await.expect_err("no run");
+    let error = unit_identification(&store, &[chosen], Estimator::Weighted).await.expect_err("no run");
     assert!(error.to_string().contains("run 7 has no factors"), "{error}");
-    let error = unit_identification(&store, &[]).await.expect_err("nothing");
+    let error = unit_identification(&store, &[], Estimator::Weighted).await.expect_err("nothing");
     assert!(error.to_string().contains("no cycles"), "{error}");
 }

@@ -9,7 +9,11 @@ use super::resume::ReadSoFar;
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number, json_numbers};
 use super::{factors, ledger, models, production, resume, temperatures};
 use crate::analysis::refusal::RefusalCause;
-use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, JointResidual, Rmsd, TorqueRmsd};
+use crate::analysis::{
+    CycleAnalysis, Estimator, FrictionPoint, Identification, IdentifiedParameter, JointResidual, Rmsd,
+    TorqueRmsd,
+};
+use crate::numerics::student::{LEVEL, half_width};
 use crate::robot::{ParameterId, Robot};
 
 /// What became of a cycle that was offered.
@@ -45,18 +49,11 @@ pub(super) async fn record_cycle(
     wanted.sort_unstable();
     let model = models::robot_model_id(&mut *connection, robot).await?;
     let keys = models::ensure_parameters(&mut *connection, model, robot, &wanted).await?;
-    for rows in parameters.chunks(ROWS_PER_STATEMENT) {
-        insert_parameters(&mut *connection, cycle_id, &keys, rows).await?;
+    if let Ok(found) = &analysis.identification {
+        record_identification(&mut *connection, cycle_id, &keys, found, &analysis.verification).await?;
     }
     if analysis.refusal().is_some() && !analysis.refusal_causes.is_empty() {
         insert_causes(&mut *connection, cycle_id, &analysis.refusal_causes).await?;
-    }
-    let residuals = analysis.identification.as_ref().map_or(&[][..], |i| &i.residuals[..]);
-    for rows in residuals.chunks(ROWS_PER_STATEMENT) {
-        insert_residuals(&mut *connection, cycle_id, rows).await?;
-    }
-    for rows in analysis.verification.chunks(ROWS_PER_STATEMENT) {
-        insert_rmsd(&mut *connection, cycle_id, None, rows).await?;
     }
     factors::record_contrast(&mut *connection, cycle_id, &analysis.warming_contrast).await?;
     factors::record(&mut *connection, cycle_id, model, &keys, &analysis.factors).await?;
@@ -75,6 +72,26 @@ pub(super) async fn record_cycle(
     Ok(Recorded::Stored)
 }
 
+/// Writes what identification gave: parameters, what is left of each joint's torque, and self-verification.
+pub(super) async fn record_identification(
+    connection: &mut SqliteConnection,
+    cycle_id: i64,
+    keys: &HashMap<ParameterId, i64>,
+    found: &Identification,
+    verification: &[TorqueRmsd],
+) -> Result<(), sqlx::Error> {
+    for rows in found.parameters.chunks(ROWS_PER_STATEMENT) {
+        insert_parameters(&mut *connection, cycle_id, keys, rows).await?;
+    }
+    for rows in found.residuals.chunks(ROWS_PER_STATEMENT) {
+        insert_residuals(&mut *connection, cycle_id, rows).await?;
+    }
+    for rows in verification.chunks(ROWS_PER_STATEMENT) {
+        insert_rmsd(&mut *connection, cycle_id, None, rows).await?;
+    }
+    Ok(())
+}
+
 /// Enters a cycle; `None` if the run has one of that number.
 async fn insert_cycle(
     executor: impl SqliteExecutor<'_>,
@@ -87,8 +104,8 @@ async fn insert_cycle(
     sqlx::query_scalar(
         "INSERT INTO cycle (run_id, number, started_at, duration_s, rows, sample_rate_hz, cutoff_hz, status, reason,
                             remarks, samples, condition_number, scaled_condition_number, residual_std_nm,
-                            estimator, mean_speeds_rad_s, doubtful)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+                            estimator, mean_speeds_rad_s, doubtful, error_basis)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
          ON CONFLICT (run_id, number) DO NOTHING
          RETURNING cycle_id",
     )
@@ -109,6 +126,7 @@ async fn insert_cycle(
     .bind(analysis.estimator.name())
     .bind((!analysis.mean_speeds.is_empty()).then(|| json_numbers(&analysis.mean_speeds)))
     .bind(analysis.is_doubtful())
+    .bind(identification.is_ok().then_some("blocks"))
     .fetch_optional(executor)
     .await
 }
@@ -120,14 +138,16 @@ async fn insert_parameters(
     rows: &[IdentifiedParameter],
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Sqlite>::new(
-        "INSERT INTO cycle_parameter (cycle_id, model_parameter_id, value, std_error, degrees_of_freedom) ",
+        "INSERT INTO cycle_parameter (cycle_id, model_parameter_id, value, std_error, degrees_of_freedom,
+                                      half_width_95) ",
     )
     .push_values(rows, |mut row, parameter| {
         row.push_bind(cycle_id)
             .push_bind(keys.get(&parameter.id).copied())
             .push_bind(finite(parameter.value))
             .push_bind(finite(parameter.std_error))
-            .push_bind(finite(parameter.degrees_of_freedom));
+            .push_bind(finite(parameter.degrees_of_freedom))
+            .push_bind(finite(half_width(parameter, LEVEL)));
     })
     .build()
     .execute(executor)
@@ -179,23 +199,24 @@ async fn insert_residuals(
     Ok(())
 }
 
-/// Enters self-verification, or cross-verification with the parameters of a run.
+/// Enters self-verification, or cross-verification with the parameters of a run by an estimator.
 pub(super) async fn insert_rmsd(
     executor: impl SqliteExecutor<'_>,
     cycle_id: i64,
-    reference_run_id: Option<i64>,
+    reference: Option<(i64, Estimator)>,
     rows: &[TorqueRmsd],
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Sqlite>::new(
-        "INSERT INTO torque_rmsd (cycle_id, joint, stage, verification, reference_run_id, rmsd_nm, relative_rmsd,
-                                  samples, moving_rmsd_nm, moving_relative_rmsd, moving_samples) ",
+        "INSERT INTO torque_rmsd (cycle_id, joint, stage, verification, reference_run_id, estimator, rmsd_nm,
+                                  relative_rmsd, samples, moving_rmsd_nm, moving_relative_rmsd, moving_samples) ",
     )
     .push_values(rows, |mut row, rmsd| {
         row.push_bind(cycle_id)
             .push_bind(joint_number(rmsd.joint))
             .push_bind(rmsd.scope.name())
-            .push_bind(reference_run_id.map_or("self", |_| "cross"))
-            .push_bind(reference_run_id);
+            .push_bind(reference.map_or("self", |_| "cross"))
+            .push_bind(reference.map(|(run_id, _)| run_id))
+            .push_bind(reference.map(|(_, estimator)| estimator.name()));
         for part in [rmsd.all_rows, rmsd.moving_rows] {
             row.push_bind(of_some_rows(part, part.value))
                 .push_bind(of_some_rows(part, part.relative))

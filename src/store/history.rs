@@ -81,6 +81,18 @@ pub(super) async fn run_measurements(
     })
 }
 
+/// What follows from the parameters of a run's cycles; friction points are left out.
+pub(super) async fn of_parameters(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+) -> Result<RunMeasurements, sqlx::Error> {
+    Ok(RunMeasurements {
+        friction_points: Vec::new(),
+        parameters: parameters_by_cycle(&mut *connection, run_id).await?,
+        relative_rmsd: excitation_rmsd(connection, run_id).await?,
+    })
+}
+
 /// Every friction point of a run that counts.
 pub(super) async fn friction_points(
     executor: impl SqliteExecutor<'_>,
@@ -103,7 +115,8 @@ pub(super) async fn friction_points(
     .await
 }
 
-/// Parameters of every identified cycle of a run that counts.
+/// Parameters of every identified cycle of a run that counts and has the estimator of its last one: figures over cycles
+/// never mix two estimators.
 async fn parameters_by_cycle(
     connection: &mut SqliteConnection,
     run_id: i64,
@@ -113,7 +126,10 @@ async fn parameters_by_cycle(
          FROM cycle
          JOIN cycle_parameter USING (cycle_id)
          JOIN model_parameter USING (model_parameter_id)
-         WHERE cycle.run_id = ? AND cycle.status = 'complete' AND NOT cycle.doubtful
+         WHERE cycle.run_id = ?1 AND cycle.status = 'complete' AND NOT cycle.doubtful
+               AND cycle.estimator = (SELECT last.estimator FROM cycle AS last
+                                      WHERE last.run_id = ?1 AND last.samples IS NOT NULL
+                                      ORDER BY last.number DESC LIMIT 1)
          ORDER BY cycle.number",
     )
     .bind(run_id)
@@ -134,7 +150,7 @@ async fn parameters_by_cycle(
         .collect())
 }
 
-/// Moving relative RMSD of the excitation stage under self-verification.
+/// Moving relative RMSD of the excitation stage under self-verification, of the cycles as [`parameters_by_cycle`].
 async fn excitation_rmsd(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
@@ -143,8 +159,12 @@ async fn excitation_rmsd(
         "SELECT cycle.number AS cycle, joint, moving_relative_rmsd
          FROM cycle
          JOIN torque_rmsd USING (cycle_id)
-         WHERE cycle.run_id = ? AND cycle.status = 'complete' AND NOT cycle.doubtful AND stage = 'excitation' AND verification = 'self'
+         WHERE cycle.run_id = ?1 AND cycle.status = 'complete' AND NOT cycle.doubtful
+               AND stage = 'excitation' AND verification = 'self'
                AND moving_relative_rmsd IS NOT NULL
+               AND cycle.estimator = (SELECT last.estimator FROM cycle AS last
+                                      WHERE last.run_id = ?1 AND last.samples IS NOT NULL
+                                      ORDER BY last.number DESC LIMIT 1)
          ORDER BY cycle.number, joint",
     )
     .bind(run_id)
@@ -159,7 +179,8 @@ async fn excitation_rmsd(
     .await
 }
 
-/// Summaries of a robot's complete tests, oldest first.
+/// Summaries of a robot's complete tests, oldest first. Torque deviations are those of the estimator that made the
+/// latest: a test that was identified with another one has none to compare.
 pub(super) async fn run_summaries(
     connection: &mut SqliteConnection,
     robot_id: i64,
@@ -169,7 +190,7 @@ pub(super) async fn run_summaries(
     let rows = sqlx::query(
         "SELECT run.run_id, run.started_at, run.cycles_stored, summary.joint, summary.warm_friction_nm,
                 summary.warm_friction_std_error_nm, summary.warm_minute, summary.warm_speed_fraction,
-                summary.relative_rmsd, summary.rmsd_swing, summary.rmsd_swing_cycles,
+                summary.relative_rmsd, summary.rmsd_swing, summary.rmsd_swing_cycles, summary.estimator,
                 found.friction_index, found.friction_index_std_error
          FROM run
          LEFT JOIN run_joint_summary AS summary USING (run_id)
@@ -188,12 +209,19 @@ pub(super) async fn run_summaries(
             joints: Vec::new(),
         };
         let has_summary = row.try_get::<Option<i64>, _>("joint")?.is_some();
-        Ok((run, if has_summary { Some(joint_summary(&row)?) } else { None }))
+        let estimator: Option<String> = row.try_get("estimator")?;
+        Ok((run, estimator, if has_summary { Some(joint_summary(&row)?) } else { None }))
     })
     .fetch_all(connection)
     .await?;
+    let known = |joint: &Option<JointSummary>| joint.is_some_and(|joint| joint.relative_rmsd.is_some());
+    let latest = rows.iter().rev().find(|(_, _, joint)| known(joint)).and_then(|row| row.1.clone());
     let mut runs: Vec<RunSummary> = Vec::new();
-    for (run, joint) in rows {
+    for (run, estimator, joint) in rows {
+        let joint = joint.map(|joint| match estimator == latest {
+            true => joint,
+            false => JointSummary { relative_rmsd: None, rmsd_swing: None, ..joint },
+        });
         match runs.last_mut() {
             Some(last) if last.run_id == run.run_id => last.joints.extend(joint),
             _ => runs.push(RunSummary { joints: joint.into_iter().collect(), ..run }),

@@ -10,10 +10,12 @@ mod claim;
 mod conclude;
 mod conclusion_faults;
 mod error;
+mod estimates;
 mod factors;
 mod finish;
 mod friction;
 mod history;
+mod intervals;
 mod ledger;
 mod models;
 mod open;
@@ -56,6 +58,7 @@ pub use claim::DaemonClaim;
 pub use conclude::{ConclusionTransaction, StaleRobot};
 pub use conclusion_faults::ConclusionFault;
 pub use error::StoreError;
+pub use estimates::{EstimateTransaction, NewEstimate, OtherEstimate};
 pub use factors::{FactorsWanted, StoredCycle, StoredModel};
 pub use finish::FinishTransaction;
 pub use friction::{CycleSpeedFits, FrictionRun, IndexRow, ThermalSourceRow};
@@ -71,10 +74,13 @@ pub use reestimates::{
 };
 pub use results::{OverdueRobot, RunResult};
 pub use resume::{ReadSoFar, StoredPoint};
+pub use run_analysis::JointDeviation;
 pub use sources::{EarlierRun, RunSource, SourceState, UnfinishedSource};
 pub use verification::{CycleState, OfCycle};
 
-use crate::analysis::{CycleAnalysis, FrictionPoint, IdentifiedParameter, TorqueRmsd, WarmingContrast};
+use crate::analysis::{
+    CycleAnalysis, Estimator, FrictionPoint, IdentifiedParameter, TorqueRmsd, WarmingContrast,
+};
 use crate::anomaly::RunSummary;
 use crate::robot::{ParameterId, Robot};
 use crate::run::{ContentHash, FileId, RunHeader, RunKind};
@@ -547,12 +553,17 @@ impl Store {
         self.checked(production::reference_tests(&self.readers, robot_id).await)
     }
 
-    /// Windows of production of a robot that have factors, by run and number.
+    /// Windows of production of a robot that have factors, by run and number, with the test that they are held
+    /// against by `estimator`.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn production_windows(&self, robot_id: i64) -> Result<Vec<ProductionWindow>, StoreError> {
-        self.checked(production::windows(&self.readers, robot_id).await)
+    pub async fn production_windows(
+        &self,
+        robot_id: i64,
+        estimator: Estimator,
+    ) -> Result<Vec<ProductionWindow>, StoreError> {
+        self.checked(production::windows(&self.readers, robot_id, estimator).await)
     }
 
     /// The run whose parameters a window of production was held against.
@@ -622,8 +633,8 @@ impl Store {
         self.checked(parameter_sets::find(&mut connection, name).await)
     }
 
-    /// Writes how well the parameters of run `reference_run_id` fit cycles of run `run_id`, given by
-    /// their numbers, in place of what was written of them before. All of it or nothing.
+    /// Writes how well the parameters of run `reference_run_id`, by `estimator`, fit cycles of run `run_id`, given
+    /// by their numbers, in place of what was written of them before. All of it or nothing.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -631,12 +642,14 @@ impl Store {
         &self,
         run_id: i64,
         reference_run_id: i64,
+        estimator: Estimator,
         by_cycle: &[(u32, Vec<TorqueRmsd>)],
     ) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
+        let reference = (reference_run_id, estimator);
         for (cycle, rmsd) in by_cycle {
             let replaced =
-                parameter_sets::replace_cross(&mut transaction, run_id, *cycle, reference_run_id, rmsd).await;
+                parameter_sets::replace_cross(&mut transaction, run_id, *cycle, reference, rmsd).await;
             self.checked(replaced)?;
         }
         self.commit(transaction).await

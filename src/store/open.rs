@@ -8,7 +8,7 @@ use sqlx::migrate::Migrator;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{ConnectOptions, Connection, SqliteConnection, SqlitePool};
 
-use super::{Store, StoreError};
+use super::{Store, StoreError, intervals};
 
 /// How long a write waits for another process. Longer than any transaction of this program, shorter
 /// than a person waits for an answer.
@@ -62,6 +62,7 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
         say_migration(&path, found, known);
     }
     migrate(&path, &writer).await?;
+    intervals::fill(&writer).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
     if is_older {
         tracing::info!(path = %path.display(), schema = known, "the schema of the database is up to date");
     }

@@ -8,7 +8,7 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 use super::factors::StoredModel;
 use super::values::{ROWS_PER_STATEMENT, count, finite, identified, named, size};
 use super::{analyses, models};
-use crate::analysis::{Identification, IdentifiedParameter, TorqueRmsd};
+use crate::analysis::{Estimator, Identification, IdentifiedParameter, TorqueRmsd};
 use crate::numerics::history::{ErrorSource, EstimatorKind};
 use crate::robot::ParameterId;
 
@@ -86,18 +86,18 @@ pub(super) async fn of_cycle(
     .await
 }
 
-/// Replaces the cross-verification of a cycle with the parameters of `reference_run_id`.
+/// Replaces the cross-verification of a cycle with the parameters of a run by an estimator.
 pub(super) async fn replace_cross(
     connection: &mut SqliteConnection,
     run_id: i64,
     cycle: u32,
-    reference_run_id: i64,
+    reference: (i64, Estimator),
     rmsd: &[TorqueRmsd],
 ) -> Result<(), sqlx::Error> {
     let Some(cycle_id) = cycle_id(&mut *connection, run_id, cycle).await? else { return Ok(()) };
-    delete_cross(&mut *connection, cycle_id, reference_run_id).await?;
+    delete_cross(&mut *connection, cycle_id, reference.0).await?;
     for rows in rmsd.chunks(ROWS_PER_STATEMENT) {
-        analyses::insert_rmsd(&mut *connection, cycle_id, Some(reference_run_id), rows).await?;
+        analyses::insert_rmsd(&mut *connection, cycle_id, Some(reference), rows).await?;
     }
     Ok(())
 }

@@ -7,7 +7,9 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::analyses::of_some_rows;
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, size, time};
-use crate::analysis::{FrictionExcess, JointCheck, ProductionCheck, ProductionJoint, Rmsd, RmsdPair};
+use crate::analysis::{
+    Estimator, FrictionExcess, JointCheck, ProductionCheck, ProductionJoint, Rmsd, RmsdPair,
+};
 use crate::anomaly::ProductionSummary;
 use crate::numerics::production::summarise;
 
@@ -18,7 +20,7 @@ pub(super) async fn record(
     check: &ProductionCheck,
 ) -> Result<(), sqlx::Error> {
     for joints in check.joints.chunks(ROWS_PER_STATEMENT) {
-        insert(&mut *connection, cycle_id, check.reference_run_id, joints).await?;
+        insert(&mut *connection, cycle_id, check, joints).await?;
     }
     Ok(())
 }
@@ -26,15 +28,18 @@ pub(super) async fn record(
 async fn insert(
     executor: impl SqliteExecutor<'_>,
     cycle_id: i64,
-    reference_run_id: i64,
+    of: &ProductionCheck,
     joints: &[JointCheck],
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Sqlite>::new(
-        "INSERT INTO production_check (cycle_id, joint, reference_run_id, rmsd_nm, relative_rmsd, samples,
+        "INSERT INTO production_check (cycle_id, joint, reference_run_id, estimator, rmsd_nm, relative_rmsd, samples,
                                        moving_rmsd_nm, moving_relative_rmsd, moving_samples, friction_excess, friction_share) ",
     )
     .push_values(joints, |mut row, check| {
-        row.push_bind(cycle_id).push_bind(joint_number(check.joint)).push_bind(reference_run_id);
+        row.push_bind(cycle_id)
+            .push_bind(joint_number(check.joint))
+            .push_bind(of.reference_run_id)
+            .push_bind(of.estimator.name());
         for rmsd in [check.rmsd.all_rows, check.rmsd.moving_rows] {
             row.push_bind(of_some_rows(rmsd, rmsd.value))
                 .push_bind(of_some_rows(rmsd, rmsd.relative))
@@ -94,7 +99,7 @@ pub struct ProductionWindow {
     pub started_at: i64,
     /// Description that its factors were made with.
     pub robot_model_id: i64,
-    /// The test that conclusions have held it against.
+    /// The test that conclusions have held it against, by the estimator that was asked for.
     pub settled_against: Option<i64>,
 }
 
@@ -126,20 +131,24 @@ pub(super) async fn reference_tests(
 pub(super) async fn windows(
     executor: impl SqliteExecutor<'_>,
     robot_id: i64,
+    estimator: Estimator,
 ) -> Result<Vec<ProductionWindow>, sqlx::Error> {
     sqlx::query_as(
         "SELECT run.run_id, cycle.number AS cycle, cycle.started_at, factor_layout.robot_model_id,
                 (SELECT reference_run_id FROM production_check
-                 WHERE production_check.cycle_id = cycle.cycle_id AND settled LIMIT 1) AS settled_against
+                 WHERE production_check.cycle_id = cycle.cycle_id AND settled
+                       AND production_check.estimator = ?2
+                 LIMIT 1) AS settled_against
          FROM run
          JOIN cycle USING (run_id)
          JOIN cycle_factor_layout USING (cycle_id)
          JOIN factor_layout USING (factor_layout_id)
-         WHERE run.robot_id = ? AND run.kind = 'production' AND run.superseded_by_run_id IS NULL
+         WHERE run.robot_id = ?1 AND run.kind = 'production' AND run.superseded_by_run_id IS NULL
                AND cycle.status = 'complete'
          ORDER BY run.run_id, cycle.number",
     )
     .bind(robot_id)
+    .bind(estimator.name())
     .fetch_all(executor)
     .await
 }

@@ -7,8 +7,8 @@ use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
 use super::models;
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number};
-use crate::analysis::{Estimate, JointSummary, ParameterStatistics, RunAnalysis, WarmUpFit};
-use crate::robot::ParameterId;
+use crate::analysis::{Estimate, JointSummary, ParameterStatistics, RmsdSwing, RunAnalysis, WarmUpFit};
+use crate::robot::{JointIndex, ParameterId};
 
 /// Replaces everything that is stored of a run as a whole. Call in a transaction.
 pub(super) async fn replace(
@@ -30,6 +30,80 @@ pub(super) async fn replace(
     for rows in analysis.summaries.chunks(ROWS_PER_STATEMENT) {
         insert_summaries(&mut *connection, run_id, rows).await?;
     }
+    set_estimator(&mut *connection, run_id).await
+}
+
+/// Replaces what is stored of a run that follows from its cycles' parameters: their statistics, and the torque
+/// deviations of its summary. Nothing is written of a run that has no summary yet. Call in a transaction.
+pub(super) async fn replace_of_parameters(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    statistics: &[ParameterStatistics],
+    deviations: &[JointDeviation],
+) -> Result<(), sqlx::Error> {
+    if !has_summary(&mut *connection, run_id).await? {
+        return Ok(());
+    }
+    delete_statistics(&mut *connection, run_id).await?;
+    let keys = models::parameter_keys_of_run(&mut *connection, run_id).await?;
+    for rows in statistics.chunks(ROWS_PER_STATEMENT) {
+        insert_statistics(&mut *connection, run_id, &keys, rows).await?;
+    }
+    for deviation in deviations {
+        update_deviation(&mut *connection, run_id, deviation).await?;
+    }
+    set_estimator(&mut *connection, run_id).await
+}
+
+/// What a run says of how well a joint's torque is explained.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointDeviation {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Median over cycles of the moving relative RMSD of the excitation stage.
+    pub relative_rmsd: Option<f64>,
+    /// How much it swings from cycle to cycle.
+    pub rmsd_swing: Option<RmsdSwing>,
+}
+
+async fn has_summary(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run_joint_summary WHERE run_id = ?)")
+        .bind(run_id)
+        .fetch_one(executor)
+        .await
+}
+
+async fn update_deviation(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    of: &JointDeviation,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run_joint_summary SET relative_rmsd = ?, rmsd_swing = ?, rmsd_swing_cycles = ?
+         WHERE run_id = ? AND joint = ?",
+    )
+    .bind(of.relative_rmsd.and_then(finite))
+    .bind(of.rmsd_swing.and_then(|swing| finite(swing.value)))
+    .bind(of.rmsd_swing.map(|swing| count(swing.cycles)))
+    .bind(run_id)
+    .bind(joint_number(of.joint))
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Writes down which estimator the torque deviations of a run's summary come from: that of its last identified cycle,
+/// which chose the cycles.
+async fn set_estimator(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run_joint_summary
+         SET estimator = (SELECT estimator FROM cycle WHERE run_id = ?1 AND samples IS NOT NULL
+                          ORDER BY number DESC LIMIT 1)
+         WHERE run_id = ?1",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
     Ok(())
 }
 
@@ -80,7 +154,8 @@ async fn insert_fits(
         "INSERT INTO warmup_fit (robot_id, run_id, joint, speed_fraction, model, rmsd_nm, samples,
                                  first_min, last_min, a_extrapolated,
                                  a_nm, a_std_error_nm, b_nm, b_std_error_nm, t1_min, t1_std_error_min,
-                                 c_nm, c_std_error_nm, t2_min, t2_std_error_min) ",
+                                 c_nm, c_std_error_nm, t2_min, t2_std_error_min,
+                                 c_first_nm, c_first_std_error_nm, t2_max_min) ",
     )
     .push_values(rows, |mut row, fit| {
         row.push_bind(robot_id)
@@ -106,6 +181,9 @@ async fn insert_fits(
             row.push_bind(estimate.and_then(|e| finite(e.value)))
                 .push_bind(estimate.and_then(|e| finite(e.std_error)));
         }
+        row.push_bind(fit.fast_shown.and_then(|shown| finite(shown.at_first.value)))
+            .push_bind(fit.fast_shown.and_then(|shown| finite(shown.at_first.std_error)))
+            .push_bind(fit.fast_shown.and_then(|shown| finite(shown.longest)));
     })
     .build()
     .execute(executor)

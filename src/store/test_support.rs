@@ -6,7 +6,7 @@ use tempfile::TempDir;
 
 use super::{Fault, RunTotals, StaleRobot, Store};
 use crate::analysis::{
-    CycleAnalysis, CycleFactors, CycleTemperatures, Decay, Estimate, Estimator, FrictionPoint,
+    CycleAnalysis, CycleFactors, CycleTemperatures, Decay, Estimate, Estimator, FastShown, FrictionPoint,
     GravityRemoval, Identification, IdentifiedParameter, JointResidual, JointSummary, ParameterStatistics,
     Rmsd, RmsdScope, RmsdSwing, RunAnalysis, StatisticsWindow, TorqueRmsd, WarmFriction, WarmUpFit,
     WarmUpModel,
@@ -250,6 +250,8 @@ pub(super) fn fits(seed: f64) -> Vec<WarmUpFit> {
             a: estimate(seed),
             slow,
             fast,
+            fast_shown: fast
+                .map(|fast| FastShown { at_first: estimate(3.0), longest: 2.0 * fast.time_constant.value }),
             rmsd: 0.25,
             samples: 48,
             record: [1.0, 120.0],

@@ -128,7 +128,10 @@ async fn cross_verification_is_replaced_and_leaves_self_verification() {
     };
     for value in [7.0, 8.0] {
         let by_cycle = [(1, vec![rmsd(value)])];
-        store.store_cross_verification(run_id, reference, &by_cycle).await.expect("stored");
+        store
+            .store_cross_verification(run_id, reference, crate::analysis::Estimator::Weighted, &by_cycle)
+            .await
+            .expect("stored");
     }
     let of = |verification| match verification {
         "cross" => {

@@ -20,7 +20,7 @@ const ROOMS: &[Room] = &[
     Room {
         name: "numerics",
         may_name: &["robot", "run", "analysis", "anomaly"],
-        door_to: &["nalgebra", "faer", "sci_rs", "varpro"],
+        door_to: &["nalgebra", "faer", "sci_rs", "statrs", "varpro"],
     },
     Room {
         name: "config",

@@ -148,13 +148,15 @@ fn every_query_answers_its_question() {
     // run_id of the runs, in the order they were taken: empty 1, faulty 2, R00 3, Worn 4 to 7
     let rows = [
         ("fleet_overview.sql", 3),
-        ("friction_index_by_run.sql", 4 * 6),
+        // four runs of two cycles are too short for a friction map, and so for an index
+        ("friction_index_by_run.sql", 0),
         ("friction_over_speed.sql", 2 * 6 * 4),
         ("friction_over_time.sql", 2 * 6 * 2),
         ("open_anomalies.sql", 1),
         ("parameters_by_cycle.sql", 2 * 64),
         ("quarantine.sql", 2),
         ("rmsd_by_cycle.sql", 2 * 6),
+        ("warm_friction_by_run.sql", 4 * 6),
     ];
     for query in queries() {
         let (_, fewest) = rows.iter().find(|(name, _)| *name == query.name).expect("a query with its rows");
@@ -168,7 +170,7 @@ fn every_query_answers_its_question() {
         }
     }
     the_fleet_is_told_worst_first(&workshop);
-    the_friction_index_is_the_detectors(&workshop);
+    the_ratio_of_warm_friction_is_the_detectors(&workshop);
     the_fitted_curve_is_as_far_from_the_points_as_stored(&workshop);
     choices_are_kept(&workshop);
     a_corrected_export_is_told_from_an_open_one(&workshop);
@@ -184,18 +186,18 @@ fn the_fleet_is_told_worst_first(workshop: &Workshop) {
 }
 
 /// The query and the detector compute it from the same points by different roads.
-fn the_friction_index_is_the_detectors(workshop: &Workshop) {
-    let index = Query::read("friction_index_by_run.sql");
+fn the_ratio_of_warm_friction_is_the_detectors(workshop: &Workshop) {
+    let ratio = Query::read("warm_friction_by_run.sql");
     for joint in 1..=6 {
         let number = joint.to_string();
         let given = [("joint", number.as_str()), ("baseline_runs", "3")];
-        let ours = index.number(workshop, "max(CASE WHEN run_id = 7 THEN friction_index END)", &given);
+        let ours = ratio.number(workshop, "max(CASE WHEN run_id = 7 THEN warm_friction_ratio END)", &given);
         let stored =
             format!("SELECT friction_index FROM fleet_health WHERE robot = 'Worn' AND joint = {joint}");
         let stored: f64 = workshop.query(&stored)[0].parse().expect("an index");
         assert!((ours - stored).abs() < ROUNDING, "joint {joint}: {ours} {stored}");
         // four runs are too few for the shipped baseline of five
-        let learning = index.number(workshop, "count(friction_index)", &[("joint", &number)]);
+        let learning = ratio.number(workshop, "count(warm_friction_ratio)", &[("joint", &number)]);
         assert!(learning.abs() < ROUNDING, "joint {joint}: {learning}");
     }
 }

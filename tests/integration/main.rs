@@ -18,6 +18,7 @@ mod faults;
 mod quarantine;
 mod fuzz_seeds;
 mod layouts;
+mod estimators;
 mod no_result;
 mod overdue;
 mod explain;

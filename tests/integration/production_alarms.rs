@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use armwatch::analysis::Estimator;
 use armwatch::anomaly::{Anomaly, AnomalyKind, ProductionSummary};
 use armwatch::config::{Layout, read_layout, read_robot};
 use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
@@ -76,7 +77,7 @@ impl Arm {
         });
         let found = analyse_cycle(&self.method, &cycle).identification.expect("parameters");
         let parameters = found.parameters.iter().map(|parameter| (parameter.id, parameter.value)).collect();
-        Reference { run_id: -1 - i64::from(run), parameters }
+        Reference { run_id: -1 - i64::from(run), estimator: Estimator::default(), parameters }
     }
 
     fn log(&self, seed: u64, run: u32, state: &State, reference: &Reference) -> ProductionSummary {

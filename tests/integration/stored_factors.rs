@@ -160,12 +160,12 @@ fn a_prior_helps_one_cycle_and_says_how_much() {
 #[test]
 fn a_history_is_identified_again_kept_listed_and_deleted() {
     let workshop = two_runs();
-    let arguments = ["identify", "--robot", "R01", "--each-cycle", "--estimator"];
-    let lines = workshop.stdout(&[&arguments[..], &["ordinary", "--save", "again", "--json"]].concat(), 0);
+    let arguments = ["identify", "--robot", "R01", "--each-cycle"];
+    let lines = workshop.stdout(&[&arguments[..], &["--save", "again", "--json"]].concat(), 0);
     let lines: Vec<serde_json::Value> = lines.lines().map(json).collect();
     assert_eq!(lines.len(), 8, "six cycles and two runs");
     assert_eq!((count(&lines[0]["parameters"]), count(&lines[6]["statistics"])), (64, 64));
-    // ordinary least squares on each cycle is what the pipeline did
+    // the configured estimator on each cycle is what the pipeline did
     let different = "SELECT count(*) FROM reestimated_parameters AS again
          JOIN cycle_parameters AS first USING (run_id, cycle, joint, parameter)
          WHERE abs(again.value - first.value) <= 1e-9 * abs(first.value)";
@@ -175,7 +175,7 @@ fn a_history_is_identified_again_kept_listed_and_deleted() {
          WHERE abs(again.sdv - first.sdv) <= 1e-6 * abs(first.sdv) AND again.cycles = first.cycles";
     assert_eq!(workshop.number(same), 2 * 64);
 
-    workshop.stdout(&[&arguments[..], &["per-joint", "--save", "by-joint"]].concat(), 0);
+    workshop.stdout(&[&arguments[..], &["--estimator", "per-joint", "--save", "by-joint"]].concat(), 0);
     let rows = "SELECT count(DISTINCT seen_by_joint) FROM reestimated_parameters WHERE estimate = 'by-joint'";
     assert_eq!(workshop.number(rows), 6);
     let taken = workshop.run(&["identify", "--run", "1", "--save", "again"]);

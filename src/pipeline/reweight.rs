@@ -1,0 +1,172 @@
+//! Stored cycles of another estimator than the configured one, identified again from their factors.
+//!
+//! An estimator that needs no single rows is a choice of weights on factors that are stored, so that a changed
+//! `[analysis] estimator`, or a program whose default has changed, needs no export: parameters, errors, residuals,
+//! self-verification, statistics and summaries are made again, run by run, each in a transaction. What cannot be made
+//! again keeps its figures and says so ([`Store::keep_estimates`]). Conclusions on a robot's history are drawn after
+//! all of its cycles have been through this, so that no comparison is made between two estimators.
+
+use tokio_util::sync::CancellationToken;
+
+use super::record::as_results;
+use super::stored::independent_shares;
+use super::{Pipeline, PipelineError};
+use crate::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
+use crate::numerics::NumericsError;
+use crate::numerics::analyse::RunResults;
+use crate::numerics::cross::Union;
+use crate::numerics::factors::{JointColumns, unpack};
+use crate::numerics::identify::identify_factors;
+use crate::numerics::statistics::{median, parameter_statistics, swing};
+use crate::numerics::verify::torque_rmsd;
+use crate::robot::JointIndex;
+use crate::store::{JointDeviation, NewEstimate, OtherEstimate, Store, StoredCycle};
+
+/// Cycles whose factors are held at once: 50 kB each for a six-joint arm, 3 MB.
+const CYCLES_AT_ONCE: usize = 64;
+
+/// How far identifying again has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Reweighting {
+    /// Cycles that have been through it.
+    pub done: u64,
+    /// Cycles of another estimator at the beginning.
+    pub total: u64,
+}
+
+/// What identifying again came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Reweighted {
+    /// Cycles that have the configured estimator now.
+    pub cycles: u64,
+    /// Cycles that keep another one; `estimator_reason` in the view `cycles` says why.
+    pub kept: u64,
+    /// Whether a stop was asked for before all were through: the rest follows at the next start, and nothing may be
+    /// concluded before.
+    pub interrupted: bool,
+}
+
+impl Pipeline {
+    /// Identifies all stored cycles again that have another estimator than the configured one, as far as their factors
+    /// allow. `progress` hears after some cycles how far it is.
+    ///
+    /// # Errors
+    /// Those of the store.
+    pub async fn reweight(
+        &self,
+        stop: &CancellationToken,
+        progress: &mut (dyn FnMut(Reweighting) + Send),
+    ) -> Result<Reweighted, PipelineError> {
+        self.reweight_of(None, stop, progress).await
+    }
+
+    /// The same for one robot, without progress or stop; whether anything has changed.
+    pub(super) async fn reweight_robot(&self, robot_id: i64) -> Result<bool, PipelineError> {
+        let never = CancellationToken::new();
+        let done = self.reweight_of(Some(robot_id), &never, &mut |_| ()).await?;
+        Ok(done.cycles > 0)
+    }
+
+    async fn reweight_of(
+        &self,
+        robot_id: Option<i64>,
+        stop: &CancellationToken,
+        progress: &mut (dyn FnMut(Reweighting) + Send),
+    ) -> Result<Reweighted, PipelineError> {
+        let wanted = self.config.analysis.estimator;
+        let mut found =
+            Reweighted { kept: self.store.keep_estimates(wanted).await?, ..Reweighted::default() };
+        let runs = self.store.other_estimates(wanted, robot_id).await?;
+        let total = runs.iter().map(|run| u64::from(run.cycles)).sum();
+        let mut at = Reweighting { done: 0, total };
+        for run in &runs {
+            let mut counted = |cycles: u64| {
+                at.done += cycles;
+                progress(at);
+            };
+            let Some((cycles, kept)) = of_run(&self.store, run, wanted, stop, &mut counted).await? else {
+                return Ok(Reweighted { interrupted: true, ..found });
+            };
+            found.cycles += cycles;
+            found.kept += kept;
+        }
+        Ok(found)
+    }
+}
+
+/// Identifies the cycles of a run again; how many have the estimator now and how many keep theirs. `None`, and nothing
+/// is stored of the run, if a stop was asked for.
+async fn of_run(
+    store: &Store,
+    run: &OtherEstimate,
+    wanted: Estimator,
+    stop: &CancellationToken,
+    counted: &mut (dyn FnMut(u64) + Send),
+) -> Result<Option<(u64, u64)>, PipelineError> {
+    let numbers = store.cycles_of_other_estimates(run.run_id, wanted).await?;
+    let mut estimates = Vec::with_capacity(numbers.len());
+    for some in numbers.chunks(CYCLES_AT_ONCE) {
+        if stop.is_cancelled() {
+            return Ok(None);
+        }
+        let cycles = store.factors_of_cycles(run.run_id, some).await?;
+        let made = move || cycles.iter().map(|cycle| estimate(cycle, wanted)).collect::<Vec<_>>();
+        estimates.extend(tokio::task::spawn_blocking(made).await?);
+        counted(some.len() as u64);
+    }
+    for of in &estimates {
+        if let Err(reason) = &of.found {
+            tracing::warn!(
+                robot = run.robot,
+                run_id = run.run_id,
+                cycle = of.cycle,
+                "keeps its estimator: {reason}"
+            );
+        }
+    }
+    let kept = estimates.iter().filter(|of| of.found.is_err()).count() as u64;
+    let mut transaction = store.replace_estimates(run.run_id, wanted).await?;
+    for of in &estimates {
+        transaction.replace(of).await?;
+    }
+    let (statistics, deviations) = run_figures(&as_results(transaction.measurements().await?));
+    transaction.replace_run_figures(&statistics, &deviations).await?;
+    transaction.commit().await?;
+    Ok(Some((estimates.len() as u64 - kept, kept)))
+}
+
+fn estimate(cycle: &StoredCycle, wanted: Estimator) -> NewEstimate {
+    NewEstimate {
+        cycle: cycle.cycle,
+        robot_model_id: cycle.model.robot_model_id,
+        found: of_factors(cycle, wanted)
+            .map_err(|error| format!("the {} estimate from its factors fails: {error}", wanted.name())),
+    }
+}
+
+/// Parameters of a cycle's moving rows of excitation, with errors by the share of rows that the cycle's own
+/// identification found independent, and their self-verification.
+fn of_factors(
+    cycle: &StoredCycle,
+    wanted: Estimator,
+) -> Result<(Identification, Vec<TorqueRmsd>), NumericsError> {
+    let columns = JointColumns::of_stored(&cycle.factors.columns);
+    let factors = unpack(&cycle.factors)?;
+    let mut union = Union::new(columns.clone());
+    union.add(&columns, &factors, &independent_shares(cycle))?;
+    let by_joint = union.spread_by_joint();
+    let found = identify_factors(columns.kept(), &by_joint, &union.independent_shares(), wanted)?;
+    let theta: Vec<f64> = found.parameters.iter().map(|parameter| parameter.value).collect();
+    let verification = torque_rmsd(&columns, &factors, &theta);
+    Ok((found, verification))
+}
+
+/// What a run says as a whole that follows from the parameters of its cycles.
+fn run_figures(results: &RunResults) -> (Vec<ParameterStatistics>, Vec<JointDeviation>) {
+    let statistics = results.parameters.iter().flat_map(|(id, values)| parameter_statistics(*id, values));
+    let of_joint = |(joint, values): &(JointIndex, Vec<(u32, f64)>)| {
+        let values: Vec<f64> = values.iter().map(|(_, value)| *value).collect();
+        JointDeviation { joint: *joint, relative_rmsd: median(&values), rmsd_swing: swing(&values) }
+    };
+    (statistics.collect(), results.relative_rmsd.iter().map(of_joint).collect())
+}
