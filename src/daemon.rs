@@ -237,7 +237,15 @@ impl<'r> Work<'r> {
         self.note_retries().await?;
         let lane_of = |path: &Path| robot_of(self.pipeline.config(), path);
         self.book.note(&scan.files, Instant::now(), tail::is_marked, lane_of);
-        self.give_up_vanished(folders, &scan).await
+        self.give_up_vanished(folders, &scan).await?;
+        tracing::trace!(
+            files = scan.files.len(),
+            waiting = self.book.waiting(Instant::now()),
+            open = self.tasks.len(),
+            to_conclude = self.stale.len() + self.concluding.len(),
+            "looked at the watched folders"
+        );
+        Ok(())
     }
 
     /// Ends unfinished runs whose files are gone.

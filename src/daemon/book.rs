@@ -183,6 +183,13 @@ impl Book {
         self.settled.get(lane).is_some_and(|queue| !queue.is_empty())
     }
 
+    /// Files of the last look that are not read as they lie there and are not left alone at `now` either.
+    #[must_use]
+    pub fn waiting(&self, now: Instant) -> usize {
+        let rests = |entry: &Entry| entry.rests_until.is_some_and(|end| now < end);
+        self.entries.values().filter(|entry| !entry.taken && !rests(entry)).count()
+    }
+
     fn open(&mut self, path: &Path) -> Option<Due> {
         let entry = self.entries.get(path)?;
         let (seen, file, patience) = (entry.seen, entry.file, entry.patience);

@@ -19,6 +19,7 @@ mod quarantine;
 mod fuzz_seeds;
 mod layouts;
 mod explain;
+mod exports;
 mod production;
 mod production_alarms;
 mod stage_signals;
