@@ -313,6 +313,13 @@ impl<'r> Work<'r> {
         self.give_up_vanished(folders, &scan).await?;
         let stale = self.pipeline.store().stale_robots().await?;
         self.stale.look(&stale, self.concluded_robot.as_deref(), Instant::now());
+        tracing::trace!(
+            files = scan.files.len(),
+            waiting = self.book.waiting(Instant::now()),
+            open = self.tasks.len(),
+            to_conclude = stale.len() + self.concluding.len(),
+            "looked at the watched folders"
+        );
         Ok(())
     }
 

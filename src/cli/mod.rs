@@ -188,6 +188,10 @@ enum BenchmarkCommand {
 #[derive(Debug, Subcommand)]
 enum ConfigCommand {
     /// Every problem of the configuration and the files it names, with file and line
+    #[command(after_help = "\
+Examples:
+  armwatch config check
+  armwatch config check --config /etc/armwatch/armwatch.toml")]
     Check,
 }
 

@@ -23,13 +23,24 @@ pub(super) struct ParametersArgs {
 #[derive(Debug, Subcommand)]
 enum ParametersCommand {
     /// Names, with what they stand for
+    #[command(after_help = "\
+Examples:
+  armwatch parameters list
+  armwatch parameters list --json")]
     List,
     /// Values of a set
+    #[command(after_help = "\
+Examples:
+  armwatch parameters show left-warm
+  armwatch parameters show left-warm --json")]
     Show {
         /// Name of the set
         name: String,
     },
     /// Take away what is kept under a name
+    #[command(after_help = "\
+Examples:
+  armwatch parameters delete left-warm")]
     Delete {
         /// The name
         name: String,

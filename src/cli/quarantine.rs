@@ -44,6 +44,11 @@ pub(super) struct QuarantineArgs {
 #[derive(Debug, Subcommand)]
 enum QuarantineCommand {
     /// Exports that are quarantined now, the newest first
+    #[command(after_help = "\
+Examples:
+  armwatch quarantine list
+  armwatch quarantine list --robot R07 --all
+  armwatch quarantine list --json")]
     List {
         /// Only exports of this robot
         #[arg(long, value_name = "NAME")]
@@ -53,6 +58,10 @@ enum QuarantineCommand {
         all: bool,
     },
     /// The place in the file, what is wrong there, the remedy, and what a retry would do
+    #[command(after_help = "\
+Examples:
+  armwatch quarantine explain 12
+  armwatch quarantine explain R07_20260105_0847.csv")]
     Explain {
         /// Number of the run, or its file
         #[arg(value_name = "RUN_ID|FILE")]
@@ -60,6 +69,11 @@ enum QuarantineCommand {
     },
     /// Read exports again after the robot or layout file was corrected
     #[command(after_help = "\
+Examples:
+  armwatch quarantine retry 12
+  armwatch quarantine retry R07_20260105_0847.csv
+  armwatch quarantine retry --all --no-wait
+
 The run keeps its number; what each attempt found stays in the view `quarantine`. While a daemon works on
 the database, it is asked to do it, reads its configuration again, and takes the export within its scan
 interval; the command waits for the outcome. Exit status 1 if an export is still not understood.")]

@@ -231,6 +231,13 @@ impl Book {
         Some((served.max(queued), queued, entry.seen.modified, path.file_name(), path))
     }
 
+    /// Files of the last look that are not read as they lie there and are not left alone at `now` either.
+    #[must_use]
+    pub fn waiting(&self, now: Instant) -> usize {
+        let rests = |entry: &Entry| entry.rests_until.is_some_and(|end| now < end);
+        self.entries.values().filter(|entry| !entry.taken && !rests(entry)).count()
+    }
+
     fn open(&mut self, path: &Path) -> Option<Due> {
         let entry = self.entries.get_mut(path)?;
         let (seen, file, patience) = (entry.seen, entry.file, entry.patience);

@@ -16,33 +16,6 @@ use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{ContentHash, RunHeader, RunKind, Stage};
 use crate::testing::er3a;
 
-pub(super) const VIEWS: [&str; 24] = [
-    "quarantine",
-    "conclusion_faults",
-    "temperatures",
-    "production_trend",
-    "runs",
-    "cycles",
-    "cycle_parameters",
-    "cycle_rmsd",
-    "friction_points",
-    "friction_speed_fits",
-    "warmup_fits",
-    "friction_index",
-    "parameter_statistics",
-    "anomalies",
-    "friction_map",
-    "fleet_health",
-    "warming_contrast",
-    "parameter_sets",
-    "parameter_set_sources",
-    "reestimated_cycles",
-    "reestimated_parameters",
-    "reestimated_statistics",
-    "joint_residuals",
-    "production_checks",
-];
-
 /// A fault at a place, or of the export as a whole.
 pub(super) fn fault(problem: &str, place: Option<(u64, &str)>) -> Fault {
     Fault {
@@ -360,17 +333,31 @@ pub(super) async fn columns(store: &Store, table: &str) -> Vec<String> {
         .expect("columns")
 }
 
-/// Everything that users see, a line a row.
+/// The public views of the schema, by name.
+pub(super) async fn views(store: &Store) -> Vec<String> {
+    sqlx::query_scalar("SELECT name FROM sqlite_schema WHERE type = 'view' ORDER BY name")
+        .fetch_all(&store.readers)
+        .await
+        .expect("views")
+}
+
+/// Columns with times of the machine's clock, which differ from test to test.
+const CLOCK: [(&str, &str); 3] =
+    [("quarantine", "first_at"), ("quarantine", "last_at"), ("quarantine", "retry_asked_at")];
+
+/// Everything that users see but times of the machine's clock, a line a row; rows of a view are sorted.
 pub(super) async fn dump(store: &Store) -> Vec<String> {
     let mut lines = Vec::new();
-    for view in VIEWS {
-        let cells: Vec<String> =
-            columns(store, view).await.iter().map(|c| format!("quote(\"{c}\")")).collect();
+    for view in views(store).await {
+        let columns = columns(store, &view).await;
+        let compared = columns.iter().filter(|column| !CLOCK.contains(&(view.as_str(), column.as_str())));
+        let cells: Vec<String> = compared.map(|column| format!("quote(\"{column}\")")).collect();
         let query = format!("SELECT {} FROM {view}", cells.join(" || ' ' || "));
-        let rows: Vec<String> = sqlx::query_scalar(AssertSqlSafe(query))
+        let mut rows: Vec<String> = sqlx::query_scalar(AssertSqlSafe(query))
             .fetch_all(&store.readers)
             .await
             .expect("a readable view");
+        rows.sort_unstable();
         lines.extend(rows.into_iter().map(|row| format!("{view}: {row}")));
     }
     lines

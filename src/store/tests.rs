@@ -69,9 +69,6 @@ async fn views_have_the_promised_columns_in_order() {
         let found = columns(&store, view).await;
         assert_eq!(found[..names.len()], names, "{view}");
     }
-    for (view, _) in promised {
-        assert!(VIEWS.contains(view), "{view} is in no dump");
-    }
 }
 
 #[tokio::test]
@@ -105,7 +102,10 @@ async fn views_show_a_cycle_in_the_units_of_people() {
     let of = |view: &str| rows.iter().filter(|r| r.starts_with(&format!("{view}:"))).count();
     assert_eq!((of("cycle_parameters"), of("cycle_rmsd"), of("friction_points")), (2 * 64, 2 * 24, 2 * 72));
 
-    assert_eq!(text(&store, "SELECT started_at FROM runs").await.as_deref(), Some("2026-01-05T06:00:00Z"));
+    assert_eq!(
+        text(&store, "SELECT started_at FROM runs").await.as_deref(),
+        Some("2026-01-05T06:00:00.000Z")
+    );
     let second = text(&store, "SELECT started_at FROM cycles WHERE cycle = 2").await;
     assert_eq!(second.as_deref(), Some("2026-01-05T06:05:00.500Z"));
     assert_eq!(

@@ -2,18 +2,9 @@
 
 use std::fs;
 
-use crate::support::{REFERENCE_NAME, Workshop, text};
+use crate::support::{REFERENCE_NAME, Workshop, text, wait_until};
 
 const COMPLETE_RUNS: &str = "SELECT count(*) FROM runs WHERE status = 'complete'";
-
-/// Waits until a path is there, or is gone.
-fn wait_until(is_so: impl Fn() -> bool, what: &str) {
-    let start = std::time::Instant::now();
-    while !is_so() {
-        assert!(start.elapsed() < std::time::Duration::from_secs(60), "{what}");
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
-}
 
 #[test]
 fn a_stored_export_is_moved_and_a_quarantined_one_stays() {
@@ -25,12 +16,12 @@ fn a_stored_export_is_moved_and_a_quarantined_one_stays() {
     let daemon = workshop.daemon();
     let target = workshop.path("archive/cell 7").join(REFERENCE_NAME);
     let source = workshop.inbox("cell 7").join(REFERENCE_NAME);
-    wait_until(|| target.exists() && !source.exists(), "the export is not moved");
+    wait_until(|| target.exists() && !source.exists(), || "the export is not moved".into());
     workshop.wait_for("SELECT count(*) FROM quarantine WHERE state = 'open'", 1);
     assert_eq!(fs::read(&target).expect("the copy"), bytes);
     // a copy of what is stored goes too; so does one that a crash left between copy and removal
     fs::write(&source, &bytes).expect("again");
-    wait_until(|| !source.exists(), "the copy is not moved");
+    wait_until(|| !source.exists(), || "the copy is not moved".into());
     daemon.signal("TERM");
     assert_eq!(daemon.end(), Some(0));
     assert!(workshop.inbox("Bad_20260105_0847.csv").exists());

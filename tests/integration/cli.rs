@@ -1,28 +1,51 @@
 //! The command line: results on standard output, words on standard error, exit status a contract.
 
+use armwatch::cli::Cli;
+use clap::{Command, CommandFactory};
+
 use crate::support::{Workshop, reference, text};
+
+/// Words that lead to each command that does something and is not hidden, with the command.
+fn commands(of: &Command, words: &[String], found: &mut Vec<(Vec<String>, Command)>) {
+    for command in of.get_subcommands().filter(|command| !command.is_hide_set()) {
+        let words = [words, &[command.get_name().to_owned()]].concat();
+        if command.has_subcommands() {
+            commands(command, &words, found);
+        } else {
+            found.push((words, command.clone()));
+        }
+    }
+}
+
+/// Command lines of a help text, without what a shell does with their output.
+fn examples(help: &str) -> Vec<String> {
+    let after = help.split_once("Examples:\n").map_or("", |(_, after)| after);
+    let joined = after.replace("\\\n", " ");
+    let lines = joined.lines().take_while(|line| line.starts_with("  "));
+    lines.map(|line| line.split(['|', '>']).next().unwrap_or_default().trim().to_owned()).collect()
+}
 
 #[test]
 fn every_command_has_help_with_examples() {
-    let workshop = Workshop::new();
-    for command in [
-        &["demo"][..],
-        &["run"],
-        &["ingest"],
-        &["identify"],
-        &["verify"],
-        &["torque"],
-        &["rmsd"],
-        &["friction"],
-        &["simulate"],
-        &["robot", "check"],
-        &["benchmark", "coverage"],
-        &["benchmark", "ingest"],
-    ] {
-        let out = workshop.stdout(&[command, &["--help"]].concat(), 0);
-        assert!(out.contains("Examples:") && out.contains("armwatch"), "{command:?}: {out}");
+    let mut found = Vec::new();
+    let mut cli = Cli::command();
+    // options of every command come into each of them
+    cli.build();
+    commands(&cli, &["armwatch".to_owned()], &mut found);
+    assert!(found.len() >= 19, "{found:?}");
+    for (words, mut command) in found {
+        let (line, help) = (words.join(" "), command.render_long_help().to_string());
+        let examples = examples(&help);
+        assert!(!examples.is_empty(), "no examples in the help of {line}:\n{help}");
+        for example in examples {
+            assert!(example == line || example.starts_with(&format!("{line} ")), "of {line}: {example}");
+            let parsed = Cli::command().try_get_matches_from(example.split_whitespace());
+            assert!(parsed.is_ok(), "{example}\n{}", parsed.expect_err("a fault"));
+        }
     }
+    let workshop = Workshop::new();
     assert!(workshop.stdout(&["--help"], 0).contains("Exit status:"));
+    assert!(workshop.stdout(&["ingest", "--help"], 0).contains("Examples:\n  armwatch ingest "));
 }
 
 #[test]

@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::canon::assert_sound;
 use crate::small::{self, CYCLES, Export, export, work};
-use crate::support::{assert_alike, query};
+use crate::support::{assert_alike, pass, query, wait_until};
 
 /// Kills of a round before the daemon may finish: enough to hit every phase, few enough to try several
 /// courses of events.
@@ -28,9 +28,6 @@ struct Kills {
     most: usize,
     longest_life: Duration,
 }
-
-/// How long the last daemon of a round goes on looking.
-const CALM: Duration = Duration::from_millis(600);
 
 /// What becomes of every export, to know when a round has ended.
 const STATES: &str =
@@ -110,10 +107,10 @@ impl Material {
             let known = |condition: String| {
                 move || query(database, &format!("SELECT 1 FROM runs WHERE {condition}")) == ["1"]
             };
-            wait_until(known(format!("source_name = '{}' AND status = 'complete'", first.name)), gone);
+            wait_unless(gone, known(format!("source_name = '{}' AND status = 'complete'", first.name)));
             write_slowly_over(&inbox.join(&second.name), &second.bytes, seed);
             let original = &self.whole[0].name;
-            wait_until(known(format!("source_name = '{original}'")), gone);
+            wait_unless(gone, known(format!("source_name = '{original}'")));
             fs::copy(inbox.join(original), inbox.join(&self.copy)).expect("copied");
         });
     }
@@ -189,7 +186,7 @@ fn round(material: &Arc<Material>, seed: u64, kills: Kills, counts: &mut Counts)
     let done = || writers.is_finished() && states() == material.golden.states;
     while counts.kills() - before < kills.most && !done() {
         let runs = states();
-        let mut daemon = workshop.daemon_with_log();
+        let mut daemon = workshop.daemon();
         counts.restarts += 1;
         live(&mut random, kills.longest_life, &workshop.path("armwatch.db-wal"));
         kill(&mut daemon.child);
@@ -199,20 +196,13 @@ fn round(material: &Arc<Material>, seed: u64, kills: Kills, counts: &mut Counts)
             assert_sound(&database, &format!("seed {seed}, kill {}", counts.kills() - before));
         }
     }
-    let daemon = workshop.daemon_with_log();
+    let daemon = workshop.daemon();
     counts.restarts += 1;
-    let start = Instant::now();
-    while !done() {
-        assert!(
-            start.elapsed() < Duration::from_secs(120),
-            "seed {seed}: {:#?}\nwanted {:#?}",
-            query(&database, STATES),
-            material.golden.states
-        );
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    let missing =
+        || format!("seed {seed}: {:#?}\nwanted {:#?}", query(&database, STATES), material.golden.states);
+    wait_until(done, missing);
     // done is done: looking again changes nothing
-    std::thread::sleep(CALM);
+    workshop.wait_until_idle();
     gone.store(true, Ordering::Relaxed);
     writers.join().expect("the writers");
     daemon.signal("TERM");
@@ -229,17 +219,17 @@ fn round(material: &Arc<Material>, seed: u64, kills: Kills, counts: &mut Counts)
 fn live(random: &mut ChaCha8Rng, longest: Duration, log: &Path) {
     let end = Instant::now() + random.random_range(Duration::from_millis(20)..longest);
     if random.random_range(0..3) > 0 {
-        std::thread::sleep(end - Instant::now());
+        pass(end.saturating_duration_since(Instant::now()));
         return;
     }
     // past the start, or the first write of a life would always be the last
-    std::thread::sleep(random.random_range(Duration::ZERO..longest / 2));
+    pass(random.random_range(Duration::ZERO..longest / 2));
     let size = || fs::metadata(log).map_or(0, |metadata| metadata.len());
     let before = size();
     while size() == before && Instant::now() < end {
-        std::thread::sleep(Duration::from_micros(200));
+        pass(Duration::from_micros(200));
     }
-    std::thread::sleep(random.random_range(Duration::ZERO..Duration::from_millis(8)));
+    pass(random.random_range(Duration::ZERO..Duration::from_millis(8)));
 }
 
 fn kill(child: &mut Child) {
@@ -248,9 +238,10 @@ fn kill(child: &mut Child) {
     assert_eq!(status.code(), None, "the daemon ended by itself: {status}");
 }
 
-fn wait_until(is_so: impl Fn() -> bool, gone: &AtomicBool) {
+/// A writer waits for as long as the kills go on.
+fn wait_unless(gone: &AtomicBool, is_so: impl Fn() -> bool) {
     while !gone.load(Ordering::Relaxed) && !is_so() {
-        std::thread::sleep(Duration::from_millis(40));
+        pass(Duration::from_millis(40));
     }
 }
 
@@ -264,7 +255,7 @@ fn write_slowly(path: &Path, text: &[u8], seed: u64, gone: &AtomicBool) {
         file.write_all(piece).expect("written");
         rest = after;
         if !gone.load(Ordering::Relaxed) {
-            std::thread::sleep(random.random_range(Duration::from_millis(10)..Duration::from_millis(220)));
+            pass(random.random_range(Duration::from_millis(10)..Duration::from_millis(220)));
         }
     }
 }
@@ -275,7 +266,7 @@ fn write_slowly_over(path: &Path, text: &[u8], seed: u64) {
     let mut file = fs::File::create(path).expect("truncated");
     for piece in text.chunks(text.len() / 4 + 1) {
         file.write_all(piece).expect("written");
-        std::thread::sleep(random.random_range(Duration::ZERO..Duration::from_millis(150)));
+        pass(random.random_range(Duration::ZERO..Duration::from_millis(150)));
     }
 }
 

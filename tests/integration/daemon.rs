@@ -1,10 +1,8 @@
 //! The daemon as a process: it takes what appears, and stops when told. What kills do to it: `crash`.
 
-use std::io::Write;
-use std::time::Duration;
-
 use crate::bad_input::decompressed;
-use crate::support::{REFERENCE_NAME, Workshop, assert_alike};
+use crate::support::{REFERENCE_NAME, Workshop, assert_alike, wait_until};
+use std::io::Write;
 
 const COMPLETE_RUNS: &str = "SELECT COUNT(*) FROM runs WHERE status = 'complete'";
 
@@ -32,15 +30,17 @@ fn an_interrupt_stops_it_too() {
 #[test]
 fn a_file_that_is_still_written_is_complete_only_once_it_stands_still() {
     let workshop = Workshop::new();
+    workshop.set("settle_s", "3");
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
     let text = decompressed();
     let mut file = std::fs::File::create(workshop.inbox("R00_20260105_0847.csv")).expect("an export");
-    // pauses shorter than the time to settle, cuts inside lines
+    // each part is seen, far sooner than the file would have settled; cuts inside lines
     for part in text.as_bytes().chunks(text.len() / 12 + 1) {
         file.write_all(part).expect("written");
         file.flush().expect("flushed");
-        std::thread::sleep(Duration::from_millis(60));
+        workshop.wait_for_a_look();
+        assert_eq!(workshop.query(COMPLETE_RUNS), ["0"]);
     }
     drop(file);
     workshop.wait_for(COMPLETE_RUNS, 1);
@@ -74,12 +74,10 @@ fn a_stop_in_the_middle_of_a_run_is_continued() {
     while stopped.query(COMPLETE_RUNS) != ["1"] {
         let daemon = stopped.daemon();
         let before = stopped.number("SELECT COUNT(*) FROM cycles");
-        for _ in 0..200 {
-            if stopped.number("SELECT COUNT(*) FROM cycles") > before {
-                break;
-            }
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        let has_more = || {
+            stopped.number("SELECT COUNT(*) FROM cycles") > before || stopped.query(COMPLETE_RUNS) == ["1"]
+        };
+        wait_until(has_more, || format!("after {stops} stops no cycle more than {before}"));
         daemon.signal("TERM");
         assert_eq!(daemon.end(), Some(0));
         stops += 1;
@@ -96,7 +94,9 @@ fn the_same_export_twice_in_the_folder_is_one_run() {
         .expect("a copy");
     let daemon = workshop.daemon();
     workshop.wait_for(COMPLETE_RUNS, 1);
-    std::thread::sleep(Duration::from_millis(500));
+    workshop.wait_until_idle();
+    // both files were taken, so that the second has made no run
+    assert_eq!(workshop.query("SELECT COUNT(*) FROM source_file"), ["2"]);
     daemon.signal("TERM");
     assert_eq!(daemon.end(), Some(0));
     assert_eq!(workshop.query("SELECT robot, cycles FROM runs"), ["R00|5"]);
@@ -108,7 +108,7 @@ fn a_second_daemon_on_the_database_is_refused_and_the_first_goes_on() {
     let first = workshop.daemon();
     workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
     // the claim follows the schema by a moment
-    std::thread::sleep(Duration::from_millis(300));
+    workshop.wait_for_a_look();
     let second = workshop.run(&["run"]);
     assert_eq!(second.status.code(), Some(74));
     let said = crate::support::text(&second.stderr);

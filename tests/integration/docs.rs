@@ -4,8 +4,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
-use crate::support::{REFERENCE_NAME, Workshop};
+use crate::support::{REFERENCE_NAME, Workshop, text};
 
 /// Figures that SQL and the program compute from the same stored numbers differ by rounding only.
 const ROUNDING: f64 = 1e-9;
@@ -47,6 +48,37 @@ fn schema_names_every_view_and_column_and_no_other() {
         .collect();
     assert!(stored.len() >= 9, "{stored:?}");
     assert_eq!(documented(), stored, "docs/schema.md on the left, the database on the right");
+}
+
+/// The oldest compiler that is promised takes every crate, and the README names it.
+#[test]
+fn no_crate_needs_a_newer_compiler_than_is_promised() {
+    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
+    let compiler = Command::new("rustc").arg("-vV").output().expect("a compiler");
+    let told = text(&compiler.stdout);
+    let host = told.lines().find_map(|line| line.strip_prefix("host: ")).expect("the host");
+    let metadata = Command::new(cargo)
+        .args(["metadata", "--format-version", "1", "--offline", "--locked", "--filter-platform", host])
+        .current_dir(repository(""))
+        .output()
+        .expect("cargo runs");
+    assert!(metadata.status.success(), "{}", text(&metadata.stderr));
+    let metadata: serde_json::Value = serde_json::from_slice(&metadata.stdout).expect("an object");
+    let packages = metadata["packages"].as_array().expect("packages");
+    let wanted = |package: &serde_json::Value| -> Option<Vec<u32>> {
+        package["rust_version"].as_str()?.split('.').map(|part| part.parse().ok()).collect()
+    };
+    let own = packages.iter().find(|package| package["name"] == "armwatch").expect("the package");
+    let promised = wanted(own).expect("rust-version in Cargo.toml");
+    let newer: Vec<String> = packages
+        .iter()
+        .filter(|package| wanted(package).is_some_and(|version| version > [&promised[..], &[0]].concat()))
+        .map(|package| format!("{} {}", package["name"], package["rust_version"]))
+        .collect();
+    assert!(newer.is_empty(), "rust-version {promised:?} is too low for {newer:?}");
+    let readme = fs::read_to_string(repository("README.md")).expect("README.md");
+    let said = format!("Rust {}.{} or newer", promised[0], promised[1]);
+    assert!(readme.contains(&said), "README.md does not say {said:?}");
 }
 
 /// A query file of `dashboards/`.

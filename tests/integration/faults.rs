@@ -6,17 +6,13 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::LazyLock;
-use std::time::{Duration, Instant};
 
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions, Executor};
 
 use crate::canon::{assert_sound, canonical_dump};
 use crate::small::{self, Export, export};
-use crate::support::{Workshop, assert_alike, query, text};
-
-/// Longest wait for the end of a case.
-const PATIENCE: Duration = Duration::from_secs(60);
+use crate::support::{Workshop, assert_alike, end_of, query, text, wait_until};
 
 const STATES: &str = "SELECT source_name, status, cycles FROM runs ORDER BY 1";
 
@@ -93,42 +89,37 @@ impl Faulty {
 
     /// Waits for what is wanted of the database; a daemon that ends before that is a fault.
     fn wait(&mut self, workshop: &Workshop, wanted: impl Fn(&[String]) -> bool, case: &str) {
-        let start = Instant::now();
-        loop {
-            let states = states(workshop);
-            // before that a signal would end it at once
-            if self.said().contains("watching") && wanted(&states) {
-                return;
+        let said = self.said.clone();
+        let said = || fs::read_to_string(&said).unwrap_or_default();
+        let is_so = || {
+            // before it watches, a signal would end it at once
+            if said().contains("watching") && wanted(&states(workshop)) {
+                return true;
             }
             let ended = self.child.try_wait().expect("a child");
-            assert!(ended.is_none(), "{case}: ended with {ended:?}\n{}", self.said());
-            assert!(start.elapsed() < PATIENCE, "{case}: {states:#?}\n{}", self.said());
-            std::thread::sleep(Duration::from_millis(20));
-        }
+            assert!(ended.is_none(), "{case}: ended with {ended:?}\n{}", said());
+            false
+        };
+        wait_until(is_so, || format!("{case}: {:#?}\n{}", states(workshop), said()));
     }
 
     fn end(&mut self, case: &str) -> Option<i32> {
-        let start = Instant::now();
-        loop {
-            if let Some(status) = self.child.try_wait().expect("a child") {
-                return status.code();
-            }
-            assert!(start.elapsed() < PATIENCE, "{case}: the daemon does not end\n{}", self.said());
-            std::thread::sleep(Duration::from_millis(10));
-        }
+        let said = self.said.clone();
+        let missing =
+            || format!("{case}: the daemon does not end\n{}", fs::read_to_string(said).unwrap_or_default());
+        end_of(&mut self.child, missing)
     }
 
     /// Waits until all is stored, or the daemon has ended before that.
     fn completes(&mut self, workshop: &Workshop, case: &str) -> bool {
-        let start = Instant::now();
-        while states(workshop) != BENCH.states {
-            if self.child.try_wait().expect("a child").is_some() {
-                return false;
-            }
-            assert!(start.elapsed() < PATIENCE, "{case}: {}", self.said());
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        true
+        let said = self.said.clone();
+        let mut has_ended = false;
+        let is_over = || {
+            has_ended = self.child.try_wait().expect("a child").is_some();
+            has_ended || states(workshop) == BENCH.states
+        };
+        wait_until(is_over, || format!("{case}: {}", fs::read_to_string(said).unwrap_or_default()));
+        !has_ended
     }
 
     fn signal(&self, name: &str) {
@@ -291,11 +282,11 @@ fn another_writer_that_holds_the_lock_is_waited_for_and_nothing_is_lost() {
         runtime.block_on(SqliteConnectOptions::new().filename(&database).connect()).expect("a connection");
     runtime.block_on(other.execute("BEGIN IMMEDIATE")).expect("the lock");
     put(&workshop, &BENCH.exports);
-    std::thread::sleep(Duration::from_secs(13));
+    const GAVE_UP: &str = "stayed locked by another writer";
+    wait_until(|| daemon.said().contains(GAVE_UP), || format!("it goes on waiting\n{}", daemon.said()));
     assert_eq!(states(&workshop), [""; 0]);
     runtime.block_on(other.execute("ROLLBACK")).expect("released");
     daemon.wait(&workshop, |states| states == BENCH.states, "after the lock");
-    assert!(daemon.said().contains("stayed locked by another writer"), "{}", daemon.said());
     daemon.stop("locked");
     compare(&workshop, "locked");
 }

@@ -24,6 +24,7 @@ mod overdue;
 mod explain;
 mod fairness;
 mod isolation;
+mod exports;
 mod production;
 mod production_alarms;
 mod stage_signals;

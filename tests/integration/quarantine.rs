@@ -152,7 +152,7 @@ fn a_quarantine_is_logged_when_it_is_new_and_not_at_each_start() {
     for name in ["R01_20260106_0847.csv", "R02_20260107_0847.csv"] {
         // behind the first by name, so that both are looked at in each life
         fs::write(workshop.inbox(name), format!("time,{name}\n0,1\n")).expect("an export");
-        let daemon = workshop.daemon_with_log();
+        let daemon = workshop.daemon();
         workshop.wait_for(&format!("SELECT count(*) FROM quarantine WHERE source_name = '{name}'"), 1);
         daemon.signal("TERM");
         assert_eq!(daemon.end(), Some(0));

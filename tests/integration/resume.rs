@@ -4,7 +4,6 @@ use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::Path;
 use std::sync::LazyLock;
-use std::time::Duration;
 
 use sqlx::Connection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
@@ -33,11 +32,17 @@ fn end_of_cycle(export: &Export, number: u32) -> usize {
 }
 
 /// Appends bytes in pieces that the daemon reads one by one.
-fn append(path: &Path, bytes: &[u8]) {
+fn append(workshop: &Workshop, daemon: &Daemon, path: &Path, bytes: &[u8]) {
+    let is_known = path.exists();
     let mut file = OpenOptions::new().create(true).append(true).open(path).expect("an export");
-    for piece in bytes.chunks(bytes.len() / PIECES + 1) {
+    for (number, piece) in bytes.chunks(bytes.len() / PIECES + 1).enumerate() {
         file.write_all(piece).expect("written");
-        std::thread::sleep(Duration::from_millis(130));
+        // it is opened when it was seen to grow
+        if number == 0 && !is_known {
+            workshop.wait_for_a_look();
+        } else {
+            daemon.wait_until_read(path);
+        }
     }
 }
 
@@ -72,8 +77,8 @@ fn killed_behind_two_cycles(workshop: &Workshop, export: &Export) -> usize {
     let daemon = workshop.daemon();
     let path = workshop.inbox(&export.name);
     let (first, second) = (end_of_cycle(export, 1), end_of_cycle(export, 2));
-    append(&path, &export.bytes[..first]);
-    append(&path, &export.bytes[first..second + 2000]);
+    append(workshop, &daemon, &path, &export.bytes[..first]);
+    append(workshop, &daemon, &path, &export.bytes[first..second + 2000]);
     workshop.wait_for(CYCLES, 2);
     kill(daemon);
     let point = workshop.query("SELECT cycles, byte FROM resume_point");
@@ -90,9 +95,10 @@ fn killed_behind_two_cycles(workshop: &Workshop, export: &Export) -> usize {
 fn finished(workshop: &Workshop, export: &Export) -> String {
     let path = workshop.inbox(&export.name);
     let written = usize::try_from(std::fs::metadata(&path).expect("an export").len()).expect("a size");
-    append(&path, &export.bytes[written..]);
+    let mut file = OpenOptions::new().append(true).open(&path).expect("an export");
+    file.write_all(&export.bytes[written..]).expect("written");
     std::fs::write(workshop.inbox(&format!("{}.done", export.name)), "").expect("a mark");
-    let daemon = workshop.daemon_with_log();
+    let daemon = workshop.daemon();
     workshop.wait_for(COMPLETE, 1);
     assert_alike(&workshop.dump(), golden(), "dump");
     stop(daemon);
@@ -137,28 +143,24 @@ fn another_layout_does_not_go_on_with_the_state_of_the_first() {
 #[test]
 fn a_complete_export_that_grows_again_is_gone_on_with_where_its_last_whole_cycle_ends() {
     let (export, workshop) = (the_export(), small::workshop());
-    workshop.set("settle_s", "0.5");
+    workshop.set("settle_s", "2");
     let path = workshop.inbox(&export.name);
-    let daemon = workshop.daemon_with_log();
+    let daemon = workshop.daemon();
     let (first, second) = (end_of_cycle(&export, 1), end_of_cycle(&export, 2));
-    append(&path, &export.bytes[..first]);
-    append(&path, &export.bytes[first..second]);
+    append(&workshop, &daemon, &path, &export.bytes[..first]);
+    append(&workshop, &daemon, &path, &export.bytes[first..second]);
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete' AND cycles = 2", 1);
     assert_eq!(
         workshop.query("SELECT cycles FROM resume_point"),
         ["1"],
         "the end of the file has cut the second"
     );
-    let log = finished_again(&workshop, &export, second);
-    assert!(log.contains("resumed at byte"), "{log}");
-    stop(daemon);
-}
-
-fn finished_again(workshop: &Workshop, export: &Export, written: usize) -> String {
-    append(&workshop.inbox(&export.name), &export.bytes[written..]);
+    append(&workshop, &daemon, &path, &export.bytes[second..]);
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE status = 'complete' AND cycles = 3", 1);
     assert_alike(&workshop.dump(), golden(), "dump");
-    workshop.log()
+    let log = workshop.log();
+    assert!(log.contains("resumed at byte"), "{log}");
+    stop(daemon);
 }
 
 fn execute(database: &Path, sql: &str) {

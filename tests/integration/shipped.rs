@@ -55,7 +55,9 @@ fn the_readme_names_the_two_commands_and_every_view() {
     for said in ["cargo run --release -- demo", "cargo test"] {
         assert!(readme.contains(said), "{said}");
     }
-    for (view, _) in crate::support::VIEWS {
+    let workshop = Workshop::new();
+    workshop.stdout(&["ingest", "inbox"], 0);
+    for view in crate::canon::views(&workshop.path("armwatch.db")) {
         assert!(readme.contains(&format!("`{view}`")), "{view}");
     }
 }

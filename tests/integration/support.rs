@@ -5,34 +5,38 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteRow};
 use sqlx::{Connection, Row, TypeInfo, ValueRef};
 
-use crate::canon::canonical_dump;
+use crate::canon;
 
 /// Longest wait for something that happens within a second on an idle machine.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// Views of the public contract, with what orders their rows.
-pub const VIEWS: [(&str, &str); 17] = [
-    ("temperatures", "run_id, cycle, sensor, joint"),
-    ("production_checks", "run_id, cycle, joint"),
-    ("runs", "run_id"),
-    ("cycles", "run_id, cycle"),
-    ("cycle_parameters", "run_id, cycle, joint, parameter"),
-    ("cycle_rmsd", "run_id, cycle, joint, stage"),
-    ("friction_points", "run_id, cycle, joint, speed_fraction, direction"),
-    ("warmup_fits", "robot, run_id, joint, speed_fraction"),
-    ("parameter_statistics", "run_id, joint, parameter, \"window\""),
-    ("anomalies", "anomaly_id"),
-    ("fleet_health", "robot, joint"),
-    ("warming_contrast", "run_id, cycle, joint"),
-    ("parameter_sets", "parameter_set, joint, parameter"),
-    ("parameter_set_sources", "parameter_set, run_id, cycle"),
-    ("reestimated_cycles", "estimate, run_id, cycle, seen_by_joint"),
-    ("reestimated_parameters", "estimate, run_id, cycle, seen_by_joint, joint, parameter"),
-    ("reestimated_statistics", "estimate, run_id, seen_by_joint, joint, parameter, \"window\""),
-];
+/// Time between two looks at what is waited for.
+const LOOK_INTERVAL: Duration = Duration::from_millis(20);
+
+/// Waits until something is so, and fails with what `missing` says if it does not become so.
+#[track_caller]
+pub fn wait_until(mut is_so: impl FnMut() -> bool, missing: impl FnOnce() -> String) {
+    let start = Instant::now();
+    while !is_so() {
+        if start.elapsed() > PATIENCE {
+            panic!("after {PATIENCE:?}: {}", missing());
+        }
+        pass(LOOK_INTERVAL);
+    }
+}
+
+/// Lets time pass that is part of what a test plays: the pace of a writer, the life of a process that is killed. What a
+/// test finds is waited for with [`wait_until`] instead.
+pub fn pass(time: Duration) {
+    std::thread::sleep(time);
+}
+
+/// What daemons of tests log: every look at the folders, so that a test can wait for one.
+pub const LOG_LEVELS: &str = "warn,armwatch=trace";
 
 /// A test's own folder with a configuration that watches `inbox` and stores in `armwatch.db`.
 pub struct Workshop {
@@ -122,16 +126,52 @@ impl Workshop {
         out.lines().map(|line| self.path(line.split(" (").next().expect("a path"))).collect()
     }
 
+    /// A daemon with its whole log at the end of the file `daemon.log`.
     pub fn daemon(&self) -> Daemon {
-        let child = self.command(&["run"]).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
-        Daemon { child: child.expect("the daemon starts") }
+        let log = fs::OpenOptions::new().create(true).append(true).open(self.path("daemon.log"));
+        let mut command = self.command(&["run"]);
+        command.env("ARMWATCH_LOG", LOG_LEVELS).stdout(Stdio::null()).stderr(log.expect("a log"));
+        Daemon { child: command.spawn().expect("the daemon starts") }
     }
 
-    /// As [`Workshop::daemon`], with its log at the end of the file `daemon.log`.
-    pub fn daemon_with_log(&self) -> Daemon {
-        let log = fs::OpenOptions::new().create(true).append(true).open(self.path("daemon.log"));
-        let child = self.command(&["run"]).stdout(Stdio::null()).stderr(log.expect("a log")).spawn();
-        Daemon { child: child.expect("the daemon starts") }
+    /// Times at which daemons have ended a look at their folders, with what the log says of it.
+    fn looks(&self) -> Vec<(Timestamp, String)> {
+        let log = self.log();
+        let look = |line: &str| {
+            let (time, said) = line.split_once(' ')?;
+            Some((time.parse().ok()?, said.split_once("looked at the watched folders")?.1.to_owned()))
+        };
+        log.lines().filter_map(look).collect()
+    }
+
+    /// Looks that have begun after a time: the first that has ended after it may have begun before.
+    fn looks_since(&self, time: Timestamp) -> Vec<(Timestamp, String)> {
+        self.looks().into_iter().filter(|(at, _)| *at > time).skip(1).collect()
+    }
+
+    /// Waits until the daemon has looked at its folders as they are now.
+    pub fn wait_for_a_look(&self) {
+        self.wait_for_looks_over(Duration::ZERO);
+    }
+
+    /// Waits until the daemon has looked at its folders as they are now, and again so much later.
+    pub fn wait_for_looks_over(&self, time: Duration) {
+        let called = Timestamp::now();
+        let enough = || {
+            let looks = self.looks_since(called);
+            let (first, last) = (looks.first(), looks.last());
+            first.zip(last).is_some_and(|(first, last)| last.0.duration_since(first.0).unsigned_abs() >= time)
+        };
+        wait_until(enough, || format!("the daemon does not look\n{}", self.log()));
+    }
+
+    /// Waits until the daemon has looked at its folders as they are now and has nothing left to do: every file is read
+    /// as it lies there or cannot be read, and all conclusions are drawn. Whatever could come of the files has come.
+    pub fn wait_until_idle(&self) {
+        let called = Timestamp::now();
+        let idle = |look: &(Timestamp, String)| look.1.ends_with("waiting=0 open=0 to_conclude=0");
+        let is_idle = || self.looks_since(called).iter().any(idle);
+        wait_until(is_idle, || format!("the daemon does not come to rest\n{}", self.log()));
     }
 
     /// What daemons have written into `daemon.log`.
@@ -150,15 +190,8 @@ impl Workshop {
 
     /// Waits until a query gives the wanted number.
     pub fn wait_for(&self, sql: &str, wanted: i64) {
-        let start = Instant::now();
-        loop {
-            let found = if self.path("armwatch.db").exists() { self.number(sql) } else { -1 };
-            if found == wanted {
-                return;
-            }
-            assert!(start.elapsed() < PATIENCE, "{sql} stays at {found}, wanted {wanted}");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        let found = || if self.path("armwatch.db").exists() { self.number(sql) } else { -1 };
+        wait_until(|| found() == wanted, || format!("{sql} stays at {}, wanted {wanted}", found()));
     }
 
     /// Waits until something holds.
@@ -177,21 +210,13 @@ impl Workshop {
 
     /// As [`Workshop::dump`], comparable with that of a database that was filled in another order.
     pub fn canonical_dump(&self) -> String {
-        canonical_dump(&self.path("armwatch.db"))
+        canon::canonical_dump(&self.path("armwatch.db"))
     }
 
-    /// Every row of every public view, in a fixed order.
+    /// Every row of every public view, in a fixed order, once the conclusions are drawn.
     pub fn dump(&self) -> String {
         self.wait_for_conclusions();
-        let mut dump = String::new();
-        for (view, order) in VIEWS {
-            dump.push_str(&format!("# {view}\n"));
-            for row in self.query(&format!("SELECT * FROM {view} ORDER BY {order}")) {
-                dump.push_str(&row);
-                dump.push('\n');
-            }
-        }
-        dump
+        canon::dump(&self.path("armwatch.db"))
     }
 }
 
@@ -208,15 +233,50 @@ impl Daemon {
 
     /// Waits for the daemon's end and returns its exit status.
     pub fn end(mut self) -> Option<i32> {
-        let start = Instant::now();
-        loop {
-            if let Some(status) = self.child.try_wait().expect("a child") {
-                return status.code();
-            }
-            assert!(start.elapsed() < PATIENCE, "the daemon does not end");
-            std::thread::sleep(Duration::from_millis(10));
-        }
+        end_of(&mut self.child, || "the daemon does not end".to_owned())
     }
+
+    /// Waits until the daemon has read a growing file to the end of what is written.
+    #[cfg(target_os = "linux")]
+    pub fn wait_until_read(&self, path: &Path) {
+        let length = || fs::metadata(path).map_or(0, |metadata| metadata.len());
+        let position = || self.position(path);
+        wait_until(
+            || position() == Some(length()),
+            || format!("{} is read to {:?} of {}", path.display(), position(), length()),
+        );
+    }
+
+    /// How far the daemon has read a file that it holds open.
+    #[cfg(target_os = "linux")]
+    fn position(&self, path: &Path) -> Option<u64> {
+        let process = PathBuf::from(format!("/proc/{}", self.child.id()));
+        let wanted = path.canonicalize().ok()?;
+        let files = fs::read_dir(process.join("fd")).ok()?.flatten();
+        let of_path = files.filter(|file| fs::read_link(file.path()).is_ok_and(|target| target == wanted));
+        let position = |file: fs::DirEntry| {
+            let told = fs::read_to_string(process.join("fdinfo").join(file.file_name())).ok()?;
+            told.lines().find_map(|line| line.strip_prefix("pos:")?.trim().parse().ok())
+        };
+        of_path.filter_map(position).max()
+    }
+
+    /// Elsewhere there is no telling: waits for longer than two looks at a growing file take.
+    #[cfg(not(target_os = "linux"))]
+    pub fn wait_until_read(&self, _path: &Path) {
+        pass(Duration::from_millis(500));
+    }
+}
+
+/// Waits for the end of a process and returns its exit status.
+pub fn end_of(child: &mut Child, missing: impl FnOnce() -> String) -> Option<i32> {
+    let mut status = None;
+    let mut has_ended = || {
+        status = child.try_wait().expect("a child");
+        status.is_some()
+    };
+    wait_until(&mut has_ended, missing);
+    status.and_then(|status| status.code())
 }
 
 impl Drop for Daemon {

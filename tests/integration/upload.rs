@@ -3,11 +3,11 @@
 use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpStream;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::support::{Daemon, REFERENCE_NAME, Workshop, reference, text};
+use crate::support::{Daemon, REFERENCE_NAME, Workshop, reference, text, wait_until};
 
 const TOKEN: &str = "a-token-of-this-test-0123456789";
 const COMPLETE_RUNS: &str = "SELECT count(*) FROM runs WHERE status = 'complete'";
@@ -73,11 +73,8 @@ impl Receiver {
     }
 
     fn wait_until_ready(&self) {
-        let start = Instant::now();
-        while self.try_send("GET /ready", "", b"").is_none_or(|answer| answer.status != 200) {
-            assert!(start.elapsed() < Duration::from_secs(60), "the daemon does not listen");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        let is_ready = || self.try_send("GET /ready", "", b"").is_some_and(|answer| answer.status == 200);
+        wait_until(is_ready, || "the daemon does not listen".to_owned());
     }
 
     fn stop(&mut self, signal: &str) -> Option<i32> {
@@ -119,15 +116,9 @@ impl Receiver {
 
     /// Waits until an upload of this name has so many bytes.
     fn wait_for_offset(&self, name: &str, wanted: u64) {
-        let start = Instant::now();
-        loop {
-            let answer = self.send(&format!("HEAD /v1/exports/{name}"), "", b"");
-            if answer.header("upload-offset") == Some(&wanted.to_string()) {
-                return;
-            }
-            assert!(start.elapsed() < Duration::from_secs(60), "{}", answer.head);
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        let answer = || self.send(&format!("HEAD /v1/exports/{name}"), "", b"");
+        let has_come = || answer().header("upload-offset") == Some(&wanted.to_string());
+        wait_until(has_come, || answer().head);
     }
 
     fn partials(&self) -> usize {
@@ -202,17 +193,16 @@ fn an_upload_that_was_cut_goes_on_after_a_kill_and_a_restart() {
     let (second, last) = rest.split_at(50_000);
     let total = bytes.len();
     let range = |from: usize, to: usize| format!("Content-Range: bytes {from}-{}/{total}\r\n", to - 1);
-    let start = Instant::now();
-    let mut killed = loop {
-        let mut stream = receiver.connect();
-        stream.write_all(head(&range(100_000, total), rest.len()).as_bytes()).expect("sent");
-        stream.write_all(second).expect("sent");
+    // until the receiver has noticed that the first connection is gone, it refuses another one
+    let mut killed = receiver.connect();
+    let is_taken = || {
+        killed = receiver.connect();
+        killed.write_all(head(&range(100_000, total), rest.len()).as_bytes()).expect("sent");
+        killed.write_all(second).expect("sent");
         let offset = receiver.send(&format!("HEAD /v1/exports/{REFERENCE_NAME}"), "", b"");
-        if offset.header("upload-offset") != Some("100000") || start.elapsed() > Duration::from_secs(30) {
-            break stream;
-        }
-        std::thread::sleep(Duration::from_millis(20));
+        offset.header("upload-offset") != Some("100000")
     };
+    wait_until(is_taken, || "the second part is not taken".to_owned());
     receiver.wait_for_offset(REFERENCE_NAME, 150_000);
     assert_eq!(receiver.stop("KILL"), None);
     let _ = killed.write_all(b"lost");

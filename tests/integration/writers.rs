@@ -11,21 +11,18 @@ use std::time::{Duration, Instant};
 
 use crate::canon::assert_sound;
 use crate::small;
-use crate::support::{Daemon, Workshop};
+use crate::support::{Daemon, LOG_LEVELS, Workshop};
 use rows::{ROWS, Row};
-use stage::{Stage, Watched};
+use stage::{SETTLE, Stage, Watched};
 
 /// Rows that act at once; each waits most of its time.
 const ACTING: usize = 12;
-
-/// How long nothing may change once every row is as it must be.
-const CALM: Duration = Duration::from_millis(1500);
 
 #[test]
 fn whatever_the_writer_does_the_runs_are_those_of_its_recordings() {
     let workshop = small::workshop();
     workshop.set("folders", "[\"inbox\", \"later\", \"again\"]");
-    workshop.set("settle_s", "0.4");
+    workshop.set("settle_s", &SETTLE.as_secs_f64().to_string());
     workshop.set("live_files", "16");
     let daemon = start(&workshop);
     let watched = Watched::new(&workshop);
@@ -69,9 +66,9 @@ fn failure(row: &Row, stage: &Stage) -> String {
     format!("{}: wanted {:?}, found {:#?}", row.name, row.runs, stage.runs())
 }
 
-/// Asserts that every row stays as it must be.
+/// Asserts that every row is as it must be once the daemon has nothing left to do.
 fn assert_calm(workshop: &Workshop, watched: &Watched, when: &str) {
-    std::thread::sleep(CALM);
+    workshop.wait_until_idle();
     watched.look();
     for (number, row) in ROWS.iter().enumerate() {
         let stage = Stage::new(workshop, watched, number);
@@ -90,8 +87,12 @@ fn start(workshop: &Workshop) -> Daemon {
         command.args(without).arg(program);
     }
     let said =
-        std::fs::File::options().create(true).append(true).open(workshop.path("said")).expect("a file");
-    command.arg("run").current_dir(workshop.path("")).env_remove("ARMWATCH_CONFIG");
+        std::fs::File::options().create(true).append(true).open(workshop.path("daemon.log")).expect("a file");
+    command
+        .env("ARMWATCH_LOG", LOG_LEVELS)
+        .arg("run")
+        .current_dir(workshop.path(""))
+        .env_remove("ARMWATCH_CONFIG");
     let child = command.stdout(std::process::Stdio::null()).stderr(said).spawn().expect("the daemon starts");
     let daemon = Daemon { child };
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE run_id < 0", 0);

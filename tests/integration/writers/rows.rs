@@ -11,6 +11,7 @@ use std::time::{Duration, SystemTime};
 
 use super::stage::{Stage, append_slowly};
 use crate::small::{Export, gzip};
+use crate::support::pass;
 
 /// What a writer does, and each run that must come of it: status, cycles, and what its reason contains.
 pub struct Row {
@@ -146,7 +147,7 @@ fn opened_anew(stage: &Stage) {
     let export = stage.export(5);
     for piece in export.bytes.chunks(export.bytes.len() / 20) {
         append(&stage.path(&export.name), piece);
-        std::thread::sleep(SHORT);
+        pass(SHORT);
     }
 }
 
@@ -346,7 +347,7 @@ fn set_to_its_size(stage: &Stage) {
     let mut file = File::create(stage.path(&export.name)).expect("an export");
     file.set_len(export.bytes.len() as u64).expect("room");
     for piece in export.bytes.chunks(export.bytes.len() / 10) {
-        std::thread::sleep(SHORT);
+        pass(SHORT);
         file.write_all(piece).expect("written");
     }
 }

@@ -10,10 +10,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use crate::small::{Export, export};
-use crate::support::{Workshop, query};
+use crate::support::{Workshop, pass, query};
 
 /// Longest wait for what a row must come to; all rows share two cores.
 const PATIENCE: Duration = Duration::from_secs(90);
+
+/// Time that a file stands still before it counts as settled.
+pub const SETTLE: Duration = Duration::from_millis(400);
 
 /// The runs of all rows, looked at a few times a second for all of them.
 pub struct Watched {
@@ -29,7 +32,7 @@ impl Watched {
     pub fn look_until(&self, end: &AtomicBool) {
         while !end.load(Ordering::Relaxed) {
             self.look();
-            std::thread::sleep(Duration::from_millis(150));
+            pass(Duration::from_millis(150));
         }
     }
 
@@ -135,7 +138,7 @@ impl<'a> Stage<'a> {
             if start.elapsed() > PATIENCE {
                 return false;
             }
-            std::thread::sleep(Duration::from_millis(50));
+            pass(Duration::from_millis(50));
         }
         true
     }
@@ -151,9 +154,9 @@ impl<'a> Stage<'a> {
         assert!(self.becomes_one_of(&runs), "no cycle, but {:?}", self.runs());
     }
 
-    /// Lets the daemon look, longer than a file takes to settle.
+    /// Waits until the daemon has looked at what is there now, and again when that has settled.
     pub fn pause(&self) {
-        std::thread::sleep(Duration::from_millis(1200));
+        self.workshop.wait_for_looks_over(2 * SETTLE);
     }
 }
 
@@ -162,6 +165,6 @@ pub fn append_slowly(path: &Path, bytes: &[u8], pieces: usize, pause: Duration) 
     let mut file = OpenOptions::new().create(true).append(true).open(path).expect("an export");
     for piece in bytes.chunks(bytes.len() / pieces + 1) {
         file.write_all(piece).expect("written");
-        std::thread::sleep(pause);
+        pass(pause);
     }
 }

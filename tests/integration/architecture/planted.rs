@@ -1,0 +1,306 @@
+//! The rules see what is planted: each of these small programs breaks one, or none.
+
+use std::collections::BTreeSet;
+
+use super::rules;
+use super::source::{self, Sources};
+use super::table::Rules;
+
+/// Rooms `robot`, `numerics`, `store`, `simulate`, `cli` and `main`.
+const MAP: &str = "
+## Rooms
+
+| room | does | may name | outside crates |
+|---|---|---|---|
+| `robot` | | | `nalgebra` |
+| `numerics` | | `robot` | `faer` |
+| `store` | | `robot`, `numerics` | `sqlx` |
+| `simulate` | | `robot` | `rand-distr` |
+| `telemetry` | | | |
+| `cli` | | all above | |
+| `main` | | `cli` | |
+
+| crates open to several rooms | to |
+|---|---|
+| `thiserror` | every room |
+| `tokio` | every room but `robot`, `numerics` |
+
+## Decisions
+";
+
+const CRATES: [&str; 6] = ["nalgebra", "faer", "sqlx", "rand_distr", "thiserror", "tokio"];
+
+/// What breaks a rule in a program of these files; the rooms that are not given are empty.
+fn broken(files: &[(&str, &str)]) -> Vec<String> {
+    let mut sources: Sources =
+        files.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect();
+    let rooms = ["robot", "numerics", "store", "simulate", "telemetry", "cli"];
+    let mut lib = String::new();
+    for room in rooms {
+        lib.push_str(&format!("pub mod {room};\n"));
+        if !sources.contains_key(&format!("{room}/mod.rs")) {
+            sources.entry(format!("{room}.rs")).or_default();
+        }
+    }
+    sources.entry("lib.rs".to_owned()).or_insert(lib);
+    let rules = Rules::read(MAP).expect("a map");
+    let crates: BTreeSet<String> = CRATES.map(str::to_owned).into();
+    match source::program(&sources) {
+        Ok(codes) => rules::violations(&codes, &rules, &crates),
+        Err(problems) => problems,
+    }
+}
+
+/// Asserts that code in a file breaks exactly one rule, at a line, and that the message has these words.
+fn caught(file: &str, code: &str, line: usize, words: &str) {
+    let found = broken(&[(file, code)]);
+    let expected = format!("{file}:{line}: ");
+    assert!(
+        found.iter().any(|told| told.starts_with(&expected) && told.contains(words)),
+        "{code}\nwanted {expected}{words}, found {found:#?}"
+    );
+}
+
+fn passes(file: &str, code: &str) {
+    let found = broken(&[(file, code)]);
+    assert!(found.is_empty(), "{code}\n{found:#?}");
+}
+
+#[test]
+fn imports_of_another_room_are_seen_in_every_form() {
+    for code in [
+        "use crate::store::Store;",
+        "use crate::{robot::Robot, store::{Store, open}};",
+        "use crate::store;",
+        "use crate::store as kept;",
+        "use crate::{self as all};",
+        "use crate::*;",
+        "use super::store::Store;",
+        "pub use crate::store::Store;",
+        "use armwatch::store::Store;",
+        "fn f() { use crate::store::Store; }",
+    ] {
+        caught("simulate.rs", code, 1, "simulate names");
+    }
+    passes(
+        "simulate.rs",
+        "use crate::robot::{Robot, joint::{self, Joint}};\nuse self::arm::Arm;\nmod arm { pub struct Arm; }",
+    );
+    passes("store.rs", "use crate::numerics::base;");
+}
+
+#[test]
+fn paths_of_another_room_are_seen_wherever_code_can_name_one() {
+    for code in [
+        "fn f() { crate::store::open(); }",
+        "fn f() -> crate::store::Store { loop {} }",
+        "struct A { store: Option<crate::store::Store> }",
+        "impl From<crate::store::Store> for A { }",
+        "fn f<T: crate::store::Kept>(_: T) {}",
+        "fn f() where A: crate::store::Kept {}",
+        "fn f() { let crate::store::Store { .. } = g(); }",
+        "fn f() { match g() { crate::store::NONE => {} } }",
+        "fn f() { let _ = |s: crate::store::Store| s; }",
+        "pub(in crate::store) struct A;",
+        "const A: usize = crate::store::SIZE;",
+        "macro_rules! m { () => { $crate::store::open() }; }",
+        "fn f() { vec![crate::store::open(); 3]; }",
+        "fn f() { assert!(matches!(g(), Some(crate::store::NONE)), \"{}\", 1); }",
+        "fn f() { pick! { a = g() => crate::store::open(a), else => {} } }",
+        "#[derive(crate::store::Kept)] struct A;",
+        "mod inner { fn f() { super::super::store::open(); } }",
+    ] {
+        caught("simulate.rs", code, 1, "simulate names crate::store");
+    }
+    passes(
+        "simulate.rs",
+        "fn f() { let store = store(); store.open(); let crate_store = \"crate::store\"; }",
+    );
+    passes("simulate.rs", "//! [`crate::store`]\n/// [`crate::store::Store`] // crate::store\nfn f() {}");
+}
+
+#[test]
+fn what_follows_a_module_of_tests_is_seen() {
+    caught(
+        "simulate.rs",
+        "#[cfg(test)]\nmod tests { use crate::store::Store; }\nuse crate::store::Store;",
+        3,
+        "store",
+    );
+    caught(
+        "simulate.rs",
+        "#[cfg(test)]\nuse crate::store::Store;\nfn f() { crate::store::open(); }",
+        3,
+        "store",
+    );
+    caught("store.rs", "#[cfg(test)] mod tests {}\nfn f() { g().unwrap(); }", 2, "unwrap");
+    caught("simulate.rs", "#[cfg(not(test))]\nuse crate::store::Store;", 2, "store");
+    caught("simulate.rs", "#[cfg(any(test, unix))]\nuse crate::store::Store;", 2, "store");
+}
+
+#[test]
+fn what_is_compiled_for_tests_only_is_free() {
+    passes("simulate.rs", "#[cfg(test)] use crate::store::Store;\n#[test] fn f() { g().unwrap(); }");
+    passes("simulate.rs", "#[cfg(all(test, unix))] fn f() { crate::store::open(); }");
+    passes("simulate.rs", "#[tokio::test] async fn f() { panic!(); }");
+    passes("simulate.rs", "impl A { #[cfg(test)] fn f(&self) { crate::store::open(); } }");
+    passes("simulate.rs", "struct A { #[cfg(test)] store: crate::store::Store }");
+    passes("simulate.rs", "fn f() { #[cfg(test)] let a = crate::store::open(); }");
+    let of_tests = [
+        ("simulate.rs", "#[cfg(test)] mod checks;"),
+        ("simulate/checks.rs", "use crate::store::Store; mod more;"),
+        ("simulate/checks/more.rs", "fn f() { crate::store::open().unwrap(); }"),
+    ];
+    assert_eq!(broken(&of_tests), [""; 0]);
+}
+
+#[test]
+fn files_are_found_by_their_declarations() {
+    let deep = [
+        ("simulate/mod.rs", "mod arm { pub mod link; }"),
+        ("simulate/arm/link.rs", "fn f() { crate::store::open(); }"),
+    ];
+    assert_eq!(broken(&deep), ["simulate/arm/link.rs:1: simulate names crate::store"]);
+    let stray = broken(&[("simulate/stray.rs", "")]);
+    assert_eq!(stray, ["simulate/stray.rs is declared by no `mod`"]);
+    let gone = broken(&[("simulate.rs", "mod gone;")]);
+    assert_eq!(gone, ["simulate.rs: no file for `mod gone`"]);
+    let unknown = broken(&[
+        ("lib.rs", "mod robot; mod numerics; mod store; mod simulate; mod telemetry; mod cli; mod attic;"),
+        ("attic.rs", ""),
+    ]);
+    assert_eq!(unknown, ["attic.rs: room attic has no row in ARCHITECTURE.md"]);
+    assert_eq!(
+        broken(&[("main.rs", "fn main() { armwatch::store::open(); }")]),
+        ["main.rs:1: main names crate::store"]
+    );
+    assert!(broken(&[("simulate.rs", "\nfn f( {")])[0].starts_with("simulate.rs:2: "));
+}
+
+#[test]
+fn outside_crates_are_named_behind_their_door_only() {
+    for code in [
+        "use faer::Mat;",
+        "use ::faer::Mat;",
+        "use faer;",
+        "use faer as algebra;",
+        "extern crate faer;",
+        "fn f() -> faer::Mat<f64> { loop {} }",
+        "fn f() { write!(s, \"{}\", faer::norm(m)); }",
+        "#[derive(faer::Kept)] struct A;",
+        "#[faer::kept] fn f() {}",
+    ] {
+        caught("store.rs", code, 1, "store names the crate faer");
+    }
+    caught("robot.rs", "fn f() { tokio::spawn(g()); }", 1, "robot names the crate tokio");
+    passes(
+        "store.rs",
+        "use tokio::sync::mpsc;\n#[derive(thiserror::Error)] struct A;\nfn f() { let faer = 1; g(faer); }",
+    );
+    passes("simulate.rs", "use rand_distr::Normal;");
+    passes("numerics.rs", "use faer::Mat;");
+}
+
+#[test]
+fn the_method_knows_no_world() {
+    caught("numerics.rs", "async fn f() {}", 1, "asynchronous");
+    caught("numerics.rs", "fn f() { let a = async { 1 }; }", 1, "asynchronous");
+    caught("numerics.rs", "fn f() { pick! { a = g().await => {} } }", 1, "asynchronous");
+    caught("numerics.rs", "use std::fs;", 1, "std::fs");
+    caught("numerics.rs", "use std::{f64, fs::File};", 1, "std::fs");
+    caught("numerics.rs", "use std::*;", 1, "std::");
+    caught("numerics.rs", "use std::time::*;", 1, "std::time::");
+    caught("numerics.rs", "use std::time;\nfn f() { time::Instant::now(); }", 2, "std::time::Instant");
+    caught("numerics.rs", "use std as s;\nfn f() { s::env::var(\"A\"); }", 2, "std::env");
+    caught("numerics.rs", "fn f() { std::thread::spawn(g); }", 1, "std::thread");
+    caught(
+        "robot.rs",
+        "use jiff::Timestamp;\nfn f() -> Timestamp { Timestamp::now() }",
+        2,
+        "jiff::Timestamp::now",
+    );
+    caught("numerics.rs", "mod inner {\nuse std::time::Instant;\nfn f() { Instant::now(); } }", 3, "Instant");
+    passes(
+        "numerics.rs",
+        "use std::time::Duration;\nuse jiff::Timestamp;\nfn f(at: Timestamp) -> Duration { g(at) }",
+    );
+    passes("store.rs", "use std::fs;\nasync fn f() { fs::read(\"a\").ok(); g().await; }");
+}
+
+#[test]
+fn statements_stand_in_the_store_only() {
+    caught("cli.rs", "const Q: &str = \"SELECT 1\";", 1, "SQL");
+    caught("cli.rs", "fn f() { query(\"\n  INSERT INTO a VALUES (1)\"); }", 1, "SQL");
+    caught("cli.rs", "fn f() { format!(\"PRAGMA {name}\"); }", 1, "SQL");
+    passes("cli.rs", "/// SELECT 1\nfn f() { say(\"Select a robot\"); }");
+    passes("store.rs", "const Q: &str = \"SELECT 1\";");
+}
+
+#[test]
+fn one_file_prints() {
+    for code in [
+        "fn f() { println!(\"a\"); }",
+        "fn f() { if a { eprint!(\"a\") } }",
+        "fn f() { std::print!(\"a\"); }",
+        "fn f() { pick! { a => println!(\"{a}\"), else => {} } }",
+    ] {
+        caught("cli.rs", code, 1, "prints");
+    }
+    caught("cli.rs", "use std::io;\nfn f() { io::stdout().write_all(b\"a\"); }", 2, "std::io::stdout");
+    caught("cli.rs", "use std::io::stderr;", 1, "std::io::stderr");
+    let output = [
+        ("cli/mod.rs", "mod output;"),
+        ("cli/output.rs", "fn f() { println!(\"a\"); std::io::stdout().lock(); }"),
+    ];
+    assert_eq!(broken(&output), [""; 0]);
+    let debugging = [("cli/mod.rs", "mod output;"), ("cli/output.rs", "fn f() { dbg!(1); }")];
+    assert_eq!(broken(&debugging), ["cli/output.rs:1: dbg! prints"]);
+    passes("cli.rs", "fn f() -> bool { std::io::stderr().is_terminal() }");
+    passes("telemetry.rs", "fn f() { g(std::io::stderr); }");
+}
+
+#[test]
+fn nothing_panics_on_purpose() {
+    for code in [
+        "fn f() { g().unwrap(); }",
+        "fn f() { g().expect(\"it\"); }",
+        "fn f() { g().expect(&format!(\"it\")); }",
+        "fn f() { a.map(Result::unwrap); }",
+        "fn f() { a.map(std::option::Option::unwrap); }",
+        "fn f() { panic!(\"a\"); }",
+        "fn f() { std::panic!(\"a\"); }",
+        "fn f() { todo!() }",
+        "fn f() { unreachable!() }",
+        "fn f() { assert_eq!(g().unwrap(), 1); }",
+        "fn f() { pick! { a = g() => a.unwrap(), else => {} } }",
+        "macro_rules! m { ($a:expr) => { $a.unwrap() }; }",
+        "impl A { #[cfg(test)] fn g() {} fn f() { g().unwrap(); } }",
+    ] {
+        caught("store.rs", code, 1, "panics");
+    }
+    passes(
+        "store.rs",
+        "fn f() { g().unwrap_or_default(); g().unwrap_or_else(h); std::panic::catch_unwind(g).ok(); }",
+    );
+    passes("store.rs", "#[expect(dead_code, reason = \"it\")] fn f() { /* panic!() */ say(\"panic!\"); }");
+    caught("store.rs", "#[allow(dead_code)]\nfn f() {}", 1, "#[allow]");
+}
+
+#[test]
+fn a_map_that_contradicts_itself_is_told() {
+    let problems = |rows: &str| {
+        let map =
+            format!("\n## Rooms\n\n| room | does | may name | outside crates |\n|---|---|---|---|\n{rows}\n");
+        Rules::read(&map).map(|rules| rules.problems())
+    };
+    assert_eq!(problems("| `a` | | | |\n| `b` | | `a` | |"), Ok(Vec::new()));
+    let upward = problems("| `a` | | `b` | |\n| `b` | | | |").expect("rules");
+    assert_eq!(upward, ["room a may name b, which is no row above it"]);
+    let unknown = problems("| `a` | | `attic` | |").expect("rules");
+    assert_eq!(unknown, ["room a may name attic, which is no row above it"]);
+    assert_eq!(problems("| `a` | | | |\n| `a` | | | |").expect("rules"), ["room a has two rows"]);
+    assert!(problems("| `a` | | nouns | |").is_err(), "words that are no names");
+    assert!(problems("| `a` | | |").is_err(), "a row of three cells");
+    assert!(problems("").is_err(), "no rows");
+    assert!(Rules::read("# A\n\n## Other\n").is_err(), "no section");
+}
