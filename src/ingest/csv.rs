@@ -4,6 +4,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::blocks::{BLOCK_BYTES, Block, Blocks, Next, Passed, line_count};
+use super::cell::Decimal;
 use super::encoding::Found;
 use super::exact::{self, LastLine, PreviousTime};
 use super::layout::{ColumnMap, map_columns};
@@ -13,10 +14,6 @@ use super::rejection::Rejection;
 use crate::config::Layout;
 use crate::robot::Robot;
 use crate::run::Samples;
-
-/// A first time beyond this, s, is a clock's and not counted from the recording's start: twelve
-/// days are longer than any test. Times are then counted from the first row.
-pub const MAX_START_TIME: f64 = 1e6;
 
 /// How an export is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,8 +53,8 @@ pub struct Place {
     pub rows: u64,
     /// Time of the row before, as recorded and counted on.
     pub previous: Option<PreviousTime>,
-    /// Subtracted from every time, s.
-    pub origin: f64,
+    /// Number that times count from, in the export's unit, where time is a column of numbers.
+    pub origin: Option<Decimal>,
     /// Moment that dates and times count from, ns from 1970, where they do.
     pub moment: Option<i64>,
 }
@@ -84,8 +81,6 @@ pub struct ExportReader<R> {
     /// Line of the header; `None` without one.
     header_line: Option<u64>,
     previous: Option<PreviousTime>,
-    /// Subtracted from every time, s.
-    origin: f64,
     left_out: Option<u64>,
     /// A rejection that follows the rows given last.
     fault: Option<Rejection>,
@@ -145,7 +140,6 @@ impl<R: Read> ExportReader<R> {
             parser: Parser::new(map, options.threads),
             path: path.to_owned(),
             previous: None,
-            origin: 0.0,
             left_out: None,
             fault: None,
             rows: 0,
@@ -187,7 +181,8 @@ impl<R: Read> ExportReader<R> {
     pub fn pass_to(&mut self, place: &Place) -> Result<Passed, Rejection> {
         let passed = self.blocks.pass_to(place.line, place.byte, &self.path)?;
         if passed == Passed::There {
-            (self.rows, self.previous, self.origin) = (place.rows, place.previous, place.origin);
+            (self.rows, self.previous) = (place.rows, place.previous);
+            self.parser.count_from_number(place.origin);
             place.moment.into_iter().for_each(|moment| self.parser.count_from_moment(moment));
         }
         Ok(passed)
@@ -199,7 +194,7 @@ impl<R: Read> ExportReader<R> {
             byte: block.first_byte,
             rows: self.rows,
             previous: self.previous,
-            origin: self.origin,
+            origin: self.parser.map().time_origin,
             moment: self.parser.counted_from(),
         }
     }
@@ -227,14 +222,14 @@ impl<R: Read> ExportReader<R> {
             return self.end();
         }
         let read = judged.and_then(|()| self.parser.read(&block, self.previous, &self.path));
-        let mut samples = match read {
+        let samples = match read {
             Ok(samples) => samples,
             Err(rejection) => {
                 let rejection = self.placed(rejection, &block);
                 self.rows_before(block, rejection)?
             }
         };
-        self.count_time(&mut samples);
+        self.note_time(&samples);
         self.rows += samples.rows() as u64;
         Ok(Step::Rows(Box::new(Chunk { samples, first_line, place })))
     }
@@ -290,16 +285,11 @@ impl<R: Read> ExportReader<R> {
         Err(Rejection::of_file(&self.path, reason, "export again, with the recording in it"))
     }
 
-    fn count_time(&mut self, samples: &mut Samples) {
-        let (Some(first), Some(last)) = (samples.time.first(), samples.time.last()) else { return };
-        if self.previous.is_none() && first.abs() > MAX_START_TIME {
-            self.origin = *first;
-        }
-        let factor = self.parser.map().to_si.time;
-        self.previous = Some(PreviousTime { recorded: last / factor, seconds: *last });
-        if self.origin != 0.0 {
-            samples.time.iter_mut().for_each(|time| *time -= self.origin);
-        }
+    fn note_time(&mut self, samples: &Samples) {
+        let Some(last) = samples.time.last() else { return };
+        let map = self.parser.map();
+        let origin = map.time_origin.map_or(0.0, Decimal::to_f64);
+        self.previous = Some(PreviousTime { recorded: last / map.to_si.time + origin, seconds: *last });
     }
 }
 

@@ -40,13 +40,28 @@ impl Parser {
         Self { map, schema, threads }
     }
 
-    /// Lets dates and times count from the first row of the export, which begins with this block. One that is
-    /// not understood is left to reading.
+    /// Lets times count from the first row of the export, which begins with this block. One that is not understood
+    /// is left to reading.
     pub(super) fn count_from(&mut self, block: &Block) {
-        let TimeColumn::Stamped { column, origin } = &mut self.map.time else { return };
+        let Some(column) = self.map.time.column() else { return };
         let row = exact::lines(&block.bytes).next().and_then(|line| std::str::from_utf8(line).ok());
-        let cell = row.and_then(|row| fields(row, self.map.delimiter).nth(*column));
-        *origin = cell.and_then(cell::timestamp).unwrap_or(*origin);
+        let Some(cell) = row.and_then(|row| fields(row, self.map.delimiter).nth(column)) else { return };
+        match &mut self.map.time {
+            TimeColumn::Stamped { origin, .. } => *origin = cell::timestamp(cell).unwrap_or(*origin),
+            TimeColumn::Recorded(_) | TimeColumn::Wrapping { .. } => {
+                let number = cell::Decimal::read(cell, self.map.decimal);
+                let clocks =
+                    number.filter(|n| (n.to_f64() * self.map.to_si.time).abs() <= channels::MAX_TIME);
+                self.count_from_number(clocks);
+            }
+            TimeColumn::Counted(_) => {}
+        }
+    }
+
+    /// Lets times count from this number in the column of time, where there is one.
+    pub(super) fn count_from_number(&mut self, number: Option<cell::Decimal>) {
+        self.map.time_origin = number;
+        self.schema = schema(&self.map, self.map.names.len());
     }
 
     /// Moment that dates and times count from, ns from 1970, where they do.
@@ -111,6 +126,10 @@ impl Parser {
             columns.push(match (role, map.time) {
                 (Role::Ignored, _) => Vec::new(),
                 (Role::Time, TimeColumn::Stamped { origin, .. }) => self.moments(column, origin)?,
+                (Role::Time, TimeColumn::Recorded(_)) => match clock_origin(map) {
+                    Some(origin) => times_since(column, origin)?,
+                    None => numbers(column, rows)?,
+                },
                 (role, _) if channels::is_text(*role, map) => word_numbers(column, *role, map)?,
                 (role, _) if role.temperature_unit().is_some() => temperatures(column)?,
                 _ => numbers(column, rows)?,
@@ -173,6 +192,8 @@ fn schema(map: &ColumnMap, fields: usize) -> SchemaRef {
             (None | Some(Role::Ignored), _) | (Some(Role::Time), TimeColumn::Stamped { .. }) => {
                 DataType::String
             }
+            // doubles would lose the last digits of a clock
+            (Some(Role::Time), _) if clock_origin(map).is_some() => DataType::String,
             (Some(role), _) if channels::is_text(*role, map) || role.temperature_unit().is_some() => {
                 DataType::String
             }
@@ -181,6 +202,11 @@ fn schema(map: &ColumnMap, fields: usize) -> SchemaRef {
         Field::new(column.to_string().into(), kind)
     };
     Arc::new((0..fields).map(field).collect::<Schema>())
+}
+
+/// What times of a clock are counted from that does not begin at zero.
+fn clock_origin(map: &ColumnMap) -> Option<cell::Decimal> {
+    map.time_origin.filter(|origin| matches!(map.time, TimeColumn::Recorded(_)) && origin.digits != 0)
 }
 
 fn swapped(byte: u8) -> u8 {
@@ -236,6 +262,16 @@ fn temperatures(column: &Column) -> Option<Vec<f64>> {
         last.1
     };
     Some(cells.map(number).collect())
+}
+
+/// How much larger than `origin` the numbers of a column of text are, without a gap. Decimal commas are points
+/// already.
+fn times_since(column: &Column, origin: cell::Decimal) -> Option<Vec<f64>> {
+    let blank = |c: char| matches!(c, ' ' | '\t' | '\r');
+    let since = |cell: Option<&str>| {
+        cell::Decimal::read(cell?.trim_matches(blank), DecimalMark::Point)?.minus(origin)
+    };
+    column.str().ok()?.iter().map(since).collect()
 }
 
 /// The numbers of a column without a gap.

@@ -15,6 +15,7 @@ use super::intake::Intake;
 use super::{Pipeline, PipelineError};
 use crate::config::{Layout, WorkLimits};
 use crate::ingest::blocks::Passed;
+use crate::ingest::cell::Decimal;
 use crate::ingest::csv::{ExportReader, Place};
 use crate::ingest::exact::PreviousTime;
 use crate::ingest::fingerprint;
@@ -27,7 +28,7 @@ use crate::run::{ContentHash, Stage};
 use crate::store::StoredPoint;
 
 /// Changes with the meaning of what is written down, and of the rows that it makes: reader, stages and cycles.
-const VERSION: u64 = 1;
+const VERSION: u64 = 2;
 
 /// Bytes of the hash behind the others.
 const CHECK_BYTES: usize = 32;
@@ -186,6 +187,13 @@ impl Writer {
         self.whole(number.to_bits());
     }
 
+    fn decimal(&mut self, Decimal { digits, places }: Decimal) {
+        let digits = digits.cast_unsigned();
+        // the low half is what is left of it
+        [(digits >> 64) as u64, digits as u64].into_iter().for_each(|half| self.whole(half));
+        self.whole(places.into());
+    }
+
     fn optional<T>(&mut self, value: Option<T>, write: impl FnOnce(&mut Self, T)) {
         self.whole(value.is_some().into());
         if let Some(value) = value {
@@ -198,7 +206,7 @@ impl Writer {
         self.optional(place.previous, |out, PreviousTime { recorded, seconds }| {
             [recorded, seconds].into_iter().for_each(|time| out.number(time));
         });
-        self.number(place.origin);
+        self.optional(place.origin, Self::decimal);
         self.optional(place.moment, |out, moment| out.whole(moment.cast_unsigned()));
     }
 
@@ -256,6 +264,11 @@ impl Reader<'_> {
         self.whole()?.try_into().ok()
     }
 
+    fn decimal(&mut self) -> Option<Decimal> {
+        let (high, low) = (u128::from(self.whole()?), u128::from(self.whole()?));
+        Some(Decimal { digits: (high << 64 | low).cast_signed(), places: self.small()? })
+    }
+
     fn number(&mut self) -> Option<f64> {
         self.whole().map(f64::from_bits)
     }
@@ -275,7 +288,7 @@ impl Reader<'_> {
             rows: self.whole()?,
             previous: self
                 .optional(|from| Some(PreviousTime { recorded: from.number()?, seconds: from.number()? }))?,
-            origin: self.number()?,
+            origin: self.optional(Self::decimal)?,
             moment: self.optional(|from| from.whole().map(u64::cast_signed))?,
         })
     }
@@ -344,7 +357,7 @@ mod tests {
                 byte: u64::MAX,
                 rows: 1,
                 previous: Some(PreviousTime { recorded: 0.1 + 0.2, seconds: -0.0 }),
-                origin: 1.7e9,
+                origin: Some(Decimal { digits: -1_700_000_000_004, places: 3 }),
                 moment: Some(i64::MIN),
             },
             stages: FinderState {
