@@ -7,8 +7,9 @@ use crate::config::DecimalMark;
 /// Digits of a nanosecond.
 const FRACTION_DIGITS: usize = 9;
 
-/// Most digits of a [`Decimal`], so that two of them can be subtracted: more than the nanoseconds of any clock.
-const MOST_DIGITS: u32 = 24;
+/// Most digits of a [`Decimal`], as many as 128 bits hold: more than the shortest text of any double behind the seconds
+/// from 1970.
+const MOST_DIGITS: u32 = 37;
 
 /// Why a cell is no number, and what to do about it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

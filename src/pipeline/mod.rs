@@ -9,6 +9,7 @@
 pub mod conclude;
 pub mod cutting;
 pub mod cycles;
+pub mod decide;
 pub mod drive_gain;
 pub mod explain;
 pub mod follow;
@@ -234,9 +235,9 @@ impl Pipeline {
         let state = intake::source_state(path);
         if let (Retry::Never, Some(state)) = (retry, state)
             && let Some(known) = self.store.known_source(&name, state).await?
-            && let Some(outcome) = intake::decided(path, known, retry)
+            && decide::is_decided(&known, retry)
         {
-            return Ok(outcome);
+            return Ok(intake::decided(path, known));
         }
         let outcome = self.take(path, retry, stop, progress).await?;
         if let (Some(run_id), Some(state)) = (outcome.run_id(), state) {
@@ -268,16 +269,24 @@ impl Pipeline {
                 intake::read_cycles(&intake, &cycles, &stop, |bytes| progress(Progress::Read(bytes)))
             }
         };
-        let (end, refused) = match self.stream(&intake, &method, Lane::Backlog, reading, progress).await {
+        let streamed = self.stream(&intake, &method, Lane::Backlog, reading, progress).await;
+        let (end, refused) = match streamed {
             Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
-                let reason = format!("results that the database refuses: {detail}");
-                let rejection = Rejection::of_file(path, reason, "report it with this file");
-                return record::quarantine(self, &intake, rejection).await;
+                return self.refused(&intake, &detail).await;
             }
             done => done?,
         };
         match end {
-            ReadEnd::Complete(totals) => record::finish(self, &intake, &method, totals, refused).await,
+            ReadEnd::Complete(totals) => {
+                // a name without start was given the time at which the file was last written
+                let written_at = Some(intake.header.started_at);
+                match record::finish(self, &intake, &method, totals, refused, written_at).await {
+                    Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
+                        self.refused(&intake, &detail).await
+                    }
+                    done => done,
+                }
+            }
             ReadEnd::Rejected(rejection) if rejection.is_passing => Ok(Outcome::Unreadable { rejection }),
             ReadEnd::Rejected(rejection) => record::quarantine(self, &intake, rejection).await,
             ReadEnd::Interrupted => Ok(Outcome::Interrupted),
@@ -287,6 +296,17 @@ impl Pipeline {
                 Ok(Outcome::Changed)
             }
         }
+    }
+
+    /// Quarantines an export whose results the database refuses: it would refuse them again and again.
+    async fn refused(&self, intake: &Intake, detail: &str) -> Result<Outcome, PipelineError> {
+        let reason = format!("results that the database refuses: {detail}");
+        let remedy = format!(
+            "`armwatch quarantine retry {}` reads the file anew from its start; if that ends alike, report it with \
+             this file",
+            intake.run_id
+        );
+        record::quarantine(self, intake, Rejection::of_file(&intake.path, reason, remedy)).await
     }
 
     /// Reads, analyses and records the cycles of an export; `read` runs on a blocking thread. Returns how

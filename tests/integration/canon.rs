@@ -33,6 +33,10 @@ fn canonical_select(database: &Path, view: &str) -> String {
         } else if view == "runs" && column == "reason" {
             "replace(reason, 'by run ' || superseded_by_run_id || ':', 'by its successor:')".to_owned()
                 + " AS without_number, iif(superseded_by_run_id IS NULL, reason, '')"
+        } else if column == "source_path" {
+            // below the folder of the test
+            let folder = database.parent().unwrap_or(Path::new("")).display();
+            format!("replace(seen.source_path, '{folder}/', '')")
         } else {
             // exact also for numbers, and no cell runs into the next one
             format!("quote(seen.\"{column}\")")

@@ -20,6 +20,7 @@ mod quarantine;
 mod fuzz_seeds;
 mod layouts;
 mod explain;
+mod identity;
 mod production;
 mod production_alarms;
 mod stage_signals;
