@@ -123,7 +123,7 @@ pub(super) async fn begin(
     }
     match identity {
         Identity::Content(hash) => identify(connection, run_id, &hash, header.source_bytes).await?,
-        Identity::Growing(_) if afresh_instead => {
+        Identity::Growing(_) if run.cycles_stored == 0 => {
             let nothing = ContentPrefix { bytes: 0, hash: ContentHash(*blake3::hash(b"").as_bytes()) };
             identify_growing(connection, run_id, &nothing).await?;
         }

@@ -34,6 +34,8 @@ mod tests_factors;
 #[cfg(test)]
 mod tests_finish;
 #[cfg(test)]
+mod tests_identity;
+#[cfg(test)]
 mod tests_open;
 #[cfg(test)]
 mod tests_reestimates;

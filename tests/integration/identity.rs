@@ -1,7 +1,6 @@
 //! Which recording a file is, and what its stored cycles were made with.
 
 use std::fs;
-use std::os::unix::fs::symlink;
 
 use sqlx::Connection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
@@ -128,12 +127,16 @@ fn explain_decides_as_ingest_does_and_writes_nothing() {
     // what was written down of a file that could not be read is looked over, and taken away when it is taken
     let name = "A_20260106_0847_three.csv";
     let path = workshop.inbox(name);
-    symlink(&path, &path).expect("a link to itself");
-    let file = path.display().to_string();
-    assert_eq!(workshop.run(&["ingest", &file]).status.code(), Some(1));
-    let open = "SELECT count(*) FROM quarantine WHERE state = 'open'";
+    let hash = blake3::hash(path.as_os_str().as_encoded_bytes()).to_hex();
+    let insert = format!(
+        "INSERT INTO run (robot_id, model, started_at, source_name, source_path, source_bytes, content_hash, status,
+                          reason)
+         VALUES (1, '', 0, '{name}', '{}', 0, x'{hash}', 'quarantined', 'Permission denied')",
+        path.display()
+    );
+    execute(&workshop, &insert);
+    let open = "SELECT count(*) FROM runs WHERE status = 'quarantined'";
     assert_eq!(workshop.query(open), ["1"]);
-    fs::remove_file(&path).expect("removed");
     let third = export("A", 3, 6).named(name);
     let said = explained(&workshop, &third);
     assert_eq!(said["next"], "store", "{said}");
@@ -212,4 +215,112 @@ fn a_run_whose_end_the_database_refuses_is_quarantined_and_a_retry_gets_it_out()
         workshop.stdout(&["quarantine", "retry", "1"], 0);
         assert_eq!(workshop.query("SELECT status, cycles FROM runs"), ["complete|3"]);
     }
+}
+
+#[test]
+fn a_stored_export_is_found_again_whatever_folder_a_command_is_called_in() {
+    let workshop = small::workshop();
+    let export = export("A", 1, 5);
+    fs::write(workshop.inbox(&export.name), &export.bytes).expect("an export");
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let (config, database) = (workshop.path("armwatch.toml"), workshop.path("armwatch.db"));
+    let text = fs::read_to_string(&config).expect("the configuration");
+    fs::write(&config, text.replace("[\"inbox\"]", "[\"elsewhere\"]")).expect("written");
+    let output = workshop
+        .command(&["torque", "--run", "1", "--cycle", "2", "--db"])
+        .arg(&database)
+        .arg("--config")
+        .arg(&config)
+        .current_dir("/")
+        .output()
+        .expect("the program starts");
+    assert!(output.status.success(), "{}", crate::support::text(&output.stderr));
+}
+
+/// The file's time is that of its last row, whether it was read while it was written or afterwards.
+#[test]
+fn a_recording_whose_name_says_no_start_began_its_duration_before_its_file_was_written() {
+    let export = export("A", 1, 5).named("A.csv");
+    let written: std::time::SystemTime =
+        std::time::UNIX_EPOCH + std::time::Duration::from_secs(1_700_000_000);
+    let starts = [false, true].map(|follows| {
+        let workshop = small::workshop();
+        let path = workshop.inbox(&export.name);
+        let stamp = |path: &std::path::Path| {
+            let file = fs::File::options().write(true).open(path).expect("the export");
+            file.set_modified(written).expect("a time");
+        };
+        if follows {
+            workshop.set("settle_s", "60");
+            let half = export.bytes.len() / 2;
+            fs::write(&path, &export.bytes[..half]).expect("a growing export");
+            let daemon = workshop.daemon();
+            workshop.wait_for("SELECT count(*) > 0 FROM runs WHERE status = 'streaming'", 1);
+            use std::io::Write;
+            let mut file = fs::File::options().append(true).open(&path).expect("the export");
+            file.write_all(&export.bytes[half..]).expect("the rest");
+            drop(file);
+            stamp(&path);
+            fs::write(workshop.inbox("A.csv.done"), "").expect("a mark");
+            workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 1);
+            daemon.signal("TERM");
+            assert_eq!(daemon.end(), Some(0));
+        } else {
+            fs::write(&path, &export.bytes).expect("an export");
+            stamp(&path);
+            workshop.stdout(&["ingest", "inbox"], 0);
+        }
+        let runs = workshop.query("SELECT started_at FROM runs");
+        assert_eq!(workshop.query("SELECT started_at FROM cycles WHERE cycle = 1"), runs);
+        (runs, workshop.query("SELECT cycle, started_at FROM cycles ORDER BY cycle"))
+    });
+    assert_eq!(starts[0], starts[1]);
+    let text = std::str::from_utf8(&export.bytes).expect("text");
+    let last = text.lines().last().and_then(|line| line.split(',').next()).expect("a time");
+    let duration: f64 = last.parse().expect("seconds");
+    let started: jiff::Timestamp = starts[0].0[0].parse().expect("a time");
+    let found = 1_700_000_000.0 - started.as_microsecond() as f64 * 1e-6;
+    assert!((found - duration).abs() < 2e-3, "{found} {duration}");
+}
+
+/// Any file that ends with .csv may lie in a watched folder.
+#[test]
+fn a_file_that_is_no_export_makes_no_robot() {
+    let workshop = small::workshop();
+    fs::write(workshop.inbox("notes.csv"), "to do,done\ncall,yes\n").expect("a file");
+    workshop.stdout(&["ingest", "inbox"], 1);
+    assert_eq!(workshop.query("SELECT name FROM robot"), ["unknown"]);
+    assert_eq!(workshop.query("SELECT robot, source_name FROM quarantine"), ["unknown|notes.csv"]);
+    take(&workshop, &export("A", 1, 5).named("A.csv"));
+    assert_eq!(
+        workshop.query("SELECT robot, status FROM runs ORDER BY run_id"),
+        ["unknown|quarantined", "A|complete"]
+    );
+}
+
+/// As `cp -p` and `rsync -t` do it.
+#[test]
+fn a_corrected_export_of_the_same_size_and_time_is_read() {
+    let workshop = small::workshop();
+    let first = export("A", 1, 5);
+    let path = workshop.inbox(&first.name);
+    fs::write(&path, &first.bytes).expect("an export");
+    let time = fs::metadata(&path).expect("the file").modified().expect("a time");
+    let daemon = workshop.daemon();
+    workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 1);
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+    let corrected = first.with(|text| {
+        let (before, last) = text.trim_end().rsplit_once('\n').expect("rows");
+        let changed = last.replacen(".0", ".1", 1);
+        assert_ne!(changed, last);
+        format!("{before}\n{changed}\n")
+    });
+    assert_eq!(corrected.bytes.len(), first.bytes.len());
+    fs::write(&path, &corrected.bytes).expect("the corrected export");
+    fs::File::options().write(true).open(&path).expect("it").set_modified(time).expect("a time");
+    let daemon = workshop.daemon();
+    workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'superseded'", 1);
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
 }
