@@ -167,9 +167,11 @@ pub async fn watch(
     }
     let begun = begun_before(&pipeline.store().unfinished_sources().await?);
     let mut work = Work::new(pipeline, reread, stop.child_token(), begun);
+    let missed = tokio::spawn(archive::take_missed(pipeline.clone(), work.stop.clone()));
     let watched = work.go_on(reload, &mut report).await;
     // after a failure the others finish their cycles too
     work.stop.cancel();
+    missed.await?;
     while let Some(closed) = work.tasks.join_next().await {
         let ended = closed.map_err(PipelineError::from).and_then(|closed| work.close(closed, &mut report));
         if watched.is_ok() {
@@ -258,6 +260,8 @@ impl<'r> Work<'r> {
         report: &mut impl FnMut(Event<'_>),
     ) -> Result<(), PipelineError> {
         let mut settings = self.pipeline.config().watch.clone();
+        // as paths are stored
+        settings.folders.iter_mut().for_each(|folder| *folder = archive::from_root(folder));
         let (mut watcher, mut hints) = watch::watch_folders(&settings.folders);
         let mut complaints = Complaints::default();
         let mut next_scan = Instant::now();

@@ -19,11 +19,12 @@ pub struct DateFormats {
 }
 
 impl DateFormats {
-    /// The moment on a clock on a wall that `date` and `time` say; midnight without time.
+    /// The moment on a clock on a wall that `date` and `time` say, and whether they say a time of day; midnight
+    /// without one.
     ///
     /// # Errors
     /// What is wrong with one of them.
-    pub(super) fn moment(&self, date: &str, time: Option<&str>) -> Result<DateTime, String> {
+    pub(super) fn moment(&self, date: &str, time: Option<&str>) -> Result<(DateTime, bool), String> {
         let (day, with_it) = match &self.date {
             Some(format) => formatted(format, date, "date_format")?,
             None => (Some(eight_digits(date)?), None),
@@ -42,7 +43,7 @@ impl DateFormats {
             (Some(time), None) => Some(digits_of_clock(time)?),
             (None, _) => with_it,
         };
-        Ok(DateTime::from_parts(day, clock.unwrap_or_else(Time::midnight)))
+        Ok((DateTime::from_parts(day, clock.unwrap_or_else(Time::midnight)), clock.is_some()))
     }
 
     /// What the groups of the pattern of file names should hold.
@@ -192,10 +193,11 @@ mod tests {
             ("%Y%m%dT%H%M%S", "", "20260105T084730", None),
             ("%Y-%j", "%I.%M.%S %p", "2026-005", Some("08.47.30 AM")),
         ] {
-            let found = formats(date_format, time_format).moment(date, time).map(|moment| moment.to_string());
+            let found =
+                formats(date_format, time_format).moment(date, time).map(|(moment, _)| moment.to_string());
             assert_eq!(found.as_deref(), Ok("2026-01-05T08:47:30"), "{date_format} {time_format}");
         }
-        let midnight = formats("%y_%m_%d", "").moment("26_01_05", None).map(|moment| moment.to_string());
+        let midnight = formats("%y_%m_%d", "").moment("26_01_05", None).map(|(moment, _)| moment.to_string());
         assert_eq!(midnight.as_deref(), Ok("2026-01-05T00:00:00"));
     }
 

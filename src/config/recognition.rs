@@ -1,7 +1,7 @@
 //! What a file name says: which robot, and when its recording started.
 
 use jiff::Timestamp;
-use jiff::tz::TimeZone;
+use jiff::tz::{AmbiguousOffset, TimeZone};
 
 use super::{DateFormats, Recognition};
 
@@ -21,6 +21,9 @@ pub struct Recognised {
     pub robot: String,
     /// Start of the recording, if the name says it; midnight where it says the date only.
     pub started_at: Option<Timestamp>,
+    /// Whether it is one moment: with a time of day, and not in the hour that comes twice when clocks are set back.
+    /// Two recordings of a robot do not have the same one.
+    pub is_definite: bool,
 }
 
 /// Why a file name says nothing.
@@ -69,25 +72,25 @@ impl Recognition {
         let forms = [strip(file_name, &ENDINGS), strip(file_name, &ENDINGS[..2]), file_name];
         let Some(captures) = forms.iter().find_map(|form| self.file_name.captures(form)) else {
             let plain = plain_robot(forms[0]).ok_or_else(no_match)?;
-            return Ok(Recognised { robot: plain.to_owned(), started_at: None });
+            return Ok(Recognised { robot: plain.to_owned(), started_at: None, is_definite: false });
         };
         let group = |name| captures.name(name).map(|found| found.as_str());
         let robot =
             group("robot").map(str::trim).filter(|robot| !robot.is_empty()).ok_or_else(no_match)?.to_owned();
         let Some(date) = group("date") else {
-            return Ok(Recognised { robot, started_at: None });
+            return Ok(Recognised { robot, started_at: None, is_definite: false });
         };
         let time = group("time");
         let zone =
             time_zone(&self.time_zone).ok_or_else(|| RecogniseError::NoTimeZone(self.time_zone.clone()))?;
-        let started_at =
+        let (started_at, is_definite) =
             timestamp(&self.formats, date, time, &zone).map_err(|reason| RecogniseError::NoDate {
                 file_name: file_name.to_owned(),
                 text: [Some(date), time].into_iter().flatten().collect::<Vec<_>>().join(" "),
                 wanted: self.formats.wanted(),
                 reason,
             })?;
-        Ok(Recognised { robot, started_at: Some(started_at) })
+        Ok(Recognised { robot, started_at: Some(started_at), is_definite })
     }
 }
 
@@ -121,17 +124,19 @@ fn strip<'n>(name: &'n str, endings: &[&str]) -> &'n str {
     shorter.map_or(name, |stem| strip(stem, endings))
 }
 
-/// Date and time of a clock on a wall in `zone`. Where clocks are set back, the earlier of the two
-/// moments is taken; where they are set forward, the hour that does not exist continues the old
-/// one, as a controller's clock does.
+/// Date and time of a clock on a wall in `zone`, and whether that is one moment: with a time of day that does not come
+/// twice. Where clocks are set back, the earlier of the two moments is taken; where they are set forward, the hour
+/// that does not exist continues the old one, as a controller's clock does.
 fn timestamp(
     formats: &DateFormats,
     date: &str,
     time: Option<&str>,
     zone: &TimeZone,
-) -> Result<Timestamp, String> {
-    let moment = formats.moment(date, time)?;
-    zone.to_ambiguous_timestamp(moment).compatible().map_err(|error| error.to_string())
+) -> Result<(Timestamp, bool), String> {
+    let (moment, has_time) = formats.moment(date, time)?;
+    let moments = zone.to_ambiguous_timestamp(moment);
+    let comes_twice = matches!(moments.offset(), AmbiguousOffset::Fold { .. });
+    Ok((moments.compatible().map_err(|error| error.to_string())?, has_time && !comes_twice))
 }
 
 #[cfg(test)]
@@ -180,7 +185,7 @@ mod tests {
             [("R00.csv.gz", "R00"), ("cell_4_left.csv", "cell_4_left"), ("er3a-0815.csv", "er3a-0815")]
         {
             let found = native().recognise(name).expect(name);
-            assert_eq!(found, Recognised { robot: robot.into(), started_at: None });
+            assert_eq!(found, Recognised { robot: robot.into(), started_at: None, is_definite: false });
         }
     }
 
@@ -205,25 +210,29 @@ mod tests {
             time_zone: "UTC".into(),
         };
         let robot_only = by(r"^(?<robot>.+)$").recognise("Left.csv.gz").expect("matches");
-        assert_eq!(robot_only, Recognised { robot: "Left".into(), started_at: None });
+        assert_eq!(robot_only, Recognised { robot: "Left".into(), started_at: None, is_definite: false });
         let dated =
             by(r"^(?<robot>\w+)-(?<date>\d{8})\.csv$").recognise("Left-20260105.csv.gz").expect("matches");
         assert_eq!(dated.started_at.map(|t| t.to_string()).as_deref(), Some("2026-01-05T00:00:00Z"));
+        assert!(!dated.is_definite, "a robot has several recordings a day");
+        assert!(native().recognise(EXAMPLE).expect("a name").is_definite);
     }
 
     #[test]
     fn wall_clocks_are_read_in_their_zone_also_when_clocks_change() {
         // Central European rules written out, so that the machine needs no database of zones.
         let zone = TimeZone::posix("CET-1CEST,M3.5.0,M10.5.0/3").expect("a zone");
-        for (date, time, expected) in [
-            ("20260105", "0847", "2026-01-05T07:47:00Z"),
-            ("20260705", "0847", "2026-07-05T06:47:00Z"),
-            ("20261025", "0230", "2026-10-25T00:30:00Z"),
-            ("20260329", "0230", "2026-03-29T01:30:00Z"),
+        for (date, time, expected, comes_twice) in [
+            ("20260105", "0847", "2026-01-05T07:47:00Z", false),
+            ("20260705", "0847", "2026-07-05T06:47:00Z", false),
+            ("20261025", "0230", "2026-10-25T00:30:00Z", true),
+            ("20261025", "0300", "2026-10-25T02:00:00Z", false),
+            ("20260329", "0230", "2026-03-29T01:30:00Z", false),
         ] {
             assert_eq!(
-                timestamp(&DateFormats::default(), date, Some(time), &zone).map(|t| t.to_string()),
-                Ok(expected.to_owned()),
+                timestamp(&DateFormats::default(), date, Some(time), &zone)
+                    .map(|(t, one)| (t.to_string(), !one)),
+                Ok((expected.to_owned(), comes_twice)),
                 "{date}"
             );
         }

@@ -1,10 +1,16 @@
 //! After a run is complete: its export goes to the archive, where one is configured.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use tokio_util::sync::CancellationToken;
+
 use crate::ingest::archive::{Archived, archive};
-use crate::pipeline::{Outcome, Pipeline, intake};
+use crate::ingest::source::path_text;
+use crate::ingest::watch;
+use crate::pipeline::{Outcome, Pipeline, PipelineError, Retry, intake};
 use crate::run::RunStatus;
+use crate::store::SourceState;
 
 /// Archives the export at `path` if its run is complete. Whatever fails is logged and leaves the source where
 /// it is; it is tried again when the file is looked at anew, at the latest after a restart.
@@ -36,6 +42,8 @@ async fn moved(
         // a link or mount lets the archive be seen in a watched folder
         return Ok(None);
     }
+    // what is committed outlasts the process, and only what is synced a loss of power: the source may go after that
+    store.sync().await?;
     let below = below(path, &pipeline.config().watch.folders);
     let source = path.to_owned();
     let content = run.content_hash;
@@ -44,9 +52,63 @@ async fn moved(
         && let Some(state) = intake::source_state(target)
     {
         // commands that read samples again find the export there
-        store.remember_source(&target.display().to_string(), state, run_id).await?;
+        store.remember_source(&path_text(target), state, run_id).await?;
     }
     Ok(Some(archived))
+}
+
+/// Takes exports that lie in the archive and that the database does not know: it lost their runs with a disk, or it is an
+/// older copy that was put back. Their sources are gone.
+pub async fn take_missed(pipeline: Pipeline, stop: CancellationToken) {
+    let Some(folder) = pipeline.config().watch.archive.clone() else { return };
+    let found = tokio::task::spawn_blocking(move || watch::scan(&[from_root(&folder)])).await;
+    let files = found.map(|scan| scan.files).unwrap_or_default();
+    let mut robots = BTreeSet::new();
+    for path in files.into_iter().map(|file| file.path) {
+        if stop.is_cancelled() {
+            return;
+        }
+        match take_if_missed(&pipeline, &path, &stop).await {
+            Ok(robot) => robots.extend(robot),
+            Err(error) => tracing::warn!(file = %path.display(), %error, "in the archive, and not taken"),
+        }
+    }
+    for robot in robots {
+        if let Err(error) = pipeline.conclude_named(&robot).await {
+            tracing::warn!(robot, %error, "conclusions are drawn later");
+        }
+    }
+}
+
+/// Takes an export of the archive unless it is known; the robot whose history it changes.
+async fn take_if_missed(
+    pipeline: &Pipeline,
+    path: &Path,
+    stop: &CancellationToken,
+) -> Result<Option<String>, PipelineError> {
+    let Some(state) = intake::source_state(path) else { return Ok(None) };
+    // earlier versions stored the path as it was given, and the time of modification
+    let given = pipeline.config().watch.archive.as_deref().and_then(|folder| {
+        Some(folder.join(path.strip_prefix(from_root(folder)).ok()?).display().to_string())
+    });
+    let earlier = SourceState { modified: intake::file_time(path), ..state };
+    for (name, state) in [(Some(path_text(path)), state), (given, earlier)] {
+        if let Some(name) = name
+            && pipeline.store().known_source(&name, state).await?.is_some()
+        {
+            return Ok(None);
+        }
+    }
+    match pipeline.process(path, Retry::Never, stop, |_| ()).await? {
+        Outcome::Stored(run) => {
+            tracing::warn!(
+                file = %path.display(), run_id = run.run_id,
+                "in the archive, and not in the database: taken again"
+            );
+            Ok(Some(run.robot))
+        }
+        _ => Ok(None),
+    }
 }
 
 fn is_inside(path: &Path, folder: &Path) -> bool {
@@ -56,8 +118,15 @@ fn is_inside(path: &Path, folder: &Path) -> bool {
 
 /// The sub-folder of its watched folder that a file lies in, which it keeps.
 fn below(path: &Path, folders: &[PathBuf]) -> PathBuf {
+    let path = from_root(path);
     let parent = path.parent().unwrap_or(Path::new(""));
-    folders.iter().find_map(|folder| parent.strip_prefix(folder).ok()).unwrap_or(Path::new("")).to_owned()
+    let below = folders.iter().find_map(|folder| parent.strip_prefix(from_root(folder)).ok());
+    below.unwrap_or(Path::new("")).to_owned()
+}
+
+/// A path from the root on, as it stands.
+pub fn from_root(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 //! The one place where a source is removed. Cut short anywhere, it is begun again without harm: a copy without
 //! its name is thrown away, and a copy with its name is found when the source is looked at again.
 
+use std::borrow::Cow;
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
 use std::io;
@@ -17,6 +18,9 @@ const PARTIAL: &str = ".partial";
 
 /// Names tried for exports of one name and other content.
 const MOST_NAMES: usize = 3;
+
+/// Digits of its hash that tell an export from another one of its name, times the number of the attempt.
+const DIGITS: usize = 8;
 
 /// What became of a source.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -115,7 +119,6 @@ fn copy(source: &Path, partial: &Path, content: &ContentHash) -> io::Result<bool
 
 /// The name as it is, then with more and more of the hash before its endings.
 fn name_of(name: &OsStr, content: &ContentHash, attempt: usize) -> OsString {
-    const DIGITS: usize = 8;
     if attempt == 0 {
         return name.to_owned();
     }
@@ -124,6 +127,21 @@ fn name_of(name: &OsStr, content: &ContentHash, attempt: usize) -> OsString {
     let (stem, endings) = text.split_at(stem_end);
     let hash: String = content.to_string().chars().take(DIGITS * attempt).collect();
     format!("{stem}~{hash}{endings}").into()
+}
+
+/// The name of an export without what [`archive`] has put into it.
+#[must_use]
+pub fn original_name(name: &str) -> Cow<'_, str> {
+    let stem_end = name.to_ascii_lowercase().rfind(".csv").unwrap_or(name.len());
+    let (stem, endings) = name.split_at(stem_end);
+    let is_hash = |text: &str| {
+        (1..MOST_NAMES).any(|attempt| text.len() == DIGITS * attempt)
+            && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
+    };
+    match stem.rsplit_once('~') {
+        Some((original, hash)) if is_hash(hash) => Cow::Owned(format!("{original}{endings}")),
+        _ => Cow::Borrowed(name),
+    }
 }
 
 /// Takes away the mark that said that the source was done.
@@ -208,6 +226,10 @@ mod tests {
         let Archived::At(second) = folders.archive(&folders.source(b"two"), b"two").unwrap() else {
             panic!("it was not moved")
         };
+        assert_eq!(original_name(&second.file_name().unwrap().to_string_lossy()), NAME);
+        for name in [NAME, "R00~left_20260105_0847.csv", "R00~1a2b3c4.csv", "R00~1A2B3C4D.csv", "~"] {
+            assert_eq!(original_name(name), name);
+        }
         let begin = &of_bytes(b"two").to_string()[..8];
         assert_eq!(second, folders.path(&format!("archive/line 1/R00_20260105_0847~{begin}.csv.gz")));
         assert_eq!(

@@ -7,6 +7,10 @@ use crate::config::DecimalMark;
 /// Digits of a nanosecond.
 const FRACTION_DIGITS: usize = 9;
 
+/// Most digits of a [`Decimal`], as many as 128 bits hold: more than the shortest text of any double behind the seconds
+/// from 1970.
+const MOST_DIGITS: u32 = 37;
+
 /// Why a cell is no number, and what to do about it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NoNumber {
@@ -28,6 +32,92 @@ pub fn number(cell: &str, decimal: DecimalMark) -> Result<f64, NoNumber> {
         DecimalMark::Comma => cell.parse(),
     };
     parsed.map_err(|_| no_number(cell, decimal))
+}
+
+/// A number as its digits are written, without the rounding of a double: `digits` times ten to the power of minus
+/// `places`. A clock that counts from 1970 in steps of a millisecond needs more digits than a double has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Decimal {
+    /// All digits as one whole number.
+    pub digits: i128,
+    /// Digits behind the decimal mark.
+    pub places: u32,
+}
+
+impl Decimal {
+    /// Reads what [`number`] reads, but for numbers with so many digits, or such an exponent, that no clock has them.
+    #[must_use]
+    pub fn read(cell: &str, decimal: DecimalMark) -> Option<Self> {
+        let mark = match decimal {
+            DecimalMark::Point => b'.',
+            DecimalMark::Comma => b',',
+        };
+        let (mantissa, exponent) = match cell.find(['e', 'E']) {
+            Some(at) => (cell.get(..at)?, cell.get(at + 1..)?.parse::<i32>().ok()?),
+            None => (cell, 0),
+        };
+        let unsigned = mantissa.strip_prefix(['+', '-']).unwrap_or(mantissa);
+        let (mut digits, mut count, mut places) = (0_i128, 0_u32, None);
+        for byte in unsigned.bytes() {
+            match byte {
+                b'0'..=b'9' => {
+                    digits = digits * 10 + i128::from(byte - b'0');
+                    count += 1;
+                    places = places.map(|places: i32| places + 1);
+                }
+                _ if byte == mark && places.is_none() => places = Some(0),
+                _ => return None,
+            }
+            if count > MOST_DIGITS {
+                return None;
+            }
+        }
+        let signed = if mantissa.starts_with('-') { -digits } else { digits };
+        let places = places.unwrap_or(0).checked_sub(exponent)?;
+        let of_whole = |digits: i128| (count > 0 && places.unsigned_abs() <= MOST_DIGITS).then_some(digits);
+        match u32::try_from(places) {
+            Ok(places) => of_whole(signed).map(|digits| Self { digits, places }),
+            Err(_) => {
+                let scale = 10_i128.checked_pow(places.unsigned_abs())?;
+                of_whole(signed)?.checked_mul(scale).map(|digits| Self { digits, places: 0 })
+            }
+        }
+    }
+
+    /// The nearest double.
+    #[must_use]
+    pub fn to_f64(self) -> f64 {
+        // both are doubles without rounding, so that the quotient is rounded once
+        const EXACT_PLACES: i32 = 22;
+        match i32::try_from(self.places) {
+            Ok(places)
+                if places <= EXACT_PLACES && self.digits.unsigned_abs() < 1 << f64::MANTISSA_DIGITS =>
+            {
+                self.digits as f64 / 10_f64.powi(places)
+            }
+            _ => format!("{}e-{}", self.digits, self.places).parse().unwrap_or(f64::NAN),
+        }
+    }
+
+    /// The double nearest to the difference; `None` where numbers lie too far apart to have one without rounding.
+    #[must_use]
+    pub fn minus(self, other: Self) -> Option<f64> {
+        let places = self.places.max(other.places);
+        let widened = |of: Self| of.digits.checked_mul(10_i128.checked_pow(places - of.places)?);
+        let digits = widened(self)?.checked_sub(widened(other)?)?;
+        Some(Self { digits, places }.to_f64())
+    }
+}
+
+/// How much larger than `origin` the number in a cell is.
+///
+/// # Errors
+/// As [`number`].
+pub fn number_since(cell: &str, decimal: DecimalMark, origin: Decimal) -> Result<f64, NoNumber> {
+    match Decimal::read(cell, decimal).and_then(|number| number.minus(origin)) {
+        Some(difference) => Ok(difference),
+        None => Ok(number(cell, decimal)? - origin.to_f64()),
+    }
 }
 
 fn no_number(cell: &str, decimal: DecimalMark) -> NoNumber {
@@ -198,6 +288,34 @@ mod tests {
     }
 
     #[test]
+    fn clocks_lose_no_digit() {
+        for (cell, origin, since) in [
+            ("1700000000.004", "1700000000", 0.004),
+            ("1700000000004000001", "1700000000000000000", 4_000_001.0),
+            ("36000.0040", "36000", 0.004),
+            ("1.700000000004e9", "17e8", 0.004),
+            ("0.3", "0.1", 0.2),
+            ("-0.5", "-1.5", 1.0),
+            ("+1.", ".5", 0.5),
+            ("100000000000.123456789", "100000000000", 0.123_456_789),
+        ] {
+            let origin = Decimal::read(origin, DecimalMark::Point).expect(origin);
+            assert_eq!(number_since(cell, DecimalMark::Point, origin), Ok(since), "{cell}");
+            let comma = cell.replace('.', ",");
+            assert_eq!(number_since(&comma, DecimalMark::Comma, origin), Ok(since), "{comma}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_decimal_is_left_to_doubles() {
+        for cell in
+            ["", ".", "-", "e5", "1e", "nan", "inf", "1.2.3", "1 2", "1e-300", "1e300", "0x1", "1,5", "--1"]
+        {
+            assert_eq!(Decimal::read(cell, DecimalMark::Point), None, "{cell}");
+        }
+    }
+
+    #[test]
     fn timestamps_of_one_moment_in_many_spellings() {
         // 2026-03-01 is day 20513 from 1970.
         let expected = (20_513 * 86_400 + 8 * 3600) * 1_000_000_000 + 4_000_000;
@@ -244,6 +362,15 @@ mod tests {
             let _ = timestamp(&cell);
             let _ = number(&cell, DecimalMark::Comma);
             let _ = number(&cell, DecimalMark::Point);
+            let _ = Decimal::read(&cell, DecimalMark::Point);
+        }
+
+        /// The two readers of numbers agree to the last bit.
+        #[test]
+        fn a_decimal_is_the_double_that_its_text_is(number in -1e12..1e12_f64, places in 0_usize..12) {
+            let cell = format!("{number:.places$}");
+            let decimal = Decimal::read(&cell, DecimalMark::Point).expect("a decimal");
+            prop_assert_eq!(Ok(decimal.to_f64()), cell.parse());
         }
     }
 }

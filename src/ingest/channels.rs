@@ -3,7 +3,7 @@
 //! Both readers end in [`samples`], so a unit is converted in one place. [`refusal`] says of a single
 //! number what [`samples`] only knows of a column: that there is a bad one.
 
-use super::cell;
+use super::cell::{self, Decimal};
 use super::layout::{ColumnMap, Role, TimeColumn};
 use crate::config::{DecimalMark, StageSignal, StageSource, StageWords};
 use crate::robot::JointIndex;
@@ -78,6 +78,7 @@ pub fn words_wanted(role: Role, map: &ColumnMap) -> String {
 
 /// The channels in SI, or `None` if any number is refused or time does not rise strictly.
 ///
+/// Times in `columns` count from the first row of the export, but for counts of a counter, which are as recorded.
 /// `previous_time` is the time of the row before, s. Factors of 1 cost nothing.
 #[must_use]
 pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f64>) -> Option<Samples> {
@@ -87,8 +88,10 @@ pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f
             scaled(taken(&mut columns, column), factors.time, MAX_TIME)?
         }
         TimeColumn::Wrapping { column, period } => {
-            let counts =
-                unwrapped(taken(&mut columns, column), period, previous_time.map(|t| t / factors.time));
+            let origin = map.time_origin.map_or(0.0, Decimal::to_f64);
+            let previous = previous_time.map(|time| time / factors.time + origin);
+            let mut counts = unwrapped(taken(&mut columns, column), period, previous);
+            counts.iter_mut().for_each(|count| *count -= origin);
             scaled(counts, factors.time, MAX_TIME)?
         }
         TimeColumn::Counted(rate) => {

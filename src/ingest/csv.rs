@@ -4,6 +4,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::blocks::{BLOCK_BYTES, Block, Blocks, Next, Passed, line_count};
+use super::cell::Decimal;
 use super::channels;
 use super::encoding::Found;
 use super::exact::{self, LastLine, PassedOver, PreviousTime};
@@ -14,10 +15,6 @@ use super::rejection::Rejection;
 use crate::config::Layout;
 use crate::robot::Robot;
 use crate::run::Samples;
-
-/// A first time beyond this, s, is a clock's and not counted from the recording's start: twelve
-/// days are longer than any test. Times are then counted from the first row.
-pub const MAX_START_TIME: f64 = 1e6;
 
 /// Lines below a line that is no header in which a header is looked for, to say how many to skip.
 const MOST_LINES_ABOVE_HEADER: usize = 100;
@@ -62,8 +59,8 @@ pub struct Place {
     pub rows_skipped: u64,
     /// Time of the row before, as recorded and counted on.
     pub previous: Option<PreviousTime>,
-    /// Subtracted from every time, s.
-    pub origin: f64,
+    /// Number that times count from, in the export's unit, where time is a column of numbers.
+    pub origin: Option<Decimal>,
     /// Moment that dates and times count from, ns from 1970, where they do.
     pub moment: Option<i64>,
 }
@@ -105,9 +102,7 @@ pub struct ExportReader<R> {
     /// Line of the header; `None` without one.
     header_line: Option<u64>,
     previous: Option<PreviousTime>,
-    /// Subtracted from every time, s.
-    origin: f64,
-    /// Whether the moment that dates and times count from is known.
+    /// Whether it is known what times count from.
     has_moment: bool,
     /// Most bad rows that are passed over.
     most_bad: u64,
@@ -180,7 +175,6 @@ impl<R: Read> ExportReader<R> {
             parser: Parser::new(map, options.threads),
             path: path.to_owned(),
             previous: None,
-            origin: 0.0,
             has_moment: false,
             most_bad: layout.rows.skip_bad,
             passed_over: PassedOver::default(),
@@ -232,8 +226,9 @@ impl<R: Read> ExportReader<R> {
     pub fn pass_to(&mut self, place: &Place) -> Result<Passed, Rejection> {
         let passed = self.blocks.pass_to(place.line, place.byte, &self.path)?;
         if passed == Passed::There {
-            (self.rows, self.previous, self.origin) = (place.rows, place.previous, place.origin);
+            (self.rows, self.previous) = (place.rows, place.previous);
             self.passed_over.rows = place.rows_skipped;
+            self.parser.count_from_number(place.origin);
             self.has_moment = true;
             place.moment.into_iter().for_each(|moment| self.parser.count_from_moment(moment));
         }
@@ -247,7 +242,7 @@ impl<R: Read> ExportReader<R> {
             rows: self.rows,
             rows_skipped: self.passed_over.rows,
             previous: self.previous,
-            origin: self.origin,
+            origin: self.parser.map().time_origin,
             moment: self.parser.counted_from(),
         }
     }
@@ -294,14 +289,14 @@ impl<R: Read> ExportReader<R> {
         let left = self.most_bad.saturating_sub(self.passed_over.rows);
         let read = self.parser.read_passing_over(&block, self.previous, &self.path, left);
         let lines = line_count(&block.bytes);
-        let (mut samples, passed) = match read {
+        let (samples, passed) = match read {
             Ok(read) => read,
             Err(rejection) => {
                 let rejection = self.placed(rejection, &block);
                 self.rows_before(block, rejection, left)?
             }
         };
-        self.count_time(&mut samples, lines);
+        self.note_time(&samples, lines);
         self.rows += samples.rows() as u64;
         self.passed_over.add(passed);
         Ok(samples)
@@ -426,27 +421,21 @@ impl<R: Read> ExportReader<R> {
         tracing::warn!(%path, rows, first, "bad rows were passed over, as skip_bad of the layout permits");
     }
 
-    /// Counts times from the recording's start, and notes the last one of a block of `lines` lines.
-    fn count_time(&mut self, samples: &mut Samples, lines: u64) {
-        let before = self.previous;
-        if let (Some(first), Some(last)) = (samples.time.first(), samples.time.last()) {
-            if self.previous.is_none() && first.abs() > MAX_START_TIME {
-                self.origin = *first;
-            }
-            let factor = self.parser.map().to_si.time;
-            self.previous = Some(PreviousTime { recorded: last / factor, seconds: *last });
+    /// Notes the last time of a block of `lines` lines.
+    fn note_time(&mut self, samples: &Samples, lines: u64) {
+        let (before, map) = (self.previous, self.parser.map());
+        if let Some(last) = samples.time.last() {
+            let origin = map.time_origin.map_or(0.0, Decimal::to_f64);
+            self.previous = Some(PreviousTime { recorded: last / map.to_si.time + origin, seconds: *last });
         }
         // counted rows go on behind the last line, also where it was passed over
-        if let TimeColumn::Counted(rate) = self.parser.map().time
+        if let TimeColumn::Counted(rate) = map.time
             && let Some(last) = usize::try_from(lines).ok().and_then(|lines| lines.checked_sub(1))
             && self.fault.is_none()
         {
             let times = channels::counted([last], rate, before.map(|before| before.seconds));
             self.previous =
                 times.first().map(|seconds| PreviousTime { recorded: *seconds, seconds: *seconds });
-        }
-        if self.origin != 0.0 {
-            samples.time.iter_mut().for_each(|time| *time -= self.origin);
         }
     }
 }

@@ -140,7 +140,7 @@ fn foreign_units_end_here() {
 }
 
 #[test]
-fn clock_times_are_counted_from_the_first_row_and_others_are_not() {
+fn times_are_counted_from_the_first_row_to_the_last_digit() {
     let (samples, text) = made_recording(50);
     let moved = |origin: f64| {
         let lines = text.lines().enumerate().map(|(number, line)| match (number, line.split_once(',')) {
@@ -151,10 +151,61 @@ fn clock_times_are_counted_from_the_first_row_and_others_are_not() {
         read_bytes(moved.as_bytes(), &native(), with_blocks_of(1000)).unwrap().time
     };
     // Doubles near 1.7e9 lie 2.4e-7 apart.
-    let clock = moved(1.7e9);
-    assert_eq!(clock[0], 0.0);
-    assert!(clock.iter().zip(&samples.time).all(|(a, b)| (a - b).abs() < 5e-7));
-    assert_eq!(moved(3600.0)[0], 3600.0);
+    for origin in [1.7e9, 36_000.0, 0.5, 0.0, -3600.0] {
+        let read = moved(origin);
+        let alike = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-15;
+        assert!(read.iter().zip(&samples.time).all(alike), "{origin}: {read:?}");
+    }
+}
+
+/// Of a clock in whole nanoseconds from 1970, which doubles do not hold.
+#[test]
+fn a_clock_in_nanoseconds_is_counted_from_the_first_row() {
+    let (samples, text) = made_recording(50);
+    let mut layout = native();
+    layout.time = TimeSource::Column(ScaledColumn { column: Column::Name("time".into()), to_si: 1e-9 });
+    let lines = text.lines().enumerate().map(|(number, line)| match line.split_once(',') {
+        Some((_, rest)) if number > 0 => {
+            format!("{},{rest}\n", 1_700_000_000_000_000_001_u64 + (number as u64 - 1) * 2_000_000)
+        }
+        _ => format!("{line}\n"),
+    });
+    let moved: String = lines.collect();
+    let read = read_bytes(moved.as_bytes(), &layout, with_blocks_of(1000)).unwrap();
+    assert!(read.time.iter().zip(&samples.time).all(|(a, b)| (a - b).abs() < 1e-15), "{:?}", read.time);
+}
+
+#[test]
+fn a_counter_that_begins_anew_is_counted_from_the_first_row() {
+    let (samples, text) = made_recording(50);
+    let mut layout = native();
+    let column = ScaledColumn { column: Column::Name("time".into()), to_si: 1e-3 };
+    layout.time = TimeSource::Counter { column, wraps_at: 65536.0 };
+    let lines = text.lines().enumerate().map(|(number, line)| match line.split_once(',') {
+        Some((_, rest)) if number > 0 => format!("{},{rest}\n", (65_500 + (number - 1) * 2) % 65_536),
+        _ => format!("{line}\n"),
+    });
+    let moved: String = lines.collect();
+    for block_bytes in [1000, 1 << 20] {
+        let read = read_bytes(moved.as_bytes(), &layout, with_blocks_of(block_bytes)).unwrap();
+        assert!(read.time.iter().zip(&samples.time).all(|(a, b)| (a - b).abs() < 1e-12), "{:?}", read.time);
+    }
+}
+
+/// The time in a message is the export's, not the one that counts from the first row.
+#[test]
+fn a_clock_that_runs_backwards_is_named_as_it_stands_in_the_file() {
+    let (_, text) = made_recording(3);
+    let clocks = ["1700000000.000", "1700000000.002", "1700000000.001"];
+    let moved: String = text.lines().enumerate().fold(String::new(), |moved, (number, line)| match number {
+        0 => moved + line + "\n",
+        _ => moved + clocks[number - 1] + "," + line.split_once(',').unwrap().1 + "\n",
+    });
+    for block_bytes in [1, 1 << 20] {
+        let rejection = read_bytes(moved.as_bytes(), &native(), with_blocks_of(block_bytes)).unwrap_err();
+        assert_eq!((rejection.line, rejection.value.as_deref()), (Some(4), Some("1700000000.001")));
+        assert_eq!(&*rejection.reason, "earlier than 1700000000.002 in the row before: time runs backwards");
+    }
 }
 
 #[test]

@@ -316,8 +316,12 @@ impl Row<'_> {
         Ok(value)
     }
 
-    fn next_time(&self, recorded: f64, cell: &str) -> Result<PreviousTime, Rejection> {
-        let seconds = self.scaled_time(recorded);
+    fn next_time(&self, value: f64, cell: &str) -> Result<PreviousTime, Rejection> {
+        let seconds = self.scaled_time(value);
+        let recorded = match self.map.time {
+            TimeColumn::Recorded(_) => cell::number(cell, self.map.decimal).unwrap_or(value),
+            _ => value,
+        };
         if let Some(before) = self.previous.filter(|before| before.seconds >= seconds) {
             return Err(self.time_does_not_rise(before, seconds, recorded).with_value(cell));
         }
@@ -325,13 +329,15 @@ impl Row<'_> {
     }
 
     /// A time in s, converted exactly as [`channels::samples`] converts it.
-    fn scaled_time(&self, recorded: f64) -> f64 {
+    fn scaled_time(&self, value: f64) -> f64 {
         let factor = self.map.to_si.time;
         let counts = match self.map.time {
             TimeColumn::Wrapping { period, .. } => {
-                channels::counted_on(recorded, period, self.previous.map(|before| before.seconds / factor))
+                let origin = self.map.time_origin.map_or(0.0, cell::Decimal::to_f64);
+                let previous = self.previous.map(|before| before.seconds / factor + origin);
+                channels::counted_on(value, period, previous) - origin
             }
-            _ => recorded,
+            _ => value,
         };
         counts * factor
     }
@@ -365,7 +371,7 @@ impl Row<'_> {
 
 /// A time that was converted to seconds and back, as it was recorded.
 fn without_rounding(recorded: f64) -> f64 {
-    format!("{recorded:.11e}").parse().unwrap_or(recorded)
+    format!("{recorded:.13e}").parse().unwrap_or(recorded)
 }
 
 /// The period of a counter of 16, 31 or 32 bits that was near its end and is near its beginning.
@@ -377,13 +383,17 @@ fn began_anew(before: f64, after: f64) -> Option<u64> {
     [1 << 16, 1 << 31, 1 << 32].into_iter().find(|period| near(*period))
 }
 
-/// The number in a cell; of a date and time, s from the map's origin.
+/// The number in a cell; of a time, from that of the first row on, a date and time in s.
 fn value(cell: &str, role: Role, map: &ColumnMap) -> Result<f64, cell::NoNumber> {
     match (role, map.time) {
         (Role::Time, TimeColumn::Stamped { origin, .. }) => stamped(cell, origin).ok_or(cell::NoNumber {
             reason: "not a date and time",
             remedy: Some("export times as 2026-03-01T08:00:00.004, or give [time] another unit"),
         }),
+        (Role::Time, TimeColumn::Recorded(_)) => match map.time_origin {
+            Some(origin) => cell::number_since(cell, map.decimal, origin),
+            None => cell::number(cell, map.decimal),
+        },
         _ => cell::number(cell, map.decimal),
     }
 }

@@ -5,6 +5,7 @@ use std::io::{self, Read};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, SystemTime};
 
 use crate::run::{ContentHash, ContentPrefix, FileId};
 
@@ -50,6 +51,18 @@ pub fn file_id(path: &Path) -> io::Result<FileId> {
 #[must_use]
 pub fn id_of(metadata: &std::fs::Metadata) -> FileId {
     FileId { device: metadata.dev(), inode: metadata.ino() }
+}
+
+/// When a file was last written, or else changed in any way: a copy may bring the time of modification of another
+/// file with it, and not that of its own change. A file system without such times leaves only the size to tell a change.
+#[must_use]
+pub fn changed_at(metadata: &std::fs::Metadata) -> SystemTime {
+    let modified = metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH);
+    let (Ok(seconds), Ok(nanoseconds)) = (metadata.ctime().try_into(), metadata.ctime_nsec().try_into())
+    else {
+        return modified;
+    };
+    modified.max(SystemTime::UNIX_EPOCH + Duration::new(seconds, nanoseconds))
 }
 
 /// Identity of a few bytes that stand for a file whose content cannot be read.
@@ -181,6 +194,30 @@ mod tests {
         assert_ne!(prefix(&path, 8).unwrap().map(|p| p.hash), Some(hash));
         assert_eq!(prefix(&path, 10).unwrap(), None);
         assert_eq!(prefix(&path, 0).unwrap(), Some(nothing()));
+    }
+
+    /// As `cp -p` and `rsync -t` do.
+    #[test]
+    fn a_file_that_takes_the_time_of_another_has_changed_all_the_same() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        let long_ago = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
+        let written = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            File::options().write(true).open(&path).unwrap().set_modified(long_ago).unwrap();
+            let metadata = std::fs::metadata(&path).unwrap();
+            assert_eq!(metadata.modified().unwrap(), long_ago);
+            changed_at(&metadata)
+        };
+        let first = written("1");
+        // the clock of a file system has a grain of milliseconds
+        let patience = SystemTime::now() + Duration::from_secs(10);
+        while written("2") == first {
+            assert!(SystemTime::now() < patience, "its time of change stands still");
+        }
+        let ahead = SystemTime::now() + Duration::from_secs(3600);
+        File::options().write(true).open(&path).unwrap().set_modified(ahead).unwrap();
+        assert_eq!(changed_at(&std::fs::metadata(&path).unwrap()), ahead);
     }
 
     #[test]

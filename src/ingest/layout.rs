@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use super::cell;
+use super::cell::{self, Decimal};
 use super::fields::fields;
 use super::rejection::Rejection;
 use crate::config::{
@@ -68,6 +68,8 @@ pub struct ColumnMap {
     pub roles: Vec<Role>,
     /// Where time stands.
     pub time: TimeColumn,
+    /// Number that times in a column of numbers count from, that of the first row; `None` before it is seen.
+    pub time_origin: Option<Decimal>,
     /// Fields that each row must have: all up to the last column that has a name or is needed.
     pub least_fields: usize,
     /// Column index of each joint's position.
@@ -280,6 +282,7 @@ pub fn map_columns(
         names,
         roles,
         time,
+        time_origin: None,
         position,
         velocity,
         torque,

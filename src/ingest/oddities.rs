@@ -281,10 +281,7 @@ fn times_in_other_units_and_as_timestamps() {
     assert_eq!(read("timestamps.csv", TimeSource::Timestamp(column())), Ok(native()));
     assert_eq!(read("ticks.csv", TimeSource::Column(ticks())), Ok(native()));
     let wrapping = read("wrapping_ticks.csv", TimeSource::Counter { column: ticks(), wraps_at: 65_536.0 });
-    let start = 65_534.0 * 0.002;
-    let times: Vec<f64> = wrapping.unwrap().time.iter().map(|time| time - start).collect();
-    // 131 s in doubles are 3e-14 s apart.
-    assert!(times.iter().zip(&native().time).all(|(a, b)| (a - b).abs() < 1e-12), "{times:?}");
+    assert_eq!(wrapping, Ok(native()));
     let said = read("wrapping_ticks.csv", TimeSource::Column(ticks())).unwrap_err();
     assert_eq!(&*said.remedy, "if this is a counter that began anew, set wraps_at = 65536 under [time]");
     let said = read("native.csv", TimeSource::Timestamp(column())).unwrap_err();

@@ -40,18 +40,33 @@ impl Parser {
         Self { map, schema, threads }
     }
 
-    /// Lets dates and times count from the first of them that is understood in this block, which the export begins
-    /// with. Whether there is one; others are left to reading.
+    /// Lets times count from the first of them that is understood in this block, which the export begins with.
+    /// Whether there is one; others are left to reading.
     pub(super) fn count_from(&mut self, block: &Block) -> bool {
-        let TimeColumn::Stamped { column, origin } = &mut self.map.time else { return true };
-        let delimiter = self.map.delimiter;
-        let moment = |line: &[u8]| {
-            let row = std::str::from_utf8(line).ok()?;
-            fields(row, delimiter).nth(*column).and_then(cell::timestamp)
-        };
-        let found = exact::lines(&block.bytes).find_map(moment);
-        *origin = found.unwrap_or(*origin);
-        found.is_some()
+        let Some(column) = self.map.time.column() else { return true };
+        let (delimiter, decimal, to_s) = (self.map.delimiter, self.map.decimal, self.map.to_si.time);
+        let mut cells = exact::lines(&block.bytes)
+            .filter_map(|line| fields(std::str::from_utf8(line).ok()?, delimiter).nth(column));
+        match &mut self.map.time {
+            TimeColumn::Stamped { origin, .. } => {
+                let found = cells.find_map(cell::timestamp);
+                *origin = found.unwrap_or(*origin);
+                found.is_some()
+            }
+            TimeColumn::Recorded(_) | TimeColumn::Wrapping { .. } => {
+                let clocks = |number: &cell::Decimal| (number.to_f64() * to_s).abs() <= channels::MAX_TIME;
+                let found = cells.find_map(|cell| cell::Decimal::read(cell, decimal)).filter(clocks);
+                self.count_from_number(found);
+                found.is_some()
+            }
+            TimeColumn::Counted(_) => true,
+        }
+    }
+
+    /// Lets times count from this number in the column of time, where there is one.
+    pub(super) fn count_from_number(&mut self, number: Option<cell::Decimal>) {
+        self.map.time_origin = number;
+        self.schema = schema(&self.map, self.map.names.len());
     }
 
     /// Moment that dates and times count from, ns from 1970, where they do.
@@ -130,6 +145,10 @@ impl Parser {
             columns.push(match (role, map.time) {
                 (Role::Ignored, _) => Vec::new(),
                 (Role::Time, TimeColumn::Stamped { origin, .. }) => self.moments(column, origin)?,
+                (Role::Time, TimeColumn::Recorded(_)) => match clock_origin(map) {
+                    Some(origin) => times_since(column, origin)?,
+                    None => numbers(column, rows)?,
+                },
                 (role, _) if channels::is_text(*role, map) => word_numbers(column, *role, map)?,
                 (role, _) if role.temperature_unit().is_some() => temperatures(column)?,
                 _ => numbers(column, rows)?,
@@ -192,6 +211,8 @@ fn schema(map: &ColumnMap, fields: usize) -> SchemaRef {
             (None | Some(Role::Ignored), _) | (Some(Role::Time), TimeColumn::Stamped { .. }) => {
                 DataType::String
             }
+            // doubles would lose the last digits of a clock
+            (Some(Role::Time), _) if clock_origin(map).is_some() => DataType::String,
             (Some(role), _) if channels::is_text(*role, map) || role.temperature_unit().is_some() => {
                 DataType::String
             }
@@ -200,6 +221,11 @@ fn schema(map: &ColumnMap, fields: usize) -> SchemaRef {
         Field::new(column.to_string().into(), kind)
     };
     Arc::new((0..fields).map(field).collect::<Schema>())
+}
+
+/// What times of a clock are counted from that does not begin at zero.
+fn clock_origin(map: &ColumnMap) -> Option<cell::Decimal> {
+    map.time_origin.filter(|origin| matches!(map.time, TimeColumn::Recorded(_)) && origin.digits != 0)
 }
 
 fn swapped(byte: u8) -> u8 {
@@ -255,6 +281,16 @@ fn temperatures(column: &Column) -> Option<Vec<f64>> {
         last.1
     };
     Some(cells.map(number).collect())
+}
+
+/// How much larger than `origin` the numbers of a column of text are, without a gap. Decimal commas are points
+/// already.
+fn times_since(column: &Column, origin: cell::Decimal) -> Option<Vec<f64>> {
+    let blank = |c: char| matches!(c, ' ' | '\t' | '\r');
+    let since = |cell: Option<&str>| {
+        cell::Decimal::read(cell?.trim_matches(blank), DecimalMark::Point)?.minus(origin)
+    };
+    column.str().ok()?.iter().map(since).collect()
 }
 
 /// The numbers of a column without a gap.

@@ -66,11 +66,12 @@ pub fn is_export(path: &Path) -> bool {
     stem.is_some_and(|stem| !stem.is_empty() && !stem.starts_with('.'))
 }
 
-/// A path as text by which it is known again, also where its bytes are not UTF-8, as in names that an old
-/// controller gives.
+/// A path as text by which it is known again: from the root on, whatever folder a command is called in, and also where
+/// its bytes are not UTF-8, as in names that an old controller gives.
 #[must_use]
 pub fn path_text(path: &Path) -> String {
     let mut text = String::new();
+    let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     for chunk in path.as_os_str().as_encoded_bytes().utf8_chunks() {
         text.push_str(chunk.valid());
         text.extend(chunk.invalid().iter().map(|byte| format!("\\x{byte:02X}")));

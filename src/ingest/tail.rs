@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
-use super::fingerprint::{HashingReader, RunningHash, id_of, regular_file};
+use super::fingerprint::{HashingReader, RunningHash, changed_at, id_of, regular_file};
 use super::rejection::Rejection;
 use super::settle::{Observation, Settling};
 use super::source::{MAGIC_BYTES, is_plain};
@@ -99,13 +99,21 @@ impl Growth {
         &self.hash
     }
 
-    /// Number of the file, its size in bytes and time of modification now.
+    /// Number of the file, its size in bytes and time of its last change now, see [`changed_at`].
     ///
     /// # Errors
     /// Those of the file system.
     pub fn state(&self) -> io::Result<(FileId, u64, SystemTime)> {
         let metadata = self.file.metadata()?;
-        Ok((id_of(&metadata), metadata.len(), modified(&metadata)))
+        Ok((id_of(&metadata), metadata.len(), changed_at(&metadata)))
+    }
+
+    /// When the file was last written.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn written_at(&self) -> io::Result<SystemTime> {
+        self.file.metadata()?.modified()
     }
 
     /// Looks whether the file is done; to be called when all of it was read. The file is done once it stood
@@ -120,7 +128,7 @@ impl Growth {
         if metadata.len() < self.hash.bytes() || self.is_replaced(&metadata) {
             return Ok(Fate::Rewritten);
         }
-        let seen = Observation { size: metadata.len(), modified: modified(&metadata), at: now };
+        let seen = Observation { size: metadata.len(), modified: changed_at(&metadata), at: now };
         let settling = self.settling.map_or_else(|| Settling::first(seen), |settling| settling.again(seen));
         self.settling = Some(settling);
         let whole = metadata.len() == self.hash.bytes();
@@ -156,17 +164,19 @@ impl Growth {
     }
 }
 
-/// Whether the writer of an export has marked it as done.
+/// Whether the writer of an export has marked it as done, and has not written to it since: a mark that is left from
+/// an earlier export of the name says nothing of this one.
 #[must_use]
 pub fn is_marked(path: &Path) -> bool {
     let mut mark = path.as_os_str().to_owned();
     mark.push(DONE_MARK);
-    Path::new(&mark).exists()
-}
-
-fn modified(metadata: &Metadata) -> SystemTime {
-    // A file system without modification times leaves only the size to tell a change.
-    metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH)
+    // the mark is looked at first: what is written after that look makes the file the later one
+    let Ok(marked) = std::fs::metadata(&mark) else { return false };
+    match (marked.modified(), std::fs::metadata(path).and_then(|file| file.modified())) {
+        (Ok(marked), Ok(written)) => written <= marked,
+        // no times to compare, or a file that is renamed while it is read
+        _ => true,
+    }
 }
 
 #[cfg(test)]
@@ -247,6 +257,23 @@ mod tests {
         read(&mut growing);
         assert_eq!(growing.growth.look(SETTLE, scene.at(0)).unwrap(), Fate::Growing);
         std::fs::write(scene.folder.path().join("a.csv.done"), "").unwrap();
+        assert_eq!(growing.growth.look(SETTLE, scene.at(0)).unwrap(), Fate::Done);
+    }
+
+    #[test]
+    fn a_mark_that_was_left_says_nothing_of_what_was_written_since() {
+        let mut scene = Scene::new();
+        let mark = scene.folder.path().join("a.csv.done");
+        std::fs::write(&mark, "").unwrap();
+        let earlier = SystemTime::now() - Duration::from_secs(60);
+        File::options().write(true).open(&mark).unwrap().set_modified(earlier).unwrap();
+        scene.write("time\n");
+        assert!(!is_marked(&scene.path()));
+        let mut growing = open(&scene.path()).unwrap().unwrap();
+        read(&mut growing);
+        assert_eq!(growing.growth.look(SETTLE, scene.at(0)).unwrap(), Fate::Growing);
+        std::fs::write(&mark, "again").unwrap();
+        assert!(is_marked(&scene.path()));
         assert_eq!(growing.growth.look(SETTLE, scene.at(0)).unwrap(), Fate::Done);
     }
 

@@ -13,7 +13,7 @@ use notify::event::{AccessKind, AccessMode};
 use notify::{EventKind, RecommendedWatcher, RecursiveMode, Watcher};
 use tokio::sync::mpsc;
 
-use super::fingerprint::id_of;
+use super::fingerprint::{changed_at, id_of};
 use super::source::is_export;
 use crate::run::FileId;
 
@@ -28,7 +28,7 @@ pub struct FoundFile {
     pub path: PathBuf,
     /// Size, bytes.
     pub size: u64,
-    /// Time of the last modification.
+    /// Time of the last change, see [`changed_at`].
     pub modified: SystemTime,
     /// Number of the file in its file system.
     pub file: FileId,
@@ -108,8 +108,7 @@ impl Scan {
         if !metadata.is_file() {
             return;
         }
-        // A file system without modification times leaves only the size to tell a change.
-        let modified = metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH);
+        let modified = changed_at(metadata);
         self.files.push(FoundFile { path, size: metadata.len(), modified, file: id_of(metadata) });
     }
 }

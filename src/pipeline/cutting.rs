@@ -47,6 +47,10 @@ pub struct ReadTotals {
     pub cycles: u32,
     /// The whole content.
     pub content: ContentPrefix,
+    /// Hash of the first rows, see [`RowCutter::first_rows`].
+    pub first_rows: ContentHash,
+    /// Time from the first row to the last, s.
+    pub duration: f64,
 }
 
 /// Cuts the rows of an export into cycles and sends those that are not stored yet.
@@ -59,7 +63,6 @@ pub struct Cutting<'i> {
     cutter: RowCutter,
     cycle_count: u32,
     places: Places,
-    settings: ContentHash,
 }
 
 impl<'i> Cutting<'i> {
@@ -81,8 +84,7 @@ impl<'i> Cutting<'i> {
             cutter = cutter.at(point);
             cycle_count = point.cutter.cycles_cut;
         }
-        let settings = resume::settings_hash(&intake.layout, &intake.robot, &intake.limits);
-        Ok(Self { intake, cycles, stop, hash, cutter, cycle_count, places: Places::default(), settings })
+        Ok(Self { intake, cycles, stop, hash, cutter, cycle_count, places: Places::default() })
     }
 
     /// Cycles cut so far, those stored by an earlier attempt included.
@@ -104,7 +106,7 @@ impl<'i> Cutting<'i> {
         let last = cycles.len().saturating_sub(1);
         for (place, cycle) in cycles.into_iter().enumerate() {
             let point = if place == last { self.places.at_cut(&self.cutter) } else { None };
-            let point = point.map(|point| resume::encoded(&point, &self.settings));
+            let point = point.map(|point| resume::encoded(&point, &self.intake.made_with));
             if self.stop.is_cancelled() || !self.send(cycle, point) {
                 return Ok(false);
             }
@@ -134,6 +136,8 @@ impl<'i> Cutting<'i> {
             sample_rate: self.cutter.sample_rate(),
             cycles: self.cycle_count,
             content: self.hash.prefix(),
+            first_rows: self.cutter.first_rows(),
+            duration: self.cutter.last_time(),
         }))
     }
 

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::resume::ResumePoint;
 use crate::config::Layout;
 use crate::ingest::csv::{ExportReader, ReadOptions};
+use crate::ingest::fingerprint;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
 use crate::numerics::segment::{CutterState, CycleCutter, SegmentError};
@@ -12,11 +13,15 @@ use crate::numerics::stages::{FinderState, StageFinder, StageRule};
 use crate::numerics::time_grid::sample_rate;
 use crate::numerics::transmission::JointSide;
 use crate::robot::Robot;
-use crate::run::{Cycle, Samples};
+use crate::run::{ContentHash, Cycle, Samples};
 
 /// First rows of an export that its sample rate is taken from. A fixed number, so that it does not depend
 /// on the pieces in which a growing file is read.
 pub(super) const SAMPLE_RATE_ROWS: usize = 1000;
+
+/// First rows of an export by which two exports of one recording are told from two recordings: noise alone makes
+/// them differ. Few, so that the same recording is known though a later row was corrected.
+const FIRST_ROWS: usize = 16;
 
 /// Brings the rows of an export to the joints, gives them their stage and cuts them into cycles.
 #[derive(Debug)]
@@ -28,6 +33,9 @@ pub struct RowCutter {
     first_times: Vec<f64>,
     /// The sample rate, where it was taken from first rows that are not read again, Hz.
     known_rate: Option<f64>,
+    first_rows: FirstRows,
+    /// Time of the last row, s.
+    last_time: f64,
     /// Rows that have their stage.
     rows_settled: u64,
     /// Next rows with a stage that are in cycles already.
@@ -58,6 +66,8 @@ impl RowCutter {
             cutter,
             first_times: Vec::new(),
             known_rate: None,
+            first_rows: FirstRows::default(),
+            last_time: 0.0,
             rows_settled: 0,
             in_cycles: 0,
         })
@@ -78,6 +88,7 @@ impl RowCutter {
         self.rows_settled = point.place.rows;
         self.in_cycles = point.cutter.rows_cut.saturating_sub(point.place.rows);
         self.known_rate = Some(point.sample_rate);
+        self.first_rows.known = Some(point.first_rows);
         self
     }
 
@@ -107,6 +118,8 @@ impl RowCutter {
     pub fn push(&mut self, mut samples: Samples, cycles: &mut Vec<Cycle>) -> Result<(), Rejection> {
         let missing = SAMPLE_RATE_ROWS.saturating_sub(self.first_times.len());
         self.first_times.extend(samples.time.iter().take(missing));
+        self.first_rows.note(&samples);
+        self.last_time = samples.time.last().copied().unwrap_or(self.last_time);
         self.joint_side.apply(&mut samples);
         let (staged, fault) = self.stages.push(samples);
         self.cut(staged, cycles)?;
@@ -143,11 +156,44 @@ impl RowCutter {
         cut.map_err(|error| not_cut(&self.path, &error))
     }
 
+    /// Hash of time, positions and torques of the first rows, in SI: it does not depend on how they are written.
+    #[must_use]
+    pub fn first_rows(&self) -> ContentHash {
+        self.first_rows.known.unwrap_or_else(|| fingerprint::of_bytes(&self.first_rows.bytes))
+    }
+
+    /// Time from the first row to the last one so far, s.
+    #[must_use]
+    pub fn last_time(&self) -> f64 {
+        self.last_time
+    }
+
     /// Rows per second of the first rows, Hz; zero where it is unknown.
     #[must_use]
     pub fn sample_rate(&self) -> f64 {
         let found = || sample_rate(&self.first_times).unwrap_or(0.0);
         self.known_rate.unwrap_or_else(found)
+    }
+}
+
+/// The first rows of an export as they were recorded, or their hash where they are not read again.
+#[derive(Debug, Default)]
+struct FirstRows {
+    rows: usize,
+    bytes: Vec<u8>,
+    known: Option<ContentHash>,
+}
+
+impl FirstRows {
+    fn note(&mut self, samples: &Samples) {
+        let missing = if self.known.is_some() { 0 } else { FIRST_ROWS - self.rows };
+        for row in 0..missing.min(samples.rows()) {
+            let joints = samples.position.iter().chain(&samples.torque);
+            for channel in std::iter::once(&samples.time).chain(joints) {
+                self.bytes.extend(channel.get(row).copied().unwrap_or_default().to_bits().to_le_bytes());
+            }
+            self.rows += 1;
+        }
     }
 }
 

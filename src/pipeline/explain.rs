@@ -8,9 +8,10 @@ use std::time::SystemTime;
 use jiff::Timestamp;
 
 use super::cycles::RowCutter;
+use super::decide::{self, Decision, Start};
 use super::intake::{self, Recognised};
 use super::production::{Work, work_alone};
-use super::{Pipeline, PipelineError, Retry};
+use super::{Pipeline, PipelineError, Retry, record};
 use crate::analysis::{CycleAnalysis, CycleFactors};
 use crate::config::{Config, FleetEntry, Layout};
 use crate::ingest::csv::{ExportReader, LeftOut, ReadOptions};
@@ -20,7 +21,7 @@ use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
 use crate::numerics::analyse::Method;
 use crate::robot::Robot;
-use crate::run::{ContentHash, Cycle, RunStatus, Samples, Stage};
+use crate::run::{ContentHash, Cycle, Samples, Stage};
 use crate::store::{KnownRun, Store};
 
 /// Everything that is known of an export before it is stored.
@@ -51,7 +52,8 @@ pub struct RecognisedAs {
     pub robot: String,
     /// Start of the recording.
     pub started_at: Timestamp,
-    /// Whether the file's name says the start; its time of modification otherwise.
+    /// Whether the file's name says the start; otherwise it lies the recording's duration before the file was last
+    /// written.
     pub named_start: bool,
     /// Pattern of file names that was used.
     pub pattern: String,
@@ -166,17 +168,20 @@ impl Explainer {
     /// [`PipelineError`] of the database, or of a task that panicked. A bad export is an answer.
     pub async fn explain(&mut self, path: &Path, quick: bool) -> Result<Explanation, PipelineError> {
         let recognised = intake::recognise(&self.config, path, intake::file_time(path));
-        let (recognised, mut rejection) = match recognised {
+        let (mut recognised, mut rejection) = match recognised {
             Ok(recognised) => (Some(self.recognised_as(&recognised)), None),
             Err(rejection) => (None, Some(rejection)),
         };
         let mut reading = None;
-        if let Some(of) = &recognised {
+        if let Some(of) = &mut recognised {
             let method = if quick { None } else { self.method(&of.entry.description).await? };
             let work = method.as_ref().map(|method| work_alone(&of.entry.layout, method));
             let (owned, entry) = (path.to_owned(), of.entry.clone());
             let read = tokio::task::spawn_blocking(move || read(&owned, &entry, work.as_ref()));
             let (found, fault) = read.await?;
+            if !of.named_start {
+                of.started_at = record::start_before(of.started_at, found.duration);
+            }
             (reading, rejection) = (Some(found), fault);
         }
         let (ledger, next) = self.ledger(path, rejection.is_some()).await?;
@@ -198,7 +203,7 @@ impl Explainer {
         RecognisedAs {
             robot: of.robot.clone(),
             started_at: of.started_at,
-            named_start: of.recording().is_some(),
+            named_start: of.named_start,
             pattern: self.config.recognition.file_name.to_string(),
             entry: of.entry.clone(),
         }
@@ -230,27 +235,20 @@ impl Explainer {
         let owned = path.to_owned();
         let hash =
             tokio::task::spawn_blocking(move || crate::ingest::fingerprint::fingerprint(&owned)).await?;
-        let known = match hash {
-            Ok((hash, _)) => pipeline.store().lookup(&hash).await?,
-            Err(_) => None,
-        };
+        let content = hash.ok().map(|(hash, _)| hash);
         let recognised = intake::recognise(&self.config, path, intake::file_time(path)).ok();
-        let recording = recognised.as_ref().and_then(Recognised::recording);
-        let Ok(start) = intake::start(pipeline, path, state.file, recording).await? else {
-            return Ok((Ledger::Unknown, Next::Quarantine));
+        let facts =
+            intake::facts(pipeline, path, content, state, recognised.as_ref(), Retry::Quarantined).await?;
+        let Ok(facts) = facts else { return Ok((Ledger::Unknown, Next::Quarantine)) };
+        let next = match decide::decide(&facts) {
+            Decision::Known { run: KnownRun { run_id, .. }, .. } | Decision::InWork { run_id } => {
+                Next::Nothing { run_id }
+            }
+            Decision::Read(Start { onwards, instead_of, .. }) => {
+                unless_rejected(Next::Store { onwards, instead_of })
+            }
         };
-        let returns =
-            |known: &KnownRun| known.status == RunStatus::Superseded && start.beginning.instead_of.is_some();
-        let decided = known.clone().filter(|known| !returns(known));
-        let decided = decided.and_then(|known| intake::decided(path, known, Retry::Quarantined));
-        let next = match (&known, decided.and_then(|outcome| outcome.run_id())) {
-            (_, Some(run_id)) => Next::Nothing { run_id },
-            (known, None) => unless_rejected(Next::Store {
-                onwards: known.as_ref().map_or(start.beginning.onwards, |known| Some(known.run_id)),
-                instead_of: start.beginning.instead_of,
-            }),
-        };
-        Ok((known.map_or(Ledger::Unknown, Ledger::Known), next))
+        Ok((facts.known.map_or(Ledger::Unknown, Ledger::Known), next))
     }
 }
 

@@ -6,7 +6,6 @@
 //! look wrong and become right. Cycles stored until then stay, and the run goes on.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
@@ -15,8 +14,9 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::cutting::{CutCycle, Cutting, ReadEnd};
+use super::decide::{self, Decision};
 use super::intake::{self, Intake, Recognised};
-use super::{EndsRejected, Lane, Outcome, Pipeline, PipelineError, Progress, record, resume};
+use super::{EndsRejected, Lane, Outcome, Pipeline, PipelineError, Progress, Retry, record, resume};
 use crate::config::FleetEntry;
 use crate::ingest::blocks::Passed;
 use crate::ingest::csv::{ExportReader, ReadOptions, Step};
@@ -95,18 +95,22 @@ impl Pipeline {
                 read_growing(opened, &intake, &cycles, settle, &ends, progress)
             }
         };
-        let ((end, state), refused) = match self.stream(&intake, &method, Lane::Live, reading, progress).await
+        let ((end, grown), refused) = match self.stream(&intake, &method, Lane::Live, reading, progress).await
         {
             Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
-                tracing::warn!(file = %path.display(), detail, "results that the database refuses");
-                return Ok(Followed::UntilSettled);
+                return Ok(refused_by_database(path, &detail));
             }
             done => done?,
         };
         match end {
             ReadEnd::Complete(totals) => {
-                let outcome = record::finish(self, &intake, &method, totals, refused).await?;
-                if let (Some(run_id), Some(state)) = (outcome.run_id(), state) {
+                let written_at = grown.map(|(_, written_at)| written_at);
+                let finished = record::finish(self, &intake, &method, totals, refused, written_at).await;
+                if let Err(PipelineError::Store(StoreError::Refused { detail, .. })) = &finished {
+                    return Ok(refused_by_database(path, detail));
+                }
+                let outcome = finished?;
+                if let (Some(run_id), Some((state, _))) = (outcome.run_id(), grown) {
                     self.store.remember_source(&intake.header.source_path, state, run_id).await?;
                 }
                 Ok(Followed::Outcome(outcome))
@@ -127,29 +131,26 @@ impl Pipeline {
         recognised: &Recognised<'_>,
         state: SourceState,
     ) -> Result<Result<Intake, Rejection>, PipelineError> {
-        let Recognised { entry, robot, started_at, .. } = recognised;
-        let start = match intake::start(self, path, state.file, recognised.recording()).await? {
-            Ok(start) => start,
+        let facts = intake::facts(self, path, None, state, Some(recognised), Retry::Never).await?;
+        let facts = match facts {
+            Ok(facts) => facts,
             Err(rejection) => return Ok(Err(rejection)),
+        };
+        intake::forget_unreadable(self, path).await?;
+        let Decision::Read(start) = decide::decide(&facts) else {
+            // only a content that is known as a whole is decided otherwise
+            return Ok(Err(Rejection::of_file(path, "an export that is stored already", "")));
         };
         // stands in until the content is whole
         let no_hash = ContentHash([0; 32]);
+        let Recognised { entry, robot, started_at, .. } = recognised;
         let model = &entry.description.model;
         let header = intake::header(path, robot, model, *started_at, no_hash, state.bytes);
         let identity = Identity::Growing(start.read);
-        let begun = self.store.begin_source(&header, identity, start.beginning, state).await?;
-        let resume = resume::of_run(self, begun.run_id, &entry.layout, &entry.description).await?;
-        tracing::info!(file = %path.display(), run_id = begun.run_id, robot, cycles = begun.cycles_stored, "growing");
-        Ok(Ok(Intake {
-            path: path.to_path_buf(),
-            run_id: begun.run_id,
-            header,
-            robot: Arc::clone(&entry.description),
-            layout: Arc::clone(&entry.layout),
-            cycles_stored: begun.cycles_stored,
-            resume,
-            limits: self.config().limits,
-        }))
+        let intake = intake::begin(self, path, recognised, header, identity, start, state).await?;
+        let (run_id, cycles) = (intake.run_id, intake.cycles_stored);
+        tracing::info!(file = %path.display(), run_id, robot, cycles, "growing");
+        Ok(Ok(intake))
     }
 }
 
@@ -179,8 +180,8 @@ fn open(path: PathBuf, entry: &FleetEntry) -> Result<Opening, Rejection> {
     })
 }
 
-/// How reading ended, and the state of the file that it read to the end.
-type GrownEnd = (ReadEnd, Option<SourceState>);
+/// How reading ended, and the state of the file that it read to the end, and when that was last written.
+type GrownEnd = (ReadEnd, Option<(SourceState, Timestamp)>);
 
 impl EndsRejected for GrownEnd {
     fn rejected(rejection: Rejection) -> Self {
@@ -200,7 +201,8 @@ fn read_growing(
     let end = read(&mut export, &mut growth, intake, cycles, settle, ends, progress);
     // of the size that was read: a file that has grown since is another one
     let state = state_of(&growth).filter(|state| state.bytes == growth.hash().bytes());
-    (end.unwrap_or_else(ReadEnd::Rejected), state)
+    let written_at = growth.written_at().ok().and_then(|at| Timestamp::try_from(at).ok());
+    (end.unwrap_or_else(ReadEnd::Rejected), state.zip(written_at))
 }
 
 fn read(
@@ -261,6 +263,12 @@ fn pause(stop: &CancellationToken) {
 fn state_of(growth: &Growth) -> Option<SourceState> {
     let (file, bytes, modified) = growth.state().ok()?;
     Some(SourceState { bytes, modified: Timestamp::try_from(modified).ok()?, file })
+}
+
+/// Read once more as a whole when it has settled, it goes into quarantine if the database still refuses it.
+fn refused_by_database(path: &Path, detail: &str) -> Followed {
+    tracing::warn!(file = %path.display(), detail, "results that the database refuses");
+    Followed::UntilSettled
 }
 
 fn until_settled(rejection: &Rejection) -> Followed {

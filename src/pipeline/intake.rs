@@ -9,9 +9,11 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::cutting::{CutCycle, Cutting, ReadEnd};
+use super::decide::{self, Compared, Decision, Facts, Start, Unfinished};
 use super::resume::{self, ResumePoint};
 use super::{Outcome, Pipeline, PipelineError, Retry, record};
-use crate::config::{Config, FleetEntry, Layout, RewritePolicy, WorkLimits};
+use crate::config::{Config, FleetEntry, Layout, WorkLimits};
+use crate::ingest::archive::original_name;
 use crate::ingest::blocks::Passed;
 use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::fingerprint::{self, fingerprint};
@@ -19,11 +21,11 @@ use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
 use crate::ingest::start;
 use crate::robot::Robot;
-use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunStatus};
-use crate::store::{Beginning, EarlierRun, Identity, KnownRun, SourceState};
+use crate::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
+use crate::store::{Beginning, EarlierRun, Identity, KnownRun, Recording, SourceState};
 
 /// Robot name of an export that names none.
-const UNKNOWN_ROBOT: &str = "unknown";
+pub(super) const UNKNOWN_ROBOT: &str = "unknown";
 
 /// An export that was let in.
 #[derive(Debug, Clone)]
@@ -38,10 +40,14 @@ pub struct Intake {
     pub robot: Arc<Robot>,
     /// Its layout.
     pub layout: Arc<Layout>,
+    /// Whether its name says the start of the recording.
+    pub named_start: bool,
     /// Cycles stored by an earlier attempt.
     pub cycles_stored: u32,
     /// Where reading goes on behind some of them, if not at the start.
     pub resume: Option<ResumePoint>,
+    /// What decides its cycles besides its bytes.
+    pub made_with: ContentHash,
     /// What reading it may take.
     pub limits: WorkLimits,
 }
@@ -76,25 +82,7 @@ pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Kno
             return Ok(Known::Yes(if passing { Outcome::Unreadable { rejection } } else { outcome }));
         }
     };
-    let admitted = admit_content(pipeline, path, retry, (content_hash, source_bytes), file_time).await?;
-    let run_id = match &admitted {
-        Known::No(intake) => Some(intake.run_id),
-        Known::Yes(outcome) => outcome.run_id(),
-    };
-    if let Some(run_id) = run_id {
-        supersede_unreadable(pipeline, path, run_id).await?;
-    }
-    Ok(admitted)
-}
-
-/// Lets the run of a file that could be read take the place of what was written down when it could not.
-async fn supersede_unreadable(pipeline: &Pipeline, path: &Path, run_id: i64) -> Result<(), PipelineError> {
-    match pipeline.store().lookup(&path_identity(path)).await? {
-        Some(unreadable) if unreadable.status == RunStatus::Quarantined => {
-            Ok(pipeline.store().supersede_run(run_id, unreadable.run_id).await?)
-        }
-        _ => Ok(()),
-    }
+    admit_content(pipeline, path, retry, (content_hash, source_bytes), file_time).await
 }
 
 /// As [`admit`], for a file whose content could be read.
@@ -106,105 +94,151 @@ async fn admit_content(
     file_time: Timestamp,
 ) -> Result<Known, PipelineError> {
     let Some(state) = source_state(path) else { return Ok(Known::Yes(Outcome::Changed)) };
-    let known = pipeline.store().lookup(&content_hash).await?;
     let recognised = recognise(pipeline.config(), path, file_time);
-    let recording = recognised.as_ref().ok().and_then(Recognised::recording);
-    let start = match start(pipeline, path, state.file, recording).await? {
-        Ok(start) => start,
+    let facts = facts(pipeline, path, Some(content_hash), state, recognised.as_ref().ok(), retry).await?;
+    let facts = match facts {
+        Ok(facts) => facts,
         Err(rejection) => return Ok(Known::Yes(Outcome::Unreadable { rejection })),
     };
-    // a content that was superseded at this path has come back to it
-    let returns = |known: &KnownRun| known.status == RunStatus::Superseded && start.replaces_here;
-    if let Some(known) = &known
-        && !returns(known)
-    {
-        if let Some(outcome) = decided(path, known.clone(), retry) {
-            leave(pipeline, known.run_id, &start).await?;
-            return Ok(Known::Yes(outcome));
+    forget_unreadable(pipeline, path).await?;
+    let start = match decide::decide(&facts) {
+        Decision::Known { run, unfinished } => {
+            leave(pipeline, run.run_id, unfinished).await?;
+            return Ok(Known::Yes(decided(path, run)));
         }
-        if pipeline.is_open(known.run_id) {
-            return Ok(Known::Yes(Outcome::InWork { run_id: known.run_id }));
-        }
-    }
-    let Recognised { entry, robot, started_at, .. } = match recognised {
+        Decision::InWork { run_id } => return Ok(Known::Yes(Outcome::InWork { run_id })),
+        Decision::Read(start) => start,
+    };
+    let recognised = match recognised {
         Ok(recognised) => recognised,
         Err(rejection) => {
             let header = header(path, UNKNOWN_ROBOT, "", file_time, content_hash, source_bytes);
             return Ok(Known::Yes(quarantined(pipeline, &header, rejection).await?));
         }
     };
-    let description = Arc::clone(&entry.description);
-    let header = header(path, &robot, &description.model, started_at, content_hash, source_bytes);
-    let onwards = known.map_or(start.beginning.onwards, |known| Some(known.run_id));
-    let instead_of = start.beginning.instead_of.filter(|old| Some(*old) != onwards);
-    let beginning = Beginning { onwards, instead_of };
-    let begun =
-        pipeline.store().begin_source(&header, Identity::Content(content_hash), beginning, state).await?;
-    let resume = resume::of_run(pipeline, begun.run_id, &entry.layout, &description).await?;
-    Ok(Known::No(Box::new(Intake {
-        path: path.to_path_buf(),
-        run_id: begun.run_id,
-        header,
-        robot: description,
-        layout: Arc::clone(&entry.layout),
-        cycles_stored: begun.cycles_stored,
-        resume,
-        limits: pipeline.config().limits,
-    })))
+    let model = &recognised.entry.description.model;
+    let header = header(path, &recognised.robot, model, recognised.started_at, content_hash, source_bytes);
+    let identity = Identity::Content(content_hash);
+    let intake = begin(pipeline, path, &recognised, header, identity, start, state).await?;
+    Ok(Known::No(Box::new(intake)))
 }
 
-/// How the run of a file begins, and from which of its first bytes its stored cycles are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Start {
-    /// The beginning.
-    pub beginning: Beginning,
-    /// What is stored already was read from these bytes.
-    pub read: ContentPrefix,
-    /// Whether the run that it takes the place of lay at this path.
-    replaces_here: bool,
-    /// An unfinished run that is not to go on, since this file's content is stored otherwise.
-    unfinished: Option<Unfinished>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Unfinished {
-    /// Its cycles come from the first bytes of this file.
-    Prefix(i64),
-    /// This file was written over what it was read from.
-    Rewritten(i64),
-}
-
-/// Finds out how the run of the file at `path` begins: its first bytes are compared with what runs were
-/// read from that lay at this path, in this file, or are of this recording. `recording` is robot and start where
-/// the name says both. A rejection if the file cannot be read now.
+/// Begins or goes on with the run of a file.
 ///
 /// # Errors
 /// Those of the store.
-pub async fn start(
+pub(super) async fn begin(
     pipeline: &Pipeline,
     path: &Path,
-    file: FileId,
-    recording: Option<(&str, Timestamp)>,
-) -> Result<Result<Start, Rejection>, PipelineError> {
-    forget_unreadable(pipeline, path).await?;
-    let mut earlier = pipeline.store().earlier_runs(&source::path_text(path), file, recording).await?;
+    recognised: &Recognised<'_>,
+    header: RunHeader,
+    identity: Identity,
+    start: Start,
+    state: SourceState,
+) -> Result<Intake, PipelineError> {
+    let FleetEntry { description, layout, .. } = recognised.entry;
+    let Config { limits, analysis, .. } = pipeline.config();
+    let made_with = resume::settings_hash(layout, description, limits, analysis);
+    let Start { onwards, instead_of, .. } = start;
+    let beginning = Beginning { onwards, instead_of, made_with: Some(made_with) };
+    let begun = pipeline.store().begin_source(&header, identity, beginning, state).await?;
+    if begun.afresh {
+        tracing::warn!(
+            file = %path.display(), run_id = begun.run.run_id,
+            "read from the start: layout, description, settings or program are others than those that its stored \
+             cycles were made with"
+        );
+    }
+    let resume = resume::of_run(pipeline, begun.run.run_id, &made_with).await?;
+    Ok(Intake {
+        path: path.to_path_buf(),
+        run_id: begun.run.run_id,
+        header,
+        robot: Arc::clone(description),
+        layout: Arc::clone(layout),
+        named_start: recognised.named_start,
+        cycles_stored: begun.run.cycles_stored,
+        resume,
+        made_with,
+        limits: *limits,
+    })
+}
+
+/// What is known of the file at `path` when its fate is decided: its first bytes are compared with what runs were
+/// read from that lay at this path, in this file, or are of this recording. A rejection if the file cannot be read
+/// now. Nothing is written.
+///
+/// # Errors
+/// Those of the store.
+pub(super) async fn facts(
+    pipeline: &Pipeline,
+    path: &Path,
+    content: Option<ContentHash>,
+    state: SourceState,
+    recognised: Option<&Recognised<'_>>,
+    retry: Retry,
+) -> Result<Result<Facts, Rejection>, PipelineError> {
+    let known = match &content {
+        Some(content) => pipeline.store().lookup(content).await?,
+        None => None,
+    };
+    let name = file_name(path);
+    let recording = recognised.and_then(Recognised::recording);
+    let recording = recording.map(|(robot, started_at)| Recording { robot, started_at, source_name: &name });
+    let path_text = source::path_text(path);
+    let mut earlier = pipeline.store().earlier_runs(&path_text, state.file, recording).await?;
     // what is being read is another file's, which had this name
     earlier.retain(|run| !pipeline.is_open(run.run.run_id));
+    let read: Vec<ContentPrefix> = earlier.iter().map(|run| run.read).collect();
     let owned = path.to_path_buf();
     let compared = tokio::task::spawn_blocking(move || {
-        let begins_with = |run: &EarlierRun| match fingerprint::prefix(&owned, run.read.bytes) {
-            Ok(prefix) => Ok(prefix == Some(run.read)),
-            // a failure to read must not pass for another content
+        // a failure to read must not pass for another content
+        let begins_with = |read: ContentPrefix| match fingerprint::prefix(&owned, read.bytes) {
+            Ok(prefix) => Ok(prefix == Some(read)),
             Err(error) => Err(Rejection::from_io(&owned, &error)),
         };
-        earlier.into_iter().map(|run| Ok((begins_with(&run)?, run))).collect::<Result<Vec<_>, _>>()
+        read.into_iter().map(begins_with).collect::<Result<Vec<_>, _>>()
     });
-    let policy = pipeline.config().watch.on_rewrite;
-    Ok(compared.await?.map(|compared| chosen(&compared, recording, policy)))
+    let begin_alike = match compared.await? {
+        Ok(alike) => alike,
+        Err(rejection) => return Ok(Err(rejection)),
+    };
+    let compared = earlier.into_iter().zip(begin_alike).map(|(earlier, begins_alike)| Compared {
+        same_robot: recognised.is_some_and(|of| of.robot == earlier.robot),
+        same_recording: recognised.is_some_and(|of| is_recording_of(pipeline.config(), of, &earlier)),
+        begins_alike,
+        run: earlier.run,
+        read: earlier.read,
+        same_path: earlier.same_path,
+        same_file: earlier.same_file,
+    });
+    Ok(Ok(Facts {
+        known_is_open: known.as_ref().is_some_and(|known| pipeline.is_open(known.run_id)),
+        known,
+        names_recording: recognised.is_some_and(|of| of.recording().is_some()),
+        earlier: compared.collect(),
+        on_rewrite: pipeline.config().watch.on_rewrite,
+        retry,
+    }))
+}
+
+/// Whether a file is the recording of an earlier run once more: both names say robot and moment, and the
+/// configuration takes both alike. A log of work that was begun with a test is another recording.
+fn is_recording_of(config: &Config, file: &Recognised<'_>, earlier: &EarlierRun) -> bool {
+    let Some((robot, started_at)) = file.recording() else { return false };
+    let same_moment = match config.recognition.recognise(&earlier.source_name) {
+        Ok(named) => named.robot == robot && named.is_definite && named.started_at == Some(started_at),
+        // its name was read by another pattern
+        Err(_) => earlier.robot == robot && earlier.started_at == started_at,
+    };
+    // the kind is known since reading began
+    let same_kind = earlier.run.cycles_stored == 0 || earlier.kind == file.entry.layout.stage.run_kind();
+    let entry = config.export_entry(&earlier.robot, &earlier.source_name);
+    same_moment && same_kind && entry.is_none_or(|entry| std::ptr::eq(entry, file.entry))
 }
 
 /// Takes away what was written down of a file while it could not be read.
-async fn forget_unreadable(pipeline: &Pipeline, path: &Path) -> Result<(), PipelineError> {
+pub(super) async fn forget_unreadable(pipeline: &Pipeline, path: &Path) -> Result<(), PipelineError> {
     let known = pipeline.store().lookup(&path_identity(path)).await?;
     if let Some(run) = known.filter(|run| run.status == RunStatus::Quarantined) {
         pipeline.store().discard_run(run.run_id).await?;
@@ -212,80 +246,36 @@ async fn forget_unreadable(pipeline: &Pipeline, path: &Path) -> Result<(), Pipel
     Ok(())
 }
 
-/// Chooses among runs, each with whether the file begins with what it was read from.
-///
-/// A run is superseded only by the same recording: by a file whose name says the same robot and start; while it is
-/// unfinished, only by one at its own path. A file whose name says no start, such as `current.csv`, holds one
-/// recording after the other; of those, only an unfinished one is superseded whose very file was written over.
-fn chosen(
-    earlier: &[(bool, EarlierRun)],
-    recording: Option<(&str, Timestamp)>,
-    policy: RewritePolicy,
-) -> Start {
-    let mut start = Start {
-        beginning: Beginning::default(),
-        read: fingerprint::nothing(),
-        replaces_here: false,
-        unfinished: None,
-    };
-    for (is_prefix, earlier) in earlier {
-        let EarlierRun { run, same_path, same_file, .. } = earlier;
-        let (unfinished, complete) = (run.status == RunStatus::Streaming, run.status == RunStatus::Complete);
-        // nothing is stored of it that could be wrong
-        let empty = *same_path && *same_file && unfinished && run.cycles_stored == 0;
-        // a header alone is that of any file
-        let faulty = run.status == RunStatus::Quarantined && (*same_path || run.cycles_stored > 0);
-        // another file of the recording that is complete stays as it is
-        let goes_on = unfinished || (complete && (*same_path || *same_file)) || faulty;
-        let same_recording = recording == Some((earlier.robot.as_str(), earlier.started_at));
-        let rewritten = match run.status {
-            RunStatus::Streaming => (same_recording && *same_path) || *same_file,
-            RunStatus::Complete => same_recording && policy == RewritePolicy::Supersede,
-            RunStatus::Quarantined | RunStatus::Superseded => false,
-        };
-        if start.beginning.onwards.is_none() && goes_on && (*is_prefix || empty) {
-            start.beginning.onwards = Some(run.run_id);
-            start.read =
-                if *is_prefix && run.cycles_stored > 0 { earlier.read } else { fingerprint::nothing() };
-            start.unfinished = unfinished.then_some(Unfinished::Prefix(run.run_id));
-        } else if start.beginning.instead_of.is_none() && rewritten {
-            start.beginning.instead_of = Some(run.run_id);
-            start.replaces_here = *same_path;
-            if unfinished && start.unfinished.is_none() {
-                start.unfinished = Some(Unfinished::Rewritten(run.run_id));
-            }
-        }
-    }
-    start
-}
-
 /// Leaves a file whose content is stored as `run_id`: an unfinished run that was read from it goes, or stands
 /// as superseded where the file was rewritten.
-async fn leave(pipeline: &Pipeline, run_id: i64, start: &Start) -> Result<(), PipelineError> {
-    match start.unfinished {
-        Some(Unfinished::Prefix(unfinished)) if unfinished != run_id => {
-            pipeline.store().merge_run(unfinished, run_id).await?;
-        }
-        Some(Unfinished::Rewritten(unfinished)) if unfinished != run_id => {
+async fn leave(
+    pipeline: &Pipeline,
+    run_id: i64,
+    unfinished: Option<Unfinished>,
+) -> Result<(), PipelineError> {
+    match unfinished {
+        Some(Unfinished::Prefix(unfinished)) => pipeline.store().merge_run(unfinished, run_id).await?,
+        Some(Unfinished::Rewritten(unfinished)) => {
             pipeline.store().supersede_run(run_id, unfinished).await?;
         }
-        _ => {}
+        None => {}
     }
     Ok(())
 }
 
-/// What is said of an export that the ledger knows, unless it needs reading.
+/// What is said of an export whose fate is decided by its run.
 #[must_use]
-pub fn decided(path: &Path, known: KnownRun, retry: Retry) -> Option<Outcome> {
+pub fn decided(path: &Path, known: KnownRun) -> Outcome {
     match known.status {
-        RunStatus::Complete | RunStatus::Superseded => Some(Outcome::AlreadyStored { run_id: known.run_id }),
-        RunStatus::Quarantined if retry == Retry::Never && !known.retry_asked => Some(Outcome::Quarantined {
+        RunStatus::Quarantined => Outcome::Quarantined {
             run_id: known.run_id,
             rejection: Rejection::stored(path, known.reason.unwrap_or_default()),
             cycles: known.cycles_stored,
             known: true,
-        }),
-        RunStatus::Quarantined | RunStatus::Streaming => None,
+        },
+        RunStatus::Complete | RunStatus::Superseded | RunStatus::Streaming => {
+            Outcome::AlreadyStored { run_id: known.run_id }
+        }
     }
 }
 
@@ -293,7 +283,7 @@ pub fn decided(path: &Path, known: KnownRun, retry: Retry) -> Option<Outcome> {
 #[must_use]
 pub fn source_state(path: &Path) -> Option<SourceState> {
     let metadata = std::fs::metadata(path).ok()?;
-    let modified = Timestamp::try_from(metadata.modified().ok()?).ok()?;
+    let modified = Timestamp::try_from(fingerprint::changed_at(&metadata)).ok()?;
     Some(SourceState { bytes: metadata.len(), modified, file: fingerprint::id_of(&metadata) })
 }
 
@@ -343,17 +333,19 @@ pub struct Recognised<'a> {
     pub entry: &'a FleetEntry,
     /// The individual robot.
     pub robot: String,
-    /// Start of the recording: from its rows or its name or, without one there, the file's time.
+    /// Start of the recording: from its rows or its name or, without one there, the file's time, which is that of its end.
     pub started_at: Timestamp,
     /// Whether the rows or the name say the start.
-    named_start: bool,
+    pub named_start: bool,
+    /// Whether they say the moment, so that no other recording of the robot has it.
+    is_definite: bool,
 }
 
 impl Recognised<'_> {
     /// Which recording it is, where the name says so.
     #[must_use]
     pub fn recording(&self) -> Option<(&str, Timestamp)> {
-        self.named_start.then_some((self.robot.as_str(), self.started_at))
+        self.is_definite.then_some((self.robot.as_str(), self.started_at))
     }
 }
 
@@ -389,6 +381,7 @@ pub fn recognise<'a>(
         robot: recognised.robot,
         started_at: started_at.unwrap_or(file_time),
         named_start: started_at.is_some(),
+        is_definite: recognised.is_definite || entry.layout.start.is_some(),
     })
 }
 
@@ -430,8 +423,11 @@ pub fn header(
     }
 }
 
+/// Name of an export; of one in an archive, the name that it had before.
 fn file_name(path: &Path) -> String {
-    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+    let name =
+        path.file_name().map_or_else(|| path.as_os_str().to_string_lossy(), |name| name.to_string_lossy());
+    original_name(&name).into_owned()
 }
 
 /// Identity of a file whose content cannot be read: its path stands in.
@@ -447,88 +443,4 @@ pub fn file_time(path: &Path) -> Timestamp {
         .ok()
         .and_then(|modified| Timestamp::try_from(modified).ok())
         .unwrap_or(Timestamp::UNIX_EPOCH)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const START: Timestamp = Timestamp::UNIX_EPOCH;
-
-    fn earlier(run_id: i64, status: RunStatus, cycles_stored: u32, places: [bool; 2]) -> EarlierRun {
-        let [same_path, same_file] = places;
-        EarlierRun {
-            run: KnownRun { run_id, status, reason: None, cycles_stored, retry_asked: false },
-            robot: "A".into(),
-            started_at: START,
-            read: ContentPrefix { bytes: 9, hash: ContentHash([9; 32]) },
-            same_path,
-            same_file,
-        }
-    }
-
-    fn begins(
-        earlier: &[(bool, EarlierRun)],
-        recording: Option<(&str, Timestamp)>,
-    ) -> (Option<i64>, Option<i64>) {
-        let start = chosen(earlier, recording, RewritePolicy::Supersede);
-        (start.beginning.onwards, start.beginning.instead_of)
-    }
-
-    #[test]
-    fn a_file_that_begins_with_what_was_read_goes_on() {
-        let named = Some(("A", START));
-        for status in [RunStatus::Streaming, RunStatus::Complete, RunStatus::Quarantined] {
-            let runs = [(true, earlier(1, status, 2, [true, true]))];
-            assert_eq!(begins(&runs, named), (Some(1), None), "{status:?}");
-            assert_eq!(begins(&runs, None), (Some(1), None), "{status:?}");
-        }
-        assert_eq!(
-            begins(&[(true, earlier(1, RunStatus::Superseded, 2, [true, true]))], named),
-            (None, None)
-        );
-        // renamed, while its old name has got another file
-        let runs = [
-            (false, earlier(2, RunStatus::Complete, 2, [true, false])),
-            (true, earlier(1, RunStatus::Streaming, 2, [false, true])),
-        ];
-        assert_eq!(begins(&runs, None), (Some(1), None));
-        assert_eq!(begins(&runs, named), (Some(1), Some(2)));
-    }
-
-    #[test]
-    fn only_the_same_recording_supersedes() {
-        let complete = [(false, earlier(1, RunStatus::Complete, 2, [true, true]))];
-        assert_eq!(begins(&complete, Some(("A", START))), (None, Some(1)));
-        let next_day = START + jiff::SignedDuration::from_hours(24);
-        for other in [None, Some(("B", START)), Some(("A", next_day))] {
-            assert_eq!(begins(&complete, other), (None, None), "{other:?}");
-        }
-        let kept = chosen(&complete, Some(("A", START)), RewritePolicy::KeepBoth);
-        assert_eq!(kept.beginning, Beginning::default());
-    }
-
-    #[test]
-    fn a_recording_exported_again_elsewhere_supersedes_a_complete_run_only() {
-        let named = Some(("A", START));
-        let elsewhere = |status| [(false, earlier(1, status, 2, [false, false]))];
-        let found = chosen(&elsewhere(RunStatus::Complete), named, RewritePolicy::Supersede);
-        assert_eq!((found.beginning.instead_of, found.replaces_here), (Some(1), false));
-        assert_eq!(begins(&elsewhere(RunStatus::Streaming), named), (None, None), "it may be a copy");
-        assert_eq!(begins(&elsewhere(RunStatus::Quarantined), named), (None, None));
-        let kept = chosen(&elsewhere(RunStatus::Complete), named, RewritePolicy::KeepBoth);
-        assert_eq!(kept.beginning, Beginning::default());
-        // a longer file elsewhere is another file; one that goes on where a reader was cut short is the same
-        let begins_alike = |status| [(true, earlier(1, status, 2, [false, false]))];
-        assert_eq!(begins(&begins_alike(RunStatus::Complete), named), (None, Some(1)));
-        assert_eq!(begins(&begins_alike(RunStatus::Streaming), named), (Some(1), None));
-    }
-
-    #[test]
-    fn an_unfinished_run_whose_file_was_written_over_is_superseded_and_one_that_was_moved_is_not() {
-        let unfinished = |cycles, places| [(false, earlier(1, RunStatus::Streaming, cycles, places))];
-        assert_eq!(begins(&unfinished(2, [true, true]), None), (None, Some(1)));
-        assert_eq!(begins(&unfinished(2, [true, false]), None), (None, None), "another file has its name");
-        assert_eq!(begins(&unfinished(0, [true, true]), None), (Some(1), None), "nothing is stored of it");
-    }
 }

@@ -9,6 +9,7 @@
 pub mod conclude;
 pub mod cutting;
 pub mod cycles;
+pub mod decide;
 pub mod drive_gain;
 pub mod explain;
 pub mod follow;
@@ -245,9 +246,9 @@ impl Pipeline {
         let state = intake::source_state(path);
         if let (Retry::Never, Some(state)) = (retry, state)
             && let Some(known) = self.store.known_source(&name, state).await?
-            && let Some(outcome) = intake::decided(path, known, retry)
+            && decide::is_decided(&known, retry)
         {
-            return Ok(outcome);
+            return Ok(intake::decided(path, known));
         }
         let outcome = self.take(path, retry, stop, progress).await?;
         if let (Some(run_id), Some(state)) = (outcome.run_id(), state) {
@@ -278,8 +279,12 @@ impl Pipeline {
             done => return done,
         };
         tracing::error!(file = %path.display(), run_id = intake.run_id, "{reason}");
-        let rejection = Rejection::of_file(path, reason, "report it with this file");
-        record::quarantine(self, &intake, rejection).await
+        let remedy = format!(
+            "`armwatch quarantine retry {}` reads the file anew from its start; if that ends alike, report it with this \
+             file",
+            intake.run_id
+        );
+        record::quarantine(self, &intake, Rejection::of_file(path, reason, remedy)).await
     }
 
     async fn take_admitted(
@@ -300,7 +305,11 @@ impl Pipeline {
         };
         let (end, refused) = self.stream(intake, &method, Lane::Backlog, reading, progress).await?;
         match end {
-            ReadEnd::Complete(totals) => record::finish(self, intake, &method, totals, refused).await,
+            ReadEnd::Complete(totals) => {
+                // a name without start was given the time at which the file was last written
+                let written_at = Some(intake.header.started_at);
+                record::finish(self, intake, &method, totals, refused, written_at).await
+            }
             ReadEnd::Rejected(rejection) if rejection.is_passing => Ok(Outcome::Unreadable { rejection }),
             ReadEnd::Rejected(rejection) => record::quarantine(self, intake, rejection).await,
             ReadEnd::Interrupted => Ok(Outcome::Interrupted),

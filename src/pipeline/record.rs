@@ -1,9 +1,12 @@
 //! From analyses to the database: one transaction a cycle, one for the end of a run.
 
+use std::time::Duration;
+
+use jiff::Timestamp;
 use tokio::sync::mpsc;
 
 use super::cutting::ReadTotals;
-use super::intake::Intake;
+use super::intake::{Intake, UNKNOWN_ROBOT};
 use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun, friction};
 use crate::analysis::{FrictionPoint, RunAnalysis};
 use crate::ingest::excerpt;
@@ -11,7 +14,7 @@ use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::{Method, RunResults, analyse_run};
 use crate::robot::{JointIndex, ParameterId};
 use crate::run::{RunHeader, RunKind};
-use crate::store::{CycleSpeedFits, Fault, Owner, RunMeasurements, RunTotals, Store};
+use crate::store::{CycleSpeedFits, Fault, Owner, Replaced, RunMeasurements, RunTotals, Store};
 
 /// What recording the cycles of an export came to.
 #[derive(Debug, Default)]
@@ -58,7 +61,8 @@ pub(super) async fn cycles(
 
 /// Ends a run: what it says as a whole and its mark of completion, in one transaction. Where another run was
 /// completed with the same content meanwhile, this one goes. What the robot's history says with it is
-/// concluded later, see [`Pipeline::conclude`].
+/// concluded later, see [`Pipeline::conclude`]. `written_at` is when the file was last written: where its name says no
+/// start, the recording began its duration before, whether it was read while it grew or later.
 ///
 /// # Errors
 /// Those of the store.
@@ -68,16 +72,20 @@ pub async fn finish(
     method: &Method,
     totals: ReadTotals,
     refused: Vec<(u32, String)>,
+    written_at: Option<Timestamp>,
 ) -> Result<Outcome, PipelineError> {
     let of_test = match intake.layout.stage.run_kind() {
         RunKind::Test => Some(analyse_test(pipeline, intake, method).await?),
         RunKind::Production => None,
     };
     let mut ending = pipeline.store().finish_run(intake.run_id).await?;
-    if let Owner::Other(run_id) = ending.adopt(&totals.content).await? {
+    if let Owner::Other(run_id) = ending.adopt(&totals.content, &totals.first_rows).await? {
         drop(ending);
         pipeline.store().merge_run(intake.run_id, run_id).await?;
         return Ok(Outcome::AlreadyStored { run_id });
+    }
+    if let Some(written_at) = written_at.filter(|_| !intake.named_start) {
+        ending.set_start(start_before(written_at, totals.duration)).await?;
     }
     if let Some((analysis, speed_fits)) = of_test {
         ending.store_analysis(&analysis).await?;
@@ -90,7 +98,16 @@ pub async fn finish(
         cycles: totals.cycles,
     };
     ending.complete(figures).await?;
+    let replaced = ending.replaced();
     ending.commit().await?;
+    if let Some(Replaced { run_id: old, begins_otherwise: true }) = replaced {
+        tracing::warn!(
+            file = %intake.path.display(), run_id = intake.run_id,
+            "takes the place of run {old}, which the name says to be the same recording, but begins with other rows: \
+             if these are two recordings, give the other file a name with a start of its own and ingest it again, or \
+             set on_rewrite = \"keep_both\" under [watch]"
+        );
+    }
     Ok(Outcome::Stored(StoredRun {
         run_id: intake.run_id,
         robot: intake.header.robot.clone(),
@@ -98,6 +115,14 @@ pub async fn finish(
         refused,
         rows: totals.rows,
     }))
+}
+
+/// The moment `duration` seconds before another, to the microsecond.
+#[must_use]
+pub fn start_before(end: Timestamp, duration: f64) -> Timestamp {
+    let duration = Duration::try_from_secs_f64(duration).unwrap_or_default();
+    let duration = Duration::from_micros(u64::try_from(duration.as_micros()).unwrap_or_default());
+    end.checked_sub(duration).unwrap_or(end)
 }
 
 /// What a test says as a whole; a log of production says nothing beyond its windows.
@@ -125,7 +150,10 @@ pub async fn quarantine(
     intake: &Intake,
     rejection: Rejection,
 ) -> Result<Outcome, PipelineError> {
-    let run_id = write_down(pipeline, &intake.header, &rejection).await?;
+    // any file that ends with .csv has a name: without a start in it and a row that is understood, it is no robot's
+    let robot = if intake.named_start { &intake.header.robot } else { UNKNOWN_ROBOT };
+    let header = RunHeader { robot: robot.to_owned(), ..intake.header.clone() };
+    let run_id = write_down(pipeline, &header, &rejection).await?;
     let cycles =
         pipeline.store().lookup(&intake.header.content_hash).await?.map_or(0, |run| run.cycles_stored);
     Ok(Outcome::Quarantined { run_id, rejection, cycles, known: false })

@@ -15,10 +15,12 @@ use super::intake::Intake;
 use super::{Pipeline, PipelineError};
 use crate::config::{Layout, WorkLimits};
 use crate::ingest::blocks::Passed;
+use crate::ingest::cell::Decimal;
 use crate::ingest::csv::{ExportReader, Place};
 use crate::ingest::exact::PreviousTime;
 use crate::ingest::fingerprint;
 use crate::ingest::rejection::Rejection;
+use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::motion_stages::{Motion, MotionState, Phase};
 use crate::numerics::segment::CutterState;
 use crate::numerics::stages::{FinderState, OutsideLevels, SignalState};
@@ -43,6 +45,8 @@ pub struct ResumePoint {
     pub cutter: CutterState,
     /// Rows per second of the first rows, Hz.
     pub sample_rate: f64,
+    /// Hash of the first rows.
+    pub first_rows: ContentHash,
 }
 
 /// The blocks of rows that the next cut may lie in, each with what was known before it.
@@ -65,6 +69,7 @@ impl Places {
             stages: stages.clone(),
             cutter: state,
             sample_rate: cutter.sample_rate(),
+            first_rows: cutter.first_rows(),
         })
     }
 
@@ -76,12 +81,18 @@ impl Places {
     }
 }
 
-/// What decides the meaning of a point, besides the export: layout, description, bounds and program.
+/// What decides the cycles of an export and what they say, besides its bytes: layout, description, bounds, settings
+/// of the analysis and program. Stored cycles of a run are gone on with only where it is the same.
 #[must_use]
-pub fn settings_hash(layout: &Layout, robot: &Robot, limits: &WorkLimits) -> ContentHash {
-    let version = env!("CARGO_PKG_VERSION");
+pub fn settings_hash(
+    layout: &Layout,
+    robot: &Robot,
+    limits: &WorkLimits,
+    analysis: &AnalysisSettings,
+) -> ContentHash {
+    let program = (env!("CARGO_PKG_VERSION"), VERSION);
     let bounds = (limits.cycle_rows, limits.export_bytes);
-    fingerprint::of_bytes(format!("{version} {layout:?} {robot:?} {bounds:?}").as_bytes())
+    fingerprint::of_bytes(format!("{program:?} {layout:?} {robot:?} {bounds:?} {analysis:?}").as_bytes())
 }
 
 /// The point that is stored with the cycles of a run, if it can be used with these settings.
@@ -91,12 +102,10 @@ pub fn settings_hash(layout: &Layout, robot: &Robot, limits: &WorkLimits) -> Con
 pub(super) async fn of_run(
     pipeline: &Pipeline,
     run_id: i64,
-    layout: &Layout,
-    robot: &Robot,
+    settings: &ContentHash,
 ) -> Result<Option<ResumePoint>, PipelineError> {
     let Some(stored) = pipeline.store().resume_point(run_id).await? else { return Ok(None) };
-    let settings = settings_hash(layout, robot, &pipeline.config().limits);
-    let point = decoded(&stored.state, &settings);
+    let point = decoded(&stored.state, settings);
     if point.is_none() {
         tracing::info!(run_id, "read from the start: what was stored to go on with does not fit any more");
     }
@@ -142,6 +151,7 @@ pub fn encoded(point: &ResumePoint, settings: &ContentHash) -> StoredPoint {
     out.whole(rows_cut);
     [cycles_cut, number_cut, counter_reached].into_iter().for_each(|number| out.whole(number.into()));
     out.number(point.sample_rate);
+    out.0.extend(point.first_rows.0);
     let check = check(&out.0, settings);
     out.0.extend(check.0);
     StoredPoint { cycles: cycles_cut, byte: point.place.byte, state: out.0 }
@@ -166,7 +176,8 @@ pub fn decoded(state: &[u8], settings: &ContentHash) -> Option<ResumePoint> {
         counter_reached: from.small()?,
     };
     let sample_rate = from.number()?;
-    from.0.is_empty().then_some(ResumePoint { place, stages, cutter, sample_rate })
+    let first_rows = ContentHash(from.0.try_into().ok()?);
+    Some(ResumePoint { place, stages, cutter, sample_rate, first_rows })
 }
 
 fn check(words: &[u8], settings: &ContentHash) -> ContentHash {
@@ -186,6 +197,13 @@ impl Writer {
         self.whole(number.to_bits());
     }
 
+    fn decimal(&mut self, Decimal { digits, places }: Decimal) {
+        let digits = digits.cast_unsigned();
+        // the low half is what is left of it
+        [(digits >> 64) as u64, digits as u64].into_iter().for_each(|half| self.whole(half));
+        self.whole(places.into());
+    }
+
     fn optional<T>(&mut self, value: Option<T>, write: impl FnOnce(&mut Self, T)) {
         self.whole(value.is_some().into());
         if let Some(value) = value {
@@ -200,7 +218,7 @@ impl Writer {
         self.optional(place.previous, |out, PreviousTime { recorded, seconds }| {
             [recorded, seconds].into_iter().for_each(|time| out.number(time));
         });
-        self.number(place.origin);
+        self.optional(place.origin, Self::decimal);
         self.optional(place.moment, |out, moment| out.whole(moment.cast_unsigned()));
     }
 
@@ -258,6 +276,11 @@ impl Reader<'_> {
         self.whole()?.try_into().ok()
     }
 
+    fn decimal(&mut self) -> Option<Decimal> {
+        let (high, low) = (u128::from(self.whole()?), u128::from(self.whole()?));
+        Some(Decimal { digits: (high << 64 | low).cast_signed(), places: self.small()? })
+    }
+
     fn number(&mut self) -> Option<f64> {
         self.whole().map(f64::from_bits)
     }
@@ -278,7 +301,7 @@ impl Reader<'_> {
             rows_skipped: self.whole()?,
             previous: self
                 .optional(|from| Some(PreviousTime { recorded: from.number()?, seconds: from.number()? }))?,
-            origin: self.number()?,
+            origin: self.optional(Self::decimal)?,
             moment: self.optional(|from| from.whole().map(u64::cast_signed))?,
         })
     }
@@ -348,7 +371,7 @@ mod tests {
                 rows: 1,
                 rows_skipped: 6,
                 previous: Some(PreviousTime { recorded: 0.1 + 0.2, seconds: -0.0 }),
-                origin: 1.7e9,
+                origin: Some(Decimal { digits: -1_700_000_000_004, places: 3 }),
                 moment: Some(i64::MIN),
             },
             stages: FinderState {
@@ -372,6 +395,7 @@ mod tests {
             },
             cutter: CutterState { rows_cut: 5, cycles_cut: 4, number_cut: 9, counter_reached: u32::MAX },
             sample_rate: 1000.0 / 3.0,
+            first_rows: ContentHash([3; 32]),
         };
         let stored = encoded(&point, &settings);
         assert_eq!(decoded(&stored.state, &settings).as_ref(), Some(&point));

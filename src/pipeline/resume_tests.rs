@@ -13,6 +13,8 @@ use super::resume::{ResumePoint, decoded, encoded, settings_hash};
 use crate::config::{Layout, WorkLimits, parse_layout};
 use crate::ingest::csv::{Place, ReadOptions};
 use crate::ingest::fingerprint::fingerprint;
+use crate::numerics::analyse::AnalysisSettings;
+use crate::robot::Robot;
 use crate::run::{ContentHash, Cycle};
 use crate::testing::er3a;
 
@@ -321,8 +323,10 @@ static EXPORTS: LazyLock<Exports> = LazyLock::new(|| {
             run_id: 1,
             robot: Arc::clone(&robot),
             layout: Arc::new(layout(writing)),
+            named_start: true,
             cycles_stored: 0,
             resume: None,
+            made_with: made_with(&layout(writing), &robot, &WorkLimits::default()),
             limits: WorkLimits::default(),
         };
         (writing.name, intake)
@@ -330,6 +334,10 @@ static EXPORTS: LazyLock<Exports> = LazyLock::new(|| {
     let intakes = writings().iter().enumerate().map(of_writing).collect();
     Exports { _folder: folder, intakes }
 });
+
+fn made_with(layout: &Layout, robot: &Robot, limits: &WorkLimits) -> ContentHash {
+    settings_hash(layout, robot, limits, &AnalysisSettings::default())
+}
 
 /// Reads an export as the pipeline does.
 fn read(intake: &Intake, block_bytes: usize) -> (Vec<CutCycle>, ReadEnd) {
@@ -350,7 +358,7 @@ fn only_cycles(cut: &[CutCycle]) -> Vec<&Cycle> {
 /// Reads one export through, and then from behind each of its cycles on; returns how many of them could be gone
 /// on from.
 fn assert_goes_on(name: &str, intake: &Intake, block_bytes: usize, other_bytes: usize) -> usize {
-    let settings = settings_hash(&intake.layout, &intake.robot, &intake.limits);
+    let settings = intake.made_with;
     let (whole, end) = read(intake, block_bytes);
     let mut points = 0;
     for (place, cut) in whole.iter().enumerate() {
@@ -383,7 +391,7 @@ fn each_way_to_write_an_export_has_points_to_go_on_from() {
 /// A point with its settings.
 fn a_point(name: &str) -> (Vec<u8>, ContentHash) {
     let (_, intake) = EXPORTS.intakes.iter().find(|(of, _)| *of == name).expect("a name");
-    let settings = settings_hash(&intake.layout, &intake.robot, &intake.limits);
+    let settings = intake.made_with;
     let mut points = read(intake, 20_000).0.into_iter().filter_map(|cut| cut.read.resume);
     (points.next_back().expect("a point").state, settings)
 }
@@ -401,10 +409,12 @@ fn a_state_with_a_byte_changed_or_missing_or_of_other_settings_is_none() {
     let (_, intake) = &EXPORTS.intakes[0];
     let mut robot = er3a();
     robot.joints[0].position_offset += 1e-9;
+    let analysis = AnalysisSettings { cutoff: 1.0, ..AnalysisSettings::default() };
     let others = [
-        settings_hash(&EXPORTS.intakes[1].1.layout, &robot, &intake.limits),
-        settings_hash(&intake.layout, &robot, &intake.limits),
-        settings_hash(&intake.layout, &intake.robot, &WorkLimits { cycle_rows: 7, ..intake.limits }),
+        made_with(&EXPORTS.intakes[1].1.layout, &robot, &intake.limits),
+        made_with(&intake.layout, &robot, &intake.limits),
+        made_with(&intake.layout, &intake.robot, &WorkLimits { cycle_rows: 7, ..intake.limits }),
+        settings_hash(&intake.layout, &intake.robot, &intake.limits, &analysis),
     ];
     others.iter().for_each(|other| assert_eq!(decoded(&state, other), None));
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use jiff::Timestamp;
 use sqlx::{Sqlite, Transaction};
 
 use super::friction::{self, CycleSpeedFits};
@@ -10,7 +11,7 @@ use super::history::{self, RunMeasurements};
 use super::ledger::{self, Owner, RunTotals};
 use super::{StoreError, quarantine, run_analysis};
 use crate::analysis::RunAnalysis;
-use crate::run::ContentPrefix;
+use crate::run::{ContentHash, ContentPrefix};
 
 /// An open transaction that ends a run. Dropping it without [`commit`](Self::commit) leaves the
 /// database as it was. It holds the only writer: do slow work before opening it, with
@@ -22,6 +23,16 @@ pub struct FinishTransaction {
     pub(super) path: Arc<Path>,
     pub(super) run_id: i64,
     pub(super) robot_id: i64,
+    pub(super) replaced: Option<Replaced>,
+}
+
+/// A run whose place a run takes that is ending.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Replaced {
+    /// The run.
+    pub run_id: i64,
+    /// Whether it is known to begin with other rows, as another recording does.
+    pub begins_otherwise: bool,
 }
 
 impl FinishTransaction {
@@ -54,21 +65,47 @@ impl FinishTransaction {
 
     /// Gives the run the identity of its content, which is known now that it is read to its end, and the
     /// place of the run whose file it was written over. [`Owner::Other`], and nothing written, if another
-    /// complete run has this content: this one is to be discarded.
+    /// complete run has this content: this one is to be discarded. `first_rows` is the hash of its first rows, which
+    /// tells whether that recording begins alike.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn adopt(&mut self, content: &ContentPrefix) -> Result<Owner, StoreError> {
+    pub async fn adopt(
+        &mut self,
+        content: &ContentPrefix,
+        first_rows: &ContentHash,
+    ) -> Result<Owner, StoreError> {
+        let noted = ledger::set_first_rows(&mut *self.transaction, self.run_id, first_rows).await;
+        self.checked(noted)?;
         let owner = ledger::adopt(&mut self.transaction, self.run_id, content).await;
         let owner = self.checked(owner)?;
         if owner == Owner::Ours {
             let replaced = ledger::replaced_by(&mut *self.transaction, self.run_id).await;
             if let Some(old) = self.checked(replaced)? {
                 let superseded = ledger::supersede_shorter(&mut self.transaction, self.run_id, old).await;
-                self.checked(superseded)?;
+                if self.checked(superseded)? {
+                    let otherwise = ledger::begin_otherwise(&mut *self.transaction, self.run_id, old).await;
+                    self.replaced =
+                        Some(Replaced { run_id: old, begins_otherwise: self.checked(otherwise)? });
+                }
             }
         }
         Ok(owner)
+    }
+
+    /// Moves the start of the recording, and with it those of its cycles, to a moment that is known now.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn set_start(&mut self, started_at: Timestamp) -> Result<(), StoreError> {
+        let result = ledger::set_start(&mut self.transaction, self.run_id, started_at).await;
+        self.checked(result)
+    }
+
+    /// The run whose place this one has taken in [`FinishTransaction::adopt`].
+    #[must_use]
+    pub fn replaced(&self) -> Option<Replaced> {
+        self.replaced
     }
 
     /// Marks the run complete; quarantined ones of the same recording are superseded by it.

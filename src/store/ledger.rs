@@ -3,6 +3,7 @@
 //! A superseded run has the status of a quarantined one and names its successor: whatever leaves out
 //! quarantined runs leaves it out too.
 
+use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
@@ -46,6 +47,18 @@ pub struct Beginning {
     pub onwards: Option<i64>,
     /// In the place of this run, whose file was rewritten.
     pub instead_of: Option<i64>,
+    /// What decides the cycles of the run besides its bytes. A run that goes on although its stored cycles were made
+    /// with something else begins afresh. `None`: not looked at.
+    pub made_with: Option<ContentHash>,
+}
+
+/// A run that has begun.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Begun {
+    /// The run.
+    pub run: KnownRun,
+    /// Whether cycles were taken away that were made with something else.
+    pub afresh: bool,
 }
 
 /// Whose identity a content is.
@@ -93,20 +106,64 @@ pub(super) async fn begin(
     header: &RunHeader,
     identity: Identity,
     beginning: Beginning,
-) -> Result<KnownRun, sqlx::Error> {
-    let run = match beginning.onwards {
-        Some(run_id) => onwards(&mut *connection, run_id, header).await?,
-        None => insert_new(&mut *connection, header).await?,
+) -> Result<Begun, sqlx::Error> {
+    let mut afresh_instead = false;
+    let run = match (beginning.onwards, &beginning.made_with) {
+        (Some(run_id), Some(made_with)) if is_made_otherwise(&mut *connection, run_id, made_with).await? => {
+            afresh_instead = true;
+            afresh(&mut *connection, run_id, header).await?
+        }
+        (Some(run_id), _) => onwards(&mut *connection, run_id, header).await?,
+        (None, _) => insert_new(&mut *connection, header).await?,
     };
-    if let Some(old) = beginning.instead_of {
-        replace(&mut *connection, run.run_id, old).await?;
-    }
     let run_id = run.run_id;
+    if let Some(made_with) = &beginning.made_with {
+        set_made_with(&mut *connection, run_id, made_with).await?;
+    }
+    if let Some(old) = beginning.instead_of {
+        replace(&mut *connection, run_id, old).await?;
+    }
     match identity {
         Identity::Content(hash) => identify(connection, run_id, &hash, header.source_bytes).await?,
+        Identity::Growing(_) if run.cycles_stored == 0 => {
+            let nothing = ContentPrefix { bytes: 0, hash: ContentHash(*blake3::hash(b"").as_bytes()) };
+            identify_growing(connection, run_id, &nothing).await?;
+        }
         Identity::Growing(prefix) => identify_growing(connection, run_id, &prefix).await?,
     }
-    Ok(run)
+    Ok(Begun { run, afresh: afresh_instead })
+}
+
+/// Whether a run that could go on has cycles that were made with something else. A quarantined or superseded one
+/// begins afresh in any case.
+async fn is_made_otherwise(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    made_with: &ContentHash,
+) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT EXISTS (
+             SELECT 1 FROM run
+             WHERE run_id = ? AND cycles_stored > 0 AND status <> 'quarantined' AND made_with IS NOT ?
+         )",
+    )
+    .bind(run_id)
+    .bind(&made_with.0[..])
+    .fetch_one(executor)
+    .await
+}
+
+async fn set_made_with(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    made_with: &ContentHash,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET made_with = ? WHERE run_id = ?")
+        .bind(&made_with.0[..])
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
 }
 
 async fn insert_new(connection: &mut SqliteConnection, header: &RunHeader) -> Result<KnownRun, sqlx::Error> {
@@ -157,16 +214,18 @@ async fn replace(connection: &mut SqliteConnection, run_id: i64, old: i64) -> Re
 }
 
 /// Marks `old` as superseded by `run_id`, which is read to its end; not if that is of another path and has
-/// fewer cycles, since a part of a copy is no correction.
+/// fewer cycles, since a part of a copy is no correction, nor if it is a recording of another kind. Returns whether it
+/// was done.
 pub(super) async fn supersede_shorter(
     connection: &mut SqliteConnection,
     run_id: i64,
     old: i64,
-) -> Result<(), sqlx::Error> {
-    if is_as_long_or_here(&mut *connection, run_id, old).await? {
+) -> Result<bool, sqlx::Error> {
+    let is_in_its_place = is_as_long_or_here(&mut *connection, run_id, old).await?;
+    if is_in_its_place {
         supersede(connection, run_id, old).await?;
     }
-    Ok(())
+    Ok(is_in_its_place)
 }
 
 /// Gives a run that is ending the identity of its content, unless a complete run has it. An unfinished
@@ -180,6 +239,7 @@ pub(super) async fn adopt(
         Some(other) if other.run_id == run_id => {}
         Some(other) if other.status == RunStatus::Complete => return Ok(Owner::Other(other.run_id)),
         Some(other) => {
+            hand_on(&mut *connection, other.run_id, run_id).await?;
             discard(&mut *connection, other.run_id).await?;
         }
         None => {}
@@ -368,8 +428,55 @@ async fn is_as_long_or_here(
     old: i64,
 ) -> Result<bool, sqlx::Error> {
     sqlx::query_scalar(
-        "SELECT new.source_path = old.source_path OR new.cycles_stored >= old.cycles_stored
+        "SELECT new.kind = old.kind AND (new.source_path = old.source_path OR new.cycles_stored >= old.cycles_stored)
          FROM run AS new, run AS old
+         WHERE new.run_id = ? AND old.run_id = ?",
+    )
+    .bind(run_id)
+    .bind(old)
+    .fetch_one(executor)
+    .await
+}
+
+/// Moves the start of a run and those of its cycles alike.
+pub(super) async fn set_start(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    started_at: Timestamp,
+) -> Result<(), sqlx::Error> {
+    for sql in [
+        "UPDATE cycle
+         SET started_at = started_at + ?2 - (SELECT run.started_at FROM run WHERE run.run_id = ?1)
+         WHERE run_id = ?1",
+        "UPDATE run SET started_at = ?2 WHERE run_id = ?1",
+    ] {
+        sqlx::query(sql).bind(run_id).bind(started_at.as_microsecond()).execute(&mut *connection).await?;
+    }
+    Ok(())
+}
+
+/// Writes down the first rows of a run.
+pub(super) async fn set_first_rows(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    first_rows: &ContentHash,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET first_rows = ? WHERE run_id = ?")
+        .bind(&first_rows.0[..])
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// Whether two runs are known to begin with other rows.
+pub(super) async fn begin_otherwise(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    old: i64,
+) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT ifnull(new.first_rows <> old.first_rows, 0) FROM run AS new, run AS old
          WHERE new.run_id = ? AND old.run_id = ?",
     )
     .bind(run_id)

@@ -38,6 +38,8 @@ mod tests_factors;
 #[cfg(test)]
 mod tests_finish;
 #[cfg(test)]
+mod tests_identity;
+#[cfg(test)]
 mod tests_open;
 #[cfg(test)]
 mod tests_reestimates;
@@ -50,7 +52,6 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use jiff::Timestamp;
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
 pub use anomalies::Reconciled;
@@ -60,10 +61,10 @@ pub use conclusion_faults::ConclusionFault;
 pub use error::StoreError;
 pub use estimates::{EstimateTransaction, NewEstimate, OtherEstimate};
 pub use factors::{FactorsWanted, StoredCycle, StoredModel};
-pub use finish::FinishTransaction;
+pub use finish::{FinishTransaction, Replaced};
 pub use friction::{CycleSpeedFits, FrictionRun, IndexRow, ThermalSourceRow};
 pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
-pub use ledger::{Beginning, Identity, KnownRun, Owner, RunTotals};
+pub use ledger::{Beginning, Begun, Identity, KnownRun, Owner, RunTotals};
 pub use models::ModelParameter;
 pub use parameter_sets::{ParameterSet, SourceCycle};
 pub use production::{ProductionWindow, ReferenceTest};
@@ -75,7 +76,7 @@ pub use reestimates::{
 pub use results::{OverdueRobot, RunResult};
 pub use resume::{ReadSoFar, StoredPoint};
 pub use run_analysis::JointDeviation;
-pub use sources::{EarlierRun, RunSource, SourceState, UnfinishedSource};
+pub use sources::{EarlierRun, Recording, RunSource, SourceState, UnfinishedSource};
 pub use verification::{CycleState, OfCycle};
 
 use crate::analysis::{
@@ -136,6 +137,15 @@ impl Store {
         self.checked(checkpoint).map(|_| ())
     }
 
+    /// Makes what was committed so far outlast a loss of power too: a commit alone is written into the log and, for
+    /// speed, not synced.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritable`] if the disk refuses.
+    pub async fn sync(&self) -> Result<(), StoreError> {
+        open::sync(&self.path).await
+    }
+
     /// What the ledger knows of an export with this content.
     ///
     /// # Errors
@@ -182,7 +192,7 @@ impl Store {
         &self,
         path: &str,
         file: FileId,
-        recording: Option<(&str, Timestamp)>,
+        recording: Option<Recording<'_>>,
     ) -> Result<Vec<EarlierRun>, StoreError> {
         self.checked(sources::earlier_runs(&self.readers, path, file, recording).await)
     }
@@ -215,13 +225,14 @@ impl Store {
         identity: Identity,
         beginning: Beginning,
         source: SourceState,
-    ) -> Result<KnownRun, StoreError> {
+    ) -> Result<Begun, StoreError> {
         let mut transaction = self.begin().await?;
-        let run = self.checked(ledger::begin(&mut transaction, header, identity, beginning).await)?;
-        self.checked(sources::remember(&mut *transaction, &header.source_path, source, run.run_id).await)?;
-        self.checked(sources::set_file(&mut *transaction, run.run_id, source.file).await)?;
+        let begun = self.checked(ledger::begin(&mut transaction, header, identity, beginning).await)?;
+        let run_id = begun.run.run_id;
+        self.checked(sources::remember(&mut *transaction, &header.source_path, source, run_id).await)?;
+        self.checked(sources::set_file(&mut *transaction, run_id, source.file).await)?;
         self.commit(transaction).await?;
-        Ok(run)
+        Ok(begun)
     }
 
     /// Begins a run. A run with this content that was begun before, or is complete, is returned as it
@@ -340,7 +351,8 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn paths_to_retry(&self) -> Result<Vec<PathBuf>, StoreError> {
         let paths = self.checked(quarantine::paths_to_retry(&self.readers).await)?;
-        Ok(paths.into_iter().map(PathBuf::from).collect())
+        // earlier versions stored paths as they were given
+        Ok(paths.into_iter().map(|path| std::path::absolute(&path).unwrap_or_else(|_| path.into())).collect())
     }
 
     /// What the ledger knows of a run; `None` for an unknown one.
@@ -706,7 +718,7 @@ impl Store {
         let mut transaction = self.begin().await?;
         let robot = self.checked(ledger::robot_of_run(&mut *transaction, run_id).await)?;
         let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
-        Ok(FinishTransaction { transaction, path: Arc::clone(&self.path), run_id, robot_id })
+        Ok(FinishTransaction { transaction, path: Arc::clone(&self.path), run_id, robot_id, replaced: None })
     }
 
     /// All runs, by robot and start.

@@ -1,5 +1,7 @@
 //! Opening a database: is it ours, is it current, and how its connections behave.
 
+use std::fs::File;
+use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -92,6 +94,24 @@ pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreErr
     let probe = probe(options.clone());
     let readers = pool(READERS, options, BUSY_TIMEOUT).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
     Ok(Some(Store { path, writer: readers.clone(), readers, probe }))
+}
+
+/// Syncs the write-ahead log, and the folder that names it. Commits that are not in it any more were moved into the
+/// database by a checkpoint, which syncs.
+pub(super) async fn sync(path: &Arc<Path>) -> Result<(), StoreError> {
+    let database = Arc::clone(path);
+    let synced = tokio::task::spawn_blocking(move || {
+        let mut log = database.as_os_str().to_owned();
+        log.push("-wal");
+        match File::open(&log) {
+            Ok(log) => log.sync_all()?,
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(error),
+        }
+        database.parent().map_or(Ok(()), |folder| File::open(folder)?.sync_all())
+    });
+    let synced = synced.await.unwrap_or_else(|error| Err(std::io::Error::other(error)));
+    synced.map_err(|error| not_writable(path, &error))
 }
 
 /// The writer. Turning a new file's journal into a write-ahead log needs an exclusive lock, for which

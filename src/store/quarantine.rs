@@ -118,11 +118,43 @@ pub(super) async fn quarantine(
             insert_run(&mut *connection, robot_id, header).await?
         }
     };
+    rename_robot(&mut *connection, run_id, &header.robot).await?;
     mark(&mut *connection, run_id, fault).await?;
     if !count_again(&mut *connection, run_id, fault).await? {
         insert(connection, run_id, fault).await?;
     }
     Ok(run_id)
+}
+
+/// Gives a run without cycles to another robot, where its name turned out to say none. A robot without runs goes.
+async fn rename_robot(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    robot: &str,
+) -> Result<(), sqlx::Error> {
+    let before: Option<i64> = sqlx::query_scalar(
+        "SELECT robot_id FROM run JOIN robot USING (robot_id)
+         WHERE run_id = ? AND cycles_stored = 0 AND robot.name <> ?",
+    )
+    .bind(run_id)
+    .bind(robot)
+    .fetch_optional(&mut *connection)
+    .await?;
+    let Some(before) = before else { return Ok(()) };
+    let robot_id = robot_id(&mut *connection, robot).await?;
+    sqlx::query("UPDATE run SET robot_id = ? WHERE run_id = ?")
+        .bind(robot_id)
+        .bind(run_id)
+        .execute(&mut *connection)
+        .await?;
+    sqlx::query(
+        "DELETE FROM robot
+         WHERE robot_id = ?1 AND NOT EXISTS (SELECT 1 FROM run WHERE run.robot_id = ?1)",
+    )
+    .bind(before)
+    .execute(connection)
+    .await?;
+    Ok(())
 }
 
 async fn mark(executor: impl SqliteExecutor<'_>, run_id: i64, fault: &Fault) -> Result<(), sqlx::Error> {

@@ -8,8 +8,8 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use super::factors::StoredModel;
 use super::ledger::{KnownRun, known_run};
-use super::values::{count, size, time};
-use crate::run::{ContentHash, ContentPrefix, FileId};
+use super::values::{count, named, size, time};
+use crate::run::{ContentHash, ContentPrefix, FileId, RunKind};
 
 /// A file as the file system describes it, without a look into it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,12 +31,27 @@ pub struct EarlierRun {
     pub robot: String,
     /// Start of its recording.
     pub started_at: Timestamp,
+    /// File name of its export.
+    pub source_name: String,
+    /// What it is a recording of, once a cycle is stored.
+    pub kind: RunKind,
     /// What is stored of it was read from these first bytes.
     pub read: ContentPrefix,
     /// Whether it lay at the path.
     pub same_path: bool,
     /// Whether it lay in the file.
     pub same_file: bool,
+}
+
+/// What the name of a file says of its recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Recording<'n> {
+    /// The individual robot.
+    pub robot: &'n str,
+    /// Start.
+    pub started_at: Timestamp,
+    /// The name itself.
+    pub source_name: &'n str,
 }
 
 /// A file whose run is not complete, as it was when the run was last begun.
@@ -94,13 +109,17 @@ pub(super) async fn find(
     .await
 }
 
-/// Runs whose export lay at `path` or in the file of this number, or is of this recording (robot and start):
-/// that of the path first, then the newest.
+/// Farthest that two time zones lie apart, in microseconds: a start that was read by another one is within.
+const ZONES_APART: i64 = 26 * 3_600_000_000;
+
+/// Runs whose export lay at `path` or in the file of this number, or may be of this recording: robot and start are
+/// alike, or robot and name, where the start was read by the clock of another time zone. That of the path first, then
+/// the newest.
 pub(super) async fn earlier_runs(
     executor: impl SqliteExecutor<'_>,
     path: &str,
     file: FileId,
-    recording: Option<(&str, Timestamp)>,
+    recording: Option<Recording<'_>>,
 ) -> Result<Vec<EarlierRun>, sqlx::Error> {
     sqlx::query(
         "WITH earlier AS (
@@ -108,10 +127,12 @@ pub(super) async fn earlier_runs(
              UNION
              SELECT run_id FROM run WHERE inode = ?2 AND device = ?3
              UNION
-             SELECT run_id FROM robot JOIN run USING (robot_id) WHERE robot.name = ?5 AND started_at = ?6
+             SELECT run_id FROM robot JOIN run USING (robot_id)
+             WHERE robot.name = ?5 AND status IN ('streaming', 'complete', 'quarantined')
+               AND started_at BETWEEN ?6 - ?8 AND ?6 + ?8 AND (started_at = ?6 OR source_name = ?7)
          )
          SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored,
-                retry_asked_at IS NOT NULL AS retry_asked, robot.name AS robot, started_at,
+                retry_asked_at IS NOT NULL AS retry_asked, robot.name AS robot, started_at, source_name, kind,
                 EXISTS (SELECT 1 FROM source_file WHERE path = ?1 AND source_file.run_id = run.run_id) AS same_path,
                 ifnull(inode = ?2 AND device = ?3, 0) AS same_file,
                 iif(status = 'streaming' OR growing, ifnull(prefix_bytes, source_bytes), source_bytes) AS bytes,
@@ -126,8 +147,10 @@ pub(super) async fn earlier_runs(
     .bind(file.inode.cast_signed())
     .bind(file.device.cast_signed())
     .bind(MOST_EARLIER)
-    .bind(recording.map(|(robot, _)| robot))
-    .bind(recording.map(|(_, started_at)| started_at.as_microsecond()))
+    .bind(recording.map(|of| of.robot))
+    .bind(recording.map(|of| of.started_at.as_microsecond()))
+    .bind(recording.map(|of| of.source_name))
+    .bind(ZONES_APART)
     .try_map(|row: SqliteRow| {
         let hash: Vec<u8> = row.try_get("hash")?;
         let hash = hash.try_into().map_err(|_| sqlx::Error::Decode("a hash of another length".into()))?;
@@ -135,6 +158,8 @@ pub(super) async fn earlier_runs(
             run: known_run(&row)?,
             robot: row.try_get("robot")?,
             started_at: time(&row, "started_at")?,
+            source_name: row.try_get("source_name")?,
+            kind: named(&row, "kind", &[RunKind::Test, RunKind::Production], RunKind::name)?,
             read: ContentPrefix { bytes: size(&row, "bytes")?, hash: ContentHash(hash) },
             same_path: row.try_get("same_path")?,
             same_file: row.try_get("same_file")?,
@@ -157,7 +182,7 @@ pub(super) async fn unfinished(
     .try_map(|row: SqliteRow| {
         Ok(UnfinishedSource {
             run_id: row.try_get("run_id")?,
-            path: row.try_get("path")?,
+            path: from_root(row.try_get("path")?),
             bytes: size(&row, "bytes")?,
             modified: time(&row, "modified")?,
             growing: row.try_get("growing")?,
@@ -165,6 +190,13 @@ pub(super) async fn unfinished(
     })
     .fetch_all(executor)
     .await
+}
+
+/// A path from the root on. Earlier versions stored paths as they were given, mostly by a daemon that is still started
+/// in the same folder.
+fn from_root(path: String) -> String {
+    let absolute = std::path::absolute(&path).ok();
+    absolute.and_then(|path| path.into_os_string().into_string().ok()).unwrap_or(path)
 }
 
 pub(super) async fn remember(

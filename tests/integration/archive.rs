@@ -2,6 +2,7 @@
 
 use std::fs;
 
+use crate::small;
 use crate::support::{REFERENCE_NAME, Workshop, text, wait_until};
 
 const COMPLETE_RUNS: &str = "SELECT count(*) FROM runs WHERE status = 'complete'";
@@ -30,6 +31,48 @@ fn a_stored_export_is_moved_and_a_quarantined_one_stays() {
     let run = workshop.query("SELECT run_id FROM runs WHERE status = 'complete'").remove(0);
     let rows = workshop.stdout(&["torque", "--run", &run, "--cycle", "1"], 0);
     assert!(rows.lines().count() > 1000, "{}", rows.lines().count());
+}
+
+/// After a loss of power, or with an older copy of the database put back, the archive has what the database lacks.
+#[test]
+fn exports_in_the_archive_that_the_database_does_not_know_are_taken_at_start() {
+    let workshop = small::workshop();
+    workshop.set("archive", "\"archive\"");
+    let exports = [small::export("A", 1, 5), small::export("A", 2, 6)];
+    let take = |export: &small::Export, complete: i64| {
+        let daemon = workshop.daemon();
+        let source = workshop.inbox(&export.name);
+        fs::write(&source, &export.bytes).expect("an export");
+        workshop.wait_for(COMPLETE_RUNS, complete);
+        wait_until(|| !source.exists(), || "the export is not moved".to_owned());
+        daemon.signal("TERM");
+        assert_eq!(daemon.end(), Some(0));
+    };
+    take(&exports[0], 1);
+    let database = workshop.path("armwatch.db");
+    fs::copy(&database, workshop.path("earlier.db")).expect("a copy");
+    take(&exports[1], 2);
+    // one of the name of another, which carries its hash
+    let other = small::export("A", 3, 7).named(&exports[1].name.replace("20260106", "20260107"));
+    fs::create_dir_all(workshop.path("archive")).expect("a folder");
+    let begin = blake3::hash(&other.bytes).to_hex();
+    let name = other.name.replace(".csv", &format!("~{}.csv", &begin[..8]));
+    fs::write(workshop.path("archive").join(&name), &other.bytes).expect("an export");
+    fs::rename(workshop.path("earlier.db"), &database).expect("put back");
+    let daemon = workshop.daemon();
+    workshop.wait_for(COMPLETE_RUNS, 3);
+    workshop.wait_for_conclusions();
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+    assert_eq!(workshop.query("SELECT DISTINCT robot FROM runs"), ["A"]);
+    assert_eq!(workshop.query("SELECT count(*) FROM runs WHERE source_name LIKE '%~%'"), ["0"]);
+    assert!(workshop.log().contains("in the archive, and not in the database"), "{}", workshop.log());
+    // nothing is taken twice
+    let daemon = workshop.daemon();
+    workshop.wait_for(COMPLETE_RUNS, 3);
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+    assert_eq!(workshop.query("SELECT count(*) FROM runs"), ["3"]);
 }
 
 #[test]

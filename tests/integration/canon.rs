@@ -57,6 +57,10 @@ pub fn canonical_dump(database: &Path) -> String {
                 "(SELECT robot || ' ' || source_name || ' ' || ifnull(content_hash, 'unfinished') FROM runs
                   WHERE runs.run_id = seen.\"{column}\")"
             ))
+        } else if column == "source_path" {
+            // below the folder of the test
+            let folder = database.parent().unwrap_or(Path::new("")).display();
+            Some(format!("quote(replace(seen.source_path, '{folder}/', ''))"))
         } else if (view, column) == ("runs", "reason") {
             // the reason of a superseded run names its successor by number
             let unnumbered =

@@ -73,7 +73,7 @@ fn twenty_robots_that_write_at_once_are_all_read_while_they_write() {
     workshop.set("settle_s", "600");
     workshop.set("live_files", "3");
     let mut exports = exports(&workshop, 20, 3);
-    let daemon = workshop.daemon_with_log();
+    let daemon = workshop.daemon();
     workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
     // seen first, then seen to grow
     let start = exports[0].text.len() / 10;

@@ -270,6 +270,34 @@ fn a_disk_that_fails_to_sync_or_to_truncate_loses_nothing() {
     finish(&workshop, "log");
 }
 
+/// A source may go only when the commit that completes its run outlasts a loss of power.
+#[test]
+fn a_source_stays_as_long_as_its_run_is_not_synced() {
+    let workshop = small::workshop();
+    workshop.set("archive", "\"archive\"");
+    let export = &BENCH.exports[0];
+    put(&workshop, std::slice::from_ref(export));
+    // the schema is made; from then on the log cannot be synced
+    fs::create_dir(workshop.path("none")).expect("a folder");
+    workshop.stdout(&["ingest", "none"], 0);
+    let settings = [SYNC, ("FAULT_PATH", "armwatch.db-wal"), EIO];
+    let mut daemon = Faulty::start(&workshop, &settings);
+    wait_until(
+        || {
+            assert!(workshop.inbox(&export.name).exists(), "its run is not synced\n{}", daemon.said());
+            daemon.said().contains("not archived")
+        },
+        || daemon.said(),
+    );
+    assert_eq!(workshop.number("SELECT count(*) FROM runs WHERE status = 'complete'"), 1);
+    daemon.signal("TERM");
+    daemon.end("archive");
+    // a disk that is well again
+    let mut daemon = Faulty::start(&workshop, &[]);
+    wait_until(|| !workshop.inbox(&export.name).exists(), || daemon.said());
+    daemon.stop("archive");
+}
+
 #[test]
 #[ignore = "waits for longer than the busy timeout of ten seconds"]
 fn another_writer_that_holds_the_lock_is_waited_for_and_nothing_is_lost() {

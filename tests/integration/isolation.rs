@@ -40,7 +40,7 @@ fn a_robot_whose_conclusions_are_refused_is_marked_and_holds_up_nobody() {
     poison(&workshop);
     put(&workshop, "A", "11");
     put(&workshop, "B", "12");
-    let daemon = workshop.daemon_with_log();
+    let daemon = workshop.daemon();
     workshop.wait_for(OF_B, 1);
     workshop.wait_for("SELECT COUNT(*) FROM conclusion_faults", 1);
     assert_eq!(workshop.query(FAULTS), ["A|1|1"]);
@@ -54,7 +54,7 @@ fn a_robot_whose_conclusions_are_refused_is_marked_and_holds_up_nobody() {
     assert_eq!(workshop.query("SELECT DISTINCT robot FROM fleet_health"), ["B"]);
 
     // a new start says so once, and goes on with the others
-    let daemon = workshop.daemon_with_log();
+    let daemon = workshop.daemon();
     put(&workshop, "B", "13");
     workshop.wait_for("SELECT COUNT(*) FROM runs WHERE robot = 'B' AND status = 'complete'", 2);
     workshop.wait_for(OF_B, 1);

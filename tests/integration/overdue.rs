@@ -28,7 +28,7 @@ fn put(folder: &Path, start: Timestamp, content: &[u8]) {
 fn a_daemon_says_once_that_a_robot_is_overdue_and_a_new_test_ends_it() {
     let workshop = Workshop::new();
     let contents = contents(&workshop);
-    let daemon = workshop.daemon_with_log();
+    let daemon = workshop.daemon();
     let now = Timestamp::now();
     for (place, content) in (1..).zip(&contents[..6]) {
         put(&workshop.path("inbox"), now - SignedDuration::from_secs(8 * (6 - place)), content);
