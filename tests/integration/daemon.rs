@@ -1,8 +1,9 @@
 //! The daemon as a process: it takes what appears, and stops when told. What kills do to it: `crash`.
 
+use std::io::Write;
+
 use crate::bad_input::decompressed;
 use crate::support::{REFERENCE_NAME, Workshop, assert_alike, wait_until};
-use std::io::Write;
 
 const COMPLETE_RUNS: &str = "SELECT COUNT(*) FROM runs WHERE status = 'complete'";
 

@@ -115,8 +115,9 @@ impl Faulty {
         let said = self.said.clone();
         let mut has_ended = false;
         let is_over = || {
-            has_ended = self.child.try_wait().expect("a child").is_some();
-            has_ended || states(workshop) == BENCH.states
+            let is_done = states(workshop) == BENCH.states;
+            has_ended = !is_done && self.child.try_wait().expect("a child").is_some();
+            is_done || has_ended
         };
         wait_until(is_over, || format!("{case}: {}", fs::read_to_string(said).unwrap_or_default()));
         !has_ended

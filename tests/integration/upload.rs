@@ -194,18 +194,18 @@ fn an_upload_that_was_cut_goes_on_after_a_kill_and_a_restart() {
     let total = bytes.len();
     let range = |from: usize, to: usize| format!("Content-Range: bytes {from}-{}/{total}\r\n", to - 1);
     // until the receiver has noticed that the first connection is gone, it refuses another one
-    let mut killed = receiver.connect();
+    let mut killed = None;
     let is_taken = || {
-        killed = receiver.connect();
-        killed.write_all(head(&range(100_000, total), rest.len()).as_bytes()).expect("sent");
-        killed.write_all(second).expect("sent");
+        let stream = killed.insert(receiver.connect());
+        stream.write_all(head(&range(100_000, total), rest.len()).as_bytes()).expect("sent");
+        stream.write_all(second).expect("sent");
         let offset = receiver.send(&format!("HEAD /v1/exports/{REFERENCE_NAME}"), "", b"");
         offset.header("upload-offset") != Some("100000")
     };
     wait_until(is_taken, || "the second part is not taken".to_owned());
     receiver.wait_for_offset(REFERENCE_NAME, 150_000);
     assert_eq!(receiver.stop("KILL"), None);
-    let _ = killed.write_all(b"lost");
+    let _ = killed.expect("a connection").write_all(b"lost");
     receiver.start();
     receiver.wait_for_offset(REFERENCE_NAME, 150_000);
     assert_eq!(receiver.workshop.number("SELECT count(*) FROM runs"), 0, "nothing half is read");
