@@ -18,6 +18,7 @@ use crate::simulate::fault::Fault;
 use crate::simulate::friction::FrictionShape;
 use crate::simulate::heat::{TemperatureColumns, TemperatureSettings};
 use crate::simulate::load::Load;
+use crate::simulate::recording::Clock;
 use crate::simulate::{SimulateError, SimulationSettings, simulate_run};
 
 #[derive(Debug, Args)]
@@ -30,6 +31,7 @@ Examples:
   armwatch simulate -o exports --layout config/exports/motor_side.toml
   armwatch simulate -o exports --stage-signal analogue
   armwatch simulate -o exports --runs 12 --cycles 8 --temperatures --ambient-std-k 3
+  armwatch simulate -o exports --clock alternating --friction-shape late-turn-over
   armwatch simulate -o exports --load-mass-kg 3 --load-centre-m 0,0,0.08
 
 Each run is one export in the native layout or the one given, with a truth file NAME.truth.json beside it that holds
@@ -92,6 +94,12 @@ pub(super) struct SimulateArgs {
     /// warm-up. The true base parameters are then those of the description
     #[arg(long)]
     plain_friction: bool,
+    /// How friction turns over where a motion turns round, and breaks away
+    #[arg(long, value_enum, default_value = "gearbox", conflicts_with = "plain_friction")]
+    friction_shape: FrictionShapeArg,
+    /// How the instants of rows follow each other; the mean step stays that of the rate
+    #[arg(long, value_enum, default_value = "even")]
+    clock: ClockArg,
     /// Record temperatures as drives do: of each motor, of the hall, or both
     #[arg(long, value_enum, value_name = "WHICH", num_args = 0..=1, default_missing_value = "both")]
     temperatures: Option<TemperaturesArg>,
@@ -117,6 +125,37 @@ enum TemperaturesArg {
     /// Of motors and hall
     Both,
 }
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FrictionShapeArg {
+    /// Smooth within a few mrad/s, with a bump at low speed and a ripple
+    Gearbox,
+    /// A jump with the sign of the speed
+    Sign,
+    /// Smooth within a few hundredths of a rad/s
+    Smooth,
+    /// As smooth; the last joint within some tenths of a rad/s
+    LateTurnOver,
+    /// A breakaway torque of one and a half times the Coulomb torque
+    Stiction,
+    /// Turns over along a travel of 2 mrad instead of a speed
+    Presliding,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ClockArg {
+    /// Every step alike
+    Even,
+    /// Steps of 10 and 12 ms in turn at 91 Hz, as many loggers have
+    Alternating,
+    /// Each instant off by a tenth of the step
+    Jittering,
+}
+
+/// Steps of 10 and 12 ms in turn: 11 ms, a tenth more and less.
+const ALTERNATING_PART: f64 = 1.0 / 11.0;
+/// Standard deviation of an instant of [`ClockArg::Jittering`], steps.
+const JITTER_STEPS: f64 = 0.1;
 
 pub(super) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u8, CliError> {
     let robot = match &args.robot {
@@ -165,9 +204,19 @@ impl SimulateArgs {
             initial_warm_s: self.initial_warm_s,
             ambient_std_k: self.ambient_std_k,
             truth_dir: self.truth.clone(),
-            friction: match self.plain_friction {
-                true => FrictionShape::Polynomial,
-                false => FrictionShape::Gearbox,
+            clock: match self.clock {
+                ClockArg::Even => Clock::Even,
+                ClockArg::Alternating => Clock::Alternating(ALTERNATING_PART),
+                ClockArg::Jittering => Clock::Jittering(JITTER_STEPS),
+            },
+            friction: match (self.plain_friction, self.friction_shape) {
+                (true, _) => FrictionShape::Polynomial,
+                (false, FrictionShapeArg::Gearbox) => FrictionShape::Gearbox,
+                (false, FrictionShapeArg::Sign) => FrictionShape::Sign,
+                (false, FrictionShapeArg::Smooth) => FrictionShape::Smooth,
+                (false, FrictionShapeArg::LateTurnOver) => FrictionShape::LateTurnOver,
+                (false, FrictionShapeArg::Stiction) => FrictionShape::Stiction,
+                (false, FrictionShapeArg::Presliding) => FrictionShape::Presliding,
             },
             load: self.load.given()?.map(|load| Load {
                 mass: load.mass,

@@ -25,6 +25,16 @@ const RIPPLE_CORNER_HZ: f64 = 10.0;
 const EXCESS_PER_KELVIN: f64 = 0.03;
 const WARM_PER_KELVIN: f64 = 0.004;
 
+/// Scale of the smooth sign of [`FrictionShape::Smooth`], as a fraction of the largest speed.
+const SMOOTH_SPEED: f64 = 0.005;
+/// The same of the last joint of [`FrictionShape::LateTurnOver`]: 0.1 to 0.2 rad/s of a wrist.
+const LATE_SPEED: f64 = 0.025;
+/// Height of the bump of [`FrictionShape::Stiction`], as a fraction of f1 (Armstrong-Helouvry, 1994: breakaway
+/// torques of 1.2 to 1.6 times the Coulomb torque).
+const STICTION_FRACTION: f64 = 0.5;
+/// Travel over which the torque of [`FrictionShape::Presliding`] turns over, rad (m).
+const PRESLIDING_TRAVEL: f64 = 2e-3;
+
 /// What a gearbox loses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum FrictionShape {
@@ -33,6 +43,16 @@ pub enum FrictionShape {
     Gearbox,
     /// Exactly [3.10] with the warm coefficients of the description, from the first row on.
     Polynomial,
+    /// Coulomb friction that jumps with the sign of the speed, without bump and ripple.
+    Sign,
+    /// Coulomb friction that turns over within a few hundredths of a rad/s.
+    Smooth,
+    /// As [`Self::Smooth`], with a last joint that turns over within some tenths of a rad/s.
+    LateTurnOver,
+    /// Breakaway torque half as large again as the Coulomb torque.
+    Stiction,
+    /// Coulomb friction that turns over along a travel instead of a speed (Dahl, 1968).
+    Presliding,
 }
 
 /// How warm the gearboxes are.
@@ -61,6 +81,8 @@ pub struct JointFriction {
     pub ripple: f64,
     /// Ripples per radian of the joint, times 2 pi.
     pub ripple_wave_number: f64,
+    /// Travel along which the Coulomb part turns over, rad; 0 where it follows the speed alone.
+    pub presliding_travel: f64,
 }
 
 /// Friction of a joint whose wear adds the fraction `wear` to all warm coefficients.
@@ -75,10 +97,29 @@ pub fn joint_friction(joint: &Joint, nominal: &NominalJoint, wear: f64) -> Joint
         sign_speed: SIGN_SPEED * joint.limits.velocity,
         ripple: RIPPLE_FRACTION * warm[0].abs(),
         ripple_wave_number: RIPPLES_A_TURN * joint.gear_ratio,
+        presliding_travel: 0.0,
     }
 }
 
 impl JointFriction {
+    /// The same gearbox in another shape; `is_last` is the joint at the end of the arm, `top_speed` its largest
+    /// speed, rad/s.
+    #[must_use]
+    pub fn in_shape(self, shape: FrictionShape, is_last: bool, top_speed: f64) -> Self {
+        let plain = Self { bump: 0.0, ripple: 0.0, sign_speed: f64::MIN_POSITIVE, ..self };
+        match shape {
+            FrictionShape::Gearbox => self,
+            FrictionShape::Polynomial => self.polynomial(),
+            FrictionShape::Sign => plain,
+            FrictionShape::LateTurnOver if is_last => Self { sign_speed: LATE_SPEED * top_speed, ..plain },
+            FrictionShape::Smooth | FrictionShape::LateTurnOver => {
+                Self { sign_speed: SMOOTH_SPEED * top_speed, ..plain }
+            }
+            FrictionShape::Stiction => Self { bump: STICTION_FRACTION, ..self },
+            FrictionShape::Presliding => Self { presliding_travel: PRESLIDING_TRAVEL, ..plain },
+        }
+    }
+
     /// The same gearbox without all that [3.10] does not have.
     #[must_use]
     pub fn polynomial(self) -> Self {
@@ -119,9 +160,31 @@ pub fn coefficients_at(friction: &JointFriction, state: ThermalState) -> [f64; F
 /// `f1 (1 + s exp(-(qd/v_s)²)) tanh(qd/v_0) + f2 qd + f3 qd² sign(qd) + f4 qd³` after [3.10].
 #[must_use]
 pub fn friction_torque(friction: &JointFriction, coefficients: &[f64; FRICTION_COUNT], qd: f64) -> f64 {
+    friction_torque_at(friction, coefficients, qd, (qd / friction.sign_speed).tanh())
+}
+
+/// As [`friction_torque`], with the part `turned` of the Coulomb friction that is there, -1 to 1.
+#[must_use]
+pub fn friction_torque_at(
+    friction: &JointFriction,
+    coefficients: &[f64; FRICTION_COUNT],
+    qd: f64,
+    turned: f64,
+) -> f64 {
     let [f1, f2, f3, f4] = coefficients;
     let bump = 1.0 + friction.bump * (-(qd / friction.stribeck_speed).powi(2)).exp();
-    f1 * bump * (qd / friction.sign_speed).tanh() + f2 * qd + f3 * qd * qd.abs() + f4 * qd.powi(3)
+    f1 * bump * turned + f2 * qd + f3 * qd * qd.abs() + f4 * qd.powi(3)
+}
+
+/// Part of the Coulomb friction behind a small travel `dq` at the speed `qd`, from the part `before` it: Dahl's
+/// equation `dz/dq = (sign(qd) - z) / x`, solved over the travel.
+#[must_use]
+pub fn turned_along(friction: &JointFriction, before: f64, dq: f64, qd: f64) -> f64 {
+    if friction.presliding_travel <= 0.0 {
+        return (qd / friction.sign_speed).tanh();
+    }
+    let end = if dq == 0.0 { before } else { dq.signum() };
+    end + (before - end) * (-dq.abs() / friction.presliding_travel).exp()
 }
 
 /// Torque of the gear's ripple at the position `q` and speed `qd`, Nm; weaker where it is fast.
@@ -195,6 +258,36 @@ mod tests {
             assert_eq!(ripple_torque(&friction, 0.3, qd), 0.0);
         }
         assert_eq!(friction_torque(&friction, &friction.warm, 0.0), 0.0);
+    }
+
+    #[test]
+    fn presliding_friction_turns_over_along_the_travel_and_keeps_its_end() {
+        let friction = first_joint(0.0).in_shape(FrictionShape::Presliding, false, 3.0);
+        let travel = friction.presliding_travel;
+        let half = turned_along(&friction, -1.0, travel * 2.0_f64.ln(), 0.1);
+        assert!(half.abs() < 1e-12, "{half}");
+        // in one step or in a thousand
+        let (mut z, step) = (-1.0, 3.0 * travel / 1000.0);
+        (0..1000).for_each(|_| z = turned_along(&friction, z, step, 0.1));
+        assert!((z - turned_along(&friction, -1.0, 3.0 * travel, 0.1)).abs() < 1e-12);
+        assert_eq!(turned_along(&friction, 0.3, 0.0, 0.0), 0.3, "a joint at rest keeps its torque");
+    }
+
+    #[test]
+    fn shapes_differ_at_low_speed_and_agree_at_high_speed() {
+        let at = |shape, qd: f64| {
+            let friction = first_joint(0.0).in_shape(shape, true, 3.0);
+            friction_torque(&friction, &friction.warm, qd)
+        };
+        let jump = at(FrictionShape::Sign, 0.01);
+        assert!(at(FrictionShape::LateTurnOver, 0.01) < 0.3 * jump);
+        assert!(
+            at(FrictionShape::Smooth, 0.01) > 0.5 * jump && at(FrictionShape::Smooth, 0.01) < 0.99 * jump
+        );
+        assert!(at(FrictionShape::Stiction, 0.01) > 1.3 * jump);
+        for shape in [FrictionShape::Smooth, FrictionShape::LateTurnOver, FrictionShape::Stiction] {
+            assert!((at(shape, 2.5) / at(FrictionShape::Sign, 2.5) - 1.0).abs() < 1e-9, "{shape:?}");
+        }
     }
 
     #[test]

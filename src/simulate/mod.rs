@@ -39,7 +39,7 @@ use format::ExportFormat;
 use friction::{FrictionShape, ThermalState, joint_friction};
 use heat::TemperatureSettings;
 use load::Load;
-use recording::{Recording, SensorSettings, record};
+use recording::{Clock, Recording, SensorSettings, record};
 use trajectory::{PlanSettings, plan_cycle};
 use truth::{CycleTruth, FaultTruth, JointTruth, LoadTruth, RunTruth, write_truth};
 
@@ -59,6 +59,8 @@ pub struct SimulationSettings {
     pub seed: u64,
     /// Rows a second, Hz; 10 to 5000.
     pub sample_rate_hz: f64,
+    /// How the instants of rows follow each other.
+    pub clock: Clock,
     /// Cycles of a run.
     pub cycles: u32,
     /// Duration of each warming stage, s; 0 leaves it out.
@@ -101,6 +103,7 @@ impl Default for SimulationSettings {
             robot_name: "R01".into(),
             seed: 1,
             sample_rate_hz: 50.0,
+            clock: Clock::Even,
             cycles: 5,
             warming_s: 20.0,
             runs: 1,
@@ -307,10 +310,8 @@ pub fn recording_of_run(
     for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
         let nominal = joint.nominal.as_ref().ok_or(SimulateError::NoNominal { joint: index })?;
         let gearbox = joint_friction(joint, nominal, wear(&settings.faults, index, run));
-        friction.push(match settings.friction {
-            FrictionShape::Gearbox => gearbox,
-            FrictionShape::Polynomial => gearbox.polynomial(),
-        });
+        let is_last = index.number() == robot.joint_count();
+        friction.push(gearbox.in_shape(settings.friction, is_last, joint.limits.velocity));
         torque_noise.push(nominal.torque_noise);
     }
     let chain = rigid_chain(robot)?;
@@ -324,6 +325,7 @@ pub fn recording_of_run(
         torque_noise,
         sensors: settings.sensors,
         sample_rate_hz: settings.sample_rate_hz,
+        clock: settings.clock,
         cycles: settings.cycles,
         initial: ThermalState {
             seconds: settings.initial_warm_s,

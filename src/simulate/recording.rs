@@ -6,7 +6,8 @@ use rand_distr::StandardNormal;
 
 use super::dynamics::{RigidChain, joint_torque};
 use super::friction::{
-    JointFriction, ThermalState, coefficients_at, friction_torque, ripple_torque, thermal_multiplier,
+    JointFriction, ThermalState, coefficients_at, friction_torque_at, ripple_torque, thermal_multiplier,
+    turned_along,
 };
 use super::heat::{Heat, Reading, TemperatureSettings, friction_power};
 use super::motion::{Motion, MotionState, PerJoint};
@@ -35,6 +36,41 @@ impl Default for SensorSettings {
     }
 }
 
+/// How the instants of rows follow each other, with the same mean step.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Clock {
+    /// Every step alike.
+    #[default]
+    Even,
+    /// Steps longer and shorter in turn by this part of the mean step, as of a logger whose timer has a coarser
+    /// resolution.
+    Alternating(f64),
+    /// Each instant off by this standard deviation, in mean steps; never more than four tenths.
+    Jittering(f64),
+}
+
+/// Noise of the clock is drawn from streams of its own, so that it changes no other.
+const CLOCK_STREAM: u64 = 1 << 40;
+
+impl Clock {
+    /// How much row `row` is late, s, where the mean step is `step`.
+    fn delay(self, row: u64, step: f64, rng: &mut ChaCha8Rng) -> f64 {
+        let steps = match self {
+            Self::Even => return 0.0,
+            // the step before an odd row is longer by `part`, the one behind it shorter
+            Self::Alternating(part) => {
+                if row % 2 == 1 {
+                    part
+                } else {
+                    0.0
+                }
+            }
+            Self::Jittering(std) => (std * rng.sample::<f64, _>(StandardNormal)).clamp(-0.4, 0.4),
+        };
+        steps * step
+    }
+}
+
 /// One arm in one run.
 #[derive(Debug, Clone)]
 pub struct Recording {
@@ -50,6 +86,8 @@ pub struct Recording {
     pub sensors: SensorSettings,
     /// Rows a second, Hz.
     pub sample_rate_hz: f64,
+    /// How their instants follow each other.
+    pub clock: Clock,
     /// Cycles.
     pub cycles: u32,
     /// Warmth at the first row.
@@ -116,16 +154,23 @@ pub fn record<E>(
     let recorded = sensors.columns.motor || sensors.columns.ambient;
     let mut heat = recorded.then(|| Heat::new(recording, sensors, seed, stream));
     let dt = recording.sample_rate_hz.recip();
+    let mut clock_rng = ChaCha8Rng::seed_from_u64(seed);
+    clock_rng.set_stream(CLOCK_STREAM + stream);
+    let mut gears = Gears::default();
     for cycle in 1..=recording.cycles {
         let first = u64::from(cycle - 1) * u64::from(rows_per_cycle);
         let start_s = first as f64 / recording.sample_rate_hz;
         let mut tally = Tally::new(&recording.plan);
         for k in 0..rows_per_cycle {
-            let t = f64::from(k) / recording.sample_rate_hz;
+            // a cycle begins with its first row
+            let earliest = if k == 0 { 0.0 } else { -dt };
+            let late = recording.clock.delay(first + u64::from(k), dt, &mut clock_rng).max(earliest);
+            let t = f64::from(k) / recording.sample_rate_hz + late;
             let segment = tally.segment_at(&recording.plan, t);
             let state = segment.state_at(t);
-            let time = (first + u64::from(k)) as f64 / recording.sample_rate_hz;
-            let (torque, lost) = true_torque(recording, &state, time, segment, t, &mut tally);
+            let time = (first + u64::from(k)) as f64 / recording.sample_rate_hz + late;
+            let turned = gears.turn(recording, &state);
+            let (torque, lost) = true_torque(recording, (&state, &turned), time, segment, t, &mut tally);
             let row = measured(recording, &mut rng, time, cycle, segment, &state, torque);
             let reading = heat
                 .as_mut()
@@ -141,7 +186,7 @@ pub fn record<E>(
 /// Torque at each joint, and the part of it that the gears lose; plateau friction is tallied on the way.
 fn true_torque(
     recording: &Recording,
-    state: &MotionState,
+    (state, turned): (&MotionState, &PerJoint),
     time: f64,
     segment: &Segment,
     t: f64,
@@ -156,7 +201,7 @@ fn true_torque(
     let mut all_lost = [0.0; MAX_JOINTS];
     for (j, friction) in recording.friction.iter().enumerate() {
         let (q, qd) = (state.position[j], state.velocity[j]);
-        let lost = friction_torque(friction, &coefficients_at(friction, thermal), qd);
+        let lost = friction_torque_at(friction, &coefficients_at(friction, thermal), qd, turned[j]);
         torque[j] += lost + ripple_torque(friction, q, qd);
         all_lost[j] = lost;
         if let Some((joint, direction)) = plateau
@@ -166,6 +211,26 @@ fn true_torque(
         }
     }
     (torque, all_lost)
+}
+
+/// What the gears remember from row to row: how far their Coulomb friction has turned over.
+#[derive(Debug, Default)]
+struct Gears {
+    /// Positions of the row before.
+    position: Option<PerJoint>,
+    turned: PerJoint,
+}
+
+impl Gears {
+    /// Takes the motion of the next row and returns the part of each joint's Coulomb friction, -1 to 1.
+    fn turn(&mut self, recording: &Recording, state: &MotionState) -> PerJoint {
+        let before = self.position.replace(state.position).unwrap_or(state.position);
+        for (j, friction) in recording.friction.iter().enumerate() {
+            let dq = state.position[j] - before[j];
+            self.turned[j] = turned_along(friction, self.turned[j], dq, state.velocity[j]);
+        }
+        self.turned
+    }
 }
 
 fn thermal_at(recording: &Recording, time: f64) -> ThermalState {

@@ -36,4 +36,5 @@ mod streaming;
 #[cfg(unix)]
 mod writers;
 mod upload;
+mod sound_recordings;
 mod wrong_recordings;

@@ -1,7 +1,7 @@
 //! Recordings and descriptions that are wrong in one way each, through the whole analysis: none may
 //! give numbers that pass as good.
 
-mod arms;
+pub mod arms;
 mod faults;
 
 use armwatch::analysis::{CycleAnalysis, RmsdScope, TorqueRmsd};
