@@ -171,21 +171,34 @@ fn listed(cycles: &[u32]) -> String {
     shown.collect::<Vec<_>>().join(", ")
 }
 
-/// Names of the numbers that data do not decide, link by link.
+/// Names of the numbers that data do not decide, link by link, or of those that they do where these are fewer.
 fn undecided(fit: &PhysicalFit) -> Vec<String> {
+    let numbers = || {
+        let bodies = fit.estimate.bodies.iter().flat_map(|body| body.values);
+        bodies.chain(fit.estimate.motor_inertia.iter().copied())
+    };
+    let open = numbers().filter(|of| !of.is_decided()).count();
+    let decided = 2 * open > numbers().count();
+    let listed = named(fit, |of| of.is_decided() == decided);
+    match (listed.is_empty(), decided) {
+        (true, true) => vec!["everything".into()],
+        (true, false) => vec!["nothing".into()],
+        (false, true) => vec![format!("all but {}", listed.join(", "))],
+        (false, false) => listed,
+    }
+}
+
+/// The numbers that `of` chooses, link by link.
+fn named(fit: &PhysicalFit, of: impl Fn(&Estimated) -> bool) -> Vec<String> {
     let of_link = |(j, body): (usize, &BodyEstimate)| {
         let names = BodyEstimate::NAMES.iter().zip(body.values);
-        let open: Vec<&str> =
-            names.filter(|(_, of)| !of.is_decided()).map(|(name, _)| short_name(name)).collect();
-        (!open.is_empty()).then(|| format!("link {} {}", j + 1, open.join(" ")))
+        let chosen: Vec<&str> =
+            names.filter(|(_, value)| of(value)).map(|(name, _)| short_name(name)).collect();
+        (!chosen.is_empty()).then(|| format!("link {} {}", j + 1, chosen.join(" ")))
     };
-    let motors = fit.estimate.motor_inertia.iter().enumerate().filter(|(_, of)| !of.is_decided());
+    let motors = fit.estimate.motor_inertia.iter().enumerate().filter(|(_, value)| of(value));
     let links = fit.estimate.bodies.iter().enumerate().filter_map(of_link);
-    let mut open: Vec<String> = links.chain(motors.map(|(j, _)| format!("motor {}", j + 1))).collect();
-    if open.is_empty() {
-        open.push("nothing".to_owned());
-    }
-    open
+    links.chain(motors.map(|(j, _)| format!("motor {}", j + 1))).collect()
 }
 
 /// Without the unit.

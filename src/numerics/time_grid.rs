@@ -17,7 +17,7 @@ const ROUNDED: f64 = 1.05;
 /// Relative difference between the mean and the median step from which on the mean is the step.
 const MEDIAN_HOLDS: f64 = 1e-3;
 /// Points of a Lagrange polynomial.
-const POINTS: usize = 6;
+pub(super) const POINTS: usize = 6;
 /// Spacing of neighbouring points, relative to the mean step, within which a polynomial through six of them is not
 /// swayed by their noise.
 const SPACING: [f64; 2] = [0.4, 2.6];
@@ -127,6 +127,12 @@ impl Interpolation {
         };
         self.points.iter().map(of_point).collect()
     }
+}
+
+/// Weights of evenly spaced values at the places -2 to 3 that give the value at `part` of the way from place 0 to
+/// place 1.
+pub(super) fn between(part: f64) -> [f64; POINTS] {
+    lagrange(&[-2.0, -1.0, 0.0, 1.0, 2.0, 3.0], part)
 }
 
 fn lagrange(nodes: &[f64], x: f64) -> [f64; POINTS] {

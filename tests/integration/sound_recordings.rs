@@ -214,7 +214,8 @@ fn balance(seeds: std::ops::Range<u64>) -> (Vec<String>, BTreeMap<String, Tally>
 
 /// Why a cycle is not a complete one; `None` if it is.
 fn why_not(analysis: &CycleAnalysis) -> Option<String> {
-    analysis.identification.as_ref().err().cloned()
+    let doubts = || analysis.is_doubtful().then(|| analysis.remarks.join("; "));
+    analysis.identification.as_ref().err().cloned().or_else(doubts)
 }
 
 #[track_caller]

@@ -261,6 +261,35 @@ fn refusals_and_doubts_are_sentences_in_the_view_of_cycles() {
 }
 
 #[test]
+fn accepted_cycles_are_in_the_views_and_not_counted() {
+    let workshop = Workshop::new();
+    let mut samples = excitation(&shipped("er3a"), 3, 100.0);
+    export(&workshop.inbox("Sound_20260105_0847.csv"), &samples);
+    delayed(&mut samples, 0.04);
+    export(&workshop.inbox("Late_20260105_0847.csv"), &samples);
+    let wrong = workshop.run(&["ingest", "inbox", "--accept", "late_torq"]);
+    assert_eq!(wrong.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&wrong.stderr).contains("'late_torque'"), "a name that was meant");
+    workshop.stdout(&["ingest", "inbox", "--accept", "late_torque"], 0);
+    let count = |table: &str, robot: &str| {
+        workshop.number(&format!("SELECT COUNT(*) FROM {table} WHERE robot = '{robot}'"))
+    };
+    let row = |robot: &str| {
+        workshop.query(&format!("SELECT status, remarks FROM cycles WHERE robot = '{robot}'")).concat()
+    };
+    assert!(row("Sound").starts_with("complete"), "{}", row("Sound"));
+    assert!(row("Late").starts_with("doubtful") && row("Late").contains("doubtful: the torques come 40 ms"));
+    assert_eq!((count("cycle_parameters", "Late"), count("cycle_parameters", "Sound")), (64, 64));
+    assert_eq!(count("cycle_rmsd", "Late"), count("cycle_rmsd", "Sound"));
+    let watched = |robot: &str| {
+        count("fleet_health", &format!("{robot}' AND moving_relative_rmsd IS NOT NULL AND '' = '"))
+    };
+    assert_eq!((watched("Late"), watched("Sound")), (0, 6));
+    let out = workshop.run(&["identify", "--robot", "Late"]);
+    assert!(String::from_utf8_lossy(&out.stderr).contains("no complete cycle"), "{out:?}");
+}
+
+#[test]
 fn real_recordings_raise_no_doubt() {
     let workshop = Workshop::new();
     workshop.add_reference("inbox");

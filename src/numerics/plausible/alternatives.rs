@@ -160,7 +160,12 @@ fn settled(
     let (change, residual) = [(score.change, once), (2.0 * score.change, twice), (lowest, at(lowest))]
         .into_iter()
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
-    Some(Alternative { words: words(robot, score.number, change), residual_ratio: residual / described })
+    // a turned sign is seen by friction that drives; as a scale it only frees a joint from the others' inertias
+    let turned = matches!(score.number, DescribedNumber::TorqueGain(_)) && 1.0 + change <= 0.0;
+    (!turned).then(|| Alternative {
+        words: words(robot, score.number, change),
+        residual_ratio: residual / described,
+    })
 }
 
 /// The number with its value as described and as the torques have it.

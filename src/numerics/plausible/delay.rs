@@ -6,6 +6,7 @@ use crate::numerics::factors::JointColumns;
 use crate::numerics::jumps::{Jump, smear};
 use crate::numerics::regressor::{Regressor, joint_torque_regressor};
 use crate::numerics::signal::Conditioned;
+use crate::numerics::time_grid::{POINTS, between};
 use crate::numerics::triangular::RowFolder;
 use crate::robot::{JointIndex, MAX_JOINTS, Robot};
 
@@ -55,9 +56,8 @@ pub fn torque_delays(
     excitation: &[usize],
     shapes: &[Vec<Vec<f64>>],
 ) -> Option<JointDelay> {
-    let step = (STEP_S * conditioned.sample_rate).round().max(1.0) as usize;
-    let shifts = (LONGEST_S * conditioned.sample_rate / step as f64).floor() as usize;
-    let reach = shifts * step;
+    let shifts = Shift::all(conditioned.sample_rate);
+    let reach = (LONGEST_S * conditioned.sample_rate).ceil() as usize + POINTS;
     let apart = (conditioned.sample_rate / (2.0 * conditioned.cutoff)).ceil().max(1.0) as usize;
     let inside = |row: usize| {
         conditioned
@@ -67,9 +67,7 @@ pub fn torque_delays(
     };
     let rows: Vec<usize> =
         excitation.iter().copied().step_by(apart).filter(|&row| row >= reach && inside(row)).collect();
-    let step_s = step as f64 / conditioned.sample_rate;
-    let profiles =
-        profiles(robot, columns, kept_columns, (conditioned, jumps), &rows, [step, shifts], shapes);
+    let profiles = profiles(robot, columns, kept_columns, (conditioned, jumps), &rows, &shifts, shapes);
     let judged: Vec<(JointIndex, Profile)> =
         robot.joint_indices().zip(profiles).filter_map(|(joint, profile)| Some((joint, profile?))).collect();
     let weight: f64 = judged.iter().map(|(_, profile)| profile.freedom).sum();
@@ -77,14 +75,41 @@ pub fn torque_delays(
         let of_joint = |(_, profile): &(JointIndex, Profile)| profile.freedom * profile.squares[k].ln();
         (judged.iter().map(of_joint).sum::<f64>() / weight).exp()
     };
-    let all: Vec<f64> = (0..=2 * shifts).map(together).collect();
-    let [delay, residual_ratio] = best(&all, step_s)?;
+    let all: Vec<f64> = (0..shifts.len()).map(together).collect();
+    let [delay, residual_ratio] = best(&all)?;
     let of_joint = |(joint, profile): &(JointIndex, Profile)| {
-        let [delay, residual_ratio] = best(&profile.squares, step_s)?;
+        let [delay, residual_ratio] = best(&profile.squares)?;
         Some(TorqueDelay { joint: *joint, delay, residual_ratio })
     };
     let joints = judged.iter().filter_map(of_joint).collect();
     Some(JointDelay { joints, judged: judged.len(), delay, residual_ratio })
+}
+
+/// A channel some time later, by a polynomial through the rows around it: what the low-pass leaves is smooth, so that
+/// delays of less than a row are seen too.
+struct Shift {
+    first: isize,
+    weights: [f64; POINTS],
+}
+
+impl Shift {
+    /// From [`LONGEST_S`] earlier to as much later.
+    fn all(sample_rate: f64) -> Vec<Self> {
+        let steps = (LONGEST_S / STEP_S).round() as i32;
+        let shift = |k: i32| {
+            let rows = f64::from(k) * STEP_S * sample_rate;
+            // whole rows are what they are, to the last bit
+            let rows = if (rows - rows.round()).abs() < 1e-6 { rows.round() } else { rows };
+            let before = rows.floor();
+            Self { first: before as isize - 2, weights: between(rows - before) }
+        };
+        (-steps..=steps).map(shift).collect()
+    }
+
+    fn of(&self, channel: &[f64], row: usize) -> f64 {
+        let start = row.saturating_add_signed(self.first);
+        self.weights.iter().zip(&channel[start..]).map(|(weight, value)| weight * value).sum()
+    }
 }
 
 /// Residual sums of squares of a joint over the shifts, earliest first, and the rows that stand behind them.
@@ -100,7 +125,7 @@ fn profiles(
     kept_columns: &[usize],
     (conditioned, jumps): (&Conditioned, &[Jump]),
     rows: &[usize],
-    [step, shifts]: [usize; 2],
+    shifts: &[Shift],
     shapes: &[Vec<Vec<f64>>],
 ) -> Vec<Option<Profile>> {
     let n = robot.joint_count();
@@ -109,7 +134,7 @@ fn profiles(
         .joint_indices()
         .map(|joint| columns.places(joint).iter().map(|&place| kept_columns[place]).collect())
         .collect();
-    let targets = 2 * shifts + 1;
+    let targets = shifts.len();
     let more = if shapes.is_empty() { 0 } else { SHAPES };
     let mut folders: Vec<RowFolder> =
         of_joint.iter().map(|columns| RowFolder::new(columns.len() + more + targets - 1)).collect();
@@ -123,7 +148,7 @@ fn profiles(
         for j in moving {
             let w = of_joint[j].iter().map(|&column| y.column(column)[j]);
             let shaped = shapes.get(j).into_iter().flatten().map(|shape| shape[row]);
-            let torques = (0..targets).map(|k| conditioned.tau[j][row + k * step - shifts * step]);
+            let torques = shifts.iter().map(|shift| shift.of(&conditioned.tau[j], row));
             folders[j].push(w.chain(shaped).chain(torques));
         }
     }
@@ -142,7 +167,7 @@ fn profiles(
 
 /// Delay, s, and residual relative to that without a delay at the lowest point of the parabola through the least
 /// residual and its neighbours; `None` where the least is at either end.
-fn best(profile: &[f64], step_s: f64) -> Option<[f64; 2]> {
+fn best(profile: &[f64]) -> Option<[f64; 2]> {
     let middle = profile.len() / 2;
     let least = (0..profile.len()).min_by(|&a, &b| profile[a].total_cmp(&profile[b]))?;
     if least == 0 || least + 1 == profile.len() {
@@ -152,7 +177,7 @@ fn best(profile: &[f64], step_s: f64) -> Option<[f64; 2]> {
     let bend = before - 2.0 * at + after;
     let part = if bend > 0.0 { 0.5 * (before - after) / bend } else { 0.0 };
     let lowest = at - 0.25 * (before - after) * part;
-    let delay = (least as f64 - middle as f64 + part) * step_s;
+    let delay = (least as f64 - middle as f64 + part) * STEP_S;
     let ratio = (lowest / profile[middle]).clamp(0.0, 1.0);
     ratio.is_finite().then_some([delay, ratio])
 }

@@ -54,7 +54,8 @@ impl Default for WeighSettings {
 #[must_use]
 pub fn turned_torques(fits: &[OwnFit], settings: &WeighSettings) -> Vec<Finding> {
     let turned = |fit: &&OwnFit| {
-        fit.friction_power < settings.driven * fit.power_scale
+        fit.power_scale > 0.0
+            && fit.friction_power < settings.driven * fit.power_scale
             && fit.friction_power + settings.standard_errors * fit.friction_power_error < 0.0
     };
     let finding = |fit: &OwnFit| Finding {
