@@ -13,6 +13,7 @@ mod factors;
 mod finish;
 mod friction;
 mod history;
+mod identity;
 mod ledger;
 mod models;
 mod open;
