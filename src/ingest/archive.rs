@@ -39,6 +39,8 @@ pub enum Archived {
 /// Those of the file system; the source is there then.
 pub fn archive(source: &Path, content: &ContentHash, archive: &Path, below: &Path) -> io::Result<Archived> {
     let before = regular_file(source)?.metadata()?;
+    // from the root on, or the folder around the archive could have no name
+    let archive = &std::path::absolute(archive)?;
     let folder = archive.join(below);
     fs::create_dir_all(&folder)?;
     let name = source.file_name().unwrap_or_default();

@@ -9,7 +9,7 @@ use sqlx::{Sqlite, Transaction};
 use super::friction::{self, CycleSpeedFits};
 use super::history::{self, RunMeasurements};
 use super::ledger::{self, Owner, RunTotals};
-use super::{StoreError, quarantine, run_analysis};
+use super::{StoreError, identity, quarantine, run_analysis};
 use crate::analysis::RunAnalysis;
 use crate::run::{ContentHash, ContentPrefix};
 
@@ -75,7 +75,7 @@ impl FinishTransaction {
         content: &ContentPrefix,
         first_rows: &ContentHash,
     ) -> Result<Owner, StoreError> {
-        let noted = ledger::set_first_rows(&mut *self.transaction, self.run_id, first_rows).await;
+        let noted = identity::set_first_rows(&mut *self.transaction, self.run_id, first_rows).await;
         self.checked(noted)?;
         let owner = ledger::adopt(&mut self.transaction, self.run_id, content).await;
         let owner = self.checked(owner)?;
@@ -84,7 +84,7 @@ impl FinishTransaction {
             if let Some(old) = self.checked(replaced)? {
                 let superseded = ledger::supersede_shorter(&mut self.transaction, self.run_id, old).await;
                 if self.checked(superseded)? {
-                    let otherwise = ledger::begin_otherwise(&mut *self.transaction, self.run_id, old).await;
+                    let otherwise = identity::begin_otherwise(&mut *self.transaction, self.run_id, old).await;
                     self.replaced =
                         Some(Replaced { run_id: old, begins_otherwise: self.checked(otherwise)? });
                 }
@@ -98,7 +98,7 @@ impl FinishTransaction {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn set_start(&mut self, started_at: Timestamp) -> Result<(), StoreError> {
-        let result = ledger::set_start(&mut self.transaction, self.run_id, started_at).await;
+        let result = identity::set_start(&mut self.transaction, self.run_id, started_at).await;
         self.checked(result)
     }
 

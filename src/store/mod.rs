@@ -15,6 +15,7 @@ mod factors;
 mod finish;
 mod friction;
 mod history;
+mod identity;
 mod intervals;
 mod ledger;
 mod models;

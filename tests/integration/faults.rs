@@ -278,10 +278,10 @@ fn a_source_stays_as_long_as_its_run_is_not_synced() {
     workshop.set("archive", "\"archive\"");
     let export = &BENCH.exports[0];
     put(&workshop, std::slice::from_ref(export));
-    // the schema is made; from then on the log cannot be synced
+    // the schema is made; SQLite syncs the head of a new log, and from then on it cannot be synced
     fs::create_dir(workshop.path("none")).expect("a folder");
     workshop.stdout(&["ingest", "none"], 0);
-    let settings = [SYNC, ("FAULT_PATH", "armwatch.db-wal"), EIO];
+    let settings = [SYNC, ("FAULT_PATH", "armwatch.db-wal"), EIO, ("FAULT_AFTER", "1")];
     let mut daemon = Faulty::start(&workshop, &settings);
     wait_until(
         || {
