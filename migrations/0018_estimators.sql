@@ -202,6 +202,26 @@ SELECT robot.name AS robot,
 FROM warmup_fit
 JOIN robot USING (robot_id);
 
+DROP VIEW production_trend;
+
+CREATE VIEW production_trend AS
+SELECT robot.name AS robot,
+       run.run_id,
+       strftime('%Y-%m-%dT%H:%M:%fZ', run.started_at / 1000000.0, 'unixepoch') AS started_at,
+       production_summary.joint,
+       production_summary.reference_run_id,
+       production_summary.windows,
+       production_summary.relative_rmsd AS moving_relative_rmsd,
+       production_summary.friction_excess,
+       production_summary.friction_share,
+       of_test.relative_rmsd AS test_relative_rmsd
+FROM production_summary
+JOIN run USING (run_id)
+JOIN robot USING (robot_id)
+LEFT JOIN run_joint_summary AS of_test
+          ON of_test.run_id = production_summary.reference_run_id AND of_test.joint = production_summary.joint
+WHERE run.superseded_by_run_id IS NULL;
+
 -- Production was held against ordinary estimates of its tests, whatever was configured: it is settled again.
 UPDATE robot SET history = history + 1
 WHERE EXISTS (SELECT 1 FROM run WHERE run.robot_id = robot.robot_id AND run.kind = 'production');

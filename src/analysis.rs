@@ -129,6 +129,8 @@ pub struct ProductionJoint {
     pub relative_rmsd: f64,
     /// Friction beyond the test's.
     pub friction: FrictionExcess,
+    /// Moving relative RMSD of the test itself, its excitation by its own parameters; `None` where it is not known.
+    pub test_relative_rmsd: Option<f64>,
 }
 
 /// How rows become parameters.

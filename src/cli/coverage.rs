@@ -37,7 +37,7 @@ analysed, and counts how often the 95 % intervals hold the truth. Exit status 1 
 Examples:
   armwatch benchmark coverage config/robots/er3a.toml
   armwatch benchmark coverage config/robots/er3a.toml --correlation 0.9
-  armwatch benchmark coverage config/robots/scara.toml --estimator weighted --json
+  armwatch benchmark coverage config/robots/scara.toml --estimator ordinary --json
   armwatch benchmark coverage config/robots/er3a.toml --exports
   armwatch benchmark coverage config/robots/er3a.toml --exports --gearbox --seeds 30")]
 pub(super) struct CoverageArgs {
@@ -54,7 +54,7 @@ pub(super) struct CoverageArgs {
     #[arg(long, default_value_t = 0.0)]
     correlation: f64,
     /// How rows become parameters: ordinary, weighted or huber
-    #[arg(long, default_value = "ordinary", value_parser = estimator)]
+    #[arg(long, default_value = "weighted", value_parser = estimator)]
     estimator: Estimator,
     /// Whole exports, written and read as CSV, instead of excitation stages alone
     #[arg(long, conflicts_with_all = ["correlation", "noise"])]

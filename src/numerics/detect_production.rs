@@ -2,7 +2,8 @@
 //!
 //! Pure functions over what all complete logs of a robot come to against its tests, oldest first. A joint is compared
 //! with its own first logs after the test that they are held against: work that moves otherwise than a test, or a load
-//! that the test did not carry, is there from the first log on and is no change.
+//! that the test did not carry, is there from the first log on and is no change. So that first logs are not normal
+//! whatever they are, each log is held against the test's own error too.
 
 use jiff::Timestamp;
 
@@ -36,6 +37,18 @@ const MIN_SPREAD: f64 = 0.03;
 const LOAD_RATIO: f64 = 1.5;
 const LOAD_CHANGE: f64 = 0.02;
 
+/// Deviation from the test, as a part of the torque, that is said from the first log on: what friction does not explain,
+/// and all of it. Cold gearboxes need half as much friction again, which is less than a third of the torque.
+const OFF_UNEXPLAINED: f64 = 0.25;
+const OFF: f64 = 0.5;
+
+/// The same as multiples of the test's own error: a test that explains its own torque badly explains other motion worse.
+const OFF_UNEXPLAINED_RATIO: f64 = 4.0;
+const OFF_RATIO: f64 = 8.0;
+
+/// From here on no torque at all would be the better estimate; no load that is only carried along does that.
+const OFF_WARNING: f64 = 1.0;
+
 /// Looks at the complete logs of one robot, oldest first.
 #[must_use]
 pub fn detect_production(history: &[ProductionSummary]) -> Vec<Anomaly> {
@@ -48,6 +61,7 @@ pub fn detect_production(history: &[ProductionSummary]) -> Vec<Anomaly> {
         for (kind, quantity, verdicts) in [
             (AnomalyKind::Drift, "production_friction", friction),
             (AnomalyKind::Payload, "production_relative_rmsd", loads),
+            (AnomalyKind::Accuracy, "production_relative_rmsd", against_the_test(history, joint)),
         ] {
             found.extend(episodes(&moments, joint, kind, quantity, &verdicts));
         }
@@ -138,6 +152,40 @@ fn friction(history: &[ProductionSummary], joint: JointIndex, loads: &[Verdict])
 fn smoothed_deviation() -> f64 {
     let mean = EWMA_WEIGHT / (2.0 - EWMA_WEIGHT);
     (mean + std::f64::consts::FRAC_PI_2 / LEARNING_LOGS as f64).sqrt()
+}
+
+/// Deviation of each log against the error of the test itself.
+fn against_the_test(history: &[ProductionSummary], joint: JointIndex) -> Vec<Verdict> {
+    let verdict = |log: &ProductionSummary| {
+        let Some(of) = log.joints.iter().find(|of| of.joint == joint) else { return Verdict::Unknown };
+        let own = of.test_relative_rmsd.unwrap_or(0.0);
+        let (all, part) = (of.relative_rmsd, unexplained(of));
+        let of_part = OFF_UNEXPLAINED.max(OFF_UNEXPLAINED_RATIO * own);
+        let of_all = OFF.max(OFF_RATIO * own);
+        if part < of_part && all < of_all {
+            return Verdict::Quiet;
+        }
+        let cause = match part >= of_part {
+            true => "a load or tool that the test did not carry, a contact, or a torque signal that is off",
+            false => "friction: check lubrication, gearbox and brake",
+        };
+        let itself = match of.test_relative_rmsd {
+            Some(own) => format!("the test itself leaves {:.1} %", 100.0 * own),
+            None => "the test's own error is not known".to_owned(),
+        };
+        Verdict::Out {
+            severity: if all >= OFF_WARNING { Severity::Warning } else { Severity::Info },
+            score: all,
+            threshold: if part >= of_part { of_part } else { of_all },
+            value: all,
+            baseline: own,
+            message: format!(
+                "in ordinary work {:.0} % of the torque is not what the last test leads to expect; {itself}: {cause}",
+                100.0 * all
+            ),
+        }
+    };
+    history.iter().map(verdict).collect()
 }
 
 /// Deviation that friction does not explain against that of the first logs after the test, log by log.

@@ -23,6 +23,7 @@ fn log(index: usize, friction: [f64; JOINTS], unexplained: [f64; JOINTS]) -> Pro
             windows: 60,
             relative_rmsd: square.sqrt(),
             friction: FrictionExcess { excess: friction[j], share: by_friction.powi(2) / square },
+            test_relative_rmsd: Some(0.015),
         }
     };
     ProductionSummary {
@@ -89,4 +90,34 @@ fn with_too_few_joints_to_tell_warmth_friction_counts_as_it_is() {
     assert_eq!(detect_production(&logs), vec![], "all joints alike: the arm is cold");
     logs.iter_mut().for_each(|log| log.joints.truncate(1));
     assert_eq!(detect_production(&logs).len(), 1);
+}
+
+#[test]
+fn the_first_logs_after_a_test_are_held_against_the_test() {
+    // joint 2 is off from the first log on: learning its level must not make that normal
+    for (off, severity) in [(0.3, Severity::Info), (1.15, Severity::Warning)] {
+        let logs = history(12, |i, j| (wobble(i, j), if j == 1 && i < 12 { off } else { USUAL }));
+        let found = detect_production(&logs);
+        let [anomaly] = &found[..] else { panic!("one anomaly: {found:?}") };
+        assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Accuracy, "production_relative_rmsd"));
+        assert_eq!((anomaly.joint.number(), anomaly.severity, anomaly.first_run_id), (2, severity, 1));
+        assert!(anomaly.message.contains("the test itself leaves 1.5 %"), "{}", anomaly.message);
+    }
+    // a test that explains its own torque badly says less
+    let mut poor = history(12, |i, j| (wobble(i, j), if j == 1 { 0.3 } else { USUAL }));
+    poor.iter_mut().flat_map(|log| &mut log.joints).for_each(|of| of.test_relative_rmsd = Some(0.12));
+    assert_eq!(detect_production(&poor), vec![]);
+}
+
+#[test]
+fn cold_work_and_a_lasting_load_are_no_warning() {
+    // half as much friction again in all joints, cold, is a sixth of the torque
+    let cold = detect_production(&history(10, |i, j| (0.5 + wobble(i, j), USUAL)));
+    assert_eq!(cold, vec![]);
+    // a tool that the test did not carry is said once, and friction is watched all the same
+    let worn = |i: usize, j: usize| if j == 2 && i >= 6 { 0.4 } else { wobble(i, j) };
+    let found = detect_production(&history(10, |i, j| (worn(i, j), if j == 2 { 0.4 } else { USUAL })));
+    let kinds: Vec<_> = found.iter().map(|of| (of.joint.number(), of.kind, of.severity)).collect();
+    assert!(kinds.contains(&(3, AnomalyKind::Accuracy, Severity::Info)), "{kinds:?}");
+    assert!(kinds.iter().any(|of| (of.0, of.1) == (3, AnomalyKind::Drift)), "{kinds:?}");
 }

@@ -112,7 +112,8 @@ fn friction_excess(
     excess.is_finite().then_some(FrictionExcess { excess, share })
 }
 
-/// The windows of one recording against one test, joint by joint: medians over the windows in which the joint moves.
+/// The windows of one recording against one test, joint by joint: medians over the windows in which the joint moves. What
+/// the test's own error is, the windows do not know.
 ///
 /// Medians, since single windows hold a contact or a wait.
 #[must_use]
@@ -134,6 +135,7 @@ pub fn summarise<'a>(checks: impl IntoIterator<Item = &'a [JointCheck]>) -> Vec<
             windows: windows.len(),
             relative_rmsd: of(0)?,
             friction: FrictionExcess { excess: of(1)?, share: of(2)? },
+            test_relative_rmsd: None,
         })
     };
     by_joint.into_iter().filter_map(summary).collect()
@@ -222,6 +224,7 @@ mod tests {
             windows: 3,
             relative_rmsd: 0.03,
             friction: FrictionExcess { excess: 0.2, share: 0.5 },
+            test_relative_rmsd: None,
         };
         assert_eq!(found, [expected]);
     }

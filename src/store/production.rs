@@ -272,10 +272,13 @@ pub(super) async fn summaries(
 ) -> Result<Vec<ProductionSummary>, sqlx::Error> {
     let rows = sqlx::query(
         "SELECT run.run_id, run.started_at, summary.reference_run_id, summary.joint, summary.windows,
-                summary.relative_rmsd, summary.friction_excess, summary.friction_share
+                summary.relative_rmsd, summary.friction_excess, summary.friction_share,
+                of_test.relative_rmsd AS test_relative_rmsd
          FROM run
          JOIN production_summary AS summary USING (run_id)
          JOIN run AS test ON test.run_id = summary.reference_run_id
+         LEFT JOIN run_joint_summary AS of_test
+                   ON of_test.run_id = summary.reference_run_id AND of_test.joint = summary.joint
          WHERE run.robot_id = ? AND run.status = 'complete'
          ORDER BY run.started_at, run.content_hash, test.started_at, test.content_hash, summary.joint",
     )
@@ -289,6 +292,7 @@ pub(super) async fn summaries(
                 excess: row.try_get("friction_excess")?,
                 share: row.try_get("friction_share")?,
             },
+            test_relative_rmsd: row.try_get("test_relative_rmsd")?,
         };
         Ok(ProductionSummary {
             run_id: row.try_get("run_id")?,

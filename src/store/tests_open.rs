@@ -271,6 +271,15 @@ async fn migrations_keep_the_data_of_earlier_versions() {
     assert_eq!(store.runs().await.expect("runs").len(), 4);
     assert_eq!(store.fleet_health().await.expect("health").len(), 2);
     assert_eq!(store.anomalies_after(0).await.expect("anomalies").len(), 1);
+    // a parameter with 24.5 degrees of freedom has its interval now, one without has none
+    let width =
+        number(&store, "SELECT interval_high - value FROM cycle_parameters WHERE degrees_of_freedom = 24.5");
+    let width = width.await.expect("an interval");
+    assert!((width / 0.001 - 2.0617).abs() < 5e-4, "{width}");
+    let none =
+        "SELECT count(*) FROM cycle_parameters WHERE degrees_of_freedom IS NULL AND interval_low IS NOT NULL";
+    assert_eq!(number(&store, none).await, Some(0.0));
+    assert_eq!(number(&store, "SELECT count(*) FROM interval_fill").await, Some(0.0));
     assert_sound(&store).await;
 }
 

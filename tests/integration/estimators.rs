@@ -157,7 +157,8 @@ fn part(method: &Method, cycle: &Cycle, [from, to]: [f64; 2], cutoff: f64) -> Ve
     }
     let kept = &method.base.kept_columns;
     let factored = factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, &samples);
-    let is_part = |of: &JointFactor| from <= 0.0 && to >= 1.0 || of.stage == Stage::Excitation;
+    let is_whole = from <= 0.0 && to >= 1.0;
+    let is_part = |of: &JointFactor| is_whole || of.stage == Stage::Excitation;
     factored.factors.into_iter().filter(is_part).collect()
 }
 
