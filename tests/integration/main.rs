@@ -20,6 +20,7 @@ mod fuzz_seeds;
 mod layouts;
 mod no_result;
 mod overdue;
+mod excitation_only;
 mod explain;
 mod production;
 mod production_alarms;
