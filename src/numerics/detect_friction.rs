@@ -119,6 +119,9 @@ pub(super) fn drift(series: &[Option<&JointSummary>], settings: &DetectSettings)
         (None, false) => return result,
     };
     let baseline = baseline_of(watched).map_or(1.0, |baseline| baseline.torque);
+    // a baseline of a few runs may scatter less than healthy runs do
+    let before: Vec<f64> = observed.iter().rev().skip(1).map(|of| of.ratio).collect();
+    let usual_scatter = robust_deviation(&before).unwrap_or(0.0).max(spread);
     let usual = EWMA_WEIGHT / (2.0 - EWMA_WEIGHT) * spread * spread;
     let (mut smoothed, mut variance) = (1.0, usual);
     for of_run in observed {
@@ -129,7 +132,8 @@ pub(super) fn drift(series: &[Option<&JointSummary>], settings: &DetectSettings)
         }
         // what is less certain than usual has less of a say
         let own = (spread * spread).max(of_run.std_error * of_run.std_error);
-        let bound = settings.drift_warning.max(settings.drift_sigma * (own + baseline_variance).sqrt());
+        let of_one = own.max(usual_scatter * usual_scatter) + baseline_variance;
+        let bound = settings.drift_warning.max(settings.drift_sigma * of_one.sqrt());
         result.latest = Some(Compared { observed: of_run, bound });
         let weight = EWMA_WEIGHT * spread * spread / own;
         smoothed = weight * of_run.ratio + (1.0 - weight) * smoothed;

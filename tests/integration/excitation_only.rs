@@ -43,7 +43,8 @@ fn healthy_arms_stay_quiet_without_a_friction_stage() {
     for seed in 1..=16 {
         let workshop = without_friction_stage(&seed.to_string(), &[]);
         workshop.stdout(&["ingest", "inbox"], 0);
-        let told = workshop.query("SELECT joint, status, friction_index FROM fleet_health WHERE status <> 'ok'");
+        let told =
+            workshop.query("SELECT joint, status, friction_index FROM fleet_health WHERE status <> 'ok'");
         println!("seed {seed}: {told:?}");
         assert_eq!(workshop.number("SELECT count(*) FROM anomalies"), 0, "seed {seed}");
         unknown += told.len();
