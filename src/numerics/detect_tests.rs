@@ -103,7 +103,12 @@ fn a_run_cut_short_is_not_compared() {
         cut.joints[2].warm_friction =
             Some(WarmFriction { torque: 18.0, std_error: 0.1, minute: 8.0, speed_fraction: 0.6 });
     }
-    assert_eq!(detect(&runs, &DetectSettings::default()).anomalies, vec![]);
+    let found = detect(&runs, &DetectSettings::default());
+    assert_eq!(found.anomalies, vec![]);
+    let health = &found.health[2];
+    assert_eq!((health.knowledge, health.friction_index), (Knowledge::Unsettled, None));
+    let reason = health.reason.as_deref().expect("a reason");
+    assert!(reason.contains("does not compare") && reason.contains("known last: friction index"), "{reason}");
 }
 
 #[test]
