@@ -6,7 +6,7 @@
 -- NULL where one direction has no plateau.
 --
 --   :robot    a robot; the one tested last if left out
---   :run_id   one of its runs; its last complete run if left out
+--   :run_id   one of its runs; the last complete one that has such rows if left out
 --   :joint    only this joint; all if left out
 --   :cycle    only this cycle; all if left out
 WITH robot AS (
@@ -18,6 +18,7 @@ chosen AS (
            coalesce(CAST(nullif(:run_id, '') AS INTEGER),
                     (SELECT run_id FROM runs
                      WHERE runs.robot = robot.robot AND status = 'complete'
+                           AND EXISTS (SELECT 1 FROM friction_points AS own WHERE own.run_id = runs.run_id)
                      ORDER BY started_at DESC, run_id DESC LIMIT 1)) AS run_id
     FROM robot
 ),

@@ -5,7 +5,7 @@
 -- a rational approximation to exp(-t/16), good to 1e-11 of b and c.
 --
 --   :robot            a robot; the one tested last if left out
---   :run_id           one of its runs; its last complete run if left out
+--   :run_id           one of its runs; the last complete one that has such rows if left out
 --   :joint            only this joint; all if left out
 --   :speed_fraction   speed level; 0.6 if left out
 WITH robot AS (
@@ -17,6 +17,7 @@ chosen AS (
            coalesce(CAST(nullif(:run_id, '') AS INTEGER),
                     (SELECT run_id FROM runs
                      WHERE runs.robot = robot.robot AND status = 'complete'
+                           AND EXISTS (SELECT 1 FROM friction_points AS own WHERE own.run_id = runs.run_id)
                      ORDER BY started_at DESC, run_id DESC LIMIT 1)) AS run_id,
            CAST(coalesce(nullif(:speed_fraction, ''), 0.6) AS REAL) AS speed_fraction
     FROM robot

@@ -4,7 +4,7 @@
 -- A parameter is a base parameter: grouping is the sum that its value stands for.
 --
 --   :robot       a robot; the one tested last if left out
---   :run_id      one of its runs; its last complete run if left out
+--   :run_id      one of its runs; the last complete one that has such rows if left out
 --   :joint       only this joint; all if left out
 --   :parameter   only this parameter, such as mPx, Izz, f1 or I_m; all if left out
 WITH robot AS (
@@ -16,6 +16,7 @@ chosen AS (
            coalesce(CAST(nullif(:run_id, '') AS INTEGER),
                     (SELECT run_id FROM runs
                      WHERE runs.robot = robot.robot AND status = 'complete'
+                           AND EXISTS (SELECT 1 FROM cycle_parameters AS own WHERE own.run_id = runs.run_id)
                      ORDER BY started_at DESC, run_id DESC LIMIT 1)) AS run_id
     FROM robot
 )

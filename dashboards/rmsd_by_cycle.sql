@@ -3,7 +3,7 @@
 -- moves; mark says where it passes 10 % or 15 %, the shipped limits of the accuracy detector.
 --
 --   :robot    a robot; the one tested last if left out
---   :run_id   one of its runs; its last complete run if left out
+--   :run_id   one of its runs; the last complete one that has such rows if left out
 --   :joint    only this joint; all if left out
 --   :stage    excitation, friction, warming or all; excitation if left out
 WITH robot AS (
@@ -15,6 +15,7 @@ chosen AS (
            coalesce(CAST(nullif(:run_id, '') AS INTEGER),
                     (SELECT run_id FROM runs
                      WHERE runs.robot = robot.robot AND status = 'complete'
+                           AND EXISTS (SELECT 1 FROM cycle_rmsd AS own WHERE own.run_id = runs.run_id)
                      ORDER BY started_at DESC, run_id DESC LIMIT 1)) AS run_id
     FROM robot
 )

@@ -526,6 +526,9 @@ pub struct JointSummary {
     pub joint: JointIndex,
     /// Friction once warm, or why it is unknown.
     pub warm_friction: Option<WarmFriction>,
+    /// What the identified friction coefficients of the excitation say: all that recordings without a friction stage
+    /// tell of friction.
+    pub excitation_friction: Option<WarmFriction>,
     /// Friction against the joint's own baseline at equal thermal state, where the robot's history gives one:
     /// known only once the run is held against that history.
     pub friction_index: Option<Estimate>,
@@ -539,7 +542,10 @@ impl JointSummary {
     /// Whether the run says anything of the joint.
     #[must_use]
     pub fn has_result(&self) -> bool {
-        self.warm_friction.is_some() || self.friction_index.is_some() || self.relative_rmsd.is_some()
+        self.warm_friction.is_some()
+            || self.excitation_friction.is_some()
+            || self.friction_index.is_some()
+            || self.relative_rmsd.is_some()
     }
 }
 

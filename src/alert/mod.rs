@@ -7,7 +7,7 @@ use crate::store::{AnomalyRow, OverdueRobot};
 pub fn log_opened(anomaly: &AnomalyRow) {
     let AnomalyRow { robot, kind, quantity, .. } = anomaly;
     // none where the cause is the whole arm's
-    let joint = anomaly.joint.map(crate::robot::JointIndex::number);
+    let joint = anomaly.joint_number();
     match anomaly.severity {
         Severity::Info => tracing::info!(robot, joint, kind, quantity, "{}", anomaly.message),
         Severity::Warning => tracing::warn!(robot, joint, kind, quantity, "{}", anomaly.message),

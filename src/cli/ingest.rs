@@ -20,7 +20,6 @@ use crate::ingest::watch;
 use crate::pipeline::conclude::{Concluded, RUNS_AT_ONCE};
 use crate::pipeline::isolation::Conclusion;
 use crate::pipeline::{Outcome, Pipeline, Progress, Retry};
-use crate::robot::JointIndex;
 use crate::store::RunResult;
 
 #[derive(Debug, Args)]
@@ -255,7 +254,7 @@ fn print_conclusions(concluded: &Concluded, as_json: bool) {
     for anomaly in &concluded.new_anomalies {
         if as_json {
             output::json(&json!({
-                "outcome": "anomaly", "robot": concluded.robot, "joint": anomaly.joint.map(JointIndex::number),
+                "outcome": "anomaly", "robot": concluded.robot, "joint": anomaly.joint_number(),
                 "anomaly_id": anomaly.anomaly_id, "kind": anomaly.kind, "severity": anomaly.severity.name(),
                 "message": anomaly.message,
             }));

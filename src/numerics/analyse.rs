@@ -420,6 +420,7 @@ fn summary(joint: JointIndex, settings: &AnalysisSettings, results: &RunResults)
     JointSummary {
         joint,
         warm_friction: warm_friction(joint, settings, &results.friction_points),
+        excitation_friction: None,
         friction_index: None,
         relative_rmsd: median(&rmsd),
         rmsd_swing: swing(&rmsd),

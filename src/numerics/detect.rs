@@ -7,9 +7,10 @@
 
 use jiff::Timestamp;
 
+use super::detect_friction::drift;
 use super::detect_results::{expected_by, health, without_result};
-use super::statistics::{median, robust_deviation};
-use crate::analysis::{Estimate, JointSummary, WarmFriction};
+use super::statistics::median;
+use crate::analysis::JointSummary;
 use crate::anomaly::{Anomaly, AnomalyKind, Findings, RunSummary, Severity};
 use crate::robot::JointIndex;
 
@@ -52,17 +53,6 @@ impl Default for DetectSettings {
 /// Weight of the newest run in the smoothed friction index (EWMA, Roberts 1959): three runs in a
 /// row carry four fifths of the weight, one odd run does not decide.
 pub(super) const EWMA_WEIGHT: f64 = 0.4;
-
-/// Smallest run-to-run standard deviation that a baseline of a few runs is believed to have, as a
-/// fraction of friction: hall temperature alone moves warm friction by about this.
-const MIN_SPREAD: f64 = 0.01;
-
-/// The same for the friction index, which knows of the hall.
-const MIN_INDEX_SPREAD: f64 = 0.005;
-
-/// Runs compare if they were about equally warm: time of the warm points within this fraction of
-/// the baseline's.
-const WARMTH_TOLERANCE: f64 = 0.25;
 
 /// Swings of the relative RMSD below this are noise of a good fit, whatever their ratio: healthy
 /// joints show 0.0012 to 0.003 (thesis 5.1.4).
@@ -110,218 +100,8 @@ pub(super) enum Verdict {
     Out { severity: Severity, score: f64, threshold: f64, value: f64, baseline: f64, message: String },
 }
 
-/// Friction of one joint over the runs.
-pub(super) struct Drift {
-    pub(super) quantity: &'static str,
-    pub(super) verdicts: Vec<Verdict>,
-    /// The latest run with friction that compares with the baseline.
-    pub(super) latest: Option<Compared>,
-    pub(super) learning: bool,
-    /// Runs that the baseline has so far, at most those that it needs.
-    pub(super) learnt_runs: usize,
-}
-
-/// Friction of a run against the baseline, and how far from it chance may take one run.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Compared {
-    pub(super) observed: Observed,
-    /// Deviation of one healthy run that would be more than chance; infinite within the baseline.
-    pub(super) bound: f64,
-}
-
-/// Friction of a run against the baseline, and by which road.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Observed {
-    /// Place of the run in the history.
-    pub(super) run: usize,
-    pub(super) ratio: f64,
-    /// Zero where not known.
-    std_error: f64,
-    /// Warm friction that it comes from, Nm; `None` for the index.
-    torque: Option<f64>,
-}
-
-impl Observed {
-    /// The quantity that it is.
-    pub(super) fn quantity(self) -> &'static str {
-        if self.torque.is_some() { "warm_friction_nm" } else { "friction_index" }
-    }
-}
-
-/// Friction against the joint's baseline, smoothed over runs: the friction index where the history has one,
-/// else warm friction of runs that were equally warm.
-pub(super) fn drift(series: &[Option<&JointSummary>], settings: &DetectSettings) -> Drift {
-    let index = |run: usize| series[run].and_then(|summary| summary.friction_index);
-    let warm = WarmBaseline::find(series, settings);
-    let has_index = (0..series.len()).any(|run| index(run).is_some());
-    let mut result = Drift {
-        quantity: if has_index { "friction_index" } else { "warm_friction_nm" },
-        verdicts: vec![Verdict::Unknown; series.len()],
-        latest: None,
-        learning: !has_index && warm.is_none(),
-        learnt_runs: WarmBaseline::learnt_runs(series, settings),
-    };
-    let observed: Vec<Observed> = (0..series.len())
-        .filter_map(|run| match index(run) {
-            Some(Estimate { value, std_error }) => {
-                Some(Observed { run, ratio: value, std_error: std_error.max(0.0), torque: None })
-            }
-            None => warm.as_ref()?.observed(series, run),
-        })
-        .collect();
-    // warm friction keeps the place that a run has among all with it, also of runs that were not equally warm
-    let learnt_from = if has_index {
-        observed.get(settings.baseline_runs.max(1) - 1).map_or(usize::MAX, |last| last.run)
-    } else {
-        warm.as_ref().map_or(usize::MAX, |warm| warm.last_run)
-    };
-    let (spread, baseline_variance) = match (&warm, has_index) {
-        (_, true) => index_spread(&observed, learnt_from),
-        (Some(warm), false) => warm.spread(),
-        (None, false) => return result,
-    };
-    let usual = EWMA_WEIGHT / (2.0 - EWMA_WEIGHT) * spread * spread;
-    let (mut smoothed, mut variance) = (1.0, usual);
-    for of_run in observed {
-        if of_run.run <= learnt_from {
-            result.latest = Some(Compared { observed: of_run, bound: f64::INFINITY });
-            result.verdicts[of_run.run] = Verdict::Quiet;
-            continue;
-        }
-        // what is less certain than usual has less of a say
-        let own = (spread * spread).max(of_run.std_error * of_run.std_error);
-        let bound = settings.drift_warning.max(settings.drift_sigma * (own + baseline_variance).sqrt());
-        result.latest = Some(Compared { observed: of_run, bound });
-        let weight = EWMA_WEIGHT * spread * spread / own;
-        smoothed = weight * of_run.ratio + (1.0 - weight) * smoothed;
-        variance = weight * weight * own + (1.0 - weight) * (1.0 - weight) * variance;
-        let deviation = (variance.max(usual) + baseline_variance).sqrt();
-        let threshold = settings.drift_warning.max(settings.drift_sigma * deviation);
-        let change: f64 = smoothed - 1.0;
-        result.verdicts[of_run.run] = if change.abs() < threshold {
-            Verdict::Quiet
-        } else {
-            let critical = change.abs() >= settings.drift_critical.max(threshold);
-            let baseline = warm.as_ref().filter(|_| !has_index).map_or(1.0, |warm| warm.torque);
-            Verdict::Out {
-                severity: if critical { Severity::Critical } else { Severity::Warning },
-                score: change.abs(),
-                threshold,
-                value: of_run.torque.filter(|_| !has_index).unwrap_or(of_run.ratio),
-                baseline,
-                message: drift_message(change, threshold, of_run, warm.as_ref()),
-            }
-        };
-    }
-    result
-}
-
-/// Run-to-run standard deviation of the index in the joint's baseline, and the variance of the baseline, which
-/// an index's own error has in it already.
-fn index_spread(observed: &[Observed], last_run: usize) -> (f64, f64) {
-    let first: Vec<f64> = observed.iter().filter(|o| o.run <= last_run).map(|o| o.ratio).collect();
-    let errors: Vec<f64> = observed.iter().filter(|o| o.run <= last_run).map(|o| o.std_error).collect();
-    let spread =
-        robust_deviation(&first).unwrap_or(0.0).max(median(&errors).unwrap_or(0.0)).max(MIN_INDEX_SPREAD);
-    (spread, spread * spread / first.len().max(1) as f64)
-}
-
-/// Warm friction of the joint's first runs.
-#[derive(Debug)]
-struct WarmBaseline {
-    torque: f64,
-    minute: f64,
-    speed_fraction: f64,
-    /// Torques that it is the median of, and the last run of these.
-    torques: Vec<f64>,
-    last_run: usize,
-}
-
-impl WarmBaseline {
-    /// Runs at the speed of the first, at most those that a baseline needs.
-    fn learnt_runs(series: &[Option<&JointSummary>], settings: &DetectSettings) -> usize {
-        let mut measured =
-            series.iter().filter_map(|summary| summary.and_then(|of| of.warm_friction)).peekable();
-        let Some(first) = measured.peek().copied() else { return 0 };
-        let alike = measured.filter(|warm| same_speed(warm, first.speed_fraction)).count();
-        alike.min(settings.baseline_runs.max(1))
-    }
-
-    /// `None` with too few runs at the speed of the first.
-    fn find(series: &[Option<&JointSummary>], settings: &DetectSettings) -> Option<Self> {
-        let measured: Vec<(usize, WarmFriction)> = (0..series.len())
-            .filter_map(|run| series[run].and_then(|summary| summary.warm_friction).map(|warm| (run, warm)))
-            .collect();
-        let speed_fraction = measured.first()?.1.speed_fraction;
-        let first: Vec<(usize, WarmFriction)> = measured
-            .into_iter()
-            .filter(|(_, warm)| same_speed(warm, speed_fraction))
-            .take(settings.baseline_runs.max(1))
-            .collect();
-        if first.len() < settings.baseline_runs.max(1) {
-            return None;
-        }
-        let torques: Vec<f64> = first.iter().map(|(_, warm)| warm.torque).collect();
-        let minutes: Vec<f64> = first.iter().map(|(_, warm)| warm.minute).collect();
-        let torque = median(&torques).filter(|torque| *torque > 0.0)?;
-        let last_run = first.last()?.0;
-        Some(Self { torque, minute: median(&minutes)?, speed_fraction, torques, last_run })
-    }
-
-    /// Warm friction of a run, if it was as warm as the baseline.
-    fn observed(&self, series: &[Option<&JointSummary>], run: usize) -> Option<Observed> {
-        let warm = series[run].and_then(|summary| summary.warm_friction)?;
-        let comparable = same_speed(&warm, self.speed_fraction)
-            && (warm.minute - self.minute).abs() <= WARMTH_TOLERANCE * self.minute;
-        comparable.then_some(Observed {
-            run,
-            ratio: warm.torque / self.torque,
-            std_error: 0.0,
-            torque: Some(warm.torque),
-        })
-    }
-
-    /// Run-to-run standard deviation as a fraction, and the variance of the median, pi/2 of the mean's.
-    fn spread(&self) -> (f64, f64) {
-        let spread = (robust_deviation(&self.torques).unwrap_or(0.0) / self.torque).max(MIN_SPREAD);
-        (spread, std::f64::consts::FRAC_PI_2 * spread * spread / self.torques.len() as f64)
-    }
-}
-
-/// Levels are copied from one list; one written in two ways is still the same.
-fn same_speed(warm: &WarmFriction, speed_fraction: f64) -> bool {
-    (warm.speed_fraction - speed_fraction).abs() < 1e-6
-}
-
-/// Says first what decides, the smoothed change, then what this run alone gave.
-fn drift_message(change: f64, threshold: f64, of_run: Observed, warm: Option<&WarmBaseline>) -> String {
-    let (side, advice) = if change > 0.0 {
-        ("above", "check lubrication, gearbox and brake")
-    } else {
-        ("below", "a change of grease or a loose transmission lowers friction; check after maintenance")
-    };
-    let [percent, limit] = apart(100.0 * change.abs(), 100.0 * threshold);
-    let alone = match (of_run.ratio - 1.0) * change.signum() >= threshold {
-        true => "",
-        false => ", within the limit by itself",
-    };
-    match (of_run.torque, warm) {
-        (Some(torque), Some(warm)) => format!(
-            "warm friction, smoothed over the tests, is {percent} % {side} the joint's baseline (limit {limit} %);              latest test{alone}: {torque:.2} Nm against {:.2} Nm at {:.0} % speed, as measured since the run has no \
-             friction index; {advice}",
-            warm.torque,
-            100.0 * warm.speed_fraction
-        ),
-        _ => format!(
-            "friction at equal speed and warmth, smoothed over the tests, is {percent} % {side} the joint's baseline \
-             (limit {limit} %); latest test{alone}: friction index {:.3}, standard error {:.3}; {advice}",
-            of_run.ratio, of_run.std_error
-        ),
-    }
-}
-
 /// A figure and its limit with as few decimals, up to three, as tell them apart.
-fn apart(figure: f64, limit: f64) -> [String; 2] {
+pub(super) fn apart(figure: f64, limit: f64) -> [String; 2] {
     (0..3)
         .map(|decimals| [figure, limit].map(|of| format!("{of:.decimals$}")))
         .find(|[figure, limit]| figure != limit)

@@ -2,7 +2,8 @@
 
 use jiff::{SignedDuration, Timestamp};
 
-use super::detect::{Compared, DetectSettings, Drift, Verdict};
+use super::detect::{DetectSettings, Verdict};
+use super::detect_friction::{Compared, Drift};
 use super::statistics::median;
 use crate::analysis::JointSummary;
 use crate::analysis::refusal::{Channel, RefusalCause};
@@ -130,7 +131,7 @@ pub(super) fn health(
     JointHealth {
         joint,
         friction_index: of_latest.map(|compared| compared.observed.ratio),
-        friction_quantity: of_latest.map(|compared| compared.observed.quantity()),
+        friction_quantity: of_latest.map(|compared| compared.observed.source.quantity()),
         knowledge,
         reason,
         last_result_run_id: last_result.map(|run| history[run].run_id),
@@ -165,8 +166,8 @@ fn judged(
     match drift.latest.filter(|compared| compared.observed.run == last) {
         None => {
             let words = format!(
-                "friction of the latest test does not compare with the baseline: the test has no friction points as \
-                 warm as those of the baseline{}; {}",
+                "friction of the latest test does not compare with the baseline: no stage of it was as warm as in the \
+                 baseline{}; {}",
                 of_refused(latest),
                 known()
             );

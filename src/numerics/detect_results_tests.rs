@@ -20,6 +20,7 @@ fn test(day: i64, index: Option<f64>) -> RunSummary {
     let joint = |j: usize| JointSummary {
         joint: JointIndex::new(j),
         warm_friction: None,
+        excitation_friction: None,
         friction_index: index.map(|value| Estimate { value, std_error: 0.004 }),
         relative_rmsd: index.map(|_| 0.03),
         rmsd_swing: None,

@@ -16,6 +16,7 @@ fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSummary {
             minute: 100.0,
             speed_fraction: 0.6,
         }),
+        excitation_friction: None,
         friction_index: None,
         relative_rmsd: Some(rmsd),
         rmsd_swing: Some(RmsdSwing { value: swing, cycles: 24 }),
@@ -23,6 +24,7 @@ fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSummary {
     let quiet = |j: usize| JointSummary {
         joint: JointIndex::new(j),
         warm_friction: None,
+        excitation_friction: None,
         friction_index: None,
         relative_rmsd: None,
         rmsd_swing: None,
@@ -101,7 +103,12 @@ fn a_run_cut_short_is_not_compared() {
         cut.joints[2].warm_friction =
             Some(WarmFriction { torque: 18.0, std_error: 0.1, minute: 8.0, speed_fraction: 0.6 });
     }
-    assert_eq!(detect(&runs, &DetectSettings::default()).anomalies, vec![]);
+    let found = detect(&runs, &DetectSettings::default());
+    assert_eq!(found.anomalies, vec![]);
+    let health = &found.health[2];
+    assert_eq!((health.knowledge, health.friction_index), (Knowledge::Unsettled, None));
+    let reason = health.reason.as_deref().expect("a reason");
+    assert!(reason.contains("does not compare") && reason.contains("known last: friction index"), "{reason}");
 }
 
 #[test]
@@ -170,4 +177,60 @@ fn a_run_without_an_index_is_held_against_warm_friction_and_says_why() {
     let [anomaly] = &found.anomalies[..] else { panic!("one anomaly: {:?}", found.anomalies) };
     assert!(anomaly.message.contains("has no friction index"), "{}", anomaly.message);
     assert_eq!(anomaly.quantity, "friction_index");
+}
+
+/// Takes the friction stage from runs and gives them friction of the excitation.
+fn without_friction_stage(mut runs: Vec<RunSummary>, friction: impl Fn(usize) -> f64) -> Vec<RunSummary> {
+    for (i, run) in runs.iter_mut().enumerate() {
+        let joint = &mut run.joints[2];
+        joint.warm_friction = None;
+        joint.excitation_friction =
+            Some(WarmFriction { torque: friction(i), std_error: 0.8, minute: 60.0, speed_fraction: 0.6 });
+    }
+    runs
+}
+
+#[test]
+fn without_a_friction_stage_the_identified_friction_is_watched() {
+    let bare = |friction: &dyn Fn(usize) -> f64, runs| {
+        detect(&without_friction_stage(history(runs, |_| 12.0), friction), &DetectSettings::default())
+    };
+    let learning = bare(&|i| 9.0 * wobble(i), 4);
+    assert_eq!(learning.health[2].reason.as_deref(), Some("4 of 5 tests of the baseline"));
+    let healthy = bare(&|i| 9.0 * wobble(i), 40);
+    assert_eq!(healthy.anomalies, vec![]);
+    let health = &healthy.health[2];
+    assert_eq!(
+        (health.knowledge, health.friction_quantity),
+        (Knowledge::Compared, Some("excitation_friction_nm"))
+    );
+    let worn = bare(&|i| 9.0 * wobble(i) * (1.0 + 0.03 * i.saturating_sub(7) as f64), 20);
+    let [anomaly] = &worn.anomalies[..] else { panic!("one anomaly: {:?}", worn.anomalies) };
+    assert_eq!((anomaly.quantity, anomaly.joint), ("excitation_friction_nm", Some(JointIndex::new(2))));
+    assert!((10..=13).contains(&anomaly.first_run_id), "{}", anomaly.first_run_id);
+    assert!((anomaly.baseline - 9.0).abs() < 0.1 && anomaly.value > 11.0, "{anomaly:?}");
+    assert!(anomaly.message.contains("the recordings have no friction stage"), "{}", anomaly.message);
+}
+
+#[test]
+fn severity_figures_and_message_are_of_one_run_and_the_peak_stays() {
+    let repaired = |i: usize| 12.0 * wobble(i) * if (8..16).contains(&i) { 1.3 } else { 1.0 };
+    let found = detect(&history(18, repaired), &DetectSettings::default());
+    let [anomaly] = &found.anomalies[..] else { panic!("one anomaly: {:?}", found.anomalies) };
+    // two healthy tests after a repair: the smoothed change is still out, but no longer critical
+    assert_eq!((anomaly.severity, anomaly.last_run_id), (Severity::Warning, 18));
+    assert!((anomaly.value - 12.0).abs() < 0.2 && (anomaly.peak_value - 15.6).abs() < 0.2, "{anomaly:?}");
+    let percent = format!("is {:.0} % above", 100.0 * anomaly.score);
+    assert!(anomaly.message.contains(&percent), "{}", anomaly.message);
+    assert!(anomaly.message.contains("latest test, within the limit by itself"), "{}", anomaly.message);
+
+    let limit: Vec<_> = (0..12).map(|i| run(i, 12.0, if i == 11 { 0.10004 } else { 0.03 }, 0.002)).collect();
+    let found = detect(&limit, &DetectSettings::default()).anomalies;
+    assert!(found[0].message.contains("misses 10.004 % of this joint's torque, limit 10.000 %"), "{found:?}");
+    // worse, then as in its baseline again: the row says one of both throughout
+    let ever: Vec<_> = (0..12).map(|i| run(i, 12.0, if i == 10 { 0.3 } else { 0.128 }, 0.002)).collect();
+    let found = detect(&ever, &DetectSettings::default()).anomalies;
+    let last = found.last().expect("one");
+    assert_eq!((last.severity, last.value, last.peak_value), (Severity::Info, 0.128, 0.3));
+    assert!(last.message.contains("as in its baseline"), "{}", last.message);
 }

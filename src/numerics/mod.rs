@@ -58,6 +58,7 @@ pub mod friction_speed;
 #[cfg(test)]
 mod friction_speed_tests;
 pub mod friction_means;
+pub mod excitation_friction;
 pub mod thermal;
 mod thermal_source;
 pub mod friction_map;
@@ -90,6 +91,7 @@ pub mod nominal_prior;
 mod history_tests;
 pub mod statistics;
 pub mod detect;
+mod detect_friction;
 mod detect_results;
 #[cfg(test)]
 mod detect_results_tests;

@@ -12,9 +12,12 @@ use crate::analysis::{FrictionPoint, RunAnalysis};
 use crate::ingest::excerpt;
 use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::{Method, RunResults, analyse_run};
+use crate::numerics::excitation_friction::{IdentifiedCycle, excitation_friction};
 use crate::robot::{JointIndex, ParameterId};
 use crate::run::{RunHeader, RunKind};
-use crate::store::{CycleSpeedFits, Fault, Owner, Replaced, RunMeasurements, RunTotals, Store};
+use crate::store::{
+    CycleParameters, CycleSpeedFits, Fault, Owner, Replaced, RunMeasurements, RunTotals, Store,
+};
 
 /// What recording the cycles of an export came to.
 #[derive(Debug, Default)]
@@ -134,10 +137,17 @@ async fn analyse_test(
     let measurements = pipeline.store().run_measurements(intake.run_id).await?;
     let speed_fits =
         friction::over_speed(pipeline.store(), intake.run_id, &measurements.friction_points).await?;
-    let (joints, settings) = (method.robot.joint_count(), pipeline.config().analysis);
-    let analysis =
-        tokio::task::spawn_blocking(move || analyse_run(joints, &settings, &as_results(measurements)))
-            .await?;
+    let (robot, settings) = (method.robot.clone(), pipeline.config().analysis);
+    let analysis = tokio::task::spawn_blocking(move || {
+        let identified: Vec<IdentifiedCycle> = measurements.parameters.iter().map(identified_cycle).collect();
+        let friction = excitation_friction(&robot, settings.reference_speed_fraction, &identified);
+        let mut analysis = analyse_run(robot.joint_count(), &settings, &as_results(measurements));
+        for (summary, friction) in analysis.summaries.iter_mut().zip(friction) {
+            summary.excitation_friction = friction;
+        }
+        analysis
+    })
+    .await?;
     Ok((analysis, speed_fits))
 }
 
@@ -178,6 +188,15 @@ pub(super) async fn write_down(
         remedy: rejection.remedy.to_string(),
     };
     Ok(pipeline.store().quarantine(header, &fault).await?)
+}
+
+fn identified_cycle(of: &CycleParameters) -> IdentifiedCycle {
+    IdentifiedCycle {
+        cycle: of.cycle,
+        minute: of.minute,
+        mean_speeds: of.mean_speeds.clone(),
+        parameters: of.parameters.clone(),
+    }
 }
 
 /// Turns rows by cycle into series by parameter and joint.

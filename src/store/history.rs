@@ -55,6 +55,10 @@ pub struct CyclePoint {
 pub struct CycleParameters {
     /// Number of the cycle, from 1.
     pub cycle: u32,
+    /// Middle of the cycle since the start of the run, min.
+    pub minute: f64,
+    /// Mean magnitude of each joint's velocity, rad/s (m/s); empty if not known.
+    pub mean_speeds: Vec<f64>,
     /// Values with standard errors.
     pub parameters: Vec<IdentifiedParameter>,
 }
@@ -134,20 +138,46 @@ async fn parameters_by_cycle(
     )
     .bind(run_id)
     .try_map(|row: SqliteRow| Ok((size::<u32>(&row, "cycle")?, identified(&row)?)))
-    .fetch_all(connection)
+    .fetch_all(&mut *connection)
     .await?;
-    let mut cycles: BTreeMap<u32, Vec<IdentifiedParameter>> = BTreeMap::new();
+    let mut by_cycle: BTreeMap<u32, Vec<IdentifiedParameter>> = BTreeMap::new();
     for (cycle, identified) in rows {
-        cycles.entry(cycle).or_default().push(identified);
+        by_cycle.entry(cycle).or_default().push(identified);
     }
-    Ok(cycles
+    let mut motions = motions(connection, run_id).await?;
+    Ok(by_cycle
         .into_iter()
         .map(|(cycle, mut parameters)| {
             // Natural order: inertia by link, friction by joint, motor inertia by joint, couplings.
             parameters.sort_by_key(natural_place);
-            CycleParameters { cycle, parameters }
+            let (minute, mean_speeds) = motions.remove(&cycle).unwrap_or_default();
+            CycleParameters { cycle, minute, mean_speeds, parameters }
         })
         .collect())
+}
+
+/// Middle of each cycle of a run, min, and mean speeds of its joints.
+async fn motions(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+) -> Result<HashMap<u32, (f64, Vec<f64>)>, sqlx::Error> {
+    let rows = sqlx::query(
+        "SELECT number AS cycle, (cycle.started_at - run.started_at) / 6e7 + duration_s / 120 AS minute,
+                mean_speeds_rad_s
+         FROM cycle
+         JOIN run USING (run_id)
+         WHERE run_id = ?",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        let speeds: Option<&str> = row.try_get("mean_speeds_rad_s")?;
+        let speeds = speeds.map_or(Ok(Vec::new()), serde_json::from_str);
+        let speeds = speeds.map_err(|error| sqlx::Error::Decode(error.into()))?;
+        Ok((size::<u32>(&row, "cycle")?, (row.try_get("minute")?, speeds)))
+    })
+    .fetch_all(connection)
+    .await?;
+    Ok(rows.into_iter().collect())
 }
 
 /// Moving relative RMSD of the excitation stage under self-verification, of the cycles as [`parameters_by_cycle`].
@@ -190,6 +220,8 @@ pub(super) async fn run_summaries(
     let rows = sqlx::query(
         "SELECT run.run_id, run.started_at, run.cycles_stored, summary.joint, summary.warm_friction_nm,
                 summary.warm_friction_std_error_nm, summary.warm_minute, summary.warm_speed_fraction,
+                summary.excitation_friction_nm, summary.excitation_friction_std_error_nm,
+                summary.excitation_minute, summary.excitation_speed_fraction,
                 summary.relative_rmsd, summary.rmsd_swing, summary.rmsd_swing_cycles, summary.estimator,
                 found.friction_index, found.friction_index_std_error
          FROM run
@@ -327,18 +359,13 @@ fn friction_point(row: &SqliteRow) -> Result<FrictionPoint, sqlx::Error> {
 }
 
 fn joint_summary(row: &SqliteRow) -> Result<JointSummary, sqlx::Error> {
-    let warm: (Option<f64>, Option<f64>, Option<f64>, Option<f64>) = (
-        row.try_get("warm_friction_nm")?,
-        row.try_get("warm_friction_std_error_nm")?,
-        row.try_get("warm_minute")?,
-        row.try_get("warm_speed_fraction")?,
-    );
-    let warm_friction = match warm {
-        (Some(torque), std_error, Some(minute), Some(speed_fraction)) => {
-            Some(WarmFriction { torque, std_error: std_error.unwrap_or(f64::NAN), minute, speed_fraction })
-        }
-        _ => None,
-    };
+    let warm = ["warm_friction_nm", "warm_friction_std_error_nm", "warm_minute", "warm_speed_fraction"];
+    let excitation = [
+        "excitation_friction_nm",
+        "excitation_friction_std_error_nm",
+        "excitation_minute",
+        "excitation_speed_fraction",
+    ];
     let std_error: Option<f64> = row.try_get("friction_index_std_error")?;
     let friction_index = row
         .try_get::<Option<f64>, _>("friction_index")?
@@ -349,10 +376,23 @@ fn joint_summary(row: &SqliteRow) -> Result<JointSummary, sqlx::Error> {
     };
     Ok(JointSummary {
         joint: joint(row, "joint")?,
-        warm_friction,
+        warm_friction: warm_friction(row, warm)?,
+        excitation_friction: warm_friction(row, excitation)?,
         friction_index,
         relative_rmsd: row.try_get("relative_rmsd")?,
         rmsd_swing,
+    })
+}
+
+/// Reads friction of a run: columns of torque, standard error, minute and speed.
+fn warm_friction(row: &SqliteRow, columns: [&str; 4]) -> Result<Option<WarmFriction>, sqlx::Error> {
+    let [torque, std_error, minute, speed_fraction] =
+        columns.map(|column| row.try_get::<Option<f64>, _>(column));
+    Ok(match (torque?, std_error?, minute?, speed_fraction?) {
+        (Some(torque), std_error, Some(minute), Some(speed_fraction)) => {
+            Some(WarmFriction { torque, std_error: std_error.unwrap_or(f64::NAN), minute, speed_fraction })
+        }
+        _ => None,
     })
 }
 

@@ -135,6 +135,14 @@ pub struct AnomalyRow {
     pub peak_value: Option<f64>,
 }
 
+impl AnomalyRow {
+    /// Number of the joint that people read, from 1; `None` where the cause is the whole arm's.
+    #[must_use]
+    pub fn joint_number(&self) -> Option<usize> {
+        self.joint.map(JointIndex::number)
+    }
+}
+
 /// How much is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {

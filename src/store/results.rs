@@ -45,7 +45,8 @@ impl Store {
                         WHEN 'test' THEN NOT EXISTS (
                             SELECT 1 FROM run_joint_summary AS summary
                             WHERE summary.run_id = run.run_id
-                                  AND coalesce(summary.warm_friction_nm, summary.relative_rmsd) IS NOT NULL)
+                                  AND coalesce(summary.warm_friction_nm, summary.excitation_friction_nm,
+                                           summary.relative_rmsd) IS NOT NULL)
                         ELSE cycles_stored > 0 AND cycles_stored = (
                             SELECT count(*) FROM cycle WHERE cycle.run_id = run.run_id AND status = 'refused')
                     END AS without_result

@@ -226,10 +226,12 @@ async fn insert_summaries(
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Sqlite>::new(
         "INSERT INTO run_joint_summary (run_id, joint, warm_friction_nm, warm_friction_std_error_nm, warm_minute,
-                                        warm_speed_fraction, relative_rmsd, rmsd_swing, rmsd_swing_cycles) ",
+                                        warm_speed_fraction, relative_rmsd, rmsd_swing, rmsd_swing_cycles,
+                                        excitation_friction_nm, excitation_friction_std_error_nm,
+                                        excitation_minute, excitation_speed_fraction) ",
     )
     .push_values(rows, |mut row, summary| {
-        let warm = summary.warm_friction;
+        let (warm, excitation) = (summary.warm_friction, summary.excitation_friction);
         row.push_bind(run_id)
             .push_bind(joint_number(summary.joint))
             .push_bind(warm.and_then(|w| finite(w.torque)))
@@ -238,7 +240,11 @@ async fn insert_summaries(
             .push_bind(warm.and_then(|w| finite(w.speed_fraction)))
             .push_bind(summary.relative_rmsd.and_then(finite))
             .push_bind(summary.rmsd_swing.and_then(|s| finite(s.value)))
-            .push_bind(summary.rmsd_swing.map(|s| count(s.cycles)));
+            .push_bind(summary.rmsd_swing.map(|s| count(s.cycles)))
+            .push_bind(excitation.and_then(|e| finite(e.torque)))
+            .push_bind(excitation.and_then(|e| finite(e.std_error)))
+            .push_bind(excitation.and_then(|e| finite(e.minute)))
+            .push_bind(excitation.and_then(|e| finite(e.speed_fraction)));
     })
     .build()
     .execute(executor)

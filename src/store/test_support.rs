@@ -243,6 +243,12 @@ fn summary(joint: JointIndex, seed: f64) -> JointSummary {
             minute: 100.0,
             speed_fraction: 0.6,
         }),
+        excitation_friction: known.then_some(WarmFriction {
+            torque: 2.0 * seed,
+            std_error: 0.2,
+            minute: 90.0,
+            speed_fraction: 0.5,
+        }),
         friction_index: None,
         relative_rmsd: known.then_some(0.05 + seed / 1000.0),
         rmsd_swing: known.then_some(RmsdSwing { value: 0.002, cycles: 24 }),

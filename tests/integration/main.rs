@@ -22,6 +22,7 @@ mod layouts;
 mod estimators;
 mod no_result;
 mod overdue;
+mod excitation_only;
 mod explain;
 mod fairness;
 mod isolation;

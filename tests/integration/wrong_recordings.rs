@@ -233,13 +233,15 @@ fn refusals_and_doubts_are_sentences_in_the_view_of_cycles() {
     )
     .expect("a configuration");
     let healthy = excitation(&shipped("er3a"), 3, 100.0);
-    let told: [Told; 2] = [("Doubled", doubled, &["rows repeat the row before"]), ("Sound", |_| {}, &[])];
-    for (name, spoil, _) in REFUSED.iter().chain(&told) {
+    let sound: [Told; 2] = [("Doubled", doubled, &["rows repeat the row before"]), ("Sound", |_| {}, &[])];
+    for (name, spoil, _) in REFUSED.iter().chain(&sound) {
         let mut samples = healthy.clone();
         spoil(&mut samples);
         export(&workshop.inbox(&format!("{name}_20260105_0847.csv")), &samples);
     }
-    workshop.stdout(&["ingest", "inbox"], 0);
+    let out = workshop.stdout(&["ingest", "inbox"], 1);
+    let told = format!("{} without result", REFUSED.len());
+    assert!(out.trim_end().ends_with(&told), "{out}");
     let cell = |robot: &str, column: &str| {
         workshop.query(&format!("SELECT COALESCE({column}, '') FROM cycles WHERE robot = '{robot}'")).concat()
     };
