@@ -13,7 +13,7 @@
 --   :baseline_runs    runs of the baseline, as in the configuration; 5 if left out
 WITH chosen AS (
     SELECT coalesce(nullif(:robot, ''),
-                    (SELECT robot FROM runs WHERE status = 'complete' ORDER BY started_at DESC LIMIT 1)) AS robot,
+                    (SELECT robot FROM runs WHERE status = 'complete' AND kind = 'test' ORDER BY started_at DESC LIMIT 1)) AS robot,
            CAST(nullif(:joint, '') AS INTEGER) AS joint,
            CAST(coalesce(nullif(:speed_fraction, ''), 0.6) AS REAL) AS speed_fraction,
            CAST(coalesce(nullif(:baseline_runs, ''), 5) AS INTEGER) AS baseline_runs
@@ -26,7 +26,7 @@ point AS (
            rank() OVER (of_joint ORDER BY abs(friction_points.speed_fraction - chosen.speed_fraction),
                                           friction_points.speed_fraction) AS nearness
     FROM chosen
-    JOIN runs ON runs.robot = chosen.robot AND runs.status = 'complete'
+    JOIN runs ON runs.robot = chosen.robot AND runs.status = 'complete' AND runs.kind = 'test'
     JOIN friction_points ON friction_points.run_id = runs.run_id
     WHERE chosen.joint IS NULL OR friction_points.joint = chosen.joint
     WINDOW of_joint AS (PARTITION BY friction_points.run_id, friction_points.joint)

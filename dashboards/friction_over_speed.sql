@@ -6,18 +6,18 @@
 -- NULL where one direction has no plateau.
 --
 --   :robot    a robot; the one tested last if left out
---   :run_id   one of its runs; its last complete run if left out
+--   :run_id   one of its runs; its last complete test if left out
 --   :joint    only this joint; all if left out
 --   :cycle    only this cycle; all if left out
 WITH robot AS (
     SELECT coalesce(nullif(:robot, ''),
-                    (SELECT robot FROM runs WHERE status = 'complete' ORDER BY started_at DESC LIMIT 1)) AS robot
+                    (SELECT robot FROM runs WHERE status = 'complete' AND kind = 'test' ORDER BY started_at DESC LIMIT 1)) AS robot
 ),
 chosen AS (
     SELECT robot.robot,
            coalesce(CAST(nullif(:run_id, '') AS INTEGER),
                     (SELECT run_id FROM runs
-                     WHERE runs.robot = robot.robot AND status = 'complete'
+                     WHERE runs.robot = robot.robot AND status = 'complete' AND kind = 'test'
                      ORDER BY started_at DESC, run_id DESC LIMIT 1)) AS run_id
     FROM robot
 ),

@@ -5,18 +5,18 @@
 -- a rational approximation to exp(-t/16), good to 1e-11 of b and c.
 --
 --   :robot            a robot; the one tested last if left out
---   :run_id           one of its runs; its last complete run if left out
+--   :run_id           one of its runs; its last complete test if left out
 --   :joint            only this joint; all if left out
 --   :speed_fraction   speed level; 0.6 if left out
 WITH robot AS (
     SELECT coalesce(nullif(:robot, ''),
-                    (SELECT robot FROM runs WHERE status = 'complete' ORDER BY started_at DESC LIMIT 1)) AS robot
+                    (SELECT robot FROM runs WHERE status = 'complete' AND kind = 'test' ORDER BY started_at DESC LIMIT 1)) AS robot
 ),
 chosen AS (
     SELECT robot.robot,
            coalesce(CAST(nullif(:run_id, '') AS INTEGER),
                     (SELECT run_id FROM runs
-                     WHERE runs.robot = robot.robot AND status = 'complete'
+                     WHERE runs.robot = robot.robot AND status = 'complete' AND kind = 'test'
                      ORDER BY started_at DESC, run_id DESC LIMIT 1)) AS run_id,
            CAST(coalesce(nullif(:speed_fraction, ''), 0.6) AS REAL) AS speed_fraction
     FROM robot

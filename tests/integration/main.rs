@@ -10,6 +10,7 @@ mod architecture;
 mod bad_input;
 mod canon;
 mod cli;
+mod control;
 mod crash;
 mod daemon;
 mod docs;
