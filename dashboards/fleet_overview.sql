@@ -1,4 +1,5 @@
--- Which robots need attention, and when was each last tested? One row a robot, worst first.
+-- Which robots need attention, and when was each last tested? One row a robot, worst first. Logs of production are no
+-- tests, and exports that a person has dismissed are not counted.
 --
 -- worst_joint is the joint whose status decides the robot's, and reason says why; friction_index and
 -- moving_relative_rmsd are the largest over the joints, which need not be that joint.
@@ -29,10 +30,11 @@ trouble AS (
 ),
 tested AS (
     SELECT robot,
-           sum(status = 'complete') AS complete_runs,
+           sum(status = 'complete' AND kind = 'test') AS complete_runs,
            sum(status = 'quarantined') AS quarantined_runs,
-           max(CASE WHEN status = 'complete' THEN started_at END) AS last_run_at
+           max(CASE WHEN status = 'complete' AND kind = 'test' THEN started_at END) AS last_run_at
     FROM runs
+    WHERE run_id NOT IN (SELECT run_id FROM quarantine WHERE state = 'dismissed')
     GROUP BY robot
 )
 SELECT tested.robot,

@@ -21,7 +21,9 @@ SELECT cycle.run_id,
        cycle.condition_number,
        cycle.scaled_condition_number,
        cycle.residual_std_nm,
-       cycle.estimator
+       cycle.estimator,
+       cycle.error_basis,
+       cycle.estimator_reason
 FROM cycle
 JOIN run USING (run_id)
 JOIN robot USING (robot_id);

@@ -8,17 +8,20 @@
 mod archive;
 mod book;
 pub mod overdue;
+#[cfg(test)]
+mod book_tests;
+#[cfg(test)]
+mod tests;
 mod places;
 pub mod preflight;
+mod signals;
 mod stale;
 mod vanished;
 
 use std::collections::{HashMap, HashSet};
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
@@ -36,6 +39,7 @@ use crate::run::FileId;
 use crate::store::{DaemonClaim, UnfinishedSource};
 use book::{Begun, Book, Closing, Due};
 use places::{Place, Places};
+pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
 use vanished::Missing;
 
@@ -631,56 +635,4 @@ fn log_outcome(path: &Path, outcome: &Outcome) {
             tracing::debug!(%file, run_id, "the same content is being read under another name");
         }
     }
-}
-
-/// Hears SIGHUP: asks for the configuration to be read again, or, where the terminal that the program was started in
-/// has been closed, for a stop.
-///
-/// # Errors
-/// If the handler cannot be installed.
-pub fn reload_on_hangup(stop: &CancellationToken) -> std::io::Result<mpsc::Receiver<()>> {
-    let mut hangup = signal(SignalKind::hangup())?;
-    let (sender, receiver) = mpsc::channel(1);
-    let had_terminal = std::io::stdin().is_terminal();
-    let stop = stop.clone();
-    tokio::spawn(async move {
-        while hangup.recv().await.is_some() {
-            // a terminal that is closed answers nothing any more
-            if had_terminal && !std::io::stdin().is_terminal() {
-                tracing::info!("SIGHUP, the terminal is closed: finishing the cycle in hand");
-                return stop.cancel();
-            }
-            tracing::info!("SIGHUP: reading the configuration again");
-            // a full channel holds the wish already
-            let _ = sender.try_send(());
-        }
-    });
-    Ok(receiver)
-}
-
-/// A token that SIGINT and SIGTERM cancel. A second signal ends the process at once, which is safe:
-/// what is done is committed.
-///
-/// # Errors
-/// If the handlers cannot be installed.
-pub fn stop_on_signal() -> std::io::Result<CancellationToken> {
-    let stop = CancellationToken::new();
-    let mut terminate = signal(SignalKind::terminate())?;
-    let mut interrupt = signal(SignalKind::interrupt())?;
-    let token = stop.clone();
-    tokio::spawn(async move {
-        for first in [true, false] {
-            let name = tokio::select! {
-                _ = terminate.recv() => "SIGTERM",
-                _ = interrupt.recv() => "SIGINT",
-            };
-            if first {
-                tracing::info!("{name}: finishing the cycle in hand; send it again to stop at once");
-                token.cancel();
-            } else {
-                std::process::exit(130);
-            }
-        }
-    });
-    Ok(stop)
 }

@@ -150,6 +150,7 @@ pub async fn start(
     stop: CancellationToken,
 ) -> Result<Server, ServeError> {
     let access = Access::new(settings)?;
+    access::warn_if_open(settings);
     let uploads = match &settings.upload {
         Some(upload) => {
             let spool = Spool::open(&upload.spool).map_err(|error| ServeError::Spool {

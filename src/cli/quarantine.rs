@@ -33,9 +33,11 @@ Examples:
   armwatch quarantine explain R07_20260105_0847.csv
   armwatch quarantine retry 12
   armwatch quarantine retry --all
+  armwatch quarantine dismiss notes.csv --reason \"no export\"
 
 A quarantined export stays where it is. Either export it again, corrected: it is taken by itself, and the
-faulty content stands as superseded. Or, if the robot or layout file was wrong, correct that and retry.")]
+faulty content stands as superseded. Or, if the robot or layout file was wrong, correct that and retry. Or, if
+it is no export, dismiss it.")]
 pub(super) struct QuarantineArgs {
     #[command(subcommand)]
     command: QuarantineCommand,
@@ -88,6 +90,26 @@ interval; the command waits for the outcome. Exit status 1 if an export is still
         #[arg(long)]
         no_wait: bool,
     },
+    /// Say that nothing is to be done about an export, such as a file that is none
+    #[command(after_help = "\
+Examples:
+  armwatch quarantine dismiss 12 --reason \"list of spare parts, no export\"
+  armwatch quarantine dismiss notes.csv --reason \"no export\" --by mueller
+
+It is counted as an open problem no longer, neither in `quarantine list` nor in the counts of the fleet; `list --all`
+shows it with time, name and reason. `armwatch quarantine retry` brings it back, and so does another fault in it. The
+file stays where it is.")]
+    Dismiss {
+        /// Number of the run, or its file
+        #[arg(value_name = "RUN_ID|FILE")]
+        which: String,
+        /// Why nothing is to be done
+        #[arg(long, value_name = "TEXT", value_parser = clap::builder::NonEmptyStringValueParser::new())]
+        reason: String,
+        /// Who says so [default: the user's name]
+        #[arg(long, value_name = "NAME", value_parser = clap::builder::NonEmptyStringValueParser::new())]
+        by: Option<String>,
+    },
 }
 
 pub(super) fn quarantine(global: &Global, args: &QuarantineArgs) -> Result<u8, CliError> {
@@ -100,6 +122,9 @@ pub(super) fn quarantine(global: &Global, args: &QuarantineArgs) -> Result<u8, C
             QuarantineCommand::Retry { which, no_wait, .. } => {
                 let retry = Retry { global, config: &config, store: &store, no_wait: *no_wait };
                 retry.retry(which.as_deref()).await
+            }
+            QuarantineCommand::Dismiss { which, reason, by } => {
+                dismiss(global, &store, which, by.clone().unwrap_or_else(user), reason).await
             }
         };
         store.close().await?;
@@ -148,6 +173,36 @@ async fn explain(global: &Global, store: &Store, which: &str) -> Result<u8, CliE
         output::line(&story.as_text());
     }
     Ok(EXIT_DONE)
+}
+
+async fn dismiss(
+    global: &Global,
+    store: &Store,
+    which: &str,
+    by: String,
+    reason: &str,
+) -> Result<u8, CliError> {
+    let faults = store.faults().await?;
+    let run_id = find(&faults, which).ok_or_else(|| unknown(which))?;
+    if !store.dismiss(run_id, &by, reason).await? {
+        let latest = faults.iter().find(|fault| fault.run_id == run_id);
+        let became = latest.map(quarantine_story::became).unwrap_or_default();
+        return Err(CliError::Usage(format!("run {run_id} is no open problem: {became}")));
+    }
+    if global.json {
+        output::json(&json!({"run_id": run_id, "outcome": "dismissed", "by": by, "reason": reason}));
+    } else {
+        output::line(&format!(
+            "dismissed    run {run_id} by {by}: {reason}; `armwatch quarantine retry {run_id}` brings it back"
+        ));
+    }
+    Ok(EXIT_DONE)
+}
+
+/// The name of the user at the command line.
+fn user() -> String {
+    let named = ["USER", "LOGNAME"].into_iter().filter_map(|name| std::env::var(name).ok());
+    named.into_iter().find(|name| !name.is_empty()).unwrap_or_else(|| "unknown".to_owned())
 }
 
 /// Where the bytes of a quarantined run lie now.
@@ -225,6 +280,7 @@ impl Retry<'_> {
         let under_daemon = matches!(self.store.claim(), Err(StoreError::Claimed { .. }));
         let (mut code, mut asked, mut own) = (EXIT_DONE, Vec::new(), Vec::new());
         for fault in chosen {
+            self.store.withdraw_dismissal(fault.run_id).await?;
             match place_of(self.store, fault.run_id).await? {
                 Place::At(path) | Place::Unreadable(path, _) => {
                     if under_daemon && is_below(&path, &self.config.watch.folders) {
@@ -253,7 +309,7 @@ impl Retry<'_> {
         let wanted = which.map(|which| find(&faults, which).ok_or_else(|| unknown(which))).transpose()?;
         let of_wanted = |fault: &QuarantineRow| wanted.is_none_or(|run_id| fault.run_id == run_id);
         if let Some(settled) = faults.iter().find(|fault| wanted.is_some() && of_wanted(fault))
-            && settled.state != FaultState::Open
+            && !matches!(settled.state, FaultState::Open | FaultState::Dismissed)
         {
             return Err(CliError::Usage(format!(
                 "run {} is not quarantined any more: {}",
@@ -261,7 +317,11 @@ impl Retry<'_> {
                 quarantine_story::became(settled)
             )));
         }
-        faults.retain(|fault| fault.state == FaultState::Open && of_wanted(fault));
+        // what was dismissed is read again only if it is named
+        let is_meant = |fault: &QuarantineRow| {
+            fault.state == FaultState::Open || (wanted.is_some() && fault.state == FaultState::Dismissed)
+        };
+        faults.retain(|fault| is_meant(fault) && of_wanted(fault));
         faults.sort_by(|a, b| (&a.source_name, a.run_id).cmp(&(&b.source_name, b.run_id)));
         Ok(faults)
     }

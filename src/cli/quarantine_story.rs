@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::quarantine::Place;
 use crate::ingest::excerpt::{Excerpt, excerpt};
-use crate::store::{FaultState, QuarantineRow};
+use crate::store::{Dismissal, FaultState, QuarantineRow};
 
 /// Lines shown before and after the faulty one.
 const LINES_AROUND: u64 = 2;
@@ -123,6 +123,9 @@ pub fn as_value(fault: &QuarantineRow) -> Value {
         "first_at": fault.first_at.to_string(), "last_at": fault.last_at.to_string(),
         "retry_asked_at": fault.retry_asked_at.map(|at| at.to_string()),
         "superseded_by_run_id": fault.superseded_by_run_id,
+        "dismissed_at": fault.dismissal.as_ref().map(|dismissal| dismissal.at.to_string()),
+        "dismissed_by": fault.dismissal.as_ref().map(|dismissal| &dismissal.by),
+        "dismissal_reason": fault.dismissal.as_ref().map(|dismissal| &dismissal.reason),
     })
 }
 
@@ -140,6 +143,10 @@ pub fn one_line(fault: &QuarantineRow) -> String {
 pub fn became(fault: &QuarantineRow) -> String {
     match fault.state {
         FaultState::Open | FaultState::Earlier => "quarantined".to_owned(),
+        FaultState::Dismissed => match &fault.dismissal {
+            Some(Dismissal { at, by, reason }) => format!("dismissed {} by {by}: {reason}", minute(*at)),
+            None => "dismissed".to_owned(),
+        },
         FaultState::Reading => "being read again".to_owned(),
         FaultState::Stored => "stored meanwhile".to_owned(),
         FaultState::Superseded => match fault.superseded_by_run_id {
@@ -151,7 +158,7 @@ pub fn became(fault: &QuarantineRow) -> String {
 
 /// What another try would do.
 pub fn what_retry_does(fault: &QuarantineRow, place: &Place) -> String {
-    if !matches!(fault.state, FaultState::Open | FaultState::Earlier) {
+    if !matches!(fault.state, FaultState::Open | FaultState::Dismissed | FaultState::Earlier) {
         return format!("nothing to do: {}", became(fault));
     }
     let path = |path: &Path| path.display().to_string();

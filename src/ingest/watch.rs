@@ -129,7 +129,9 @@ impl Complaints {
     /// Logs the new ones as warnings.
     pub fn warn(&mut self, scan: &Scan) {
         for place in self.fresh(scan) {
-            tracing::warn!(path = %place.path.display(), error = %place.error, "cannot look into a watched place");
+            tracing::warn!(
+                "cannot look into a watched place: {place}; it is looked at again with every scan"
+            );
         }
     }
 }
@@ -190,7 +192,8 @@ impl FolderWatch {
         // A folder that was removed has lost its watch with it.
         self.watched.retain(|folder| folder.is_dir());
         for folder in &self.folders {
-            if self.watched.contains(folder) {
+            // the scan says that a folder is not there, and what to do
+            if self.watched.contains(folder) || !folder.exists() {
                 continue;
             }
             match watcher.watch(folder, RecursiveMode::Recursive) {

@@ -100,17 +100,18 @@ impl Access {
 fn read(path: &Path) -> Result<String, AccessError> {
     let failed = |detail: String| AccessError::File { path: path.to_owned(), detail };
     let file = File::open(path).map_err(|error| failed(error.to_string()))?;
-    warn_if_open(path, &file);
     let mut text = String::new();
     let limit = LONGEST_TOKEN as u64 + 2;
     file.take(limit).read_to_string(&mut text).map_err(|error| failed(error.to_string()))?;
     Ok(text)
 }
 
-fn warn_if_open(path: &Path, file: &File) {
+/// Warns of a token that other users of the machine may read.
+pub fn warn_if_open(settings: &ServeSettings) {
     use std::os::unix::fs::PermissionsExt;
     const OTHERS: u32 = 0o077;
-    if file.metadata().is_ok_and(|metadata| metadata.permissions().mode() & OTHERS != 0) {
+    let Some(path) = &settings.token_file else { return };
+    if path.metadata().is_ok_and(|metadata| metadata.permissions().mode() & OTHERS != 0) {
         tracing::warn!(path = %path.display(), "other users may read the token; chmod 600 it");
     }
 }

@@ -69,7 +69,7 @@ pub use ledger::{Beginning, Begun, Identity, KnownRun, Owner, RunTotals};
 pub use models::ModelParameter;
 pub use parameter_sets::{ParameterSet, SourceCycle};
 pub use production::{ProductionWindow, ReferenceTest};
-pub use quarantine::{Fault, FaultState, QuarantineRow};
+pub use quarantine::{Dismissal, Fault, FaultState, QuarantineRow};
 pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
 pub use reestimates::{
     CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,

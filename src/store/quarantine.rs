@@ -10,6 +10,7 @@ use sqlx::{Row, SqliteConnection};
 use super::ledger::{find_run, insert_run, robot_id};
 use super::read::time_text;
 use super::values::{count, named, size};
+use super::{Store, StoreError};
 use crate::run::{RunHeader, RunStatus};
 
 /// What was found wrong in an export.
@@ -68,6 +69,19 @@ pub struct QuarantineRow {
     pub retry_asked_at: Option<Timestamp>,
     /// The run that has taken this one's place.
     pub superseded_by_run_id: Option<i64>,
+    /// That a person has put it aside.
+    pub dismissal: Option<Dismissal>,
+}
+
+/// What a person has said who put a fault aside.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Dismissal {
+    /// When.
+    pub at: Timestamp,
+    /// Who.
+    pub by: String,
+    /// Why.
+    pub reason: String,
 }
 
 /// Where a fault stands.
@@ -75,6 +89,8 @@ pub struct QuarantineRow {
 pub enum FaultState {
     /// Somebody has to do something.
     Open,
+    /// Somebody has said that nothing is to be done.
+    Dismissed,
     /// A later attempt found another fault.
     Earlier,
     /// The export is being read again.
@@ -86,13 +102,15 @@ pub enum FaultState {
 }
 
 impl FaultState {
-    const ALL: [Self; 5] = [Self::Open, Self::Earlier, Self::Reading, Self::Stored, Self::Superseded];
+    const ALL: [Self; 6] =
+        [Self::Open, Self::Dismissed, Self::Earlier, Self::Reading, Self::Stored, Self::Superseded];
 
     /// Name as in the view `quarantine`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Open => "open",
+            Self::Dismissed => "dismissed",
             Self::Earlier => "earlier",
             Self::Reading => "reading",
             Self::Stored => "stored",
@@ -217,7 +235,8 @@ async fn insert(executor: impl SqliteExecutor<'_>, run_id: i64, fault: &Fault) -
 pub(super) async fn rows(executor: impl SqliteExecutor<'_>) -> Result<Vec<QuarantineRow>, sqlx::Error> {
     sqlx::query(
         "SELECT run_id, robot, source_name, source_path, state, problem, line, column_name, byte, value, remedy,
-                cycles_stored, tries, first_at, last_at, retry_asked_at, superseded_by_run_id
+                cycles_stored, tries, first_at, last_at, retry_asked_at, superseded_by_run_id,
+                dismissed_at, dismissed_by, dismissal_reason
          FROM quarantine
          ORDER BY run_id DESC, last_at DESC, fault_id DESC",
     )
@@ -241,10 +260,58 @@ pub(super) async fn rows(executor: impl SqliteExecutor<'_>) -> Result<Vec<Quaran
             last_at: time_text(&row, "last_at")?,
             retry_asked_at: asked.map(|_| time_text(&row, "retry_asked_at")).transpose()?,
             superseded_by_run_id: row.try_get("superseded_by_run_id")?,
+            dismissal: dismissal(&row)?,
         })
     })
     .fetch_all(executor)
     .await
+}
+
+fn dismissal(row: &SqliteRow) -> Result<Option<Dismissal>, sqlx::Error> {
+    let at: Option<&str> = row.try_get("dismissed_at")?;
+    at.map(|_| {
+        Ok(Dismissal {
+            at: time_text(row, "dismissed_at")?,
+            by: row.try_get("dismissed_by")?,
+            reason: row.try_get("dismissal_reason")?,
+        })
+    })
+    .transpose()
+}
+
+impl Store {
+    /// Puts the latest fault of a quarantined run aside: nothing is to be done about it. `false` if the run is not
+    /// quarantined, or its fault is put aside already.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn dismiss(&self, run_id: i64, by: &str, reason: &str) -> Result<bool, StoreError> {
+        let done = sqlx::query(
+            "INSERT INTO dismissal (fault_id, dismissed_by, reason)
+             SELECT fault_id, ?2, ?3 FROM quarantine WHERE run_id = ?1 AND state = 'open'",
+        )
+        .bind(run_id)
+        .bind(by)
+        .bind(reason)
+        .execute(&self.writer)
+        .await;
+        Ok(self.checked(done)?.rows_affected() > 0)
+    }
+
+    /// Takes it back that the fault of a run was put aside; what was said then is kept.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn withdraw_dismissal(&self, run_id: i64) -> Result<(), StoreError> {
+        let done = sqlx::query(
+            "UPDATE dismissal SET withdrawn_at = CAST(unixepoch('subsec') * 1000000 AS INTEGER)
+             WHERE withdrawn_at IS NULL AND fault_id IN (SELECT fault_id FROM fault WHERE run_id = ?)",
+        )
+        .bind(run_id)
+        .execute(&self.writer)
+        .await;
+        self.checked(done).map(|_| ())
+    }
 }
 
 /// Marks a quarantined run to be read again; `false` if it is not quarantined.

@@ -271,7 +271,8 @@ pub(super) async fn counts(executor: impl SqliteExecutor<'_>) -> Result<Counts, 
         "SELECT (SELECT count(DISTINCT robot_id) FROM run) AS robots,
                 (SELECT count(*) FROM run WHERE status = 'streaming') AS streaming_runs,
                 (SELECT count(*) FROM run WHERE status = 'complete') AS complete_runs,
-                (SELECT count(*) FROM run WHERE status = 'quarantined' AND superseded_by_run_id IS NULL)
+                (SELECT count(*) FROM run WHERE status = 'quarantined' AND superseded_by_run_id IS NULL
+                     AND run_id NOT IN (SELECT run_id FROM quarantine WHERE state = 'dismissed'))
                     AS quarantined_runs,
                 (SELECT count(*) FROM cycle) AS cycles,
                 (SELECT count(*) FROM anomaly WHERE state = 'open') AS open_anomalies",

@@ -11,6 +11,7 @@ mod bad_input;
 mod canon;
 mod cli;
 mod clock;
+mod control;
 mod crash;
 mod daemon;
 mod docs;

@@ -161,3 +161,43 @@ fn a_quarantine_is_logged_when_it_is_new_and_not_at_each_start() {
     assert_eq!(logged(), 3, "{}", workshop.log());
     assert!(workshop.log().contains("exports in quarantine"), "{}", workshop.log());
 }
+
+#[test]
+fn what_is_no_export_is_dismissed_with_a_reason_and_a_retry_brings_it_back() {
+    let workshop = Workshop::new();
+    fs::write(workshop.inbox("notes.csv"), "part;number\nscrew;12\n").expect("a list");
+    workshop.stdout(&["ingest", "inbox"], 1);
+    let missing = workshop.run(&["quarantine", "dismiss", "notes.csv"]);
+    assert_eq!(missing.status.code(), Some(2), "a reason is asked for");
+    let dismiss = ["quarantine", "dismiss", "notes.csv", "--reason", "a list of parts", "--by", "mueller"];
+    let said = workshop.stdout(&dismiss, 0);
+    assert!(said.starts_with("dismissed") && said.contains("retry 1"), "{said}");
+    let states = "SELECT state, dismissed_by, dismissal_reason, dismissed_at LIKE '20__-%Z' FROM quarantine";
+    assert_eq!(workshop.query(states), ["dismissed|mueller|a list of parts|1"]);
+    assert_eq!(workshop.stdout(&["quarantine", "list"], 0), "nothing is quarantined\n");
+    assert_eq!(workshop.stdout(&["quarantine", "retry", "--all"], 0), "nothing is quarantined\n");
+    let listed = json(&workshop.stdout(&["quarantine", "list", "--all", "--json"], 0));
+    assert_eq!(
+        (listed["state"].as_str(), listed["dismissed_by"].as_str()),
+        (Some("dismissed"), Some("mueller"))
+    );
+    let twice = workshop.run(&dismiss);
+    assert_eq!(twice.status.code(), Some(2));
+    assert!(text(&twice.stderr).contains("by mueller: a list of parts"), "{}", text(&twice.stderr));
+
+    // the daemon does not count it, nor does the overview of the fleet
+    let daemon = workshop.daemon_with_log();
+    workshop.wait_until(|| workshop.log().contains("watching"));
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+    assert!(!workshop.log().contains("exports in quarantine"), "{}", workshop.log());
+
+    // read again by accident it stays dismissed; asked for by name, it is open again
+    workshop.stdout(&["ingest", "inbox"], 1);
+    assert_eq!(workshop.number(OPEN), 0);
+    workshop.stdout(&["quarantine", "retry", "notes.csv"], 1);
+    assert_eq!(workshop.number(OPEN), 1);
+    assert_eq!(workshop.number("SELECT count(*) FROM dismissal WHERE withdrawn_at > dismissed_at"), 1);
+    workshop.stdout(&dismiss, 0);
+    assert_eq!(workshop.number(OPEN), 0);
+}

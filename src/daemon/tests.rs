@@ -1,0 +1,64 @@
+//! What ends a task that reads an export, and what does not end the daemon.
+
+use std::time::SystemTime;
+
+use super::*;
+use crate::ingest::watch::FoundFile;
+use crate::store::Store;
+
+const NAMES: [&str; 2] = ["A_20260101_0000.csv", "B_20260101_0000.csv"];
+
+fn look(work: &mut Work<'_>, now: Instant) {
+    let found = |(inode, name)| FoundFile {
+        path: PathBuf::from(name),
+        size: 10,
+        modified: SystemTime::UNIX_EPOCH,
+        file: FileId { device: 1, inode },
+    };
+    let files: Vec<FoundFile> = (1..).zip(NAMES).map(found).collect();
+    work.book.note(&files, now, |_| false, |path| path.display().to_string());
+}
+
+#[tokio::test]
+async fn a_panic_over_one_export_leaves_its_place_and_the_daemon_at_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(&folder.path().join("armwatch.db")).await.unwrap();
+    let pipeline = Pipeline::new(Config::shipped().unwrap().into(), store);
+    let mut work = Work::new(&pipeline, &|| None, CancellationToken::new(), HashMap::new());
+    let settle = pipeline.config().watch.settle;
+    let start = Instant::now();
+    look(&mut work, start);
+    look(&mut work, start + settle);
+    let (due, lane) = work.book.next_settled(&HashSet::new(), |_| true).unwrap();
+    work.robots.insert(lane.clone());
+    work.settled[Class::Small as usize] += 1;
+    work.admitting[Class::Small as usize] = Some(due.file);
+
+    let panic = tokio::spawn(async { panic!("index 7 of 3") }).await.unwrap_err();
+    let way = Way::Settled(lane, Class::Small);
+    work.close(Closed { due, way, result: Err(panic.into()) }, &mut |_| ()).unwrap();
+    assert_eq!((work.settled, work.robots.len(), work.admitting), ([0, 0], 0, [None, None]));
+    let next = |work: &mut Work<'_>, at: Duration| {
+        look(work, start + at);
+        let due = work.book.next_settled(&HashSet::new(), |_| true);
+        due.map(|(due, _)| due.path.display().to_string())
+    };
+    assert_eq!(next(&mut work, settle).as_deref(), Some(NAMES[1]));
+    assert_eq!(next(&mut work, settle), None, "it rests");
+    assert_eq!(next(&mut work, 2 * settle).as_deref(), Some(NAMES[0]));
+}
+
+#[tokio::test]
+async fn a_full_disk_ends_the_daemon() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(&folder.path().join("armwatch.db")).await.unwrap();
+    let pipeline = Pipeline::new(Config::shipped().unwrap().into(), store);
+    let mut work = Work::new(&pipeline, &|| None, CancellationToken::new(), HashMap::new());
+    let full = crate::store::StoreError::Full { path: "armwatch.db".into(), detail: "full".into() };
+    assert!(work.concluded(("A".into(), Err(full.into())), &mut |_| ()).is_err());
+    let busy = crate::store::StoreError::Busy { path: "armwatch.db".into(), detail: "locked".into() };
+    assert!(work.concluded(("A".into(), Err(busy.into())), &mut |_| ()).is_ok());
+    let now = Instant::now();
+    assert_eq!(work.stale.next(now, |_| true), None);
+    assert_eq!(work.stale.next(now + Duration::from_secs(60), |_| true).as_deref(), Some("A"));
+}
