@@ -19,7 +19,7 @@ fn said(workshop: &Workshop, what: &str) -> usize {
 fn a_hangup_reads_the_configuration_again_and_a_wrong_one_changes_nothing() {
     let workshop = Workshop::new();
     fs::create_dir(workshop.path("second")).expect("a folder");
-    let daemon = workshop.daemon_with_log();
+    let daemon = workshop.daemon();
     workshop.wait_until(|| said(&workshop, "watching") == 1);
     let sound = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
 
@@ -54,7 +54,7 @@ fn a_second_daemon_that_serves_is_told_of_the_first_and_not_of_its_port() {
     let workshop = Workshop::new();
     let port = std::net::TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("it").port();
     configure(&workshop, |config| format!("[serve]\nlisten = \"127.0.0.1:{port}\"\n\n{config}"));
-    let first = workshop.daemon_with_log();
+    let first = workshop.daemon();
     workshop.wait_until(|| said(&workshop, "serving HTTP") == 1);
     let second = workshop.run(&["run"]);
     assert_eq!(second.status.code(), Some(74));
@@ -116,7 +116,7 @@ fn a_folder_that_is_not_there_or_lies_in_another_is_warned_of() {
     assert!(check.contains("warning: ") && check.contains("watch.folders[2]"), "{check}");
     assert!(check.contains("watch.folders[3] = \"later\": is not there"), "{check}");
 
-    let daemon = workshop.daemon_with_log();
+    let daemon = workshop.daemon();
     workshop.wait_until(|| said(&workshop, "later") > 0);
     fs::create_dir(workshop.path("later")).expect("a folder");
     workshop.add_reference("later");

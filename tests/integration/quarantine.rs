@@ -186,7 +186,7 @@ fn what_is_no_export_is_dismissed_with_a_reason_and_a_retry_brings_it_back() {
     assert!(text(&twice.stderr).contains("by mueller: a list of parts"), "{}", text(&twice.stderr));
 
     // the daemon does not count it, nor does the overview of the fleet
-    let daemon = workshop.daemon_with_log();
+    let daemon = workshop.daemon();
     workshop.wait_until(|| workshop.log().contains("watching"));
     daemon.signal("TERM");
     assert_eq!(daemon.end(), Some(0));
