@@ -3,6 +3,7 @@
 mod daemon_file;
 mod date_format;
 mod files;
+mod friction_model;
 #[cfg(test)]
 mod fixtures;
 mod geometry;

@@ -109,6 +109,9 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     let friction = friction_points(&method.robot, samples, &conditioned, model.as_ref());
     analysis.friction_points = friction.points;
     analysis.remarks.extend(friction.remarks);
+    if !samples.stage.contains(&Stage::Excitation) {
+        analysis.identification = Err(without_excitation(&analysis.friction_points));
+    }
     note_missing_stages(samples, &mut analysis.remarks);
     analysis
 }
@@ -213,12 +216,24 @@ fn identify_excitation(
 ) -> Result<Identification, String> {
     let factors = identifying_factors(method, factored);
     if factors.iter().all(|factor| factor.rows() == 0) {
-        return Err("the cycle has no excitation stage to identify parameters on".into());
+        return Err(without_excitation(&[]));
     }
     let columns = KeptColumns::new(&method.base.kept_columns);
     let rows = CycleRows::new(&method.robot, &columns, conditioned, jumps, samples);
     identify_rows(&method.base.kept, &factors, &rows, method.settings.estimator)
         .map_err(|error| error.to_string())
+}
+
+/// Why a cycle without excitation has no parameters, and what it has.
+fn without_excitation(points: &[FrictionPoint]) -> String {
+    let mut joints: Vec<String> = points.iter().map(|point| point.joint.to_string()).collect();
+    joints.dedup();
+    let kept = match joints.len() {
+        0 => String::new(),
+        1 => format!("; the friction points of joint {} are kept", joints[0]),
+        _ => format!("; the friction points of joints {} are kept", joints.join(", ")),
+    };
+    format!("the cycle has no excitation stage to identify parameters on{kept}")
 }
 
 /// Factor of each joint over the rows that parameters are identified on.

@@ -64,12 +64,39 @@ pub fn friction_points(
     model: Option<&DynamicModel>,
 ) -> FrictionPoints {
     let mut found = FrictionPoints::default();
+    let mut untested = Vec::new();
     for joint in robot.joint_indices() {
-        joint_points(robot, samples, conditioned, model, joint, &mut found);
+        if !joint_points(robot, samples, conditioned, model, joint, &mut found) {
+            untested.push(joint);
+        }
+    }
+    if samples.stage.contains(&Stage::Friction) {
+        found.remarks.extend(untested_remark(robot, &untested));
     }
     found
 }
 
+/// What is said of joints that the friction stage leaves out: one may be tested in each file.
+fn untested_remark(robot: &Robot, untested: &[JointIndex]) -> Option<String> {
+    let listed = |joints: &mut dyn Iterator<Item = JointIndex>| -> String {
+        joints.map(|joint| joint.to_string()).collect::<Vec<_>>().join(", ")
+    };
+    let s = |count: usize| if count == 1 { "" } else { "s" };
+    let tested = robot.joint_count() - untested.len();
+    match (untested, tested) {
+        ([], _) => None,
+        ([joint], _) => Some(format!("joint {joint} does not move alone in the friction stage")),
+        (_, 0) => Some("no joint moves alone in the friction stage".into()),
+        (_, tested) => Some(format!(
+            "the friction stage tests joint{} {} only; joints {} do not move alone in it",
+            s(tested),
+            listed(&mut robot.joint_indices().filter(|joint| !untested.contains(joint))),
+            listed(&mut untested.iter().copied())
+        )),
+    }
+}
+
+/// Adds the points of one joint; `false` if it is not tested.
 fn joint_points(
     robot: &Robot,
     samples: &Samples,
@@ -77,23 +104,20 @@ fn joint_points(
     model: Option<&DynamicModel>,
     joint: JointIndex,
     found: &mut FrictionPoints,
-) {
+) -> bool {
     let tested = tested_rows(robot, samples, conditioned, joint);
     if tested.is_empty() {
-        if samples.stage.contains(&Stage::Friction) {
-            found.remarks.push(format!("joint {joint} does not move alone in the friction stage"));
-        }
-        return;
+        return false;
     }
     let plateaus = plateaus(robot, samples, conditioned, joint, &tested, &mut found.remarks);
     if plateaus.is_empty() {
-        return;
+        return true;
     }
     let (without_gravity, gravity) = match remove_gravity(robot, conditioned, model, joint, &tested) {
         Ok(removed) => removed,
         Err(reason) => {
             found.remarks.push(reason);
-            return;
+            return true;
         }
     };
     for plateau in plateaus {
@@ -116,6 +140,7 @@ fn joint_points(
             gravity,
         });
     }
+    true
 }
 
 /// Rows in which `joint` is under test.

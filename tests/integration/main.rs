@@ -16,6 +16,7 @@ mod docs;
 #[cfg(target_os = "linux")]
 mod faults;
 mod quarantine;
+mod friction_only;
 mod fuzz_seeds;
 mod layouts;
 mod explain;
