@@ -142,8 +142,8 @@ mod tests {
     /// The shipped arm with keys at its root and in the table of one joint, from 0.
     fn with(root: &str, joint: usize, keys: &str) -> Result<Robot, String> {
         let mut parts = ER3A.split("[[joint]]");
-        let mut text =
-            parts.next().expect("a root").replacen("\nspeed_levels", &format!("\n{root}\nspeed_levels"), 1);
+        let root = if root.is_empty() { "friction_model = \"polynomial\"" } else { root };
+        let mut text = parts.next().expect("a root").replacen("friction_model = \"polynomial\"", root, 1);
         for (at, part) in parts.enumerate() {
             text.push_str("[[joint]]");
             if at == joint {

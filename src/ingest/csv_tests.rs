@@ -409,7 +409,7 @@ fn one_bad_row_more_than_permitted_is_refused_with_the_setting() {
     assert_eq!(none.line, Some(5));
     assert!(none.remedy.contains("skip_bad = 10 under [rows] in the layout"), "{none}");
     let two = refused(2);
-    assert_eq!((two.line, two.column.as_deref()), (Some(22), Some("time")));
+    assert_eq!((two.line, two.column.as_deref()), (Some(22), Some("pos_1")));
     assert!(two.remedy.contains("skip_bad = 2 under [rows]"), "{two}");
     assert_eq!(read_bytes(text.as_bytes(), &skipping(3), with_blocks_of(300)).unwrap().rows(), 37);
 }

@@ -15,6 +15,9 @@ use crate::run::Stage;
 /// Most column names listed in a message.
 const LISTED_COLUMNS: usize = 40;
 
+/// Most columns of an export, as many as layouts can number: each is a column of every block that is read.
+pub const MAX_COLUMNS: usize = 10_000;
+
 /// What a column of the export is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
@@ -70,7 +73,7 @@ pub struct ColumnMap {
     pub time: TimeColumn,
     /// Fields that each row must have: all up to the last column that has a name or is needed.
     pub least_fields: usize,
-    /// Column index of each joint's position.
+    /// Column index of each joint's position; empty where none are recorded.
     pub position: Vec<usize>,
     /// Column index of each joint's velocity, where recorded.
     pub velocity: Option<Vec<usize>>,
@@ -160,7 +163,7 @@ impl ColumnMap {
     /// Number of joints `n`.
     #[must_use]
     pub fn joint_count(&self) -> usize {
-        self.position.len()
+        self.torque.len()
     }
 }
 
@@ -180,6 +183,13 @@ pub fn map_columns(
     robot: &Robot,
     path: &Path,
 ) -> Result<ColumnMap, Rejection> {
+    let count = fields(header, layout.delimiter).take(MAX_COLUMNS + 1).count();
+    if count > MAX_COLUMNS {
+        let reason = format!("a header of more than {MAX_COLUMNS} columns");
+        let remedy =
+            format!("check that this is a CSV export, and the delimiter of layout \"{}\"", layout.name);
+        return Err(Rejection::of_file(path, reason, remedy).at_line(1));
+    }
     let names: Vec<String> = match layout.header {
         true => fields(header, layout.delimiter).map(str::to_owned).collect(),
         false => (1..=fields(header, layout.delimiter).count()).map(|number| number.to_string()).collect(),
@@ -241,7 +251,9 @@ pub fn map_columns(
     };
     time.column().into_iter().for_each(|column| assign(column, Role::Time));
     for joint in robot.joint_indices() {
-        assign(position[joint.index()], Role::Position(joint));
+        if let Some(column) = position.get(joint.index()) {
+            assign(*column, Role::Position(joint));
+        }
         assign(torque[joint.index()], Role::Torque(joint));
         if let Some(velocity) = &velocity {
             assign(velocity[joint.index()], Role::Velocity(joint));
@@ -554,6 +566,14 @@ mod tests {
             assert_eq!(&*rejection.reason, "missing column");
             assert_eq!(rejection.column, Some(format!("pos_{joint}").into()));
         }
+    }
+
+    #[test]
+    fn a_header_of_countless_columns_is_refused_before_anything_is_made_of_it() {
+        let wide = |columns: usize| HEADER.to_owned() + &",x".repeat(columns - 23);
+        let rejection = mapped(&wide(MAX_COLUMNS + 1)).unwrap_err();
+        assert_eq!((&*rejection.reason, rejection.line), ("a header of more than 10000 columns", Some(1)));
+        assert_eq!(mapped(&wide(MAX_COLUMNS)).unwrap().names.len(), MAX_COLUMNS);
     }
 
     #[test]

@@ -73,6 +73,9 @@ impl Method {
 pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     let samples = &cycle.samples;
     let mut analysis = unanalysed(method, cycle);
+    if without_positions(samples, &mut analysis) {
+        return analysis;
+    }
     let conditioned = match condition(samples, method.settings.cutoff) {
         Ok(conditioned) => conditioned,
         Err(error) => {
@@ -114,6 +117,25 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     }
     note_missing_stages(samples, &mut analysis.remarks);
     analysis
+}
+
+/// Whether a log has no positions; then says what it would need, and how large its torques are.
+pub(super) fn without_positions(samples: &Samples, analysis: &mut CycleAnalysis) -> bool {
+    if samples.has_positions() {
+        return false;
+    }
+    let rms = |torque: &Vec<f64>| {
+        let squares: f64 = torque.iter().map(|torque| torque * torque).sum();
+        format!("{:.4}", (squares / torque.len().max(1) as f64).sqrt())
+    };
+    let torques: Vec<String> = samples.torque.iter().map(rms).collect();
+    analysis.remarks.push(format!("torques, root mean square of each joint: {} Nm (N)", torques.join(", ")));
+    analysis.identification = Err(
+        "the log has no positions: parameters and friction need the position of every joint beside its torque; \
+         temperatures are kept"
+            .into(),
+    );
+    true
 }
 
 /// What is known of a cycle before anything is computed.

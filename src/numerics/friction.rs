@@ -1,5 +1,7 @@
 //! Friction on the constant-speed plateaus of the friction stage [5.2], with gravity removed [5.3].
 
+mod slow;
+
 use faer::Mat;
 
 use super::actuator::friction_columns;
@@ -109,7 +111,16 @@ fn joint_points(
     if tested.is_empty() {
         return false;
     }
-    let plateaus = plateaus(robot, samples, conditioned, joint, &tested, &mut found.remarks);
+    let mut remarks = Vec::new();
+    let mut plateaus = plateaus(robot, samples, conditioned, joint, &tested, &mut remarks);
+    if plateaus.is_empty() && samples.friction_signal.is_none() {
+        let passes = slow::slow_passes(robot, conditioned, joint, &tested);
+        if !passes.is_empty() {
+            remarks = vec![slow::slow_remark(robot, joint, &passes)];
+            plateaus = passes;
+        }
+    }
+    found.remarks.extend(remarks);
     if plateaus.is_empty() {
         return true;
     }
@@ -366,19 +377,19 @@ fn fit_gravity(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use nalgebra::Vector3;
 
     use super::*;
     use crate::numerics::signal::condition;
     use crate::run::FrictionSignal;
 
-    const RATE: f64 = 250.0;
+    pub(super) const RATE: f64 = 250.0;
     /// Of a mean over a second of noise-free torque: what is left is the low-pass on the ramps.
-    const TOLERANCE: f64 = 2e-3;
+    pub(super) const TOLERANCE: f64 = 2e-3;
 
     /// A joint of the ER3A alone, so that its axis is vertical, or horizontal where `lying`.
-    fn one_joint(lying: bool) -> Robot {
+    pub(super) fn one_joint(lying: bool) -> Robot {
         let mut robot = crate::testing::er3a();
         robot.joints.truncate(1);
         if lying {
@@ -409,7 +420,7 @@ mod tests {
         rows
     }
 
-    fn friction(v: f64) -> f64 {
+    pub(super) fn friction(v: f64) -> f64 {
         2.0 * v.signum() + 3.0 * v
     }
 
@@ -434,7 +445,7 @@ mod tests {
         samples
     }
 
-    fn points(robot: &Robot, samples: &Samples) -> FrictionPoints {
+    pub(super) fn points(robot: &Robot, samples: &Samples) -> FrictionPoints {
         friction_points(robot, samples, &condition(samples, 12.0).expect("conditions"), None)
     }
 

@@ -9,6 +9,7 @@ mod archive;
 mod architecture;
 mod bad_input;
 mod canon;
+mod channel_settings;
 mod cli;
 mod crash;
 mod daemon;
