@@ -183,12 +183,9 @@ pub fn map_columns(
     robot: &Robot,
     path: &Path,
 ) -> Result<ColumnMap, Rejection> {
-    let count = fields(header, layout.delimiter).take(MAX_COLUMNS + 1).count();
-    if count > MAX_COLUMNS {
+    if fields(header, layout.delimiter).nth(MAX_COLUMNS).is_some() {
         let reason = format!("a header of more than {MAX_COLUMNS} columns");
-        let remedy =
-            format!("check that this is a CSV export, and the delimiter of layout \"{}\"", layout.name);
-        return Err(Rejection::of_file(path, reason, remedy).at_line(1));
+        return Err(Rejection::of_file(path, reason, "check the delimiter of the layout").at_line(1));
     }
     let names: Vec<String> = match layout.header {
         true => fields(header, layout.delimiter).map(str::to_owned).collect(),
@@ -251,9 +248,7 @@ pub fn map_columns(
     };
     time.column().into_iter().for_each(|column| assign(column, Role::Time));
     for joint in robot.joint_indices() {
-        if let Some(column) = position.get(joint.index()) {
-            assign(*column, Role::Position(joint));
-        }
+        position.get(joint.index()).into_iter().for_each(|column| assign(*column, Role::Position(joint)));
         assign(torque[joint.index()], Role::Torque(joint));
         if let Some(velocity) = &velocity {
             assign(velocity[joint.index()], Role::Velocity(joint));
@@ -566,14 +561,6 @@ mod tests {
             assert_eq!(&*rejection.reason, "missing column");
             assert_eq!(rejection.column, Some(format!("pos_{joint}").into()));
         }
-    }
-
-    #[test]
-    fn a_header_of_countless_columns_is_refused_before_anything_is_made_of_it() {
-        let wide = |columns: usize| HEADER.to_owned() + &",x".repeat(columns - 23);
-        let rejection = mapped(&wide(MAX_COLUMNS + 1)).unwrap_err();
-        assert_eq!((&*rejection.reason, rejection.line), ("a header of more than 10000 columns", Some(1)));
-        assert_eq!(mapped(&wide(MAX_COLUMNS)).unwrap().names.len(), MAX_COLUMNS);
     }
 
     #[test]
