@@ -68,8 +68,10 @@ pub struct Robot {
     pub gravity: Vector3<f64>,
     /// Tool frame in the frame of the last link.
     pub tool: Transform,
-    /// Which columns describe friction.
+    /// Which columns describe friction, but for joints that have their own: see [`Robot::friction_of`].
     pub friction: FrictionModel,
+    /// Where torque is measured.
+    pub torque_sensors: TorqueSensors,
     /// Matrix `R` `[n x n]` of `theta_motor = R q`; the gear ratios on its diagonal.
     pub transmission: DMatrix<f64>,
     /// Motors that turn with two joints and have parameters of their own.
@@ -92,12 +94,25 @@ impl Robot {
         (0..self.joints.len()).map(JointIndex::new)
     }
 
+    /// Which columns describe the friction of a joint.
+    #[must_use]
+    pub fn friction_of(&self, joint: JointIndex) -> FrictionModel {
+        self.joints.get(joint.index()).and_then(|joint| joint.friction).unwrap_or(self.friction)
+    }
+
+    /// Whether motor inertias are part of the measured torque.
+    #[must_use]
+    pub fn has_motor_inertia(&self) -> bool {
+        self.torque_sensors == TorqueSensors::Motor
+    }
+
     /// Number of parameters of the dynamic model, the columns of its regressor: ten, the friction
-    /// terms and a motor inertia for each joint, and three for each coupling.
+    /// terms and, where torque is the motors', a motor inertia for each joint, and three for each coupling.
     #[must_use]
     pub fn parameter_count(&self) -> usize {
-        let per_joint = StandardParameters::COUNT + self.friction.terms().len() + 1;
-        per_joint * self.joints.len() + CouplingTerm::ALL.len() * self.couplings.len()
+        let friction: usize = self.joint_indices().map(|joint| self.friction_of(joint).terms().len()).sum();
+        let per_joint = StandardParameters::COUNT + usize::from(self.has_motor_inertia());
+        per_joint * self.joints.len() + friction + CouplingTerm::ALL.len() * self.couplings.len()
     }
 
     /// The transmission of joints that each have a motor of their own: gear ratios on the diagonal.
@@ -132,8 +147,20 @@ pub struct Joint {
     pub rated_torque: Option<f64>,
     /// Speed below which a row does not count as moving, rad/s (m/s for a sliding joint).
     pub low_speed: f64,
+    /// Which columns describe friction, where they are not the arm's.
+    pub friction: Option<FrictionModel>,
     /// Parameters from a drawing or catalogue, where known: what the simulator moves.
     pub nominal: Option<NominalJoint>,
+}
+
+/// Where torque is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum TorqueSensors {
+    /// By the drives: motor inertia and all friction are part of it.
+    #[default]
+    Motor,
+    /// Behind the gears, by sensors at the joints: motors and their couplings are no part of it.
+    Link,
 }
 
 /// How a joint moves.

@@ -61,7 +61,7 @@ pub struct FrictionSignal {
 pub struct Samples {
     /// Time since the start of the recording, s.
     pub time: Vec<f64>,
-    /// Joint positions, rad (m).
+    /// Joint positions, rad (m); not a number in logs without positions.
     pub position: Vec<Vec<f64>>,
     /// Joint velocities, rad/s (m/s), where recorded.
     pub velocity: Option<Vec<Vec<f64>>>,
@@ -91,6 +91,12 @@ impl Samples {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.time.is_empty()
+    }
+
+    /// Whether positions are recorded.
+    #[must_use]
+    pub fn has_positions(&self) -> bool {
+        !self.position.iter().any(|joint| joint.first().is_some_and(|position| position.is_nan()))
     }
 
     /// Number of joints `n`.

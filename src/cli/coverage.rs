@@ -261,7 +261,7 @@ fn natural_values(robot: &Robot) -> Vec<f64> {
         robot.joints[id.joint.index()].nominal.map_or(0.0, |nominal| match id.kind {
             ParameterKind::Inertial(k) => nominal.inertial.0[usize::from(k)],
             ParameterKind::Friction(term) => {
-                let place = robot.friction.terms().iter().position(|of| *of == term);
+                let place = robot.friction_of(id.joint).terms().iter().position(|of| *of == term);
                 place.map_or(0.0, |place| nominal.friction[place])
             }
             ParameterKind::MotorInertia => nominal.motor_inertia,

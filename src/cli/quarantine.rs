@@ -118,7 +118,7 @@ pub(super) fn quarantine(global: &Global, args: &QuarantineArgs) -> Result<u8, C
         let store = open_store(&config).await?;
         let done = match &args.command {
             QuarantineCommand::List { robot, all } => list(global, &store, robot.as_deref(), *all).await,
-            QuarantineCommand::Explain { which } => explain(global, &store, which).await,
+            QuarantineCommand::Explain { which } => explain(global, &config, &store, which).await,
             QuarantineCommand::Retry { which, no_wait, .. } => {
                 let retry = Retry { global, config: &config, store: &store, no_wait: *no_wait };
                 retry.retry(which.as_deref()).await
@@ -160,12 +160,12 @@ async fn list(global: &Global, store: &Store, robot: Option<&str>, all: bool) ->
     Ok(EXIT_DONE)
 }
 
-async fn explain(global: &Global, store: &Store, which: &str) -> Result<u8, CliError> {
+async fn explain(global: &Global, config: &Config, store: &Store, which: &str) -> Result<u8, CliError> {
     let faults = store.faults().await?;
     let run_id = find(&faults, which).ok_or_else(|| unknown(which))?;
     let faults: Vec<QuarantineRow> = faults.into_iter().filter(|fault| fault.run_id == run_id).collect();
     let place = place_of(store, run_id).await?;
-    let story = quarantine_story::Story::new(&faults, &place)
+    let story = quarantine_story::Story::new(&faults, &place, config.limits.export_bytes)
         .ok_or_else(|| CliError::Internal(format!("run {run_id} has no fault")))?;
     if global.json {
         output::json(&story.as_value());

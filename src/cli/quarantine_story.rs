@@ -29,12 +29,13 @@ pub struct Story<'a> {
 
 impl<'a> Story<'a> {
     /// The story of the faults of one run, the latest first; `None` without any.
-    pub fn new(faults: &'a [QuarantineRow], place: &'a Place) -> Option<Self> {
+    /// Most decompressed bytes of the file that are looked at are `most`.
+    pub fn new(faults: &'a [QuarantineRow], place: &'a Place, most: u64) -> Option<Self> {
         let (latest, earlier) = faults.split_first()?;
         let excerpt = match (place, latest.line) {
             // of bytes that are others now, the lines would say nothing
             (Place::At(path), Some(line)) => {
-                excerpt(path, line, latest.column.as_deref(), LINES_AROUND).ok().flatten()
+                excerpt(path, line, latest.column.as_deref(), LINES_AROUND, most).ok().flatten()
             }
             _ => None,
         };

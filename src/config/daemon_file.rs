@@ -13,14 +13,15 @@ use super::robot_file::parse_robot_with;
 use super::serve::{ServeSettings, read_serve};
 use super::work_limits::{archive_of, read_work_limits};
 use super::{
-    Channel, Config, FilePatterns, FleetEntry, Layout, Recognition, RewritePolicy, WatchSettings, WorkLimits,
+    Channel, Config, FilePatterns, FleetEntry, Layout, Recognition, RewritePolicy, TorqueQuantity,
+    WatchSettings, WorkLimits,
 };
 use super::{date_format, parse_layout, pattern, suggestion};
 use crate::analysis::Estimator;
 use crate::analysis::finding::{FindingKind, FindingKinds};
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::DetectSettings;
-use crate::robot::{JointKind, Robot};
+use crate::robot::{JointKind, Robot, TorqueSensors};
 
 const DEFAULT_DATABASE: &str = "armwatch.db";
 const DEFAULT_FOLDER: &str = "inbox";
@@ -347,8 +348,19 @@ fn check_units(table: &Table<'_>, entry: &FleetEntry) -> Option<()> {
     Some(())
 }
 
-/// A layout in amperes or percent needs gains of the description; better said now than of each export.
+/// A layout in amperes or percent needs gains of the description, and sensors behind the gears measure no motor's
+/// torque; better said now than of each export.
 fn check_fit(table: &Table<'_>, entry: &FleetEntry) -> Option<()> {
+    let of_motors = entry.layout.motor_side.torque || entry.layout.torque_quantity != TorqueQuantity::Torque;
+    if entry.description.torque_sensors == TorqueSensors::Link && of_motors {
+        let problem = format!(
+            "{} has torque_sensors = \"link\", but the layout {} reads torques of the motors",
+            entry.description.model, entry.layout.name
+        );
+        let hint = "name the columns of the joint torque sensors, in Nm, or take torque_sensors out of the description";
+        table.refuse(problem, Some(hint.into()));
+        return None;
+    }
     match entry.layout.factors(&entry.description) {
         Ok(_) => Some(()),
         Err(misfit) => {

@@ -20,7 +20,7 @@ const ROBOTS: &[Expectation] = &[
     ("tool_and_friction_model", &[]),
     (
         "friction_model_unknown",
-        &[(5, "friction_model", "must be \"polynomial\", \"viscous_coulomb\" or \"smooth\"")],
+        &[(5, "friction_model", "must be \"polynomial\", \"viscous_coulomb\", \"smooth\" or \"none\"")],
     ),
     ("smooth_without_speed", &[(1, "smooth_speed_rad_s", "is missing")]),
     ("smooth_speed_of_nothing", &[(6, "smooth_speed_rad_s", "only means something with")]),

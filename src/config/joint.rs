@@ -1,11 +1,12 @@
 //! A joint of a description: kind, limits, drive.
 
+use super::friction_model;
 use super::geometry::read_dh_row;
 use super::limits::Limits;
 use super::nominal;
 use super::quantity::{ACCELERATION, Given, POSITION, SPEED, VELOCITY, quantity};
 use super::reader::{Table, Value};
-use crate::robot::{Joint, JointGeometry, JointKind, JointLimits};
+use crate::robot::{FrictionModel, Joint, JointGeometry, JointKind, JointLimits};
 
 /// Default of `low_speed_*`, rad/s or m/s: below it the friction model is not to be trusted.
 pub(super) const DEFAULT_LOW_SPEED: f64 = 0.02;
@@ -24,8 +25,9 @@ pub(super) const RATED_JOINT_TORQUE: &str = "rated_joint_torque_nm";
 pub(super) const RATED_JOINT_FORCE: &str = "rated_joint_force_n";
 
 /// Reads a joint of a Denavit-Hartenberg table, of either convention: its row stands in the geometry as
-/// one of a modified table. `ratio` is the gear ratio that a transmission matrix has for it.
-pub(super) fn read(table: &Table<'_>, ratio: Option<f64>) -> Option<Joint> {
+/// one of a modified table. `ratio` is the gear ratio that a transmission matrix has for it, `friction` the arm's
+/// model.
+pub(super) fn read(table: &Table<'_>, ratio: Option<f64>, friction: FrictionModel) -> Option<Joint> {
     let name = read_name(table);
     let kind = read_kind(table);
     // Without a type the units are not known, but what does not depend on them is still checked.
@@ -33,7 +35,7 @@ pub(super) fn read(table: &Table<'_>, ratio: Option<f64>) -> Option<Joint> {
     let row = read_dh_row(table);
     let limits = read_limits(table, assumed);
     let gear_ratio = read_gear_ratio(table, ratio, None);
-    let drive = read_drive(table, assumed);
+    let drive = read_drive(table, assumed, friction);
     let velocity = limits.map(|limits| limits.velocity);
     let nominal = table.table("nominal").map(|nominal| nominal::read(&nominal, assumed, velocity));
     check_low_speed(table, drive.as_ref(), velocity);
@@ -50,6 +52,7 @@ pub(super) fn read(table: &Table<'_>, ratio: Option<f64>) -> Option<Joint> {
         rated_motor_torque: drive.rated_motor_torque,
         rated_torque: drive.rated_torque,
         low_speed: drive.low_speed,
+        friction: drive.friction,
         nominal: optional(nominal)?,
     })
 }
@@ -62,10 +65,11 @@ pub(super) struct Drive {
     pub rated_motor_torque: Option<f64>,
     pub rated_torque: Option<f64>,
     pub low_speed: f64,
+    pub friction: Option<FrictionModel>,
 }
 
-/// Reads the keys of the drive, all of which may be left out.
-pub(super) fn read_drive(table: &Table<'_>, kind: JointKind) -> Option<Drive> {
+/// Reads the keys of the drive, all of which may be left out; `arm` is the arm's friction model.
+pub(super) fn read_drive(table: &Table<'_>, kind: JointKind, arm: FrictionModel) -> Option<Drive> {
     let torque = Limits::above(0.0, 1e4, "Nm");
     let rated_motor_torque = table.optional(RATED_MOTOR_TORQUE).map(|value| value.number(&torque));
     let (gain_key, gain_limits, rated_key, rated_limits) = match kind {
@@ -80,6 +84,7 @@ pub(super) fn read_drive(table: &Table<'_>, kind: JointKind) -> Option<Drive> {
     let drive_gain = gain(gain_key, &gain_limits);
     let motor_torque_constant = gain(MOTOR_TORQUE_CONSTANT, &Limits::within(1e3, "Nm/A"));
     let rated_torque = table.optional(rated_key).map(|value| value.number(&rated_limits));
+    let friction = friction_model::read_of_joint(table, kind, arm);
     let position_offset = quantity(table, "position_offset", kind, &POSITION).optional();
     let position_offset = position_offset.map_or(Some(0.0), |given| Some(given?.si));
     let low_speed = quantity(table, "low_speed", kind, &SPEED).optional();
@@ -91,6 +96,7 @@ pub(super) fn read_drive(table: &Table<'_>, kind: JointKind) -> Option<Drive> {
         rated_motor_torque: optional(rated_motor_torque)?,
         rated_torque: optional(rated_torque)?,
         low_speed: low_speed?,
+        friction: friction?,
     })
 }
 

@@ -9,6 +9,7 @@ use super::joint::{
 use super::stage_source::StageSource;
 use super::temperature::{AmbientTemperature, MotorTemperature};
 use super::text_format::TextFormat;
+use crate::numerics::channel_delay::ChannelDelays;
 use crate::robot::{Joint, JointKind, Robot};
 
 /// How an export's columns become channels in SI.
@@ -28,7 +29,7 @@ pub struct Layout {
     pub time: TimeSource,
     /// Column whose first row says when the recording started; `None`: the file's name or time does.
     pub start: Option<StartSource>,
-    /// Columns of joint positions.
+    /// Columns of joint positions; [`JointColumns::NotRecorded`] of logs of currents and temperatures.
     pub position: Channel,
     /// Columns of joint velocities, where recorded.
     pub velocity: Option<Channel>,
@@ -164,6 +165,8 @@ pub struct Channel {
     pub to_si: f64,
     /// Whether the recording counts as the description does.
     pub sign: JointSigns,
+    /// How much later than the positions of its row a value was true, s.
+    pub delay: JointDelays,
 }
 
 /// Where the columns of a channel stand.
@@ -174,6 +177,8 @@ pub enum JointColumns {
     Pattern(String),
     /// One by one, from the base outwards.
     Each(Vec<Column>),
+    /// The export has none.
+    NotRecorded,
 }
 
 impl JointColumns {
@@ -183,6 +188,7 @@ impl JointColumns {
         match self {
             Self::Pattern(pattern) => Some(Column::Name(expanded(pattern, number))),
             Self::Each(columns) => columns.get(number.checked_sub(1)?).cloned(),
+            Self::NotRecorded => None,
         }
     }
 }
@@ -202,6 +208,31 @@ impl JointSigns {
         match self {
             Self::All(sign) => *sign,
             Self::Each(signs) => signs.get(index).copied().unwrap_or(1.0),
+        }
+    }
+}
+
+/// Delays of a channel, s.
+#[derive(Debug, Clone, PartialEq)]
+pub enum JointDelays {
+    /// One for all joints.
+    All(f64),
+    /// One a joint.
+    Each(Vec<f64>),
+}
+
+impl Default for JointDelays {
+    fn default() -> Self {
+        Self::All(0.0)
+    }
+}
+
+impl JointDelays {
+    /// Of `n` joints.
+    fn of_joints(&self, n: usize) -> Vec<f64> {
+        match self {
+            Self::All(delay) => vec![*delay; n],
+            Self::Each(delays) => delays.clone(),
         }
     }
 }
@@ -278,10 +309,23 @@ impl Layout {
         robot.joints.iter().map(pair).collect()
     }
 
+    /// How late torques and velocities of `robot` are recorded.
+    #[must_use]
+    pub fn delays(&self, robot: &Robot) -> ChannelDelays {
+        let n = robot.joint_count();
+        ChannelDelays {
+            torque: self.torque.delay.of_joints(n),
+            velocity: self.velocity.as_ref().map_or_else(Vec::new, |channel| channel.delay.of_joints(n)),
+        }
+    }
+
     fn check_lists(&self, robot: &Robot) -> Result<(), Misfit> {
         let n = robot.joint_count();
-        let signed = |channel: &Channel| (channel.columns.clone(), channel.sign.clone());
-        let unsigned = |channel: &MotorTemperature| (channel.columns.clone(), JointSigns::All(1.0));
+        let signed =
+            |channel: &Channel| (channel.columns.clone(), channel.sign.clone(), channel.delay.clone());
+        let unsigned = |channel: &MotorTemperature| {
+            (channel.columns.clone(), JointSigns::All(1.0), JointDelays::default())
+        };
         let channels = [
             ("position", Some(signed(&self.position))),
             ("velocity", self.velocity.as_ref().map(signed)),
@@ -289,17 +333,21 @@ impl Layout {
             ("motor_temperature", self.motor_temperature.as_ref().map(unsigned)),
         ];
         for (name, channel) in channels {
-            let Some((columns, sign)) = channel else { continue };
+            let Some((columns, sign, delay)) = channel else { continue };
             let columns = match columns {
                 JointColumns::Each(columns) => Some(("columns", columns.len())),
-                JointColumns::Pattern(_) => None,
+                JointColumns::Pattern(_) | JointColumns::NotRecorded => None,
             };
             let sign = match sign {
                 JointSigns::Each(signs) => Some(("sign", signs.len())),
                 JointSigns::All(_) => None,
             };
+            let delay = match delay {
+                JointDelays::Each(delays) => Some(("delay_s", delays.len())),
+                JointDelays::All(_) => None,
+            };
             if let Some((key, length)) =
-                [columns, sign].into_iter().flatten().find(|(_, length)| *length != n)
+                [columns, sign, delay].into_iter().flatten().find(|(_, length)| *length != n)
             {
                 return Err(Misfit {
                     problem: format!(

@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use super::files;
+use super::limits::Limits;
 use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::stage_file::read_stage_source;
 use super::{
-    Channel, Column, JointColumns, JointSigns, Layout, MotorSide, RowRule, TorqueQuantity, layout_time,
-    temperature, text_format,
+    Channel, Column, JointColumns, JointDelays, JointSigns, Layout, MotorSide, RowRule, StageSource,
+    TorqueQuantity, layout_time, temperature, text_format,
 };
 
 /// Stands for the joint's number, from 1, in the name of a column.
@@ -24,6 +25,9 @@ const VELOCITY: &[Unit] =
     &[("rad/s", 1.0), ("deg/s", DEG), ("rev/s", REV), ("rpm", REV / 60.0), ("m/s", 1.0)];
 /// Drives after CiA 402 give torque and current in thousandths of the rated one.
 const TORQUE: &[Unit] = &[("Nm", 1.0), ("N", 1.0), ("A", 1.0), ("mA", 1e-3), ("%", 1e-2), ("permille", 1e-3)];
+
+/// Delays of a channel: of a drive's filter or a slow bus, either way.
+const DELAY: Limits = Limits::within(0.5, "s");
 
 /// Separators between columns that cannot be part of a number.
 const DELIMITERS: [&str; 4] = [",", ";", "\t", "|"];
@@ -104,20 +108,38 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
     let start = root.table("start").map(|table| layout_time::read_start(&table));
     let mut motor_side = MotorSide::default();
     let position = required("position").and_then(|t| {
-        motor_side.position = read_side(&t)?;
-        read_channel(&t, POSITION, &mut names)
+        if t.optional("recorded").map_or(Some(true), |value| value.boolean())? {
+            motor_side.position = read_side(&t)?;
+            return read_channel(&t, POSITION, &mut names);
+        }
+        Some(Channel {
+            columns: JointColumns::NotRecorded,
+            to_si: 1.0,
+            sign: JointSigns::All(1.0),
+            delay: JointDelays::default(),
+        })
     });
-    let velocity = root.table("velocity").map(|t| read_channel(&t, VELOCITY, &mut names));
+    let velocity = root.table("velocity").map(|t| read_late_channel(&t, VELOCITY, &mut names));
     let mut torque_quantity = TorqueQuantity::Torque;
     let torque = required("torque").and_then(|t| {
         motor_side.torque = read_side(&t)?;
         torque_quantity = read_quantity(&t);
-        read_channel(&t, TORQUE, &mut names)
+        read_late_channel(&t, TORQUE, &mut names)
     });
     let motor_temperature = root.table("motor_temperature").map(|t| temperature::read_motor(&t, &mut names));
     let ambient_temperature =
         root.table("ambient_temperature").map(|t| temperature::read_ambient(&t, &mut names));
     let stage = required("stage").and_then(|t| read_stage_source(&t, &mut names));
+    if position.as_ref().is_some_and(|position| position.columns == JointColumns::NotRecorded)
+        && matches!(stage, Some(StageSource::Motion))
+    {
+        let hint = "name a column of the stages, or write whole_recording under [stage]";
+        root.refuse(
+            "stages cannot come from the motion where positions are not recorded".into(),
+            Some(hint.into()),
+        );
+        return None;
+    }
     let if_present = root.table("if_present");
     let mut column = |key| {
         let value = if_present.as_ref()?.optional(key)?;
@@ -255,7 +277,18 @@ fn read_channel(table: &Table<'_>, units: &[Unit], names: &mut ColumnNames) -> O
     let columns = names.take_joints(table);
     let to_si = table.required("unit").and_then(|value| read_unit(&value, units));
     let sign = table.optional("sign").map_or(Some(JointSigns::All(1.0)), |value| read_sign(&value));
-    Some(Channel { columns: columns?, to_si: to_si?, sign: sign? })
+    Some(Channel { columns: columns?, to_si: to_si?, sign: sign?, delay: JointDelays::default() })
+}
+
+/// A channel that may be recorded later than the positions.
+fn read_late_channel(table: &Table<'_>, units: &[Unit], names: &mut ColumnNames) -> Option<Channel> {
+    let delay = match table.optional("delay_s") {
+        None => Some(JointDelays::default()),
+        Some(value) if value.is_array() => value.numbers(None, &DELAY).map(JointDelays::Each),
+        Some(value) => value.number(&DELAY).map(JointDelays::All),
+    };
+    let channel = read_channel(table, units, names)?;
+    Some(Channel { delay: delay?, ..channel })
 }
 
 fn read_sign(value: &Value<'_>) -> Option<JointSigns> {
@@ -297,8 +330,6 @@ mod tests {
     use super::*;
     use crate::config::{ScaledColumn, TimeSource};
 
-    use crate::config::StageSource;
-
     const NATIVE: &str = include_str!("../../config/exports/native.toml");
 
     #[test]
@@ -308,6 +339,7 @@ mod tests {
         let TimeSource::Column(time) = &layout.time else { panic!("{:?}", layout.time) };
         assert_eq!((time.column.to_string().as_str(), time.to_si), ("time", 1.0));
         let pattern = |name: &str| Channel {
+            delay: JointDelays::default(),
             columns: JointColumns::Pattern(name.into()),
             to_si: 1.0,
             sign: JointSigns::All(1.0),
@@ -352,6 +384,35 @@ mod tests {
     }
 
     #[test]
+    fn a_log_without_positions_says_so() {
+        let text = NATIVE.replace("column = \"pos_{joint}\"\nunit = \"rad\"", "recorded = false");
+        let layout = parse_layout("log.toml", &text).expect("no problems");
+        assert_eq!(layout.position.columns, JointColumns::NotRecorded);
+        let errors = parse_layout("log.toml", &text.replace("recorded = false", "")).expect_err("forgotten");
+        assert!(errors.to_string().contains("position.column or columns: is missing"), "{errors}");
+        let beside =
+            parse_layout("log.toml", &text.replace("recorded = false", "recorded = false\nunit = \"rad\""));
+        assert!(beside.expect_err("of what?").to_string().contains("position.unit: unknown key"));
+    }
+
+    #[test]
+    fn late_channels_have_a_delay_for_all_joints_or_for_each() {
+        let of = |keys: &str| {
+            let text = NATIVE.replace("unit = \"Nm\"", &format!("unit = \"Nm\"\n{keys}"));
+            parse_layout("late.toml", &text).map(|layout| layout.torque.delay).map_err(|e| e.to_string())
+        };
+        assert_eq!(of(""), Ok(JointDelays::All(0.0)));
+        assert_eq!(of("delay_s = 0.012"), Ok(JointDelays::All(0.012)));
+        let each = [0.0, 0.01, 0.01, 0.0, -0.002, 0.0];
+        assert_eq!(of(&format!("delay_s = {each:?}")), Ok(JointDelays::Each(each.to_vec())));
+        assert!(of("delay_s = 12").expect_err("ms").contains("must be between -0.5 and 0.5 s"));
+        let of_positions = NATIVE.replace("unit = \"rad\"", "unit = \"rad\"\ndelay_s = 0.01");
+        let errors =
+            parse_layout("late.toml", &of_positions).expect_err("positions are what others are late to");
+        assert!(errors.to_string().contains("position.delay_s: unknown key"), "{errors}");
+    }
+
+    #[test]
     fn columns_go_by_name_or_number_and_signs_by_joint() {
         let text = NATIVE
             .replace("column = \"time\"", "column = 1")
@@ -364,7 +425,10 @@ mod tests {
         let layout = parse_layout("numbers.toml", &text).expect("no problems");
         let columns = JointColumns::Each(vec![Column::Number(2), Column::Name("b".into())]);
         let tau = std::f64::consts::TAU;
-        assert_eq!(layout.position, Channel { columns, to_si: tau, sign: JointSigns::All(-1.0) });
+        assert_eq!(
+            layout.position,
+            Channel { columns, to_si: tau, sign: JointSigns::All(-1.0), delay: JointDelays::default() }
+        );
         let velocity = layout.velocity.expect("recorded");
         assert_eq!((velocity.to_si, velocity.sign), (tau / 60.0, JointSigns::Each(vec![1.0, -1.0])));
         assert_eq!((layout.torque.to_si, layout.torque_quantity), (1e-3, TorqueQuantity::FractionOfRated));

@@ -3,6 +3,7 @@
 mod daemon_file;
 mod date_format;
 mod files;
+mod friction_model;
 #[cfg(test)]
 mod fixtures;
 mod geometry;
@@ -42,7 +43,7 @@ use std::time::Duration;
 
 pub use self::date_format::DateFormats;
 pub use self::layout::{
-    Channel, Column, JointColumns, JointFactors, JointSigns, Layout, Misfit, MotorSide, RowRule,
+    Channel, Column, JointColumns, JointDelays, JointFactors, JointSigns, Layout, Misfit, MotorSide, RowRule,
     ScaledColumn, StartForm, StartSource, TimeSource, TorqueQuantity,
 };
 pub use self::layout_file::{LayoutUnits, layout_units, parse_layout, read_layout};

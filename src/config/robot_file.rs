@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::daemon_file::ReadText;
 use super::files;
+use super::friction_model;
 use super::geometry::{self, Convention};
 use super::joint;
 use super::limits::Limits;
@@ -12,7 +13,7 @@ use super::reader::{Table, Value, read_document};
 use super::transmission::{self, GivenTransmission};
 use super::urdf_arm;
 use crate::robot::{
-    FourierExcitation, FrictionLaw, FrictionModel, Joint, JointGeometry, MAX_JOINTS, Robot, Transform,
+    FourierExcitation, FrictionModel, Joint, JointGeometry, MAX_JOINTS, Robot, TorqueSensors, Transform,
 };
 
 /// Longest name of a model, in characters; it stands in table columns and plot titles.
@@ -64,13 +65,16 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
     let convention = geometry::read_convention(root);
     let gravity = root.numbers("gravity_m_s2", Some(3), &Limits::within(30.0, "m/s^2"));
     let speed_levels = read_speed_levels(root);
-    let friction = read_friction_model(root);
+    let friction = friction_model::read_of_arm(root);
+    let torque_sensors = read_torque_sensors(root);
+    // what is wrong with the arm's model is said once
+    let of_arm = friction.unwrap_or_default();
     let tool = geometry::read_tool(root);
     let given = transmission::read_matrix(root);
     let chain = match convention {
-        Some(Convention::Urdf) => urdf_arm::read_chain(root, folder, read_text, &given),
+        Some(Convention::Urdf) => urdf_arm::read_chain(root, folder, read_text, &given, of_arm),
         // What does not depend on the convention is still checked.
-        _ => read_dh_chain(root, convention, &given),
+        _ => read_dh_chain(root, convention, &given, of_arm),
     };
     let joints = chain.as_ref().map(|chain| &chain.joints[..]);
     let transmission = transmission::read(root, given, joints);
@@ -79,6 +83,7 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
         None => None,
     };
     let (friction, tool, chain, transmission) = (friction?, tool?, chain?, transmission?);
+    let torque_sensors = torque_sensors?;
     convention?;
     let gravity: [f64; 3] = gravity?.try_into().ok()?;
     Some(Robot {
@@ -87,8 +92,13 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
         gravity: gravity.into(),
         tool: chain.end.then(&tool),
         friction,
+        torque_sensors,
         transmission: transmission.matrix,
-        couplings: transmission.couplings,
+        // a sensor behind the gears does not feel the motors
+        couplings: match torque_sensors {
+            TorqueSensors::Motor => transmission.couplings,
+            TorqueSensors::Link => Vec::new(),
+        },
         speed_levels: speed_levels?,
         excitation,
     })
@@ -118,49 +128,26 @@ fn read_speed_levels(root: &Table<'_>) -> Option<Vec<f64>> {
     Some(levels)
 }
 
-fn read_friction_model(root: &Table<'_>) -> Option<FrictionModel> {
-    let asymmetric = root.optional("asymmetric").map_or(Some(false), |value| value.boolean());
-    let speed = root.optional("smooth_speed_rad_s");
-    let smooth_speed = || {
-        let limits = Limits::above(0.0, 10.0, "rad/s");
-        match &speed {
-            Some(value) => value.number(&limits),
-            None => root.number("smooth_speed_rad_s", &limits),
+/// Which torque is measured.
+fn read_torque_sensors(root: &Table<'_>) -> Option<TorqueSensors> {
+    let Some(value) = root.optional("torque_sensors") else { return Some(TorqueSensors::default()) };
+    match value.text()? {
+        "motor" => Some(TorqueSensors::Motor),
+        "link" => Some(TorqueSensors::Link),
+        _ => {
+            let hint =
+                "the drives' own torque or current; sensors behind the gears, which feel no motor inertia";
+            value.refuse("must be \"motor\" or \"link\"".into(), Some(hint.into()));
+            None
         }
-    };
-    let law = match root.optional("friction_model") {
-        None => FrictionLaw::Polynomial,
-        Some(value) => {
-            match value.text()? {
-                "polynomial" => FrictionLaw::Polynomial,
-                "viscous_coulomb" => FrictionLaw::ViscousCoulomb,
-                "smooth" => FrictionLaw::Smooth { speed: smooth_speed()? },
-                _ => {
-                    value.refuse(
-                    "must be \"polynomial\", \"viscous_coulomb\" or \"smooth\"".into(),
-                    Some("f1 to f4 of [3.10]; Coulomb, viscous and offset; the same with a tanh for the sign".into()),
-                );
-                    return None;
-                }
-            }
-        }
-    };
-    if let (Some(value), false) = (&speed, matches!(law, FrictionLaw::Smooth { .. })) {
-        value.refuse("only means something with friction_model = \"smooth\"".into(), None);
     }
-    let asymmetric = asymmetric?;
-    if asymmetric && law == FrictionLaw::Polynomial {
-        let hint = "choose friction_model = \"viscous_coulomb\" or \"smooth\"";
-        root.refuse("asymmetric friction has no columns in the polynomial model".into(), Some(hint.into()));
-        return None;
-    }
-    Some(FrictionModel { law, asymmetric })
 }
 
 fn read_dh_chain(
     root: &Table<'_>,
     convention: Option<Convention>,
     given: &GivenTransmission<'_>,
+    friction: FrictionModel,
 ) -> Option<Chain> {
     let value = root
         .required_or_else("joint", || Some("write one [[joint]] a joint, from the base outwards".into()))?;
@@ -168,7 +155,7 @@ fn read_dh_chain(
     let joints: Vec<Option<Joint>> = items
         .iter()
         .enumerate()
-        .map(|(i, item)| item.table().and_then(|table| joint::read(&table, given.ratio(i))))
+        .map(|(i, item)| item.table().and_then(|table| joint::read(&table, given.ratio(i), friction)))
         .collect();
     if joints.is_empty() || joints.len() > MAX_JOINTS {
         value.refuse(format!("{} joints, must be 1 to {MAX_JOINTS}", joints.len()), None);

@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use super::{Config, FleetEntry, Layout, ServeSettings};
+use super::{Config, FleetEntry, JointDelays, Layout, ServeSettings};
 use crate::analysis::finding::FindingKind;
-use crate::robot::{JointKind, Robot};
+use crate::robot::{JointKind, Robot, TorqueSensors};
 
 /// What was read and which settings are in force, with units, one topic a paragraph.
 #[must_use]
@@ -94,8 +94,12 @@ fn arm(robot: &Robot) -> String {
     };
     let nominal = robot.joints.iter().filter(|joint| joint.nominal.is_some()).count();
     let excitation = if robot.excitation.is_some() { "an excitation" } else { "no excitation" };
+    let sensors = match robot.torque_sensors {
+        TorqueSensors::Motor => "",
+        TorqueSensors::Link => ", torque sensors at the links",
+    };
     format!(
-        "{} with {} joints{kinds}, {} speed levels, nominal parameters of {nominal} joints, {excitation}",
+        "{} with {} joints{kinds}, {} speed levels, nominal parameters of {nominal} joints, {excitation}{sensors}",
         robot.model,
         robot.joint_count(),
         robot.speed_levels.len(),
@@ -106,8 +110,11 @@ fn layout(layout: &Layout) -> String {
     let velocity = if layout.velocity.is_some() { "velocity recorded" } else { "velocity derived" };
     let bad = layout.rows.skip_bad;
     let rows = if bad > 0 { format!(", up to {bad} bad rows passed over") } else { String::new() };
+    let late = layout.torque.delay != JointDelays::default()
+        || layout.velocity.as_ref().is_some_and(|velocity| velocity.delay != JointDelays::default());
+    let late = if late { ", delays taken off" } else { "" };
     let start = layout.start.as_ref().map(|start| format!(", start from column {}", start.column));
-    format!("layout {}, {velocity}{rows}{}", layout.name, start.unwrap_or_default())
+    format!("layout {}, {velocity}{rows}{late}{}", layout.name, start.unwrap_or_default())
 }
 
 fn seconds(duration: Duration) -> String {

@@ -12,7 +12,7 @@ use super::reader::{Table, Value};
 use super::robot_file::Chain;
 use super::transmission::GivenTransmission;
 use super::urdf::{self, UrdfJoint};
-use crate::robot::{Joint, JointLimits, MAX_JOINTS, NominalJoint, WarmUpShape};
+use crate::robot::{FrictionModel, Joint, JointLimits, MAX_JOINTS, NominalJoint, WarmUpShape};
 
 /// Time in which a joint reaches its largest speed where no acceleration is given, s: URDF files
 /// before version 1.2 have none, and arms of this size take about that.
@@ -25,6 +25,7 @@ pub(super) fn read_chain(
     folder: &Path,
     read_text: &ReadText<'_>,
     given: &GivenTransmission<'_>,
+    friction: FrictionModel,
 ) -> Option<Chain> {
     let tip = root.optional("tip_link").map(|value| value.text());
     let file = root.required("urdf");
@@ -61,8 +62,8 @@ pub(super) fn read_chain(
         .zip(tables)
         .enumerate()
         .map(|(i, (joint, table))| match table {
-            Some(table) => read_joint(&table, joint, given.ratio(i)),
-            None => read_joint(&Table::empty(root), joint, given.ratio(i)),
+            Some(table) => read_joint(&table, joint, given.ratio(i), friction),
+            None => read_joint(&Table::empty(root), joint, given.ratio(i), friction),
         })
         .collect();
     Some(Chain { joints: joints.into_iter().collect::<Option<_>>()?, end: chain.end })
@@ -96,10 +97,15 @@ fn tables_by_joint<'d>(sections: &[Value<'d>], joints: &[UrdfJoint]) -> Option<V
     sound.then_some(tables)
 }
 
-fn read_joint(table: &Table<'_>, urdf: &UrdfJoint, ratio: Option<f64>) -> Option<Joint> {
+fn read_joint(
+    table: &Table<'_>,
+    urdf: &UrdfJoint,
+    ratio: Option<f64>,
+    friction: FrictionModel,
+) -> Option<Joint> {
     let limits = read_limits(table, urdf);
     let gear_ratio = read_gear_ratio(table, ratio, Some(1.0));
-    let drive = read_drive(table, urdf.kind);
+    let drive = read_drive(table, urdf.kind, friction);
     let velocity = limits.map(|limits| limits.velocity);
     check_low_speed(table, drive.as_ref(), velocity);
     let (limits, drive): (JointLimits, Drive) = (limits?, drive?);
@@ -136,6 +142,7 @@ fn read_joint(table: &Table<'_>, urdf: &UrdfJoint, ratio: Option<f64>) -> Option
         rated_motor_torque: drive.rated_motor_torque,
         rated_torque: drive.rated_torque,
         low_speed: drive.low_speed,
+        friction: drive.friction,
         nominal,
     })
 }

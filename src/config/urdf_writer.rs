@@ -12,7 +12,8 @@ use crate::numerics::actuator::friction_torque;
 use crate::numerics::base::probe_state;
 use crate::numerics::dynamics::DynamicModel;
 use crate::robot::{
-    FrictionLaw, GeometrySource, Joint, JointIndex, JointKind, Robot, StandardParameters, Transform,
+    FrictionLaw, FrictionModel, GeometrySource, Joint, JointIndex, JointKind, Robot, StandardParameters,
+    Transform,
 };
 
 /// States inside the limits over which the largest torque of a joint is looked for.
@@ -72,7 +73,7 @@ pub fn straight_friction(robot: &Robot, model: &DynamicModel, joint: JointIndex)
     let (limit, f) = (robot.joints[joint.index()].limits.velocity, &model.friction[joint.index()]);
     let point = |k: usize| {
         let v = limit * (k + 1) as f64 / FRICTION_SPEEDS as f64;
-        let [ahead, back] = [v, -v].map(|v| friction_torque(&robot.friction, f, v));
+        let [ahead, back] = [v, -v].map(|v| friction_torque(&robot.friction_of(joint), f, v));
         (v, 0.5 * (ahead - back))
     };
     let sums = (0..FRICTION_SPEEDS)
@@ -127,13 +128,19 @@ fn notes(robot: &Robot) -> Vec<String> {
          Denavit-Hartenberg table are in the origins"
             .to_owned(),
     ];
-    let bent = match (robot.friction.law, robot.friction.asymmetric) {
+    let mut models: Vec<FrictionModel> =
+        robot.joint_indices().map(|joint| robot.friction_of(joint)).collect();
+    models.dedup();
+    let bent = |model: &FrictionModel| match (model.law, model.asymmetric) {
+        (FrictionLaw::None, _) => Some("none: the torque was measured behind the gears"),
         (FrictionLaw::Polynomial, _) => Some("a polynomial of speed, of which the nearest line is written"),
         (FrictionLaw::Smooth { .. }, false) => Some("smooth at zero speed and has an offset"),
         (FrictionLaw::ViscousCoulomb, false) => Some("the written one and an offset of torque"),
         (_, true) => Some("different in the two directions, of which the mean is written"),
     };
-    notes.extend(bent.map(|law| format!("friction was identified as {law}")));
+    let mut laws: Vec<&str> = models.iter().filter_map(bent).collect();
+    laws.dedup();
+    notes.extend(laws.into_iter().map(|law| format!("friction was identified as {law}")));
     for coupling in &robot.couplings {
         notes.push(format!(
             "the motor of joint {} also turns with joint {}, {:?} per own turn: URDF has no place for that",

@@ -161,12 +161,6 @@ impl<R: Read> Blocks<R> {
             .map_or(0, |(at, _)| at)
     }
 
-    /// What was read and not yet handed on, and the number of its first line.
-    #[must_use]
-    pub fn upcoming(&self) -> (u64, &[u8]) {
-        (self.line, &self.pending)
-    }
-
     /// Whether nothing is left.
     #[must_use]
     pub fn is_at_end(&self) -> bool {

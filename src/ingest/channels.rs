@@ -95,7 +95,7 @@ pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f
             scaled(counts, factors.time, MAX_TIME)?
         }
         TimeColumn::Counted(rate) => {
-            let rows = map.position.first().and_then(|column| columns.get(*column)).map_or(0, Vec::len);
+            let rows = map.torque.first().and_then(|column| columns.get(*column)).map_or(0, Vec::len);
             counted(0..rows, rate, previous_time)
         }
     };
@@ -106,7 +106,10 @@ pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f
         let of_joints = indices.iter().zip(factors);
         of_joints.map(|(column, factor)| scaled(taken(&mut columns, *column), *factor, limit)).collect()
     };
-    let position = joints(&map.position, &factors.position, MAX_POSITION)?;
+    let position = match map.position.is_empty() {
+        true => vec![vec![f64::NAN; time.len()]; map.joint_count()],
+        false => joints(&map.position, &factors.position, MAX_POSITION)?,
+    };
     let velocity = match &map.velocity {
         Some(indices) => Some(joints(indices, &factors.velocity, MAX_VELOCITY)?),
         None => None,

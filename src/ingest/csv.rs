@@ -150,7 +150,7 @@ impl<R: Read> ExportReader<R> {
     }
 
     fn with_header(
-        blocks: Blocks<R>,
+        mut blocks: Blocks<R>,
         header: &Header,
         path: &Path,
         layout: &Layout,
@@ -162,7 +162,7 @@ impl<R: Read> ExportReader<R> {
                 Some(_) => {
                     let rejection = rejection.at_line(header.line);
                     let is_header = |line: &str| map_columns(line, layout, robot, path).is_ok();
-                    match header_below(&blocks, is_header).filter(|_| layout.header) {
+                    match layout.header.then(|| header_below(&mut blocks, path, is_header)).flatten() {
                         Some(line) => rejection.with_header_at(line),
                         None => rejection,
                     }
@@ -441,11 +441,19 @@ impl<R: Read> ExportReader<R> {
 }
 
 /// The line further down that holds the names of columns, where `is_header` says so of one of the next lines.
-fn header_below<R: Read>(blocks: &Blocks<R>, is_header: impl Fn(&str) -> bool) -> Option<u64> {
-    let (first, bytes) = blocks.upcoming();
-    let lines = exact::lines(bytes).zip(first..).take(MOST_LINES_ABOVE_HEADER);
-    let mut texts = lines.filter_map(|(line, number)| Some((std::str::from_utf8(line).ok()?, number)));
-    texts.find(|(line, _)| is_header(line.trim_end_matches('\r'))).map(|(_, number)| number)
+fn header_below<R: Read>(
+    blocks: &mut Blocks<R>,
+    path: &Path,
+    is_header: impl Fn(&str) -> bool,
+) -> Option<u64> {
+    // line by line, so that it does not depend on how much was read
+    for _ in 0..MOST_LINES_ABOVE_HEADER {
+        let line = blocks.next_line(path).ok()??;
+        if is_header(&line.text) {
+            return Some(line.number);
+        }
+    }
+    None
 }
 
 /// Where a line of a block begins.

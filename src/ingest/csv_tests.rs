@@ -9,6 +9,7 @@ use proptest::prelude::*;
 use super::channels;
 use super::csv::{ExportReader, ReadOptions, Step};
 use super::fixture::{channel, fixture, made_recording, native, read_bytes, recording, with_blocks_of};
+use super::layout::MAX_COLUMNS;
 use super::source::open;
 use crate::config::{
     Column, DecimalMark, JointSigns, Layout, RowRule, ScaledColumn, StageSource, TimeSource,
@@ -460,7 +461,7 @@ fn one_bad_row_more_than_permitted_is_refused_with_the_setting() {
     assert_eq!(none.line, Some(5));
     assert!(none.remedy.contains("skip_bad = 10 under [rows] in the layout"), "{none}");
     let two = refused(2);
-    assert_eq!((two.line, two.column.as_deref()), (Some(22), Some("time")));
+    assert_eq!((two.line, two.column.as_deref()), (Some(22), Some("pos_1")));
     assert!(two.remedy.contains("skip_bad = 2 under [rows]"), "{two}");
     assert_eq!(read_bytes(text.as_bytes(), &skipping(3), with_blocks_of(300)).unwrap().rows(), 37);
 }
@@ -543,4 +544,18 @@ fn lines_above_the_header_are_counted_in_the_remedy() {
     let mut layout = native();
     layout.text.skip_lines = 3;
     assert_eq!(read_bytes(text.as_bytes(), &layout, ReadOptions::default()).unwrap().rows(), 3);
+}
+
+#[test]
+fn a_header_of_countless_columns_is_refused_before_anything_is_made_of_it() {
+    let (_, text) = made_recording(1);
+    let (header, row) = text.split_once('\n').unwrap();
+    let wide = |columns: usize| {
+        let more = columns - header.split(',').count();
+        format!("{header}{}\n{}{}\n", ",x".repeat(more), row.trim_end(), ",0".repeat(more))
+    };
+    let read = |columns| read_bytes(wide(columns).as_bytes(), &native(), ReadOptions::default());
+    let rejection = read(MAX_COLUMNS + 1).unwrap_err();
+    assert_eq!((&*rejection.reason, rejection.line), ("a header of more than 10000 columns", Some(1)));
+    assert_eq!(read(MAX_COLUMNS).unwrap().rows(), 1);
 }

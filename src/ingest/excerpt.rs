@@ -32,15 +32,15 @@ pub struct Excerpt {
 }
 
 /// The place that a rejection points at with `around` lines before and after it; `None` if it names no line,
-/// or the file as it is now has none of this number or cannot be read.
+/// or the file as it is now has none of this number within its first `most` decompressed bytes or cannot be read.
 #[must_use]
-pub fn of_rejection(rejection: &Rejection, around: u64) -> Option<Excerpt> {
-    excerpt(&rejection.path, rejection.line?, rejection.column.as_deref(), around).ok().flatten()
+pub fn of_rejection(rejection: &Rejection, around: u64, most: u64) -> Option<Excerpt> {
+    excerpt(&rejection.path, rejection.line?, rejection.column.as_deref(), around, most).ok().flatten()
 }
 
 /// Line `line` of the export at `path` with `around` lines before and after it, and the cell of the column
-/// that its header calls `column`, or that has this number. `None` if the file has fewer lines. Reads up to
-/// the place, in memory that does not grow with the file.
+/// that its header calls `column`, or that has this number. `None` if the file has fewer lines within its first `most`
+/// decompressed bytes. Reads up to the place, in memory that does not grow with the file.
 ///
 /// # Errors
 /// A rejection of a file that cannot be opened.
@@ -49,8 +49,10 @@ pub fn excerpt(
     line: u64,
     column: Option<&str>,
     around: u64,
+    most: u64,
 ) -> Result<Option<Excerpt>, Rejection> {
-    let mut reader = BufReader::new(TextReader::new(source::open(path)?, TextEncoding::Auto));
+    let mut reader =
+        BufReader::new(TextReader::new(source::open_hashing_up_to(path, most)?.0, TextEncoding::Auto));
     let (mut header, mut kept, mut place_at) = (None, Vec::new(), None);
     let (mut byte, mut number) = (0_u64, 1_u64);
     let mut bytes = Vec::new();
@@ -167,7 +169,18 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.csv");
         std::fs::write(&path, text).unwrap();
-        excerpt(&path, line, column, around).unwrap()
+        excerpt(&path, line, column, around, 1 << 30).unwrap()
+    }
+
+    #[test]
+    fn no_more_is_unpacked_than_is_permitted() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv.zst");
+        let text = "time,pos_1\n".to_owned() + &"0,1\n".repeat(1000);
+        std::fs::write(&path, zstd::encode_all(text.as_bytes(), 3).unwrap()).unwrap();
+        let at = |most| excerpt(&path, 900, Some("pos_1"), 1, most).unwrap();
+        assert_eq!(at(1 << 20).map(|found| found.first_line), Some(899));
+        assert_eq!(at(1000), None);
     }
 
     #[test]

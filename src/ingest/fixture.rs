@@ -9,8 +9,9 @@ use super::csv::{Chunk, ExportReader, ReadOptions};
 use super::rejection::Rejection;
 use super::source::open;
 use crate::config::{
-    AmbientTemperature, Channel, Column, JointColumns, JointSigns, Layout, MotorSide, MotorTemperature,
-    RowRule, ScaledColumn, StageSignal, StageSource, TemperatureUnit, TextFormat, TimeSource, TorqueQuantity,
+    AmbientTemperature, Channel, Column, JointColumns, JointDelays, JointSigns, Layout, MotorSide,
+    MotorTemperature, RowRule, ScaledColumn, StageSignal, StageSource, TemperatureUnit, TextFormat,
+    TimeSource, TorqueQuantity,
 };
 use crate::run::{FrictionSignal, Samples, Stage};
 use crate::testing::er3a;
@@ -54,7 +55,12 @@ pub(super) fn native() -> Layout {
 
 /// A channel in SI whose columns have this name.
 pub(super) fn channel(pattern: &str) -> Channel {
-    Channel { columns: JointColumns::Pattern(pattern.into()), to_si: 1.0, sign: JointSigns::All(1.0) }
+    Channel {
+        columns: JointColumns::Pattern(pattern.into()),
+        to_si: 1.0,
+        sign: JointSigns::All(1.0),
+        delay: JointDelays::default(),
+    }
 }
 
 /// Path of a file in `tests/fixtures/exports`.

@@ -15,6 +15,9 @@ use crate::run::Stage;
 /// Most column names listed in a message.
 const LISTED_COLUMNS: usize = 40;
 
+/// Most columns of an export, as many as layouts can number: each is a column of every block that is read.
+pub const MAX_COLUMNS: usize = 10_000;
+
 /// What a column of the export is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
@@ -72,7 +75,7 @@ pub struct ColumnMap {
     pub time_origin: Option<Decimal>,
     /// Fields that each row must have: all up to the last column that has a name or is needed.
     pub least_fields: usize,
-    /// Column index of each joint's position.
+    /// Column index of each joint's position; empty where none are recorded.
     pub position: Vec<usize>,
     /// Column index of each joint's velocity, where recorded.
     pub velocity: Option<Vec<usize>>,
@@ -162,7 +165,7 @@ impl ColumnMap {
     /// Number of joints `n`.
     #[must_use]
     pub fn joint_count(&self) -> usize {
-        self.position.len()
+        self.torque.len()
     }
 }
 
@@ -182,6 +185,10 @@ pub fn map_columns(
     robot: &Robot,
     path: &Path,
 ) -> Result<ColumnMap, Rejection> {
+    if fields(header, layout.delimiter).nth(MAX_COLUMNS).is_some() {
+        let reason = format!("a header of more than {MAX_COLUMNS} columns");
+        return Err(Rejection::of_file(path, reason, "check the delimiter of the layout").at_line(1));
+    }
     let names: Vec<String> = match layout.header {
         true => fields(header, layout.delimiter).map(str::to_owned).collect(),
         false => (1..=fields(header, layout.delimiter).count()).map(|number| number.to_string()).collect(),
@@ -243,7 +250,7 @@ pub fn map_columns(
     };
     time.column().into_iter().for_each(|column| assign(column, Role::Time));
     for joint in robot.joint_indices() {
-        assign(position[joint.index()], Role::Position(joint));
+        position.get(joint.index()).into_iter().for_each(|column| assign(*column, Role::Position(joint)));
         assign(torque[joint.index()], Role::Torque(joint));
         if let Some(velocity) = &velocity {
             assign(velocity[joint.index()], Role::Velocity(joint));

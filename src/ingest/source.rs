@@ -12,6 +12,10 @@ use super::rejection::{Rejection, Unreadable};
 /// 1 kHz is about 20 GB; a few kilobytes of gzip can claim any size.
 pub const MAX_DECOMPRESSED_BYTES: u64 = 64 << 30;
 
+/// Largest window of a Zstandard stream, as a power of two: 8 MiB, which levels up to 19 keep to and every decoder must
+/// offer. Each export that is read holds one.
+const MAX_WINDOW_LOG: u32 = 23;
+
 /// Bytes read from disk at once for the decoders, whose own requests are small.
 const DISK_BUFFER_BYTES: usize = 256 << 10;
 
@@ -98,8 +102,9 @@ fn decoded(
             Ok(Box::new(Explained { inner: decoder, format: "gzip", raw: raw.clone(), given: 0 }))
         }
         Format::Zstandard => {
-            let decoder = zstd::Decoder::with_buffer(BufReader::with_capacity(DISK_BUFFER_BYTES, whole))
+            let mut decoder = zstd::Decoder::with_buffer(BufReader::with_capacity(DISK_BUFFER_BYTES, whole))
                 .map_err(|error| Rejection::from_io(path, &error))?;
+            decoder.window_log_max(MAX_WINDOW_LOG).map_err(|error| Rejection::from_io(path, &error))?;
             Ok(Box::new(Explained { inner: decoder, format: "zstd", raw: raw.clone(), given: 0 }))
         }
         Format::Other(name) => {
@@ -156,6 +161,15 @@ impl<R: Read> Read for Explained<R> {
                     self.given
                 ),
                 "the copy or the compression was cut off; copy the export again",
+            ),
+            // the library has no other name for it
+            _ if error.to_string().contains("too much memory") => unreadable(
+                format!(
+                    "a {} stream whose window is larger than {} MiB",
+                    self.format,
+                    (1_u64 << MAX_WINDOW_LOG) >> 20
+                ),
+                "compress it again without --long, at level 19 or below",
             ),
             _ => unreadable(
                 format!("a damaged {} stream after {} bytes of text ({error})", self.format, self.given),
@@ -269,6 +283,22 @@ mod tests {
         bytes[checksum] ^= 0xFF;
         let rejection = read(&case("a.csv.gz", &bytes).path).unwrap_err();
         assert!(rejection.reason.starts_with("a damaged gzip stream"), "{rejection}");
+    }
+
+    #[test]
+    fn a_window_of_many_megabytes_is_refused_and_that_of_a_high_level_is_not() {
+        let long: Vec<u8> =
+            (0..3_000_000_u32).flat_map(|n| n.wrapping_mul(2_654_435_761).to_le_bytes()).collect();
+        let packed = |window_log| {
+            let mut encoder = zstd::Encoder::new(Vec::new(), 3).unwrap();
+            encoder.window_log(window_log).unwrap();
+            encoder.write_all(&long).unwrap();
+            encoder.finish().unwrap()
+        };
+        assert_eq!(read(&case("a.csv.zst", &packed(23)).path).unwrap(), long);
+        assert_eq!(read(&case("a.csv.zst", &zstd::encode_all(TEXT, 19).unwrap()).path).unwrap(), TEXT);
+        let rejection = read(&case("a.csv.zst", &packed(27)).path).unwrap_err();
+        assert_eq!(&*rejection.reason, "a zstd stream whose window is larger than 8 MiB", "{rejection}");
     }
 
     #[test]

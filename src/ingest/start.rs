@@ -59,12 +59,10 @@ fn first_moment(
         Column::Number(number) => number.checked_sub(1),
         Column::Name(name) => fields(&header.text, layout.delimiter).position(|field| field == name),
     };
-    let column = column.ok_or_else(|| {
-        let remedy =
-            format!("correct column = \"{}\" under [start] of layout \"{}\"", start.column, layout.name);
-        Rejection::of_file(path, "missing column, which says the start", remedy)
-            .at_line(header.line)
-            .in_column(&start.column.to_string())
+    // a file that still grows may end inside its header
+    let column = column.ok_or_else(|| match blocks.is_at_end() {
+        true => not_yet(),
+        false => missing(path, layout, start, header.line),
     })?;
     let mut first_fault = None;
     let mut faults = 0;
@@ -96,6 +94,12 @@ fn first_moment(
         }
     }
     Err(first_fault.unwrap_or_else(not_yet))
+}
+
+fn missing(path: &Path, layout: &Layout, start: &StartSource, line: u64) -> Rejection {
+    let column = start.column.to_string();
+    let remedy = format!("correct column = \"{column}\" under [start] of layout \"{}\"", layout.name);
+    Rejection::of_file(path, "missing column, which says the start", remedy).at_line(line).in_column(&column)
 }
 
 fn wanted(form: &StartForm) -> String {

@@ -7,12 +7,14 @@ use crate::robot::{Coupling, FrictionLaw, FrictionModel};
 ///
 /// - polynomial [3.10]: `sign(qd), qd, qd² sign(qd), qd³`;
 /// - viscous and Coulomb: `sign(qd), qd, 1`; smooth: `tanh(qd / speed), qd, 1`;
+/// - none: no column;
 /// - asymmetric: the sign's positive and its negative part, then those of the speed.
 #[inline]
 #[must_use]
 pub fn friction_columns(model: &FrictionModel, qd: f64) -> [f64; FrictionModel::MAX_TERMS] {
     let sign = smooth_sign(model.law, qd);
     match (model.law, model.asymmetric) {
+        (FrictionLaw::None, _) => [0.0; FrictionModel::MAX_TERMS],
         (FrictionLaw::Polynomial, _) => [sign, qd, qd * qd.abs(), qd * qd * qd],
         (_, false) => [sign, qd, 1.0, 0.0],
         (_, true) => [sign.max(0.0), sign.min(0.0), qd.max(0.0), qd.min(0.0)],

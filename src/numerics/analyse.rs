@@ -87,6 +87,9 @@ impl Method {
 pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     let samples = &cycle.samples;
     let mut analysis = unanalysed(method, cycle);
+    if without_positions(samples, &mut analysis) {
+        return analysis;
+    }
     let conditioned = match condition(samples, analysis.cutoff) {
         Ok(conditioned) => conditioned,
         Err(error) => {
@@ -128,8 +131,30 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     let friction = friction_points(&method.robot, samples, &conditioned, model.as_ref());
     analysis.friction_points = friction.points;
     analysis.remarks.extend(friction.remarks);
+    if !samples.stage.contains(&Stage::Excitation) {
+        analysis.identification = Err(without_excitation(&analysis.friction_points));
+    }
     note_missing_stages(samples, &mut analysis.remarks);
     analysis
+}
+
+/// Whether a log has no positions; then says what it would need, and how large its torques are.
+pub(super) fn without_positions(samples: &Samples, analysis: &mut CycleAnalysis) -> bool {
+    if samples.has_positions() {
+        return false;
+    }
+    let rms = |torque: &Vec<f64>| {
+        let squares: f64 = torque.iter().map(|torque| torque * torque).sum();
+        format!("{:.4}", (squares / torque.len().max(1) as f64).sqrt())
+    };
+    let torques: Vec<String> = samples.torque.iter().map(rms).collect();
+    analysis.remarks.push(format!("torques, root mean square of each joint: {} Nm (N)", torques.join(", ")));
+    analysis.identification = Err(
+        "the log has no positions: parameters and friction need the position of every joint beside its torque; \
+         temperatures are kept"
+            .into(),
+    );
+    true
 }
 
 /// What is known of a cycle before anything is computed.
@@ -307,12 +332,24 @@ fn identify_excitation(
 ) -> Result<Identification, String> {
     let factors = identifying_factors(method, factored);
     if factors.iter().all(|factor| factor.rows() == 0) {
-        return Err("the cycle has no excitation stage to identify parameters on".into());
+        return Err(without_excitation(&[]));
     }
     let columns = KeptColumns::new(&method.base.kept_columns);
     let rows = CycleRows::new(&method.robot, &columns, conditioned, jumps, samples);
     identify_rows(&method.base.kept, &factors, &rows, method.settings.estimator)
         .map_err(|error| error.to_string())
+}
+
+/// Why a cycle without excitation has no parameters, and what it has.
+fn without_excitation(points: &[FrictionPoint]) -> String {
+    let mut joints: Vec<String> = points.iter().map(|point| point.joint.to_string()).collect();
+    joints.dedup();
+    let kept = match joints.len() {
+        0 => String::new(),
+        1 => format!("; the friction points of joint {} are kept", joints[0]),
+        _ => format!("; the friction points of joints {} are kept", joints.join(", ")),
+    };
+    format!("the cycle has no excitation stage to identify parameters on{kept}")
 }
 
 /// Factor of each joint over the rows that parameters are identified on.

@@ -100,7 +100,10 @@ fn the_first_logs_after_a_test_are_held_against_the_test() {
         let found = detect_production(&logs);
         let [anomaly] = &found[..] else { panic!("one anomaly: {found:?}") };
         assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Accuracy, "production_relative_rmsd"));
-        assert_eq!((anomaly.joint.map(JointIndex::number), anomaly.severity, anomaly.first_run_id), (Some(2), severity, 1));
+        assert_eq!(
+            (anomaly.joint.map(JointIndex::number), anomaly.severity, anomaly.first_run_id),
+            (Some(2), severity, 1)
+        );
         assert!(anomaly.message.contains("the test itself leaves 1.5 %"), "{}", anomaly.message);
     }
     // a test that explains its own torque badly says less
@@ -117,7 +120,8 @@ fn cold_work_and_a_lasting_load_are_no_warning() {
     // a tool that the test did not carry is said once, and friction is watched all the same
     let worn = |i: usize, j: usize| if j == 2 && i >= 6 { 0.4 } else { wobble(i, j) };
     let found = detect_production(&history(10, |i, j| (worn(i, j), if j == 2 { 0.4 } else { USUAL })));
-    let kinds: Vec<_> = found.iter().map(|of| (of.joint.map(JointIndex::number), of.kind, of.severity)).collect();
+    let kinds: Vec<_> =
+        found.iter().map(|of| (of.joint.map(JointIndex::number), of.kind, of.severity)).collect();
     assert!(kinds.contains(&(Some(3), AnomalyKind::Accuracy, Severity::Info)), "{kinds:?}");
     assert!(kinds.iter().any(|of| (of.0, of.1) == (Some(3), AnomalyKind::Drift)), "{kinds:?}");
 }

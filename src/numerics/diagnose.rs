@@ -93,15 +93,18 @@ pub fn diagnose_samples(
         findings.retain(|finding| finding.kind != FindingKind::TooFast);
         findings.push(repeated);
     }
-    findings.extend(short(&view, settings));
+    findings.extend(short(&view, settings).filter(|_| view.has_excitation));
     let kinematic = [FindingKind::Stuck, FindingKind::VelocitySwapped, FindingKind::VelocityUnrelated];
     for joint in robot.joint_indices().filter(|j| !broken[j.index()]) {
-        findings.extend(motion(&view, joint, settings));
+        if view.has_excitation {
+            findings.extend(motion(&view, joint, settings));
+        }
         findings.extend(saturation(&view, joint, settings));
     }
     let judged: Vec<JointIndex> = robot
         .joint_indices()
         .filter(|&j| !explained(&findings, j, &kinematic) && !explained(&findings, j, &[FindingKind::Still]))
+        .filter(|&j| view.has_excitation || view.moving_share(j) >= settings.moving_share)
         .collect();
     findings.extend(torque::torques(&view, &judged));
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
@@ -117,6 +120,8 @@ struct View<'a> {
     rows: Vec<usize>,
     /// Rows of the excitation stage, or all where there is none.
     excitation: Vec<usize>,
+    /// Whether there is an excitation stage: without one, nobody asks that all joints move.
+    has_excitation: bool,
     /// Derivative of the low-passed position, `[n][rows of the recording]`.
     dq: Vec<Vec<f64>>,
 }
@@ -126,19 +131,28 @@ impl<'a> View<'a> {
         let rows: Vec<usize> = conditioned.usable.iter().flat_map(Clone::clone).collect();
         let excitation: Vec<usize> =
             rows.iter().copied().filter(|&row| samples.stage[row] == Stage::Excitation).collect();
-        let excitation = if excitation.is_empty() { rows.clone() } else { excitation };
+        let has_excitation = !excitation.is_empty();
+        let excitation = if has_excitation { excitation } else { rows.clone() };
         Self {
             robot,
             samples,
             conditioned,
             rows,
             excitation,
+            has_excitation,
             dq: conditioned.q.iter().map(|q| conditioned.derivative(q)).collect(),
         }
     }
 
     fn joint(&self, joint: JointIndex) -> &Joint {
         &self.robot.joints[joint.index()]
+    }
+
+    /// Share of the excitation's rows in which a joint is at its low speed or faster.
+    fn moving_share(&self, joint: JointIndex) -> f64 {
+        let (qd, low) = (&self.conditioned.qd[joint.index()], self.joint(joint).low_speed);
+        let moving = self.excitation.iter().filter(|&&row| qd[row].abs() >= low).count();
+        moving as f64 / self.excitation.len() as f64
     }
 
     /// Pieces of a channel that may be used.

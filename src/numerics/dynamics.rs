@@ -115,7 +115,7 @@ pub struct DynamicModel {
     /// Inertial parameters of each link `[n]`.
     pub inertial: Vec<StandardParameters>,
     /// Friction coefficients of each joint `[n]`, in the order of the robot's
-    /// [`FrictionModel::terms`].
+    /// [`FrictionModel::terms`] of [`Robot::friction_of`].
     pub friction: Vec<[f64; FrictionModel::MAX_TERMS]>,
     /// Motor inertia seen at each joint `[n]`, kg m² (kg).
     pub motor_inertia: Vec<f64>,
@@ -148,10 +148,12 @@ impl DynamicModel {
         match id.kind {
             ParameterKind::Inertial(k) => self.inertial[joint].0.get_mut(usize::from(k)),
             ParameterKind::Friction(term) => {
-                let k = robot.friction.terms().iter().position(|known| *known == term)?;
+                let k = robot.friction_of(id.joint).terms().iter().position(|known| *known == term)?;
                 self.friction[joint].get_mut(k)
             }
-            ParameterKind::MotorInertia => self.motor_inertia.get_mut(joint),
+            ParameterKind::MotorInertia => {
+                self.motor_inertia.get_mut(joint).filter(|_| robot.has_motor_inertia())
+            }
             ParameterKind::Coupling(term) => {
                 let coupling = robot.couplings.iter().position(|known| known.motor_joint == id.joint)?;
                 let k = CouplingTerm::ALL.iter().position(|known| *known == term)?;
@@ -168,12 +170,13 @@ impl DynamicModel {
     /// As [`inverse_dynamics`], and if the model has fewer joints than the robot.
     pub fn torque(&self, robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64], tau: &mut [f64]) {
         inverse_dynamics(robot, &self.inertial, q, qd, qdd, tau);
-        for i in 0..robot.joint_count() {
-            tau[i] +=
-                friction_torque(&robot.friction, &self.friction[i], qd[i]) + self.motor_inertia[i] * qdd[i];
+        for joint in robot.joint_indices() {
+            let i = joint.index();
+            let friction = friction_torque(&robot.friction_of(joint), &self.friction[i], qd[i]);
+            tau[i] += friction + self.motor_inertia[i] * qdd[i];
         }
         for (coupling, parameters) in robot.couplings.iter().zip(&self.coupling) {
-            let columns = coupling_columns(coupling, robot.friction.law, qd, qdd);
+            let columns = coupling_columns(coupling, robot.friction_of(coupling.motor_joint).law, qd, qdd);
             let along =
                 |columns: [f64; 3]| -> f64 { columns.iter().zip(parameters).map(|(c, p)| c * p).sum() };
             tau[coupling.joint.index()] += along(columns.joint);

@@ -325,7 +325,7 @@ fn natural(robot: &Robot) -> Vec<f64> {
         match id.kind {
             ParameterKind::Inertial(k) => nominal.inertial.0[usize::from(k)],
             ParameterKind::Friction(term) => {
-                let place = robot.friction.terms().iter().position(|of| *of == term);
+                let place = robot.friction_of(id.joint).terms().iter().position(|of| *of == term);
                 nominal.friction[place.expect("a term of the model")]
             }
             ParameterKind::MotorInertia => nominal.motor_inertia,

@@ -1,5 +1,7 @@
 //! Friction on the constant-speed plateaus of the friction stage [5.2], with gravity removed [5.3].
 
+mod slow;
+
 use faer::Mat;
 
 use super::actuator::friction_columns;
@@ -64,12 +66,39 @@ pub fn friction_points(
     model: Option<&DynamicModel>,
 ) -> FrictionPoints {
     let mut found = FrictionPoints::default();
+    let mut untested = Vec::new();
     for joint in robot.joint_indices() {
-        joint_points(robot, samples, conditioned, model, joint, &mut found);
+        if !joint_points(robot, samples, conditioned, model, joint, &mut found) {
+            untested.push(joint);
+        }
+    }
+    if samples.stage.contains(&Stage::Friction) {
+        found.remarks.extend(untested_remark(robot, &untested));
     }
     found
 }
 
+/// What is said of joints that the friction stage leaves out: one may be tested in each file.
+fn untested_remark(robot: &Robot, untested: &[JointIndex]) -> Option<String> {
+    let listed = |joints: &mut dyn Iterator<Item = JointIndex>| -> String {
+        joints.map(|joint| joint.to_string()).collect::<Vec<_>>().join(", ")
+    };
+    let s = |count: usize| if count == 1 { "" } else { "s" };
+    let tested = robot.joint_count() - untested.len();
+    match (untested, tested) {
+        ([], _) => None,
+        ([joint], _) => Some(format!("joint {joint} does not move alone in the friction stage")),
+        (_, 0) => Some("no joint moves alone in the friction stage".into()),
+        (_, tested) => Some(format!(
+            "the friction stage tests joint{} {} only; joints {} do not move alone in it",
+            s(tested),
+            listed(&mut robot.joint_indices().filter(|joint| !untested.contains(joint))),
+            listed(&mut untested.iter().copied())
+        )),
+    }
+}
+
+/// Adds the points of one joint; `false` if it is not tested.
 fn joint_points(
     robot: &Robot,
     samples: &Samples,
@@ -77,23 +106,29 @@ fn joint_points(
     model: Option<&DynamicModel>,
     joint: JointIndex,
     found: &mut FrictionPoints,
-) {
+) -> bool {
     let tested = tested_rows(robot, samples, conditioned, joint);
     if tested.is_empty() {
-        if samples.stage.contains(&Stage::Friction) {
-            found.remarks.push(format!("joint {joint} does not move alone in the friction stage"));
-        }
-        return;
+        return false;
     }
-    let plateaus = plateaus(robot, samples, conditioned, joint, &tested, &mut found.remarks);
+    let mut remarks = Vec::new();
+    let mut plateaus = plateaus(robot, samples, conditioned, joint, &tested, &mut remarks);
+    if plateaus.is_empty() && samples.friction_signal.is_none() {
+        let passes = slow::slow_passes(robot, conditioned, joint, &tested);
+        if !passes.is_empty() {
+            remarks = vec![slow::slow_remark(robot, joint, &passes)];
+            plateaus = passes;
+        }
+    }
+    found.remarks.extend(remarks);
     if plateaus.is_empty() {
-        return;
+        return true;
     }
     let (without_gravity, gravity) = match remove_gravity(robot, conditioned, model, joint, &tested) {
         Ok(removed) => removed,
         Err(reason) => {
             found.remarks.push(reason);
-            return;
+            return true;
         }
     };
     for plateau in plateaus {
@@ -116,6 +151,7 @@ fn joint_points(
             gravity,
         });
     }
+    true
 }
 
 /// Rows in which `joint` is under test.
@@ -341,19 +377,19 @@ fn fit_gravity(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use nalgebra::Vector3;
 
     use super::*;
     use crate::numerics::signal::condition;
     use crate::run::FrictionSignal;
 
-    const RATE: f64 = 250.0;
+    pub(super) const RATE: f64 = 250.0;
     /// Of a mean over a second of noise-free torque: what is left is the low-pass on the ramps.
-    const TOLERANCE: f64 = 2e-3;
+    pub(super) const TOLERANCE: f64 = 2e-3;
 
     /// A joint of the ER3A alone, so that its axis is vertical, or horizontal where `lying`.
-    fn one_joint(lying: bool) -> Robot {
+    pub(super) fn one_joint(lying: bool) -> Robot {
         let mut robot = crate::testing::er3a();
         robot.joints.truncate(1);
         if lying {
@@ -384,7 +420,7 @@ mod tests {
         rows
     }
 
-    fn friction(v: f64) -> f64 {
+    pub(super) fn friction(v: f64) -> f64 {
         2.0 * v.signum() + 3.0 * v
     }
 
@@ -409,7 +445,7 @@ mod tests {
         samples
     }
 
-    fn points(robot: &Robot, samples: &Samples) -> FrictionPoints {
+    pub(super) fn points(robot: &Robot, samples: &Samples) -> FrictionPoints {
         friction_points(robot, samples, &condition(samples, 12.0).expect("conditions"), None)
     }
 

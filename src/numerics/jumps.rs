@@ -28,11 +28,10 @@ pub fn jumps(robot: &Robot, conditioned: &Conditioned) -> Vec<Jump> {
     let column_of = |id: ParameterId| order.iter().position(|of| *of == id);
     let mut found = Vec::new();
     for joint in robot.joint_indices() {
-        for (place, &term) in robot.friction.terms().iter().enumerate().filter(|(_, term)| term_jumps(**term))
-        {
+        let model = robot.friction_of(joint);
+        for (place, &term) in model.terms().iter().enumerate().filter(|(_, term)| term_jumps(**term)) {
             let id = ParameterId { joint, kind: ParameterKind::Friction(term) };
-            let raw =
-                |row: usize| friction_columns(&robot.friction, conditioned.qd[joint.index()][row])[place];
+            let raw = |row: usize| friction_columns(&model, conditioned.qd[joint.index()][row])[place];
             found.extend(column_of(id).map(|column| jump(conditioned, id, column, joint, raw)));
         }
     }
@@ -43,7 +42,12 @@ pub fn jumps(robot: &Robot, conditioned: &Conditioned) -> Vec<Jump> {
         let at = |row: usize| {
             let of =
                 |channels: &[Vec<f64>]| channels.iter().map(|channel| channel[row]).collect::<Vec<f64>>();
-            coupling_columns(coupling, robot.friction.law, &of(&conditioned.qd), &of(&conditioned.qdd))
+            coupling_columns(
+                coupling,
+                robot.friction_of(coupling.motor_joint).law,
+                &of(&conditioned.qd),
+                &of(&conditioned.qdd),
+            )
         };
         found.push(jump(conditioned, id, column, coupling.joint, |row| at(row).joint[2]));
         found.push(jump(conditioned, id, column, coupling.motor_joint, |row| at(row).motor_joint[2]));

@@ -75,7 +75,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::robot::{
         Coupling, DhParameters, FrictionLaw, FrictionModel, JointGeometry, JointLimits, MAX_JOINTS,
-        UrdfOrigin,
+        TorqueSensors, UrdfOrigin,
     };
     use crate::testing::er3a;
 
@@ -110,6 +110,7 @@ pub(crate) mod tests {
             rated_motor_torque: None,
             rated_torque: None,
             low_speed: 0.02,
+            friction: None,
             nominal: None,
         }
     }
@@ -123,6 +124,7 @@ pub(crate) mod tests {
             gravity: Vector3::from(gravity),
             tool: Transform::IDENTITY,
             friction: FrictionModel::POLYNOMIAL,
+            torque_sensors: TorqueSensors::Motor,
             couplings: Vec::new(),
             speed_levels: Vec::new(),
             excitation: None,

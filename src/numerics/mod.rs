@@ -33,6 +33,7 @@ pub mod rows;
 pub mod estimate;
 pub mod robust;
 pub mod student;
+pub mod channel_delay;
 pub mod covariance;
 pub mod identify;
 pub mod prior;

@@ -99,13 +99,16 @@ fn negative_friction(
     let mut mean = 0.0;
     for step in 1..=STEPS {
         let speed = top_speed * f64::from(step) / f64::from(STEPS);
-        let columns = friction_columns(&robot.friction, speed);
+        let columns = friction_columns(&robot.friction_of(joint), speed);
         let mut torque = Combination::default();
         for parameter in identified.parameters.iter().filter(|p| p.id.joint == joint) {
             let ParameterKind::Friction(term) = parameter.id.kind else { continue };
             // an offset of the torque signal is no friction, whatever its sign
-            let place =
-                robot.friction.terms().iter().position(|of| *of == term && term != FrictionTerm::Offset);
+            let place = robot
+                .friction_of(joint)
+                .terms()
+                .iter()
+                .position(|of| *of == term && term != FrictionTerm::Offset);
             if let Some(place) = place {
                 torque.add(columns[place], parameter.value, parameter.std_error);
             }

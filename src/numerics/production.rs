@@ -2,7 +2,7 @@
 //! of production moves as it must and not as parameters need.
 
 use super::NumericsError;
-use super::analyse::{Method, keep_factors, note_gaps, unanalysed};
+use super::analyse::{Method, keep_factors, note_gaps, unanalysed, without_positions};
 use super::factors::{JointColumns, JointFactor, factor_cycle};
 use super::jumps::jumps;
 use super::signal::condition;
@@ -38,6 +38,9 @@ pub struct Reference {
 pub fn analyse_window(method: &Method, cycle: &Cycle, reference: Option<&Reference>) -> CycleAnalysis {
     let samples = &cycle.samples;
     let mut analysis = CycleAnalysis { kind: RunKind::Production, ..unanalysed(method, cycle) };
+    if without_positions(samples, &mut analysis) {
+        return analysis;
+    }
     let conditioned = match condition(samples, analysis.cutoff) {
         Ok(conditioned) => conditioned,
         Err(error) => {

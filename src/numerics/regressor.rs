@@ -101,19 +101,24 @@ pub fn joint_torque_regressor(robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64],
 /// Columns behind those of the links: friction, motor inertia, couplings.
 fn write_actuators(robot: &Robot, qd: &[f64], qdd: &[f64], y: &mut Regressor) {
     let n = robot.joint_count();
-    let terms = robot.friction.terms().len();
-    let first_friction = StandardParameters::COUNT * n;
-    let first_motor = first_friction + terms * n;
-    for i in 0..n {
-        let columns = friction_columns(&robot.friction, qd[i]);
-        for (k, value) in columns.into_iter().take(terms).enumerate() {
-            y.set(i, first_friction + terms * i + k, value);
+    let mut next = StandardParameters::COUNT * n;
+    for joint in robot.joint_indices() {
+        let (i, model) = (joint.index(), robot.friction_of(joint));
+        let terms = model.terms().len();
+        for (k, value) in friction_columns(&model, qd[i]).into_iter().take(terms).enumerate() {
+            y.set(i, next + k, value);
         }
-        y.set(i, first_motor + i, qdd[i]);
+        next += terms;
+    }
+    if robot.has_motor_inertia() {
+        for (i, qdd) in qdd.iter().enumerate().take(n) {
+            y.set(i, next + i, *qdd);
+        }
+        next += n;
     }
     for (c, coupling) in robot.couplings.iter().enumerate() {
-        let columns = coupling_columns(coupling, robot.friction.law, qd, qdd);
-        let first = first_motor + n + CouplingTerm::ALL.len() * c;
+        let columns = coupling_columns(coupling, robot.friction_of(coupling.motor_joint).law, qd, qdd);
+        let first = next + CouplingTerm::ALL.len() * c;
         for k in 0..CouplingTerm::ALL.len() {
             y.set(coupling.joint.index(), first + k, columns.joint[k]);
             y.set(coupling.motor_joint.index(), first + k, columns.motor_joint[k]);
@@ -225,7 +230,7 @@ mod tests {
     use super::*;
     use crate::numerics::dynamics::DynamicModel;
     use crate::numerics::kinematics::tests::{any_arm, numbers};
-    use crate::robot::ParameterId;
+    use crate::robot::{FrictionLaw, FrictionModel, ParameterId, TorqueSensors};
     use crate::testing::er3a;
 
     /// Two orders of summation over nine links differ by rounding only.
@@ -235,8 +240,22 @@ mod tests {
         #[test]
         fn regressor_times_parameters_is_inverse_dynamics(
             robot in any_arm(), phi in numbers(), q in numbers(), qd in numbers(), qdd in numbers(),
+            mixed: bool, link_sensors: bool,
         ) {
+            let mut robot = robot;
+            if mixed {
+                let laws = [None, Some(FrictionLaw::None), Some(FrictionLaw::Smooth { speed: 0.2 }),
+                    Some(FrictionLaw::ViscousCoulomb), Some(FrictionLaw::Polynomial)];
+                for (k, joint) in robot.joints.iter_mut().enumerate() {
+                    joint.friction = laws[k % 5].map(|law| FrictionModel { law, asymmetric: k % 5 == 2 });
+                }
+            }
+            if link_sensors {
+                robot.torque_sensors = TorqueSensors::Link;
+                robot.couplings.clear();
+            }
             let n = robot.joint_count();
+            prop_assert_eq!(ParameterId::natural_order(&robot).len(), robot.parameter_count());
             let model = DynamicModel::from_parameters(
                 &robot, ParameterId::natural_order(&robot).into_iter().zip(phi.iter().copied()));
             let (qd, qdd): (Vec<f64>, Vec<f64>) = (

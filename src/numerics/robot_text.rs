@@ -5,7 +5,8 @@ use std::fmt;
 use super::base::BaseParameters;
 use super::robot_check::{IdentityCheck, RobotCheck};
 use crate::robot::{
-    FrictionLaw, GeometrySource, JointKind, ParameterId, Robot, StandardParameters, Transform,
+    FrictionLaw, FrictionModel, GeometrySource, JointKind, ParameterId, Robot, StandardParameters,
+    TorqueSensors, Transform,
 };
 
 impl fmt::Display for RobotCheck {
@@ -116,7 +117,8 @@ fn write_conventions(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
 }
 
 fn write_friction(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
-    let law = match (robot.friction.law, robot.friction.asymmetric) {
+    let law = |model: FrictionModel| match (model.law, model.asymmetric) {
+        (FrictionLaw::None, _) => "none".to_owned(),
         (FrictionLaw::Polynomial, _) => "f1 sign(v) + f2 v + f3 v^2 sign(v) + f4 v^3".to_owned(),
         (FrictionLaw::ViscousCoulomb, false) => "fs sign(v) + fv v + off".to_owned(),
         (FrictionLaw::ViscousCoulomb, true) => "fs_p + fv_p v forwards, -fs_n + fv_n v backwards".to_owned(),
@@ -125,7 +127,17 @@ fn write_friction(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
             format!("fs_p tanh(v / {speed}) + fv_p v forwards, fs_n tanh(v / {speed}) + fv_n v backwards")
         }
     };
-    writeln!(f, "  friction of a joint: {law}; motor inertia seen at the joint: I_m a")?;
+    let motor = match robot.torque_sensors {
+        TorqueSensors::Motor => "motor inertia seen at the joint: I_m a",
+        TorqueSensors::Link => "torque is measured behind the gears, without motor inertia",
+    };
+    writeln!(f, "  friction of a joint: {}; {motor}", law(robot.friction))?;
+    for joint in robot.joint_indices() {
+        let model = robot.friction_of(joint);
+        if model != robot.friction {
+            writeln!(f, "  friction of joint {joint}: {}", law(model))?;
+        }
+    }
     for coupling in &robot.couplings {
         writeln!(
             f,

@@ -8,6 +8,7 @@ use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::fingerprint;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
+use crate::numerics::channel_delay::ChannelDelays;
 use crate::numerics::segment::{CutterState, CycleCutter, SegmentError};
 use crate::numerics::stages::{FinderState, StageFinder, StageRule};
 use crate::numerics::time_grid::sample_rate;
@@ -28,6 +29,7 @@ const FIRST_ROWS: usize = 16;
 pub struct RowCutter {
     path: PathBuf,
     joint_side: JointSide,
+    delays: ChannelDelays,
     stages: StageFinder,
     cutter: CycleCutter,
     first_times: Vec<f64>,
@@ -62,6 +64,7 @@ impl RowCutter {
         Ok(Self {
             path: path.to_owned(),
             joint_side,
+            delays: layout.delays(robot),
             stages,
             cutter,
             first_times: Vec::new(),
@@ -137,7 +140,9 @@ impl RowCutter {
         let held = self.stages.finish();
         self.cut(held, cycles)?;
         let cutter = std::mem::take(&mut self.cutter);
-        cycles.extend(cutter.finish().map_err(|error| not_cut(&self.path, &error))?);
+        let mut last = cutter.finish().map_err(|error| not_cut(&self.path, &error))?;
+        last.iter_mut().for_each(|cycle| self.delays.take_from(&mut cycle.samples));
+        cycles.extend(last);
         Ok(())
     }
 
@@ -152,7 +157,10 @@ impl RowCutter {
         let known = cycles.len();
         let cut = self.cutter.push(staged, cycles);
         // several wait for analysis
-        cycles[known..].iter_mut().for_each(|cycle| cycle.samples.shrink_to_fit());
+        for cycle in &mut cycles[known..] {
+            cycle.samples.shrink_to_fit();
+            self.delays.take_from(&mut cycle.samples);
+        }
         cut.map_err(|error| not_cut(&self.path, &error))
     }
 

@@ -176,8 +176,8 @@ pub(super) async fn write_down(
     header: &RunHeader,
     rejection: &Rejection,
 ) -> Result<i64, PipelineError> {
-    let place = rejection.clone();
-    let excerpt = tokio::task::spawn_blocking(move || excerpt::of_rejection(&place, 0)).await?;
+    let (place, most) = (rejection.clone(), pipeline.config().limits.export_bytes);
+    let excerpt = tokio::task::spawn_blocking(move || excerpt::of_rejection(&place, 0, most)).await?;
     let fault = Fault {
         reason: rejection.sentence(),
         problem: rejection.reason.to_string(),

@@ -112,6 +112,8 @@ pub enum FrictionLaw {
     Polynomial,
     /// `fs sign(v) + fv v + off`.
     ViscousCoulomb,
+    /// No friction in the measured torque, as of sensors behind gears without seals.
+    None,
     /// `fs tanh(v / speed) + fv v + off`.
     Smooth {
         /// Speed at which three quarters of the Coulomb friction act, rad/s (m/s).
@@ -133,6 +135,7 @@ impl FrictionModel {
             ViscousPositive,
         };
         match (self.law, self.asymmetric) {
+            (FrictionLaw::None, _) => &[],
             (FrictionLaw::Polynomial, _) => &[F1, F2, F3, F4],
             (_, false) => &[Coulomb, Viscous, Offset],
             (_, true) => &[CoulombPositive, CoulombNegative, ViscousPositive, ViscousNegative],
@@ -285,9 +288,9 @@ impl ParameterId {
     pub fn natural_order(robot: &Robot) -> Vec<Self> {
         let joints = || robot.joint_indices();
         let inertial = joints().flat_map(|j| (0..10).map(move |k| (j, ParameterKind::Inertial(k))));
-        let terms = robot.friction.terms();
-        let friction = joints().flat_map(|j| terms.iter().map(move |&k| (j, ParameterKind::Friction(k))));
-        let motor = joints().map(|j| (j, ParameterKind::MotorInertia));
+        let friction = joints()
+            .flat_map(|j| robot.friction_of(j).terms().iter().map(move |&k| (j, ParameterKind::Friction(k))));
+        let motor = joints().filter(|_| robot.has_motor_inertia()).map(|j| (j, ParameterKind::MotorInertia));
         let coupling = robot.couplings.iter().flat_map(|coupling| {
             CouplingTerm::ALL.map(|term| (coupling.motor_joint, ParameterKind::Coupling(term)))
         });
@@ -363,6 +366,7 @@ mod tests {
         assert!(ParameterKind::all().zip(ParameterKind::all().skip(1)).all(|(a, b)| a < b));
         for model in [
             FrictionModel::POLYNOMIAL,
+            FrictionModel { law: FrictionLaw::None, asymmetric: false },
             FrictionModel { law: FrictionLaw::ViscousCoulomb, asymmetric: false },
             FrictionModel { law: FrictionLaw::Smooth { speed: 0.1 }, asymmetric: true },
         ] {

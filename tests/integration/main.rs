@@ -9,6 +9,7 @@ mod archive;
 mod architecture;
 mod bad_input;
 mod canon;
+mod channel_settings;
 mod cli;
 mod clock;
 mod control;
@@ -18,6 +19,7 @@ mod docs;
 #[cfg(target_os = "linux")]
 mod faults;
 mod quarantine;
+mod friction_only;
 mod fuzz_seeds;
 mod layouts;
 mod estimators;

@@ -111,7 +111,13 @@ fn joint_question(title: &'static str, count: usize) -> Section {
 }
 
 pub(super) fn position_section(joints: &Joints<'_>, units: &Units) -> Section {
-    let Some(found) = &joints.position else { return joint_question("position", joints.count) };
+    let Some(found) = &joints.position else {
+        let mut section = joint_question("position", joints.count);
+        section
+            .comments
+            .push("A log without positions, of currents and temperatures, has recorded = false here.".into());
+        return section;
+    };
     let mut keys = vec![Key::decided(found.key.0, found.key.1.clone()).because(&found.why)];
     keys.push(match (units.known.position, units.choice()) {
         (Some(unit), _) => Key::decided("unit", quoted(unit)).because("the name gives it"),

@@ -39,10 +39,12 @@ pub(super) fn small_motion(view: &View<'_>, settings: &DiagnoseSettings) -> Opti
     };
     let turning = view.robot.joint_indices().filter(|&joint| view.joint(joint).kind == JointKind::Revolute);
     let largest = turning.map(share).max_by(f64::total_cmp)?;
+    // a plateau may be short; only identification needs the range
+    let severity = if view.has_excitation { FindingSeverity::Refuse } else { FindingSeverity::Warn };
     (largest < settings.range_share).then(|| {
         finding(
             FindingKind::SmallMotion,
-            FindingSeverity::Refuse,
+            severity,
             None,
             format!(
                 "no turning joint moves over more than {:.1} % of its range: radians read as degrees, or a motion too small \

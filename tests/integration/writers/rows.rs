@@ -156,7 +156,7 @@ fn last_line_cut(stage: &Stage) {
     let path = stage.path(&export.name);
     let cut = export.bytes.len() - 30;
     append(&path, &export.bytes[..cut]);
-    stage.wait(&["quarantined|1|"]);
+    stage.wait(&["complete|2|"]);
     append(&path, &export.bytes[cut..]);
 }
 
