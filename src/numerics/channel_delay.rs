@@ -1,6 +1,6 @@
 //! Channels that a recording has later than the positions beside them, brought back to the time that they belong to.
 
-use super::signal::median_step;
+use super::time_grid::median_step;
 use crate::run::Samples;
 
 /// Steps longer than this many median steps are gaps, over which nothing is interpolated.
