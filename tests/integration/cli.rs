@@ -7,7 +7,9 @@ use crate::support::{Workshop, reference, text};
 
 /// Words that lead to each command that does something and is not hidden, with the command.
 fn commands(of: &Command, words: &[String], found: &mut Vec<(Vec<String>, Command)>) {
-    for command in of.get_subcommands().filter(|command| !command.is_hide_set()) {
+    // `help` is clap's own
+    let shown = |command: &&Command| !command.is_hide_set() && command.get_name() != "help";
+    for command in of.get_subcommands().filter(shown) {
         let words = [words, &[command.get_name().to_owned()]].concat();
         if command.has_subcommands() {
             commands(command, &words, found);
