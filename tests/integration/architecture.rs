@@ -67,7 +67,7 @@ const ROOMS: &[Room] = &[
     },
     Room {
         name: "daemon",
-        may_name: &["run", "alert", "config", "ingest", "pipeline", "store", "telemetry"],
+        may_name: &["run", "alert", "config", "ingest", "pipeline", "serve", "store", "telemetry"],
         door_to: &[],
     },
     Room {
