@@ -141,13 +141,14 @@ mod tests {
 
     /// The shipped arm with keys at its root and in the table of one joint, from 0.
     fn with(root: &str, joint: usize, keys: &str) -> Result<Robot, String> {
-        let mut parts = ER3A.split("[[joint]]");
+        // comments name the table too
+        let mut parts = ER3A.split("\n[[joint]]\n");
         let root = if root.is_empty() { "friction_model = \"polynomial\"" } else { root };
         let mut text = parts.next().expect("a root").replacen("friction_model = \"polynomial\"", root, 1);
         for (at, part) in parts.enumerate() {
-            text.push_str("[[joint]]");
+            text.push_str("\n[[joint]]\n");
             if at == joint {
-                text.push_str(&format!("\n{keys}"));
+                text.push_str(&format!("{keys}\n"));
             }
             text.push_str(part);
         }

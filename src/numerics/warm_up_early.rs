@@ -48,8 +48,8 @@ pub(super) fn early_fit(points: &[Mean]) -> Option<Candidate> {
         .iter()
         .filter_map(|(time, fit)| Some((*time, fit.as_ref()?)))
         .min_by(|a, b| a.1.squares.total_cmp(&b.1.squares))?;
-    // one-sided 95 %
-    let limit = best.squares * (1.0 + f_quantile(0.90, 1.0, freedom) / freedom);
+    // the ends of the 95 % interval, as of all other estimates
+    let limit = best.squares * (1.0 + f_quantile(0.95, 1.0, freedom) / freedom);
     let fits_as_well = |fit: &Option<Fixed>| fit.as_ref().is_some_and(|fit| fit.squares <= limit);
     let last_that_fits = fits.iter().rposition(|(_, fit)| fits_as_well(fit))?;
     // the next of the steps is beyond the bound; without one there is no bound

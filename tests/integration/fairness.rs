@@ -71,7 +71,7 @@ fn stop(daemon: Daemon) {
 fn twenty_robots_that_write_at_once_are_all_read_while_they_write() {
     let workshop = Workshop::new();
     workshop.set("settle_s", "600");
-    workshop.set("live_files", "3");
+    workshop.set("live_files", "6");
     let mut exports = exports(&workshop, 20, 3);
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT COUNT(*) FROM runs", 0);
@@ -98,7 +98,7 @@ fn twenty_robots_that_write_at_once_are_all_read_while_they_write() {
     workshop.wait_for_conclusions();
     stop(daemon);
     let log = workshop.log();
-    let short: Vec<&str> = log.lines().filter(|line| line.contains("watch.live_files = 3")).collect();
+    let short: Vec<&str> = log.lines().filter(|line| line.contains("watch.live_files = 6")).collect();
     assert!(short.len() == 1 && short[0].contains("WARN"), "{log}");
     let calm = Workshop::new();
     for export in &exports {

@@ -51,7 +51,6 @@ fn a_robot_whose_conclusions_are_refused_is_marked_and_holds_up_nobody() {
         log.lines().filter(|line| line.contains(level) && line.contains("poisoned")).count()
     };
     assert_eq!((said("ERROR"), said("WARN")), (1, 0), "{}", workshop.log());
-    assert_eq!(workshop.query("SELECT DISTINCT robot FROM fleet_health"), ["B"]);
 
     // a new start says so once, and goes on with the others
     let daemon = workshop.daemon();

@@ -350,7 +350,10 @@ fn without_a_token_other_machines_are_not_listened_to() {
     let refused = workshop.command(&["run"]).env_remove("ARMWATCH_TOKEN").output().expect("it runs");
     assert_eq!(refused.status.code(), Some(2), "{}", text(&refused.stderr));
     assert!(text(&refused.stderr).contains("token_file"), "{}", text(&refused.stderr));
-    let checked = workshop.stdout(&["config", "check"], 0);
+    let checked = workshop.stdout(&["config", "check"], 2);
+    assert!(checked.contains("token_file"), "{checked}");
+    let with_token = workshop.command(&["config", "check"]).env("ARMWATCH_TOKEN", TOKEN).output();
+    let checked = text(&with_token.expect("it runs").stdout);
     assert!(checked.contains("HTTP                      0.0.0.0:0; no token file; no uploads"), "{checked}");
     fs::write(&path, format!("[serve]\nlisten = \"here\"\n[serve.upload]\nmax_bytes = 0\n\n{config}"))
         .expect("it");
