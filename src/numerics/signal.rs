@@ -453,8 +453,7 @@ mod tests {
             samples.position[0].remove(lost);
         }
         samples.velocity = None;
-        let of = |channels: &[Vec<f64>]| vec![channels[0][..1998].to_vec()];
-        samples.torque = of(&samples.torque);
+        samples.torque = vec![samples.torque[0][..1998].to_vec()];
         samples.stage.truncate(1998);
         let c = condition(&samples, 12.0).expect("conditions");
         assert_eq!(c.filtered(), (1, 1998));

@@ -46,7 +46,7 @@ pub fn sample_rate(time: &[f64]) -> Option<f64> {
     let inside = time.windows(2).map(|w| w[1] - w[0]).filter(|step| *step <= GAP_STEPS * median);
     let (steps, span) = inside.fold((0_usize, 0.0), |(steps, span), step| (steps + 1, span + step));
     let mean = span / steps as f64;
-    let even = !(mean > 0.0) || (mean / median - 1.0).abs() < MEDIAN_HOLDS;
+    let even = steps == 0 || mean <= 0.0 || (mean / median - 1.0).abs() < MEDIAN_HOLDS;
     Some(if even { 1.0 / median } else { 1.0 / mean })
 }
 
@@ -113,7 +113,7 @@ impl Interpolation {
             let near = &nodes[start..start + POINTS];
             let regular = near.windows(2).all(|w| {
                 let spacing = (w[1] - w[0]) / step;
-                spacing >= SPACING[0] && spacing <= SPACING[1]
+                (SPACING[0]..=SPACING[1]).contains(&spacing)
             });
             let weights = if regular { lagrange(near, x) } else { hermite(near, behind - start, x) };
             (start, weights)

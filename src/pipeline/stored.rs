@@ -319,10 +319,7 @@ pub(super) async fn chosen_cycles(
         cycles.retain(|cycle| numbers.contains(&cycle.cycle));
         return Ok(ChosenCycles { cycles, passed_over: Vec::new() });
     }
-    // a run of which nothing counts can be verified all the same: its factors say what it measured
-    if wanted == FactorsWanted::Identification || cycles.iter().any(|cycle| cycle.counts) {
-        cycles.retain(|cycle| cycle.counts);
-    }
+    cycles.retain(|cycle| cycle.counts);
     let without = states.iter().map(|state| state.cycle).filter(|number| !has_factors(&cycles, *number));
     let passed_over = without.map(|cycle| PassedOver { run_id, cycle, reason: why(cycle) }).collect();
     Ok(ChosenCycles { cycles, passed_over })

@@ -32,9 +32,12 @@ pub struct Spool {
     folder: PathBuf,
     active: Arc<Mutex<HashSet<PathBuf>>>,
     probes: Arc<AtomicU64>,
-    /// Uploads that are not whole: length and time of modification, and since when they have been so.
-    standing: Arc<Mutex<HashMap<PathBuf, (u64, SystemTime, Instant)>>>,
+    /// Uploads that are not whole, as they were when they changed last.
+    standing: Arc<Mutex<HashMap<PathBuf, Standing>>>,
 }
+
+/// Length and time of modification of an upload, and since when it has had them.
+type Standing = (u64, SystemTime, Instant);
 
 /// An upload that is not whole, claimed by one request until it is dropped.
 #[derive(Debug)]
@@ -265,7 +268,7 @@ mod tests {
     fn looks_at_the_same_time_do_not_fail_each_other() {
         let folder = tempfile::tempdir().unwrap();
         let spool = Spool::open(folder.path()).unwrap();
-        let look = || (0..300).map(|_| spool.probe()).collect::<io::Result<()>>();
+        let look = || (0..300).try_for_each(|_| spool.probe());
         std::thread::scope(|scope| {
             let looks: Vec<_> = (0..4).map(|_| scope.spawn(look)).collect();
             looks.into_iter().for_each(|look| look.join().unwrap().unwrap());

@@ -69,7 +69,7 @@ fn exports_in_the_archive_that_the_database_does_not_know_are_taken_at_start() {
     assert!(workshop.log().contains("in the archive, and not in the database"), "{}", workshop.log());
     // nothing is taken twice
     let daemon = workshop.daemon();
-    workshop.wait_for(COMPLETE_RUNS, 3);
+    workshop.wait_for_a_look();
     daemon.signal("TERM");
     assert_eq!(daemon.end(), Some(0));
     assert_eq!(workshop.query("SELECT count(*) FROM runs"), ["3"]);

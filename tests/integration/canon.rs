@@ -58,9 +58,8 @@ pub fn canonical_dump(database: &Path) -> String {
                   WHERE runs.run_id = seen.\"{column}\")"
             ))
         } else if column == "source_path" {
-            // below the folder of the test
-            let folder = database.parent().unwrap_or(Path::new("")).display();
-            Some(format!("quote(replace(seen.source_path, '{folder}/', ''))"))
+            // every test has a folder of its own
+            Some("quote(substr(seen.source_path, instr(seen.source_path, '/inbox/') + 1))".to_owned())
         } else if (view, column) == ("runs", "reason") {
             // the reason of a superseded run names its successor by number
             let unnumbered =

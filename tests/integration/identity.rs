@@ -6,7 +6,7 @@ use sqlx::Connection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 
 use crate::small::{self, Export, export, work};
-use crate::support::{Workshop, assert_alike, text};
+use crate::support::{Daemon, Workshop, assert_alike, text};
 
 const RUNS: &str = "SELECT source_name, kind, status FROM runs ORDER BY run_id";
 
@@ -156,6 +156,18 @@ fn with_windows(workshop: &Workshop, seconds: u32) {
     fs::write(&path, config.replace(shipped, "production.toml")).expect("written");
 }
 
+/// A daemon that has seen a file grow to `bytes`; what it does not see grow is read once it has settled.
+fn begin_to_grow(workshop: &Workshop, path: &std::path::Path, bytes: &[u8]) -> Daemon {
+    use std::io::Write;
+    let (begin, rest) = bytes.split_at(bytes.len() / 4);
+    fs::write(path, begin).expect("the beginning");
+    let daemon = workshop.daemon();
+    workshop.wait_for_a_look();
+    let mut file = fs::File::options().append(true).open(path).expect("the file");
+    file.write_all(rest).expect("more of it");
+    daemon
+}
+
 #[test]
 fn windows_of_another_length_are_cut_from_the_start_of_a_log_that_is_half_stored() {
     let log = work("A", 1, 5);
@@ -169,8 +181,7 @@ fn windows_of_another_length_are_cut_from_the_start_of_a_log_that_is_half_stored
     workshop.set("settle_s", "60");
     let half = log.bytes.len() / 2;
     let path = workshop.inbox(&log.name);
-    fs::write(&path, &log.bytes[..half]).expect("a growing log");
-    let daemon = workshop.daemon();
+    let daemon = begin_to_grow(&workshop, &path, &log.bytes[..half]);
     // more windows of the one length than the whole log has of the other
     workshop.wait_for(&format!("SELECT count(*) > {windows} FROM cycles"), 1);
     daemon.signal("KILL");
@@ -180,6 +191,7 @@ fn windows_of_another_length_are_cut_from_the_start_of_a_log_that_is_half_stored
     fs::write(workshop.inbox(&format!("{}.done", log.name)), "").expect("a mark");
     let daemon = workshop.daemon();
     workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 1);
+    workshop.wait_for_conclusions();
     assert_alike(&workshop.dump(), &fresh.dump(), "windows of 35 s");
     daemon.signal("TERM");
     assert_eq!(daemon.end(), Some(0));
@@ -253,8 +265,7 @@ fn a_recording_whose_name_says_no_start_began_its_duration_before_its_file_was_w
         if follows {
             workshop.set("settle_s", "60");
             let half = export.bytes.len() / 2;
-            fs::write(&path, &export.bytes[..half]).expect("a growing export");
-            let daemon = workshop.daemon();
+            let daemon = begin_to_grow(&workshop, &path, &export.bytes[..half]);
             workshop.wait_for("SELECT count(*) > 0 FROM runs WHERE status = 'streaming'", 1);
             use std::io::Write;
             let mut file = fs::File::options().append(true).open(&path).expect("the export");

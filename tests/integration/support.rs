@@ -196,11 +196,7 @@ impl Workshop {
 
     /// Waits until something holds.
     pub fn wait_until(&self, mut holds: impl FnMut() -> bool) {
-        let start = Instant::now();
-        while !holds() {
-            assert!(start.elapsed() < PATIENCE, "it does not come to hold; the log says\n{}", self.log());
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        wait_until(&mut holds, || format!("it does not come to hold; the log says\n{}", self.log()));
     }
 
     /// Waits until what every robot's history says stands on all of its complete runs.

@@ -131,13 +131,46 @@ pub(super) fn far_from_nominal(
     identified: &Identification,
     settings: &PlausibleSettings,
 ) -> Vec<Finding> {
+    let off = |found: f64, drawn: f64| (found / drawn).max(drawn / found);
     let far = |(joint, [found, drawn]): (JointIndex, [f64; 2])| {
-        let ratio = found / drawn;
-        let off = ratio.max(1.0 / ratio);
-        (ratio > 0.0 && off > settings.nominal_factors[0])
+        if found <= 0.0 || off(found, drawn) <= settings.nominal_factors[0] {
+            return None;
+        }
+        // the end of the interval that is nearest to the nominal inertia
+        let margin = settings.standard_errors * inertia_error(robot, identified, joint);
+        let nearest = match found < drawn {
+            true => (found + margin).min(drawn),
+            false => (found - margin).max(drawn),
+        };
+        let off = off(nearest, drawn);
+        (off > settings.nominal_factors[0])
             .then(|| far_finding((joint, inertia_unit(robot, joint)), [found, drawn], off, settings))
     };
     inertias(robot, identified).into_iter().filter_map(far).collect()
+}
+
+/// Standard error of a joint's identified inertia, averaged over postures, with errors of parameters as independent.
+fn inertia_error(robot: &Robot, identified: &Identification, joint: JointIndex) -> f64 {
+    let order = ParameterId::natural_order(robot);
+    let still = vec![0.0; robot.joint_count()];
+    let mut unit = still.clone();
+    unit[joint.index()] = 1.0;
+    let (mut moving, mut resting) = (Regressor::new(robot), Regressor::new(robot));
+    let mut coefficients = vec![0.0; identified.parameters.len()];
+    for posture in 0..POSTURES {
+        let q = probe_state(robot, posture).q;
+        joint_torque_regressor(robot, &q, &still, &unit, &mut moving);
+        joint_torque_regressor(robot, &q, &still, &still, &mut resting);
+        for (coefficient, parameter) in coefficients.iter_mut().zip(&identified.parameters) {
+            let Some(column) = order.iter().position(|id| *id == parameter.id) else { continue };
+            *coefficient += moving.column(column)[joint.index()] - resting.column(column)[joint.index()];
+        }
+    }
+    let mut inertia = Combination::default();
+    for (coefficient, parameter) in coefficients.iter().zip(&identified.parameters) {
+        inertia.add(coefficient / POSTURES as f64, parameter.value, parameter.std_error);
+    }
+    inertia.variance.sqrt()
 }
 
 fn far_finding(
