@@ -463,7 +463,7 @@ impl WarmUpFit {
 pub struct FastShown {
     /// Its value at the first point, Nm.
     pub at_first: Estimate,
-    /// Time constant that it does not exceed with 95 %, min.
+    /// Upper end of the 95 % interval of its time constant, min.
     pub longest: f64,
 }
 

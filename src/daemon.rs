@@ -27,7 +27,7 @@ use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
 use crate::alert;
-use crate::config::Config;
+use crate::config::{Config, WatchSettings};
 use crate::ingest::tail;
 use crate::ingest::watch::{self, Complaints, Scan};
 use crate::pipeline::conclude::Concluded;
@@ -257,15 +257,20 @@ impl<'r> Work<'r> {
         }
     }
 
+    /// The settings in force, folders from the root on, as paths are stored.
+    fn watch_settings(&self) -> WatchSettings {
+        let mut settings = self.pipeline.config().watch.clone();
+        settings.folders.iter_mut().for_each(|folder| *folder = archive::from_root(folder));
+        settings
+    }
+
     /// Scans and takes files until a stop is asked for.
     async fn go_on(
         &mut self,
         mut reload: mpsc::Receiver<()>,
         report: &mut impl FnMut(Event<'_>),
     ) -> Result<(), PipelineError> {
-        let mut settings = self.pipeline.config().watch.clone();
-        // as paths are stored
-        settings.folders.iter_mut().for_each(|folder| *folder = archive::from_root(folder));
+        let mut settings = self.watch_settings();
         let (mut watcher, mut hints) = watch::watch_folders(&settings.folders);
         let mut complaints = Complaints::default();
         let mut next_scan = Instant::now();
@@ -273,7 +278,7 @@ impl<'r> Work<'r> {
         self.take_over_stale().await?;
         while !self.stop.is_cancelled() {
             if std::mem::take(&mut self.is_reloaded) {
-                let new = self.pipeline.config().watch.clone();
+                let new = self.watch_settings();
                 if new.folders != settings.folders {
                     (watcher, hints) = watch::watch_folders(&new.folders);
                 }

@@ -409,13 +409,16 @@ fn exponential_fit(points: &[Mean], start: &[f64], parts: usize) -> Option<Candi
     let finite = rmsd.is_finite() && decays.iter().all(|d| d.time_constant.value.is_finite());
     let (first, _) = extent(points.iter().map(|p| p.minute));
     let covariance = statistics.covariance_matrix();
-    let fast_shown = (parts == 2).then(|| shown_at(first, &decays[1], covariance, log_times.as_slice()));
+    let wide = student_quantile(0.975, (points.len() as f64 - (1 + 2 * parts) as f64).max(1.0));
+    let fast_shown =
+        (parts == 2).then(|| shown_at(first, &decays[1], covariance, log_times.as_slice(), wide));
     finite.then_some(Candidate { a: estimate(0), parts: decays, fast_shown, rmsd })
 }
 
-/// Value of the fast part at `first`, and the longest that its time constant may be. `covariance` is that of `a`, both
-/// amplitudes and the logarithms of both time constants, in the order of the fit's `log_times`.
-fn shown_at(first: f64, fast: &Decay, covariance: &DMatrix<f64>, log_times: &[f64]) -> FastShown {
+/// Value of the fast part at `first`, and the longest that its time constant may be: the upper end of its 95 % interval,
+/// `wide` standard errors of its logarithm. `covariance` is that of `a`, both amplitudes and the logarithms of both time
+/// constants, in the order of the fit's `log_times`.
+fn shown_at(first: f64, fast: &Decay, covariance: &DMatrix<f64>, log_times: &[f64], wide: f64) -> FastShown {
     let k = usize::from(log_times[1] < log_times[0]);
     let (amplitude, time) = (1 + k, 3 + k);
     let decayed = (-first / fast.time_constant.value).exp();
@@ -427,7 +430,7 @@ fn shown_at(first: f64, fast: &Decay, covariance: &DMatrix<f64>, log_times: &[f6
     let log_error = fast.time_constant.std_error / fast.time_constant.value;
     FastShown {
         at_first: Estimate { value, std_error: variance.max(0.0).sqrt() },
-        longest: fast.time_constant.value * (normal_quantile(0.95) * log_error).exp(),
+        longest: fast.time_constant.value * (wide * log_error).exp(),
     }
 }
 
