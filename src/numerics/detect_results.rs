@@ -196,8 +196,8 @@ fn is_odd(compared: Compared) -> bool {
 fn why(run: &RunSummary) -> String {
     let cycles = match (run.cycles, run.refused_cycles) {
         (0, _) => return "it holds no whole cycle".into(),
-        (1, 0) => return "its only cycle holds nothing that counts".into(),
-        (all, 0) => return format!("none of its {all} cycles holds anything that counts"),
+        (1, 0) => return "its only cycle is doubtful, as its remarks say".into(),
+        (all, 0) => return format!("all {all} cycles are doubtful, as their remarks say"),
         (1, 1) => "its only cycle was refused".into(),
         (all, refused) if all == refused => format!("all {all} cycles were refused"),
         (all, refused) => format!("{refused} of {all} cycles were refused"),

@@ -47,6 +47,9 @@ impl Store {
                             WHERE summary.run_id = run.run_id
                                   AND coalesce(summary.warm_friction_nm, summary.excitation_friction_nm,
                                            summary.relative_rmsd) IS NOT NULL)
+                            -- numbers that are doubted are a result, from which nothing is concluded
+                            AND NOT EXISTS (
+                                SELECT 1 FROM cycle WHERE cycle.run_id = run.run_id AND cycle.doubtful)
                         ELSE cycles_stored > 0 AND cycles_stored = (
                             SELECT count(*) FROM cycle WHERE cycle.run_id = run.run_id AND status = 'refused')
                     END AS without_result

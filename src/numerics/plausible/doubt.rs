@@ -90,25 +90,40 @@ pub fn diagnose_description(
         .iter()
         .filter(|of| of.scope == RmsdScope::Stage(Stage::Excitation) && of.moving_rows.samples > 0);
     let moving = moving.count();
-    let suspected = delays(judged, &[]).and_then(|delay| late(&delay, moving, settings));
+    let first = delays(judged, &[]);
+    let suspected = first.as_ref().and_then(|delay| late(delay, moving, settings));
     let late =
         suspected.and_then(|_| delays(judged, shapes())).and_then(|delay| late(&delay, moving, settings));
     if late.is_some() {
         return late.into_iter().collect();
     }
+    let mut found: Vec<Finding> =
+        first.and_then(|delay| perhaps_late(&delay, settings)).into_iter().collect();
+    found.extend(contradicted(judged, known, settings, (noise, &shapes)));
+    found
+}
+
+/// What the torques say against the numbers of the description. `shapes` makes columns of friction of any shape.
+fn contradicted<'s>(
+    judged: &Judged<'_>,
+    known: &[Finding],
+    settings: &DoubtSettings,
+    (noise, shapes): (Vec<f64>, &dyn Fn() -> &'s Vec<Vec<Vec<f64>>>),
+) -> Option<Finding> {
     let evidenced = Evidenced::new(judged.conditioned, judged.excitation, noise, &[]);
     let tested = |evidenced: &Evidenced<'_>| {
         test_description(judged.robot, judged.kept_columns, judged.identified, evidenced, judged.jumps)
     };
-    let Some(test) = tested(&evidenced) else { return Vec::new() };
+    let test = tested(&evidenced)?;
     if test.share < settings.looked_share && known.is_empty() {
-        return Vec::new();
+        return None;
     }
+    let of_law = test.share >= settings.description_shares[0];
     let evidenced = Evidenced { shapes: shapes(), ..evidenced };
     // too few rows for friction of any shape say nothing of the description
-    let Some(test) = tested(&evidenced) else { return Vec::new() };
+    let test = tested(&evidenced)?;
     if test.share < settings.looked_share && known.is_empty() {
-        return Vec::new();
+        return of_law.then(|| perhaps_contradicted(&test));
     }
     let better = best_alternative(judged.robot, &evidenced, &test.scores)
         .filter(|alternative| alternative.residual_ratio <= settings.alternative);
@@ -116,9 +131,54 @@ pub fn diagnose_description(
         of.scope == RmsdScope::Stage(Stage::Excitation) && of.moving_rows.relative > settings.healthy
     });
     if better.is_none() && (test.share < settings.description_shares[0] || !poor) {
-        return Vec::new();
+        return of_law.then(|| perhaps_contradicted(&test));
     }
-    vec![doubted(&test, better, settings)]
+    Some(doubted(&test, better, settings))
+}
+
+/// A remark where friction of another shape than the description's law explains the torques as well as another
+/// description does.
+fn perhaps_contradicted(test: &DescriptionTest) -> Finding {
+    Finding {
+        kind: FindingKind::Description,
+        severity: FindingSeverity::Warn,
+        joint: None,
+        sentence: "part of the torque error goes with friction of another shape than the description's law, or with its \
+                   lengths, angles, mounting or torque scales: where these were never checked, check them"
+            .into(),
+        evidence: vec![Evidence { name: "share", value: test.share }, Evidence { name: "f", value: test.f }],
+    }
+}
+
+/// A remark where most joints, each for itself, explain their torques better some time later, and late torques are not
+/// told from friction that turns over late.
+fn perhaps_late(found: &JointDelay, settings: &DoubtSettings) -> Option<Finding> {
+    let mut sorted: Vec<f64> = found.joints.iter().map(|of| of.delay).collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let delay = *sorted.get(sorted.len() / 2)?;
+    let gained = |of: &&TorqueDelay| {
+        of.residual_ratio <= settings.delay_residual && (of.delay - delay).abs() <= 0.5 * delay.abs()
+    };
+    let agreeing = found.joints.iter().filter(gained).count();
+    if delay.abs() < settings.delays[0] || 2 * agreeing <= found.joints.len() {
+        return None;
+    }
+    let direction = if delay > 0.0 { "after" } else { "before" };
+    Some(Finding {
+        kind: FindingKind::TorqueDelay,
+        severity: FindingSeverity::Warn,
+        joint: None,
+        sentence: format!(
+            "torques may come {:.0} ms {direction} the motion that needs them ({agreeing} of {} joints), or friction turns \
+             over late: see whether the logger takes all channels at the same instant",
+            1e3 * delay.abs(),
+            found.joints.len()
+        ),
+        evidence: vec![
+            Evidence { name: "delay_s", value: delay },
+            Evidence { name: "agreeing_joints", value: agreeing as f64 },
+        ],
+    })
 }
 
 /// Root mean square of each joint's residual; a hundredth of its torque at least.

@@ -16,6 +16,8 @@ use crate::robot::{Joint, JointIndex, JointKind, ParameterId, Robot, StandardPar
 const POSTURES: usize = 32;
 /// Part of gravity that must lie along a sliding joint for its load to be seen.
 const ALONG: f64 = 0.1;
+/// By how much further a single joint must be off its nominal inertia than several together.
+const ALONE_FACTOR: f64 = 2.0;
 
 /// A sliding joint that gravity seems to lift: the mass that it carries comes out negative.
 ///
@@ -131,58 +133,31 @@ pub(super) fn far_from_nominal(
     identified: &Identification,
     settings: &PlausibleSettings,
 ) -> Vec<Finding> {
-    let off = |found: f64, drawn: f64| (found / drawn).max(drawn / found);
-    let far = |(joint, [found, drawn]): (JointIndex, [f64; 2])| {
-        if found <= 0.0 || off(found, drawn) <= settings.nominal_factors[0] {
-            return None;
-        }
-        // the end of the interval that is nearest to the nominal inertia
-        let margin = settings.standard_errors * inertia_error(robot, identified, joint);
-        let nearest = match found < drawn {
-            true => (found + margin).min(drawn),
-            false => (found - margin).max(drawn),
-        };
-        let off = off(nearest, drawn);
-        (off > settings.nominal_factors[0])
-            .then(|| far_finding((joint, inertia_unit(robot, joint)), [found, drawn], off, settings))
+    let off = |[found, drawn]: [f64; 2]| (found / drawn).max(drawn / found);
+    let far: Vec<(JointIndex, [f64; 2])> = inertias(robot, identified)
+        .into_iter()
+        .filter(|(_, felt)| felt[0] > 0.0 && off(*felt) > settings.nominal_factors[0])
+        .collect();
+    // a wrong unit or side of the gear shows at several joints; one light wrist alone is badly known
+    let least = match far.len() {
+        1 => ALONE_FACTOR * settings.nominal_factors[1],
+        _ => settings.nominal_factors[1],
     };
-    inertias(robot, identified).into_iter().filter_map(far).collect()
-}
-
-/// Standard error of a joint's identified inertia, averaged over postures, with errors of parameters as independent.
-fn inertia_error(robot: &Robot, identified: &Identification, joint: JointIndex) -> f64 {
-    let order = ParameterId::natural_order(robot);
-    let still = vec![0.0; robot.joint_count()];
-    let mut unit = still.clone();
-    unit[joint.index()] = 1.0;
-    let (mut moving, mut resting) = (Regressor::new(robot), Regressor::new(robot));
-    let mut coefficients = vec![0.0; identified.parameters.len()];
-    for posture in 0..POSTURES {
-        let q = probe_state(robot, posture).q;
-        joint_torque_regressor(robot, &q, &still, &unit, &mut moving);
-        joint_torque_regressor(robot, &q, &still, &still, &mut resting);
-        for (coefficient, parameter) in coefficients.iter_mut().zip(&identified.parameters) {
-            let Some(column) = order.iter().position(|id| *id == parameter.id) else { continue };
-            *coefficient += moving.column(column)[joint.index()] - resting.column(column)[joint.index()];
-        }
-    }
-    let mut inertia = Combination::default();
-    for (coefficient, parameter) in coefficients.iter().zip(&identified.parameters) {
-        inertia.add(coefficient / POSTURES as f64, parameter.value, parameter.std_error);
-    }
-    inertia.variance.sqrt()
+    let finding = |(joint, felt)| {
+        let severity = match off(felt) > least {
+            true => FindingSeverity::Refuse,
+            false => FindingSeverity::Warn,
+        };
+        far_finding((joint, inertia_unit(robot, joint)), felt, severity)
+    };
+    far.into_iter().map(finding).collect()
 }
 
 fn far_finding(
     (joint, unit): (JointIndex, &str),
     [found, drawn]: [f64; 2],
-    off: f64,
-    settings: &PlausibleSettings,
+    severity: FindingSeverity,
 ) -> Finding {
-    let severity = match off > settings.nominal_factors[1] {
-        true => FindingSeverity::Refuse,
-        false => FindingSeverity::Warn,
-    };
     Finding {
         kind: FindingKind::FarFromNominal,
         severity,
