@@ -190,7 +190,7 @@ const REFUSED: &[Told] = &[
     ("Tiny", |s| units(s, 1.0 / DEGREES, 1.0 / DEGREES), &["radians read as degrees", "export layout"]),
     ("Percent", |s| percent(s), &["joint 6", "times the", "percent of rated"]),
     ("Marker", |s| s.torque[3][700] = -9999.0, &["joint 4", "torque is -9999 Nm at 7.000 s"]),
-    ("Ceiling", shortened, &["joint", "gravity_m_s2 = [0.00, 0.00, -9.81]"]),
+    ("Ceiling", shortened, &["contradict the description", "gravity_m_s2 = [0.00, 0.00, -9.81]"]),
 ];
 
 fn percent(samples: &mut Samples) {
@@ -288,7 +288,7 @@ fn accepted_cycles_are_in_the_views_and_not_counted() {
     };
     assert_eq!((watched("Late"), watched("Sound")), (0, 6));
     let out = workshop.run(&["identify", "--robot", "Late"]);
-    assert!(String::from_utf8_lossy(&out.stderr).contains("no complete cycle"), "{out:?}");
+    assert!(String::from_utf8_lossy(&out.stderr).contains("doubtful, as its remarks say"), "{out:?}");
 }
 
 #[test]

@@ -137,6 +137,11 @@ pub(super) fn far_from_nominal(
     let far: Vec<(JointIndex, [f64; 2])> = inertias(robot, identified)
         .into_iter()
         .filter(|(_, felt)| felt[0] > 0.0 && off(*felt) > settings.nominal_factors[0])
+        // an inertia that noise hides comes out near zero: its error is on its side
+        .filter(|(joint, [found, drawn])| {
+            let margin = || settings.standard_errors * inertia_error(robot, identified, *joint);
+            found > drawn || drawn / (found + margin()) > settings.nominal_factors[0]
+        })
         .collect();
     // a wrong unit or side of the gear shows at several joints; one light wrist alone is badly known
     let least = match far.len() {
@@ -151,6 +156,30 @@ pub(super) fn far_from_nominal(
         far_finding((joint, inertia_unit(robot, joint)), felt, severity)
     };
     far.into_iter().map(finding).collect()
+}
+
+/// Standard error of a joint's identified inertia, averaged over postures, with errors of parameters as independent.
+fn inertia_error(robot: &Robot, identified: &Identification, joint: JointIndex) -> f64 {
+    let order = ParameterId::natural_order(robot);
+    let still = vec![0.0; robot.joint_count()];
+    let mut unit = still.clone();
+    unit[joint.index()] = 1.0;
+    let (mut moving, mut resting) = (Regressor::new(robot), Regressor::new(robot));
+    let mut coefficients = vec![0.0; identified.parameters.len()];
+    for posture in 0..POSTURES {
+        let q = probe_state(robot, posture).q;
+        joint_torque_regressor(robot, &q, &still, &unit, &mut moving);
+        joint_torque_regressor(robot, &q, &still, &still, &mut resting);
+        for (coefficient, parameter) in coefficients.iter_mut().zip(&identified.parameters) {
+            let Some(column) = order.iter().position(|id| *id == parameter.id) else { continue };
+            *coefficient += moving.column(column)[joint.index()] - resting.column(column)[joint.index()];
+        }
+    }
+    let mut inertia = Combination::default();
+    for (coefficient, parameter) in coefficients.iter().zip(&identified.parameters) {
+        inertia.add(coefficient / POSTURES as f64, parameter.value, parameter.std_error);
+    }
+    inertia.variance.sqrt()
 }
 
 fn far_finding(
