@@ -60,7 +60,7 @@ pub struct WarmUpPoint {
 /// constant neither longer than the record allows nor resolved worse than by half of itself.
 ///
 /// A fast part that only the first points see cannot be supported so: its height at t = 0 is an extrapolation. It is
-/// judged by its value at the first point, and its time constant bounded from above ([`early_fit`]). It has to lower the
+/// judged by its value at the first point, and its time constant bounded from above (`early_fit`). It has to lower the
 /// Bayesian criterion (Schwarz 1978) too.
 ///
 /// With points of several runs, standard errors are those of leaving out one run after the other, to first order
