@@ -103,12 +103,15 @@ pub fn diagnose_description(
     found
 }
 
+/// Makes columns of friction of any shape, by joint, once.
+type MakeShapes<'a, 's> = &'a dyn Fn() -> &'s Vec<Vec<Vec<f64>>>;
+
 /// What the torques say against the numbers of the description. `shapes` makes columns of friction of any shape.
 fn contradicted<'s>(
     judged: &Judged<'_>,
     known: &[Finding],
     settings: &DoubtSettings,
-    (noise, shapes): (Vec<f64>, &dyn Fn() -> &'s Vec<Vec<Vec<f64>>>),
+    (noise, shapes): (Vec<f64>, MakeShapes<'_, 's>),
 ) -> Option<Finding> {
     let evidenced = Evidenced::new(judged.conditioned, judged.excitation, noise, &[]);
     let tested = |evidenced: &Evidenced<'_>| {
