@@ -37,7 +37,7 @@ pub struct PlausibleSettings {
 
 impl Default for PlausibleSettings {
     fn default() -> Self {
-        Self { relative_rmsd: [0.2, 0.4], standard_errors: 3.0, nominal_factors: [3.0, 10.0] }
+        Self { relative_rmsd: [0.2, 0.4], standard_errors: 3.0, nominal_factors: [3.0, 9.5] }
     }
 }
 
