@@ -52,7 +52,10 @@ pub(super) struct DemoArgs {
 }
 
 pub(super) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliError> {
+    // the daemon names files from the root on, and what it names is compared with what was written
     let folder = demo_folder(args)?;
+    let folder =
+        std::path::absolute(&folder).map_err(|e| CliError::Io(format!("{}: {e}", folder.display())))?;
     let inbox = folder.join("inbox");
     std::fs::create_dir_all(&inbox).map_err(|e| CliError::Io(format!("{}: {e}", inbox.display())))?;
     let mut config = Config::shipped()?;

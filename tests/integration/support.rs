@@ -3,6 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
@@ -13,6 +15,9 @@ use crate::canon;
 
 /// Longest wait for something that happens within a second on an idle machine.
 const PATIENCE: Duration = Duration::from_secs(120);
+
+/// A command that runs this long hangs: the longest of a quick test takes half a minute on an idle machine.
+const LONGEST_COMMAND: Duration = Duration::from_secs(600);
 
 /// Time between two looks at what is waited for.
 const LOOK_INTERVAL: Duration = Duration::from_millis(20);
@@ -32,7 +37,7 @@ pub fn wait_until(mut is_so: impl FnMut() -> bool, missing: impl FnOnce() -> Str
 /// Lets time pass that is part of what a test plays: the pace of a writer, the life of a process that is killed. What a
 /// test finds is waited for with [`wait_until`] instead.
 pub fn pass(time: Duration) {
-    std::thread::sleep(time);
+    thread::sleep(time);
 }
 
 /// What daemons of tests log: every look at the folders, so that a test can wait for one.
@@ -107,8 +112,22 @@ impl Workshop {
         command
     }
 
+    /// Runs to the end; a program that does not come to its end is killed, and its status then is none.
     pub fn run(&self, arguments: &[&str]) -> Output {
-        self.command(arguments).output().expect("the program starts")
+        let mut command = self.command(arguments);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let child = command.spawn().expect("the program starts");
+        let pid = child.id().to_string();
+        let (ended, watched) = mpsc::channel::<()>();
+        let watch = thread::spawn(move || {
+            if watched.recv_timeout(LONGEST_COMMAND) == Err(mpsc::RecvTimeoutError::Timeout) {
+                let _ = Command::new("kill").args(["-KILL", &pid]).status();
+            }
+        });
+        let output = child.wait_with_output().expect("an end");
+        drop(ended);
+        watch.join().expect("no panic");
+        output
     }
 
     /// Runs and returns standard output, with exit status `code` asserted.
