@@ -2,7 +2,9 @@
 
 use super::NumericsError;
 use super::base::{BaseParameters, base_parameters};
-use super::diagnose::{DiagnoseSettings, Finding, FindingSeverity, diagnose_samples};
+use super::cycle_rows::CycleRows;
+use super::diagnose::diagnose_samples;
+use super::diagnose::view::DiagnoseSettings;
 use super::dynamics::DynamicModel;
 use super::factors::{Factored, JointColumns, factor_cycle, identifies, pack, widened};
 use super::friction::friction_points;
@@ -10,14 +12,14 @@ use super::friction_means::{SAME_PASS_S, direction_difference};
 use super::identify::{identify_rows, noise_errors};
 use super::jumps::{Jump, jumps};
 use super::plausible::causes::{motor_torques, reason, sentences};
+use super::plausible::combination::PlausibleSettings;
 use super::plausible::doubt::{DoubtSettings, Judged, diagnose_description};
 use super::plausible::nominal::inertia_ratios;
 use super::plausible::own_fit::own_fits;
 use super::plausible::weigh::{WeighSettings, Weighed, own_torques, turned_torques, weigh};
-use super::plausible::{PlausibleSettings, diagnose_model, top_speeds};
+use super::plausible::{diagnose_model, top_speeds};
 use super::refusal;
 use super::regressor::KeptColumns;
-use super::rows::CycleRows;
 use super::signal::{Conditioned, carried_cutoff, condition};
 use super::statistics::{mean, median, parameter_statistics, standard_deviation, swing};
 use super::temperature::cycle_temperatures;
@@ -26,6 +28,7 @@ use super::triangular::TriangularFactor;
 use super::verify::{torque_rmsd, warming_contrast};
 use super::warm_up::{WarmUpPoint, fit_warm_up, warm_up_rmsd};
 use crate::analysis::finding::FindingKinds;
+use crate::analysis::finding::{Finding, FindingSeverity};
 use crate::analysis::{
     CycleAnalysis, CycleFactors, Estimator, FrictionPoint, Identification, JointSummary, RunAnalysis,
     WarmFriction, WarmUpFit,

@@ -1,5 +1,6 @@
 //! Which parameters a motion can show at all: base parameters and what each of them stands for.
 
+use crate::numerics::triangular::ZERO_COLUMN_THRESHOLD;
 use std::fmt::Write;
 
 use faer::Mat;
@@ -19,9 +20,6 @@ pub const INDEPENDENCE_THRESHOLD: f64 = 1e-4;
 /// Share of a unit-norm column below which its part in a grouping is rounding (about 1e-13) and is
 /// left out.
 pub const GROUPING_THRESHOLD: f64 = 1e-10;
-
-/// A column shorter than this, relative to the longest, shows nothing: it is zero but for rounding.
-pub const ZERO_COLUMN_THRESHOLD: f64 = 1e-12;
 
 /// States the regressor is stacked over: each gives `n` rows, so that there are 17 rows a column.
 pub const PROBE_STATES: usize = 256;

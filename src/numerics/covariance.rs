@@ -17,7 +17,6 @@ use super::NumericsError;
 use super::estimate::WeightRule;
 use super::rows::RowSource;
 use super::student::student_quantile;
-use super::triangular::TriangularFactor;
 
 /// Leverage of a block is kept below this, so that a block that alone decides a parameter gives a
 /// large and not an endless error.
@@ -145,19 +144,6 @@ fn record_length(source: &dyn RowSource) -> usize {
     let mut ends = None;
     source.each(&mut |sample| ends = Some((ends.map_or(sample.row, |(first, _)| first), sample.row)));
     ends.map_or(0, |(first, last)| last - first + 1)
-}
-
-/// `r11⁻¹` of a factor.
-pub(super) fn inverse_of_upper(factor: &TriangularFactor) -> Result<Mat<f64>, NumericsError> {
-    let b = factor.columns();
-    let r11 = factor.upper().submatrix(0, 0, b, b);
-    let mut inverse = Mat::<f64>::identity(b, b);
-    faer::linalg::triangular_solve::solve_upper_triangular_in_place(r11, inverse.as_mut(), faer::Par::Seq);
-    if inverse.is_all_finite() {
-        Ok(inverse)
-    } else {
-        Err(NumericsError::NotFinite("the observation matrix"))
-    }
 }
 
 /// Sums over one block.

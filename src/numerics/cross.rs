@@ -4,7 +4,6 @@ use super::NumericsError;
 use super::base::BaseParameters;
 use super::factors::{JointColumns, JointFactor, identifies};
 use super::identify::identify_factors;
-use super::signal::row_step;
 use super::triangular::TriangularFactor;
 use crate::analysis::{Estimator, Identification};
 use crate::robot::{JointIndex, ParameterId};
@@ -231,11 +230,4 @@ impl Union {
             .collect();
         TriangularFactor::stacked(own.len(), parts.iter().map(|part| (part, own.as_slice())))
     }
-}
-
-/// Fraction of the observed rows of a recording at `sample_rate` Hz that are independent after a
-/// low-pass at `cutoff` Hz.
-#[must_use]
-pub fn independent_fraction(cutoff: f64, sample_rate: f64) -> f64 {
-    (2.0 * cutoff * row_step(cutoff, sample_rate) as f64 / sample_rate).min(1.0)
 }

@@ -3,7 +3,7 @@
 //! A run is held against the baseline by the first of these that it has: the friction index, warm friction of the
 //! friction stage, friction identified from the excitation.
 
-use super::detect::{DetectSettings, EWMA_WEIGHT, Verdict, apart};
+use super::detect_verdict::{DetectSettings, EWMA_WEIGHT, Verdict, apart};
 use super::statistics::{median, robust_deviation};
 use crate::analysis::{Estimate, JointSummary, WarmFriction};
 use crate::anomaly::Severity;

@@ -7,7 +7,8 @@
 
 use jiff::Timestamp;
 
-use super::detect::{EWMA_WEIGHT, Verdict, episodes};
+use super::detect::episodes;
+use super::detect_verdict::{EWMA_WEIGHT, Verdict};
 use super::statistics::{median, robust_deviation};
 use crate::analysis::ProductionJoint;
 use crate::anomaly::{Anomaly, AnomalyKind, ProductionSummary, Severity};

@@ -2,8 +2,8 @@
 
 use jiff::{SignedDuration, Timestamp};
 
-use super::detect::{DetectSettings, Verdict};
 use super::detect_friction::{Compared, Drift};
+use super::detect_verdict::{DetectSettings, Verdict};
 use super::statistics::median;
 use crate::analysis::JointSummary;
 use crate::analysis::refusal::{Channel, RefusalCause};

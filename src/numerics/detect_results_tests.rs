@@ -2,7 +2,8 @@
 
 use jiff::{SignedDuration, Timestamp};
 
-use super::detect::{DetectSettings, detect};
+use super::detect::detect;
+use super::detect_verdict::DetectSettings;
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{Estimate, JointSummary};
 use crate::anomaly::{AnomalyKind, Findings, Knowledge, RunRefusal, RunSummary, Severity};

@@ -4,6 +4,7 @@ use super::detect::*;
 use crate::analysis::{Estimate, JointSummary};
 use crate::analysis::{RmsdSwing, WarmFriction};
 use crate::anomaly::{AnomalyKind, Knowledge, RunSummary, Severity};
+use crate::numerics::detect_verdict::DetectSettings;
 use crate::robot::JointIndex;
 use jiff::{SignedDuration, Timestamp};
 

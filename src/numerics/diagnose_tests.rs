@@ -3,9 +3,12 @@
 use std::convert::Infallible;
 
 use super::analyse::{AnalysisSettings, Method, analyse_cycle};
-use super::diagnose::{DiagnoseSettings, Finding, FindingKind, FindingSeverity, diagnose_samples};
-use super::plausible::{PlausibleSettings, diagnose_model, top_speeds};
+use super::diagnose::diagnose_samples;
+use super::diagnose::view::DiagnoseSettings;
+use super::plausible::combination::PlausibleSettings;
+use super::plausible::{diagnose_model, top_speeds};
 use super::signal::condition;
+use crate::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use crate::config::parse_robot;
 use crate::robot::{DhParameters, JointGeometry, JointIndex, Robot};
 use crate::run::{Cycle, Samples, Stage};

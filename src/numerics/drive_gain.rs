@@ -17,10 +17,11 @@
 use faer::{Mat, MatRef};
 
 use super::NumericsError;
-use super::base::{BaseParameters, ZERO_COLUMN_THRESHOLD};
+use super::base::BaseParameters;
 use super::factors::{JointColumns, JointFactor, identifies};
 use super::student::student_quantile;
 use super::triangular::TriangularFactor;
+use super::triangular::ZERO_COLUMN_THRESHOLD;
 use crate::robot::{CouplingTerm, JointIndex, ParameterId, ParameterKind, Robot, StandardParameters};
 
 /// Share of a unit-norm column that must be new for it to count as another one: far above the rounding of

@@ -18,7 +18,11 @@ pub struct EssentialSettings {
 
 impl Default for EssentialSettings {
     fn default() -> Self {
-        Self { relative_error: 0.3, significance: 0.05, max_condition: super::identify::MAX_SCALED_CONDITION }
+        Self {
+            relative_error: 0.3,
+            significance: 0.05,
+            max_condition: super::triangular::MAX_SCALED_CONDITION,
+        }
     }
 }
 

@@ -13,7 +13,7 @@ const MAX_ROUNDS: usize = 50;
 /// noise, and would make the other joints' rows count for nothing.
 const LEAST_SIGMA: f64 = 1e-4;
 /// Smallest share of a unit-norm column that must be new for it to be kept: what
-/// [`super::identify::MAX_SCALED_CONDITION`] is to a whole matrix.
+/// [`super::triangular::MAX_SCALED_CONDITION`] is to a whole matrix.
 const NEW_SHARE: f64 = 1e-3;
 
 /// How much a row counts: its joint's noise and, for robust estimates, its own residual.
@@ -105,7 +105,7 @@ pub fn weighted(
         let share = columns as f64 / rows as f64;
         let sigma_of = |factor: &TriangularFactor| {
             let freedom = factor.rows() as f64 * (1.0 - share).max(f64::EPSILON);
-            (residual_sum_of_squares(factor, &solution.theta) / freedom).sqrt()
+            (factor.residual_sum_of_squares(&solution.theta) / freedom).sqrt()
         };
         let found: Vec<f64> =
             factors.iter().map(|of| if of.rows() > 0 { sigma_of(of) } else { 0.0 }).collect();
@@ -138,18 +138,6 @@ pub fn joined(factors: &[TriangularFactor], rule: &WeightRule, columns: usize) -
         all.fold((factor.upper() * faer::Scale(1.0 / sigma)).as_ref());
     }
     all
-}
-
-/// `|w theta - tau|²` of the rows behind a factor.
-#[must_use]
-pub fn residual_sum_of_squares(factor: &TriangularFactor, theta: &[f64]) -> f64 {
-    let (r, b) = (factor.upper(), factor.columns());
-    (0..=b)
-        .map(|i| {
-            let estimated: f64 = (i.min(b)..b).map(|k| r[(i, k)] * theta[k]).sum();
-            (r[(i, b)] - estimated).powi(2)
-        })
-        .sum()
 }
 
 /// What one joint's rows alone say [3.21].
@@ -195,7 +183,7 @@ fn independent_columns(factor: &TriangularFactor) -> (Vec<usize>, Vec<usize>) {
     let (mut kept, mut grouped) = (Vec::new(), Vec::new());
     for k in 0..b {
         let norm = r.col(k).norm_l2();
-        if norm <= super::base::ZERO_COLUMN_THRESHOLD * longest {
+        if norm <= super::triangular::ZERO_COLUMN_THRESHOLD * longest {
             continue;
         }
         let mut left: Vec<f64> = r.col(k).iter().map(|x| x / norm).collect();

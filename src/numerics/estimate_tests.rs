@@ -432,7 +432,7 @@ fn noise_that_makes_least_squares_unphysical_leaves_a_body() {
     assert!(fit.residual_sum_of_squares >= fit.unconstrained_sum_of_squares);
     // Torques without noise: the constraint must not cost anything that the noise has not.
     let clean = joined(&probed(&robot, &base, 0.0), &rule, base.kept.len());
-    let error = |theta: &[f64]| super::estimate::residual_sum_of_squares(&clean, theta);
+    let error = |theta: &[f64]| clean.residual_sum_of_squares(theta);
     let (physical, free) = (error(&base.group(&fit.phi)), error(&plain.theta));
     assert!(physical <= 1.05 * free, "{physical} {free}");
 }

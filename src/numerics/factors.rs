@@ -9,11 +9,12 @@
 use std::sync::Arc;
 
 use super::NumericsError;
-use super::base::{BaseParameters, PROBE_STATES, ZERO_COLUMN_THRESHOLD, probe_state};
-use super::identify::state;
+use super::base::{BaseParameters, PROBE_STATES, probe_state};
 use super::jumps::{Jump, smear};
 use super::regressor::{Regressor, joint_torque_regressor};
 use super::signal::Conditioned;
+use super::signal::state;
+use super::triangular::ZERO_COLUMN_THRESHOLD;
 use super::triangular::{RowFolder, TriangularFactor};
 use crate::analysis::{CycleFactors, Motion, TorqueFactor};
 use crate::robot::{JointIndex, ParameterId, Robot};

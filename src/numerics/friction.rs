@@ -1,7 +1,10 @@
 //! Friction on the constant-speed plateaus of the friction stage [5.2], with gravity removed [5.3].
 
+mod plateau;
 mod slow;
 
+use crate::numerics::friction::plateau::Plateau;
+use crate::numerics::friction::plateau::SPEED_TOLERANCE;
 use faer::Mat;
 
 use super::actuator::friction_columns;
@@ -14,9 +17,6 @@ use super::triangular::TriangularFactor;
 use crate::analysis::{FrictionPoint, GravityRemoval};
 use crate::robot::{FrictionModel, JointIndex, JointKind, MAX_JOINTS, Robot};
 use crate::run::{Samples, Stage};
-
-/// A plateau's rows lie within this fraction of its speed.
-const SPEED_TOLERANCE: f64 = 0.10;
 
 /// Thirds of a plateau agree to this fraction of its speed. On a ramp through the tolerance band they
 /// differ by more than a tenth; at a turning point inside the band, which thirds see and halves do
@@ -170,12 +170,6 @@ fn moves_alone(robot: &Robot, conditioned: &Conditioned, joint: JointIndex, row:
             conditioned.qd[k.index()][row].abs() > STILL_FRACTION * robot.joints[k.index()].limits.velocity;
         moves == (k == joint)
     })
-}
-
-struct Plateau {
-    speed_fraction: f64,
-    direction: i8,
-    rows: Vec<usize>,
 }
 
 fn plateaus(

@@ -2,7 +2,8 @@
 
 use jiff::{SignedDuration, Timestamp};
 
-use super::detect::{DetectSettings, detect};
+use super::detect::detect;
+use super::detect_verdict::DetectSettings;
 use super::friction_index_tests::{Arm, BASELINE, JOINTS};
 use crate::analysis::{JointSummary, WarmFriction};
 use crate::anomaly::{Knowledge, RunSummary};

@@ -4,8 +4,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::friction_map::{Fitted, JointRecord, mixed, rates, record_coldness};
-use super::thermal_source::Measured;
+use super::friction_map::{Fitted, mixed, rates, record_coldness};
+use super::friction_record::JointRecord;
+use super::friction_record::Measured;
 use crate::analysis::Estimate;
 
 /// Run effects are solved again with the scales that they showed.

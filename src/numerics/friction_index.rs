@@ -9,13 +9,17 @@
 //! covariance gives the intervals.
 
 use super::friction_effects::{Effect, run_effects, start_decay};
-use super::friction_map::{Fitted, JointRecord, RecordPoint, fit_map, mixed, moment_coldness, published};
+use super::friction_map::{Fitted, fit_map, mixed, moment_coldness, published};
 use super::friction_means::friction_means;
+use super::friction_record::Measured;
+use super::friction_record::{JointRecord, RecordPoint};
 use super::statistics::median;
 use super::thermal::MotionSpan;
-use super::thermal_source::{Measured, first_fit, measured};
+use super::thermal_source::{first_fit, measured};
+use crate::analysis::Estimate;
 use crate::analysis::friction::{FrictionIndex, FrictionMap};
-use crate::analysis::{CycleTemperatures, Estimate, FrictionPoint};
+use crate::numerics::friction_record::CycleMotion;
+use crate::numerics::friction_record::MapRun;
 use crate::robot::JointIndex;
 
 /// Map and run effects are fitted in turn this often; the third time changes the index by less than 0.1 %.
@@ -30,30 +34,6 @@ const MIN_POINTS_OF_INDEX: usize = 2;
 
 /// No cycle counts for more heat than this, in usual cycles: beyond it speed says little of heat.
 const MAX_ACTIVITY: f64 = 2.0;
-
-/// A stretch of motion of all joints.
-#[derive(Debug, Clone, PartialEq)]
-pub struct CycleMotion {
-    /// Start, s.
-    pub start: f64,
-    /// End, s.
-    pub end: f64,
-    /// Mean magnitude of each joint's velocity, rad/s (m/s), `[n]`; empty where it is not known.
-    pub speeds: Vec<f64>,
-    /// Mean temperatures, where recorded.
-    pub temperatures: CycleTemperatures,
-}
-
-/// One run, as the map sees it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MapRun {
-    /// Start of the recording, UTC, s.
-    pub started_at: f64,
-    /// Motion since the start; rising, not overlapping.
-    pub spans: Vec<CycleMotion>,
-    /// Plateaus of the friction stages, times since the start, s.
-    pub points: Vec<FrictionPoint>,
-}
 
 /// Friction of a robot over its history.
 #[derive(Debug, Clone, PartialEq, Default)]

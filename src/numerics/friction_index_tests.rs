@@ -5,8 +5,9 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::friction_index::{CycleMotion, MapRun, RobotFriction, robot_friction};
+use super::friction_index::{RobotFriction, robot_friction};
 use super::friction_map::map_friction;
+use super::friction_record::{CycleMotion, MapRun};
 use super::thermal::{MotionSpan, Rates, coldness_at};
 use crate::analysis::{CycleTemperatures, FrictionPoint, GravityRemoval};
 use crate::robot::JointIndex;

@@ -4,13 +4,14 @@
 //! by coordinates (variable projection, Golub & Pereyra 1973). What the recordings do not tell is held by a
 //! weak prior and said: a robot that always rests for a night says nothing of how it cools.
 
+use crate::numerics::friction_record::JointRecord;
+use crate::numerics::friction_record::RecordPoint;
 use nalgebra::DMatrix;
 
-use super::thermal::{Coldness, MotionSpan, Rates, coldness_at};
-use super::thermal_source::Measured;
+use super::friction_record::Measured;
+use super::thermal::{Coldness, Rates, coldness_at};
 use crate::analysis::Estimate;
 use crate::analysis::friction::{FrictionMap, MapLevel, ThermalLaw, ThermalSource};
-use crate::robot::JointIndex;
 
 /// Parameters of the law: logarithms of the slow and the fast time constant (s), share, logarithm of the
 /// cooling ratio; then coldness for a kelvin that the hall is colder (1/K), or the curvature over a motor's
@@ -102,52 +103,6 @@ pub fn with_temperatures(
             let offset = coldness.value * (usual - ambient.unwrap_or(usual));
             Some(by_motion.map(|part| part + offset))
         }
-    }
-}
-
-/// One joint's friction over all runs, ready to be fitted. Times rise.
-#[derive(Debug, Clone)]
-pub(super) struct JointRecord {
-    pub joint: JointIndex,
-    pub spans: Vec<MotionSpan>,
-    pub levels: Vec<f64>,
-    pub points: Vec<RecordPoint>,
-    pub measured: Measured,
-    /// Why something measured is not used, in sentences.
-    pub remarks: Vec<String>,
-}
-
-/// One friction mean in its run.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct RecordPoint {
-    pub run: usize,
-    /// Since the epoch of the history, s.
-    pub time: f64,
-    /// Place in the levels.
-    pub level: usize,
-    pub torque: f64,
-    /// Whether the run is long enough to take part in the map.
-    pub in_map: bool,
-    /// What the run has beyond the law: coldness, and friction as a factor.
-    pub offset: f64,
-    pub factor: f64,
-}
-
-impl JointRecord {
-    /// Points that the map is made of, each with what belongs to it in `of_points`.
-    fn in_map<'a, T>(&'a self, of_points: &'a [T]) -> impl Iterator<Item = (&'a RecordPoint, &'a T)> {
-        self.points.iter().zip(of_points).filter(|(p, _)| p.in_map)
-    }
-
-    fn map_points(&self) -> usize {
-        self.points.iter().filter(|p| p.in_map).count()
-    }
-}
-
-impl RecordPoint {
-    /// Torque without the run's own factor.
-    fn healthy(&self) -> f64 {
-        self.torque / self.factor
     }
 }
 

@@ -1,12 +1,13 @@
 //! The index where temperatures are recorded: of a motor that is neither as warm as the oil nor as the housing, or
 //! of the hall.
 
-use super::friction_index::{CycleMotion, MapRun, RobotFriction, robot_friction};
+use super::friction_index::{RobotFriction, robot_friction};
 use super::friction_index_tests::{
     ADMITTED, Arm, BASELINE, HOUR, JOINTS, Sensors, USUAL_HALL, WEAR_TOLERANCE, half_colder, largest,
     last_changes,
 };
 use super::friction_map::{map_friction, with_temperatures};
+use super::friction_record::{CycleMotion, MapRun};
 use super::thermal::{MotionSpan, Rates, coldness_at};
 use crate::analysis::CycleTemperatures;
 use crate::analysis::friction::{FrictionMap, ThermalSource};

@@ -5,17 +5,17 @@
 //! enough cycles it is their scatter ([`super::cycle_errors`]).
 
 use super::NumericsError;
-use super::covariance::inverse_of_upper;
 use super::cross::{RowWeights, Union};
 use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
 use super::essential::{EssentialSettings, essential};
 use super::estimate::{WeightRule, joined, per_joint, weighted};
 use super::identifiability::identifiability;
-use super::identify::{MAX_WEIGHTED_CONDITION, identify_weighted};
+use super::identify::identify_weighted;
 use super::prior::{Prior, PriorStrength, with_prior, with_prior_rows};
 use super::robust::{HUBER_CONSTANT, torque_change};
 use super::statistics::{median, robust_deviation};
 use super::student::{LEVEL, student_quantile};
+use super::triangular::MAX_WEIGHTED_CONDITION;
 use super::triangular::TriangularFactor;
 use crate::analysis::{Identification, IdentifiedParameter};
 use crate::robot::{JointIndex, ParameterId};
@@ -249,7 +249,7 @@ fn least_squares(
     let design = Design::stacked(union.columns(), kept);
     let count = design.cycles(union.cycles());
     if count >= FEWEST_CYCLES {
-        let inverse = inverse_of_upper(&joined(&by_joint, &rule, kept.len()))?;
+        let inverse = joined(&by_joint, &rule, kept.len()).inverse_of_upper()?;
         let scatter = between_cycles(union.cycles(), &design, &weights, &theta, &inverse)?;
         for (k, parameter) in solved.parameters.iter_mut().enumerate() {
             parameter.std_error = scatter.matrix[(k, k)].sqrt();
@@ -415,7 +415,7 @@ fn prior_scatter(
 ) -> Result<(Vec<f64>, Vec<f64>), NumericsError> {
     let (b, fraction) = (theta.len(), union.independent_fraction());
     let all: Vec<usize> = (0..b).collect();
-    let inverse = inverse_of_upper(both)?;
+    let inverse = both.inverse_of_upper()?;
     let by_joint = weights.by_joint.iter().map(|w| w * fraction).collect();
     let weights = RowWeights { by_joint, kept: None };
     let design = Design::stacked(union.columns(), &all);

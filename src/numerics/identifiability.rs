@@ -3,9 +3,9 @@
 use faer::Mat;
 
 use super::NumericsError;
-use super::base::ZERO_COLUMN_THRESHOLD;
-use super::identify::MAX_SCALED_CONDITION;
+use super::triangular::MAX_SCALED_CONDITION;
 use super::triangular::TriangularFactor;
+use super::triangular::ZERO_COLUMN_THRESHOLD;
 
 /// Standard error over value above which a parameter is flagged: its sign is then hardly known. The
 /// customary limit of essential parameters (Pham & Gautier 1991).

@@ -1,33 +1,20 @@
 //! Base parameters and their errors by scaled least squares over all joints stacked [3.22].
 
+use crate::numerics::triangular::MAX_SCALED_CONDITION;
+use crate::numerics::triangular::MAX_WEIGHTED_CONDITION;
 use faer::{Mat, Scale};
 
 use super::NumericsError;
-use super::covariance::{ClusterSettings, clustered, inverse_of_upper};
-use super::estimate::{WeightRule, joined, residual_sum_of_squares, weighted};
+use super::covariance::{ClusterSettings, clustered};
+use super::estimate::{WeightRule, joined, weighted};
 use super::robust::{RobustSettings, huber};
 use super::rows::RowSource;
 use super::triangular::{LeastSquares, TriangularFactor};
 use crate::analysis::{Estimator, Identification, IdentifiedParameter, JointResidual};
-use crate::robot::{JointIndex, MAX_JOINTS, ParameterId};
-
-/// Largest scaled condition number that still gives parameters. Torque noise enters parameters
-/// multiplied by it; at a thousand, one percent of noise is ten times the parameter. The thesis's
-/// excitation has 9.1.
-pub const MAX_SCALED_CONDITION: f64 = 1e3;
-
-/// Largest scaled condition number of weighted rows. Whether the motion shows every parameter is judged on the rows as
-/// they are ([`MAX_SCALED_CONDITION`]); this bounds what rounding does, and leaves joints whose noise differs ten
-/// thousandfold their weights.
-pub const MAX_WEIGHTED_CONDITION: f64 = 1e8;
+use crate::robot::{JointIndex, ParameterId};
 
 /// Fewest rows per column: below, residuals say nothing of the noise.
 const MIN_ROWS_PER_COLUMN: usize = 4;
-
-/// Scratch for one sample: `q`, `qd`, `qdd`, `tau`.
-pub(super) fn state() -> ([f64; MAX_JOINTS], [f64; MAX_JOINTS], [f64; MAX_JOINTS], [f64; MAX_JOINTS]) {
-    ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS])
-}
 
 /// Identifies the parameters `kept` `[b]` from rows at hand, with clustered errors
 /// ([`clustered`]). `factors` `[n]` are those of the joints' rows of `source`, `b` columns each.
@@ -172,14 +159,14 @@ fn errors_by_joint(
     independent_shares: &[f64],
 ) -> Result<Errors, NumericsError> {
     let b = theta.len();
-    let inverse = inverse_of_upper(&joined(factors, rule, b))?;
+    let inverse = joined(factors, rule, b).inverse_of_upper()?;
     let inverse = &inverse * inverse.transpose();
     let mut covariance = Mat::<f64>::zeros(b, b);
     let mut of_variance = vec![0.0; b];
     let share = |j: usize| independent_shares.get(j).copied().unwrap_or(1.0);
     for (j, factor) in factors.iter().enumerate().filter(|(_, factor)| factor.rows() > 0) {
         let independent = factor.rows() as f64 * share(j);
-        let deviation = (residual_sum_of_squares(factor, theta) / independent).sqrt();
+        let deviation = (factor.residual_sum_of_squares(theta) / independent).sqrt();
         let weight = 1.0 / (rule.sigma[j] * rule.sigma[j]);
         let part = factor.upper().submatrix(0, 0, b, b) * &inverse * Scale(weight * deviation);
         let part = part.transpose() * &part;
@@ -203,7 +190,7 @@ fn found(
     theta: Vec<f64>,
     errors: Errors,
 ) -> Result<Identification, NumericsError> {
-    let squares: Vec<f64> = factors.iter().map(|factor| residual_sum_of_squares(factor, &theta)).collect();
+    let squares: Vec<f64> = factors.iter().map(|factor| factor.residual_sum_of_squares(&theta)).collect();
     let parameter = |(k, (&id, value)): (usize, (&ParameterId, f64))| IdentifiedParameter {
         id,
         value,

@@ -1,12 +1,12 @@
 //! Each joint's rows alone [3.21], from the stored factors of cycles.
 
 use super::NumericsError;
-use super::covariance::inverse_of_upper;
 use super::cross::{RowWeights, Union};
 use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
 use super::estimate::per_joint;
 use super::history::{ErrorBasis, half};
-use super::identify::{MAX_SCALED_CONDITION, identify_factors};
+use super::identify::identify_factors;
+use super::triangular::MAX_SCALED_CONDITION;
 use crate::analysis::{Estimator, Identification};
 use crate::robot::{JointIndex, ParameterId};
 
@@ -52,7 +52,7 @@ fn joint_view(union: &Union, joint: JointIndex) -> Result<JointView, NumericsErr
     if count >= FEWEST_CYCLES {
         let theta: Vec<f64> = identification.parameters.iter().map(|p| p.value).collect();
         let equal = RowWeights::equal(union.columns().joint_count());
-        let inverse = inverse_of_upper(&restricted)?;
+        let inverse = restricted.inverse_of_upper()?;
         let scatter = between_cycles(union.cycles(), &design, &equal, &theta, &inverse)?;
         for (k, parameter) in identification.parameters.iter_mut().enumerate() {
             parameter.std_error = scatter.matrix[(k, k)].sqrt();

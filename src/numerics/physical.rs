@@ -9,9 +9,7 @@ use nalgebra::Matrix4;
 
 use super::NumericsError;
 use super::base::BaseParameters;
-use super::covariance::inverse_of_upper;
 use super::dynamics::DynamicModel;
-use super::estimate::residual_sum_of_squares;
 use super::physical_share::{BodyEstimate, Estimated, body_estimate};
 use super::pseudo_inertia::{coordinates, definiteness, directions, lifted, pseudo_inertia, symmetric};
 use super::triangular::TriangularFactor;
@@ -315,7 +313,7 @@ impl<'a> Problem<'a> {
             let factor = self.newton(&phi, &local);
             let right = factor.upper().submatrix(0, p, p, 1);
             let decrement = right.col(0).squared_norm_l2();
-            let s = inverse_of_upper(&factor)? * right;
+            let s = factor.inverse_of_upper()? * right;
             let s: Vec<f64> = (0..p).map(|k| s[(k, 0)]).collect();
             let change = local.change(&s);
             let mut part = (TO_THE_BORDER * local.border(&s, |k| self.is_motor(k))).min(1.0);
@@ -357,7 +355,7 @@ impl<'a> Problem<'a> {
         let pairs = self.ids.iter().copied().zip(phi.iter().copied());
         let model = DynamicModel::from_parameters(robot, pairs);
         // The squares of a row's entries add up to the variance of its coordinate.
-        let root = inverse_of_upper(&self.newton(&phi, &local))?;
+        let root = self.newton(&phi, &local).inverse_of_upper()?;
         let bodies = local.links.iter().enumerate().map(|(link, along)| {
             let first = StandardParameters::COUNT * link;
             let own = root.as_ref().subrows(first, StandardParameters::COUNT);
@@ -372,7 +370,7 @@ impl<'a> Problem<'a> {
             bodies: bodies.collect(),
             motor_inertia: motors.collect(),
             definiteness: model.inertial.iter().map(definiteness).collect(),
-            residual_sum_of_squares: residual_sum_of_squares(self.factor, &self.base.group(&phi)),
+            residual_sum_of_squares: self.factor.residual_sum_of_squares(&self.base.group(&phi)),
             unconstrained_sum_of_squares: self.factor.upper()[(b, b)].powi(2),
             model,
             phi,

@@ -3,8 +3,8 @@
 use super::NumericsError;
 use super::base::BaseParameters;
 use super::estimate::{WeightRule, joined};
-use super::identify::MAX_SCALED_CONDITION;
 use super::physical::{PhysicalEstimate, PhysicalSettings, physical};
+use super::triangular::MAX_SCALED_CONDITION;
 use super::triangular::TriangularFactor;
 use super::uniform_bodies::{Start, start};
 use crate::robot::{JointIndex, Robot};

@@ -2,6 +2,7 @@
 
 pub mod alternatives;
 pub mod causes;
+pub mod combination;
 pub mod delay;
 pub mod description;
 pub mod doubt;
@@ -17,29 +18,13 @@ mod sound_tests;
 
 use super::actuator::friction_columns;
 use super::base::{PROBE_STATES, probe_state};
-use super::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
 use super::regressor::{KeptColumns, Regressor, joint_torque_regressor};
+use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
+use crate::numerics::plausible::combination::Combination;
+use crate::numerics::plausible::combination::PlausibleSettings;
 use crate::robot::{FrictionTerm, JointIndex, ParameterId, ParameterKind, Robot};
 use crate::run::Stage;
-
-/// From where on a model is not believed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PlausibleSettings {
-    /// Relative RMSD of the moving excitation rows that is said, and that is refused. Healthy arms
-    /// stay below 0.13 (thesis, chapter 5).
-    pub relative_rmsd: [f64; 2],
-    /// Standard errors by which a number must be negative.
-    pub standard_errors: f64,
-    /// Factor between identified and nominal inertia of a joint that is said, and that is refused.
-    pub nominal_factors: [f64; 2],
-}
-
-impl Default for PlausibleSettings {
-    fn default() -> Self {
-        Self { relative_rmsd: [0.2, 0.4], standard_errors: 3.0, nominal_factors: [3.0, 9.5] }
-    }
-}
 
 /// Findings about an identified model: inertia that a joint feels negative in some posture, friction
 /// that drives, torque that is not explained.
@@ -70,20 +55,6 @@ pub fn diagnose_model(
 #[must_use]
 pub fn top_speeds(velocities: &[Vec<f64>], rows: &[usize]) -> Vec<f64> {
     velocities.iter().map(|qd| rows.iter().map(|&row| qd[row].abs()).fold(0.0, f64::max)).collect()
-}
-
-/// A linear function of the parameters and its standard error, correlations left out.
-#[derive(Debug, Clone, Copy, Default)]
-struct Combination {
-    value: f64,
-    variance: f64,
-}
-
-impl Combination {
-    fn add(&mut self, coefficient: f64, value: f64, sigma: f64) {
-        self.value += coefficient * value;
-        self.variance += (coefficient * sigma).powi(2);
-    }
 }
 
 fn negative_friction(

@@ -6,8 +6,6 @@
 use faer::Mat;
 
 use super::NumericsError;
-use super::covariance::inverse_of_upper;
-use super::estimate::residual_sum_of_squares;
 use super::triangular::TriangularFactor;
 
 /// What is known of a parameter beforehand.
@@ -92,7 +90,7 @@ fn solve(
     let b = factor.columns();
     let data = factor.upper() * faer::Scale(independent_fraction.sqrt());
     let all = with_prior_rows(factor, independent_fraction, priors, spread);
-    let inverse = inverse_of_upper(&all)?;
+    let inverse = all.inverse_of_upper()?;
     let theta = &inverse * all.upper().submatrix(0, b, b, 1);
     let covariance = &inverse * inverse.transpose();
     let information = data.submatrix(0, 0, b, b).transpose() * data.submatrix(0, 0, b, b);
@@ -102,7 +100,7 @@ fn solve(
         sigma: (0..b).map(|k| covariance[(k, k)].sqrt()).collect(),
         data_share: (0..b).map(|k| resolution[(k, k)].clamp(0.0, 1.0)).collect(),
         spread,
-        residual_sum_of_squares: residual_sum_of_squares(factor, &theta),
+        residual_sum_of_squares: factor.residual_sum_of_squares(&theta),
         theta,
     };
     Ok((estimate, (0..b).map(|k| resolution[(k, k)]).sum()))

@@ -30,7 +30,7 @@ impl Default for RobustSettings {
             constant: HUBER_CONSTANT,
             max_rounds: 50,
             settled: 1e-4,
-            max_condition: super::identify::MAX_SCALED_CONDITION,
+            max_condition: super::triangular::MAX_SCALED_CONDITION,
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Zero-phase low-pass and differentiation: from recorded channels to `q`, `qd`, `qdd`, `tau`.
 
+use crate::robot::MAX_JOINTS;
 use std::ops::Range;
 
 use sci_rs::signal::filter::design::{DigitalFilter, FilterBandType, FilterOutputType, Sos, butter_dyn};
@@ -117,7 +118,7 @@ impl Conditioned {
     /// out of `f_s`. Standard errors that ignore this are too small by its square root.
     #[must_use]
     pub fn independent_fraction(&self) -> f64 {
-        super::cross::independent_fraction(self.cutoff, self.sample_rate)
+        self::independent_fraction(self.cutoff, self.sample_rate)
     }
 }
 
@@ -296,6 +297,18 @@ fn stretches(time: &[f64], longest_step: f64, rate: f64) -> Vec<Stretch> {
         Stretch { step: grid.as_ref().map_or(mean, |grid| grid.step), grid, rows }
     };
     found.into_iter().map(stretch).collect()
+}
+
+/// Fraction of the observed rows of a recording at `sample_rate` Hz that are independent after a
+/// low-pass at `cutoff` Hz.
+#[must_use]
+pub fn independent_fraction(cutoff: f64, sample_rate: f64) -> f64 {
+    (2.0 * cutoff * row_step(cutoff, sample_rate) as f64 / sample_rate).min(1.0)
+}
+
+/// Scratch for one sample: `q`, `qd`, `qdd`, `tau`.
+pub(super) fn state() -> ([f64; MAX_JOINTS], [f64; MAX_JOINTS], [f64; MAX_JOINTS], [f64; MAX_JOINTS]) {
+    ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS])
 }
 
 #[cfg(test)]

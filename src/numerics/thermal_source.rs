@@ -5,9 +5,14 @@
 //! housing, the motor's own) stays as a fast part that follows the motion. A hall's temperature is an offset of
 //! coldness, as many times a coefficient as it is below the usual.
 
-use super::friction_index::{CycleMotion, MapRun};
-use super::friction_map::{Fitted, JointRecord, RecordPoint, fit_map, hall_coldness};
+use super::friction_map::{Fitted, fit_map, hall_coldness};
+use super::friction_record::{CycleMotion, MapRun};
+use super::friction_record::{JointRecord, RecordPoint};
 use super::statistics::{mean, median, standard_deviation};
+use crate::numerics::friction_record::Hall;
+use crate::numerics::friction_record::Measured;
+use crate::numerics::friction_record::MotorScale;
+use crate::numerics::friction_record::reading_at;
 use crate::robot::JointIndex;
 use crate::run::temperature::ZERO_CELSIUS;
 
@@ -33,45 +38,6 @@ const MOST_LEFT: f64 = 0.4;
 
 /// A coefficient of the hall is used from as many standard errors on.
 const LEAST_ERRORS: f64 = 2.0;
-
-/// What was measured of the thermal state of a joint.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub(super) enum Measured {
-    /// Nothing that could be used.
-    #[default]
-    Nothing,
-    /// The motor's temperature.
-    Motor(MotorScale),
-    /// The hall's.
-    Hall(Hall),
-}
-
-/// Temperature of a motor as coldness.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct MotorScale {
-    /// Temperatures that count as warm and as cold, K.
-    pub warm: f64,
-    pub cold: f64,
-    /// Mean temperature of the cycles of each run: middle of the cycle since the epoch of the history, s, and K.
-    readings: Vec<Vec<[f64; 2]>>,
-}
-
-/// The hall in each run.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Hall {
-    /// The usual temperature, K.
-    pub usual: f64,
-    /// How far each run's is below it, K; 0 for a run that has none.
-    pub colder: Vec<f64>,
-}
-
-impl MotorScale {
-    /// Coldness at `time` in run `run`: 0 at the warm temperature, 1 at the cold one.
-    pub fn coldness(&self, run: usize, time: f64) -> f64 {
-        let kelvin = self.readings.get(run).and_then(|readings| reading_at(readings, time));
-        kelvin.map_or(f64::NAN, |kelvin| (self.warm - kelvin) / (self.warm - self.cold))
-    }
-}
 
 /// What is to be used for a joint with these points; and why something recorded is not, as a sentence.
 pub(super) fn measured(
@@ -186,18 +152,6 @@ fn motor_readings(joint: JointIndex, run: &MapRun, start: f64) -> Vec<[f64; 2]> 
     run.spans.iter().filter_map(reading).collect()
 }
 
-/// The temperature at `time` on the line through the readings next to it, beyond the first and last one as well:
-/// a first cycle warms all along. By at most one distance of readings.
-fn reading_at(readings: &[[f64; 2]], time: f64) -> Option<f64> {
-    if readings.len() < 2 {
-        return readings.first().map(|[_, kelvin]| *kelvin);
-    }
-    let after = readings.partition_point(|[at, _]| *at < time).clamp(1, readings.len() - 1);
-    let ([from, before], [to, next]) = (readings[after - 1], readings[after]);
-    let share = ((time - from) / (to - from)).clamp(-1.0, 2.0);
-    Some(before + share * (next - before))
-}
-
 /// The hall in the runs of the points.
 fn hall(runs: &[MapRun], points: &[RecordPoint]) -> Result<Option<Hall>, String> {
     let by_run: Vec<Option<f64>> = runs
@@ -226,8 +180,8 @@ fn hall(runs: &[MapRun], points: &[RecordPoint]) -> Result<Option<Hall>, String>
 
 #[cfg(test)]
 mod tests {
-    use super::*;
 
+    use crate::numerics::friction_record::reading_at;
     #[test]
     fn between_readings_and_half_a_cycle_beyond_them_temperature_is_a_line() {
         let readings = [[150.0, 300.0], [450.0, 306.0], [750.0, 309.0]];

@@ -4,10 +4,10 @@
 //! of the same columns, so the RMSD of the rows is that of the factors.
 
 use super::NumericsError;
-use super::identify::state;
 use super::jumps::{jumps, smear};
 use super::regressor::{Regressor, joint_torque_regressor};
 use super::signal::Conditioned;
+use super::signal::state;
 use super::verify::TorqueSums;
 use crate::analysis::{Motion, RmsdScope, TorqueRmsd};
 use crate::robot::{JointIndex, ParameterId, Robot};

@@ -12,7 +12,6 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::NumericsError;
 use super::base::BaseParameters;
-use super::covariance::inverse_of_upper;
 use super::kinematics::joint_transform;
 use super::physical::{NominalModel, seen_by_factor};
 use super::triangular::TriangularFactor;
@@ -200,7 +199,7 @@ fn measured_start(
     let mut solved = TriangularFactor::new(width);
     solved.fold(columns.as_ref());
     solved.fold(ridge.as_ref());
-    let solution = inverse_of_upper(&solved)? * solved.upper().submatrix(0, width, width, 1);
+    let solution = solved.inverse_of_upper()? * solved.upper().submatrix(0, width, width, 1);
     let scale = solution[(0, 0)];
     let motors = beside.iter().enumerate().filter(|(_, k)| ids[**k].kind == ParameterKind::MotorInertia);
     Ok(MeasuredStart {

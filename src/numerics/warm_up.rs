@@ -4,6 +4,11 @@
 //! solves for the latter alone. Time constants are sought as logarithms, so a rate can never turn
 //! negative. Of a constant, one and two exponentials the one is kept that the data support.
 
+use crate::numerics::warm_up_curve::Mean;
+use crate::numerics::warm_up_curve::decay;
+use crate::numerics::warm_up_curve::decay_slope;
+use crate::numerics::warm_up_curve::single_starts;
+use crate::numerics::warm_up_curve::{Candidate, extent};
 use nalgebra::{DMatrix, DVector};
 use varpro::prelude::*;
 use varpro::problem::SeparableProblemBuilder;
@@ -118,15 +123,6 @@ pub fn fit_warm_up(
     Ok(WarmUpFit { rmsd: warm_up_rmsd(&fit, points), samples: points.len(), record: [first, last], ..fit })
 }
 
-/// A point, or the mean of neighbours in time with their share of all points.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Mean {
-    pub(super) minute: f64,
-    pub(super) torque: f64,
-    /// Points that it stands for, of mean one over all.
-    pub(super) weight: f64,
-}
-
 /// The points themselves up to [`MAX_POINTS`], means of neighbours in time of more.
 fn grouped(points: &[WarmUpPoint]) -> Vec<Mean> {
     let mut sorted = points.to_vec();
@@ -202,16 +198,6 @@ fn constant_fit(joint: JointIndex, speed_fraction: f64, points: &[Mean]) -> Resu
         samples: points.len(),
         record: [0.0, 0.0],
     })
-}
-
-/// An exponential fit with its parts, slowest first.
-#[derive(Debug, Clone)]
-pub(super) struct Candidate {
-    pub(super) a: Estimate,
-    pub(super) parts: Vec<Decay>,
-    /// What the points show of the faster of two parts.
-    pub(super) fast_shown: Option<FastShown>,
-    pub(super) rmsd: f64,
 }
 
 impl Candidate {
@@ -329,16 +315,6 @@ fn supported(candidate: &Candidate, points: &[Mean]) -> bool {
     parts_clear && apart && clear(&candidate.a)
 }
 
-pub(super) fn extent(minutes: impl Iterator<Item = f64>) -> (f64, f64) {
-    minutes.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), m| (low.min(m), high.max(m)))
-}
-
-pub(super) fn single_starts(points: &[Mean]) -> Vec<Vec<f64>> {
-    let (first, last) = extent(points.iter().map(|p| p.minute));
-    let record = (last - first).max(f64::MIN_POSITIVE);
-    [0.05, 0.2, 0.6].iter().map(|part| vec![(part * record).ln()]).collect()
-}
-
 fn double_starts(points: &[Mean]) -> Vec<Vec<f64>> {
     let (first, last) = extent(points.iter().map(|p| p.minute));
     let record = (last - first).max(f64::MIN_POSITIVE);
@@ -354,17 +330,6 @@ fn best_fit(points: &[Mean], starts: &[Vec<f64>], parts: usize) -> Option<Candid
         .iter()
         .filter_map(|start| exponential_fit(points, start, parts))
         .min_by(|x, y| x.rmsd.total_cmp(&y.rmsd))
-}
-
-pub(super) fn decay(minute: &DVector<f64>, log_time: f64) -> DVector<f64> {
-    minute.map(|t| (-t / log_time.exp()).exp())
-}
-
-pub(super) fn decay_slope(minute: &DVector<f64>, log_time: f64) -> DVector<f64> {
-    minute.map(|t| {
-        let x = t / log_time.exp();
-        x * (-x).exp()
-    })
 }
 
 fn exponential_fit(points: &[Mean], start: &[f64], parts: usize) -> Option<Candidate> {

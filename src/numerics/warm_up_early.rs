@@ -12,7 +12,7 @@ use varpro::solvers::levmar::LevMarSolver;
 use varpro::statistics::FitStatistics;
 
 use super::student::f_quantile;
-use super::warm_up::{Candidate, Mean, decay, decay_slope, extent, single_starts};
+use super::warm_up_curve::{Candidate, Mean, decay, decay_slope, extent, single_starts};
 use crate::analysis::{Decay, Estimate, FastShown};
 
 /// Time constants that are gone through.

@@ -4,7 +4,8 @@ use std::collections::HashMap;
 
 use super::PipelineError;
 use crate::analysis::FrictionPoint;
-use crate::numerics::friction_index::{MapRun, RobotFriction, robot_friction};
+use crate::numerics::friction_index::{RobotFriction, robot_friction};
+use crate::numerics::friction_record::MapRun;
 use crate::numerics::friction_speed::friction_over_speed;
 use crate::robot::JointIndex;
 use crate::store::{CyclePoint, CycleSpeedFits, FrictionRun, Store};

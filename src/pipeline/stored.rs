@@ -7,9 +7,10 @@ use tokio::task::JoinError;
 
 use crate::analysis::{self, IdentifiedParameter, TorqueRmsd};
 use crate::numerics::NumericsError;
-use crate::numerics::cross::{Union, independent_fraction};
+use crate::numerics::cross::Union;
 use crate::numerics::factors::{JointColumns, JointFactor, unpack};
 use crate::numerics::history::{Estimator, EstimatorKind, estimate};
+use crate::numerics::signal::independent_fraction;
 use crate::numerics::verify::{StageSums, torque_rmsd};
 use crate::robot::JointIndex;
 use crate::store::{

@@ -12,8 +12,9 @@ use crate::analysis::friction::{
     FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient, ThermalSource,
 };
 use crate::analysis::{CycleTemperatures, Estimate, FrictionPoint};
-use crate::numerics::cross::independent_fraction;
-use crate::numerics::friction_index::{CycleMotion, MapRun, RobotFriction};
+use crate::numerics::friction_index::RobotFriction;
+use crate::numerics::friction_record::{CycleMotion, MapRun};
+use crate::numerics::signal::independent_fraction;
 use crate::robot::JointIndex;
 use crate::run::temperature::ZERO_CELSIUS;
 

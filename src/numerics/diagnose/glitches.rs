@@ -1,6 +1,7 @@
 //! Rows that the logger made up: single values beyond all measure, and rows written twice.
 
-use super::{Finding, FindingKind, FindingSeverity, View, finding};
+use super::view::{View, finding};
+use crate::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use crate::robot::{JointIndex, JointKind};
 
 /// A value this many times the channel's usual range away from it is no motion of an arm. Peaks of

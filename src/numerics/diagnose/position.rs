@@ -1,6 +1,7 @@
 //! Positions and speeds against the description: limits, units, hardly any motion.
 
-use super::{DEGREES, DiagnoseSettings, Finding, FindingKind, FindingSeverity, View, finding};
+use super::view::{DEGREES, DiagnoseSettings, View, finding};
+use crate::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use crate::robot::{JointIndex, JointKind};
 
 /// Positions and speeds against the description's limits.

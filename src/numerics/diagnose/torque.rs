@@ -1,6 +1,7 @@
 //! Torque against motion: whose joint's it is.
 
-use super::{Finding, FindingKind, FindingSeverity, View, finding};
+use super::view::{View, finding};
+use crate::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use crate::numerics::signal::Conditioned;
 use crate::numerics::triangular::TriangularFactor;
 use crate::robot::JointIndex;

@@ -1,6 +1,7 @@
 //! Velocity against the derivative of position: swapped columns, wrong units, signs and time.
 
-use super::{BELONGS, DEGREES, DiagnoseSettings, Finding, FindingKind, FindingSeverity, View, finding};
+use super::view::{BELONGS, DEGREES, DiagnoseSettings, View, finding};
+use crate::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use crate::robot::{Joint, JointIndex, JointKind, Robot};
 
 /// Nearness of a factor between units to its exact value.

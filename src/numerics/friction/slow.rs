@@ -1,6 +1,6 @@
 //! Friction over speed from slow motion that holds no speed.
 
-use super::{Plateau, SPEED_TOLERANCE};
+use super::plateau::{Plateau, SPEED_TOLERANCE};
 use crate::numerics::segment::ranges_where;
 use crate::numerics::signal::Conditioned;
 use crate::robot::{JointIndex, Robot};

@@ -3,7 +3,7 @@
 
 use super::nominal::InertiaRatio;
 use crate::analysis::finding::FindingKinds;
-use crate::numerics::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
+use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::robot::{JointIndex, Robot};
 
 /// Most sentences of a reason: a cause, and what shows it.

@@ -6,8 +6,8 @@ use super::alternatives::{Alternative, best_alternative};
 use super::delay::{JointDelay, TorqueDelay, torque_delays};
 use super::description::{DescriptionTest, Evidenced, test_description};
 use super::friction_shapes::friction_shapes;
+use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
-use crate::numerics::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::numerics::factors::JointColumns;
 use crate::numerics::jumps::Jump;
 use crate::numerics::signal::Conditioned;
@@ -28,6 +28,10 @@ pub struct DoubtSettings {
     /// Weighted residual sum of squares that another description may leave, relative to the given
     /// one's, to be named as the likely one.
     pub alternative: f64,
+    /// Cut-off of the low-pass, Hz, below which a contradiction is said and never refused. Excitation moves with up to
+    /// some 3 Hz: below, the low-pass takes away part of the motion, and as filtered torques are no function of filtered
+    /// positions then, what is left goes with the geometry.
+    pub least_cutoff: f64,
     /// Delay of the torques that is said, and that is refused, s.
     pub delays: [f64; 2],
     /// Residual sum of squares that the best delay must reach, relative to that without one.
@@ -43,6 +47,7 @@ impl Default for DoubtSettings {
             description_shares: [0.12, 0.35],
             healthy: 0.13,
             alternative: 0.8,
+            least_cutoff: 4.0,
             delays: [0.006, 0.012],
             delay_residual: 0.8,
             delay_quorum: 3,
@@ -125,7 +130,9 @@ fn contradicted<'s>(
     let evidenced = Evidenced { shapes: shapes(), ..evidenced };
     // too few rows for friction of any shape say nothing of the description
     let test = tested(&evidenced)?;
-    if test.share < settings.looked_share && known.is_empty() {
+    if judged.conditioned.cutoff < settings.least_cutoff
+        || test.share < settings.looked_share && known.is_empty()
+    {
         return of_law.then(|| perhaps_contradicted(&test));
     }
     let better = best_alternative(judged.robot, &evidenced, &test.scores)

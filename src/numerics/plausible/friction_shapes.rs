@@ -11,8 +11,9 @@ use crate::numerics::signal::Conditioned;
 /// Speeds at which a smooth sign turns over, and of the bump, relative to the joint's RMS speed.
 const SMOOTH: [f64; 2] = [0.05, 0.3];
 const BUMP: f64 = 0.15;
-/// Distances over which friction turns over after a reversal, relative to the range that the joint moves over.
-const BRISTLE: [f64; 2] = [0.005, 0.04];
+/// Distances over which friction turns over after a reversal, relative to the range that the joint moves over: from the
+/// minutes of arc of a stiff gearbox on.
+const BRISTLE: [f64; 3] = [0.001, 0.006, 0.04];
 
 /// Columns of a joint.
 pub const SHAPES: usize = SMOOTH.len() + 1 + BRISTLE.len() + 1;

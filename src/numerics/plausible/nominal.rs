@@ -3,10 +3,10 @@
 
 use nalgebra::Vector3;
 
-use super::{Combination, PlausibleSettings};
+use super::combination::{Combination, PlausibleSettings};
 use crate::analysis::Identification;
+use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::numerics::base::probe_state;
-use crate::numerics::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::numerics::dynamics::{DynamicModel, inverse_dynamics};
 use crate::numerics::kinematics::joint_transform;
 use crate::numerics::regressor::{Regressor, joint_torque_regressor};

@@ -1,10 +1,10 @@
 //! Findings about a model held against what else would explain them: a refusal needs evidence that survives.
 
 use super::own_fit::OwnFit;
+use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
 use crate::numerics::actuator::friction_columns;
 use crate::numerics::base::BaseParameters;
-use crate::numerics::diagnose::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::numerics::physical_fit::{PriceOfPhysics, physical_fit};
 use crate::numerics::signal::Conditioned;
 use crate::numerics::triangular::TriangularFactor;

@@ -1,0 +1,61 @@
+//! What every detector is told, and what it says of a run.
+
+use crate::anomaly::Severity;
+/// When a change counts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DetectSettings {
+    /// Runs that form a joint's baseline; below this many the joint is learning.
+    pub baseline_runs: usize,
+    /// Relative change of friction that is a warning.
+    pub drift_warning: f64,
+    /// Relative change of friction that is critical.
+    pub drift_critical: f64,
+    /// Change of friction, in standard deviations of its smoothed value, that could be chance.
+    pub drift_sigma: f64,
+    /// Ratio of the RMSD's swing to its baseline that is an oscillation.
+    pub oscillation_ratio: f64,
+    /// Relative RMSD that is a warning.
+    pub accuracy_warning: f64,
+    /// Relative RMSD that is critical.
+    pub accuracy_critical: f64,
+    /// Usual intervals between tests after which the next one is overdue.
+    pub overdue_factor: f64,
+}
+
+impl Default for DetectSettings {
+    fn default() -> Self {
+        Self {
+            baseline_runs: 5,
+            drift_warning: 0.05,
+            drift_critical: 0.15,
+            drift_sigma: 4.0,
+            oscillation_ratio: 3.0,
+            accuracy_warning: 0.10,
+            accuracy_critical: 0.15,
+            overdue_factor: 4.0,
+        }
+    }
+}
+
+/// Weight of the newest run in the smoothed friction index (EWMA, Roberts 1959): three runs in a
+/// row carry four fifths of the weight, one odd run does not decide.
+pub(super) const EWMA_WEIGHT: f64 = 0.4;
+
+/// What one run says of one quantity.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Verdict {
+    /// Not measured, or not comparable.
+    Unknown,
+    /// As expected.
+    Quiet,
+    /// Out of bounds.
+    Out { severity: Severity, score: f64, threshold: f64, value: f64, baseline: f64, message: String },
+}
+
+/// A figure and its limit with as few decimals, up to three, as tell them apart.
+pub(super) fn apart(figure: f64, limit: f64) -> [String; 2] {
+    (0..3)
+        .map(|decimals| [figure, limit].map(|of| format!("{of:.decimals$}")))
+        .find(|[figure, limit]| figure != limit)
+        .unwrap_or_else(|| [figure, limit].map(|of| format!("{of:.3}")))
+}

@@ -1,0 +1,33 @@
+//! Sums of identified parameters with their errors, and from where on such a sum is not believed.
+
+/// From where on a model is not believed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlausibleSettings {
+    /// Relative RMSD of the moving excitation rows that is said, and that is refused. Healthy arms
+    /// stay below 0.13 (thesis, chapter 5).
+    pub relative_rmsd: [f64; 2],
+    /// Standard errors by which a number must be negative.
+    pub standard_errors: f64,
+    /// Factor between identified and nominal inertia of a joint that is said, and that is refused.
+    pub nominal_factors: [f64; 2],
+}
+
+impl Default for PlausibleSettings {
+    fn default() -> Self {
+        Self { relative_rmsd: [0.2, 0.4], standard_errors: 3.0, nominal_factors: [3.0, 9.5] }
+    }
+}
+
+/// A linear function of the parameters and its standard error, correlations left out.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Combination {
+    pub(super) value: f64,
+    pub(super) variance: f64,
+}
+
+impl Combination {
+    pub(super) fn add(&mut self, coefficient: f64, value: f64, sigma: f64) {
+        self.value += coefficient * value;
+        self.variance += (coefficient * sigma).powi(2);
+    }
+}
