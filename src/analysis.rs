@@ -188,7 +188,7 @@ pub struct Identification {
 }
 
 /// A base parameter with its uncertainty. Stands for a grouping: see
-/// [`crate::numerics::base::BaseParameters`].
+/// [`crate::numerics::model::base_parameters::BaseParameters`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdentifiedParameter {
     /// Which parameter.
@@ -198,7 +198,7 @@ pub struct IdentifiedParameter {
     /// Standard error, same unit.
     pub std_error: f64,
     /// Degrees of freedom of the standard error; not a number where they are not known. The interval
-    /// is [`half_width`](crate::numerics::student::half_width) to either side.
+    /// is [`half_width`](crate::numerics::statistics::distributions::half_width) to either side.
     pub degrees_of_freedom: f64,
 }
 
@@ -310,7 +310,7 @@ impl Motion {
 }
 
 /// Triangular factor of `[regressor | torque]` over the rows of one joint in one stage, moving or
-/// slow; see [`crate::numerics::factors`].
+/// slow; see [`crate::numerics::identify::joint_factors`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TorqueFactor {
     /// The joint.

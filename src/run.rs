@@ -68,7 +68,7 @@ pub struct Samples {
     /// Joint torques, Nm (N).
     pub torque: Vec<Vec<f64>>,
     /// Stage of each row; where it follows from [`Samples::stage_level`] or the motion, not known until
-    /// [`crate::numerics::stages`] has looked at the rows.
+    /// [`crate::numerics::segment::stages`] has looked at the rows.
     pub stage: Vec<Stage>,
     /// Level of an analogue stage signal, in the unit of the export, where there is one.
     pub stage_level: Option<Vec<f64>>,

@@ -14,7 +14,7 @@ use crate::config::{Config, Layout, read_robot};
 use crate::ingest::rejection::Rejection;
 use crate::numerics::NumericsError;
 use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
-use crate::numerics::student::half_width;
+use crate::numerics::statistics::distributions::half_width;
 use crate::pipeline::cycles::read_cycle;
 use crate::robot::{FrictionTerm, ParameterId, ParameterKind, Robot};
 use crate::run::Cycle;

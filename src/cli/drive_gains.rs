@@ -7,7 +7,7 @@ use super::load::LoadArgs;
 use super::selection::cycle_numbers;
 use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_store, output, runtime};
 use crate::config::{Config, FleetEntry};
-use crate::numerics::drive_gain::{GainEstimate, JointGain, Unseen};
+use crate::numerics::pooled::drive_gain::{GainEstimate, JointGain, Unseen};
 use crate::pipeline::drive_gain::stored_drive_gains;
 use crate::pipeline::stored::Chosen;
 use crate::robot::StandardParameters;

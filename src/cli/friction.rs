@@ -11,7 +11,7 @@ use super::selection::{named_runs, runs_of};
 use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
 use crate::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
 use crate::numerics::analyse::warm_up_fits;
-use crate::numerics::warm_up::warm_up_torque;
+use crate::numerics::friction::warm_up::warm_up_torque;
 use crate::report::figure::Figure;
 use crate::report::friction::{
     CycleFriction, RunCurves, friction_figure, friction_speed_figure, run_comparison_figure,

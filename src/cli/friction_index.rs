@@ -3,9 +3,9 @@
 use serde_json::json;
 
 use super::output;
-use crate::numerics::statistics::standard_deviation;
-use crate::numerics::student::normal_quantile;
-use crate::numerics::whiteness::{LARGEST_LAG, MIN_VALUES, Whiteness, common_lag_1, whiteness};
+use crate::numerics::statistics::descriptive::standard_deviation;
+use crate::numerics::statistics::distributions::normal_quantile;
+use crate::numerics::statistics::whiteness::{LARGEST_LAG, MIN_VALUES, Whiteness, common_lag_1, whiteness};
 use crate::report::figure::Figure;
 use crate::report::friction_index::{IndexPoint, index_figure};
 use crate::store::{IndexRow, ThermalSourceRow};

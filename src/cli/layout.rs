@@ -8,7 +8,7 @@ use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, output};
 use crate::config::{ConfigSource, read_robot};
 use crate::ingest::infer::{self, Hints};
 use crate::ingest::source;
-use crate::numerics::dynamics::gravity_torque;
+use crate::numerics::model::dynamics::gravity_torque;
 use crate::robot::Robot;
 
 /// Sample rates that may be given, Hz; those that a layout takes.

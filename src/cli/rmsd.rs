@@ -8,7 +8,7 @@ use super::identify_output::rmsd_value;
 use super::plot::PlotFile;
 use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
 use crate::analysis::{Rmsd, RmsdPair, RmsdScope, WarmingContrast};
-use crate::numerics::statistics::{mean, standard_deviation};
+use crate::numerics::statistics::descriptive::{mean, standard_deviation};
 use crate::report::rmsd::{CycleVerification, rmsd_figure};
 use crate::robot::JointIndex;
 use crate::run::Stage;

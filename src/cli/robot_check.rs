@@ -8,7 +8,8 @@ use serde_json::json;
 
 use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, output};
 use crate::config::read_robot;
-use crate::numerics::robot_check::{self, ReferenceAgreement, ReferenceRow, RobotCheck};
+use crate::numerics::model::robot_check;
+use crate::numerics::model::robot_check::{ReferenceAgreement, ReferenceRow, RobotCheck};
 use crate::robot::Robot;
 
 /// Largest relative difference from reference data that agrees: reference tables carry twelve

@@ -4,7 +4,7 @@ use clap::ValueEnum;
 
 use super::CliError;
 use crate::config::{Column, Config, Layout, OneHot, StageLevels, StageSource, StageWords};
-use crate::numerics::stages::LevelSettings;
+use crate::numerics::segment::stages::LevelSettings;
 use crate::run::Stage;
 
 /// How a simulated export tells its stages.

@@ -10,7 +10,7 @@ use super::selection::NamedCandidate;
 use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
 use crate::analysis::{RmsdScope, TorqueRmsd};
 use crate::config::Config;
-use crate::numerics::torque_series::{SeriesRows, TorqueSeries, peaks};
+use crate::numerics::identify::torque_series::{SeriesRows, TorqueSeries, peaks};
 use crate::pipeline::replay::{Replay, ReplayError};
 use crate::report::torque::torque_figure;
 use crate::robot::{JointIndex, ParameterId};

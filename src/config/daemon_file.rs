@@ -20,7 +20,7 @@ use super::{date_format, parse_layout, pattern, suggestion};
 use crate::analysis::Estimator;
 use crate::analysis::finding::{FindingKind, FindingKinds};
 use crate::numerics::analyse::AnalysisSettings;
-use crate::numerics::detect_verdict::DetectSettings;
+use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::{JointKind, Robot, TorqueSensors};
 
 const DEFAULT_DATABASE: &str = "armwatch.db";

@@ -9,7 +9,7 @@ use super::joint::{
 use super::stage_source::StageSource;
 use super::temperature::{AmbientTemperature, MotorTemperature};
 use super::text_format::TextFormat;
-use crate::numerics::channel_delay::ChannelDelays;
+use crate::numerics::signal::channel_delay::ChannelDelays;
 use crate::robot::{Joint, JointKind, Robot};
 
 /// How an export's columns become channels in SI.

@@ -59,7 +59,7 @@ pub use self::temperature::{AmbientTemperature, MotorTemperature, TemperatureUni
 pub use self::text_format::{DecimalMark, TextEncoding, TextFormat};
 pub use self::urdf_writer::{UrdfFriction, straight_friction, urdf_text};
 use crate::numerics::analyse::AnalysisSettings;
-use crate::numerics::detect_verdict::DetectSettings;
+use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::Robot;
 
 /// Everything the program is told, read and checked.

@@ -224,8 +224,8 @@ fn read_amplitudes(table: &Table<'_>, key: &str, joint_count: Option<usize>) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numerics::base::base_parameters;
-    use crate::numerics::kinematics::forward_kinematics;
+    use crate::numerics::model::base_parameters::base_parameters;
+    use crate::numerics::model::kinematics::forward_kinematics;
     use crate::robot::{DhParameters, JointKind, JointLimits};
     use crate::testing::er3a;
 

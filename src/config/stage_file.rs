@@ -4,7 +4,7 @@ use super::layout_file::ColumnNames;
 use super::limits::Limits;
 use super::reader::{Table, Value};
 use super::{Column, OneHot, StageLevels, StageSignal, StageSource, StageWords};
-use crate::numerics::stages::{LevelSettings, Schedule};
+use crate::numerics::segment::stages::{LevelSettings, Schedule};
 use crate::run::Stage;
 
 /// Most values of the stage signal that may mean one stage.

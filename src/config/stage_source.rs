@@ -1,7 +1,7 @@
 //! Where the stage of a row comes from, as a layout says it.
 
 use super::layout::Column;
-use crate::numerics::stages::{LevelSettings, Schedule, StageRule};
+use crate::numerics::segment::stages::{LevelSettings, Schedule, StageRule};
 use crate::run::{RunKind, Stage};
 
 /// Where the stage of a row comes from.

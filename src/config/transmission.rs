@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use super::limits::Limits;
 use super::reader::{Table, Value};
-use crate::numerics::transmission::joint_per_motor;
+use crate::numerics::segment::joint_side::joint_per_motor;
 use crate::robot::{Coupling, Joint, JointIndex, JointKind, MAX_JOINTS, Robot};
 
 /// Turns of a motor per turn of a joint.

@@ -9,9 +9,9 @@ use proptest::prelude::*;
 use super::parse_robot;
 use super::robot_file::parse_robot_with;
 use super::urdf::read_chain;
-use crate::numerics::base::base_parameters;
-use crate::numerics::dynamics::inverse_dynamics;
-use crate::numerics::kinematics::forward_kinematics;
+use crate::numerics::model::base_parameters::base_parameters;
+use crate::numerics::model::dynamics::inverse_dynamics;
+use crate::numerics::model::kinematics::forward_kinematics;
 use crate::robot::{
     DhParameters, GeometrySource, Joint, JointGeometry, JointKind, Robot, StandardParameters, Transform,
 };

@@ -8,9 +8,9 @@ use std::fmt::Write;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::numerics::actuator::friction_torque;
-use crate::numerics::base::probe_state;
-use crate::numerics::dynamics::DynamicModel;
+use crate::numerics::model::actuator::friction_torque;
+use crate::numerics::model::base_parameters::probe_state;
+use crate::numerics::model::dynamics::DynamicModel;
 use crate::robot::{
     FrictionLaw, FrictionModel, GeometrySource, Joint, JointIndex, JointKind, Robot, StandardParameters,
     Transform,

@@ -5,11 +5,11 @@ use proptest::prelude::*;
 use super::parse_robot;
 use super::robot_file::parse_robot_with;
 use super::urdf_writer::{straight_friction, urdf_text};
-use crate::numerics::base::{base_parameters, probe_state};
-use crate::numerics::dynamics::{DynamicModel, inverse_dynamics};
-use crate::numerics::kinematics::forward_kinematics;
-use crate::numerics::kinematics::tests::{any_arm, numbers};
-use crate::numerics::uniform_bodies::uniform_bodies;
+use crate::numerics::model::base_parameters::{base_parameters, probe_state};
+use crate::numerics::model::dynamics::{DynamicModel, inverse_dynamics};
+use crate::numerics::model::kinematics::forward_kinematics;
+use crate::numerics::model::kinematics::tests::{any_arm, numbers};
+use crate::numerics::physical::uniform_bodies::uniform_bodies;
 use crate::robot::{
     FrictionLaw, FrictionModel, JointIndex, JointLimits, Robot, StandardParameters, Transform,
 };

@@ -11,100 +11,19 @@
 //! | `sigma` | their standard errors | `[b]` |
 //! | `r` | triangular factor of `[w \| tau]` | `[(b+1) x (b+1)]` |
 
-pub mod analyse;
-pub mod signal;
-pub mod time_grid;
-pub mod temperature;
-pub mod stages;
-pub mod motion_stages;
-pub mod segment;
-pub mod transmission;
-pub mod kinematics;
-pub mod actuator;
-pub mod dynamics;
-pub mod regressor;
-pub mod base;
-pub mod robot_check;
-mod robot_text;
-pub mod triangular;
-pub mod jumps;
-pub mod factors;
-pub mod rows;
-pub mod cycle_rows;
-pub mod estimate;
-pub mod robust;
-pub mod student;
-pub mod channel_delay;
-pub mod covariance;
-pub mod identify;
-pub mod prior;
-pub mod pseudo_inertia;
-pub mod physical_share;
-pub mod physical;
-pub mod uniform_bodies;
-pub mod physical_fit;
-pub mod essential;
-pub mod diagnose;
-pub mod plausible;
-pub mod refusal;
-#[cfg(test)]
-mod diagnose_tests;
-#[cfg(test)]
-mod drive_gain_tests;
-#[cfg(test)]
-mod estimate_tests;
-#[cfg(test)]
-mod physical_tests;
-pub mod friction;
-pub mod friction_speed;
-#[cfg(test)]
-mod friction_speed_tests;
-pub mod friction_means;
-pub mod excitation_friction;
-pub mod thermal;
-pub mod friction_record;
-mod thermal_source;
-pub mod friction_map;
-mod friction_effects;
-pub mod friction_index;
-#[cfg(test)]
-mod friction_alarm_tests;
-#[cfg(test)]
-mod friction_index_coverage;
-#[cfg(test)]
-mod friction_index_tests;
-#[cfg(test)]
-mod friction_temperature_tests;
-pub mod whiteness;
-pub mod warm_up;
-mod warm_up_curve;
-mod warm_up_early;
-#[cfg(test)]
-mod warm_up_tests;
-pub mod verify;
-pub mod production;
-pub mod torque_series;
-pub mod cross;
-pub mod drive_gain;
-pub mod cycle_errors;
-pub mod history;
-pub mod identifiability;
-pub mod joint_views;
-pub mod nominal_prior;
-#[cfg(test)]
-mod history_tests;
 pub mod statistics;
+pub mod signal;
+pub mod segment;
+pub mod least_squares;
+pub mod model;
+pub mod identify;
+pub mod pooled;
+pub mod physical;
+pub mod diagnose;
+pub mod friction;
 pub mod detect;
-pub mod detect_verdict;
-mod detect_friction;
-mod detect_results;
-#[cfg(test)]
-mod detect_results_tests;
-pub mod detect_production;
-#[cfg(test)]
-mod detect_production_tests;
-#[cfg(test)]
-mod detect_tests;
+pub mod analyse;
+pub mod production;
 
 /// Why numbers could not be had. Carries the figures that decided it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -3,11 +3,11 @@
 
 use super::NumericsError;
 use super::analyse::{Method, keep_factors, note_gaps, unanalysed, without_positions};
-use super::factors::{JointColumns, JointFactor, factor_cycle};
-use super::jumps::jumps;
-use super::signal::condition;
-use super::statistics::median;
-use super::verify::torque_rmsd;
+use super::identify::filtered_columns::jumps;
+use super::identify::joint_factors::{JointColumns, JointFactor, factor_cycle};
+use super::identify::verify::torque_rmsd;
+use super::signal::filter::condition;
+use super::statistics::descriptive::median;
 use crate::analysis::{
     CycleAnalysis, Estimator, FrictionExcess, JointCheck, Motion, ProductionCheck, ProductionJoint, RmsdPair,
     RmsdScope,
@@ -149,9 +149,9 @@ mod tests {
     use super::*;
     use crate::analysis::Rmsd;
     use crate::numerics::analyse::AnalysisSettings;
-    use crate::numerics::factors::tests::cycle;
-    use crate::numerics::factors::unpack;
-    use crate::numerics::torque_series::{SeriesRows, torque_series};
+    use crate::numerics::identify::joint_factors::tests::cycle;
+    use crate::numerics::identify::joint_factors::unpack;
+    use crate::numerics::identify::torque_series::{SeriesRows, torque_series};
     use crate::run::Stage;
     use crate::testing::er3a;
 

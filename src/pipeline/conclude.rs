@@ -9,8 +9,8 @@ use super::friction::FrictionHistory;
 use super::{Pipeline, PipelineError, production};
 use crate::anomaly::RunSummary;
 use crate::numerics::analyse::warm_up_fits;
-use crate::numerics::detect::detect;
-use crate::numerics::detect_production::detect_production;
+use crate::numerics::detect::production::detect_production;
+use crate::numerics::detect::runs::detect;
 use crate::store::{AnomalyRow, StaleRobot};
 
 /// Of a longer backlog, conclusions are drawn each time this many runs of a robot have ended: the friction index

@@ -8,11 +8,11 @@ use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::fingerprint;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
-use crate::numerics::channel_delay::ChannelDelays;
-use crate::numerics::segment::{CutterState, CycleCutter, SegmentError};
-use crate::numerics::stages::{FinderState, StageFinder, StageRule};
-use crate::numerics::time_grid::sample_rate;
-use crate::numerics::transmission::JointSide;
+use crate::numerics::segment::cycles::{CutterState, CycleCutter, SegmentError};
+use crate::numerics::segment::joint_side::JointSide;
+use crate::numerics::segment::stages::{FinderState, StageFinder, StageRule};
+use crate::numerics::signal::channel_delay::ChannelDelays;
+use crate::numerics::signal::time_grid::sample_rate;
 use crate::robot::Robot;
 use crate::run::{ContentHash, Cycle, Samples};
 
@@ -242,7 +242,7 @@ fn not_cut(path: &Path, error: &SegmentError) -> Rejection {
 mod tests {
     use super::*;
     use crate::config::parse_layout;
-    use crate::numerics::factors::tests::cycle;
+    use crate::numerics::identify::joint_factors::tests::cycle;
     use crate::run::Stage;
     use crate::testing::er3a;
 

@@ -2,9 +2,9 @@
 
 use super::stored::{Chosen, ChosenCycles, StoredError, chosen_cycles, independent_shares, merged, told};
 use crate::numerics::NumericsError;
-use crate::numerics::base::base_parameters;
-use crate::numerics::drive_gain::{JointGain, RecordedCycle, drive_gains, load_change};
-use crate::numerics::factors::{JointColumns, unpack};
+use crate::numerics::identify::joint_factors::{JointColumns, unpack};
+use crate::numerics::model::base_parameters::base_parameters;
+use crate::numerics::pooled::drive_gain::{JointGain, RecordedCycle, drive_gains, load_change};
 use crate::robot::{Robot, StandardParameters};
 use crate::store::{FactorsWanted, Store, StoredCycle};
 

@@ -4,9 +4,9 @@ use std::collections::HashMap;
 
 use super::PipelineError;
 use crate::analysis::FrictionPoint;
-use crate::numerics::friction_index::{RobotFriction, robot_friction};
-use crate::numerics::friction_record::MapRun;
-use crate::numerics::friction_speed::friction_over_speed;
+use crate::numerics::friction::index::{RobotFriction, robot_friction};
+use crate::numerics::friction::over_speed::friction_over_speed;
+use crate::numerics::friction::record::MapRun;
 use crate::robot::JointIndex;
 use crate::store::{CyclePoint, CycleSpeedFits, FrictionRun, Store};
 

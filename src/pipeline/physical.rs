@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::stored::{StoredError, Taken};
-use crate::numerics::base::base_parameters;
-use crate::numerics::physical_fit::{PhysicalFit, physical_fit};
+use crate::numerics::model::base_parameters::base_parameters;
+use crate::numerics::physical::fit::{PhysicalFit, physical_fit};
 use crate::robot::Robot;
 
 /// Fits physically consistent parameters of all links to cycles taken together.

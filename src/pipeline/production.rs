@@ -10,7 +10,7 @@ use super::{Pipeline, PipelineError};
 use crate::analysis::{CycleAnalysis, Estimator, ProductionCheck};
 use crate::config::Layout;
 use crate::numerics::analyse::{Method, analyse_cycle};
-use crate::numerics::factors::{JointColumns, unpack};
+use crate::numerics::identify::joint_factors::{JointColumns, unpack};
 use crate::numerics::production::{Reference, analyse_window, check_window};
 use crate::run::{Cycle, RunKind};
 use crate::store::{ProductionWindow, ReferenceTest, Store, StoredCycle};

@@ -12,7 +12,7 @@ use crate::analysis::{FrictionPoint, RunAnalysis};
 use crate::ingest::excerpt;
 use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::{Method, RunResults, analyse_run};
-use crate::numerics::excitation_friction::{IdentifiedCycle, excitation_friction};
+use crate::numerics::friction::excitation::{IdentifiedCycle, excitation_friction};
 use crate::robot::{JointIndex, ParameterId};
 use crate::run::{RunHeader, RunKind};
 use crate::store::{

@@ -3,14 +3,16 @@
 use super::stored::{Chosen, PassedOver, StoredError, Taken, add, chosen_cycles, merged, same_model, source};
 use crate::analysis::IdentifiedParameter;
 use crate::numerics::NumericsError;
-use crate::numerics::cross::{RowWeights, Union};
-use crate::numerics::essential::EssentialSettings;
-use crate::numerics::factors::JointColumns;
-use crate::numerics::history::{Estimator, EstimatorKind, HistoryEstimate, estimate, estimate_essential};
-use crate::numerics::identifiability::{Identifiability, identifiability};
-use crate::numerics::joint_views::{JointView, joint_views};
-use crate::numerics::prior::{Prior, PriorStrength};
-use crate::numerics::statistics::parameter_statistics;
+use crate::numerics::identify::joint_factors::JointColumns;
+use crate::numerics::least_squares::conditioning::{Identifiability, identifiability};
+use crate::numerics::least_squares::essential::EssentialSettings;
+use crate::numerics::least_squares::prior::{Prior, PriorStrength};
+use crate::numerics::pooled::estimate::{
+    Estimator, EstimatorKind, HistoryEstimate, estimate, estimate_essential,
+};
+use crate::numerics::pooled::per_joint::{JointView, joint_views};
+use crate::numerics::pooled::pool::{RowWeights, Union};
+use crate::numerics::statistics::descriptive::parameter_statistics;
 use crate::robot::{JointIndex, ParameterId};
 use crate::store::{
     CycleView, FactorsWanted, Reestimate, ReestimatedCycle, ReestimatedStatistics, Store, StoredCycle,

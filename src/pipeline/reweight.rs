@@ -14,11 +14,11 @@ use super::{Pipeline, PipelineError};
 use crate::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
 use crate::numerics::NumericsError;
 use crate::numerics::analyse::RunResults;
-use crate::numerics::cross::Union;
-use crate::numerics::factors::{JointColumns, unpack};
-use crate::numerics::identify::identify_factors;
-use crate::numerics::statistics::{median, parameter_statistics, swing};
-use crate::numerics::verify::torque_rmsd;
+use crate::numerics::identify::cycle::identify_factors;
+use crate::numerics::identify::joint_factors::{JointColumns, unpack};
+use crate::numerics::identify::verify::torque_rmsd;
+use crate::numerics::pooled::pool::Union;
+use crate::numerics::statistics::descriptive::{median, parameter_statistics, swing};
 use crate::robot::JointIndex;
 use crate::store::{JointDeviation, NewEstimate, OtherEstimate, Store, StoredCycle};
 

@@ -7,11 +7,11 @@ use tokio::task::JoinError;
 
 use crate::analysis::{self, IdentifiedParameter, TorqueRmsd};
 use crate::numerics::NumericsError;
-use crate::numerics::cross::Union;
-use crate::numerics::factors::{JointColumns, JointFactor, unpack};
-use crate::numerics::history::{Estimator, EstimatorKind, estimate};
-use crate::numerics::signal::independent_fraction;
-use crate::numerics::verify::{StageSums, torque_rmsd};
+use crate::numerics::identify::joint_factors::{JointColumns, JointFactor, unpack};
+use crate::numerics::identify::verify::{StageSums, torque_rmsd};
+use crate::numerics::pooled::estimate::{Estimator, EstimatorKind, estimate};
+use crate::numerics::pooled::pool::Union;
+use crate::numerics::signal::filter::independent_fraction;
 use crate::robot::JointIndex;
 use crate::store::{
     CycleState, FactorsWanted, ParameterSet, SourceCycle, Store, StoreError, StoredCycle, StoredModel,

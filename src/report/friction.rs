@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 
 use super::figure::{COLOURS, Figure, Key, Look, Mark, Panel, Series, extent};
 use crate::analysis::{FrictionPoint, WarmUpFit};
-use crate::numerics::friction_means::friction_means;
-use crate::numerics::warm_up::warm_up_torque;
+use crate::numerics::friction::level_means::friction_means;
+use crate::numerics::friction::warm_up::warm_up_torque;
 use crate::robot::JointIndex;
 
 /// Most points that are drawn of a joint, speed level and direction. More cannot be told apart; they are thinned

@@ -2,8 +2,8 @@
 
 use super::figure::{Band, ESTIMATED, Figure, Key, Look, MEASURED, Mark, Panel, RESIDUAL, Series};
 use crate::analysis::{Rmsd, RmsdScope};
-use crate::numerics::time_grid::median_step;
-use crate::numerics::torque_series::{JointSeries, TorqueSeries, peaks};
+use crate::numerics::identify::torque_series::{JointSeries, TorqueSeries, peaks};
+use crate::numerics::signal::time_grid::median_step;
 use crate::robot::{JointIndex, JointKind, Robot};
 use crate::run::Stage;
 

@@ -13,7 +13,7 @@ use crate::analysis::{
     CycleAnalysis, Estimator, FrictionPoint, Identification, IdentifiedParameter, JointResidual, Rmsd,
     TorqueRmsd,
 };
-use crate::numerics::student::{LEVEL, half_width};
+use crate::numerics::statistics::distributions::{LEVEL, half_width};
 use crate::robot::{ParameterId, Robot};
 
 /// What became of a cycle that was offered.

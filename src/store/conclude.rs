@@ -11,7 +11,7 @@ use super::anomalies::{self, Reconciled};
 use super::{StoreError, conclusion_faults, friction, history, production, run_analysis};
 use crate::analysis::{ProductionCheck, WarmUpFit};
 use crate::anomaly::{Findings, ProductionSummary, RunSummary};
-use crate::numerics::friction_index::RobotFriction;
+use crate::numerics::friction::index::RobotFriction;
 
 /// A robot whose conclusions are older than its history.
 #[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]

@@ -12,9 +12,9 @@ use crate::analysis::friction::{
     FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient, ThermalSource,
 };
 use crate::analysis::{CycleTemperatures, Estimate, FrictionPoint};
-use crate::numerics::friction_index::RobotFriction;
-use crate::numerics::friction_record::{CycleMotion, MapRun};
-use crate::numerics::signal::independent_fraction;
+use crate::numerics::friction::index::RobotFriction;
+use crate::numerics::friction::record::{CycleMotion, MapRun};
+use crate::numerics::signal::filter::independent_fraction;
 use crate::robot::JointIndex;
 use crate::run::temperature::ZERO_CELSIUS;
 

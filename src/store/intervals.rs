@@ -5,7 +5,7 @@ use sqlx::sqlite::SqliteExecutor;
 use sqlx::{QueryBuilder, Sqlite, SqliteConnection, SqlitePool};
 
 use super::values::{ROWS_PER_STATEMENT, finite};
-use crate::numerics::student::{LEVEL, student_quantile};
+use crate::numerics::statistics::distributions::{LEVEL, student_quantile};
 
 /// Cycles that are filled in one transaction: some ten thousand parameters, a tenth of a second.
 const CYCLES_AT_ONCE: i64 = 200;

@@ -9,7 +9,7 @@ use super::factors::StoredModel;
 use super::values::{ROWS_PER_STATEMENT, count, finite, identified, named, size};
 use super::{analyses, models};
 use crate::analysis::{Estimator, Identification, IdentifiedParameter, TorqueRmsd};
-use crate::numerics::history::{ErrorSource, EstimatorKind};
+use crate::numerics::pooled::estimate::{ErrorSource, EstimatorKind};
 use crate::robot::ParameterId;
 
 /// Parameters from chosen cycles.

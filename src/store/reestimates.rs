@@ -11,7 +11,7 @@ use super::models;
 use super::parameter_sets::SourceCycle;
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number, named, size, time};
 use crate::analysis::{Identification, IdentifiedParameter, ParameterStatistics};
-use crate::numerics::history::EstimatorKind;
+use crate::numerics::pooled::estimate::EstimatorKind;
 use crate::robot::{JointIndex, ParameterId};
 
 /// Chosen cycles identified again, each alone.

@@ -2,7 +2,7 @@
 
 use super::StoreError;
 use super::test_support::*;
-use crate::numerics::student::half_width;
+use crate::numerics::statistics::distributions::half_width;
 use crate::robot::JointIndex;
 use crate::run::{ContentHash, RunStatus};
 use crate::testing::{change_dh, er3a};

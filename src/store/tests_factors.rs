@@ -7,7 +7,7 @@ use super::{FactorsWanted, ParameterSet, SourceCycle};
 use crate::analysis::{
     CycleAnalysis, CycleFactors, Motion, Rmsd, RmsdPair, RmsdScope, TorqueFactor, TorqueRmsd, WarmingContrast,
 };
-use crate::numerics::history::{ErrorSource, EstimatorKind};
+use crate::numerics::pooled::estimate::{ErrorSource, EstimatorKind};
 use crate::run::Stage;
 use crate::testing::er3a;
 

@@ -8,7 +8,7 @@ use crate::analysis::friction::FrictionIndex;
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{CycleAnalysis, Estimate};
 use crate::anomaly::{Anomaly, Findings, JointHealth, Knowledge, Severity};
-use crate::numerics::friction_index::RobotFriction;
+use crate::numerics::friction::index::RobotFriction;
 use crate::run::RunStatus;
 use crate::testing::er3a;
 

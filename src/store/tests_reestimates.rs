@@ -5,7 +5,7 @@ use super::{
     CycleView, FactorsWanted, KeptKind, ParameterSet, Reestimate, ReestimatedCycle, ReestimatedStatistics,
     SourceCycle, Store, StoredModel,
 };
-use crate::numerics::history::{ErrorSource, EstimatorKind};
+use crate::numerics::pooled::estimate::{ErrorSource, EstimatorKind};
 use crate::robot::{JointIndex, Robot};
 use crate::testing::er3a;
 

@@ -7,7 +7,7 @@ use armwatch::analysis::Estimator;
 use armwatch::anomaly::{Anomaly, AnomalyKind, ProductionSummary};
 use armwatch::config::{Layout, read_layout, read_robot};
 use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
-use armwatch::numerics::detect_production::detect_production;
+use armwatch::numerics::detect::production::detect_production;
 use armwatch::numerics::production::{Reference, analyse_window, summarise};
 use armwatch::pipeline::cycles::read_cycle;
 use armwatch::robot::JointIndex;

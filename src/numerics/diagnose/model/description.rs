@@ -1,0 +1,341 @@
+//! Whether torques contradict the description: a test of lack of fit in the direction of its numbers.
+//!
+//! Base parameters bend: a model of the wrong geometry may explain torques nearly as well as the right
+//! one. What it leaves is no noise, though. To first order the residual of a description whose numbers
+//! are off by `dp` is `S dp` with `S = d(w theta)/dp`; the part of `S` that the base parameters do not
+//! take up themselves is held against the residual (Lagrange multiplier test; Rao 1948, Large sample
+//! tests of statistical hypotheses concerning several parameters).
+
+use super::friction_shapes::SHAPES;
+use super::numbers::DescribedNumber;
+use crate::analysis::Identification;
+use crate::numerics::identify::filtered_columns::{Jump, jumps, smear};
+use crate::numerics::least_squares::factor::RowFolder;
+use crate::numerics::model::dynamics::{DynamicModel, inverse_dynamics};
+use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
+use crate::numerics::signal::filter::Conditioned;
+use crate::robot::{MAX_JOINTS, ParameterId, Robot};
+
+/// Most instants looked at, evenly over the excitation: a yes or no needs no more.
+const MOST_INSTANTS: usize = 1500;
+/// Step of the numeric derivative, m, rad, m/s²: eight digits are left of doubles.
+const STEP: f64 = 1e-6;
+/// A number whose effect the base parameters take up to this part of it shows nothing.
+const ABSORBED: f64 = 1e-3;
+/// A column of the regressor of which no more than this part is new is dependent on those before it.
+const DEPENDENT: f64 = 1e-7;
+
+/// What the torques say of the description's numbers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DescriptionTest {
+    /// Part of the weighted residual that changes of all numbers together explain, less what noise
+    /// alone would give them.
+    pub share: f64,
+    /// F statistic of the same.
+    pub f: f64,
+    /// Its degrees of freedom: numbers, and independent rows left.
+    pub freedom: [usize; 2],
+    /// Each number that shows, the one that explains most first.
+    pub scores: Vec<NumberScore>,
+    /// Numbers whose effect the base parameters take up: torques say nothing of them.
+    pub absorbed: Vec<DescribedNumber>,
+}
+
+/// What one number of the description would have to be, were it the only wrong one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NumberScore {
+    /// The number.
+    pub number: DescribedNumber,
+    /// Change to first order: m, rad, m/s², s.
+    pub change: f64,
+    /// Its standard error.
+    pub std_error: f64,
+    /// Part of the weighted residual that it explains.
+    pub share: f64,
+}
+
+/// Rows that a description is judged on.
+#[derive(Debug, Clone)]
+pub struct Evidenced<'a> {
+    /// The cycle after the low-pass.
+    pub conditioned: &'a Conditioned,
+    /// Rows as far apart as the low-pass leaves them independent.
+    pub rows: Vec<usize>,
+    /// Standard deviation of each joint's residual `[n]`, Nm (N): rows are weighted by one over it.
+    pub noise: Vec<f64>,
+    /// Friction of other shapes `[n][SHAPES][rows of the recording]`, which every description may have
+    /// ([`friction_shapes`](super::friction_shapes::friction_shapes)); empty for none.
+    pub shapes: &'a [Vec<Vec<f64>>],
+}
+
+impl<'a> Evidenced<'a> {
+    /// From the rows of the excitation in their order, thinned to independent ones.
+    #[must_use]
+    pub fn new(
+        conditioned: &'a Conditioned,
+        excitation: &[usize],
+        noise: Vec<f64>,
+        shapes: &'a [Vec<Vec<f64>>],
+    ) -> Self {
+        let apart = (conditioned.sample_rate / (2.0 * conditioned.cutoff)).ceil().max(1.0) as usize;
+        let stride = apart.max(excitation.len().div_ceil(MOST_INSTANTS));
+        Self { conditioned, rows: excitation.iter().copied().step_by(stride).collect(), noise, shapes }
+    }
+
+    /// The same with at most so many instants.
+    #[must_use]
+    pub fn thinned(&self, instants: usize) -> Self {
+        let stride = self.rows.len().div_ceil(instants.max(1)).max(1);
+        Self { rows: self.rows.iter().copied().step_by(stride).collect(), ..self.clone() }
+    }
+
+    /// Columns that the shapes of friction take.
+    fn shape_columns(&self) -> usize {
+        SHAPES * self.shapes.len()
+    }
+
+    /// Entries of a joint's row in these columns, each times `weight`.
+    fn shaped(&self, joint: usize, row: usize, weight: f64) -> impl Iterator<Item = f64> + '_ {
+        let own = move |of: usize, k: usize| {
+            if of == joint { weight * self.shapes[of][k][row] } else { 0.0 }
+        };
+        (0..self.shapes.len()).flat_map(move |of| (0..SHAPES).map(move |k| own(of, k)))
+    }
+
+    /// Weighted residual sum of squares of a description with parameters of its own, by its
+    /// whole regressor, its torques times `gains` `[n]`.
+    pub(super) fn residual(&self, robot: &Robot, gains: &[f64]) -> f64 {
+        let jumps = jumps(robot, self.conditioned);
+        let of_robot = robot.parameter_count();
+        let columns = of_robot + self.shape_columns();
+        let mut folder = RowFolder::new(columns);
+        let mut y = Regressor::new(robot);
+        self.each(robot, &jumps, &mut y, |row, j, y, state| {
+            let weight = 1.0 / self.noise[j];
+            let entries = (0..of_robot).map(|k| weight * gains[j] * y.column(k)[j]);
+            folder.push(entries.chain(self.shaped(j, row, weight)).chain([weight * state.tau[j]]));
+        });
+        let factor = folder.take();
+        let upper = factor.upper();
+        let column = |k: usize| -> Vec<f64> { upper.col(k).iter().copied().collect() };
+        let mut basis = Basis::default();
+        (0..columns).for_each(|k| basis.add(&column(k), DEPENDENT));
+        basis.rest(&column(columns)).iter().map(|x| x * x).sum()
+    }
+
+    /// Calls `take(row, joint, regressor, state)` for each joint that moves in each row.
+    fn each(
+        &self,
+        robot: &Robot,
+        jumps: &[Jump],
+        y: &mut Regressor,
+        mut take: impl FnMut(usize, usize, &Regressor, &State),
+    ) {
+        let n = robot.joint_count();
+        let mut state = State::default();
+        for &row in &self.rows {
+            let State { q, qd, qdd, tau } = &mut state;
+            self.conditioned.row(row, q, qd, qdd, tau);
+            joint_torque_regressor(robot, &state.q[..n], &state.qd[..n], &state.qdd[..n], y);
+            smear(jumps, row, y);
+            for j in 0..n {
+                if state.qd[j].abs() >= robot.joints[j].low_speed {
+                    take(row, j, y, &state);
+                }
+            }
+        }
+    }
+}
+
+/// Orthonormal vectors, grown one by one (Gram-Schmidt, done twice): unlike a triangular factor it knows
+/// which columns were dependent, and those take nothing from the residual.
+#[derive(Debug, Default)]
+pub(super) struct Basis(Vec<Vec<f64>>);
+
+impl Basis {
+    /// What is left of a vector.
+    pub(super) fn rest(&self, vector: &[f64]) -> Vec<f64> {
+        let mut rest = vector.to_vec();
+        for own in self.0.iter().chain(&self.0) {
+            let along = dot(own, &rest);
+            rest.iter_mut().zip(own).for_each(|(rest, own)| *rest -= along * own);
+        }
+        rest
+    }
+
+    /// Takes up a vector, unless no more than `dependent` of its length is new.
+    pub(super) fn add(&mut self, vector: &[f64], dependent: f64) {
+        let mut rest = self.rest(vector);
+        let length = dot(&rest, &rest).sqrt();
+        if length > dependent * dot(vector, vector).sqrt() {
+            rest.iter_mut().for_each(|x| *x /= length);
+            self.0.push(rest);
+        }
+    }
+}
+
+fn dot(x: &[f64], y: &[f64]) -> f64 {
+    x.iter().zip(y).map(|(x, y)| x * y).sum()
+}
+
+/// One instant of all joints.
+#[derive(Debug, Clone, Copy, Default)]
+struct State {
+    q: [f64; MAX_JOINTS],
+    qd: [f64; MAX_JOINTS],
+    qdd: [f64; MAX_JOINTS],
+    tau: [f64; MAX_JOINTS],
+}
+
+/// Holds the residual of the identified parameters against the description's numbers.
+///
+/// `kept_columns` `[b]` are the regressor's columns of the identified parameters, `jumps` the low-passed columns of
+/// the robot that jump. `None` with too few
+/// rows to say anything.
+#[must_use]
+pub fn test_description(
+    robot: &Robot,
+    kept_columns: &[usize],
+    identified: &Identification,
+    evidenced: &Evidenced<'_>,
+    jumps: &[Jump],
+) -> Option<DescriptionTest> {
+    let numbers = DescribedNumber::all(robot);
+    let (b, m) = (kept_columns.len() + evidenced.shape_columns(), numbers.len());
+    let parameters = identified.parameters.iter().map(|p| (p.id, p.value));
+    let model = DynamicModel::from_parameters(robot, parameters);
+    let theta: Vec<f64> = values_of(robot, kept_columns, identified);
+    let slopes = Slopes::new(robot, &numbers, &model, evidenced.conditioned);
+    let mut folder = RowFolder::new(b + m);
+    let mut y = Regressor::new(robot);
+    let mut slope = vec![[0.0; MAX_JOINTS]; m];
+    let mut written = None;
+    let mut rows = 0;
+    evidenced.each(robot, jumps, &mut y, |row, j, y, state| {
+        if written != Some(row) {
+            slopes.write(row, state, &mut slope);
+            written = Some(row);
+        }
+        let weight = 1.0 / evidenced.noise[j];
+        let estimated: f64 = kept_columns.iter().zip(&theta).map(|(&k, theta)| y.column(k)[j] * theta).sum();
+        let entry = |(number, slope): (&DescribedNumber, &[f64; MAX_JOINTS])| match number {
+            DescribedNumber::TorqueGain(of) if of.index() == j => weight * estimated,
+            DescribedNumber::TorqueGain(_) => 0.0,
+            _ => weight * slope[j],
+        };
+        let w = kept_columns.iter().map(|&k| weight * y.column(k)[j]);
+        let w = w.chain(evidenced.shaped(j, row, weight));
+        folder.push(w.chain(numbers.iter().zip(&slope).map(entry)).chain([weight * state.tau[j]]));
+        rows += 1;
+    });
+    (rows > 2 * (b + m)).then(|| judged(&numbers, &folder.take(), b, rows))
+}
+
+/// Values of the identified parameters in the order of `kept_columns`.
+fn values_of(robot: &Robot, kept_columns: &[usize], identified: &Identification) -> Vec<f64> {
+    let order = ParameterId::natural_order(robot);
+    let value =
+        |id: &ParameterId| identified.parameters.iter().find(|p| p.id == *id).map_or(0.0, |p| p.value);
+    kept_columns.iter().map(|&column| value(&order[column])).collect()
+}
+
+fn judged(
+    numbers: &[DescribedNumber],
+    factor: &crate::numerics::least_squares::factor::TriangularFactor,
+    b: usize,
+    rows: usize,
+) -> DescriptionTest {
+    let upper = factor.upper();
+    let m = numbers.len();
+    let end = b + m;
+    // below the base parameters' rows stands what they leave: of the slopes, and of the torque
+    let left =
+        |k: usize| -> Vec<f64> { (b..=end).map(|i| if i <= k { upper[(i, k)] } else { 0.0 }).collect() };
+    let residual = left(end);
+    let total = dot(&residual, &residual);
+    let whole = |k: usize| (0..=k.min(end)).map(|i| upper[(i, k)].powi(2)).sum::<f64>();
+    let (mut scores, mut absorbed) = (Vec::new(), Vec::new());
+    let mut basis = Basis::default();
+    for (at, &number) in numbers.iter().enumerate() {
+        let slope = left(b + at);
+        let square = dot(&slope, &slope);
+        if square <= ABSORBED * ABSORBED * whole(b + at) {
+            absorbed.push(number);
+            continue;
+        }
+        basis.add(&slope, ABSORBED);
+        let change = dot(&slope, &residual) / square;
+        let explained = change * change * square;
+        let freedom = rows - b - 1;
+        scores.push(NumberScore {
+            number,
+            change,
+            std_error: ((total - explained) / freedom as f64 / square).sqrt(),
+            share: explained / total,
+        });
+    }
+    scores.sort_by(|a, b| b.share.total_cmp(&a.share));
+    let rest = basis.rest(&residual);
+    let unexplained = dot(&rest, &rest);
+    let freedom = [basis.0.len().max(1), rows - b - m];
+    let mean_unexplained = unexplained / freedom[1] as f64;
+    let explained = (total - unexplained).max(0.0);
+    DescriptionTest {
+        share: ((explained - freedom[0] as f64 * mean_unexplained) / total).max(0.0),
+        f: explained / freedom[0] as f64 / mean_unexplained,
+        freedom,
+        scores,
+        absorbed,
+    }
+}
+
+/// Derivatives of the torques by the description's numbers.
+struct Slopes<'a> {
+    robot: &'a Robot,
+    model: &'a DynamicModel,
+    /// The robot with each number a step larger; `None` where the torque itself is changed.
+    changed: Vec<Option<Robot>>,
+    /// Minus the rate of each measured torque `[n][rows]`.
+    late: Vec<Vec<f64>>,
+}
+
+impl<'a> Slopes<'a> {
+    fn new(
+        robot: &'a Robot,
+        numbers: &[DescribedNumber],
+        model: &'a DynamicModel,
+        conditioned: &Conditioned,
+    ) -> Self {
+        let changed = |number: &DescribedNumber| match number {
+            DescribedNumber::TorqueGain(_) | DescribedNumber::TorqueDelay => None,
+            _ => Some(number.changed(robot, STEP)),
+        };
+        let rate = |tau: &Vec<f64>| conditioned.derivative(tau).into_iter().map(|slope| -slope).collect();
+        Self {
+            robot,
+            model,
+            changed: numbers.iter().map(changed).collect(),
+            late: conditioned.tau.iter().map(rate).collect(),
+        }
+    }
+
+    fn write(&self, row: usize, state: &State, slope: &mut [[f64; MAX_JOINTS]]) {
+        let n = self.robot.joint_count();
+        let torque = |robot: &Robot| {
+            let mut tau = [0.0; MAX_JOINTS];
+            let State { q, qd, qdd, .. } = state;
+            inverse_dynamics(robot, &self.model.inertial, &q[..n], &qd[..n], &qdd[..n], &mut tau[..n]);
+            tau
+        };
+        let described = torque(self.robot);
+        for (changed, slope) in self.changed.iter().zip(slope) {
+            match changed {
+                Some(robot) => {
+                    let changed = torque(robot);
+                    (0..n).for_each(|j| slope[j] = (changed[j] - described[j]) / STEP);
+                }
+                None => (0..n).for_each(|j| slope[j] = self.late[j][row]),
+            }
+        }
+    }
+}

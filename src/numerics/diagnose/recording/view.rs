@@ -1,0 +1,125 @@
+//! Channels with what several checks need, and from where on a check speaks.
+
+use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
+use crate::numerics::signal::filter::Conditioned;
+use crate::robot::{Joint, JointIndex, Robot};
+use crate::run::{Samples, Stage};
+
+/// From where on something is worth saying.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DiagnoseSettings {
+    /// A joint that moves in a smaller share of the excitation's rows stands still.
+    pub moving_share: f64,
+    /// Speeds whose middle 80 % lie this near to their median, relative, are one speed.
+    pub speed_spread: f64,
+    /// Share of rows at the largest torque that is said, and that is refused.
+    pub saturated_shares: [f64; 2],
+    /// Relative deviation of a velocity from its position's derivative that is said. Low-pass and
+    /// differences leave 1 %.
+    pub velocity_gain: f64,
+    /// Positions beyond a limit by this part of the range are said, and by the second refused.
+    pub limit_margins: [f64; 2],
+    /// Part of its range that at least one turning joint must move over. The excitation of a test uses
+    /// most of it; a degree read as radian is 0.017 of it.
+    pub range_share: f64,
+    /// An excitation shorter than this is said, s: below, each joint has some 70 independent values
+    /// after the low-pass, hardly more than there are parameters.
+    pub shortest: f64,
+}
+
+impl Default for DiagnoseSettings {
+    fn default() -> Self {
+        Self {
+            moving_share: 0.02,
+            speed_spread: 0.05,
+            saturated_shares: [0.005, 0.02],
+            velocity_gain: 0.05,
+            limit_margins: [0.02, 0.1],
+            range_share: 0.03,
+            shortest: 3.0,
+        }
+    }
+}
+
+/// Correlation of a velocity with its own position's derivative: above, they belong together; below
+/// the second, they do not. Noise of healthy recordings leaves 0.99.
+pub(super) const BELONGS: [f64; 2] = [0.95, 0.7];
+
+/// Degrees in a radian.
+pub(super) const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+
+/// Channels with what several checks need.
+pub(super) struct View<'a> {
+    pub(super) robot: &'a Robot,
+    pub(super) samples: &'a Samples,
+    pub(super) conditioned: &'a Conditioned,
+    /// Rows that may be used, all stages.
+    pub(super) rows: Vec<usize>,
+    /// Rows of the excitation stage, or all where there is none.
+    pub(super) excitation: Vec<usize>,
+    /// Whether there is an excitation stage: without one, nobody asks that all joints move.
+    pub(super) has_excitation: bool,
+    /// Derivative of the low-passed position, `[n][rows of the recording]`.
+    pub(super) dq: Vec<Vec<f64>>,
+}
+
+impl<'a> View<'a> {
+    pub(super) fn new(robot: &'a Robot, samples: &'a Samples, conditioned: &'a Conditioned) -> Self {
+        let rows: Vec<usize> = conditioned.usable.iter().flat_map(Clone::clone).collect();
+        let excitation: Vec<usize> =
+            rows.iter().copied().filter(|&row| samples.stage[row] == Stage::Excitation).collect();
+        let has_excitation = !excitation.is_empty();
+        let excitation = if has_excitation { excitation } else { rows.clone() };
+        Self {
+            robot,
+            samples,
+            conditioned,
+            rows,
+            excitation,
+            has_excitation,
+            dq: conditioned.q.iter().map(|q| conditioned.derivative(q)).collect(),
+        }
+    }
+
+    pub(super) fn joint(&self, joint: JointIndex) -> &Joint {
+        &self.robot.joints[joint.index()]
+    }
+
+    /// Share of the excitation's rows in which a joint is at its low speed or faster.
+    pub(super) fn moving_share(&self, joint: JointIndex) -> f64 {
+        let (qd, low) = (&self.conditioned.qd[joint.index()], self.joint(joint).low_speed);
+        let moving = self.excitation.iter().filter(|&&row| qd[row].abs() >= low).count();
+        moving as f64 / self.excitation.len() as f64
+    }
+
+    /// Pieces of a channel that may be used.
+    pub(super) fn pieces<'c>(&'c self, channel: &'c [f64]) -> impl Iterator<Item = &'c [f64]> + 'c {
+        self.conditioned.usable.iter().map(move |stretch| &channel[stretch.clone()])
+    }
+
+    pub(super) fn rms(&self, channel: &[f64]) -> f64 {
+        self.product(channel, channel).sqrt()
+    }
+
+    pub(super) fn product(&self, a: &[f64], b: &[f64]) -> f64 {
+        let of_piece = |(a, b): (&[f64], &[f64])| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        self.pieces(a).zip(self.pieces(b)).map(of_piece).sum::<f64>() / self.rows.len() as f64
+    }
+
+    pub(super) fn extent(&self, channel: &[f64]) -> [f64; 2] {
+        self.pieces(channel)
+            .flatten()
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &x| [low.min(x), high.max(x)])
+    }
+}
+
+pub(super) fn finding(
+    kind: FindingKind,
+    severity: FindingSeverity,
+    joint: Option<JointIndex>,
+    sentence: String,
+    evidence: &[(&'static str, f64)],
+) -> Finding {
+    let evidence = evidence.iter().map(|&(name, value)| Evidence { name, value }).collect();
+    Finding { kind, severity, joint, sentence, evidence }
+}

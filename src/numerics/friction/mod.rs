@@ -1,0 +1,17 @@
+//! Friction: over speed, over a run that warms up, and over the life of a robot.
+
+pub mod plateaus;
+mod plateau;
+mod slow_passes;
+pub mod over_speed;
+pub mod level_means;
+pub mod excitation;
+pub mod warm_up;
+mod warm_up_curve;
+mod warm_up_early;
+pub mod thermal_state;
+mod thermal_source;
+pub mod map;
+mod run_effects;
+pub mod record;
+pub mod index;

@@ -1,0 +1,79 @@
+//! Coulomb friction jumps where a motion turns round. The low-pass smears the jump in the measured
+//! torque, so the columns that jump go through the same low-pass: both sides of `tau = w theta` are
+//! filtered alike (Gautier 1997, Dynamic identification of robots with power model). The other
+//! columns are smooth functions of channels that were filtered before.
+
+use crate::numerics::model::actuator::{coupling_columns, friction_columns};
+use crate::numerics::model::regressor::Regressor;
+use crate::numerics::signal::filter::Conditioned;
+use crate::robot::{CouplingTerm, FrictionTerm, JointIndex, ParameterId, ParameterKind, Robot};
+
+/// A column of the regressor that jumps, low-passed, in the rows of one joint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Jump {
+    /// The parameter.
+    pub id: ParameterId,
+    /// Column of the parameter in natural order.
+    pub column: usize,
+    /// The joint whose torque it is part of.
+    pub joint: JointIndex,
+    /// Torque per unit of the parameter `[rows]`.
+    pub values: Vec<f64>,
+}
+
+/// All columns of a robot's regressor that jump, low-passed over the rows of a cycle.
+#[must_use]
+pub fn jumps(robot: &Robot, conditioned: &Conditioned) -> Vec<Jump> {
+    let order = ParameterId::natural_order(robot);
+    let column_of = |id: ParameterId| order.iter().position(|of| *of == id);
+    let mut found = Vec::new();
+    for joint in robot.joint_indices() {
+        let model = robot.friction_of(joint);
+        for (place, &term) in model.terms().iter().enumerate().filter(|(_, term)| term_jumps(**term)) {
+            let id = ParameterId { joint, kind: ParameterKind::Friction(term) };
+            let raw = |row: usize| friction_columns(&model, conditioned.qd[joint.index()][row])[place];
+            found.extend(column_of(id).map(|column| jump(conditioned, id, column, joint, raw)));
+        }
+    }
+    for coupling in &robot.couplings {
+        let id =
+            ParameterId { joint: coupling.motor_joint, kind: ParameterKind::Coupling(CouplingTerm::Coulomb) };
+        let Some(column) = column_of(id) else { continue };
+        let at = |row: usize| {
+            let of =
+                |channels: &[Vec<f64>]| channels.iter().map(|channel| channel[row]).collect::<Vec<f64>>();
+            coupling_columns(
+                coupling,
+                robot.friction_of(coupling.motor_joint).law,
+                &of(&conditioned.qd),
+                &of(&conditioned.qdd),
+            )
+        };
+        found.push(jump(conditioned, id, column, coupling.joint, |row| at(row).joint[2]));
+        found.push(jump(conditioned, id, column, coupling.motor_joint, |row| at(row).motor_joint[2]));
+    }
+    found
+}
+
+/// Puts the low-passed values of `row` into its regressor.
+pub fn smear(jumps: &[Jump], row: usize, y: &mut Regressor) {
+    for jump in jumps {
+        y.set(jump.joint.index(), jump.column, jump.values[row]);
+    }
+}
+
+fn jump(
+    conditioned: &Conditioned,
+    id: ParameterId,
+    column: usize,
+    joint: JointIndex,
+    raw: impl Fn(usize) -> f64,
+) -> Jump {
+    let series: Vec<f64> = (0..conditioned.rows()).map(raw).collect();
+    Jump { id, column, joint, values: conditioned.low_passed(&series) }
+}
+
+fn term_jumps(term: FrictionTerm) -> bool {
+    use FrictionTerm::{Coulomb, CoulombNegative, CoulombPositive, F1};
+    matches!(term, F1 | Coulomb | CoulombPositive | CoulombNegative)
+}

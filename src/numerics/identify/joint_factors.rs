@@ -1,0 +1,551 @@
+//! Compact sufficient statistics of a cycle: one triangular factor for each joint, stage and motion.
+//!
+//! A joint's torque depends on some of the base parameters only: in a serial arm on those of its own
+//! and the outer links, and on its own friction and motor. So the rows of one joint are factored
+//! over the columns that are ever different from zero, which is a third of the work and memory of
+//! factoring all of them over all columns. Any union of rows is a join of factors, and no sum of
+//! squares needs the recording again.
+
+use std::sync::Arc;
+
+use super::filtered_columns::{Jump, smear};
+use crate::analysis::{CycleFactors, Motion, TorqueFactor};
+use crate::numerics::NumericsError;
+use crate::numerics::least_squares::factor::ZERO_COLUMN_THRESHOLD;
+use crate::numerics::least_squares::factor::{RowFolder, TriangularFactor};
+use crate::numerics::model::base_parameters::{BaseParameters, PROBE_STATES, probe_state};
+use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
+use crate::numerics::signal::filter::Conditioned;
+use crate::numerics::signal::filter::state;
+use crate::robot::{JointIndex, ParameterId, Robot};
+use crate::run::{Samples, Stage};
+
+/// Which parameters the factor of each joint has a column for, and where they stand among all.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct JointColumns {
+    kept: Vec<ParameterId>,
+    by_joint: Arc<[Vec<ParameterId>]>,
+    places: Vec<Vec<usize>>,
+}
+
+impl JointColumns {
+    /// The columns of a robot's joints, from its structure: a parameter that gives a joint no torque
+    /// in any of the probe states never does.
+    #[must_use]
+    pub fn new(robot: &Robot, base: &BaseParameters) -> Self {
+        let n = robot.joint_count();
+        let mut largest = vec![vec![0.0_f64; n]; base.kept_columns.len()];
+        let mut y = Regressor::new(robot);
+        for index in 0..PROBE_STATES {
+            let state = probe_state(robot, index);
+            joint_torque_regressor(robot, &state.q, &state.qd, &state.qdd, &mut y);
+            for (largest, &column) in largest.iter_mut().zip(&base.kept_columns) {
+                largest.iter_mut().zip(y.column(column)).for_each(|(max, x)| *max = max.max(x.abs()));
+            }
+        }
+        let seen = |of: &[f64], joint: usize| {
+            of[joint] > ZERO_COLUMN_THRESHOLD * of.iter().copied().fold(0.0, f64::max)
+        };
+        let places: Vec<Vec<usize>> =
+            (0..n).map(|j| (0..largest.len()).filter(|&k| seen(&largest[k], j)).collect()).collect();
+        let by_joint = places.iter().map(|of| of.iter().map(|&k| base.kept[k]).collect()).collect();
+        Self { kept: base.kept.clone(), by_joint, places }
+    }
+
+    /// The columns that stored factors were made with. All parameters together stand by joint.
+    #[must_use]
+    pub fn of_stored(by_joint: &Arc<[Vec<ParameterId>]>) -> Self {
+        let mut kept: Vec<ParameterId> = by_joint.iter().flatten().copied().collect();
+        kept.sort_unstable();
+        kept.dedup();
+        let place = |id: &ParameterId| kept.binary_search(id).unwrap_or(0);
+        let places = by_joint.iter().map(|of| of.iter().map(place).collect()).collect();
+        Self { kept, by_joint: Arc::clone(by_joint), places }
+    }
+
+    /// Number of joints `n`.
+    #[must_use]
+    pub fn joint_count(&self) -> usize {
+        self.places.len()
+    }
+
+    /// All parameters `[b]`.
+    #[must_use]
+    pub fn kept(&self) -> &[ParameterId] {
+        &self.kept
+    }
+
+    /// The parameters of each joint's factor, in the order of its columns.
+    #[must_use]
+    pub fn by_joint(&self) -> &Arc<[Vec<ParameterId>]> {
+        &self.by_joint
+    }
+
+    /// Places of a joint's columns among all `b`; empty for a joint that the arm does not have.
+    #[must_use]
+    pub fn places(&self, joint: JointIndex) -> &[usize] {
+        self.places.get(joint.index()).map_or(&[], Vec::as_slice)
+    }
+
+    /// The values of `theta` `[b]` that a joint's factor is applied to.
+    #[must_use]
+    pub fn select(&self, joint: JointIndex, theta: &[f64]) -> Vec<f64> {
+        self.places(joint).iter().map(|&place| theta[place]).collect()
+    }
+
+    /// Parameters as `theta` `[b]`.
+    ///
+    /// # Errors
+    /// [`NumericsError::ColumnsDiffer`] unless the parameters are exactly those of the columns.
+    pub fn theta(
+        &self,
+        parameters: impl IntoIterator<Item = (ParameterId, f64)>,
+    ) -> Result<Vec<f64>, NumericsError> {
+        let mut theta = vec![None; self.kept.len()];
+        for (id, value) in parameters {
+            let place = self.kept.iter().position(|kept| *kept == id).ok_or_else(|| {
+                NumericsError::ColumnsDiffer(format!("parameter {id} has no column in these factors"))
+            })?;
+            theta[place] = Some(value);
+        }
+        let missing = |place: usize| {
+            NumericsError::ColumnsDiffer(format!("these factors need parameter {}", self.kept[place]))
+        };
+        theta.into_iter().enumerate().map(|(place, value)| value.ok_or_else(|| missing(place))).collect()
+    }
+}
+
+/// Factor of the rows of one joint in one stage, moving or slow.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointFactor {
+    /// The joint.
+    pub joint: JointIndex,
+    /// The stage.
+    pub stage: Stage,
+    /// Whether the joint moved.
+    pub motion: Motion,
+    /// Factor of `[regressor | torque]` over the joint's columns.
+    pub factor: TriangularFactor,
+}
+
+/// Factors of a cycle; those of no rows are left out.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Factored {
+    /// All rows of the cycle, each in one factor.
+    pub factors: Vec<JointFactor>,
+    /// The rows of the first third of the warming stage, by time, once more.
+    pub warming_start: Vec<JointFactor>,
+    /// The rows of its last third.
+    pub warming_end: Vec<JointFactor>,
+}
+
+/// Folds the observed rows of a cycle into the factor of its joint, stage and motion. `regressor_columns`
+/// `[b]` are the regressor's columns of [`JointColumns::kept`]; `jumps` are those of them that jump,
+/// low-passed.
+///
+/// A joint's row is slow while the joint moves slower than its low-speed threshold: at rest friction
+/// takes any value up to breakaway, which no column describes (thesis 5.1.3).
+#[must_use]
+pub fn factor_cycle(
+    robot: &Robot,
+    columns: &JointColumns,
+    regressor_columns: &[usize],
+    conditioned: &Conditioned,
+    jumps: &[Jump],
+    samples: &Samples,
+) -> Factored {
+    let mut folders = Folders::new(robot, columns, regressor_columns, jumps);
+    let mut factored = Factored::default();
+    for stage in [Stage::Between, Stage::Excitation, Stage::Friction] {
+        let rows = conditioned.observed_rows().filter(|&row| samples.stage[row] == stage);
+        factored.factors.extend(folders.factor(stage, conditioned, rows));
+    }
+    let warming: Vec<usize> =
+        conditioned.observed_rows().filter(|&row| samples.stage[row] == Stage::Warming).collect();
+    let [start, middle, end] = thirds(&warming, &samples.time)
+        .map(|rows| folders.factor(Stage::Warming, conditioned, rows.iter().copied()));
+    let parts = [&start, &middle, &end];
+    for joint in robot.joint_indices() {
+        for motion in Motion::BOTH {
+            let mut factors = parts.iter().flat_map(|part| find(part, joint, motion));
+            let Some(mut whole) = factors.next().cloned() else { continue };
+            factors.for_each(|more| whole.factor.join(&more.factor));
+            factored.factors.push(whole);
+        }
+    }
+    factored.warming_start = start;
+    factored.warming_end = end;
+    factored
+}
+
+fn find(factors: &[JointFactor], joint: JointIndex, motion: Motion) -> Option<&JointFactor> {
+    factors.iter().find(|of| of.joint == joint && of.motion == motion)
+}
+
+/// Cuts rows in their order into three parts of equal time.
+fn thirds<'a>(rows: &'a [usize], time: &[f64]) -> [&'a [usize]; 3] {
+    let (Some(&first), Some(&last)) = (rows.first(), rows.last()) else { return [&[]; 3] };
+    let third = (time[last] - time[first]) / 3.0;
+    let start = rows.partition_point(|&row| time[row] < time[first] + third);
+    let end = rows.partition_point(|&row| time[row] <= time[last] - third).max(start);
+    [&rows[..start], &rows[start..end], &rows[end..]]
+}
+
+/// One folder for each joint and motion, used for one stage after the other.
+struct Folders<'a> {
+    robot: &'a Robot,
+    /// Columns of the regressor that each joint's rows are made of.
+    regressor_columns: Vec<Vec<usize>>,
+    jumps: &'a [Jump],
+    y: Regressor,
+    by_joint: Vec<[RowFolder; 2]>,
+}
+
+impl<'a> Folders<'a> {
+    fn new(robot: &'a Robot, columns: &JointColumns, regressor_columns: &[usize], jumps: &'a [Jump]) -> Self {
+        let of_joint = |places: &Vec<usize>| places.iter().map(|&k| regressor_columns[k]).collect();
+        let regressor_columns: Vec<Vec<usize>> = columns.places.iter().map(of_joint).collect();
+        let by_joint =
+            regressor_columns.iter().map(|of| Motion::BOTH.map(|_| RowFolder::new(of.len()))).collect();
+        Self { robot, regressor_columns, jumps, y: Regressor::new(robot), by_joint }
+    }
+
+    fn factor(
+        &mut self,
+        stage: Stage,
+        conditioned: &Conditioned,
+        rows: impl Iterator<Item = usize>,
+    ) -> Vec<JointFactor> {
+        let n = self.robot.joint_count();
+        let (mut q, mut qd, mut qdd, mut tau) = state();
+        for row in rows {
+            conditioned.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
+            joint_torque_regressor(self.robot, &q[..n], &qd[..n], &qdd[..n], &mut self.y);
+            smear(self.jumps, row, &mut self.y);
+            for (j, (folders, columns)) in self.by_joint.iter_mut().zip(&self.regressor_columns).enumerate() {
+                let motion = Motion::of(qd[j], self.robot.joints[j].low_speed);
+                let entries = columns.iter().map(|&column| self.y.column(column)[j]);
+                folders[motion as usize].push(entries.chain([tau[j]]));
+            }
+        }
+        let mut factors = Vec::new();
+        for (joint, folders) in self.robot.joint_indices().zip(&mut self.by_joint) {
+            for (motion, folder) in Motion::BOTH.into_iter().zip(folders) {
+                let factor = folder.take();
+                if factor.rows() > 0 {
+                    factors.push(JointFactor { joint, stage, motion, factor });
+                }
+            }
+        }
+        factors
+    }
+}
+
+/// Factor of each joint `[n]` over the chosen rows, `b` columns in the order of [`JointColumns::kept`];
+/// of no rows for a joint that is not among them.
+#[must_use]
+pub fn widened<'a>(
+    columns: &JointColumns,
+    factors: impl IntoIterator<Item = &'a JointFactor>,
+) -> Vec<TriangularFactor> {
+    let b = columns.kept.len();
+    let mut wide = vec![TriangularFactor::new(b); columns.joint_count()];
+    for of in factors {
+        wide[of.joint.index()].join(&TriangularFactor::stacked(b, [(&of.factor, columns.places(of.joint))]));
+    }
+    wide
+}
+
+/// Whether a row serves identification: the excitation stage while the joint moves.
+#[must_use]
+pub fn identifies(stage: Stage, motion: Motion) -> bool {
+    stage == Stage::Excitation && motion == Motion::Moving
+}
+
+/// Factors as they are stored. Those of rows with numbers beyond any measure are left out: they say
+/// nothing; `false` if there were such.
+#[must_use]
+pub fn pack(columns: &JointColumns, factors: &[JointFactor]) -> (CycleFactors, bool) {
+    let sound = factors.iter().filter(|of| of.factor.is_finite());
+    let packed: Vec<TorqueFactor> = sound
+        .map(|of| TorqueFactor {
+            joint: of.joint,
+            stage: of.stage,
+            motion: of.motion,
+            rows: of.factor.rows(),
+            upper: of.factor.packed(),
+        })
+        .collect();
+    let complete = packed.len() == factors.len();
+    (CycleFactors { columns: Arc::clone(&columns.by_joint), factors: packed }, complete)
+}
+
+/// Factors from how they are stored.
+///
+/// # Errors
+/// Those of [`TriangularFactor::from_packed`], and [`NumericsError::ColumnsDiffer`] for a joint
+/// without columns.
+pub fn unpack(stored: &CycleFactors) -> Result<Vec<JointFactor>, NumericsError> {
+    let of_stored = |packed: &TorqueFactor| {
+        let columns = stored.columns.get(packed.joint.index()).ok_or_else(|| {
+            NumericsError::ColumnsDiffer(format!("no columns are known for joint {}", packed.joint))
+        })?;
+        let factor = TriangularFactor::from_packed(columns.len(), packed.rows, &packed.upper)?;
+        let TorqueFactor { joint, stage, motion, .. } = *packed;
+        Ok(JointFactor { joint, stage, motion, factor })
+    };
+    stored.factors.iter().map(of_stored).collect()
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use faer::Mat;
+    use faer::linalg::solvers::SolveLstsq;
+
+    use super::*;
+    use crate::analysis::{Estimator, RmsdScope, TorqueRmsd};
+    use crate::numerics::analyse::{AnalysisSettings, Method};
+    use crate::numerics::identify::cycle::identify_factors;
+    use crate::numerics::identify::filtered_columns::jumps;
+    use crate::numerics::identify::verify::{torque_rmsd, warming_contrast};
+    use crate::numerics::model::dynamics::DynamicModel;
+    use crate::numerics::pooled::pool::Union;
+    use crate::numerics::signal::filter::condition;
+    use crate::run::Cycle;
+    use crate::testing::er3a;
+
+    /// Rounding of a QR of some thousand rows, times the condition of the problem, stays below.
+    const EQUAL: f64 = 1e-9;
+
+    const RATE: f64 = 60.0;
+
+    fn method() -> Method {
+        Method::new(er3a(), AnalysisSettings::default()).expect("base parameters")
+    }
+
+    /// All joints swing, in the friction stage one after the other; torque that no model explains.
+    pub(crate) fn cycle(number: u32, rows: usize) -> Cycle {
+        let channel = || vec![Vec::new(); 6];
+        let (mut position, mut torque) = (channel(), channel());
+        let mut samples = Samples::default();
+        for i in 0..rows {
+            let t = i as f64 / RATE;
+            let stage = match 20 * i / rows {
+                0..8 => Stage::Excitation,
+                8 | 13 => Stage::Between,
+                9..13 => Stage::Friction,
+                _ => Stage::Warming,
+            };
+            samples.time.push(t);
+            samples.stage.push(stage);
+            for j in 0..6 {
+                let w = 1.3 + 0.41 * j as f64 + 0.1 * f64::from(number);
+                let moves = stage != Stage::Friction || i / 40 % 6 == j;
+                let (sine, cosine) = ((w * t).sin(), (2.3 * w * t).cos());
+                // at rest the encoder still trembles
+                let q = if moves { sine + 0.3 * cosine } else { 0.3 + 1e-4 * sine };
+                let qd = if moves { w * (w * t).cos() - 0.69 * w * (2.3 * w * t).sin() } else { 0.0 };
+                position[j].push(q);
+                torque[j].push(10.0 * qd.signum() + 3.0 * qd + 20.0 * q + ((i * 7919 % 101) as f64 - 50.0));
+            }
+        }
+        samples.position = position;
+        // rows jump between stages, so velocity is left to the position's derivative
+        samples.torque = torque;
+        Cycle { number, samples }
+    }
+
+    /// Parameters by another road: the whole observation matrix of moving excitation rows, scaled, in
+    /// one dense least-squares problem.
+    pub(crate) fn raw_parameters(method: &Method, cycles: &[&Cycle]) -> Vec<f64> {
+        let columns = &method.base.kept_columns;
+        let (mut w, mut right) = (Vec::new(), Vec::new());
+        let mut y = Regressor::new(&method.robot);
+        for cycle in cycles {
+            let c = condition(&cycle.samples, 12.0).expect("long enough");
+            let jumps = jumps(&method.robot, &c);
+            for row in c.observed_rows().filter(|&row| cycle.samples.stage[row] == Stage::Excitation) {
+                let of = |channels: &[Vec<f64>]| channels.iter().map(|ch| ch[row]).collect::<Vec<f64>>();
+                let (q, qd, qdd) = (of(&c.q), of(&c.qd), of(&c.qdd));
+                joint_torque_regressor(&method.robot, &q, &qd, &qdd, &mut y);
+                smear(&jumps, row, &mut y);
+                for j in (0..6).filter(|&j| qd[j].abs() >= method.robot.joints[j].low_speed) {
+                    w.push(columns.iter().map(|&column| y.column(column)[j]).collect::<Vec<f64>>());
+                    right.push(c.tau[j][row]);
+                }
+            }
+        }
+        let norm = |k: usize| w.iter().map(|row| row[k] * row[k]).sum::<f64>().sqrt();
+        let norms: Vec<f64> = (0..columns.len()).map(norm).collect();
+        let scaled = Mat::from_fn(w.len(), columns.len(), |i, k| w[i][k] / norms[k]);
+        let right = Mat::from_fn(right.len(), 1, |i, _| right[i]);
+        let solved = scaled.col_piv_qr().solve_lstsq(&right);
+        (0..columns.len()).map(|k| solved[(k, 0)] / norms[k]).collect()
+    }
+
+    /// Factors and parameters of a cycle, whose made-up torque no judgement of the data would let pass.
+    fn unjudged(method: &Method, cycle: &Cycle) -> (Factored, Vec<f64>) {
+        let c = condition(&cycle.samples, 12.0).expect("long enough");
+        let (columns, kept) = (&method.columns, &method.base.kept_columns);
+        let jumps = jumps(&method.robot, &c);
+        let factored = factor_cycle(&method.robot, columns, kept, &c, &jumps, &cycle.samples);
+        let factors = widened(columns, factored.factors.iter().filter(|of| identifies(of.stage, of.motion)));
+        let shares = [c.independent_fraction(); 6];
+        let found = identify_factors(&method.base.kept, &factors, &shares, Estimator::Ordinary);
+        let found = found.expect("parameters");
+        (factored, found.parameters.iter().map(|p| p.value).collect())
+    }
+
+    /// Relative to the largest parameter of its kind of unit: parameters near zero have no digits.
+    pub(crate) fn assert_equal(found: &[f64], expected: &[f64]) {
+        let norm = expected.iter().map(|x| x * x).sum::<f64>().sqrt();
+        assert_eq!(found.len(), expected.len());
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found - expected).abs() <= EQUAL * norm, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_joint_has_the_columns_of_its_own_and_the_outer_links() {
+        let method = method();
+        for (j, of_joint) in method.columns.by_joint().iter().enumerate() {
+            assert!(of_joint.iter().all(|id| id.joint.index() >= j), "{of_joint:?}");
+            let own = of_joint.iter().filter(|id| id.joint.index() == j && id.name().starts_with('f'));
+            assert_eq!(own.count(), 4);
+            let foreign = |id: &&ParameterId| id.joint.index() != j && id.name().starts_with('f');
+            assert_eq!(of_joint.iter().filter(foreign).count(), 0);
+        }
+        // turning about the horizontal axes of joints 2 and 3 has no moment about the vertical joint 1
+        let missing = |name: &str| method.columns.by_joint()[0].iter().all(|id| id.to_string() != name);
+        assert!(missing("J2_Izz") && missing("J3_Izz"));
+        let widths: Vec<usize> = method.columns.by_joint().iter().map(Vec::len).collect();
+        assert_eq!(widths, [38, 39, 33, 26, 19, 12]);
+    }
+
+    #[test]
+    fn identification_from_factors_is_that_from_the_rows() {
+        let method = method();
+        let cycle = cycle(1, 2000);
+        let (_, theta) = unjudged(&method, &cycle);
+        assert_equal(&theta, &raw_parameters(&method, &[&cycle]));
+    }
+
+    #[test]
+    fn cycles_joined_from_what_is_stored_are_the_problem_of_all_their_rows() {
+        let method = method();
+        let cycles = [cycle(1, 1500), cycle(2, 1000)];
+        let mut union: Option<Union> = None;
+        for cycle in &cycles {
+            let (stored, _) = pack(&method.columns, &unjudged(&method, cycle).0.factors);
+            let columns = JointColumns::of_stored(&stored.columns);
+            let union = union.get_or_insert_with(|| Union::new(columns.clone()));
+            union.add(&columns, &unpack(&stored).expect("sound"), &[0.24; 6]).expect("same columns");
+        }
+        let found = union.expect("cycles").identify().expect("parameters");
+        let value = |id: &ParameterId| found.parameters.iter().find(|p| p.id == *id).expect("kept").value;
+        let in_order: Vec<f64> = method.base.kept.iter().map(value).collect();
+        assert_equal(&in_order, &raw_parameters(&method, &[&cycles[0], &cycles[1]]));
+    }
+
+    /// RMSD by another road: inverse dynamics with `theta`, row by row.
+    pub(crate) struct Direct<'a> {
+        method: &'a Method,
+        cycle: &'a Cycle,
+        c: Conditioned,
+        estimated: Vec<Vec<f64>>,
+    }
+
+    impl<'a> Direct<'a> {
+        pub(crate) fn new(method: &'a Method, cycle: &'a Cycle, theta: &[f64]) -> Self {
+            let c = condition(&cycle.samples, 12.0).expect("long enough");
+            let n = method.robot.joint_count();
+            // what jumps is added low-passed, in place of what inverse dynamics would give of it
+            let jumps = jumps(&method.robot, &c);
+            let parameters = || method.base.kept.iter().copied().zip(theta.iter().copied());
+            let steady = parameters().filter(|(id, _)| jumps.iter().all(|jump| jump.id != *id));
+            let model = DynamicModel::from_parameters(&method.robot, steady);
+            let mut estimated = vec![vec![0.0; n]; c.rows()];
+            for (row, estimated) in estimated.iter_mut().enumerate() {
+                let of = |channels: &[Vec<f64>]| channels.iter().map(|ch| ch[row]).collect::<Vec<f64>>();
+                model.torque(&method.robot, &of(&c.q), &of(&c.qd), &of(&c.qdd), estimated);
+                for (jump, (_, value)) in jumps
+                    .iter()
+                    .flat_map(|jump| parameters().find(|(id, _)| *id == jump.id).map(|found| (jump, found)))
+                {
+                    estimated[jump.joint.index()] += value * jump.values[row];
+                }
+            }
+            Self { method, cycle, c, estimated }
+        }
+
+        fn assert_rmsd(&self, j: usize, found: crate::analysis::Rmsd, chosen: impl Fn(usize) -> bool) {
+            let rows: Vec<usize> = self.c.observed_rows().filter(|&row| chosen(row)).collect();
+            assert_eq!(found.samples, rows.len());
+            if rows.is_empty() {
+                return;
+            }
+            let rms = |of: &dyn Fn(usize) -> f64| {
+                (rows.iter().map(|&row| of(row).powi(2)).sum::<f64>() / rows.len() as f64).sqrt()
+            };
+            let rmsd = rms(&|row| self.estimated[row][j] - self.c.tau[j][row]);
+            let relative = rmsd / rms(&|row| self.c.tau[j][row]);
+            assert!((found.value - rmsd).abs() <= EQUAL * rmsd, "{found:?} {rmsd}");
+            assert!((found.relative - relative).abs() <= EQUAL * relative, "{found:?} {relative}");
+        }
+
+        pub(crate) fn assert_verification(&self, verification: &[TorqueRmsd]) {
+            assert_eq!(verification.len(), 24);
+            for found in verification {
+                let j = found.joint.index();
+                let inside = |row: usize| match found.scope {
+                    RmsdScope::WholeCycle => true,
+                    RmsdScope::Stage(stage) => self.cycle.samples.stage[row] == stage,
+                };
+                let low_speed = self.method.robot.joints[j].low_speed;
+                self.assert_rmsd(j, found.all_rows, inside);
+                self.assert_rmsd(j, found.moving_rows, |row| {
+                    inside(row) && self.c.qd[j][row].abs() >= low_speed
+                });
+            }
+        }
+    }
+
+    #[test]
+    fn rmsd_from_factors_is_that_of_inverse_dynamics_over_the_rows() {
+        let method = method();
+        let cycle = cycle(1, 2000);
+        let (factored, theta) = unjudged(&method, &cycle);
+        let direct = Direct::new(&method, &cycle, &theta);
+        direct.assert_verification(&torque_rmsd(&method.columns, &factored.factors, &theta));
+        let contrast = warming_contrast(&method.columns, &factored, &theta);
+        // rows 1400 to 1999 are the warming stage, without the six at the end 198 rows a third
+        assert_eq!(contrast.len(), 6);
+        for found in &contrast {
+            let j = found.joint.index();
+            direct.assert_rmsd(j, found.start.all_rows, |row| (1400..1598).contains(&row));
+            direct.assert_rmsd(j, found.end.all_rows, |row| row >= 1796);
+        }
+    }
+
+    #[test]
+    fn columns_of_another_description_are_refused() {
+        let method = method();
+        let mut narrower: Vec<Vec<ParameterId>> = method.columns.by_joint().to_vec();
+        narrower[5].pop();
+        let narrower = JointColumns::of_stored(&narrower.into());
+        let mut union = Union::new(method.columns.clone());
+        let error = union.add(&narrower, &[], &[1.0; 6]).expect_err("other columns");
+        assert!(error.to_string().contains("different parameters"), "{error}");
+        let error = method.columns.theta([]).expect_err("no values");
+        assert!(error.to_string().contains("need parameter J1_Izz"), "{error}");
+    }
+
+    #[test]
+    fn thirds_are_of_equal_time_and_lose_no_row() {
+        let time: Vec<f64> = (0..10).map(f64::from).collect();
+        let rows: Vec<usize> = (0..10).collect();
+        assert_eq!(thirds(&rows, &time), [&rows[..3], &rows[3..7], &rows[7..]]);
+        assert_eq!(thirds(&rows[..1], &time), [&rows[..0], &rows[..1], &rows[..0]]);
+        assert_eq!(thirds(&[], &time), [&[] as &[usize]; 3]);
+    }
+}

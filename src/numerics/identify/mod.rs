@@ -1,0 +1,8 @@
+//! Parameters of one cycle, and how well they explain its torques.
+
+pub mod cycle;
+pub mod cycle_rows;
+pub mod joint_factors;
+pub mod filtered_columns;
+pub mod verify;
+pub mod torque_series;

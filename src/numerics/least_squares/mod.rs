@@ -1,0 +1,10 @@
+//! Least squares from growing triangular factors, whatever the columns mean.
+
+pub mod factor;
+pub mod weighted;
+pub mod huber;
+pub mod clustered;
+pub mod prior;
+pub mod essential;
+pub mod conditioning;
+pub mod rows;

@@ -1,0 +1,101 @@
+//! Rows of `[w | tau]` that can be gone through again and again, a sample at a time, so that
+//! estimators with several passes never hold the observation matrix.
+
+use faer::MatRef;
+
+use super::factor::{BLOCK_ROWS, TriangularFactor};
+
+/// All joints' rows of one sample.
+#[derive(Debug, Clone, Copy)]
+pub struct SampleRows<'a> {
+    /// Number of the observation; neighbours in time differ by one, more where rows are left out.
+    pub row: usize,
+    /// Rows of `w`, joint after joint, `[n * b]`.
+    pub w: &'a [f64],
+    /// Torque, `[n]`.
+    pub tau: &'a [f64],
+    /// Whether a joint's row takes part, `[n]`.
+    pub used: &'a [bool],
+}
+
+impl SampleRows<'_> {
+    /// The row of `w` that belongs to `joint`, `[b]`.
+    #[must_use]
+    pub fn of_joint(&self, joint: usize) -> &[f64] {
+        let b = self.w.len() / self.tau.len().max(1);
+        &self.w[joint * b..(joint + 1) * b]
+    }
+
+    /// `tau - w theta` of `joint`, Nm.
+    #[must_use]
+    pub fn residual(&self, joint: usize, theta: &[f64]) -> f64 {
+        self.tau[joint] - self.of_joint(joint).iter().zip(theta).map(|(w, theta)| w * theta).sum::<f64>()
+    }
+}
+
+/// A least-squares problem whose rows come in order of time, as often as asked.
+pub trait RowSource {
+    /// Columns `b` of `w`.
+    fn columns(&self) -> usize;
+    /// Rows of a sample, `n`.
+    fn joint_count(&self) -> usize;
+    /// Hands every sample to `visit`, in order of time.
+    fn each(&self, visit: &mut dyn FnMut(&SampleRows<'_>));
+}
+
+/// Folds single rows into a triangular factor, block by block.
+pub(super) struct RowFolder {
+    factor: TriangularFactor,
+    block: Vec<f64>,
+    filled: usize,
+}
+
+impl RowFolder {
+    /// For `columns` columns of `w`.
+    pub fn new(columns: usize) -> Self {
+        Self {
+            factor: TriangularFactor::new(columns),
+            block: vec![0.0; BLOCK_ROWS * (columns + 1)],
+            filled: 0,
+        }
+    }
+
+    /// Adds the row `factor * [w | tau]`.
+    pub fn push(&mut self, w: &[f64], tau: f64, factor: f64) {
+        for (column, w) in self.block.chunks_exact_mut(BLOCK_ROWS).zip(w.iter().chain([&tau])) {
+            column[self.filled] = factor * w;
+        }
+        self.filled += 1;
+        if self.filled == BLOCK_ROWS {
+            self.fold();
+        }
+    }
+
+    /// The factor of all rows.
+    pub fn finish(mut self) -> TriangularFactor {
+        if self.filled > 0 {
+            self.fold();
+        }
+        self.factor
+    }
+
+    fn fold(&mut self) {
+        let width = self.factor.columns() + 1;
+        let block = MatRef::from_column_major_slice(&self.block, BLOCK_ROWS, width);
+        self.factor.fold(block.subrows(0, self.filled));
+        self.filled = 0;
+    }
+}
+
+/// Triangular factor of each joint's rows, `[n]`.
+#[must_use]
+pub fn joint_factors(source: &dyn RowSource) -> Vec<TriangularFactor> {
+    let n = source.joint_count();
+    let mut folders: Vec<RowFolder> = (0..n).map(|_| RowFolder::new(source.columns())).collect();
+    source.each(&mut |sample| {
+        for (j, folder) in folders.iter_mut().enumerate().filter(|(j, _)| sample.used[*j]) {
+            folder.push(sample.of_joint(j), sample.tau[j], 1.0);
+        }
+    });
+    folders.into_iter().map(RowFolder::finish).collect()
+}

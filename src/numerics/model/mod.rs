@@ -1,0 +1,9 @@
+//! The arm: kinematics, drives, inverse dynamics, its regressor and base parameters.
+
+pub mod kinematics;
+pub mod actuator;
+pub mod dynamics;
+pub mod regressor;
+pub mod base_parameters;
+pub mod robot_check;
+mod robot_text;

@@ -1,0 +1,7 @@
+//! Parameters that bodies can have.
+
+pub mod pseudo_inertia;
+pub mod uniform_bodies;
+pub mod fit;
+pub mod bodies;
+pub mod data_share;

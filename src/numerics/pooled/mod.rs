@@ -1,0 +1,8 @@
+//! Parameters of many cycles together, from their stored factors.
+
+pub mod pool;
+pub mod estimate;
+pub mod per_joint;
+pub mod cycle_errors;
+pub mod nominal_prior;
+pub mod drive_gain;
