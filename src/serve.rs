@@ -16,10 +16,12 @@ mod access;
 mod answer;
 mod part;
 mod receive;
+mod shared;
 mod spool;
 mod status;
 mod upload;
 
+use crate::serve::shared::Shared;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::future::Future;
@@ -43,8 +45,8 @@ use crate::config::{Config, ServeSettings};
 use crate::store::Store;
 pub use access::TOKEN_VARIABLE;
 use access::{Access, AccessError};
+use shared::Uploads;
 use spool::Spool;
-use upload::Uploads;
 
 /// Connections at once; each holds a socket and at most [`HEADER_BYTES`] before its request is understood.
 const CONNECTIONS: usize = 256;
@@ -100,17 +102,6 @@ impl ServeError {
     pub fn is_configuration(&self) -> bool {
         matches!(self, Self::Access(_))
     }
-}
-
-/// What requests share.
-#[derive(Debug)]
-struct Shared {
-    store: Store,
-    access: Access,
-    uploads: Option<Uploads>,
-    stop: CancellationToken,
-    /// What `/ready` said last.
-    readiness: tokio::sync::Mutex<Option<status::Readiness>>,
 }
 
 /// A server at work.

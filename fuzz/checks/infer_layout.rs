@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use armwatch::config::parse_layout;
-use armwatch::ingest::infer::{Hints, infer};
+use armwatch::ingest::infer::infer;
+use armwatch::ingest::infer::proposal::Hints;
 
 /// Checks one input; a failure panics.
 pub fn run(data: &[u8]) {

@@ -2,7 +2,8 @@
 
 use serde_json::{Value, json};
 
-use super::{CliError, EXIT_DONE, EXIT_USAGE, Global, output};
+use super::context::{CliError, EXIT_DONE, EXIT_USAGE, Global};
+use super::output;
 use crate::config::{Config, ConfigProblem, summary};
 use crate::daemon::preflight::preflight;
 

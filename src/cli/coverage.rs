@@ -8,7 +8,8 @@ use clap::Args;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, output};
+use super::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
+use super::output;
 use crate::analysis::Estimator;
 use crate::config::{Config, Layout, read_robot};
 use crate::ingest::rejection::Rejection;
@@ -283,7 +284,7 @@ enum CountError {
     #[error("a simulated cycle is refused: {0}")]
     Refused(String),
     #[error(transparent)]
-    Simulate(#[from] crate::simulate::SimulateError),
+    Simulate(#[from] crate::simulate::error::SimulateError),
 }
 
 #[cfg(test)]

@@ -11,14 +11,16 @@ use jiff::Timestamp;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-use super::{CliError, EXIT_DONE, EXIT_STOPPED, Global, open_store, output, runtime, shared};
+use super::context::{CliError, EXIT_DONE, EXIT_STOPPED, Global, open_store, runtime, shared};
+use super::output;
 use crate::config::Config;
 use crate::daemon::{self, Event};
 use crate::pipeline::conclude::Concluded;
-use crate::pipeline::{Outcome, Pipeline};
+use crate::pipeline::context::{Outcome, Pipeline};
 use crate::robot::{JointIndex, Robot};
+use crate::simulate::error::SimulateError;
 use crate::simulate::fault::Fault;
-use crate::simulate::{SimulateError, SimulationSettings, simulate_run};
+use crate::simulate::{SimulationSettings, simulate_run};
 use crate::store::{HealthStatus, Store};
 
 /// Runs of each arm: five to learn, then wear has time to show.

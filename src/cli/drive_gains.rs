@@ -3,9 +3,10 @@
 use clap::Args;
 use serde_json::json;
 
+use super::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_store, runtime};
 use super::load::LoadArgs;
+use super::output;
 use super::selection::cycle_numbers;
-use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_store, output, runtime};
 use crate::config::{Config, FleetEntry};
 use crate::numerics::pooled::drive_gain::{GainEstimate, JointGain, Unseen};
 use crate::pipeline::drive_gain::stored_drive_gains;

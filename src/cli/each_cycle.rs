@@ -6,10 +6,11 @@ use std::io::IsTerminal;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
-use super::identify::{IdentifyArgs, name_taken};
+use super::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
+use super::identify_args::{IdentifyArgs, name_taken};
 use super::identify_output::parameter_value;
+use super::output;
 use super::selection::note_passed_over;
-use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, output};
 use crate::pipeline::reestimate::{Choice, reestimate};
 use crate::pipeline::stored::Chosen;
 use crate::robot::ParameterId;

@@ -7,7 +7,8 @@ use std::sync::Arc;
 use clap::Args;
 use serde_json::json;
 
-use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, output, runtime};
+use super::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, runtime};
+use super::output;
 use crate::analysis::CycleAnalysis;
 use crate::config::{Config, Layout, layout_units};
 use crate::ingest::csv::LeftOut;

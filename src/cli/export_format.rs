@@ -2,14 +2,14 @@
 
 use nalgebra::DMatrix;
 
-use super::CliError;
+use super::context::CliError;
 use crate::config::{
     Channel, Column, DecimalMark, Layout, StageSource, TemperatureUnit, TextEncoding, TimeSource,
 };
 use crate::robot::Robot;
 use crate::run::Stage;
 use crate::simulate::format::{Cell, ExportColumn, ExportFormat, TemperatureScale, Weighted};
-use crate::simulate::heat::TemperatureColumns;
+use crate::simulate::temperatures::TemperatureColumns;
 
 /// The columns with which `layout` reads exports of `robot`: columns by number at their places, all others
 /// in the order time, position, velocity, torque, stage, cycle, friction joint and level, and of the temperatures

@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
+use super::context::{CliError, EXIT_DONE, Global, open_store, runtime};
 use super::friction_index::{self, JointSeries};
+use super::output;
 use super::plot::{PlotFile, write_lines};
 use super::selection::{named_runs, runs_of};
-use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
 use crate::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::friction::warm_up::warm_up_torque;

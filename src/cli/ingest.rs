@@ -10,16 +10,16 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use tokio_util::sync::CancellationToken;
 
-use super::{
-    CliError, EXIT_DONE, EXIT_FOUND, EXIT_INTERNAL, EXIT_STOPPED, Global, open_store, output, reweight,
-    runtime, shared,
+use super::context::{
+    CliError, EXIT_DONE, EXIT_FOUND, EXIT_INTERNAL, EXIT_STOPPED, Global, open_store, runtime, shared,
 };
+use super::{output, reweight};
 use crate::analysis::finding::FindingKind;
 use crate::daemon;
 use crate::ingest::watch;
 use crate::pipeline::conclude::{Concluded, RUNS_AT_ONCE};
+use crate::pipeline::context::{Outcome, Pipeline, Progress, Retry};
 use crate::pipeline::isolation::Conclusion;
-use crate::pipeline::{Outcome, Pipeline, Progress, Retry};
 use crate::store::RunResult;
 
 #[derive(Debug, Args)]

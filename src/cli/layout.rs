@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, output};
+use super::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
+use super::output;
 use crate::config::{ConfigSource, read_robot};
-use crate::ingest::infer::{self, Hints};
+use crate::ingest::infer;
+use crate::ingest::infer::proposal::Hints;
 use crate::ingest::source;
 use crate::numerics::model::dynamics::gravity_torque;
 use crate::robot::Robot;

@@ -3,7 +3,7 @@
 use clap::Args;
 use nalgebra::{Matrix3, Vector3};
 
-use super::CliError;
+use super::context::CliError;
 
 /// Heaviest load, kg; the largest arms carry 2300.
 const MAX_MASS_KG: f64 = 1e4;

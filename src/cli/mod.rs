@@ -1,6 +1,7 @@
 //! The command line: what was typed becomes what it means, once; then one function a command.
 
 mod config_check;
+mod context;
 mod coverage;
 mod demo;
 mod drive_gains;
@@ -9,6 +10,7 @@ mod export_format;
 mod friction;
 mod friction_index;
 mod identify;
+mod identify_args;
 mod identify_output;
 mod ingest;
 mod layout;
@@ -32,29 +34,13 @@ mod explain;
 mod torque;
 mod verify;
 
-use std::path::PathBuf;
+use crate::cli::context::Global;
+use crate::cli::context::LogFormat;
 use std::process::ExitCode;
-use std::sync::Arc;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Parser, Subcommand};
 
-use crate::config::{Config, ConfigErrors};
-use crate::pipeline::PipelineError;
-use crate::store::{Store, StoreError};
 use crate::telemetry;
-
-/// All done.
-pub const EXIT_DONE: u8 = 0;
-/// Done, but something was quarantined, or a check found a difference.
-pub const EXIT_FOUND: u8 = 1;
-/// The command line or the configuration is wrong.
-pub const EXIT_USAGE: u8 = 2;
-/// A fault of the program itself.
-pub const EXIT_INTERNAL: u8 = 70;
-/// The database or a file could not be read or written.
-pub const EXIT_IO: u8 = 74;
-/// Stopped by a signal before everything was done; what is stored stays.
-pub const EXIT_STOPPED: u8 = 130;
 
 const EXIT_CODES_HELP: &str = "\
 Exit status:
@@ -78,38 +64,6 @@ pub struct Cli {
     command: Command,
 }
 
-/// Options of every command.
-#[derive(Debug, Args)]
-struct Global {
-    /// Configuration file [default: $ARMWATCH_CONFIG, else config/armwatch.toml, else
-    /// armwatch.toml, else the shipped settings]
-    #[arg(long, global = true, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Database file, instead of the configuration's
-    #[arg(long, global = true, value_name = "FILE")]
-    db: Option<PathBuf>,
-    /// How log lines look
-    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
-    log_format: LogFormat,
-    /// More log lines; twice for all
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
-    verbose: u8,
-    /// Fewer log lines; twice for errors only
-    #[arg(short, long, global = true, action = clap::ArgAction::Count, conflicts_with = "verbose")]
-    quiet: u8,
-    /// Print results as JSON, one object a line
-    #[arg(long, global = true)]
-    json: bool,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum LogFormat {
-    /// Lines for people
-    Text,
-    /// One JSON object a line
-    Json,
-}
-
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Simulate a small fleet, ingest it while it is being written, and print what is found
@@ -123,7 +77,7 @@ enum Command {
     /// Say what would become of an export, without storing anything
     Explain(explain::ExplainArgs),
     /// Identify one parameter set on chosen cycles from what is stored of them
-    Identify(identify::IdentifyArgs),
+    Identify(identify_args::IdentifyArgs),
     /// List, show or delete what `identify --save` keeps
     Parameters(parameters::ParametersArgs),
     /// Verify parameters against other runs from what is stored of them
@@ -195,39 +149,6 @@ Examples:
     Check,
 }
 
-/// Why a command ended early.
-#[derive(Debug, thiserror::Error)]
-enum CliError {
-    /// The configuration is wrong.
-    #[error("{0}")]
-    Config(#[from] ConfigErrors),
-    /// The command line asks for something that cannot be.
-    #[error("{0}")]
-    Usage(String),
-    /// A file could not be read or written.
-    #[error("{0}")]
-    Io(String),
-    /// The database failed.
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    /// The pipeline cannot go on.
-    #[error(transparent)]
-    Pipeline(#[from] PipelineError),
-    /// A fault of the program itself.
-    #[error("internal error: {0}")]
-    Internal(String),
-}
-
-impl CliError {
-    fn exit_code(&self) -> u8 {
-        match self {
-            Self::Config(_) | Self::Usage(_) => EXIT_USAGE,
-            Self::Io(_) | Self::Store(_) | Self::Pipeline(PipelineError::Store(_)) => EXIT_IO,
-            Self::Pipeline(PipelineError::Task(_)) | Self::Internal(_) => EXIT_INTERNAL,
-        }
-    }
-}
-
 /// Runs a command and returns the exit status of the process.
 #[must_use]
 pub fn run(cli: Cli) -> ExitCode {
@@ -276,31 +197,4 @@ pub fn run(cli: Cli) -> ExitCode {
         output::complain(&error);
         error.exit_code()
     }))
-}
-
-impl Global {
-    /// The configuration, with the command line's database.
-    fn read_config(&self) -> Result<Config, CliError> {
-        let (mut config, _) = Config::find(self.config.as_deref())?;
-        if let Some(db) = &self.db {
-            config.database.clone_from(db);
-        }
-        Ok(config)
-    }
-}
-
-/// The asynchronous runtime of a command.
-fn runtime() -> Result<tokio::runtime::Runtime, CliError> {
-    tokio::runtime::Builder::new_multi_thread()
-        .enable_all()
-        .build()
-        .map_err(|error| CliError::Internal(format!("no runtime: {error}")))
-}
-
-async fn open_store(config: &Config) -> Result<Store, CliError> {
-    Ok(Store::open(&config.database).await?)
-}
-
-fn shared(config: Config) -> Arc<Config> {
-    Arc::new(config)
 }

@@ -3,7 +3,8 @@
 use clap::{Args, Subcommand};
 use serde_json::json;
 
-use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
+use super::context::{CliError, EXIT_DONE, Global, open_store, runtime};
+use super::output;
 use crate::store::{KeptEstimate, KeptKind, ParameterSet, Store};
 
 #[derive(Debug, Args)]

@@ -4,7 +4,8 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use super::{CliError, output};
+use super::context::CliError;
+use super::output;
 use crate::report::figure::Figure;
 
 /// A picture's file, whose ending says what it is written as.

@@ -1,7 +1,7 @@
 //! What `--prior` names.
 
-use super::CliError;
-use super::identify::IdentifyArgs;
+use super::context::CliError;
+use super::identify_args::IdentifyArgs;
 use super::selection::find_set;
 use crate::config::Config;
 use crate::numerics::least_squares::prior::{Prior, PriorStrength};

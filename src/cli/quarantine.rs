@@ -1,5 +1,6 @@
 //! `armwatch quarantine`: exports that were not understood.
 
+use crate::cli::quarantine_story::Place;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -7,14 +8,12 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 use tokio_util::sync::CancellationToken;
 
-use super::{
-    CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, ingest, open_store, output, quarantine_story,
-    runtime, shared,
-};
+use super::context::{CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, runtime, shared};
+use super::{ingest, output, quarantine_story};
 use crate::config::Config;
 use crate::daemon;
 use crate::ingest::fingerprint::{fingerprint, of_bytes};
-use crate::pipeline::Pipeline;
+use crate::pipeline::context::Pipeline;
 use crate::run::RunStatus;
 use crate::store::{FaultState, QuarantineRow, Store, StoreError};
 
@@ -203,19 +202,6 @@ async fn dismiss(
 fn user() -> String {
     let named = ["USER", "LOGNAME"].into_iter().filter_map(|name| std::env::var(name).ok());
     named.into_iter().find(|name| !name.is_empty()).unwrap_or_else(|| "unknown".to_owned())
-}
-
-/// Where the bytes of a quarantined run lie now.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Place {
-    /// There.
-    At(PathBuf),
-    /// There is a file, but with another content.
-    Changed(PathBuf),
-    /// There is a file that still cannot be read.
-    Unreadable(PathBuf, String),
-    /// No file is left; it was there.
-    Gone(PathBuf),
 }
 
 /// Looks where the content of a run was seen for it.

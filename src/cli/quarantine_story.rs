@@ -1,14 +1,26 @@
 //! What is told of a quarantined export, in words and as JSON.
 
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use jiff::Timestamp;
 use serde_json::{Value, json};
 
-use super::quarantine::Place;
 use crate::ingest::excerpt::{Excerpt, excerpt};
 use crate::store::{Dismissal, FaultState, QuarantineRow};
+
+/// Where the bytes of a quarantined run lie now.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Place {
+    /// There.
+    At(PathBuf),
+    /// There is a file, but with another content.
+    Changed(PathBuf),
+    /// There is a file that still cannot be read.
+    Unreadable(PathBuf, String),
+    /// No file is left; it was there.
+    Gone(PathBuf),
+}
 
 /// Lines shown before and after the faulty one.
 const LINES_AROUND: u64 = 2;

@@ -5,8 +5,9 @@ use std::io::IsTerminal;
 use indicatif::{ProgressBar, ProgressStyle};
 use tokio_util::sync::CancellationToken;
 
-use super::{CliError, output};
-use crate::pipeline::Pipeline;
+use super::context::CliError;
+use super::output;
+use crate::pipeline::context::Pipeline;
 use crate::pipeline::reweight::{Reweighted, Reweighting};
 
 /// Identifies them again from their factors; `false` if a stop was asked for before all were through.

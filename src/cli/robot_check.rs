@@ -6,7 +6,8 @@ use clap::Args;
 use nalgebra::{Matrix3, Vector3};
 use serde_json::json;
 
-use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, output};
+use super::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
+use super::output;
 use crate::config::read_robot;
 use crate::numerics::model::robot_check;
 use crate::numerics::model::robot_check::{ReferenceAgreement, ReferenceRow, RobotCheck};

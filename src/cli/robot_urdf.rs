@@ -7,8 +7,9 @@ use std::sync::Arc;
 use clap::Args;
 use serde_json::json;
 
+use super::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_store, runtime};
+use super::output;
 use super::selection::{cycle_numbers, note_passed_over};
-use super::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_store, output, runtime};
 use crate::config::{Config, read_robot, straight_friction, urdf_text};
 use crate::numerics::physical::data_share::{BodyEstimate, Estimated};
 use crate::numerics::physical::fit::PhysicalFit;

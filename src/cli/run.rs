@@ -5,12 +5,12 @@ use std::sync::Arc;
 use clap::Args;
 use tokio::sync::watch;
 
-use super::{CliError, EXIT_DONE, Global, open_store, runtime, shared};
+use super::context::{CliError, EXIT_DONE, Global, open_store, runtime, shared};
 use crate::config::{Config, ConfigErrors};
 use crate::daemon::overdue::OverdueWatch;
 use crate::daemon::preflight::preflight;
 use crate::daemon::{self, Control};
-use crate::pipeline::Pipeline;
+use crate::pipeline::context::Pipeline;
 use crate::serve::{self, ServeError};
 
 #[derive(Debug, Args)]

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use super::{CliError, output};
+use super::context::CliError;
+use super::output;
 use crate::analysis::Estimator;
 use crate::pipeline::stored::{Candidate, Chosen, PassedOver, StoredError, told, unit_identification};
 use crate::run::{RunKind, RunStatus};

@@ -8,18 +8,20 @@ use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
+use super::context::{CliError, EXIT_DONE, Global};
 use super::export_format::export_format;
 use super::load::LoadArgs;
+use super::output;
 use super::stage_signal::StageSignalArg;
-use super::{CliError, EXIT_DONE, Global, output};
 use crate::config::{Config, read_layout, read_robot};
 use crate::robot::Robot;
+use crate::simulate::error::SimulateError;
 use crate::simulate::fault::Fault;
 use crate::simulate::friction::FrictionShape;
-use crate::simulate::heat::{TemperatureColumns, TemperatureSettings};
 use crate::simulate::load::Load;
 use crate::simulate::recording::Clock;
-use crate::simulate::{SimulateError, SimulationSettings, simulate_run};
+use crate::simulate::temperatures::{TemperatureColumns, TemperatureSettings};
+use crate::simulate::{SimulationSettings, simulate_run};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 
-use super::CliError;
+use super::context::CliError;
 use crate::config::{Column, Config, Layout, OneHot, StageLevels, StageSource, StageWords};
 use crate::numerics::segment::stages::LevelSettings;
 use crate::run::Stage;

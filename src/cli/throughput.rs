@@ -10,8 +10,9 @@ use clap::Args;
 use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
+use super::context::{CliError, EXIT_DONE, Global};
+use super::output;
 use super::simulate::shipped_robot;
-use super::{CliError, EXIT_DONE, Global, output};
 use crate::ingest::plain;
 use crate::simulate::{SimulationSettings, simulate_run};
 

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
+use super::context::{CliError, EXIT_DONE, Global, open_store, runtime};
+use super::output;
 use super::plot::{PlotFile, refuse_export, write_lines};
 use super::selection::NamedCandidate;
-use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
 use crate::analysis::{RmsdScope, TorqueRmsd};
 use crate::config::Config;
 use crate::numerics::identify::torque_series::{SeriesRows, TorqueSeries, peaks};

@@ -3,9 +3,10 @@
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
+use super::context::{CliError, EXIT_DONE, Global, open_store, runtime};
 use super::identify_output::rmsd_value;
+use super::output;
 use super::selection::{NamedCandidate, named_runs, note_passed_over, runs_of};
-use super::{CliError, EXIT_DONE, Global, open_store, output, runtime};
 use crate::analysis::{Estimator, RmsdScope, TorqueRmsd};
 use crate::pipeline::stored::{CrossVerification, PassedOver, StoredError, cross_verification};
 use crate::run::Stage;

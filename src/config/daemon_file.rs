@@ -1,22 +1,23 @@
 //! The daemon's file, `armwatch.toml`, with the arms and layouts that it refers to.
 
+use crate::config::files::ReadText;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::layout::{Channel, Layout, TorqueQuantity};
+use super::layout_file::parse_layout;
 use super::limits::Limits;
+use super::pattern::FilePatterns;
 use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::recognition::{DEFAULT_FILE_NAME, time_zone};
 use super::robot_file::parse_robot_with;
 use super::serve::{ServeSettings, read_serve};
+use super::settings::{Config, FleetEntry, Recognition, RewritePolicy, WatchSettings, WorkLimits};
 use super::work_limits::{archive_of, read_work_limits};
-use super::{
-    Channel, Config, FilePatterns, FleetEntry, Layout, Recognition, RewritePolicy, TorqueQuantity,
-    WatchSettings, WorkLimits,
-};
-use super::{date_format, parse_layout, pattern, suggestion};
+use super::{date_format, pattern, suggestion};
 use crate::analysis::Estimator;
 use crate::analysis::finding::{FindingKind, FindingKinds};
 use crate::numerics::analyse::AnalysisSettings;
@@ -34,9 +35,6 @@ const MAX_LIVE_FILES: i64 = 256;
 
 /// Most folders to watch; each is walked at every scan.
 const MAX_FOLDERS: usize = 1000;
-
-/// Gives the text of the file at a path.
-pub(super) type ReadText<'r> = dyn Fn(&Path) -> Result<String, ConfigErrors> + 'r;
 
 /// Reads the configuration at `path` and the files that it refers to, all through `read_text`.
 ///

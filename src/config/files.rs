@@ -6,6 +6,9 @@ use std::path::Path;
 
 use super::problem::ConfigErrors;
 
+/// Gives the text of the file at a path.
+pub(super) type ReadText<'r> = dyn Fn(&Path) -> Result<String, ConfigErrors> + 'r;
+
 /// Largest configuration file that is read. Hand-written ones have some kilobytes; an export named
 /// by mistake must not fill the memory.
 const MAX_BYTES: u64 = 1 << 20;

@@ -1,13 +1,17 @@
 //! Every file in `tests/fixtures/configs/` has one oddity, after which it is named, and yields the
 //! problem that is written here.
 
+use crate::numerics::analyse::AnalysisSettings;
+use crate::numerics::detect::verdict::DetectSettings;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::{
-    AnalysisSettings, Config, ConfigErrors, DetectSettings, parse_robot, read_layout, read_robot, summary,
-};
+use super::layout_file::read_layout;
+use super::problem::ConfigErrors;
+use super::robot_file::{parse_robot, read_robot};
+use super::settings::Config;
+use super::summary::summary;
 
 /// Name of a file, and for each of its problems the line, the key and words of the message.
 type Expectation = (&'static str, &'static [(usize, &'static str, &'static str)]);

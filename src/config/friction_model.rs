@@ -134,7 +134,7 @@ fn resolved(table: &Table<'_>, given: &Given<'_>, default: FrictionModel) -> Opt
 
 #[cfg(test)]
 mod tests {
-    use crate::config::parse_robot;
+    use crate::config::robot_file::parse_robot;
     use crate::robot::{FrictionLaw, FrictionModel, Robot};
 
     const ER3A: &str = include_str!("../../config/robots/er3a.toml");

@@ -1,6 +1,8 @@
 //! How the columns of an export become channels in SI: the layout, and what it needs of the robot.
 
-use std::fmt;
+use crate::config::Column;
+use crate::config::JointColumns;
+use crate::config::ScaledColumn;
 
 use super::joint::{
     DRIVE_GAIN, DRIVE_GAIN_OF_SLIDE, MOTOR_TORQUE_CONSTANT, RATED_JOINT_FORCE, RATED_JOINT_TORQUE,
@@ -128,33 +130,6 @@ pub struct MotorSide {
     pub torque: bool,
 }
 
-/// One column of an export.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub enum Column {
-    /// By its name in the header; without a header, the name is its number.
-    Name(String),
-    /// By its number, from 1, whatever the header says.
-    Number(usize),
-}
-
-impl fmt::Display for Column {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Name(name) => f.write_str(name),
-            Self::Number(number) => write!(f, "{number}"),
-        }
-    }
-}
-
-/// A column with its unit.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ScaledColumn {
-    /// The column.
-    pub column: Column,
-    /// Factor from the column's unit to SI.
-    pub to_si: f64,
-}
-
 /// One column a joint, with unit and sign.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
@@ -167,30 +142,6 @@ pub struct Channel {
     pub sign: JointSigns,
     /// How much later than the positions of its row a value was true, s.
     pub delay: JointDelays,
-}
-
-/// Where the columns of a channel stand.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum JointColumns {
-    /// By a name in which `{joint}` stands for the joint's number from 1, `{joint+6}` for that number
-    /// plus 6.
-    Pattern(String),
-    /// One by one, from the base outwards.
-    Each(Vec<Column>),
-    /// The export has none.
-    NotRecorded,
-}
-
-impl JointColumns {
-    /// The column of the joint that people call `number`, from 1; `None` beyond the end of a list.
-    #[must_use]
-    pub fn of_joint(&self, number: usize) -> Option<Column> {
-        match self {
-            Self::Pattern(pattern) => Some(Column::Name(expanded(pattern, number))),
-            Self::Each(columns) => columns.get(number.checked_sub(1)?).cloned(),
-            Self::NotRecorded => None,
-        }
-    }
 }
 
 /// +1 where a column counts as the description does, -1 where it counts against it.
@@ -420,22 +371,12 @@ impl Layout {
 /// Key and value of what a joint's torque column is multiplied with.
 type OfDrive = fn(&Joint) -> (&'static str, Option<f64>);
 
-/// A name with its place for the joint's number filled: `{joint}` is the number, `{joint+6}` that
-/// number plus 6.
-fn expanded(pattern: &str, joint: usize) -> String {
-    if let Some((before, rest)) = pattern.split_once("{joint+")
-        && let Some((added, after)) = rest.split_once('}')
-        && let Ok(added) = added.parse::<usize>()
-    {
-        return format!("{before}{}{after}", joint + added);
-    }
-    pattern.replace("{joint}", &joint.to_string())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::parse_layout;
+    use crate::config::Column;
+    use crate::config::JointColumns;
+    use crate::config::layout_file::parse_layout;
     use crate::testing::er3a;
 
     const NATIVE: &str = include_str!("../../config/exports/native.toml");

@@ -2,38 +2,31 @@
 
 use std::path::Path;
 
+use super::column::JointColumns;
+use super::column_names::{ColumnNames, NamedUnit, named_unit, read_unit};
 use super::files;
+use super::layout::{Channel, JointDelays, JointSigns, Layout, MotorSide, RowRule, TorqueQuantity};
 use super::limits::Limits;
 use super::problem::ConfigErrors;
 use super::reader::{Table, Value, read_document};
 use super::stage_file::read_stage_source;
-use super::{
-    Channel, Column, JointColumns, JointDelays, JointSigns, Layout, MotorSide, RowRule, StageSource,
-    TorqueQuantity, layout_time, temperature, text_format,
-};
-
-/// Stands for the joint's number, from 1, in the name of a column.
-const JOINT: &str = "{joint}";
-
-/// A unit as files name it and its factor to SI.
-type Unit = (&'static str, f64);
+use super::stage_source::StageSource;
+use super::{layout_time, temperature, text_format};
 
 const DEG: f64 = std::f64::consts::PI / 180.0;
 const REV: f64 = std::f64::consts::TAU;
-const POSITION: &[Unit] = &[("rad", 1.0), ("deg", DEG), ("rev", REV), ("m", 1.0)];
-const VELOCITY: &[Unit] =
+const POSITION: &[NamedUnit] = &[("rad", 1.0), ("deg", DEG), ("rev", REV), ("m", 1.0)];
+const VELOCITY: &[NamedUnit] =
     &[("rad/s", 1.0), ("deg/s", DEG), ("rev/s", REV), ("rpm", REV / 60.0), ("m/s", 1.0)];
 /// Drives after CiA 402 give torque and current in thousandths of the rated one.
-const TORQUE: &[Unit] = &[("Nm", 1.0), ("N", 1.0), ("A", 1.0), ("mA", 1e-3), ("%", 1e-2), ("permille", 1e-3)];
+const TORQUE: &[NamedUnit] =
+    &[("Nm", 1.0), ("N", 1.0), ("A", 1.0), ("mA", 1e-3), ("%", 1e-2), ("permille", 1e-3)];
 
 /// Delays of a channel: of a drive's filter or a slow bus, either way.
 const DELAY: Limits = Limits::within(0.5, "s");
 
 /// Separators between columns that cannot be part of a number.
 const DELIMITERS: [&str; 4] = [",", ";", "\t", "|"];
-
-/// Largest number of a column; wider exports than this are none of a robot arm.
-const MAX_COLUMN: i64 = 10_000;
 
 /// Most bad rows that a layout lets be passed over; an export with more is broken, or its layout is another.
 const MAX_BAD_ROWS: i64 = 100_000;
@@ -55,7 +48,7 @@ pub struct LayoutUnits {
 /// both are SI.
 #[must_use]
 pub fn layout_units(layout: &Layout) -> LayoutUnits {
-    let torque: &[Unit] = match layout.torque_quantity {
+    let torque: &[NamedUnit] = match layout.torque_quantity {
         TorqueQuantity::Torque => &TORQUE[..2],
         TorqueQuantity::Current => &TORQUE[2..4],
         TorqueQuantity::FractionOfRated => &TORQUE[4..],
@@ -68,14 +61,8 @@ pub fn layout_units(layout: &Layout) -> LayoutUnits {
     }
 }
 
-fn unit_name(units: &[Unit], to_si: f64) -> &'static str {
+fn unit_name(units: &[NamedUnit], to_si: f64) -> &'static str {
     named_unit(units, to_si).unwrap_or("its own unit")
-}
-
-/// The name of a factor in a list of units.
-#[expect(clippy::float_cmp, reason = "factors are copied from one list, never computed")]
-pub(super) fn named_unit(units: &[Unit], to_si: f64) -> Option<&'static str> {
-    units.iter().find(|(_, factor)| *factor == to_si).map(|(name, _)| *name)
 }
 
 /// Reads a layout from `text`; `file_name` only says where problems are.
@@ -183,16 +170,6 @@ fn read_rows(table: &Table<'_>) -> Option<RowRule> {
     Some(RowRule { skip_bad: u64::try_from(skip_bad).ok()? })
 }
 
-/// How often a name holds a place for the joint's number, as it is or with something added to it.
-fn joint_places(name: &str) -> usize {
-    let with_sum = |rest: &str| {
-        let (digits, _) = rest.split_once('}').unwrap_or(("", ""));
-        !digits.is_empty() && digits.chars().all(|c| c.is_ascii_digit())
-    };
-    let sums = name.match_indices("{joint+").filter(|(at, opening)| with_sum(&name[at + opening.len()..]));
-    name.matches(JOINT).count() + sums.count()
-}
-
 /// Whether a channel is recorded on the motor's side.
 fn read_side(table: &Table<'_>) -> Option<bool> {
     let Some(value) = table.optional("side") else { return Some(false) };
@@ -203,61 +180,6 @@ fn read_side(table: &Table<'_>) -> Option<bool> {
             value.refuse("must be \"joint\" or \"motor\"".into(), None);
             None
         }
-    }
-}
-
-/// Columns given so far, so that none is read twice; a name with a place for the joint's number stands
-/// as it is given.
-#[derive(Default)]
-pub(super) struct ColumnNames(Vec<Column>);
-
-impl ColumnNames {
-    /// One column, by name or number.
-    pub(super) fn take(&mut self, value: &Value<'_>) -> Option<Column> {
-        let column = match value.is_integer() {
-            true => Column::Number(usize::try_from(value.integer(1..=MAX_COLUMN)?).ok()?),
-            false => Column::Name(value.text()?.to_owned()),
-        };
-        if let Column::Name(name) = &column
-            && joint_places(name) > 0
-        {
-            value.refuse(format!("is one column and must not contain {JOINT}"), None);
-            return None;
-        }
-        self.add(value, column)
-    }
-
-    /// The columns of all joints: one name with a place for the joint's number, or one by one.
-    pub(super) fn take_joints(&mut self, table: &Table<'_>) -> Option<JointColumns> {
-        let (which, value) = table.one_of(&["column", "columns"])?;
-        match which {
-            0 => self.take_pattern(&value).map(JointColumns::Pattern),
-            _ => {
-                let columns: Vec<_> = value.items()?.iter().map(|item| self.take(item)).collect();
-                columns.into_iter().collect::<Option<_>>().map(JointColumns::Each)
-            }
-        }
-    }
-
-    /// One name for the columns of all joints.
-    fn take_pattern(&mut self, value: &Value<'_>) -> Option<String> {
-        let pattern = value.text()?;
-        let problem = match joint_places(pattern) {
-            0 => format!("must contain {JOINT}, which stands for the joint's number from 1"),
-            1 => return self.add(value, Column::Name(pattern.to_owned())).map(|_| pattern.to_owned()),
-            _ => format!("must contain {JOINT} only once"),
-        };
-        value.refuse(problem, Some("or write columns = [..] with a name or number for each joint".into()));
-        None
-    }
-
-    fn add(&mut self, value: &Value<'_>, column: Column) -> Option<Column> {
-        if self.0.contains(&column) {
-            value.refuse("this column is already read as something else".into(), None);
-            return None;
-        }
-        self.0.push(column.clone());
-        Some(column)
     }
 }
 
@@ -273,7 +195,7 @@ fn read_delimiter(root: &Table<'_>) -> Option<u8> {
     }
 }
 
-fn read_channel(table: &Table<'_>, units: &[Unit], names: &mut ColumnNames) -> Option<Channel> {
+fn read_channel(table: &Table<'_>, units: &[NamedUnit], names: &mut ColumnNames) -> Option<Channel> {
     let columns = names.take_joints(table);
     let to_si = table.required("unit").and_then(|value| read_unit(&value, units));
     let sign = table.optional("sign").map_or(Some(JointSigns::All(1.0)), |value| read_sign(&value));
@@ -281,7 +203,7 @@ fn read_channel(table: &Table<'_>, units: &[Unit], names: &mut ColumnNames) -> O
 }
 
 /// A channel that may be recorded later than the positions.
-fn read_late_channel(table: &Table<'_>, units: &[Unit], names: &mut ColumnNames) -> Option<Channel> {
+fn read_late_channel(table: &Table<'_>, units: &[NamedUnit], names: &mut ColumnNames) -> Option<Channel> {
     let delay = match table.optional("delay_s") {
         None => Some(JointDelays::default()),
         Some(value) if value.is_array() => value.numbers(None, &DELAY).map(JointDelays::Each),
@@ -315,20 +237,12 @@ fn read_quantity(table: &Table<'_>) -> TorqueQuantity {
     }
 }
 
-pub(super) fn read_unit(value: &Value<'_>, units: &[Unit]) -> Option<f64> {
-    let given = value.text()?;
-    let factor = units.iter().find(|(name, _)| *name == given).map(|&(_, factor)| factor);
-    if factor.is_none() {
-        let known: Vec<_> = units.iter().map(|(name, _)| *name).collect();
-        value.refuse(format!("unknown unit, must be one of {}", known.join(", ")), None);
-    }
-    factor
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{ScaledColumn, TimeSource};
+    use crate::config::Column;
+    use crate::config::column::ScaledColumn;
+    use crate::config::layout::TimeSource;
 
     const NATIVE: &str = include_str!("../../config/exports/native.toml");
 

@@ -1,9 +1,11 @@
 //! The time of a layout: `[time]`.
 
-use super::layout_file::{ColumnNames, named_unit, read_unit};
+use super::column::ScaledColumn;
+use super::column_names::{ColumnNames, named_unit, read_unit};
+use super::date_format;
+use super::layout::{StartForm, StartSource, TimeSource};
 use super::limits::Limits;
 use super::reader::{Table, Value};
-use super::{ScaledColumn, StartForm, StartSource, TimeSource, date_format};
 
 /// A unit of time and its factor to s.
 const UNITS: &[(&str, f64)] = &[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
@@ -111,7 +113,8 @@ fn factor(table: &Table<'_>, unit: &Value<'_>) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Column, parse_layout};
+    use crate::config::column::Column;
+    use crate::config::layout_file::parse_layout;
 
     const NATIVE: &str = include_str!("../../config/exports/native.toml");
 

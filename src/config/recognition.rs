@@ -3,7 +3,8 @@
 use jiff::Timestamp;
 use jiff::tz::{AmbiguousOffset, TimeZone};
 
-use super::{DateFormats, Recognition};
+use super::date_format::DateFormats;
+use super::settings::Recognition;
 
 /// Pattern of the native file names, `{robot}_{YYYYMMDD}_{HHMM}_...`.
 pub(super) const DEFAULT_FILE_NAME: &str = r"^(?<robot>.+?)_(?<date>\d{8})_(?<time>\d{4}(?:\d{2})?)(?:_.*)?$";
@@ -55,6 +56,12 @@ pub enum RecogniseError {
 }
 
 impl Recognition {
+    /// The time zone of clocks that say none; `None` if this machine does not know it.
+    #[must_use]
+    pub fn zone(&self) -> Option<jiff::tz::TimeZone> {
+        time_zone(&self.time_zone)
+    }
+
     /// Robot and start time from the file name `file_name`, given without folder.
     ///
     /// The pattern is tried on the name without the endings `.csv`, `.gz` and `.zst`, then with

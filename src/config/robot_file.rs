@@ -1,9 +1,10 @@
 //! Descriptions of arms: `config/robots/*.toml` to [`Robot`].
 
+use crate::config::chain::Chain;
 use std::path::Path;
 
-use super::daemon_file::ReadText;
 use super::files;
+use super::files::ReadText;
 use super::friction_model;
 use super::geometry::{self, Convention};
 use super::joint;
@@ -52,12 +53,6 @@ pub(super) fn parse_robot_with(
 ) -> Result<Robot, ConfigErrors> {
     let folder = Path::new(file_name).parent().unwrap_or(Path::new("")).to_owned();
     read_document(file_name, text, |root| read_root(root, &folder, read_text))
-}
-
-/// The chain: joints, and the frame at its end in the frame of the last joint.
-pub(super) struct Chain {
-    pub joints: Vec<Joint>,
-    pub end: Transform,
 }
 
 fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Option<Robot> {

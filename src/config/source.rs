@@ -4,10 +4,10 @@ use std::ffi::OsStr;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use super::Config;
 use super::daemon_file;
 use super::files;
 use super::problem::ConfigErrors;
+use super::settings::Config;
 use crate::robot::Robot;
 
 /// Environment variable that names the configuration file.

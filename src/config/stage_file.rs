@@ -1,9 +1,10 @@
 //! The section `[stage]` of a layout.
 
-use super::layout_file::ColumnNames;
+use super::column::Column;
+use super::column_names::ColumnNames;
 use super::limits::Limits;
 use super::reader::{Table, Value};
-use super::{Column, OneHot, StageLevels, StageSignal, StageSource, StageWords};
+use super::stage_source::{OneHot, StageLevels, StageSignal, StageSource, StageWords};
 use crate::numerics::segment::stages::{LevelSettings, Schedule};
 use crate::run::Stage;
 
@@ -240,11 +241,12 @@ fn read_named(value: &Value<'_>) -> Option<Stage> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Layout, parse_layout};
+    use crate::config::layout::Layout;
+    use crate::config::layout_file::parse_layout;
 
     const NATIVE: &str = include_str!("../../config/exports/native.toml");
 
-    fn with_stage(section: &str) -> Result<Layout, crate::config::ConfigErrors> {
+    fn with_stage(section: &str) -> Result<Layout, crate::config::problem::ConfigErrors> {
         let start = NATIVE.find("[stage]").expect("a section");
         let end = NATIVE.find("# Columns that are used if").expect("what follows");
         parse_layout("layout.toml", &format!("{}[stage]\n{section}\n{}", &NATIVE[..start], &NATIVE[end..]))

@@ -1,6 +1,6 @@
 //! Where the stage of a row comes from, as a layout says it.
 
-use super::layout::Column;
+use super::column::Column;
 use crate::numerics::segment::stages::{LevelSettings, Schedule, StageRule};
 use crate::run::{RunKind, Stage};
 

@@ -3,8 +3,10 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use super::{Config, FleetEntry, JointDelays, Layout, ServeSettings};
 use crate::analysis::finding::FindingKind;
+use crate::config::layout::{JointDelays, Layout};
+use crate::config::serve::ServeSettings;
+use crate::config::settings::{Config, FleetEntry};
 use crate::robot::{JointKind, Robot, TorqueSensors};
 
 /// What was read and which settings are in force, with units, one topic a paragraph.

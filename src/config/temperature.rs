@@ -1,7 +1,7 @@
 //! Columns of temperatures: of each joint's motor and of the hall.
 
-use super::layout::{Column, JointColumns};
-use super::layout_file::ColumnNames;
+use super::column::{Column, JointColumns};
+use super::column_names::ColumnNames;
 use super::reader::Table;
 use crate::run::temperature::ZERO_CELSIUS;
 
@@ -97,7 +97,7 @@ fn read_unit(table: &Table<'_>) -> Option<TemperatureUnit> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::parse_layout;
+    use crate::config::layout_file::parse_layout;
 
     const NATIVE: &str = include_str!("../../config/exports/native.toml");
 

@@ -147,7 +147,7 @@ fn read_comment(value: &Value<'_>) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::parse_layout;
+    use crate::config::layout_file::parse_layout;
 
     const NATIVE: &str = include_str!("../../config/exports/native.toml");
 

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use super::daemon_file::ReadText;
+use super::chain::Chain;
+use super::files::ReadText;
 use super::joint;
 use super::joint::{Drive, check_low_speed, check_range, read_drive, read_gear_ratio};
 use super::nominal;
 use super::problem::ConfigErrors;
 use super::quantity::{ACCELERATION, POSITION, VELOCITY, quantity};
 use super::reader::{Table, Value};
-use super::robot_file::Chain;
 use super::transmission::GivenTransmission;
 use super::urdf::{self, UrdfJoint};
 use crate::robot::{FrictionModel, Joint, JointLimits, MAX_JOINTS, NominalJoint, WarmUpShape};

@@ -6,7 +6,7 @@ use std::fmt::Write;
 use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
 
-use super::parse_robot;
+use super::robot_file::parse_robot;
 use super::robot_file::parse_robot_with;
 use super::urdf::read_chain;
 use crate::numerics::model::base_parameters::base_parameters;

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::WorkLimits;
 use super::reader::{Table, Value};
+use super::settings::WorkLimits;
 
 /// Most exports of either size at once: each takes the memory of about three cycles, and two analyses at a
 /// time are all that two cores do.

@@ -8,7 +8,8 @@ use tokio_util::sync::CancellationToken;
 use crate::ingest::archive::{Archived, archive};
 use crate::ingest::source::path_text;
 use crate::ingest::watch;
-use crate::pipeline::{Outcome, Pipeline, PipelineError, Retry, intake};
+use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
+use crate::pipeline::intake;
 use crate::run::RunStatus;
 use crate::store::SourceState;
 

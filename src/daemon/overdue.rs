@@ -14,7 +14,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::Event;
 use crate::alert;
-use crate::pipeline::Outcome;
+use crate::pipeline::context::Outcome;
 use crate::store::{Store, StoreError};
 
 /// Time between two looks: small beside the shortest interval of tests, and one query of a small table.

@@ -5,8 +5,9 @@
 //! one run or after many: a backlog of a thousand exports is not judged a thousand times. The database knows
 //! which robots wait for it, so that nothing is forgotten if the program ends in between.
 
+use super::context::{Pipeline, PipelineError};
 use super::friction::FrictionHistory;
-use super::{Pipeline, PipelineError, production};
+use super::production;
 use crate::anomaly::RunSummary;
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::detect::production::detect_production;

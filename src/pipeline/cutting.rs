@@ -3,8 +3,8 @@
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
+use super::admitted::Intake;
 use super::cycles::RowCutter;
-use super::intake::Intake;
 use super::resume::{self, Places};
 use crate::ingest::csv::Chunk;
 use crate::ingest::fingerprint::RunningHash;

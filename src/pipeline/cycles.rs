@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::resume::ResumePoint;
+use super::resume_point::ResumePoint;
 use crate::config::Layout;
 use crate::ingest::csv::{ExportReader, ReadOptions};
 use crate::ingest::fingerprint;

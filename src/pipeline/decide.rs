@@ -6,7 +6,7 @@ use crate::ingest::fingerprint;
 use crate::run::{ContentPrefix, RunStatus};
 use crate::store::KnownRun;
 
-use super::Retry;
+use super::context::Retry;
 
 /// An earlier run, compared with the file at hand.
 #[derive(Debug, Clone, PartialEq, Eq)]

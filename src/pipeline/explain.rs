@@ -7,11 +7,12 @@ use std::time::SystemTime;
 
 use jiff::Timestamp;
 
+use super::context::{Pipeline, PipelineError, Retry};
 use super::cycles::RowCutter;
 use super::decide::{self, Decision, Start};
 use super::intake::{self, Recognised};
 use super::production::{Work, work_alone};
-use super::{Pipeline, PipelineError, Retry, record};
+use super::record;
 use crate::analysis::{CycleAnalysis, CycleFactors};
 use crate::config::{Config, FleetEntry, Layout};
 use crate::ingest::csv::{ExportReader, LeftOut, ReadOptions};

@@ -13,10 +13,13 @@ use tokio::runtime::Handle;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
+use super::admitted::Intake;
+use super::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::decide::{self, Decision};
-use super::intake::{self, Intake, Recognised};
-use super::{EndsRejected, Lane, Outcome, Pipeline, PipelineError, Progress, Retry, record, resume};
+use super::intake;
+use super::intake::Recognised;
+use super::{EndsRejected, Lane, record, resume};
 use crate::config::FleetEntry;
 use crate::ingest::blocks::Passed;
 use crate::ingest::csv::{ExportReader, ReadOptions, Step};

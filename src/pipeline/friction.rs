@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::PipelineError;
+use super::context::PipelineError;
 use crate::analysis::FrictionPoint;
 use crate::numerics::friction::index::{RobotFriction, robot_friction};
 use crate::numerics::friction::over_speed::friction_over_speed;

@@ -1,6 +1,8 @@
 //! From a path to cycles: recognition, ledger check, reading.
 
-use std::path::{Path, PathBuf};
+use super::admitted::Intake;
+use crate::pipeline::admitted::UNKNOWN_ROBOT;
+use std::path::Path;
 use std::sync::Arc;
 
 use jiff::Timestamp;
@@ -8,11 +10,12 @@ use jiff::tz::TimeZone;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
+use super::context::{Outcome, Pipeline, PipelineError, Retry};
 use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::decide::{self, Compared, Decision, Facts, Start, Unfinished};
-use super::resume::{self, ResumePoint};
-use super::{Outcome, Pipeline, PipelineError, Retry, record};
-use crate::config::{Config, FleetEntry, Layout, WorkLimits};
+use super::record;
+use super::resume;
+use crate::config::{Config, FleetEntry};
 use crate::ingest::archive::original_name;
 use crate::ingest::blocks::Passed;
 use crate::ingest::csv::{ExportReader, ReadOptions};
@@ -20,37 +23,8 @@ use crate::ingest::fingerprint::{self, fingerprint};
 use crate::ingest::rejection::Rejection;
 use crate::ingest::source;
 use crate::ingest::start;
-use crate::robot::Robot;
 use crate::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
 use crate::store::{Beginning, EarlierRun, Identity, KnownRun, Recording, SourceState};
-
-/// Robot name of an export that names none.
-pub(super) const UNKNOWN_ROBOT: &str = "unknown";
-
-/// An export that was let in.
-#[derive(Debug, Clone)]
-pub struct Intake {
-    /// Where it lies.
-    pub path: PathBuf,
-    /// Its row in the ledger.
-    pub run_id: i64,
-    /// What is known of it.
-    pub header: RunHeader,
-    /// The arm that made it.
-    pub robot: Arc<Robot>,
-    /// Its layout.
-    pub layout: Arc<Layout>,
-    /// Whether its name says the start of the recording.
-    pub named_start: bool,
-    /// Cycles stored by an earlier attempt.
-    pub cycles_stored: u32,
-    /// Where reading goes on behind some of them, if not at the start.
-    pub resume: Option<ResumePoint>,
-    /// What decides its cycles besides its bytes.
-    pub made_with: ContentHash,
-    /// What reading it may take.
-    pub limits: WorkLimits,
-}
 
 /// Whether an export needs reading.
 #[derive(Debug)]

@@ -4,7 +4,7 @@
 use tokio::task::JoinError;
 
 use super::conclude::Concluded;
-use super::{Pipeline, PipelineError};
+use super::context::{Pipeline, PipelineError};
 use crate::store::StoreError;
 
 /// What came of drawing conclusions.

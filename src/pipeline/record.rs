@@ -5,9 +5,10 @@ use std::time::Duration;
 use jiff::Timestamp;
 use tokio::sync::mpsc;
 
+use super::admitted::{Intake, UNKNOWN_ROBOT};
+use super::context::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun};
 use super::cutting::ReadTotals;
-use super::intake::{Intake, UNKNOWN_ROBOT};
-use super::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun, friction};
+use super::friction;
 use crate::analysis::{FrictionPoint, RunAnalysis};
 use crate::ingest::excerpt;
 use crate::ingest::rejection::Rejection;

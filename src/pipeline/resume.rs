@@ -6,13 +6,14 @@
 //! out once their stage is known. What is written down is checked when it is read: a point of another version, of
 //! another layout or description, or with a byte changed is none, and the export is read from its start.
 
+use crate::pipeline::resume_point::ResumePoint;
 use std::collections::VecDeque;
 
 use tokio_util::sync::CancellationToken;
 
+use super::admitted::Intake;
+use super::context::{Pipeline, PipelineError};
 use super::cycles::{RowCutter, SAMPLE_RATE_ROWS};
-use super::intake::Intake;
-use super::{Pipeline, PipelineError};
 use crate::config::{Layout, WorkLimits};
 use crate::ingest::blocks::Passed;
 use crate::ingest::cell::Decimal;
@@ -33,21 +34,6 @@ const VERSION: u64 = 2;
 
 /// Bytes of the hash behind the others.
 const CHECK_BYTES: usize = 32;
-
-/// Where reading goes on.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ResumePoint {
-    /// Where the reader stood before a block of rows.
-    pub place: Place,
-    /// What the finder of stages knew there.
-    pub stages: FinderState,
-    /// Where the cutter stood behind its last cut, in that block or at its start.
-    pub cutter: CutterState,
-    /// Rows per second of the first rows, Hz.
-    pub sample_rate: f64,
-    /// Hash of the first rows.
-    pub first_rows: ContentHash,
-}
 
 /// The blocks of rows that the next cut may lie in, each with what was known before it.
 #[derive(Debug, Default)]
@@ -360,6 +346,7 @@ impl Reader<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pipeline::resume_point::ResumePoint;
 
     #[test]
     fn a_point_comes_back_bit_by_bit_and_one_of_another_version_is_none() {

@@ -7,9 +7,12 @@ use proptest::prelude::*;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
+use super::admitted::Intake;
 use super::cutting::{CutCycle, ReadEnd};
-use super::intake::{self, Intake, header};
-use super::resume::{ResumePoint, decoded, encoded, settings_hash};
+use super::intake;
+use super::intake::header;
+use super::resume::{decoded, encoded, settings_hash};
+use super::resume_point::ResumePoint;
 use crate::config::{Layout, WorkLimits, parse_layout};
 use crate::ingest::csv::{Place, ReadOptions};
 use crate::ingest::fingerprint::fingerprint;

@@ -8,9 +8,9 @@
 
 use tokio_util::sync::CancellationToken;
 
+use super::context::{Pipeline, PipelineError};
 use super::record::as_results;
 use super::stored::independent_shares;
-use super::{Pipeline, PipelineError};
 use crate::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
 use crate::numerics::NumericsError;
 use crate::numerics::analyse::RunResults;

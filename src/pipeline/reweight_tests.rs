@@ -6,8 +6,8 @@ use std::sync::Arc;
 use sqlx::{AssertSqlSafe, Connection, SqliteConnection};
 use tokio_util::sync::CancellationToken;
 
+use super::context::{Outcome, Pipeline, Retry};
 use super::reweight::Reweighted;
-use super::{Outcome, Pipeline, Retry};
 use crate::analysis::Estimator;
 use crate::config::Config;
 use crate::simulate::{SimulationSettings, simulate_run};

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use tokio_util::sync::CancellationToken;
 
+use super::context::{Outcome, Pipeline, Retry};
 use super::stored::{Candidate, Chosen, cross_verification, rmsd_on, unit_identification};
-use super::{Outcome, Pipeline, Retry};
 use crate::analysis::Estimator;
 use crate::config::Config;
 use crate::ingest::csv::{ExportReader, ReadOptions};

@@ -118,20 +118,6 @@ pub const ESTIMATED: usize = 1;
 /// Colour of the difference.
 pub const RESIDUAL: usize = 2;
 
-impl Figure {
-    /// The picture as an SVG file that needs no other file and follows the reader's light or dark setting.
-    #[must_use]
-    pub fn svg(&self) -> String {
-        super::svg::document(self)
-    }
-
-    /// The picture on an HTML page that needs no other file.
-    #[must_use]
-    pub fn html(&self) -> String {
-        super::svg::page(self)
-    }
-}
-
 /// Smallest and largest finite value; `None` without any.
 #[must_use]
 pub fn extent(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {

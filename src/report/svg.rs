@@ -28,8 +28,22 @@ const MARGIN: f64 = 0.05;
 /// The same of a horizontal axis without bands.
 const X_MARGIN: f64 = 0.02;
 
+impl Figure {
+    /// The picture as an SVG file that needs no other file and follows the reader's light or dark setting.
+    #[must_use]
+    pub fn svg(&self) -> String {
+        document(self)
+    }
+
+    /// The picture on an HTML page that needs no other file.
+    #[must_use]
+    pub fn html(&self) -> String {
+        page(self)
+    }
+}
+
 /// The whole picture.
-pub(super) fn document(figure: &Figure) -> String {
+fn document(figure: &Figure) -> String {
     let columns = figure.columns.max(1);
     let rows = figure.panels.len().div_ceil(columns);
     let (legend, legend_height) = legend(&figure.legend);
@@ -62,7 +76,7 @@ pub(super) fn document(figure: &Figure) -> String {
 }
 
 /// The picture on a page of its own.
-pub(super) fn page(figure: &Figure) -> String {
+fn page(figure: &Figure) -> String {
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width\">\n<title>{}</title>\n\

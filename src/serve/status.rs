@@ -1,5 +1,6 @@
 //! What became of an export, and whether the program lives.
 
+use crate::serve::shared::Readiness;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -9,8 +10,8 @@ use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Value, json};
 
-use super::Shared;
 use super::answer::Refusal;
+use super::shared::Shared;
 use crate::run::ContentHash;
 
 /// `GET /v1/exports/HASH`: status, cycles and, where there is one, the reason.
@@ -45,14 +46,6 @@ pub async fn health() -> Json<Value> {
 
 /// How long an answer to [`ready`] holds: who asks in a loop, without a token, costs next to nothing.
 const READY_HOLDS: Duration = Duration::from_secs(1);
-
-/// What the last look said, and when it was.
-#[derive(Debug, Clone, Copy)]
-pub struct Readiness {
-    at: Instant,
-    database: bool,
-    spool: bool,
-}
 
 /// `GET /ready`: the database answers and uploads can be written.
 pub async fn ready(State(shared): State<Arc<Shared>>) -> Response {

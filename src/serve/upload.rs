@@ -3,10 +3,11 @@
 //! An upload is told apart by its name and, where the client says it, its content. Sent again it does no harm:
 //! a content that is there or stored already is not taken twice.
 
-use std::collections::VecDeque;
+use super::shared::Uploads;
+use crate::serve::shared::CLEANING_INTERVAL;
 use std::path;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant, SystemTime};
+use std::sync::Arc;
+use std::time::{Instant, SystemTime};
 
 use axum::Json;
 use axum::body::Body;
@@ -15,15 +16,13 @@ use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde_json::json;
-use tokio::sync::{Semaphore, watch};
 
-use super::Shared;
 use super::answer::{Refusal, UPLOAD_COMPLETE, UPLOAD_OFFSET};
 use super::part::Part;
 use super::receive::{Bounds, SLOW_START, of_disk, receive};
-use super::spool::{Claim, MOST_PARTIALS, Spool};
+use super::shared::Shared;
+use super::spool::{Claim, MOST_PARTIALS};
 use super::status::content_hash;
-use crate::config::{Config, UploadSettings};
 use crate::ingest::source::is_export;
 use crate::run::{ContentHash, RunStatus};
 use crate::store::Store;
@@ -33,12 +32,6 @@ const CONTENT_BLAKE3: HeaderName = HeaderName::from_static("x-content-blake3");
 
 /// Longest file name of usual file systems, bytes.
 const LONGEST_NAME: usize = 255;
-
-/// Contents remembered until the ledger knows them, so that a client can ask at once.
-const REMEMBERED: usize = 1024;
-
-/// Time between two looks for uploads that nobody goes on with.
-const CLEANING_INTERVAL: Duration = Duration::from_secs(3600);
 
 /// Media types of exports; `octet-stream` says nothing, and so does a form, which `curl` claims by default.
 const MEDIA_TYPES: [&str; 9] = [
@@ -52,53 +45,6 @@ const MEDIA_TYPES: [&str; 9] = [
     "binary/octet-stream",
     "application/x-www-form-urlencoded",
 ];
-
-/// What uploads share.
-#[derive(Debug)]
-pub struct Uploads {
-    settings: UploadSettings,
-    spool: Spool,
-    /// As it is in force now.
-    config: watch::Receiver<Arc<Config>>,
-    places: Semaphore,
-    /// Held while a whole upload gets its name, so that of two under one name the second sees the first.
-    placing: tokio::sync::Mutex<()>,
-    waiting: Mutex<VecDeque<ContentHash>>,
-}
-
-impl Uploads {
-    /// Uploads into `spool` of robots that `config` knows.
-    pub fn new(settings: UploadSettings, spool: Spool, config: watch::Receiver<Arc<Config>>) -> Self {
-        let places = Semaphore::new(settings.at_once);
-        Self {
-            settings,
-            spool,
-            config,
-            places,
-            placing: tokio::sync::Mutex::default(),
-            waiting: Mutex::default(),
-        }
-    }
-
-    /// Whether a content was taken that the ledger may not know yet.
-    pub fn is_waiting(&self, hash: &ContentHash) -> bool {
-        self.waiting.lock().unwrap_or_else(PoisonError::into_inner).contains(hash)
-    }
-
-    /// Whether the spool can be written to.
-    pub async fn is_writable(&self) -> bool {
-        let spool = self.spool.clone();
-        matches!(tokio::task::spawn_blocking(move || spool.probe()).await, Ok(Ok(())))
-    }
-
-    fn remember(&self, hash: ContentHash) {
-        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
-        if waiting.len() >= REMEMBERED {
-            waiting.pop_front();
-        }
-        waiting.push_back(hash);
-    }
-}
 
 /// `?supersede=true`: the content takes the place of another one under the same name.
 #[derive(Debug, Clone, Copy, Default, serde::Deserialize)]

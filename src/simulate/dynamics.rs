@@ -6,7 +6,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::SimulateError;
+use super::error::SimulateError;
 use super::load::{Body, Load};
 use super::motion::MotionState;
 use crate::robot::{JointIndex, JointKind, MAX_JOINTS, Robot, StandardParameters, Transform};

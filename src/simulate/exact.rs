@@ -7,8 +7,8 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::SimulateError;
 use super::dynamics::{joint_torque, rigid_chain};
+use super::error::SimulateError;
 use super::recording::SensorSettings;
 use super::trajectory::{PlanSettings, plan_cycle};
 use crate::robot::{JointIndex, Robot};

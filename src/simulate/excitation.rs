@@ -4,7 +4,7 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::SimulateError;
+use super::error::SimulateError;
 use super::motion::{Motion, MotionState, state_at};
 use crate::robot::{FourierExcitation, JointLimits, Robot};
 

@@ -9,9 +9,9 @@ use flate2::write::GzEncoder;
 
 use super::fixed_point::{push_fixed, push_whole};
 use super::format::ExportFormat;
-use super::heat::TemperatureColumns;
 use super::motion::PerJoint;
 use super::recording::Row;
+use super::temperatures::TemperatureColumns;
 use crate::run::Stage;
 use crate::run::temperature::ZERO_CELSIUS;
 

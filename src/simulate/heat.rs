@@ -12,11 +12,10 @@ use super::dynamics::joint_torque;
 use super::friction::friction_torque;
 use super::motion::PerJoint;
 use super::recording::Recording;
+use super::temperatures::{TemperatureSettings, USUAL_AMBIENT};
 use crate::robot::MAX_JOINTS;
 use crate::run::temperature::ZERO_CELSIUS;
 
-/// The usual hall, K.
-pub const USUAL_AMBIENT: f64 = ZERO_CELSIUS + 22.0;
 /// Rise of the motor over its housing, and of the housing over the hall, in endless usual motion, K.
 const MOTOR_RISE: f64 = 12.0;
 const HOUSING_RISE: f64 = 18.0;
@@ -30,43 +29,6 @@ const PLAN_STEP_S: f64 = 0.2;
 const BEFORE_STEP_S: f64 = 5.0;
 /// Stream of the sensors' noise: far from those of other channels, which keep their bytes with sensors or without.
 const SENSOR_STREAM: u64 = 1 << 40;
-
-/// Which temperatures are recorded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct TemperatureColumns {
-    /// Of each joint's motor.
-    pub motor: bool,
-    /// Of the hall.
-    pub ambient: bool,
-}
-
-impl TemperatureColumns {
-    /// Number of columns for `joint_count` joints.
-    #[must_use]
-    pub fn count(self, joint_count: usize) -> usize {
-        if self.motor { joint_count + usize::from(self.ambient) } else { usize::from(self.ambient) }
-    }
-}
-
-/// What a controller records of temperatures, and how.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TemperatureSettings {
-    /// Which.
-    pub columns: TemperatureColumns,
-    /// Step of the values, K: drives round to 0.1 or 1.
-    pub step_k: f64,
-    /// Standard deviation of a reading before it is rounded, K.
-    pub noise_k: f64,
-    /// Time constant between motor and housing, s: how far the sensor is behind the gear.
-    pub lag_s: f64,
-}
-
-impl Default for TemperatureSettings {
-    /// Nothing recorded; sensors to 0.1 K with as much noise, ten minutes behind the housing.
-    fn default() -> Self {
-        Self { columns: TemperatureColumns::default(), step_k: 0.1, noise_k: 0.1, lag_s: 600.0 }
-    }
-}
 
 /// A joint as two masses. Losses and conductances are relative: the usual copper loss is 1, and so is the usual
 /// friction.

@@ -1,19 +1,14 @@
 //! A run row by row: what the arm does, and what its controller would record of it.
 
-use rand::{Rng, SeedableRng};
+use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::dynamics::{RigidChain, joint_torque};
-use super::friction::{
-    JointFriction, ThermalState, coefficients_at, friction_torque_at, ripple_torque, thermal_multiplier,
-    turned_along,
-};
-use super::heat::{Heat, Reading, TemperatureSettings, friction_power};
-use super::motion::{Motion, MotionState, PerJoint};
-use super::trajectory::{CyclePlan, Segment};
-use super::truth::{CycleTruth, FrictionLevelTruth, JointThermalTruth};
-use crate::robot::{FRICTION_COUNT, MAX_JOINTS};
+use super::dynamics::RigidChain;
+use super::friction::{JointFriction, ThermalState};
+use super::motion::PerJoint;
+use super::temperatures::TemperatureSettings;
+use super::trajectory::CyclePlan;
 use crate::run::{FrictionSignal, Stage};
 
 /// What the position and velocity signals add to the motion: rad and rad/s (m and m/s).
@@ -49,12 +44,9 @@ pub enum Clock {
     Jittering(f64),
 }
 
-/// Noise of the clock is drawn from streams of its own, so that it changes no other.
-const CLOCK_STREAM: u64 = 1 << 40;
-
 impl Clock {
     /// How much row `row` is late, s, where the mean step is `step`.
-    fn delay(self, row: u64, step: f64, rng: &mut ChaCha8Rng) -> f64 {
+    pub(super) fn delay(self, row: u64, step: f64, rng: &mut ChaCha8Rng) -> f64 {
         let steps = match self {
             Self::Even => return 0.0,
             // the step before an odd row is longer by `part`, the one behind it shorter
@@ -132,219 +124,4 @@ impl Recording {
     pub fn rows(&self) -> u64 {
         u64::from(self.rows_per_cycle()) * u64::from(self.cycles)
     }
-}
-
-/// Hands each row of the run to `sink` and returns the truth behind it, cycle by cycle.
-///
-/// `seed` and `stream` choose the noise.
-///
-/// # Errors
-/// The first error of `sink`.
-pub fn record<E>(
-    recording: &Recording,
-    seed: u64,
-    stream: u64,
-    mut sink: impl FnMut(&Row) -> Result<(), E>,
-) -> Result<Vec<CycleTruth>, E> {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    rng.set_stream(stream);
-    let rows_per_cycle = recording.rows_per_cycle();
-    let mut truths = Vec::new();
-    let sensors = recording.temperatures;
-    let recorded = sensors.columns.motor || sensors.columns.ambient;
-    let mut heat = recorded.then(|| Heat::new(recording, sensors, seed, stream));
-    let dt = recording.sample_rate_hz.recip();
-    let mut clock_rng = ChaCha8Rng::seed_from_u64(seed);
-    clock_rng.set_stream(CLOCK_STREAM + stream);
-    let mut gears = Gears::default();
-    for cycle in 1..=recording.cycles {
-        let first = u64::from(cycle - 1) * u64::from(rows_per_cycle);
-        let start_s = first as f64 / recording.sample_rate_hz;
-        let mut tally = Tally::new(&recording.plan);
-        for k in 0..rows_per_cycle {
-            // a cycle begins with its first row
-            let earliest = if k == 0 { 0.0 } else { -dt };
-            let late = recording.clock.delay(first + u64::from(k), dt, &mut clock_rng).max(earliest);
-            let t = f64::from(k) / recording.sample_rate_hz + late;
-            let segment = tally.segment_at(&recording.plan, t);
-            let state = segment.state_at(t);
-            let time = (first + u64::from(k)) as f64 / recording.sample_rate_hz + late;
-            let turned = gears.turn(recording, &state);
-            let (torque, lost) = true_torque(recording, (&state, &turned), time, segment, t, &mut tally);
-            let row = measured(recording, &mut rng, time, cycle, segment, &state, torque);
-            let reading = heat
-                .as_mut()
-                .map(|heat| heat.step(time, dt, &torque, &friction_power(&lost, &state.velocity)));
-            let Reading { motor, ambient } = reading.unwrap_or_default();
-            sink(&Row { motor_temperature: motor, ambient_temperature: ambient, ..row })?;
-        }
-        truths.push(tally.into_truth(recording, cycle, start_s));
-    }
-    Ok(truths)
-}
-
-/// Torque at each joint, and the part of it that the gears lose; plateau friction is tallied on the way.
-fn true_torque(
-    recording: &Recording,
-    (state, turned): (&MotionState, &PerJoint),
-    time: f64,
-    segment: &Segment,
-    t: f64,
-    tally: &mut Tally,
-) -> (PerJoint, PerJoint) {
-    let thermal = thermal_at(recording, time);
-    let plateau = match &segment.motion {
-        Motion::Plateaus(p) => p.plateau_direction(t - segment.start).map(|direction| (p.joint, direction)),
-        _ => None,
-    };
-    let mut torque = joint_torque(&recording.chain, state);
-    let mut all_lost = [0.0; MAX_JOINTS];
-    for (j, friction) in recording.friction.iter().enumerate() {
-        let (q, qd) = (state.position[j], state.velocity[j]);
-        let lost = friction_torque_at(friction, &coefficients_at(friction, thermal), qd, turned[j]);
-        torque[j] += lost + ripple_torque(friction, q, qd);
-        all_lost[j] = lost;
-        if let Some((joint, direction)) = plateau
-            && joint == j
-        {
-            tally.add(time, direction, qd.abs(), lost);
-        }
-    }
-    (torque, all_lost)
-}
-
-/// What the gears remember from row to row: how far their Coulomb friction has turned over.
-#[derive(Debug, Default)]
-struct Gears {
-    /// Positions of the row before.
-    position: Option<PerJoint>,
-    turned: PerJoint,
-}
-
-impl Gears {
-    /// Takes the motion of the next row and returns the part of each joint's Coulomb friction, -1 to 1.
-    fn turn(&mut self, recording: &Recording, state: &MotionState) -> PerJoint {
-        let before = self.position.replace(state.position).unwrap_or(state.position);
-        for (j, friction) in recording.friction.iter().enumerate() {
-            let dq = state.position[j] - before[j];
-            self.turned[j] = turned_along(friction, self.turned[j], dq, state.velocity[j]);
-        }
-        self.turned
-    }
-}
-
-fn thermal_at(recording: &Recording, time: f64) -> ThermalState {
-    ThermalState { seconds: recording.initial.seconds + time, ..recording.initial }
-}
-
-fn measured(
-    recording: &Recording,
-    rng: &mut ChaCha8Rng,
-    time: f64,
-    cycle: u32,
-    segment: &Segment,
-    state: &MotionState,
-    mut torque: PerJoint,
-) -> Row {
-    let sensors = &recording.sensors;
-    let (mut position, mut velocity) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
-    for (j, noise) in recording.torque_noise.iter().enumerate() {
-        let [p, v, t]: [f64; 3] =
-            [rng.sample(StandardNormal), rng.sample(StandardNormal), rng.sample(StandardNormal)];
-        position[j] = stepped(state.position[j] + sensors.position_noise * p, sensors.position_step);
-        velocity[j] = stepped(state.velocity[j] + sensors.velocity_noise * v, sensors.velocity_step);
-        torque[j] += noise * t;
-    }
-    Row {
-        time,
-        position,
-        velocity,
-        torque,
-        stage: segment.stage,
-        cycle,
-        signal: segment.signal,
-        motor_temperature: [0.0; MAX_JOINTS],
-        ambient_temperature: 0.0,
-    }
-}
-
-fn stepped(value: f64, step: f64) -> f64 {
-    if step > 0.0 { (value / step).round() * step } else { value }
-}
-
-/// Sums over the plateaus of one cycle, and where in the plan the rows are.
-struct Tally {
-    current: usize,
-    /// One entry a friction segment of the plan, by its index in the plan.
-    levels: Vec<(usize, LevelSums)>,
-}
-
-#[derive(Default)]
-struct LevelSums {
-    rows: u32,
-    time: f64,
-    speed: f64,
-    /// Rows and sum of friction, downwards and upwards.
-    direction: [(u32, f64); 2],
-}
-
-impl Tally {
-    fn new(plan: &CyclePlan) -> Self {
-        let friction = plan.segments.iter().enumerate().filter(|(_, s)| s.signal.is_some());
-        Self { current: 0, levels: friction.map(|(i, _)| (i, LevelSums::default())).collect() }
-    }
-
-    /// The segment at `t`; times may only rise. The last one holds after its end.
-    fn segment_at<'p>(&mut self, plan: &'p CyclePlan, t: f64) -> &'p Segment {
-        while self.current + 1 < plan.segments.len() && t >= plan.segments[self.current + 1].start {
-            self.current += 1;
-        }
-        &plan.segments[self.current]
-    }
-
-    fn add(&mut self, time: f64, direction: i8, speed: f64, friction: f64) {
-        if let Ok(at) = self.levels.binary_search_by_key(&self.current, |(segment, _)| *segment) {
-            let sums = &mut self.levels[at].1;
-            sums.rows += 1;
-            sums.time += time;
-            sums.speed += speed;
-            let (rows, sum) = &mut sums.direction[usize::from(direction > 0)];
-            *rows += 1;
-            *sum += friction;
-        }
-    }
-
-    fn into_truth(self, recording: &Recording, cycle: u32, start_s: f64) -> CycleTruth {
-        let thermal = thermal_at(recording, start_s);
-        let joints = recording.friction.iter().map(|friction| thermal_truth(friction, thermal)).collect();
-        let friction_levels = self
-            .levels
-            .iter()
-            .filter_map(|(segment, sums)| level_truth(&recording.plan.segments[*segment], sums))
-            .collect();
-        CycleTruth { cycle, start_s, joints, friction_levels }
-    }
-}
-
-fn thermal_truth(friction: &JointFriction, thermal: ThermalState) -> JointThermalTruth {
-    let coefficients: [f64; FRICTION_COUNT] = coefficients_at(friction, thermal);
-    JointThermalTruth {
-        multiplier: thermal_multiplier(&friction.warm_up, thermal),
-        friction_f1_f4: coefficients,
-    }
-}
-
-fn level_truth(segment: &Segment, sums: &LevelSums) -> Option<FrictionLevelTruth> {
-    let signal = segment.signal?;
-    let mean = |sum: f64, rows: u32| (rows > 0).then(|| sum / f64::from(rows));
-    let [(rows_down, down), (rows_up, up)] = sums.direction;
-    Some(FrictionLevelTruth {
-        joint: signal.joint.number(),
-        level: signal.level,
-        minute: mean(sums.time, sums.rows).map(|s| s / 60.0),
-        speed_rad_s: mean(sums.speed, sums.rows),
-        rows: sums.rows,
-        torque_positive_nm: mean(up, rows_up),
-        torque_negative_nm: mean(down, rows_down),
-    })
 }

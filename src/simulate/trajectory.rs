@@ -3,7 +3,7 @@
 //! Rest, excitation (Fourier series, then full speed over the range), friction joint by joint and
 //! level by level, warming, rest; moves between them belong to no stage.
 
-use super::SimulateError;
+use super::error::SimulateError;
 use super::excitation::fourier_excitation;
 use super::motion::{Motion, MotionState, PerJoint, Plateaus, RAMP_EDGE, Shuttle, Stroke, quintic, state_at};
 use crate::robot::{Joint, JointIndex, JointLimits, MAX_JOINTS, Robot};

@@ -1,5 +1,6 @@
 //! Results of one cycle: every row of it, or none.
 
+use crate::store::values::of_some_rows;
 use std::collections::{HashMap, HashSet};
 
 use sqlx::sqlite::SqliteExecutor;
@@ -10,8 +11,7 @@ use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number, json_number
 use super::{factors, ledger, models, production, resume, temperatures};
 use crate::analysis::refusal::RefusalCause;
 use crate::analysis::{
-    CycleAnalysis, Estimator, FrictionPoint, Identification, IdentifiedParameter, JointResidual, Rmsd,
-    TorqueRmsd,
+    CycleAnalysis, Estimator, FrictionPoint, Identification, IdentifiedParameter, JointResidual, TorqueRmsd,
 };
 use crate::numerics::statistics::distributions::{LEVEL, half_width};
 use crate::robot::{ParameterId, Robot};
@@ -255,11 +255,6 @@ async fn insert_friction_points(
     .execute(executor)
     .await?;
     Ok(())
-}
-
-/// A deviation over no rows is unknown, not zero.
-pub(super) fn of_some_rows(rmsd: Rmsd, value: f64) -> Option<f64> {
-    if rmsd.samples == 0 { None } else { finite(value) }
 }
 
 /// Microseconds UTC, `seconds` after `start`. The cast saturates, and recordings last hours.

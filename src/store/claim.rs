@@ -4,7 +4,7 @@ use std::fs::{File, TryLockError};
 use std::io::Write;
 use std::path::Path;
 
-use super::StoreError;
+use super::error::StoreError;
 
 /// A daemon's claim on a database. The operating system releases it with the process, however that
 /// ends; the file beside the database, which holds the number of the process, stays.

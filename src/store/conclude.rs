@@ -8,7 +8,8 @@ use sqlx::sqlite::SqliteExecutor;
 use sqlx::{Sqlite, Transaction};
 
 use super::anomalies::{self, Reconciled};
-use super::{StoreError, conclusion_faults, friction, history, production, run_analysis};
+use super::error::StoreError;
+use super::{conclusion_faults, friction, history, production, run_analysis};
 use crate::analysis::{ProductionCheck, WarmUpFit};
 use crate::anomaly::{Findings, ProductionSummary, RunSummary};
 use crate::numerics::friction::index::RobotFriction;

@@ -3,8 +3,9 @@
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
+use super::error::StoreError;
+use super::handle::Store;
 use super::values::size;
-use super::{Store, StoreError};
 
 /// A robot of which nothing new is concluded.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -7,10 +7,12 @@ use std::sync::Arc;
 use sqlx::sqlite::SqliteExecutor;
 use sqlx::{Sqlite, SqliteConnection, Transaction};
 
+use super::error::StoreError;
+use super::handle::Store;
 use super::history::{self, RunMeasurements};
 use super::run_analysis::{self, JointDeviation};
 use super::values::{count, finite};
-use super::{Store, StoreError, analyses, models};
+use super::{analyses, models};
 use crate::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
 
 /// Why cycles keep their estimator that have no factors.

@@ -1,5 +1,6 @@
 //! Factors of a cycle's rows: written with the cycle, read for later identification.
 
+use crate::store::values::of_some_rows;
 use std::collections::HashMap;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
@@ -7,8 +8,8 @@ use std::sync::Arc;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
+use super::models;
 use super::values::{ROWS_PER_STATEMENT, count, joint, joint_number, named, size};
-use super::{analyses, models};
 use crate::analysis::{CycleFactors, Motion, RmsdPair, TorqueFactor, WarmingContrast};
 use crate::robot::{ParameterId, Robot};
 use crate::run::Stage;
@@ -113,8 +114,8 @@ pub(super) async fn record_contrast(
     .push_values(parts, |mut row, (joint, part, pair)| {
         row.push_bind(cycle_id).push_bind(joint).push_bind(part);
         for rmsd in [pair.all_rows, pair.moving_rows] {
-            row.push_bind(analyses::of_some_rows(rmsd, rmsd.value))
-                .push_bind(analyses::of_some_rows(rmsd, rmsd.relative))
+            row.push_bind(of_some_rows(rmsd, rmsd.value))
+                .push_bind(of_some_rows(rmsd, rmsd.relative))
                 .push_bind(count(rmsd.samples));
         }
     })

@@ -6,17 +6,18 @@ use std::sync::Arc;
 use jiff::Timestamp;
 use sqlx::{Sqlite, Transaction};
 
+use super::error::StoreError;
 use super::friction::{self, CycleSpeedFits};
 use super::history::{self, RunMeasurements};
 use super::ledger::{self, Owner, RunTotals};
-use super::{StoreError, identity, quarantine, run_analysis};
+use super::{identity, quarantine, run_analysis};
 use crate::analysis::RunAnalysis;
 use crate::run::{ContentHash, ContentPrefix};
 
 /// An open transaction that ends a run. Dropping it without [`commit`](Self::commit) leaves the
 /// database as it was. It holds the only writer: do slow work before opening it, with
-/// [`Store::run_measurements`](super::Store::run_measurements). What follows from the robot's history is
-/// concluded after it, see [`ConclusionTransaction`](super::ConclusionTransaction).
+/// [`Store::run_measurements`](super::handle::Store::run_measurements). What follows from the robot's history is
+/// concluded after it, see [`ConclusionTransaction`](super::conclude::ConclusionTransaction).
 #[derive(Debug)]
 pub struct FinishTransaction {
     pub(super) transaction: Transaction<'static, Sqlite>,

@@ -14,6 +14,7 @@ mod estimates;
 mod factors;
 mod finish;
 mod friction;
+mod handle;
 mod history;
 mod identity;
 mod intervals;
@@ -53,7 +54,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use sqlx::{Sqlite, SqlitePool, Transaction};
+use sqlx::{Sqlite, Transaction};
 
 pub use anomalies::Reconciled;
 pub use claim::DaemonClaim;
@@ -64,6 +65,7 @@ pub use estimates::{EstimateTransaction, NewEstimate, OtherEstimate};
 pub use factors::{FactorsWanted, StoredCycle, StoredModel};
 pub use finish::{FinishTransaction, Replaced};
 pub use friction::{CycleSpeedFits, FrictionRun, IndexRow, ThermalSourceRow};
+pub use handle::Store;
 pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use ledger::{Beginning, Begun, Identity, KnownRun, Owner, RunTotals};
 pub use models::ModelParameter;
@@ -87,16 +89,6 @@ use crate::anomaly::RunSummary;
 use crate::robot::{ParameterId, Robot};
 use crate::run::{ContentHash, FileId, RunHeader, RunKind};
 use analyses::Recorded;
-
-/// An open database. Clones share it.
-#[derive(Debug, Clone)]
-pub struct Store {
-    path: Arc<Path>,
-    writer: SqlitePool,
-    readers: SqlitePool,
-    /// A reader for questions about the database's health: it takes no turn of the others.
-    probe: SqlitePool,
-}
 
 /// Hash by which the database tells descriptions apart: what decides the meaning of base parameters, joint
 /// kinds, geometry, gravity, friction columns and couplings. Compare [`StoredModel::description_hash`].

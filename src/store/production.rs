@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
-use super::analyses::of_some_rows;
+use super::values::of_some_rows;
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, size, time};
 use crate::analysis::{
     Estimator, FrictionExcess, JointCheck, ProductionCheck, ProductionJoint, Rmsd, RmsdPair,

@@ -7,10 +7,11 @@ use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
+use super::error::StoreError;
+use super::handle::Store;
 use super::ledger::{find_run, insert_run, robot_id};
 use super::read::time_text;
 use super::values::{count, named, size};
-use super::{Store, StoreError};
 use crate::run::{RunHeader, RunStatus};
 
 /// What was found wrong in an export.

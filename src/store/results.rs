@@ -5,8 +5,9 @@ use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
 
 use super::anomalies::as_text;
+use super::error::StoreError;
+use super::handle::Store;
 use super::values::size;
-use super::{Store, StoreError};
 
 /// What a complete run came to.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -4,7 +4,10 @@ use jiff::{SignedDuration, Timestamp};
 use sqlx::{AssertSqlSafe, Row};
 use tempfile::TempDir;
 
-use super::{Fault, RunTotals, StaleRobot, Store};
+use super::conclude::StaleRobot;
+use super::handle::Store;
+use super::ledger::RunTotals;
+use super::quarantine::Fault;
 use crate::analysis::{
     CycleAnalysis, CycleFactors, CycleTemperatures, Decay, Estimate, Estimator, FastShown, FrictionPoint,
     GravityRemoval, Identification, IdentifiedParameter, JointResidual, JointSummary, ParameterStatistics,

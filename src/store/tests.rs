@@ -1,6 +1,6 @@
 //! The ledger and the results of cycles, against a real database.
 
-use super::StoreError;
+use super::error::StoreError;
 use super::test_support::*;
 use crate::numerics::statistics::distributions::half_width;
 use crate::robot::JointIndex;

@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
+use super::factors::FactorsWanted;
+use super::parameter_sets::{ParameterSet, SourceCycle};
 use super::test_support::*;
-use super::{FactorsWanted, ParameterSet, SourceCycle};
 use crate::analysis::{
     CycleAnalysis, CycleFactors, Motion, Rmsd, RmsdPair, RmsdScope, TorqueFactor, TorqueRmsd, WarmingContrast,
 };

@@ -2,8 +2,9 @@
 
 use sqlx::AssertSqlSafe;
 
+use super::error::StoreError;
+use super::read::HealthStatus;
 use super::test_support::*;
-use super::{HealthStatus, StoreError};
 use crate::analysis::friction::FrictionIndex;
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{CycleAnalysis, Estimate};
@@ -93,7 +94,7 @@ async fn a_whole_run_may_be_stored_from_a_spawned_task() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("fleet.db");
     let task = tokio::spawn(async move {
-        let store = super::Store::open(&path).await?;
+        let store = super::handle::Store::open(&path).await?;
         let run_id = store.begin_run(&header("R00", 0)).await?.run_id;
         store.describe_model(&er3a(), &[]).await?;
         store.record_cycle(run_id, &cycle(1), &er3a()).await?;
@@ -218,7 +219,7 @@ async fn anomalies_keep_their_number_and_acknowledgement() {
     let mut worse = drift.clone();
     (worse.severity, worse.score, worse.last_seen_at) = (Severity::Critical, 9.0, day(4));
     let same = reconcile(&store, run_id, vec![past.clone(), worse]).await;
-    assert_eq!(same, super::Reconciled::default());
+    assert_eq!(same, super::anomalies::Reconciled::default());
     assert_eq!(states(&store).await, ["acknowledged", "resolved"]);
     let row = &store.anomalies_after(0).await.expect("anomalies")[0];
     assert_eq!((row.anomaly_id, row.severity, row.score), (id, Severity::Critical, Some(9.0)));
@@ -517,10 +518,10 @@ async fn detectors_get_the_index_of_each_run_and_people_too() {
 }
 
 async fn reconcile(
-    store: &super::Store,
+    store: &super::handle::Store,
     run_id: i64,
     anomalies: Vec<crate::anomaly::Anomaly>,
-) -> super::Reconciled {
+) -> super::anomalies::Reconciled {
     let robot_id: i64 = sqlx::query_scalar("SELECT robot_id FROM run WHERE run_id = ?")
         .bind(run_id)
         .fetch_one(&store.readers)
@@ -532,11 +533,11 @@ async fn reconcile(
     outcome
 }
 
-async fn states(store: &super::Store) -> Vec<String> {
+async fn states(store: &super::handle::Store) -> Vec<String> {
     store.anomalies_after(0).await.expect("anomalies").into_iter().map(|row| row.state).collect()
 }
 
-async fn acknowledge(store: &super::Store, anomaly_id: i64) {
+async fn acknowledge(store: &super::handle::Store, anomaly_id: i64) {
     sqlx::query("UPDATE anomaly SET state = 'acknowledged' WHERE anomaly_id = ?")
         .bind(anomaly_id)
         .execute(&store.writer)

@@ -2,8 +2,10 @@
 
 use jiff::Timestamp;
 
+use super::handle::Store;
+use super::ledger::{Beginning, Identity, Owner};
+use super::sources::SourceState;
 use super::test_support::*;
-use super::{Beginning, Identity, Owner, SourceState, Store};
 use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunStatus};
 use crate::testing::er3a;
 

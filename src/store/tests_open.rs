@@ -7,9 +7,10 @@ use sqlx::{
     AssertSqlSafe, ConnectOptions, Connection, Executor, SqliteConnection, sqlite::SqliteConnectOptions,
 };
 
+use super::error::StoreError;
+use super::handle::Store;
 use super::open::{APPLICATION_ID, MIGRATOR, open};
 use super::test_support::*;
-use super::{Store, StoreError};
 use crate::testing::er3a;
 
 const FIXTURES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/migrations");
@@ -92,7 +93,7 @@ async fn an_empty_file_becomes_a_database() {
     let path = folder.path().join("empty.db");
     std::fs::write(&path, b"").expect("a file");
     let store = Store::open(&path).await.expect("a store");
-    assert_eq!(store.counts().await.expect("counts"), super::Counts::default());
+    assert_eq!(store.counts().await.expect("counts"), super::read::Counts::default());
 }
 
 #[tokio::test]

@@ -1,10 +1,10 @@
 //! Histories identified again, and what is kept under which name.
 
+use super::factors::{FactorsWanted, StoredModel};
+use super::handle::Store;
+use super::parameter_sets::{ParameterSet, SourceCycle};
+use super::reestimates::{CycleView, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics};
 use super::test_support::*;
-use super::{
-    CycleView, FactorsWanted, KeptKind, ParameterSet, Reestimate, ReestimatedCycle, ReestimatedStatistics,
-    SourceCycle, Store, StoredModel,
-};
 use crate::numerics::pooled::estimate::{ErrorSource, EstimatorKind};
 use crate::robot::{JointIndex, Robot};
 use crate::testing::er3a;

@@ -2,8 +2,10 @@
 
 use jiff::Timestamp;
 
+use super::models::description_hash;
+use super::sources::SourceState;
 use super::test_support::*;
-use super::{CycleState, OfCycle, SourceState, description_hash};
+use super::verification::{CycleState, OfCycle};
 use crate::analysis::{Rmsd, RmsdPair, WarmingContrast};
 use crate::run::FileId;
 use crate::testing::er3a;

@@ -1,5 +1,6 @@
 //! Between the nouns and what a column holds.
 
+use crate::analysis::Rmsd;
 use jiff::Timestamp;
 use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
@@ -88,4 +89,9 @@ pub(super) fn parameter(
 
 fn unknown(column: &str, value: impl std::fmt::Debug) -> sqlx::Error {
     sqlx::Error::Decode(format!("column {column} holds {value:?}, which this program does not know").into())
+}
+
+/// A deviation over no rows is unknown, not zero.
+pub(super) fn of_some_rows(rmsd: Rmsd, value: f64) -> Option<f64> {
+    if rmsd.samples == 0 { None } else { finite(value) }
 }

@@ -1,50 +1,14 @@
 //! What is known of an export's columns, put together to a layout with reasons.
 
-use super::Hints;
 use super::head::Head;
-use super::joints::{Joints, by_name, by_place, reference, time_column, values};
+use super::joints::{Joints, by_name, by_place, column_name, time_column, values};
 use super::motion_sections::{position_section, time_section, torque_section, velocity_section};
 use super::motion_units::{decide_units, slopes};
 use super::names::{self, Kind, Said};
+use super::proposal::Hints;
+use super::section::{Key, Section, quoted};
 use super::stages::{self, Meaning};
 use super::temperatures::temperatures;
-use super::write::quoted;
-
-/// Part of a layout file.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub(super) struct Section {
-    /// Name of the table; `None` for the start of the file.
-    pub(super) title: Option<&'static str>,
-    pub(super) comments: Vec<String>,
-    pub(super) keys: Vec<Key>,
-}
-
-/// A key with its value and why it has it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Key {
-    pub(super) name: &'static str,
-    /// As TOML writes it.
-    pub(super) value: String,
-    pub(super) reasons: Vec<String>,
-    /// Set where a person must decide; the key is then a comment.
-    pub(super) question: Option<String>,
-}
-
-impl Key {
-    pub(super) fn decided(name: &'static str, value: impl Into<String>) -> Self {
-        Self { name, value: value.into(), reasons: Vec::new(), question: None }
-    }
-
-    pub(super) fn because(mut self, reason: &str) -> Self {
-        self.reasons.push(reason.to_owned());
-        self
-    }
-
-    pub(super) fn asked(mut self, question: &str) -> Self {
-        self.question = Some(question.to_owned());
-        self
-    }
-}
 
 /// The sections of a layout file for the export.
 pub(super) fn propose(head: &Head, hints: Hints<'_>) -> Vec<Section> {
@@ -106,12 +70,6 @@ fn signals(head: &Head, joints: &Joints<'_>, time: Option<usize>) -> Signals {
         friction_joint: named(Kind::FrictionJoint).filter(|at| within(at, joints.count)),
         friction_level: named(Kind::FrictionLevel).filter(|at| within(at, 255)),
     }
-}
-
-/// A column as a layout names it.
-pub(super) fn column_name(head: &Head, at: usize) -> String {
-    let names: Vec<&str> = head.columns.iter().map(|column| column.name.as_str()).collect();
-    if head.header { reference(&names, at) } else { (at + 1).to_string() }
 }
 
 fn stage_section(head: &Head, joints: &Joints<'_>, signals: &Signals) -> Section {

@@ -1,10 +1,10 @@
 //! Which columns of an export are the joints', and which is time.
 
-use super::Hints;
 use super::head::{Head, HeadColumn};
 use super::names::{self, Group, Kind, Said};
+use super::proposal::Hints;
+use super::section::quoted;
 use super::units;
-use super::write::quoted;
 use crate::robot::Robot;
 
 /// Columns of one quantity, one a joint.
@@ -163,4 +163,10 @@ pub(super) fn time_column<'h>(head: &'h Head, joints: &Joints<'_>) -> Option<(us
     let by_name = candidates.iter().find(|(_, column, values)| is_time(column) && nearly_rises(values));
     let by_numbers = || candidates.iter().find(|(.., values)| rises(Some(values)));
     by_name.or_else(by_numbers).map(|(at, _, values)| (*at, *values))
+}
+
+/// A column as a layout names it.
+pub(super) fn column_name(head: &Head, at: usize) -> String {
+    let names: Vec<&str> = head.columns.iter().map(|column| column.name.as_str()).collect();
+    if head.header { reference(&names, at) } else { (at + 1).to_string() }
 }

@@ -1,14 +1,13 @@
 //! The sections of a layout on time, positions, velocities and torques, with reasons.
 
-use super::Hints;
-use super::decide::{Key, Section, column_name};
 use super::head::Head;
-use super::joints::{Found, Joints};
+use super::joints::{Found, Joints, column_name};
 use super::motion_units::{Slopes, Units};
 use super::names::Kind;
+use super::proposal::Hints;
+use super::section::{Key, Section, quoted};
 use super::torque_size::{self, Size};
 use super::units::{self, Slope};
-use super::write::quoted;
 
 /// Sample rates that are believed, Hz: what a layout takes.
 const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;

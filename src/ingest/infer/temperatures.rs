@@ -1,10 +1,9 @@
 //! Columns of temperatures: of motors, one a joint, and of the hall.
 
-use super::decide::{Key, Section};
 use super::head::Head;
 use super::joints::{columns_key, reference};
 use super::names::{self, Group, Kind, Said};
-use super::write::quoted;
+use super::section::{Key, Section, quoted};
 use crate::config::TemperatureUnit;
 
 /// Values that are believed when a unit is told by them, whatever the unit: codes of open sensors lie beyond.

@@ -1,5 +1,7 @@
 //! Proposed layouts, loaded and used: the samples must be those of the native export.
 
+use crate::ingest::infer::proposal::Hints;
+use crate::ingest::infer::proposal::Proposed;
 use std::fmt::Write;
 use std::path::Path;
 

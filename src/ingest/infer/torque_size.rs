@@ -1,7 +1,7 @@
 //! Whether numbers are as large as the torques of the arm: gravity alone asks for torques that a description with
 //! masses tells, and a current is smaller by the drive gain.
 
-use super::Hints;
+use super::proposal::Hints;
 
 /// Rows that are looked at, spread over the recording.
 const ROWS: usize = 200;

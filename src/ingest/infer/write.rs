@@ -1,10 +1,11 @@
 //! A proposal as the text of a layout file.
 
+use crate::ingest::infer::section::quoted;
 use std::path::Path;
 
-use super::Proposed;
-use super::decide::{Key, Section};
 use super::head::Head;
+use super::proposal::Proposed;
+use super::section::{Key, Section};
 use crate::config::DecimalMark;
 
 /// Longest line of a comment, characters.
@@ -27,22 +28,6 @@ pub(super) fn layout(name: &str, path: &Path, head: &Head, sections: &[Section])
     }
     let keys = sections.iter().flat_map(|section| &section.keys);
     Proposed { toml: text, questions: keys.filter(|key| key.question.is_some()).count(), rows: head.rows }
-}
-
-/// Text as TOML writes it.
-pub(super) fn quoted(text: &str) -> String {
-    let mut quoted = String::from("\"");
-    for c in text.chars() {
-        match c {
-            '"' => quoted.push_str("\\\""),
-            '\\' => quoted.push_str("\\\\"),
-            '\t' => quoted.push_str("\\t"),
-            c if c.is_control() => quoted.push_str(&format!("\\u{:04X}", u32::from(c))),
-            c => quoted.push(c),
-        }
-    }
-    quoted.push('"');
-    quoted
 }
 
 fn format_section(name: &str, head: &Head) -> Section {

@@ -1,7 +1,8 @@
 //! Detectors: what changes over the runs of a robot.
 
-pub mod runs;
-mod friction;
-mod results;
 pub mod verdict;
+mod control_chart;
+mod detector;
+mod episodes;
+pub mod runs;
 pub mod production;

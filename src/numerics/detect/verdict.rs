@@ -1,6 +1,7 @@
 //! What every detector is told, and what it says of a run.
 
 use crate::anomaly::Severity;
+
 /// When a change counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DetectSettings {
@@ -37,10 +38,6 @@ impl Default for DetectSettings {
     }
 }
 
-/// Weight of the newest run in the smoothed friction index (EWMA, Roberts 1959): three runs in a
-/// row carry four fifths of the weight, one odd run does not decide.
-pub(super) const EWMA_WEIGHT: f64 = 0.4;
-
 /// What one run says of one quantity.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Verdict {
@@ -48,7 +45,7 @@ pub(super) enum Verdict {
     Unknown,
     /// As expected.
     Quiet,
-    /// Out of bounds.
+    /// Out of bounds; the fields are those of [`crate::anomaly::Anomaly`].
     Out { severity: Severity, score: f64, threshold: f64, value: f64, baseline: f64, message: String },
 }
 

@@ -32,6 +32,9 @@ pub struct DoubtSettings {
     /// some 3 Hz: below, the low-pass takes away part of the motion, and as filtered torques are no function of filtered
     /// positions then, what is left goes with the geometry.
     pub least_cutoff: f64,
+    /// Excitation, s, below which the same holds: joints reverse so few times then that friction of a shape nobody thought
+    /// of looks like another arm.
+    pub least_excitation: f64,
     /// Delay of the torques that is said, and that is refused, s.
     pub delays: [f64; 2],
     /// Residual sum of squares that the best delay must reach, relative to that without one.
@@ -48,6 +51,7 @@ impl Default for DoubtSettings {
             healthy: 0.13,
             alternative: 0.8,
             least_cutoff: 4.0,
+            least_excitation: 10.0,
             delays: [0.006, 0.012],
             delay_residual: 0.8,
             delay_quorum: 3,
@@ -130,7 +134,9 @@ fn contradicted<'s>(
     let evidenced = Evidenced { shapes: shapes(), ..evidenced };
     // too few rows for friction of any shape say nothing of the description
     let test = tested(&evidenced)?;
+    let excitation = judged.excitation.len() as f64 / judged.conditioned.sample_rate;
     if judged.conditioned.cutoff < settings.least_cutoff
+        || excitation < settings.least_excitation
         || test.share < settings.looked_share && known.is_empty()
     {
         return of_law.then(|| perhaps_contradicted(&test));

@@ -1,0 +1,120 @@
+//! What every command has: options of all commands, errors and exit statuses, the store and the runtime.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+
+use crate::config::{Config, ConfigErrors};
+use crate::pipeline::context::PipelineError;
+use crate::store::{Store, StoreError};
+
+/// All done.
+pub const EXIT_DONE: u8 = 0;
+
+/// Done, but something was quarantined, or a check found a difference.
+pub const EXIT_FOUND: u8 = 1;
+
+/// The command line or the configuration is wrong.
+pub const EXIT_USAGE: u8 = 2;
+
+/// A fault of the program itself.
+pub const EXIT_INTERNAL: u8 = 70;
+
+/// The database or a file could not be read or written.
+pub const EXIT_IO: u8 = 74;
+
+/// Stopped by a signal before everything was done; what is stored stays.
+pub const EXIT_STOPPED: u8 = 130;
+
+/// Options of every command.
+#[derive(Debug, Args)]
+pub(super) struct Global {
+    /// Configuration file [default: $ARMWATCH_CONFIG, else config/armwatch.toml, else
+    /// armwatch.toml, else the shipped settings]
+    #[arg(long, global = true, value_name = "FILE")]
+    pub(super) config: Option<PathBuf>,
+    /// Database file, instead of the configuration's
+    #[arg(long, global = true, value_name = "FILE")]
+    pub(super) db: Option<PathBuf>,
+    /// How log lines look
+    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
+    pub(super) log_format: LogFormat,
+    /// More log lines; twice for all
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub(super) verbose: u8,
+    /// Fewer log lines; twice for errors only
+    #[arg(short, long, global = true, action = clap::ArgAction::Count, conflicts_with = "verbose")]
+    pub(super) quiet: u8,
+    /// Print results as JSON, one object a line
+    #[arg(long, global = true)]
+    pub(super) json: bool,
+}
+
+impl Global {
+    /// The configuration, with the command line's database.
+    pub(super) fn read_config(&self) -> Result<Config, CliError> {
+        let (mut config, _) = Config::find(self.config.as_deref())?;
+        if let Some(db) = &self.db {
+            config.database.clone_from(db);
+        }
+        Ok(config)
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum LogFormat {
+    /// Lines for people
+    Text,
+    /// One JSON object a line
+    Json,
+}
+
+/// Why a command ended early.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum CliError {
+    /// The configuration is wrong.
+    #[error("{0}")]
+    Config(#[from] ConfigErrors),
+    /// The command line asks for something that cannot be.
+    #[error("{0}")]
+    Usage(String),
+    /// A file could not be read or written.
+    #[error("{0}")]
+    Io(String),
+    /// The database failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The pipeline cannot go on.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
+    /// A fault of the program itself.
+    #[error("internal error: {0}")]
+    Internal(String),
+}
+
+impl CliError {
+    pub(super) fn exit_code(&self) -> u8 {
+        match self {
+            Self::Config(_) | Self::Usage(_) => EXIT_USAGE,
+            Self::Io(_) | Self::Store(_) | Self::Pipeline(PipelineError::Store(_)) => EXIT_IO,
+            Self::Pipeline(PipelineError::Task(_)) | Self::Internal(_) => EXIT_INTERNAL,
+        }
+    }
+}
+
+/// The asynchronous runtime of a command.
+pub(super) fn runtime() -> Result<tokio::runtime::Runtime, CliError> {
+    tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| CliError::Internal(format!("no runtime: {error}")))
+}
+
+pub(super) async fn open_store(config: &Config) -> Result<Store, CliError> {
+    Ok(Store::open(&config.database).await?)
+}
+
+pub(super) fn shared(config: Config) -> Arc<Config> {
+    Arc::new(config)
+}

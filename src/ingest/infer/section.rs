@@ -1,0 +1,53 @@
+//! Sections of a proposed layout and their keys.
+
+/// Part of a layout file.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(super) struct Section {
+    /// Name of the table; `None` for the start of the file.
+    pub(super) title: Option<&'static str>,
+    pub(super) comments: Vec<String>,
+    pub(super) keys: Vec<Key>,
+}
+
+/// A key with its value and why it has it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Key {
+    pub(super) name: &'static str,
+    /// As TOML writes it.
+    pub(super) value: String,
+    pub(super) reasons: Vec<String>,
+    /// Set where a person must decide; the key is then a comment.
+    pub(super) question: Option<String>,
+}
+
+impl Key {
+    pub(super) fn decided(name: &'static str, value: impl Into<String>) -> Self {
+        Self { name, value: value.into(), reasons: Vec::new(), question: None }
+    }
+
+    pub(super) fn because(mut self, reason: &str) -> Self {
+        self.reasons.push(reason.to_owned());
+        self
+    }
+
+    pub(super) fn asked(mut self, question: &str) -> Self {
+        self.question = Some(question.to_owned());
+        self
+    }
+}
+
+/// Text as TOML writes it.
+pub(super) fn quoted(text: &str) -> String {
+    let mut quoted = String::from("\"");
+    for c in text.chars() {
+        match c {
+            '"' => quoted.push_str("\\\""),
+            '\\' => quoted.push_str("\\\\"),
+            '\t' => quoted.push_str("\\t"),
+            c if c.is_control() => quoted.push_str(&format!("\\u{:04X}", u32::from(c))),
+            c => quoted.push(c),
+        }
+    }
+    quoted.push('"');
+    quoted
+}

@@ -1,0 +1,74 @@
+//! Joins the verdicts of successive runs into anomalies.
+
+use jiff::Timestamp;
+
+use super::detector::Detector;
+use super::verdict::Verdict;
+use crate::anomaly::{Anomaly, AnomalyKind};
+use crate::robot::JointIndex;
+
+/// Quiet runs that end an episode. This hysteresis makes one episode of a joint that stays about its limit.
+const QUIET_RUNS: usize = 2;
+
+/// Anomalies of one joint, detector by detector. `runs` has key and start of each entry of the history.
+pub(super) fn anomalies<Series>(
+    detectors: &[&dyn Detector<Series>],
+    series: &Series,
+    joint: JointIndex,
+    runs: &[(i64, Timestamp)],
+) -> Vec<Anomaly> {
+    let of_detector = |detector: &&dyn Detector<Series>| {
+        episodes(runs, joint, detector.kind(), detector.quantity(series), detector.judge(series))
+    };
+    detectors.iter().flat_map(of_detector).collect()
+}
+
+/// Joins the verdicts of successive runs into episodes.
+fn episodes(
+    runs: &[(i64, Timestamp)],
+    joint: JointIndex,
+    kind: AnomalyKind,
+    quantity: &'static str,
+    verdicts: Vec<Verdict>,
+) -> Vec<Anomaly> {
+    let mut found: Vec<Anomaly> = Vec::new();
+    let mut quiet = QUIET_RUNS;
+    for (&(run_id, started_at), verdict) in runs.iter().zip(verdicts) {
+        match verdict {
+            Verdict::Unknown => {}
+            Verdict::Quiet => {
+                quiet += 1;
+                if quiet >= QUIET_RUNS {
+                    found.iter_mut().for_each(|anomaly| anomaly.ended = true);
+                }
+            }
+            Verdict::Out { severity, score, threshold, value, baseline, message } => {
+                let now = Anomaly {
+                    joint: Some(joint),
+                    kind,
+                    quantity,
+                    severity,
+                    score,
+                    threshold,
+                    value,
+                    baseline,
+                    peak_value: value,
+                    peak_score: score,
+                    first_cycle: None,
+                    first_run_id: run_id,
+                    last_run_id: run_id,
+                    first_seen_at: started_at,
+                    last_seen_at: started_at,
+                    ended: false,
+                    message: format!("joint {joint}: {message}"),
+                };
+                match found.last_mut().filter(|anomaly| !anomaly.ended) {
+                    Some(open) => open.go_on(now),
+                    None => found.push(now),
+                }
+                quiet = 0;
+            }
+        }
+    }
+    found
+}

@@ -1,0 +1,101 @@
+//! Drift of friction: the friction of a joint leaves its baseline and stays away from it.
+//!
+//! The quantity is friction as a multiple of the joint's first runs ([`FrictionHistory`]): the friction index
+//! or, for runs without one, warm friction or friction of the excitation. The detector follows its EWMA, in
+//! which a run with a larger standard error has a smaller weight. A run is out if the EWMA differs from 1 by
+//! `drift_warning` (a fraction, 0.05 unless configured), or by `drift_sigma` (4) standard deviations of the
+//! EWMA and the baseline together if that is more. It is critical from `drift_critical` (0.15) on. With these
+//! limits the index raised no alarm in 1596 simulated runs of healthy joints (docs/method.md, "Friction
+//! index").
+
+use super::friction_history::{FrictionHistory, Observed, Source};
+use super::series::JointSeries;
+use crate::anomaly::AnomalyKind;
+use crate::numerics::detect::control_chart::{Limits, UnequalEwma};
+use crate::numerics::detect::detector::Detector;
+use crate::numerics::detect::verdict::{DetectSettings, Verdict, apart};
+
+pub(super) struct FrictionDrift;
+
+impl Detector<JointSeries<'_>> for FrictionDrift {
+    fn kind(&self) -> AnomalyKind {
+        AnomalyKind::Drift
+    }
+
+    fn quantity(&self, series: &JointSeries<'_>) -> &'static str {
+        series.friction.source.quantity()
+    }
+
+    fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
+        let friction = &series.friction;
+        let limits = limits(series.settings);
+        let baseline = friction.baseline(friction.source).map_or(1.0, |baseline| baseline.torque);
+        let mut chart = UnequalEwma::new(1.0, friction.spread);
+        let mut verdicts = vec![Verdict::Unknown; series.runs.len()];
+        for observed in &friction.runs {
+            if friction.is_learnt_from(observed) {
+                verdicts[observed.run] = Verdict::Quiet;
+                continue;
+            }
+            let change = chart.add(observed.ratio, friction.variance(observed)) - 1.0;
+            let threshold = limits.threshold((chart.variance() + friction.baseline_variance).sqrt());
+            verdicts[observed.run] = match limits.severity(change.abs(), threshold) {
+                None => Verdict::Quiet,
+                Some(severity) => Verdict::Out {
+                    severity,
+                    score: change.abs(),
+                    threshold,
+                    value: observed.ratio * baseline,
+                    baseline,
+                    message: message(change, threshold, observed, friction),
+                },
+            };
+        }
+        verdicts
+    }
+}
+
+/// Changes of friction that count, as fractions of the baseline.
+pub(super) fn limits(settings: &DetectSettings) -> Limits {
+    Limits { warning: settings.drift_warning, critical: settings.drift_critical, sigma: settings.drift_sigma }
+}
+
+/// Says first what decides, the smoothed change, then what this run alone gave.
+fn message(change: f64, threshold: f64, observed: &Observed, friction: &FrictionHistory) -> String {
+    let (side, advice) = if change > 0.0 {
+        ("above", "check lubrication, gearbox and brake")
+    } else {
+        ("below", "a change of grease or a loose transmission lowers friction; check after maintenance")
+    };
+    let (what, why) = match (observed.source, friction.source) {
+        (Source::Index, _) => ("friction at equal speed and warmth", ""),
+        (Source::Warm, _) => ("warm friction", ", as measured since the run has no friction index"),
+        (Source::Excitation, Source::Index) => {
+            ("friction identified from the excitation", ", since the run has no friction index")
+        }
+        (Source::Excitation, _) => {
+            ("friction identified from the excitation", ", since the recordings have no friction stage")
+        }
+    };
+    let [percent, limit] = apart(100.0 * change.abs(), 100.0 * threshold);
+    let alone = match (observed.ratio - 1.0) * change.signum() >= threshold {
+        true => "",
+        false => ", within the limit by itself",
+    };
+    let figure = match friction.baseline(observed.source) {
+        Some(baseline) => format!(
+            "{:.2} Nm against {:.2} Nm at {:.0} % speed",
+            observed.torque,
+            baseline.torque,
+            100.0 * baseline.speed_fraction
+        ),
+        None => format!("friction index {:.3}, standard error {:.3}", observed.ratio, observed.std_error),
+    };
+    format!(
+        "{what}, smoothed over the tests, is {percent} % {side} the joint's baseline (limit {limit} %); \
+         latest test{alone}: {figure}{why}; {advice}"
+    )
+}
+
+#[cfg(test)]
+mod tests;

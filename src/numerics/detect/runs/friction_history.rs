@@ -1,0 +1,236 @@
+//! Friction of one joint over its robot's runs, as a multiple of the joint's own baseline.
+//!
+//! A run is compared by the first of these quantities that it has: the friction index, warm friction of the
+//! friction stage, friction identified from the excitation. The index is a multiple of the joint's first runs
+//! already. The baseline of the two torques is the median of the joint's first runs at one speed.
+
+use crate::analysis::{Estimate, JointSummary, WarmFriction};
+use crate::numerics::detect::control_chart::median_variance;
+use crate::numerics::statistics::descriptive::{median, robust_deviation};
+
+/// Smallest run-to-run standard deviation that a baseline of a few runs is believed to have, as a
+/// fraction of friction: the ambient temperature alone moves warm friction by about this.
+const MIN_SPREAD: f64 = 0.01;
+
+/// The same for the friction index, from which the effect of the ambient temperature is removed.
+const MIN_INDEX_SPREAD: f64 = 0.005;
+
+/// Runs compare if they were about equally warm: time of the warm points within this fraction of
+/// the baseline's.
+const WARMTH_TOLERANCE: f64 = 0.25;
+
+/// Friction of one joint over the runs.
+pub(super) struct FrictionHistory {
+    /// The quantity that the joint is watched by.
+    pub(super) source: Source,
+    /// Runs with friction that compares with the baseline, oldest first.
+    pub(super) runs: Vec<Observed>,
+    /// Runs that the baseline has so far, at most those that it needs.
+    pub(super) learnt_runs: usize,
+    /// Usual standard deviation from run to run, as a fraction of the baseline.
+    pub(super) spread: f64,
+    /// Variance of the baseline itself, as a fraction of it squared.
+    pub(super) baseline_variance: f64,
+    /// One for each torque that has enough runs.
+    baselines: Vec<Baseline>,
+    /// Place in the history of the last run that the baseline is learnt from.
+    learnt_from: usize,
+}
+
+/// Where friction of a run comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Source {
+    /// The friction index, at equal thermal state.
+    Index,
+    /// Friction points of the friction stage, of runs equally warm.
+    Warm,
+    /// The identified friction coefficients, of runs equally warm.
+    Excitation,
+}
+
+impl Source {
+    /// Name of the quantity.
+    pub(super) fn quantity(self) -> &'static str {
+        match self {
+            Self::Index => "friction_index",
+            Self::Warm => "warm_friction_nm",
+            Self::Excitation => "excitation_friction_nm",
+        }
+    }
+
+    fn of(self, summary: &JointSummary) -> Option<WarmFriction> {
+        match self {
+            Self::Index => None,
+            Self::Warm => summary.warm_friction,
+            Self::Excitation => summary.excitation_friction,
+        }
+    }
+}
+
+/// Friction of a run against the baseline, and by which road.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Observed {
+    /// Place of the run in the history.
+    pub(super) run: usize,
+    /// Friction as a multiple of the baseline.
+    pub(super) ratio: f64,
+    pub(super) source: Source,
+    /// Standard error of the ratio; zero where the scatter of the baseline says all.
+    pub(super) std_error: f64,
+    /// Friction that it comes from, Nm; not a number for the index.
+    pub(super) torque: f64,
+}
+
+impl FrictionHistory {
+    /// `series` has one entry a run; the first `baseline_runs` runs with friction are the baseline.
+    pub(super) fn new(series: &[Option<&JointSummary>], baseline_runs: usize) -> Self {
+        let count = baseline_runs.max(1);
+        let index = |run: usize| series[run].and_then(|summary| summary.friction_index);
+        let learnt =
+            [Source::Warm, Source::Excitation].map(|source| (source, first_runs(source, series, count)));
+        let baselines: Vec<Baseline> =
+            learnt.iter().filter_map(|(source, runs)| Baseline::new(*source, runs, count)).collect();
+        let has_index = (0..series.len()).any(|run| index(run).is_some());
+        // what the joint is watched by, without an index
+        let first = baselines.first();
+        let runs: Vec<Observed> = (0..series.len())
+            .filter_map(|run| match index(run) {
+                Some(Estimate { value, std_error }) => {
+                    let (source, torque) = (Source::Index, f64::NAN);
+                    Some(Observed { run, ratio: value, source, std_error: std_error.max(0.0), torque })
+                }
+                None => baselines.iter().find_map(|baseline| baseline.observed(series, run)),
+            })
+            .collect();
+        // torques keep the place that a run has among all with one, also of runs that were not equally warm
+        let learnt_from = if has_index {
+            runs.get(count - 1).map_or(usize::MAX, |last| last.run)
+        } else {
+            first.map_or(usize::MAX, |baseline| baseline.last_run)
+        };
+        let (spread, baseline_variance) = match (first, has_index) {
+            (_, true) => index_spread(&runs, learnt_from),
+            (Some(baseline), false) => baseline.spread(),
+            // no run compares with anything
+            (None, false) => (MIN_SPREAD, 0.0),
+        };
+        Self {
+            source: if has_index { Source::Index } else { first.map_or(Source::Warm, |of| of.source) },
+            runs,
+            learnt_runs: learnt.iter().map(|(_, runs)| runs.len()).max().unwrap_or(0),
+            spread,
+            baseline_variance,
+            baselines,
+            learnt_from,
+        }
+    }
+
+    /// Whether there is nothing yet that a run could be compared with.
+    pub(super) fn is_learning(&self) -> bool {
+        self.source != Source::Index && self.baselines.is_empty()
+    }
+
+    /// The baseline of a torque; `None` for the index.
+    pub(super) fn baseline(&self, source: Source) -> Option<&Baseline> {
+        self.baselines.iter().find(|baseline| baseline.source == source)
+    }
+
+    /// Whether the baseline is learnt from this run.
+    pub(super) fn is_learnt_from(&self, observed: &Observed) -> bool {
+        observed.run <= self.learnt_from
+    }
+
+    /// Variance of one run's ratio, at least the usual one.
+    pub(super) fn variance(&self, observed: &Observed) -> f64 {
+        (self.spread * self.spread).max(observed.std_error * observed.std_error)
+    }
+}
+
+/// Run-to-run standard deviation of the index in the joint's baseline, and the variance of the baseline,
+/// which an index's own error has in it already.
+fn index_spread(observed: &[Observed], last_run: usize) -> (f64, f64) {
+    let first: Vec<f64> = observed.iter().filter(|o| o.run <= last_run).map(|o| o.ratio).collect();
+    let errors: Vec<f64> = observed.iter().filter(|o| o.run <= last_run).map(|o| o.std_error).collect();
+    let spread =
+        robust_deviation(&first).unwrap_or(0.0).max(median(&errors).unwrap_or(0.0)).max(MIN_INDEX_SPREAD);
+    (spread, spread * spread / first.len().max(1) as f64)
+}
+
+/// Runs at the speed of the first, at most `count`, with their places in the history.
+fn first_runs(source: Source, series: &[Option<&JointSummary>], count: usize) -> Vec<(usize, WarmFriction)> {
+    let measured: Vec<(usize, WarmFriction)> = (0..series.len())
+        .filter_map(|run| series[run].and_then(|summary| source.of(summary)).map(|warm| (run, warm)))
+        .collect();
+    let Some(speed_fraction) = measured.first().map(|(_, warm)| warm.speed_fraction) else {
+        return Vec::new();
+    };
+    measured.into_iter().filter(|(_, warm)| same_speed(warm, speed_fraction)).take(count).collect()
+}
+
+/// Friction torque of the joint's first runs.
+#[derive(Debug)]
+pub(super) struct Baseline {
+    source: Source,
+    /// Median of the torques, Nm.
+    pub(super) torque: f64,
+    /// Speed of the points as a fraction of the largest.
+    pub(super) speed_fraction: f64,
+    /// Usual standard error of one run's torque, Nm; may be not a number.
+    std_error: f64,
+    /// Usual time of the points since the run's start, min.
+    minute: f64,
+    /// Torques that it is the median of, and the last run of these.
+    torques: Vec<f64>,
+    last_run: usize,
+}
+
+impl Baseline {
+    /// `None` with fewer than `count` runs.
+    fn new(source: Source, first: &[(usize, WarmFriction)], count: usize) -> Option<Self> {
+        if first.len() < count {
+            return None;
+        }
+        let figures =
+            |of: fn(&WarmFriction) -> f64| first.iter().map(|(_, warm)| of(warm)).collect::<Vec<_>>();
+        let torques = figures(|warm| warm.torque);
+        Some(Self {
+            source,
+            torque: median(&torques).filter(|torque| *torque > 0.0)?,
+            speed_fraction: first.first()?.1.speed_fraction,
+            std_error: median(&figures(|warm| warm.std_error))?,
+            minute: median(&figures(|warm| warm.minute))?,
+            torques,
+            last_run: first.last()?.0,
+        })
+    }
+
+    /// Friction of a run, if it was as warm as the baseline.
+    fn observed(&self, series: &[Option<&JointSummary>], run: usize) -> Option<Observed> {
+        let warm = series[run].and_then(|summary| self.source.of(summary))?;
+        let comparable = same_speed(&warm, self.speed_fraction)
+            && (warm.minute - self.minute).abs() <= WARMTH_TOLERANCE * self.minute;
+        // the scatter of the baseline has the errors of its runs in it; a run with a larger one scatters more
+        let std_error = match self.source {
+            Source::Index | Source::Warm => 0.0,
+            Source::Excitation => self.spread().0 * (warm.std_error / self.std_error).max(1.0),
+        };
+        comparable.then_some(Observed {
+            run,
+            ratio: warm.torque / self.torque,
+            source: self.source,
+            std_error,
+            torque: warm.torque,
+        })
+    }
+
+    /// Run-to-run standard deviation as a fraction, and the variance of the median.
+    fn spread(&self) -> (f64, f64) {
+        let spread = (robust_deviation(&self.torques).unwrap_or(0.0) / self.torque).max(MIN_SPREAD);
+        (spread, median_variance(spread, self.torques.len()))
+    }
+}
+
+/// Levels are copied from one list; one written in two ways is still the same.
+fn same_speed(warm: &WarmFriction, speed_fraction: f64) -> bool {
+    (warm.speed_fraction - speed_fraction).abs() < 1e-6
+}

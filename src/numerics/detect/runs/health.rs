@@ -1,0 +1,132 @@
+//! Where each joint stands after the latest test, and what is known of it since when.
+
+use super::friction_drift;
+use super::friction_history::{FrictionHistory, Observed};
+use super::series::JointSeries;
+use super::without_result::why;
+use crate::analysis::JointSummary;
+use crate::anomaly::{Anomaly, AnomalyKind, JointHealth, Knowledge, RunSummary};
+use crate::numerics::detect::verdict::DetectSettings;
+use crate::numerics::statistics::descriptive::robust_deviation;
+
+/// Where a joint stands after the latest test of the history, which is not empty. `found` are the joint's
+/// anomalies.
+pub(super) fn health(history: &[RunSummary], series: &JointSeries<'_>, found: &[Anomaly]) -> JointHealth {
+    let has_result = |summary: &Option<&JointSummary>| summary.is_some_and(JointSummary::has_result);
+    let last_result = series.runs.iter().rposition(has_result);
+    let friction = friction_of_latest(series);
+    let (knowledge, reason) = knowledge(history, series, found, last_result);
+    JointHealth {
+        joint: series.joint,
+        friction_index: friction.map(|observed| observed.ratio),
+        friction_quantity: friction.map(|observed| observed.source.quantity()),
+        knowledge,
+        reason,
+        last_result_run_id: last_result.map(|run| history[run].run_id),
+    }
+}
+
+/// Friction of the latest run, if it compares with the baseline.
+fn friction_of_latest<'a>(series: &'a JointSeries<'_>) -> Option<&'a Observed> {
+    let last = series.runs.len() - 1;
+    series.friction.runs.last().filter(|observed| observed.run == last)
+}
+
+fn knowledge(
+    history: &[RunSummary],
+    series: &JointSeries<'_>,
+    found: &[Anomaly],
+    last_result: Option<usize>,
+) -> (Knowledge, Option<String>) {
+    let last = history.len() - 1;
+    let latest = &history[last];
+    let friction = &series.friction;
+    let known = || known_before(history, friction.runs.last(), last_result);
+    if latest.is_without_result() {
+        return (
+            Knowledge::NoResult,
+            Some(format!("the latest test gave no result: {}; {}", why(latest), known())),
+        );
+    }
+    if last_result != Some(last) {
+        let words =
+            format!("the latest test gave no result of this joint{}; {}", of_refused(latest), known());
+        return (Knowledge::Unsettled, Some(words));
+    }
+    if friction.is_learning() {
+        let needed = series.settings.baseline_runs.max(1);
+        let words = format!("{} of {needed} tests of the baseline", friction.learnt_runs);
+        return (Knowledge::Learning, Some(words));
+    }
+    let Some(observed) = friction_of_latest(series) else {
+        let words = format!(
+            "friction of the latest test does not compare with the baseline: no stage of it was as warm \
+             as in the baseline{}; {}",
+            of_refused(latest),
+            known()
+        );
+        return (Knowledge::Unsettled, Some(words));
+    };
+    let change = observed.ratio - 1.0;
+    let limit = single_run_limit(friction, observed, series.settings);
+    if change.abs() >= limit && !shows_drift(found, friction, latest) {
+        let words = format!(
+            "one test {:.0} % {} the joint's baseline, more than the {:.0} % that chance explains; to be \
+             confirmed by the next test",
+            100.0 * change.abs(),
+            if change > 0.0 { "above" } else { "below" },
+            100.0 * limit
+        );
+        return (Knowledge::Unsettled, Some(words));
+    }
+    (Knowledge::Compared, refused_part(latest))
+}
+
+/// Change of friction from which on the latest run alone is odd, as a fraction of the baseline: more than
+/// chance does to one healthy run (Shewhart chart). A single run moves the EWMA of [`friction_drift`] by its
+/// weight only, so it needs this limit of its own. Infinite within the baseline.
+fn single_run_limit(friction: &FrictionHistory, latest: &Observed, settings: &DetectSettings) -> f64 {
+    if friction.is_learnt_from(latest) {
+        return f64::INFINITY;
+    }
+    // a baseline of a few runs may scatter less than healthy runs do
+    let before: Vec<f64> = friction.runs.iter().rev().skip(1).map(|observed| observed.ratio).collect();
+    let usual_scatter = robust_deviation(&before).unwrap_or(0.0).max(friction.spread);
+    let variance = friction.variance(latest).max(usual_scatter * usual_scatter) + friction.baseline_variance;
+    friction_drift::limits(settings).threshold(variance.sqrt())
+}
+
+/// Whether the latest run shows a drift of friction. The drift is an anomaly then, and needs no confirmation.
+fn shows_drift(found: &[Anomaly], friction: &FrictionHistory, latest: &RunSummary) -> bool {
+    let of_friction = |anomaly: &Anomaly| {
+        anomaly.kind == AnomalyKind::Drift && anomaly.quantity == friction.source.quantity()
+    };
+    found.iter().any(|anomaly| of_friction(anomaly) && anomaly.last_run_id == latest.run_id)
+}
+
+fn of_refused(run: &RunSummary) -> String {
+    refused_part(run).map_or_else(String::new, |words| format!(" ({words})"))
+}
+
+/// What to say of a run with some cycles refused.
+fn refused_part(run: &RunSummary) -> Option<String> {
+    (run.refused_cycles > 0).then(|| {
+        let cause = run.refusals.first().map_or("no reason is stored", |of| &of.cause.sentence);
+        format!("{} of {} cycles of the latest test were refused: {cause}", run.refused_cycles, run.cycles)
+    })
+}
+
+/// What the joint's latest results say, and since when.
+fn known_before(history: &[RunSummary], latest: Option<&Observed>, last_result: Option<usize>) -> String {
+    let day = |run: usize| history[run].started_at.strftime("%Y-%m-%d %H:%M").to_string();
+    match (latest, last_result) {
+        (Some(observed), _) => {
+            format!("known last: friction index {:.3} of {} UTC", observed.ratio, day(observed.run))
+        }
+        (None, Some(run)) => format!("the latest result is of {} UTC", day(run)),
+        (None, None) => "no test gave a result yet".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

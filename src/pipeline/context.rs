@@ -1,0 +1,152 @@
+//! What everything in the pipeline works with and answers: the pipeline itself, outcomes, progress and errors.
+
+use std::collections::HashSet;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use tokio::sync::Semaphore;
+use tokio::task::{JoinError, JoinHandle};
+
+use crate::analysis::CycleAnalysis;
+use crate::config::Config;
+use crate::ingest::rejection::Rejection;
+use crate::numerics::analyse::Method;
+use crate::store::{ReadSoFar, Store, StoreError};
+
+/// Growing exports and settled ones do not wait for each other's analyses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Lane {
+    /// Exports that grow.
+    Live,
+    /// Exports that have settled.
+    Backlog,
+}
+
+/// What the stages of the pipeline share.
+#[derive(Debug, Clone)]
+pub struct Pipeline {
+    pub(super) config: Arc<Config>,
+    pub(super) store: Store,
+    /// Structure analyses, made when the first export of a description arrives. Few, and told apart by all that
+    /// the description says: a wall-mounted arm may bear the name of one that stands.
+    pub(super) methods: Arc<Mutex<Vec<Arc<Method>>>>,
+    /// Places for analyses, of growing and of settled exports.
+    pub(super) places: [Arc<Semaphore>; 2],
+    /// Held while conclusions are drawn.
+    pub(super) concluding: Arc<tokio::sync::Mutex<()>>,
+    /// Runs whose exports are being read.
+    pub(super) open: OpenRuns,
+}
+
+pub(super) type OpenRuns = Arc<Mutex<HashSet<i64>>>;
+
+/// Keeps a run among those being read until it is dropped.
+#[derive(Debug)]
+pub(super) struct OpenRun(pub(super) OpenRuns, pub(super) i64);
+
+impl Drop for OpenRun {
+    fn drop(&mut self) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.1);
+    }
+}
+
+/// What became of an export.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Outcome {
+    /// Every cycle is stored.
+    Stored(StoredRun),
+    /// The same content was stored before.
+    AlreadyStored {
+        /// The run that holds it.
+        run_id: i64,
+    },
+    /// The export was not understood; row and reason are stored, the file is untouched.
+    Quarantined {
+        /// The quarantined run.
+        run_id: i64,
+        /// Why, where, and what to do.
+        rejection: Rejection,
+        /// Whole cycles before the fault, which are stored.
+        cycles: u32,
+        /// Whether this was known of its content, which was not read again.
+        known: bool,
+    },
+    /// A stop was asked for; what is stored stays, the rest is read when the program starts again.
+    Interrupted,
+    /// The file changed or vanished while it was read; it is looked at again later.
+    Changed,
+    /// The system refuses to read the file, which says nothing of its content; it is looked at again later.
+    Unreadable {
+        /// What the system says.
+        rejection: Rejection,
+    },
+    /// The same content is being read under another name; it is looked at again later.
+    InWork {
+        /// The run that it becomes.
+        run_id: i64,
+    },
+}
+
+/// A run that was stored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredRun {
+    /// Its key.
+    pub run_id: i64,
+    /// The robot.
+    pub robot: String,
+    /// Cycles of the run.
+    pub cycles: u32,
+    /// Cycles without parameters, each with its reason.
+    pub refused: Vec<(u32, String)>,
+    /// Rows of the export.
+    pub rows: u64,
+}
+
+impl Outcome {
+    /// The run that holds the export, where its fate is decided.
+    #[must_use]
+    pub fn run_id(&self) -> Option<i64> {
+        match self {
+            Self::Stored(run) => Some(run.run_id),
+            Self::AlreadyStored { run_id } | Self::Quarantined { run_id, .. } => Some(*run_id),
+            Self::Interrupted | Self::Changed | Self::Unreadable { .. } | Self::InWork { .. } => None,
+        }
+    }
+}
+
+/// How far an export has come, for progress bars.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Progress {
+    /// The export is let in: its run has its number.
+    Begun,
+    /// All that is written of a growing export so far is read.
+    CaughtUp,
+    /// A read of a growing export begins; it has returned when the next progress is told.
+    Reading,
+    /// Bytes of the file read so far.
+    Read(u64),
+    /// A cycle is stored.
+    Cycle(u32),
+}
+
+/// Why the pipeline cannot go on. A bad export is never one of these.
+#[derive(Debug, thiserror::Error)]
+pub enum PipelineError {
+    /// The database failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A task of the program itself panicked.
+    #[error("internal error: {0}")]
+    Task(#[from] JoinError),
+}
+
+/// Whether a quarantined export is read again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Retry {
+    /// A person asked for it: configuration may have changed.
+    Quarantined,
+    /// Only when its content changes.
+    Never,
+}
+
+/// A cycle under analysis, and what it and those before it were read from.
+pub(super) type InAnalysis = (JoinHandle<CycleAnalysis>, ReadSoFar);

@@ -1,0 +1,86 @@
+//! What requests share.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use tokio::sync::{Semaphore, watch};
+use tokio_util::sync::CancellationToken;
+
+use super::access::Access;
+use super::spool::Spool;
+use crate::config::{Config, UploadSettings};
+use crate::run::ContentHash;
+use crate::store::Store;
+
+/// What requests share.
+#[derive(Debug)]
+pub(super) struct Shared {
+    pub(super) store: Store,
+    pub(super) access: Access,
+    pub(super) uploads: Option<Uploads>,
+    pub(super) stop: CancellationToken,
+    /// What `/ready` said last.
+    pub(super) readiness: tokio::sync::Mutex<Option<Readiness>>,
+}
+
+/// What the last look said, and when it was.
+#[derive(Debug, Clone, Copy)]
+pub struct Readiness {
+    pub(super) at: Instant,
+    pub(super) database: bool,
+    pub(super) spool: bool,
+}
+
+/// Contents remembered until the ledger knows them, so that a client can ask at once.
+pub(super) const REMEMBERED: usize = 1024;
+
+/// Time between two looks for uploads that nobody goes on with.
+pub(super) const CLEANING_INTERVAL: Duration = Duration::from_secs(3600);
+
+/// What uploads share.
+#[derive(Debug)]
+pub struct Uploads {
+    pub(super) settings: UploadSettings,
+    pub(super) spool: Spool,
+    /// As it is in force now.
+    pub(super) config: watch::Receiver<Arc<Config>>,
+    pub(super) places: Semaphore,
+    /// Held while a whole upload gets its name, so that of two under one name the second sees the first.
+    pub(super) placing: tokio::sync::Mutex<()>,
+    pub(super) waiting: Mutex<VecDeque<ContentHash>>,
+}
+
+impl Uploads {
+    /// Uploads into `spool` of robots that `config` knows.
+    pub fn new(settings: UploadSettings, spool: Spool, config: watch::Receiver<Arc<Config>>) -> Self {
+        let places = Semaphore::new(settings.at_once);
+        Self {
+            settings,
+            spool,
+            config,
+            places,
+            placing: tokio::sync::Mutex::default(),
+            waiting: Mutex::default(),
+        }
+    }
+
+    /// Whether a content was taken that the ledger may not know yet.
+    pub fn is_waiting(&self, hash: &ContentHash) -> bool {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner).contains(hash)
+    }
+
+    /// Whether the spool can be written to.
+    pub async fn is_writable(&self) -> bool {
+        let spool = self.spool.clone();
+        matches!(tokio::task::spawn_blocking(move || spool.probe()).await, Ok(Ok(())))
+    }
+
+    pub(super) fn remember(&self, hash: ContentHash) {
+        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        if waiting.len() >= REMEMBERED {
+            waiting.pop_front();
+        }
+        waiting.push_back(hash);
+    }
+}
