@@ -1,8 +1,6 @@
 //! How the columns of an export become channels in SI: the layout, and what it needs of the robot.
 
-use crate::config::Column;
-use crate::config::JointColumns;
-use crate::config::ScaledColumn;
+use super::column::{Column, JointColumns, ScaledColumn};
 
 use super::joint::{
     DRIVE_GAIN, DRIVE_GAIN_OF_SLIDE, MOTOR_TORQUE_CONSTANT, RATED_JOINT_FORCE, RATED_JOINT_TORQUE,

@@ -1,5 +1,6 @@
 //! Factors of a cycle's rows: written with the cycle, read for later identification.
 
+use crate::store::StoredModel;
 use crate::store::values::of_some_rows;
 use std::collections::HashMap;
 use std::ops::RangeInclusive;
@@ -11,7 +12,7 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 use super::models;
 use super::values::{ROWS_PER_STATEMENT, count, joint, joint_number, named, size};
 use crate::analysis::{CycleFactors, Motion, RmsdPair, TorqueFactor, WarmingContrast};
-use crate::robot::{ParameterId, Robot};
+use crate::robot::ParameterId;
 use crate::run::Stage;
 
 const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
@@ -38,26 +39,6 @@ pub struct StoredCycle {
     pub counts: bool,
     /// Its factors.
     pub factors: CycleFactors,
-}
-
-/// A description as the database knows it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct StoredModel {
-    /// Database key.
-    pub robot_model_id: i64,
-    /// Name of the model, such as `er3a`.
-    pub name: String,
-    /// Hash of joint kinds, geometry and gravity.
-    pub description_hash: Vec<u8>,
-}
-
-impl StoredModel {
-    /// Whether `robot` has the geometry, gravity, friction columns and couplings of this description, so
-    /// that base parameters of the one are those of the other.
-    #[must_use]
-    pub fn describes(&self, robot: &Robot) -> bool {
-        self.description_hash == models::description_hash(robot)
-    }
 }
 
 /// A description and the parameters of each joint's columns.

@@ -226,3 +226,23 @@ fn add_joint(joint: &Joint, add: &mut impl FnMut(f64)) {
         }
     }
 }
+
+/// A description as the database knows it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StoredModel {
+    /// Database key.
+    pub robot_model_id: i64,
+    /// Name of the model, such as `er3a`.
+    pub name: String,
+    /// Hash of joint kinds, geometry and gravity.
+    pub description_hash: Vec<u8>,
+}
+
+impl StoredModel {
+    /// Whether `robot` has the geometry, gravity, friction columns and couplings of this description, so
+    /// that base parameters of the one are those of the other.
+    #[must_use]
+    pub fn describes(&self, robot: &Robot) -> bool {
+        self.description_hash == description_hash(robot)
+    }
+}

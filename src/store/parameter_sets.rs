@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
-use super::factors::StoredModel;
+use super::models::StoredModel;
 use super::values::{ROWS_PER_STATEMENT, count, finite, identified, named, size};
 use super::{analyses, models};
 use crate::analysis::{Estimator, Identification, IdentifiedParameter, TorqueRmsd};

@@ -10,7 +10,7 @@ use sqlx::{Row, SqliteConnection};
 use super::error::StoreError;
 use super::handle::Store;
 use super::ledger::{find_run, insert_run, robot_id};
-use super::read::time_text;
+use super::values::time_text;
 use super::values::{count, named, size};
 use crate::run::{RunHeader, RunStatus};
 

@@ -1,5 +1,6 @@
 //! What people ask: runs, fleet health, anomalies, counts. Reads the views, as users do.
 
+use crate::store::values::time_text;
 use jiff::Timestamp;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
@@ -289,12 +290,6 @@ pub(super) async fn counts(executor: impl SqliteExecutor<'_>) -> Result<Counts, 
     })
     .fetch_one(executor)
     .await
-}
-
-/// Reads a time as a view shows it.
-pub(super) fn time_text(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx::Error> {
-    let text: &str = row.try_get(column)?;
-    text.parse().map_err(|error: jiff::Error| sqlx::Error::Decode(error.to_string().into()))
 }
 
 fn optional_time(row: &SqliteRow, column: &str) -> Result<Option<Timestamp>, sqlx::Error> {

@@ -6,8 +6,8 @@ use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
-use super::factors::StoredModel;
 use super::models;
+use super::models::StoredModel;
 use super::parameter_sets::SourceCycle;
 use super::values::{ROWS_PER_STATEMENT, count, finite, joint_number, named, size, time};
 use crate::analysis::{Identification, IdentifiedParameter, ParameterStatistics};

@@ -6,8 +6,8 @@ use jiff::Timestamp;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
-use super::factors::StoredModel;
 use super::ledger::{KnownRun, known_run};
+use super::models::StoredModel;
 use super::values::{count, named, size, time};
 use crate::run::{ContentHash, ContentPrefix, FileId, RunKind};
 

@@ -1,7 +1,8 @@
 //! Histories identified again, and what is kept under which name.
 
-use super::factors::{FactorsWanted, StoredModel};
+use super::factors::FactorsWanted;
 use super::handle::Store;
+use super::models::StoredModel;
 use super::parameter_sets::{ParameterSet, SourceCycle};
 use super::reestimates::{CycleView, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics};
 use super::test_support::*;

@@ -95,3 +95,9 @@ fn unknown(column: &str, value: impl std::fmt::Debug) -> sqlx::Error {
 pub(super) fn of_some_rows(rmsd: Rmsd, value: f64) -> Option<f64> {
     if rmsd.samples == 0 { None } else { finite(value) }
 }
+
+/// Reads a time as a view shows it.
+pub(super) fn time_text(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx::Error> {
+    let text: &str = row.try_get(column)?;
+    text.parse().map_err(|error: jiff::Error| sqlx::Error::Decode(error.to_string().into()))
+}

@@ -1,6 +1,9 @@
-//! ARCHITECTURE.md, held against the sources: which room names which, which outside crates stand behind which door,
-//! and the invariants that can be seen in a name. All code is read but what is compiled for tests only.
+//! ARCHITECTURE.md, held against the sources: which room names which, and inside a room which place names which;
+//! which outside crates stand behind which door; and the invariants that can be seen in a name. All code is read but
+//! what is compiled for tests only.
 
+mod arrows;
+mod places;
 mod planted;
 mod rules;
 mod source;
@@ -9,6 +12,7 @@ mod table;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
+use std::sync::OnceLock;
 
 use self::source::{Code, Sources};
 use self::table::Rules;
@@ -17,9 +21,12 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
+fn text() -> String {
+    fs::read_to_string(root().join("ARCHITECTURE.md")).expect("ARCHITECTURE.md")
+}
+
 fn document() -> Rules {
-    let text = fs::read_to_string(root().join("ARCHITECTURE.md")).expect("ARCHITECTURE.md");
-    Rules::read(&text).unwrap_or_else(|problem| panic!("{problem}"))
+    Rules::read(&text()).unwrap_or_else(|problem| panic!("{problem}"))
 }
 
 /// Crates that the program is built with, with `_` for `-`.
@@ -49,13 +56,30 @@ fn sources() -> Sources {
     found
 }
 
-fn program() -> Vec<Code> {
-    source::program(&sources()).unwrap_or_else(|problems| panic!("{}", problems.join("\n")))
+/// The sources, parsed once for all tests.
+fn program() -> &'static [Code] {
+    static PROGRAM: OnceLock<Vec<Code>> = OnceLock::new();
+    let parsed = || source::program(&sources());
+    PROGRAM.get_or_init(|| parsed().unwrap_or_else(|problems| panic!("{}", problems.join("\n"))))
 }
 
 #[test]
 fn the_sources_keep_the_rules_of_the_map() {
-    let broken = rules::violations(&program(), &document(), &dependencies());
+    let broken = rules::violations(program(), &document(), &dependencies());
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+#[test]
+fn the_files_of_a_room_name_each_other_in_no_circle() {
+    let circles = arrows::circles(program());
+    assert!(circles.is_empty(), "{}", circles.join("\n"));
+}
+
+/// To give a room a table, write its heading into ARCHITECTURE.md: this test then prints the rows.
+#[test]
+fn the_places_of_a_room_keep_the_rules_of_its_table() {
+    let tables = places::read(&text()).unwrap_or_else(|problem| panic!("{problem}"));
+    let broken = places::violations(program(), &tables);
     assert!(broken.is_empty(), "{}", broken.join("\n"));
 }
 

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use super::rules;
-use super::source::{self, Sources};
+use super::source::{self, Code, Sources};
 use super::table::Rules;
+use super::{arrows, places, rules};
 
 /// Rooms `robot`, `numerics`, `store`, `simulate`, `cli` and `main`.
 const MAP: &str = "
@@ -30,8 +30,8 @@ const MAP: &str = "
 
 const CRATES: [&str; 6] = ["nalgebra", "faer", "sqlx", "rand_distr", "thiserror", "tokio"];
 
-/// What breaks a rule in a program of these files; the rooms that are not given are empty.
-fn broken(files: &[(&str, &str)]) -> Vec<String> {
+/// A program of these files; the rooms that are not given are empty.
+fn program(files: &[(&str, &str)]) -> Result<Vec<Code>, Vec<String>> {
     let mut sources: Sources =
         files.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect();
     let rooms = ["robot", "numerics", "store", "simulate", "telemetry", "cli"];
@@ -43,9 +43,14 @@ fn broken(files: &[(&str, &str)]) -> Vec<String> {
         }
     }
     sources.entry("lib.rs".to_owned()).or_insert(lib);
+    source::program(&sources)
+}
+
+/// What breaks a rule on rooms, crates or names in a program of these files.
+fn broken(files: &[(&str, &str)]) -> Vec<String> {
     let rules = Rules::read(MAP).expect("a map");
     let crates: BTreeSet<String> = CRATES.map(str::to_owned).into();
-    match source::program(&sources) {
+    match program(files) {
         Ok(codes) => rules::violations(&codes, &rules, &crates),
         Err(problems) => problems,
     }
@@ -303,4 +308,196 @@ fn a_map_that_contradicts_itself_is_told() {
     assert!(problems("| `a` | | |").is_err(), "a row of three cells");
     assert!(problems("").is_err(), "no rows");
     assert!(Rules::read("# A\n\n## Other\n").is_err(), "no section");
+}
+
+/// The circles in a program of these files.
+fn circles(files: &[(&str, &str)]) -> Vec<String> {
+    arrows::circles(&program(files).expect("sources"))
+}
+
+/// Whether code in `numerics/a.rs` names `numerics/b.rs`, which names `a`.
+fn leads_to_b(code: &str) -> bool {
+    let room = ("numerics/mod.rs", "pub mod a;\npub mod b;\npub struct Refused;");
+    !circles(&[room, ("numerics/a.rs", code), ("numerics/b.rs", "use super::a::A;")]).is_empty()
+}
+
+#[test]
+fn a_circle_of_files_is_seen() {
+    let two = [
+        ("numerics/mod.rs", "pub mod a;\npub mod b;\npub mod c;"),
+        ("numerics/a.rs", "\nuse super::b::B;\nuse super::c::C;\nfn f() { super::b::f(); }"),
+        ("numerics/b.rs", "fn g() { crate::numerics::a::f(); }"),
+        ("numerics/c.rs", ""),
+    ];
+    let expected = [
+        "numerics: a circle of 2 files: numerics/a.rs, numerics/b.rs",
+        "    numerics/a.rs:2 names crate::numerics::b::B",
+        "    numerics/b.rs:1 names crate::numerics::a::f",
+    ];
+    assert_eq!(circles(&two), expected);
+    let three = [
+        ("numerics/mod.rs", "pub mod a;\npub mod b;\npub struct Refused;"),
+        ("numerics/a.rs", "use super::b::c::C;"),
+        ("numerics/b/mod.rs", "pub mod c;\nuse super::a::A;"),
+        ("numerics/b/c.rs", "use super::B;\nuse crate::numerics::Refused;"),
+    ];
+    let files = "numerics/a.rs, numerics/b/c.rs, numerics/b/mod.rs";
+    assert_eq!(circles(&three)[0], format!("numerics: a circle of 3 files: {files}"));
+    let rooms = [("robot.rs", "use crate::numerics::A;"), ("numerics.rs", "use crate::robot::B;")];
+    assert_eq!(circles(&rooms), [""; 0]);
+}
+
+#[test]
+fn a_room_that_needs_its_children_is_in_a_circle_with_them() {
+    for code in [
+        "pub mod a;\nfn f() { a::f(); }",
+        "fn f() { a::f(); }\npub mod a;",
+        "mod a;\nuse a::a;\nfn f() { a(1); }",
+        "mod a;\nuse self::a::A;",
+        "mod a;\npub use a::A;\nfn f(_: A) {}",
+        "mod a;\nfn f() { let kept: Vec<a::A> = vec![a::f(); 3]; }",
+    ] {
+        let found = circles(&[("numerics.rs", code), ("numerics/a.rs", "use super::Refused;")]);
+        assert!(!found.is_empty(), "{code}");
+    }
+    for code in ["pub mod a;", "mod a;\npub use a::{A, f as g};", "mod a;\nfn f() { let a = 1; g(a); }"] {
+        let found = circles(&[("numerics.rs", code), ("numerics/a.rs", "use super::Refused;")]);
+        assert_eq!(found, [""; 0], "{code}");
+    }
+}
+
+#[test]
+fn every_form_of_naming_a_file_is_an_arrow() {
+    for code in [
+        "use super::b;",
+        "use super::b::*;",
+        "use super::{Refused, b::{self, B}};",
+        "use crate::numerics::b::B as Other;",
+        "use super as room;\nfn f() { room::b::f(); }",
+        "fn f() { super::b::f(); }",
+        "impl From<super::b::B> for A {}",
+        "mod inner { use super::super::b::B; }",
+        "macro_rules! m { () => { $crate::numerics::b::f() }; }",
+        "#[cfg(not(test))]\nuse super::b;",
+        "#[cfg(test)]\nmod tests {}\nuse super::b;",
+    ] {
+        assert!(leads_to_b(code), "{code}");
+    }
+}
+
+#[test]
+fn what_needs_nothing_of_a_file_is_no_arrow() {
+    for code in [
+        "pub use super::b::B;",
+        "pub use super::b::*;",
+        "pub(super) use super::b::{self, B};",
+        "pub(in crate::numerics::b) struct A;",
+        "//! [`super::b`]\n/// [`super::b::B`]\nfn f() {}",
+        "mod b {}\nfn f() { b::f(); }",
+        "use super::Refused;\nfn f(b: f64) -> f64 { super::f(b) }",
+    ] {
+        assert!(!leads_to_b(code), "{code}");
+    }
+}
+
+#[test]
+fn code_for_tests_draws_no_arrow() {
+    for code in [
+        "#[cfg(test)]\nuse super::b::B;",
+        "#[cfg(test)]\nmod tests { use crate::numerics::b::B; }",
+        "#[test]\nfn f() { super::b::f(); }",
+        "impl A { #[cfg(test)] fn f() { super::b::f(); } }",
+    ] {
+        assert!(!leads_to_b(code), "{code}");
+    }
+    let of_tests = [
+        ("numerics/mod.rs", "pub mod a;\n#[cfg(test)]\nmod checks;"),
+        ("numerics/a.rs", "#[cfg(test)]\nuse super::checks::f;"),
+        ("numerics/checks.rs", "use super::a::A;"),
+    ];
+    assert_eq!(circles(&of_tests), [""; 0]);
+}
+
+/// A room with the folder `a/`, the file `b.rs`, which names it, and the file `c.rs`, which names both.
+const INSIDE: [(&str, &str); 5] = [
+    ("numerics/mod.rs", "pub mod c;\npub mod b;\npub mod a;\npub use c::C;"),
+    ("numerics/a/mod.rs", "//! The first.\npub mod inner;\nuse super::Refused;"),
+    ("numerics/a/inner.rs", "use crate::robot::Robot;"),
+    ("numerics/b.rs", "//! The second, in\n//! two lines. More of it.\n\nuse super::a::inner::A;"),
+    ("numerics/c.rs", "use super::{a::A, b::B};"),
+];
+
+/// The head of a room's table.
+const HEADER: &str = "| place | does | may name |\n|---|---|---|";
+
+/// The rows that fit `INSIDE`.
+const ROWS: &str = "| `a/` | The first | |
+| `b.rs` | The second, in two lines | `a/` |
+| `c.rs` | | `a/`, `b.rs` |";
+
+/// What a table of `numerics` with these rows finds in `INSIDE`, and in more files that take the place of its
+/// own.
+fn misplaced(rows: &str, more: &[(&str, &str)]) -> Vec<String> {
+    let files = [&INSIDE, more].concat();
+    let map = format!("# A\n\n## Inside the rooms\n\n### numerics\n\n{HEADER}\n{rows}\n\n## Decisions\n");
+    let tables = places::read(&map).expect("tables");
+    places::violations(&program(&files).expect("sources"), &tables)
+}
+
+#[test]
+fn an_arrow_that_the_table_of_a_room_does_not_allow_is_seen() {
+    assert_eq!(misplaced(ROWS, &[]), [""; 0]);
+    assert_eq!(misplaced(&ROWS.replace("`a/`, `b.rs` |", "all above |"), &[]), [""; 0]);
+    let upward = misplaced(ROWS, &[("numerics/a/inner.rs", "\nuse crate::numerics::b::B;")]);
+    assert_eq!(upward[0], "numerics/a/inner.rs:2 names crate::numerics::b::B: a/ may not name b.rs");
+    let order = "No order fits a/, b.rs, c.rs, of these arrows some lead back:
+    a/ to b.rs: numerics/a/inner.rs:2 names crate::numerics::b::B";
+    assert!(upward[1].contains(order), "{}", upward[1]);
+    let silent = misplaced(&ROWS.replace("two lines | `a/` |", "two lines | |"), &[]);
+    assert_eq!(silent[0], "numerics/b.rs:4 names crate::numerics::a::inner::A: b.rs may not name a/");
+    assert_eq!(silent[1..], [format!("\n### numerics\n\n{HEADER}\n{ROWS}")]);
+    let re_export = misplaced(ROWS, &[("numerics/a/inner.rs", "pub use super::super::c::C;")]);
+    assert_eq!(re_export, [""; 0]);
+    let of_tests = misplaced(ROWS, &[("numerics/a/inner.rs", "#[cfg(test)]\nuse crate::numerics::c::C;")]);
+    assert_eq!(of_tests, [""; 0]);
+}
+
+#[test]
+fn rows_and_places_belong_to_each_other() {
+    let table = format!("\n### numerics\n\n{HEADER}\n{ROWS}");
+    let without = misplaced(ROWS.rsplit_once('\n').expect("rows").0, &[]);
+    assert_eq!(without, ["numerics: c.rs has no row", &table]);
+    let empty = ["c.rs", "b.rs", "a/"].map(|place| format!("numerics: {place} has no row"));
+    assert_eq!(misplaced("", &[])[..3], empty);
+    assert_eq!(misplaced("", &[])[3..], [table]);
+    let gone = misplaced(&format!("{ROWS}\n| `d/` | | |"), &[]);
+    assert_eq!(gone[0], "numerics: d/ has a row and is no place");
+    let upward = misplaced(&ROWS.replace("The first | |", "The first | `b.rs` |"), &[]);
+    assert_eq!(upward[0], "numerics: a/ may name b.rs, which is no row above it");
+    let twice = misplaced(&format!("{ROWS}\n| `a/` | | |"), &[]);
+    assert_eq!(twice[0], "numerics: a/ has two rows");
+}
+
+#[test]
+fn the_file_of_a_room_has_a_row_where_it_names_places() {
+    let wiring = ("numerics/mod.rs", "pub mod a;\npub mod b;\npub mod c;\nfn f() { c::f(); }");
+    assert_eq!(misplaced(ROWS, &[wiring])[0], "numerics: mod.rs has no row");
+    assert_eq!(misplaced(&format!("{ROWS}\n| `mod.rs` | | `c.rs` |"), &[wiring]), [""; 0]);
+    let silent = misplaced(&format!("{ROWS}\n| `mod.rs` | | |"), &[wiring]);
+    assert_eq!(silent[0], "numerics/mod.rs:4 names crate::numerics::c::f: mod.rs may not name c.rs");
+}
+
+#[test]
+fn tables_of_the_inside_that_cannot_be_read_are_told() {
+    let read = |tables: &str| places::read(&format!("# A\n\n## Inside the rooms\n\n{tables}\n"));
+    assert_eq!(read("No table.").map(|tables| tables.len()), Ok(0));
+    assert!(read("### a\n\n| place | may name |\n|---|---|\n| `b` | |").is_err(), "two columns");
+    assert!(read(&format!("### a\n\n{HEADER}\n| `b` | |")).is_err(), "a row of two cells");
+    assert!(read(&format!("### a\n\n{HEADER}\n| b | | |")).is_err(), "a place without backticks");
+    assert!(read(&format!("### a\n\n{HEADER}\n| `b/` | | c |")).is_err(), "words that are no names");
+    assert!(places::read("# A\n\n## Rooms\n").is_err(), "no section");
+    let tables = read("### attic\n\n### robot\n\n### robot").expect("tables");
+    let found = places::violations(&program(&[]).expect("sources"), &tables);
+    assert_eq!(found[0], "attic has a table and is no room");
+    assert_eq!(found[1], "robot has two tables");
 }

@@ -1,6 +1,6 @@
 //! What the code of each file names, outside tests: paths, macros, methods, literals and `async`.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use syn::parse::Parser;
@@ -19,6 +19,8 @@ pub struct Code {
     pub file: String,
     /// Modules that it lies in, such as `["store", "open"]`; empty for `lib.rs` and `main.rs`.
     pub module: Vec<String>,
+    /// First sentence of its `//!`, without the full stop; empty where there is none.
+    pub about: String,
     pub mentions: Vec<Mention>,
 }
 
@@ -34,6 +36,9 @@ impl Code {
 pub struct Mention {
     pub line: usize,
     pub what: What,
+    /// Whether the code needs what it names. `pub use` only hands a name on, and `pub(super)` only says who
+    /// may see an item.
+    pub needed: bool,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -87,10 +92,17 @@ impl Walk<'_> {
         if for_tests {
             return;
         }
-        let mut finder = Finder { module: module.clone(), imports: HashMap::new(), mentions: Vec::new() };
+        let mut finder = Finder {
+            module: module.clone(),
+            children: BTreeMap::new(),
+            imports: HashMap::new(),
+            mentions: Vec::new(),
+            needed: true,
+        };
+        finder.children_of(&parsed.items, &module);
         finder.visit_file(&parsed);
         let mentions = finder.resolved();
-        self.codes.push(Code { file, module, mentions });
+        self.codes.push(Code { file, module, about: about(&parsed.attrs), mentions });
     }
 
     /// Reads the files of the modules that items declare, also within modules that stand in the file.
@@ -104,7 +116,8 @@ impl Walk<'_> {
                 continue;
             }
             let stem = inside.join("/");
-            let beside = path_attribute(&declared.attrs).map(|name| match file.rsplit_once('/') {
+            let path = declared.attrs.iter().find_map(|attribute| text_of(attribute, "path"));
+            let beside = path.map(|name| match file.rsplit_once('/') {
                 Some((folder, _)) => format!("{folder}/{name}"),
                 None => name,
             });
@@ -117,13 +130,20 @@ impl Walk<'_> {
     }
 }
 
-fn path_attribute(attributes: &[Attribute]) -> Option<String> {
-    attributes.iter().find(|attribute| attribute.path().is_ident("path")).and_then(|attribute| {
-        let Meta::NameValue(pair) = &attribute.meta else { return None };
-        let Expr::Lit(literal) = &pair.value else { return None };
-        let syn::Lit::Str(text) = &literal.lit else { return None };
-        Some(text.value())
-    })
+/// The text of an attribute `#[name = "text"]`.
+fn text_of(attribute: &Attribute, name: &str) -> Option<String> {
+    let Meta::NameValue(pair) = &attribute.meta else { return None };
+    let Expr::Lit(literal) = &pair.value else { return None };
+    let syn::Lit::Str(text) = &literal.lit else { return None };
+    attribute.path().is_ident(name).then(|| text.value())
+}
+
+/// The first sentence of a file's documentation, without its full stop.
+fn about(attributes: &[Attribute]) -> String {
+    let lines = attributes.iter().filter_map(|attribute| text_of(attribute, "doc"));
+    let lines = lines.map(|line| line.trim().to_owned()).take_while(|line| !line.is_empty());
+    let paragraph = lines.collect::<Vec<_>>().join(" ");
+    paragraph.split(". ").next().unwrap_or_default().trim_end_matches('.').to_owned()
 }
 
 /// Whether what has these attributes is compiled for tests only: a `cfg` that nothing but a test fulfils, or a
@@ -154,15 +174,35 @@ fn needs_test(condition: &Meta) -> bool {
 struct Finder {
     /// Module that the code at hand lies in.
     module: Vec<String>,
+    /// Modules that each module declares.
+    children: BTreeMap<Vec<String>, BTreeSet<String>>,
     /// Full paths by the names under which `use` brings them in, by module: a module sees no others.
     imports: HashMap<Vec<String>, HashMap<String, Vec<String>>>,
     /// With the module of each, in which its path is to be resolved.
     mentions: Vec<(Vec<String>, Mention)>,
+    /// Whether what is named now is needed, see [`Mention::needed`].
+    needed: bool,
 }
 
 impl Finder {
+    /// Notes the modules that items of a module declare, before any path is read: a path may stand before
+    /// `mod`.
+    fn children_of(&mut self, items: &[Item], module: &[String]) {
+        for item in items {
+            let Item::Mod(declared) = item else { continue };
+            if only_for_tests(&declared.attrs) {
+                continue;
+            }
+            let name = declared.ident.to_string();
+            if let Some((_, items)) = &declared.content {
+                self.children_of(items, &[module, std::slice::from_ref(&name)].concat());
+            }
+            self.children.entry(module.to_vec()).or_default().insert(name);
+        }
+    }
+
     fn note(&mut self, line: usize, what: What) {
-        self.mentions.push((self.module.clone(), Mention { line, what }));
+        self.mentions.push((self.module.clone(), Mention { line, what, needed: self.needed }));
     }
 
     fn path(&mut self, line: usize, segments: Vec<String>) {
@@ -170,7 +210,8 @@ impl Finder {
         self.note(line, What::Path(absolute));
     }
 
-    /// The path with `self` and `super` resolved.
+    /// The path with `self`, `super` and modules of this module resolved. A single name may be a variable
+    /// that is called like a module, and stays.
     fn absolute(&self, mut segments: Vec<String>) -> Vec<String> {
         let mut module = self.module.clone();
         let first = segments.first().map(String::as_str);
@@ -186,9 +227,18 @@ impl Finder {
                 module.extend(segments);
                 return module;
             }
+            Some(first) if segments.len() > 1 && self.declares(first) => {
+                module.insert(0, "crate".to_owned());
+                module.extend(segments);
+                return module;
+            }
             _ => {}
         }
         segments
+    }
+
+    fn declares(&self, name: &str) -> bool {
+        self.children.get(&self.module).is_some_and(|children| children.contains(name))
     }
 
     fn use_tree(&mut self, tree: &syn::UseTree, before: &[String]) {
@@ -245,7 +295,7 @@ impl Finder {
             // twice: a name may come from another one, as in `use std::time; use time::Instant;`
             What::Path(path) => {
                 let path = full(&module, full(&module, path));
-                Mention { line: mention.line, what: What::Path(path) }
+                Mention { what: What::Path(path), ..mention }
             }
             _ => mention,
         };
@@ -380,8 +430,16 @@ impl<'ast> Visit<'ast> for Finder {
 
     fn visit_item_use(&mut self, node: &'ast syn::ItemUse) {
         if !only_for_tests(&node.attrs) {
+            self.needed = matches!(node.vis, syn::Visibility::Inherited);
             self.use_tree(&node.tree, &[]);
+            self.needed = true;
         }
+    }
+
+    fn visit_vis_restricted(&mut self, node: &'ast syn::VisRestricted) {
+        self.needed = false;
+        visit::visit_vis_restricted(self, node);
+        self.needed = true;
     }
 
     fn visit_item_extern_crate(&mut self, node: &'ast syn::ItemExternCrate) {

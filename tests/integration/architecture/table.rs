@@ -126,7 +126,7 @@ impl Rules {
 }
 
 /// Rows of all tables of a text, each with the header of its table.
-fn rows(text: &str) -> Vec<(Vec<String>, Vec<String>)> {
+pub fn rows(text: &str) -> Vec<(Vec<String>, Vec<String>)> {
     let mut found = Vec::new();
     let mut header: Option<Vec<String>> = None;
     for line in text.lines() {
@@ -145,6 +145,6 @@ fn rows(text: &str) -> Vec<(Vec<String>, Vec<String>)> {
 }
 
 /// What stands in backticks.
-fn quoted(cell: &str) -> BTreeSet<String> {
+pub fn quoted(cell: &str) -> BTreeSet<String> {
     cell.split('`').skip(1).step_by(2).map(str::to_owned).collect()
 }

@@ -155,7 +155,7 @@ fn priced(findings: Vec<Finding>, weighed: &Weighed<'_>, settings: &WeighSetting
         joint: joints.first().copied().filter(|_| joints.len() == 1),
         sentence: format!(
             "{}: least squares alone gives an inertia below zero, while bodies that can exist leave only {:.0} % more of \
-             the torque unexplained; this motion hardly shows that inertia (armwatch identify --physical gives bodies)",
+             the torque unexplained; this motion hardly shows that inertia (armwatch robot urdf gives bodies)",
             super::causes::named(&joints),
             100.0 * cost
         ),
