@@ -18,9 +18,9 @@ use std::sync::Arc;
 
 use armwatch::analysis::CycleAnalysis;
 use armwatch::config::{Config, FleetEntry};
-use armwatch::ingest::blocks::{BLOCK_BYTES, Block, Blocks, Next};
-use armwatch::ingest::layout::map_columns;
-use armwatch::ingest::parser::Parser;
+use armwatch::ingest::bytes::blocks::{BLOCK_BYTES, Block, Blocks, Next};
+use armwatch::ingest::table::column_map::map_columns;
+use armwatch::ingest::table::polars_reader::Parser;
 use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
 use armwatch::numerics::model::dynamics::inverse_dynamics;
 use armwatch::numerics::model::regressor::{Regressor, joint_torque_regressor};

@@ -2,60 +2,21 @@
 //! knows a particular arm; descriptions come from files.
 
 mod geometry;
+mod joint_index;
+mod friction_law;
+mod standard_parameters;
 mod parameter;
-
-use std::fmt;
 
 use nalgebra::{DMatrix, Vector3};
 
+pub use self::friction_law::{FrictionLaw, FrictionModel, FrictionTerm};
 pub use self::geometry::{DhParameters, GeometrySource, JointGeometry, Transform, UrdfOrigin};
-pub use self::parameter::{
-    Coupling, CouplingTerm, FrictionLaw, FrictionModel, FrictionTerm, ParameterId, ParameterKind,
-    StandardParameters,
-};
+pub use self::joint_index::JointIndex;
+pub use self::parameter::{Coupling, CouplingTerm, ParameterId, ParameterKind};
+pub use self::standard_parameters::StandardParameters;
 
 /// Most joints a described arm may have; numerics keep their per-joint scratch on the stack.
 pub const MAX_JOINTS: usize = 9;
-
-/// A joint of a chain. Counts from 0 inside; people read [`JointIndex::number`], which counts
-/// from 1.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct JointIndex(usize);
-
-impl JointIndex {
-    /// The joint at `index`, counted from 0 at the base.
-    #[must_use]
-    pub const fn new(index: usize) -> Self {
-        Self(index)
-    }
-
-    /// The joint that people call `number`, counted from 1 at the base; `None` for 0.
-    #[must_use]
-    pub const fn from_number(number: usize) -> Option<Self> {
-        match number.checked_sub(1) {
-            Some(index) => Some(Self(index)),
-            None => None,
-        }
-    }
-
-    /// Position in the chain, from 0 at the base.
-    #[must_use]
-    pub const fn index(self) -> usize {
-        self.0
-    }
-
-    /// The number people read, from 1 at the base.
-    #[must_use]
-    pub const fn number(self) -> usize {
-        self.0 + 1
-    }
-}
-
-impl fmt::Display for JointIndex {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.number())
-    }
-}
 
 /// A serial arm as its description file gives it. SI units, radians.
 #[derive(Debug, Clone, PartialEq)]

@@ -7,12 +7,12 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 use armwatch::config::{Layout, parse_layout, parse_robot};
-use armwatch::ingest::blocks::{Blocks, Next};
-use armwatch::ingest::csv::{ExportReader, ReadOptions};
-use armwatch::ingest::layout::map_columns;
-use armwatch::ingest::parser::Parser;
+use armwatch::ingest::bytes::blocks::{Blocks, Next};
 use armwatch::ingest::rejection::Rejection;
-use armwatch::ingest::{exact, preamble};
+use armwatch::ingest::table::column_map::map_columns;
+use armwatch::ingest::table::polars_reader::Parser;
+use armwatch::ingest::table::reader::{ExportReader, ReadOptions};
+use armwatch::ingest::table::{cell_reader, preamble};
 use armwatch::robot::Robot;
 use armwatch::run::Samples;
 
@@ -81,7 +81,7 @@ fn agree(bytes: &[u8], layout: &Layout, robot: &Robot) {
     let Ok(map) = map_columns(&header.text, layout, robot, path) else { return };
     let Ok(Next::Block(block)) = blocks.next_block(path) else { return };
     let fast = Parser::new(map.clone(), 1).read(&block, None, path);
-    assert_eq!(fast, exact::read(&block, &map, None, path));
+    assert_eq!(fast, cell_reader::read(&block, &map, None, path));
 }
 
 /// Checks one input; a failure panics.

@@ -12,10 +12,10 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use super::context::{CliError, EXIT_DONE, EXIT_STOPPED, Global, open_store, runtime, shared};
-use super::output;
+use super::shared::output;
 use crate::config::Config;
 use crate::daemon::{self, Event};
-use crate::pipeline::conclude::Concluded;
+use crate::pipeline::conclude::conclude::Concluded;
 use crate::pipeline::context::{Outcome, Pipeline};
 use crate::robot::{JointIndex, Robot};
 use crate::simulate::error::SimulateError;

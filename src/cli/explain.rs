@@ -8,13 +8,15 @@ use clap::Args;
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, runtime};
-use super::output;
+use super::shared::output;
 use crate::analysis::CycleAnalysis;
 use crate::config::{Config, Layout, layout_units};
-use crate::ingest::csv::LeftOut;
-use crate::ingest::exact::PassedOver;
-use crate::ingest::layout::{ColumnMap, Role};
-use crate::pipeline::explain::{CycleSketch, Explainer, Explanation, Ledger, Next, Reading, RecognisedAs};
+use crate::ingest::table::cell_reader::PassedOver;
+use crate::ingest::table::column_map::{ColumnMap, Role};
+use crate::ingest::table::reader::LeftOut;
+use crate::pipeline::look::explain::{
+    CycleSketch, Explainer, Explanation, Ledger, Next, Reading, RecognisedAs,
+};
 use crate::robot::{JointIndex, Robot};
 use crate::run::{RunKind, Stage};
 

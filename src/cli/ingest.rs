@@ -13,13 +13,13 @@ use tokio_util::sync::CancellationToken;
 use super::context::{
     CliError, EXIT_DONE, EXIT_FOUND, EXIT_INTERNAL, EXIT_STOPPED, Global, open_store, runtime, shared,
 };
-use super::{output, reweight};
+use super::shared::{output, reweight};
 use crate::analysis::finding::FindingKind;
 use crate::daemon;
-use crate::ingest::watch;
-use crate::pipeline::conclude::{Concluded, RUNS_AT_ONCE};
+use crate::ingest::find::watch;
+use crate::pipeline::conclude::conclude::{Concluded, RUNS_AT_ONCE};
+use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, Progress, Retry};
-use crate::pipeline::isolation::Conclusion;
 use crate::store::RunResult;
 
 #[derive(Debug, Args)]

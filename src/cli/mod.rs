@@ -1,35 +1,20 @@
 //! The command line: what was typed becomes what it means, once; then one function a command.
 
-mod config_check;
-mod context;
-mod coverage;
-mod demo;
-mod drive_gains;
-mod each_cycle;
-mod export_format;
-mod friction;
-mod friction_index;
-mod identify;
-mod identify_args;
-mod identify_output;
-mod ingest;
-mod layout;
-mod load;
-mod output;
-mod parameters;
-mod plot;
-mod prior_choice;
+mod shared;
 mod quarantine;
-mod quarantine_story;
-mod rmsd;
-mod reweight;
-mod robot_check;
-mod robot_urdf;
-mod run;
-mod selection;
+mod identify;
+mod friction;
+mod robot;
+mod layout;
+mod config;
 mod simulate;
-mod throughput;
-mod stage_signal;
+mod benchmark;
+mod context;
+mod demo;
+mod ingest;
+mod parameters;
+mod rmsd;
+mod run;
 mod explain;
 mod torque;
 mod verify;
@@ -73,11 +58,11 @@ enum Command {
     /// Take files or folders through the pipeline once
     Ingest(ingest::IngestArgs),
     /// Exports that were not understood: list and explain them, have them read again
-    Quarantine(quarantine::QuarantineArgs),
+    Quarantine(quarantine::command::QuarantineArgs),
     /// Say what would become of an export, without storing anything
     Explain(explain::ExplainArgs),
     /// Identify one parameter set on chosen cycles from what is stored of them
-    Identify(identify_args::IdentifyArgs),
+    Identify(identify::args::IdentifyArgs),
     /// List, show or delete what `identify --save` keeps
     Parameters(parameters::ParametersArgs),
     /// Verify parameters against other runs from what is stored of them
@@ -87,9 +72,9 @@ enum Command {
     /// RMSD of a run by cycle: each stage, the whole cycle, start and end of warming
     Rmsd(rmsd::RmsdArgs),
     /// Friction of runs over time, with warm-up curves fitted to it
-    Friction(friction::FrictionArgs),
+    Friction(friction::command::FrictionArgs),
     /// Write exports of a described arm, with chosen faults and a truth file
-    Simulate(simulate::SimulateArgs),
+    Simulate(simulate::command::SimulateArgs),
     /// Look at a robot description
     Robot {
         #[command(subcommand)]
@@ -115,28 +100,28 @@ enum Command {
 #[derive(Debug, Subcommand)]
 enum RobotCommand {
     /// Kinematics, base parameters with their groupings, rank and condition number
-    Check(robot_check::RobotCheckArgs),
+    Check(robot::check::RobotCheckArgs),
     /// Drive gains from two recordings, without and with a known load
-    DriveGains(drive_gains::DriveGainsArgs),
+    DriveGains(robot::drive_gains::DriveGainsArgs),
     /// Identified bodies of all links as a URDF file, from what is stored of chosen cycles
-    Urdf(robot_urdf::RobotUrdfArgs),
+    Urdf(robot::urdf::RobotUrdfArgs),
 }
 
 #[derive(Debug, Subcommand)]
 enum LayoutCommand {
     /// Propose a layout for an export, with its reasons
-    Infer(layout::InferArgs),
+    Infer(layout::infer::InferArgs),
 }
 
 #[derive(Debug, Subcommand)]
 enum BenchmarkCommand {
     /// How often 95 % intervals of the parameters hold the truth
-    Coverage(coverage::CoverageArgs),
+    Coverage(benchmark::coverage::CoverageArgs),
     /// Time and memory of `ingest` beside a plain read of the same export
-    Ingest(throughput::IngestBenchmarkArgs),
+    Ingest(benchmark::throughput::IngestBenchmarkArgs),
     /// Read a file with polars alone and print its rows
     #[command(hide = true)]
-    PlainRead(throughput::PlainReadArgs),
+    PlainRead(benchmark::throughput::PlainReadArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -169,32 +154,34 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Demo(args) => demo::demo(&cli.global, &args),
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
-        Command::Quarantine(args) => quarantine::quarantine(&cli.global, &args),
+        Command::Quarantine(args) => quarantine::command::quarantine(&cli.global, &args),
         Command::Explain(args) => explain::explain(&cli.global, &args),
-        Command::Identify(args) => identify::identify(&cli.global, &args),
+        Command::Identify(args) => identify::command::identify(&cli.global, &args),
         Command::Parameters(args) => parameters::parameters(&cli.global, &args),
         Command::Verify(args) => verify::verify(&cli.global, &args),
         Command::Torque(args) => torque::torque(&cli.global, &args),
         Command::Rmsd(args) => rmsd::rmsd(&cli.global, &args),
-        Command::Friction(args) => friction::friction(&cli.global, &args),
-        Command::Simulate(args) => simulate::simulate(&cli.global, &args),
-        Command::Robot { command: RobotCommand::Check(args) } => robot_check::check(&cli.global, &args),
+        Command::Friction(args) => friction::command::friction(&cli.global, &args),
+        Command::Simulate(args) => simulate::command::simulate(&cli.global, &args),
+        Command::Robot { command: RobotCommand::Check(args) } => robot::check::check(&cli.global, &args),
         Command::Robot { command: RobotCommand::DriveGains(args) } => {
-            drive_gains::drive_gains(&cli.global, &args)
+            robot::drive_gains::drive_gains(&cli.global, &args)
         }
-        Command::Robot { command: RobotCommand::Urdf(args) } => robot_urdf::urdf(&cli.global, &args),
-        Command::Layout { command: LayoutCommand::Infer(args) } => layout::infer(&cli.global, &args),
+        Command::Robot { command: RobotCommand::Urdf(args) } => robot::urdf::urdf(&cli.global, &args),
+        Command::Layout { command: LayoutCommand::Infer(args) } => layout::infer::infer(&cli.global, &args),
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {
-            coverage::coverage(&cli.global, &args)
+            benchmark::coverage::coverage(&cli.global, &args)
         }
         Command::Benchmark { command: BenchmarkCommand::Ingest(args) } => {
-            throughput::throughput(&cli.global, &args)
+            benchmark::throughput::throughput(&cli.global, &args)
         }
-        Command::Benchmark { command: BenchmarkCommand::PlainRead(args) } => throughput::plain_read(&args),
-        Command::Config { command: ConfigCommand::Check } => config_check::check(&cli.global),
+        Command::Benchmark { command: BenchmarkCommand::PlainRead(args) } => {
+            benchmark::throughput::plain_read(&args)
+        }
+        Command::Config { command: ConfigCommand::Check } => config::check::check(&cli.global),
     };
     ExitCode::from(done.unwrap_or_else(|error| {
-        output::complain(&error);
+        shared::output::complain(&error);
         error.exit_code()
     }))
 }

@@ -4,7 +4,7 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store, runtime};
-use super::output;
+use super::shared::output;
 use crate::store::{KeptEstimate, KeptKind, ParameterSet, Store};
 
 #[derive(Debug, Args)]

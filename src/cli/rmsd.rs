@@ -5,9 +5,9 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store, runtime};
-use super::identify_output::rmsd_value;
-use super::output;
-use super::plot::PlotFile;
+use super::identify::output::rmsd_value;
+use super::shared::output;
+use super::shared::plot::PlotFile;
 use crate::analysis::{Rmsd, RmsdPair, RmsdScope, WarmingContrast};
 use crate::numerics::statistics::descriptive::{mean, standard_deviation};
 use crate::report::rmsd::{CycleVerification, rmsd_figure};

@@ -6,13 +6,13 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store, runtime};
-use super::output;
-use super::plot::{PlotFile, refuse_export, write_lines};
-use super::selection::NamedCandidate;
+use super::shared::output;
+use super::shared::plot::{PlotFile, refuse_export, write_lines};
+use super::shared::selection::NamedCandidate;
 use crate::analysis::{RmsdScope, TorqueRmsd};
 use crate::config::Config;
 use crate::numerics::identify::torque_series::{SeriesRows, TorqueSeries, peaks};
-use crate::pipeline::replay::{Replay, ReplayError};
+use crate::pipeline::look::replay::{Replay, ReplayError};
 use crate::report::torque::torque_figure;
 use crate::robot::{JointIndex, ParameterId};
 use crate::run::Stage;
@@ -261,7 +261,7 @@ fn as_value(args: &TorqueArgs, replayed: &Replayed, joint: JointIndex) -> serde_
     let rows = chosen_rows(args, series, joint);
     let column = |of: &[f64]| rows.iter().map(|&row| of[row]).collect::<Vec<f64>>();
     let rmsd = series.rmsd(joint, args.stage.scope());
-    let mut value = super::identify_output::rmsd_value(&rmsd);
+    let mut value = super::identify::output::rmsd_value(&rmsd);
     value["robot"] = json!(replay.run.robot);
     value["run_id"] = json!(replay.run.run_id);
     value["cycle"] = json!(replay.cycle.cycle);

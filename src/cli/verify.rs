@@ -4,11 +4,11 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store, runtime};
-use super::identify_output::rmsd_value;
-use super::output;
-use super::selection::{NamedCandidate, named_runs, note_passed_over, runs_of};
+use super::identify::output::rmsd_value;
+use super::shared::output;
+use super::shared::selection::{NamedCandidate, named_runs, note_passed_over, runs_of};
 use crate::analysis::{Estimator, RmsdScope, TorqueRmsd};
-use crate::pipeline::stored::{CrossVerification, PassedOver, StoredError, cross_verification};
+use crate::pipeline::stored::stored::{CrossVerification, PassedOver, StoredError, cross_verification};
 use crate::run::Stage;
 use crate::store::{RunRow, Store};
 

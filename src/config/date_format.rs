@@ -3,7 +3,7 @@
 use jiff::civil::{Date, DateTime, Time};
 use jiff::fmt::strtime;
 
-use super::reader::{Table, Value};
+use super::toml::table::{Table, Value};
 
 /// Years that a recording can be from. Outside, eight digits are no date but a serial number.
 const YEARS: std::ops::RangeInclusive<i16> = 1980..=2199;

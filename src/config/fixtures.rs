@@ -7,11 +7,11 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::layout_file::read_layout;
-use super::problem::ConfigErrors;
-use super::robot_file::{parse_robot, read_robot};
+use super::layout::layout_file::read_layout;
+use super::robot::robot_file::{parse_robot, read_robot};
 use super::settings::Config;
 use super::summary::summary;
+use super::toml::problem::ConfigErrors;
 
 /// Name of a file, and for each of its problems the line, the key and words of the message.
 type Expectation = (&'static str, &'static [(usize, &'static str, &'static str)]);

@@ -4,8 +4,8 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::limits::Limits;
-use super::reader::{Table, Value};
+use super::toml::range::Limits;
+use super::toml::table::{Table, Value};
 
 const DEFAULT_LISTEN: &str = "127.0.0.1:8650";
 const DEFAULT_SPOOL: &str = "spool";

@@ -4,10 +4,10 @@ use std::ffi::OsStr;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use super::daemon_file;
-use super::files;
-use super::problem::ConfigErrors;
+use super::daemon::daemon_file;
 use super::settings::Config;
+use super::toml::files;
+use super::toml::problem::ConfigErrors;
 use crate::robot::Robot;
 
 /// Environment variable that names the configuration file.

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 
 use tokio_util::sync::CancellationToken;
 
-use crate::ingest::archive::{Archived, archive};
-use crate::ingest::source::path_text;
-use crate::ingest::watch;
+use crate::ingest::bytes::source::path_text;
+use crate::ingest::find::archive::{Archived, archive};
+use crate::ingest::find::watch;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
-use crate::pipeline::intake;
+use crate::pipeline::take::intake;
 use crate::run::RunStatus;
 use crate::store::SourceState;
 

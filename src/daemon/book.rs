@@ -7,8 +7,8 @@ use std::time::{Duration, Instant, SystemTime};
 
 use jiff::Timestamp;
 
-use crate::ingest::settle::{Observation, Settling};
-use crate::ingest::watch::FoundFile;
+use crate::ingest::find::settle::{Observation, Settling};
+use crate::ingest::find::watch::FoundFile;
 use crate::run::FileId;
 
 /// A file that grew again after it was done has a slow writer: each time, it must stand still twice as

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
 use super::book::{Begun, Book, Closing, Due};
-use crate::ingest::watch::FoundFile;
+use crate::ingest::find::watch::FoundFile;
 use crate::run::FileId;
 
 const SETTLE: Duration = Duration::from_secs(3);

@@ -3,7 +3,7 @@
 use std::time::SystemTime;
 
 use super::*;
-use crate::ingest::watch::FoundFile;
+use crate::ingest::find::watch::FoundFile;
 use crate::store::Store;
 
 const NAMES: [&str; 2] = ["A_20260101_0000.csv", "B_20260101_0000.csv"];

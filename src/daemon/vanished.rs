@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::ingest::watch::Scan;
+use crate::ingest::find::watch::Scan;
 use crate::store::UnfinishedSource;
 
 /// A file that is missing for so many times the time to settle is gone: longer than a rename or a copy from
@@ -53,7 +53,7 @@ mod tests {
     use jiff::Timestamp;
 
     use super::*;
-    use crate::ingest::watch::{FoundFile, Unreadable};
+    use crate::ingest::find::watch::{FoundFile, Unreadable};
     use crate::run::FileId;
 
     const SETTLE: Duration = Duration::from_secs(5);

@@ -4,9 +4,9 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::ops::Range;
 use std::path::Path;
 
-use super::encoding::{Found, TextReader};
+use super::bytes::encoding::{Found, TextReader};
+use super::bytes::source;
 use super::rejection::Rejection;
-use super::source;
 use crate::config::TextEncoding;
 
 /// Longest part of a line that is kept. Lines that are longer are refused by the reader, and a file

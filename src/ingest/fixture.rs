@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::csv::{Chunk, ExportReader, ReadOptions};
+use super::bytes::source::open;
 use super::rejection::Rejection;
-use super::source::open;
+use super::table::reader::{Chunk, ExportReader, ReadOptions};
 use crate::config::{
     AmbientTemperature, Channel, Column, JointColumns, JointDelays, JointSigns, Layout, MotorSide,
     MotorTemperature, RowRule, ScaledColumn, StageSignal, StageSource, TemperatureUnit, TextFormat,

@@ -15,33 +15,13 @@
 //! and number formats end in here. Nothing but this module names polars, notify, flate2, zstd,
 //! encoding_rs or blake3.
 
-pub mod archive;
-pub mod blocks;
-pub mod cell;
-pub mod channels;
-pub mod csv;
-pub mod encoding;
-pub mod exact;
+pub mod bytes;
+pub mod find;
+pub mod table;
 pub mod excerpt;
-mod fields;
-pub mod fingerprint;
 pub mod infer;
-pub mod layout;
 pub mod plain;
-pub mod parser;
-pub mod preamble;
 pub mod rejection;
-pub mod settle;
-pub mod source;
-pub mod start;
-pub mod tail;
-pub mod watch;
 
 #[cfg(test)]
-mod csv_tests;
-#[cfg(test)]
 mod fixture;
-#[cfg(test)]
-mod oddities;
-#[cfg(test)]
-mod temperature_tests;

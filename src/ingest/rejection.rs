@@ -114,7 +114,7 @@ impl Rejection {
         format!("{}{}{remedy}{}", value.unwrap_or_default(), self.reason, byte.unwrap_or_default())
     }
 
-    /// A rejection from a failed read, with the explanation that [`super::source`] gave the error
+    /// A rejection from a failed read, with the explanation that [`super::bytes::source`] gave the error
     /// where there is one. What the operating system refuses may pass.
     #[must_use]
     pub fn from_io(path: &Path, error: &io::Error) -> Self {

@@ -6,42 +6,17 @@
 //! files that grow ([`follow`]). A cycle is done when the transaction that stores its rows commits;
 //! whatever was cut short is read again from behind the last stored cycle ([`resume`]).
 
+pub mod take;
 pub mod conclude;
-pub mod context;
-pub mod admitted;
-pub mod resume_point;
-pub mod cutting;
-pub mod cycles;
-pub mod decide;
-pub mod drive_gain;
-pub mod explain;
-pub mod follow;
-mod friction;
-pub mod intake;
-pub mod isolation;
-pub mod physical;
-mod production;
-pub mod record;
-pub mod replay;
-pub mod reestimate;
-pub mod reweight;
-#[cfg(test)]
-mod reweight_tests;
-pub mod resume;
-#[cfg(test)]
-mod resume_tests;
 pub mod stored;
+pub mod look;
+pub mod context;
+mod friction;
+mod production;
+pub mod reweight;
 #[cfg(test)]
 mod tests;
 
-use crate::pipeline::context::InAnalysis;
-use crate::pipeline::context::Lane;
-use crate::pipeline::context::OpenRun;
-use crate::pipeline::context::Outcome;
-use crate::pipeline::context::Pipeline;
-use crate::pipeline::context::PipelineError;
-use crate::pipeline::context::Progress;
-use crate::pipeline::context::Retry;
 use std::path::Path;
 use std::sync::{Arc, PoisonError};
 
@@ -49,15 +24,16 @@ use tokio::sync::{Semaphore, mpsc};
 use tokio_util::sync::CancellationToken;
 
 use crate::config::Config;
+use crate::ingest::bytes::source;
 use crate::ingest::rejection::Rejection;
-use crate::ingest::source;
 use crate::numerics::analyse::Method;
 use crate::robot::Robot;
 use crate::store::{Store, StoreError};
-use admitted::Intake;
-use cutting::{CutCycle, ReadEnd};
-use intake::Known;
+use context::{InAnalysis, Lane, OpenRun, Outcome, Pipeline, PipelineError, Progress, Retry};
 use production::Work;
+use take::admitted::Intake;
+use take::cutting::{CutCycle, ReadEnd};
+use take::intake::Known;
 
 /// Cycles between the reading thread and analysis. One is enough to keep both busy; each takes
 /// 12 MB at 250 Hz and five minutes.
@@ -125,12 +101,12 @@ impl Pipeline {
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
         let name = source::path_text(path);
-        let state = intake::source_state(path);
+        let state = take::intake::source_state(path);
         if let (Retry::Never, Some(state)) = (retry, state)
             && let Some(known) = self.store.known_source(&name, state).await?
-            && decide::is_decided(&known, retry)
+            && take::decide::is_decided(&known, retry)
         {
-            return Ok(intake::decided(path, known));
+            return Ok(take::intake::decided(path, known));
         }
         let outcome = self.take(path, retry, stop, progress).await?;
         if let (Some(run_id), Some(state)) = (outcome.run_id(), state) {
@@ -146,7 +122,7 @@ impl Pipeline {
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
-        let intake = match intake::admit(self, path, retry).await? {
+        let intake = match take::intake::admit(self, path, retry).await? {
             Known::No(intake) => *intake,
             Known::Yes(outcome) => return Ok(outcome),
         };
@@ -157,7 +133,7 @@ impl Pipeline {
                 format!("results that the database refuses: {detail}")
             }
             // other exports go on
-            Err(PipelineError::Task(error)) => isolation::panic_reason(error)?,
+            Err(PipelineError::Task(error)) => conclude::isolation::panic_reason(error)?,
             done => return done,
         };
         tracing::error!(file = %path.display(), run_id = intake.run_id, "{reason}");
@@ -166,7 +142,7 @@ impl Pipeline {
              file",
             intake.run_id
         );
-        record::quarantine(self, &intake, Rejection::of_file(path, reason, remedy)).await
+        take::record::quarantine(self, &intake, Rejection::of_file(path, reason, remedy)).await
     }
 
     async fn take_admitted(
@@ -177,12 +153,12 @@ impl Pipeline {
     ) -> Result<Outcome, PipelineError> {
         let method = match self.method(intake).await? {
             Ok(method) => method,
-            Err(rejection) => return record::quarantine(self, intake, rejection).await,
+            Err(rejection) => return take::record::quarantine(self, intake, rejection).await,
         };
         let reading = {
             let (intake, stop, progress) = (intake.clone(), stop.clone(), progress.clone());
             move |cycles: mpsc::Sender<CutCycle>| {
-                intake::read_cycles(&intake, &cycles, &stop, |bytes| progress(Progress::Read(bytes)))
+                take::intake::read_cycles(&intake, &cycles, &stop, |bytes| progress(Progress::Read(bytes)))
             }
         };
         let (end, refused) = self.stream(intake, &method, Lane::Backlog, reading, progress).await?;
@@ -190,10 +166,10 @@ impl Pipeline {
             ReadEnd::Complete(totals) => {
                 // a name without start was given the time at which the file was last written
                 let written_at = Some(intake.header.started_at);
-                record::finish(self, intake, &method, totals, refused, written_at).await
+                take::record::finish(self, intake, &method, totals, refused, written_at).await
             }
             ReadEnd::Rejected(rejection) if rejection.is_passing => Ok(Outcome::Unreadable { rejection }),
-            ReadEnd::Rejected(rejection) => record::quarantine(self, intake, rejection).await,
+            ReadEnd::Rejected(rejection) => take::record::quarantine(self, intake, rejection).await,
             ReadEnd::Interrupted => Ok(Outcome::Interrupted),
             // its stored cycles are compared with the file when it is looked at again
             ReadEnd::Changed => {
@@ -221,7 +197,8 @@ impl Pipeline {
         let reader = tokio::task::spawn_blocking(move || read(to_analysis));
         let places = Arc::clone(&self.places[lane as usize]);
         let analyser = tokio::spawn(analyse_in_order(work, places, cycles, to_record));
-        let recorded = record::cycles(&self.store, intake, analyses, |n| progress(Progress::Cycle(n))).await;
+        let recorded =
+            take::record::cycles(&self.store, intake, analyses, |n| progress(Progress::Cycle(n))).await;
         // a recorder that ended early has dropped its end of the channel, so both others end too
         let recorded = recorded?;
         analyser.await?;

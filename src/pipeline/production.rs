@@ -4,9 +4,9 @@ use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-use super::admitted::Intake;
 use super::context::{Pipeline, PipelineError};
-use super::stored::{Candidate, Chosen, StoredError, unit_identification};
+use super::stored::stored::{Candidate, Chosen, StoredError, unit_identification};
+use super::take::admitted::Intake;
 use crate::analysis::{CycleAnalysis, Estimator, ProductionCheck};
 use crate::config::Layout;
 use crate::numerics::analyse::{Method, analyse_cycle};

@@ -9,8 +9,8 @@
 use tokio_util::sync::CancellationToken;
 
 use super::context::{Pipeline, PipelineError};
-use super::record::as_results;
-use super::stored::independent_shares;
+use super::stored::stored::independent_shares;
+use super::take::record::as_results;
 use crate::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
 use crate::numerics::NumericsError;
 use crate::numerics::analyse::RunResults;
@@ -170,3 +170,6 @@ fn run_figures(results: &RunResults) -> (Vec<ParameterStatistics>, Vec<JointDevi
     };
     (statistics.collect(), results.relative_rmsd.iter().map(of_joint).collect())
 }
+
+#[cfg(test)]
+mod tests;

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use tokio_util::sync::CancellationToken;
 
 use super::context::{Outcome, Pipeline, Retry};
-use super::stored::{Candidate, Chosen, cross_verification, rmsd_on, unit_identification};
+use super::stored::stored::{Candidate, Chosen, cross_verification, rmsd_on, unit_identification};
 use crate::analysis::Estimator;
 use crate::config::Config;
-use crate::ingest::csv::{ExportReader, ReadOptions};
-use crate::ingest::source::open_hashing;
+use crate::ingest::bytes::source::open_hashing;
+use crate::ingest::table::reader::{ExportReader, ReadOptions};
 use crate::numerics::analyse::Method;
 use crate::numerics::identify::joint_factors::tests::{Direct, assert_equal, raw_parameters};
 use crate::numerics::segment::cycles::CycleCutter;

@@ -9,7 +9,7 @@ use axum::http::header::{AUTHORIZATION, HOST};
 
 use super::answer::Refusal;
 use crate::config::ServeSettings;
-use crate::ingest::fingerprint::of_bytes;
+use crate::ingest::bytes::fingerprint::of_bytes;
 use crate::run::ContentHash;
 
 /// Environment variable with the token, where the configuration names no file.

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
-use crate::ingest::fingerprint::{fingerprint, of_bytes};
+use crate::ingest::bytes::fingerprint::{fingerprint, of_bytes};
 use crate::run::ContentHash;
 
 /// Folder of uploads that are not whole, inside the spool: hidden, and on the same file system.

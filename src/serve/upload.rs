@@ -23,7 +23,7 @@ use super::receive::{Bounds, SLOW_START, of_disk, receive};
 use super::shared::Shared;
 use super::spool::{Claim, MOST_PARTIALS};
 use super::status::content_hash;
-use crate::ingest::source::is_export;
+use crate::ingest::bytes::source::is_export;
 use crate::run::{ContentHash, RunStatus};
 use crate::store::Store;
 

@@ -7,17 +7,21 @@ use jiff::Timestamp;
 use sqlx::{Sqlite, Transaction};
 
 use super::error::StoreError;
-use super::friction::{self, CycleSpeedFits};
-use super::history::{self, RunMeasurements};
-use super::ledger::{self, Owner, RunTotals};
-use super::{identity, quarantine, run_analysis};
+use super::ledger::runs;
+use super::ledger::runs::{Owner, RunTotals};
+use super::ledger::{identity, quarantine};
+use super::results::run_analysis;
+use super::robot::friction;
+use super::robot::friction::CycleSpeedFits;
+use super::robot::history;
+use super::robot::history::RunMeasurements;
 use crate::analysis::RunAnalysis;
 use crate::run::{ContentHash, ContentPrefix};
 
 /// An open transaction that ends a run. Dropping it without [`commit`](Self::commit) leaves the
 /// database as it was. It holds the only writer: do slow work before opening it, with
 /// [`Store::run_measurements`](super::handle::Store::run_measurements). What follows from the robot's history is
-/// concluded after it, see [`ConclusionTransaction`](super::conclude::ConclusionTransaction).
+/// concluded after it, see [`ConclusionTransaction`](super::robot::conclude::ConclusionTransaction).
 #[derive(Debug)]
 pub struct FinishTransaction {
     pub(super) transaction: Transaction<'static, Sqlite>,
@@ -78,12 +82,12 @@ impl FinishTransaction {
     ) -> Result<Owner, StoreError> {
         let noted = identity::set_first_rows(&mut *self.transaction, self.run_id, first_rows).await;
         self.checked(noted)?;
-        let owner = ledger::adopt(&mut self.transaction, self.run_id, content).await;
+        let owner = runs::adopt(&mut self.transaction, self.run_id, content).await;
         let owner = self.checked(owner)?;
         if owner == Owner::Ours {
-            let replaced = ledger::replaced_by(&mut *self.transaction, self.run_id).await;
+            let replaced = runs::replaced_by(&mut *self.transaction, self.run_id).await;
             if let Some(old) = self.checked(replaced)? {
-                let superseded = ledger::supersede_shorter(&mut self.transaction, self.run_id, old).await;
+                let superseded = runs::supersede_shorter(&mut self.transaction, self.run_id, old).await;
                 if self.checked(superseded)? {
                     let otherwise = identity::begin_otherwise(&mut *self.transaction, self.run_id, old).await;
                     self.replaced =
@@ -114,7 +118,7 @@ impl FinishTransaction {
     /// # Errors
     /// [`StoreError::Refused`] if not every cycle is stored.
     pub async fn complete(&mut self, totals: RunTotals) -> Result<(), StoreError> {
-        let result = ledger::mark_complete(&mut *self.transaction, self.run_id, totals).await;
+        let result = runs::mark_complete(&mut *self.transaction, self.run_id, totals).await;
         self.checked(result)?;
         let superseded = quarantine::supersede_faulty(&mut *self.transaction, self.run_id).await;
         self.checked(superseded)

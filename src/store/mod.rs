@@ -4,51 +4,20 @@
 //! The views of `migrations/` are what users read; the tables behind them are this module's own.
 //! Functions below the facade hold one statement each and take any connection, so that they compose.
 
-mod analyses;
-mod anomalies;
-mod claim;
-mod conclude;
-mod conclusion_faults;
-mod error;
-mod estimates;
-mod factors;
-mod finish;
-mod friction;
-mod handle;
-mod history;
-mod identity;
-mod intervals;
 mod ledger;
-mod models;
-mod open;
-mod parameter_sets;
-mod quarantine;
-mod production;
-mod read;
-mod reestimates;
 mod results;
-mod resume;
-mod run_analysis;
-mod sources;
-mod temperatures;
-#[cfg(test)]
-mod test_support;
+mod robot;
+mod kept;
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod tests_factors;
-#[cfg(test)]
-mod tests_finish;
-#[cfg(test)]
-mod tests_identity;
-#[cfg(test)]
-mod tests_open;
-#[cfg(test)]
-mod tests_reestimates;
-#[cfg(test)]
-mod tests_verification;
+mod views;
+mod claim;
+mod error;
+mod finish;
+mod handle;
+mod models;
+mod open;
 mod values;
-mod verification;
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -56,31 +25,31 @@ use std::sync::Arc;
 
 use sqlx::{Sqlite, Transaction};
 
-pub use anomalies::Reconciled;
 pub use claim::DaemonClaim;
-pub use conclude::{ConclusionTransaction, StaleRobot};
-pub use conclusion_faults::ConclusionFault;
 pub use error::StoreError;
-pub use estimates::{EstimateTransaction, NewEstimate, OtherEstimate};
-pub use factors::{FactorsWanted, StoredCycle};
 pub use finish::{FinishTransaction, Replaced};
-pub use friction::{CycleSpeedFits, FrictionRun, IndexRow, ThermalSourceRow};
 pub use handle::Store;
-pub use history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
-pub use ledger::{Beginning, Begun, Identity, KnownRun, Owner, RunTotals};
-pub use models::{ModelParameter, StoredModel};
-pub use parameter_sets::{ParameterSet, SourceCycle};
-pub use production::{ProductionWindow, ReferenceTest};
-pub use quarantine::{Dismissal, Fault, FaultState, QuarantineRow};
-pub use read::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
-pub use reestimates::{
+pub use kept::estimates::{EstimateTransaction, NewEstimate, OtherEstimate};
+pub use kept::parameter_sets::{ParameterSet, SourceCycle};
+pub use kept::reestimates::{
     CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,
 };
-pub use results::{OverdueRobot, RunResult};
-pub use resume::{ReadSoFar, StoredPoint};
-pub use run_analysis::JointDeviation;
-pub use sources::{EarlierRun, Recording, RunSource, SourceState, UnfinishedSource};
-pub use verification::{CycleState, OfCycle};
+pub use ledger::quarantine::{Dismissal, Fault, FaultState, QuarantineRow};
+pub use ledger::resume::{ReadSoFar, StoredPoint};
+pub use ledger::runs::{Beginning, Begun, Identity, KnownRun, Owner, RunTotals};
+pub use ledger::sources::{EarlierRun, Recording, RunSource, SourceState, UnfinishedSource};
+pub use models::{ModelParameter, StoredModel};
+pub use results::factors::{FactorsWanted, StoredCycle};
+pub use results::production::{ProductionWindow, ReferenceTest};
+pub use results::run_analysis::JointDeviation;
+pub use results::verification::{CycleState, OfCycle};
+pub use robot::anomalies::Reconciled;
+pub use robot::conclude::{ConclusionTransaction, StaleRobot};
+pub use robot::conclusion_faults::ConclusionFault;
+pub use robot::friction::{CycleSpeedFits, FrictionRun, IndexRow, ThermalSourceRow};
+pub use robot::health::{OverdueRobot, RunResult};
+pub use robot::history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
+pub use views::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
 
 use crate::analysis::{
     CycleAnalysis, Estimator, FrictionPoint, IdentifiedParameter, TorqueRmsd, WarmingContrast,
@@ -88,7 +57,7 @@ use crate::analysis::{
 use crate::anomaly::RunSummary;
 use crate::robot::{ParameterId, Robot};
 use crate::run::{ContentHash, FileId, RunHeader, RunKind};
-use analyses::Recorded;
+use results::record::Recorded;
 
 /// Hash by which the database tells descriptions apart: what decides the meaning of base parameters, joint
 /// kinds, geometry, gravity, friction columns and couplings. Compare [`StoredModel::description_hash`].
@@ -144,7 +113,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn lookup(&self, hash: &ContentHash) -> Result<Option<KnownRun>, StoreError> {
-        self.checked(ledger::find_run(&self.readers, hash).await)
+        self.checked(ledger::runs::find_run(&self.readers, hash).await)
     }
 
     /// Claims the database for one daemon, until the claim is dropped or the process ends.
@@ -160,7 +129,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn known_source(&self, path: &str, state: SourceState) -> Result<Option<KnownRun>, StoreError> {
-        self.checked(sources::find(&self.readers, path, state).await)
+        self.checked(ledger::sources::find(&self.readers, path, state).await)
     }
 
     /// Writes down that the file at `path`, in this state, holds the export of a run.
@@ -173,7 +142,7 @@ impl Store {
         state: SourceState,
         run_id: i64,
     ) -> Result<(), StoreError> {
-        self.checked(sources::remember(&self.writer, path, state, run_id).await)
+        self.checked(ledger::sources::remember(&self.writer, path, state, run_id).await)
     }
 
     /// Runs whose export lay at `path`, in the file of this number under another name, or is of this recording
@@ -187,7 +156,7 @@ impl Store {
         file: FileId,
         recording: Option<Recording<'_>>,
     ) -> Result<Vec<EarlierRun>, StoreError> {
-        self.checked(sources::earlier_runs(&self.readers, path, file, recording).await)
+        self.checked(ledger::sources::earlier_runs(&self.readers, path, file, recording).await)
     }
 
     /// Files of runs that are not complete, as they were when the runs were last begun.
@@ -195,7 +164,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn unfinished_sources(&self) -> Result<Vec<UnfinishedSource>, StoreError> {
-        self.checked(sources::unfinished(&self.readers).await)
+        self.checked(ledger::sources::unfinished(&self.readers).await)
     }
 
     /// Ends an unfinished run whose file is gone as quarantined, for `reason`. Its cycles stay, and it goes on if
@@ -204,7 +173,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn give_up_run(&self, run_id: i64, reason: &str) -> Result<bool, StoreError> {
-        self.checked(ledger::give_up(&self.writer, run_id, reason).await)
+        self.checked(ledger::runs::give_up(&self.writer, run_id, reason).await)
     }
 
     /// Begins the run of the file at `source`, as `beginning` says, and writes down that the file holds it.
@@ -220,10 +189,12 @@ impl Store {
         source: SourceState,
     ) -> Result<Begun, StoreError> {
         let mut transaction = self.begin().await?;
-        let begun = self.checked(ledger::begin(&mut transaction, header, identity, beginning).await)?;
+        let begun = self.checked(ledger::runs::begin(&mut transaction, header, identity, beginning).await)?;
         let run_id = begun.run.run_id;
-        self.checked(sources::remember(&mut *transaction, &header.source_path, source, run_id).await)?;
-        self.checked(sources::set_file(&mut *transaction, run_id, source.file).await)?;
+        self.checked(
+            ledger::sources::remember(&mut *transaction, &header.source_path, source, run_id).await,
+        )?;
+        self.checked(ledger::sources::set_file(&mut *transaction, run_id, source.file).await)?;
         self.commit(transaction).await?;
         Ok(begun)
     }
@@ -236,7 +207,7 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn begin_run(&self, header: &RunHeader) -> Result<KnownRun, StoreError> {
         let mut transaction = self.begin().await?;
-        let run = self.checked(ledger::begin_run(&mut transaction, header).await)?;
+        let run = self.checked(ledger::runs::begin_run(&mut transaction, header).await)?;
         self.commit(transaction).await?;
         Ok(run)
     }
@@ -268,7 +239,9 @@ impl Store {
         read: Option<&ReadSoFar>,
     ) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
-        match self.checked(analyses::record_cycle(&mut transaction, run_id, analysis, robot, read).await)? {
+        match self
+            .checked(results::record::record_cycle(&mut transaction, run_id, analysis, robot, read).await)?
+        {
             Recorded::Stored => self.commit(transaction).await.map(|()| true),
             Recorded::Known => Ok(false),
             Recorded::RunNotOpen => Err(self.run_not_open(run_id)),
@@ -280,7 +253,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn resume_point(&self, run_id: i64) -> Result<Option<StoredPoint>, StoreError> {
-        self.checked(resume::of_run(&self.readers, run_id).await)
+        self.checked(ledger::resume::of_run(&self.readers, run_id).await)
     }
 
     /// Lets a run be read from its start when it is read again.
@@ -288,7 +261,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn forget_resume_point(&self, run_id: i64) -> Result<(), StoreError> {
-        self.checked(resume::forget(&self.writer, run_id).await)
+        self.checked(ledger::resume::forget(&self.writer, run_id).await)
     }
 
     /// Writes down which sums of standard parameters the base parameters of a description stand for.
@@ -317,7 +290,7 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn quarantine(&self, header: &RunHeader, fault: &Fault) -> Result<i64, StoreError> {
         let mut transaction = self.begin().await?;
-        let run_id = self.checked(quarantine::quarantine(&mut transaction, header, fault).await)?;
+        let run_id = self.checked(ledger::quarantine::quarantine(&mut transaction, header, fault).await)?;
         self.commit(transaction).await?;
         Ok(run_id)
     }
@@ -327,7 +300,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn faults(&self) -> Result<Vec<QuarantineRow>, StoreError> {
-        self.checked(quarantine::rows(&self.readers).await)
+        self.checked(ledger::quarantine::rows(&self.readers).await)
     }
 
     /// Marks a quarantined run to be read again by the daemon; `false` if it is not quarantined.
@@ -335,7 +308,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn ask_retry(&self, run_id: i64) -> Result<bool, StoreError> {
-        self.checked(quarantine::ask_retry(&self.writer, run_id).await)
+        self.checked(ledger::quarantine::ask_retry(&self.writer, run_id).await)
     }
 
     /// Paths at which exports were seen that are marked to be read again.
@@ -343,7 +316,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn paths_to_retry(&self) -> Result<Vec<PathBuf>, StoreError> {
-        let paths = self.checked(quarantine::paths_to_retry(&self.readers).await)?;
+        let paths = self.checked(ledger::quarantine::paths_to_retry(&self.readers).await)?;
         // earlier versions stored paths as they were given
         Ok(paths.into_iter().map(|path| std::path::absolute(&path).unwrap_or_else(|_| path.into())).collect())
     }
@@ -353,7 +326,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn known_run(&self, run_id: i64) -> Result<Option<KnownRun>, StoreError> {
-        match ledger::run_by_key(&self.readers, run_id).await {
+        match ledger::runs::run_by_key(&self.readers, run_id).await {
             Err(sqlx::Error::RowNotFound) => Ok(None),
             found => self.checked(found).map(Some),
         }
@@ -365,7 +338,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn supersede_run(&self, run_id: i64, old: i64) -> Result<(), StoreError> {
-        self.checked(ledger::supersede(&self.writer, run_id, old).await)
+        self.checked(ledger::runs::supersede(&self.writer, run_id, old).await)
     }
 
     /// Takes away the unfinished run `run_id`, because the complete run `other` has its content. What it has
@@ -375,8 +348,8 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn merge_run(&self, run_id: i64, other: i64) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
-        self.checked(ledger::hand_on(&mut *transaction, run_id, other).await)?;
-        self.checked(ledger::discard(&mut *transaction, run_id).await)?;
+        self.checked(ledger::runs::hand_on(&mut *transaction, run_id, other).await)?;
+        self.checked(ledger::runs::discard(&mut *transaction, run_id).await)?;
         self.commit(transaction).await
     }
 
@@ -386,7 +359,7 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn discard_run(&self, run_id: i64) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
-        let found = self.checked(ledger::discard(&mut *transaction, run_id).await)?;
+        let found = self.checked(ledger::runs::discard(&mut *transaction, run_id).await)?;
         self.commit(transaction).await?;
         Ok(found)
     }
@@ -396,10 +369,10 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn run_source(&self, run_id: i64) -> Result<Option<RunSource>, StoreError> {
-        let Some(mut source) = self.checked(sources::of_run(&self.readers, run_id).await)? else {
+        let Some(mut source) = self.checked(ledger::sources::of_run(&self.readers, run_id).await)? else {
             return Ok(None);
         };
-        for path in self.checked(sources::paths_of_run(&self.readers, run_id).await)? {
+        for path in self.checked(ledger::sources::paths_of_run(&self.readers, run_id).await)? {
             let path = PathBuf::from(path);
             if !source.paths.contains(&path) {
                 source.paths.push(path);
@@ -414,7 +387,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn content_named(&self, source_name: &str) -> Result<Option<ContentHash>, StoreError> {
-        self.checked(sources::content_named(&self.readers, source_name).await)
+        self.checked(ledger::sources::content_named(&self.readers, source_name).await)
     }
 
     /// What the ledger has of each cycle of a run, in order.
@@ -422,7 +395,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn cycle_states(&self, run_id: i64) -> Result<Vec<CycleState>, StoreError> {
-        self.checked(verification::cycle_states(&self.readers, run_id).await)
+        self.checked(results::verification::cycle_states(&self.readers, run_id).await)
     }
 
     /// RMSD of a run's cycles with their own parameters, by cycle, joint and stage.
@@ -430,7 +403,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn self_rmsd(&self, run_id: i64) -> Result<Vec<OfCycle<TorqueRmsd>>, StoreError> {
-        self.checked(verification::self_rmsd(&self.readers, run_id).await)
+        self.checked(results::verification::self_rmsd(&self.readers, run_id).await)
     }
 
     /// RMSD over the first and over the last third of the warming stages of a run, by cycle and joint.
@@ -438,7 +411,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn warming_contrasts(&self, run_id: i64) -> Result<Vec<OfCycle<WarmingContrast>>, StoreError> {
-        self.checked(verification::warming_contrasts(&self.readers, run_id).await)
+        self.checked(results::verification::warming_contrasts(&self.readers, run_id).await)
     }
 
     /// Friction points of a run, in the order of the cycles.
@@ -446,7 +419,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn friction_points(&self, run_id: i64) -> Result<Vec<CyclePoint>, StoreError> {
-        self.checked(history::friction_points(&self.readers, run_id).await)
+        self.checked(robot::history::friction_points(&self.readers, run_id).await)
     }
 
     /// Reads what the stored cycles of a run measured, without holding the writer.
@@ -455,7 +428,7 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn run_measurements(&self, run_id: i64) -> Result<RunMeasurements, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
-        self.checked(history::run_measurements(&mut connection, run_id).await)
+        self.checked(robot::history::run_measurements(&mut connection, run_id).await)
     }
 
     /// Robots whose history has changed since conclusions were drawn from it, by name.
@@ -463,7 +436,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn stale_robots(&self) -> Result<Vec<StaleRobot>, StoreError> {
-        self.checked(conclude::stale_robots(&self.readers).await)
+        self.checked(robot::conclude::stale_robots(&self.readers).await)
     }
 
     /// Reads the summaries of a robot's complete runs, ordered by start, then key.
@@ -472,7 +445,7 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn run_summaries(&self, robot_id: i64) -> Result<Vec<RunSummary>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
-        self.checked(history::run_summaries(&mut connection, robot_id).await)
+        self.checked(robot::history::run_summaries(&mut connection, robot_id).await)
     }
 
     /// Reads the friction points of a robot's complete runs at one nominal speed, oldest run first, of a long
@@ -486,7 +459,7 @@ impl Store {
         speed_fraction: f64,
     ) -> Result<Vec<FrictionPoint>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
-        self.checked(friction::friction_history(&mut connection, robot_id, speed_fraction).await)
+        self.checked(robot::friction::friction_history(&mut connection, robot_id, speed_fraction).await)
     }
 
     /// Reads the friction of a robot's complete runs, oldest first; of a long history the first dozen and the
@@ -496,7 +469,7 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn friction_runs(&self, robot_id: i64) -> Result<Vec<FrictionRun>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
-        self.checked(friction::friction_runs(&mut connection, robot_id).await)
+        self.checked(robot::friction::friction_runs(&mut connection, robot_id).await)
     }
 
     /// Opens the transaction that stores what a robot's history says.
@@ -513,7 +486,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn friction_indices(&self, robot: &str) -> Result<Vec<IndexRow>, StoreError> {
-        self.checked(friction::indices(&self.readers, robot).await)
+        self.checked(robot::friction::indices(&self.readers, robot).await)
     }
 
     /// What the thermal state of each joint of a robot that has a friction map is taken from, by joint.
@@ -521,7 +494,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn thermal_sources(&self, robot: &str) -> Result<Vec<ThermalSourceRow>, StoreError> {
-        self.checked(friction::thermal_sources(&self.readers, robot).await)
+        self.checked(robot::friction::thermal_sources(&self.readers, robot).await)
     }
 
     /// Reads which fraction of the rows of each cycle of a run is independent behind its low-pass, by number
@@ -530,7 +503,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn independent_fractions(&self, run_id: i64) -> Result<HashMap<u32, f64>, StoreError> {
-        self.checked(friction::independent_fractions(&self.readers, run_id).await)
+        self.checked(robot::friction::independent_fractions(&self.readers, run_id).await)
     }
 
     /// Writes down what a run is a recording of.
@@ -538,7 +511,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn set_run_kind(&self, run_id: i64, kind: RunKind) -> Result<(), StoreError> {
-        self.checked(ledger::set_kind(&self.writer, run_id, kind).await)
+        self.checked(ledger::runs::set_kind(&self.writer, run_id, kind).await)
     }
 
     /// At most `most` complete tests of the robot of run `run_id` whose parameters it may be held against, the best first:
@@ -547,7 +520,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn reference_runs(&self, run_id: i64, most: usize) -> Result<Vec<i64>, StoreError> {
-        self.checked(production::reference_runs(&self.readers, run_id, most).await)
+        self.checked(results::production::reference_runs(&self.readers, run_id, most).await)
     }
 
     /// Complete tests of a robot that production may be held against, oldest first.
@@ -555,7 +528,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn reference_tests(&self, robot_id: i64) -> Result<Vec<ReferenceTest>, StoreError> {
-        self.checked(production::reference_tests(&self.readers, robot_id).await)
+        self.checked(results::production::reference_tests(&self.readers, robot_id).await)
     }
 
     /// Windows of production of a robot that have factors, by run and number, with the test that they are held
@@ -568,7 +541,7 @@ impl Store {
         robot_id: i64,
         estimator: Estimator,
     ) -> Result<Vec<ProductionWindow>, StoreError> {
-        self.checked(production::windows(&self.readers, robot_id, estimator).await)
+        self.checked(results::production::windows(&self.readers, robot_id, estimator).await)
     }
 
     /// The run whose parameters a window of production was held against.
@@ -576,7 +549,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn checked_against(&self, run_id: i64, cycle: u32) -> Result<Option<i64>, StoreError> {
-        self.checked(production::checked_against(&self.readers, run_id, cycle).await)
+        self.checked(results::production::checked_against(&self.readers, run_id, cycle).await)
     }
 
     /// Reads the factors of a run's cycles, in the order of the cycles, those without any left out.
@@ -589,7 +562,7 @@ impl Store {
         wanted: FactorsWanted,
     ) -> Result<Vec<StoredCycle>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
-        self.checked(factors::of_run(&mut connection, run_id, wanted).await)
+        self.checked(results::factors::of_run(&mut connection, run_id, wanted).await)
     }
 
     /// Reads the factors of some cycles of a run, given by their numbers in rising order; those without any are left
@@ -603,7 +576,7 @@ impl Store {
         cycles: &[u32],
     ) -> Result<Vec<StoredCycle>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
-        self.checked(factors::of_cycles(&mut connection, run_id, cycles).await)
+        self.checked(results::factors::of_cycles(&mut connection, run_id, cycles).await)
     }
 
     /// Reads the parameters of one cycle, in no particular order; none for a refused or unknown one.
@@ -615,7 +588,7 @@ impl Store {
         run_id: i64,
         cycle: u32,
     ) -> Result<Vec<IdentifiedParameter>, StoreError> {
-        self.checked(parameter_sets::of_cycle(&self.readers, run_id, cycle).await)
+        self.checked(kept::parameter_sets::of_cycle(&self.readers, run_id, cycle).await)
     }
 
     /// Keeps parameters under a name. Returns `false`, and writes nothing, if the name is taken.
@@ -624,7 +597,7 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn save_parameter_set(&self, name: &str, set: &ParameterSet) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
-        let saved = self.checked(parameter_sets::save(&mut transaction, name, set).await)?;
+        let saved = self.checked(kept::parameter_sets::save(&mut transaction, name, set).await)?;
         self.commit(transaction).await?;
         Ok(saved)
     }
@@ -635,7 +608,7 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn parameter_set(&self, name: &str) -> Result<Option<ParameterSet>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
-        self.checked(parameter_sets::find(&mut connection, name).await)
+        self.checked(kept::parameter_sets::find(&mut connection, name).await)
     }
 
     /// Writes how well the parameters of run `reference_run_id`, by `estimator`, fit cycles of run `run_id`, given
@@ -654,7 +627,7 @@ impl Store {
         let reference = (reference_run_id, estimator);
         for (cycle, rmsd) in by_cycle {
             let replaced =
-                parameter_sets::replace_cross(&mut transaction, run_id, *cycle, reference, rmsd).await;
+                kept::parameter_sets::replace_cross(&mut transaction, run_id, *cycle, reference, rmsd).await;
             self.checked(replaced)?;
         }
         self.commit(transaction).await
@@ -667,7 +640,7 @@ impl Store {
     /// [`StoreError::Refused`] for parameters that the model does not have.
     pub async fn save_reestimate(&self, name: &str, found: &Reestimate) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
-        let saved = self.checked(reestimates::save(&mut transaction, name, found).await)?;
+        let saved = self.checked(kept::reestimates::save(&mut transaction, name, found).await)?;
         self.commit(transaction).await?;
         Ok(saved)
     }
@@ -677,7 +650,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn kept_estimates(&self) -> Result<Vec<KeptEstimate>, StoreError> {
-        self.checked(reestimates::kept(&self.readers).await)
+        self.checked(kept::reestimates::kept(&self.readers).await)
     }
 
     /// Takes away the parameter set or re-estimate of this name; whether there was one.
@@ -686,8 +659,8 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn delete_estimate(&self, name: &str) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
-        let set = self.checked(reestimates::delete_set(&mut *transaction, name).await)?;
-        let reestimate = self.checked(reestimates::delete(&mut *transaction, name).await)?;
+        let set = self.checked(kept::reestimates::delete_set(&mut *transaction, name).await)?;
+        let reestimate = self.checked(kept::reestimates::delete(&mut *transaction, name).await)?;
         self.commit(transaction).await?;
         Ok(set || reestimate)
     }
@@ -709,7 +682,7 @@ impl Store {
     /// [`StoreError::RunNotOpen`] if the run is unknown or quarantined.
     pub async fn finish_run(&self, run_id: i64) -> Result<FinishTransaction, StoreError> {
         let mut transaction = self.begin().await?;
-        let robot = self.checked(ledger::robot_of_run(&mut *transaction, run_id).await)?;
+        let robot = self.checked(ledger::runs::robot_of_run(&mut *transaction, run_id).await)?;
         let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
         Ok(FinishTransaction { transaction, path: Arc::clone(&self.path), run_id, robot_id, replaced: None })
     }
@@ -719,7 +692,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn runs(&self) -> Result<Vec<RunRow>, StoreError> {
-        self.checked(read::runs(&self.readers).await)
+        self.checked(views::runs(&self.readers).await)
     }
 
     /// Where every joint of every robot with a complete run stands.
@@ -727,7 +700,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn fleet_health(&self) -> Result<Vec<FleetHealthRow>, StoreError> {
-        self.checked(read::fleet_health(&self.readers).await)
+        self.checked(views::fleet_health(&self.readers).await)
     }
 
     /// Anomalies found after the one with key `after` (0 for all), in the order found.
@@ -735,7 +708,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn anomalies_after(&self, after: i64) -> Result<Vec<AnomalyRow>, StoreError> {
-        self.checked(read::anomalies_after(&self.readers, after).await)
+        self.checked(views::anomalies_after(&self.readers, after).await)
     }
 
     /// How much is stored.
@@ -743,7 +716,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn counts(&self) -> Result<Counts, StoreError> {
-        self.checked(read::counts(&self.readers).await)
+        self.checked(views::counts(&self.readers).await)
     }
 
     /// A transaction that has the write lock. A deferred one that reads first and writes later would

@@ -12,7 +12,7 @@ use armwatch::numerics::identify::verify::StageSums;
 use armwatch::numerics::pooled::pool::Union;
 use armwatch::numerics::signal::filter::condition;
 use armwatch::numerics::signal::filter::independent_fraction;
-use armwatch::pipeline::cycles::read_cycle;
+use armwatch::pipeline::take::cycles::read_cycle;
 use armwatch::robot::Robot;
 use armwatch::run::{Cycle, Stage};
 use armwatch::simulate::{SimulationSettings, simulate_run};

@@ -9,7 +9,7 @@ use armwatch::config::{Layout, read_layout, read_robot};
 use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
 use armwatch::numerics::detect::production::detect_production;
 use armwatch::numerics::production::{Reference, analyse_window, summarise};
-use armwatch::pipeline::cycles::read_cycle;
+use armwatch::pipeline::take::cycles::read_cycle;
 use armwatch::robot::JointIndex;
 use armwatch::simulate::fault::Fault;
 use armwatch::simulate::load::Load;

@@ -3,11 +3,11 @@
 use std::io::Read;
 use std::path::Path;
 
-use super::super::cell;
-use super::super::encoding::{Found, TextReader};
-use super::super::fields::fields;
 use super::super::rejection::Rejection;
 use crate::config::{DecimalMark, TextEncoding};
+use crate::ingest::bytes::encoding::{Found, TextReader};
+use crate::ingest::table::cell;
+use crate::ingest::table::fields::fields;
 
 /// Bytes of text that are looked at: a cycle of the full test of a six-axis arm and more.
 const HEAD_BYTES: u64 = 24 << 20;

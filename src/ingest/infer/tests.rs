@@ -5,10 +5,10 @@ use crate::ingest::infer::proposal::Proposed;
 use std::fmt::Write;
 use std::path::Path;
 
-use super::super::csv::{ExportReader, ReadOptions};
 use super::super::fixture::native;
 use super::*;
 use crate::config::{Layout, parse_layout};
+use crate::ingest::table::reader::{ExportReader, ReadOptions};
 use crate::run::Samples;
 use crate::testing::er3a;
 

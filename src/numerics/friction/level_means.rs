@@ -6,7 +6,7 @@ use crate::robot::JointIndex;
 
 /// Plateaus of the two directions belong together if they are no further apart, s: a joint goes back and
 /// forth at one level within seconds, and cycles are minutes apart.
-pub(crate) const SAME_PASS_S: f64 = 60.0;
+pub(in crate::numerics) const SAME_PASS_S: f64 = 60.0;
 
 /// Friction at one level in one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]

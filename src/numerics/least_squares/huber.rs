@@ -113,7 +113,7 @@ fn reweighted(source: &dyn RowSource, theta: &[f64], rule: &WeightRule) -> (Tria
 }
 
 /// Root mean square change of the estimated torque in units of the noise.
-pub(crate) fn torque_change(factor: &TriangularFactor, step: &[f64]) -> f64 {
+pub(in crate::numerics) fn torque_change(factor: &TriangularFactor, step: &[f64]) -> f64 {
     let (r, b) = (factor.upper(), factor.columns());
     let squares: f64 = (0..b).map(|i| (i..b).map(|k| r[(i, k)] * step[k]).sum::<f64>().powi(2)).sum();
     (squares / factor.rows().max(1) as f64).sqrt()

@@ -108,7 +108,7 @@ fn solve(
 
 /// The factor of data and prior together: `independent_fraction` of the data's weight, and a row
 /// for each prior with its standard deviation times `spread`.
-pub(crate) fn with_prior_rows(
+pub(in crate::numerics) fn with_prior_rows(
     factor: &TriangularFactor,
     independent_fraction: f64,
     priors: &[Option<Prior>],

@@ -55,7 +55,7 @@ impl Regressor {
     }
 
     /// Replaces the torque of `joint` per unit of the parameter at `column`.
-    pub(crate) fn set(&mut self, joint: usize, column: usize, value: f64) {
+    pub(in crate::numerics) fn set(&mut self, joint: usize, column: usize, value: f64) {
         self.values[column * self.joint_count + joint] = value;
     }
 }

@@ -307,7 +307,8 @@ pub fn independent_fraction(cutoff: f64, sample_rate: f64) -> f64 {
 }
 
 /// Scratch for one sample: `q`, `qd`, `qdd`, `tau`.
-pub(crate) fn state() -> ([f64; MAX_JOINTS], [f64; MAX_JOINTS], [f64; MAX_JOINTS], [f64; MAX_JOINTS]) {
+pub(in crate::numerics) fn state()
+-> ([f64; MAX_JOINTS], [f64; MAX_JOINTS], [f64; MAX_JOINTS], [f64; MAX_JOINTS]) {
     ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS])
 }
 

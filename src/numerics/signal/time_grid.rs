@@ -17,7 +17,7 @@ const ROUNDED: f64 = 1.05;
 /// Relative difference between the mean and the median step from which on the mean is the step.
 const MEDIAN_HOLDS: f64 = 1e-3;
 /// Points of a Lagrange polynomial.
-pub(crate) const POINTS: usize = 6;
+pub(in crate::numerics) const POINTS: usize = 6;
 /// Spacing of neighbouring points, relative to the mean step, within which a polynomial through six of them is not
 /// swayed by their noise.
 const SPACING: [f64; 2] = [0.4, 2.6];
@@ -131,7 +131,7 @@ impl Interpolation {
 
 /// Weights of evenly spaced values at the places -2 to 3 that give the value at `part` of the way from place 0 to
 /// place 1.
-pub(crate) fn between(part: f64) -> [f64; POINTS] {
+pub(in crate::numerics) fn between(part: f64) -> [f64; POINTS] {
     lagrange(&[-2.0, -1.0, 0.0, 1.0, 2.0, 3.0], part)
 }
 

@@ -1,0 +1,4 @@
+//! `armwatch benchmark`.
+
+pub(super) mod coverage;
+pub(super) mod throughput;

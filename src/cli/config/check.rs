@@ -1,0 +1,52 @@
+//! `armwatch config check`.
+
+use serde_json::{Value, json};
+
+use crate::cli::context::{CliError, EXIT_DONE, EXIT_USAGE, Global};
+use crate::cli::shared::output;
+use crate::config::{Config, ConfigProblem, summary};
+use crate::daemon::preflight::preflight;
+
+pub(in crate::cli) fn check(global: &Global) -> Result<u8, CliError> {
+    match Config::find(global.config.as_deref()) {
+        Ok((mut config, origin)) => {
+            if let Some(database) = &global.db {
+                config.database.clone_from(database);
+            }
+            let found = preflight(&config);
+            if !found.refusals.is_empty() {
+                return Ok(refuse(global, &found.refusals));
+            }
+            let remarks: Vec<_> = found.missing.iter().chain(&found.remarks).collect();
+            if global.json {
+                let remarks: Vec<_> = remarks.into_iter().map(as_value).collect();
+                output::json(&json!({"origin": origin.to_string(), "problems": [], "warnings": remarks}));
+            } else {
+                output::line(&format!("{origin}: no problems\n\n{}", summary(&config)));
+                remarks.into_iter().for_each(|remark| output::line(&format!("warning: {remark}")));
+            }
+            Ok(EXIT_DONE)
+        }
+        Err(errors) => Ok(refuse(global, &errors.0)),
+    }
+}
+
+fn refuse(global: &Global, problems: &[ConfigProblem]) -> u8 {
+    for problem in problems {
+        if global.json {
+            output::json(&as_value(problem));
+        } else {
+            output::line(&problem.to_string());
+        }
+    }
+    let count = problems.len();
+    output::note(&format!("armwatch: {count} problem{}", if count == 1 { "" } else { "s" }));
+    EXIT_USAGE
+}
+
+fn as_value(problem: &ConfigProblem) -> Value {
+    json!({
+        "file": problem.file, "line": problem.line, "column": problem.column, "key": problem.key,
+        "value": problem.value, "problem": problem.problem, "hint": problem.hint,
+    })
+}

@@ -1,0 +1,3 @@
+//! `armwatch config`.
+
+pub(super) mod check;

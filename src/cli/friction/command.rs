@@ -1,0 +1,365 @@
+//! `armwatch friction`: friction points and their warm-up fits, made again from what is stored.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use super::index;
+use super::index::JointSeries;
+use crate::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
+use crate::cli::context::{CliError, EXIT_DONE, Global, open_store, runtime};
+use crate::cli::shared::output;
+use crate::cli::shared::plot::{PlotFile, write_lines};
+use crate::cli::shared::selection::{named_runs, runs_of};
+use crate::numerics::analyse::warm_up_fits;
+use crate::numerics::friction::warm_up::warm_up_torque;
+use crate::report::figure::Figure;
+use crate::report::friction::{
+    CycleFriction, RunCurves, friction_figure, friction_speed_figure, run_comparison_figure,
+};
+use crate::store::{RunRow, Store};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch friction --run 3
+  armwatch friction --robot Left --joint 3
+  armwatch friction --run 3 --run 4 --speed 0.6 --plot friction.svg
+  armwatch friction --run 3 --plot curves.html --over speed
+  armwatch friction --robot Left --plot runs.svg --over runs
+  armwatch friction --robot Left -o points.csv
+  armwatch friction --robot Left --index --plot index.svg
+  armwatch friction --run 3 --json | jq '{joint, speed_fraction, a_nm, t1_min}'
+
+For each joint and speed the curve a + b exp(-t/t1) + c exp(-t/t2) is fitted to the friction of both
+directions over the minutes since the start of the run, points of several runs mixed, each counted from its
+own start. model says how many parts the points support: double, single or constant; a number in brackets is
+the standard error. A fast part that only the first cycle sees has none: what is known of it is its value at the
+first point and the longest time constant that it may have (--json: c_first_nm, t2_max_min). Nothing is stored; the fits of each run, and of all runs of a robot at the reference
+speed, stand in the view warmup_fits.
+
+--index shows the friction index of each run instead: friction against the joint's own baseline at equal speed
+and thermal state, with its 95 % interval, beside friction as measured. Then, of the index about its mean over
+the runs: lag-1 autocorrelation (its standard error in brackets), the probability that white noise has as much
+memory (Ljung-Box), whether that is white enough for control charts, and which part of the variance of measured
+friction between runs warm-up and hall explained. A worn joint has memory; below 8 runs nothing is said. thermal
+state says what it is taken from: motion, motor_temperature or ambient_and_motion; docs/method.md has the rules.
+
+-o writes the points as CSV: robot, run_id, cycle, minute, joint, speed_fraction, speed_rad_s, direction,
+torque_nm, std_nm, samples, gravity, fit_nm. --json prints one object a joint and speed, with its fit and its
+points.")]
+pub(in crate::cli) struct FrictionArgs {
+    /// Run whose points are taken; may be given several times
+    #[arg(long = "run", value_name = "RUN", required_unless_present = "robots")]
+    runs: Vec<i64>,
+    /// Robot of which all complete runs are taken; may be given several times
+    #[arg(long = "robot", value_name = "NAME")]
+    robots: Vec<String>,
+    /// Only this joint, from 1
+    #[arg(long, value_name = "JOINT", value_parser = clap::value_parser!(u8).range(1..))]
+    joint: Option<u8>,
+    /// Only the speed level nearest to this fraction of the largest speed
+    #[arg(long, value_name = "FRACTION")]
+    speed: Option<f64>,
+    /// Write the points as CSV into this file
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Draw points and curves into this file, .svg or .html
+    #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
+    plot: Option<PlotFile>,
+    /// Friction index by run, and whether it is white from run to run
+    #[arg(long, requires = "robots", conflicts_with_all = ["runs", "speed", "output"])]
+    index: bool,
+    /// What the picture shows friction over
+    #[arg(long, value_enum, default_value_t = OverArg::Time, requires = "plot")]
+    over: OverArg,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum OverArg {
+    /// Minutes since the start of the run, with the fitted curves
+    Time,
+    /// Speed, some cycles from cold to warm
+    Speed,
+    /// Minutes at one speed, each run in its colour with a curve of its own
+    Runs,
+}
+
+/// Speed at which runs are compared, as the thesis does in figure 5.23, as a fraction of the largest.
+const COMPARED_SPEED: f64 = 0.6;
+
+/// A friction point with where it comes from.
+struct Sourced {
+    robot: String,
+    run_id: i64,
+    cycle: u32,
+    point: FrictionPoint,
+}
+
+pub(in crate::cli) fn friction(global: &Global, args: &FrictionArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    if args.index {
+        let series = runtime()?.block_on(async {
+            let store = open_store(&config).await?;
+            let done = index_series(args, &store).await;
+            store.close().await?;
+            done
+        })?;
+        if let Some(plot) = &args.plot {
+            plot.write(&index::figure(&series, &args.robots.join(", ")))?;
+        }
+        index::print(&series, global.json);
+        return Ok(EXIT_DONE);
+    }
+    let (names, points) = runtime()?.block_on(async {
+        let store = open_store(&config).await?;
+        let done = chosen_points(args, &store).await;
+        store.close().await?;
+        done
+    })?;
+    let bare: Vec<FrictionPoint> = points.iter().map(|of| of.point).collect();
+    let fits = warm_up_fits(&bare);
+    if let Some(plot) = &args.plot {
+        plot.write(&figure(args, &names, &points, &bare, &fits))?;
+    }
+    if let Some(path) = &args.output {
+        write_lines(path, csv_lines(&points, &fits))?;
+    }
+    if global.json {
+        levels(&bare).into_iter().for_each(|level| output::json(&as_value(level, &points, &fits)));
+    } else {
+        output::line(&as_text(&names, &bare, &fits));
+    }
+    Ok(EXIT_DONE)
+}
+
+async fn index_series(args: &FrictionArgs, store: &Store) -> Result<Vec<JointSeries>, CliError> {
+    let known = store.runs().await?;
+    let mut series = Vec::new();
+    for robot in &args.robots {
+        runs_of(&known, robot)?;
+        let mut rows = store.friction_indices(robot).await?;
+        rows.retain(|row| args.joint.is_none_or(|joint| row.joint.number() == usize::from(joint)));
+        series.extend(JointSeries::of(robot, &rows, &store.thermal_sources(robot).await?));
+    }
+    if series.is_empty() {
+        return Err(CliError::Usage(format!(
+            "{} has no friction index: that takes as many runs as the baseline, of six cycles or more with friction \
+             stages, in which friction falls while the joint warms; view friction_map has the joints with a map",
+            args.robots.join(", ")
+        )));
+    }
+    Ok(series)
+}
+
+async fn chosen_points(args: &FrictionArgs, store: &Store) -> Result<(String, Vec<Sourced>), CliError> {
+    let known = store.runs().await?;
+    let mut runs: Vec<&RunRow> = Vec::new();
+    for run in &args.runs {
+        runs.extend(named_runs(&known, &run.to_string())?);
+    }
+    for robot in &args.robots {
+        runs.extend(runs_of(&known, robot)?);
+    }
+    runs.sort_by_key(|run| (run.started_at, run.run_id));
+    runs.dedup_by_key(|run| run.run_id);
+    let mut points = Vec::new();
+    for run in &runs {
+        let of_run = store.friction_points(run.run_id).await?;
+        points.extend(of_run.into_iter().map(|of| Sourced {
+            robot: run.robot.clone(),
+            run_id: run.run_id,
+            cycle: of.cycle,
+            point: of.point,
+        }));
+    }
+    keep_chosen(args, &mut points);
+    if points.is_empty() {
+        let of_joint = args.joint.map_or_else(String::new, |joint| format!(" of joint {joint}"));
+        return Err(CliError::Usage(format!(
+            "there are no friction points{of_joint}: no cycle of {} has a friction stage with plateaus; \
+             `SELECT cycle, reason, remarks FROM cycles` says why",
+            names(&runs)
+        )));
+    }
+    Ok((names(&runs), points))
+}
+
+fn keep_chosen(args: &FrictionArgs, points: &mut Vec<Sourced>) {
+    points.retain(|of| args.joint.is_none_or(|joint| of.point.joint.number() == usize::from(joint)));
+    if let Some(speed) = args.speed {
+        let distance = |level: f64| (level - speed).abs();
+        let levels = points.iter().map(|of| of.point.speed_fraction);
+        let nearest = levels.min_by(|a, b| distance(*a).total_cmp(&distance(*b)));
+        points.retain(|of| Some(of.point.speed_fraction) == nearest);
+    }
+}
+
+fn names(runs: &[&RunRow]) -> String {
+    let mut robots: Vec<&str> = runs.iter().map(|run| run.robot.as_str()).collect();
+    robots.sort_unstable();
+    robots.dedup();
+    match runs {
+        [run] => format!("{}, run {}", run.robot, run.run_id),
+        _ => format!("{}, {} runs", robots.join(", "), runs.len()),
+    }
+}
+
+/// Joints and speed levels that there are points of.
+fn levels(points: &[FrictionPoint]) -> Vec<(usize, f64)> {
+    let mut levels: Vec<(usize, f64)> =
+        points.iter().map(|point| (point.joint.number(), point.speed_fraction)).collect();
+    levels.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    levels.dedup();
+    levels
+}
+
+fn is_of(level: (usize, f64), joint: usize, speed_fraction: f64) -> bool {
+    level.0 == joint && level.1.total_cmp(&speed_fraction).is_eq()
+}
+
+fn fit_of(fits: &[WarmUpFit], level: (usize, f64)) -> Option<&WarmUpFit> {
+    fits.iter().find(|fit| is_of(level, fit.joint.number(), fit.speed_fraction))
+}
+
+fn as_text(names: &str, points: &[FrictionPoint], fits: &[WarmUpFit]) -> String {
+    let shown = |estimate: Estimate| format!("{:.4} ({:.4})", estimate.value, estimate.std_error);
+    let decay = |decay: &Option<Decay>| {
+        decay.map_or_else(
+            || ["-".to_string(), "-".to_string()],
+            |decay| [shown(decay.amplitude), shown(decay.time_constant)],
+        )
+    };
+    let row = |level: (usize, f64)| {
+        let of_level = points.iter().filter(|p| is_of(level, p.joint.number(), p.speed_fraction)).count();
+        let mut cells = vec![level.0.to_string(), format!("{:.2}", level.1), of_level.to_string()];
+        match fit_of(fits, level) {
+            Some(fit) => {
+                cells.extend([fit.model.name().to_string(), shown(fit.a)]);
+                cells.extend(decay(&fit.slow).into_iter().chain(decay(&fit.fast)));
+                cells.push(format!("{:.4}", fit.rmsd));
+            }
+            None => cells.push("too few points".into()),
+        }
+        cells
+    };
+    let header = ["joint", "speed", "points", "model", "a_nm", "b_nm", "t1_min", "c_nm", "t2_min", "rmsd_nm"];
+    let rows: Vec<Vec<String>> = levels(points).into_iter().map(row).collect();
+    format!("friction over time: {names}\n{}", output::table(&header, &rows))
+}
+
+fn figure(
+    args: &FrictionArgs,
+    names: &str,
+    points: &[Sourced],
+    bare: &[FrictionPoint],
+    fits: &[WarmUpFit],
+) -> Figure {
+    const POINTS: &str = "mean friction on constant-speed plateaus, gravity removed";
+    match args.over {
+        OverArg::Time => {
+            let curves = "curves a + b exp(-t/t1) + c exp(-t/t2) as far as the points support them";
+            friction_figure(bare, fits, format!("{names}: friction over time"), format!("{POINTS}; {curves}"))
+        }
+        OverArg::Runs => {
+            let title = format!("{names}: friction over time by run");
+            let curves =
+                "means of both directions; curves a + b exp(-t/t1) + c exp(-t/t2) fitted to each run";
+            run_comparison_figure(&run_curves(points), title, format!("{POINTS}, {curves}"))
+        }
+        OverArg::Speed => {
+            let runs = points.chunk_by(|a, b| a.run_id == b.run_id).count();
+            let cycles = points.chunk_by(|a, b| (a.run_id, a.cycle) == (b.run_id, b.cycle));
+            let cycles: Vec<CycleFriction> = cycles
+                .map(|of| CycleFriction {
+                    label: match runs {
+                        1 => format!("cycle {}", of[0].cycle),
+                        _ => format!("run {}, cycle {}", of[0].run_id, of[0].cycle),
+                    },
+                    points: of.iter().map(|of| of.point).collect(),
+                })
+                .collect();
+            let both = "both directions together";
+            let title = format!("{names}: friction over speed");
+            friction_speed_figure(&cycles, title, format!("{POINTS}, {both}"))
+        }
+    }
+}
+
+/// Points of each run at the level nearest to [`COMPARED_SPEED`], if `--speed` has not chosen one.
+fn run_curves(points: &[Sourced]) -> Vec<RunCurves> {
+    let distance = |of: &Sourced| (of.point.speed_fraction - COMPARED_SPEED).abs();
+    points
+        .chunk_by(|a, b| a.run_id == b.run_id)
+        .map(|of_run| {
+            let nearest = of_run.iter().map(distance).fold(f64::INFINITY, f64::min);
+            let at_level = |of: &&Sourced| distance(of) <= nearest;
+            let points: Vec<FrictionPoint> = of_run.iter().filter(at_level).map(|of| of.point).collect();
+            let fits = warm_up_fits(&points);
+            RunCurves { label: format!("{}, run {}", of_run[0].robot, of_run[0].run_id), points, fits }
+        })
+        .collect()
+}
+
+fn csv_lines<'a>(points: &'a [Sourced], fits: &'a [WarmUpFit]) -> impl Iterator<Item = String> + use<'a> {
+    const HEADER: &str = "robot,run_id,cycle,minute,joint,speed_fraction,speed_rad_s,direction,torque_nm,std_nm,\
+                          samples,gravity,fit_nm";
+    let line = move |Sourced { robot, run_id, cycle, point }: &Sourced| {
+        let minute = point.time / 60.0;
+        let fit = fit_of(fits, (point.joint.number(), point.speed_fraction));
+        let fit = fit.map_or_else(String::new, |fit| warm_up_torque(fit, minute).to_string());
+        let quoted = match robot.contains([',', '"', '\n']) {
+            true => format!("\"{}\"", robot.replace('"', "\"\"")),
+            false => robot.clone(),
+        };
+        format!(
+            "{quoted},{run_id},{cycle},{minute},{},{},{},{},{},{},{},{},{fit}",
+            point.joint,
+            point.speed_fraction,
+            point.speed,
+            point.direction,
+            point.torque,
+            if point.std.is_finite() { point.std.to_string() } else { String::new() },
+            point.samples,
+            point.gravity.name(),
+        )
+    };
+    std::iter::once(HEADER.to_string()).chain(points.iter().map(line))
+}
+
+fn as_value(level: (usize, f64), points: &[Sourced], fits: &[WarmUpFit]) -> serde_json::Value {
+    let of_level = points.iter().filter(|of| is_of(level, of.point.joint.number(), of.point.speed_fraction));
+    let points: Vec<serde_json::Value> = of_level
+        .map(|Sourced { robot, run_id, cycle, point }| {
+            json!({
+                "robot": robot, "run_id": run_id, "cycle": cycle, "minute": point.time / 60.0,
+                "speed_rad_s": point.speed, "direction": point.direction, "torque_nm": point.torque,
+                "std_nm": point.std, "samples": point.samples, "gravity": point.gravity.name(),
+            })
+        })
+        .collect();
+    let fit = fit_of(fits, level);
+    let slow = fit.and_then(|fit| fit.slow);
+    let fast = fit.and_then(|fit| fit.fast);
+    let mut value = json!({"joint": level.0, "speed_fraction": level.1, "points": points});
+    value["model"] = json!(fit.map(|fit| fit.model.name()));
+    value["rmsd_nm"] = json!(fit.map(|fit| fit.rmsd));
+    value["samples"] = json!(fit.map(|fit| fit.samples));
+    let estimates = [
+        ("a", "nm", fit.map(|fit| fit.a)),
+        ("b", "nm", slow.map(|decay| decay.amplitude)),
+        ("t1", "min", slow.map(|decay| decay.time_constant)),
+        ("c", "nm", fast.map(|decay| decay.amplitude)),
+        ("t2", "min", fast.map(|decay| decay.time_constant)),
+    ];
+    for (name, unit, estimate) in estimates {
+        value[format!("{name}_{unit}")] = json!(estimate.map(|estimate| estimate.value));
+        value[format!("{name}_std_error_{unit}")] = json!(estimate.map(|estimate| estimate.std_error));
+    }
+    let shown = fit.and_then(|fit| fit.fast_shown);
+    value["c_first_nm"] = json!(shown.map(|shown| shown.at_first.value));
+    value["c_first_std_error_nm"] = json!(shown.map(|shown| shown.at_first.std_error));
+    value["t2_max_min"] = json!(shown.map(|shown| shown.longest));
+    value
+}

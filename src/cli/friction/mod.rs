@@ -1,0 +1,4 @@
+//! `armwatch friction`.
+
+pub(super) mod command;
+pub(super) mod index;

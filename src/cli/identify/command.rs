@@ -1,0 +1,214 @@
+//! `armwatch identify`: one parameter set from chosen cycles, or one from each, without their exports.
+
+use super::args::{EstimatorArg, IdentifyArgs, name_taken};
+use super::each_cycle;
+use super::output::{Report, print};
+use super::prior_choice::{prior_choice, sources_overlap};
+use crate::analysis::{Estimator, TorqueRmsd};
+use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_store, runtime};
+use crate::cli::shared::output;
+use crate::cli::shared::selection::{cycle_numbers, note_passed_over, runs_of};
+use crate::config::Config;
+use crate::numerics::least_squares::essential::EssentialSettings;
+use crate::numerics::pooled::estimate::{EstimatorKind, HistoryEstimate};
+use crate::numerics::pooled::per_joint::JointView;
+use crate::pipeline::stored::reestimate::{Choice, Outcome, Together, estimate_together};
+use crate::pipeline::stored::stored::{Candidate, Chosen, Taken, rmsd_of_views, rmsd_on, take};
+use crate::robot::JointIndex;
+use crate::store::{ParameterSet, Store};
+
+pub(in crate::cli) fn identify(global: &Global, args: &IdentifyArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    let cycles = args.cycles.as_deref().map(cycle_numbers).transpose().map_err(CliError::Usage)?;
+    let estimator = args.estimator.unwrap_or_else(|| configured(&config));
+    check(args, estimator)?;
+    runtime()?.block_on(async {
+        let store = open_store(&config).await?;
+        let done = identify_stored(global, args, (estimator, cycles), &config, &store).await;
+        store.close().await?;
+        done
+    })
+}
+
+/// The configured estimator, or what stands for it on factors.
+fn configured(config: &Config) -> EstimatorArg {
+    let configured = config.analysis.estimator;
+    if configured.of_factors() != configured {
+        output::note(&format!(
+            "the configured estimator {} weighs single rows, which are not stored: {} is taken; --estimator names \
+             another",
+            configured.name(),
+            configured.of_factors().name()
+        ));
+    }
+    match configured.of_factors() {
+        Estimator::Ordinary => EstimatorArg::Ordinary,
+        Estimator::Weighted | Estimator::Huber => EstimatorArg::Weighted,
+    }
+}
+
+/// What cannot be together.
+fn check(args: &IdentifyArgs, of: EstimatorArg) -> Result<(), CliError> {
+    args.save.as_deref().map_or(Ok(()), check_name)?;
+    let refuse = |what: &str| Err(CliError::Usage(what.to_owned()));
+    if args.prior.is_some() && of != EstimatorArg::Prior {
+        return refuse("--prior goes with --estimator prior");
+    }
+    if args.essential && matches!(of, EstimatorArg::PerJoint | EstimatorArg::Prior) {
+        return refuse("--essential goes with the estimators ordinary, weighted and huber");
+    }
+    if args.save.is_some() && of == EstimatorArg::PerJoint && !args.each_cycle {
+        return refuse(
+            "the joints' own views are not one set of parameters, so they cannot be kept as one; --estimator \
+             weighted brings them together, and --each-cycle keeps them apart",
+        );
+    }
+    match args.prior_std_fraction {
+        Some(fraction) if !(fraction > 0.0 && fraction.is_finite()) => {
+            refuse("--prior-std-fraction must be above 0")
+        }
+        _ => Ok(()),
+    }
+}
+
+async fn identify_stored(
+    global: &Global,
+    args: &IdentifyArgs,
+    (estimator, cycles): (EstimatorArg, Option<Vec<u32>>),
+    config: &Config,
+    store: &Store,
+) -> Result<u8, CliError> {
+    let mut run_ids = args.runs.clone();
+    let known = store.runs().await?;
+    for robot in &args.robots {
+        run_ids.extend(runs_of(&known, robot)?.iter().map(|run| run.run_id));
+    }
+    let chosen: Vec<Chosen> =
+        run_ids.iter().map(|&run_id| Chosen { run_id, cycles: cycles.clone() }).collect();
+    let robot = known.iter().find(|run| run_ids.contains(&run.run_id)).map(|run| run.robot.clone());
+    let (choice, prior_sources) = match estimator {
+        EstimatorArg::Ordinary => (Choice::Ordinary, Vec::new()),
+        EstimatorArg::Weighted => (Choice::Weighted, Vec::new()),
+        EstimatorArg::PerJoint => (Choice::PerJoint, Vec::new()),
+        EstimatorArg::Huber => (Choice::Huber, Vec::new()),
+        EstimatorArg::Prior => prior_choice(args, &chosen, robot.as_deref(), config, store).await?,
+    };
+    if args.each_cycle {
+        let expected = each_cycle::expected(&known, &chosen);
+        return each_cycle::each_cycle(global, args, &chosen, &choice, expected, store).await;
+    }
+    let taken = take(store, &chosen).await?;
+    note_passed_over(&taken.passed_over);
+    if let Some(cycle) = sources_overlap(&taken.sources, &prior_sources) {
+        return Err(CliError::Usage(format!(
+            "cycle {} of run {} is behind the prior and among those chosen: it would count twice; choose \
+             other cycles for one of them",
+            cycle.cycle, cycle.run_id
+        )));
+    }
+    let fewest = args.essential.then(EssentialSettings::default);
+    let together = estimate_together(&taken, &choice, fewest).await?;
+    report(global, args, &chosen, choice.kind(), &taken, together, store).await
+}
+
+async fn report(
+    global: &Global,
+    args: &IdentifyArgs,
+    chosen: &[Chosen],
+    estimator: EstimatorKind,
+    taken: &Taken,
+    together: Together,
+    store: &Store,
+) -> Result<u8, CliError> {
+    let (rmsd, rmsd_full) = match &together.outcome {
+        Outcome::Set(found) => rmsd_of_set(store, taken, found, chosen).await?,
+        Outcome::Views(views) => (rmsd_of_views(store, &parameters_of(views), chosen).await?, None),
+        Outcome::TooPoor => (Vec::new(), None),
+    };
+    if let (Some(name), Outcome::Set(found)) = (&args.save, &together.outcome) {
+        save(store, name, taken, found, estimator).await?;
+    }
+    let parameters = store.model_parameters(&taken.model).await?;
+    let report = Report {
+        taken,
+        estimator,
+        together: &together,
+        parameters: &parameters,
+        rmsd: &rmsd,
+        rmsd_full: rmsd_full.as_deref(),
+        groupings: args.groupings,
+        saved: args.save.as_deref().filter(|_| matches!(together.outcome, Outcome::Set(_))),
+    };
+    print(&report, global.json);
+    if !global.json
+        && let Some(name) = report.saved
+    {
+        output::note(&format!("saved as {name}"));
+    }
+    let complete = match &together.outcome {
+        Outcome::Set(_) => true,
+        Outcome::Views(views) => views.iter().all(|(_, view)| view.is_ok()),
+        Outcome::TooPoor => false,
+    };
+    Ok(if complete { EXIT_DONE } else { EXIT_FOUND })
+}
+
+type RmsdBeforeAndAfter = (Vec<TorqueRmsd>, Option<Vec<TorqueRmsd>>);
+
+/// RMSD of the set and, if parameters were taken away, of the full one.
+async fn rmsd_of_set(
+    store: &Store,
+    taken: &Taken,
+    found: &HistoryEstimate,
+    chosen: &[Chosen],
+) -> Result<RmsdBeforeAndAfter, CliError> {
+    let candidate =
+        |parameters: &[_]| Candidate { model: taken.model.clone(), parameters: parameters.to_vec() };
+    let rmsd = rmsd_on(store, &candidate(&found.identification.parameters), chosen).await?;
+    let full = match &found.essential {
+        Some(report) => Some(rmsd_on(store, &candidate(&report.full), chosen).await?),
+        None => None,
+    };
+    Ok((rmsd, full))
+}
+
+fn parameters_of<E>(
+    views: &[(JointIndex, Result<JointView, E>)],
+) -> Vec<(JointIndex, Vec<crate::analysis::IdentifiedParameter>)> {
+    let of = |(joint, view): &(JointIndex, Result<JointView, E>)| {
+        Some((*joint, view.as_ref().ok()?.identification.parameters.clone()))
+    };
+    views.iter().filter_map(of).collect()
+}
+
+async fn save(
+    store: &Store,
+    name: &str,
+    taken: &Taken,
+    found: &HistoryEstimate,
+    estimator: EstimatorKind,
+) -> Result<(), CliError> {
+    let set = ParameterSet {
+        model: taken.model.clone(),
+        identification: found.identification.clone(),
+        sources: taken.sources.clone(),
+        estimator,
+        errors: found.errors.source(),
+    };
+    match store.save_parameter_set(name, &set).await? {
+        true => Ok(()),
+        false => Err(name_taken(name)),
+    }
+}
+
+/// Names that `verify --parameters` or `--prior` would take for something else are none.
+fn check_name(name: &str) -> Result<(), CliError> {
+    let ambiguous =
+        name.is_empty() || name.contains(':') || name.parse::<i64>().is_ok() || name == "description";
+    if ambiguous {
+        return Err(CliError::Usage(format!(
+            "\"{name}\" cannot name a parameter set: it is empty, a number, has a colon, or is the word description"
+        )));
+    }
+    Ok(())
+}

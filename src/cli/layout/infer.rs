@@ -1,0 +1,149 @@
+//! `armwatch layout infer`.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
+use crate::cli::shared::output;
+use crate::config::{ConfigSource, read_robot};
+use crate::ingest::bytes::source;
+use crate::ingest::infer;
+use crate::ingest::infer::proposal::Hints;
+use crate::numerics::model::dynamics::gravity_torque;
+use crate::robot::Robot;
+
+/// Sample rates that may be given, Hz; those that a layout takes.
+const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch layout infer R01_20260301_0800.csv -o config/exports/cell4.toml
+  armwatch layout infer log.csv.gz --robot R01 --name cell4
+  armwatch layout infer motors.csv --description config/robots/tx40.toml --sample-rate-hz 5000
+
+Reads the first rows of an export, of any encoding, delimiter and decimal mark, and writes a layout file to
+standard output or, whole or not at all, to --output; each choice has its reason above it. What cannot be decided stays
+a comment that begins with \"# ?\": answer it, name the file in armwatch.toml, and run `armwatch config check`. All
+keys of a layout are in docs/layouts.md.
+
+--robot is the name of a robot, as exports carry it: the description that the configuration names for it says how many
+joints there are, how far they go and which torques gravity asks for. Its layout need not exist yet, and nothing else of
+the configuration is read. --description names such a file directly. Neither is needed where columns have names. Exit
+status 1 if questions are left, or the file holds no table.")]
+pub(in crate::cli) struct InferArgs {
+    /// Export, plain, .gz or .zst
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Robot of the export; its entry in the configuration names the description
+    #[arg(long, value_name = "NAME")]
+    robot: Option<String>,
+    /// Description of the robot, a .toml file
+    #[arg(long, value_name = "FILE", conflicts_with = "robot")]
+    description: Option<PathBuf>,
+    /// Layout file to write; one that exists is left alone
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Write over a layout file that exists
+    #[arg(long, requires = "output")]
+    force: bool,
+    /// Name of the layout [default: the file's]
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+    /// Rows per second, for exports without time
+    #[arg(long, value_name = "HZ")]
+    sample_rate_hz: Option<f64>,
+}
+
+pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, CliError> {
+    let description = description(global, args)?;
+    if let Some(rate) = args.sample_rate_hz.filter(|rate| !SAMPLE_RATES.contains(rate)) {
+        return Err(CliError::Usage(format!("--sample-rate-hz {rate} is not between 0.1 and 1000000 Hz")));
+    }
+    if let Some(output) = args.output.as_ref().filter(|output| !args.force && output.exists()) {
+        let output = output.display();
+        return Err(CliError::Usage(format!("{output} exists and is left as it is; --force writes over it")));
+    }
+    let name = args.name.clone().unwrap_or_else(|| stem(args.output.as_ref().unwrap_or(&args.file)));
+    let hints = Hints {
+        robot: description.as_ref(),
+        gravity_torques: Some(gravity_torques),
+        sample_rate: args.sample_rate_hz,
+    };
+    let proposed = source::open(&args.file).and_then(|reader| infer::infer(reader, &args.file, &name, hints));
+    let proposed = match proposed {
+        Ok(proposed) => proposed,
+        Err(rejection) => {
+            output::complain(&rejection);
+            return Ok(EXIT_FOUND);
+        }
+    };
+    if let Some(output) = &args.output {
+        write_whole(output, &proposed.toml)
+            .map_err(|error| CliError::Io(format!("{}: {error}", output.display())))?;
+    }
+    if global.json {
+        output::json(&serde_json::json!({
+            "layout": proposed.toml, "questions": proposed.questions, "rows": proposed.rows,
+        }));
+    } else if let Some(output) = &args.output {
+        output::note(&format!("wrote {}", output.display()));
+    } else {
+        output::line(proposed.toml.trim_end());
+    }
+    if proposed.questions > 0 {
+        let s = if proposed.questions == 1 { "" } else { "s" };
+        output::note(&format!("armwatch: {} question{s} left, marked \"# ?\"", proposed.questions));
+        return Ok(EXIT_FOUND);
+    }
+    Ok(EXIT_DONE)
+}
+
+/// The arm of the export, from the file named, or from that of the robot's entry.
+fn description(global: &Global, args: &InferArgs) -> Result<Option<Robot>, CliError> {
+    match (&args.description, &args.robot) {
+        (Some(file), _) => Ok(Some(read_robot(file)?)),
+        (None, Some(robot)) => {
+            let source = ConfigSource::locate(global.config.as_deref());
+            let found = source.read_description(robot)?;
+            found.map(Some).ok_or_else(|| {
+                CliError::Usage(format!(
+                    "no [[robot]] of {source} is for a robot called {robot}; --description FILE names a description \
+                     directly, and neither is needed where columns have names"
+                ))
+            })
+        }
+        (None, None) => Ok(None),
+    }
+}
+
+/// Torques that hold an arm with nominal masses against gravity, Nm (N).
+fn gravity_torques(robot: &Robot, q: &[f64]) -> Option<Vec<f64>> {
+    let bodies: Option<Vec<_>> =
+        robot.joints.iter().map(|joint| joint.nominal.as_ref().map(|nominal| nominal.inertial)).collect();
+    let mut torques = vec![0.0; q.len()];
+    gravity_torque(robot, &bodies?, q, &mut torques);
+    Some(torques)
+}
+
+/// Writes a file whole or not at all: beside it first, then in its place.
+fn write_whole(path: &Path, text: &str) -> std::io::Result<()> {
+    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let beside = path.with_file_name(format!(".{name}.{}.tmp", std::process::id()));
+    let written = std::fs::write(&beside, text.trim_end().to_owned() + "\n")
+        .and_then(|()| std::fs::File::open(&beside)?.sync_all())
+        .and_then(|()| std::fs::rename(&beside, path));
+    if written.is_err() {
+        // what failed is said; what is left beside the file is of no use
+        let _ = std::fs::remove_file(&beside);
+    }
+    written
+}
+
+/// The file's name without its endings.
+fn stem(file: &std::path::Path) -> String {
+    let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let stem = name.split('.').next().unwrap_or_default();
+    if stem.is_empty() { "layout".to_owned() } else { stem.to_owned() }
+}

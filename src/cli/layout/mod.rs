@@ -1,0 +1,3 @@
+//! `armwatch layout`.
+
+pub(super) mod infer;

@@ -1,0 +1,401 @@
+//! `armwatch quarantine`: exports that were not understood.
+
+use crate::cli::quarantine::story::Place;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::{Args, Subcommand};
+use serde_json::json;
+use tokio_util::sync::CancellationToken;
+
+use super::story;
+use crate::cli::context::{
+    CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, runtime, shared,
+};
+use crate::cli::ingest;
+use crate::cli::shared::output;
+use crate::config::Config;
+use crate::daemon;
+use crate::ingest::bytes::fingerprint::{fingerprint, of_bytes};
+use crate::pipeline::context::Pipeline;
+use crate::run::RunStatus;
+use crate::store::{FaultState, QuarantineRow, Store, StoreError};
+
+/// Time between two looks at what the daemon has made of an export.
+const LOOK_INTERVAL: Duration = Duration::from_millis(200);
+
+/// A daemon that has not begun with an export so long after its next scan is busy, or watches elsewhere.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch quarantine list
+  armwatch quarantine list --robot R07 --json | jq .problem
+  armwatch quarantine explain 12
+  armwatch quarantine explain R07_20260105_0847.csv
+  armwatch quarantine retry 12
+  armwatch quarantine retry --all
+  armwatch quarantine dismiss notes.csv --reason \"no export\"
+
+A quarantined export stays where it is. Either export it again, corrected: it is taken by itself, and the
+faulty content stands as superseded. Or, if the robot or layout file was wrong, correct that and retry. Or, if
+it is no export, dismiss it.")]
+pub(in crate::cli) struct QuarantineArgs {
+    #[command(subcommand)]
+    command: QuarantineCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum QuarantineCommand {
+    /// Exports that are quarantined now, the newest first
+    #[command(after_help = "\
+Examples:
+  armwatch quarantine list
+  armwatch quarantine list --robot R07 --all
+  armwatch quarantine list --json")]
+    List {
+        /// Only exports of this robot
+        #[arg(long, value_name = "NAME")]
+        robot: Option<String>,
+        /// Also faults that are settled, each with what became of it
+        #[arg(long)]
+        all: bool,
+    },
+    /// The place in the file, what is wrong there, the remedy, and what a retry would do
+    #[command(after_help = "\
+Examples:
+  armwatch quarantine explain 12
+  armwatch quarantine explain R07_20260105_0847.csv")]
+    Explain {
+        /// Number of the run, or its file
+        #[arg(value_name = "RUN_ID|FILE")]
+        which: String,
+    },
+    /// Read exports again after the robot or layout file was corrected
+    #[command(after_help = "\
+Examples:
+  armwatch quarantine retry 12
+  armwatch quarantine retry R07_20260105_0847.csv
+  armwatch quarantine retry --all --no-wait
+
+The run keeps its number; what each attempt found stays in the view `quarantine`. While a daemon works on
+the database, it is asked to do it, reads its configuration again, and takes the export within its scan
+interval; the command waits for the outcome. Exit status 1 if an export is still not understood.")]
+    Retry {
+        /// Number of the run, or its file
+        #[arg(value_name = "RUN_ID|FILE", required_unless_present = "all")]
+        which: Option<String>,
+        /// Every quarantined export
+        #[arg(long, conflicts_with = "which")]
+        all: bool,
+        /// Ask a running daemon and do not wait for the outcome
+        #[arg(long)]
+        no_wait: bool,
+    },
+    /// Say that nothing is to be done about an export, such as a file that is none
+    #[command(after_help = "\
+Examples:
+  armwatch quarantine dismiss 12 --reason \"list of spare parts, no export\"
+  armwatch quarantine dismiss notes.csv --reason \"no export\" --by mueller
+
+It is counted as an open problem no longer, neither in `quarantine list` nor in the counts of the fleet; `list --all`
+shows it with time, name and reason. `armwatch quarantine retry` brings it back, and so does another fault in it. The
+file stays where it is.")]
+    Dismiss {
+        /// Number of the run, or its file
+        #[arg(value_name = "RUN_ID|FILE")]
+        which: String,
+        /// Why nothing is to be done
+        #[arg(long, value_name = "TEXT", value_parser = clap::builder::NonEmptyStringValueParser::new())]
+        reason: String,
+        /// Who says so [default: the user's name]
+        #[arg(long, value_name = "NAME", value_parser = clap::builder::NonEmptyStringValueParser::new())]
+        by: Option<String>,
+    },
+}
+
+pub(in crate::cli) fn quarantine(global: &Global, args: &QuarantineArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    runtime()?.block_on(async {
+        let store = open_store(&config).await?;
+        let done = match &args.command {
+            QuarantineCommand::List { robot, all } => list(global, &store, robot.as_deref(), *all).await,
+            QuarantineCommand::Explain { which } => explain(global, &config, &store, which).await,
+            QuarantineCommand::Retry { which, no_wait, .. } => {
+                let retry = Retry { global, config: &config, store: &store, no_wait: *no_wait };
+                retry.retry(which.as_deref()).await
+            }
+            QuarantineCommand::Dismiss { which, reason, by } => {
+                dismiss(global, &store, which, by.clone().unwrap_or_else(user), reason).await
+            }
+        };
+        store.close().await?;
+        done
+    })
+}
+
+async fn list(global: &Global, store: &Store, robot: Option<&str>, all: bool) -> Result<u8, CliError> {
+    let mut faults = store.faults().await?;
+    faults.retain(|fault| {
+        robot.is_none_or(|name| fault.robot == name) && (all || fault.state == FaultState::Open)
+    });
+    if global.json {
+        faults.iter().for_each(|fault| output::json(&story::as_value(fault)));
+    } else if faults.is_empty() {
+        let of = robot.map(|name| format!(" of {name}")).unwrap_or_default();
+        output::line(&format!("nothing{of} is quarantined"));
+    } else {
+        let row = |fault: &QuarantineRow| {
+            let retry = if fault.retry_asked_at.is_some() { ", retry asked" } else { "" };
+            vec![
+                fault.run_id.to_string(),
+                fault.robot.clone(),
+                fault.source_name.clone(),
+                story::minute(fault.first_at),
+                format!("{}{retry}", fault.state.name()),
+                story::one_line(fault),
+            ]
+        };
+        let rows: Vec<_> = faults.iter().map(row).collect();
+        output::line(&output::table(&["run", "robot", "file", "since", "state", "problem"], &rows));
+    }
+    Ok(EXIT_DONE)
+}
+
+async fn explain(global: &Global, config: &Config, store: &Store, which: &str) -> Result<u8, CliError> {
+    let faults = store.faults().await?;
+    let run_id = find(&faults, which).ok_or_else(|| unknown(which))?;
+    let faults: Vec<QuarantineRow> = faults.into_iter().filter(|fault| fault.run_id == run_id).collect();
+    let place = place_of(store, run_id).await?;
+    let story = story::Story::new(&faults, &place, config.limits.export_bytes)
+        .ok_or_else(|| CliError::Internal(format!("run {run_id} has no fault")))?;
+    if global.json {
+        output::json(&story.as_value());
+    } else {
+        output::line(&story.as_text());
+    }
+    Ok(EXIT_DONE)
+}
+
+async fn dismiss(
+    global: &Global,
+    store: &Store,
+    which: &str,
+    by: String,
+    reason: &str,
+) -> Result<u8, CliError> {
+    let faults = store.faults().await?;
+    let run_id = find(&faults, which).ok_or_else(|| unknown(which))?;
+    if !store.dismiss(run_id, &by, reason).await? {
+        let latest = faults.iter().find(|fault| fault.run_id == run_id);
+        let became = latest.map(story::became).unwrap_or_default();
+        return Err(CliError::Usage(format!("run {run_id} is no open problem: {became}")));
+    }
+    if global.json {
+        output::json(&json!({"run_id": run_id, "outcome": "dismissed", "by": by, "reason": reason}));
+    } else {
+        output::line(&format!(
+            "dismissed    run {run_id} by {by}: {reason}; `armwatch quarantine retry {run_id}` brings it back"
+        ));
+    }
+    Ok(EXIT_DONE)
+}
+
+/// The name of the user at the command line.
+fn user() -> String {
+    let named = ["USER", "LOGNAME"].into_iter().filter_map(|name| std::env::var(name).ok());
+    named.into_iter().find(|name| !name.is_empty()).unwrap_or_else(|| "unknown".to_owned())
+}
+
+/// Looks where the content of a run was seen for it.
+async fn place_of(store: &Store, run_id: i64) -> Result<Place, CliError> {
+    let source = store.run_source(run_id).await?;
+    let source = source.ok_or_else(|| CliError::Internal(format!("run {run_id} has no source")))?;
+    let mut found = None;
+    for path in &source.paths {
+        // of a file that could not be read, the path stands for the content
+        let by_path = of_bytes(path.as_os_str().as_encoded_bytes()) == source.content_hash;
+        let place = match fingerprint(path) {
+            Ok((hash, _)) if by_path || hash == source.content_hash => return Ok(Place::At(path.clone())),
+            Ok(_) => Place::Changed(path.clone()),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
+            Err(error) => Place::Unreadable(path.clone(), error.to_string()),
+        };
+        found = found.or(Some(place));
+    }
+    let first = source.paths.into_iter().next().unwrap_or_default();
+    Ok(found.unwrap_or(Place::Gone(first)))
+}
+
+/// The run that is meant: by number or, the newest first, by path or file name.
+fn find(faults: &[QuarantineRow], which: &str) -> Option<i64> {
+    if let Ok(number) = which.parse::<i64>() {
+        return faults.iter().find(|fault| fault.run_id == number).map(|fault| fault.run_id);
+    }
+    let absolute = std::path::absolute(which).unwrap_or_default();
+    let is_meant = |fault: &&QuarantineRow| {
+        fault.source_path == which
+            || fault.source_name == which
+            || std::path::absolute(&fault.source_path).is_ok_and(|path| path == absolute)
+    };
+    let open = faults.iter().filter(|fault| fault.state == FaultState::Open).find(is_meant);
+    open.or_else(|| faults.iter().find(is_meant)).map(|fault| fault.run_id)
+}
+
+fn unknown(which: &str) -> CliError {
+    CliError::Usage(format!(
+        "no export is or was quarantined as {which}; `armwatch quarantine list --all` shows them"
+    ))
+}
+
+/// What the retries of one call share.
+struct Retry<'a> {
+    global: &'a Global,
+    config: &'a Config,
+    store: &'a Store,
+    no_wait: bool,
+}
+
+impl Retry<'_> {
+    async fn retry(&self, which: Option<&str>) -> Result<u8, CliError> {
+        let chosen = self.chosen(which).await?;
+        if chosen.is_empty() {
+            if !self.global.json {
+                output::line("nothing is quarantined");
+            }
+            return Ok(EXIT_DONE);
+        }
+        let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
+        let under_daemon = matches!(self.store.claim(), Err(StoreError::Claimed { .. }));
+        let (mut code, mut asked, mut own) = (EXIT_DONE, Vec::new(), Vec::new());
+        for fault in chosen {
+            self.store.withdraw_dismissal(fault.run_id).await?;
+            match place_of(self.store, fault.run_id).await? {
+                Place::At(path) | Place::Unreadable(path, _) => {
+                    if under_daemon && is_below(&path, &self.config.watch.folders) {
+                        asked.push((fault.run_id, path));
+                    } else {
+                        own.push(path);
+                    }
+                }
+                place => {
+                    self.say_impossible(&fault, &place);
+                    code = EXIT_FOUND;
+                }
+            }
+        }
+        code = code.max(self.ask(&asked, &stop).await?);
+        if own.is_empty() {
+            return Ok(code);
+        }
+        let pipeline = Pipeline::new(shared(self.config.clone()), self.store.clone());
+        Ok(code.max(ingest::take_all(&pipeline, &own, &stop, self.global.json).await?))
+    }
+
+    /// The quarantined runs to be read again, oldest first, as their robots' histories grow.
+    async fn chosen(&self, which: Option<&str>) -> Result<Vec<QuarantineRow>, CliError> {
+        let mut faults = self.store.faults().await?;
+        let wanted = which.map(|which| find(&faults, which).ok_or_else(|| unknown(which))).transpose()?;
+        let of_wanted = |fault: &QuarantineRow| wanted.is_none_or(|run_id| fault.run_id == run_id);
+        if let Some(settled) = faults.iter().find(|fault| wanted.is_some() && of_wanted(fault))
+            && !matches!(settled.state, FaultState::Open | FaultState::Dismissed)
+        {
+            return Err(CliError::Usage(format!(
+                "run {} is not quarantined any more: {}",
+                settled.run_id,
+                story::became(settled)
+            )));
+        }
+        // what was dismissed is read again only if it is named
+        let is_meant = |fault: &QuarantineRow| {
+            fault.state == FaultState::Open || (wanted.is_some() && fault.state == FaultState::Dismissed)
+        };
+        faults.retain(|fault| is_meant(fault) && of_wanted(fault));
+        faults.sort_by(|a, b| (&a.source_name, a.run_id).cmp(&(&b.source_name, b.run_id)));
+        Ok(faults)
+    }
+
+    fn say_impossible(&self, fault: &QuarantineRow, place: &Place) {
+        let why = story::what_retry_does(fault, place);
+        if self.global.json {
+            output::json(
+                &json!({"file": fault.source_path, "run_id": fault.run_id, "outcome": "gone", "reason": why}),
+            );
+        } else {
+            output::line(&format!("gone         {}: {why}", fault.source_path));
+        }
+    }
+
+    /// Asks the running daemon and waits for what becomes of the exports.
+    async fn ask(&self, asked: &[(i64, PathBuf)], stop: &CancellationToken) -> Result<u8, CliError> {
+        for (run_id, _) in asked {
+            self.store.ask_retry(*run_id).await?;
+        }
+        let deadline = Instant::now() + 2 * self.config.watch.scan_interval + PATIENCE;
+        let mut code = EXIT_DONE;
+        for (run_id, path) in asked {
+            if self.no_wait {
+                self.say(path, *run_id, "asked", "the daemon reads it at its next scan");
+                continue;
+            }
+            code = code.max(self.wait(*run_id, path, deadline, stop).await?);
+        }
+        Ok(code)
+    }
+
+    async fn wait(
+        &self,
+        run_id: i64,
+        path: &Path,
+        deadline: Instant,
+        stop: &CancellationToken,
+    ) -> Result<u8, CliError> {
+        loop {
+            let known = self.store.known_run(run_id).await?;
+            match known {
+                Some(run) if run.retry_asked && Instant::now() > deadline => {
+                    let why =
+                        "the daemon has not come to it; it stays asked for, see `armwatch quarantine list`";
+                    self.say(path, run_id, "waiting", why);
+                    return Ok(EXIT_FOUND);
+                }
+                Some(run) if run.retry_asked || run.status == RunStatus::Streaming => {}
+                Some(run) if run.status == RunStatus::Quarantined => {
+                    self.say(path, run_id, "quarantined", &run.reason.unwrap_or_default());
+                    return Ok(EXIT_FOUND);
+                }
+                Some(run) if run.status == RunStatus::Complete => {
+                    let cycles = format!("run {run_id}, {} cycles", run.cycles_stored);
+                    self.say(path, run_id, "stored", &cycles);
+                    return Ok(EXIT_DONE);
+                }
+                // another export has its content or its place
+                _ => {
+                    self.say(path, run_id, "known", "another run has taken its place");
+                    return Ok(EXIT_DONE);
+                }
+            }
+            tokio::select! {
+                () = stop.cancelled() => return Ok(EXIT_STOPPED),
+                () = tokio::time::sleep(LOOK_INTERVAL) => {}
+            }
+        }
+    }
+
+    fn say(&self, path: &Path, run_id: i64, outcome: &str, text: &str) {
+        let file = path.display().to_string();
+        if self.global.json {
+            output::json(&json!({"file": file, "run_id": run_id, "outcome": outcome, "reason": text}));
+        } else {
+            output::line(&format!("{outcome:<12} {file}: {text}"));
+        }
+    }
+}
+
+/// Whether a file lies in one of the folders, whatever they are called.
+fn is_below(path: &Path, folders: &[PathBuf]) -> bool {
+    let real = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let path = real(path);
+    folders.iter().any(|folder| path.starts_with(real(folder)))
+}

@@ -1,0 +1,4 @@
+//! `armwatch quarantine`.
+
+pub(super) mod command;
+pub(super) mod story;

@@ -1,0 +1,162 @@
+//! `armwatch robot check`.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use nalgebra::{Matrix3, Vector3};
+use serde_json::json;
+
+use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
+use crate::cli::shared::output;
+use crate::config::read_robot;
+use crate::numerics::model::robot_check;
+use crate::numerics::model::robot_check::{ReferenceAgreement, ReferenceRow, RobotCheck};
+use crate::robot::Robot;
+
+/// Largest relative difference from reference data that agrees: reference tables carry twelve
+/// digits, and summing them over a chain loses two or three.
+const REFERENCE_TOLERANCE: f64 = 1e-9;
+
+/// Largest relative difference between two exact formulas for one number.
+const EXACT_TOLERANCE: f64 = 1e-9;
+
+/// Largest relative difference between a formula and a finite difference.
+const DIFFERENCE_TOLERANCE: f64 = 1e-4;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch robot check config/robots/er3a.toml
+  armwatch robot check config/robots/er3a.toml --reference tests/reference/er3a_inverse_dynamics.csv
+
+The reference is a CSV table with the columns q_1.., qd_1.., qdd_1.., tau_nm_1.. and the pose of the last
+frame in the base, px,py,pz,r11,r12,r13,r21,r22,r23,r31,r32,r33; torques are those of the rigid links with
+the description's nominal inertia, without friction and motor inertia. Exit status 1 if they disagree, or
+if the formulas disagree with each other on this arm.")]
+pub(in crate::cli) struct RobotCheckArgs {
+    /// Robot description
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Table of states with torque and pose to compare with
+    #[arg(long, value_name = "CSV")]
+    reference: Option<PathBuf>,
+}
+
+pub(in crate::cli) fn check(global: &Global, args: &RobotCheckArgs) -> Result<u8, CliError> {
+    let robot = read_robot(&args.file)?;
+    let checked = robot_check::check(&robot)
+        .map_err(|error| CliError::Usage(format!("{}: {error}", args.file.display())))?;
+    let agreement = match &args.reference {
+        Some(path) => Some(compare(&robot, path)?),
+        None => None,
+    };
+    if global.json {
+        output::json(&as_value(&robot, &checked, agreement.as_ref()));
+    } else {
+        output::line(&checked.to_string());
+        if let Some(agreement) = &agreement {
+            output::line(&agreement_text(agreement));
+        }
+    }
+    let agrees = agreement.is_none_or(|found| within(&found)) && is_consistent(&checked);
+    Ok(if agrees { EXIT_DONE } else { EXIT_FOUND })
+}
+
+/// Whether the reference agrees; a description without nominal inertia says nothing of torque.
+fn within(found: &ReferenceAgreement) -> bool {
+    [found.torque.unwrap_or(0.0), found.position, found.rotation]
+        .iter()
+        .all(|worst| *worst <= REFERENCE_TOLERANCE)
+}
+
+fn is_consistent(checked: &RobotCheck) -> bool {
+    let found = &checked.identities;
+    let exact = found.regressor <= EXACT_TOLERANCE && found.grouping <= EXACT_TOLERANCE;
+    exact && found.gravity <= DIFFERENCE_TOLERANCE && found.power <= DIFFERENCE_TOLERANCE
+}
+
+fn agreement_text(found: &ReferenceAgreement) -> String {
+    let torque = found
+        .torque
+        .map_or_else(|| "not compared, no nominal inertia".into(), |worst| format!("{worst:.1e}"));
+    format!(
+        "Reference: {} rows, worst relative difference: torque {torque}, position {:.1e}, rotation {:.1e}: {}",
+        found.rows,
+        found.position,
+        found.rotation,
+        if within(found) { "agrees" } else { "DISAGREES" }
+    )
+}
+
+fn compare(robot: &Robot, path: &Path) -> Result<ReferenceAgreement, CliError> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| CliError::Usage(format!("{}: {error}", path.display())))?;
+    let rows = reference_rows(robot.joint_count(), &text)
+        .map_err(|problem| CliError::Usage(format!("{}: {problem}", path.display())))?;
+    robot_check::compare_with_reference(robot, &rows)
+        .map_err(|error| CliError::Usage(format!("{}: {error}", path.display())))
+}
+
+/// Reads the reference table by the names of its columns.
+fn reference_rows(joints: usize, text: &str) -> Result<Vec<ReferenceRow>, String> {
+    let mut lines = text.lines();
+    let header: Vec<&str> = lines.next().ok_or("empty")?.split(',').map(str::trim).collect();
+    let place =
+        |name: &str| header.iter().position(|h| *h == name).ok_or_else(|| format!("no column {name}"));
+    let per_joint = |prefix: &str| -> Result<Vec<usize>, String> {
+        (1..=joints).map(|joint| place(&format!("{prefix}_{joint}"))).collect()
+    };
+    let (q, qd, qdd, tau) = (per_joint("q")?, per_joint("qd")?, per_joint("qdd")?, per_joint("tau_nm")?);
+    let pose: Vec<usize> = ["px", "py", "pz", "r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33"]
+        .iter()
+        .map(|name| place(name))
+        .collect::<Result<_, _>>()?;
+    let mut rows = Vec::new();
+    for (number, line) in (2..).zip(lines).filter(|(_, line)| !line.trim().is_empty()) {
+        let cells: Vec<f64> = line
+            .split(',')
+            .map(|cell| cell.trim().parse().map_err(|_| format!("line {number}: \"{cell}\" is not a number")))
+            .collect::<Result<_, _>>()?;
+        if cells.len() != header.len() {
+            return Err(format!("line {number}: {} cells for {} columns", cells.len(), header.len()));
+        }
+        let take = |places: &[usize]| places.iter().map(|&at| cells[at]).collect::<Vec<f64>>();
+        let pose = take(&pose);
+        rows.push(ReferenceRow {
+            q: take(&q),
+            qd: take(&qd),
+            qdd: take(&qdd),
+            tau: take(&tau),
+            position: Vector3::from_column_slice(&pose[..3]),
+            rotation: Matrix3::from_row_slice(&pose[3..]),
+        });
+    }
+    if rows.is_empty() { Err("no rows".into()) } else { Ok(rows) }
+}
+
+fn as_value(
+    robot: &Robot,
+    checked: &RobotCheck,
+    agreement: Option<&ReferenceAgreement>,
+) -> serde_json::Value {
+    let base = &checked.base;
+    json!({
+        "model": robot.model,
+        "joints": robot.joint_count(),
+        "parameters": base.kept.iter().enumerate().map(|(k, id)| json!({
+            "joint": id.joint.number(),
+            "parameter": id.name(),
+            "unit": id.unit(robot.joints[id.joint.index()].kind),
+            "grouping": base.grouping_formula(k),
+        })).collect::<Vec<_>>(),
+        "parameter_count": base.kept.len(),
+        "inertial_rank": base.inertial_rank,
+        "inertial_and_motor_rank": base.inertial_and_motor_rank,
+        "rank": base.rank,
+        "condition_number": base.condition_number,
+        "scaled_condition_number": base.scaled_condition_number,
+        "reference": agreement.map(|found| json!({
+            "rows": found.rows, "torque": found.torque, "position": found.position, "rotation": found.rotation,
+        })),
+    })
+}

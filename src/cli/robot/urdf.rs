@@ -1,0 +1,348 @@
+//! `armwatch robot urdf`: bodies of all links from chosen cycles, as a table and as a URDF file.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::Args;
+use serde_json::json;
+
+use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_store, runtime};
+use crate::cli::shared::output;
+use crate::cli::shared::selection::{cycle_numbers, note_passed_over};
+use crate::config::{Config, read_robot, straight_friction, urdf_text};
+use crate::numerics::physical::data_share::{BodyEstimate, Estimated};
+use crate::numerics::physical::fit::PhysicalFit;
+use crate::numerics::physical::uniform_bodies::BodySource;
+use crate::pipeline::stored::physical::fit_bodies;
+use crate::pipeline::stored::stored::{Chosen, take};
+use crate::robot::{JointIndex, Robot};
+use crate::store::{SourceCycle, Store, StoredModel};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch robot urdf --run 3 -o arm.urdf
+  armwatch robot urdf --run 3 --cycles 6-24 -o warm.urdf --json
+  armwatch robot urdf --parameters left-warm --description config/robots/er3a.toml -o left.urdf
+
+Mass, centre of mass and inertia of every link are fitted to the stored excitation rows of the chosen
+cycles such that each is a body of positive density. What torques do not show stays near the description's
+nominal inertia or, without one, near cylinders along the links; a ~ marks numbers that data do not decide.
+Motors' inertia and friction are fitted beside and are not in the inertial tags. Positions of the file are
+q: recorded position plus position offset. Exit status 1 if the fit did not settle: nothing is written.")]
+pub(in crate::cli) struct RobotUrdfArgs {
+    /// Run whose cycles are taken; may be given several times
+    #[arg(long = "run", value_name = "RUN", required_unless_present = "parameters")]
+    runs: Vec<i64>,
+    /// Saved parameter set whose cycles are taken
+    #[arg(long, value_name = "SET", conflicts_with_all = ["runs", "cycles"])]
+    parameters: Option<String>,
+    /// Cycles of each run, such as 10,15,20 or 6-24 [default: all]
+    #[arg(long, value_name = "CYCLES")]
+    cycles: Option<String>,
+    /// Robot description [default: the configuration's that the cycles were analysed with]
+    #[arg(long, value_name = "FILE")]
+    description: Option<PathBuf>,
+    /// URDF file to write; an existing one is replaced
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+/// What is told of the fit.
+struct Fitted {
+    robot: Arc<Robot>,
+    sources: Vec<SourceCycle>,
+    /// Start of each run's recording.
+    recorded: BTreeMap<i64, String>,
+    fit: PhysicalFit,
+}
+
+pub(in crate::cli) fn urdf(global: &Global, args: &RobotUrdfArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    let cycles = args.cycles.as_deref().map(cycle_numbers).transpose().map_err(CliError::Usage)?;
+    let fitted = runtime()?.block_on(async {
+        let store = open_store(&config).await?;
+        let done = fit_stored(&config, args, cycles, &store).await;
+        store.close().await?;
+        done
+    })?;
+    if !fitted.fit.estimate.settled {
+        output::complain(&format!(
+            "the fit did not settle in {} steps and nothing is written; choose more cycles, or a description \
+             with nominal inertia",
+            fitted.fit.estimate.steps
+        ));
+        return Ok(EXIT_FOUND);
+    }
+    let text = urdf_text(&fitted.robot, &fitted.fit.estimate.model, &comments(&fitted));
+    std::fs::write(&args.output, text)
+        .map_err(|error| CliError::Io(format!("{}: {error}", args.output.display())))?;
+    if global.json {
+        output::json(&as_value(&fitted, args));
+    } else {
+        output::line(&as_text(&fitted));
+        output::note(&format!("wrote {}", args.output.display()));
+    }
+    Ok(EXIT_DONE)
+}
+
+async fn fit_stored(
+    config: &Config,
+    args: &RobotUrdfArgs,
+    cycles: Option<Vec<u32>>,
+    store: &Store,
+) -> Result<Fitted, CliError> {
+    let chosen = match &args.parameters {
+        None => args.runs.iter().map(|&run_id| Chosen { run_id, cycles: cycles.clone() }).collect(),
+        Some(name) => cycles_of_set(store, name).await?,
+    };
+    let taken = take(store, &chosen).await?;
+    note_passed_over(&taken.passed_over);
+    let robot = match &args.description {
+        Some(path) => Arc::new(read_robot(path)?),
+        None => described(config, &taken.model)?,
+    };
+    let sources = taken.sources.clone();
+    let fit = fit_bodies(taken, Arc::clone(&robot)).await?;
+    let runs = store.runs().await?;
+    let used = |run_id: i64| sources.iter().any(|source| source.run_id == run_id);
+    let recorded = runs
+        .iter()
+        .filter(|run| used(run.run_id))
+        .map(|run| (run.run_id, run.started_at.to_string()))
+        .collect();
+    Ok(Fitted { robot, sources, recorded, fit })
+}
+
+async fn cycles_of_set(store: &Store, name: &str) -> Result<Vec<Chosen>, CliError> {
+    let set = store.parameter_set(name).await?.ok_or_else(|| {
+        CliError::Usage(format!(
+            "\"{name}\" is no saved parameter set; `armwatch identify --save {name}` makes one, --run takes a run"
+        ))
+    })?;
+    let chosen = |source: SourceCycle| Chosen { run_id: source.run_id, cycles: Some(vec![source.cycle]) };
+    Ok(set.sources.into_iter().map(chosen).collect())
+}
+
+/// The configured description that the cycles were analysed with.
+fn described(config: &Config, model: &StoredModel) -> Result<Arc<Robot>, CliError> {
+    let fitting = config.fleet.iter().find(|entry| model.describes(&entry.description));
+    fitting.map(|entry| Arc::clone(&entry.description)).ok_or_else(|| {
+        CliError::Usage(format!(
+            "no description of the configuration is that of model {}, with which the cycles were analysed; \
+             give it with --description",
+            model.name
+        ))
+    })
+}
+
+/// Where the numbers come from, for the head of the file.
+fn comments(fitted: &Fitted) -> Vec<String> {
+    let mut by_run: BTreeMap<i64, (&str, Vec<u32>)> = BTreeMap::new();
+    for source in &fitted.sources {
+        by_run.entry(source.run_id).or_insert((&source.robot, Vec::new())).1.push(source.cycle);
+    }
+    let mut comments = vec![format!(
+        "physically consistent parameters identified by armwatch {} with the description {}",
+        env!("CARGO_PKG_VERSION"),
+        fitted.robot.model
+    )];
+    comments.extend(by_run.iter().map(|(run_id, (robot, cycles))| {
+        let recorded = fitted.recorded.get(run_id).map_or("an unknown time", String::as_str);
+        format!("robot {robot}, run {run_id}, recorded {recorded}, cycles {}", listed(cycles))
+    }));
+    comments.push(format!("not decided by data: {}", undecided(&fitted.fit).join(", ")));
+    comments
+}
+
+/// `1-3, 7`.
+fn listed(cycles: &[u32]) -> String {
+    let mut ranges: Vec<(u32, u32)> = Vec::new();
+    for &cycle in cycles {
+        match ranges.last_mut() {
+            Some((_, last)) if *last + 1 == cycle => *last = cycle,
+            _ => ranges.push((cycle, cycle)),
+        }
+    }
+    let shown = ranges.iter().map(|(first, last)| match first == last {
+        true => first.to_string(),
+        false => format!("{first}-{last}"),
+    });
+    shown.collect::<Vec<_>>().join(", ")
+}
+
+/// Names of the numbers that data do not decide, link by link, or of those that they do where these are fewer.
+fn undecided(fit: &PhysicalFit) -> Vec<String> {
+    let numbers = || {
+        let bodies = fit.estimate.bodies.iter().flat_map(|body| body.values);
+        bodies.chain(fit.estimate.motor_inertia.iter().copied())
+    };
+    let open = numbers().filter(|of| !of.is_decided()).count();
+    let decided = 2 * open > numbers().count();
+    let listed = named(fit, |of| of.is_decided() == decided);
+    match (listed.is_empty(), decided) {
+        (true, true) => vec!["everything".into()],
+        (true, false) => vec!["nothing".into()],
+        (false, true) => vec![format!("all but {}", listed.join(", "))],
+        (false, false) => listed,
+    }
+}
+
+/// The numbers that `of` chooses, link by link.
+fn named(fit: &PhysicalFit, of: impl Fn(&Estimated) -> bool) -> Vec<String> {
+    let of_link = |(j, body): (usize, &BodyEstimate)| {
+        let names = BodyEstimate::NAMES.iter().zip(body.values);
+        let chosen: Vec<&str> =
+            names.filter(|(_, value)| of(value)).map(|(name, _)| short_name(name)).collect();
+        (!chosen.is_empty()).then(|| format!("link {} {}", j + 1, chosen.join(" ")))
+    };
+    let motors = fit.estimate.motor_inertia.iter().enumerate().filter(|(_, value)| of(value));
+    let links = fit.estimate.bodies.iter().enumerate().filter_map(of_link);
+    links.chain(motors.map(|(j, _)| format!("motor {}", j + 1))).collect()
+}
+
+/// Without the unit.
+fn short_name(name: &str) -> &str {
+    name.trim_end_matches("_kg_m2").trim_end_matches("_kg").trim_end_matches("_m")
+}
+
+fn as_text(fitted: &Fitted) -> String {
+    let fit = &fitted.fit;
+    let (estimate, start) = (&fit.estimate, &fit.start);
+    let leaned = match start.density {
+        None => "the description's nominal inertia".to_owned(),
+        Some(density) if start.sources.contains(&BodySource::Description) => {
+            format!("nominal inertia and, without it, cylinders of {density:.0} kg/m^3 along the links")
+        }
+        Some(density) => format!("cylinders of {density:.0} kg/m^3 along the links"),
+    };
+    format!(
+        "{} cycles, model {}; fitted in {} steps, leaning on {leaned}\n\n\
+         Links: centre of mass in the link's frame, inertia about the centre of mass; ~ not decided by data\n{}\n\n{}\n\n\
+         Price of physics, moving excitation rows\n{}\n\n\
+         Not decided by data: {}",
+        fitted.sources.len(),
+        fitted.robot.model,
+        estimate.steps,
+        bodies(fit),
+        inertias(fit),
+        price(fit),
+        undecided(fit).join("; "),
+    )
+}
+
+fn shown(of: &Estimated, digits: usize) -> String {
+    let mark = if of.is_decided() { "" } else { "~" };
+    format!("{mark}{:.digits$}", of.value)
+}
+
+fn bodies(fit: &PhysicalFit) -> String {
+    let rows = fit.estimate.bodies.iter().enumerate().map(|(j, body)| {
+        let [mass, x, y, z, ..] = &body.values;
+        let motor = &fit.estimate.motor_inertia[j];
+        vec![
+            JointIndex::new(j).to_string(),
+            shown(mass, 3),
+            format!("{:.3}", mass.std),
+            format!("{:.0}", 100.0 * mass.data_share()),
+            shown(x, 4),
+            shown(y, 4),
+            shown(z, 4),
+            shown(motor, 5),
+            format!("{:.5}", motor.std),
+        ]
+    });
+    output::table(
+        &[
+            "link",
+            "mass_kg",
+            "std_kg",
+            "by_data_%",
+            "centre_x_m",
+            "centre_y_m",
+            "centre_z_m",
+            "motor_inertia_kg_m2",
+            "std_kg_m2",
+        ],
+        &rows.collect::<Vec<_>>(),
+    )
+}
+
+fn inertias(fit: &PhysicalFit) -> String {
+    let rows = fit.estimate.bodies.iter().zip(&fit.estimate.definiteness).enumerate().map(
+        |(j, (body, definiteness))| {
+            let mut row = vec![JointIndex::new(j).to_string()];
+            row.extend(body.values[4..].iter().map(|of| shown(of, 5)));
+            row.push(format!("{definiteness:.1e}"));
+            row
+        },
+    );
+    let header: Vec<&str> = ["link"]
+        .into_iter()
+        .chain(BodyEstimate::NAMES[4..].iter().copied())
+        .chain(["definiteness"])
+        .collect();
+    output::table(&header, &rows.collect::<Vec<_>>())
+}
+
+fn price(fit: &PhysicalFit) -> String {
+    let rows = fit.price.iter().map(|of| {
+        vec![
+            of.joint.to_string(),
+            of.samples.to_string(),
+            format!("{:.4}", of.unconstrained_rmsd),
+            format!("{:.4}", of.consistent_rmsd),
+            format!("{:.2}", 100.0 * (of.consistent_rmsd / of.unconstrained_rmsd - 1.0)),
+            format!("{:.4}", of.consistent_rmsd / of.torque_rms),
+        ]
+    });
+    output::table(
+        &["joint", "samples", "unconstrained_nm", "consistent_nm", "price_%", "relative"],
+        &rows.collect::<Vec<_>>(),
+    )
+}
+
+fn estimated_value(of: &Estimated) -> serde_json::Value {
+    json!({
+        "value": of.value, "std_error": of.std, "std_without_data": of.std_without_data,
+        "data_share": of.data_share(), "decided_by_data": of.is_decided(),
+    })
+}
+
+fn as_value(fitted: &Fitted, args: &RobotUrdfArgs) -> serde_json::Value {
+    let (robot, fit) = (&fitted.robot, &fitted.fit);
+    let links = robot.joint_indices().map(|joint| {
+        let j = joint.index();
+        let named = BodyEstimate::NAMES.iter().zip(&fit.estimate.bodies[j].values);
+        let friction = straight_friction(robot, &fit.estimate.model, joint);
+        json!({
+            "link": joint.number(),
+            "assumption": fit.start.sources[j].name(),
+            "body": named.map(|(name, of)| ((*name).to_owned(), estimated_value(of)))
+                .collect::<serde_json::Map<_, _>>(),
+            "definiteness": fit.estimate.definiteness[j],
+            "motor_inertia_kg_m2": estimated_value(&fit.estimate.motor_inertia[j]),
+            "damping_nm_s_rad": friction.damping,
+            "friction_nm": friction.friction,
+        })
+    });
+    json!({
+        "urdf": args.output.display().to_string(),
+        "model": robot.model,
+        "sources": fitted.sources.iter().map(|source| json!({
+            "robot": source.robot, "run_id": source.run_id, "cycle": source.cycle,
+        })).collect::<Vec<_>>(),
+        "steps": fit.estimate.steps,
+        "residual_sum_of_squares": fit.estimate.residual_sum_of_squares,
+        "unconstrained_sum_of_squares": fit.estimate.unconstrained_sum_of_squares,
+        "scaled_condition_number": fit.scaled_condition_number,
+        "start_density_kg_m3": fit.start.density,
+        "links": links.collect::<Vec<_>>(),
+        "price_of_physics": fit.price.iter().map(|of| json!({
+            "joint": of.joint.number(), "samples": of.samples, "torque_rms_nm": of.torque_rms,
+            "unconstrained_rmsd_nm": of.unconstrained_rmsd, "consistent_rmsd_nm": of.consistent_rmsd,
+        })).collect::<Vec<_>>(),
+        "not_decided_by_data": undecided(fit),
+    })
+}

@@ -1,0 +1,88 @@
+//! Where pictures and tables go that are asked for with a file name.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use super::output;
+use crate::cli::context::CliError;
+use crate::report::figure::Figure;
+
+/// A picture's file, whose ending says what it is written as.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(in crate::cli) struct PlotFile {
+    path: PathBuf,
+    as_page: bool,
+}
+
+impl PlotFile {
+    /// Of a file name that ends in `.svg` or `.html`.
+    pub(in crate::cli) fn parse(text: &str) -> Result<Self, String> {
+        let path = PathBuf::from(text);
+        let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+        match ending.as_deref() {
+            Some("svg") => Ok(Self { path, as_page: false }),
+            Some("html" | "htm") => Ok(Self { path, as_page: true }),
+            _ => Err("a picture is written as .svg or .html; end the name with one of them".into()),
+        }
+    }
+
+    /// Where the picture goes.
+    pub(in crate::cli) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Writes the picture and says so.
+    pub(in crate::cli) fn write(&self, figure: &Figure) -> Result<(), CliError> {
+        let text = if self.as_page { figure.html() } else { figure.svg() };
+        write_lines(&self.path, text.lines().map(str::to_owned))
+    }
+}
+
+/// Writes a file of these lines and says so.
+pub(in crate::cli) fn write_lines(path: &Path, lines: impl Iterator<Item = String>) -> Result<(), CliError> {
+    let written = || -> std::io::Result<()> {
+        let mut file = BufWriter::new(File::create(path)?);
+        for line in lines {
+            writeln!(file, "{line}")?;
+        }
+        file.flush()
+    };
+    written().map_err(|error| {
+        CliError::Io(format!(
+            "cannot write {}: {error}; name a file in a folder that is there",
+            path.display()
+        ))
+    })?;
+    output::note(&format!("wrote {}", path.display()));
+    Ok(())
+}
+
+/// Refuses to write over an export: it is the only copy of its recording.
+pub(in crate::cli) fn refuse_export(target: Option<&Path>, export: &Path) -> Result<(), CliError> {
+    let Some(target) = target else { return Ok(()) };
+    let same = match (target.canonicalize(), export.canonicalize()) {
+        (Ok(target), Ok(export)) => target == export,
+        _ => false,
+    };
+    if same {
+        return Err(CliError::Usage(format!(
+            "{} is the export itself, which is never written to; name another file",
+            target.display()
+        )));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ending_says_what_is_written() {
+        let parsed = |text| PlotFile::parse(text).map(|file| file.as_page);
+        assert_eq!(parsed("a.svg"), Ok(false));
+        assert_eq!(parsed("a b.HTML"), Ok(true));
+        assert!(parsed("a.png").is_err() && parsed("svg").is_err());
+    }
+}

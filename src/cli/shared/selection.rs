@@ -1,0 +1,145 @@
+//! What names runs, cycles and parameters on the command line.
+
+use std::collections::BTreeSet;
+
+use super::output;
+use crate::analysis::Estimator;
+use crate::cli::context::CliError;
+use crate::pipeline::stored::stored::{
+    Candidate, Chosen, PassedOver, StoredError, told, unit_identification,
+};
+use crate::run::{RunKind, RunStatus};
+use crate::store::{ParameterSet, RunRow, Store};
+
+/// Most cycles that a range may name: a test of a week at five minutes a cycle.
+const MAX_CYCLES: u32 = 2016;
+
+impl From<StoredError> for CliError {
+    fn from(error: StoredError) -> Self {
+        match error {
+            StoredError::Store(error) => Self::Store(error),
+            StoredError::Numerics(error) => Self::Usage(error.to_string()),
+            StoredError::Refused(reason) => Self::Usage(reason),
+            StoredError::PassedOver(_) => Self::Usage(error.to_string()),
+            StoredError::Task(error) => Self::Internal(error.to_string()),
+        }
+    }
+}
+
+/// Says which cycles of the chosen runs take no part, and why.
+pub(in crate::cli) fn note_passed_over(passed_over: &[PassedOver]) {
+    if !passed_over.is_empty() {
+        output::note(&format!("passed over: {}", told(passed_over)));
+    }
+}
+
+/// Reads `10,15,20` or `6-24` or both mixed.
+pub(in crate::cli) fn cycle_numbers(text: &str) -> Result<Vec<u32>, String> {
+    let mut numbers = BTreeSet::new();
+    for part in text.split(',').map(str::trim) {
+        let (first, last) = part.split_once('-').unwrap_or((part, part));
+        let number = |text: &str| text.trim().parse::<u32>().ok().filter(|n| *n >= 1);
+        let (Some(first), Some(last)) = (number(first), number(last)) else {
+            return Err(format!("\"{part}\" is no cycle; write numbers from 1 and ranges, such as 3,10-15"));
+        };
+        if first > last || last - first >= MAX_CYCLES {
+            return Err(format!("\"{part}\" is no range of cycles up to {MAX_CYCLES} long; write 6-24"));
+        }
+        numbers.extend(first..=last);
+    }
+    Ok(numbers.into_iter().collect())
+}
+
+/// Complete tests of a robot, oldest first.
+pub(in crate::cli) fn runs_of<'a>(runs: &'a [RunRow], robot: &str) -> Result<Vec<&'a RunRow>, CliError> {
+    let is_test = |run: &&RunRow| run.status == RunStatus::Complete && run.kind == RunKind::Test;
+    let of_robot: Vec<&RunRow> = runs.iter().filter(|run| run.robot == robot).filter(is_test).collect();
+    if !of_robot.is_empty() {
+        return Ok(of_robot);
+    }
+    let mut known: Vec<&str> = runs.iter().map(|run| run.robot.as_str()).collect();
+    known.dedup();
+    Err(CliError::Usage(format!("no complete run of robot {robot}; there are runs of: {}", known.join(", "))))
+}
+
+/// Runs that a word names: the number of a run, or the name of a robot for all its complete runs.
+pub(in crate::cli) fn named_runs<'a>(runs: &'a [RunRow], word: &str) -> Result<Vec<&'a RunRow>, CliError> {
+    match word.parse::<i64>() {
+        Ok(run_id) => runs
+            .iter()
+            .find(|run| run.run_id == run_id)
+            .map(|run| vec![run])
+            .ok_or_else(|| CliError::Usage(format!("there is no run {run_id}"))),
+        Err(_) => runs_of(runs, word),
+    }
+}
+
+/// Parameters with the words that name them and, if they are those of a whole run, the run.
+#[derive(Debug)]
+pub(in crate::cli) struct NamedCandidate {
+    pub(in crate::cli) name: String,
+    pub(in crate::cli) run_id: Option<i64>,
+    pub(in crate::cli) candidate: Candidate,
+}
+
+impl NamedCandidate {
+    /// Unit parameters of a whole run, by the configured estimator.
+    pub(in crate::cli) async fn of_run(
+        store: &Store,
+        run_id: i64,
+        estimator: Estimator,
+    ) -> Result<Self, StoredError> {
+        let set = unit_identification(store, &[Chosen { run_id, cycles: None }], estimator).await?;
+        Ok(Self { name: format!("run {run_id}"), run_id: Some(run_id), candidate: as_candidate(set) })
+    }
+
+    /// `RUN`, `RUN:CYCLES` or the name of a saved set; `estimator` is that of runs and cycles.
+    pub(in crate::cli) async fn find(
+        store: &Store,
+        word: &str,
+        estimator: Estimator,
+    ) -> Result<Self, CliError> {
+        if let Ok(run_id) = word.parse::<i64>() {
+            return Ok(Self::of_run(store, run_id, estimator).await?);
+        }
+        let set = find_set(store, word, estimator).await?;
+        Ok(Self { name: word.into(), run_id: None, candidate: as_candidate(set) })
+    }
+}
+
+/// Parameters that `RUN`, `RUN:CYCLES` or the name of a saved set stands for; `estimator` is that of runs and cycles.
+pub(in crate::cli) async fn find_set(
+    store: &Store,
+    word: &str,
+    estimator: Estimator,
+) -> Result<ParameterSet, CliError> {
+    let (run, cycles) = word.split_once(':').map_or((word, None), |(run, cycles)| (run, Some(cycles)));
+    if let Ok(run_id) = run.parse::<i64>() {
+        let cycles = cycles.map(cycle_numbers).transpose().map_err(CliError::Usage)?;
+        return Ok(unit_identification(store, &[Chosen { run_id, cycles }], estimator).await?);
+    }
+    store.parameter_set(word).await?.ok_or_else(|| {
+        CliError::Usage(format!(
+            "\"{word}\" is neither a run, nor RUN:CYCLES, nor a saved parameter set; \
+             `armwatch identify --save {word}` makes one"
+        ))
+    })
+}
+
+fn as_candidate(set: ParameterSet) -> Candidate {
+    Candidate { model: set.model, parameters: set.identification.parameters }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_and_ranges_mix() {
+        assert_eq!(cycle_numbers("10,15,20"), Ok(vec![10, 15, 20]));
+        assert_eq!(cycle_numbers("3, 6-8,7"), Ok(vec![3, 6, 7, 8]));
+        for wrong in ["", "0", "a", "5-3", "1-", "-2", "1,,2", "1-4000000000", "1.5"] {
+            assert!(cycle_numbers(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,284 @@
+//! `armwatch simulate`: exports of a described arm.
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+
+use super::export_format::export_format;
+use super::stage_signal::StageSignalArg;
+use crate::cli::context::{CliError, EXIT_DONE, Global};
+use crate::cli::shared::load::LoadArgs;
+use crate::cli::shared::output;
+use crate::config::{Config, read_layout, read_robot};
+use crate::robot::Robot;
+use crate::simulate::error::SimulateError;
+use crate::simulate::fault::Fault;
+use crate::simulate::friction::FrictionShape;
+use crate::simulate::load::Load;
+use crate::simulate::recording::Clock;
+use crate::simulate::temperatures::{TemperatureColumns, TemperatureSettings};
+use crate::simulate::{SimulationSettings, simulate_run};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch simulate -o exports
+  armwatch simulate -o exports --name R07 --runs 12 --cycles 8 --fault wear:joint=3,from=6,rate=0.03
+  armwatch simulate -o exports --full-test --gzip
+  armwatch simulate -o exports --robot config/robots/scara.toml
+  armwatch simulate -o exports --layout config/exports/motor_side.toml
+  armwatch simulate -o exports --stage-signal analogue
+  armwatch simulate -o exports --runs 12 --cycles 8 --temperatures --ambient-std-k 3
+  armwatch simulate -o exports --clock alternating --friction-shape late-turn-over
+  armwatch simulate -o exports --load-mass-kg 3 --load-centre-m 0,0,0.08
+
+Each run is one export in the native layout or the one given, with a truth file NAME.truth.json beside it that holds
+the parameters, friction and faults behind the numbers. The same seed gives the same bytes.")]
+pub(in crate::cli) struct SimulateArgs {
+    /// Folder for exports and truth files; made if missing
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Robot description with nominal parameters [default: the shipped ER3A]
+    #[arg(long, value_name = "FILE")]
+    robot: Option<PathBuf>,
+    /// Name of the individual robot; begins the file names
+    #[arg(long, default_value = "R01")]
+    name: String,
+    /// Everything random follows from it
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Number of runs, one export each
+    #[arg(long, default_value_t = 1)]
+    runs: u32,
+    /// Cycles of a run [default: 5, with --full-test 24]
+    #[arg(long)]
+    cycles: Option<u32>,
+    /// Rows a second, Hz [default: 50, with --full-test 250]
+    #[arg(long, value_name = "HZ")]
+    rate_hz: Option<f64>,
+    /// Duration of each warming stage, s [default: 20, with --full-test 180]
+    #[arg(long, value_name = "S")]
+    warming_s: Option<f64>,
+    /// The whole two-hour test: 24 cycles at 250 Hz with 180 s of warming
+    #[arg(long)]
+    full_test: bool,
+    /// Start of the first run, UTC, RFC 3339
+    #[arg(long, default_value = "2026-01-05T08:47:00Z", value_name = "TIME")]
+    start: jiff::Timestamp,
+    /// Time from the start of a run to the start of the next, h
+    #[arg(long, default_value_t = 24.0, value_name = "H")]
+    interval_h: f64,
+    /// Fault to develop, such as wear:joint=3,from=6,rate=0.03 (friction of joint 3 grows by 3 % of
+    /// its healthy value a run from run 6 on); may be repeated
+    #[arg(long = "fault", value_name = "FAULT")]
+    faults: Vec<Fault>,
+    /// Standard deviation of the hall's temperature from run to run, K
+    #[arg(long, default_value_t = 1.0, value_name = "K")]
+    ambient_std_k: f64,
+    /// Time between the cold start and the first row, s
+    #[arg(long, default_value_t = 0.0, value_name = "S")]
+    initial_warm_s: f64,
+    /// Write .csv.gz instead of .csv
+    #[arg(long)]
+    gzip: bool,
+    /// Layout of the exports: its columns, units, signs and side of the gears, every digit written
+    /// [default: native, rounded as a controller does]
+    #[arg(long, value_name = "FILE")]
+    layout: Option<PathBuf>,
+    /// How the export tells its stages; other columns as in the native layout, every digit written
+    #[arg(long, value_enum, conflicts_with = "layout")]
+    stage_signal: Option<StageSignalArg>,
+    /// Friction is exactly f1 to f4 of the description, always warm: no bump at low speed, no ripple, no
+    /// warm-up. The true base parameters are then those of the description
+    #[arg(long)]
+    plain_friction: bool,
+    /// How friction turns over where a motion turns round, and breaks away
+    #[arg(long, value_enum, default_value = "gearbox", conflicts_with = "plain_friction")]
+    friction_shape: FrictionShapeArg,
+    /// How the instants of rows follow each other; the mean step stays that of the rate
+    #[arg(long, value_enum, default_value = "even")]
+    clock: ClockArg,
+    /// Record temperatures as drives do: of each motor, of the hall, or both
+    #[arg(long, value_enum, value_name = "WHICH", num_args = 0..=1, default_missing_value = "both")]
+    temperatures: Option<TemperaturesArg>,
+    /// Step of recorded temperatures, K
+    #[arg(long, default_value_t = 0.1, value_name = "K", requires = "temperatures")]
+    temperature_step_k: f64,
+    /// How far a motor's temperature is behind that of its housing, s
+    #[arg(long, default_value_t = 600.0, value_name = "S", requires = "temperatures")]
+    temperature_lag_s: f64,
+    #[command(flatten)]
+    load: LoadArgs,
+    /// Folder for truth files, instead of beside the exports
+    #[arg(long, value_name = "DIR")]
+    truth: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum TemperaturesArg {
+    /// Of each joint's motor
+    Motor,
+    /// Of the hall
+    Ambient,
+    /// Of motors and hall
+    Both,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FrictionShapeArg {
+    /// Smooth within a few mrad/s, with a bump at low speed and a ripple
+    Gearbox,
+    /// A jump with the sign of the speed
+    Sign,
+    /// Smooth within a few hundredths of a rad/s
+    Smooth,
+    /// As smooth; the last joint within some tenths of a rad/s
+    LateTurnOver,
+    /// A breakaway torque of one and a half times the Coulomb torque
+    Stiction,
+    /// Turns over along a travel of 2 mrad instead of a speed
+    Presliding,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ClockArg {
+    /// Every step alike
+    Even,
+    /// Steps of 10 and 12 ms in turn at 91 Hz, as many loggers have
+    Alternating,
+    /// Each instant off by a tenth of the step
+    Jittering,
+}
+
+/// Steps of 10 and 12 ms in turn: 11 ms, a tenth more and less.
+const ALTERNATING_PART: f64 = 1.0 / 11.0;
+/// Standard deviation of an instant of [`ClockArg::Jittering`], steps.
+const JITTER_STEPS: f64 = 0.1;
+
+pub(in crate::cli) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u8, CliError> {
+    let robot = match &args.robot {
+        Some(path) => read_robot(path)?,
+        None => shipped_robot()?,
+    };
+    let mut settings = args.settings()?;
+    if let Some(path) = &args.layout {
+        settings.format = Some(export_format(&read_layout(path)?, &robot, settings.temperatures.columns)?);
+    }
+    if let Some(signal) = args.stage_signal {
+        settings.format = Some(export_format(&signal.layout()?, &robot, settings.temperatures.columns)?);
+    }
+    for run in 0..settings.runs {
+        simulate_one(&robot, &settings, run, args, global.json)?;
+    }
+    Ok(EXIT_DONE)
+}
+
+/// The arm of the shipped configuration.
+pub(in crate::cli) fn shipped_robot() -> Result<Robot, CliError> {
+    let shipped = Config::shipped()?;
+    let entry = shipped.fleet.first();
+    entry
+        .map(|entry| Robot::clone(&entry.description))
+        .ok_or_else(|| CliError::Internal("the shipped configuration describes no robot".into()))
+}
+
+impl SimulateArgs {
+    fn settings(&self) -> Result<SimulationSettings, CliError> {
+        let usual =
+            if self.full_test { SimulationSettings::full_test() } else { SimulationSettings::default() };
+        let interval = Duration::try_from_secs_f64(self.interval_h * 3600.0)
+            .map_err(|error| CliError::Usage(format!("--interval-h {}: {error}", self.interval_h)))?;
+        Ok(SimulationSettings {
+            robot_name: self.name.clone(),
+            seed: self.seed,
+            sample_rate_hz: self.rate_hz.unwrap_or(usual.sample_rate_hz),
+            cycles: self.cycles.unwrap_or(usual.cycles),
+            warming_s: self.warming_s.unwrap_or(usual.warming_s),
+            runs: self.runs,
+            first_start: self.start,
+            interval,
+            faults: self.faults.clone(),
+            gzip: self.gzip,
+            initial_warm_s: self.initial_warm_s,
+            ambient_std_k: self.ambient_std_k,
+            truth_dir: self.truth.clone(),
+            clock: match self.clock {
+                ClockArg::Even => Clock::Even,
+                ClockArg::Alternating => Clock::Alternating(ALTERNATING_PART),
+                ClockArg::Jittering => Clock::Jittering(JITTER_STEPS),
+            },
+            friction: match (self.plain_friction, self.friction_shape) {
+                (true, _) => FrictionShape::Polynomial,
+                (false, FrictionShapeArg::Gearbox) => FrictionShape::Gearbox,
+                (false, FrictionShapeArg::Sign) => FrictionShape::Sign,
+                (false, FrictionShapeArg::Smooth) => FrictionShape::Smooth,
+                (false, FrictionShapeArg::LateTurnOver) => FrictionShape::LateTurnOver,
+                (false, FrictionShapeArg::Stiction) => FrictionShape::Stiction,
+                (false, FrictionShapeArg::Presliding) => FrictionShape::Presliding,
+            },
+            load: self.load.given()?.map(|load| Load {
+                mass: load.mass,
+                centre: load.centre,
+                inertia: load.inertia,
+            }),
+            temperatures: self.temperature_settings(),
+            ..usual
+        })
+    }
+}
+
+impl SimulateArgs {
+    fn temperature_settings(&self) -> TemperatureSettings {
+        let recorded = |of: TemperaturesArg| {
+            self.temperatures.is_some_and(|which| [of, TemperaturesArg::Both].contains(&which))
+        };
+        TemperatureSettings {
+            columns: TemperatureColumns {
+                motor: recorded(TemperaturesArg::Motor),
+                ambient: recorded(TemperaturesArg::Ambient),
+            },
+            step_k: self.temperature_step_k,
+            lag_s: self.temperature_lag_s,
+            ..TemperatureSettings::default()
+        }
+    }
+}
+
+fn simulate_one(
+    robot: &Robot,
+    settings: &SimulationSettings,
+    run: u32,
+    args: &SimulateArgs,
+    as_json: bool,
+) -> Result<(), CliError> {
+    let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1) } else { ProgressBar::hidden() };
+    if let Ok(style) =
+        ProgressStyle::with_template("run {prefix} [{bar:30}] {pos}/{len} rows {msg} eta {eta}")
+    {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar.set_prefix(format!("{}/{}", run + 1, settings.runs));
+    let files = simulate_run(robot, settings, run, &args.output, &mut |progress| {
+        bar.set_length(progress.rows_total);
+        bar.set_position(progress.rows);
+        bar.set_message(format!("cycle {}/{}", progress.cycle, progress.cycles));
+    })
+    .map_err(|error| match error {
+        SimulateError::Write { .. } => CliError::Io(error.to_string()),
+        _ => CliError::Usage(error.to_string()),
+    })?;
+    bar.finish_and_clear();
+    if as_json {
+        output::json(&json!({
+            "export": files.export, "truth": files.truth, "started_at": files.started_at.to_string(),
+            "rows": files.rows,
+        }));
+    } else {
+        output::line(&format!("{} ({} rows)", files.export.display(), files.rows));
+    }
+    Ok(())
+}

@@ -1,0 +1,11 @@
+//! Lines to samples in SI: preamble, columns, cells, rows.
+
+pub mod preamble;
+pub(super) mod fields;
+pub mod cell;
+pub mod column_map;
+pub mod channels;
+pub mod start;
+pub mod polars_reader;
+pub mod cell_reader;
+pub mod reader;

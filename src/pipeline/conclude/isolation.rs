@@ -1,0 +1,91 @@
+//! Conclusions of one robot that fail concern that robot alone: they are written down with their reason, and the
+//! others go on.
+
+use tokio::task::JoinError;
+
+use super::conclude::Concluded;
+use crate::pipeline::context::{Pipeline, PipelineError};
+use crate::store::StoreError;
+
+/// What came of drawing conclusions.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Conclusion {
+    /// They are stored.
+    Drawn(Concluded),
+    /// What is stored is as new as the history.
+    UpToDate,
+    /// They cannot be drawn from this history; the robot is marked with the reason.
+    Faulty(String),
+}
+
+impl Pipeline {
+    /// As [`Pipeline::conclude_named`]; values that the database refuses and panics are written down as a fault of
+    /// this robot and are said once in the log.
+    ///
+    /// # Errors
+    /// Those of the store that concern every robot, such as a full disk, and a lock that stays.
+    pub async fn conclude_isolated(&self, robot: &str) -> Result<Conclusion, PipelineError> {
+        let (pipeline, name) = (self.clone(), robot.to_owned());
+        let drawn = isolated(async move { pipeline.conclude_named(&name).await }).await?;
+        let reason = match drawn {
+            Ok(Some(concluded)) => return Ok(Conclusion::Drawn(concluded)),
+            Ok(None) => return Ok(Conclusion::UpToDate),
+            Err(reason) => reason,
+        };
+        if self.store().note_conclusion_fault(robot, &reason).await? {
+            tracing::error!(
+                robot,
+                "nothing new is concluded of this robot: {reason}; its stored results stay, other robots go on, and \
+                 it is tried again by itself; report it with the log (view conclusion_faults)"
+            );
+        } else {
+            tracing::debug!(robot, reason, "still nothing new is concluded");
+        }
+        Ok(Conclusion::Faulty(reason))
+    }
+}
+
+/// Awaits a future in a task of its own. The inner error is the reason where it fails for what it was given: values
+/// that the database refuses, and panics.
+async fn isolated<T: Send + 'static>(
+    future: impl Future<Output = Result<T, PipelineError>> + Send + 'static,
+) -> Result<Result<T, String>, PipelineError> {
+    match tokio::spawn(future).await {
+        Ok(Ok(done)) => Ok(Ok(done)),
+        Ok(Err(PipelineError::Store(StoreError::Refused { detail, .. }))) => {
+            Ok(Err(format!("the database refuses the values ({detail})")))
+        }
+        Ok(Err(PipelineError::Task(error))) | Err(error) => panic_reason(error).map(Err),
+        Ok(Err(error)) => Err(error),
+    }
+}
+
+/// What a task that has panicked says of it.
+///
+/// # Errors
+/// The end of a task that has not: the program is ending.
+pub fn panic_reason(error: JoinError) -> Result<String, PipelineError> {
+    let panic = error.try_into_panic().map_err(PipelineError::from)?;
+    let said = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+    Ok(format!("internal error: {}", said.unwrap_or("a computation panicked")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn refused_values_and_panics_are_reasons_and_the_rest_are_errors() {
+        let path = || std::path::PathBuf::from("fleet.db");
+        let refused = StoreError::Refused { path: path(), detail: "NOT NULL".into() };
+        let reason = isolated::<()>(async { Err(refused.into()) }).await.expect("a reason");
+        assert_eq!(reason, Err("the database refuses the values (NOT NULL)".into()));
+        let full = StoreError::Full { path: path(), detail: "full".into() };
+        assert!(isolated::<()>(async { Err(full.into()) }).await.is_err());
+        let outer = isolated::<()>(async { panic!("index 7 of {}", 3) }).await.expect("a reason");
+        assert_eq!(outer, Err("internal error: index 7 of 3".into()));
+        let inner = isolated::<()>(async { Ok(tokio::task::spawn_blocking(|| panic!("no inverse")).await?) });
+        assert_eq!(inner.await.expect("a reason"), Err("internal error: no inverse".into()));
+        assert_eq!(isolated(async { Ok(5) }).await.expect("done"), Ok(5));
+    }
+}

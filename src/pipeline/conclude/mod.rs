@@ -1,0 +1,4 @@
+//! What the history of a robot says.
+
+pub mod conclude;
+pub mod isolation;

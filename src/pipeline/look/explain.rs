@@ -1,0 +1,339 @@
+//! What would become of an export, without storing anything: recognition, reading, cutting and analysis as
+//! in ingestion, on a database that is only looked at.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use jiff::Timestamp;
+
+use crate::analysis::{CycleAnalysis, CycleFactors};
+use crate::config::{Config, FleetEntry, Layout};
+use crate::ingest::bytes::source;
+use crate::ingest::rejection::Rejection;
+use crate::ingest::table::cell_reader::PassedOver;
+use crate::ingest::table::column_map::ColumnMap;
+use crate::ingest::table::reader::{ExportReader, LeftOut, ReadOptions};
+use crate::numerics::analyse::Method;
+use crate::pipeline::context::{Pipeline, PipelineError, Retry};
+use crate::pipeline::production::{Work, work_alone};
+use crate::pipeline::take::cycles::RowCutter;
+use crate::pipeline::take::decide;
+use crate::pipeline::take::decide::{Decision, Start};
+use crate::pipeline::take::intake;
+use crate::pipeline::take::intake::Recognised;
+use crate::pipeline::take::record;
+use crate::robot::Robot;
+use crate::run::{ContentHash, Cycle, Samples, Stage};
+use crate::store::{KnownRun, Store};
+
+/// Everything that is known of an export before it is stored.
+#[derive(Debug, Clone)]
+pub struct Explanation {
+    /// The file.
+    pub path: PathBuf,
+    /// Its size on disk, bytes.
+    pub bytes: u64,
+    /// Time since it was last written, s; negative by a clock that is ahead.
+    pub age_s: Option<f64>,
+    /// Whose it is; a rejection where the name does not say.
+    pub recognised: Option<RecognisedAs>,
+    /// What is in it, as far as it can be read; `None` if it is nobody's.
+    pub reading: Option<Reading>,
+    /// Why it would be quarantined.
+    pub rejection: Option<Rejection>,
+    /// What the database has of its content.
+    pub ledger: Ledger,
+    /// What would be done with it.
+    pub next: Next,
+}
+
+/// Whose an export is, and why.
+#[derive(Debug, Clone)]
+pub struct RecognisedAs {
+    /// The individual robot.
+    pub robot: String,
+    /// Start of the recording.
+    pub started_at: Timestamp,
+    /// Whether the file's name says the start; otherwise it lies the recording's duration before the file was last
+    /// written.
+    pub named_start: bool,
+    /// Pattern of file names that was used.
+    pub pattern: String,
+    /// The configuration's entry.
+    pub entry: FleetEntry,
+}
+
+/// What is in an export.
+#[derive(Debug, Clone)]
+pub struct Reading {
+    /// Identity of the content, where all of it could be read.
+    pub content: Option<ContentHash>,
+    /// Where each channel stands, if the header is understood.
+    pub columns: Option<ColumnMap>,
+    /// Rows read.
+    pub rows: u64,
+    /// Time from the first to the last row, s.
+    pub duration: f64,
+    /// Rows per second, Hz; zero where it is unknown.
+    pub sample_rate: f64,
+    /// A last line that is left out, because the writer did not get to its end.
+    pub left_out: Option<LeftOut>,
+    /// Bad rows that are passed over.
+    pub passed_over: PassedOver,
+    /// The cycles, in order.
+    pub cycles: Vec<CycleSketch>,
+}
+
+/// One cycle of an export.
+#[derive(Debug, Clone)]
+pub struct CycleSketch {
+    /// Number in the run, from 1.
+    pub cycle: u32,
+    /// Time of the first row, s.
+    pub start: f64,
+    /// Time from the first to the last row, s.
+    pub duration: f64,
+    /// Rows.
+    pub rows: usize,
+    /// Rows and time by stage, those between stages first.
+    pub stages: [StagePart; 4],
+    /// What the analysis finds, without factors; `None` if none was asked for.
+    pub analysis: Option<CycleAnalysis>,
+}
+
+/// A stage's part of a cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StagePart {
+    /// The stage.
+    pub stage: Stage,
+    /// Rows.
+    pub rows: usize,
+    /// Their time, s.
+    pub seconds: f64,
+}
+
+/// What the database has of a content.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Ledger {
+    /// There is no database yet.
+    NoDatabase,
+    /// It cannot be looked into, for this reason.
+    Unreadable(String),
+    /// Nothing.
+    Unknown,
+    /// A run.
+    Known(KnownRun),
+}
+
+/// What the daemon would do with an export.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Next {
+    /// Store it as a run.
+    Store {
+        /// It goes on with this unfinished, shorter or corrected run.
+        onwards: Option<i64>,
+        /// It takes the place of this run, whose file it was written over.
+        instead_of: Option<i64>,
+    },
+    /// Nothing: its content is stored as this run.
+    Nothing {
+        /// The run.
+        run_id: i64,
+    },
+    /// Quarantine it.
+    Quarantine,
+}
+
+/// Looks at exports.
+#[derive(Debug)]
+pub struct Explainer {
+    config: Arc<Config>,
+    /// On the database as it is; why there is none otherwise.
+    pipeline: Result<Pipeline, Ledger>,
+    methods: Vec<Arc<Method>>,
+}
+
+impl Explainer {
+    /// With the database of `config`, if there is one.
+    pub async fn new(config: Arc<Config>) -> Self {
+        let pipeline = match Store::open_existing(&config.database).await {
+            Ok(Some(store)) => Ok(Pipeline::new(Arc::clone(&config), store)),
+            Ok(None) => Err(Ledger::NoDatabase),
+            Err(error) => Err(Ledger::Unreadable(error.to_string())),
+        };
+        Self { config, pipeline, methods: Vec::new() }
+    }
+
+    /// Looks at one export; analyses its cycles unless `quick`.
+    ///
+    /// # Errors
+    /// [`PipelineError`] of the database, or of a task that panicked. A bad export is an answer.
+    pub async fn explain(&mut self, path: &Path, quick: bool) -> Result<Explanation, PipelineError> {
+        let recognised = intake::recognise(&self.config, path, intake::file_time(path));
+        let (mut recognised, mut rejection) = match recognised {
+            Ok(recognised) => (Some(self.recognised_as(&recognised)), None),
+            Err(rejection) => (None, Some(rejection)),
+        };
+        let mut reading = None;
+        if let Some(of) = &mut recognised {
+            let method = if quick { None } else { self.method(&of.entry.description).await? };
+            let work = method.as_ref().map(|method| work_alone(&of.entry.layout, method));
+            let (owned, entry) = (path.to_owned(), of.entry.clone());
+            let read = tokio::task::spawn_blocking(move || read(&owned, &entry, work.as_ref()));
+            let (found, fault) = read.await?;
+            if !of.named_start {
+                of.started_at = record::start_before(of.started_at, found.duration);
+            }
+            (reading, rejection) = (Some(found), fault);
+        }
+        let (ledger, next) = self.ledger(path, rejection.is_some()).await?;
+        let metadata = std::fs::metadata(path).ok();
+        let modified = metadata.as_ref().and_then(|metadata| metadata.modified().ok());
+        Ok(Explanation {
+            path: path.to_owned(),
+            bytes: metadata.map_or(0, |metadata| metadata.len()),
+            age_s: modified.map(age),
+            recognised,
+            reading,
+            rejection,
+            ledger,
+            next,
+        })
+    }
+
+    fn recognised_as(&self, of: &Recognised<'_>) -> RecognisedAs {
+        RecognisedAs {
+            robot: of.robot.clone(),
+            started_at: of.started_at,
+            named_start: of.named_start,
+            pattern: self.config.recognition.file_name.to_string(),
+            entry: of.entry.clone(),
+        }
+    }
+
+    /// The structure analysis of a robot; `None` if it has none, which reading then does not need.
+    async fn method(&mut self, robot: &Arc<Robot>) -> Result<Option<Arc<Method>>, PipelineError> {
+        if let Some(known) = self.methods.iter().find(|method| method.robot == **robot) {
+            return Ok(Some(Arc::clone(known)));
+        }
+        let (robot, settings) = (Robot::clone(robot), self.config.analysis);
+        let made = tokio::task::spawn_blocking(move || Method::new(robot, settings)).await?;
+        let made = made.ok().map(Arc::new);
+        self.methods.extend(made.clone());
+        Ok(made)
+    }
+
+    /// What the database says of the content, and what follows.
+    async fn ledger(&self, path: &Path, rejected: bool) -> Result<(Ledger, Next), PipelineError> {
+        let new = Next::Store { onwards: None, instead_of: None };
+        let unless_rejected = |next: Next| if rejected { Next::Quarantine } else { next };
+        let pipeline = match &self.pipeline {
+            Ok(pipeline) => pipeline,
+            Err(ledger) => return Ok((ledger.clone(), unless_rejected(new))),
+        };
+        let Some(state) = intake::source_state(path) else {
+            return Ok((Ledger::Unknown, unless_rejected(new)));
+        };
+        let owned = path.to_owned();
+        let hash =
+            tokio::task::spawn_blocking(move || crate::ingest::bytes::fingerprint::fingerprint(&owned))
+                .await?;
+        let content = hash.ok().map(|(hash, _)| hash);
+        let recognised = intake::recognise(&self.config, path, intake::file_time(path)).ok();
+        let facts =
+            intake::facts(pipeline, path, content, state, recognised.as_ref(), Retry::Quarantined).await?;
+        let Ok(facts) = facts else { return Ok((Ledger::Unknown, Next::Quarantine)) };
+        let next = match decide::decide(&facts) {
+            Decision::Known { run: KnownRun { run_id, .. }, .. } | Decision::InWork { run_id } => {
+                Next::Nothing { run_id }
+            }
+            Decision::Read(Start { onwards, instead_of, .. }) => {
+                unless_rejected(Next::Store { onwards, instead_of })
+            }
+        };
+        Ok((facts.known.map_or(Ledger::Unknown, Ledger::Known), next))
+    }
+}
+
+/// Time since `modified`, s.
+fn age(modified: SystemTime) -> f64 {
+    match SystemTime::now().duration_since(modified) {
+        Ok(age) => age.as_secs_f64(),
+        Err(ahead) => -ahead.duration().as_secs_f64(),
+    }
+}
+
+/// Reads an export to its end or its first fault.
+fn read(path: &Path, entry: &FleetEntry, work: Option<&Work>) -> (Reading, Option<Rejection>) {
+    let mut reading = Reading {
+        content: None,
+        columns: None,
+        rows: 0,
+        duration: 0.0,
+        sample_rate: 0.0,
+        left_out: None,
+        passed_over: PassedOver::default(),
+        cycles: Vec::new(),
+    };
+    let fault = read_into(&mut reading, path, &entry.layout, &entry.description, work).err();
+    (reading, fault)
+}
+
+fn read_into(
+    reading: &mut Reading,
+    path: &Path,
+    layout: &Layout,
+    robot: &Robot,
+    work: Option<&Work>,
+) -> Result<(), Rejection> {
+    let (bytes, hash) = source::open_hashing(path)?;
+    let mut export = ExportReader::new(bytes, path, layout, robot, ReadOptions::default())?;
+    reading.columns = Some(export.columns().clone());
+    let mut cutter = RowCutter::new(path, layout, robot)?;
+    let (mut first_time, mut cycles) = (None, Vec::new());
+    while let Some(chunk) = export.next() {
+        let samples = chunk?.samples;
+        reading.rows = export.rows();
+        if let (Some(first), Some(last)) = (samples.time.first(), samples.time.last()) {
+            reading.duration = last - *first_time.get_or_insert(*first);
+        }
+        let fault = cutter.push(samples, &mut cycles);
+        reading.sample_rate = cutter.sample_rate();
+        reading.cycles.extend(cycles.drain(..).map(|cycle| sketch(&cycle, work)));
+        fault?;
+    }
+    reading.left_out = export.left_out();
+    reading.passed_over = export.passed_over().clone();
+    reading.content = Some(hash.so_far().0);
+    let fault = cutter.finish(&mut cycles);
+    reading.cycles.extend(cycles.iter().map(|cycle| sketch(cycle, work)));
+    fault
+}
+
+fn sketch(cycle: &Cycle, work: Option<&Work>) -> CycleSketch {
+    let samples = &cycle.samples;
+    let ends = samples.time.first().zip(samples.time.last());
+    // an hour's factors are of no use here
+    let analysis = work.map(|work| CycleAnalysis { factors: CycleFactors::default(), ..work.analyse(cycle) });
+    CycleSketch {
+        cycle: cycle.number,
+        start: ends.map_or(0.0, |(first, _)| *first),
+        duration: ends.map_or(0.0, |(first, last)| last - first),
+        rows: samples.rows(),
+        stages: stage_parts(samples),
+        analysis,
+    }
+}
+
+/// Rows and time by stage; a row lasts until the next one.
+fn stage_parts(samples: &Samples) -> [StagePart; 4] {
+    let stages = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
+    let mut parts = stages.map(|stage| StagePart { stage, rows: 0, seconds: 0.0 });
+    for (row, stage) in samples.stage.iter().enumerate() {
+        let part = &mut parts[*stage as usize];
+        part.rows += 1;
+        part.seconds += samples.time.get(row + 1).map_or(0.0, |next| next - samples.time[row]);
+    }
+    parts
+}

@@ -1,0 +1,4 @@
+//! Answers that read an export again and store nothing.
+
+pub mod explain;
+pub mod replay;

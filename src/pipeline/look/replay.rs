@@ -1,0 +1,200 @@
+//! One cycle of a stored run once more, from its export: what the database does not keep.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use tokio::task::JoinError;
+
+use crate::config::{Config, Layout};
+use crate::ingest::bytes::fingerprint::fingerprint;
+use crate::ingest::rejection::Rejection;
+use crate::numerics::NumericsError;
+use crate::numerics::identify::torque_series::{SeriesRows, TorqueSeries, torque_series};
+use crate::numerics::signal::filter::condition;
+use crate::pipeline::take::cycles::read_cycle;
+use crate::pipeline::take::intake::source_state;
+use crate::robot::{ParameterId, Robot};
+use crate::run::Cycle;
+use crate::store::{CycleState, RunSource, Store, StoreError, description_hash};
+
+/// Why a cycle cannot be looked at again.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    /// The database failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// Run or cycle are not stored, or what they need is not at hand.
+    #[error("{0}")]
+    Refused(String),
+    /// The export is not where it was, or is another one.
+    #[error("{0}")]
+    Source(String),
+    /// The export is not understood as it was.
+    #[error("{0}")]
+    Rejected(#[from] Rejection),
+    /// The numbers cannot be had.
+    #[error(transparent)]
+    Numerics(#[from] NumericsError),
+    /// A task of the program itself panicked.
+    #[error("internal error: {0}")]
+    Task(#[from] JoinError),
+}
+
+/// A stored cycle with what reads it again.
+#[derive(Debug, Clone)]
+pub struct Replay {
+    /// Its run.
+    pub run: RunSource,
+    /// What the ledger has of it.
+    pub cycle: CycleState,
+    /// Cut-off of the analysis low-pass, Hz.
+    pub cutoff: f64,
+    /// The arm.
+    pub robot: Arc<Robot>,
+    /// Layout of the export.
+    layout: Arc<Layout>,
+}
+
+impl Replay {
+    /// Looks up cycle `cycle` of run `run_id`.
+    ///
+    /// # Errors
+    /// [`ReplayError::Refused`] for an unknown run or cycle, a cycle that could not be filtered, and a
+    /// robot whose description is gone or is another one now.
+    pub async fn find(config: &Config, store: &Store, run_id: i64, cycle: u32) -> Result<Self, ReplayError> {
+        let run = store.run_source(run_id).await?.ok_or_else(|| {
+            ReplayError::Refused(format!(
+                "there is no run {run_id}; `SELECT run_id, robot, started_at, status FROM runs` lists the runs"
+            ))
+        })?;
+        let states = store.cycle_states(run_id).await?;
+        let state = states.iter().find(|state| state.cycle == cycle);
+        let state = state.ok_or_else(|| ReplayError::Refused(no_such_cycle(run_id, cycle, &states)))?;
+        let cutoff = state.cutoff.ok_or_else(|| {
+            let reason = state.reason.as_deref().unwrap_or("it could not be filtered");
+            ReplayError::Refused(format!("cycle {cycle} of run {run_id} has no torques to show: {reason}"))
+        })?;
+        let entry = config.export_entry(&run.robot, &run.source_name).ok_or_else(|| {
+            ReplayError::Refused(format!(
+                "no description for robot \"{}\"; add a [[robot]] entry whose name matches to the configuration, \
+                 or name the configuration that run {run_id} was taken with (--config)",
+                run.robot
+            ))
+        })?;
+        let (robot, layout) = (Arc::clone(&entry.description), Arc::clone(&entry.layout));
+        same_description(&run, &robot)?;
+        Ok(Self { cutoff, cycle: state.clone(), run, robot, layout })
+    }
+
+    /// The run's export: at `named`, or else at the first of the places where it was seen, or of the
+    /// configuration's watched folders, that holds the run's content.
+    ///
+    /// # Errors
+    /// [`ReplayError::Source`] if there is none, with what was found instead.
+    pub async fn export(&self, config: &Config, named: Option<&Path>) -> Result<PathBuf, ReplayError> {
+        let candidates = match named {
+            Some(named) => vec![named.to_owned()],
+            None => self.places(config),
+        };
+        let wanted = self.run.content_hash;
+        let (run_id, looked_at) = (self.run.run_id, candidates.clone());
+        let found = tokio::task::spawn_blocking(move || {
+            let mut seen = Vec::new();
+            for path in looked_at {
+                match fingerprint(&path) {
+                    Ok((hash, _)) if hash == wanted => return Ok(path),
+                    Ok((hash, _)) => seen.push(format!("{} holds other content ({hash})", path.display())),
+                    Err(error) => seen.push(format!("{}: {error}", path.display())),
+                }
+            }
+            Err(seen)
+        })
+        .await?;
+        found.map_err(|seen| {
+            ReplayError::Source(format!(
+                "the export of run {run_id} is not at hand: {}; wanted is {} with the content {wanted}: give its \
+                 place with --source FILE",
+                seen.join("; "),
+                self.run.source_name,
+            ))
+        })
+    }
+
+    /// Where the export may lie.
+    fn places(&self, config: &Config) -> Vec<PathBuf> {
+        let watched = config.watch.folders.iter().map(|folder| folder.join(&self.run.source_name));
+        let mut places = self.run.paths.clone();
+        for place in watched.filter(|place| place.exists()) {
+            if !places.contains(&place) {
+                places.push(place);
+            }
+        }
+        places
+    }
+
+    /// Reads the cycle out of `export`, no further than to its end, and applies `parameters` to it.
+    ///
+    /// # Errors
+    /// [`ReplayError::Rejected`] if the export is no longer understood, [`ReplayError::Source`] if it
+    /// changes while it is read or its cycles are cut otherwise than they were, [`ReplayError::Numerics`]
+    /// for parameters that the robot does not have.
+    pub async fn torque(
+        &self,
+        export: &Path,
+        parameters: Vec<(ParameterId, f64)>,
+        rows: SeriesRows,
+    ) -> Result<TorqueSeries, ReplayError> {
+        let (replay, export) = (self.clone(), export.to_owned());
+        tokio::task::spawn_blocking(move || {
+            let before = source_state(&export);
+            let cycle = replay.read(&export)?;
+            if source_state(&export) != before {
+                return Err(ReplayError::Source(format!("{} changed while it was read", export.display())));
+            }
+            let conditioned = condition(&cycle.samples, replay.cutoff)?;
+            Ok(torque_series(&replay.robot, &parameters, &cycle.samples, &conditioned, rows)?)
+        })
+        .await?
+    }
+
+    fn read(&self, export: &Path) -> Result<Cycle, ReplayError> {
+        let CycleState { cycle: wanted, rows, .. } = self.cycle;
+        let Some(cycle) = read_cycle(export, &self.layout, &self.robot, wanted)? else {
+            return Err(self.cut_otherwise("is no longer found in the export"));
+        };
+        if cycle.samples.rows() != rows {
+            return Err(self.cut_otherwise(&format!("has {} rows now", cycle.samples.rows())));
+        }
+        Ok(cycle)
+    }
+
+    fn cut_otherwise(&self, now: &str) -> ReplayError {
+        ReplayError::Source(format!(
+            "cycle {} of run {}, stored with {} rows, {now}: the layout \"{}\" or the program has changed since; \
+             ingest the export into a new database, or name the configuration of that time (--config)",
+            self.cycle.cycle, self.run.run_id, self.cycle.rows, self.layout.name
+        ))
+    }
+}
+
+fn no_such_cycle(run_id: i64, cycle: u32, states: &[CycleState]) -> String {
+    match (states.first(), states.last()) {
+        (Some(first), Some(last)) => {
+            format!("run {run_id} has no cycle {cycle}; it has cycles {} to {}", first.cycle, last.cycle)
+        }
+        _ => format!("run {run_id} has no cycles: it is quarantined, or none is stored yet"),
+    }
+}
+
+fn same_description(run: &RunSource, robot: &Robot) -> Result<(), ReplayError> {
+    let Some(model) = &run.model else { return Ok(()) };
+    if model.description_hash == description_hash(robot) {
+        return Ok(());
+    }
+    Err(ReplayError::Refused(format!(
+        "run {} was analysed with another description of {} than the configuration has now ({}): its parameters \
+         mean something else; name the configuration of that time with --config, or ingest the export into a new \
+         database",
+        run.run_id, model.name, robot.model
+    )))
+}

@@ -1,0 +1,377 @@
+//! Identification and verification from stored factors: no export is read.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use tokio::task::JoinError;
+
+use crate::analysis::{self, IdentifiedParameter, TorqueRmsd};
+use crate::numerics::NumericsError;
+use crate::numerics::identify::joint_factors::{JointColumns, JointFactor, unpack};
+use crate::numerics::identify::verify::{StageSums, torque_rmsd};
+use crate::numerics::pooled::estimate::{Estimator, EstimatorKind, estimate};
+use crate::numerics::pooled::pool::Union;
+use crate::numerics::signal::filter::independent_fraction;
+use crate::robot::JointIndex;
+use crate::store::{
+    CycleState, FactorsWanted, ParameterSet, SourceCycle, Store, StoreError, StoredCycle, StoredModel,
+};
+
+/// Cycles of one run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Chosen {
+    /// The run.
+    pub run_id: i64,
+    /// Numbers of the cycles; all of them if `None`.
+    pub cycles: Option<Vec<u32>>,
+}
+
+/// Parameters that are applied to recordings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Candidate {
+    /// Description that they belong to.
+    pub model: StoredModel,
+    /// The parameters.
+    pub parameters: Vec<IdentifiedParameter>,
+}
+
+/// RMSD of one candidate on one run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CrossVerification {
+    /// Place of the candidate among those given.
+    pub candidate: usize,
+    /// The run.
+    pub run_id: i64,
+    /// By joint and stage, over all cycles of the run together.
+    pub rmsd: Vec<TorqueRmsd>,
+    /// The same for each cycle.
+    pub by_cycle: Vec<(u32, Vec<TorqueRmsd>)>,
+    /// Cycles of the run that take no part.
+    pub passed_over: Vec<PassedOver>,
+}
+
+/// A cycle that takes no part although its run was chosen.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PassedOver {
+    /// The run.
+    pub run_id: i64,
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// Why.
+    pub reason: String,
+}
+
+/// Why there is no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum StoredError {
+    /// Every chosen cycle was refused when it was read, or has no factors.
+    #[error("no cycle is left to take: {}", told(.0))]
+    PassedOver(Vec<PassedOver>),
+    /// The database failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The numbers cannot be had.
+    #[error(transparent)]
+    Numerics(#[from] NumericsError),
+    /// What was asked for does not go together, or is not there.
+    #[error("{0}")]
+    Refused(String),
+    /// A task of the program itself panicked.
+    #[error("internal error: {0}")]
+    Task(#[from] JoinError),
+}
+
+/// Most cycles that are taken together: their factors are held, 50 kB a cycle of a six-joint arm, so that
+/// this is 250 MB; half a year of tests of 24 cycles a day.
+pub const MAX_CYCLES_TOGETHER: usize = 5000;
+
+/// Cycles taken together, with what identification needs of them.
+#[derive(Debug, Clone)]
+pub struct Taken {
+    /// Description of all of them.
+    pub model: StoredModel,
+    /// Their moving rows of excitation.
+    pub union: Union,
+    /// Which they are, in the order of the union's.
+    pub sources: Vec<SourceCycle>,
+    /// Cycles of the chosen runs that take no part.
+    pub passed_over: Vec<PassedOver>,
+}
+
+/// Takes the chosen cycles together. Of whole runs, cycles that were refused when they were read are passed over.
+///
+/// # Errors
+/// [`StoredError::PassedOver`] if none is left; [`StoredError::Refused`] if a run has no cycles, a cycle that is asked
+/// for has no factors, the cycles belong to different descriptions, or there are more than [`MAX_CYCLES_TOGETHER`].
+pub async fn take(store: &Store, chosen: &[Chosen]) -> Result<Taken, StoredError> {
+    let mut taken: Option<(Taken, i64)> = None;
+    let mut passed_over = Vec::new();
+    for of_run in merged(chosen) {
+        let ChosenCycles { cycles, passed_over: of_run } =
+            chosen_cycles(store, &of_run, FactorsWanted::Identification).await?;
+        passed_over.extend(of_run);
+        for cycle in cycles {
+            let columns = JointColumns::of_stored(&cycle.factors.columns);
+            let (taken, first_run) = taken.get_or_insert_with(|| {
+                let union = Union::new(columns.clone());
+                let (model, sources) = (cycle.model.clone(), Vec::new());
+                (Taken { model, union, sources, passed_over: Vec::new() }, cycle.run_id)
+            });
+            same_model(&taken.model, *first_run, &cycle)?;
+            if taken.sources.len() == MAX_CYCLES_TOGETHER {
+                return Err(StoredError::Refused(format!(
+                    "more than {MAX_CYCLES_TOGETHER} cycles are chosen; choose fewer runs, or some cycles of each"
+                )));
+            }
+            add(&mut taken.union, &columns, &cycle)?;
+            taken.sources.push(source(cycle));
+        }
+    }
+    match taken {
+        Some((taken, _)) => Ok(Taken { passed_over, ..taken }),
+        None if passed_over.is_empty() => Err(StoredError::Refused("no cycles are chosen".into())),
+        None => Err(StoredError::PassedOver(passed_over)),
+    }
+}
+
+/// Adds a stored cycle to a union: the one place that says how many of its rows are independent.
+pub(in crate::pipeline) fn add(
+    union: &mut Union,
+    columns: &JointColumns,
+    cycle: &StoredCycle,
+) -> Result<(), NumericsError> {
+    union.add(columns, &unpack(&cycle.factors)?, &independent_shares(cycle))
+}
+
+pub(in crate::pipeline) fn source(cycle: StoredCycle) -> SourceCycle {
+    SourceCycle { run_id: cycle.run_id, cycle: cycle.cycle, robot: cycle.robot }
+}
+
+/// Identifies one parameter set on the chosen cycles, joints stacked, moving rows of their
+/// excitation stages, with the configured `estimator`, or what stands for it on factors
+/// ([`analysis::Estimator::of_factors`]).
+///
+/// # Errors
+/// As [`take`]; [`StoredError::Numerics`] if the motion is too poor.
+pub async fn unit_identification(
+    store: &Store,
+    chosen: &[Chosen],
+    estimator: analysis::Estimator,
+) -> Result<ParameterSet, StoredError> {
+    let (estimator, kind) = match estimator.of_factors() {
+        analysis::Estimator::Ordinary => (Estimator::Ordinary, EstimatorKind::Ordinary),
+        analysis::Estimator::Weighted | analysis::Estimator::Huber => {
+            (Estimator::Weighted, EstimatorKind::Weighted)
+        }
+    };
+    let Taken { model, union, sources, .. } = take(store, chosen).await?;
+    let found = tokio::task::spawn_blocking(move || estimate(&union, &estimator)).await??;
+    Ok(ParameterSet {
+        model,
+        errors: found.errors.source(),
+        estimator: kind,
+        identification: found.identification,
+        sources,
+    })
+}
+
+/// RMSD of one parameter set over the chosen cycles together, by joint and stage.
+///
+/// # Errors
+/// As [`take`].
+pub async fn rmsd_on(
+    store: &Store,
+    candidate: &Candidate,
+    chosen: &[Chosen],
+) -> Result<Vec<TorqueRmsd>, StoredError> {
+    let mut sums = StageSums::default();
+    for of_run in merged(chosen) {
+        for cycle in chosen_cycles(store, &of_run, FactorsWanted::All).await?.cycles {
+            same_model(&candidate.model, of_run.run_id, &cycle)?;
+            let columns = JointColumns::of_stored(&cycle.factors.columns);
+            sums.add(&columns, &unpack(&cycle.factors)?, &theta(&columns, candidate)?);
+        }
+    }
+    Ok(sums.rmsd())
+}
+
+/// RMSD of each joint's torque with the parameters that its own rows gave [3.21], over the chosen
+/// cycles together; parameters that a view leaves out count as zero.
+///
+/// # Errors
+/// As [`take`].
+pub async fn rmsd_of_views(
+    store: &Store,
+    views: &[(JointIndex, Vec<IdentifiedParameter>)],
+    chosen: &[Chosen],
+) -> Result<Vec<TorqueRmsd>, StoredError> {
+    let mut sums = StageSums::default();
+    for of_run in merged(chosen) {
+        for cycle in chosen_cycles(store, &of_run, FactorsWanted::All).await?.cycles {
+            let columns = JointColumns::of_stored(&cycle.factors.columns);
+            let factors = unpack(&cycle.factors)?;
+            for (joint, parameters) in views {
+                let value = |id| parameters.iter().find(|p| p.id == id).map_or(0.0, |p| p.value);
+                let theta: Vec<f64> = columns.kept().iter().map(|&id| value(id)).collect();
+                let own: Vec<JointFactor> = factors.iter().filter(|of| of.joint == *joint).cloned().collect();
+                sums.add(&columns, &own, &theta);
+            }
+        }
+    }
+    Ok(sums.rmsd())
+}
+
+/// Applies each candidate to each run. Runs are read one after another: memory does not grow with
+/// their number.
+///
+/// # Errors
+/// As [`take`].
+pub async fn cross_verification(
+    store: &Store,
+    candidates: Vec<Candidate>,
+    runs: &[i64],
+) -> Result<Vec<CrossVerification>, StoredError> {
+    let candidates = Arc::new(candidates);
+    let mut verified = Vec::new();
+    for &run_id in runs {
+        let of_run = Chosen { run_id, cycles: None };
+        let chosen = chosen_cycles(store, &of_run, FactorsWanted::All).await?;
+        let candidates = Arc::clone(&candidates);
+        let of_run = tokio::task::spawn_blocking(move || verify_run(&candidates, run_id, chosen)).await??;
+        verified.extend(of_run);
+    }
+    Ok(verified)
+}
+
+fn verify_run(
+    candidates: &[Candidate],
+    run_id: i64,
+    ChosenCycles { cycles, passed_over }: ChosenCycles,
+) -> Result<Vec<CrossVerification>, StoredError> {
+    let empty = |candidate| {
+        let (rmsd, by_cycle, passed_over) = (Vec::new(), Vec::new(), passed_over.clone());
+        CrossVerification { candidate, run_id, rmsd, by_cycle, passed_over }
+    };
+    let mut verified: Vec<CrossVerification> = (0..candidates.len()).map(empty).collect();
+    let mut sums = vec![StageSums::default(); candidates.len()];
+    for cycle in &cycles {
+        let columns = JointColumns::of_stored(&cycle.factors.columns);
+        let factors = unpack(&cycle.factors)?;
+        for ((candidate, verified), sums) in candidates.iter().zip(&mut verified).zip(&mut sums) {
+            same_model(&candidate.model, run_id, cycle)?;
+            let theta = theta(&columns, candidate)?;
+            sums.add(&columns, &factors, &theta);
+            verified.by_cycle.push((cycle.cycle, torque_rmsd(&columns, &factors, &theta)));
+        }
+    }
+    for (verified, sums) in verified.iter_mut().zip(sums) {
+        verified.rmsd = sums.rmsd();
+    }
+    Ok(verified)
+}
+
+/// One entry a run; a cycle that is chosen twice counts once.
+pub(in crate::pipeline) fn merged(chosen: &[Chosen]) -> Vec<Chosen> {
+    let mut by_run: BTreeMap<i64, Option<Vec<u32>>> = BTreeMap::new();
+    for Chosen { run_id, cycles } in chosen {
+        let known = by_run.entry(*run_id).or_insert_with(|| Some(Vec::new()));
+        *known = known.take().zip(cycles.clone()).map(|(known, more)| [known, more].concat());
+    }
+    by_run.into_iter().map(|(run_id, cycles)| Chosen { run_id, cycles }).collect()
+}
+
+/// Cycles of a run, and those of it that take no part.
+#[derive(Debug, Clone)]
+pub(in crate::pipeline) struct ChosenCycles {
+    pub(in crate::pipeline) cycles: Vec<StoredCycle>,
+    pub(in crate::pipeline) passed_over: Vec<PassedOver>,
+}
+
+/// Cycles with factors that a choice names. Of a whole run, refused and doubtful ones are passed over; one that is
+/// asked for by its number is taken if its factors are stored.
+pub(in crate::pipeline) async fn chosen_cycles(
+    store: &Store,
+    chosen: &Chosen,
+    wanted: FactorsWanted,
+) -> Result<ChosenCycles, StoredError> {
+    let run_id = chosen.run_id;
+    let states = store.cycle_states(run_id).await?;
+    let mut cycles = store.factors_of_run(run_id, wanted).await?;
+    if states.is_empty() {
+        return Err(StoredError::Refused(format!(
+            "run {run_id} has no factors: it is unknown, or no cycle of it is stored; \
+             `SELECT run_id, robot, started_at, status FROM runs` lists the runs"
+        )));
+    }
+    let has_factors = |cycles: &[StoredCycle], number: u32| cycles.iter().any(|cycle| cycle.cycle == number);
+    let with_factors: Vec<u32> = cycles.iter().map(|cycle| cycle.cycle).collect();
+    let why = |number: u32| match states.iter().find(|state| state.cycle == number) {
+        Some(CycleState { reason: Some(reason), .. }) => format!("refused when it was read: {reason}"),
+        Some(_) if with_factors.contains(&number) => "doubtful, as its remarks say".to_owned(),
+        _ => "no factors are stored: it was stored by an older program".to_owned(),
+    };
+    if let Some(numbers) = &chosen.cycles {
+        if let Some(missing) = numbers.iter().find(|number| !has_factors(&cycles, **number)) {
+            return Err(StoredError::Refused(match states.iter().any(|state| state.cycle == *missing) {
+                true => format!("cycle {missing} of run {run_id} has no factors: {}", why(*missing)),
+                false => format!("run {run_id} has no cycle {missing}"),
+            }));
+        }
+        cycles.retain(|cycle| numbers.contains(&cycle.cycle));
+        return Ok(ChosenCycles { cycles, passed_over: Vec::new() });
+    }
+    cycles.retain(|cycle| cycle.counts);
+    let without = states.iter().map(|state| state.cycle).filter(|number| !has_factors(&cycles, *number));
+    let passed_over = without.map(|cycle| PassedOver { run_id, cycle, reason: why(cycle) }).collect();
+    Ok(ChosenCycles { cycles, passed_over })
+}
+
+/// What was passed over, in one sentence: cycles of a run in a row with one reason are told together.
+#[must_use]
+pub fn told(passed_over: &[PassedOver]) -> String {
+    let alike =
+        passed_over.chunk_by(|a, b| (a.run_id, &a.reason, a.cycle + 1) == (b.run_id, &b.reason, b.cycle));
+    let parts: Vec<String> = alike
+        .map(|alike| {
+            let (first, last) = (&alike[0], &alike[alike.len() - 1]);
+            let cycles = match alike.len() {
+                1 => format!("cycle {}", first.cycle),
+                _ => format!("cycles {} to {}", first.cycle, last.cycle),
+            };
+            format!("run {}, {cycles}: {}", first.run_id, first.reason)
+        })
+        .collect();
+    parts.join("; ")
+}
+
+pub(in crate::pipeline) fn same_model(
+    model: &StoredModel,
+    of: i64,
+    cycle: &StoredCycle,
+) -> Result<(), StoredError> {
+    if *model == cycle.model {
+        return Ok(());
+    }
+    let shown = |model: &StoredModel| {
+        let hash: String = model.description_hash.iter().take(4).map(|byte| format!("{byte:02x}")).collect();
+        format!("{} ({hash})", model.name)
+    };
+    let (ours, theirs) = (shown(model), shown(&cycle.model));
+    Err(StoredError::Refused(format!(
+        "run {} was analysed with the description {theirs}, run {of} or the parameters with {ours}: base \
+         parameters of different descriptions mean different things; choose runs of one description",
+        cycle.run_id
+    )))
+}
+
+fn theta(columns: &JointColumns, candidate: &Candidate) -> Result<Vec<f64>, NumericsError> {
+    columns.theta(candidate.parameters.iter().map(|parameter| (parameter.id, parameter.value)))
+}
+
+/// As stored; of cycles without, what the low-pass leaves.
+pub(in crate::pipeline) fn independent_shares(cycle: &StoredCycle) -> Vec<f64> {
+    match cycle.independent_shares.is_empty() {
+        true => vec![independent_fraction(cycle.cutoff, cycle.sample_rate); cycle.factors.columns.len()],
+        false => cycle.independent_shares.clone(),
+    }
+}

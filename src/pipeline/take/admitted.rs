@@ -1,0 +1,37 @@
+//! An export that is read.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use super::resume_point::ResumePoint;
+use crate::config::{Layout, WorkLimits};
+use crate::robot::Robot;
+use crate::run::{ContentHash, RunHeader};
+
+/// Robot name of an export that names none.
+pub(in crate::pipeline) const UNKNOWN_ROBOT: &str = "unknown";
+
+/// An export that was let in.
+#[derive(Debug, Clone)]
+pub struct Intake {
+    /// Where it lies.
+    pub path: PathBuf,
+    /// Its row in the ledger.
+    pub run_id: i64,
+    /// What is known of it.
+    pub header: RunHeader,
+    /// The arm that made it.
+    pub robot: Arc<Robot>,
+    /// Its layout.
+    pub layout: Arc<Layout>,
+    /// Whether its name says the start of the recording.
+    pub named_start: bool,
+    /// Cycles stored by an earlier attempt.
+    pub cycles_stored: u32,
+    /// Where reading goes on behind some of them, if not at the start.
+    pub resume: Option<ResumePoint>,
+    /// What decides its cycles besides its bytes.
+    pub made_with: ContentHash,
+    /// What reading it may take.
+    pub limits: WorkLimits,
+}

@@ -1,0 +1,152 @@
+//! Rows to cycles on their way to analysis, the same for files that have settled and files that grow.
+
+use tokio::sync::mpsc;
+use tokio_util::sync::CancellationToken;
+
+use super::admitted::Intake;
+use super::cycles::RowCutter;
+use super::resume::{self, Places};
+use crate::ingest::bytes::fingerprint::RunningHash;
+use crate::ingest::rejection::Rejection;
+use crate::ingest::table::reader::Chunk;
+use crate::run::{ContentHash, ContentPrefix, Cycle};
+use crate::store::{ReadSoFar, StoredPoint};
+
+/// A cycle, and what it and those before it were read from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CutCycle {
+    /// The cycle.
+    pub cycle: Cycle,
+    /// At least all bytes of its rows, and where reading goes on behind them.
+    pub read: ReadSoFar,
+}
+
+/// How the reading of an export ended.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ReadEnd {
+    /// At the end of the file.
+    Complete(ReadTotals),
+    /// At something not understood.
+    Rejected(Rejection),
+    /// At a stop that was asked for.
+    Interrupted,
+    /// At the end of a file that is no longer the one that was admitted.
+    Changed,
+}
+
+/// Figures of a whole export.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReadTotals {
+    /// Rows, those outside cycles included.
+    pub rows: u64,
+    /// Bad rows that were passed over, beyond those.
+    pub rows_skipped: u64,
+    /// Rows per second, from the median time step of the first rows, Hz; zero where it is unknown.
+    pub sample_rate: f64,
+    /// Cycles, those stored by an earlier attempt included.
+    pub cycles: u32,
+    /// The whole content.
+    pub content: ContentPrefix,
+    /// Hash of the first rows, see [`RowCutter::first_rows`].
+    pub first_rows: ContentHash,
+    /// Time from the first row to the last, s.
+    pub duration: f64,
+}
+
+/// Cuts the rows of an export into cycles and sends those that are not stored yet.
+#[derive(Debug)]
+pub struct Cutting<'i> {
+    intake: &'i Intake,
+    cycles: &'i mpsc::Sender<CutCycle>,
+    stop: &'i CancellationToken,
+    hash: RunningHash,
+    cutter: RowCutter,
+    cycle_count: u32,
+    places: Places,
+}
+
+impl<'i> Cutting<'i> {
+    /// A cutter at the start of the export of `intake`, or at its point of resuming; `hash` is of what its
+    /// reader has read.
+    ///
+    /// # Errors
+    /// A rejection where the robot's transmission cannot be inverted.
+    pub fn new(
+        intake: &'i Intake,
+        cycles: &'i mpsc::Sender<CutCycle>,
+        stop: &'i CancellationToken,
+        hash: RunningHash,
+    ) -> Result<Self, Rejection> {
+        let mut cutter = RowCutter::new(&intake.path, &intake.layout, &intake.robot)?
+            .with_most_rows(intake.limits.cycle_rows);
+        let mut cycle_count = 0;
+        if let Some(point) = &intake.resume {
+            cutter = cutter.at(point);
+            cycle_count = point.cutter.cycles_cut;
+        }
+        Ok(Self { intake, cycles, stop, hash, cutter, cycle_count, places: Places::default() })
+    }
+
+    /// Cycles cut so far, those stored by an earlier attempt included.
+    #[must_use]
+    pub fn cycle_count(&self) -> u32 {
+        self.cycle_count
+    }
+
+    /// Takes the next rows and sends the cycles that they end. `false` if reading is to end, because a stop
+    /// was asked for or nobody takes cycles any more.
+    ///
+    /// # Errors
+    /// A rejection of rows that make no cycle, after the cycles before them.
+    pub fn push(&mut self, chunk: Chunk) -> Result<bool, Rejection> {
+        self.places.note(chunk.place, &self.cutter);
+        let mut cycles = Vec::new();
+        let fault = self.cutter.push(chunk.samples, &mut cycles);
+        // the last cut has the point: those before it in one block would read the same rows again
+        let last = cycles.len().saturating_sub(1);
+        for (place, cycle) in cycles.into_iter().enumerate() {
+            let point = if place == last { self.places.at_cut(&self.cutter) } else { None };
+            let point = point.map(|point| resume::encoded(&point, &self.intake.made_with));
+            if self.stop.is_cancelled() || !self.send(cycle, point) {
+                return Ok(false);
+            }
+        }
+        fault?;
+        self.places.forget_before(self.cutter.rows_settled());
+        Ok(!self.stop.is_cancelled())
+    }
+
+    /// Ends the export after `rows` rows, with `rows_skipped` bad ones passed over, and sends its last cycles. They have no point to go on from, since it was
+    /// the end of the file that has cut them.
+    ///
+    /// # Errors
+    /// A rejection of an export without stages.
+    pub fn end(mut self, rows: u64, rows_skipped: u64) -> Result<ReadEnd, Rejection> {
+        let mut cycles = Vec::new();
+        let fault = self.cutter.finish(&mut cycles);
+        for cycle in cycles {
+            if !self.send(cycle, None) {
+                return Ok(ReadEnd::Interrupted);
+            }
+        }
+        fault?;
+        Ok(ReadEnd::Complete(ReadTotals {
+            rows,
+            rows_skipped,
+            sample_rate: self.cutter.sample_rate(),
+            cycles: self.cycle_count,
+            content: self.hash.prefix(),
+            first_rows: self.cutter.first_rows(),
+            duration: self.cutter.last_time(),
+        }))
+    }
+
+    fn send(&mut self, cycle: Cycle, resume: Option<StoredPoint>) -> bool {
+        self.cycle_count += 1;
+        if self.cycle_count <= self.intake.cycles_stored {
+            return true;
+        }
+        let read = ReadSoFar { prefix: self.hash.prefix(), resume };
+        self.cycles.blocking_send(CutCycle { cycle, read }).is_ok()
+    }
+}

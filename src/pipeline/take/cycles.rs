@@ -1,0 +1,318 @@
+//! The one way from an export to cycles as the analysis gets them.
+
+use std::path::{Path, PathBuf};
+
+use super::resume_point::ResumePoint;
+use crate::config::Layout;
+use crate::ingest::bytes::fingerprint;
+use crate::ingest::bytes::source;
+use crate::ingest::rejection::Rejection;
+use crate::ingest::table::reader::{ExportReader, ReadOptions};
+use crate::numerics::segment::cycles::{CutterState, CycleCutter, SegmentError};
+use crate::numerics::segment::joint_side::JointSide;
+use crate::numerics::segment::stages::{FinderState, StageFinder, StageRule};
+use crate::numerics::signal::channel_delay::ChannelDelays;
+use crate::numerics::signal::time_grid::sample_rate;
+use crate::robot::Robot;
+use crate::run::{ContentHash, Cycle, Samples};
+
+/// First rows of an export that its sample rate is taken from. A fixed number, so that it does not depend
+/// on the pieces in which a growing file is read.
+pub(in crate::pipeline) const SAMPLE_RATE_ROWS: usize = 1000;
+
+/// First rows of an export by which two exports of one recording are told from two recordings: noise alone makes
+/// them differ. Few, so that the same recording is known though a later row was corrected.
+const FIRST_ROWS: usize = 16;
+
+/// Brings the rows of an export to the joints, gives them their stage and cuts them into cycles.
+#[derive(Debug)]
+pub struct RowCutter {
+    path: PathBuf,
+    joint_side: JointSide,
+    delays: ChannelDelays,
+    stages: StageFinder,
+    cutter: CycleCutter,
+    first_times: Vec<f64>,
+    /// The sample rate, where it was taken from first rows that are not read again, Hz.
+    known_rate: Option<f64>,
+    first_rows: FirstRows,
+    /// Time of the last row, s.
+    last_time: f64,
+    /// Rows that have their stage.
+    rows_settled: u64,
+    /// Next rows with a stage that are in cycles already.
+    in_cycles: u64,
+}
+
+impl RowCutter {
+    /// At the start of an export; `path` only says where problems are.
+    ///
+    /// # Errors
+    /// A rejection where the robot's transmission cannot be inverted.
+    pub fn new(path: &Path, layout: &Layout, robot: &Robot) -> Result<Self, Rejection> {
+        let motor = layout.motor_side;
+        let joint_side = JointSide::new(robot, motor.position, motor.torque).map_err(|error| {
+            Rejection::of_file(path, error.to_string(), "correct the transmission of the robot's description")
+        })?;
+        let rule = layout.stage.rule();
+        let cutter = match rule {
+            StageRule::Windows { .. } => CycleCutter::of_windows(),
+            _ => CycleCutter::new(),
+        };
+        let low_speed = robot.joints.iter().map(|joint| joint.low_speed).collect();
+        let stages = StageFinder::new(rule, low_speed);
+        Ok(Self {
+            path: path.to_owned(),
+            joint_side,
+            delays: layout.delays(robot),
+            stages,
+            cutter,
+            first_times: Vec::new(),
+            known_rate: None,
+            first_rows: FirstRows::default(),
+            last_time: 0.0,
+            rows_settled: 0,
+            in_cycles: 0,
+        })
+    }
+
+    /// The same with another bound on the rows of a cycle.
+    #[must_use]
+    pub fn with_most_rows(mut self, rows: usize) -> Self {
+        self.cutter = self.cutter.with_most_rows(rows);
+        self
+    }
+
+    /// The same as the cutter that reached `point`; the next row is the first one of its place.
+    #[must_use]
+    pub fn at(mut self, point: &ResumePoint) -> Self {
+        self.stages = self.stages.at(point.stages.clone());
+        self.cutter = self.cutter.at(point.cutter);
+        self.rows_settled = point.place.rows;
+        self.in_cycles = point.cutter.rows_cut.saturating_sub(point.place.rows);
+        self.known_rate = Some(point.sample_rate);
+        self.first_rows.known = Some(point.first_rows);
+        self
+    }
+
+    /// What its finder of stages knows before the next row.
+    #[must_use]
+    pub fn stages(&self) -> FinderState {
+        self.stages.state()
+    }
+
+    /// Where its cutter stands.
+    #[must_use]
+    pub fn cutter(&self) -> CutterState {
+        self.cutter.state()
+    }
+
+    /// Rows that have their stage; later ones are held back.
+    #[must_use]
+    pub fn rows_settled(&self) -> u64 {
+        self.rows_settled
+    }
+
+    /// Takes the next rows and appends the cycles that they end to `cycles`, also those before a fault; behind one,
+    /// nothing is to be pushed.
+    ///
+    /// # Errors
+    /// A rejection of rows that make no cycle.
+    pub fn push(&mut self, mut samples: Samples, cycles: &mut Vec<Cycle>) -> Result<(), Rejection> {
+        let missing = SAMPLE_RATE_ROWS.saturating_sub(self.first_times.len());
+        self.first_times.extend(samples.time.iter().take(missing));
+        self.first_rows.note(&samples);
+        self.last_time = samples.time.last().copied().unwrap_or(self.last_time);
+        self.joint_side.apply(&mut samples);
+        let (staged, fault) = self.stages.push(samples);
+        self.cut(staged, cycles)?;
+        match fault {
+            Some(fault) => Err(Rejection::of_file(&self.path, fault.to_string(), "")),
+            None => Ok(()),
+        }
+    }
+
+    /// Ends the export and appends its last cycles. Nothing is left to cut.
+    ///
+    /// # Errors
+    /// A rejection of an export without stages.
+    pub fn finish(&mut self, cycles: &mut Vec<Cycle>) -> Result<(), Rejection> {
+        let held = self.stages.finish();
+        self.cut(held, cycles)?;
+        let cutter = std::mem::take(&mut self.cutter);
+        let mut last = cutter.finish().map_err(|error| not_cut(&self.path, &error))?;
+        last.iter_mut().for_each(|cycle| self.delays.take_from(&mut cycle.samples));
+        cycles.extend(last);
+        Ok(())
+    }
+
+    /// Cuts rows whose stage is settled, but for those that are in cycles already.
+    fn cut(&mut self, mut staged: Samples, cycles: &mut Vec<Cycle>) -> Result<(), Rejection> {
+        self.rows_settled += staged.rows() as u64;
+        let in_cycles = usize::try_from(self.in_cycles).map_or(staged.rows(), |rows| rows.min(staged.rows()));
+        self.in_cycles -= in_cycles as u64;
+        if in_cycles > 0 {
+            staged.take_front(in_cycles);
+        }
+        let known = cycles.len();
+        let cut = self.cutter.push(staged, cycles);
+        // several wait for analysis
+        for cycle in &mut cycles[known..] {
+            cycle.samples.shrink_to_fit();
+            self.delays.take_from(&mut cycle.samples);
+        }
+        cut.map_err(|error| not_cut(&self.path, &error))
+    }
+
+    /// Hash of time, positions and torques of the first rows, in SI: it does not depend on how they are written.
+    #[must_use]
+    pub fn first_rows(&self) -> ContentHash {
+        self.first_rows.known.unwrap_or_else(|| fingerprint::of_bytes(&self.first_rows.bytes))
+    }
+
+    /// Time from the first row to the last one so far, s.
+    #[must_use]
+    pub fn last_time(&self) -> f64 {
+        self.last_time
+    }
+
+    /// Rows per second of the first rows, Hz; zero where it is unknown.
+    #[must_use]
+    pub fn sample_rate(&self) -> f64 {
+        let found = || sample_rate(&self.first_times).unwrap_or(0.0);
+        self.known_rate.unwrap_or_else(found)
+    }
+}
+
+/// The first rows of an export as they were recorded, or their hash where they are not read again.
+#[derive(Debug, Default)]
+struct FirstRows {
+    rows: usize,
+    bytes: Vec<u8>,
+    known: Option<ContentHash>,
+}
+
+impl FirstRows {
+    fn note(&mut self, samples: &Samples) {
+        let missing = if self.known.is_some() { 0 } else { FIRST_ROWS - self.rows };
+        for row in 0..missing.min(samples.rows()) {
+            let joints = samples.position.iter().chain(&samples.torque);
+            for channel in std::iter::once(&samples.time).chain(joints) {
+                self.bytes.extend(channel.get(row).copied().unwrap_or_default().to_bits().to_le_bytes());
+            }
+            self.rows += 1;
+        }
+    }
+}
+
+/// Gives the cycle of number `wanted` to someone who wants to see one again; `None` if the export does not have
+/// it. Reads no further than its end.
+///
+/// # Errors
+/// A rejection of the file, of its rows, or of a recording without cycles.
+pub fn read_cycle(
+    path: &Path,
+    layout: &Layout,
+    robot: &Robot,
+    wanted: u32,
+) -> Result<Option<Cycle>, Rejection> {
+    let bytes = source::open(path)?;
+    let mut cutter = RowCutter::new(path, layout, robot)?;
+    let mut cycles = Vec::new();
+    for chunk in ExportReader::new(bytes, path, layout, robot, ReadOptions::default())? {
+        let fault = cutter.push(chunk?.samples, &mut cycles);
+        if let Some(found) = cycles.drain(..).find(|cycle| cycle.number == wanted) {
+            return Ok(Some(found));
+        }
+        fault?;
+    }
+    cutter.finish(&mut cycles)?;
+    Ok(cycles.into_iter().find(|cycle| cycle.number == wanted))
+}
+
+fn not_cut(path: &Path, error: &SegmentError) -> Rejection {
+    let remedy = match error {
+        SegmentError::Endless { .. } => "if cycles are that long, raise limits.cycle_max_rows",
+        _ => "",
+    };
+    Rejection::of_file(path, error.to_string(), remedy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::parse_layout;
+    use crate::numerics::identify::joint_factors::tests::cycle;
+    use crate::run::Stage;
+    use crate::testing::er3a;
+
+    const NATIVE: &str = include_str!("../../../config/exports/native.toml");
+
+    /// The native layout with another section `[stage]`.
+    fn layout(section: &str) -> Layout {
+        let start = NATIVE.find("[stage]").expect("a section");
+        let end = NATIVE.find("# Columns that are used if").expect("what follows");
+        let text = format!("{}[stage]\n{section}\n{}", &NATIVE[..start], &NATIVE[end..]);
+        parse_layout("layout.toml", &text).expect("no problems")
+    }
+
+    /// Three cycles one after the other, without a counter.
+    fn recording() -> Samples {
+        let mut recording = Samples::default();
+        for _ in 0..3 {
+            let mut samples = Samples { cycle: None, ..cycle(1, 1500).samples };
+            let offset = recording.time.last().map_or(0.0, |last| last + samples.time[1]);
+            samples.time.iter_mut().for_each(|time| *time += offset);
+            recording.append(samples);
+        }
+        recording
+    }
+
+    fn cut(layout: &Layout, mut rows: Samples, chunk: usize) -> Vec<Cycle> {
+        let mut cutter = RowCutter::new(Path::new("a.csv"), layout, &er3a()).expect("a cutter");
+        let mut cycles = Vec::new();
+        while !rows.is_empty() {
+            cutter.push(rows.take_front(chunk.min(rows.rows())), &mut cycles).expect("cycles");
+        }
+        cutter.finish(&mut cycles).expect("cycles");
+        cycles
+    }
+
+    #[test]
+    fn levels_cut_the_cycles_that_their_stages_cut_whatever_the_pieces() {
+        let numbers =
+            layout("column = \"stage\"\nbetween = [0]\nexcitation = [1]\nfriction = [2]\nwarming = [3]");
+        let levels = layout(
+            "kind = \"levels\"\ncolumn = \"stage\"\nbetween = [-0.5, 0.5]\nexcitation = [2, 3]\nfriction = [4.5, 5.5]\n\
+             warming = [7, 8]\nhysteresis = 0.1\ndebounce_s = 0.05",
+        );
+        let staged = recording();
+        let expected = cut(&numbers, staged.clone(), staged.rows());
+        assert_eq!(expected.len(), 3);
+        let mut analogue = staged.clone();
+        let level = |(row, stage): (usize, &Stage)| {
+            // noise within the ranges and, apart from boundaries, a spike now and then
+            let inside = row >= 10 && staged.stage[row - 10] == *stage;
+            let spike = if inside && row % 97 == 50 { 2.5 } else { 0.0 };
+            2.5 * f64::from(*stage as u8) + spike + 0.4 * (row as f64).sin()
+        };
+        analogue.stage_level = Some(staged.stage.iter().enumerate().map(level).collect());
+        analogue.stage.fill(Stage::Between);
+        for chunk in [1, 7, 100, 1499, 4500] {
+            assert_eq!(cut(&levels, analogue.clone(), chunk), expected, "pieces of {chunk} rows");
+        }
+    }
+
+    #[test]
+    fn motion_and_windows_cut_the_same_whatever_the_pieces() {
+        for section in ["kind = \"motion\"", "kind = \"production\"\nwindow_s = 5"] {
+            let layout = layout(section);
+            let rows = recording();
+            let whole = cut(&layout, rows.clone(), rows.rows());
+            assert!(!whole.is_empty(), "{section}");
+            for chunk in [1, 13, 500] {
+                assert_eq!(cut(&layout, rows.clone(), chunk), whole, "{section} in pieces of {chunk} rows");
+            }
+        }
+    }
+}

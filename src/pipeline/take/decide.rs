@@ -1,0 +1,320 @@
+//! What becomes of an export, from what is known of it. Pure, so that a command that only looks decides as those
+//! that store.
+
+use crate::config::RewritePolicy;
+use crate::ingest::bytes::fingerprint;
+use crate::run::{ContentPrefix, RunStatus};
+use crate::store::KnownRun;
+
+use crate::pipeline::context::Retry;
+
+/// An earlier run, compared with the file at hand.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Compared {
+    /// The run.
+    pub run: KnownRun,
+    /// What is stored of it was read from these first bytes.
+    pub read: ContentPrefix,
+    /// Whether the file begins with them.
+    pub begins_alike: bool,
+    /// Whether it lay at the file's path.
+    pub same_path: bool,
+    /// Whether it lay in a file of this number. Numbers are given again when a file is gone.
+    pub same_file: bool,
+    /// Whether the file's name says its robot.
+    pub same_robot: bool,
+    /// Whether both names say the same robot and moment, and the configuration takes both for the same kind of
+    /// recording.
+    pub same_recording: bool,
+}
+
+/// What is known of an export when its fate is decided.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Facts {
+    /// The run of just this content; `None` also of a file that still grows.
+    pub known: Option<KnownRun>,
+    /// Whether an export of that run is being read now.
+    pub known_is_open: bool,
+    /// Whether the file's name says robot and moment of the recording.
+    pub names_recording: bool,
+    /// Earlier runs, that of the file's path first, then the newest.
+    pub earlier: Vec<Compared>,
+    /// What becomes of a run whose recording comes again.
+    pub on_rewrite: RewritePolicy,
+    /// Whether a quarantined export is read again.
+    pub retry: Retry,
+}
+
+/// What becomes of an export.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Decision {
+    /// Nothing: its content has its run.
+    Known {
+        /// The run.
+        run: KnownRun,
+        /// An unfinished run that is not to go on, since this file's content is stored otherwise.
+        unfinished: Option<Unfinished>,
+    },
+    /// Nothing now: its content is being read under another name.
+    InWork {
+        /// The run that it becomes.
+        run_id: i64,
+    },
+    /// It is read.
+    Read(Start),
+}
+
+/// How the run of a file begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Start {
+    /// As this run; `None`: as a new one.
+    pub onwards: Option<i64>,
+    /// In the place of this run.
+    pub instead_of: Option<i64>,
+    /// What is stored already was read from these first bytes of the file.
+    pub read: ContentPrefix,
+}
+
+/// An unfinished run of a file whose content is stored as another run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unfinished {
+    /// Its cycles come from the first bytes of this file.
+    Prefix(i64),
+    /// This file was written over what it was read from.
+    Rewritten(i64),
+}
+
+/// Decides on an export.
+#[must_use]
+pub fn decide(facts: &Facts) -> Decision {
+    let chosen = chosen(&facts.earlier, facts.on_rewrite);
+    if let Some(known) = &facts.known {
+        let as_this_recording = |of: &Compared| of.run.run_id == known.run_id && of.same_recording;
+        let renamed = facts.names_recording && !facts.earlier.iter().any(as_this_recording);
+        // a content that was superseded at this path has come back to it, or is said to be another recording now
+        let returns = known.status == RunStatus::Superseded && (chosen.replaces_here || renamed);
+        if !returns && is_decided(known, facts.retry) {
+            let unfinished = chosen.unfinished.filter(|unfinished| unfinished.run_id() != known.run_id);
+            return Decision::Known { run: known.clone(), unfinished };
+        }
+        if !returns && facts.known_is_open {
+            return Decision::InWork { run_id: known.run_id };
+        }
+    }
+    let onwards = facts.known.as_ref().map(|known| known.run_id).or(chosen.start.onwards);
+    let instead_of = chosen.start.instead_of.filter(|old| Some(*old) != onwards);
+    Decision::Read(Start { onwards, instead_of, ..chosen.start })
+}
+
+/// Whether the fate of an export that the ledger knows is decided, so that it is not read.
+#[must_use]
+pub fn is_decided(known: &KnownRun, retry: Retry) -> bool {
+    match known.status {
+        RunStatus::Complete | RunStatus::Superseded => true,
+        RunStatus::Quarantined => retry == Retry::Never && !known.retry_asked,
+        RunStatus::Streaming => false,
+    }
+}
+
+impl Unfinished {
+    fn run_id(self) -> i64 {
+        let (Self::Prefix(run_id) | Self::Rewritten(run_id)) = self;
+        run_id
+    }
+}
+
+/// What is chosen among earlier runs.
+struct Chosen {
+    start: Start,
+    /// Whether the run that is taken the place of lay at this path.
+    replaces_here: bool,
+    unfinished: Option<Unfinished>,
+}
+
+/// Chooses among earlier runs.
+///
+/// A run is superseded only by the same recording; while it is unfinished, only by one at its own path. A file
+/// whose name says no moment, such as `current.csv`, holds one recording after the other; of those, only an
+/// unfinished one is superseded whose very file was written over. The number of a file says something only with
+/// its robot.
+fn chosen(earlier: &[Compared], policy: RewritePolicy) -> Chosen {
+    let start = Start { onwards: None, instead_of: None, read: fingerprint::nothing() };
+    let mut chosen = Chosen { start, replaces_here: false, unfinished: None };
+    for Compared { run, read, begins_alike, same_path, same_file, same_robot, same_recording } in earlier {
+        let (unfinished, complete) = (run.status == RunStatus::Streaming, run.status == RunStatus::Complete);
+        let moved_here = *same_file && *same_robot;
+        let here = *same_path || moved_here;
+        // nothing is stored of it that could be wrong
+        let empty = *same_path && *same_file && unfinished && run.cycles_stored == 0;
+        // a header alone is that of any file
+        let faulty = run.status == RunStatus::Quarantined && (*same_path || run.cycles_stored > 0);
+        // another file of the recording that is complete stays as it is
+        let goes_on = (*same_path || *same_robot) && (unfinished || (complete && here) || faulty);
+        // every file begins with no bytes
+        let begins_alike = *begins_alike && (read.bytes > 0 || here);
+        let rewritten = match run.status {
+            RunStatus::Streaming => (*same_recording && *same_path) || moved_here,
+            RunStatus::Complete => *same_recording && policy == RewritePolicy::Supersede,
+            RunStatus::Quarantined | RunStatus::Superseded => false,
+        };
+        if chosen.start.onwards.is_none() && goes_on && (begins_alike || empty) {
+            chosen.start.onwards = Some(run.run_id);
+            if begins_alike && run.cycles_stored > 0 {
+                chosen.start.read = *read;
+            }
+            chosen.unfinished = unfinished.then_some(Unfinished::Prefix(run.run_id));
+        } else if chosen.start.instead_of.is_none() && rewritten {
+            chosen.start.instead_of = Some(run.run_id);
+            chosen.replaces_here = *same_path;
+            if unfinished && chosen.unfinished.is_none() {
+                chosen.unfinished = Some(Unfinished::Rewritten(run.run_id));
+            }
+        }
+    }
+    chosen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::ContentHash;
+
+    const READ: ContentPrefix = ContentPrefix { bytes: 9, hash: ContentHash([9; 32]) };
+
+    fn known(run_id: i64, status: RunStatus) -> KnownRun {
+        KnownRun { run_id, status, reason: None, cycles_stored: 2, retry_asked: false }
+    }
+
+    /// A run with two stored cycles, of another recording of this robot that lay elsewhere; `of` says what else is
+    /// known of it.
+    fn earlier(run_id: i64, status: RunStatus, of: &str) -> Compared {
+        let is = |word| of.split(' ').any(|found| found == word);
+        Compared {
+            run: KnownRun { cycles_stored: if is("empty") { 0 } else { 2 }, ..known(run_id, status) },
+            read: if is("empty") { fingerprint::nothing() } else { READ },
+            begins_alike: is("alike") || is("empty"),
+            same_path: is("path"),
+            same_file: is("file"),
+            same_robot: !is("other_robot"),
+            same_recording: is("recording"),
+        }
+    }
+
+    fn facts(known: Option<KnownRun>, earlier: Vec<Compared>) -> Facts {
+        Facts {
+            known,
+            known_is_open: false,
+            names_recording: true,
+            earlier,
+            on_rewrite: RewritePolicy::Supersede,
+            retry: Retry::Never,
+        }
+    }
+
+    fn reads(onwards: Option<i64>, instead_of: Option<i64>, read: ContentPrefix) -> Decision {
+        Decision::Read(Start { onwards, instead_of, read })
+    }
+
+    #[test]
+    fn one_earlier_run_and_a_content_that_is_not_stored() {
+        use RunStatus::{Complete, Quarantined, Streaming, Superseded};
+        let none = fingerprint::nothing();
+        for (status, of, onwards, instead_of) in [
+            // the beginning of this file is stored: it goes on
+            (Streaming, "path file alike", Some(1), None),
+            (Streaming, "path file alike recording", Some(1), None),
+            (Complete, "path file alike recording", Some(1), None),
+            (Complete, "file alike", Some(1), None),
+            (Quarantined, "path file alike recording", Some(1), None),
+            (Quarantined, "alike", Some(1), None),
+            (Superseded, "path file alike recording", None, None),
+            // a longer file elsewhere is another file; one that goes on where a reader was cut short is the same
+            (Complete, "alike recording", None, Some(1)),
+            (Streaming, "alike recording", Some(1), None),
+            // written over: only the same recording takes its place
+            (Complete, "path file recording", None, Some(1)),
+            (Complete, "path file", None, None),
+            (Complete, "recording", None, Some(1)),
+            (Complete, "", None, None),
+            (Streaming, "path recording", None, Some(1)),
+            (Streaming, "recording", None, None),
+            (Streaming, "path", None, None),
+            (Streaming, "path file", None, Some(1)),
+            (Quarantined, "recording", None, None),
+            // nothing is stored of it
+            (Streaming, "path file empty", Some(1), None),
+            (Streaming, "path empty", Some(1), None),
+            (Streaming, "file empty", Some(1), None),
+            (Streaming, "recording empty", None, None),
+            // the number of a file that is gone was given to another robot's
+            (Streaming, "file other_robot", None, None),
+            (Streaming, "file empty other_robot", None, None),
+            (Streaming, "file alike other_robot", None, None),
+            (Complete, "file alike other_robot", None, None),
+        ] {
+            let earlier = earlier(1, status, of);
+            let read = if onwards.is_some() && !of.contains("empty") { READ } else { none };
+            let decision = decide(&facts(None, vec![earlier]));
+            assert_eq!(decision, reads(onwards, instead_of, read), "{status:?} {of}");
+        }
+    }
+
+    #[test]
+    fn both_stand_where_the_configuration_says_so() {
+        let keeps = |of| Facts {
+            on_rewrite: RewritePolicy::KeepBoth,
+            ..facts(None, vec![earlier(1, RunStatus::Complete, of)])
+        };
+        for of in ["path file recording", "recording"] {
+            assert_eq!(decide(&keeps(of)), reads(None, None, fingerprint::nothing()), "{of}");
+        }
+    }
+
+    #[test]
+    fn a_file_that_was_renamed_while_its_old_name_has_got_another() {
+        let runs =
+            |of| vec![earlier(2, RunStatus::Complete, of), earlier(1, RunStatus::Streaming, "file alike")];
+        assert_eq!(decide(&facts(None, runs("path"))), reads(Some(1), None, READ));
+        assert_eq!(decide(&facts(None, runs("path recording"))), reads(Some(1), Some(2), READ));
+    }
+
+    #[test]
+    fn a_content_that_has_its_run() {
+        use RunStatus::{Complete, Quarantined, Streaming, Superseded};
+        let none = fingerprint::nothing();
+        let stands = |run: KnownRun, unfinished| Decision::Known { run, unfinished };
+        let of = |status, earlier| facts(Some(known(7, status)), earlier);
+        for status in [Complete, Superseded, Quarantined] {
+            let itself = vec![earlier(7, status, "path recording")];
+            assert_eq!(decide(&of(status, itself)), stands(known(7, status), None), "{status:?}");
+            let without_start = Facts { names_recording: false, ..of(status, vec![]) };
+            assert_eq!(decide(&without_start), stands(known(7, status), None), "{status:?}");
+        }
+        // a copy of another name is no other recording, unless it had lost its place to one
+        for status in [Complete, Quarantined] {
+            assert_eq!(decide(&of(status, vec![])), stands(known(7, status), None), "{status:?}");
+        }
+        assert_eq!(decide(&of(Superseded, vec![])), reads(Some(7), None, none));
+        assert_eq!(decide(&of(Streaming, vec![])), reads(Some(7), None, none));
+        let again = Facts { retry: Retry::Quarantined, ..of(Quarantined, vec![]) };
+        assert_eq!(decide(&again), reads(Some(7), None, none));
+        let asked = KnownRun { retry_asked: true, ..known(7, Quarantined) };
+        assert_eq!(decide(&facts(Some(asked), vec![])), reads(Some(7), None, none));
+        let open = Facts { known_is_open: true, ..of(Streaming, vec![]) };
+        assert_eq!(decide(&open), Decision::InWork { run_id: 7 });
+
+        // superseded by a file elsewhere it stays so; by one at this path that it has come back to, it does not
+        let elsewhere = vec![earlier(8, Complete, "recording"), earlier(7, Superseded, "recording")];
+        assert_eq!(decide(&of(Superseded, elsewhere)), stands(known(7, Superseded), None));
+        let here = vec![earlier(8, Complete, "path file recording"), earlier(7, Superseded, "recording")];
+        assert_eq!(decide(&of(Superseded, here)), reads(Some(7), Some(8), none));
+
+        // what was begun of it under another number goes
+        let begun = vec![earlier(9, Streaming, "path file alike")];
+        assert_eq!(decide(&of(Complete, begun)), stands(known(7, Complete), Some(Unfinished::Prefix(9))));
+        let other = vec![earlier(9, Streaming, "path file")];
+        assert_eq!(decide(&of(Complete, other)), stands(known(7, Complete), Some(Unfinished::Rewritten(9))));
+        let itself = vec![earlier(7, Streaming, "path file alike")];
+        assert_eq!(decide(&of(Streaming, itself)), reads(Some(7), None, READ));
+    }
+}

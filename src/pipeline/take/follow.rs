@@ -1,0 +1,282 @@
+//! Exports that are taken while they grow: the same way as a settled one, from a reader that waits at the end
+//! of what is written.
+//!
+//! Whatever is out of the ordinary here (rows that are not understood, a compressed file, an unknown
+//! robot) is left until the file has settled, and then judged on the whole of it: what is half written may
+//! look wrong and become right. Cycles stored until then stay, and the run goes on.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use jiff::Timestamp;
+use tokio::runtime::Handle;
+use tokio::sync::mpsc;
+use tokio_util::sync::CancellationToken;
+
+use super::admitted::Intake;
+use super::cutting::{CutCycle, Cutting, ReadEnd};
+use super::decide::{self, Decision};
+use super::intake;
+use super::intake::Recognised;
+use super::{record, resume};
+use crate::config::FleetEntry;
+use crate::ingest::bytes::blocks::Passed;
+use crate::ingest::bytes::fingerprint::HashingReader;
+use crate::ingest::find::tail;
+use crate::ingest::find::tail::{Fate, Growing, Growth, Tail};
+use crate::ingest::rejection::Rejection;
+use crate::ingest::table::reader::{ExportReader, ReadOptions, Step};
+use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
+use crate::pipeline::{EndsRejected, Lane};
+use crate::run::ContentHash;
+use crate::store::{Identity, SourceState, StoreError};
+
+/// Time between two looks at a growing file. With it a row waits for a tenth of the second in which its
+/// cycle is promised to be stored; ten looks a second cost a local disk nothing.
+const LOOK_INTERVAL: Duration = Duration::from_millis(100);
+
+/// What came of following a file.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Followed {
+    /// It is done, or changed, or a stop was asked for.
+    Outcome(Outcome),
+    /// Its header is not whole yet.
+    NotYet,
+    /// It is to be judged when it has settled.
+    UntilSettled,
+    /// It gave its place to another file; its run goes on behind its last stored cycle.
+    GaveWay,
+}
+
+/// What ends the reading of a growing export from outside.
+#[derive(Debug, Clone)]
+pub struct Ends {
+    /// The program is to end: reading ends at once.
+    pub stop: CancellationToken,
+    /// Another file wants the place: reading ends when all that is written is read, or behind the next cycle.
+    pub give_way: CancellationToken,
+}
+
+impl Pipeline {
+    /// Takes an export that may still grow, cycle by cycle as its rows are written, until it is done: see
+    /// [`tail`]. A file that stands still for `settle` is done; what else ends its reading is in `ends`.
+    ///
+    /// # Errors
+    /// As [`Pipeline::process`].
+    pub async fn follow(
+        &self,
+        path: &Path,
+        settle: Duration,
+        ends: &Ends,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Followed, PipelineError> {
+        let recognised = match intake::recognise(self.config(), path, intake::file_time(path)) {
+            Ok(recognised) => recognised,
+            // the row that says the start may not be written yet
+            Err(rejection) if rejection.is_passing => return Ok(Followed::NotYet),
+            Err(_) => return Ok(Followed::UntilSettled),
+        };
+        let (owned, arm) = (path.to_path_buf(), recognised.entry.clone());
+        let opened = tokio::task::spawn_blocking(move || open(owned, &arm)).await?;
+        let opened = match opened {
+            Ok(Opening::Open(opened)) => *opened,
+            Ok(Opening::NotYet) => return Ok(Followed::NotYet),
+            Ok(Opening::Compressed) => return Ok(Followed::UntilSettled),
+            Err(rejection) => return Ok(until_settled(&rejection)),
+        };
+        let intake = match self.begin_growing(path, &recognised, opened.state).await? {
+            Ok(intake) => intake,
+            Err(rejection) => return Ok(until_settled(&rejection)),
+        };
+        let _open = self.open(intake.run_id);
+        progress(Progress::Begun);
+        let method = match self.method(&intake).await? {
+            Ok(method) => method,
+            Err(rejection) => return Ok(until_settled(&rejection)),
+        };
+        let reading = {
+            let (intake, ends, progress) = (intake.clone(), ends.clone(), progress.clone());
+            move |cycles: mpsc::Sender<CutCycle>| {
+                read_growing(opened, &intake, &cycles, settle, &ends, progress)
+            }
+        };
+        let ((end, grown), refused) = match self.stream(&intake, &method, Lane::Live, reading, progress).await
+        {
+            Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
+                return Ok(refused_by_database(path, &detail));
+            }
+            done => done?,
+        };
+        match end {
+            ReadEnd::Complete(totals) => {
+                let written_at = grown.map(|(_, written_at)| written_at);
+                let finished = record::finish(self, &intake, &method, totals, refused, written_at).await;
+                if let Err(PipelineError::Store(StoreError::Refused { detail, .. })) = &finished {
+                    return Ok(refused_by_database(path, detail));
+                }
+                let outcome = finished?;
+                if let (Some(run_id), Some((state, _))) = (outcome.run_id(), grown) {
+                    self.store.remember_source(&intake.header.source_path, state, run_id).await?;
+                }
+                Ok(Followed::Outcome(outcome))
+            }
+            ReadEnd::Rejected(rejection) => Ok(until_settled(&rejection)),
+            ReadEnd::Interrupted if ends.stop.is_cancelled() => Ok(Followed::Outcome(Outcome::Interrupted)),
+            ReadEnd::Interrupted => Ok(Followed::GaveWay),
+            ReadEnd::Changed => {
+                self.store.forget_resume_point(intake.run_id).await?;
+                Ok(Followed::Outcome(Outcome::Changed))
+            }
+        }
+    }
+
+    async fn begin_growing(
+        &self,
+        path: &Path,
+        recognised: &Recognised<'_>,
+        state: SourceState,
+    ) -> Result<Result<Intake, Rejection>, PipelineError> {
+        let facts = intake::facts(self, path, None, state, Some(recognised), Retry::Never).await?;
+        let facts = match facts {
+            Ok(facts) => facts,
+            Err(rejection) => return Ok(Err(rejection)),
+        };
+        intake::forget_unreadable(self, path).await?;
+        let Decision::Read(start) = decide::decide(&facts) else {
+            // only a content that is known as a whole is decided otherwise
+            return Ok(Err(Rejection::of_file(path, "an export that is stored already", "")));
+        };
+        // stands in until the content is whole
+        let no_hash = ContentHash([0; 32]);
+        let Recognised { entry, robot, started_at, .. } = recognised;
+        let model = &entry.description.model;
+        let header = intake::header(path, robot, model, *started_at, no_hash, state.bytes);
+        let identity = Identity::Growing(start.read);
+        let intake = intake::begin(self, path, recognised, header, identity, start, state).await?;
+        let (run_id, cycles) = (intake.run_id, intake.cycles_stored);
+        tracing::info!(file = %path.display(), run_id, robot, cycles, "growing");
+        Ok(Ok(intake))
+    }
+}
+
+/// A growing export whose header is understood.
+struct Opened {
+    export: ExportReader<HashingReader<Tail>>,
+    growth: Growth,
+    state: SourceState,
+}
+
+enum Opening {
+    Open(Box<Opened>),
+    NotYet,
+    Compressed,
+}
+
+fn open(path: PathBuf, entry: &FleetEntry) -> Result<Opening, Rejection> {
+    let Some(Growing { reader, growth }) = tail::open(&path)? else { return Ok(Opening::Compressed) };
+    let options = ReadOptions::default();
+    let export = ExportReader::of_growing(reader, &path, &entry.layout, &entry.description, options)?;
+    let state = state_of(&growth).ok_or_else(|| {
+        Rejection::of_file(&path, "the file system does not tell its state", "copy it to another one")
+    })?;
+    Ok(match export {
+        Some(export) => Opening::Open(Box::new(Opened { export, growth, state })),
+        None => Opening::NotYet,
+    })
+}
+
+/// How reading ended, and the state of the file that it read to the end, and when that was last written.
+type GrownEnd = (ReadEnd, Option<(SourceState, Timestamp)>);
+
+impl EndsRejected for GrownEnd {
+    fn rejected(rejection: Rejection) -> Self {
+        (ReadEnd::Rejected(rejection), None)
+    }
+}
+
+fn read_growing(
+    opened: Opened,
+    intake: &Intake,
+    cycles: &mpsc::Sender<CutCycle>,
+    settle: Duration,
+    ends: &Ends,
+    progress: impl Fn(Progress),
+) -> GrownEnd {
+    let Opened { mut export, mut growth, .. } = opened;
+    let end = read(&mut export, &mut growth, intake, cycles, settle, ends, progress);
+    // of the size that was read: a file that has grown since is another one
+    let state = state_of(&growth).filter(|state| state.bytes == growth.hash().bytes());
+    let written_at = growth.written_at().ok().and_then(|at| Timestamp::try_from(at).ok());
+    (end.unwrap_or_else(ReadEnd::Rejected), state.zip(written_at))
+}
+
+fn read(
+    export: &mut ExportReader<HashingReader<Tail>>,
+    growth: &mut Growth,
+    intake: &Intake,
+    cycles: &mpsc::Sender<CutCycle>,
+    settle: Duration,
+    Ends { stop, give_way }: &Ends,
+    progress: impl Fn(Progress),
+) -> Result<ReadEnd, Rejection> {
+    let failed = |error: std::io::Error| Rejection::from_io(&intake.path, &error);
+    progress(Progress::Reading);
+    match resume::pass_to_point(export, intake, stop, || progress(Progress::Reading))? {
+        Passed::There => {}
+        Passed::Elsewhere => return Ok(ReadEnd::Changed),
+        Passed::Going => return Ok(ReadEnd::Interrupted),
+    }
+    let mut cutting = Cutting::new(intake, cycles, stop, growth.hash().clone())?;
+    loop {
+        progress(Progress::Reading);
+        let step = export.step()?;
+        progress(Progress::Read(growth.hash().bytes()));
+        match step {
+            Step::Rows(chunk) => {
+                let known = cutting.cycle_count().max(intake.cycles_stored);
+                if !cutting.push(*chunk)? || (give_way.is_cancelled() && cutting.cycle_count() > known) {
+                    return Ok(ReadEnd::Interrupted);
+                }
+            }
+            Step::Waiting => match growth.look(settle, Instant::now()).map_err(failed)? {
+                Fate::Growing if give_way.is_cancelled() => return Ok(ReadEnd::Interrupted),
+                Fate::Growing => {
+                    progress(Progress::CaughtUp);
+                    pause(stop);
+                }
+                Fate::Done => {}
+                Fate::Rewritten => return Ok(ReadEnd::Changed),
+            },
+            Step::End => break,
+        }
+        if stop.is_cancelled() || cycles.is_closed() {
+            return Ok(ReadEnd::Interrupted);
+        }
+    }
+    if !growth.is_as_read().map_err(failed)? {
+        return Ok(ReadEnd::Changed);
+    }
+    cutting.end(export.rows(), export.passed_over().rows)
+}
+
+/// Waits until the next look, shorter if a stop is asked for.
+fn pause(stop: &CancellationToken) {
+    // either way it is time to go on
+    let _ = Handle::current().block_on(tokio::time::timeout(LOOK_INTERVAL, stop.cancelled()));
+}
+
+fn state_of(growth: &Growth) -> Option<SourceState> {
+    let (file, bytes, modified) = growth.state().ok()?;
+    Some(SourceState { bytes, modified: Timestamp::try_from(modified).ok()?, file })
+}
+
+/// Read once more as a whole when it has settled, it goes into quarantine if the database still refuses it.
+fn refused_by_database(path: &Path, detail: &str) -> Followed {
+    tracing::warn!(file = %path.display(), detail, "results that the database refuses");
+    Followed::UntilSettled
+}
+
+fn until_settled(rejection: &Rejection) -> Followed {
+    tracing::warn!("not understood so far, to be judged when the file has settled: {rejection}");
+    Followed::UntilSettled
+}

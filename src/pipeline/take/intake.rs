@@ -1,0 +1,424 @@
+//! From a path to cycles: recognition, ledger check, reading.
+
+use super::admitted::Intake;
+use crate::pipeline::take::admitted::UNKNOWN_ROBOT;
+use std::path::Path;
+use std::sync::Arc;
+
+use jiff::Timestamp;
+use jiff::tz::TimeZone;
+use tokio::sync::mpsc;
+use tokio_util::sync::CancellationToken;
+
+use super::cutting::{CutCycle, Cutting, ReadEnd};
+use super::decide::{self, Compared, Decision, Facts, Start, Unfinished};
+use super::record;
+use super::resume;
+use crate::config::{Config, FleetEntry};
+use crate::ingest::bytes::blocks::Passed;
+use crate::ingest::bytes::fingerprint;
+use crate::ingest::bytes::fingerprint::fingerprint;
+use crate::ingest::bytes::source;
+use crate::ingest::find::archive::original_name;
+use crate::ingest::rejection::Rejection;
+use crate::ingest::table::reader::{ExportReader, ReadOptions};
+use crate::ingest::table::start;
+use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
+use crate::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
+use crate::store::{Beginning, EarlierRun, Identity, KnownRun, Recording, SourceState};
+
+/// Whether an export needs reading.
+#[derive(Debug)]
+pub enum Known {
+    /// It needs reading.
+    No(Box<Intake>),
+    /// Its fate is decided.
+    Yes(Outcome),
+}
+
+/// Looks an export up by its content and lets it in if it is new, or was left unfinished.
+///
+/// # Errors
+/// Those of the store. A file that cannot be read is quarantined; one that vanished is
+/// [`Outcome::Changed`].
+pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Known, PipelineError> {
+    let owned = path.to_path_buf();
+    let read = tokio::task::spawn_blocking(move || (fingerprint(&owned), file_time(&owned))).await?;
+    let ((content_hash, source_bytes), file_time) = match read {
+        (Ok(identity), file_time) => (identity, file_time),
+        (Err(error), _) if error.kind() == std::io::ErrorKind::NotFound => {
+            return Ok(Known::Yes(Outcome::Changed));
+        }
+        (Err(error), file_time) => {
+            let rejection = Rejection::from_io(path, &error);
+            let header = header(path, UNKNOWN_ROBOT, "", file_time, path_identity(path), 0);
+            let outcome = quarantined(pipeline, &header, rejection.clone()).await?;
+            let passing = rejection.is_passing;
+            return Ok(Known::Yes(if passing { Outcome::Unreadable { rejection } } else { outcome }));
+        }
+    };
+    admit_content(pipeline, path, retry, (content_hash, source_bytes), file_time).await
+}
+
+/// As [`admit`], for a file whose content could be read.
+async fn admit_content(
+    pipeline: &Pipeline,
+    path: &Path,
+    retry: Retry,
+    (content_hash, source_bytes): (ContentHash, u64),
+    file_time: Timestamp,
+) -> Result<Known, PipelineError> {
+    let Some(state) = source_state(path) else { return Ok(Known::Yes(Outcome::Changed)) };
+    let recognised = recognise(pipeline.config(), path, file_time);
+    let facts = facts(pipeline, path, Some(content_hash), state, recognised.as_ref().ok(), retry).await?;
+    let facts = match facts {
+        Ok(facts) => facts,
+        Err(rejection) => return Ok(Known::Yes(Outcome::Unreadable { rejection })),
+    };
+    forget_unreadable(pipeline, path).await?;
+    let start = match decide::decide(&facts) {
+        Decision::Known { run, unfinished } => {
+            leave(pipeline, run.run_id, unfinished).await?;
+            return Ok(Known::Yes(decided(path, run)));
+        }
+        Decision::InWork { run_id } => return Ok(Known::Yes(Outcome::InWork { run_id })),
+        Decision::Read(start) => start,
+    };
+    let recognised = match recognised {
+        Ok(recognised) => recognised,
+        Err(rejection) => {
+            let header = header(path, UNKNOWN_ROBOT, "", file_time, content_hash, source_bytes);
+            return Ok(Known::Yes(quarantined(pipeline, &header, rejection).await?));
+        }
+    };
+    let model = &recognised.entry.description.model;
+    let header = header(path, &recognised.robot, model, recognised.started_at, content_hash, source_bytes);
+    let identity = Identity::Content(content_hash);
+    let intake = begin(pipeline, path, &recognised, header, identity, start, state).await?;
+    Ok(Known::No(Box::new(intake)))
+}
+
+/// Begins or goes on with the run of a file.
+///
+/// # Errors
+/// Those of the store.
+pub(in crate::pipeline) async fn begin(
+    pipeline: &Pipeline,
+    path: &Path,
+    recognised: &Recognised<'_>,
+    header: RunHeader,
+    identity: Identity,
+    start: Start,
+    state: SourceState,
+) -> Result<Intake, PipelineError> {
+    let FleetEntry { description, layout, .. } = recognised.entry;
+    let Config { limits, analysis, .. } = pipeline.config();
+    let made_with = resume::settings_hash(layout, description, limits, analysis);
+    let Start { onwards, instead_of, .. } = start;
+    let beginning = Beginning { onwards, instead_of, made_with: Some(made_with) };
+    let begun = pipeline.store().begin_source(&header, identity, beginning, state).await?;
+    if begun.afresh {
+        tracing::warn!(
+            file = %path.display(), run_id = begun.run.run_id,
+            "read from the start: layout, description, settings or program are others than those that its stored \
+             cycles were made with"
+        );
+    }
+    let resume = resume::of_run(pipeline, begun.run.run_id, &made_with).await?;
+    Ok(Intake {
+        path: path.to_path_buf(),
+        run_id: begun.run.run_id,
+        header,
+        robot: Arc::clone(description),
+        layout: Arc::clone(layout),
+        named_start: recognised.named_start,
+        cycles_stored: begun.run.cycles_stored,
+        resume,
+        made_with,
+        limits: *limits,
+    })
+}
+
+/// What is known of the file at `path` when its fate is decided: its first bytes are compared with what runs were
+/// read from that lay at this path, in this file, or are of this recording. A rejection if the file cannot be read
+/// now. Nothing is written.
+///
+/// # Errors
+/// Those of the store.
+pub(in crate::pipeline) async fn facts(
+    pipeline: &Pipeline,
+    path: &Path,
+    content: Option<ContentHash>,
+    state: SourceState,
+    recognised: Option<&Recognised<'_>>,
+    retry: Retry,
+) -> Result<Result<Facts, Rejection>, PipelineError> {
+    let known = match &content {
+        Some(content) => pipeline.store().lookup(content).await?,
+        None => None,
+    };
+    let name = file_name(path);
+    let recording = recognised.and_then(Recognised::recording);
+    let recording = recording.map(|(robot, started_at)| Recording { robot, started_at, source_name: &name });
+    let path_text = source::path_text(path);
+    let mut earlier = pipeline.store().earlier_runs(&path_text, state.file, recording).await?;
+    // what is being read is another file's, which had this name
+    earlier.retain(|run| !pipeline.is_open(run.run.run_id));
+    let read: Vec<ContentPrefix> = earlier.iter().map(|run| run.read).collect();
+    let owned = path.to_path_buf();
+    let compared = tokio::task::spawn_blocking(move || {
+        // a failure to read must not pass for another content
+        let begins_with = |read: ContentPrefix| match fingerprint::prefix(&owned, read.bytes) {
+            Ok(prefix) => Ok(prefix == Some(read)),
+            Err(error) => Err(Rejection::from_io(&owned, &error)),
+        };
+        read.into_iter().map(begins_with).collect::<Result<Vec<_>, _>>()
+    });
+    let begin_alike = match compared.await? {
+        Ok(alike) => alike,
+        Err(rejection) => return Ok(Err(rejection)),
+    };
+    let compared = earlier.into_iter().zip(begin_alike).map(|(earlier, begins_alike)| Compared {
+        same_robot: recognised.is_some_and(|of| of.robot == earlier.robot),
+        same_recording: recognised.is_some_and(|of| is_recording_of(pipeline.config(), of, &earlier)),
+        begins_alike,
+        run: earlier.run,
+        read: earlier.read,
+        same_path: earlier.same_path,
+        same_file: earlier.same_file,
+    });
+    Ok(Ok(Facts {
+        known_is_open: known.as_ref().is_some_and(|known| pipeline.is_open(known.run_id)),
+        known,
+        names_recording: recognised.is_some_and(|of| of.recording().is_some()),
+        earlier: compared.collect(),
+        on_rewrite: pipeline.config().watch.on_rewrite,
+        retry,
+    }))
+}
+
+/// Whether a file is the recording of an earlier run once more: both names say robot and moment, and the
+/// configuration takes both alike. A log of work that was begun with a test is another recording.
+fn is_recording_of(config: &Config, file: &Recognised<'_>, earlier: &EarlierRun) -> bool {
+    let Some((robot, started_at)) = file.recording() else { return false };
+    let same_moment = match config.recognition.recognise(&earlier.source_name) {
+        Ok(named) => named.robot == robot && named.is_definite && named.started_at == Some(started_at),
+        // its name was read by another pattern
+        Err(_) => earlier.robot == robot && earlier.started_at == started_at,
+    };
+    // the kind is known since reading began
+    let same_kind = earlier.run.cycles_stored == 0 || earlier.kind == file.entry.layout.stage.run_kind();
+    let entry = config.export_entry(&earlier.robot, &earlier.source_name);
+    same_moment && same_kind && entry.is_none_or(|entry| std::ptr::eq(entry, file.entry))
+}
+
+/// Takes away what was written down of a file while it could not be read.
+pub(in crate::pipeline) async fn forget_unreadable(
+    pipeline: &Pipeline,
+    path: &Path,
+) -> Result<(), PipelineError> {
+    let known = pipeline.store().lookup(&path_identity(path)).await?;
+    if let Some(run) = known.filter(|run| run.status == RunStatus::Quarantined) {
+        pipeline.store().discard_run(run.run_id).await?;
+    }
+    Ok(())
+}
+
+/// Leaves a file whose content is stored as `run_id`: an unfinished run that was read from it goes, or stands
+/// as superseded where the file was rewritten.
+async fn leave(
+    pipeline: &Pipeline,
+    run_id: i64,
+    unfinished: Option<Unfinished>,
+) -> Result<(), PipelineError> {
+    match unfinished {
+        Some(Unfinished::Prefix(unfinished)) => pipeline.store().merge_run(unfinished, run_id).await?,
+        Some(Unfinished::Rewritten(unfinished)) => {
+            pipeline.store().supersede_run(run_id, unfinished).await?;
+        }
+        None => {}
+    }
+    Ok(())
+}
+
+/// What is said of an export whose fate is decided by its run.
+#[must_use]
+pub fn decided(path: &Path, known: KnownRun) -> Outcome {
+    match known.status {
+        RunStatus::Quarantined => Outcome::Quarantined {
+            run_id: known.run_id,
+            rejection: Rejection::stored(path, known.reason.unwrap_or_default()),
+            cycles: known.cycles_stored,
+            known: true,
+        },
+        RunStatus::Complete | RunStatus::Superseded | RunStatus::Streaming => {
+            Outcome::AlreadyStored { run_id: known.run_id }
+        }
+    }
+}
+
+/// Number, size and time of a file; `None` where it is not there, or the file system does not tell.
+#[must_use]
+pub fn source_state(path: &Path) -> Option<SourceState> {
+    let metadata = std::fs::metadata(path).ok()?;
+    let modified = Timestamp::try_from(fingerprint::changed_at(&metadata)).ok()?;
+    Some(SourceState { bytes: metadata.len(), modified, file: fingerprint::id_of(&metadata) })
+}
+
+/// Reads the export of `intake`, which has settled, and sends its cycles, those already stored left out.
+/// Runs on a blocking thread; ends early when the receiver is gone or a stop is asked for.
+pub fn read_cycles(
+    intake: &Intake,
+    cycles: &mpsc::Sender<CutCycle>,
+    stop: &CancellationToken,
+    progress: impl Fn(u64),
+) -> ReadEnd {
+    read(intake, ReadOptions::default(), cycles, stop, progress).unwrap_or_else(ReadEnd::Rejected)
+}
+
+/// As [`read_cycles`], in blocks of any size.
+pub(in crate::pipeline) fn read(
+    intake: &Intake,
+    options: ReadOptions,
+    cycles: &mpsc::Sender<CutCycle>,
+    stop: &CancellationToken,
+    progress: impl Fn(u64),
+) -> Result<ReadEnd, Rejection> {
+    let (bytes, hash) = source::open_hashing_up_to(&intake.path, intake.limits.export_bytes)?;
+    let mut export = ExportReader::new(bytes, &intake.path, &intake.layout, &intake.robot, options)?;
+    match resume::pass_to_point(&mut export, intake, stop, || progress(hash.bytes()))? {
+        Passed::There => {}
+        Passed::Elsewhere => return Ok(ReadEnd::Changed),
+        Passed::Going => return Ok(ReadEnd::Interrupted),
+    }
+    let mut cutting = Cutting::new(intake, cycles, stop, hash.clone())?;
+    for chunk in export.by_ref() {
+        progress(hash.bytes());
+        if !cutting.push(chunk?)? {
+            return Ok(ReadEnd::Interrupted);
+        }
+    }
+    if hash.so_far().0 != intake.header.content_hash {
+        return Ok(ReadEnd::Changed);
+    }
+    cutting.end(export.rows(), export.passed_over().rows)
+}
+
+/// What an export's name says of it.
+#[derive(Debug, Clone)]
+pub struct Recognised<'a> {
+    /// The robot's description and the layout of its exports.
+    pub entry: &'a FleetEntry,
+    /// The individual robot.
+    pub robot: String,
+    /// Start of the recording: from its rows or its name or, without one there, the file's time, which is that of its end.
+    pub started_at: Timestamp,
+    /// Whether the rows or the name say the start.
+    pub named_start: bool,
+    /// Whether they say the moment, so that no other recording of the robot has it.
+    is_definite: bool,
+}
+
+impl Recognised<'_> {
+    /// Which recording it is, where the name says so.
+    #[must_use]
+    pub fn recording(&self) -> Option<(&str, Timestamp)> {
+        self.is_definite.then_some((self.robot.as_str(), self.started_at))
+    }
+}
+
+/// Which robot made the export, and when, by its file name.
+///
+/// # Errors
+/// A rejection of a name that says no robot, or one without description.
+pub fn recognise<'a>(
+    config: &'a Config,
+    path: &Path,
+    file_time: Timestamp,
+) -> Result<Recognised<'a>, Rejection> {
+    let recognised = config.recognition.recognise(&file_name(path)).map_err(|error| {
+        Rejection::of_file(
+            path,
+            error.to_string(),
+            "rename the file, or change [recognition] in the configuration",
+        )
+    })?;
+    let entry = config.export_entry(&recognised.robot, &file_name(path)).ok_or_else(|| {
+        Rejection::of_file(
+            path,
+            format!("no description for robot \"{}\" and this file", recognised.robot),
+            "add a [[robot]] entry whose name matches to the configuration",
+        )
+    })?;
+    let started_at = match &entry.layout.start {
+        Some(start) => Some(start::recorded_start(path, &entry.layout, start, &zone(config, path)?)?),
+        None => recognised.started_at,
+    };
+    Ok(Recognised {
+        entry,
+        robot: recognised.robot,
+        started_at: started_at.unwrap_or(file_time),
+        named_start: started_at.is_some(),
+        is_definite: recognised.is_definite || entry.layout.start.is_some(),
+    })
+}
+
+/// The time zone of clocks in names and rows.
+fn zone(config: &Config, path: &Path) -> Result<TimeZone, Rejection> {
+    config.recognition.zone().ok_or_else(|| {
+        let reason = format!("time zone {} is not known on this machine", config.recognition.time_zone);
+        Rejection::of_file(path, reason, "install the time zone database (package tzdata)")
+    })
+}
+
+async fn quarantined(
+    pipeline: &Pipeline,
+    header: &RunHeader,
+    rejection: Rejection,
+) -> Result<Outcome, PipelineError> {
+    let run_id = record::write_down(pipeline, header, &rejection).await?;
+    Ok(Outcome::Quarantined { run_id, rejection, cycles: 0, known: false })
+}
+
+/// What is known of an export before its rows are read.
+#[must_use]
+pub fn header(
+    path: &Path,
+    robot: &str,
+    model: &str,
+    started_at: Timestamp,
+    content_hash: ContentHash,
+    source_bytes: u64,
+) -> RunHeader {
+    RunHeader {
+        robot: robot.to_owned(),
+        model: model.to_owned(),
+        started_at,
+        source_name: file_name(path),
+        source_path: source::path_text(path),
+        content_hash,
+        source_bytes,
+    }
+}
+
+/// Name of an export; of one in an archive, the name that it had before.
+fn file_name(path: &Path) -> String {
+    let name =
+        path.file_name().map_or_else(|| path.as_os_str().to_string_lossy(), |name| name.to_string_lossy());
+    original_name(&name).into_owned()
+}
+
+/// Identity of a file whose content cannot be read: its path stands in.
+fn path_identity(path: &Path) -> ContentHash {
+    crate::ingest::bytes::fingerprint::of_bytes(path.as_os_str().as_encoded_bytes())
+}
+
+/// Modification time of a file, the best guess at its recording where its name has none.
+#[must_use]
+pub fn file_time(path: &Path) -> Timestamp {
+    std::fs::metadata(path)
+        .and_then(|metadata| metadata.modified())
+        .ok()
+        .and_then(|modified| Timestamp::try_from(modified).ok())
+        .unwrap_or(Timestamp::UNIX_EPOCH)
+}

@@ -1,0 +1,11 @@
+//! From a file to stored cycles.
+
+pub mod decide;
+pub mod cycles;
+pub mod resume_point;
+pub mod admitted;
+pub mod resume;
+pub mod cutting;
+pub mod record;
+pub mod intake;
+pub mod follow;

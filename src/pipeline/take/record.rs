@@ -1,0 +1,225 @@
+//! From analyses to the database: one transaction a cycle, one for the end of a run.
+
+use std::time::Duration;
+
+use jiff::Timestamp;
+use tokio::sync::mpsc;
+
+use super::admitted::{Intake, UNKNOWN_ROBOT};
+use super::cutting::ReadTotals;
+use crate::analysis::{FrictionPoint, RunAnalysis};
+use crate::ingest::excerpt;
+use crate::ingest::rejection::Rejection;
+use crate::numerics::analyse::{Method, RunResults, analyse_run};
+use crate::numerics::friction::excitation::{IdentifiedCycle, excitation_friction};
+use crate::pipeline::context::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun};
+use crate::pipeline::friction;
+use crate::robot::{JointIndex, ParameterId};
+use crate::run::{RunHeader, RunKind};
+use crate::store::{
+    CycleParameters, CycleSpeedFits, Fault, Owner, Replaced, RunMeasurements, RunTotals, Store,
+};
+
+/// What recording the cycles of an export came to.
+#[derive(Debug, Default)]
+pub struct Recorded {
+    /// Cycles without parameters, each with its reason.
+    pub refused: Vec<(u32, String)>,
+    /// Why the run cannot be complete, if an analysis panicked.
+    pub rejection: Option<Rejection>,
+}
+
+/// Records analyses in the order of their cycles.
+///
+/// # Errors
+/// Those of the store. A panic of an analysis is a rejection of this run; other runs go on.
+pub(in crate::pipeline) async fn cycles(
+    store: &Store,
+    intake: &Intake,
+    mut analyses: mpsc::Receiver<InAnalysis>,
+    stored: impl Fn(u32),
+) -> Result<Recorded, PipelineError> {
+    let mut recorded = Recorded::default();
+    while let Some((handle, read)) = analyses.recv().await {
+        let analysis = match handle.await {
+            Ok(analysis) => analysis,
+            Err(error) => {
+                tracing::error!(file = %intake.path.display(), %error, "an analysis panicked");
+                let reason = format!("internal error while analysing a cycle: {error}");
+                recorded.rejection =
+                    Some(Rejection::of_file(&intake.path, reason, "report it with this file"));
+                return Ok(recorded);
+            }
+        };
+        for remark in &analysis.remarks {
+            tracing::debug!(robot = %intake.header.robot, cycle = analysis.cycle, "{remark}");
+        }
+        store.record_cycle_read(intake.run_id, &analysis, &intake.robot, Some(&read)).await?;
+        stored(analysis.cycle);
+        if let Some(reason) = analysis.refusal() {
+            recorded.refused.push((analysis.cycle, reason.to_owned()));
+        }
+    }
+    Ok(recorded)
+}
+
+/// Ends a run: what it says as a whole and its mark of completion, in one transaction. Where another run was
+/// completed with the same content meanwhile, this one goes. What the robot's history says with it is
+/// concluded later, see [`Pipeline::conclude`]. `written_at` is when the file was last written: where its name says no
+/// start, the recording began its duration before, whether it was read while it grew or later.
+///
+/// # Errors
+/// Those of the store.
+pub async fn finish(
+    pipeline: &Pipeline,
+    intake: &Intake,
+    method: &Method,
+    totals: ReadTotals,
+    refused: Vec<(u32, String)>,
+    written_at: Option<Timestamp>,
+) -> Result<Outcome, PipelineError> {
+    let of_test = match intake.layout.stage.run_kind() {
+        RunKind::Test => Some(analyse_test(pipeline, intake, method).await?),
+        RunKind::Production => None,
+    };
+    let mut ending = pipeline.store().finish_run(intake.run_id).await?;
+    if let Owner::Other(run_id) = ending.adopt(&totals.content, &totals.first_rows).await? {
+        drop(ending);
+        pipeline.store().merge_run(intake.run_id, run_id).await?;
+        return Ok(Outcome::AlreadyStored { run_id });
+    }
+    if let Some(written_at) = written_at.filter(|_| !intake.named_start) {
+        ending.set_start(start_before(written_at, totals.duration)).await?;
+    }
+    if let Some((analysis, speed_fits)) = of_test {
+        ending.store_analysis(&analysis).await?;
+        ending.replace_speed_fits(&speed_fits).await?;
+    }
+    let figures = RunTotals {
+        rows: usize::try_from(totals.rows).unwrap_or(usize::MAX),
+        rows_skipped: usize::try_from(totals.rows_skipped).unwrap_or(usize::MAX),
+        sample_rate: totals.sample_rate,
+        cycles: totals.cycles,
+    };
+    ending.complete(figures).await?;
+    let replaced = ending.replaced();
+    ending.commit().await?;
+    if let Some(Replaced { run_id: old, begins_otherwise: true }) = replaced {
+        tracing::warn!(
+            file = %intake.path.display(), run_id = intake.run_id,
+            "takes the place of run {old}, which the name says to be the same recording, but begins with other rows: \
+             if these are two recordings, give the other file a name with a start of its own and ingest it again, or \
+             set on_rewrite = \"keep_both\" under [watch]"
+        );
+    }
+    Ok(Outcome::Stored(StoredRun {
+        run_id: intake.run_id,
+        robot: intake.header.robot.clone(),
+        cycles: totals.cycles,
+        refused,
+        rows: totals.rows,
+    }))
+}
+
+/// The moment `duration` seconds before another, to the microsecond.
+#[must_use]
+pub fn start_before(end: Timestamp, duration: f64) -> Timestamp {
+    let duration = Duration::try_from_secs_f64(duration).unwrap_or_default();
+    let duration = Duration::from_micros(u64::try_from(duration.as_micros()).unwrap_or_default());
+    end.checked_sub(duration).unwrap_or(end)
+}
+
+/// What a test says as a whole; a log of production says nothing beyond its windows.
+async fn analyse_test(
+    pipeline: &Pipeline,
+    intake: &Intake,
+    method: &Method,
+) -> Result<(RunAnalysis, Vec<CycleSpeedFits>), PipelineError> {
+    let measurements = pipeline.store().run_measurements(intake.run_id).await?;
+    let speed_fits =
+        friction::over_speed(pipeline.store(), intake.run_id, &measurements.friction_points).await?;
+    let (robot, settings) = (method.robot.clone(), pipeline.config().analysis);
+    let analysis = tokio::task::spawn_blocking(move || {
+        let identified: Vec<IdentifiedCycle> = measurements.parameters.iter().map(identified_cycle).collect();
+        let friction = excitation_friction(&robot, settings.reference_speed_fraction, &identified);
+        let mut analysis = analyse_run(robot.joint_count(), &settings, &as_results(measurements));
+        for (summary, friction) in analysis.summaries.iter_mut().zip(friction) {
+            summary.excitation_friction = friction;
+        }
+        analysis
+    })
+    .await?;
+    Ok((analysis, speed_fits))
+}
+
+/// Quarantines an export that was let in; whole cycles before the fault stay stored.
+///
+/// # Errors
+/// Those of the store.
+pub async fn quarantine(
+    pipeline: &Pipeline,
+    intake: &Intake,
+    rejection: Rejection,
+) -> Result<Outcome, PipelineError> {
+    // any file that ends with .csv has a name: without a start in it and a row that is understood, it is no robot's
+    let robot = if intake.named_start { &intake.header.robot } else { UNKNOWN_ROBOT };
+    let header = RunHeader { robot: robot.to_owned(), ..intake.header.clone() };
+    let run_id = write_down(pipeline, &header, &rejection).await?;
+    let cycles =
+        pipeline.store().lookup(&intake.header.content_hash).await?.map_or(0, |run| run.cycles_stored);
+    Ok(Outcome::Quarantined { run_id, rejection, cycles, known: false })
+}
+
+/// Writes down why an export was not understood, with the place in the file as far as it can be found.
+/// Returns the key of the run.
+pub(in crate::pipeline) async fn write_down(
+    pipeline: &Pipeline,
+    header: &RunHeader,
+    rejection: &Rejection,
+) -> Result<i64, PipelineError> {
+    let (place, most) = (rejection.clone(), pipeline.config().limits.export_bytes);
+    let excerpt = tokio::task::spawn_blocking(move || excerpt::of_rejection(&place, 0, most)).await?;
+    let fault = Fault {
+        reason: rejection.sentence(),
+        problem: rejection.reason.to_string(),
+        line: rejection.line,
+        column: rejection.column.as_deref().map(str::to_owned),
+        byte: excerpt.map(|excerpt| excerpt.byte),
+        value: rejection.value.as_deref().map(str::to_owned),
+        remedy: rejection.remedy.to_string(),
+    };
+    Ok(pipeline.store().quarantine(header, &fault).await?)
+}
+
+fn identified_cycle(of: &CycleParameters) -> IdentifiedCycle {
+    IdentifiedCycle {
+        cycle: of.cycle,
+        minute: of.minute,
+        mean_speeds: of.mean_speeds.clone(),
+        parameters: of.parameters.clone(),
+    }
+}
+
+/// Turns rows by cycle into series by parameter and joint.
+pub(in crate::pipeline) fn as_results(measurements: RunMeasurements) -> RunResults {
+    let friction_points: Vec<(u32, FrictionPoint)> =
+        measurements.friction_points.into_iter().map(|row| (row.cycle, row.point)).collect();
+    let mut parameters: Vec<(ParameterId, Vec<(u32, f64)>)> = Vec::new();
+    for row in measurements.parameters {
+        for (place, parameter) in row.parameters.into_iter().enumerate() {
+            // every cycle has the same parameters in the same order
+            match parameters.get_mut(place).filter(|(id, _)| *id == parameter.id) {
+                Some((_, values)) => values.push((row.cycle, parameter.value)),
+                None => parameters.push((parameter.id, vec![(row.cycle, parameter.value)])),
+            }
+        }
+    }
+    let mut relative_rmsd: Vec<(JointIndex, Vec<(u32, f64)>)> = Vec::new();
+    for row in measurements.relative_rmsd {
+        match relative_rmsd.iter_mut().find(|(joint, _)| *joint == row.joint) {
+            Some((_, values)) => values.push((row.cycle, row.relative_rmsd)),
+            None => relative_rmsd.push((row.joint, vec![(row.cycle, row.relative_rmsd)])),
+        }
+    }
+    RunResults { friction_points, parameters, relative_rmsd }
+}

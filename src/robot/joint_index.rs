@@ -1,0 +1,43 @@
+//! Joints by number.
+
+use std::fmt;
+
+/// A joint of a chain. Counts from 0 inside; people read [`JointIndex::number`], which counts
+/// from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct JointIndex(usize);
+
+impl JointIndex {
+    /// The joint at `index`, counted from 0 at the base.
+    #[must_use]
+    pub const fn new(index: usize) -> Self {
+        Self(index)
+    }
+
+    /// The joint that people call `number`, counted from 1 at the base; `None` for 0.
+    #[must_use]
+    pub const fn from_number(number: usize) -> Option<Self> {
+        match number.checked_sub(1) {
+            Some(index) => Some(Self(index)),
+            None => None,
+        }
+    }
+
+    /// Position in the chain, from 0 at the base.
+    #[must_use]
+    pub const fn index(self) -> usize {
+        self.0
+    }
+
+    /// The number people read, from 1 at the base.
+    #[must_use]
+    pub const fn number(self) -> usize {
+        self.0 + 1
+    }
+}
+
+impl fmt::Display for JointIndex {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.number())
+    }
+}

@@ -1,0 +1,267 @@
+//! Parameters under a name, with the cycles that they come from; and cross-verification.
+
+use std::collections::HashMap;
+
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+
+use crate::analysis::{Estimator, Identification, IdentifiedParameter, TorqueRmsd};
+use crate::numerics::pooled::estimate::{ErrorSource, EstimatorKind};
+use crate::robot::ParameterId;
+use crate::store::models;
+use crate::store::models::StoredModel;
+use crate::store::results::record;
+use crate::store::values::{ROWS_PER_STATEMENT, count, finite, identified, named, size};
+
+/// Parameters from chosen cycles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParameterSet {
+    /// Description that the parameters belong to.
+    pub model: StoredModel,
+    /// Values with standard errors, condition numbers and residual.
+    pub identification: Identification,
+    /// The cycles that they come from.
+    pub sources: Vec<SourceCycle>,
+    /// How their rows became parameters.
+    pub estimator: EstimatorKind,
+    /// What the standard errors stand on.
+    pub errors: ErrorSource,
+}
+
+/// A cycle behind a parameter set.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SourceCycle {
+    /// Its run.
+    pub run_id: i64,
+    /// Its number, from 1.
+    pub cycle: u32,
+    /// Its robot.
+    pub robot: String,
+}
+
+/// Writes a set; `false`, and nothing is written, if something of this name is kept.
+pub(in crate::store) async fn save(
+    connection: &mut SqliteConnection,
+    name: &str,
+    set: &ParameterSet,
+) -> Result<bool, sqlx::Error> {
+    let Some(set_id) = insert_set(&mut *connection, name, set).await? else { return Ok(false) };
+    let keys = models::parameter_keys(&mut *connection, set.model.robot_model_id).await?;
+    for rows in set.identification.parameters.chunks(ROWS_PER_STATEMENT) {
+        insert_values(&mut *connection, set_id, &keys, rows).await?;
+    }
+    for rows in set.sources.chunks(ROWS_PER_STATEMENT) {
+        insert_sources(&mut *connection, set_id, rows).await?;
+    }
+    Ok(true)
+}
+
+/// The set of this name.
+pub(in crate::store) async fn find(
+    connection: &mut SqliteConnection,
+    name: &str,
+) -> Result<Option<ParameterSet>, sqlx::Error> {
+    let Some((set_id, mut set)) = read_set(&mut *connection, name).await? else { return Ok(None) };
+    set.identification.parameters = read_values(&mut *connection, set_id).await?;
+    set.sources = read_sources(connection, set_id).await?;
+    Ok(Some(set))
+}
+
+/// Parameters of a cycle, by joint; empty for a refused or unknown one.
+pub(in crate::store) async fn of_cycle(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    cycle: u32,
+) -> Result<Vec<IdentifiedParameter>, sqlx::Error> {
+    sqlx::query(
+        "SELECT joint, name, value, std_error, degrees_of_freedom
+         FROM cycle
+         JOIN cycle_parameter USING (cycle_id)
+         JOIN model_parameter USING (model_parameter_id)
+         WHERE run_id = ? AND number = ?",
+    )
+    .bind(run_id)
+    .bind(cycle)
+    .try_map(|row| identified(&row))
+    .fetch_all(executor)
+    .await
+}
+
+/// Replaces the cross-verification of a cycle with the parameters of a run by an estimator.
+pub(in crate::store) async fn replace_cross(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    cycle: u32,
+    reference: (i64, Estimator),
+    rmsd: &[TorqueRmsd],
+) -> Result<(), sqlx::Error> {
+    let Some(cycle_id) = cycle_id(&mut *connection, run_id, cycle).await? else { return Ok(()) };
+    delete_cross(&mut *connection, cycle_id, reference.0).await?;
+    for rows in rmsd.chunks(ROWS_PER_STATEMENT) {
+        record::insert_rmsd(&mut *connection, cycle_id, Some(reference), rows).await?;
+    }
+    Ok(())
+}
+
+async fn cycle_id(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    cycle: u32,
+) -> Result<Option<i64>, sqlx::Error> {
+    sqlx::query_scalar("SELECT cycle_id FROM cycle WHERE run_id = ? AND number = ?")
+        .bind(run_id)
+        .bind(cycle)
+        .fetch_optional(executor)
+        .await
+}
+
+async fn delete_cross(
+    executor: impl SqliteExecutor<'_>,
+    cycle_id: i64,
+    reference_run_id: i64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM torque_rmsd WHERE cycle_id = ? AND reference_run_id = ?")
+        .bind(cycle_id)
+        .bind(reference_run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+async fn insert_set(
+    executor: impl SqliteExecutor<'_>,
+    name: &str,
+    set: &ParameterSet,
+) -> Result<Option<i64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "INSERT INTO parameter_set (name, robot_model_id, samples, condition_number, scaled_condition_number,
+                                    residual_std_nm, estimator, error_basis)
+         SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8
+         WHERE NOT EXISTS (SELECT 1 FROM reestimate WHERE name = ?1)
+         ON CONFLICT (name) DO NOTHING
+         RETURNING parameter_set_id",
+    )
+    .bind(name)
+    .bind(set.model.robot_model_id)
+    .bind(count(set.identification.samples))
+    .bind(finite(set.identification.condition_number))
+    .bind(finite(set.identification.scaled_condition_number))
+    .bind(finite(set.identification.residual_std))
+    .bind(set.estimator.name())
+    .bind(set.errors.name())
+    .fetch_optional(executor)
+    .await
+}
+
+async fn insert_values(
+    executor: impl SqliteExecutor<'_>,
+    set_id: i64,
+    keys: &HashMap<ParameterId, i64>,
+    rows: &[IdentifiedParameter],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO parameter_set_value (parameter_set_id, model_parameter_id, value, std_error, degrees_of_freedom) ",
+    )
+    .push_values(rows, |mut row, parameter| {
+        row.push_bind(set_id)
+            .push_bind(keys.get(&parameter.id).copied())
+            .push_bind(finite(parameter.value))
+            .push_bind(finite(parameter.std_error))
+            .push_bind(finite(parameter.degrees_of_freedom));
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_sources(
+    executor: impl SqliteExecutor<'_>,
+    set_id: i64,
+    rows: &[SourceCycle],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new("INSERT INTO parameter_set_source (parameter_set_id, run_id, cycle, robot) ")
+        .push_values(rows, |mut row, source| {
+            row.push_bind(set_id).push_bind(source.run_id).push_bind(source.cycle).push_bind(&source.robot);
+        })
+        .build()
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// The set without its values and sources.
+async fn read_set(
+    executor: impl SqliteExecutor<'_>,
+    name: &str,
+) -> Result<Option<(i64, ParameterSet)>, sqlx::Error> {
+    sqlx::query(
+        "SELECT parameter_set_id, robot_model_id, robot_model.name AS model, description_hash, samples,
+                condition_number, scaled_condition_number, residual_std_nm, estimator, error_basis
+         FROM parameter_set
+         JOIN robot_model USING (robot_model_id)
+         WHERE parameter_set.name = ?",
+    )
+    .bind(name)
+    .try_map(|row: SqliteRow| {
+        let figure = |column: &str| -> Result<f64, sqlx::Error> {
+            Ok(row.try_get::<Option<f64>, _>(column)?.unwrap_or(f64::NAN))
+        };
+        let set = ParameterSet {
+            model: StoredModel {
+                robot_model_id: row.try_get("robot_model_id")?,
+                name: row.try_get("model")?,
+                description_hash: row.try_get("description_hash")?,
+            },
+            identification: Identification {
+                residuals: Vec::new(),
+                parameters: Vec::new(),
+                samples: size(&row, "samples")?,
+                condition_number: figure("condition_number")?,
+                scaled_condition_number: figure("scaled_condition_number")?,
+                residual_std: figure("residual_std_nm")?,
+            },
+            sources: Vec::new(),
+            estimator: named(&row, "estimator", &EstimatorKind::ALL, EstimatorKind::name)?,
+            errors: named(&row, "error_basis", &ErrorSource::ALL, ErrorSource::name)?,
+        };
+        Ok((row.try_get("parameter_set_id")?, set))
+    })
+    .fetch_optional(executor)
+    .await
+}
+
+async fn read_values(
+    executor: impl SqliteExecutor<'_>,
+    set_id: i64,
+) -> Result<Vec<IdentifiedParameter>, sqlx::Error> {
+    sqlx::query(
+        "SELECT joint, name, value, std_error, degrees_of_freedom
+         FROM parameter_set_value
+         JOIN model_parameter USING (model_parameter_id)
+         WHERE parameter_set_id = ?",
+    )
+    .bind(set_id)
+    .try_map(|row| identified(&row))
+    .fetch_all(executor)
+    .await
+}
+
+async fn read_sources(
+    executor: impl SqliteExecutor<'_>,
+    set_id: i64,
+) -> Result<Vec<SourceCycle>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run_id, cycle, robot FROM parameter_set_source WHERE parameter_set_id = ? ORDER BY run_id, cycle",
+    )
+    .bind(set_id)
+    .try_map(|row: SqliteRow| {
+        Ok(SourceCycle {
+            run_id: row.try_get("run_id")?,
+            cycle: size(&row, "cycle")?,
+            robot: row.try_get("robot")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}

@@ -1,0 +1,78 @@
+//! Where reading goes on after a restart.
+
+use sqlx::Row;
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+
+use crate::run::ContentPrefix;
+use crate::store::values::{count, size};
+
+/// A place of an export between two cycles, as bytes whose meaning is their writer's.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StoredPoint {
+    /// Cycles before it.
+    pub cycles: u32,
+    /// Byte of the decompressed file at which reading goes on.
+    pub byte: u64,
+    /// What is known there.
+    pub state: Vec<u8>,
+}
+
+/// What the cycles of a run were read from so far.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReadSoFar {
+    /// First bytes of the file.
+    pub prefix: ContentPrefix,
+    /// Where reading goes on; `None` leaves the place that is stored.
+    pub resume: Option<StoredPoint>,
+}
+
+/// Writes down where reading of a run goes on.
+pub(in crate::store) async fn set(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    point: &StoredPoint,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "INSERT INTO resume_point (run_id, cycles, byte, state) VALUES (?, ?, ?, ?)
+         ON CONFLICT (run_id) DO UPDATE
+         SET cycles = excluded.cycles, byte = excluded.byte, state = excluded.state",
+    )
+    .bind(run_id)
+    .bind(point.cycles)
+    .bind(count(point.byte))
+    .bind(&point.state)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Where reading of a run goes on, if the cycles before it are stored.
+pub(in crate::store) async fn of_run(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Option<StoredPoint>, sqlx::Error> {
+    sqlx::query(
+        "SELECT cycles, byte, state
+         FROM resume_point JOIN run USING (run_id)
+         WHERE run_id = ? AND cycles <= cycles_stored",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        Ok(StoredPoint {
+            cycles: size(&row, "cycles")?,
+            byte: size(&row, "byte")?,
+            state: row.try_get("state")?,
+        })
+    })
+    .fetch_optional(executor)
+    .await
+}
+
+/// Lets a run be read from its start.
+pub(in crate::store) async fn forget(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM resume_point WHERE run_id = ?").bind(run_id).execute(executor).await?;
+    Ok(())
+}

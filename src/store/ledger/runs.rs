@@ -1,0 +1,575 @@
+//! The ledger: one row an export, whatever became of it.
+//!
+//! A superseded run has the status of a quarantined one and names its successor: whatever leaves out
+//! quarantined runs leaves it out too.
+
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+use sqlx::{Row, SqliteConnection};
+
+use super::identity::{is_made_otherwise, set_made_with};
+use super::resume;
+use crate::run::{ContentHash, ContentPrefix, RunHeader, RunKind, RunStatus};
+use crate::store::values::{count, finite, named, size};
+
+const STATUSES: [RunStatus; 4] =
+    [RunStatus::Streaming, RunStatus::Complete, RunStatus::Quarantined, RunStatus::Superseded];
+
+/// What the ledger knows of an export.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KnownRun {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// Where it stands.
+    pub status: RunStatus,
+    /// Why it was quarantined.
+    pub reason: Option<String>,
+    /// Cycles stored so far; reading goes on after them.
+    pub cycles_stored: u32,
+    /// Whether a person has asked for a quarantined export to be read again.
+    pub retry_asked: bool,
+}
+
+/// By what a run is known while it is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Identity {
+    /// By the hash of its content, which has settled.
+    Content(ContentHash),
+    /// By its beginning: the export still grows. What stored cycles were read from, nothing without any.
+    Growing(ContentPrefix),
+}
+
+/// How the run of an export begins, given what its file held before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Beginning {
+    /// As this run, whose stored cycles come from the first bytes of the same content. A complete run is
+    /// opened again without its last cycle, which the end of the file had cut; a quarantined or superseded
+    /// one begins afresh. `None`: as a new run.
+    pub onwards: Option<i64>,
+    /// In the place of this run, whose file was rewritten.
+    pub instead_of: Option<i64>,
+    /// What decides the cycles of the run besides its bytes. A run that goes on although its stored cycles were made
+    /// with something else begins afresh. `None`: not looked at.
+    pub made_with: Option<ContentHash>,
+}
+
+/// A run that has begun.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Begun {
+    /// The run.
+    pub run: KnownRun,
+    /// Whether cycles were taken away that were made with something else.
+    pub afresh: bool,
+}
+
+/// Whose identity a content is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Owner {
+    /// The run's own.
+    Ours,
+    /// That run is complete with the same content.
+    Other(i64),
+}
+
+/// Figures of a run that are known once its last row is read.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RunTotals {
+    /// Rows of the export.
+    pub rows: usize,
+    /// Bad rows that were passed over, beyond those.
+    pub rows_skipped: usize,
+    /// Sample rate, Hz.
+    pub sample_rate: f64,
+    /// Cycles of the export; all of them must be stored.
+    pub cycles: u32,
+}
+
+pub(in crate::store) fn status(row: &SqliteRow, column: &str) -> Result<RunStatus, sqlx::Error> {
+    named(row, column, &STATUSES, RunStatus::name)
+}
+
+/// Begins a run, goes on with one that was begun, or begins a quarantined one afresh.
+pub(in crate::store) async fn begin_run(
+    connection: &mut SqliteConnection,
+    header: &RunHeader,
+) -> Result<KnownRun, sqlx::Error> {
+    let known = find_run(&mut *connection, &header.content_hash).await?;
+    match known {
+        Some(run) if matches!(run.status, RunStatus::Streaming | RunStatus::Complete) => Ok(run),
+        Some(run) => afresh(connection, run.run_id, header).await,
+        None => insert_new(connection, header).await,
+    }
+}
+
+/// Begins a run as `beginning` says, under an identity that no other run has.
+pub(in crate::store) async fn begin(
+    connection: &mut SqliteConnection,
+    header: &RunHeader,
+    identity: Identity,
+    beginning: Beginning,
+) -> Result<Begun, sqlx::Error> {
+    let mut afresh_instead = false;
+    let run = match (beginning.onwards, &beginning.made_with) {
+        (Some(run_id), Some(made_with)) if is_made_otherwise(&mut *connection, run_id, made_with).await? => {
+            afresh_instead = true;
+            afresh(&mut *connection, run_id, header).await?
+        }
+        (Some(run_id), _) => onwards(&mut *connection, run_id, header).await?,
+        (None, _) => insert_new(&mut *connection, header).await?,
+    };
+    let run_id = run.run_id;
+    if let Some(made_with) = &beginning.made_with {
+        set_made_with(&mut *connection, run_id, made_with).await?;
+    }
+    if let Some(old) = beginning.instead_of {
+        replace(&mut *connection, run_id, old).await?;
+    }
+    match identity {
+        Identity::Content(hash) => identify(connection, run_id, &hash, header.source_bytes).await?,
+        Identity::Growing(_) if run.cycles_stored == 0 => {
+            let nothing = ContentPrefix { bytes: 0, hash: ContentHash(*blake3::hash(b"").as_bytes()) };
+            identify_growing(connection, run_id, &nothing).await?;
+        }
+        Identity::Growing(prefix) => identify_growing(connection, run_id, &prefix).await?,
+    }
+    Ok(Begun { run, afresh: afresh_instead })
+}
+
+async fn insert_new(connection: &mut SqliteConnection, header: &RunHeader) -> Result<KnownRun, sqlx::Error> {
+    let robot_id = robot_id(&mut *connection, &header.robot).await?;
+    Ok(begun(insert_run(connection, robot_id, header).await?))
+}
+
+/// Begins a run again from the first row: what was stored before may rest on a layout or robot that has
+/// been corrected since.
+async fn afresh(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    header: &RunHeader,
+) -> Result<KnownRun, sqlx::Error> {
+    delete_cycles(&mut *connection, run_id).await?;
+    resume::forget(&mut *connection, run_id).await?;
+    let robot_id = robot_id(&mut *connection, &header.robot).await?;
+    reopen_run(connection, run_id, robot_id, header).await?;
+    Ok(begun(run_id))
+}
+
+/// Goes on with a run whose content has become longer.
+async fn onwards(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    header: &RunHeader,
+) -> Result<KnownRun, sqlx::Error> {
+    let known = run_by_key(&mut *connection, run_id).await?;
+    match known.status {
+        RunStatus::Streaming => Ok(known),
+        RunStatus::Quarantined | RunStatus::Superseded => afresh(connection, run_id, header).await,
+        RunStatus::Complete => {
+            delete_last_cycle(&mut *connection, run_id).await?;
+            open_again(&mut *connection, run_id).await?;
+            run_by_key(connection, run_id).await
+        }
+    }
+}
+
+/// Lets `run_id` take the place of `old`: at its end if that one is complete, at once if its file changed
+/// before its end.
+async fn replace(connection: &mut SqliteConnection, run_id: i64, old: i64) -> Result<(), sqlx::Error> {
+    if run_by_key(&mut *connection, old).await?.status == RunStatus::Complete {
+        set_replaced(connection, run_id, old).await
+    } else {
+        supersede(connection, run_id, old).await
+    }
+}
+
+/// Marks `old` as superseded by `run_id`, which is read to its end; not if that is of another path and has
+/// fewer cycles, since a part of a copy is no correction, nor if it is a recording of another kind. Returns whether it
+/// was done.
+pub(in crate::store) async fn supersede_shorter(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    old: i64,
+) -> Result<bool, sqlx::Error> {
+    let is_in_its_place = is_as_long_or_here(&mut *connection, run_id, old).await?;
+    if is_in_its_place {
+        supersede(connection, run_id, old).await?;
+    }
+    Ok(is_in_its_place)
+}
+
+/// Gives a run that is ending the identity of its content, unless a complete run has it. An unfinished
+/// run of the same content gives way, and so does a superseded one: its rows would be the same.
+pub(in crate::store) async fn adopt(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    content: &ContentPrefix,
+) -> Result<Owner, sqlx::Error> {
+    match find_run(&mut *connection, &content.hash).await? {
+        Some(other) if other.run_id == run_id => {}
+        Some(other) if other.status == RunStatus::Complete => return Ok(Owner::Other(other.run_id)),
+        Some(other) => {
+            hand_on(&mut *connection, other.run_id, run_id).await?;
+            discard(&mut *connection, other.run_id).await?;
+        }
+        None => {}
+    }
+    identify(connection, run_id, &content.hash, content.bytes).await?;
+    Ok(Owner::Ours)
+}
+
+fn begun(run_id: i64) -> KnownRun {
+    KnownRun { run_id, status: RunStatus::Streaming, reason: None, cycles_stored: 0, retry_asked: false }
+}
+
+pub(in crate::store) async fn find_run(
+    executor: impl SqliteExecutor<'_>,
+    hash: &ContentHash,
+) -> Result<Option<KnownRun>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored,
+                retry_asked_at IS NOT NULL AS retry_asked
+         FROM run
+         WHERE content_hash = ?",
+    )
+    .bind(&hash.0[..])
+    .try_map(|row| known_run(&row))
+    .fetch_optional(executor)
+    .await
+}
+
+pub(in crate::store) async fn run_by_key(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<KnownRun, sqlx::Error> {
+    sqlx::query(
+        "SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored,
+                retry_asked_at IS NOT NULL AS retry_asked
+         FROM run
+         WHERE run_id = ?",
+    )
+    .bind(run_id)
+    .try_map(|row| known_run(&row))
+    .fetch_one(executor)
+    .await
+}
+
+/// Reads run_id, status, reason, cycles_stored and retry_asked.
+pub(in crate::store) fn known_run(row: &SqliteRow) -> Result<KnownRun, sqlx::Error> {
+    Ok(KnownRun {
+        run_id: row.try_get("run_id")?,
+        status: status(row, "status")?,
+        reason: row.try_get("reason")?,
+        cycles_stored: size(row, "cycles_stored")?,
+        retry_asked: row.try_get("retry_asked")?,
+    })
+}
+
+/// Key of a robot, which is entered on its first run.
+pub(in crate::store) async fn robot_id(
+    connection: &mut SqliteConnection,
+    name: &str,
+) -> Result<i64, sqlx::Error> {
+    sqlx::query("INSERT INTO robot (name) VALUES (?) ON CONFLICT (name) DO NOTHING")
+        .bind(name)
+        .execute(&mut *connection)
+        .await?;
+    sqlx::query_scalar("SELECT robot_id FROM robot WHERE name = ?").bind(name).fetch_one(connection).await
+}
+
+pub(in crate::store) async fn insert_run(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+    header: &RunHeader,
+) -> Result<i64, sqlx::Error> {
+    sqlx::query_scalar(
+        "INSERT INTO run (robot_id, model, started_at, source_name, source_path, source_bytes, content_hash, status)
+         VALUES (?, ?, ?, ?, ?, ?, ?, 'streaming')
+         RETURNING run_id",
+    )
+    .bind(robot_id)
+    .bind(&header.model)
+    .bind(header.started_at.as_microsecond())
+    .bind(&header.source_name)
+    .bind(&header.source_path)
+    .bind(count(header.source_bytes))
+    .bind(&header.content_hash.0[..])
+    .fetch_one(executor)
+    .await
+}
+
+async fn reopen_run(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    robot_id: i64,
+    header: &RunHeader,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET robot_id = ?, model = ?, started_at = ?, source_name = ?, source_path = ?, source_bytes = ?,
+             cycles_stored = 0, rows = NULL, rows_skipped = NULL, sample_rate_hz = NULL, cycles_total = NULL, prefix_bytes = NULL,
+             prefix_hash = NULL, replaces_run_id = NULL, superseded_by_run_id = NULL, status = 'streaming', reason = NULL,
+             reason_line = NULL, reason_column = NULL, retry_asked_at = NULL
+         WHERE run_id = ?",
+    )
+    .bind(robot_id)
+    .bind(&header.model)
+    .bind(header.started_at.as_microsecond())
+    .bind(&header.source_name)
+    .bind(&header.source_path)
+    .bind(count(header.source_bytes))
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Opens a complete run for further cycles. What is stored of the run as a whole is replaced at its next
+/// end.
+async fn open_again(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET status = 'streaming', rows = NULL, rows_skipped = NULL, sample_rate_hz = NULL, cycles_total = NULL,
+             cycles_stored = (SELECT count(*) FROM cycle WHERE cycle.run_id = run.run_id),
+             prefix_bytes = source_bytes, prefix_hash = content_hash
+         WHERE run_id = ?",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Writes down by which content a run is known.
+async fn identify(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    hash: &ContentHash,
+    bytes: u64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET content_hash = ?, source_bytes = ?, growing = 0 WHERE run_id = ?")
+        .bind(&hash.0[..])
+        .bind(count(bytes))
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// Writes down that the export of a run grows. A copy of what it held before must not be taken for it,
+/// so that the key becomes a number that no content has.
+async fn identify_growing(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    prefix: &ContentPrefix,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run SET content_hash = randomblob(32), growing = 1, prefix_bytes = ?, prefix_hash = ? WHERE run_id = ?",
+    )
+    .bind(count(prefix.bytes))
+    .bind(&prefix.hash.0[..])
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn set_replaced(executor: impl SqliteExecutor<'_>, run_id: i64, old: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET replaces_run_id = ? WHERE run_id = ?")
+        .bind(old)
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// Run that this one takes the place of when it is complete.
+pub(in crate::store) async fn replaced_by(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Option<i64>, sqlx::Error> {
+    let found: Option<Option<i64>> = sqlx::query_scalar("SELECT replaces_run_id FROM run WHERE run_id = ?")
+        .bind(run_id)
+        .fetch_optional(executor)
+        .await?;
+    Ok(found.flatten())
+}
+
+async fn is_as_long_or_here(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    old: i64,
+) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT new.kind = old.kind AND (new.source_path = old.source_path OR new.cycles_stored >= old.cycles_stored)
+         FROM run AS new, run AS old
+         WHERE new.run_id = ? AND old.run_id = ?",
+    )
+    .bind(run_id)
+    .bind(old)
+    .fetch_one(executor)
+    .await
+}
+
+/// Marks `old` as superseded by `run_id`. Its rows stay.
+pub(in crate::store) async fn supersede(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    old: i64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET status = 'quarantined', reason = 'superseded by run ' || ?1 || ': the recording was exported again',
+             reason_line = NULL, reason_column = NULL, retry_asked_at = NULL, superseded_by_run_id = ?1
+         WHERE run_id = ?2 AND superseded_by_run_id IS NULL",
+    )
+    .bind(run_id)
+    .bind(old)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Lets `other` be the successor of what `run_id` has superseded.
+pub(in crate::store) async fn hand_on(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    other: i64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET reason = 'superseded by run ' || ?1 || substr(reason, instr(reason, ':')), superseded_by_run_id = ?1
+         WHERE superseded_by_run_id = ?2",
+    )
+    .bind(other)
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn delete_last_cycle(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "DELETE FROM cycle
+         WHERE run_id = ?1 AND number = (SELECT max(last.number) FROM cycle AS last WHERE last.run_id = ?1)",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn delete_cycles(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM cycle WHERE run_id = ?").bind(run_id).execute(executor).await?;
+    Ok(())
+}
+
+/// Start of a run that takes cycles, in microseconds; `None` if it takes none.
+pub(in crate::store) async fn open_run_start(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Option<i64>, sqlx::Error> {
+    sqlx::query_scalar("SELECT started_at FROM run WHERE run_id = ? AND status = 'streaming'")
+        .bind(run_id)
+        .fetch_optional(executor)
+        .await
+}
+
+/// Robot of a run that is not quarantined.
+pub(in crate::store) async fn robot_of_run(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Option<i64>, sqlx::Error> {
+    sqlx::query_scalar("SELECT robot_id FROM run WHERE run_id = ? AND status <> 'quarantined'")
+        .bind(run_id)
+        .fetch_optional(executor)
+        .await
+}
+
+/// Moves the mark of progress by one cycle, and with it what the cycles were read from, where it is known.
+pub(in crate::store) async fn advance(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    robot_model_id: i64,
+    read: Option<&ContentPrefix>,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET cycles_stored = cycles_stored + 1, robot_model_id = ?, prefix_bytes = ifnull(?, prefix_bytes),
+             prefix_hash = ifnull(?, prefix_hash)
+         WHERE run_id = ?",
+    )
+    .bind(robot_model_id)
+    .bind(read.map(|prefix| count(prefix.bytes)))
+    .bind(read.map(|prefix| &prefix.hash.0[..]))
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+pub(in crate::store) async fn mark_complete(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    totals: RunTotals,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET status = 'complete', rows = ?, rows_skipped = ?, sample_rate_hz = ?, cycles_total = ?, growing = 0, prefix_bytes = NULL,
+             prefix_hash = NULL
+         WHERE run_id = ?",
+    )
+    .bind(count(totals.rows))
+    .bind(count(totals.rows_skipped))
+    .bind(finite(totals.sample_rate))
+    .bind(totals.cycles)
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Ends a run whose file is gone. Its content will not be known, so that the key becomes a number that no
+/// content has; what its cycles were read from tells the file if it comes back.
+pub(in crate::store) async fn give_up(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    reason: &str,
+) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query(
+        "UPDATE run
+         SET status = 'quarantined', reason = ?2, growing = 1, content_hash = randomblob(32),
+             prefix_bytes = iif(cycles_stored > 0, ifnull(prefix_bytes, source_bytes), NULL),
+             prefix_hash = iif(cycles_stored > 0, ifnull(prefix_hash, content_hash), NULL)
+         WHERE run_id = ?1 AND status = 'streaming'",
+    )
+    .bind(run_id)
+    .bind(reason)
+    .execute(executor)
+    .await?;
+    Ok(done.rows_affected() > 0)
+}
+
+/// Writes down what a run is a recording of; writes nothing where that stands already.
+pub(in crate::store) async fn set_kind(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    kind: RunKind,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET kind = ?1 WHERE run_id = ?2 AND kind <> ?1")
+        .bind(kind.name())
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// Takes away a run that is not complete, with its cycles. Returns whether there was one.
+pub(in crate::store) async fn discard(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query("DELETE FROM run WHERE run_id = ? AND status <> 'complete'")
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(done.rows_affected() > 0)
+}

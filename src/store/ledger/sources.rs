@@ -1,0 +1,305 @@
+//! Files as they were last seen.
+
+use std::path::PathBuf;
+
+use jiff::Timestamp;
+use sqlx::Row;
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+
+use super::runs::{KnownRun, known_run};
+use crate::run::{ContentHash, ContentPrefix, FileId, RunKind};
+use crate::store::models::StoredModel;
+use crate::store::values::{count, named, size, time};
+
+/// A file as the file system describes it, without a look into it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SourceState {
+    /// Size, bytes.
+    pub bytes: u64,
+    /// Time of the last modification.
+    pub modified: Timestamp,
+    /// Number of the file in its file system.
+    pub file: FileId,
+}
+
+/// A run whose export lay at a path, or in the file that lies there now.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EarlierRun {
+    /// The run.
+    pub run: KnownRun,
+    /// Its robot.
+    pub robot: String,
+    /// Start of its recording.
+    pub started_at: Timestamp,
+    /// File name of its export.
+    pub source_name: String,
+    /// What it is a recording of, once a cycle is stored.
+    pub kind: RunKind,
+    /// What is stored of it was read from these first bytes.
+    pub read: ContentPrefix,
+    /// Whether it lay at the path.
+    pub same_path: bool,
+    /// Whether it lay in the file.
+    pub same_file: bool,
+}
+
+/// What the name of a file says of its recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Recording<'n> {
+    /// The individual robot.
+    pub robot: &'n str,
+    /// Start.
+    pub started_at: Timestamp,
+    /// The name itself.
+    pub source_name: &'n str,
+}
+
+/// A file whose run is not complete, as it was when the run was last begun.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnfinishedSource {
+    /// The run.
+    pub run_id: i64,
+    /// Where the file lay.
+    pub path: String,
+    /// Its size, bytes.
+    pub bytes: u64,
+    /// Time of its last modification, to the microsecond.
+    pub modified: Timestamp,
+    /// Whether it was read while it grew, and not after it had settled.
+    pub growing: bool,
+}
+
+/// Most runs that are compared with a file: one lay at its path, and few in files of its number or of its
+/// recording.
+const MOST_EARLIER: i64 = 16;
+
+/// What tells the export of a run, and what its rows were analysed with.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RunSource {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// The individual robot.
+    pub robot: String,
+    /// File name of the export when it was taken.
+    pub source_name: String,
+    /// Where the export lay: where it was found first, then where it was seen later, latest first.
+    pub paths: Vec<PathBuf>,
+    /// Identity of its content.
+    pub content_hash: ContentHash,
+    /// The description that it was analysed with; `None` as long as no cycle is stored.
+    pub model: Option<StoredModel>,
+}
+
+pub(in crate::store) async fn find(
+    executor: impl SqliteExecutor<'_>,
+    path: &str,
+    state: SourceState,
+) -> Result<Option<KnownRun>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, run.reason,
+                run.cycles_stored, retry_asked_at IS NOT NULL AS retry_asked
+         FROM source_file JOIN run USING (run_id)
+         WHERE source_file.path = ? AND source_file.bytes = ? AND source_file.modified = ?",
+    )
+    .bind(path)
+    .bind(count(state.bytes))
+    .bind(state.modified.as_microsecond())
+    .try_map(|row| known_run(&row))
+    .fetch_optional(executor)
+    .await
+}
+
+/// Farthest that two time zones lie apart, in microseconds: a start that was read by another one is within.
+const ZONES_APART: i64 = 26 * 3_600_000_000;
+
+/// Runs whose export lay at `path` or in the file of this number, or may be of this recording: robot and start are
+/// alike, or robot and name, where the start was read by the clock of another time zone. That of the path first, then
+/// the newest.
+pub(in crate::store) async fn earlier_runs(
+    executor: impl SqliteExecutor<'_>,
+    path: &str,
+    file: FileId,
+    recording: Option<Recording<'_>>,
+) -> Result<Vec<EarlierRun>, sqlx::Error> {
+    sqlx::query(
+        "WITH earlier AS (
+             SELECT run_id FROM source_file WHERE path = ?1
+             UNION
+             SELECT run_id FROM run WHERE inode = ?2 AND device = ?3
+             UNION
+             SELECT run_id FROM robot JOIN run USING (robot_id)
+             WHERE robot.name = ?5 AND status IN ('streaming', 'complete', 'quarantined')
+               AND started_at BETWEEN ?6 - ?8 AND ?6 + ?8 AND (started_at = ?6 OR source_name = ?7)
+         )
+         SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored,
+                retry_asked_at IS NOT NULL AS retry_asked, robot.name AS robot, started_at, source_name, kind,
+                EXISTS (SELECT 1 FROM source_file WHERE path = ?1 AND source_file.run_id = run.run_id) AS same_path,
+                ifnull(inode = ?2 AND device = ?3, 0) AS same_file,
+                iif(status = 'streaming' OR growing, ifnull(prefix_bytes, source_bytes), source_bytes) AS bytes,
+                iif(status = 'streaming' OR growing, ifnull(prefix_hash, content_hash), content_hash) AS hash
+         FROM earlier
+         JOIN run USING (run_id)
+         JOIN robot USING (robot_id)
+         ORDER BY same_path DESC, run_id DESC
+         LIMIT ?4",
+    )
+    .bind(path)
+    .bind(file.inode.cast_signed())
+    .bind(file.device.cast_signed())
+    .bind(MOST_EARLIER)
+    .bind(recording.map(|of| of.robot))
+    .bind(recording.map(|of| of.started_at.as_microsecond()))
+    .bind(recording.map(|of| of.source_name))
+    .bind(ZONES_APART)
+    .try_map(|row: SqliteRow| {
+        let hash: Vec<u8> = row.try_get("hash")?;
+        let hash = hash.try_into().map_err(|_| sqlx::Error::Decode("a hash of another length".into()))?;
+        Ok(EarlierRun {
+            run: known_run(&row)?,
+            robot: row.try_get("robot")?,
+            started_at: time(&row, "started_at")?,
+            source_name: row.try_get("source_name")?,
+            kind: named(&row, "kind", &[RunKind::Test, RunKind::Production], RunKind::name)?,
+            read: ContentPrefix { bytes: size(&row, "bytes")?, hash: ContentHash(hash) },
+            same_path: row.try_get("same_path")?,
+            same_file: row.try_get("same_file")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Files of runs that are not complete.
+pub(in crate::store) async fn unfinished(
+    executor: impl SqliteExecutor<'_>,
+) -> Result<Vec<UnfinishedSource>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, path, bytes, modified, growing
+         FROM run JOIN source_file USING (run_id)
+         WHERE status = 'streaming'
+         ORDER BY run.run_id, path",
+    )
+    .try_map(|row: SqliteRow| {
+        Ok(UnfinishedSource {
+            run_id: row.try_get("run_id")?,
+            path: from_root(row.try_get("path")?),
+            bytes: size(&row, "bytes")?,
+            modified: time(&row, "modified")?,
+            growing: row.try_get("growing")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// A path from the root on. Earlier versions stored paths as they were given, mostly by a daemon that is still started
+/// in the same folder.
+fn from_root(path: String) -> String {
+    let absolute = std::path::absolute(&path).ok();
+    absolute.and_then(|path| path.into_os_string().into_string().ok()).unwrap_or(path)
+}
+
+pub(in crate::store) async fn remember(
+    executor: impl SqliteExecutor<'_>,
+    path: &str,
+    state: SourceState,
+    run_id: i64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "INSERT INTO source_file (path, bytes, modified, run_id) VALUES (?, ?, ?, ?)
+         ON CONFLICT (path) DO UPDATE
+         SET bytes = excluded.bytes, modified = excluded.modified, run_id = excluded.run_id",
+    )
+    .bind(path)
+    .bind(count(state.bytes))
+    .bind(state.modified.as_microsecond())
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Writes down which file a run is read from.
+pub(in crate::store) async fn set_file(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    file: FileId,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET device = ?, inode = ? WHERE run_id = ?")
+        .bind(file.device.cast_signed())
+        .bind(file.inode.cast_signed())
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// Run `run_id` with the first of its paths.
+pub(in crate::store) async fn of_run(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Option<RunSource>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, robot.name AS robot, source_name, source_path, content_hash,
+                run.robot_model_id, robot_model.name AS model, description_hash
+         FROM run
+         JOIN robot USING (robot_id)
+         LEFT JOIN robot_model USING (robot_model_id)
+         WHERE run.run_id = ?",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        let hash: Vec<u8> = row.try_get("content_hash")?;
+        let hash = hash.try_into().map_err(|_| sqlx::Error::Decode("a content hash of odd length".into()))?;
+        let path: String = row.try_get("source_path")?;
+        let model = match row.try_get::<Option<i64>, _>("robot_model_id")? {
+            Some(robot_model_id) => Some(StoredModel {
+                robot_model_id,
+                name: row.try_get("model")?,
+                description_hash: row.try_get("description_hash")?,
+            }),
+            None => None,
+        };
+        Ok(RunSource {
+            run_id: row.try_get("run_id")?,
+            robot: row.try_get("robot")?,
+            source_name: row.try_get("source_name")?,
+            paths: vec![path.into()],
+            content_hash: ContentHash(hash),
+            model,
+        })
+    })
+    .fetch_optional(executor)
+    .await
+}
+
+/// Paths at which the export of a run was seen, latest modification first.
+pub(in crate::store) async fn paths_of_run(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Vec<String>, sqlx::Error> {
+    sqlx::query_scalar("SELECT path FROM source_file WHERE run_id = ? ORDER BY modified DESC, path")
+        .bind(run_id)
+        .fetch_all(executor)
+        .await
+}
+
+/// Content of the latest run whose export had this file name and that is neither quarantined, superseded nor
+/// growing.
+pub(in crate::store) async fn content_named(
+    executor: impl SqliteExecutor<'_>,
+    source_name: &str,
+) -> Result<Option<ContentHash>, sqlx::Error> {
+    let hash: Option<Vec<u8>> = sqlx::query_scalar(
+        "SELECT content_hash FROM run
+         WHERE source_name = ? AND status <> 'quarantined' AND NOT growing
+         ORDER BY run_id DESC
+         LIMIT 1",
+    )
+    .bind(source_name)
+    .fetch_optional(executor)
+    .await?;
+    let whole =
+        |hash: Vec<u8>| hash.try_into().map_err(|_| sqlx::Error::Decode("a hash of another length".into()));
+    hash.map(whole).transpose().map(|hash| hash.map(ContentHash))
+}

@@ -1,0 +1,9 @@
+//! What cycles and runs gave.
+
+pub(super) mod record;
+pub(super) mod factors;
+pub(super) mod intervals;
+pub(super) mod temperatures;
+pub(super) mod verification;
+pub(super) mod production;
+pub(super) mod run_analysis;

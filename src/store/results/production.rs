@@ -1,0 +1,333 @@
+//! Windows of production held against parameters of tests.
+
+use std::collections::BTreeMap;
+
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+
+use crate::analysis::{
+    Estimator, FrictionExcess, JointCheck, ProductionCheck, ProductionJoint, Rmsd, RmsdPair,
+};
+use crate::anomaly::ProductionSummary;
+use crate::numerics::production::summarise;
+use crate::store::values::of_some_rows;
+use crate::store::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, size, time};
+
+/// Writes the check of a window that has none. Call in a transaction.
+pub(in crate::store) async fn record(
+    connection: &mut SqliteConnection,
+    cycle_id: i64,
+    check: &ProductionCheck,
+) -> Result<(), sqlx::Error> {
+    for joints in check.joints.chunks(ROWS_PER_STATEMENT) {
+        insert(&mut *connection, cycle_id, check, joints).await?;
+    }
+    Ok(())
+}
+
+async fn insert(
+    executor: impl SqliteExecutor<'_>,
+    cycle_id: i64,
+    of: &ProductionCheck,
+    joints: &[JointCheck],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO production_check (cycle_id, joint, reference_run_id, estimator, rmsd_nm, relative_rmsd, samples,
+                                       moving_rmsd_nm, moving_relative_rmsd, moving_samples, friction_excess, friction_share) ",
+    )
+    .push_values(joints, |mut row, check| {
+        row.push_bind(cycle_id)
+            .push_bind(joint_number(check.joint))
+            .push_bind(of.reference_run_id)
+            .push_bind(of.estimator.name());
+        for rmsd in [check.rmsd.all_rows, check.rmsd.moving_rows] {
+            row.push_bind(of_some_rows(rmsd, rmsd.value))
+                .push_bind(of_some_rows(rmsd, rmsd.relative))
+                .push_bind(count(rmsd.samples));
+        }
+        row.push_bind(check.friction.and_then(|friction| finite(friction.excess)))
+            .push_bind(check.friction.and_then(|friction| finite(friction.share)));
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// At most so many complete tests with parameters of the robot of `run_id`, the latest no later than it first, then
+/// the first later one.
+pub(in crate::store) async fn reference_runs(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    most: usize,
+) -> Result<Vec<i64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT test.run_id
+         FROM run
+         JOIN run AS test USING (robot_id)
+         WHERE run.run_id = ? AND test.status = 'complete' AND test.kind = 'test'
+               AND EXISTS (SELECT 1 FROM cycle WHERE cycle.run_id = test.run_id AND cycle.status = 'complete'
+                           AND NOT cycle.doubtful)
+         ORDER BY test.started_at > run.started_at, abs(test.started_at - run.started_at), test.content_hash DESC
+         LIMIT ?",
+    )
+    .bind(run_id)
+    .bind(count(most))
+    .fetch_all(executor)
+    .await
+}
+
+/// A test that production may be held against.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, sqlx::FromRow)]
+pub struct ReferenceTest {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// Start of the recording, microseconds UTC.
+    pub started_at: i64,
+    /// Description that its parameters belong to.
+    pub robot_model_id: i64,
+}
+
+/// A window of production with factors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, sqlx::FromRow)]
+pub struct ProductionWindow {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// Number of the window, from 1.
+    pub cycle: u32,
+    /// Start of the window, microseconds UTC.
+    pub started_at: i64,
+    /// Description that its factors were made with.
+    pub robot_model_id: i64,
+    /// The test that conclusions have held it against, by the estimator that was asked for.
+    pub settled_against: Option<i64>,
+}
+
+/// Complete tests of a robot with parameters, oldest first. Their order follows what was recorded, not when it
+/// was stored.
+pub(in crate::store) async fn reference_tests(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+) -> Result<Vec<ReferenceTest>, sqlx::Error> {
+    sqlx::query_as(
+        "SELECT run.run_id, run.started_at, max(factor_layout.robot_model_id) AS robot_model_id
+         FROM run
+         JOIN cycle USING (run_id)
+         JOIN cycle_factor_layout USING (cycle_id)
+         JOIN factor_layout USING (factor_layout_id)
+         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'complete'
+               AND NOT cycle.doubtful
+         GROUP BY run.run_id
+         -- cycles of two descriptions cannot be taken together
+         HAVING min(factor_layout.robot_model_id) = max(factor_layout.robot_model_id)
+         ORDER BY run.started_at, run.content_hash",
+    )
+    .bind(robot_id)
+    .fetch_all(executor)
+    .await
+}
+
+/// Windows of production of a robot, by run and number. Those of quarantined logs are among them: they are shown.
+pub(in crate::store) async fn windows(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+    estimator: Estimator,
+) -> Result<Vec<ProductionWindow>, sqlx::Error> {
+    sqlx::query_as(
+        "SELECT run.run_id, cycle.number AS cycle, cycle.started_at, factor_layout.robot_model_id,
+                (SELECT reference_run_id FROM production_check
+                 WHERE production_check.cycle_id = cycle.cycle_id AND settled
+                       AND production_check.estimator = ?2
+                 LIMIT 1) AS settled_against
+         FROM run
+         JOIN cycle USING (run_id)
+         JOIN cycle_factor_layout USING (cycle_id)
+         JOIN factor_layout USING (factor_layout_id)
+         WHERE run.robot_id = ?1 AND run.kind = 'production' AND run.superseded_by_run_id IS NULL
+               AND cycle.status = 'complete'
+         ORDER BY run.run_id, cycle.number",
+    )
+    .bind(robot_id)
+    .bind(estimator.name())
+    .fetch_all(executor)
+    .await
+}
+
+/// Writes what windows of a run, given by their numbers, are held against from now on, in place of what was written
+/// before, and what the run comes to with it. Call in a transaction.
+pub(in crate::store) async fn settle(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    checks: &[(u32, ProductionCheck)],
+) -> Result<(), sqlx::Error> {
+    for (number, check) in checks {
+        let Some(cycle_id) = cycle_id(&mut *connection, run_id, *number).await? else { continue };
+        delete(&mut *connection, cycle_id).await?;
+        record(&mut *connection, cycle_id, check).await?;
+        mark_settled(&mut *connection, cycle_id).await?;
+    }
+    let mut by_reference: BTreeMap<i64, BTreeMap<u32, Vec<JointCheck>>> = BTreeMap::new();
+    for (reference, cycle, check) in checks_of_run(&mut *connection, run_id).await? {
+        by_reference.entry(reference).or_default().entry(cycle).or_default().push(check);
+    }
+    delete_summaries(&mut *connection, run_id).await?;
+    for (reference, windows) in by_reference {
+        let joints = summarise(windows.values().map(Vec::as_slice));
+        if !joints.is_empty() {
+            insert_summaries(&mut *connection, run_id, reference, &joints).await?;
+        }
+    }
+    Ok(())
+}
+
+async fn cycle_id(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    number: u32,
+) -> Result<Option<i64>, sqlx::Error> {
+    sqlx::query_scalar("SELECT cycle_id FROM cycle WHERE run_id = ? AND number = ?")
+        .bind(run_id)
+        .bind(number)
+        .fetch_optional(executor)
+        .await
+}
+
+async fn delete(executor: impl SqliteExecutor<'_>, cycle_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM production_check WHERE cycle_id = ?").bind(cycle_id).execute(executor).await?;
+    Ok(())
+}
+
+async fn mark_settled(executor: impl SqliteExecutor<'_>, cycle_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE production_check SET settled = 1 WHERE cycle_id = ?")
+        .bind(cycle_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// Settled checks of a run with the test and the number of the window; what no summary needs is left out.
+async fn checks_of_run(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Vec<(i64, u32, JointCheck)>, sqlx::Error> {
+    sqlx::query(
+        "SELECT reference_run_id, cycle.number AS cycle, joint, moving_relative_rmsd, moving_samples,
+                friction_excess, friction_share
+         FROM cycle
+         JOIN production_check USING (cycle_id)
+         WHERE run_id = ? AND settled AND moving_relative_rmsd IS NOT NULL
+         ORDER BY cycle.number, joint",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        let relative = row.try_get("moving_relative_rmsd")?;
+        let moving_rows = Rmsd { relative, samples: size(&row, "moving_samples")?, ..Rmsd::default() };
+        let excess: Option<f64> = row.try_get("friction_excess")?;
+        let share: Option<f64> = row.try_get("friction_share")?;
+        let check = JointCheck {
+            joint: joint(&row, "joint")?,
+            rmsd: RmsdPair { moving_rows, ..RmsdPair::default() },
+            friction: excess.zip(share).map(|(excess, share)| FrictionExcess { excess, share }),
+        };
+        Ok((row.try_get("reference_run_id")?, size(&row, "cycle")?, check))
+    })
+    .fetch_all(executor)
+    .await
+}
+
+async fn delete_summaries(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM production_summary WHERE run_id = ?").bind(run_id).execute(executor).await?;
+    Ok(())
+}
+
+async fn insert_summaries(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    reference_run_id: i64,
+    joints: &[ProductionJoint],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO production_summary (run_id, reference_run_id, joint, windows, relative_rmsd, friction_excess,
+                                         friction_share) ",
+    )
+    .push_values(joints, |mut row, of| {
+        row.push_bind(run_id)
+            .push_bind(reference_run_id)
+            .push_bind(joint_number(of.joint))
+            .push_bind(count(of.windows))
+            .push_bind(of.relative_rmsd)
+            .push_bind(of.friction.excess)
+            .push_bind(of.friction.share);
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// What a robot's complete logs of production come to, oldest first.
+pub(in crate::store) async fn summaries(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+) -> Result<Vec<ProductionSummary>, sqlx::Error> {
+    let rows = sqlx::query(
+        "SELECT run.run_id, run.started_at, summary.reference_run_id, summary.joint, summary.windows,
+                summary.relative_rmsd, summary.friction_excess, summary.friction_share,
+                of_test.relative_rmsd AS test_relative_rmsd
+         FROM run
+         JOIN production_summary AS summary USING (run_id)
+         JOIN run AS test ON test.run_id = summary.reference_run_id
+         LEFT JOIN run_joint_summary AS of_test
+                   ON of_test.run_id = summary.reference_run_id AND of_test.joint = summary.joint
+         WHERE run.robot_id = ? AND run.status = 'complete'
+         ORDER BY run.started_at, run.content_hash, test.started_at, test.content_hash, summary.joint",
+    )
+    .bind(robot_id)
+    .try_map(|row: SqliteRow| {
+        let of_joint = ProductionJoint {
+            joint: joint(&row, "joint")?,
+            windows: size(&row, "windows")?,
+            relative_rmsd: row.try_get("relative_rmsd")?,
+            friction: FrictionExcess {
+                excess: row.try_get("friction_excess")?,
+                share: row.try_get("friction_share")?,
+            },
+            test_relative_rmsd: row.try_get("test_relative_rmsd")?,
+        };
+        Ok(ProductionSummary {
+            run_id: row.try_get("run_id")?,
+            started_at: time(&row, "started_at")?,
+            reference_run_id: row.try_get("reference_run_id")?,
+            joints: vec![of_joint],
+        })
+    })
+    .fetch_all(executor)
+    .await?;
+    let mut runs: Vec<ProductionSummary> = Vec::new();
+    for row in rows {
+        match runs.last_mut() {
+            Some(last) if (last.run_id, last.reference_run_id) == (row.run_id, row.reference_run_id) => {
+                last.joints.extend(row.joints);
+            }
+            _ => runs.push(row),
+        }
+    }
+    Ok(runs)
+}
+
+/// The run whose parameters a window was held against.
+pub(in crate::store) async fn checked_against(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    cycle: u32,
+) -> Result<Option<i64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT reference_run_id FROM cycle JOIN production_check USING (cycle_id)
+         WHERE run_id = ? AND number = ?
+         LIMIT 1",
+    )
+    .bind(run_id)
+    .bind(cycle)
+    .fetch_optional(executor)
+    .await
+}

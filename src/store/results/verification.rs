@@ -1,0 +1,119 @@
+//! Self-verification of a run's cycles, read back: what estimated and measured torque differ by.
+
+use sqlx::Row;
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+
+use crate::analysis::{Rmsd, RmsdPair, RmsdScope, TorqueRmsd, WarmingContrast};
+use crate::run::Stage;
+use crate::store::values::{joint, named, size};
+
+/// What the ledger has of one cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleState {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// Rows of the cycle in the export.
+    pub rows: usize,
+    /// Cut-off of the analysis low-pass, Hz; `None` for a cycle that could not be filtered.
+    pub cutoff: Option<f64>,
+    /// Why the cycle has no parameters, where it has none.
+    pub reason: Option<String>,
+}
+
+/// A deviation that is known by its cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OfCycle<T> {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// What is known of it.
+    pub value: T,
+}
+
+/// All cycles of a run, in order.
+pub(in crate::store) async fn cycle_states(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Vec<CycleState>, sqlx::Error> {
+    sqlx::query("SELECT number, rows, cutoff_hz, reason FROM cycle WHERE run_id = ? ORDER BY number")
+        .bind(run_id)
+        .try_map(|row: SqliteRow| {
+            Ok(CycleState {
+                cycle: size(&row, "number")?,
+                rows: size(&row, "rows")?,
+                cutoff: row.try_get("cutoff_hz")?,
+                reason: row.try_get("reason")?,
+            })
+        })
+        .fetch_all(executor)
+        .await
+}
+
+/// RMSD of a run's cycles with their own parameters, by cycle, joint and stage.
+pub(in crate::store) async fn self_rmsd(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Vec<OfCycle<TorqueRmsd>>, sqlx::Error> {
+    const SCOPES: [RmsdScope; 4] = [
+        RmsdScope::Stage(Stage::Excitation),
+        RmsdScope::Stage(Stage::Friction),
+        RmsdScope::Stage(Stage::Warming),
+        RmsdScope::WholeCycle,
+    ];
+    sqlx::query(
+        "SELECT cycle, joint, stage, rmsd_nm, relative_rmsd, moving_rmsd_nm, moving_relative_rmsd, samples,
+                moving_samples
+         FROM cycle_rmsd
+         WHERE run_id = ? AND verification = 'self'
+         ORDER BY cycle, joint, CASE stage WHEN 'excitation' THEN 1 WHEN 'friction' THEN 2
+                                           WHEN 'warming' THEN 3 ELSE 4 END",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        let RmsdPair { all_rows, moving_rows } = pair(&row, "")?;
+        let scope = named(&row, "stage", &SCOPES, RmsdScope::name)?;
+        let value = TorqueRmsd { joint: joint(&row, "joint")?, scope, all_rows, moving_rows };
+        Ok(OfCycle { cycle: size(&row, "cycle")?, value })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Start against end of the warming stages of a run's cycles, by cycle and joint.
+pub(in crate::store) async fn warming_contrasts(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Vec<OfCycle<WarmingContrast>>, sqlx::Error> {
+    sqlx::query(
+        "SELECT cycle, joint, start_rmsd_nm, end_rmsd_nm, start_relative_rmsd, end_relative_rmsd,
+                start_moving_rmsd_nm, end_moving_rmsd_nm, start_moving_relative_rmsd,
+                end_moving_relative_rmsd, start_samples, end_samples, start_moving_samples,
+                end_moving_samples
+         FROM warming_contrast
+         WHERE run_id = ?
+         ORDER BY cycle, joint",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        let (start, end) = (pair(&row, "start_")?, pair(&row, "end_")?);
+        let value = WarmingContrast { joint: joint(&row, "joint")?, start, end };
+        Ok(OfCycle { cycle: size(&row, "cycle")?, value })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Reads the six columns of a deviation, whose names begin with `prefix`.
+fn pair(row: &SqliteRow, prefix: &str) -> Result<RmsdPair, sqlx::Error> {
+    let rows = |motion: &str| -> Result<Rmsd, sqlx::Error> {
+        let figure = |name: &str| -> Result<f64, sqlx::Error> {
+            let value: Option<f64> = row.try_get(format!("{prefix}{motion}{name}").as_str())?;
+            Ok(value.unwrap_or(f64::NAN))
+        };
+        let samples = size(row, &format!("{prefix}{motion}samples"))?;
+        if samples == 0 {
+            return Ok(Rmsd::default());
+        }
+        Ok(Rmsd { value: figure("rmsd_nm")?, relative: figure("relative_rmsd")?, samples })
+    };
+    Ok(RmsdPair { all_rows: rows("")?, moving_rows: rows("moving_")? })
+}

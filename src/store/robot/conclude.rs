@@ -1,0 +1,161 @@
+//! What follows from a robot's history: which robots wait for it, what it is drawn from, and the transaction
+//! that stores it.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use sqlx::sqlite::SqliteExecutor;
+use sqlx::{Sqlite, Transaction};
+
+use super::anomalies::{self, Reconciled};
+use super::{conclusion_faults, friction, history};
+use crate::analysis::{ProductionCheck, WarmUpFit};
+use crate::anomaly::{Findings, ProductionSummary, RunSummary};
+use crate::numerics::friction::index::RobotFriction;
+use crate::store::error::StoreError;
+use crate::store::results::{production, run_analysis};
+
+/// A robot whose conclusions are older than its history.
+#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+pub struct StaleRobot {
+    /// Its key.
+    pub robot_id: i64,
+    /// Its name.
+    pub name: String,
+    /// How often its history had changed when this was read.
+    pub history: i64,
+}
+
+/// An open transaction that stores what a robot's history says. Dropping it without
+/// [`commit`](Self::commit) leaves the database as it was. It holds the only writer: read and compute before
+/// opening it.
+#[derive(Debug)]
+pub struct ConclusionTransaction {
+    pub(in crate::store) transaction: Transaction<'static, Sqlite>,
+    pub(in crate::store) path: Arc<Path>,
+    pub(in crate::store) robot_id: i64,
+}
+
+impl ConclusionTransaction {
+    /// Replaces the fits over all runs of the robot.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn replace_mixed_fits(&mut self, fits: &[WarmUpFit]) -> Result<(), StoreError> {
+        let result = run_analysis::replace_mixed_fits(&mut self.transaction, self.robot_id, fits).await;
+        self.checked(result)
+    }
+
+    /// Replaces the friction maps of the robot, and the friction index of the runs `run_ids` that they
+    /// stand on, in the order of `found.indices`.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn replace_friction_maps(
+        &mut self,
+        run_ids: &[i64],
+        found: &RobotFriction,
+    ) -> Result<(), StoreError> {
+        let result = friction::replace_maps(&mut self.transaction, self.robot_id, run_ids, found).await;
+        self.checked(result)
+    }
+
+    /// How often the robot's history has changed by now.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn history(&mut self) -> Result<i64, StoreError> {
+        let result = history_of(&mut *self.transaction, self.robot_id).await;
+        self.checked(result)
+    }
+
+    /// Writes what windows of a run of production, given by their numbers, are held against, in place of what was
+    /// stored of them.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn settle_production(
+        &mut self,
+        run_id: i64,
+        checks: &[(u32, ProductionCheck)],
+    ) -> Result<(), StoreError> {
+        let result = production::settle(&mut self.transaction, run_id, checks).await;
+        self.checked(result)
+    }
+
+    /// Reads what the robot's complete logs of production come to, in the order of their starts.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn production_summaries(&mut self) -> Result<Vec<ProductionSummary>, StoreError> {
+        let result = production::summaries(&mut *self.transaction, self.robot_id).await;
+        self.checked(result)
+    }
+
+    /// Reads the summaries of the robot's complete runs, ordered by start, then key, with the friction index that
+    /// was stored last.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn run_summaries(&mut self) -> Result<Vec<RunSummary>, StoreError> {
+        let result = history::run_summaries(&mut self.transaction, self.robot_id).await;
+        self.checked(result)
+    }
+
+    /// Makes the stored anomalies and health of the robot agree with its whole history. Known
+    /// anomalies keep their number and a person's acknowledgement; those that ended are resolved, those that
+    /// vanished withdrawn.
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] for findings that name a run which is not stored.
+    pub async fn reconcile(&mut self, findings: &Findings) -> Result<Reconciled, StoreError> {
+        let result = anomalies::reconcile(&mut self.transaction, self.robot_id, findings).await;
+        self.checked(result)
+    }
+
+    /// Makes all of it lasting, as what the history says that had changed `history` times. If it has changed
+    /// since, the robot stays stale.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database; nothing is stored then.
+    pub async fn commit(mut self, history: i64) -> Result<(), StoreError> {
+        let marked = mark_concluded(&mut *self.transaction, self.robot_id, history).await;
+        self.checked(marked)?;
+        let forgotten = conclusion_faults::forget(&mut *self.transaction, self.robot_id).await;
+        self.checked(forgotten)?;
+        self.transaction.commit().await.map_err(|e| StoreError::from_sqlx(&self.path, &e))
+    }
+
+    fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+        result.map_err(|e| StoreError::from_sqlx(&self.path, &e))
+    }
+}
+
+/// Robots whose history has changed since conclusions were drawn from it, by name.
+pub(in crate::store) async fn stale_robots(
+    executor: impl SqliteExecutor<'_>,
+) -> Result<Vec<StaleRobot>, sqlx::Error> {
+    sqlx::query_as("SELECT robot_id, name, history FROM robot WHERE history <> concluded ORDER BY name")
+        .fetch_all(executor)
+        .await
+}
+
+async fn history_of(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<i64, sqlx::Error> {
+    sqlx::query_scalar("SELECT history FROM robot WHERE robot_id = ?")
+        .bind(robot_id)
+        .fetch_one(executor)
+        .await
+}
+
+async fn mark_concluded(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+    history: i64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE robot SET concluded = ? WHERE robot_id = ?")
+        .bind(history)
+        .bind(robot_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}

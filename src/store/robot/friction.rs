@@ -1,0 +1,447 @@
+//! Friction over speed and thermal state: read back for maps, written at the end of a run.
+
+use std::collections::HashMap;
+
+use jiff::Timestamp;
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+
+use super::history;
+use crate::analysis::friction::{
+    FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient, ThermalSource,
+};
+use crate::analysis::{CycleTemperatures, Estimate, FrictionPoint};
+use crate::numerics::friction::index::RobotFriction;
+use crate::numerics::friction::record::{CycleMotion, MapRun};
+use crate::numerics::signal::filter::independent_fraction;
+use crate::robot::JointIndex;
+use crate::run::temperature::ZERO_CELSIUS;
+use crate::store::results::temperatures;
+use crate::store::values::{
+    ROWS_PER_STATEMENT, count, finite, joint, joint_number, json_numbers, size, time,
+};
+
+/// Runs that maps and fits over runs are made of, of a longer history: the first ones, which hold the
+/// baseline, and the latest ones. That bounds the work of a conclusion; what lies between has no later say.
+const FIRST_RUNS: usize = 12;
+const LATEST_RUNS: usize = 24;
+
+const MICROSECONDS: f64 = 1e6;
+
+/// A run's friction with its key.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrictionRun {
+    /// Database key.
+    pub run_id: i64,
+    /// Start, motion and plateaus.
+    pub run: MapRun,
+}
+
+/// Friction over speed of one cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleSpeedFits {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// One entry a joint.
+    pub joints: Vec<JointSpeedFits>,
+}
+
+/// Friction of the robot's first and latest complete runs, oldest first.
+pub(in crate::store) async fn friction_runs(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+) -> Result<Vec<FrictionRun>, sqlx::Error> {
+    let starts = first_and_latest_runs(&mut *connection, robot_id).await?;
+    let mut runs = Vec::with_capacity(starts.len());
+    for (run_id, started_at) in starts {
+        let temperatures = temperatures::of_run(&mut *connection, run_id).await?;
+        let spans = motion(&mut *connection, run_id, started_at, temperatures).await?;
+        let points = history::friction_points(&mut *connection, run_id).await?;
+        let points = points.into_iter().map(|row| row.point).collect();
+        runs.push(FrictionRun {
+            run_id,
+            run: MapRun { started_at: started_at as f64 / MICROSECONDS, spans, points },
+        });
+    }
+    Ok(runs)
+}
+
+/// Friction points of the robot's first and latest complete runs at one nominal speed, oldest run first;
+/// times count from the start of each point's own run.
+pub(in crate::store) async fn friction_history(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+    speed_fraction: f64,
+) -> Result<Vec<FrictionPoint>, sqlx::Error> {
+    let mut points = Vec::new();
+    for (run_id, _) in first_and_latest_runs(&mut *connection, robot_id).await? {
+        points.extend(history::friction_points_at(&mut *connection, run_id, speed_fraction).await?);
+    }
+    Ok(points)
+}
+
+/// Key and start, in microseconds, of the first and latest complete runs of a robot, oldest first.
+async fn first_and_latest_runs(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+) -> Result<Vec<(i64, i64)>, sqlx::Error> {
+    let mut starts: Vec<(i64, i64)> = sqlx::query_as(
+        "SELECT run_id, started_at FROM run
+         WHERE robot_id = ? AND kind = 'test' AND status = 'complete'
+         ORDER BY started_at, run_id",
+    )
+    .bind(robot_id)
+    .fetch_all(executor)
+    .await?;
+    if starts.len() > FIRST_RUNS + LATEST_RUNS {
+        starts.drain(FIRST_RUNS..starts.len() - LATEST_RUNS);
+    }
+    Ok(starts)
+}
+
+/// The cycles of a run as stretches of motion: a test moves from its first row to its last. `temperatures` are
+/// those of the cycles by their key.
+async fn motion(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    run_started_at: i64,
+    mut temperatures: HashMap<i64, CycleTemperatures>,
+) -> Result<Vec<CycleMotion>, sqlx::Error> {
+    sqlx::query(
+        "SELECT cycle_id, started_at, duration_s, mean_speeds_rad_s FROM cycle
+         WHERE run_id = ? ORDER BY started_at",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        let start = (row.try_get::<i64, _>("started_at")? - run_started_at) as f64 / MICROSECONDS;
+        let duration: f64 = row.try_get("duration_s")?;
+        let speeds: Option<&str> = row.try_get("mean_speeds_rad_s")?;
+        let speeds = speeds.map_or(Ok(Vec::new()), serde_json::from_str);
+        let speeds = speeds.map_err(|error| sqlx::Error::Decode(error.into()))?;
+        let temperatures = temperatures.remove(&row.try_get("cycle_id")?).unwrap_or_default();
+        Ok(CycleMotion { start, end: start + duration, speeds, temperatures })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Fraction of independent rows of each cycle of a run, by number; those without a low-pass left out.
+pub(in crate::store) async fn independent_fractions(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<HashMap<u32, f64>, sqlx::Error> {
+    let rows = sqlx::query(
+        "SELECT number, sample_rate_hz, cutoff_hz FROM cycle
+         WHERE run_id = ? AND sample_rate_hz > 0 AND cutoff_hz > 0",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        let fraction = independent_fraction(row.try_get("cutoff_hz")?, row.try_get("sample_rate_hz")?);
+        Ok((size::<u32>(&row, "number")?, fraction))
+    })
+    .fetch_all(executor)
+    .await?;
+    Ok(rows.into_iter().collect())
+}
+
+/// The friction index of one joint in one run, with its run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IndexRow {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// Start of the run.
+    pub started_at: Timestamp,
+    /// The joint.
+    pub joint: JointIndex,
+    /// 1 = unchanged.
+    pub index: Estimate,
+    /// Friction as measured against that of the baseline.
+    pub raw: Option<f64>,
+    /// Whether the run was too short for the map.
+    pub short: bool,
+}
+
+/// Indices of a robot's complete runs, by joint, oldest run first.
+pub(in crate::store) async fn indices(
+    executor: impl SqliteExecutor<'_>,
+    robot: &str,
+) -> Result<Vec<IndexRow>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, run.started_at, joint, friction_index, friction_index_std_error, raw_index, short_run
+         FROM run
+         JOIN robot USING (robot_id)
+         JOIN run_friction_index USING (run_id)
+         WHERE robot.name = ? AND run.status = 'complete'
+         ORDER BY joint, run.started_at, run.run_id",
+    )
+    .bind(robot)
+    .try_map(|row: SqliteRow| {
+        let std_error: Option<f64> = row.try_get("friction_index_std_error")?;
+        Ok(IndexRow {
+            run_id: row.try_get("run_id")?,
+            started_at: time(&row, "started_at")?,
+            joint: joint(&row, "joint")?,
+            index: Estimate {
+                value: row.try_get("friction_index")?,
+                std_error: std_error.unwrap_or(f64::NAN),
+            },
+            raw: row.try_get("raw_index")?,
+            short: row.try_get("short_run")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// What the thermal state of a joint's map is taken from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ThermalSourceRow {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Name as in the view `friction_map`.
+    pub source: String,
+    /// What the map does not know or does not use, a sentence a line.
+    pub remarks: Option<String>,
+}
+
+/// Sources of the maps of a robot, by joint.
+pub(in crate::store) async fn thermal_sources(
+    executor: impl SqliteExecutor<'_>,
+    robot: &str,
+) -> Result<Vec<ThermalSourceRow>, sqlx::Error> {
+    sqlx::query(
+        "SELECT joint, thermal_source, remarks FROM friction_law
+         JOIN robot USING (robot_id)
+         WHERE robot.name = ?
+         ORDER BY joint",
+    )
+    .bind(robot)
+    .try_map(|row: SqliteRow| {
+        Ok(ThermalSourceRow {
+            joint: joint(&row, "joint")?,
+            source: row.try_get("thermal_source")?,
+            remarks: row.try_get("remarks")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Replaces the fits over speed of a run. Call in a transaction.
+pub(in crate::store) async fn replace_speed_fits(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    fits: &[CycleSpeedFits],
+) -> Result<(), sqlx::Error> {
+    delete_speed_fits(&mut *connection, run_id).await?;
+    for of_cycle in fits {
+        for joint in &of_cycle.joints {
+            for direction in 0..joint.directions.len() {
+                let fit_id =
+                    insert_speed_fit(&mut *connection, run_id, of_cycle.cycle, joint, direction).await?;
+                let coefficients = &joint.directions[direction].coefficients;
+                insert_coefficients(&mut *connection, fit_id, coefficients).await?;
+            }
+        }
+    }
+    Ok(())
+}
+
+async fn delete_speed_fits(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "DELETE FROM friction_speed_fit WHERE cycle_id IN (SELECT cycle_id FROM cycle WHERE run_id = ?)",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_speed_fit(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    cycle: u32,
+    joint: &JointSpeedFits,
+    direction: usize,
+) -> Result<i64, sqlx::Error> {
+    let fit = &joint.directions[direction];
+    let difference = joint.asymmetry.map(|asymmetry| asymmetry.difference);
+    sqlx::query_scalar(
+        "INSERT INTO friction_speed_fit (cycle_id, joint, direction, model, slowest_rad_s, fastest_rad_s, rmsd_nm,
+                                         reduced_chi_square, points, asymmetry_nm, asymmetry_std_error_nm)
+         SELECT cycle_id, ?, ?, ?, ?, ?, ?, ?, ?, ?, ? FROM cycle WHERE run_id = ? AND number = ?
+         RETURNING friction_speed_fit_id",
+    )
+    .bind(joint_number(joint.joint))
+    .bind(fit.direction)
+    .bind(fit.model.name())
+    .bind(fit.speeds[0])
+    .bind(fit.speeds[1])
+    .bind(finite(fit.rmsd))
+    .bind(fit.reduced_chi_square.and_then(finite))
+    .bind(count(fit.points))
+    .bind(difference.and_then(|d| finite(d.value)))
+    .bind(difference.and_then(|d| finite(d.std_error)))
+    .bind(run_id)
+    .bind(cycle)
+    .fetch_one(executor)
+    .await
+}
+
+async fn insert_coefficients(
+    executor: impl SqliteExecutor<'_>,
+    fit_id: i64,
+    coefficients: &[SpeedCoefficient],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO friction_speed_coefficient (friction_speed_fit_id, name, value, std_error, at_bound) ",
+    )
+    .push_values(coefficients, |mut row, coefficient| {
+        let error = finite(coefficient.estimate.std_error).filter(|_| !coefficient.at_bound);
+        row.push_bind(fit_id)
+            .push_bind(coefficient.name)
+            .push_bind(finite(coefficient.estimate.value))
+            .push_bind(error)
+            .push_bind(coefficient.at_bound);
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Replaces the maps of a robot, and the indices of all runs that they stand on. `run_ids` are those of
+/// `found.indices`. Call in a transaction.
+pub(in crate::store) async fn replace_maps(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+    run_ids: &[i64],
+    found: &RobotFriction,
+) -> Result<(), sqlx::Error> {
+    delete_maps(&mut *connection, robot_id).await?;
+    for map in &found.maps {
+        insert_law(&mut *connection, robot_id, map).await?;
+        insert_levels(&mut *connection, robot_id, map).await?;
+    }
+    for (run_id, indices) in run_ids.iter().zip(&found.indices) {
+        delete_indices(&mut *connection, *run_id).await?;
+        for rows in indices.chunks(ROWS_PER_STATEMENT) {
+            insert_indices(&mut *connection, *run_id, rows).await?;
+        }
+    }
+    Ok(())
+}
+
+async fn delete_maps(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<(), sqlx::Error> {
+    // levels go with their law
+    sqlx::query("DELETE FROM friction_law WHERE robot_id = ?").bind(robot_id).execute(executor).await?;
+    Ok(())
+}
+
+async fn delete_indices(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM run_friction_index WHERE run_id = ?").bind(run_id).execute(executor).await?;
+    Ok(())
+}
+
+async fn insert_law(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+    map: &FrictionMap,
+) -> Result<(), sqlx::Error> {
+    const SECONDS: f64 = 60.0;
+    let law = &map.law;
+    let remarks = (!map.remarks.is_empty()).then(|| map.remarks.join("\n"));
+    let (mut motor, mut hall) = (None, None);
+    match map.source {
+        ThermalSource::Motion => {}
+        ThermalSource::MotorTemperature { warm, cold, curvature } => motor = Some((warm, cold, curvature)),
+        ThermalSource::AmbientAndMotion { usual, coldness } => hall = Some((usual, coldness)),
+    }
+    let celsius = |kelvin: f64| finite(kelvin - ZERO_CELSIUS);
+    sqlx::query(
+        "INSERT INTO friction_law (robot_id, joint, slow_min, slow_std_error_min, fast_min, fast_std_error_min,
+                                   slow_share, slow_share_std_error, cooling_ratio, cooling_ratio_std_error,
+                                   relative_rmsd, explained, runs, points, remarks, covariance, thermal_source,
+                                   warm_degc, cold_degc, curvature, curvature_std_error, ambient_degc, coldness_1_k, coldness_std_error_1_k)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+    )
+    .bind(robot_id)
+    .bind(joint_number(map.joint))
+    .bind(law.slow_s.value / SECONDS)
+    .bind(finite(law.slow_s.std_error / SECONDS))
+    .bind(law.fast_s.value / SECONDS)
+    .bind(finite(law.fast_s.std_error / SECONDS))
+    .bind(law.slow_share.value)
+    .bind(finite(law.slow_share.std_error))
+    .bind(law.cooling_ratio.value)
+    .bind(finite(law.cooling_ratio.std_error))
+    .bind(finite(map.relative_rmsd))
+    .bind(finite(map.explained))
+    .bind(count(map.runs))
+    .bind(count(map.points))
+    .bind(remarks)
+    .bind(json_numbers(&map.covariance))
+    .bind(map.source.name())
+    .bind(motor.and_then(|(warm, ..)| celsius(warm)))
+    .bind(motor.and_then(|(_, cold, _)| celsius(cold)))
+    .bind(motor.and_then(|(.., curvature)| finite(curvature.value)))
+    .bind(motor.and_then(|(.., curvature)| finite(curvature.std_error)))
+    .bind(hall.and_then(|(usual, _)| celsius(usual)))
+    .bind(hall.and_then(|(_, coldness)| finite(coldness.value)))
+    .bind(hall.and_then(|(_, coldness)| finite(coldness.std_error)))
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_levels(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+    map: &FrictionMap,
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO friction_level (robot_id, joint, speed_fraction, warm_nm, warm_std_error_nm, cold_nm,
+                                     cold_std_error_nm) ",
+    )
+    .push_values(&map.levels, |mut row, level| {
+        row.push_bind(robot_id)
+            .push_bind(joint_number(map.joint))
+            .push_bind(level.speed_fraction)
+            .push_bind(finite(level.warm.value))
+            .push_bind(finite(level.warm.std_error))
+            .push_bind(finite(level.cold.value))
+            .push_bind(finite(level.cold.std_error));
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_indices(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    rows: &[FrictionIndex],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Sqlite>::new(
+        "INSERT INTO run_friction_index (run_id, joint, friction_index, friction_index_std_error, ambient_coldness,
+                                         ambient_coldness_std_error, coldness_at_start, points, raw_index,
+                                         short_run) ",
+    )
+    .push_values(rows, |mut row, found| {
+        row.push_bind(run_id)
+            .push_bind(joint_number(found.joint))
+            .push_bind(finite(found.index.value))
+            .push_bind(finite(found.index.std_error))
+            .push_bind(finite(found.ambient.value))
+            .push_bind(finite(found.ambient.std_error))
+            .push_bind(finite(found.coldness_at_start))
+            .push_bind(count(found.points))
+            .push_bind(finite(found.raw))
+            .push_bind(found.short);
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}

@@ -1,0 +1,409 @@
+//! What detection and fits read back: one run's measurements, one robot's history.
+
+use std::collections::{BTreeMap, HashMap};
+
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+use sqlx::{Row, SqliteConnection};
+
+use crate::analysis::refusal::{Channel, RefusalCause};
+use crate::analysis::{
+    Estimate, FrictionPoint, GravityRemoval, IdentifiedParameter, JointSummary, RmsdSwing, WarmFriction,
+};
+use crate::anomaly::{RunRefusal, RunSummary};
+use crate::robot::{JointIndex, ParameterId, ParameterKind};
+use crate::store::values::{identified, joint, named, size, time};
+
+const GRAVITY_REMOVALS: [GravityRemoval; 3] =
+    [GravityRemoval::AxisVertical, GravityRemoval::Fitted, GravityRemoval::Model];
+
+/// Nominal speeds closer than this are one level; levels lie some percent apart, and a fraction
+/// may have been computed in more than one way.
+const SAME_SPEED: f64 = 1e-9;
+
+/// Whether friction points of a row of `cycle` count: those of a complete cycle, and of one that only had nothing to
+/// identify parameters on. What a finding has refused or doubted does not.
+macro_rules! friction_counts {
+    () => {
+        "(cycle.status = 'complete' AND NOT cycle.doubtful
+          OR cycle.status = 'refused' AND NOT EXISTS (
+              SELECT 1 FROM cycle_refusal WHERE cycle_refusal.cycle_id = cycle.cycle_id))"
+    };
+}
+
+/// What the analysis of a whole run starts from.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RunMeasurements {
+    /// Friction points by cycle, in the order of their cycle's analysis.
+    pub friction_points: Vec<CyclePoint>,
+    /// Parameters by cycle, in natural order; refused cycles have none.
+    pub parameters: Vec<CycleParameters>,
+    /// Moving relative RMSD of the excitation stage, by cycle and joint, where it is known.
+    pub relative_rmsd: Vec<CycleRmsd>,
+}
+
+/// A friction point and its cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CyclePoint {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// The point.
+    pub point: FrictionPoint,
+}
+
+/// Parameters of one cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleParameters {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// Middle of the cycle since the start of the run, min.
+    pub minute: f64,
+    /// Mean magnitude of each joint's velocity, rad/s (m/s); empty if not known.
+    pub mean_speeds: Vec<f64>,
+    /// Values with standard errors.
+    pub parameters: Vec<IdentifiedParameter>,
+}
+
+/// Moving relative RMSD of the excitation stage of one joint in one cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CycleRmsd {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// The joint.
+    pub joint: JointIndex,
+    /// As a fraction of the measured torque's RMS.
+    pub relative_rmsd: f64,
+}
+
+pub(in crate::store) async fn run_measurements(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+) -> Result<RunMeasurements, sqlx::Error> {
+    Ok(RunMeasurements {
+        friction_points: friction_points(&mut *connection, run_id).await?,
+        parameters: parameters_by_cycle(&mut *connection, run_id).await?,
+        relative_rmsd: excitation_rmsd(connection, run_id).await?,
+    })
+}
+
+/// What follows from the parameters of a run's cycles; friction points are left out.
+pub(in crate::store) async fn of_parameters(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+) -> Result<RunMeasurements, sqlx::Error> {
+    Ok(RunMeasurements {
+        friction_points: Vec::new(),
+        parameters: parameters_by_cycle(&mut *connection, run_id).await?,
+        relative_rmsd: excitation_rmsd(connection, run_id).await?,
+    })
+}
+
+/// Every friction point of a run that counts.
+pub(in crate::store) async fn friction_points(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Vec<CyclePoint>, sqlx::Error> {
+    sqlx::query(
+        concat!(
+            "SELECT cycle.number AS cycle, joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm,
+                    friction_point.samples, gravity
+             FROM cycle
+             JOIN friction_point USING (cycle_id)
+             WHERE cycle.run_id = ? AND ",
+            friction_counts!(),
+            " ORDER BY cycle.number, friction_point.number"
+        )
+    )
+    .bind(run_id)
+    .try_map(|row| Ok(CyclePoint { cycle: size(&row, "cycle")?, point: friction_point(&row)? }))
+    .fetch_all(executor)
+    .await
+}
+
+/// Parameters of every identified cycle of a run that counts and has the estimator of its last one: figures over cycles
+/// never mix two estimators.
+async fn parameters_by_cycle(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+) -> Result<Vec<CycleParameters>, sqlx::Error> {
+    let rows = sqlx::query(
+        "SELECT cycle.number AS cycle, joint, name, value, std_error, degrees_of_freedom
+         FROM cycle
+         JOIN cycle_parameter USING (cycle_id)
+         JOIN model_parameter USING (model_parameter_id)
+         WHERE cycle.run_id = ?1 AND cycle.status = 'complete' AND NOT cycle.doubtful
+               AND cycle.estimator = (SELECT last.estimator FROM cycle AS last
+                                      WHERE last.run_id = ?1 AND last.samples IS NOT NULL
+                                      ORDER BY last.number DESC LIMIT 1)
+         ORDER BY cycle.number",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| Ok((size::<u32>(&row, "cycle")?, identified(&row)?)))
+    .fetch_all(&mut *connection)
+    .await?;
+    let mut by_cycle: BTreeMap<u32, Vec<IdentifiedParameter>> = BTreeMap::new();
+    for (cycle, identified) in rows {
+        by_cycle.entry(cycle).or_default().push(identified);
+    }
+    let mut motions = motions(connection, run_id).await?;
+    Ok(by_cycle
+        .into_iter()
+        .map(|(cycle, mut parameters)| {
+            // Natural order: inertia by link, friction by joint, motor inertia by joint, couplings.
+            parameters.sort_by_key(natural_place);
+            let (minute, mean_speeds) = motions.remove(&cycle).unwrap_or_default();
+            CycleParameters { cycle, minute, mean_speeds, parameters }
+        })
+        .collect())
+}
+
+/// Middle of each cycle of a run, min, and mean speeds of its joints.
+async fn motions(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+) -> Result<HashMap<u32, (f64, Vec<f64>)>, sqlx::Error> {
+    let rows = sqlx::query(
+        "SELECT number AS cycle, (cycle.started_at - run.started_at) / 6e7 + duration_s / 120 AS minute,
+                mean_speeds_rad_s
+         FROM cycle
+         JOIN run USING (run_id)
+         WHERE run_id = ?",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        let speeds: Option<&str> = row.try_get("mean_speeds_rad_s")?;
+        let speeds = speeds.map_or(Ok(Vec::new()), serde_json::from_str);
+        let speeds = speeds.map_err(|error| sqlx::Error::Decode(error.into()))?;
+        Ok((size::<u32>(&row, "cycle")?, (row.try_get("minute")?, speeds)))
+    })
+    .fetch_all(connection)
+    .await?;
+    Ok(rows.into_iter().collect())
+}
+
+/// Moving relative RMSD of the excitation stage under self-verification, of the cycles as [`parameters_by_cycle`].
+async fn excitation_rmsd(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Vec<CycleRmsd>, sqlx::Error> {
+    sqlx::query(
+        "SELECT cycle.number AS cycle, joint, moving_relative_rmsd
+         FROM cycle
+         JOIN torque_rmsd USING (cycle_id)
+         WHERE cycle.run_id = ?1 AND cycle.status = 'complete' AND NOT cycle.doubtful
+               AND stage = 'excitation' AND verification = 'self'
+               AND moving_relative_rmsd IS NOT NULL
+               AND cycle.estimator = (SELECT last.estimator FROM cycle AS last
+                                      WHERE last.run_id = ?1 AND last.samples IS NOT NULL
+                                      ORDER BY last.number DESC LIMIT 1)
+         ORDER BY cycle.number, joint",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        Ok(CycleRmsd {
+            cycle: size(&row, "cycle")?,
+            joint: joint(&row, "joint")?,
+            relative_rmsd: row.try_get("moving_relative_rmsd")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Summaries of a robot's complete tests, oldest first. Torque deviations are those of the estimator that made the
+/// latest: a test that was identified with another one has none to compare.
+pub(in crate::store) async fn run_summaries(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+) -> Result<Vec<RunSummary>, sqlx::Error> {
+    let mut refused = refusals(&mut *connection, robot_id).await?;
+    // A run without a summary still belongs to the history, hence the left join.
+    let rows = sqlx::query(
+        "SELECT run.run_id, run.started_at, run.cycles_stored, summary.joint, summary.warm_friction_nm,
+                summary.warm_friction_std_error_nm, summary.warm_minute, summary.warm_speed_fraction,
+                summary.excitation_friction_nm, summary.excitation_friction_std_error_nm,
+                summary.excitation_minute, summary.excitation_speed_fraction,
+                summary.relative_rmsd, summary.rmsd_swing, summary.rmsd_swing_cycles, summary.estimator,
+                found.friction_index, found.friction_index_std_error
+         FROM run
+         LEFT JOIN run_joint_summary AS summary USING (run_id)
+         LEFT JOIN run_friction_index AS found ON found.run_id = summary.run_id AND found.joint = summary.joint
+         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete'
+         ORDER BY run.started_at, run.run_id, summary.joint",
+    )
+    .bind(robot_id)
+    .try_map(|row: SqliteRow| {
+        let run = RunSummary {
+            run_id: row.try_get("run_id")?,
+            started_at: time(&row, "started_at")?,
+            cycles: size(&row, "cycles_stored")?,
+            refused_cycles: 0,
+            refusals: Vec::new(),
+            joints: Vec::new(),
+        };
+        let has_summary = row.try_get::<Option<i64>, _>("joint")?.is_some();
+        let estimator: Option<String> = row.try_get("estimator")?;
+        Ok((run, estimator, if has_summary { Some(joint_summary(&row)?) } else { None }))
+    })
+    .fetch_all(connection)
+    .await?;
+    let known = |joint: &Option<JointSummary>| joint.is_some_and(|joint| joint.relative_rmsd.is_some());
+    let latest = rows.iter().rev().find(|(_, _, joint)| known(joint)).and_then(|row| row.1.clone());
+    let mut runs: Vec<RunSummary> = Vec::new();
+    for (run, estimator, joint) in rows {
+        let joint = joint.map(|joint| match estimator == latest {
+            true => joint,
+            false => JointSummary { relative_rmsd: None, rmsd_swing: None, ..joint },
+        });
+        match runs.last_mut() {
+            Some(last) if last.run_id == run.run_id => last.joints.extend(joint),
+            _ => runs.push(RunSummary { joints: joint.into_iter().collect(), ..run }),
+        }
+    }
+    for run in &mut runs {
+        (run.refused_cycles, run.refusals) = refused.remove(&run.run_id).unwrap_or_default();
+    }
+    Ok(runs)
+}
+
+/// Refused cycles of a robot's complete tests, and why they were refused, the cause of most cycles first, by run.
+async fn refusals(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+) -> Result<HashMap<i64, (u32, Vec<RunRefusal>)>, sqlx::Error> {
+    let counts: Vec<(i64, u32)> = sqlx::query_as(
+        "SELECT run.run_id, count(*)
+         FROM run
+         JOIN cycle USING (run_id)
+         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'refused'
+         GROUP BY run.run_id",
+    )
+    .bind(robot_id)
+    .fetch_all(&mut *connection)
+    .await?;
+    let mut by_run: HashMap<i64, (u32, Vec<RunRefusal>)> =
+        counts.into_iter().map(|(run_id, cycles)| (run_id, (cycles, Vec::new()))).collect();
+    // of a group, bare columns are those of the row with the smallest number
+    let causes = sqlx::query(
+        "SELECT run.run_id, ifnull(why.finding, 'nothing_to_identify') AS finding,
+                ifnull(why.channel, 'motion') AS channel, why.joint, ifnull(why.sentence, cycle.reason) AS sentence,
+                min(cycle.number * 1000 + ifnull(why.number, 0)) / 1000 AS first_cycle, count(*) AS cycles
+         FROM run
+         JOIN cycle USING (run_id)
+         LEFT JOIN cycle_refusal AS why USING (cycle_id)
+         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'refused'
+         GROUP BY run.run_id, finding, channel, why.joint
+         ORDER BY run.run_id, cycles DESC, min(ifnull(why.number, 0)), why.joint",
+    )
+    .bind(robot_id)
+    .try_map(|row: SqliteRow| Ok((row.try_get::<i64, _>("run_id")?, refusal(&row)?)))
+    .fetch_all(connection)
+    .await?;
+    for (run_id, cause) in causes {
+        by_run.entry(run_id).or_default().1.push(cause);
+    }
+    Ok(by_run)
+}
+
+fn refusal(row: &SqliteRow) -> Result<RunRefusal, sqlx::Error> {
+    let of_joint = row.try_get::<Option<i64>, _>("joint")?.is_some();
+    Ok(RunRefusal {
+        cause: RefusalCause {
+            finding: row.try_get("finding")?,
+            channel: named(row, "channel", &Channel::ALL, Channel::name)?,
+            joint: if of_joint { Some(joint(row, "joint")?) } else { None },
+            sentence: row.try_get("sentence")?,
+        },
+        first_cycle: size(row, "first_cycle")?,
+        cycles: size(row, "cycles")?,
+    })
+}
+
+/// Friction points of run `run_id` at one nominal speed, in the order of the cycles.
+pub(in crate::store) async fn friction_points_at(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    speed_fraction: f64,
+) -> Result<Vec<FrictionPoint>, sqlx::Error> {
+    sqlx::query(
+        concat!(
+            "SELECT joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm, friction_point.samples,
+                    gravity
+             FROM cycle
+             CROSS JOIN friction_point USING (cycle_id)
+             WHERE cycle.run_id = ? AND speed_fraction BETWEEN ? AND ? AND ",
+            friction_counts!(),
+            " ORDER BY cycle.number, friction_point.number"
+        )
+    )
+    .bind(run_id)
+    .bind(speed_fraction - SAME_SPEED)
+    .bind(speed_fraction + SAME_SPEED)
+    .try_map(|row| friction_point(&row))
+    .fetch_all(executor)
+    .await
+}
+
+fn friction_point(row: &SqliteRow) -> Result<FrictionPoint, sqlx::Error> {
+    let std: Option<f64> = row.try_get("std_nm")?;
+    Ok(FrictionPoint {
+        joint: joint(row, "joint")?,
+        time: row.try_get("time_s")?,
+        speed_fraction: row.try_get("speed_fraction")?,
+        speed: row.try_get("speed_rad_s")?,
+        direction: row.try_get("direction")?,
+        torque: row.try_get("torque_nm")?,
+        std: std.unwrap_or(f64::NAN),
+        samples: size(row, "samples")?,
+        gravity: named(row, "gravity", &GRAVITY_REMOVALS, GravityRemoval::name)?,
+    })
+}
+
+fn joint_summary(row: &SqliteRow) -> Result<JointSummary, sqlx::Error> {
+    let warm = ["warm_friction_nm", "warm_friction_std_error_nm", "warm_minute", "warm_speed_fraction"];
+    let excitation = [
+        "excitation_friction_nm",
+        "excitation_friction_std_error_nm",
+        "excitation_minute",
+        "excitation_speed_fraction",
+    ];
+    let std_error: Option<f64> = row.try_get("friction_index_std_error")?;
+    let friction_index = row
+        .try_get::<Option<f64>, _>("friction_index")?
+        .map(|value| Estimate { value, std_error: std_error.unwrap_or(f64::NAN) });
+    let rmsd_swing = match row.try_get("rmsd_swing")? {
+        Some(value) => Some(RmsdSwing { value, cycles: size(row, "rmsd_swing_cycles")? }),
+        None => None,
+    };
+    Ok(JointSummary {
+        joint: joint(row, "joint")?,
+        warm_friction: warm_friction(row, warm)?,
+        excitation_friction: warm_friction(row, excitation)?,
+        friction_index,
+        relative_rmsd: row.try_get("relative_rmsd")?,
+        rmsd_swing,
+    })
+}
+
+/// Reads friction of a run: columns of torque, standard error, minute and speed.
+fn warm_friction(row: &SqliteRow, columns: [&str; 4]) -> Result<Option<WarmFriction>, sqlx::Error> {
+    let [torque, std_error, minute, speed_fraction] =
+        columns.map(|column| row.try_get::<Option<f64>, _>(column));
+    Ok(match (torque?, std_error?, minute?, speed_fraction?) {
+        (Some(torque), std_error, Some(minute), Some(speed_fraction)) => {
+            Some(WarmFriction { torque, std_error: std_error.unwrap_or(f64::NAN), minute, speed_fraction })
+        }
+        _ => None,
+    })
+}
+
+/// Sort key that gives the order of [`crate::robot::ParameterId::natural_order`].
+fn natural_place(parameter: &IdentifiedParameter) -> (u8, JointIndex, ParameterKind) {
+    let ParameterId { joint, kind } = parameter.id;
+    let group = match kind {
+        ParameterKind::Inertial(_) => 0,
+        ParameterKind::Friction(_) => 1,
+        ParameterKind::MotorInertia => 2,
+        ParameterKind::Coupling(_) => 3,
+    };
+    (group, joint, kind)
+}

@@ -1,0 +1,98 @@
+//! What a run is known by, and what its stored cycles were made with.
+
+use jiff::Timestamp;
+
+use super::support::*;
+use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunStatus};
+use crate::store::handle::Store;
+use crate::store::ledger::runs::{Beginning, Identity, Owner};
+use crate::store::ledger::sources::SourceState;
+use crate::testing::er3a;
+
+const FILE: FileId = FileId { device: 1, inode: 2 };
+const SEEN: SourceState = SourceState { bytes: 1, modified: Timestamp::UNIX_EPOCH, file: FILE };
+
+fn content(number: u8) -> ContentHash {
+    ContentHash([number; 32])
+}
+
+async fn begun(
+    store: &Store,
+    header: &RunHeader,
+    identity: Identity,
+    beginning: Beginning,
+) -> (i64, u32, bool) {
+    let begun = store.begin_source(header, identity, beginning, SEEN).await.expect("a run");
+    assert_eq!(begun.run.status, RunStatus::Streaming);
+    (begun.run.run_id, begun.run.cycles_stored, begun.afresh)
+}
+
+#[tokio::test]
+async fn cycles_that_were_made_with_something_else_are_made_anew() {
+    let (_folder, store) = fresh().await;
+    let header = header("R00", 0);
+    let read = ContentPrefix { bytes: 9, hash: content(9) };
+    let identity = Identity::Growing(read);
+    let with = |onwards, made_with| Beginning { onwards, made_with, ..Beginning::default() };
+    let (run, ..) = begun(&store, &header, identity, with(None, Some(content(1)))).await;
+    store.record_cycle(run, &cycle(1), &er3a()).await.expect("a cycle");
+    assert_eq!(begun(&store, &header, identity, with(Some(run), Some(content(1)))).await, (run, 1, false));
+    assert_eq!(begun(&store, &header, identity, with(Some(run), Some(content(2)))).await, (run, 0, true));
+    let earlier = store.earlier_runs(&header.source_path, FILE, None).await.expect("runs");
+    let nothing = ContentPrefix { bytes: 0, hash: ContentHash(*blake3::hash(b"").as_bytes()) };
+    assert_eq!((earlier.len(), earlier[0].read), (1, nothing), "no cycle was read from any byte");
+    assert_eq!(store.counts().await.expect("counts").cycles, 0);
+
+    // what an earlier version has stored was made with what nobody knows
+    store.record_cycle(run, &cycle(1), &er3a()).await.expect("a cycle");
+    sqlx::query("UPDATE run SET made_with = NULL").execute(&store.writer).await.expect("an update");
+    assert_eq!(begun(&store, &header, identity, with(Some(run), Some(content(2)))).await, (run, 0, true));
+
+    // so it is of a run that was complete and has become longer
+    store.record_cycle(run, &cycle(1), &er3a()).await.expect("a cycle");
+    let mut end = store.finish_run(run).await.expect("a transaction");
+    end.adopt(&ContentPrefix { bytes: 9, hash: content(8) }, &content(3)).await.expect("adopted");
+    end.complete(totals(1)).await.expect("completion");
+    end.commit().await.expect("a commit");
+    assert_eq!(begun(&store, &header, identity, with(Some(run), Some(content(5)))).await, (run, 0, true));
+}
+
+/// A content that comes back in another way takes over what its run had superseded.
+#[tokio::test]
+async fn what_a_run_has_superseded_stays_so_when_that_run_gives_way() {
+    let (_folder, store) = fresh().await;
+    let begin = async |number: u8, onwards_content: Identity| {
+        let header = RunHeader { content_hash: content(number), ..header("R00", 0) };
+        begun(&store, &header, onwards_content, Beginning::default()).await.0
+    };
+    let complete = async |run: i64, number: u8| {
+        store.record_cycle(run, &cycle(1), &er3a()).await.expect("a cycle");
+        let mut end = store.finish_run(run).await.expect("a transaction");
+        let whole = ContentPrefix { bytes: 9, hash: content(number) };
+        assert_eq!(end.adopt(&whole, &content(number)).await.expect("adopted"), Owner::Ours);
+        end.complete(totals(1)).await.expect("completion");
+        end.commit().await.expect("a commit");
+    };
+    let mut runs = Vec::new();
+    for number in 1..=3 {
+        let run = begin(number, Identity::Content(content(number))).await;
+        complete(run, number).await;
+        if let Some(old) = runs.last() {
+            store.supersede_run(run, *old).await.expect("superseded");
+        }
+        runs.push(run);
+    }
+    let growing = begin(9, Identity::Growing(ContentPrefix { bytes: 0, hash: content(0) })).await;
+    complete(growing, 2).await;
+    let statuses = sqlx::query_as::<_, (i64, String, Option<i64>)>(
+        "SELECT run_id, status, superseded_by_run_id FROM runs ORDER BY run_id",
+    );
+    assert_eq!(
+        statuses.fetch_all(&store.readers).await.expect("runs"),
+        [
+            (runs[0], "superseded".to_owned(), Some(growing)),
+            (runs[2], "complete".to_owned(), None),
+            (growing, "complete".to_owned(), None),
+        ]
+    );
+}
