@@ -31,7 +31,7 @@ use crate::config::{Config, WatchSettings};
 use crate::ingest::find::tail;
 use crate::ingest::find::watch;
 use crate::ingest::find::watch::{Complaints, Scan};
-use crate::pipeline::conclude::conclude::Concluded;
+use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::reweight::{Reweighted, Reweighting};

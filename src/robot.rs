@@ -2,6 +2,7 @@
 //! knows a particular arm; descriptions come from files.
 
 mod geometry;
+mod coupling;
 mod joint_index;
 mod friction_law;
 mod standard_parameters;
@@ -9,10 +10,11 @@ mod parameter;
 
 use nalgebra::{DMatrix, Vector3};
 
+pub use self::coupling::{Coupling, CouplingTerm};
 pub use self::friction_law::{FrictionLaw, FrictionModel, FrictionTerm};
 pub use self::geometry::{DhParameters, GeometrySource, JointGeometry, Transform, UrdfOrigin};
 pub use self::joint_index::JointIndex;
-pub use self::parameter::{Coupling, CouplingTerm, ParameterId, ParameterKind};
+pub use self::parameter::{ParameterId, ParameterKind};
 pub use self::standard_parameters::StandardParameters;
 
 /// Most joints a described arm may have; numerics keep their per-joint scratch on the stack.

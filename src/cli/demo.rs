@@ -15,7 +15,7 @@ use super::context::{CliError, EXIT_DONE, EXIT_STOPPED, Global, open_store, runt
 use super::shared::output;
 use crate::config::Config;
 use crate::daemon::{self, Event};
-use crate::pipeline::conclude::conclude::Concluded;
+use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::context::{Outcome, Pipeline};
 use crate::robot::{JointIndex, Robot};
 use crate::simulate::error::SimulateError;

@@ -17,7 +17,7 @@ use super::shared::{output, reweight};
 use crate::analysis::finding::FindingKind;
 use crate::daemon;
 use crate::ingest::find::watch;
-use crate::pipeline::conclude::conclude::{Concluded, RUNS_AT_ONCE};
+use crate::pipeline::conclude::history::{Concluded, RUNS_AT_ONCE};
 use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, Progress, Retry};
 use crate::store::RunResult;

@@ -8,7 +8,9 @@ use super::identify::output::rmsd_value;
 use super::shared::output;
 use super::shared::selection::{NamedCandidate, named_runs, note_passed_over, runs_of};
 use crate::analysis::{Estimator, RmsdScope, TorqueRmsd};
-use crate::pipeline::stored::stored::{CrossVerification, PassedOver, StoredError, cross_verification};
+use crate::pipeline::stored::chosen_cycles::{
+    CrossVerification, PassedOver, StoredError, cross_verification,
+};
 use crate::run::Stage;
 use crate::store::{RunRow, Store};
 

@@ -18,11 +18,11 @@ mod urdf_writer_tests;
 
 pub use self::daemon::recognition::{RecogniseError, Recognised};
 pub use self::date_format::DateFormats;
-pub use self::layout::column::{Column, JointColumns, ScaledColumn};
-pub use self::layout::layout::{
+pub use self::layout::channels::{
     Channel, JointDelays, JointFactors, JointSigns, Layout, Misfit, MotorSide, RowRule, StartForm,
     StartSource, TimeSource, TorqueQuantity,
 };
+pub use self::layout::column::{Column, JointColumns, ScaledColumn};
 pub use self::layout::layout_file::{LayoutUnits, layout_units, parse_layout, read_layout};
 pub use self::layout::stage_source::{OneHot, StageLevels, StageSignal, StageSource, StageWords};
 pub use self::layout::temperature::{AmbientTemperature, MotorTemperature, TemperatureUnit};

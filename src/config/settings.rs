@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::date_format::DateFormats;
-use super::layout::layout::Layout;
+use super::layout::channels::Layout;
 use super::pattern::{self, FilePatterns};
 use super::serve::ServeSettings;
 use crate::numerics::analyse::AnalysisSettings;

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use crate::analysis::finding::FindingKind;
-use crate::config::layout::layout::{JointDelays, Layout};
+use crate::config::layout::channels::{JointDelays, Layout};
 use crate::config::serve::ServeSettings;
 use crate::config::settings::{Config, FleetEntry};
 use crate::robot::{JointKind, Robot, TorqueSensors};

@@ -4,7 +4,7 @@
 use std::collections::{HashMap, HashSet};
 use std::time::{Duration, Instant};
 
-use crate::pipeline::conclude::conclude::RUNS_AT_ONCE;
+use crate::pipeline::conclude::history::RUNS_AT_ONCE;
 use crate::store::{ConclusionFault, StaleRobot};
 
 /// While settled files of a robot wait, conclusions from its history wait for the last of them, but no longer

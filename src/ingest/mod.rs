@@ -2,13 +2,10 @@
 //! content and read into [`crate::run::Samples`] in SI, or turned away with a
 //! [`rejection::Rejection`].
 //!
-//! In reading order: [`watch`] finds files, [`settle`] says when a writer has finished,
-//! [`fingerprint`] tells one content from another, [`source`] opens plain and compressed exports,
-//! [`tail`] those that still grow, [`encoding`] makes UTF-8 of them, [`blocks`] cuts them at line ends,
-//! [`preamble`] finds the header, [`layout`] the columns, [`csv`] gives rows that [`parser`] reads with
-//! polars and [`exact`] cell by cell where polars would guess; [`start`] finds when a recording started; [`cell`] knows what one of them says, [`channels`] turns columns
-//! into SI. [`infer`] proposes a layout for exports that have none. [`excerpt`] shows the place where an export was
-//! not understood, [`archive`] moves one that is stored.
+//! [`find`] says which files there are and when a writer has finished. [`bytes`] identifies an export by its content,
+//! opens plain, compressed and growing ones, and cuts UTF-8 at line ends. [`table`] finds header and columns, reads rows
+//! with polars, or cell by cell where polars would guess, and turns columns into SI. [`infer`] proposes a layout for
+//! exports that have none. [`excerpt`] shows the place where an export was not understood.
 //!
 //! Three rules hold in here. A file is understood whole or not at all: whatever is not read as it
 //! was written becomes a rejection that names line, column, value and remedy. Foreign units, signs

@@ -2,9 +2,9 @@
 //!
 //! An export goes through three stages that run at once: a reading thread that cuts cycles, analysis on
 //! blocking threads, and recording in the order of the cycles. The daemon, which takes several exports
-//! at once, and the one-shot command use the same path, for files that have settled ([`intake`]) and
-//! files that grow ([`follow`]). A cycle is done when the transaction that stores its rows commits;
-//! whatever was cut short is read again from behind the last stored cycle ([`resume`]).
+//! at once, and the one-shot command use the same path, for files that have settled ([`take::intake`]) and
+//! files that grow ([`take::follow`]). A cycle is done when the transaction that stores its rows commits;
+//! whatever was cut short is read again from behind the last stored cycle ([`take::resume`]).
 
 pub mod take;
 pub mod conclude;

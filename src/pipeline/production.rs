@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use super::context::{Pipeline, PipelineError};
-use super::stored::stored::{Candidate, Chosen, StoredError, unit_identification};
+use super::stored::chosen_cycles::{Candidate, Chosen, StoredError, unit_identification};
 use super::take::admitted::Intake;
 use crate::analysis::{CycleAnalysis, Estimator, ProductionCheck};
 use crate::config::Layout;

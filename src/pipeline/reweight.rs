@@ -9,7 +9,7 @@
 use tokio_util::sync::CancellationToken;
 
 use super::context::{Pipeline, PipelineError};
-use super::stored::stored::independent_shares;
+use super::stored::chosen_cycles::independent_shares;
 use super::take::record::as_results;
 use crate::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
 use crate::numerics::NumericsError;

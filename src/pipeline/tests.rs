@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use tokio_util::sync::CancellationToken;
 
 use super::context::{Outcome, Pipeline, Retry};
-use super::stored::stored::{Candidate, Chosen, cross_verification, rmsd_on, unit_identification};
+use super::stored::chosen_cycles::{Candidate, Chosen, cross_verification, rmsd_on, unit_identification};
 use crate::analysis::Estimator;
 use crate::config::Config;
 use crate::ingest::bytes::source::open_hashing;

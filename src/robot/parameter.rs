@@ -3,45 +3,11 @@
 
 use std::fmt;
 
+use super::coupling::CouplingTerm;
 use super::friction_law::FrictionTerm;
 use super::joint_index::JointIndex;
 use super::standard_parameters::StandardParameters;
 use super::{JointKind, Robot};
-
-/// A parameter of a motor that turns with two joints.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum CouplingTerm {
-    /// `Iam`: its inertia.
-    Inertia,
-    /// `fvm`: its viscous friction.
-    Viscous,
-    /// `fsm`: its Coulomb friction.
-    Coulomb,
-}
-
-impl CouplingTerm {
-    /// All of them, in natural order.
-    pub const ALL: [Self; 3] = [Self::Inertia, Self::Viscous, Self::Coulomb];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Inertia => "Iam",
-            Self::Viscous => "fvm",
-            Self::Coulomb => "fsm",
-        }
-    }
-}
-
-/// A motor that turns with two joints, as in many wrists.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Coupling {
-    /// The other joint that turns the motor.
-    pub joint: JointIndex,
-    /// The motor's own joint; the parameters are named after it.
-    pub motor_joint: JointIndex,
-    /// How far the motor turns with the other joint, per its own: `R[m, j] / R[m, m]`.
-    pub ratio: f64,
-}
 
 /// Which quantity a parameter of a joint or its link is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

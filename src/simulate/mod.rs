@@ -8,7 +8,7 @@ pub mod excitation;
 pub mod export;
 pub mod fault;
 mod fixed_point;
-pub mod exact;
+pub mod matched_model;
 pub mod format;
 pub mod friction;
 pub mod heat;

@@ -19,8 +19,8 @@ use crate::numerics::statistics::distributions::half_width;
 use crate::pipeline::take::cycles::read_cycle;
 use crate::robot::{FrictionTerm, ParameterId, ParameterKind, Robot};
 use crate::run::Cycle;
-use crate::simulate::exact::{ExactSettings, record_excitation};
 use crate::simulate::friction::FrictionShape;
+use crate::simulate::matched_model::{ExactSettings, record_excitation};
 use crate::simulate::{SimulationSettings, simulate_run};
 
 /// Coverage that counts as honest for nominal 95 %.

@@ -12,8 +12,8 @@ use crate::config::Config;
 use crate::numerics::least_squares::essential::EssentialSettings;
 use crate::numerics::pooled::estimate::{EstimatorKind, HistoryEstimate};
 use crate::numerics::pooled::per_joint::JointView;
+use crate::pipeline::stored::chosen_cycles::{Candidate, Chosen, Taken, rmsd_of_views, rmsd_on, take};
 use crate::pipeline::stored::reestimate::{Choice, Outcome, Together, estimate_together};
-use crate::pipeline::stored::stored::{Candidate, Chosen, Taken, rmsd_of_views, rmsd_on, take};
 use crate::robot::JointIndex;
 use crate::store::{ParameterSet, Store};
 

@@ -11,8 +11,8 @@ use super::output::parameter_value;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::selection::note_passed_over;
+use crate::pipeline::stored::chosen_cycles::Chosen;
 use crate::pipeline::stored::reestimate::{Choice, reestimate};
-use crate::pipeline::stored::stored::Chosen;
 use crate::robot::ParameterId;
 use crate::store::{
     CycleView, ModelParameter, Reestimate, ReestimatedCycle, ReestimatedStatistics, RunRow, Store,

@@ -10,8 +10,8 @@ use crate::numerics::NumericsError;
 use crate::numerics::least_squares::conditioning::FLAGGED_RELATIVE_ERROR;
 use crate::numerics::pooled::estimate::{ErrorBasis, EstimatorKind, HistoryEstimate};
 use crate::numerics::pooled::per_joint::JointView;
+use crate::pipeline::stored::chosen_cycles::Taken;
 use crate::pipeline::stored::reestimate::{Outcome, Together};
-use crate::pipeline::stored::stored::Taken;
 use crate::robot::{JointIndex, ParameterId};
 use crate::store::ModelParameter;
 

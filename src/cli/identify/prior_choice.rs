@@ -7,8 +7,8 @@ use crate::config::Config;
 use crate::numerics::least_squares::prior::{Prior, PriorStrength};
 use crate::numerics::model::base_parameters::base_parameters;
 use crate::numerics::pooled::nominal_prior::{PRIOR_STD_FRACTION, nominal_base, with_fraction};
+use crate::pipeline::stored::chosen_cycles::Chosen;
 use crate::pipeline::stored::reestimate::Choice;
-use crate::pipeline::stored::stored::Chosen;
 use crate::robot::ParameterId;
 use crate::store::{FactorsWanted, ParameterSet, SourceCycle, Store, StoredModel};
 

@@ -9,8 +9,8 @@ use crate::cli::shared::output;
 use crate::cli::shared::selection::cycle_numbers;
 use crate::config::{Config, FleetEntry};
 use crate::numerics::pooled::drive_gain::{GainEstimate, JointGain, Unseen};
+use crate::pipeline::stored::chosen_cycles::Chosen;
 use crate::pipeline::stored::drive_gain::stored_drive_gains;
-use crate::pipeline::stored::stored::Chosen;
 use crate::robot::StandardParameters;
 use crate::store::Store;
 

@@ -14,8 +14,8 @@ use crate::config::{Config, read_robot, straight_friction, urdf_text};
 use crate::numerics::physical::data_share::{BodyEstimate, Estimated};
 use crate::numerics::physical::fit::PhysicalFit;
 use crate::numerics::physical::uniform_bodies::BodySource;
+use crate::pipeline::stored::chosen_cycles::{Chosen, take};
 use crate::pipeline::stored::physical::fit_bodies;
-use crate::pipeline::stored::stored::{Chosen, take};
 use crate::robot::{JointIndex, Robot};
 use crate::store::{SourceCycle, Store, StoredModel};
 

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use super::output;
 use crate::analysis::Estimator;
 use crate::cli::context::CliError;
-use crate::pipeline::stored::stored::{
+use crate::pipeline::stored::chosen_cycles::{
     Candidate, Chosen, PassedOver, StoredError, told, unit_identification,
 };
 use crate::run::{RunKind, RunStatus};

@@ -10,7 +10,7 @@ use super::recognition::{DEFAULT_FILE_NAME, time_zone};
 use super::work_limits::{archive_of, read_work_limits};
 use crate::analysis::Estimator;
 use crate::analysis::finding::{FindingKind, FindingKinds};
-use crate::config::layout::layout::{Channel, Layout, TorqueQuantity};
+use crate::config::layout::channels::{Channel, Layout, TorqueQuantity};
 use crate::config::layout::layout_file::parse_layout;
 use crate::config::pattern::FilePatterns;
 use crate::config::robot::robot_file::parse_robot_with;

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use super::channels::{Channel, JointDelays, JointSigns, Layout, MotorSide, RowRule, TorqueQuantity};
 use super::column::JointColumns;
 use super::column_names::{ColumnNames, NamedUnit, named_unit, read_unit};
-use super::layout::{Channel, JointDelays, JointSigns, Layout, MotorSide, RowRule, TorqueQuantity};
 use super::stage_file::read_stage_source;
 use super::stage_source::StageSource;
 use super::{layout_time, temperature, text_format};
@@ -241,8 +241,8 @@ fn read_quantity(table: &Table<'_>) -> TorqueQuantity {
 mod tests {
     use super::*;
     use crate::config::Column;
+    use crate::config::layout::channels::TimeSource;
     use crate::config::layout::column::ScaledColumn;
-    use crate::config::layout::layout::TimeSource;
 
     const NATIVE: &str = include_str!("../../../config/exports/native.toml");
 

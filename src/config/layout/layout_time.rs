@@ -1,8 +1,8 @@
 //! The time of a layout: `[time]`.
 
+use super::channels::{StartForm, StartSource, TimeSource};
 use super::column::ScaledColumn;
 use super::column_names::{ColumnNames, named_unit, read_unit};
-use super::layout::{StartForm, StartSource, TimeSource};
 use crate::config::date_format;
 use crate::config::toml::range::Limits;
 use crate::config::toml::table::{Table, Value};

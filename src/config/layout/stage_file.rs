@@ -244,7 +244,7 @@ fn read_named(value: &Value<'_>) -> Option<Stage> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::layout::layout::Layout;
+    use crate::config::layout::channels::Layout;
     use crate::config::layout::layout_file::parse_layout;
 
     const NATIVE: &str = include_str!("../../../config/exports/native.toml");

@@ -3,7 +3,7 @@
 
 use tokio::task::JoinError;
 
-use super::conclude::Concluded;
+use super::history::Concluded;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::store::StoreError;
 

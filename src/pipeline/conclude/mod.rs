@@ -1,4 +1,4 @@
 //! What the history of a robot says.
 
-pub mod conclude;
+pub mod history;
 pub mod isolation;

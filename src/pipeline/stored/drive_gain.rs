@@ -1,6 +1,8 @@
 //! Drive gains from stored factors of recordings without and with a known load: no export is read.
 
-use super::stored::{Chosen, ChosenCycles, StoredError, chosen_cycles, independent_shares, merged, told};
+use super::chosen_cycles::{
+    Chosen, ChosenCycles, StoredError, chosen_cycles, independent_shares, merged, told,
+};
 use crate::numerics::NumericsError;
 use crate::numerics::identify::joint_factors::{JointColumns, unpack};
 use crate::numerics::model::base_parameters::base_parameters;

@@ -1,6 +1,6 @@
 //! Answers from stored factors, without exports.
 
-pub mod stored;
+pub mod chosen_cycles;
 pub mod reestimate;
 pub mod drive_gain;
 pub mod physical;

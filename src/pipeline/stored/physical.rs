@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::stored::{StoredError, Taken};
+use super::chosen_cycles::{StoredError, Taken};
 use crate::numerics::model::base_parameters::base_parameters;
 use crate::numerics::physical::fit::{PhysicalFit, physical_fit};
 use crate::robot::Robot;

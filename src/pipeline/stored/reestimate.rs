@@ -1,6 +1,8 @@
 //! Estimators of one's choice on stored factors: on cycles together, or on each of a history.
 
-use super::stored::{Chosen, PassedOver, StoredError, Taken, add, chosen_cycles, merged, same_model, source};
+use super::chosen_cycles::{
+    Chosen, PassedOver, StoredError, Taken, add, chosen_cycles, merged, same_model, source,
+};
 use crate::analysis::IdentifiedParameter;
 use crate::numerics::NumericsError;
 use crate::numerics::identify::joint_factors::JointColumns;
@@ -127,7 +129,7 @@ fn together(
 /// are read one after another; a cycle that gives no parameters says why.
 ///
 /// # Errors
-/// [`StoredError::Refused`] as [`take`](super::stored::take), and for [`Choice::Huber`], which needs
+/// [`StoredError::Refused`] as [`take`](super::chosen_cycles::take), and for [`Choice::Huber`], which needs
 /// cycles to weigh against each other.
 pub async fn reestimate(
     store: &Store,

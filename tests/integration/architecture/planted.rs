@@ -254,12 +254,17 @@ fn one_file_prints() {
     caught("cli.rs", "use std::io;\nfn f() { io::stdout().write_all(b\"a\"); }", 2, "std::io::stdout");
     caught("cli.rs", "use std::io::stderr;", 1, "std::io::stderr");
     let output = [
-        ("cli/mod.rs", "mod output;"),
-        ("cli/output.rs", "fn f() { println!(\"a\"); std::io::stdout().lock(); }"),
+        ("cli/mod.rs", "mod shared;"),
+        ("cli/shared/mod.rs", "mod output;"),
+        ("cli/shared/output.rs", "fn f() { println!(\"a\"); std::io::stdout().lock(); }"),
     ];
     assert_eq!(broken(&output), [""; 0]);
-    let debugging = [("cli/mod.rs", "mod output;"), ("cli/output.rs", "fn f() { dbg!(1); }")];
-    assert_eq!(broken(&debugging), ["cli/output.rs:1: dbg! prints"]);
+    let debugging = [
+        ("cli/mod.rs", "mod shared;"),
+        ("cli/shared/mod.rs", "mod output;"),
+        ("cli/shared/output.rs", "fn f() { dbg!(1); }"),
+    ];
+    assert_eq!(broken(&debugging), ["cli/shared/output.rs:1: dbg! prints"]);
     passes("cli.rs", "fn f() -> bool { std::io::stderr().is_terminal() }");
     passes("telemetry.rs", "fn f() { g(std::io::stderr); }");
 }

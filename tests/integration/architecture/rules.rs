@@ -27,7 +27,7 @@ const WORLD: [&str; 14] = [
 ];
 
 /// The file that prints.
-const PRINTER: &str = "cli/output.rs";
+const PRINTER: &str = "cli/shared/output.rs";
 
 /// The file that gives the log its stream.
 const LOG: &str = "telemetry.rs";

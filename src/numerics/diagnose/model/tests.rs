@@ -14,7 +14,7 @@ use crate::numerics::identify::verify::torque_rmsd;
 use crate::numerics::signal::filter::{Conditioned, condition};
 use crate::robot::{DhParameters, JointGeometry, JointIndex, Robot};
 use crate::run::{Samples, Stage};
-use crate::simulate::exact::{ExactSettings, record_excitation};
+use crate::simulate::matched_model::{ExactSettings, record_excitation};
 use crate::testing::er3a;
 
 /// A recording that differs from the model by noise alone, torque noise a tenth of the usual.
