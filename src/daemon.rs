@@ -22,15 +22,16 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use book::{Begun, Closing, FileSchedule, NextAttempt};
+use places::{Place, Places};
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
 use crate::alert;
 use crate::config::{Config, WatchSettings};
-use crate::ingest::find::tail;
-use crate::ingest::find::watch;
 use crate::ingest::find::watch::{Complaints, Scan};
+use crate::ingest::find::{tail, watch};
 use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
@@ -38,8 +39,6 @@ use crate::pipeline::reweight::{Reweighted, Reweighting};
 use crate::pipeline::take::follow::{Ends, Followed};
 use crate::run::FileId;
 use crate::store::{DaemonClaim, UnfinishedSource};
-use book::{Begun, Book, Closing, Due};
-use places::{Place, Places};
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
 use vanished::Missing;
@@ -89,7 +88,7 @@ const VANISHED: &str = "the file vanished before it was read to its end; put it 
 
 /// Which way a file is taken.
 #[derive(Debug, Clone, PartialEq, Eq)]
-enum Way {
+enum ReadMode {
     /// As it grows.
     Growing,
     /// As it has settled, in the turn of its robot.
@@ -98,8 +97,8 @@ enum Way {
 
 /// A file whose task has ended.
 struct Closed {
-    due: Due,
-    way: Way,
+    due: NextAttempt,
+    way: ReadMode,
     result: Result<Followed, PipelineError>,
 }
 
@@ -114,7 +113,7 @@ struct Work<'r> {
     pipeline: Pipeline,
     reread: &'r Reread<'r>,
     stop: CancellationToken,
-    book: Book,
+    book: FileSchedule,
     missing: Missing,
     tasks: JoinSet<Closed>,
     /// Growing files being read.
@@ -173,7 +172,7 @@ pub async fn watch(
     let begun = begun_before(&pipeline.store().unfinished_sources().await?);
     let mut work = Work::new(pipeline, reread, stop.child_token(), begun);
     let missed = tokio::spawn(archive::take_missed(pipeline.clone(), work.stop.clone()));
-    let watched = work.go_on(reload, &mut report).await;
+    let watched = work.run_loop(reload, &mut report).await;
     // after a failure the others finish their cycles too
     work.stop.cancel();
     missed.await?;
@@ -242,7 +241,7 @@ impl<'r> Work<'r> {
             pipeline: pipeline.clone(),
             reread,
             stop,
-            book: Book::new(pipeline.config().watch.settle, begun),
+            book: FileSchedule::new(pipeline.config().watch.settle, begun),
             missing: Missing::default(),
             tasks: JoinSet::new(),
             places: Places::default(),
@@ -266,7 +265,7 @@ impl<'r> Work<'r> {
     }
 
     /// Scans and takes files until a stop is asked for.
-    async fn go_on(
+    async fn run_loop(
         &mut self,
         mut reload: mpsc::Receiver<()>,
         report: &mut impl FnMut(Event<'_>),
@@ -436,7 +435,7 @@ impl<'r> Work<'r> {
     }
 
     /// Begins to read a growing file.
-    fn follow(&mut self, due: Due, now: Instant) {
+    fn follow(&mut self, due: NextAttempt, now: Instant) {
         let Place { sign, give_way } = self.places.give(due.file, &due.path, &self.stop, now);
         let (pipeline, sender) = (self.pipeline.clone(), self.progress.0.clone());
         let (ends, file) = (Ends { stop: self.stop.clone(), give_way }, due.file);
@@ -457,12 +456,12 @@ impl<'r> Work<'r> {
             let reading =
                 tokio::spawn(async move { pipeline.follow(&path, patience, &ends, progress).await });
             let result = reading.await.unwrap_or_else(|panic| Err(panic.into()));
-            Closed { due, way: Way::Growing, result }
+            Closed { due, way: ReadMode::Growing, result }
         });
     }
 
     /// Begins to read a settled file.
-    fn take(&mut self, due: Due, robot: String, class: Class) {
+    fn take(&mut self, due: NextAttempt, robot: String, class: Class) {
         let (pipeline, stop) = (self.pipeline.clone(), self.stop.clone());
         let (sender, file) = (self.progress.0.clone(), due.file);
         let progress = move |progress| {
@@ -479,7 +478,7 @@ impl<'r> Work<'r> {
                 Ok(Followed::Outcome(outcome))
             });
             let result = reading.await.unwrap_or_else(|panic| Err(panic.into()));
-            Closed { due, way: Way::Settled(robot, class), result }
+            Closed { due, way: ReadMode::Settled(robot, class), result }
         });
     }
 
@@ -540,8 +539,8 @@ impl<'r> Work<'r> {
         self.asked.remove(&due.path);
         let mut read = 0;
         match &way {
-            Way::Growing => read = self.places.take_back(due.file),
-            Way::Settled(robot, class) => {
+            ReadMode::Growing => read = self.places.take_back(due.file),
+            ReadMode::Settled(robot, class) => {
                 self.robots.remove(robot);
                 self.settled[*class as usize] -= 1;
             }
@@ -554,7 +553,7 @@ impl<'r> Work<'r> {
             }
             Err(PipelineError::Task(error)) if error.is_panic() => {
                 tracing::error!(file = %due.path.display(), %error, "internal error; other exports go on");
-                let is_growing = way == Way::Growing;
+                let is_growing = way == ReadMode::Growing;
                 self.book.close(&due, if is_growing { Closing::UntilSettled } else { Closing::Unreadable });
                 return Ok(());
             }
@@ -573,7 +572,7 @@ impl<'r> Work<'r> {
 }
 
 /// What becomes of a file of which so many bytes were read while it grew.
-fn closing(followed: &Followed, way: &Way, read: u64) -> Closing {
+fn closing(followed: &Followed, way: &ReadMode, read: u64) -> Closing {
     match (followed, way) {
         (Followed::GaveWay, _) => Closing::GaveWay(read),
         (Followed::UntilSettled, _) => Closing::UntilSettled,
@@ -582,8 +581,8 @@ fn closing(followed: &Followed, way: &Way, read: u64) -> Closing {
             Closing::Again
         }
         (Followed::Outcome(Outcome::Unreadable { .. }), _) => Closing::Unreadable,
-        (Followed::Outcome(_), Way::Growing) => Closing::Done,
-        (Followed::Outcome(_), Way::Settled(..)) => Closing::Taken,
+        (Followed::Outcome(_), ReadMode::Growing) => Closing::Done,
+        (Followed::Outcome(_), ReadMode::Settled(..)) => Closing::Taken,
     }
 }
 

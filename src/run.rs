@@ -5,9 +5,9 @@ pub mod temperature;
 use std::fmt;
 
 use jiff::Timestamp;
+use temperature::Temperatures;
 
 use crate::robot::JointIndex;
-use temperature::Temperatures;
 
 /// Part of a cycle, as the controller's stage signal separates them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

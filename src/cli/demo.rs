@@ -68,7 +68,7 @@ pub(super) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliError> {
     // some times the pause of a slow writer
     config.watch.settle = Duration::from_millis(300);
     let database = config.database.clone();
-    output::note(&format!("exports   {}\ndatabase  {}", inbox.display(), database.display()));
+    output::print_hint(&format!("exports   {}\ndatabase  {}", inbox.display(), database.display()));
     runtime()?.block_on(async {
         let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
         let store = open_store(&config).await?;
@@ -200,7 +200,7 @@ async fn watch_fleet(
             if once {
                 done.cancel();
             } else {
-                output::note("every export is stored; watching on, Ctrl-C ends");
+                output::print_hint("every export is stored; watching on, Ctrl-C ends");
             }
             Ok(())
         }

@@ -337,10 +337,10 @@ fn next_text(config: &Config, of: &Explanation) -> String {
         Next::Quarantine => {
             "quarantined, because of the first problem; whole cycles before it are stored".into()
         }
-        Next::Store { onwards, instead_of } => {
-            let onwards = onwards.map(|run| format!(", going on with run {run}")).unwrap_or_default();
-            let instead = instead_of.map(|run| format!(", superseding run {run}")).unwrap_or_default();
-            format!("stored{onwards}{instead}")
+        Next::Store { continues, replaces } => {
+            let continues = continues.map(|run| format!(", going on with run {run}")).unwrap_or_default();
+            let instead = replaces.map(|run| format!(", superseding run {run}")).unwrap_or_default();
+            format!("stored{continues}{instead}")
         }
     };
     format!("{wait}{then}")
@@ -356,7 +356,7 @@ fn size(bytes: u64) -> String {
 
 fn as_value(of: &Explanation) -> serde_json::Value {
     let (next, run_id, supersedes) = match &of.next {
-        Next::Store { onwards, instead_of } => ("store", *onwards, *instead_of),
+        Next::Store { continues, replaces } => ("store", *continues, *replaces),
         Next::Nothing { run_id } => ("nothing", Some(*run_id), None),
         Next::Quarantine => ("quarantine", None, None),
     };

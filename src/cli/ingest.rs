@@ -121,7 +121,7 @@ async fn conclude(pipeline: &Pipeline, robot: &str, as_json: bool) -> Result<boo
         Conclusion::Drawn(concluded) => print_conclusions(&concluded, as_json),
         Conclusion::UpToDate => {}
         Conclusion::Faulty(reason) => {
-            output::note(&format!("{robot}: nothing new is concluded: {reason}"));
+            output::print_hint(&format!("{robot}: nothing new is concluded: {reason}"));
             return Ok(false);
         }
     }
@@ -195,7 +195,7 @@ fn find_exports(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
         }
         let scan = watch::scan(std::slice::from_ref(path));
         if scan.files.is_empty() {
-            output::note(&format!(
+            output::print_hint(&format!(
                 "{}: no exports in this folder (*.csv, *.csv.gz, *.csv.zst)",
                 path.display()
             ));

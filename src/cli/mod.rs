@@ -19,12 +19,11 @@ mod explain;
 mod torque;
 mod verify;
 
-use crate::cli::context::Global;
-use crate::cli::context::LogFormat;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::cli::context::{Global, LogFormat};
 use crate::telemetry;
 
 const EXIT_CODES_HELP: &str = "\
@@ -181,7 +180,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Config { command: ConfigCommand::Check } => config::check::check(&cli.global),
     };
     ExitCode::from(done.unwrap_or_else(|error| {
-        shared::output::complain(&error);
+        shared::output::print_error(&error);
         error.exit_code()
     }))
 }

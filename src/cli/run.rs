@@ -7,11 +7,12 @@ use tokio::sync::watch;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store, runtime, shared};
 use crate::config::{Config, ConfigErrors};
+use crate::daemon::Control;
 use crate::daemon::overdue::OverdueWatch;
 use crate::daemon::preflight::preflight;
-use crate::daemon::{self, Control};
 use crate::pipeline::context::Pipeline;
-use crate::serve::{self, ServeError};
+use crate::serve::ServeError;
+use crate::{daemon, serve};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

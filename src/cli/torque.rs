@@ -203,7 +203,7 @@ fn compare(series: &TorqueSeries, stored: &[OfCycle<TorqueRmsd>], cycle: u32) {
     };
     if let Some(other) = stored.iter().filter(|of| of.cycle == cycle).find(differs) {
         let found = series.rmsd(other.value.joint, other.value.scope).all_rows;
-        output::note(&format!(
+        output::print_hint(&format!(
             "the rows are no longer those that were verified: RMSD of joint {}, {}, is {:.6} Nm over {} rows, stored \
              is {:.6} Nm over {}; limits, offsets or transmission of the robot's description, the layout or the \
              program have changed since",

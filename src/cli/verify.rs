@@ -143,7 +143,7 @@ async fn chosen<'a>(
                 Ok(found) => named.push(found),
                 // its cycles are named with those that are passed over
                 Err(StoredError::PassedOver(_)) => {}
-                Err(StoredError::Numerics(error)) => output::note(&format!(
+                Err(StoredError::Numerics(error)) => output::print_hint(&format!(
                     "run {} gives no parameters and is only verified against: {error}",
                     run.run_id
                 )),

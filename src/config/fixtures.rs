@@ -1,8 +1,6 @@
 //! Every file in `tests/fixtures/configs/` has one oddity, after which it is named, and yields the
 //! problem that is written here.
 
-use crate::numerics::analyse::AnalysisSettings;
-use crate::numerics::detect::verdict::DetectSettings;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -12,6 +10,8 @@ use super::robot::robot_file::{parse_robot, read_robot};
 use super::settings::Config;
 use super::summary::summary;
 use super::toml::problem::ConfigErrors;
+use crate::numerics::analyse::AnalysisSettings;
+use crate::numerics::detect::verdict::DetectSettings;
 
 /// Name of a file, and for each of its problems the line, the key and words of the message.
 type Expectation = (&'static str, &'static [(usize, &'static str, &'static str)]);

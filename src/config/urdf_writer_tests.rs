@@ -2,8 +2,7 @@
 
 use proptest::prelude::*;
 
-use super::robot::robot_file::parse_robot;
-use super::robot::robot_file::parse_robot_with;
+use super::robot::robot_file::{parse_robot, parse_robot_with};
 use super::urdf_writer::{straight_friction, urdf_text};
 use crate::numerics::model::base_parameters::{base_parameters, probe_state};
 use crate::numerics::model::dynamics::{DynamicModel, inverse_dynamics};

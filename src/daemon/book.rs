@@ -30,7 +30,7 @@ pub enum Begun {
 
 /// A file to be taken.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Due {
+pub struct NextAttempt {
     /// Where it lies.
     pub path: PathBuf,
     /// What was seen of it last.
@@ -89,7 +89,7 @@ type Turn<'e> = (u64, u64, SystemTime, Option<&'e OsStr>, &'e Path);
 
 /// The files of the last look.
 #[derive(Debug)]
-pub struct Book {
+pub struct FileSchedule {
     settle: Duration,
     entries: BTreeMap<PathBuf, Entry>,
     /// Files that were begun before the daemon started and not seen yet.
@@ -106,7 +106,7 @@ pub struct Book {
     turns: HashMap<String, u64>,
 }
 
-impl Book {
+impl FileSchedule {
     /// A book that knows of no file but those that were `begun` earlier; files settle in `settle`.
     #[must_use]
     pub fn new(settle: Duration, begun: HashMap<PathBuf, Begun>) -> Self {
@@ -177,7 +177,7 @@ impl Book {
     }
 
     /// The next growing file, of the robot that has waited longest; it counts as open from now on.
-    pub fn next_growing(&mut self) -> Option<Due> {
+    pub fn next_growing(&mut self) -> Option<NextAttempt> {
         loop {
             let waiting = self.growing.iter().filter_map(|path| self.turn(path));
             let path = waiting.min()?.4.to_owned();
@@ -200,7 +200,7 @@ impl Book {
         &mut self,
         busy: &HashSet<String>,
         is_wanted: impl Fn(u64) -> bool,
-    ) -> Option<(Due, String)> {
+    ) -> Option<(NextAttempt, String)> {
         loop {
             let free = self.settled.iter().filter(|(lane, _)| !busy.contains(*lane));
             let first = free.filter_map(|(lane, queue)| Some((&queue.first()?.1, lane)));
@@ -238,7 +238,7 @@ impl Book {
         self.entries.values().filter(|entry| !entry.taken && !rests(entry)).count()
     }
 
-    fn open(&mut self, path: &Path) -> Option<Due> {
+    fn open(&mut self, path: &Path) -> Option<NextAttempt> {
         let entry = self.entries.get_mut(path)?;
         let (seen, file, patience) = (entry.seen, entry.file, entry.patience);
         entry.queued = None;
@@ -247,7 +247,7 @@ impl Book {
         }
         self.count += 1;
         self.turns.insert(entry.lane.clone(), self.count);
-        Some(Due { path: path.to_owned(), seen, file, patience })
+        Some(NextAttempt { path: path.to_owned(), seen, file, patience })
     }
 
     /// Lets a file that was taken be taken again at the next look; others are left as they are.
@@ -258,7 +258,7 @@ impl Book {
     }
 
     /// Notes what became of a file that was open.
-    pub fn close(&mut self, due: &Due, closing: Closing) {
+    pub fn close(&mut self, due: &NextAttempt, closing: Closing) {
         self.open.remove(&due.file);
         // looks while it was open have queued it again; the next one knows better
         self.growing.remove(&due.path);

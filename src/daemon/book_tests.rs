@@ -4,21 +4,21 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
-use super::book::{Begun, Book, Closing, Due};
+use super::book::{Begun, Closing, FileSchedule, NextAttempt};
 use crate::ingest::find::watch::FoundFile;
 use crate::run::FileId;
 
 const SETTLE: Duration = Duration::from_secs(3);
 
 struct Desk {
-    book: Book,
+    book: FileSchedule,
     start: Instant,
     files: Vec<FoundFile>,
 }
 
 impl Desk {
     fn new() -> Self {
-        Self { book: Book::new(SETTLE, HashMap::new()), start: Instant::now(), files: Vec::new() }
+        Self { book: FileSchedule::new(SETTLE, HashMap::new()), start: Instant::now(), files: Vec::new() }
     }
 
     /// Writes a file: its number is the first digit of its name.
@@ -36,17 +36,17 @@ impl Desk {
         self.book.note(&self.files, now, |path| path.ends_with("marked1"), lane);
     }
 
-    fn growing(&mut self) -> Option<Due> {
+    fn growing(&mut self) -> Option<NextAttempt> {
         self.book.next_growing()
     }
 
-    fn settled(&mut self, busy: &[&str]) -> Option<Due> {
+    fn settled(&mut self, busy: &[&str]) -> Option<NextAttempt> {
         let busy = busy.iter().map(|lane| (*lane).to_owned()).collect();
         self.book.next_settled(&busy, |_| true).map(|(due, _)| due)
     }
 }
 
-fn name(due: Option<&Due>) -> Option<&str> {
+fn name(due: Option<&NextAttempt>) -> Option<&str> {
     due.and_then(|due| due.path.to_str())
 }
 
@@ -81,7 +81,7 @@ fn what_was_begun_before_is_taken_at_once_if_it_is_as_it_was() {
     let mut desk = Desk::new();
     let settled = |size| Begun::Settled(size, 0);
     let begun = [("a1", Begun::Growing), ("b2", settled(10)), ("c3", settled(9))];
-    desk.book = Book::new(SETTLE, begun.map(|(name, begun)| (name.into(), begun)).into());
+    desk.book = FileSchedule::new(SETTLE, begun.map(|(name, begun)| (name.into(), begun)).into());
     ["a1", "b2", "c3"].into_iter().for_each(|name| desk.write(name, 10));
     desk.look(0);
     assert_eq!(name(desk.growing().as_ref()), Some("a1"));

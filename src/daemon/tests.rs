@@ -35,7 +35,7 @@ async fn a_panic_over_one_export_leaves_its_place_and_the_daemon_at_work() {
     work.admitting[Class::Small as usize] = Some(due.file);
 
     let panic = tokio::spawn(async { panic!("index 7 of 3") }).await.unwrap_err();
-    let way = Way::Settled(lane, Class::Small);
+    let way = ReadMode::Settled(lane, Class::Small);
     work.close(Closed { due, way, result: Err(panic.into()) }, &mut |_| ()).unwrap();
     assert_eq!((work.settled, work.robots.len(), work.admitting), ([0, 0], 0, [None, None]));
     let next = |work: &mut Work<'_>, at: Duration| {

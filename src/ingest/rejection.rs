@@ -1,8 +1,7 @@
 //! Why an export was not understood, and what a person can do about it.
 
-use std::fmt;
-use std::io;
 use std::path::Path;
+use std::{fmt, io};
 
 /// Longest value shown in a message, in characters; a damaged line may hold megabytes.
 const SHOWN_VALUE_CHARS: usize = 60;

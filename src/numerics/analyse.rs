@@ -3,7 +3,7 @@
 use super::NumericsError;
 use super::diagnose::model::causes::{motor_torques, reason, sentences};
 use super::diagnose::model::combination::PlausibleSettings;
-use super::diagnose::model::doubt::{DoubtSettings, Judged, diagnose_description};
+use super::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description};
 use super::diagnose::model::nominal::inertia_ratios;
 use super::diagnose::model::own_fit::own_fits;
 use super::diagnose::model::weigh::{WeighSettings, Weighed, own_torques, turned_torques, weigh};
@@ -16,19 +16,20 @@ use super::friction::plateaus::friction_points;
 use super::friction::warm_up::{WarmUpPoint, fit_warm_up, warm_up_rmsd};
 use super::identify::cycle::{identify_rows, noise_errors};
 use super::identify::cycle_rows::CycleRows;
-use super::identify::filtered_columns::{Jump, jumps};
-use super::identify::joint_factors::{Factored, JointColumns, factor_cycle, identifies, pack, widened};
+use super::identify::filtered_columns::{FilteredColumn, filtered_coulomb_columns};
+use super::identify::joint_factors::{
+    Factored, JointColumns, factor_cycle, pack, used_for_identification, widened,
+};
 use super::identify::verify::{torque_rmsd, warming_contrast};
 use super::least_squares::factor::TriangularFactor;
 use super::model::base_parameters::{BaseParameters, base_parameters};
 use super::model::dynamics::DynamicModel;
 use super::model::regressor::KeptColumns;
-use super::signal::filter::{Conditioned, carried_cutoff, condition};
+use super::signal::filter::{FilteredSignals, carried_cutoff, filter_signals};
 use super::signal::temperature::cycle_temperatures;
 use super::signal::time_grid::sample_rate;
 use super::statistics::descriptive::{mean, median, parameter_statistics, standard_deviation, swing};
-use crate::analysis::finding::FindingKinds;
-use crate::analysis::finding::{Finding, FindingSeverity};
+use crate::analysis::finding::{Finding, FindingKinds, FindingSeverity};
 use crate::analysis::{
     CycleAnalysis, CycleFactors, Estimator, FrictionPoint, Identification, JointSummary, RunAnalysis,
     WarmFriction, WarmUpFit,
@@ -93,22 +94,28 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     if without_positions(samples, &mut analysis) {
         return analysis;
     }
-    let conditioned = match condition(samples, analysis.cutoff) {
-        Ok(conditioned) => conditioned,
+    let filtered = match filter_signals(samples, analysis.cutoff) {
+        Ok(filtered) => filtered,
         Err(error) => {
             analysis.identification = Err(error.to_string());
             return analysis;
         }
     };
-    analysis.sample_rate = conditioned.sample_rate;
-    note_gaps(samples, &conditioned, &mut analysis.remarks);
+    analysis.sample_rate = filtered.sample_rate;
+    note_gaps(samples, &filtered, &mut analysis.remarks);
 
     let accept = method.settings.accept;
-    let channels = diagnose_samples(&method.robot, samples, &conditioned, &DiagnoseSettings::default());
-    let jumps = jumps(&method.robot, &conditioned);
+    let channels = diagnose_samples(&method.robot, samples, &filtered, &DiagnoseSettings::default());
+    let filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &filtered);
     let kept = &method.base.kept_columns;
-    let factored = factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, samples);
-    let recorded = Recorded { samples, conditioned: &conditioned, jumps: &jumps, factored: &factored };
+    let factored =
+        factor_cycle(&method.robot, &method.columns, kept, &filtered, &filtered_coulomb_columns, samples);
+    let recorded = Recorded {
+        samples,
+        filtered: &filtered,
+        filtered_coulomb_columns: &filtered_coulomb_columns,
+        factored: &factored,
+    };
     let channels = with_own_fits(method, &recorded, channels);
     take_up(method, accepted(channels, accept), &mut analysis);
     // kept of refused cycles too: what is wrong with one may be known later, and verification goes without it
@@ -118,8 +125,9 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         return analysis;
     }
 
-    analysis.mean_speeds = mean_speeds(&conditioned);
-    analysis.identification = identify_excitation(method, &factored, &conditioned, &jumps, samples);
+    analysis.mean_speeds = mean_speeds(&filtered);
+    analysis.identification =
+        identify_excitation(method, &factored, &filtered, &filtered_coulomb_columns, samples);
     let findings = doubt_model(method, &recorded, &analysis);
     take_up(method, accepted(findings, accept), &mut analysis);
     let model = analysis.identification.as_ref().ok().map(|found| {
@@ -131,7 +139,7 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         analysis.verification = torque_rmsd(&method.columns, &factored.factors, &theta);
         analysis.warming_contrast = warming_contrast(&method.columns, &factored, &theta);
     }
-    let friction = friction_points(&method.robot, samples, &conditioned, model.as_ref());
+    let friction = friction_points(&method.robot, samples, &filtered, model.as_ref());
     analysis.friction_points = friction.points;
     analysis.remarks.extend(friction.remarks);
     if !samples.stage.contains(&Stage::Excitation) {
@@ -202,25 +210,25 @@ fn lowered(asked: f64, cutoff: f64) -> String {
 }
 
 /// Mean speed of each joint over the rows that the low-pass leaves, rad/s (m/s), `[n]`.
-fn mean_speeds(conditioned: &Conditioned) -> Vec<f64> {
-    let usable = || conditioned.usable.iter().flat_map(Clone::clone);
+fn mean_speeds(filtered: &FilteredSignals) -> Vec<f64> {
+    let usable = || filtered.usable.iter().flat_map(Clone::clone);
     let rows = usable().count().max(1) as f64;
-    conditioned.qd.iter().map(|qd| usable().map(|row| qd[row].abs()).sum::<f64>() / rows).collect()
+    filtered.qd.iter().map(|qd| usable().map(|row| qd[row].abs()).sum::<f64>() / rows).collect()
 }
 
 /// A cycle with what was made of its rows.
 #[derive(Clone, Copy)]
 struct Recorded<'a> {
     samples: &'a Samples,
-    conditioned: &'a Conditioned,
-    jumps: &'a [Jump],
+    filtered: &'a FilteredSignals,
+    filtered_coulomb_columns: &'a [FilteredColumn],
     factored: &'a Factored,
 }
 
 impl Recorded<'_> {
     /// Usable rows of the excitation.
     fn excitation(&self) -> Vec<usize> {
-        let usable = self.conditioned.usable.iter().flat_map(Clone::clone);
+        let usable = self.filtered.usable.iter().flat_map(Clone::clone);
         usable.filter(|&row| self.samples.stage[row] == Stage::Excitation).collect()
     }
 }
@@ -260,9 +268,9 @@ fn take_up(method: &Method, findings: Vec<Finding>, analysis: &mut CycleAnalysis
 /// contradicts. Where a position or velocity is wrong, torques are not judged by it.
 fn with_own_fits(method: &Method, recorded: &Recorded<'_>, findings: Vec<Finding>) -> Vec<Finding> {
     let settings = WeighSettings::default();
-    let Recorded { conditioned, factored, .. } = *recorded;
+    let Recorded { filtered, factored, .. } = *recorded;
     let excitation = recorded.excitation();
-    let fits = own_fits(&method.robot, &method.columns, conditioned, factored, &excitation);
+    let fits = own_fits(&method.robot, &method.columns, filtered, factored, &excitation);
     let mut kept: Vec<Finding> =
         findings.into_iter().filter(|finding| !own_torques(finding, &fits, &settings)).collect();
     let kinds: FindingKinds =
@@ -276,14 +284,14 @@ fn with_own_fits(method: &Method, recorded: &Recorded<'_>, findings: Vec<Finding
 /// What the identified model says that no arm can be, as far as nothing else explains it.
 fn doubt_model(method: &Method, recorded: &Recorded<'_>, analysis: &CycleAnalysis) -> Vec<Finding> {
     let Ok(found) = &analysis.identification else { return Vec::new() };
-    let Recorded { samples, conditioned, jumps, factored } = *recorded;
+    let Recorded { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
     let theta: Vec<f64> = found.parameters.iter().map(|p| p.value).collect();
     let verification = torque_rmsd(&method.columns, &factored.factors, &theta);
     let rows = recorded.excitation();
-    let speeds = top_speeds(&conditioned.qd, &rows);
+    let speeds = top_speeds(&filtered.qd, &rows);
     let mut doubted = found.clone();
     let factors = identifying_factors(method, factored);
-    let fraction = conditioned.independent_fraction();
+    let fraction = filtered.independent_fraction();
     if let Ok(errors) = noise_errors(&method.base.kept, &factors, found.residual_std, fraction) {
         let parameters = doubted.parameters.iter_mut();
         parameters.zip(errors).for_each(|(parameter, error)| parameter.std_error = error);
@@ -295,18 +303,18 @@ fn doubt_model(method: &Method, recorded: &Recorded<'_>, analysis: &CycleAnalysi
         base: &method.base,
         factors: &factors,
         samples,
-        conditioned,
+        filtered,
         excitation: &rows,
         identified: &doubted,
         verification: &verification,
     };
     let of_model = weigh(of_model, &weighed, &WeighSettings::default());
-    let judged = Judged {
+    let judged = JudgedCycle {
         robot: &method.robot,
         columns: &method.columns,
         kept_columns: &method.base.kept_columns,
-        conditioned,
-        jumps,
+        filtered,
+        filtered_coulomb_columns,
         excitation: &rows,
         identified: &doubted,
         verification: &verification,
@@ -329,8 +337,8 @@ fn duration(samples: &Samples) -> f64 {
 fn identify_excitation(
     method: &Method,
     factored: &Factored,
-    conditioned: &Conditioned,
-    jumps: &[Jump],
+    filtered: &FilteredSignals,
+    filtered_coulomb_columns: &[FilteredColumn],
     samples: &Samples,
 ) -> Result<Identification, String> {
     let factors = identifying_factors(method, factored);
@@ -338,7 +346,7 @@ fn identify_excitation(
         return Err(without_excitation(&[]));
     }
     let columns = KeptColumns::new(&method.base.kept_columns);
-    let rows = CycleRows::new(&method.robot, &columns, conditioned, jumps, samples);
+    let rows = CycleRows::new(&method.robot, &columns, filtered, filtered_coulomb_columns, samples);
     identify_rows(&method.base.kept, &factors, &rows, method.settings.estimator)
         .map_err(|error| error.to_string())
 }
@@ -357,7 +365,7 @@ fn without_excitation(points: &[FrictionPoint]) -> String {
 
 /// Factor of each joint over the rows that parameters are identified on.
 fn identifying_factors(method: &Method, factored: &Factored) -> Vec<TriangularFactor> {
-    let chosen = factored.factors.iter().filter(|of| identifies(of.stage, of.motion));
+    let chosen = factored.factors.iter().filter(|of| used_for_identification(of.stage, of.motion));
     widened(&method.columns, chosen)
 }
 
@@ -372,8 +380,8 @@ pub(super) fn keep_factors(method: &Method, factored: &Factored, analysis: &mut 
     }
 }
 
-pub(super) fn note_gaps(samples: &Samples, conditioned: &Conditioned, remarks: &mut Vec<String>) {
-    let (stretches, rows) = conditioned.filtered();
+pub(super) fn note_gaps(samples: &Samples, filtered: &FilteredSignals, remarks: &mut Vec<String>) {
+    let (stretches, rows) = filtered.filtered();
     let lost = samples.rows() - rows;
     if stretches != 1 || lost > 0 {
         let parts = if stretches == 1 { "part" } else { "parts" };

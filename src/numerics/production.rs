@@ -3,10 +3,10 @@
 
 use super::NumericsError;
 use super::analyse::{Method, keep_factors, note_gaps, unanalysed, without_positions};
-use super::identify::filtered_columns::jumps;
+use super::identify::filtered_columns::filtered_coulomb_columns;
 use super::identify::joint_factors::{JointColumns, JointFactor, factor_cycle};
 use super::identify::verify::torque_rmsd;
-use super::signal::filter::condition;
+use super::signal::filter::filter_signals;
 use super::statistics::descriptive::median;
 use crate::analysis::{
     CycleAnalysis, Estimator, FrictionExcess, JointCheck, Motion, ProductionCheck, ProductionJoint, RmsdPair,
@@ -41,19 +41,20 @@ pub fn analyse_window(method: &Method, cycle: &Cycle, reference: Option<&Referen
     if without_positions(samples, &mut analysis) {
         return analysis;
     }
-    let conditioned = match condition(samples, analysis.cutoff) {
-        Ok(conditioned) => conditioned,
+    let filtered = match filter_signals(samples, analysis.cutoff) {
+        Ok(filtered) => filtered,
         Err(error) => {
             analysis.identification = Err(error.to_string());
             return analysis;
         }
     };
     analysis.identification = Err(NO_IDENTIFICATION.into());
-    analysis.sample_rate = conditioned.sample_rate;
-    note_gaps(samples, &conditioned, &mut analysis.remarks);
-    let jumps = jumps(&method.robot, &conditioned);
+    analysis.sample_rate = filtered.sample_rate;
+    note_gaps(samples, &filtered, &mut analysis.remarks);
+    let filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &filtered);
     let kept = &method.base.kept_columns;
-    let factored = factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, samples);
+    let factored =
+        factor_cycle(&method.robot, &method.columns, kept, &filtered, &filtered_coulomb_columns, samples);
     keep_factors(method, &factored, &mut analysis);
     // parameters of other columns are no error here: what a window is held against is settled later
     analysis.production =
@@ -175,9 +176,9 @@ mod tests {
         let check = analysis.production.expect("a reference");
         assert_eq!((check.reference_run_id, check.joints.len()), (7, 6));
         assert_eq!(check_window(&method.columns, &stored, &reference).expect("the same columns"), check);
-        let conditioned = condition(&window.samples, analysis.cutoff).expect("a long window");
+        let filtered = filter_signals(&window.samples, analysis.cutoff).expect("a long window");
         let series = |parameters: &[(ParameterId, f64)]| {
-            torque_series(&method.robot, parameters, &window.samples, &conditioned, SeriesRows::Counted)
+            torque_series(&method.robot, parameters, &window.samples, &filtered, SeriesRows::Counted)
                 .expect("the same columns")
         };
         let whole = series(&parameters);

@@ -31,9 +31,9 @@ use crate::robot::Robot;
 use crate::store::{Store, StoreError};
 use context::{InAnalysis, Lane, OpenRun, Outcome, Pipeline, PipelineError, Progress, Retry};
 use production::Work;
-use take::admitted::Intake;
+use take::admitted::AdmittedExport;
 use take::cutting::{CutCycle, ReadEnd};
-use take::intake::Known;
+use take::intake::Admission;
 
 /// Cycles between the reading thread and analysis. One is enough to keep both busy; each takes
 /// 12 MB at 250 Hz and five minutes.
@@ -123,8 +123,8 @@ impl Pipeline {
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
         let intake = match take::intake::admit(self, path, retry).await? {
-            Known::No(intake) => *intake,
-            Known::Yes(outcome) => return Ok(outcome),
+            Admission::Read(intake) => *intake,
+            Admission::Decided(outcome) => return Ok(outcome),
         };
         let _open = self.open(intake.run_id);
         progress(Progress::Begun);
@@ -147,7 +147,7 @@ impl Pipeline {
 
     async fn take_admitted(
         &self,
-        intake: &Intake,
+        intake: &AdmittedExport,
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
@@ -181,9 +181,9 @@ impl Pipeline {
 
     /// Reads, analyses and records the cycles of an export; `read` runs on a blocking thread. Returns how
     /// reading ended and the cycles without parameters.
-    async fn stream<E: EndsRejected>(
+    async fn stream<E: FromRejection>(
         &self,
-        intake: &Intake,
+        intake: &AdmittedExport,
         method: &Arc<Method>,
         lane: Lane,
         read: impl FnOnce(mpsc::Sender<CutCycle>) -> E + Send + 'static,
@@ -207,7 +207,7 @@ impl Pipeline {
     }
 
     /// The structure analysis of the export's robot.
-    async fn method(&self, intake: &Intake) -> Result<Result<Arc<Method>, Rejection>, PipelineError> {
+    async fn method(&self, intake: &AdmittedExport) -> Result<Result<Arc<Method>, Rejection>, PipelineError> {
         if let Some(method) = self.known_method(&intake.robot) {
             return Ok(Ok(method));
         }
@@ -250,12 +250,12 @@ impl Pipeline {
 }
 
 /// An end of reading that an analysis may have cut short.
-trait EndsRejected: Send + 'static {
+trait FromRejection: Send + 'static {
     /// The end at a rejection.
     fn rejected(rejection: Rejection) -> Self;
 }
 
-impl EndsRejected for ReadEnd {
+impl FromRejection for ReadEnd {
     fn rejected(rejection: Rejection) -> Self {
         Self::Rejected(rejection)
     }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::context::{Pipeline, PipelineError};
 use super::stored::chosen_cycles::{Candidate, Chosen, StoredError, unit_identification};
-use super::take::admitted::Intake;
+use super::take::admitted::AdmittedExport;
 use crate::analysis::{CycleAnalysis, Estimator, ProductionCheck};
 use crate::config::Layout;
 use crate::numerics::analyse::{Method, analyse_cycle};
@@ -55,7 +55,7 @@ pub(super) fn work_alone(layout: &Layout, method: &Arc<Method>) -> Work {
 /// What the cycles of an export that was let in are to be analysed with; writes down what it records.
 pub(super) async fn work(
     pipeline: &Pipeline,
-    intake: &Intake,
+    intake: &AdmittedExport,
     method: &Arc<Method>,
 ) -> Result<Work, PipelineError> {
     let (store, kind) = (pipeline.store(), intake.layout.stage.run_kind());

@@ -17,7 +17,7 @@ use crate::numerics::analyse::RunResults;
 use crate::numerics::identify::cycle::identify_factors;
 use crate::numerics::identify::joint_factors::{JointColumns, unpack};
 use crate::numerics::identify::verify::torque_rmsd;
-use crate::numerics::pooled::pool::Union;
+use crate::numerics::pooled::pool::PooledFactors;
 use crate::numerics::statistics::descriptive::{median, parameter_statistics, swing};
 use crate::robot::JointIndex;
 use crate::store::{JointDeviation, NewEstimate, OtherEstimate, Store, StoredCycle};
@@ -152,7 +152,7 @@ fn of_factors(
 ) -> Result<(Identification, Vec<TorqueRmsd>), NumericsError> {
     let columns = JointColumns::of_stored(&cycle.factors.columns);
     let factors = unpack(&cycle.factors)?;
-    let mut union = Union::new(columns.clone());
+    let mut union = PooledFactors::new(columns.clone());
     union.add(&columns, &factors, &independent_shares(cycle))?;
     let by_joint = union.spread_by_joint();
     let found = identify_factors(columns.kept(), &by_joint, &union.independent_shares(), wanted)?;

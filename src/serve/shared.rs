@@ -33,7 +33,7 @@ pub struct Readiness {
 }
 
 /// Contents remembered until the ledger knows them, so that a client can ask at once.
-pub(super) const REMEMBERED: usize = 1024;
+const REMEMBERED: usize = 1024;
 
 /// Time between two looks for uploads that nobody goes on with.
 pub(super) const CLEANING_INTERVAL: Duration = Duration::from_secs(3600);

@@ -2,12 +2,13 @@
 //! into, under a name made of what tells uploads apart; it survives a restart, and is renamed in when whole.
 
 use std::collections::{HashMap, HashSet};
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
+use std::{fs, io};
 
 use crate::ingest::bytes::fingerprint::{fingerprint, of_bytes};
 use crate::run::ContentHash;

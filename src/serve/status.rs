@@ -1,6 +1,5 @@
 //! What became of an export, and whether the program lives.
 
-use crate::serve::shared::Readiness;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -13,6 +12,7 @@ use serde_json::{Value, json};
 use super::answer::Refusal;
 use super::shared::Shared;
 use crate::run::ContentHash;
+use crate::serve::shared::Readiness;
 
 /// `GET /v1/exports/HASH`: status, cycles and, where there is one, the reason.
 pub async fn of_content(

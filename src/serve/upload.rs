@@ -3,8 +3,6 @@
 //! An upload is told apart by its name and, where the client says it, its content. Sent again it does no harm:
 //! a content that is there or stored already is not taken twice.
 
-use super::shared::Uploads;
-use crate::serve::shared::CLEANING_INTERVAL;
 use std::path;
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
@@ -20,11 +18,12 @@ use serde_json::json;
 use super::answer::{Refusal, UPLOAD_COMPLETE, UPLOAD_OFFSET};
 use super::part::Part;
 use super::receive::{Bounds, SLOW_START, of_disk, receive};
-use super::shared::Shared;
+use super::shared::{Shared, Uploads};
 use super::spool::{Claim, MOST_PARTIALS};
 use super::status::content_hash;
 use crate::ingest::bytes::source::is_export;
 use crate::run::{ContentHash, RunStatus};
+use crate::serve::shared::CLEANING_INTERVAL;
 use crate::store::Store;
 
 /// The content that the client means to send, 64 hexadecimal digits.

@@ -1,8 +1,9 @@
 //! Rows to a CSV file, in the native layout or any other, in bounded memory, visible only when complete.
 
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 use flate2::Compression;
 use flate2::write::GzEncoder;

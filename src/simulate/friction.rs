@@ -8,15 +8,15 @@ use std::f64::consts::TAU;
 use crate::robot::{FRICTION_COUNT, Joint, NominalJoint, WarmUpShape};
 
 /// Part of the thermal excess that the Coulomb friction f1 shows; the oil's viscosity shows all of it.
-pub const COULOMB_EXCESS: f64 = 0.3;
+const COULOMB_EXCESS: f64 = 0.3;
 /// Height of the bump at low speed, as a fraction of f1.
-pub const STRIBECK_FRACTION: f64 = 0.15;
+const STRIBECK_FRACTION: f64 = 0.15;
 /// Speed at which the bump has fallen to 1/e, as a fraction of the largest speed.
-pub const STRIBECK_SPEED: f64 = 0.02;
+const STRIBECK_SPEED: f64 = 0.02;
 /// Speed scale of the smooth sign, as a fraction of the largest speed: some mrad/s.
-pub const SIGN_SPEED: f64 = 0.001;
+const SIGN_SPEED: f64 = 0.001;
 /// Amplitude of the ripple, as a fraction of f1.
-pub const RIPPLE_FRACTION: f64 = 0.04;
+const RIPPLE_FRACTION: f64 = 0.04;
 /// Ripples a turn of the motor: a wave generator is an ellipse and passes twice.
 const RIPPLES_A_TURN: f64 = 2.0;
 /// Frequency above which inertia and the current loop smooth the ripple away, Hz.

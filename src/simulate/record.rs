@@ -17,7 +17,7 @@ use super::truth::{CycleTruth, FrictionLevelTruth, JointThermalTruth};
 use crate::robot::{FRICTION_COUNT, MAX_JOINTS};
 
 /// Noise of the clock is drawn from streams of its own, so that it changes no other.
-pub(super) const CLOCK_STREAM: u64 = 1 << 40;
+const CLOCK_STREAM: u64 = 1 << 40;
 
 /// Hands each row of the run to `sink` and returns the truth behind it, cycle by cycle.
 ///
@@ -69,7 +69,7 @@ pub fn record<E>(
 }
 
 /// Torque at each joint, and the part of it that the gears lose; plateau friction is tallied on the way.
-pub(super) fn true_torque(
+fn true_torque(
     recording: &Recording,
     (state, turned): (&MotionState, &PerJoint),
     time: f64,
@@ -118,7 +118,7 @@ impl Gears {
     }
 }
 
-pub(super) fn thermal_at(recording: &Recording, time: f64) -> ThermalState {
+fn thermal_at(recording: &Recording, time: f64) -> ThermalState {
     ThermalState { seconds: recording.initial.seconds + time, ..recording.initial }
 }
 
@@ -153,7 +153,7 @@ pub(super) fn measured(
     }
 }
 
-pub(super) fn stepped(value: f64, step: f64) -> f64 {
+fn stepped(value: f64, step: f64) -> f64 {
     if step > 0.0 { (value / step).round() * step } else { value }
 }
 
@@ -180,7 +180,7 @@ impl Tally {
     }
 
     /// The segment at `t`; times may only rise. The last one holds after its end.
-    pub(super) fn segment_at<'p>(&mut self, plan: &'p CyclePlan, t: f64) -> &'p Segment {
+    fn segment_at<'p>(&mut self, plan: &'p CyclePlan, t: f64) -> &'p Segment {
         while self.current + 1 < plan.segments.len() && t >= plan.segments[self.current + 1].start {
             self.current += 1;
         }
@@ -199,7 +199,7 @@ impl Tally {
         }
     }
 
-    pub(super) fn into_truth(self, recording: &Recording, cycle: u32, start_s: f64) -> CycleTruth {
+    fn into_truth(self, recording: &Recording, cycle: u32, start_s: f64) -> CycleTruth {
         let thermal = thermal_at(recording, start_s);
         let joints = recording.friction.iter().map(|friction| thermal_truth(friction, thermal)).collect();
         let friction_levels = self
@@ -211,7 +211,7 @@ impl Tally {
     }
 }
 
-pub(super) fn thermal_truth(friction: &JointFriction, thermal: ThermalState) -> JointThermalTruth {
+fn thermal_truth(friction: &JointFriction, thermal: ThermalState) -> JointThermalTruth {
     let coefficients: [f64; FRICTION_COUNT] = coefficients_at(friction, thermal);
     JointThermalTruth {
         multiplier: thermal_multiplier(&friction.warm_up, thermal),
@@ -219,7 +219,7 @@ pub(super) fn thermal_truth(friction: &JointFriction, thermal: ThermalState) -> 
     }
 }
 
-pub(super) fn level_truth(segment: &Segment, sums: &LevelSums) -> Option<FrictionLevelTruth> {
+fn level_truth(segment: &Segment, sums: &LevelSums) -> Option<FrictionLevelTruth> {
     let signal = segment.signal?;
     let mean = |sum: f64, rows: u32| (rows > 0).then(|| sum / f64::from(rows));
     let [(rows_down, down), (rows_up, up)] = sums.direction;

@@ -1,7 +1,6 @@
 //! Arms that several tests of the simulator move.
 
-use crate::robot::WarmUpShape;
-use crate::robot::{FourierExcitation, Joint, JointKind, JointLimits, Robot};
+use crate::robot::{FourierExcitation, Joint, JointKind, JointLimits, Robot, WarmUpShape};
 
 /// The ER3A without an excitation of its own, and with round friction.
 pub fn er3a() -> Robot {

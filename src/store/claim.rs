@@ -5,12 +5,23 @@ use std::io::Write;
 use std::path::Path;
 
 use super::error::StoreError;
+use crate::store::handle::Store;
 
 /// A daemon's claim on a database. The operating system releases it with the process, however that
 /// ends; the file beside the database, which holds the number of the process, stays.
 #[derive(Debug)]
 pub struct DaemonClaim {
     _locked: File,
+}
+
+impl Store {
+    /// Claims the database for one daemon, until the claim is dropped or the process ends.
+    ///
+    /// # Errors
+    /// [`StoreError::Claimed`] while another process holds the claim.
+    pub fn claim(&self) -> Result<DaemonClaim, StoreError> {
+        claim(&self.path)
+    }
 }
 
 pub(super) fn claim(database: &Path) -> Result<DaemonClaim, StoreError> {

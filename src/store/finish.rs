@@ -7,16 +7,15 @@ use jiff::Timestamp;
 use sqlx::{Sqlite, Transaction};
 
 use super::error::StoreError;
-use super::ledger::runs;
 use super::ledger::runs::{Owner, RunTotals};
-use super::ledger::{identity, quarantine};
+use super::ledger::{identity, quarantine, runs};
 use super::results::run_analysis;
-use super::robot::friction;
 use super::robot::friction::CycleSpeedFits;
-use super::robot::history;
 use super::robot::history::RunMeasurements;
+use super::robot::{friction, history};
 use crate::analysis::RunAnalysis;
 use crate::run::{ContentHash, ContentPrefix};
+use crate::store::handle::Store;
 
 /// An open transaction that ends a run. Dropping it without [`commit`](Self::commit) leaves the
 /// database as it was. It holds the only writer: do slow work before opening it, with
@@ -134,5 +133,19 @@ impl FinishTransaction {
 
     fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
         result.map_err(|e| StoreError::from_sqlx(&self.path, &e))
+    }
+}
+
+impl Store {
+    /// Opens the transaction that ends a run. A complete run may be ended again.
+    ///
+    /// # Errors
+    /// [`StoreError::RunNotOpen`] if the run is unknown or quarantined.
+    pub async fn finish_run(&self, run_id: i64) -> Result<FinishTransaction, StoreError> {
+        let mut transaction = self.begin().await?;
+        let robot =
+            self.checked(crate::store::ledger::runs::robot_of_run(&mut *transaction, run_id).await)?;
+        let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
+        Ok(FinishTransaction { transaction, path: Arc::clone(&self.path), run_id, robot_id, replaced: None })
     }
 }

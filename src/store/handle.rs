@@ -3,7 +3,9 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use sqlx::SqlitePool;
+use sqlx::{Sqlite, SqlitePool, Transaction};
+
+use super::error::StoreError;
 
 /// An open database. Clones share it.
 #[derive(Debug, Clone)]
@@ -13,4 +15,40 @@ pub struct Store {
     pub(super) readers: SqlitePool,
     /// A reader for questions about the database's health: it takes no turn of the others.
     pub(super) probe: SqlitePool,
+}
+
+impl Store {
+    /// Moves the write-ahead log into the database file and closes it, for all clones.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the last checkpoint; what was committed is safe all the same.
+    pub async fn close(self) -> Result<(), StoreError> {
+        // Readers first: a checkpoint cannot empty the log while they look at it.
+        self.probe.close().await;
+        self.readers.close().await;
+        let checkpoint = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&self.writer).await;
+        self.writer.close().await;
+        self.checked(checkpoint).map(|_| ())
+    }
+
+    /// A transaction that has the write lock. A deferred one that reads first and writes later would
+    /// fail at once where this one waits.
+    pub(in crate::store) async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+        self.checked(self.writer.begin_with("BEGIN IMMEDIATE").await)
+    }
+
+    pub(in crate::store) async fn commit(
+        &self,
+        transaction: Transaction<'static, Sqlite>,
+    ) -> Result<(), StoreError> {
+        self.checked(transaction.commit().await)
+    }
+
+    pub(in crate::store) fn run_not_open(&self, run_id: i64) -> StoreError {
+        StoreError::RunNotOpen { path: self.path.to_path_buf(), run_id }
+    }
+
+    pub(in crate::store) fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+        result.map_err(|error| StoreError::from_sqlx(&self.path, &error))
+    }
 }

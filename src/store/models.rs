@@ -9,6 +9,8 @@ use super::values::{ROWS_PER_STATEMENT, joint_number, parameter};
 use crate::robot::{
     FrictionLaw, FrictionModel, GeometrySource, Joint, JointKind, ParameterId, Robot, TorqueSensors,
 };
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
 
 /// What the database says of a parameter of a description.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -17,6 +19,38 @@ pub struct ModelParameter {
     pub unit: String,
     /// Sum of standard parameters that it stands for; unknown until the description was analysed.
     pub grouping: Option<String>,
+}
+
+impl Store {
+    /// Writes down which sums of standard parameters the base parameters of a description stand for.
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] for a parameter of a joint that the robot does not have.
+    pub async fn describe_model(
+        &self,
+        robot: &Robot,
+        groupings: &[(ParameterId, String)],
+    ) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        let wanted: Vec<ParameterId> = groupings.iter().map(|(id, _)| *id).collect();
+        let model = self.checked(robot_model_id(&mut transaction, robot).await)?;
+        let keys = self.checked(ensure_parameters(&mut transaction, model, robot, &wanted).await)?;
+        for (key, grouping) in groupings.iter().filter_map(|(id, text)| Some((keys.get(id)?, text))) {
+            self.checked(set_grouping(&mut *transaction, *key, grouping).await)?;
+        }
+        self.commit(transaction).await
+    }
+
+    /// Unit and grouping of each parameter of a description.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn model_parameters(
+        &self,
+        model: &StoredModel,
+    ) -> Result<HashMap<ParameterId, ModelParameter>, StoreError> {
+        self.checked(parameters(&self.readers, model.robot_model_id).await)
+    }
 }
 
 /// Unit and grouping of each parameter of a model.
@@ -107,7 +141,7 @@ pub(super) async fn parameter_keys_of_run(
 }
 
 /// Writes down which sum of standard parameters a base parameter stands for.
-pub(super) async fn set_grouping(
+async fn set_grouping(
     executor: impl SqliteExecutor<'_>,
     model_parameter_id: i64,
     grouping: &str,
@@ -161,10 +195,10 @@ fn unit(robot: &Robot, id: ParameterId) -> Result<&'static str, sqlx::Error> {
 /// this much of a metre or of a unit vector no arm tells apart.
 const PLACEMENT_GRAIN: f64 = 1e-9;
 
-/// Hash of what decides the meaning of base parameters, and of nothing else: a changed limit or
-/// speed level leaves them as they are. Bits of the description's own numbers, so that it is the same
-/// on every machine.
-pub(super) fn description_hash(robot: &Robot) -> [u8; 32] {
+/// Hash by which the database tells descriptions apart: what decides the meaning of base parameters, joint
+/// kinds, geometry, gravity, friction columns and couplings. Compare [`StoredModel::description_hash`].
+#[must_use]
+pub fn description_hash(robot: &Robot) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     let mut add = |value: f64| {
         hasher.update(&value.to_le_bytes());

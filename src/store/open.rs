@@ -16,7 +16,7 @@ use super::results::intervals;
 
 /// How long a write waits for another process. Longer than any transaction of this program, shorter
 /// than a person waits for an answer.
-pub(super) const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Pause before the journal's mode is tried again; another program holds that lock for milliseconds.
 const LOCK_RETRY: Duration = Duration::from_millis(20);
@@ -38,6 +38,36 @@ const LOG_LIMIT_BYTES: &str = "67108864";
 pub(super) const APPLICATION_ID: i64 = 0x4177_6462;
 
 pub(super) static MIGRATOR: Migrator = sqlx::migrate!("./migrations");
+
+impl Store {
+    /// Opens the database at `path`; makes it, and its folder, if there is none, and brings its
+    /// schema up to date.
+    ///
+    /// # Errors
+    /// [`StoreError::NotADatabase`], [`StoreError::Newer`], [`StoreError::NotWritable`] and others;
+    /// a file that is refused is left as it is.
+    pub async fn open(path: &Path) -> Result<Self, StoreError> {
+        open(path, BUSY_TIMEOUT).await
+    }
+
+    /// Opens the database at `path` to look into it; nothing is made or changed, and writing fails. `None` if
+    /// there is none.
+    ///
+    /// # Errors
+    /// As [`Store::open`], and [`StoreError::Older`] for a schema that is not up to date.
+    pub async fn open_existing(path: &Path) -> Result<Option<Self>, StoreError> {
+        open_existing(path).await
+    }
+
+    /// Makes what was committed so far outlast a loss of power too: a commit alone is written into the log and, for
+    /// speed, not synced.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritable`] if the disk refuses.
+    pub async fn sync(&self) -> Result<(), StoreError> {
+        sync(&self.path).await
+    }
+}
 
 /// Opens, creates and migrates; see [`Store::open`].
 pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, StoreError> {

@@ -1,11 +1,10 @@
 //! Between the nouns and what a column holds.
 
-use crate::analysis::Rmsd;
 use jiff::Timestamp;
 use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
 
-use crate::analysis::IdentifiedParameter;
+use crate::analysis::{IdentifiedParameter, Rmsd};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 
 /// Most rows in one multi-row statement. With at most 20 columns this stays far below SQLite's 32766

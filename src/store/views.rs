@@ -1,6 +1,5 @@
 //! What people ask: runs, fleet health, anomalies, counts. Reads the views, as users do.
 
-use crate::store::values::time_text;
 use jiff::Timestamp;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
@@ -10,6 +9,9 @@ use super::values::{joint, named, size};
 use crate::anomaly::Severity;
 use crate::robot::JointIndex;
 use crate::run::{RunKind, RunStatus};
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
+use crate::store::values::time_text;
 
 /// A row of the view `runs`.
 #[derive(Debug, Clone, PartialEq)]
@@ -159,6 +161,40 @@ pub struct Counts {
     pub cycles: u64,
     /// Anomalies in the state open.
     pub open_anomalies: u64,
+}
+
+impl Store {
+    /// All runs, by robot and start.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn runs(&self) -> Result<Vec<RunRow>, StoreError> {
+        self.checked(runs(&self.readers).await)
+    }
+
+    /// Where every joint of every robot with a complete run stands.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn fleet_health(&self) -> Result<Vec<FleetHealthRow>, StoreError> {
+        self.checked(fleet_health(&self.readers).await)
+    }
+
+    /// Anomalies found after the one with key `after` (0 for all), in the order found.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn anomalies_after(&self, after: i64) -> Result<Vec<AnomalyRow>, StoreError> {
+        self.checked(anomalies_after(&self.readers, after).await)
+    }
+
+    /// How much is stored.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn counts(&self) -> Result<Counts, StoreError> {
+        self.checked(counts(&self.readers).await)
+    }
 }
 
 /// All runs, by robot and start.

@@ -6,11 +6,11 @@ use armwatch::analysis::Estimator;
 use armwatch::config::{read_layout, read_robot};
 use armwatch::numerics::analyse::{AnalysisSettings, Method};
 use armwatch::numerics::identify::cycle::identify_factors;
-use armwatch::numerics::identify::filtered_columns::jumps;
+use armwatch::numerics::identify::filtered_columns::filtered_coulomb_columns;
 use armwatch::numerics::identify::joint_factors::{JointFactor, factor_cycle};
 use armwatch::numerics::identify::verify::StageSums;
-use armwatch::numerics::pooled::pool::Union;
-use armwatch::numerics::signal::filter::condition;
+use armwatch::numerics::pooled::pool::PooledFactors;
+use armwatch::numerics::signal::filter::filter_signals;
 use armwatch::numerics::signal::filter::independent_fraction;
 use armwatch::pipeline::take::cycles::read_cycle;
 use armwatch::robot::Robot;
@@ -127,7 +127,7 @@ fn crossed(name: &str, method: &Method, parts: &[Vec<JointFactor>], rate: f64, c
     let by_joint = ESTIMATORS.map(|estimator| {
         let mut sums = StageSums::default();
         for left_out in 0..parts.len() {
-            let mut union = Union::new(method.columns.clone());
+            let mut union = PooledFactors::new(method.columns.clone());
             let shares = vec![independent_fraction(cutoff, rate); method.robot.joint_count()];
             for (_, part) in parts.iter().enumerate().filter(|(place, _)| *place != left_out) {
                 union.add(&method.columns, part, &shares).expect("the same columns");
@@ -147,8 +147,8 @@ fn crossed(name: &str, method: &Method, parts: &[Vec<JointFactor>], rate: f64, c
 /// Factors of a cycle whose rows of excitation outside a share of its time count as rows between stages, or are
 /// left out.
 fn part(method: &Method, cycle: &Cycle, [from, to]: [f64; 2], cutoff: f64) -> Vec<JointFactor> {
-    let conditioned = condition(&cycle.samples, cutoff).expect("long enough");
-    let jumps = jumps(&method.robot, &conditioned);
+    let filtered = filter_signals(&cycle.samples, cutoff).expect("long enough");
+    let filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &filtered);
     let mut samples = cycle.samples.clone();
     let rows = samples.rows() as f64;
     for (row, stage) in samples.stage.iter_mut().enumerate() {
@@ -157,7 +157,8 @@ fn part(method: &Method, cycle: &Cycle, [from, to]: [f64; 2], cutoff: f64) -> Ve
         }
     }
     let kept = &method.base.kept_columns;
-    let factored = factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, &samples);
+    let factored =
+        factor_cycle(&method.robot, &method.columns, kept, &filtered, &filtered_coulomb_columns, &samples);
     let is_whole = from <= 0.0 && to >= 1.0;
     let is_part = |of: &JointFactor| is_whole || of.stage == Stage::Excitation;
     factored.factors.into_iter().filter(is_part).collect()

@@ -229,7 +229,7 @@ fn best(costs: &[Cost]) -> Cost {
 }
 
 fn simulated(folder: &Path, cycles: u32, rate_hz: f64) -> Result<PathBuf, CliError> {
-    output::note(&format!("simulating {cycles} cycles at {rate_hz} Hz"));
+    output::print_hint(&format!("simulating {cycles} cycles at {rate_hz} Hz"));
     let settings = SimulationSettings {
         cycles,
         sample_rate_hz: rate_hz,
@@ -246,7 +246,7 @@ fn first_start() -> Result<Timestamp, CliError> {
 
 /// Writes `count` exports of one cycle each, a day apart.
 fn write_small(folder: &Path, count: u32) -> Result<(), CliError> {
-    output::note(&format!("writing {count} small exports"));
+    output::print_hint(&format!("writing {count} small exports"));
     let first_start = first_start()?;
     let settings =
         SimulationSettings { cycles: 1, warming_s: 5.0, first_start, ..SimulationSettings::default() };

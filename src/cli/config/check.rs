@@ -40,7 +40,7 @@ fn refuse(global: &Global, problems: &[ConfigProblem]) -> u8 {
         }
     }
     let count = problems.len();
-    output::note(&format!("armwatch: {count} problem{}", if count == 1 { "" } else { "s" }));
+    output::print_hint(&format!("armwatch: {count} problem{}", if count == 1 { "" } else { "s" }));
     EXIT_USAGE
 }
 

@@ -10,8 +10,8 @@ use crate::cli::shared::output;
 use crate::cli::shared::selection::{cycle_numbers, note_passed_over, runs_of};
 use crate::config::Config;
 use crate::numerics::least_squares::essential::EssentialSettings;
-use crate::numerics::pooled::estimate::{EstimatorKind, HistoryEstimate};
-use crate::numerics::pooled::per_joint::JointView;
+use crate::numerics::pooled::estimate::{EstimatorKind, PooledEstimate};
+use crate::numerics::pooled::per_joint::PerJointEstimate;
 use crate::pipeline::stored::chosen_cycles::{Candidate, Chosen, Taken, rmsd_of_views, rmsd_on, take};
 use crate::pipeline::stored::reestimate::{Choice, Outcome, Together, estimate_together};
 use crate::robot::JointIndex;
@@ -34,7 +34,7 @@ pub(in crate::cli) fn identify(global: &Global, args: &IdentifyArgs) -> Result<u
 fn configured(config: &Config) -> EstimatorArg {
     let configured = config.analysis.estimator;
     if configured.of_factors() != configured {
-        output::note(&format!(
+        output::print_hint(&format!(
             "the configured estimator {} weighs single rows, which are not stored: {} is taken; --estimator names \
              another",
             configured.name(),
@@ -143,7 +143,7 @@ async fn report(
     if !global.json
         && let Some(name) = report.saved
     {
-        output::note(&format!("saved as {name}"));
+        output::print_hint(&format!("saved as {name}"));
     }
     let complete = match &together.outcome {
         Outcome::Set(_) => true,
@@ -159,7 +159,7 @@ type RmsdBeforeAndAfter = (Vec<TorqueRmsd>, Option<Vec<TorqueRmsd>>);
 async fn rmsd_of_set(
     store: &Store,
     taken: &Taken,
-    found: &HistoryEstimate,
+    found: &PooledEstimate,
     chosen: &[Chosen],
 ) -> Result<RmsdBeforeAndAfter, CliError> {
     let candidate =
@@ -173,9 +173,9 @@ async fn rmsd_of_set(
 }
 
 fn parameters_of<E>(
-    views: &[(JointIndex, Result<JointView, E>)],
+    views: &[(JointIndex, Result<PerJointEstimate, E>)],
 ) -> Vec<(JointIndex, Vec<crate::analysis::IdentifiedParameter>)> {
-    let of = |(joint, view): &(JointIndex, Result<JointView, E>)| {
+    let of = |(joint, view): &(JointIndex, Result<PerJointEstimate, E>)| {
         Some((*joint, view.as_ref().ok()?.identification.parameters.clone()))
     };
     views.iter().filter_map(of).collect()
@@ -185,7 +185,7 @@ async fn save(
     store: &Store,
     name: &str,
     taken: &Taken,
-    found: &HistoryEstimate,
+    found: &PooledEstimate,
     estimator: EstimatorKind,
 ) -> Result<(), CliError> {
     let set = ParameterSet {

@@ -42,7 +42,7 @@ pub(in crate::cli) async fn each_cycle(
     } else {
         output::line(&as_text(&found));
         if let Some(name) = &args.save {
-            output::note(&format!("saved as {name}"));
+            output::print_hint(&format!("saved as {name}"));
         }
     }
     let complete = passed_over.is_empty() && found.cycles.iter().all(|cycle| cycle.reason.is_none());

@@ -8,8 +8,8 @@ use crate::analysis::{Identification, IdentifiedParameter, TorqueRmsd};
 use crate::cli::shared::output;
 use crate::numerics::NumericsError;
 use crate::numerics::least_squares::conditioning::FLAGGED_RELATIVE_ERROR;
-use crate::numerics::pooled::estimate::{ErrorBasis, EstimatorKind, HistoryEstimate};
-use crate::numerics::pooled::per_joint::JointView;
+use crate::numerics::pooled::estimate::{ErrorBasis, EstimatorKind, PooledEstimate};
+use crate::numerics::pooled::per_joint::PerJointEstimate;
 use crate::pipeline::stored::chosen_cycles::Taken;
 use crate::pipeline::stored::reestimate::{Outcome, Together};
 use crate::robot::{JointIndex, ParameterId};
@@ -101,7 +101,7 @@ impl Report<'_> {
         text
     }
 
-    fn set_text(&self, found: &HistoryEstimate) -> String {
+    fn set_text(&self, found: &PooledEstimate) -> String {
         let mut text = format!("{}\n{}\n", figures_text(&found.identification), errors_text(found.errors));
         if !found.settled {
             text.push_str("weights did not settle; the last ones are taken\n");
@@ -128,7 +128,7 @@ impl Report<'_> {
     }
 
     /// Noise of the joints and cycles of less weight, where there are weights.
-    fn weights_text(&self, found: &HistoryEstimate) -> String {
+    fn weights_text(&self, found: &PooledEstimate) -> String {
         if self.estimator == EstimatorKind::Ordinary {
             return String::new();
         }
@@ -155,7 +155,7 @@ impl Report<'_> {
     /// Place of the cycle, joint, weight.
     fn lighter_cycles<'a>(
         &self,
-        found: &'a HistoryEstimate,
+        found: &'a PooledEstimate,
     ) -> impl Iterator<Item = (usize, JointIndex, f64)> + use<'a> {
         let cycles = found.weights.kept.iter().flatten().enumerate();
         cycles.flat_map(|(place, of_joint)| {
@@ -164,7 +164,7 @@ impl Report<'_> {
         })
     }
 
-    fn view_text(&self, joint: JointIndex, view: &Result<JointView, NumericsError>) -> String {
+    fn view_text(&self, joint: JointIndex, view: &Result<PerJointEstimate, NumericsError>) -> String {
         let view = match view {
             Ok(view) => view,
             Err(error) => return format!("\n\njoint {joint} gives no parameters: {error}"),
@@ -270,7 +270,7 @@ impl Report<'_> {
         value
     }
 
-    fn add_set(&self, value: &mut Value, found: &HistoryEstimate) {
+    fn add_set(&self, value: &mut Value, found: &PooledEstimate) {
         add_figures(value, &found.identification, found.errors);
         value["settled"] = json!(found.settled);
         let parameters = found.identification.parameters.iter().zip(&found.half_width);
@@ -303,7 +303,7 @@ impl Report<'_> {
         }
     }
 
-    fn view_value(&self, joint: JointIndex, view: &Result<JointView, NumericsError>) -> Value {
+    fn view_value(&self, joint: JointIndex, view: &Result<PerJointEstimate, NumericsError>) -> Value {
         let view = match view {
             Ok(view) => view,
             Err(error) => return json!({"joint": joint.number(), "reason": error.to_string()}),
@@ -335,7 +335,7 @@ fn add_figures(value: &mut Value, found: &Identification, errors: ErrorBasis) {
 }
 
 /// Standard deviation of each joint's residual, Nm, as the weights say.
-fn noise(found: &HistoryEstimate) -> Vec<f64> {
+fn noise(found: &PooledEstimate) -> Vec<f64> {
     found.weights.by_joint.iter().map(|weight| 1.0 / weight.sqrt()).collect()
 }
 

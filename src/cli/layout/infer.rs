@@ -75,7 +75,7 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
     let proposed = match proposed {
         Ok(proposed) => proposed,
         Err(rejection) => {
-            output::complain(&rejection);
+            output::print_error(&rejection);
             return Ok(EXIT_FOUND);
         }
     };
@@ -88,13 +88,13 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
             "layout": proposed.toml, "questions": proposed.questions, "rows": proposed.rows,
         }));
     } else if let Some(output) = &args.output {
-        output::note(&format!("wrote {}", output.display()));
+        output::print_hint(&format!("wrote {}", output.display()));
     } else {
         output::line(proposed.toml.trim_end());
     }
     if proposed.questions > 0 {
         let s = if proposed.questions == 1 { "" } else { "s" };
-        output::note(&format!("armwatch: {} question{s} left, marked \"# ?\"", proposed.questions));
+        output::print_hint(&format!("armwatch: {} question{s} left, marked \"# ?\"", proposed.questions));
         return Ok(EXIT_FOUND);
     }
     Ok(EXIT_DONE)

@@ -1,6 +1,5 @@
 //! `armwatch quarantine`: exports that were not understood.
 
-use crate::cli::quarantine::story::Place;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -13,6 +12,7 @@ use crate::cli::context::{
     CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, runtime, shared,
 };
 use crate::cli::ingest;
+use crate::cli::quarantine::story::Place;
 use crate::cli::shared::output;
 use crate::config::Config;
 use crate::daemon;
@@ -168,7 +168,7 @@ async fn explain(global: &Global, config: &Config, store: &Store, which: &str) -
     let run_id = find(&faults, which).ok_or_else(|| unknown(which))?;
     let faults: Vec<QuarantineRow> = faults.into_iter().filter(|fault| fault.run_id == run_id).collect();
     let place = place_of(store, run_id).await?;
-    let story = story::Story::new(&faults, &place, config.limits.export_bytes)
+    let story = story::FaultReport::new(&faults, &place, config.limits.export_bytes)
         .ok_or_else(|| CliError::Internal(format!("run {run_id} has no fault")))?;
     if global.json {
         output::json(&story.as_value());
@@ -189,8 +189,8 @@ async fn dismiss(
     let run_id = find(&faults, which).ok_or_else(|| unknown(which))?;
     if !store.dismiss(run_id, &by, reason).await? {
         let latest = faults.iter().find(|fault| fault.run_id == run_id);
-        let became = latest.map(story::became).unwrap_or_default();
-        return Err(CliError::Usage(format!("run {run_id} is no open problem: {became}")));
+        let outcome = latest.map(story::outcome).unwrap_or_default();
+        return Err(CliError::Usage(format!("run {run_id} is no open problem: {outcome}")));
     }
     if global.json {
         output::json(&json!({"run_id": run_id, "outcome": "dismissed", "by": by, "reason": reason}));
@@ -304,7 +304,7 @@ impl Retry<'_> {
             return Err(CliError::Usage(format!(
                 "run {} is not quarantined any more: {}",
                 settled.run_id,
-                story::became(settled)
+                story::outcome(settled)
             )));
         }
         // what was dismissed is read again only if it is named

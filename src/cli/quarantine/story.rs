@@ -32,14 +32,14 @@ const SHOWN_CHARACTERS: usize = 88;
 const LEAD_CHARACTERS: usize = 40;
 
 /// All that is known of a quarantined export.
-pub struct Story<'a> {
+pub struct FaultReport<'a> {
     latest: &'a QuarantineRow,
     earlier: &'a [QuarantineRow],
     place: &'a Place,
     excerpt: Option<Excerpt>,
 }
 
-impl<'a> Story<'a> {
+impl<'a> FaultReport<'a> {
     /// The story of the faults of one run, the latest first; `None` without any.
     /// Most decompressed bytes of the file that are looked at are `most`.
     pub fn new(faults: &'a [QuarantineRow], place: &'a Place, most: u64) -> Option<Self> {
@@ -57,7 +57,7 @@ impl<'a> Story<'a> {
     /// For people.
     pub fn as_text(&self) -> String {
         let fault = self.latest;
-        let mut out = format!("run {}, robot {}, {}\n", fault.run_id, fault.robot, became(fault));
+        let mut out = format!("run {}, robot {}, {}\n", fault.run_id, fault.robot, outcome(fault));
         let mut line = |name: &str, value: &str| {
             // writing to a string cannot fail
             let _ = writeln!(out, "{name:<10} {value}");
@@ -153,7 +153,7 @@ pub fn one_line(fault: &QuarantineRow) -> String {
 }
 
 /// What became of a fault.
-pub fn became(fault: &QuarantineRow) -> String {
+pub fn outcome(fault: &QuarantineRow) -> String {
     match fault.state {
         FaultState::Open | FaultState::Earlier => "quarantined".to_owned(),
         FaultState::Dismissed => match &fault.dismissal {
@@ -172,7 +172,7 @@ pub fn became(fault: &QuarantineRow) -> String {
 /// What another try would do.
 pub fn what_retry_does(fault: &QuarantineRow, place: &Place) -> String {
     if !matches!(fault.state, FaultState::Open | FaultState::Dismissed | FaultState::Earlier) {
-        return format!("nothing to do: {}", became(fault));
+        return format!("nothing to do: {}", outcome(fault));
     }
     let path = |path: &Path| path.display().to_string();
     match place {

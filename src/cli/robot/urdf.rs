@@ -68,7 +68,7 @@ pub(in crate::cli) fn urdf(global: &Global, args: &RobotUrdfArgs) -> Result<u8, 
         done
     })?;
     if !fitted.fit.estimate.settled {
-        output::complain(&format!(
+        output::print_error(&format!(
             "the fit did not settle in {} steps and nothing is written; choose more cycles, or a description \
              with nominal inertia",
             fitted.fit.estimate.steps
@@ -82,7 +82,7 @@ pub(in crate::cli) fn urdf(global: &Global, args: &RobotUrdfArgs) -> Result<u8, 
         output::json(&as_value(&fitted, args));
     } else {
         output::line(&as_text(&fitted));
-        output::note(&format!("wrote {}", args.output.display()));
+        output::print_hint(&format!("wrote {}", args.output.display()));
     }
     Ok(EXIT_DONE)
 }

@@ -19,13 +19,13 @@ pub fn lines(lines: impl Iterator<Item = String>) {
 }
 
 /// Prints a line of words.
-pub fn note(text: &str) {
+pub fn print_hint(text: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
 /// Prints an error.
-pub fn complain(error: &dyn std::fmt::Display) {
-    note(&format!("armwatch: {error}"));
+pub fn print_error(error: &dyn std::fmt::Display) {
+    print_hint(&format!("armwatch: {error}"));
 }
 
 /// Prints a result as one line of JSON.

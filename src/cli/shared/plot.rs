@@ -54,7 +54,7 @@ pub(in crate::cli) fn write_lines(path: &Path, lines: impl Iterator<Item = Strin
             path.display()
         ))
     })?;
-    output::note(&format!("wrote {}", path.display()));
+    output::print_hint(&format!("wrote {}", path.display()));
     Ok(())
 }
 

@@ -25,16 +25,20 @@ pub(in crate::cli) async fn reweight(
     let Reweighted { cycles, kept, interrupted } = done?;
     let estimator = pipeline.config().analysis.estimator.name();
     if cycles > 0 {
-        output::note(&format!("{cycles} stored cycles identified again from their factors as {estimator}"));
+        output::print_hint(&format!(
+            "{cycles} stored cycles identified again from their factors as {estimator}"
+        ));
     }
     if kept > 0 {
-        output::note(&format!(
+        output::print_hint(&format!(
             "{kept} stored cycles keep another estimator than {estimator}: `SELECT run_id, cycle, estimator, \
              estimator_reason FROM cycles WHERE estimator_reason IS NOT NULL` says why"
         ));
     }
     if interrupted {
-        output::note("stopped while stored cycles were identified again; the rest follows at the next start");
+        output::print_hint(
+            "stopped while stored cycles were identified again; the rest follows at the next start",
+        );
     }
     Ok(!interrupted)
 }

@@ -29,7 +29,7 @@ impl From<StoredError> for CliError {
 /// Says which cycles of the chosen runs take no part, and why.
 pub(in crate::cli) fn note_passed_over(passed_over: &[PassedOver]) {
     if !passed_over.is_empty() {
-        output::note(&format!("passed over: {}", told(passed_over)));
+        output::print_hint(&format!("passed over: {}", told(passed_over)));
     }
 }
 

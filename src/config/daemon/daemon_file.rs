@@ -1,6 +1,5 @@
 //! The daemon's file, `armwatch.toml`, with the arms and layouts that it refers to.
 
-use crate::config::toml::files::ReadText;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -16,6 +15,7 @@ use crate::config::pattern::FilePatterns;
 use crate::config::robot::robot_file::parse_robot_with;
 use crate::config::serve::{ServeSettings, read_serve};
 use crate::config::settings::{Config, FleetEntry, Recognition, RewritePolicy, WatchSettings, WorkLimits};
+use crate::config::toml::files::ReadText;
 use crate::config::toml::problem::ConfigErrors;
 use crate::config::toml::range::Limits;
 use crate::config::toml::suggestion;

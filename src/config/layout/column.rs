@@ -55,7 +55,7 @@ impl JointColumns {
 
 /// A name with its place for the joint's number filled: `{joint}` is the number, `{joint+6}` that
 /// number plus 6.
-pub(in crate::config) fn expanded(pattern: &str, joint: usize) -> String {
+fn expanded(pattern: &str, joint: usize) -> String {
     if let Some((before, rest)) = pattern.split_once("{joint+")
         && let Some((added, after)) = rest.split_once('}')
         && let Ok(added) = added.parse::<usize>()

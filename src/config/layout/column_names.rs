@@ -46,7 +46,7 @@ impl ColumnNames {
     }
 
     /// One name for the columns of all joints.
-    pub(in crate::config) fn take_pattern(&mut self, value: &Value<'_>) -> Option<String> {
+    fn take_pattern(&mut self, value: &Value<'_>) -> Option<String> {
         let pattern = value.text()?;
         let problem = match joint_places(pattern) {
             0 => format!("must contain {JOINT}, which stands for the joint's number from 1"),
@@ -81,7 +81,7 @@ pub(in crate::config) fn read_unit(value: &Value<'_>, units: &[NamedUnit]) -> Op
 pub(in crate::config) const JOINT: &str = "{joint}";
 
 /// Largest number of a column; wider exports than this are none of a robot arm.
-pub(in crate::config) const MAX_COLUMN: i64 = 10_000;
+const MAX_COLUMN: i64 = 10_000;
 
 /// How often a name holds a place for the joint's number, as it is or with something added to it.
 fn joint_places(name: &str) -> usize {

@@ -1,8 +1,7 @@
 //! A joint of a description: kind, limits, drive.
 
-use super::friction_model;
 use super::geometry::read_dh_row;
-use super::nominal;
+use super::{friction_model, nominal};
 use crate::config::toml::quantity::{ACCELERATION, Given, POSITION, SPEED, VELOCITY, quantity};
 use crate::config::toml::range::Limits;
 use crate::config::toml::table::{Table, Value};
@@ -154,7 +153,7 @@ pub(in crate::config) fn read_gear_ratio(
 }
 
 /// The name, where given.
-pub(in crate::config) fn read_name(table: &Table<'_>) -> Option<Option<String>> {
+fn read_name(table: &Table<'_>) -> Option<Option<String>> {
     optional(table.optional("name").map(|value| value.text().map(str::to_owned)))
 }
 

@@ -1,13 +1,11 @@
 //! Descriptions of arms: `config/robots/*.toml` to [`Robot`].
 
-use crate::config::robot::chain::Chain;
 use std::path::Path;
 
-use super::friction_model;
-use super::geometry::{self, Convention};
-use super::joint;
-use super::transmission::{self, GivenTransmission};
-use super::urdf_arm;
+use super::geometry::Convention;
+use super::transmission::GivenTransmission;
+use super::{friction_model, geometry, joint, transmission, urdf_arm};
+use crate::config::robot::chain::Chain;
 use crate::config::toml::files;
 use crate::config::toml::files::ReadText;
 use crate::config::toml::problem::ConfigErrors;

@@ -9,7 +9,7 @@ use crate::robot::{JointGeometry, JointKind, StandardParameters, Transform, Urdf
 
 /// Range that stands in for the missing one of a continuous joint, rad: a full turn each way, which
 /// is what most controllers show of such an axis.
-pub(in crate::config) const CONTINUOUS_RANGE: f64 = std::f64::consts::TAU;
+const CONTINUOUS_RANGE: f64 = std::f64::consts::TAU;
 
 /// A chain read from a URDF file.
 #[derive(Debug, Clone, PartialEq)]

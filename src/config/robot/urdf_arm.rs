@@ -3,11 +3,10 @@
 use std::path::Path;
 
 use super::chain::Chain;
-use super::joint;
 use super::joint::{Drive, check_low_speed, check_range, read_drive, read_gear_ratio};
-use super::nominal;
 use super::transmission::GivenTransmission;
-use super::urdf::{self, UrdfJoint};
+use super::urdf::UrdfJoint;
+use super::{joint, nominal, urdf};
 use crate::config::toml::files::ReadText;
 use crate::config::toml::problem::ConfigErrors;
 use crate::config::toml::quantity::{ACCELERATION, POSITION, VELOCITY, quantity};

@@ -16,7 +16,7 @@ const MAX_BLOCK_BYTES: usize = 256 << 20;
 
 /// Longest line. A row of a nine-axis arm with two hundred further columns has some five
 /// kilobytes; a file without line ends must not grow the buffer without bound.
-pub const MAX_LINE_BYTES: usize = 1 << 20;
+const MAX_LINE_BYTES: usize = 1 << 20;
 
 /// Consecutive whole lines, without the header. The last one is not blank.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -39,14 +39,6 @@ pub fn nothing() -> ContentPrefix {
     ContentPrefix { bytes: 0, hash: of_bytes(b"") }
 }
 
-/// Number of a file, whatever it is called; links are followed.
-///
-/// # Errors
-/// Those of the file system.
-pub fn file_id(path: &Path) -> io::Result<FileId> {
-    Ok(id_of(&std::fs::metadata(path)?))
-}
-
 /// Number of the file that `metadata` is of.
 #[must_use]
 pub fn id_of(metadata: &std::fs::Metadata) -> FileId {

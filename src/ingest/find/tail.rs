@@ -154,7 +154,7 @@ impl Growth {
 
     /// What was read so far.
     #[must_use]
-    pub fn read_so_far(&self) -> ContentPrefix {
+    fn read_so_far(&self) -> ContentPrefix {
         self.hash.prefix()
     }
 

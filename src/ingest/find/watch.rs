@@ -4,10 +4,10 @@
 //! start and every so often sees everything, and looking twice is harmless.
 
 use std::collections::HashSet;
-use std::fs::{self, Metadata};
-use std::io;
+use std::fs::Metadata;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
+use std::{fs, io};
 
 use notify::event::{AccessKind, AccessMode};
 use notify::{EventKind, RecommendedWatcher, RecursiveMode, Watcher};
@@ -215,7 +215,8 @@ impl FolderWatch {
 
     /// Number of folders watched by the system.
     #[must_use]
-    pub fn watched_count(&self) -> usize {
+    #[cfg(test)]
+    fn watched_count(&self) -> usize {
         self.watched.len()
     }
 }

@@ -4,11 +4,12 @@ use super::head::Head;
 use super::joints::{Joints, by_name, by_place, column_name, time_column, values};
 use super::motion_sections::{position_section, time_section, torque_section, velocity_section};
 use super::motion_units::{decide_units, slopes};
-use super::names::{self, Kind, Said};
+use super::names::{Kind, Said};
 use super::proposal::Hints;
 use super::section::{Key, Section, quoted};
-use super::stages::{self, Meaning};
+use super::stages::Meaning;
 use super::temperatures::temperatures;
+use super::{names, stages};
 
 /// The sections of a layout file for the export.
 pub(super) fn propose(head: &Head, hints: Hints<'_>) -> Vec<Section> {

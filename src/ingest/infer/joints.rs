@@ -1,10 +1,10 @@
 //! Which columns of an export are the joints', and which is time.
 
 use super::head::{Head, HeadColumn};
-use super::names::{self, Group, Kind, Said};
+use super::names::{Group, Kind, Said};
 use super::proposal::Hints;
 use super::section::quoted;
-use super::units;
+use super::{names, units};
 use crate::robot::Robot;
 
 /// Columns of one quantity, one a joint.

@@ -22,12 +22,11 @@ mod write;
 #[cfg(test)]
 mod tests;
 
-use crate::ingest::infer::proposal::Hints;
-use crate::ingest::infer::proposal::Proposed;
 use std::io::Read;
 use std::path::Path;
 
 use super::rejection::Rejection;
+use crate::ingest::infer::proposal::{Hints, Proposed};
 
 /// Proposes a layout called `name` from the first rows of an export.
 ///

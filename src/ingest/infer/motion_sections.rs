@@ -6,8 +6,9 @@ use super::motion_units::{Slopes, Units};
 use super::names::Kind;
 use super::proposal::Hints;
 use super::section::{Key, Section, quoted};
-use super::torque_size::{self, Size};
-use super::units::{self, Slope};
+use super::torque_size::Size;
+use super::units::Slope;
+use super::{torque_size, units};
 
 /// Sample rates that are believed, Hz: what a layout takes.
 const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;

@@ -2,8 +2,8 @@
 
 use super::head::Head;
 use super::joints::{Found, Joints};
-use super::names;
-use super::units::{self, Choice, Figures, Known, Slope};
+use super::units::{Choice, Figures, Known, Slope};
+use super::{names, units};
 use crate::robot::Robot;
 
 pub(super) struct Slopes {

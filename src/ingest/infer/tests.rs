@@ -1,13 +1,12 @@
 //! Proposed layouts, loaded and used: the samples must be those of the native export.
 
-use crate::ingest::infer::proposal::Hints;
-use crate::ingest::infer::proposal::Proposed;
 use std::fmt::Write;
 use std::path::Path;
 
 use super::super::fixture::native;
 use super::*;
 use crate::config::{Layout, parse_layout};
+use crate::ingest::infer::proposal::{Hints, Proposed};
 use crate::ingest::table::reader::{ExportReader, ReadOptions};
 use crate::run::Samples;
 use crate::testing::er3a;

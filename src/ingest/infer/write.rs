@@ -1,12 +1,12 @@
 //! A proposal as the text of a layout file.
 
-use crate::ingest::infer::section::quoted;
 use std::path::Path;
 
 use super::head::Head;
 use super::proposal::Proposed;
 use super::section::{Key, Section};
 use crate::config::DecimalMark;
+use crate::ingest::infer::section::quoted;
 
 /// Longest line of a comment, characters.
 const COMMENT_WIDTH: usize = 110;

@@ -5,10 +5,10 @@
 
 use std::path::Path;
 
-use super::cell;
-use super::channels::{self, RawColumns};
+use super::channels::RawColumns;
 use super::column_map::{ColumnMap, Role, TimeColumn};
 use super::fields::fields;
+use super::{cell, channels};
 use crate::ingest::bytes::blocks::{Block, is_blank, narrow, nul};
 use crate::ingest::rejection::Rejection;
 use crate::run::Samples;

@@ -17,11 +17,11 @@ pub const MAX_TIME: f64 = 1e11;
 /// counts taken for angles lie beyond.
 pub const MAX_POSITION: f64 = 1e4;
 /// Largest velocity, rad/s (m/s): a hundred thousand turns a minute, faster than any motor shaft.
-pub const MAX_VELOCITY: f64 = 1e4;
+const MAX_VELOCITY: f64 = 1e4;
 /// Largest torque, Nm (N): a hundred times what the largest arms hold.
-pub const MAX_TORQUE: f64 = 1e7;
+const MAX_TORQUE: f64 = 1e7;
 /// Largest cycle number: a thousand times the cycles of a day of shortest tests.
-pub const MAX_CYCLE: u32 = 1_000_000;
+const MAX_CYCLE: u32 = 1_000_000;
 
 /// One column of numbers for each column of the export, in its order and units; empty where the
 /// column is not needed.

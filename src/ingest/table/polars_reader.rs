@@ -14,12 +14,11 @@ use polars::prelude::{
     Column, CsvParseOptions, CsvReadOptions, DataFrame, DataType, Field, Schema, SchemaRef, SerReader,
 };
 
-use super::cell;
-use super::cell_reader;
 use super::cell_reader::{PassedOver, PreviousTime};
-use super::channels::{self, RawColumns};
+use super::channels::RawColumns;
 use super::column_map::{ColumnMap, Role, TimeColumn};
 use super::fields::fields;
+use super::{cell, cell_reader, channels};
 use crate::config::DecimalMark;
 use crate::ingest::bytes::blocks::{Block, line_count};
 use crate::ingest::rejection::Rejection;

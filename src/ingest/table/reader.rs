@@ -4,12 +4,11 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::cell::Decimal;
-use super::cell_reader;
 use super::cell_reader::{LastLine, PassedOver, PreviousTime};
-use super::channels;
 use super::column_map::{ColumnMap, TimeColumn, map_columns};
 use super::polars_reader::Parser;
-use super::preamble::{self, Header};
+use super::preamble::Header;
+use super::{cell_reader, channels, preamble};
 use crate::config::Layout;
 use crate::ingest::bytes::blocks::{BLOCK_BYTES, Block, Blocks, Next, Passed, line_count};
 use crate::ingest::bytes::encoding::Found;

@@ -8,10 +8,8 @@ use jiff::civil::{Date, DateTime};
 use jiff::fmt::strtime;
 use jiff::tz::TimeZone;
 
-use super::cell;
-use super::cell_reader;
 use super::fields::fields;
-use super::preamble;
+use super::{cell, cell_reader, preamble};
 use crate::config::{Column, Layout, StartForm, StartSource};
 use crate::ingest::bytes::blocks::{Blocks, Next};
 use crate::ingest::bytes::source;

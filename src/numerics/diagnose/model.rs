@@ -18,8 +18,7 @@ mod sound_tests;
 
 use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
-use crate::numerics::diagnose::model::combination::Combination;
-use crate::numerics::diagnose::model::combination::PlausibleSettings;
+use crate::numerics::diagnose::model::combination::{Combination, PlausibleSettings};
 use crate::numerics::model::actuator::friction_columns;
 use crate::numerics::model::base_parameters::{PROBE_STATES, probe_state};
 use crate::numerics::model::regressor::{KeptColumns, Regressor, joint_torque_regressor};

@@ -10,10 +10,8 @@ mod velocity;
 pub mod view;
 
 use crate::analysis::finding::{Finding, FindingKind, FindingSeverity};
-use crate::numerics::diagnose::recording::view::DiagnoseSettings;
-use crate::numerics::diagnose::recording::view::View;
-use crate::numerics::diagnose::recording::view::finding;
-use crate::numerics::signal::filter::Conditioned;
+use crate::numerics::diagnose::recording::view::{DiagnoseSettings, View, finding};
+use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{JointIndex, Robot};
 use crate::run::Samples;
 
@@ -22,16 +20,16 @@ const REPEATS_S: f64 = 0.5;
 
 /// Everything that the channels of one cycle show to be wrong, the gravest first.
 ///
-/// `samples` are as recorded, `conditioned` the same rows after [`crate::numerics::signal::filter::condition`]. Swapped
+/// `samples` are as recorded, `filtered` the same rows after [`crate::numerics::signal::filter::filter_signals`]. Swapped
 /// columns and wrong signs can only be seen as far as joints move.
 #[must_use]
 pub fn diagnose_samples(
     robot: &Robot,
     samples: &Samples,
-    conditioned: &Conditioned,
+    filtered: &FilteredSignals,
     settings: &DiagnoseSettings,
 ) -> Vec<Finding> {
-    let view = View::new(robot, samples, conditioned);
+    let view = View::new(robot, samples, filtered);
     if view.rows.is_empty() {
         return Vec::new();
     }
@@ -77,11 +75,11 @@ pub fn diagnose_samples(
 /// Channels that repeat one value to the last digit while the joint's other channels say it moves.
 fn stuck(view: &View<'_>) -> Vec<Finding> {
     let mut found = Vec::new();
-    let edge = (view.conditioned.sample_rate / view.conditioned.cutoff).ceil() as usize;
-    let least = (REPEATS_S * view.conditioned.sample_rate).ceil().max(8.0) as usize + 2 * edge;
+    let edge = (view.filtered.sample_rate / view.filtered.cutoff).ceil() as usize;
+    let least = (REPEATS_S * view.filtered.sample_rate).ceil().max(8.0) as usize + 2 * edge;
     for joint in view.robot.joint_indices() {
         let j = joint.index();
-        let (dq, qd) = (&view.dq[j], &view.conditioned.qd[j]);
+        let (dq, qd) = (&view.dq[j], &view.filtered.qd[j]);
         let low = view.joint(joint).low_speed;
         // Speed has to change by this much within the repeats, so that a plateau is none.
         let swing = (0.2 * view.rms(qd).max(view.rms(dq))).max(2.0 * low);
@@ -103,7 +101,7 @@ fn stuck(view: &View<'_>) -> Vec<Finding> {
                 range > swing && !clipped(channel[start])
             });
             let Some((start, end)) = run else { continue };
-            let (value, seconds) = (channel[start], (end - start) as f64 / view.conditioned.sample_rate);
+            let (value, seconds) = (channel[start], (end - start) as f64 / view.filtered.sample_rate);
             found.push(finding(
                 FindingKind::Stuck,
                 FindingSeverity::Refuse,
@@ -127,7 +125,7 @@ fn longest_run(
     counts: impl Fn(usize, usize) -> bool,
 ) -> Option<(usize, usize)> {
     let mut longest: Option<(usize, usize)> = None;
-    for stretch in &view.conditioned.usable {
+    for stretch in &view.filtered.usable {
         let mut start = stretch.start;
         for row in stretch.clone() {
             let last = row + 1 == stretch.end;
@@ -146,7 +144,7 @@ fn longest_run(
 
 /// An excitation stage that is hardly there.
 fn short(view: &View<'_>, settings: &DiagnoseSettings) -> Option<Finding> {
-    let seconds = view.excitation.len() as f64 / view.conditioned.sample_rate;
+    let seconds = view.excitation.len() as f64 / view.filtered.sample_rate;
     (seconds < settings.shortest).then(|| {
         finding(
             FindingKind::ShortExcitation,
@@ -163,7 +161,7 @@ fn short(view: &View<'_>, settings: &DiagnoseSettings) -> Option<Finding> {
 
 /// A joint that the excitation does not excite.
 fn motion(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
-    let qd = &view.conditioned.qd[joint.index()];
+    let qd = &view.filtered.qd[joint.index()];
     let low = view.joint(joint).low_speed;
     let mut speeds: Vec<f64> =
         view.excitation.iter().map(|&row| qd[row].abs()).filter(|speed| *speed >= low).collect();

@@ -1,38 +1,38 @@
 //! The warm friction index: friction of each run against the robot's own baseline, at equal speed and equal
 //! thermal state.
 //!
-//! In a run, friction of joint `j` at level `l` differs from the map's by the factor `1 + w_j` (wear: at all
-//! speeds alike) and by coldness that the map does not know: `ambient_j` all through the run, and what the
-//! start had beyond the predicted state, which decays. Cold adds to each level by the map's own cold part,
-//! wear does not: that tells them apart inside one joint. All joints stand in one hall: that tells them apart
-//! between joints. Both are one least-squares problem with weak priors, solved for each run; its
-//! covariance gives the intervals.
+//! In a run, friction of joint `j` at level `l` differs from the map's by the factor `1 + w_j` and by a thermal
+//! deficit that the map does not predict. The wear `w_j` is the same at all speeds. The deficit has a part `ambient_j`
+//! that is constant through the run, and a part that was there at the start and decays. A deficit adds to each level
+//! in proportion to the map's cold part, which distinguishes it from wear inside one joint. All joints are in the same
+//! surroundings, which distinguishes the two between joints. For each run, all of them are the solution of one
+//! least-squares problem with weak priors, see `run_effects.rs`; its covariance gives the intervals.
 
 use super::level_means::friction_means;
-use super::map::{Fitted, fit_map, mixed, moment_coldness, published};
-use super::record::Measured;
-use super::record::{JointRecord, RecordPoint};
-use super::run_effects::{Effect, run_effects, start_decay};
-use super::thermal_source::{first_fit, measured};
+use super::map::{FittedMap, fit_map, moment_deficits, published};
+use super::record::{CycleMotion, JointRecord, MapRun, RecordPoint, ThermalSensor, runs_of};
+use super::run_effects::{RunEffect, run_effects, start_decay};
+use super::thermal_source::{first_fit, thermal_sensor};
 use super::thermal_state::MotionSpan;
 use crate::analysis::Estimate;
 use crate::analysis::friction::{FrictionIndex, FrictionMap};
-use crate::numerics::friction::record::CycleMotion;
-use crate::numerics::friction::record::MapRun;
-use crate::numerics::statistics::descriptive::median;
+use crate::numerics::statistics::descriptive::{mean, median};
 use crate::robot::JointIndex;
 
-/// Map and run effects are fitted in turn this often; the third time changes the index by less than 0.1 %.
+/// Rounds in which run effects and maps are fitted in turn; the third changes the index by less than 0.1 %.
 const OUTER_ROUNDS: usize = 3;
-/// Fewest points of a level in a run that count for the map: a run of fewer cycles shows too little of its own
-/// warm-up for its thermal state to be told.
+/// Fewest points of a level in a run that enter the map. A run with fewer cycles shows too little of its own warm-up
+/// to determine its thermal state.
 const MIN_POINTS_BY_RUN: usize = 6;
 
-/// Fewest points of a level in a run that has an index: with the map given, the motion before the run tells its
-/// thermal state nearly enough, and what it does not tell is in the interval.
+/// Fewest points of a level in a run that has an index. Once the map is fitted, the motion before the run predicts
+/// its thermal state well enough, and the interval contains the error of that prediction.
 const MIN_POINTS_OF_INDEX: usize = 2;
 
-/// No cycle counts for more heat than this, in usual cycles: beyond it speed says little of heat.
+/// Fewest runs of a baseline.
+const MIN_BASELINE_RUNS: usize = 2;
+
+/// Largest activity of a cycle: for motion much faster than usual, speed predicts heat badly.
 const MAX_ACTIVITY: f64 = 2.0;
 
 /// Friction of a robot over its history.
@@ -50,59 +50,90 @@ pub struct RobotFriction {
 /// `baseline_runs` runs of its joint.
 ///
 /// A joint needs `baseline_runs` runs (two at least) with six points or more at a level, and friction that falls
-/// while it warms. Runs of two to five points have no part in the map but an index by it, with a wider interval;
-/// of shorter ones only the motion counts.
+/// while it warms. Runs of two to five points do not enter the map; they still get an index, with a wider interval.
+/// Of shorter runs only the motion is used.
 /// A run that overlaps the one before it counts as beginning when that ends.
 #[must_use]
 pub fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFriction {
+    let baseline_runs = baseline_runs.max(MIN_BASELINE_RUNS);
     let mut found = RobotFriction { indices: vec![Vec::new(); runs.len()], ..RobotFriction::default() };
-    let mut joints: Vec<JointIndex> =
-        runs.iter().flat_map(|run| run.points.iter().map(|p| p.joint)).collect();
-    joints.sort_unstable();
-    joints.dedup();
     let (spans, starts) = timeline(runs);
     let mut records = Vec::new();
-    for joint in joints {
-        match record(joint, runs, &spans, &starts, baseline_runs.max(2)) {
+    for joint in joints_of(runs) {
+        match record(joint, runs, &spans, &starts, baseline_runs) {
             Ok(record) => records.push(record),
             Err(reason) => found.remarks.push(reason),
         }
     }
-    let mut fits: Vec<Fitted> = records.iter_mut().map(|record| first_fit(record, runs.len())).collect();
+    let mut fits: Vec<FittedMap> = records.iter_mut().map(|record| first_fit(record, runs.len())).collect();
     drop_flat(&mut records, &mut fits, &mut found.remarks);
-    let (mut effects, mut scales) = (Vec::new(), None);
-    for round in 0..OUTER_ROUNDS {
-        let (of_joints, shown) = run_effects(&records, &fits, &starts, scales.take());
-        (effects, scales) = (of_joints, Some(shown));
-        for (j, record) in records.iter_mut().enumerate() {
-            settle(record, &fits[j], &mut effects[j], &starts, baseline_runs.max(2));
-            if round + 1 < OUTER_ROUNDS {
-                fits[j] = fit_map(record, Some(fits[j].law));
-            }
-        }
-    }
+    let effects = fit_in_turn(&mut records, &mut fits, &starts, baseline_runs);
     for ((record, fit), effects) in records.iter().zip(&fits).zip(&effects) {
         found.maps.extend(published(record, fit, runs.len()));
-        let moments: Vec<(usize, f64)> = starts.iter().copied().enumerate().collect();
-        let cold = moment_coldness(record, &fit.law, &moments);
-        let raw = raw_indices(record, &baseline(effects, baseline_runs.max(2)), runs.len());
-        for (run, effect) in effects.iter().enumerate().filter(|(_, effect)| effect.points > 0 && effect.told)
-        {
-            found.indices[run].push(FrictionIndex {
-                joint: record.joint,
-                index: Estimate { value: 1.0 + effect.wear, std_error: effect.variance.sqrt() },
-                raw: raw[run],
-                ambient: effect.ambient,
-                coldness_at_start: mixed(&fit.law, cold[run]),
-                points: effect.points,
-                short: !effect.full,
-            });
+        for (run, index) in joint_indices(record, fit, effects, &starts, baseline_runs) {
+            found.indices[run].push(index);
         }
     }
     found
 }
 
-/// Motion of the whole history and the start of each run, in seconds since the first run.
+/// Joints with friction points, rising and each once.
+fn joints_of(runs: &[MapRun]) -> Vec<JointIndex> {
+    let mut joints: Vec<JointIndex> =
+        runs.iter().flat_map(|run| run.points.iter().map(|p| p.joint)).collect();
+    joints.sort_unstable();
+    joints.dedup();
+    joints
+}
+
+/// Fits run effects and maps in turn, since each needs the other; run effects relative to the baseline, by joint.
+fn fit_in_turn(
+    records: &mut [JointRecord],
+    fits: &mut [FittedMap],
+    starts: &[f64],
+    baseline_runs: usize,
+) -> Vec<Vec<RunEffect>> {
+    let (mut effects, mut scales) = (Vec::new(), None);
+    for round in 0..OUTER_ROUNDS {
+        let (of_joints, estimated) = run_effects(records, fits, starts, scales.take());
+        (effects, scales) = (of_joints, Some(estimated));
+        for ((record, fit), effects) in records.iter_mut().zip(&mut *fits).zip(&mut effects) {
+            subtract_baseline(effects, baseline_runs);
+            apply_effects(record, fit, effects, starts);
+            if round + 1 < OUTER_ROUNDS {
+                *fit = fit_map(record, Some(fit.law));
+            }
+        }
+    }
+    effects
+}
+
+/// Indices of a joint, each with its run: runs with points whose wear the data determine.
+fn joint_indices(
+    record: &JointRecord,
+    fit: &FittedMap,
+    effects: &[RunEffect],
+    starts: &[f64],
+    baseline_runs: usize,
+) -> Vec<(usize, FrictionIndex)> {
+    let moments: Vec<(usize, f64)> = starts.iter().copied().enumerate().collect();
+    let at_start = moment_deficits(record, &fit.law, &moments);
+    let raw = raw_indices(record, &baseline(effects, baseline_runs), starts.len());
+    let index = |run: usize, effect: &RunEffect| FrictionIndex {
+        joint: record.joint,
+        index: Estimate { value: 1.0 + effect.wear, std_error: effect.variance.sqrt() },
+        raw: raw[run],
+        ambient: effect.ambient,
+        coldness_at_start: fit.law.mixed(at_start[run]),
+        points: effect.points,
+        short: !effect.in_map,
+    };
+    let with_index = |(_, effect): &(usize, &RunEffect)| effect.points > 0 && effect.identified;
+    effects.iter().enumerate().filter(with_index).map(|(run, effect)| (run, index(run, effect))).collect()
+}
+
+/// Motion of the whole history and the start of each run, in seconds since the first run. Motion that overlaps the
+/// motion before it is cut.
 fn timeline(runs: &[MapRun]) -> (Vec<CycleMotion>, Vec<f64>) {
     let epoch = runs.first().map_or(0.0, |run| run.started_at);
     let (mut spans, mut end) = (Vec::new(), f64::NEG_INFINITY);
@@ -119,6 +150,11 @@ fn timeline(runs: &[MapRun]) -> (Vec<CycleMotion>, Vec<f64>) {
     (spans, runs.iter().map(|run| run.started_at - epoch).collect())
 }
 
+/// Record of a joint.
+///
+/// # Errors
+///
+/// A sentence if fewer than `needed` runs have points that enter the map.
 fn record(
     joint: JointIndex,
     runs: &[MapRun],
@@ -126,62 +162,71 @@ fn record(
     starts: &[f64],
     needed: usize,
 ) -> Result<JointRecord, String> {
-    let mut levels: Vec<f64> = runs
-        .iter()
-        .flat_map(|run| &run.points)
-        .filter(|p| p.joint == joint)
-        .map(|p| p.speed_fraction)
-        .collect();
-    levels.sort_by(f64::total_cmp);
-    levels.dedup();
-    let by_level: Vec<(f64, Vec<RecordPoint>)> = levels
-        .into_iter()
-        .map(|level| {
-            let points = runs.iter().zip(starts).enumerate().flat_map(|(run, (of_run, start))| {
-                let mut means = friction_means(&of_run.points, joint, level);
-                means.retain(|mean| mean.torque.is_finite() && mean.torque > 0.0);
-                if means.len() < MIN_POINTS_OF_INDEX {
-                    means.clear();
-                }
-                let in_map = means.len() >= MIN_POINTS_BY_RUN;
-                means.into_iter().map(move |mean| RecordPoint {
-                    run,
-                    time: start + mean.time,
-                    level: 0,
-                    torque: mean.torque,
-                    in_map,
-                    offset: 0.0,
-                    factor: 1.0,
-                })
-            });
-            (level, points.collect())
-        })
-        .filter(|(_, points): &(f64, Vec<RecordPoint>)| points.iter().any(|p| p.in_map))
-        .collect();
-    let levels: Vec<f64> = by_level.iter().map(|(level, _)| *level).collect();
-    let mut points: Vec<RecordPoint> = by_level
-        .into_iter()
-        .enumerate()
-        .flat_map(|(level, (_, points))| points.into_iter().map(move |p| RecordPoint { level, ..p }))
-        .collect();
-    points.sort_by(|a, b| a.time.total_cmp(&b.time));
-    let mut with_points: Vec<usize> = points.iter().filter(|p| p.in_map).map(|p| p.run).collect();
-    with_points.sort_unstable();
-    with_points.dedup();
-    if with_points.len() < needed {
+    let (levels, points) = points_by_level(joint, runs, starts);
+    let in_map = runs_of(points.iter().filter(|p| p.in_map));
+    if in_map.len() < needed {
         return Err(format!(
             "joint {joint} has no friction map: {} runs with friction at {MIN_POINTS_BY_RUN} times or more, {needed} \
              are needed",
-            with_points.len()
+            in_map.len()
         ));
     }
-    let (measured, remark) = measured(joint, runs, starts, &points);
+    let (sensor, remark) = thermal_sensor(joint, runs, starts, &points);
     let remarks = remark.into_iter().collect();
-    Ok(JointRecord { joint, spans: activities(joint, spans), levels, points, measured, remarks })
+    Ok(JointRecord { joint, spans: activities(joint, spans), levels, points, sensor, remarks })
 }
 
-/// Motion of one joint: its heat is friction times speed, so to first order as many times that of its usual cycle
-/// as it is faster on average. A cycle of unknown speed counts as usual.
+/// Speed levels of a joint with points that enter the map, and all points at these levels in the order of time.
+fn points_by_level(joint: JointIndex, runs: &[MapRun], starts: &[f64]) -> (Vec<f64>, Vec<RecordPoint>) {
+    let of_joint = runs.iter().flat_map(|run| &run.points).filter(|p| p.joint == joint);
+    let mut recorded: Vec<f64> = of_joint.map(|p| p.speed_fraction).collect();
+    recorded.sort_by(f64::total_cmp);
+    recorded.dedup();
+    let (mut levels, mut points) = (Vec::new(), Vec::new());
+    for speed_fraction in recorded {
+        let of_level = level_points(joint, speed_fraction, levels.len(), runs, starts);
+        if of_level.iter().any(|p| p.in_map) {
+            levels.push(speed_fraction);
+            points.extend(of_level);
+        }
+    }
+    points.sort_by(|a: &RecordPoint, b| a.time.total_cmp(&b.time));
+    (levels, points)
+}
+
+/// Points of a joint at one speed, which has the index `level`, from the runs with enough of them.
+fn level_points(
+    joint: JointIndex,
+    speed_fraction: f64,
+    level: usize,
+    runs: &[MapRun],
+    starts: &[f64],
+) -> Vec<RecordPoint> {
+    let mut points = Vec::new();
+    for (run, (of_run, start)) in runs.iter().zip(starts).enumerate() {
+        let mut means = friction_means(&of_run.points, joint, speed_fraction);
+        means.retain(|mean| mean.torque.is_finite() && mean.torque > 0.0);
+        if means.len() < MIN_POINTS_OF_INDEX {
+            continue;
+        }
+        let in_map = means.len() >= MIN_POINTS_BY_RUN;
+        points.extend(means.into_iter().map(|mean| RecordPoint {
+            run,
+            time: start + mean.time,
+            level,
+            torque: mean.torque,
+            in_map,
+            offset: 0.0,
+            factor: 1.0,
+        }));
+    }
+    points
+}
+
+/// Motion of one joint with its activity.
+///
+/// Heat is friction times speed. To first order it is proportional to the mean speed of a cycle, and the activity is
+/// that speed as a multiple of the median one. A cycle of unknown speed has the activity one.
 fn activities(joint: JointIndex, spans: &[CycleMotion]) -> Vec<MotionSpan> {
     let speed =
         |span: &CycleMotion| span.speeds.get(joint.index()).copied().filter(|speed| speed.is_finite());
@@ -197,10 +242,11 @@ fn activities(joint: JointIndex, spans: &[CycleMotion]) -> Vec<MotionSpan> {
         .collect()
 }
 
-/// Leaves out joints whose friction does not fall while they warm: coldness means nothing there.
-fn drop_flat(records: &mut Vec<JointRecord>, fits: &mut Vec<Fitted>, remarks: &mut Vec<String>) {
-    let flat =
-        |fit: &Fitted| fit.cold.iter().all(|cold| *cold <= 0.0) || fit.warm.iter().any(|warm| *warm <= 0.0);
+/// Removes joints whose friction does not fall while they warm: a thermal deficit has no effect on them.
+fn drop_flat(records: &mut Vec<JointRecord>, fits: &mut Vec<FittedMap>, remarks: &mut Vec<String>) {
+    let flat = |fit: &FittedMap| {
+        fit.cold.iter().all(|cold| *cold <= 0.0) || fit.warm.iter().any(|warm| *warm <= 0.0)
+    };
     for at in (0..records.len()).rev().filter(|&at| flat(&fits[at])).collect::<Vec<_>>() {
         let record = records.remove(at);
         fits.remove(at);
@@ -211,48 +257,51 @@ fn drop_flat(records: &mut Vec<JointRecord>, fits: &mut Vec<Fitted>, remarks: &m
     }
 }
 
-/// The joint's first runs that are in the map and tell of wear; where none does, the first in the map.
-fn baseline(effects: &[Effect], baseline_runs: usize) -> Vec<usize> {
-    let first = |is_of_it: &dyn Fn(&Effect) -> bool| {
-        (0..effects.len()).filter(|&run| is_of_it(&effects[run])).take(baseline_runs).collect::<Vec<usize>>()
+/// The joint's first runs that enter the map and whose wear is identified; if there is none, the first that enter
+/// the map.
+fn baseline(effects: &[RunEffect], baseline_runs: usize) -> Vec<usize> {
+    let first = |belongs: &dyn Fn(&RunEffect) -> bool| {
+        (0..effects.len()).filter(|&run| belongs(&effects[run])).take(baseline_runs).collect::<Vec<usize>>()
     };
-    let telling = first(&|effect| effect.full && effect.told);
-    if telling.is_empty() { first(&|effect| effect.full) } else { telling }
+    let identified = first(&|effect| effect.in_map && effect.identified);
+    if identified.is_empty() { first(&|effect| effect.in_map) } else { identified }
 }
 
-/// Takes the baseline out of the effects and gives each point its run's offset and factor.
-fn settle(
-    record: &mut JointRecord,
-    fit: &Fitted,
-    effects: &mut [Effect],
-    starts: &[f64],
-    baseline_runs: usize,
-) {
+/// Makes wear and ambient effect relative to their means over the baseline: `(1 + w) / (1 + mean w) - 1`.
+///
+/// The variance `v` becomes `v + mean v / n` for a baseline of `n` runs, and `(1 - 2 / n) v + mean v / n` for a run
+/// that is one of them, because its own effect is the `n`th part of the mean.
+fn subtract_baseline(effects: &mut [RunEffect], baseline_runs: usize) {
     let baseline = baseline(effects, baseline_runs);
     let n = baseline.len() as f64;
-    let mean = |of: &dyn Fn(&Effect) -> f64| baseline.iter().map(|&run| of(&effects[run])).sum::<f64>() / n;
+    let mean =
+        |of: &dyn Fn(&RunEffect) -> f64| baseline.iter().map(|&run| of(&effects[run])).sum::<f64>() / n;
     let (wear, ambient) = (mean(&|e| e.wear), mean(&|e| e.ambient.value));
     let variance = mean(&|e| e.variance) / n;
     for (run, effect) in effects.iter_mut().enumerate() {
-        // a run of the baseline is the nth part of what it is held against
         let own = if baseline.contains(&run) { 1.0 - 2.0 / n } else { 1.0 };
         effect.wear = (1.0 + effect.wear) / (1.0 + wear) - 1.0;
         effect.variance = own * effect.variance + variance;
         effect.ambient.value -= ambient;
     }
-    // what a measurement does not explain stays with the points: a coefficient of the hall, or a motor's lag, has
-    // nothing else to stand on, and runs would take it over in turn
-    let taken = f64::from(u8::from(record.measured == Measured::Nothing));
+}
+
+/// Gives each point the offset and the factor of its run, for the next fit of the map.
+///
+/// With a sensor the offset stays zero: the ambient coefficient and the fast part beside a motor's temperature have
+/// to explain such offsets, and would lose them to the run effects round by round.
+fn apply_effects(record: &mut JointRecord, fit: &FittedMap, effects: &[RunEffect], starts: &[f64]) {
+    let with_offset = f64::from(u8::from(record.sensor == ThermalSensor::None));
     for p in &mut record.points {
         let effect = &effects[p.run];
         let [slow, fast] = start_decay(fit, p.time - starts[p.run]);
-        p.offset = taken * (effect.ambient.value + slow * effect.start[0] + fast * effect.start[1]);
+        p.offset = with_offset * (effect.ambient.value + slow * effect.start[0] + fast * effect.start[1]);
         p.factor = 1.0 + effect.wear;
     }
 }
 
-/// Friction of each run as measured, against that of the baseline: mean over levels of the ratio of mean
-/// friction. What runs of equal length differ by before warmth is taken into account.
+/// Measured friction of each run as a multiple of that of the baseline: the mean over the levels of the ratio of mean
+/// friction. The thermal state is not taken into account. NaN for a run without a level of the baseline.
 fn raw_indices(record: &JointRecord, baseline: &[usize], runs: usize) -> Vec<f64> {
     let levels = record.levels.len();
     let mut sums = vec![[0.0; 2]; runs * levels];
@@ -260,20 +309,20 @@ fn raw_indices(record: &JointRecord, baseline: &[usize], runs: usize) -> Vec<f64
         let sum = &mut sums[p.run * levels + p.level];
         *sum = [sum[0] + p.torque, sum[1] + 1.0];
     }
-    let mean = |run: usize, level: usize| {
+    let of_run = |run: usize, level: usize| {
         let [torque, count] = sums[run * levels + level];
         (count > 0.0).then(|| torque / count)
     };
     let usual: Vec<Option<f64>> = (0..levels)
         .map(|level| {
-            let found: Vec<f64> = baseline.iter().filter_map(|&run| mean(run, level)).collect();
-            crate::numerics::statistics::descriptive::mean(&found)
+            let found: Vec<f64> = baseline.iter().filter_map(|&run| of_run(run, level)).collect();
+            mean(&found)
         })
         .collect();
     let raw = |run: usize| {
         let ratios: Vec<f64> =
-            (0..levels).filter_map(|level| Some(mean(run, level)? / usual[level]?)).collect();
-        crate::numerics::statistics::descriptive::mean(&ratios).unwrap_or(f64::NAN)
+            (0..levels).filter_map(|level| Some(of_run(run, level)? / usual[level]?)).collect();
+        mean(&ratios).unwrap_or(f64::NAN)
     };
     (0..runs).map(raw).collect()
 }

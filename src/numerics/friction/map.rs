@@ -1,83 +1,108 @@
-//! Friction over speed and thermal state, `tau(level, x) = warm + cold x`, from all runs of a robot.
+//! Friction over speed and thermal state, fitted to all runs of a robot.
 //!
-//! Levels enter linearly and are solved for; time constants, share and cooling ratio do not and are sought
-//! by coordinates (variable projection, Golub & Pereyra 1973). What the recordings do not tell is held by a
-//! weak prior and said: a robot that always rests for a night says nothing of how it cools.
+//! At a speed level, friction is a line over the thermal deficit `x`, 0 for a warm and 1 for a cold joint:
+//!
+//! `tau(level, x) = warm(level) + cold(level) x`, `x = share x_slow + (1 - share) x_fast`
+//!
+//! The deficits of the two parts follow from the thermal law ([`super::thermal_state`]), or from a measured
+//! temperature. `warm` and `cold` enter linearly and are solved for. The parameters of the law enter nonlinearly and
+//! are found by a search along one coordinate after the other (variable projection, Golub & Pereyra 1973). Each has
+//! a weak prior. A remark names each parameter whose error is mainly that of its prior, such as the cooling ratio of
+//! a robot that always rests for a night.
 
-use crate::numerics::friction::record::JointRecord;
-use crate::numerics::friction::record::RecordPoint;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
-use super::record::Measured;
-use super::thermal_state::{Coldness, Rates, coldness_at};
+use super::record::{JointRecord, RecordPoint, ThermalSensor};
+use super::thermal_state::{Rates, ThermalDeficit, thermal_deficits};
 use crate::analysis::Estimate;
 use crate::analysis::friction::{FrictionMap, MapLevel, ThermalLaw, ThermalSource};
 
-/// Parameters of the law: logarithms of the slow and the fast time constant (s), share, logarithm of the
-/// cooling ratio; then coldness for a kelvin that the hall is colder (1/K), or the curvature over a motor's
-/// temperature.
-pub(super) type LawParameters = [f64; 5];
+/// Prior of the parameters with no sensor and with an ambient temperature.
+///
+/// Six gearboxes of thesis Table 5.6 have slow time constants of 13 to 57 min, geometric mean 27, and fast ones of
+/// 0.3 to 7.4 min, geometric mean 1.6. A resting housing loses heat at about the rate of a moving one; the wind of
+/// motion and the losses of the motor change that rate. The effect of the ambient temperature is known by its
+/// magnitude only: gearboxes warm by 10 to 40 K, which is a thermal deficit of one.
+const PRIOR: LawParameters<Prior> = LawParameters {
+    slow: Prior { mean: 7.39, deviation: 0.9 },
+    fast: Prior { mean: 4.56, deviation: 1.4 },
+    share: Prior { mean: 0.5, deviation: 0.5 },
+    cooling: Prior { mean: 0.0, deviation: 1.0 },
+    sensor: Prior { mean: 0.0, deviation: 0.1 },
+};
 
-/// Places among them.
-const SLOW: usize = 0;
-const FAST: usize = 1;
-const SHARE: usize = 2;
-const COOLING: usize = 3;
-const EXTRA: usize = 4;
+/// Bounds that belong to [`PRIOR`]: slow time constant half a minute to ten hours, fast one two seconds to an hour,
+/// any share, cooling five times faster to twenty times slower than warming, and an ambient temperature of which
+/// 2 K or more make a thermal deficit of one, of either sign.
+const BOUNDS: LawParameters<Bounds> = LawParameters {
+    slow: Bounds { low: 3.4, high: 10.5 },
+    fast: Bounds { low: 0.7, high: 8.2 },
+    share: Bounds { low: 0.0, high: 1.0 },
+    cooling: Bounds { low: -1.6, high: 3.0 },
+    sensor: Bounds { low: -0.5, high: 0.5 },
+};
 
-/// Prior of the law, centre and standard deviation. Six gearboxes of thesis Table 5.6 have slow time
-/// constants of 13 to 57 min, geometric mean 27, and fast ones of 0.3 to 7.4 min, geometric mean 1.6. A
-/// resting housing loses heat as a moving one does, give or take its own wind and motor losses. Of the hall nothing
-/// is known but its scale: gearboxes warm by 10 to 40 K, one coldness.
-const PRIOR: [(f64, f64); 5] = [(7.39, 0.9), (4.56, 1.4), (0.5, 0.5), (0.0, 1.0), (0.0, 0.1)];
+/// Prior of the parameters where the motor's temperature gives the slow part.
+///
+/// The fast part is then the difference of temperature between winding, housing and teeth, which lasts some minutes.
+/// A share above one makes its weight negative: the motor warms by its own losses before the gears do. Viscosity
+/// falls exponentially, by 1 to 3 % a kelvin over some 25 K, which gives the curvature.
+const MOTOR_PRIOR: LawParameters<Prior> = LawParameters {
+    fast: Prior { mean: 5.3, deviation: 0.7 },
+    share: Prior { mean: 1.0, deviation: 0.3 },
+    sensor: Prior { mean: 0.5, deviation: 0.3 },
+    ..PRIOR
+};
 
-/// Bounds of the law's parameters: half a minute to ten hours, two seconds to an hour, a share, cooling
-/// five times faster to twenty times slower, and a hall that does as much as one coldness in 2 K, either way.
-const BOUNDS: [(f64, f64); 5] = [(3.4, 10.5), (0.7, 8.2), (0.0, 1.0), (-1.6, 3.0), (-0.5, 0.5)];
+/// Bounds that belong to [`MOTOR_PRIOR`]: a fast part of two minutes to half an hour, with a weight of at most
+/// a half. Plateaus begin a minute after the start of a cycle and do not resolve a faster one.
+const MOTOR_BOUNDS: LawParameters<Bounds> = LawParameters {
+    fast: Bounds { low: 4.8, high: 7.5 },
+    share: Bounds { low: 0.5, high: 2.5 },
+    sensor: Bounds { low: 0.0, high: 2.0 },
+    ..BOUNDS
+};
 
-/// Prior and bounds where the motor's temperature is the slow part. The sensor is taken at its word; what it does
-/// not show is half of it at most and lasts two minutes to half an hour, as between winding, housing and teeth: less
-/// than that, plateaus a minute after the start of a cycle do not tell. Above one, the share leaves a fast part that
-/// takes away: motors warm by losses of their own, ahead of the gears. Viscosity falls exponentially, by 1 to 3 % a
-/// kelvin over some 25 K.
-const PRIOR_OF_MOTOR: [(f64, f64); 5] = [PRIOR[SLOW], (5.3, 0.7), (1.0, 0.3), PRIOR[COOLING], (0.5, 0.3)];
-const BOUNDS_OF_MOTOR: [(f64, f64); 5] = [BOUNDS[SLOW], (4.8, 7.5), (0.5, 2.5), BOUNDS[COOLING], (0.0, 2.0)];
+/// Second start of the search with a motor's temperature: the motor warms within a quarter of an hour by half of
+/// what its gear does.
+const MOTOR_AHEAD: LawParameters =
+    LawParameters { slow: PRIOR.slow.mean, fast: 6.8, share: 1.4, cooling: PRIOR.cooling.mean, sensor: 0.5 };
 
-/// Second start of the search with a motor's temperature: a motor that warms in a quarter of an hour by half of what
-/// its gear does.
-const MOTOR_AHEAD: LawParameters = [PRIOR[SLOW].0, 6.8, 1.4, PRIOR[COOLING].0, 0.5];
-
-/// Curvatures below this are a line.
-const LEAST_CURVATURE: f64 = 1e-3;
-
-/// Least ratio of the two time constants; closer ones share one decay.
-const MIN_RATIO: f64 = 2.0;
-
-/// First and last step of the search, in units of the parameters.
-const STEPS: [f64; 5] = [0.4, 0.4, 0.15, 0.4, 0.04];
+/// First steps of the search.
+const STEPS: LawParameters = LawParameters { slow: 0.4, fast: 0.4, share: 0.15, cooling: 0.4, sensor: 0.04 };
+/// The search ends where halving has made the step of the slow time constant smaller than this.
 const LAST_STEP: f64 = 0.01;
-/// Most rounds of the search over all coordinates.
+/// Most rounds of the search over all parameters.
 const MAX_ROUNDS: usize = 60;
 
-/// A law's parameter is measured if the recordings shrink its prior's standard deviation to this fraction.
+/// Smaller curvatures are taken as zero, where the curve is a line.
+const MIN_CURVATURE: f64 = 1e-3;
+
+/// Least ratio of the slow to the fast time constant; closer ones cannot be distinguished from a single decay.
+const MIN_RATIO: f64 = 2.0;
+
+/// A parameter counts as measured if its standard error is at most this fraction of its prior's deviation.
 const MEASURED: f64 = 0.5;
 
-/// A rest shorter than this, s, may leave a joint warm; after longer ones every gearbox is cold, and how it
-/// cools cannot be seen (housings cool within a few hours).
-const TELLING_REST_S: f64 = 12.0 * 3600.0;
+/// After a rest of this length, s, every gearbox is cold (housings cool within a few hours). Only shorter rests show
+/// how fast it cools.
+const COLD_AFTER_S: f64 = 12.0 * 3600.0;
 
-/// Fewest runs whose scatter tells the errors; with fewer, residuals count as independent.
+/// Fewest runs for a covariance that is clustered by run; with fewer, residuals count as independent.
 const MIN_CLUSTERS: usize = 6;
 
-/// Friction that a map has at its speed level `level` (its place in [`FrictionMap::levels`]) and coldness `x`, mean
-/// of both directions, Nm, with the standard error of the map; `None` for a level that it does not have.
+/// Friction of a map at the index `level` into [`FrictionMap::levels`] and the thermal deficit `x`, mean of both
+/// directions, Nm, with its standard error; `None` for a level that the map does not have.
 ///
-/// The coldness of a coming run is that of [`coldness_at`] at its start, corrected by [`with_temperatures`] and mixed
+/// `tau = warm + cold x`, `var tau = var warm + 2 x cov(warm, cold) + x² var cold`
+///
+/// For a coming run, `x` follows from [`thermal_deficits`] at its start, corrected by [`with_temperatures`] and mixed
 /// by the law's `slow_share`.
 #[must_use]
 pub fn map_friction(map: &FrictionMap, level: usize, x: f64) -> Option<Estimate> {
     let of_level = map.levels.get(level)?;
-    let (warm, cold) = (level, map.levels.len() + level);
+    let layout = MapLayout { levels: map.levels.len() };
+    let (warm, cold) = (layout.warm(level), layout.cold(level));
     let size = map.covariance.len().isqrt();
     let entry = |i: usize, k: usize| map.covariance.get(i * size + k).copied();
     let variance = entry(warm, warm)? + 2.0 * x * entry(warm, cold)? + x * x * entry(cold, cold)?;
@@ -85,138 +110,310 @@ pub fn map_friction(map: &FrictionMap, level: usize, x: f64) -> Option<Estimate>
     Some(Estimate { value, std_error: variance.max(0.0).sqrt() })
 }
 
-/// Coldness by motion, corrected by what was measured: the motor's and the hall's temperature, K. A hall that is not
-/// known counts as the usual one; `None` where the map needs the motor's temperature and there is none.
+/// Thermal deficit that follows from motion, corrected by the measured temperatures of motor and surroundings, K.
+///
+/// An unknown ambient temperature counts as the usual one. `None` where the map needs the motor's temperature and
+/// `motor` is `None`.
 #[must_use]
 pub fn with_temperatures(
     source: ThermalSource,
-    by_motion: Coldness,
+    by_motion: ThermalDeficit,
     motor: Option<f64>,
     ambient: Option<f64>,
-) -> Option<Coldness> {
+) -> Option<ThermalDeficit> {
     match source {
         ThermalSource::Motion => Some(by_motion),
         ThermalSource::MotorTemperature { warm, cold, curvature } => {
             motor.map(|kelvin| [curved(curvature.value, (warm - kelvin) / (warm - cold)), by_motion[1]])
         }
-        ThermalSource::AmbientAndMotion { usual, coldness } => {
-            let offset = coldness.value * (usual - ambient.unwrap_or(usual));
+        ThermalSource::AmbientAndMotion { usual, coldness: per_kelvin } => {
+            let offset = per_kelvin.value * (usual - ambient.unwrap_or(usual));
             Some(by_motion.map(|part| part + offset))
         }
     }
 }
 
-/// A map in the making.
+/// Something of each parameter of the fitted thermal law: its value, unless `T` says otherwise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LawParameters<T = f64> {
+    /// Logarithm of the slow part's time constant in motion, in s.
+    pub slow: T,
+    /// Logarithm of the fast part's time constant in motion, in s.
+    pub fast: T,
+    /// Share of the slow part in the mixed thermal deficit, without unit.
+    pub share: T,
+    /// Logarithm of the cooling ratio: time constants at rest as a multiple of those in motion.
+    pub cooling: T,
+    /// Parameter of the [`ThermalSensor`]. With an ambient temperature, thermal deficit for each kelvin below the
+    /// usual one, 1/K. With a motor's temperature, curvature of the deficit over it, without unit. Not used without
+    /// a sensor.
+    pub sensor: T,
+}
+
+/// Names a parameter of [`LawParameters`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum LawParameter {
+    Slow,
+    Fast,
+    Share,
+    Cooling,
+    Sensor,
+}
+
+impl LawParameter {
+    /// All of them in the order of the covariance of a map.
+    const ALL: [Self; 5] = [Self::Slow, Self::Fast, Self::Share, Self::Cooling, Self::Sensor];
+
+    /// Remark on a parameter whose error is mainly that of its prior; `None` for one that is never remarked on.
+    fn assumed(self) -> Option<&'static str> {
+        match self {
+            Self::Slow => {
+                Some("slow time constant is assumed: the runs are too short for it, or all began warm")
+            }
+            Self::Fast => Some("fast time constant is assumed: the first cycles do not resolve it"),
+            Self::Share => Some("share of the slow part is assumed: the warm-up does not show two parts"),
+            Self::Cooling => Some("cooling is assumed to be as warming: no run began between warm and cold"),
+            Self::Sensor => None,
+        }
+    }
+}
+
+impl<T: Copy> LawParameters<T> {
+    /// The item of one parameter.
+    fn get(&self, parameter: LawParameter) -> T {
+        match parameter {
+            LawParameter::Slow => self.slow,
+            LawParameter::Fast => self.fast,
+            LawParameter::Share => self.share,
+            LawParameter::Cooling => self.cooling,
+            LawParameter::Sensor => self.sensor,
+        }
+    }
+
+    /// The same with another item of one parameter.
+    fn with(mut self, parameter: LawParameter, item: T) -> Self {
+        match parameter {
+            LawParameter::Slow => self.slow = item,
+            LawParameter::Fast => self.fast = item,
+            LawParameter::Share => self.share = item,
+            LawParameter::Cooling => self.cooling = item,
+            LawParameter::Sensor => self.sensor = item,
+        }
+        self
+    }
+
+    /// `of` applied to the item of each parameter.
+    fn map<U>(self, of: impl Fn(T) -> U) -> LawParameters<U> {
+        LawParameters {
+            slow: of(self.slow),
+            fast: of(self.fast),
+            share: of(self.share),
+            cooling: of(self.cooling),
+            sensor: of(self.sensor),
+        }
+    }
+}
+
+impl LawParameters {
+    /// Time constants of the law.
+    pub(super) fn rates(&self) -> Rates {
+        Rates { heating: [self.slow.exp(), self.fast.exp()], cooling_ratio: self.cooling.exp() }
+    }
+
+    /// Thermal deficit that friction depends on: `share x_slow + (1 - share) x_fast`.
+    pub(super) fn mixed(&self, x: ThermalDeficit) -> f64 {
+        self.share * x[0] + (1.0 - self.share) * x[1]
+    }
+}
+
+/// Normal prior of a parameter, in the parameter's unit.
+#[derive(Debug, Clone, Copy)]
+struct Prior {
+    mean: f64,
+    deviation: f64,
+}
+
+/// Values that the search allows for a parameter, ends included.
+#[derive(Debug, Clone, Copy)]
+struct Bounds {
+    low: f64,
+    high: f64,
+}
+
+impl Bounds {
+    fn contain(self, value: f64) -> bool {
+        (self.low..=self.high).contains(&value)
+    }
+}
+
+/// A map with the value of its objective.
 #[derive(Debug, Clone)]
-pub(super) struct Fitted {
+pub(super) struct FittedMap {
     pub law: LawParameters,
+    /// Friction of the warm joint by level, Nm; empty where the law is not admissible.
     pub warm: Vec<f64>,
+    /// Additional friction of the cold joint by level, Nm, zero or more.
     pub cold: Vec<f64>,
-    /// Root-mean-square of what is left, as a fraction of friction.
+    /// Root-mean-square residual as a fraction of friction.
     pub rms: f64,
+    /// Minus twice the logarithm of the posterior, less a constant.
     cost: f64,
 }
 
-pub(super) fn rates(law: &LawParameters) -> Rates {
-    Rates { heating: [law[0].exp(), law[1].exp()], cooling_ratio: law[3].exp() }
+impl FittedMap {
+    /// A map that is worse than any other: its law is not admissible.
+    fn rejected(law: LawParameters) -> Self {
+        Self { law, warm: Vec::new(), cold: Vec::new(), rms: f64::INFINITY, cost: f64::INFINITY }
+    }
+
+    /// Friction of a point at the law `law` and the thermal deficit `x` of that law, without the run's factor, Nm:
+    /// `warm + cold (mixed(x) + offset)`.
+    fn predicted(&self, law: &LawParameters, p: &RecordPoint, x: ThermalDeficit) -> f64 {
+        self.warm[p.level] + self.cold[p.level] * (law.mixed(x) + p.offset)
+    }
 }
 
-/// Slow and fast part mixed by the law's share.
-pub(super) fn mixed(law: &LawParameters, x: Coldness) -> f64 {
-    law[2] * x[0] + (1.0 - law[2]) * x[1]
+/// Order of a map's unknowns in its covariance: `warm` of each level, `cold` of each level, then the parameters of
+/// the law as in [`LawParameter::ALL`].
+#[derive(Debug, Clone, Copy)]
+struct MapLayout {
+    levels: usize,
 }
 
-/// Coldness of each point as law and measurement have it.
-pub(super) fn record_coldness(record: &JointRecord, law: &LawParameters) -> Vec<Coldness> {
+impl MapLayout {
+    fn of(record: &JointRecord) -> Self {
+        Self { levels: record.levels.len() }
+    }
+
+    fn warm(self, level: usize) -> usize {
+        level
+    }
+
+    fn cold(self, level: usize) -> usize {
+        self.levels + level
+    }
+
+    fn law(self, parameter: LawParameter) -> usize {
+        2 * self.levels + parameter as usize
+    }
+
+    /// Number of unknowns with these parameters of the law, the first ones of [`LawParameter::ALL`].
+    fn size(self, parameters: &[LawParameter]) -> usize {
+        2 * self.levels + parameters.len()
+    }
+}
+
+/// Thermal deficit of each point, from the law and the sensor.
+pub(super) fn point_deficits(record: &JointRecord, law: &LawParameters) -> Vec<ThermalDeficit> {
     let moments: Vec<(usize, f64)> = record.points.iter().map(|p| (p.run, p.time)).collect();
-    moment_coldness(record, law, &moments)
+    moment_deficits(record, law, &moments)
 }
 
-/// Coldness at moments, each of a run and a time since the epoch, s; times rise.
-pub(super) fn moment_coldness(
+/// Thermal deficit at moments, each given as a run and a time since the epoch, s; times rise.
+///
+/// A motor's temperature replaces the slow part. An ambient temperature below the usual one is added to both parts.
+pub(super) fn moment_deficits(
     record: &JointRecord,
     law: &LawParameters,
     moments: &[(usize, f64)],
-) -> Vec<Coldness> {
+) -> Vec<ThermalDeficit> {
     let times: Vec<f64> = moments.iter().map(|(_, time)| *time).collect();
-    let mut found = coldness_at(&rates(law), &record.spans, &times);
-    match &record.measured {
-        Measured::Nothing => {}
-        Measured::Motor(scale) => {
+    let mut found = thermal_deficits(&law.rates(), &record.spans, &times);
+    match &record.sensor {
+        ThermalSensor::None => {}
+        ThermalSensor::Motor(motor) => {
             for (x, (run, time)) in found.iter_mut().zip(moments) {
-                x[0] = curved(law[EXTRA], scale.coldness(*run, *time));
+                x[0] = curved(law.sensor, motor.thermal_deficit(*run, *time));
             }
         }
-        Measured::Hall(hall) => {
+        ThermalSensor::Ambient(ambient) => {
             for (x, (run, _)) in found.iter_mut().zip(moments) {
-                *x = x.map(|part| part + law[EXTRA] * hall.colder[*run]);
+                *x = x.map(|part| part + law.sensor * ambient.below_usual[*run]);
             }
         }
     }
     found
 }
 
-/// Coldness over a temperature that runs from 0 (warm) to 1 (cold), `(exp(k x) - 1) / (exp(k) - 1)`: viscosity over
-/// temperature, with the curvature `k`; a line where that is zero.
+/// Thermal deficit where a temperature has the linear deficit `x`, 0 (warm) to 1 (cold):
+/// `(exp(k x) - 1) / (exp(k) - 1)`, which is how viscosity falls with temperature; `x` itself at zero curvature `k`.
 fn curved(k: f64, x: f64) -> f64 {
-    if k < LEAST_CURVATURE { x } else { (k * x).exp_m1() / k.exp_m1() }
+    if k < MIN_CURVATURE { x } else { (k * x).exp_m1() / k.exp_m1() }
 }
 
-type Spread = [(f64, f64); 5];
-
-/// Prior (centre and standard deviation) and bounds of the law's parameters.
-fn prior_and_bounds(record: &JointRecord) -> (Spread, Spread) {
-    match record.measured {
-        Measured::Motor(_) => (PRIOR_OF_MOTOR, BOUNDS_OF_MOTOR),
-        Measured::Nothing | Measured::Hall(_) => (PRIOR, BOUNDS),
+/// Prior of the law for a record.
+fn law_prior(record: &JointRecord) -> LawParameters<Prior> {
+    match record.sensor {
+        ThermalSensor::Motor(_) => MOTOR_PRIOR,
+        ThermalSensor::None | ThermalSensor::Ambient(_) => PRIOR,
     }
 }
 
-/// The parameters of the law that are sought for a record; the others stay at their prior.
-fn sought(record: &JointRecord) -> Vec<usize> {
-    let mut sought = match record.measured {
-        // what a sensor says needs no law
-        Measured::Motor(_) => return vec![FAST, SHARE, EXTRA],
-        Measured::Nothing | Measured::Hall(_) => vec![SLOW, FAST, SHARE],
+/// Bounds of the law for a record.
+fn law_bounds(record: &JointRecord) -> LawParameters<Bounds> {
+    match record.sensor {
+        ThermalSensor::Motor(_) => MOTOR_BOUNDS,
+        ThermalSensor::None | ThermalSensor::Ambient(_) => BOUNDS,
+    }
+}
+
+/// Parameters of the law that are fitted to a record; the others keep the mean of their prior.
+fn fitted_parameters(record: &JointRecord) -> Vec<LawParameter> {
+    let mut fitted = match record.sensor {
+        // the temperature gives the slow part; neither its time constant nor cooling is needed
+        ThermalSensor::Motor(_) => {
+            return vec![LawParameter::Fast, LawParameter::Share, LawParameter::Sensor];
+        }
+        ThermalSensor::None | ThermalSensor::Ambient(_) => {
+            vec![LawParameter::Slow, LawParameter::Fast, LawParameter::Share]
+        }
     };
-    if cooling_shows(record) {
-        sought.push(COOLING);
+    if has_warm_start(record) {
+        fitted.push(LawParameter::Cooling);
     }
-    if matches!(record.measured, Measured::Hall(_)) {
-        sought.push(EXTRA);
+    if matches!(record.sensor, ThermalSensor::Ambient(_)) {
+        fitted.push(LawParameter::Sensor);
     }
-    sought
+    fitted
 }
 
-/// Number of the law's parameters that a map of the record has.
-fn law_size(record: &JointRecord) -> usize {
-    if record.measured == Measured::Nothing { EXTRA } else { EXTRA + 1 }
+/// Parameters of the law that are in the covariance of a record's map.
+fn covariance_parameters(record: &JointRecord) -> &'static [LawParameter] {
+    match &record.sensor {
+        ThermalSensor::None => &LawParameter::ALL[..LawParameter::Sensor as usize],
+        ThermalSensor::Motor(_) | ThermalSensor::Ambient(_) => &LawParameter::ALL,
+    }
 }
 
-/// Fits law and levels, from `start` if there is one.
-pub(super) fn fit_map(record: &JointRecord, start: Option<LawParameters>) -> Fitted {
-    let centre = prior_and_bounds(record).0.map(|(centre, _)| centre);
-    let from_centre = sought_from(record, start.unwrap_or(centre));
-    // teeth ahead of the sensor and a sensor ahead of the teeth are two valleys
-    let ahead = match (&record.measured, start) {
-        (Measured::Motor(_), None) => Some(sought_from(record, MOTOR_AHEAD)),
+/// Whether any rest was short enough for the joint to be warm after it.
+fn has_warm_start(record: &JointRecord) -> bool {
+    record.spans.windows(2).any(|w| (1.0..COLD_AFTER_S).contains(&(w[1].start - w[0].end)))
+}
+
+/// Fits law and levels to a record. The search begins at `start`, or at the mean of the prior without one.
+pub(super) fn fit_map(record: &JointRecord, start: Option<LawParameters>) -> FittedMap {
+    let mean = law_prior(record).map(|prior| prior.mean);
+    let from_mean = search(record, start.unwrap_or(mean));
+    // the cost has two minima: the gear warms before the sensor does, or the sensor before the gear
+    let ahead = match (&record.sensor, start) {
+        (ThermalSensor::Motor(_), None) => Some(search(record, MOTOR_AHEAD)),
         _ => None,
     };
-    ahead.filter(|ahead| ahead.cost < from_centre.cost).unwrap_or(from_centre)
+    ahead.filter(|ahead| ahead.cost < from_mean.cost).unwrap_or(from_mean)
 }
 
-/// The best fit that steps from `start` lead to.
-fn sought_from(record: &JointRecord, start: LawParameters) -> Fitted {
+/// Coordinate search: steps up and down along each fitted parameter, and halves all steps after a round without a
+/// better map.
+fn search(record: &JointRecord, start: LawParameters) -> FittedMap {
     let mut best = at_law(record, start);
     let mut steps = STEPS;
-    let sought = sought(record);
+    let fitted = fitted_parameters(record);
     for _ in 0..MAX_ROUNDS {
         let mut moved = false;
-        for &k in &sought {
+        for &parameter in &fitted {
             for sign in [1.0, -1.0] {
-                let mut law = best.law;
-                law[k] += sign * steps[k];
-                let tried = at_law(record, law);
+                let value = best.law.get(parameter) + sign * steps.get(parameter);
+                let tried = at_law(record, best.law.with(parameter, value));
                 if tried.cost < best.cost {
                     (best, moved) = (tried, true);
                     break;
@@ -225,7 +422,7 @@ fn sought_from(record: &JointRecord, start: LawParameters) -> Fitted {
         }
         if !moved {
             steps = steps.map(|step| 0.5 * step);
-            if steps[0] < LAST_STEP {
+            if steps.slow < LAST_STEP {
                 break;
             }
         }
@@ -233,213 +430,326 @@ fn sought_from(record: &JointRecord, start: LawParameters) -> Fitted {
     best
 }
 
-/// Whether any rest was short enough to tell how the joint cools.
-fn cooling_shows(record: &JointRecord) -> bool {
-    record.spans.windows(2).any(|w| (1.0..TELLING_REST_S).contains(&(w[1].start - w[0].end)))
+/// The map at one law, its levels solved for.
+///
+/// `cost = n ln Q + sum ((theta - mean) / deviation)²`: minus twice the logarithm of the posterior, with `n` points,
+/// the sum `Q` of squared relative residuals and the law's parameters `theta`.
+fn at_law(record: &JointRecord, law: LawParameters) -> FittedMap {
+    if !is_admissible(record, &law) {
+        return FittedMap::rejected(law);
+    }
+    let lines: Vec<LevelLine> = level_sums(record, &law).iter().map(LevelSums::line).collect();
+    let squares = lines.iter().fold(0.0, |sum, line| sum + line.squares);
+    let n = record.map_points() as f64;
+    // friction without noise has no residuals, and zero has no logarithm
+    let cost = n * squares.max(f64::MIN_POSITIVE).ln() + prior_cost(record, &law);
+    if !cost.is_finite() {
+        return FittedMap::rejected(law);
+    }
+    FittedMap {
+        law,
+        warm: lines.iter().map(|line| line.warm).collect(),
+        cold: lines.iter().map(|line| line.cold).collect(),
+        rms: (squares / n).sqrt(),
+        cost,
+    }
 }
 
-/// Levels solved for at one law, with minus twice the logarithm of the posterior.
-fn at_law(record: &JointRecord, law: LawParameters) -> Fitted {
-    let (prior, bounds) = prior_and_bounds(record);
-    let inside = law.iter().zip(bounds).all(|(value, (low, high))| (low..=high).contains(value));
-    let nothing = Fitted { law, warm: Vec::new(), cold: Vec::new(), rms: f64::INFINITY, cost: f64::INFINITY };
-    // a measured slow part is no decay that the fast one could be taken for
-    let apart = law[SLOW] - law[FAST] >= MIN_RATIO.ln() || matches!(record.measured, Measured::Motor(_));
-    if !inside || !apart {
-        return nothing;
+/// Whether a law is within the bounds, with time constants far enough apart.
+fn is_admissible(record: &JointRecord, law: &LawParameters) -> bool {
+    let bounds = law_bounds(record);
+    let inside = LawParameter::ALL.iter().all(|&k| bounds.get(k).contain(law.get(k)));
+    // a slow part that is measured has no time constant that the fast one could be confused with
+    let apart = law.slow - law.fast >= MIN_RATIO.ln() || matches!(record.sensor, ThermalSensor::Motor(_));
+    inside && apart
+}
+
+/// Minus twice the logarithm of the prior, less a constant: `sum ((theta - mean) / deviation)²`.
+fn prior_cost(record: &JointRecord, law: &LawParameters) -> f64 {
+    let prior = law_prior(record);
+    let square = |k: LawParameter| ((law.get(k) - prior.get(k).mean) / prior.get(k).deviation).powi(2);
+    LawParameter::ALL.into_iter().map(square).sum()
+}
+
+/// Sums over the points of a level, of thermal deficits `x` and friction `y`, Nm.
+#[derive(Debug, Clone, Copy, Default)]
+struct LevelSums {
+    n: f64,
+    x: f64,
+    xx: f64,
+    y: f64,
+    xy: f64,
+    yy: f64,
+}
+
+/// Friction at a level as a line over the thermal deficit.
+#[derive(Debug, Clone, Copy)]
+struct LevelLine {
+    /// Friction at zero deficit, Nm.
+    warm: f64,
+    /// Slope over the deficit, Nm.
+    cold: f64,
+    /// Sum of squared residuals, as fractions of mean friction.
+    squares: f64,
+}
+
+/// Sums of each level over the points of the map, at the thermal deficits of a law.
+fn level_sums(record: &JointRecord, law: &LawParameters) -> Vec<LevelSums> {
+    let deficits = point_deficits(record, law);
+    let mut sums = vec![LevelSums::default(); record.levels.len()];
+    for (p, x) in record.in_map(&deficits) {
+        sums[p.level].add(law.mixed(*x) + p.offset, p.healthy());
     }
-    let coldness = record_coldness(record, &law);
-    // sums of 1, x, x², y, xy, y² by level
-    let mut sums = vec![[0.0; 6]; record.levels.len()];
-    for (p, x) in record.in_map(&coldness) {
-        let (x, y) = (mixed(&law, *x) + p.offset, p.healthy());
-        for (sum, term) in sums[p.level].iter_mut().zip([1.0, x, x * x, y, x * y, y * y]) {
-            *sum += term;
-        }
+    sums
+}
+
+impl LevelSums {
+    fn add(&mut self, x: f64, y: f64) {
+        self.n += 1.0;
+        self.x += x;
+        self.xx += x * x;
+        self.y += y;
+        self.xy += x * y;
+        self.yy += y * y;
     }
-    let (mut warm, mut cold, mut squares) = (Vec::new(), Vec::new(), 0.0);
-    for [n, x, xx, y, xy, yy] in sums {
+
+    /// Least-squares line `y = warm + cold x` with `cold = max(cov(x, y) / var x, 0)`: friction does not fall while
+    /// a gear gets colder. With `b = cold`, the mean square residual is `var y - 2 b cov(x, y) + b² var x`.
+    fn line(&self) -> LevelLine {
+        let Self { n, x, xx, y, xy, yy } = *self;
         let (mean_x, mean_y) = (x / n, y / n);
         let (var, cov) = (xx / n - mean_x * mean_x, xy / n - mean_x * mean_y);
-        // colder gears never run easier; a level that says so has no cold part
-        let slope = if var > f64::EPSILON { (cov / var).max(0.0) } else { 0.0 };
-        let level = mean_y - slope * mean_x;
-        let left = yy / n - mean_y * mean_y - 2.0 * slope * cov + slope * slope * var;
-        squares += n * left.max(0.0) / (mean_y * mean_y);
-        warm.push(level);
-        cold.push(slope);
+        let cold = if var > f64::EPSILON { (cov / var).max(0.0) } else { 0.0 };
+        let residual = yy / n - mean_y * mean_y - 2.0 * cold * cov + cold * cold * var;
+        LevelLine { warm: mean_y - cold * mean_x, cold, squares: n * residual.max(0.0) / (mean_y * mean_y) }
     }
-    let n = record.map_points() as f64;
-    let prior: f64 = law.iter().zip(prior).map(|(value, (centre, sd))| ((value - centre) / sd).powi(2)).sum();
-    // rounding of noise-free friction has no logarithm
-    let cost = n * squares.max(f64::MIN_POSITIVE).ln() + prior;
-    if cost.is_finite() { Fitted { law, warm, cold, rms: (squares / n).sqrt(), cost } } else { nothing }
 }
 
-/// The coldness for a kelvin of the hall, with its standard error; `None` where the hall is not used.
-pub(super) fn hall_coldness(record: &JointRecord, fitted: &Fitted, runs: usize) -> Option<Estimate> {
-    matches!(record.measured, Measured::Hall(_)).then_some(())?;
-    let at = 2 * record.levels.len() + EXTRA;
+/// Thermal deficit for each kelvin below the usual ambient temperature, 1/K, with its standard error; `None` where
+/// the record has no ambient temperature.
+pub(super) fn ambient_coefficient(record: &JointRecord, fitted: &FittedMap, runs: usize) -> Option<Estimate> {
+    if !matches!(record.sensor, ThermalSensor::Ambient(_)) {
+        return None;
+    }
+    let at = MapLayout::of(record).law(LawParameter::Sensor);
     let variance = covariance(record, fitted, runs)?[(at, at)];
-    Some(Estimate { value: fitted.law[EXTRA], std_error: variance.max(0.0).sqrt() })
+    Some(Estimate { value: fitted.law.sensor, std_error: variance.max(0.0).sqrt() })
 }
 
-/// The map with its covariance and what it explains.
-pub(super) fn published(record: &JointRecord, fitted: &Fitted, runs: usize) -> Option<FrictionMap> {
-    let levels = record.levels.len();
+/// The map with its covariance and the part of friction's variance that it explains; `None` where the covariance
+/// is singular.
+pub(super) fn published(record: &JointRecord, fitted: &FittedMap, runs: usize) -> Option<FrictionMap> {
     let covariance = covariance(record, fitted, runs)?;
-    let error = |k: usize| covariance[(k, k)].max(0.0).sqrt();
-    let law_at = 2 * levels;
-    let source = match &record.measured {
-        Measured::Nothing => ThermalSource::Motion,
-        Measured::Motor(scale) => ThermalSource::MotorTemperature {
-            warm: scale.warm,
-            cold: scale.cold,
-            curvature: Estimate { value: fitted.law[EXTRA], std_error: error(law_at + EXTRA) },
-        },
-        Measured::Hall(hall) => ThermalSource::AmbientAndMotion {
-            usual: hall.usual,
-            coldness: Estimate { value: fitted.law[EXTRA], std_error: error(law_at + EXTRA) },
-        },
-    };
-    let relative = |k: usize| {
-        let value = fitted.law[k].exp();
-        Estimate { value, std_error: value * error(law_at + k) }
-    };
-    let law = ThermalLaw {
-        slow_s: relative(0),
-        fast_s: relative(1),
-        slow_share: Estimate { value: fitted.law[2], std_error: error(law_at + 2) },
-        cooling_ratio: relative(3),
+    let layout = MapLayout::of(record);
+    let error = |at: usize| covariance[(at, at)].max(0.0).sqrt();
+    let law_error = |k: LawParameter| error(layout.law(k));
+    let level = |k: usize| MapLevel {
+        speed_fraction: record.levels[k],
+        warm: Estimate { value: fitted.warm[k], std_error: error(layout.warm(k)) },
+        cold: Estimate { value: fitted.cold[k], std_error: error(layout.cold(k)) },
     };
     let (relative_rmsd, explained) = quality(record, fitted);
     Some(FrictionMap {
         joint: record.joint,
-        law,
-        source,
-        levels: (0..levels)
-            .map(|k| MapLevel {
-                speed_fraction: record.levels[k],
-                warm: Estimate { value: fitted.warm[k], std_error: error(k) },
-                cold: Estimate { value: fitted.cold[k], std_error: error(levels + k) },
-            })
-            .collect(),
+        law: published_law(&fitted.law, law_error),
+        source: published_source(record, &fitted.law, law_error),
+        levels: (0..layout.levels).map(level).collect(),
         covariance: covariance.transpose().as_slice().to_vec(),
         relative_rmsd,
         explained,
         runs,
         points: record.map_points(),
-        remarks: remarks(record, |k| error(law_at + k)),
+        remarks: remarks(record, law_error),
     })
 }
 
-fn remarks(record: &JointRecord, error: impl Fn(usize) -> f64) -> Vec<String> {
-    let names = [
-        "slow time constant is assumed: the runs are too short for it, or all began warm",
-        "fast time constant is assumed: the first cycles do not resolve it",
-        "share of the slow part is assumed: the warm-up does not show two parts",
-        "cooling is assumed to be as warming: no run began between warm and cold",
-    ];
-    let used = |k: &usize| match record.measured {
-        Measured::Motor(_) => [FAST, SHARE].contains(k),
-        Measured::Nothing | Measured::Hall(_) => true,
+/// The law in units, with errors to first order: `d exp(theta) = exp(theta) d theta` for a logarithm `theta`.
+fn published_law(law: &LawParameters, error: impl Fn(LawParameter) -> f64) -> ThermalLaw {
+    let exponential = |k: LawParameter| {
+        let value = law.get(k).exp();
+        Estimate { value, std_error: value * error(k) }
     };
-    let assumed = (0..names.len())
+    ThermalLaw {
+        slow_s: exponential(LawParameter::Slow),
+        fast_s: exponential(LawParameter::Fast),
+        slow_share: Estimate { value: law.share, std_error: error(LawParameter::Share) },
+        cooling_ratio: exponential(LawParameter::Cooling),
+    }
+}
+
+/// What the thermal state of the map is taken from.
+fn published_source(
+    record: &JointRecord,
+    law: &LawParameters,
+    error: impl Fn(LawParameter) -> f64,
+) -> ThermalSource {
+    let parameter = || Estimate { value: law.sensor, std_error: error(LawParameter::Sensor) };
+    match &record.sensor {
+        ThermalSensor::None => ThermalSource::Motion,
+        ThermalSensor::Motor(motor) => {
+            ThermalSource::MotorTemperature { warm: motor.warm, cold: motor.cold, curvature: parameter() }
+        }
+        ThermalSensor::Ambient(ambient) => {
+            ThermalSource::AmbientAndMotion { usual: ambient.usual, coldness: parameter() }
+        }
+    }
+}
+
+/// The remarks of the record, and one on each parameter of the law that is assumed rather than measured.
+fn remarks(record: &JointRecord, error: impl Fn(LawParameter) -> f64) -> Vec<String> {
+    let prior = law_prior(record);
+    let used = |k: &LawParameter| match record.sensor {
+        ThermalSensor::Motor(_) => matches!(k, LawParameter::Fast | LawParameter::Share),
+        ThermalSensor::None | ThermalSensor::Ambient(_) => true,
+    };
+    let remark = |k: LawParameter| k.assumed().filter(|_| error(k) > MEASURED * prior.get(k).deviation);
+    let assumed = LawParameter::ALL
+        .into_iter()
         .filter(used)
-        .filter(|&k| error(k) > MEASURED * prior_and_bounds(record).0[k].1)
-        .map(|k| format!("joint {}: the {}", record.joint, names[k]));
+        .filter_map(remark)
+        .map(|assumed| format!("joint {}: the {assumed}", record.joint));
     record.remarks.iter().cloned().chain(assumed).collect()
 }
 
-fn predicted(fitted: &Fitted, p: &RecordPoint, x: Coldness) -> f64 {
-    fitted.warm[p.level] + fitted.cold[p.level] * (mixed(&fitted.law, x) + p.offset)
-}
-
-/// Relative RMSD, and the part of the variance about each level's mean that coldness explains.
-fn quality(record: &JointRecord, fitted: &Fitted) -> (f64, f64) {
-    let coldness = record_coldness(record, &fitted.law);
+/// Root-mean-square residual after each run's offset and factor, as a fraction of each level's mean friction; and
+/// the part of the variance about these means that the thermal deficit explains, 0 to 1.
+fn quality(record: &JointRecord, fitted: &FittedMap) -> (f64, f64) {
+    let deficits = point_deficits(record, &fitted.law);
     let n = record.map_points() as f64;
     let mut means = vec![(0.0, 0.0); record.levels.len()];
     for p in record.points.iter().filter(|p| p.in_map) {
         means[p.level].0 += p.torque;
         means[p.level].1 += 1.0;
     }
-    let (mut left, mut unexplained, mut raw) = (0.0, 0.0, 0.0);
-    for (p, x) in record.in_map(&coldness) {
+    let (mut residual, mut unexplained, mut raw) = (0.0, 0.0, 0.0);
+    for (p, x) in record.in_map(&deficits) {
         let mean = means[p.level].0 / means[p.level].1;
-        let found = predicted(fitted, p, *x);
-        left += ((p.healthy() - found) / mean).powi(2);
-        unexplained += ((p.torque - found) / mean).powi(2);
+        let predicted = fitted.predicted(&fitted.law, p, *x);
+        residual += ((p.healthy() - predicted) / mean).powi(2);
+        unexplained += ((p.torque - predicted) / mean).powi(2);
         raw += ((p.torque - mean) / mean).powi(2);
     }
     let explained = if raw > 0.0 { (1.0 - unexplained / raw).clamp(0.0, 1.0) } else { 0.0 };
-    ((left / n).sqrt(), explained)
+    ((residual / n).sqrt(), explained)
 }
 
-/// Covariance of levels and law with the prior as information, runs as clusters (sandwich, Liang & Zeger
-/// 1986).
-fn covariance(record: &JointRecord, fitted: &Fitted, runs: usize) -> Option<DMatrix<f64>> {
-    const STEP: f64 = 1e-4;
-    let levels = record.levels.len();
-    let size = 2 * levels + law_size(record);
-    let at = |law: &LawParameters| -> Vec<f64> {
-        let coldness = record_coldness(record, law);
-        let shifted = Fitted { law: *law, ..fitted.clone() };
-        record.points.iter().zip(coldness).map(|(p, x)| predicted(&shifted, p, x)).collect()
-    };
-    let (middle, coldness) = (at(&fitted.law), record_coldness(record, &fitted.law));
-    let slopes: Vec<(usize, Vec<f64>)> = sought(record)
-        .into_iter()
-        .map(|k| {
-            let (mut up, mut down) = (fitted.law, fitted.law);
-            up[k] += STEP;
-            down[k] -= STEP;
-            (k, at(&up).iter().zip(at(&down)).map(|(u, d)| (u - d) / (2.0 * STEP)).collect())
-        })
-        .collect();
+/// Covariance of a map's unknowns in the order of [`MapLayout`]; `None` where it is singular.
+///
+/// With the gradient `g` and the relative residual `r` of each point, the residual variance `s²` and the prior
+/// deviations `sigma`, the information is `A = sum g gᵀ + s² diag(1 / sigma²)`. Few runs have the covariance
+/// `s² A⁻¹`. From [`MIN_CLUSTERS`] runs on, the runs are clusters of residuals that depend on each other
+/// ([`clustered`]).
+fn covariance(record: &JointRecord, fitted: &FittedMap, runs: usize) -> Option<DMatrix<f64>> {
+    let equations = normal_equations(record, fitted, runs);
+    let freedom = record.map_points().saturating_sub(equations.information.nrows()).max(1) as f64;
+    let variance = (equations.squares / freedom).max(f64::MIN_POSITIVE);
+    let information = with_prior(record, fitted, equations.information, variance);
+    let inverse = information.cholesky()?.inverse();
+    if runs < MIN_CLUSTERS {
+        return Some(inverse * variance);
+    }
+    let clustered = clustered(&inverse, &equations.scores);
+    Some(with_larger_errors(&(inverse * variance), &clustered))
+}
+
+/// Sums over the points of a map that its covariance is made of.
+struct NormalEquations {
+    /// `sum g gᵀ`.
+    information: DMatrix<f64>,
+    /// `sum r g` over the points of each run, a column a run.
+    scores: DMatrix<f64>,
+    /// `sum r²`.
+    squares: f64,
+}
+
+/// Sums of the gradients `g` of relative friction over the map's unknowns and of the relative residuals `r`. Both
+/// are fractions of the warm friction of the point's level.
+fn normal_equations(record: &JointRecord, fitted: &FittedMap, runs: usize) -> NormalEquations {
+    let layout = MapLayout::of(record);
+    let size = layout.size(covariance_parameters(record));
+    let deficits = point_deficits(record, &fitted.law);
+    let slopes = law_slopes(record, fitted);
     let mut information = DMatrix::zeros(size, size);
     let mut scores = DMatrix::zeros(size, runs);
     let mut squares = 0.0;
     for (i, p) in record.points.iter().enumerate().filter(|(_, p)| p.in_map) {
         let scale = 1.0 / fitted.warm[p.level].abs().max(f64::MIN_POSITIVE);
-        let mut row = nalgebra::DVector::zeros(size);
-        row[p.level] = scale;
-        // a level without a cold part has no error of it
+        let mut gradient = DVector::zeros(size);
+        gradient[layout.warm(p.level)] = scale;
+        // a cold part at its bound of zero has no error
         if fitted.cold[p.level] > 0.0 {
-            row[levels + p.level] = scale * (mixed(&fitted.law, coldness[i]) + p.offset);
+            gradient[layout.cold(p.level)] = scale * (fitted.law.mixed(deficits[i]) + p.offset);
         }
-        slopes.iter().for_each(|(k, slope)| row[2 * levels + k] = scale * slope[i]);
-        let residual = scale * (p.healthy() - middle[i]);
+        for (k, slope) in &slopes {
+            gradient[layout.law(*k)] = scale * slope[i];
+        }
+        let residual = scale * (p.healthy() - fitted.predicted(&fitted.law, p, deficits[i]));
         squares += residual * residual;
-        information.ger(1.0, &row, &row, 1.0);
-        scores.column_mut(p.run).axpy(residual, &row, 1.0);
+        information.ger(1.0, &gradient, &gradient, 1.0);
+        scores.column_mut(p.run).axpy(residual, &gradient, 1.0);
     }
-    let freedom = record.map_points().saturating_sub(size).max(1) as f64;
-    let variance = (squares / freedom).max(f64::MIN_POSITIVE);
-    for (k, (_, sd)) in prior_and_bounds(record).0.iter().enumerate().take(law_size(record)) {
-        information[(2 * levels + k, 2 * levels + k)] += variance / (sd * sd);
+    NormalEquations { information, scores, squares }
+}
+
+/// Derivative of the predicted friction of each point by each fitted parameter of the law, levels fixed, by central
+/// differences: `(tau(theta + h) - tau(theta - h)) / 2 h`.
+fn law_slopes(record: &JointRecord, fitted: &FittedMap) -> Vec<(LawParameter, Vec<f64>)> {
+    const STEP: f64 = 1e-4;
+    let predicted = |law: LawParameters| -> Vec<f64> {
+        let deficits = point_deficits(record, &law);
+        record.points.iter().zip(deficits).map(|(p, x)| fitted.predicted(&law, p, x)).collect()
+    };
+    let slope = |k: LawParameter| -> Vec<f64> {
+        let value = fitted.law.get(k);
+        let up = predicted(fitted.law.with(k, value + STEP));
+        let down = predicted(fitted.law.with(k, value - STEP));
+        up.iter().zip(down).map(|(up, down)| (up - down) / (2.0 * STEP)).collect()
+    };
+    fitted_parameters(record).into_iter().map(|k| (k, slope(k))).collect()
+}
+
+/// The information with that of the prior, `variance / sigma²` for each parameter of the law. A cold part at its
+/// bound of zero gets an information of one, which keeps the matrix regular.
+fn with_prior(
+    record: &JointRecord,
+    fitted: &FittedMap,
+    mut information: DMatrix<f64>,
+    variance: f64,
+) -> DMatrix<f64> {
+    let (layout, prior) = (MapLayout::of(record), law_prior(record));
+    for &k in covariance_parameters(record) {
+        let (at, deviation) = (layout.law(k), prior.get(k).deviation);
+        information[(at, at)] += variance / (deviation * deviation);
     }
-    for k in (0..levels).filter(|k| fitted.cold[*k] <= 0.0) {
-        information[(levels + k, levels + k)] = 1.0;
+    for level in (0..layout.levels).filter(|level| fitted.cold[*level] <= 0.0) {
+        information[(layout.cold(level), layout.cold(level))] = 1.0;
     }
-    let inverse = information.cholesky()?.inverse();
-    if runs < MIN_CLUSTERS {
-        return Some(inverse * variance);
-    }
-    let correction = runs as f64 / (runs as f64 - 1.0);
-    let meat = &scores * scores.transpose() * correction;
-    // runs that agree by chance must not promise more than independent residuals would
-    let clustered = &inverse * meat * &inverse;
-    let plain = inverse * variance;
-    let error = |k: usize| plain[(k, k)].max(clustered[(k, k)]).max(0.0).sqrt();
+    information
+}
+
+/// Sandwich covariance with runs as clusters (Liang & Zeger 1986): `c A⁻¹ (sum s sᵀ) A⁻¹` over the scores `s` of the
+/// runs, with `c = R / (R - 1)` for `R` runs.
+fn clustered(inverse: &DMatrix<f64>, scores: &DMatrix<f64>) -> DMatrix<f64> {
+    let runs = scores.ncols() as f64;
+    let correction = runs / (runs - 1.0);
+    let meat = scores * scores.transpose() * correction;
+    inverse * meat * inverse
+}
+
+/// Covariance with the correlations of `clustered` and the larger standard error of the two for each unknown.
+///
+/// Scores of a few runs can be small by chance; errors below those of independent residuals would promise too much.
+/// An unknown without a score in any run, of which only the prior is known, is uncorrelated with the others.
+fn with_larger_errors(independent: &DMatrix<f64>, clustered: &DMatrix<f64>) -> DMatrix<f64> {
+    let error = |k: usize| independent[(k, k)].max(clustered[(k, k)]).max(0.0).sqrt();
     let correlation = |i: usize, k: usize| {
-        let lengths = (clustered[(i, i)] * clustered[(k, k)]).max(0.0).sqrt();
-        // what only the prior knows has no score in any run
-        if lengths > 0.0 {
-            (clustered[(i, k)] / lengths).clamp(-1.0, 1.0)
+        let product = (clustered[(i, i)] * clustered[(k, k)]).max(0.0).sqrt();
+        if product > 0.0 {
+            (clustered[(i, k)] / product).clamp(-1.0, 1.0)
         } else {
             f64::from(u8::from(i == k))
         }
     };
-    Some(DMatrix::from_fn(size, size, |i, k| correlation(i, k) * error(i) * error(k)))
+    let size = clustered.nrows();
+    DMatrix::from_fn(size, size, |i, k| correlation(i, k) * error(i) * error(k))
 }

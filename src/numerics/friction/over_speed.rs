@@ -97,7 +97,8 @@ pub fn friction_over_speed(
 /// # Errors
 /// As [`friction_over_speed`]; [`NumericsError::NotFinite`] also where the form has no fit inside its
 /// bounds.
-pub fn fit_speed_model(
+#[cfg(test)]
+fn fit_speed_model(
     joint: JointIndex,
     points: &[FrictionPoint],
     independent_fraction: f64,
@@ -119,7 +120,8 @@ pub fn fit_speed_model(
 
 /// Friction of a fitted curve at `speed` (positive, rad/s), Nm, with its standard error.
 #[must_use]
-pub fn friction_at_speed(fit: &SpeedFit, speed: f64) -> Estimate {
+#[cfg(test)]
+fn friction_at_speed(fit: &SpeedFit, speed: f64) -> Estimate {
     let x: Vec<f64> = fit.coefficients.iter().map(|c| c.estimate.value).collect();
     let (value, slopes) = match (fit.model, &x[..]) {
         (SpeedModel::Coulomb, [fc]) => (*fc, vec![1.0]),

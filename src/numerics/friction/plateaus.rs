@@ -10,7 +10,7 @@ use crate::numerics::model::actuator::friction_columns;
 use crate::numerics::model::dynamics::{DynamicModel, gravity_torque};
 use crate::numerics::model::kinematics::joint_axis_in_base;
 use crate::numerics::segment::cycles::ranges_where;
-use crate::numerics::signal::filter::Conditioned;
+use crate::numerics::signal::filter::FilteredSignals;
 use crate::numerics::statistics::descriptive::{mean, standard_deviation};
 use crate::robot::{FrictionModel, JointIndex, JointKind, MAX_JOINTS, Robot};
 use crate::run::{Samples, Stage};
@@ -59,13 +59,13 @@ pub struct FrictionPoints {
 pub fn friction_points(
     robot: &Robot,
     samples: &Samples,
-    conditioned: &Conditioned,
+    filtered: &FilteredSignals,
     model: Option<&DynamicModel>,
 ) -> FrictionPoints {
     let mut found = FrictionPoints::default();
     let mut untested = Vec::new();
     for joint in robot.joint_indices() {
-        if !joint_points(robot, samples, conditioned, model, joint, &mut found) {
+        if !joint_points(robot, samples, filtered, model, joint, &mut found) {
             untested.push(joint);
         }
     }
@@ -99,19 +99,19 @@ fn untested_remark(robot: &Robot, untested: &[JointIndex]) -> Option<String> {
 fn joint_points(
     robot: &Robot,
     samples: &Samples,
-    conditioned: &Conditioned,
+    filtered: &FilteredSignals,
     model: Option<&DynamicModel>,
     joint: JointIndex,
     found: &mut FrictionPoints,
 ) -> bool {
-    let tested = tested_rows(robot, samples, conditioned, joint);
+    let tested = tested_rows(robot, samples, filtered, joint);
     if tested.is_empty() {
         return false;
     }
     let mut remarks = Vec::new();
-    let mut plateaus = plateaus(robot, samples, conditioned, joint, &tested, &mut remarks);
+    let mut plateaus = plateaus(robot, samples, filtered, joint, &tested, &mut remarks);
     if plateaus.is_empty() && samples.friction_signal.is_none() {
-        let passes = super::slow_passes::slow_passes(robot, conditioned, joint, &tested);
+        let passes = super::slow_passes::slow_passes(robot, filtered, joint, &tested);
         if !passes.is_empty() {
             remarks = vec![super::slow_passes::slow_remark(robot, joint, &passes)];
             plateaus = passes;
@@ -121,7 +121,7 @@ fn joint_points(
     if plateaus.is_empty() {
         return true;
     }
-    let (without_gravity, gravity) = match remove_gravity(robot, conditioned, model, joint, &tested) {
+    let (without_gravity, gravity) = match remove_gravity(robot, filtered, model, joint, &tested) {
         Ok(removed) => removed,
         Err(reason) => {
             found.remarks.push(reason);
@@ -130,8 +130,7 @@ fn joint_points(
     };
     for plateau in plateaus {
         let torque: Vec<f64> = plateau.rows.iter().map(|&row| without_gravity(row)).collect();
-        let speed: Vec<f64> =
-            plateau.rows.iter().map(|&row| conditioned.qd[joint.index()][row].abs()).collect();
+        let speed: Vec<f64> = plateau.rows.iter().map(|&row| filtered.qd[joint.index()][row].abs()).collect();
         let time: Vec<f64> = plateau.rows.iter().map(|&row| samples.time[row]).collect();
         let (Some(torque_mean), Some(speed), Some(time)) = (mean(&torque), mean(&speed), mean(&time)) else {
             continue;
@@ -152,19 +151,24 @@ fn joint_points(
 }
 
 /// Rows in which `joint` is under test.
-fn tested_rows(robot: &Robot, samples: &Samples, conditioned: &Conditioned, joint: JointIndex) -> Vec<usize> {
-    let usable = conditioned.usable.iter().flat_map(Clone::clone);
+fn tested_rows(
+    robot: &Robot,
+    samples: &Samples,
+    filtered: &FilteredSignals,
+    joint: JointIndex,
+) -> Vec<usize> {
+    let usable = filtered.usable.iter().flat_map(Clone::clone);
     let in_stage = usable.filter(|&row| samples.stage[row] == Stage::Friction);
     match &samples.friction_signal {
         Some(signal) => in_stage.filter(|&row| signal[row].is_some_and(|s| s.joint == joint)).collect(),
-        None => in_stage.filter(|&row| moves_alone(robot, conditioned, joint, row)).collect(),
+        None => in_stage.filter(|&row| moves_alone(robot, filtered, joint, row)).collect(),
     }
 }
 
-fn moves_alone(robot: &Robot, conditioned: &Conditioned, joint: JointIndex, row: usize) -> bool {
+fn moves_alone(robot: &Robot, filtered: &FilteredSignals, joint: JointIndex, row: usize) -> bool {
     robot.joint_indices().all(|k| {
         let moves =
-            conditioned.qd[k.index()][row].abs() > STILL_FRACTION * robot.joints[k.index()].limits.velocity;
+            filtered.qd[k.index()][row].abs() > STILL_FRACTION * robot.joints[k.index()].limits.velocity;
         moves == (k == joint)
     })
 }
@@ -172,12 +176,12 @@ fn moves_alone(robot: &Robot, conditioned: &Conditioned, joint: JointIndex, row:
 fn plateaus(
     robot: &Robot,
     samples: &Samples,
-    conditioned: &Conditioned,
+    filtered: &FilteredSignals,
     joint: JointIndex,
     tested: &[usize],
     remarks: &mut Vec<String>,
 ) -> Vec<Plateau> {
-    let qd = &conditioned.qd[joint.index()];
+    let qd = &filtered.qd[joint.index()];
     let fastest = robot.joints[joint.index()].limits.velocity;
     let mut plateaus = Vec::new();
     for (index, &speed_fraction) in robot.speed_levels.iter().enumerate() {
@@ -199,7 +203,7 @@ fn plateaus(
                 None => Some(nominal),
             };
             let on_plateau =
-                speed.map_or_else(Vec::new, |speed| constant_rows(conditioned, &rows, along, speed));
+                speed.map_or_else(Vec::new, |speed| constant_rows(filtered, &rows, along, speed));
             let Some(speed) = speed.filter(|_| !on_plateau.is_empty()) else {
                 missing.push(format!("{direction:+}"));
                 continue;
@@ -226,14 +230,14 @@ fn plateaus(
 /// Rows of all plateaus at `speed` among `rows`, without their ends: there the low-passed torque
 /// still carries the ramp.
 fn constant_rows(
-    conditioned: &Conditioned,
+    filtered: &FilteredSignals,
     rows: &[usize],
     along: impl Fn(usize) -> f64,
     speed: f64,
 ) -> Vec<usize> {
     let near = |i: usize| (along(rows[i]) - speed).abs() <= SPEED_TOLERANCE * speed;
-    let margin = (0.5 * conditioned.sample_rate / conditioned.cutoff).ceil() as usize;
-    let shortest = (MIN_PLATEAU_S * conditioned.sample_rate).ceil().max(4.0) as usize;
+    let margin = (0.5 * filtered.sample_rate / filtered.cutoff).ceil() as usize;
+    let shortest = (MIN_PLATEAU_S * filtered.sample_rate).ceil().max(4.0) as usize;
     let mut found = Vec::new();
     for near_range in ranges_where(rows.len(), near) {
         for part in ranges_where(near_range.len(), |i| {
@@ -270,18 +274,18 @@ type WithoutGravity<'a> = Box<dyn Fn(usize) -> f64 + 'a>;
 /// Torque of a row without gravity, and how that was had.
 fn remove_gravity<'a>(
     robot: &'a Robot,
-    conditioned: &'a Conditioned,
+    filtered: &'a FilteredSignals,
     model: Option<&'a DynamicModel>,
     joint: JointIndex,
     tested: &[usize],
 ) -> Result<(WithoutGravity<'a>, GravityRemoval), String> {
     let j = joint.index();
-    let tau = &conditioned.tau[j];
-    if !carries_gravity(robot, conditioned, joint, tested[tested.len() / 2]) {
+    let tau = &filtered.tau[j];
+    if !carries_gravity(robot, filtered, joint, tested[tested.len() / 2]) {
         return Ok((Box::new(move |row| tau[row]), GravityRemoval::AxisVertical));
     }
-    if let Some([by_sine, by_cosine]) = fit_gravity(robot, conditioned, joint, tested) {
-        let q = &conditioned.q[j];
+    if let Some([by_sine, by_cosine]) = fit_gravity(robot, filtered, joint, tested) {
+        let q = &filtered.q[j];
         let (sine, cosine) = gravity_columns(robot.joints[j].kind);
         let load = move |row: usize| by_sine * sine(q[row]) + by_cosine * cosine(q[row]);
         return Ok((Box::new(move |row| tau[row] - load(row)), GravityRemoval::Fitted));
@@ -296,7 +300,7 @@ fn remove_gravity<'a>(
         let n = robot.joint_count();
         let (mut q, mut torque) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
         for (k, q) in q.iter_mut().enumerate().take(n) {
-            *q = conditioned.q[k][row];
+            *q = filtered.q[k][row];
         }
         gravity_torque(robot, &model.inertial, &q[..n], &mut torque[..n]);
         torque[j]
@@ -306,12 +310,12 @@ fn remove_gravity<'a>(
 
 /// Whether gravity does work on the joint in the posture of `row`: a turning axis that is not
 /// vertical, a sliding axis that is not horizontal.
-fn carries_gravity(robot: &Robot, conditioned: &Conditioned, joint: JointIndex, row: usize) -> bool {
+fn carries_gravity(robot: &Robot, filtered: &FilteredSignals, joint: JointIndex, row: usize) -> bool {
     let g = robot.gravity.norm();
     if g == 0.0 {
         return false;
     }
-    let q: Vec<f64> = conditioned.q.iter().map(|channel| channel[row]).collect();
+    let q: Vec<f64> = filtered.q.iter().map(|channel| channel[row]).collect();
     let axis = joint_axis_in_base(robot, &q, joint);
     let along = (axis.dot(&robot.gravity) / g).clamp(-1.0, 1.0);
     match robot.joints[joint.index()].kind {
@@ -336,7 +340,7 @@ fn gravity_columns(kind: JointKind) -> (Shape, Shape) {
 /// load coefficients, or `None` where the motion does not tell them apart.
 fn fit_gravity(
     robot: &Robot,
-    conditioned: &Conditioned,
+    filtered: &FilteredSignals,
     joint: JointIndex,
     tested: &[usize],
 ) -> Option<[f64; 2]> {
@@ -348,17 +352,17 @@ fn fit_gravity(
         JointKind::Prismatic => 1,
     };
     let moving: Vec<usize> =
-        tested.iter().copied().filter(|&row| conditioned.qd[j][row].abs() > description.low_speed).collect();
+        tested.iter().copied().filter(|&row| filtered.qd[j][row].abs() > description.low_speed).collect();
     let columns = 1 + loads + 4;
     let mut factor = TriangularFactor::new(columns);
     let rows = Mat::from_fn(moving.len(), columns + 1, |i, column| {
         let row = moving[i];
-        let (q, qd) = (conditioned.q[j][row], conditioned.qd[j][row]);
+        let (q, qd) = (filtered.q[j][row], filtered.qd[j][row]);
         match column {
-            0 => conditioned.qdd[j][row],
+            0 => filtered.qdd[j][row],
             1 => sine(q),
             c if c == loads && loads == 2 => cosine(q),
-            c if c == columns => conditioned.tau[j][row],
+            c if c == columns => filtered.tau[j][row],
             c => friction_columns(&FrictionModel::POLYNOMIAL, qd)[c - 1 - loads],
         }
     });
@@ -372,7 +376,7 @@ pub(in crate::numerics::friction) mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::numerics::signal::filter::condition;
+    use crate::numerics::signal::filter::filter_signals;
     use crate::run::FrictionSignal;
 
     pub(in crate::numerics::friction) const RATE: f64 = 250.0;
@@ -437,7 +441,7 @@ pub(in crate::numerics::friction) mod tests {
     }
 
     pub(in crate::numerics::friction) fn points(robot: &Robot, samples: &Samples) -> FrictionPoints {
-        friction_points(robot, samples, &condition(samples, 12.0).expect("conditions"), None)
+        friction_points(robot, samples, &filter_signals(samples, 12.0).expect("conditions"), None)
     }
 
     fn assert_friction(robot: &Robot, found: &FrictionPoints, levels: &[usize]) {

@@ -1,5 +1,5 @@
-//! What friction over time is fitted to: the runs of a robot, the points of each joint, and what was measured of its
-//! temperature.
+//! Input of the fit of friction over time: the runs of a robot, the friction points of each joint, and the
+//! temperatures that were measured with them.
 
 use super::thermal_state::MotionSpan;
 use crate::analysis::{CycleTemperatures, FrictionPoint};
@@ -18,47 +18,52 @@ pub struct CycleMotion {
     pub temperatures: CycleTemperatures,
 }
 
-/// One run, as the map sees it.
+/// Motion and friction points of one run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapRun {
     /// Start of the recording, UTC, s.
     pub started_at: f64,
-    /// Motion since the start; rising, not overlapping.
+    /// Motion, times since the start, s; rising, not overlapping.
     pub spans: Vec<CycleMotion>,
     /// Plateaus of the friction stages, times since the start, s.
     pub points: Vec<FrictionPoint>,
 }
 
-/// One joint's friction over all runs, ready to be fitted. Times rise.
+/// Friction of one joint over all runs, as the fit of its map needs it.
 #[derive(Debug, Clone)]
 pub(super) struct JointRecord {
     pub joint: JointIndex,
+    /// Motion of all runs, rising.
     pub spans: Vec<MotionSpan>,
+    /// Speed levels, as fractions of the joint's largest speed, rising.
     pub levels: Vec<f64>,
+    /// Friction points of all runs, times rising.
     pub points: Vec<RecordPoint>,
-    pub measured: Measured,
-    /// Why something measured is not used, in sentences.
+    pub sensor: ThermalSensor,
+    /// Sentences that say why a recorded temperature is not used.
     pub remarks: Vec<String>,
 }
 
-/// One friction mean in its run.
+/// Mean friction at one level at one time of a run.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RecordPoint {
     pub run: usize,
-    /// Since the epoch of the history, s.
+    /// Time since the epoch of the history, s.
     pub time: f64,
-    /// Place in the levels.
+    /// Index into [`JointRecord::levels`].
     pub level: usize,
+    /// Mean of the magnitudes of both directions, Nm.
     pub torque: f64,
-    /// Whether the run is long enough to take part in the map.
+    /// Whether the run is long enough for its points to enter the map.
     pub in_map: bool,
-    /// What the run has beyond the law: coldness, and friction as a factor.
+    /// Thermal deficit of the run beyond the law's at this time, from the run's random effects.
     pub offset: f64,
+    /// Friction of the run as a multiple of that of the baseline.
     pub factor: f64,
 }
 
 impl JointRecord {
-    /// Points that the map is made of, each with what belongs to it in `of_points`.
+    /// Points that enter the map, each with the item of `of_points` at the same index.
     pub(super) fn in_map<'a, T>(
         &'a self,
         of_points: &'a [T],
@@ -66,59 +71,64 @@ impl JointRecord {
         self.points.iter().zip(of_points).filter(|(p, _)| p.in_map)
     }
 
+    /// Number of points that enter the map.
     pub(super) fn map_points(&self) -> usize {
         self.points.iter().filter(|p| p.in_map).count()
     }
 }
 
 impl RecordPoint {
-    /// Torque without the run's own factor.
+    /// Torque divided by the run's factor, Nm.
     pub(super) fn healthy(&self) -> f64 {
         self.torque / self.factor
     }
 }
 
-/// What was measured of the thermal state of a joint.
+/// Temperature that the thermal state of a joint is taken from, beside its motion.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(super) enum Measured {
-    /// Nothing that could be used.
+pub(super) enum ThermalSensor {
+    /// No usable temperature.
     #[default]
-    Nothing,
-    /// The motor's temperature.
-    Motor(MotorScale),
-    /// The hall's.
-    Hall(Hall),
+    None,
+    /// Temperature of the joint's motor.
+    Motor(MotorTemperatures),
+    /// Ambient temperature.
+    Ambient(AmbientTemperatures),
 }
 
-/// Temperature of a motor as coldness.
+/// Temperature of a motor over the history, with the scale from which a thermal deficit follows.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct MotorScale {
-    /// Temperatures that count as warm and as cold, K.
+pub(super) struct MotorTemperatures {
+    /// Temperature at which the thermal deficit is 0, K.
     pub warm: f64,
+    /// Temperature at which the thermal deficit is 1, K.
     pub cold: f64,
-    /// Mean temperature of the cycles of each run: middle of the cycle since the epoch of the history, s, and K.
-    pub(super) readings: Vec<Vec<[f64; 2]>>,
+    /// Readings of each run, one a cycle: middle of the cycle since the epoch of the history, s, and mean
+    /// temperature, K.
+    pub readings: Vec<Vec<[f64; 2]>>,
 }
 
-/// The hall in each run.
+/// Ambient temperature of each run.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Hall {
-    /// The usual temperature, K.
+pub(super) struct AmbientTemperatures {
+    /// Median over the runs, K.
     pub usual: f64,
-    /// How far each run's is below it, K; 0 for a run that has none.
-    pub colder: Vec<f64>,
+    /// The usual temperature less that of each run, K; 0 for a run without a reading.
+    pub below_usual: Vec<f64>,
 }
 
-impl MotorScale {
-    /// Coldness at `time` in run `run`: 0 at the warm temperature, 1 at the cold one.
-    pub fn coldness(&self, run: usize, time: f64) -> f64 {
+impl MotorTemperatures {
+    /// Thermal deficit `(warm - T) / (warm - cold)` at `time`, s, in run `run`; NaN for a run without readings.
+    pub(super) fn thermal_deficit(&self, run: usize, time: f64) -> f64 {
         let kelvin = self.readings.get(run).and_then(|readings| reading_at(readings, time));
         kelvin.map_or(f64::NAN, |kelvin| (self.warm - kelvin) / (self.warm - self.cold))
     }
 }
 
-/// The temperature at `time` on the line through the readings next to it, beyond the first and last one as well:
-/// a first cycle warms all along. By at most one distance of readings.
+/// Temperature at `time` on the line through the two readings around it; `None` without readings.
+///
+/// A time outside all readings is extrapolated by one distance of readings at most: a joint still warms in the
+/// first half of its first cycle. A single reading counts at all times.
 pub(super) fn reading_at(readings: &[[f64; 2]], time: f64) -> Option<f64> {
     if readings.len() < 2 {
         return readings.first().map(|[_, kelvin]| *kelvin);
@@ -127,4 +137,12 @@ pub(super) fn reading_at(readings: &[[f64; 2]], time: f64) -> Option<f64> {
     let ([from, before], [to, next]) = (readings[after - 1], readings[after]);
     let share = ((time - from) / (to - from)).clamp(-1.0, 2.0);
     Some(before + share * (next - before))
+}
+
+/// Runs that the points belong to, rising and each once.
+pub(super) fn runs_of<'a>(points: impl Iterator<Item = &'a RecordPoint>) -> Vec<usize> {
+    let mut runs: Vec<usize> = points.map(|p| p.run).collect();
+    runs.sort_unstable();
+    runs.dedup();
+    runs
 }

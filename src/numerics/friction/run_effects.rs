@@ -1,386 +1,604 @@
-//! What each run has beyond the friction map: wear, and coldness that the map does not know.
+//! Random effects of each run: how its friction differs from the map by wear and by a thermal deficit that the map
+//! does not predict.
 //!
-//! One least-squares problem a run over all joints, with priors whose scales the history shows.
+//! The torque of joint `j` at level `l`, `t` seconds into a run, is modelled as
+//!
+//! `tau = tau_map(l, x + ambient + d_slow(t) start_slow + d_fast(t) start_fast) (1 + wear + level(l))`
+//!
+//! with the predicted thermal deficit `x` and the decays `d` of a deficit at the start ([`start_decay`]). All joints
+//! of a run are solved for together, because one ambient effect is common to them. Each effect has a normal prior
+//! of mean zero. Its scale is estimated from the history (empirical Bayes), except that of wear.
+
+use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::map::{Fitted, mixed, rates, record_coldness};
-use super::record::JointRecord;
-use super::record::Measured;
+use super::map::{FittedMap, point_deficits};
+use super::record::{JointRecord, ThermalSensor};
 use crate::analysis::Estimate;
 
-/// Run effects are solved again with the scales that they showed.
+/// Rounds in which a run is linearised again and its scales of wear and ambient are adapted.
 const INNER_ROUNDS: usize = 4;
-/// Rounds in which the history shows its scales; each step goes most of the way (MacKay 1992).
+/// Rounds in which the prior scales are estimated; each goes most of the way to the fixed point (MacKay 1992).
 const SCALE_ROUNDS: usize = 4;
 
-/// Wear from one run to the baseline is mostly below this fraction, and sometimes far above (the scale is
-/// taken half from here, half from the run itself, which makes the prior as wide as Student's).
+/// Prior scale of wear against the baseline, as a fraction of friction. Most runs have less wear and a few have far
+/// more; the run's own effect therefore enters the scale by a half, which gives the prior tails like those of
+/// Student's distribution.
 const WEAR_SCALE: f64 = 0.02;
-/// Friction at the largest speed changes with the hall by less than this fraction, mostly: before the history
-/// has shown by how much, and what it is never believed to be less than.
-const AMBIENT_SCALE: [f64; 2] = [0.3, 0.02];
-/// Joints differ from each other in what the hall does to them by this part of it, and at least by the
-/// second number as a fraction of friction.
-const AMBIENT_SPREAD: [f64; 2] = [0.4, 0.003];
-/// Friction at the largest speed of a joint whose motor's temperature is measured differs through a run by this
-/// fraction for what the sensor does not show, likewise. The hall is in that temperature, so that it is nothing that
-/// joints have in common.
-const UNSEEN_SCALE: [f64; 2] = [0.03, 0.003];
-/// Coldness at the start beyond the predicted one, likewise.
-const START_SCALE: [f64; 2] = [0.3, 0.02];
-/// Friction at one level in one run differs by this fraction for reasons of its own, likewise.
-const LEVEL_SCALE: [f64; 2] = [0.005, 0.0003];
-/// Part of the information on wear that must come from data. With less, what is left after taking out the prior is
-/// rounding, and what stands there is the prior: near one whatever the wear.
-const LEAST_TOLD: f64 = 0.01;
+/// Scale of the ambient effect that is common to all joints, as a fraction of friction at the largest speed.
+const AMBIENT_SCALE: ScaleBounds = ScaleBounds { largest: 0.3, smallest: 0.02 };
+/// Standard deviation of a joint's ambient effect about the common one, as a fraction of the common one.
+const AMBIENT_SPREAD: f64 = 0.4;
+/// Least standard deviation of a joint's ambient effect about the common one, as a fraction of friction.
+const MIN_AMBIENT_SPREAD: f64 = 0.003;
+/// Scale of the ambient effect of a joint whose motor's temperature is measured, as a fraction of friction at the
+/// largest speed. That temperature includes the ambient one, so that such joints have no effect in common.
+const OWN_AMBIENT_SCALE: ScaleBounds = ScaleBounds { largest: 0.03, smallest: 0.003 };
+/// Scale of the thermal deficit at the start of a run beyond the predicted one.
+const START_SCALE: ScaleBounds = ScaleBounds { largest: 0.3, smallest: 0.02 };
+/// Scale of the effect of one level in one run, as a fraction of friction.
+const LEVEL_SCALE: ScaleBounds = ScaleBounds { largest: 0.005, smallest: 0.0003 };
+
+/// Least effective degrees of freedom, of one, of an identified wear. With fewer, the estimate without its prior
+/// is a ratio of rounding errors.
+const MIN_EFFECTIVE_DOF: f64 = 0.01;
+/// Least effective degrees of freedom over all runs from which a prior scale is estimated.
+const MIN_SCALE_DOF: f64 = 0.5;
 /// Least scatter of a point, as a fraction of friction.
 const MIN_SCATTER: f64 = 1e-4;
+/// Least friction of a linearisation, as a fraction of the map's.
+const MIN_FRICTION: f64 = 0.2;
 
-/// What one run has beyond the map, of one joint.
+/// Random effects of a run on one joint.
 #[derive(Debug, Clone)]
-pub(super) struct Effect {
-    /// Points of the run, and whether they were enough for the map.
+pub(super) struct RunEffect {
+    /// Number of points that the run has of the joint.
     pub points: usize,
-    pub full: bool,
-    /// Whether the data tell of wear at all; else `wear` is what its prior says.
-    pub told: bool,
-    /// Friction as a factor, less one, with its variance.
+    /// Whether these points enter the map.
+    pub in_map: bool,
+    /// Whether the data determine wear. If not, `wear` and `variance` are shrunk towards the prior.
+    pub identified: bool,
+    /// Wear: relative difference of friction.
     pub wear: f64,
+    /// Variance of `wear`.
     pub variance: f64,
+    /// Thermal deficit beyond the predicted one all through the run.
     pub ambient: Estimate,
-    /// Coldness at the start beyond the predicted one, slow and fast part.
+    /// Thermal deficit at the start beyond the predicted one, slow and fast part.
     pub start: [f64; 2],
 }
 
-/// What is left, `seconds` into a run, of a unit of coldness at its start, in the slow and the fast part.
-pub(super) fn start_decay(fit: &Fitted, seconds: f64) -> [f64; 2] {
-    let heating = rates(&fit.law).heating;
-    let share = [fit.law[2], 1.0 - fit.law[2]];
+/// What a thermal deficit of one at the start of a run, in the slow or in the fast part, adds to the mixed deficit
+/// `seconds` later: `share exp(-seconds / T)` for each part.
+pub(super) fn start_decay(fit: &FittedMap, seconds: f64) -> [f64; 2] {
+    let heating = fit.law.rates().heating;
+    let share = [fit.law.share, 1.0 - fit.law.share];
     std::array::from_fn(|part| share[part] * (-seconds / heating[part]).exp())
 }
 
-/// Scales that the history shows.
-#[derive(Debug, Clone)]
-pub(super) struct Scales {
-    /// Of what the hall does at the largest speed, in common to all joints.
-    ambient: f64,
-    joints: Vec<JointScales>,
-}
-
-#[derive(Debug, Clone)]
-struct JointScales {
-    /// Scatter of points by level, as a fraction of friction.
-    points: Vec<f64>,
-    /// Of a level in a run.
-    level: f64,
-    /// Of the start.
-    start: f64,
-    /// Of what lasts through a run, where the hall is measured with the motor.
-    unseen: Option<f64>,
-}
-
-/// A scale in the making: squares of effects, and how many of them the data told rather than their prior.
-#[derive(Debug, Clone, Copy, Default)]
-struct Shown {
-    squares: f64,
-    told: f64,
-}
-
-impl Shown {
-    fn add(&mut self, value: f64, variance: f64, scale: f64) {
-        self.squares += value * value;
-        self.told += (1.0 - variance / (scale * scale)).clamp(0.0, 1.0);
-    }
-
-    /// The scale under which effects are as large as they were, between the bounds, or as it was where
-    /// nothing was told.
-    fn scale(self, before: f64, [most, least]: [f64; 2]) -> f64 {
-        const TOLD: f64 = 0.5;
-        if self.told < TOLD { before } else { (self.squares / self.told).sqrt().clamp(least, most) }
-    }
-}
-
-/// One joint's points of one run with the map's values.
-struct RunRows {
-    /// Level, friction of the map, its slope over coldness as a fraction of friction, decay of the start.
-    rows: Vec<(usize, f64, f64, [f64; 2])>,
-    torque: Vec<f64>,
-    full: bool,
-    /// Slope over coldness, as a fraction of warm friction, at the largest speed.
-    top: f64,
-}
-
-/// Unknowns of a joint in a run before those of its levels: wear, ambient, start slow and fast.
-const EFFECTS: usize = 4;
-
-/// What one run came to.
-struct Solved {
-    x: DVector<f64>,
-    covariance: DMatrix<f64>,
-    /// Place of each joint's unknowns.
-    first: Vec<usize>,
-    /// Prior scale of each joint's wear.
-    wear: Vec<f64>,
-}
-
-/// Effects of each joint, by run, with the scales that they showed; `known` are those of a map before.
+/// Random effects of all runs by joint, and the prior scales estimated with them.
+///
+/// `known` are the scales of an earlier call with other maps; the estimation continues from them.
 pub(super) fn run_effects(
     records: &[JointRecord],
-    fits: &[Fitted],
+    fits: &[FittedMap],
     starts: &[f64],
-    known: Option<Scales>,
-) -> (Vec<Vec<Effect>>, Scales) {
-    let rows: Vec<Vec<RunRows>> =
-        records.iter().zip(fits).map(|(record, fit)| run_rows(record, fit, starts)).collect();
-    let of_run = |run: usize| rows.iter().map(|rows| &rows[run]).collect::<Vec<&RunRows>>();
-    let joint = |(record, rows): (&JointRecord, &Vec<RunRows>)| JointScales {
-        points: scatter(rows, record.levels.len()),
-        level: LEVEL_SCALE[0],
-        start: START_SCALE[0],
-        unseen: matches!(record.measured, Measured::Motor(_)).then_some(UNSEEN_SCALE[0]),
-    };
+    known: Option<PriorScales>,
+) -> (Vec<Vec<RunEffect>>, PriorScales) {
+    let by_joint: Vec<Vec<RunPoints>> =
+        records.iter().zip(fits).map(|(record, fit)| run_points(record, fit, starts)).collect();
+    let layout = EffectLayout::of(records);
     let rounds = if known.is_some() { 1 } else { SCALE_ROUNDS };
-    let mut scales = known.unwrap_or_else(|| Scales {
-        ambient: AMBIENT_SCALE[0],
-        joints: records.iter().zip(&rows).map(joint).collect(),
-    });
-    let solve = |scales: &Scales| (0..starts.len()).map(|run| one_run(&of_run(run), scales)).collect();
+    let mut scales = known.unwrap_or_else(|| PriorScales::initial(records, &by_joint));
+    let solve = |scales: &PriorScales| -> Vec<RunSolution> {
+        let joints_of = |run: usize| by_joint.iter().map(|runs| &runs[run]).collect::<Vec<&RunPoints>>();
+        (0..starts.len()).map(|run| solve_run(&joints_of(run), scales, &layout)).collect()
+    };
     for _ in 0..rounds {
-        let solved: Vec<Solved> = solve(&scales);
-        scales = shown_scales(&rows, &solved, &scales);
+        scales = estimated_scales(&by_joint, &solve(&scales), &scales, &layout);
     }
-    let solved: Vec<Solved> = solve(&scales);
-    let effects = (0..records.len())
-        .map(|j| (0..starts.len()).map(|run| effect(&rows[j][run], &solved[run], j)).collect())
+    let solved = solve(&scales);
+    let effects = by_joint
+        .iter()
+        .enumerate()
+        .map(|(j, runs)| {
+            runs.iter().zip(&solved).map(|(points, run)| run_effect(points, run, &layout, j)).collect()
+        })
         .collect();
     (effects, scales)
 }
 
-fn shown_scales(rows: &[Vec<RunRows>], solved: &[Solved], scales: &Scales) -> Scales {
-    let mut ambient = Shown::default();
-    for run in solved {
-        ambient.add(run.x[0], run.covariance[(0, 0)], scales.ambient);
+/// Prior scales of the random effects.
+#[derive(Debug, Clone)]
+pub(super) struct PriorScales {
+    /// Of the common ambient effect, as a fraction of friction at the largest speed.
+    ambient: f64,
+    joints: Vec<JointScales>,
+}
+
+/// Scatter of a joint's points and prior scales of its effects.
+#[derive(Debug, Clone)]
+struct JointScales {
+    /// Standard deviation of a point by level, as a fraction of friction; no prior, but the weight of the point.
+    scatter: Vec<f64>,
+    /// Of a level in a run, as a fraction of friction.
+    level: f64,
+    /// Of the thermal deficit at the start.
+    start: f64,
+    /// Of the ambient effect where the motor's temperature is measured, as a fraction of friction at the largest
+    /// speed; `None` where the effect is coupled to the common one.
+    own_ambient: Option<f64>,
+}
+
+impl PriorScales {
+    fn initial(records: &[JointRecord], by_joint: &[Vec<RunPoints>]) -> Self {
+        let joint = |(record, runs): (&JointRecord, &Vec<RunPoints>)| JointScales {
+            scatter: scatter(runs, record.levels.len()),
+            level: LEVEL_SCALE.largest,
+            start: START_SCALE.largest,
+            own_ambient: matches!(record.sensor, ThermalSensor::Motor(_))
+                .then_some(OWN_AMBIENT_SCALE.largest),
+        };
+        Self { ambient: AMBIENT_SCALE.largest, joints: records.iter().zip(by_joint).map(joint).collect() }
     }
-    let joint = |(j, before): (usize, &JointScales)| {
-        let [mut start, mut level, mut unseen] = <[Shown; 3]>::default();
-        for (rows, run) in rows[j].iter().zip(solved).filter(|(rows, _)| !rows.rows.is_empty()) {
-            let at = run.first[j];
-            let told = |shown: &mut Shown, k: usize, scale| {
-                shown.add(run.x[k], run.covariance[(k, k)], scale);
-            };
-            if let Some(scale) = before.unseen {
-                let variance = rows.top * rows.top * run.covariance[(at + 1, at + 1)];
-                unseen.add(rows.top * run.x[at + 1], variance, scale);
-            }
-            (at + 2..at + EFFECTS).for_each(|k| told(&mut start, k, before.start));
-            let mut measured: Vec<usize> = rows.rows.iter().map(|(level, ..)| *level).collect();
-            measured.sort_unstable();
-            measured.dedup();
-            measured.iter().for_each(|l| told(&mut level, at + EFFECTS + l, before.level));
+}
+
+/// Bounds of a prior scale; its estimation begins at the largest.
+#[derive(Debug, Clone, Copy)]
+struct ScaleBounds {
+    largest: f64,
+    smallest: f64,
+}
+
+/// Sums from which a prior scale is estimated.
+#[derive(Debug, Clone, Copy, Default)]
+struct EmpiricalScale {
+    /// Sum of the squared effects.
+    squares: f64,
+    /// Sum of `1 - variance / scale²` over the effects: 1 for an effect that the data determine, 0 for one that
+    /// only its prior does.
+    effective_dof: f64,
+}
+
+impl EmpiricalScale {
+    /// Adds an effect with its posterior variance under the prior scale `scale`.
+    fn add(&mut self, value: f64, variance: f64, scale: f64) {
+        self.squares += value * value;
+        self.effective_dof += (1.0 - variance / (scale * scale)).clamp(0.0, 1.0);
+    }
+
+    /// Next scale, `sqrt(squares / effective_dof)` within the bounds (MacKay 1992); `before` with too few degrees of
+    /// freedom.
+    fn scale(self, before: f64, bounds: ScaleBounds) -> f64 {
+        if self.effective_dof < MIN_SCALE_DOF {
+            before
+        } else {
+            (self.squares / self.effective_dof).sqrt().clamp(bounds.smallest, bounds.largest)
         }
-        JointScales {
-            points: before.points.clone(),
-            level: level.scale(before.level, LEVEL_SCALE),
-            start: start.scale(before.start, START_SCALE),
-            unseen: before.unseen.map(|scale| unseen.scale(scale, UNSEEN_SCALE)),
+    }
+}
+
+/// Points of one joint in one run.
+struct RunPoints {
+    points: Vec<RunPoint>,
+    /// Whether they enter the map.
+    in_map: bool,
+    /// Slope of the map over the thermal deficit at the largest speed, as a fraction of warm friction.
+    top_slope: f64,
+}
+
+/// A point with the values of the map at it.
+struct RunPoint {
+    level: usize,
+    /// Measured friction, Nm.
+    torque: f64,
+    /// Friction of the map, Nm.
+    predicted: f64,
+    /// Slope of the map over the thermal deficit, Nm.
+    slope: f64,
+    /// Result of [`start_decay`] at the time of the point.
+    decay: [f64; 2],
+}
+
+/// Indices of the random effects in the vector of a run: the ambient effect common to all joints, then the effects of
+/// one joint after the other.
+struct EffectLayout {
+    joints: Vec<JointLayout>,
+    /// Number of effects.
+    size: usize,
+}
+
+/// Indices of one joint's effects: wear, ambient, start of the slow and of the fast part, then one for each level.
+#[derive(Debug, Clone, Copy)]
+struct JointLayout {
+    first: usize,
+    levels: usize,
+}
+
+impl EffectLayout {
+    /// Index of the ambient effect common to all joints.
+    const COMMON_AMBIENT: usize = 0;
+
+    fn of(records: &[JointRecord]) -> Self {
+        Self::with_levels(records.iter().map(|record| record.levels.len()))
+    }
+
+    /// Layout for joints with these numbers of levels.
+    fn with_levels(levels: impl Iterator<Item = usize>) -> Self {
+        let (mut joints, mut size) = (Vec::new(), Self::COMMON_AMBIENT + 1);
+        for levels in levels {
+            let joint = JointLayout { first: size, levels };
+            size = joint.end();
+            joints.push(joint);
         }
+        Self { joints, size }
+    }
+}
+
+impl JointLayout {
+    fn wear(self) -> usize {
+        self.first
+    }
+
+    fn ambient(self) -> usize {
+        self.first + 1
+    }
+
+    /// Slow and fast part.
+    fn start(self) -> [usize; 2] {
+        [self.first + 2, self.first + 3]
+    }
+
+    fn level(self, level: usize) -> usize {
+        self.first + 4 + level
+    }
+
+    fn levels(self) -> Range<usize> {
+        self.level(0)..self.end()
+    }
+
+    /// Index after the joint's last effect.
+    fn end(self) -> usize {
+        self.level(self.levels)
+    }
+}
+
+/// Posterior of the effects of one run.
+struct RunSolution {
+    /// Means in the order of [`EffectLayout`].
+    effects: DVector<f64>,
+    covariance: DMatrix<f64>,
+    /// Prior scale of each joint's wear.
+    wear_scales: Vec<f64>,
+}
+
+impl RunSolution {
+    fn variance(&self, at: usize) -> f64 {
+        self.covariance[(at, at)]
+    }
+
+    /// Posterior mean of the effect's square: `effect² + variance`.
+    fn second_moment(&self, at: usize) -> f64 {
+        self.effects[at] * self.effects[at] + self.variance(at)
+    }
+}
+
+/// Prior scales that follow the run itself.
+struct RunScales {
+    /// Of each joint's wear.
+    wear: Vec<f64>,
+    /// Of the common ambient effect.
+    ambient: f64,
+}
+
+impl RunScales {
+    /// Scales for a run that is solved for the first time.
+    fn initial(scales: &PriorScales) -> Self {
+        Self { wear: vec![WEAR_SCALE; scales.joints.len()], ambient: scales.ambient }
+    }
+
+    /// Scales from a solution: the mean of the square of the usual scale and of the effect's second moment. The scale
+    /// of the ambient effect is the usual one at least, and larger for a run with unusual surroundings.
+    fn adapted(solution: &RunSolution, scales: &PriorScales, layout: &EffectLayout) -> Self {
+        let adapted = |usual: f64, at| f64::midpoint(usual * usual, solution.second_moment(at)).sqrt();
+        Self {
+            wear: layout.joints.iter().map(|joint| adapted(WEAR_SCALE, joint.wear())).collect(),
+            ambient: adapted(scales.ambient, EffectLayout::COMMON_AMBIENT).max(scales.ambient),
+        }
+    }
+}
+
+/// Posterior of a run's effects. The normal equations are set up and solved several times, each time linearised about
+/// the effects before and with the scales that follow from them.
+fn solve_run(joints: &[&RunPoints], scales: &PriorScales, layout: &EffectLayout) -> RunSolution {
+    let mut adapted = RunScales::initial(scales);
+    let mut solution = RunSolution {
+        effects: DVector::zeros(layout.size),
+        covariance: DMatrix::zeros(layout.size, layout.size),
+        wear_scales: adapted.wear.clone(),
     };
-    Scales {
-        ambient: ambient.scale(scales.ambient, AMBIENT_SCALE),
-        joints: scales.joints.iter().enumerate().map(joint).collect(),
+    for _ in 0..INNER_ROUNDS {
+        let mut equations = NormalEquations::zeros(layout.size);
+        equations.add_priors(joints, scales, &adapted, layout, &solution.effects);
+        for (j, points) in joints.iter().enumerate() {
+            equations.add_points(points, &scales.joints[j], layout.joints[j], &solution.effects);
+        }
+        let Some(factor) = equations.information.cholesky() else { break };
+        solution = RunSolution {
+            effects: factor.solve(&equations.score),
+            covariance: factor.inverse(),
+            wear_scales: adapted.wear,
+        };
+        adapted = RunScales::adapted(&solution, scales, layout);
+    }
+    solution
+}
+
+/// Normal equations `information effects = score` of one run.
+struct NormalEquations {
+    information: DMatrix<f64>,
+    score: DVector<f64>,
+}
+
+impl NormalEquations {
+    fn zeros(size: usize) -> Self {
+        Self { information: DMatrix::zeros(size, size), score: DVector::zeros(size) }
+    }
+
+    /// Adds the priors of all effects; `effects` are those found so far.
+    fn add_priors(
+        &mut self,
+        joints: &[&RunPoints],
+        scales: &PriorScales,
+        adapted: &RunScales,
+        layout: &EffectLayout,
+        effects: &DVector<f64>,
+    ) {
+        self.add_prior(EffectLayout::COMMON_AMBIENT, adapted.ambient);
+        let common = effects[EffectLayout::COMMON_AMBIENT];
+        let spread = MIN_AMBIENT_SPREAD.hypot(AMBIENT_SPREAD * common);
+        for (j, joint) in layout.joints.iter().enumerate() {
+            let of_joint = &scales.joints[j];
+            self.add_prior(joint.wear(), adapted.wear[j]);
+            match of_joint.own_ambient {
+                Some(scale) => self.add_own_ambient(joint.ambient(), joints[j].top_slope, scale),
+                None => self.add_coupled_ambient(joint.ambient(), joints[j].top_slope, spread),
+            }
+            joint.start().into_iter().for_each(|at| self.add_prior(at, of_joint.start));
+            joint.levels().for_each(|at| self.add_prior(at, of_joint.level));
+        }
+    }
+
+    /// Prior `effect ~ N(0, scale²)`.
+    fn add_prior(&mut self, at: usize, scale: f64) {
+        self.information[(at, at)] += scale.powi(-2);
+    }
+
+    /// Prior `top_slope ambient ~ N(0, scale²)` of a joint whose ambient effect is its own.
+    fn add_own_ambient(&mut self, at: usize, top_slope: f64, scale: f64) {
+        self.information[(at, at)] += top_slope * top_slope * scale.powi(-2);
+    }
+
+    /// Prior `top_slope ambient - common ~ N(0, spread²)` of a joint whose ambient effect is near the common one.
+    fn add_coupled_ambient(&mut self, at: usize, top_slope: f64, spread: f64) {
+        let (common, weight) = (EffectLayout::COMMON_AMBIENT, spread.powi(-2));
+        self.information[(at, at)] += top_slope * top_slope * weight;
+        self.information[(at, common)] += -top_slope * weight;
+        self.information[(common, at)] += -top_slope * weight;
+        self.information[(common, common)] += weight;
+    }
+
+    /// Adds the points of a joint, linearised about the effects found so far.
+    ///
+    /// With the extra deficit `e = ambient + d_slow start_slow + d_fast start_fast`, its value `e0` so far, friction
+    /// `f = predicted + slope e0` and `s = slope / f`, each point gives the equation
+    /// `tau / f - 1 + s e0 = wear + level + s e`.
+    fn add_points(
+        &mut self,
+        points: &RunPoints,
+        scales: &JointScales,
+        layout: JointLayout,
+        effects: &DVector<f64>,
+    ) {
+        let [slow, fast] = layout.start();
+        for p in &points.points {
+            let [slow_decay, fast_decay] = p.decay;
+            let extra = effects[layout.ambient()] + slow_decay * effects[slow] + fast_decay * effects[fast];
+            let friction = p.predicted + p.slope * extra;
+            // the first step may overshoot far away from the map; friction stays positive
+            let least = MIN_FRICTION * p.predicted;
+            let friction = if friction > least { friction } else { least };
+            let slope = p.slope / friction;
+            let target = p.torque / friction - 1.0 + slope * extra;
+            let row = [
+                (layout.wear(), 1.0),
+                (layout.ambient(), slope),
+                (slow, slope * slow_decay),
+                (fast, slope * fast_decay),
+                (layout.level(p.level), 1.0),
+            ];
+            self.add_row(&row, target, scales.scatter[p.level].powi(-2));
+        }
+    }
+
+    /// Adds the observation `row effects = target`; `row` has the indices and values that are not zero.
+    fn add_row(&mut self, row: &[(usize, f64)], target: f64, weight: f64) {
+        for &(i, a) in row {
+            self.score[i] += weight * a * target;
+            for &(k, b) in row {
+                self.information[(i, k)] += weight * a * b;
+            }
+        }
     }
 }
 
-/// What the data say of a joint, its own wear's prior taken out again: an index that leant towards one would
-/// understate wear, and its interval would hold the truth too often in health and too seldom in wear.
-fn effect(rows: &RunRows, run: &Solved, joint: usize) -> Effect {
-    let at = run.first[joint];
-    let (value, variance) = (run.x[at], run.covariance[(at, at)].max(f64::MIN_POSITIVE));
-    let told = 1.0 / variance - run.wear[joint].powi(-2);
-    let is_told = told * variance > LEAST_TOLD;
-    let free = if is_told { 1.0 / told } else { variance };
-    Effect {
-        points: rows.rows.len(),
-        full: rows.full,
-        told: is_told,
-        wear: value * free / variance,
-        variance: free,
-        ambient: Estimate {
-            value: run.x[at + 1],
-            std_error: run.covariance[(at + 1, at + 1)].max(0.0).sqrt(),
-        },
-        start: [run.x[at + 2], run.x[at + 3]],
+/// Prior scales estimated from the solutions of all runs.
+fn estimated_scales(
+    by_joint: &[Vec<RunPoints>],
+    solved: &[RunSolution],
+    before: &PriorScales,
+    layout: &EffectLayout,
+) -> PriorScales {
+    let mut ambient = EmpiricalScale::default();
+    for run in solved {
+        let at = EffectLayout::COMMON_AMBIENT;
+        ambient.add(run.effects[at], run.variance(at), before.ambient);
+    }
+    let joints = by_joint.iter().zip(&before.joints).zip(&layout.joints);
+    PriorScales {
+        ambient: ambient.scale(before.ambient, AMBIENT_SCALE),
+        joints: joints.map(|((runs, before), joint)| joint_scales(runs, solved, before, *joint)).collect(),
     }
 }
 
-fn run_rows(record: &JointRecord, fit: &Fitted, starts: &[f64]) -> Vec<RunRows> {
+/// Prior scales of a joint from the runs that have points of it. A level counts in the runs that measured it.
+fn joint_scales(
+    runs: &[RunPoints],
+    solved: &[RunSolution],
+    before: &JointScales,
+    layout: JointLayout,
+) -> JointScales {
+    let [mut start, mut level, mut own_ambient] = <[EmpiricalScale; 3]>::default();
+    for (points, run) in runs.iter().zip(solved).filter(|(points, _)| !points.points.is_empty()) {
+        if let Some(scale) = before.own_ambient {
+            let (at, top_slope) = (layout.ambient(), points.top_slope);
+            own_ambient.add(top_slope * run.effects[at], top_slope * top_slope * run.variance(at), scale);
+        }
+        for at in layout.start() {
+            start.add(run.effects[at], run.variance(at), before.start);
+        }
+        for at in points.levels().map(|measured| layout.level(measured)) {
+            level.add(run.effects[at], run.variance(at), before.level);
+        }
+    }
+    JointScales {
+        scatter: before.scatter.clone(),
+        level: level.scale(before.level, LEVEL_SCALE),
+        start: start.scale(before.start, START_SCALE),
+        own_ambient: before.own_ambient.map(|scale| own_ambient.scale(scale, OWN_AMBIENT_SCALE)),
+    }
+}
+
+impl RunPoints {
+    /// Levels with points, rising and each once.
+    fn levels(&self) -> impl Iterator<Item = usize> {
+        let mut levels: Vec<usize> = self.points.iter().map(|p| p.level).collect();
+        levels.sort_unstable();
+        levels.dedup();
+        levels.into_iter()
+    }
+}
+
+/// Effects of a run on a joint, with wear as the data alone estimate it.
+///
+/// With the posterior mean `w` and variance `v` under the prior scale `s`, the data have the information
+/// `i = 1 / v - 1 / s²` on wear; they estimate it as `w / (v i)` with the variance `1 / i`. A shrunk estimate would
+/// understate wear, and its interval would cover the truth too often in health and too seldom with wear.
+fn run_effect(points: &RunPoints, run: &RunSolution, layout: &EffectLayout, joint: usize) -> RunEffect {
+    let at = layout.joints[joint];
+    let (value, variance) = (run.effects[at.wear()], run.variance(at.wear()).max(f64::MIN_POSITIVE));
+    let information = 1.0 / variance - run.wear_scales[joint].powi(-2);
+    // `v i = 1 - v / s²`: the effective degrees of freedom
+    let identified = information * variance > MIN_EFFECTIVE_DOF;
+    let by_data = if identified { 1.0 / information } else { variance };
+    let std_error = run.variance(at.ambient()).max(0.0).sqrt();
+    RunEffect {
+        points: points.points.len(),
+        in_map: points.in_map,
+        identified,
+        wear: value * by_data / variance,
+        variance: by_data,
+        ambient: Estimate { value: run.effects[at.ambient()], std_error },
+        start: at.start().map(|part| run.effects[part]),
+    }
+}
+
+/// Points of a joint by run, with the values of its map.
+fn run_points(record: &JointRecord, fit: &FittedMap, starts: &[f64]) -> Vec<RunPoints> {
     let top = record.levels.len() - 1;
-    let top = fit.cold[top].max(f64::MIN_POSITIVE) / fit.warm[top];
-    let empty = || RunRows { rows: Vec::new(), torque: Vec::new(), full: false, top };
-    let mut found: Vec<RunRows> = starts.iter().map(|_| empty()).collect();
-    for (p, x) in record.points.iter().zip(record_coldness(record, &fit.law)) {
-        let friction = fit.warm[p.level] + fit.cold[p.level] * mixed(&fit.law, x);
-        let decay = start_decay(fit, p.time - starts[p.run]);
-        found[p.run].rows.push((p.level, friction, fit.cold[p.level], decay));
-        found[p.run].torque.push(p.torque);
-        found[p.run].full |= p.in_map;
+    let top_slope = fit.cold[top].max(f64::MIN_POSITIVE) / fit.warm[top];
+    let empty = || RunPoints { points: Vec::new(), in_map: false, top_slope };
+    let mut runs: Vec<RunPoints> = starts.iter().map(|_| empty()).collect();
+    for (p, x) in record.points.iter().zip(point_deficits(record, &fit.law)) {
+        let run = &mut runs[p.run];
+        run.points.push(RunPoint {
+            level: p.level,
+            torque: p.torque,
+            predicted: fit.warm[p.level] + fit.cold[p.level] * fit.law.mixed(x),
+            slope: fit.cold[p.level],
+            decay: start_decay(fit, p.time - starts[p.run]),
+        });
+        run.in_map |= p.in_map;
     }
-    found
+    runs
 }
 
-/// Scatter of points about a smooth course, by level: from second differences inside runs (their variance is
-/// six times that of a point), which warm-up and offsets leave alone.
-fn scatter(runs: &[RunRows], levels: usize) -> Vec<f64> {
+/// Standard deviation of the points of each level about a smooth curve, as a fraction of friction.
+///
+/// It follows from second differences inside runs, which neither warm-up nor a constant offset affects:
+/// `var(y[i-1] - 2 y[i] + y[i+1]) = 6 sigma²`.
+fn scatter(runs: &[RunPoints], levels: usize) -> Vec<f64> {
     (0..levels)
         .map(|level| {
             let (mut squares, mut count) = (0.0, 0.0);
             for run in runs {
-                let of_level = run.rows.iter().zip(&run.torque).filter(|((l, ..), _)| *l == level);
-                let relative: Vec<f64> =
-                    of_level.map(|((_, friction, ..), torque)| torque / friction).collect();
+                let of_level = run.points.iter().filter(|p| p.level == level);
+                let relative: Vec<f64> = of_level.map(|p| p.torque / p.predicted).collect();
                 for w in relative.windows(3) {
                     squares += (w[0] - 2.0 * w[1] + w[2]).powi(2) / 6.0;
                     count += 1.0;
                 }
             }
-            if count > 0.0 { (squares / count).sqrt().max(MIN_SCATTER) } else { LEVEL_SCALE[0] }
+            if count > 0.0 { (squares / count).sqrt().max(MIN_SCATTER) } else { LEVEL_SCALE.largest }
         })
         .collect()
-}
-
-/// Solves one run.
-fn one_run(joints: &[&RunRows], scales: &Scales) -> Solved {
-    let (mut first, mut size) = (Vec::new(), 1);
-    for joint in &scales.joints {
-        first.push(size);
-        size += EFFECTS + joint.points.len();
-    }
-    let mut solved = Solved {
-        x: DVector::zeros(size),
-        covariance: DMatrix::zeros(size, size),
-        first,
-        wear: vec![WEAR_SCALE; joints.len()],
-    };
-    let mut next = solved.wear.clone();
-    let mut ambient = scales.ambient;
-    for _ in 0..INNER_ROUNDS {
-        let (mut information, mut score) =
-            priors(joints, scales, &solved.first, &next, (solved.x[0], ambient));
-        for (j, rows) in joints.iter().enumerate() {
-            add_rows(rows, &scales.joints[j], solved.first[j], &solved.x, &mut information, &mut score);
-        }
-        let Some(factor) = information.cholesky() else { break };
-        solved.x = factor.solve(&score);
-        solved.covariance = factor.inverse();
-        solved.wear.clone_from(&next);
-        let shown = |k: usize| solved.x[k] * solved.x[k] + solved.covariance[(k, k)];
-        for (scale, at) in next.iter_mut().zip(&solved.first) {
-            *scale = f64::midpoint(WEAR_SCALE * WEAR_SCALE, shown(*at)).sqrt();
-        }
-        // a hall as it never was is believed where the run shows it
-        ambient = f64::midpoint(scales.ambient * scales.ambient, shown(0)).sqrt().max(scales.ambient);
-    }
-    solved
-}
-
-/// Information and score of what is known before the run is looked at.
-fn priors(
-    joints: &[&RunRows],
-    scales: &Scales,
-    first: &[usize],
-    wear: &[f64],
-    (common, ambient): (f64, f64),
-) -> (DMatrix<f64>, DVector<f64>) {
-    let size = 1 + scales.joints.iter().map(|joint| EFFECTS + joint.points.len()).sum::<usize>();
-    let mut information = DMatrix::zeros(size, size);
-    information[(0, 0)] = ambient.powi(-2);
-    let spread = AMBIENT_SPREAD[1].hypot(AMBIENT_SPREAD[0] * common);
-    for (j, rows) in joints.iter().enumerate() {
-        let at = first[j];
-        information[(at, at)] = wear[j].powi(-2);
-        // top * ambient_j - common has the spread among joints
-        let weight = scales.joints[j].unseen.unwrap_or(spread).powi(-2);
-        information[(at + 1, at + 1)] = rows.top * rows.top * weight;
-        if scales.joints[j].unseen.is_none() {
-            information[(at + 1, 0)] = -rows.top * weight;
-            information[(0, at + 1)] = -rows.top * weight;
-            information[(0, 0)] += weight;
-        }
-        for k in [at + 2, at + 3] {
-            information[(k, k)] = scales.joints[j].start.powi(-2);
-        }
-        for level in 0..scales.joints[j].points.len() {
-            let k = at + EFFECTS + level;
-            information[(k, k)] = scales.joints[j].level.powi(-2);
-        }
-    }
-    (information, DVector::zeros(size))
-}
-
-/// Adds a joint's points, linearised about the coldness found so far.
-fn add_rows(
-    rows: &RunRows,
-    scale: &JointScales,
-    at: usize,
-    x: &DVector<f64>,
-    information: &mut DMatrix<f64>,
-    score: &mut DVector<f64>,
-) {
-    for ((level, friction, cold, decay), torque) in rows.rows.iter().zip(&rows.torque) {
-        let offset = x[at + 1] + decay[0] * x[at + 2] + decay[1] * x[at + 3];
-        let shifted = friction + cold * offset;
-        // far out of the map, a first step may overshoot; friction stays friction
-        let shifted = if shifted > 0.2 * friction { shifted } else { 0.2 * friction };
-        let slope = cold / shifted;
-        let target = torque / shifted - 1.0 + slope * offset;
-        let entries = [
-            (at, 1.0),
-            (at + 1, slope),
-            (at + 2, slope * decay[0]),
-            (at + 3, slope * decay[1]),
-            (at + EFFECTS + level, 1.0),
-        ];
-        let weight = scale.points[*level].powi(-2);
-        for (i, a) in entries {
-            score[i] += weight * a * target;
-            for (k, b) in entries {
-                information[(i, k)] += weight * a * b;
-            }
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// One joint of which the data leave `left` of the prior's variance of wear.
-    fn solved(left: f64) -> (RunRows, Solved) {
-        let rows =
-            RunRows { rows: vec![(0, 10.0, 1.0, [0.5, 0.5])], torque: vec![10.0], full: true, top: 0.1 };
-        let mut covariance = DMatrix::identity(1 + EFFECTS + 1, 1 + EFFECTS + 1);
-        covariance[(1, 1)] = left * WEAR_SCALE * WEAR_SCALE;
-        let mut x = DVector::zeros(1 + EFFECTS + 1);
-        x[1] = 0.004;
-        (rows, Solved { x, covariance, first: vec![1], wear: vec![WEAR_SCALE] })
+    /// A run of one joint in which the posterior variance of wear is the fraction `left` of the prior's.
+    fn solved(left: f64) -> (RunPoints, RunSolution, EffectLayout) {
+        let point = RunPoint { level: 0, torque: 10.0, predicted: 10.0, slope: 1.0, decay: [0.5, 0.5] };
+        let points = RunPoints { points: vec![point], in_map: true, top_slope: 0.1 };
+        let layout = EffectLayout::with_levels(std::iter::once(1));
+        let wear = layout.joints[0].wear();
+        let mut covariance = DMatrix::identity(layout.size, layout.size);
+        covariance[(wear, wear)] = left * WEAR_SCALE * WEAR_SCALE;
+        let mut effects = DVector::zeros(layout.size);
+        effects[wear] = 0.004;
+        (points, RunSolution { effects, covariance, wear_scales: vec![WEAR_SCALE] }, layout)
     }
 
     #[test]
-    fn what_the_prior_alone_says_of_wear_is_not_told() {
+    fn wear_that_only_the_prior_determines_is_not_identified() {
         for left in [1.0, 0.995, 1.000_001] {
-            let (rows, run) = solved(left);
-            let found = effect(&rows, &run, 0);
-            assert!(!found.told, "{left}: {found:?}");
+            let (points, run, layout) = solved(left);
+            let found = run_effect(&points, &run, &layout, 0);
+            assert!(!found.identified, "{left}: {found:?}");
         }
         for left in [0.9, 0.1] {
-            let (rows, run) = solved(left);
-            let found = effect(&rows, &run, 0);
-            assert!(found.told, "{left}: {found:?}");
+            let (points, run, layout) = solved(left);
+            let found = run_effect(&points, &run, &layout, 0);
+            assert!(found.identified, "{left}: {found:?}");
             // the prior is taken out of value and variance
-            let free = 1.0 / (1.0 / left - 1.0) * WEAR_SCALE * WEAR_SCALE;
-            assert!((found.variance / free - 1.0).abs() < 1e-9);
+            let by_data = 1.0 / (1.0 / left - 1.0) * WEAR_SCALE * WEAR_SCALE;
+            assert!((found.variance / by_data - 1.0).abs() < 1e-9);
             assert!((found.wear - 0.004 / (1.0 - left)).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn the_effects_of_all_joints_fill_the_vector_of_a_run_without_overlap() {
+        let layout = EffectLayout::with_levels([2, 3].into_iter());
+        let of_joint = |joint: &JointLayout| {
+            [joint.wear(), joint.ambient()].into_iter().chain(joint.start()).chain(joint.levels())
+        };
+        let mut all = vec![EffectLayout::COMMON_AMBIENT];
+        all.extend(layout.joints.iter().flat_map(of_joint));
+        assert_eq!(all, (0..layout.size).collect::<Vec<usize>>());
+        assert_eq!(layout.joints[1].level(2) + 1, layout.size);
     }
 }

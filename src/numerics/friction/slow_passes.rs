@@ -2,7 +2,7 @@
 
 use super::plateau::{Plateau, SPEED_TOLERANCE};
 use crate::numerics::segment::cycles::ranges_where;
-use crate::numerics::signal::filter::Conditioned;
+use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{JointIndex, Robot};
 
 /// Shortest pass of a slow motion through a level's speed, s.
@@ -17,13 +17,13 @@ const LEAST_BALANCE: f64 = 0.5;
 /// Inertia counts against each other in the two, so that their mean is friction, gravity removed as elsewhere.
 pub(super) fn slow_passes(
     robot: &Robot,
-    conditioned: &Conditioned,
+    filtered: &FilteredSignals,
     joint: JointIndex,
     tested: &[usize],
 ) -> Vec<Plateau> {
-    let qd = &conditioned.qd[joint.index()];
+    let qd = &filtered.qd[joint.index()];
     let fastest = robot.joints[joint.index()].limits.velocity;
-    let shortest = (MIN_PASS_S * conditioned.sample_rate).ceil().max(4.0) as usize;
+    let shortest = (MIN_PASS_S * filtered.sample_rate).ceil().max(4.0) as usize;
     let mut found = Vec::new();
     for &speed_fraction in &robot.speed_levels {
         let speed = speed_fraction * fastest;

@@ -1,95 +1,108 @@
-//! What is known of a joint's thermal state beside its motion: the temperature of its motor, or of the hall.
+//! Choice of the temperature that the thermal state of a joint is taken from, beside its motion: that of its motor,
+//! the ambient one, or none.
 //!
-//! A motor's temperature takes the place of the slow part of coldness: where it is measured, nobody has to guess
-//! how the joint heats in motion and cools at rest. What a sensor in a motor does not show (the heat between teeth and
-//! housing, the motor's own) stays as a fast part that follows the motion. A hall's temperature is an offset of
-//! coldness, as many times a coefficient as it is below the usual.
+//! A motor's temperature replaces the slow part of the thermal deficit, so that neither heating in motion nor cooling
+//! at rest has to be modelled. Heat between teeth and housing and the losses of the motor itself are not in that
+//! temperature; a fast part that follows the motion stands for them. An ambient temperature below the usual one adds
+//! to the thermal deficit in proportion, with a fitted coefficient.
 
-use super::map::{Fitted, fit_map, hall_coldness};
-use super::record::{CycleMotion, MapRun};
-use super::record::{JointRecord, RecordPoint};
-use crate::numerics::friction::record::Hall;
-use crate::numerics::friction::record::Measured;
-use crate::numerics::friction::record::MotorScale;
-use crate::numerics::friction::record::reading_at;
+use super::map::{FittedMap, ambient_coefficient, fit_map};
+use super::record::{
+    AmbientTemperatures, CycleMotion, JointRecord, MapRun, MotorTemperatures, RecordPoint, ThermalSensor,
+    reading_at, runs_of,
+};
 use crate::numerics::statistics::descriptive::{mean, median, standard_deviation};
 use crate::robot::JointIndex;
 use crate::run::temperature::ZERO_CELSIUS;
 
-/// Least part of a run's cycles that must have the motor's temperature: between them it is a line.
-const LEAST_CYCLES: f64 = 0.5;
+/// Least fraction of a run's cycles that must have the motor's temperature; it is interpolated between them.
+const MIN_CYCLES: f64 = 0.5;
 
 /// Least range of a motor's temperature over the history, K. Friction of a gearbox changes by 1 to 3 % a kelvin, so
-/// that less shows little, and steps of 1 K would be coarse in it. A stuck sensor has none.
-const LEAST_RANGE_K: f64 = 5.0;
+/// that a smaller range shows little of it, and drives that report steps of 1 K resolve it badly. The temperature of
+/// a stuck sensor has no range.
+const MIN_RANGE_K: f64 = 5.0;
 
-/// Parts of the points that are colder and warmer than what the scale goes by: ends of single readings count little.
+/// Fraction of the points below the cold end of a motor's scale, and above its warm end: single extreme readings
+/// must not define the scale.
 const TAIL: f64 = 0.05;
 
-/// Fewest runs with the hall's temperature for a coefficient of it, and least standard deviation over them, K: a
-/// sensor's own errors are some tenths.
-const LEAST_HALLS: usize = 5;
-const LEAST_HALL_DEVIATION_K: f64 = 1.0;
+/// Fewest runs with an ambient temperature from which its coefficient is fitted.
+const MIN_AMBIENT_RUNS: usize = 5;
+/// Least standard deviation of the ambient temperature over these runs, K; errors of a sensor are some tenths.
+const MIN_AMBIENT_DEVIATION_K: f64 = 1.0;
 
-/// A motor's temperature is left out if it leaves more than twice what motion leaves, and more than this part of what
-/// friction varies by. One that lags leaves less; one that has nothing to do with the joint leaves nearly all.
-const MOST_WORSE: f64 = 2.0;
-const MOST_LEFT: f64 = 0.4;
+/// A motor's temperature is rejected if its residual is more than this multiple of the residual with motion alone,
+/// and more than [`MAX_RESIDUAL`] of the variation of friction. A temperature that lags behind the gears leaves a
+/// smaller residual; one of another part leaves nearly all of the variation.
+const MAX_RESIDUAL_RATIO: f64 = 2.0;
+/// Largest residual with a motor's temperature, as a fraction of the variation of friction.
+const MAX_RESIDUAL: f64 = 0.4;
 
-/// A coefficient of the hall is used from as many standard errors on.
-const LEAST_ERRORS: f64 = 2.0;
+/// An ambient coefficient of fewer standard errors than this is not used.
+const MIN_STANDARD_ERRORS: f64 = 2.0;
 
-/// What is to be used for a joint with these points; and why something recorded is not, as a sentence.
-pub(super) fn measured(
+/// The temperature to use for a joint with these points, and a sentence on why a recorded one is not used.
+pub(super) fn thermal_sensor(
     joint: JointIndex,
     runs: &[MapRun],
     starts: &[f64],
     points: &[RecordPoint],
-) -> (Measured, Option<String>) {
-    match motor_scale(joint, runs, starts, points) {
-        Ok(Some(scale)) => (Measured::Motor(scale), None),
-        Ok(None) => match hall(runs, points) {
-            Ok(Some(hall)) => (Measured::Hall(hall), None),
-            Ok(None) => (Measured::Nothing, None),
-            Err(reason) => (Measured::Nothing, Some(format!("joint {joint}: {reason}"))),
+) -> (ThermalSensor, Option<String>) {
+    let remark = |reason: String| Some(format!("joint {joint}: {reason}"));
+    match motor_temperatures(joint, runs, starts, points) {
+        Ok(Some(motor)) => (ThermalSensor::Motor(motor), None),
+        Ok(None) => match ambient_temperatures(runs, points) {
+            Ok(Some(ambient)) => (ThermalSensor::Ambient(ambient), None),
+            Ok(None) => (ThermalSensor::None, None),
+            Err(reason) => (ThermalSensor::None, remark(reason)),
         },
         Err(reason) => {
-            let measured = hall(runs, points).ok().flatten().map_or(Measured::Nothing, Measured::Hall);
-            (measured, Some(format!("joint {joint}: {reason}")))
+            let ambient = ambient_temperatures(runs, points).ok().flatten();
+            (ambient.map_or(ThermalSensor::None, ThermalSensor::Ambient), remark(reason))
         }
     }
 }
 
-/// Fits the map of a record for the first time, and leaves out a measurement that friction contradicts: a motor's
-/// temperature that leaves far more than motion alone would, a hall whose coefficient is not told from none.
-pub(super) fn first_fit(record: &mut JointRecord, runs: usize) -> Fitted {
+/// Fits the map of a record for the first time, and again without its sensor if friction contradicts the sensor.
+///
+/// A motor's temperature is rejected if it leaves a far larger residual than motion alone does. An ambient
+/// temperature is rejected if its coefficient is not significantly above zero.
+pub(super) fn first_fit(record: &mut JointRecord, runs: usize) -> FittedMap {
     let fit = fit_map(record, None);
-    let reason = match &record.measured {
-        Measured::Nothing => None,
-        Measured::Motor(_) => {
-            let by_motion = fit_map(&JointRecord { measured: Measured::Nothing, ..record.clone() }, None);
-            (fit.rms > MOST_WORSE * by_motion.rms && fit.rms > MOST_LEFT * variation(record)).then(|| {
-                format!(
-                    "its motor temperature does not go with its friction (it leaves {:.1} %, motion {:.1} %): the \
-                     sensor of another joint? The thermal state follows from motion",
-                    100.0 * fit.rms,
-                    100.0 * by_motion.rms
-                )
-            })
-        }
-        Measured::Hall(_) => hall_coldness(record, &fit, runs)
-            .filter(|found| found.value < LEAST_ERRORS * found.std_error)
-            .map(|_| {
-                "the ambient temperature is not used: friction does not tell that it matters".to_owned()
-            }),
+    let reason = match &record.sensor {
+        ThermalSensor::None => None,
+        ThermalSensor::Motor(_) => motor_rejection(record, &fit),
+        ThermalSensor::Ambient(_) => ambient_rejection(record, &fit, runs),
     };
     let Some(reason) = reason else { return fit };
-    record.measured = Measured::Nothing;
+    record.sensor = ThermalSensor::None;
     record.remarks.push(format!("joint {}: {reason}", record.joint));
     fit_map(record, None)
 }
 
-/// Root-mean-square by which friction in the map differs from its level's mean, as a fraction of that.
+/// Why the motor's temperature of a record is rejected.
+fn motor_rejection(record: &JointRecord, fit: &FittedMap) -> Option<String> {
+    let by_motion = fit_map(&JointRecord { sensor: ThermalSensor::None, ..record.clone() }, None);
+    let rejected = fit.rms > MAX_RESIDUAL_RATIO * by_motion.rms && fit.rms > MAX_RESIDUAL * variation(record);
+    rejected.then(|| {
+        format!(
+            "its motor temperature does not go with its friction (it leaves {:.1} %, motion {:.1} %): the \
+             sensor of another joint? The thermal state follows from motion",
+            100.0 * fit.rms,
+            100.0 * by_motion.rms
+        )
+    })
+}
+
+/// Why the ambient temperature of a record is rejected.
+fn ambient_rejection(record: &JointRecord, fit: &FittedMap, runs: usize) -> Option<String> {
+    let coefficient = ambient_coefficient(record, fit, runs)?;
+    let rejected = coefficient.value < MIN_STANDARD_ERRORS * coefficient.std_error;
+    rejected.then(|| "the ambient temperature is not used: friction does not tell that it matters".to_owned())
+}
+
+/// Root-mean-square deviation of the friction in the map from its level's mean, as a fraction of that mean.
 fn variation(record: &JointRecord) -> f64 {
     let of_level = |level: usize| {
         let torques: Vec<f64> =
@@ -101,22 +114,23 @@ fn variation(record: &JointRecord) -> f64 {
     mean(&squares).unwrap_or(0.0).sqrt()
 }
 
-/// The scale of the joint's motor temperature, if every run with points has it.
-fn motor_scale(
+/// Temperatures of the joint's motor; `None` where no run with points has them.
+///
+/// # Errors
+///
+/// A reason if only some of the runs have them, or if their range is too small.
+fn motor_temperatures(
     joint: JointIndex,
     runs: &[MapRun],
     starts: &[f64],
     points: &[RecordPoint],
-) -> Result<Option<MotorScale>, String> {
+) -> Result<Option<MotorTemperatures>, String> {
     let readings: Vec<Vec<[f64; 2]>> =
         runs.iter().zip(starts).map(|(run, start)| motor_readings(joint, run, *start)).collect();
-    let mut used: Vec<usize> = points.iter().map(|p| p.run).collect();
-    used.sort_unstable();
-    used.dedup();
-    let has = |run: &&usize| {
-        readings[**run].len() as f64 >= (LEAST_CYCLES * runs[**run].spans.len() as f64).max(1.0)
-    };
-    let with = used.iter().filter(has).count();
+    let used = runs_of(points.iter());
+    let has_readings =
+        |run: &&usize| readings[**run].len() as f64 >= (MIN_CYCLES * runs[**run].spans.len() as f64).max(1.0);
+    let with = used.iter().filter(has_readings).count();
     if with == 0 {
         return Ok(None);
     }
@@ -130,9 +144,9 @@ fn motor_scale(
     let mut kelvin: Vec<f64> =
         points.iter().filter(|p| p.in_map).filter_map(|p| reading_at(&readings[p.run], p.time)).collect();
     kelvin.sort_by(f64::total_cmp);
-    let at = |share: f64| kelvin[((kelvin.len() - 1) as f64 * share).round() as usize];
-    let (cold, warm) = (at(TAIL), at(1.0 - TAIL));
-    if warm - cold < LEAST_RANGE_K {
+    let quantile = |share: f64| kelvin[((kelvin.len() - 1) as f64 * share).round() as usize];
+    let (cold, warm) = (quantile(TAIL), quantile(1.0 - TAIL));
+    if warm - cold < MIN_RANGE_K {
         return Err(format!(
             "its motor temperature moves by {:.1} K only over the runs (about {:.1} degC), which tells nothing of the \
              gearbox; the thermal state follows from motion",
@@ -140,10 +154,11 @@ fn motor_scale(
             cold - ZERO_CELSIUS
         ));
     }
-    Ok(Some(MotorScale { warm, cold, readings }))
+    Ok(Some(MotorTemperatures { warm, cold, readings }))
 }
 
-/// Mean temperatures of the joint's motor by cycle, with the cycle's middle since the epoch, s.
+/// Mean temperature of the joint's motor in each cycle of a run that has it, with the middle of the cycle since the
+/// epoch, s.
 fn motor_readings(joint: JointIndex, run: &MapRun, start: f64) -> Vec<[f64; 2]> {
     let reading = |span: &CycleMotion| {
         let kelvin = span.temperatures.motor.get(joint.index()).copied().flatten()?;
@@ -152,36 +167,40 @@ fn motor_readings(joint: JointIndex, run: &MapRun, start: f64) -> Vec<[f64; 2]> 
     run.spans.iter().filter_map(reading).collect()
 }
 
-/// The hall in the runs of the points.
-fn hall(runs: &[MapRun], points: &[RecordPoint]) -> Result<Option<Hall>, String> {
-    let by_run: Vec<Option<f64>> = runs
-        .iter()
-        .map(|run| {
-            let kelvin: Vec<f64> = run.spans.iter().filter_map(|span| span.temperatures.ambient).collect();
-            mean(&kelvin)
-        })
-        .collect();
-    let mut used: Vec<usize> = points.iter().filter(|p| p.in_map).map(|p| p.run).collect();
-    used.sort_unstable();
-    used.dedup();
+/// Ambient temperatures of the runs, relative to their median over the runs in the map; `None` where no run in the
+/// map has one.
+///
+/// # Errors
+///
+/// A reason if too few runs have one, or if it varies too little over the runs.
+fn ambient_temperatures(
+    runs: &[MapRun],
+    points: &[RecordPoint],
+) -> Result<Option<AmbientTemperatures>, String> {
+    let of_run = |run: &MapRun| {
+        let kelvin: Vec<f64> = run.spans.iter().filter_map(|span| span.temperatures.ambient).collect();
+        mean(&kelvin)
+    };
+    let by_run: Vec<Option<f64>> = runs.iter().map(of_run).collect();
+    let used = runs_of(points.iter().filter(|p| p.in_map));
     let known: Vec<f64> = used.iter().filter_map(|run| by_run[*run]).collect();
     let Some(usual) = median(&known) else { return Ok(None) };
     let deviation = standard_deviation(&known).unwrap_or(0.0);
-    if known.len() < LEAST_HALLS || deviation < LEAST_HALL_DEVIATION_K {
+    if known.len() < MIN_AMBIENT_RUNS || deviation < MIN_AMBIENT_DEVIATION_K {
         return Err(format!(
             "the ambient temperature is not used: {} runs with a standard deviation of {deviation:.1} K do not tell \
-             what it does to friction ({LEAST_HALLS} runs and {LEAST_HALL_DEVIATION_K} K would)",
+             what it does to friction ({MIN_AMBIENT_RUNS} runs and {MIN_AMBIENT_DEVIATION_K} K would)",
             known.len()
         ));
     }
-    let colder = by_run.iter().map(|kelvin| kelvin.map_or(0.0, |kelvin| usual - kelvin)).collect();
-    Ok(Some(Hall { usual, colder }))
+    let below_usual = by_run.iter().map(|kelvin| kelvin.map_or(0.0, |kelvin| usual - kelvin)).collect();
+    Ok(Some(AmbientTemperatures { usual, below_usual }))
 }
 
 #[cfg(test)]
 mod tests {
-
     use crate::numerics::friction::record::reading_at;
+
     #[test]
     fn between_readings_and_half_a_cycle_beyond_them_temperature_is_a_line() {
         let readings = [[150.0, 300.0], [450.0, 306.0], [750.0, 309.0]];
@@ -189,7 +208,7 @@ mod tests {
             let found = reading_at(&readings, time).expect("readings");
             assert!((found - kelvin).abs() < 1e-9, "{time}: {found}");
         }
-        // far away nothing grows without end
+        // the line is extended by one distance of readings at most
         assert_eq!(reading_at(&readings, 1e9), Some(312.0));
         assert_eq!(reading_at(&readings[..1], 7.0), Some(300.0));
         assert_eq!(reading_at(&[], 7.0), None);

@@ -1,13 +1,13 @@
 //! Base parameters and their errors by scaled least squares over all joints stacked [3.22].
 
-use crate::numerics::least_squares::factor::MAX_SCALED_CONDITION;
-use crate::numerics::least_squares::factor::MAX_WEIGHTED_CONDITION;
 use faer::{Mat, Scale};
 
 use crate::analysis::{Estimator, Identification, IdentifiedParameter, JointResidual};
 use crate::numerics::NumericsError;
 use crate::numerics::least_squares::clustered::{ClusterSettings, clustered};
-use crate::numerics::least_squares::factor::{LeastSquares, TriangularFactor};
+use crate::numerics::least_squares::factor::{
+    LeastSquares, MAX_SCALED_CONDITION, MAX_WEIGHTED_CONDITION, TriangularFactor,
+};
 use crate::numerics::least_squares::huber::{RobustSettings, huber};
 use crate::numerics::least_squares::rows::RowSource;
 use crate::numerics::least_squares::weighted::{WeightRule, joined, weighted};
@@ -39,7 +39,7 @@ pub fn identify_rows(
         _ => estimate(kept, factors, &motion, estimator)?,
     };
     let covariance = clustered(source, &theta, &rule, &ClusterSettings::default())?;
-    found(
+    identified_parameters(
         kept,
         factors,
         &motion,
@@ -69,7 +69,7 @@ pub fn identify_factors(
     let motion = solve_ordinary(kept, factors)?;
     let (theta, rule) = estimate(kept, factors, &motion, estimator)?;
     let errors = errors_by_joint(factors, &theta, &rule, independent_shares)?;
-    found(kept, factors, &motion, theta, errors)
+    identified_parameters(kept, factors, &motion, theta, errors)
 }
 
 /// As [`identify_factors`], with the noise of each joint given.
@@ -86,7 +86,7 @@ pub fn identify_weighted(
     let weighed = joined(factors, rule, kept.len());
     let theta = weighed.solve(MAX_WEIGHTED_CONDITION, |column| kept[column].to_string())?.theta;
     let errors = errors_by_joint(factors, &theta, rule, independent_shares)?;
-    found(kept, factors, &motion, theta, errors)
+    identified_parameters(kept, factors, &motion, theta, errors)
 }
 
 /// Standard errors `[b]` as they would be if the model were right and only the low-pass, which leaves
@@ -183,7 +183,7 @@ fn errors_by_joint(
     })
 }
 
-fn found(
+fn identified_parameters(
     kept: &[ParameterId],
     factors: &[TriangularFactor],
     motion: &LeastSquares,

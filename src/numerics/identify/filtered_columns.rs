@@ -5,12 +5,12 @@
 
 use crate::numerics::model::actuator::{coupling_columns, friction_columns};
 use crate::numerics::model::regressor::Regressor;
-use crate::numerics::signal::filter::Conditioned;
+use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{CouplingTerm, FrictionTerm, JointIndex, ParameterId, ParameterKind, Robot};
 
 /// A column of the regressor that jumps, low-passed, in the rows of one joint.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Jump {
+pub struct FilteredColumn {
     /// The parameter.
     pub id: ParameterId,
     /// Column of the parameter in natural order.
@@ -23,7 +23,7 @@ pub struct Jump {
 
 /// All columns of a robot's regressor that jump, low-passed over the rows of a cycle.
 #[must_use]
-pub fn jumps(robot: &Robot, conditioned: &Conditioned) -> Vec<Jump> {
+pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Vec<FilteredColumn> {
     let order = ParameterId::natural_order(robot);
     let column_of = |id: ParameterId| order.iter().position(|of| *of == id);
     let mut found = Vec::new();
@@ -31,8 +31,8 @@ pub fn jumps(robot: &Robot, conditioned: &Conditioned) -> Vec<Jump> {
         let model = robot.friction_of(joint);
         for (place, &term) in model.terms().iter().enumerate().filter(|(_, term)| term_jumps(**term)) {
             let id = ParameterId { joint, kind: ParameterKind::Friction(term) };
-            let raw = |row: usize| friction_columns(&model, conditioned.qd[joint.index()][row])[place];
-            found.extend(column_of(id).map(|column| jump(conditioned, id, column, joint, raw)));
+            let raw = |row: usize| friction_columns(&model, filtered.qd[joint.index()][row])[place];
+            found.extend(column_of(id).map(|column| jump(filtered, id, column, joint, raw)));
         }
     }
     for coupling in &robot.couplings {
@@ -45,32 +45,32 @@ pub fn jumps(robot: &Robot, conditioned: &Conditioned) -> Vec<Jump> {
             coupling_columns(
                 coupling,
                 robot.friction_of(coupling.motor_joint).law,
-                &of(&conditioned.qd),
-                &of(&conditioned.qdd),
+                &of(&filtered.qd),
+                &of(&filtered.qdd),
             )
         };
-        found.push(jump(conditioned, id, column, coupling.joint, |row| at(row).joint[2]));
-        found.push(jump(conditioned, id, column, coupling.motor_joint, |row| at(row).motor_joint[2]));
+        found.push(jump(filtered, id, column, coupling.joint, |row| at(row).joint[2]));
+        found.push(jump(filtered, id, column, coupling.motor_joint, |row| at(row).motor_joint[2]));
     }
     found
 }
 
 /// Puts the low-passed values of `row` into its regressor.
-pub fn smear(jumps: &[Jump], row: usize, y: &mut Regressor) {
-    for jump in jumps {
+pub fn write_filtered_columns(filtered_coulomb_columns: &[FilteredColumn], row: usize, y: &mut Regressor) {
+    for jump in filtered_coulomb_columns {
         y.set(jump.joint.index(), jump.column, jump.values[row]);
     }
 }
 
 fn jump(
-    conditioned: &Conditioned,
+    filtered: &FilteredSignals,
     id: ParameterId,
     column: usize,
     joint: JointIndex,
     raw: impl Fn(usize) -> f64,
-) -> Jump {
-    let series: Vec<f64> = (0..conditioned.rows()).map(raw).collect();
-    Jump { id, column, joint, values: conditioned.low_passed(&series) }
+) -> FilteredColumn {
+    let series: Vec<f64> = (0..filtered.rows()).map(raw).collect();
+    FilteredColumn { id, column, joint, values: filtered.low_passed(&series) }
 }
 
 fn term_jumps(term: FrictionTerm) -> bool {

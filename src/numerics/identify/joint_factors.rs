@@ -8,15 +8,13 @@
 
 use std::sync::Arc;
 
-use super::filtered_columns::{Jump, smear};
+use super::filtered_columns::{FilteredColumn, write_filtered_columns};
 use crate::analysis::{CycleFactors, Motion, TorqueFactor};
 use crate::numerics::NumericsError;
-use crate::numerics::least_squares::factor::ZERO_COLUMN_THRESHOLD;
-use crate::numerics::least_squares::factor::{RowFolder, TriangularFactor};
+use crate::numerics::least_squares::factor::{FactorBuilder, TriangularFactor, ZERO_COLUMN_THRESHOLD};
 use crate::numerics::model::base_parameters::{BaseParameters, PROBE_STATES, probe_state};
 use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
-use crate::numerics::signal::filter::Conditioned;
-use crate::numerics::signal::filter::state;
+use crate::numerics::signal::filter::{FilteredSignals, state};
 use crate::robot::{JointIndex, ParameterId, Robot};
 use crate::run::{Samples, Stage};
 
@@ -140,7 +138,7 @@ pub struct Factored {
 }
 
 /// Folds the observed rows of a cycle into the factor of its joint, stage and motion. `regressor_columns`
-/// `[b]` are the regressor's columns of [`JointColumns::kept`]; `jumps` are those of them that jump,
+/// `[b]` are the regressor's columns of [`JointColumns::kept`]; `filtered_coulomb_columns` are those of them that jump,
 /// low-passed.
 ///
 /// A joint's row is slow while the joint moves slower than its low-speed threshold: at rest friction
@@ -150,20 +148,20 @@ pub fn factor_cycle(
     robot: &Robot,
     columns: &JointColumns,
     regressor_columns: &[usize],
-    conditioned: &Conditioned,
-    jumps: &[Jump],
+    filtered: &FilteredSignals,
+    filtered_coulomb_columns: &[FilteredColumn],
     samples: &Samples,
 ) -> Factored {
-    let mut folders = Folders::new(robot, columns, regressor_columns, jumps);
+    let mut folders = JointFactorBuilders::new(robot, columns, regressor_columns, filtered_coulomb_columns);
     let mut factored = Factored::default();
     for stage in [Stage::Between, Stage::Excitation, Stage::Friction] {
-        let rows = conditioned.observed_rows().filter(|&row| samples.stage[row] == stage);
-        factored.factors.extend(folders.factor(stage, conditioned, rows));
+        let rows = filtered.observed_rows().filter(|&row| samples.stage[row] == stage);
+        factored.factors.extend(folders.factor(stage, filtered, rows));
     }
     let warming: Vec<usize> =
-        conditioned.observed_rows().filter(|&row| samples.stage[row] == Stage::Warming).collect();
+        filtered.observed_rows().filter(|&row| samples.stage[row] == Stage::Warming).collect();
     let [start, middle, end] = thirds(&warming, &samples.time)
-        .map(|rows| folders.factor(Stage::Warming, conditioned, rows.iter().copied()));
+        .map(|rows| folders.factor(Stage::Warming, filtered, rows.iter().copied()));
     let parts = [&start, &middle, &end];
     for joint in robot.joint_indices() {
         for motion in Motion::BOTH {
@@ -192,36 +190,41 @@ fn thirds<'a>(rows: &'a [usize], time: &[f64]) -> [&'a [usize]; 3] {
 }
 
 /// One folder for each joint and motion, used for one stage after the other.
-struct Folders<'a> {
+struct JointFactorBuilders<'a> {
     robot: &'a Robot,
     /// Columns of the regressor that each joint's rows are made of.
     regressor_columns: Vec<Vec<usize>>,
-    jumps: &'a [Jump],
+    filtered_coulomb_columns: &'a [FilteredColumn],
     y: Regressor,
-    by_joint: Vec<[RowFolder; 2]>,
+    by_joint: Vec<[FactorBuilder; 2]>,
 }
 
-impl<'a> Folders<'a> {
-    fn new(robot: &'a Robot, columns: &JointColumns, regressor_columns: &[usize], jumps: &'a [Jump]) -> Self {
+impl<'a> JointFactorBuilders<'a> {
+    fn new(
+        robot: &'a Robot,
+        columns: &JointColumns,
+        regressor_columns: &[usize],
+        filtered_coulomb_columns: &'a [FilteredColumn],
+    ) -> Self {
         let of_joint = |places: &Vec<usize>| places.iter().map(|&k| regressor_columns[k]).collect();
         let regressor_columns: Vec<Vec<usize>> = columns.places.iter().map(of_joint).collect();
         let by_joint =
-            regressor_columns.iter().map(|of| Motion::BOTH.map(|_| RowFolder::new(of.len()))).collect();
-        Self { robot, regressor_columns, jumps, y: Regressor::new(robot), by_joint }
+            regressor_columns.iter().map(|of| Motion::BOTH.map(|_| FactorBuilder::new(of.len()))).collect();
+        Self { robot, regressor_columns, filtered_coulomb_columns, y: Regressor::new(robot), by_joint }
     }
 
     fn factor(
         &mut self,
         stage: Stage,
-        conditioned: &Conditioned,
+        filtered: &FilteredSignals,
         rows: impl Iterator<Item = usize>,
     ) -> Vec<JointFactor> {
         let n = self.robot.joint_count();
         let (mut q, mut qd, mut qdd, mut tau) = state();
         for row in rows {
-            conditioned.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
+            filtered.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
             joint_torque_regressor(self.robot, &q[..n], &qd[..n], &qdd[..n], &mut self.y);
-            smear(self.jumps, row, &mut self.y);
+            write_filtered_columns(self.filtered_coulomb_columns, row, &mut self.y);
             for (j, (folders, columns)) in self.by_joint.iter_mut().zip(&self.regressor_columns).enumerate() {
                 let motion = Motion::of(qd[j], self.robot.joints[j].low_speed);
                 let entries = columns.iter().map(|&column| self.y.column(column)[j]);
@@ -258,7 +261,7 @@ pub fn widened<'a>(
 
 /// Whether a row serves identification: the excitation stage while the joint moves.
 #[must_use]
-pub fn identifies(stage: Stage, motion: Motion) -> bool {
+pub fn used_for_identification(stage: Stage, motion: Motion) -> bool {
     stage == Stage::Excitation && motion == Motion::Moving
 }
 
@@ -306,11 +309,11 @@ pub(crate) mod tests {
     use crate::analysis::{Estimator, RmsdScope, TorqueRmsd};
     use crate::numerics::analyse::{AnalysisSettings, Method};
     use crate::numerics::identify::cycle::identify_factors;
-    use crate::numerics::identify::filtered_columns::jumps;
+    use crate::numerics::identify::filtered_columns::filtered_coulomb_columns;
     use crate::numerics::identify::verify::{torque_rmsd, warming_contrast};
     use crate::numerics::model::dynamics::DynamicModel;
-    use crate::numerics::pooled::pool::Union;
-    use crate::numerics::signal::filter::condition;
+    use crate::numerics::pooled::pool::PooledFactors;
+    use crate::numerics::signal::filter::filter_signals;
     use crate::run::Cycle;
     use crate::testing::er3a;
 
@@ -362,13 +365,13 @@ pub(crate) mod tests {
         let (mut w, mut right) = (Vec::new(), Vec::new());
         let mut y = Regressor::new(&method.robot);
         for cycle in cycles {
-            let c = condition(&cycle.samples, 12.0).expect("long enough");
-            let jumps = jumps(&method.robot, &c);
+            let c = filter_signals(&cycle.samples, 12.0).expect("long enough");
+            let filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &c);
             for row in c.observed_rows().filter(|&row| cycle.samples.stage[row] == Stage::Excitation) {
                 let of = |channels: &[Vec<f64>]| channels.iter().map(|ch| ch[row]).collect::<Vec<f64>>();
                 let (q, qd, qdd) = (of(&c.q), of(&c.qd), of(&c.qdd));
                 joint_torque_regressor(&method.robot, &q, &qd, &qdd, &mut y);
-                smear(&jumps, row, &mut y);
+                write_filtered_columns(&filtered_coulomb_columns, row, &mut y);
                 for j in (0..6).filter(|&j| qd[j].abs() >= method.robot.joints[j].low_speed) {
                     w.push(columns.iter().map(|&column| y.column(column)[j]).collect::<Vec<f64>>());
                     right.push(c.tau[j][row]);
@@ -385,11 +388,15 @@ pub(crate) mod tests {
 
     /// Factors and parameters of a cycle, whose made-up torque no judgement of the data would let pass.
     fn unjudged(method: &Method, cycle: &Cycle) -> (Factored, Vec<f64>) {
-        let c = condition(&cycle.samples, 12.0).expect("long enough");
+        let c = filter_signals(&cycle.samples, 12.0).expect("long enough");
         let (columns, kept) = (&method.columns, &method.base.kept_columns);
-        let jumps = jumps(&method.robot, &c);
-        let factored = factor_cycle(&method.robot, columns, kept, &c, &jumps, &cycle.samples);
-        let factors = widened(columns, factored.factors.iter().filter(|of| identifies(of.stage, of.motion)));
+        let filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &c);
+        let factored =
+            factor_cycle(&method.robot, columns, kept, &c, &filtered_coulomb_columns, &cycle.samples);
+        let factors = widened(
+            columns,
+            factored.factors.iter().filter(|of| used_for_identification(of.stage, of.motion)),
+        );
         let shares = [c.independent_fraction(); 6];
         let found = identify_factors(&method.base.kept, &factors, &shares, Estimator::Ordinary);
         let found = found.expect("parameters");
@@ -434,11 +441,11 @@ pub(crate) mod tests {
     fn cycles_joined_from_what_is_stored_are_the_problem_of_all_their_rows() {
         let method = method();
         let cycles = [cycle(1, 1500), cycle(2, 1000)];
-        let mut union: Option<Union> = None;
+        let mut union: Option<PooledFactors> = None;
         for cycle in &cycles {
             let (stored, _) = pack(&method.columns, &unjudged(&method, cycle).0.factors);
             let columns = JointColumns::of_stored(&stored.columns);
-            let union = union.get_or_insert_with(|| Union::new(columns.clone()));
+            let union = union.get_or_insert_with(|| PooledFactors::new(columns.clone()));
             union.add(&columns, &unpack(&stored).expect("sound"), &[0.24; 6]).expect("same columns");
         }
         let found = union.expect("cycles").identify().expect("parameters");
@@ -451,24 +458,25 @@ pub(crate) mod tests {
     pub(crate) struct Direct<'a> {
         method: &'a Method,
         cycle: &'a Cycle,
-        c: Conditioned,
+        c: FilteredSignals,
         estimated: Vec<Vec<f64>>,
     }
 
     impl<'a> Direct<'a> {
         pub(crate) fn new(method: &'a Method, cycle: &'a Cycle, theta: &[f64]) -> Self {
-            let c = condition(&cycle.samples, 12.0).expect("long enough");
+            let c = filter_signals(&cycle.samples, 12.0).expect("long enough");
             let n = method.robot.joint_count();
             // what jumps is added low-passed, in place of what inverse dynamics would give of it
-            let jumps = jumps(&method.robot, &c);
+            let filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &c);
             let parameters = || method.base.kept.iter().copied().zip(theta.iter().copied());
-            let steady = parameters().filter(|(id, _)| jumps.iter().all(|jump| jump.id != *id));
+            let steady =
+                parameters().filter(|(id, _)| filtered_coulomb_columns.iter().all(|jump| jump.id != *id));
             let model = DynamicModel::from_parameters(&method.robot, steady);
             let mut estimated = vec![vec![0.0; n]; c.rows()];
             for (row, estimated) in estimated.iter_mut().enumerate() {
                 let of = |channels: &[Vec<f64>]| channels.iter().map(|ch| ch[row]).collect::<Vec<f64>>();
                 model.torque(&method.robot, &of(&c.q), &of(&c.qd), &of(&c.qdd), estimated);
-                for (jump, (_, value)) in jumps
+                for (jump, (_, value)) in filtered_coulomb_columns
                     .iter()
                     .flat_map(|jump| parameters().find(|(id, _)| *id == jump.id).map(|found| (jump, found)))
                 {
@@ -533,7 +541,7 @@ pub(crate) mod tests {
         let mut narrower: Vec<Vec<ParameterId>> = method.columns.by_joint().to_vec();
         narrower[5].pop();
         let narrower = JointColumns::of_stored(&narrower.into());
-        let mut union = Union::new(method.columns.clone());
+        let mut union = PooledFactors::new(method.columns.clone());
         let error = union.add(&narrower, &[], &[1.0; 6]).expect_err("other columns");
         assert!(error.to_string().contains("different parameters"), "{error}");
         let error = method.columns.theta([]).expect_err("no values");

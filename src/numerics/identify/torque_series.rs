@@ -3,13 +3,12 @@
 //! The rows that count are those that [`super::joint_factors::factor_cycle`] folds in, and the estimate is made
 //! of the same columns, so the RMSD of the rows is that of the factors.
 
-use super::filtered_columns::{jumps, smear};
+use super::filtered_columns::{filtered_coulomb_columns, write_filtered_columns};
 use super::verify::TorqueSums;
 use crate::analysis::{Motion, RmsdScope, TorqueRmsd};
 use crate::numerics::NumericsError;
 use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
-use crate::numerics::signal::filter::Conditioned;
-use crate::numerics::signal::filter::state;
+use crate::numerics::signal::filter::{FilteredSignals, state};
 use crate::robot::{JointIndex, ParameterId, Robot};
 use crate::run::{Samples, Stage};
 
@@ -62,9 +61,9 @@ impl JointSeries {
 }
 
 /// Torque that `parameters` give for a cycle's motion beside the measured one: `tau = y theta` row by
-/// row, with the columns that jump low-passed as the torque was ([`jumps`]).
+/// row, with the columns that jump low-passed as the torque was ([`filtered_coulomb_columns`]).
 ///
-/// `samples` are the cycle's rows and `conditioned` what the low-pass left of them.
+/// `samples` are the cycle's rows and `filtered` what the low-pass left of them.
 ///
 /// # Errors
 /// [`NumericsError::ColumnsDiffer`] for a parameter that the robot's regressor has no column for.
@@ -72,21 +71,21 @@ pub fn torque_series(
     robot: &Robot,
     parameters: &[(ParameterId, f64)],
     samples: &Samples,
-    conditioned: &Conditioned,
+    filtered: &FilteredSignals,
     rows: SeriesRows,
 ) -> Result<TorqueSeries, NumericsError> {
     let columns = columns_of(robot, parameters)?;
     let n = robot.joint_count();
-    let mut counted = vec![false; conditioned.rows()];
-    conditioned.observed_rows().for_each(|row| counted[row] = true);
-    let jumps = jumps(robot, conditioned);
+    let mut counted = vec![false; filtered.rows()];
+    filtered.observed_rows().for_each(|row| counted[row] = true);
+    let filtered_coulomb_columns = filtered_coulomb_columns(robot, filtered);
     let mut series = TorqueSeries { joints: vec![JointSeries::default(); n], ..TorqueSeries::default() };
     let mut y = Regressor::new(robot);
     let (mut q, mut qd, mut qdd, mut tau) = state();
-    for row in conditioned.filtered_rows().filter(|&row| rows == SeriesRows::Filtered || counted[row]) {
-        conditioned.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
+    for row in filtered.filtered_rows().filter(|&row| rows == SeriesRows::Filtered || counted[row]) {
+        filtered.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
         joint_torque_regressor(robot, &q[..n], &qd[..n], &qdd[..n], &mut y);
-        smear(&jumps, row, &mut y);
+        write_filtered_columns(&filtered_coulomb_columns, row, &mut y);
         series.time.push(samples.time[row]);
         series.stage.push(samples.stage[row]);
         series.counted.push(counted[row]);
@@ -191,7 +190,7 @@ mod tests {
     use crate::numerics::identify::joint_factors::factor_cycle;
     use crate::numerics::identify::joint_factors::tests::cycle;
     use crate::numerics::identify::verify::torque_rmsd;
-    use crate::numerics::signal::filter::condition;
+    use crate::numerics::signal::filter::filter_signals;
     use crate::testing::er3a;
 
     /// Sums of some hundred squares against norms of triangular factors of the same rows.
@@ -205,17 +204,23 @@ mod tests {
     fn rmsd_of_the_rows_is_that_of_the_factors() {
         let method = Method::new(er3a(), AnalysisSettings::default()).expect("base parameters");
         let cycle = cycle(1, 1200);
-        let conditioned = condition(&cycle.samples, 12.0).expect("long enough");
+        let filtered = filter_signals(&cycle.samples, 12.0).expect("long enough");
         let parameters = parameters(&method);
         let theta: Vec<f64> = parameters.iter().map(|(_, value)| *value).collect();
         let kept = &method.base.kept_columns;
-        let jumps = jumps(&method.robot, &conditioned);
-        let factored =
-            factor_cycle(&method.robot, &method.columns, kept, &conditioned, &jumps, &cycle.samples);
+        let filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &filtered);
+        let factored = factor_cycle(
+            &method.robot,
+            &method.columns,
+            kept,
+            &filtered,
+            &filtered_coulomb_columns,
+            &cycle.samples,
+        );
         let expected = torque_rmsd(&method.columns, &factored.factors, &theta);
         assert_eq!(expected.len(), 24);
         for rows in [SeriesRows::Counted, SeriesRows::Filtered] {
-            let series = torque_series(&method.robot, &parameters, &cycle.samples, &conditioned, rows)
+            let series = torque_series(&method.robot, &parameters, &cycle.samples, &filtered, rows)
                 .expect("the robot's parameters");
             for expected in &expected {
                 let found = series.rmsd(expected.joint, expected.scope);
@@ -234,12 +239,11 @@ mod tests {
     fn all_rows_are_the_cycles_and_hold_the_counted_ones() {
         let robot = er3a();
         let cycle = cycle(1, 400);
-        let conditioned = condition(&cycle.samples, 4.0).expect("long enough");
-        let of =
-            |rows| torque_series(&robot, &[], &cycle.samples, &conditioned, rows).expect("no parameters");
+        let filtered = filter_signals(&cycle.samples, 4.0).expect("long enough");
+        let of = |rows| torque_series(&robot, &[], &cycle.samples, &filtered, rows).expect("no parameters");
         let (counted, all) = (of(SeriesRows::Counted), of(SeriesRows::Filtered));
         assert_eq!(all.rows(), 400);
-        assert_eq!(counted.rows(), conditioned.observed_rows().count());
+        assert_eq!(counted.rows(), filtered.observed_rows().count());
         let chosen: Vec<f64> =
             (0..400).filter(|&row| all.counted[row]).map(|row| all.joints[2].measured[row]).collect();
         assert_eq!(counted.joints[2].measured, chosen);
@@ -251,12 +255,11 @@ mod tests {
     fn a_parameter_of_another_robot_is_refused() {
         let robot = er3a();
         let cycle = cycle(1, 200);
-        let conditioned = condition(&cycle.samples, 12.0).expect("long enough");
+        let filtered = filter_signals(&cycle.samples, 12.0).expect("long enough");
         let kind = ParameterId::natural_order(&robot)[0].kind;
         let foreign = ParameterId { joint: JointIndex::new(7), kind };
-        let error =
-            torque_series(&robot, &[(foreign, 1.0)], &cycle.samples, &conditioned, SeriesRows::Counted)
-                .expect_err("no such joint");
+        let error = torque_series(&robot, &[(foreign, 1.0)], &cycle.samples, &filtered, SeriesRows::Counted)
+            .expect_err("no such joint");
         assert!(error.to_string().contains("no parameter J8"), "{error}");
     }
 

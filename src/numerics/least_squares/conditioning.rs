@@ -2,9 +2,7 @@
 
 use faer::Mat;
 
-use super::factor::MAX_SCALED_CONDITION;
-use super::factor::TriangularFactor;
-use super::factor::ZERO_COLUMN_THRESHOLD;
+use super::factor::{MAX_SCALED_CONDITION, TriangularFactor, ZERO_COLUMN_THRESHOLD};
 use crate::numerics::NumericsError;
 
 /// Standard error over value above which a parameter is flagged: its sign is then hardly known. The

@@ -25,7 +25,7 @@ pub const MAX_WEIGHTED_CONDITION: f64 = 1e8;
 /// A column shorter than this, relative to the longest, shows nothing: it is zero but for rounding.
 pub const ZERO_COLUMN_THRESHOLD: f64 = 1e-12;
 
-/// Rows that a [`RowFolder`] collects before it folds them: enough to make factoring the triangle
+/// Rows that a [`FactorBuilder`] collects before it folds them: enough to make factoring the triangle
 /// above them a small part of the work, little enough to stay in a core's cache with forty columns (0.7 MB).
 pub const BLOCK_ROWS: usize = 2048;
 
@@ -208,7 +208,7 @@ impl TriangularFactor {
     /// If `places` of a part has fewer entries than the part columns, or one beyond `columns`.
     #[must_use]
     pub fn stacked<'a>(columns: usize, parts: impl IntoIterator<Item = (&'a Self, &'a [usize])>) -> Self {
-        let mut folder = RowFolder::new(columns);
+        let mut folder = FactorBuilder::new(columns);
         let mut rows = 0;
         for (part, places) in parts {
             let b = part.columns();
@@ -278,7 +278,7 @@ impl TriangularFactor {
 /// Takes rows of `[w | tau]` one by one and folds them, a block at a time, into a triangular factor.
 /// The factor lies above the block in one piece of memory and is factored in place with it, so that
 /// nothing is copied or allocated while rows come in.
-pub struct RowFolder {
+pub struct FactorBuilder {
     /// Column-major, `height` rows a column: the factor, then the block.
     stacked: Vec<f64>,
     height: usize,
@@ -288,7 +288,7 @@ pub struct RowFolder {
     scratch: QrScratch,
 }
 
-impl RowFolder {
+impl FactorBuilder {
     /// Of no rows yet, for `columns` columns of `w`.
     #[must_use]
     pub fn new(columns: usize) -> Self {
@@ -503,7 +503,7 @@ mod tests {
         let all = problem(5000);
         let mut expected = TriangularFactor::new(4);
         expected.fold(all.as_ref());
-        let mut folder = RowFolder::new(4);
+        let mut folder = FactorBuilder::new(4);
         for _twice in 0..2 {
             (0..5000).for_each(|i| folder.push((0..5).map(|j| all[(i, j)])));
             let found = folder.take();

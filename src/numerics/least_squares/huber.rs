@@ -1,7 +1,7 @@
 //! Huber's M-estimate by iteratively reweighted least squares.
 
 use super::factor::{LeastSquares, TriangularFactor};
-use super::rows::{RowFolder, RowSource, joint_factors};
+use super::rows::{FactorBuilder, RowSource, joint_factors};
 use super::weighted::{WeightRule, weighted};
 use crate::numerics::NumericsError;
 use crate::numerics::statistics::descriptive::median;
@@ -9,7 +9,7 @@ use crate::numerics::statistics::descriptive::median;
 /// Huber's constant: 95 % of the efficiency of least squares under normal noise (Huber 1981).
 pub const HUBER_CONSTANT: f64 = 1.345;
 /// Median absolute deviation to standard deviation, for normal noise.
-pub const MAD_TO_SIGMA: f64 = 1.482_602_218_505_602;
+const MAD_TO_SIGMA: f64 = 1.482_602_218_505_602;
 
 /// What the estimate may be told.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,7 +98,7 @@ fn rescale(source: &dyn RowSource, theta: &[f64], rule: &mut WeightRule) -> Resu
 }
 
 fn reweighted(source: &dyn RowSource, theta: &[f64], rule: &WeightRule) -> (TriangularFactor, f64) {
-    let mut folder = RowFolder::new(source.columns());
+    let mut folder = FactorBuilder::new(source.columns());
     let (mut rows, mut outliers) = (0_usize, 0_usize);
     source.each(&mut |sample| {
         for j in (0..sample.tau.len()).filter(|&j| sample.used[j]) {

@@ -44,13 +44,13 @@ pub trait RowSource {
 }
 
 /// Folds single rows into a triangular factor, block by block.
-pub(super) struct RowFolder {
+pub(super) struct FactorBuilder {
     factor: TriangularFactor,
     block: Vec<f64>,
     filled: usize,
 }
 
-impl RowFolder {
+impl FactorBuilder {
     /// For `columns` columns of `w`.
     pub fn new(columns: usize) -> Self {
         Self {
@@ -91,11 +91,11 @@ impl RowFolder {
 #[must_use]
 pub fn joint_factors(source: &dyn RowSource) -> Vec<TriangularFactor> {
     let n = source.joint_count();
-    let mut folders: Vec<RowFolder> = (0..n).map(|_| RowFolder::new(source.columns())).collect();
+    let mut folders: Vec<FactorBuilder> = (0..n).map(|_| FactorBuilder::new(source.columns())).collect();
     source.each(&mut |sample| {
         for (j, folder) in folders.iter_mut().enumerate().filter(|(j, _)| sample.used[*j]) {
             folder.push(sample.of_joint(j), sample.tau[j], 1.0);
         }
     });
-    folders.into_iter().map(RowFolder::finish).collect()
+    folders.into_iter().map(FactorBuilder::finish).collect()
 }

@@ -1,12 +1,12 @@
 //! Which parameters a motion can show at all: base parameters and what each of them stands for.
 
-use crate::numerics::least_squares::factor::ZERO_COLUMN_THRESHOLD;
 use std::fmt::Write;
 
 use faer::Mat;
 
 use super::regressor::{Regressor, joint_torque_regressor};
 use crate::numerics::NumericsError;
+use crate::numerics::least_squares::factor::ZERO_COLUMN_THRESHOLD;
 use crate::robot::{ParameterId, ParameterKind, Robot};
 
 /// A column of unit norm is kept if more than this of it is independent of the columns before it;
@@ -15,11 +15,11 @@ use crate::robot::{ParameterId, ParameterKind, Robot};
 /// Exact dependence leaves about 1e-13 and a parameter worth having about 1e-2. In between lie
 /// parameters that only rounded geometry brings about: an angle written as 1.5708 rad is off by 4e-6
 /// and would add columns that no recording can tell apart.
-pub const INDEPENDENCE_THRESHOLD: f64 = 1e-4;
+const INDEPENDENCE_THRESHOLD: f64 = 1e-4;
 
 /// Share of a unit-norm column below which its part in a grouping is rounding (about 1e-13) and is
 /// left out.
-pub const GROUPING_THRESHOLD: f64 = 1e-10;
+const GROUPING_THRESHOLD: f64 = 1e-10;
 
 /// States the regressor is stacked over: each gives `n` rows, so that there are 17 rows a column.
 pub const PROBE_STATES: usize = 256;

@@ -37,7 +37,8 @@ pub fn joint_transform(joint: &Joint, q: f64) -> Transform {
 /// Frame of every link in the frame before it, at the posture `q` `[n]` (rad; m for sliding joints)
 /// [2.1, 2.2]. `[n]`, base outwards.
 #[must_use]
-pub fn link_transforms(robot: &Robot, q: &[f64]) -> Vec<Transform> {
+#[cfg(test)]
+fn link_transforms(robot: &Robot, q: &[f64]) -> Vec<Transform> {
     robot.joints.iter().zip(q).map(|(joint, &q)| joint_transform(joint, q)).collect()
 }
 

@@ -3,8 +3,7 @@
 use super::bodies::{PhysicalEstimate, PhysicalSettings, physical};
 use super::uniform_bodies::{Start, start};
 use crate::numerics::NumericsError;
-use crate::numerics::least_squares::factor::MAX_SCALED_CONDITION;
-use crate::numerics::least_squares::factor::TriangularFactor;
+use crate::numerics::least_squares::factor::{MAX_SCALED_CONDITION, TriangularFactor};
 use crate::numerics::least_squares::weighted::{WeightRule, joined};
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::robot::{JointIndex, Robot};
@@ -19,7 +18,7 @@ const MAX_ROUNDS: usize = 50;
 
 /// What physics costs a joint, over the rows that were fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PriceOfPhysics {
+pub struct ConstraintCost {
     /// The joint.
     pub joint: JointIndex,
     /// Its rows.
@@ -40,7 +39,7 @@ pub struct PhysicalFit {
     /// What it leaned on.
     pub start: Start,
     /// Price of physics for each joint with rows.
-    pub price: Vec<PriceOfPhysics>,
+    pub price: Vec<ConstraintCost>,
     /// Condition number of the unconstrained problem, columns scaled.
     pub scaled_condition_number: f64,
 }
@@ -66,7 +65,7 @@ pub fn physical_fit(
     let consistent = base.group(&estimate.phi);
     let price = factors.iter().enumerate().filter(|(_, factor)| factor.rows() > 0).map(|(j, factor)| {
         let rms = |sum: f64| (sum / factor.rows() as f64).sqrt();
-        PriceOfPhysics {
+        ConstraintCost {
             joint: JointIndex::new(j),
             samples: factor.rows(),
             torque_rms: rms(factor.torque_sum_of_squares()),

@@ -17,9 +17,8 @@
 use faer::{Mat, MatRef};
 
 use crate::numerics::NumericsError;
-use crate::numerics::identify::joint_factors::{JointColumns, JointFactor, identifies};
-use crate::numerics::least_squares::factor::TriangularFactor;
-use crate::numerics::least_squares::factor::ZERO_COLUMN_THRESHOLD;
+use crate::numerics::identify::joint_factors::{JointColumns, JointFactor, used_for_identification};
+use crate::numerics::least_squares::factor::{TriangularFactor, ZERO_COLUMN_THRESHOLD};
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::numerics::statistics::distributions::student_quantile;
 use crate::robot::{CouplingTerm, JointIndex, ParameterId, ParameterKind, Robot, StandardParameters};
@@ -33,7 +32,7 @@ const NEW_SHARE: f64 = 1e-8;
 const APART_SHARE: f64 = 1e-3;
 
 /// Half the 95 % interval over the factor beyond which none is given: catalogues know a gain to a third.
-pub const MAX_RELATIVE_HALF_WIDTH: f64 = 0.3;
+const MAX_RELATIVE_HALF_WIDTH: f64 = 0.3;
 
 /// Fewest cycles of each recording whose scatter gives the error: Student's quantile for three degrees of
 /// freedom is still worth having.
@@ -263,7 +262,8 @@ impl JointProblem {
     }
 
     fn parts<'a>(&'a self, cycle: &'a RecordedCycle, joint: JointIndex) -> impl Iterator<Item = Part> + 'a {
-        let chosen = move |of: &&JointFactor| of.joint == joint && identifies(of.stage, of.motion);
+        let chosen =
+            move |of: &&JointFactor| of.joint == joint && used_for_identification(of.stage, of.motion);
         cycle.factors.iter().filter(chosen).map(|of| self.part(cycle, of))
     }
 
@@ -298,7 +298,7 @@ impl JointProblem {
 }
 
 /// Whether a parameter may change from cycle to cycle.
-pub(super) fn is_friction(kind: ParameterKind) -> bool {
+fn is_friction(kind: ParameterKind) -> bool {
     match kind {
         ParameterKind::Friction(_) => true,
         ParameterKind::Coupling(term) => term != CouplingTerm::Inertia,

@@ -5,14 +5,13 @@
 //! enough cycles it is their scatter ([`super::cycle_errors`]).
 
 use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
-use super::pool::{RowWeights, Union};
+use super::pool::{PooledFactors, RowWeights};
 use crate::analysis::{Identification, IdentifiedParameter};
 use crate::numerics::NumericsError;
 use crate::numerics::identify::cycle::identify_weighted;
 use crate::numerics::least_squares::conditioning::identifiability;
 use crate::numerics::least_squares::essential::{EssentialSettings, essential};
-use crate::numerics::least_squares::factor::MAX_WEIGHTED_CONDITION;
-use crate::numerics::least_squares::factor::TriangularFactor;
+use crate::numerics::least_squares::factor::{MAX_WEIGHTED_CONDITION, TriangularFactor};
 use crate::numerics::least_squares::huber::{HUBER_CONSTANT, torque_change};
 use crate::numerics::least_squares::prior::{Prior, PriorStrength, with_prior, with_prior_rows};
 use crate::numerics::least_squares::weighted::{WeightRule, joined, per_joint, weighted};
@@ -21,7 +20,7 @@ use crate::numerics::statistics::distributions::{LEVEL, student_quantile};
 use crate::robot::{JointIndex, ParameterId};
 
 /// Fewest cycles that a robust estimate weighs against each other: the median of fewer is one of them.
-pub const FEWEST_FOR_HUBER: usize = 5;
+const FEWEST_FOR_HUBER: usize = 5;
 /// Rounds in which weights of cycles settle; some ten are usual.
 const MAX_ROUNDS: usize = 100;
 /// Change of the estimated torque, relative to the noise, at which an estimate has settled.
@@ -53,7 +52,7 @@ pub enum EstimatorKind {
     Ordinary,
     /// [`Estimator::Weighted`].
     Weighted,
-    /// Each joint alone ([`joint_views`](super::per_joint::joint_views)).
+    /// Each joint alone ([`per_joint_estimates`](super::per_joint::joint_views)).
     PerJoint,
     /// [`Estimator::Huber`].
     Huber,
@@ -129,7 +128,7 @@ impl ErrorSource {
 
 /// Parameters from cycles.
 #[derive(Debug, Clone, PartialEq)]
-pub struct HistoryEstimate {
+pub struct PooledEstimate {
     /// Values with standard errors. Parameters taken away as not essential are 0 without an error.
     pub identification: Identification,
     /// Half the width of the 95 % interval of each parameter.
@@ -174,7 +173,7 @@ pub struct EssentialReport {
 /// [`NumericsError::RankDeficient`] if the motion does not show every parameter (not with a prior on those
 /// it does not), [`NumericsError::TooShort`] with too few rows, or too few cycles for
 /// [`Estimator::Huber`]; those of [`weighted`] and [`with_prior`].
-pub fn estimate(union: &Union, estimator: &Estimator) -> Result<HistoryEstimate, NumericsError> {
+pub fn estimate(union: &PooledFactors, estimator: &Estimator) -> Result<PooledEstimate, NumericsError> {
     let all: Vec<usize> = (0..union.columns().kept().len()).collect();
     match estimator {
         Estimator::Prior { priors, strength } => towards_prior(union, priors, *strength),
@@ -190,10 +189,10 @@ pub fn estimate(union: &Union, estimator: &Estimator) -> Result<HistoryEstimate,
 /// # Errors
 /// Those of [`estimate`]; [`NumericsError::Unsupported`] with a prior, which leaves no parameter out.
 pub fn estimate_essential(
-    union: &Union,
+    union: &PooledFactors,
     estimator: &Estimator,
     settings: &EssentialSettings,
-) -> Result<HistoryEstimate, NumericsError> {
+) -> Result<PooledEstimate, NumericsError> {
     if matches!(estimator, Estimator::Prior { .. }) {
         return Err(NumericsError::Unsupported("essential parameters together with a prior"));
     }
@@ -211,7 +210,7 @@ pub fn estimate_essential(
     Ok(found)
 }
 
-fn weights(union: &Union, estimator: &Estimator) -> Result<(RowWeights, bool), NumericsError> {
+fn weights(union: &PooledFactors, estimator: &Estimator) -> Result<(RowWeights, bool), NumericsError> {
     let n = union.columns().joint_count();
     match estimator {
         Estimator::Weighted => {
@@ -223,17 +222,17 @@ fn weights(union: &Union, estimator: &Estimator) -> Result<(RowWeights, bool), N
     }
 }
 
-fn names(union: &Union) -> impl Fn(usize) -> String {
+fn names(union: &PooledFactors) -> impl Fn(usize) -> String {
     |column| union.columns().kept()[column].to_string()
 }
 
 /// Solves for the columns `kept` with given weights; the others count as zero.
 fn least_squares(
-    union: &Union,
+    union: &PooledFactors,
     kept: &[usize],
     weights: RowWeights,
     settled: bool,
-) -> Result<HistoryEstimate, NumericsError> {
+) -> Result<PooledEstimate, NumericsError> {
     let ids = union.columns().kept();
     let fraction = union.independent_fraction();
     let own: Vec<ParameterId> = kept.iter().map(|&k| ids[k]).collect();
@@ -258,7 +257,7 @@ fn least_squares(
         }
         errors = ErrorBasis::Cycles { count };
     }
-    let mut found = HistoryEstimate {
+    let mut found = PooledEstimate {
         identification: Identification { parameters: Vec::new(), ..solved },
         half_width: vec![f64::NAN; ids.len()],
         errors,
@@ -288,7 +287,7 @@ pub(super) fn half(std_error: f64, freedom: f64) -> f64 {
 }
 
 /// Standard deviation of the unweighted torque residual, Nm.
-fn residual_std(union: &Union, parameters: &[IdentifiedParameter], count: usize) -> f64 {
+fn residual_std(union: &PooledFactors, parameters: &[IdentifiedParameter], count: usize) -> f64 {
     let theta: Vec<f64> = parameters.iter().map(|p| p.value).collect();
     let (mut squares, mut rows) = (0.0, 0);
     for (factor, joint) in union.by_joint().iter().zip((0..).map(JointIndex::new)) {
@@ -301,7 +300,7 @@ fn residual_std(union: &Union, parameters: &[IdentifiedParameter], count: usize)
 /// Weights of joints and of their cycles, iterated: a joint's noise is the median over the cycles of
 /// the RMS residual; a cycle beyond the median by more than Huber's constant times the robust spread
 /// weighs as much less as its residual is larger than that limit.
-fn huber_weights(union: &Union) -> Result<(RowWeights, bool), NumericsError> {
+fn huber_weights(union: &PooledFactors) -> Result<(RowWeights, bool), NumericsError> {
     let cycles = union.cycles();
     if cycles.len() < FEWEST_FOR_HUBER {
         return Err(NumericsError::TooShort {
@@ -325,7 +324,7 @@ fn huber_weights(union: &Union) -> Result<(RowWeights, bool), NumericsError> {
     Ok((reweighted(union, &theta)?, false))
 }
 
-fn reweighted(union: &Union, theta: &[f64]) -> Result<RowWeights, NumericsError> {
+fn reweighted(union: &PooledFactors, theta: &[f64]) -> Result<RowWeights, NumericsError> {
     let (cycles, n) = (union.cycles(), union.columns().joint_count());
     let mut noise = vec![1.0; n];
     let mut kept = vec![vec![1.0; n]; cycles.len()];
@@ -357,10 +356,10 @@ fn reweighted(union: &Union, theta: &[f64]) -> Result<RowWeights, NumericsError>
 /// A poor motion leaves no stacked solution to take each joint's noise from, so it comes from the
 /// joint's own fit.
 fn towards_prior(
-    union: &Union,
+    union: &PooledFactors,
     priors: &[Option<Prior>],
     strength: PriorStrength,
-) -> Result<HistoryEstimate, NumericsError> {
+) -> Result<PooledEstimate, NumericsError> {
     let ids = union.columns().kept();
     let weights = RowWeights::of_noise(&own_noise(union)?);
     let factor = union.stacked(&weights);
@@ -385,7 +384,7 @@ fn towards_prior(
     };
     let parameters: Vec<IdentifiedParameter> = ids.iter().enumerate().map(of_parameter).collect();
     let shown = identifiability(&factor)?;
-    Ok(HistoryEstimate {
+    Ok(PooledEstimate {
         identification: Identification {
             residual_std: residual_std(union, &parameters, ids.len()),
             parameters,
@@ -406,7 +405,7 @@ fn towards_prior(
 /// Standard errors and degrees of freedom of an estimate with a prior: the scatter of the cycles' scores
 /// beside the variance of the prior's own rows, which is 1 each.
 fn prior_scatter(
-    union: &Union,
+    union: &PooledFactors,
     weights: &RowWeights,
     both: &TriangularFactor,
     theta: &[f64],
@@ -437,7 +436,7 @@ fn prior_scatter(
 }
 
 /// Noise of each joint, `[n]`: the residual of the joint's own fit.
-fn own_noise(union: &Union) -> Result<Vec<f64>, NumericsError> {
+fn own_noise(union: &PooledFactors) -> Result<Vec<f64>, NumericsError> {
     let of_joint = |factor: &TriangularFactor| match factor.rows() {
         0 => Ok(1.0),
         _ => per_joint(factor, f64::INFINITY, |k| k.to_string()).map(|found| found.sigma),

@@ -2,7 +2,7 @@
 
 use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
 use super::estimate::{ErrorBasis, half};
-use super::pool::{RowWeights, Union};
+use super::pool::{PooledFactors, RowWeights};
 use crate::analysis::{Estimator, Identification};
 use crate::numerics::NumericsError;
 use crate::numerics::identify::cycle::identify_factors;
@@ -12,7 +12,7 @@ use crate::robot::{JointIndex, ParameterId};
 
 /// What one joint's rows alone say [3.21].
 #[derive(Debug, Clone, PartialEq)]
-pub struct JointView {
+pub struct PerJointEstimate {
     /// The joint.
     pub joint: JointIndex,
     /// The parameters that it tells apart; samples are its rows.
@@ -30,12 +30,14 @@ pub struct JointView {
 /// Each joint's view of the parameters [3.21], from its own rows alone; an error in place of a view
 /// where its motion is too poor.
 #[must_use]
-pub fn joint_views(union: &Union) -> Vec<(JointIndex, Result<JointView, NumericsError>)> {
+pub fn per_joint_estimates(
+    union: &PooledFactors,
+) -> Vec<(JointIndex, Result<PerJointEstimate, NumericsError>)> {
     let joints = (0..union.columns().joint_count()).map(JointIndex::new);
     joints.map(|joint| (joint, joint_view(union, joint))).collect()
 }
 
-fn joint_view(union: &Union, joint: JointIndex) -> Result<JointView, NumericsError> {
+fn joint_view(union: &PooledFactors, joint: JointIndex) -> Result<PerJointEstimate, NumericsError> {
     let j = joint.index();
     let (factor, ids) = (&union.by_joint()[j], &union.columns().by_joint()[j]);
     let fraction = union.independent_shares()[j];
@@ -66,5 +68,5 @@ fn joint_view(union: &Union, joint: JointIndex) -> Result<JointView, NumericsErr
     let unseen = union.columns().kept().iter().copied().filter(|id| !seen(id)).collect();
     let half_width =
         identification.parameters.iter().zip(&freedom).map(|(p, f)| half(p.std_error, *f)).collect();
-    Ok(JointView { joint, identification, half_width, within_others, unseen, errors })
+    Ok(PerJointEstimate { joint, identification, half_width, within_others, unseen, errors })
 }

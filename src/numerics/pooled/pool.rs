@@ -3,14 +3,14 @@
 use crate::analysis::{Estimator, Identification};
 use crate::numerics::NumericsError;
 use crate::numerics::identify::cycle::identify_factors;
-use crate::numerics::identify::joint_factors::{JointColumns, JointFactor, identifies};
+use crate::numerics::identify::joint_factors::{JointColumns, JointFactor, used_for_identification};
 use crate::numerics::least_squares::factor::TriangularFactor;
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::robot::{JointIndex, ParameterId};
 
 /// The rows of chosen cycles that serve identification, joined as cycles come in.
 #[derive(Debug, Clone)]
-pub struct Union {
+pub struct PooledFactors {
     columns: JointColumns,
     by_joint: Vec<TriangularFactor>,
     cycles: Vec<CycleParts>,
@@ -54,7 +54,7 @@ impl RowWeights {
     }
 }
 
-impl Union {
+impl PooledFactors {
     /// Of no cycles yet; all must have these columns.
     #[must_use]
     pub fn new(columns: JointColumns) -> Self {
@@ -89,7 +89,7 @@ impl Union {
                 .map(|j| independent_shares.get(j).copied().unwrap_or(1.0))
                 .collect(),
         };
-        for of in factors.iter().filter(|of| identifies(of.stage, of.motion)) {
+        for of in factors.iter().filter(|of| used_for_identification(of.stage, of.motion)) {
             self.by_joint[of.joint.index()].join(&of.factor);
             let own = &mut cycle.by_joint[of.joint.index()];
             match own.rows() {

@@ -10,7 +10,7 @@ use crate::run::{Cycle, Samples, Stage};
 
 /// Most rows of one cycle. At 1 kHz this is a cycle of 16 minutes, three times the thesis's; its
 /// samples take 160 MB for six joints, which bounds the memory of a run without boundaries.
-pub const MAX_CYCLE_ROWS: usize = 1_000_000;
+const MAX_CYCLE_ROWS: usize = 1_000_000;
 
 /// Why a recording has no cycles.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -218,12 +218,6 @@ impl CycleCutter {
         self.number_cut = number;
         Some(Cycle { number, samples })
     }
-}
-
-/// Contiguous row ranges in which the stage signal says `stage`.
-#[must_use]
-pub fn stage_ranges(stages: &[Stage], stage: Stage) -> Vec<Range<usize>> {
-    ranges_where(stages.len(), |row| stages[row] == stage)
 }
 
 /// Contiguous ranges of `0..rows` in which `holds` is true.

@@ -1,6 +1,6 @@
 //! Between motors and joints: `theta = R q`, and by virtual power `tau = R' tau_m`.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 use crate::numerics::NumericsError;
 use crate::robot::Robot;
@@ -9,30 +9,6 @@ use crate::run::Samples;
 /// Smallest singular value of a transmission with columns scaled to unit norm that still counts: below,
 /// one motor only repeats what others do.
 const SINGULAR: f64 = 1e-9;
-
-/// Joint positions `q` `[n]` in rad of the motor positions `theta` `[n]` in rad: solves
-/// `theta = R q`. The same for velocities and accelerations, since `R` is constant.
-///
-/// To do this for many rows, invert once with [`joint_per_motor`].
-///
-/// # Errors
-/// [`NumericsError::TooShort`] if `theta` is not one value a motor, [`NumericsError::NotFinite`] if `R`
-/// is singular.
-pub fn joint_position_from_motor(r: &DMatrix<f64>, theta: &[f64]) -> Result<Vec<f64>, NumericsError> {
-    check_length("the motor positions", r.nrows(), theta)?;
-    let q = joint_per_motor(r)? * DVector::from_column_slice(theta);
-    Ok(q.as_slice().to_vec())
-}
-
-/// Joint torques `tau = R' tau_m` `[n]` in Nm of the motor torques `tau_m` `[n]` in Nm: what the motors
-/// do at their shafts they do at the joints.
-///
-/// # Errors
-/// [`NumericsError::TooShort`] if `tau_m` is not one value a motor.
-pub fn joint_torque_from_motor(r: &DMatrix<f64>, tau_m: &[f64]) -> Result<Vec<f64>, NumericsError> {
-    check_length("the motor torques", r.nrows(), tau_m)?;
-    Ok((0..r.ncols()).map(|j| r.column(j).iter().zip(tau_m).map(|(r, tau)| r * tau).sum()).collect())
-}
 
 /// What turns a recording's channels into those of the joints: motor-side channels through the
 /// transmission, then the position offsets. Made once for a recording.
@@ -115,18 +91,43 @@ pub fn joint_per_motor(r: &DMatrix<f64>) -> Result<DMatrix<f64>, NumericsError> 
     r.clone().try_inverse().ok_or(WHAT)
 }
 
-fn check_length(what: &'static str, needed: usize, values: &[f64]) -> Result<(), NumericsError> {
-    match values.len() == needed {
-        true => Ok(()),
-        false => Err(NumericsError::TooShort { what, rows: values.len(), needed }),
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use nalgebra::DVector;
     use proptest::prelude::*;
 
     use super::*;
+
+    /// Joint positions `q` `[n]` in rad of the motor positions `theta` `[n]` in rad: solves
+    /// `theta = R q`. The same for velocities and accelerations, since `R` is constant.
+    ///
+    /// To do this for many rows, invert once with [`joint_per_motor`].
+    ///
+    /// # Errors
+    /// [`NumericsError::TooShort`] if `theta` is not one value a motor, [`NumericsError::NotFinite`] if `R`
+    /// is singular.
+    fn joint_position_from_motor(r: &DMatrix<f64>, theta: &[f64]) -> Result<Vec<f64>, NumericsError> {
+        check_length("the motor positions", r.nrows(), theta)?;
+        let q = joint_per_motor(r)? * DVector::from_column_slice(theta);
+        Ok(q.as_slice().to_vec())
+    }
+
+    /// Joint torques `tau = R' tau_m` `[n]` in Nm of the motor torques `tau_m` `[n]` in Nm: what the motors
+    /// do at their shafts they do at the joints.
+    ///
+    /// # Errors
+    /// [`NumericsError::TooShort`] if `tau_m` is not one value a motor.
+    fn joint_torque_from_motor(r: &DMatrix<f64>, tau_m: &[f64]) -> Result<Vec<f64>, NumericsError> {
+        check_length("the motor torques", r.nrows(), tau_m)?;
+        Ok((0..r.ncols()).map(|j| r.column(j).iter().zip(tau_m).map(|(r, tau)| r * tau).sum()).collect())
+    }
+
+    fn check_length(what: &'static str, needed: usize, values: &[f64]) -> Result<(), NumericsError> {
+        match values.len() == needed {
+            true => Ok(()),
+            false => Err(NumericsError::TooShort { what, rows: values.len(), needed }),
+        }
+    }
 
     /// Six-by-six products of numbers that differ by a factor of a hundred at most.
     const ROUNDING: f64 = 1e-12;

@@ -1,6 +1,5 @@
 //! Zero-phase low-pass and differentiation: from recorded channels to `q`, `qd`, `qdd`, `tau`.
 
-use crate::robot::MAX_JOINTS;
 use std::ops::Range;
 
 use sci_rs::signal::filter::design::{DigitalFilter, FilterBandType, FilterOutputType, Sos, butter_dyn};
@@ -8,6 +7,7 @@ use sci_rs::signal::filter::sosfiltfilt_dyn;
 
 use super::time_grid::{EvenGrid, is_even, longest_step, median_step, sample_rate};
 use crate::numerics::NumericsError;
+use crate::robot::MAX_JOINTS;
 use crate::run::Samples;
 
 /// Order of the Butterworth low-pass. Forward and backward passes double the roll-off and cancel
@@ -26,7 +26,7 @@ const EDGE_PERIODS: f64 = 1.0;
 /// A cycle's channels after the analysis low-pass, with acceleration. Joint channels are
 /// `[n][rows]`, in rad, rad/s, rad/s², Nm.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Conditioned {
+pub struct FilteredSignals {
     /// Positions `q`.
     pub q: Vec<Vec<f64>>,
     /// Velocities `qd`.
@@ -46,7 +46,7 @@ pub struct Conditioned {
     pub cutoff: f64,
 }
 
-impl Conditioned {
+impl FilteredSignals {
     /// Number of rows, usable or not.
     #[must_use]
     pub fn rows(&self) -> usize {
@@ -140,7 +140,7 @@ pub fn carried_cutoff(cutoff: f64, sample_rate: f64) -> f64 {
 /// # Errors
 /// [`NumericsError::TooShort`] below 32 rows, [`NumericsError::CutoffTooHigh`] if the sample rate
 /// cannot carry the cut-off, [`NumericsError::NotFinite`] for a time axis without a median step.
-pub fn condition(samples: &Samples, cutoff: f64) -> Result<Conditioned, NumericsError> {
+pub fn filter_signals(samples: &Samples, cutoff: f64) -> Result<FilteredSignals, NumericsError> {
     let rows = samples.rows();
     if rows < MIN_STRETCH_ROWS {
         return Err(NumericsError::TooShort { what: "the cycle", rows, needed: MIN_STRETCH_ROWS });
@@ -171,7 +171,7 @@ pub fn condition(samples: &Samples, cutoff: f64) -> Result<Conditioned, Numerics
     let edge = (EDGE_PERIODS * sample_rate / cutoff).ceil() as usize;
     let usable = stretches.iter().map(|s| s.rows.start + edge..s.rows.end.saturating_sub(edge));
     let usable = usable.filter(|s| !s.is_empty()).collect();
-    Ok(Conditioned { q, qd, qdd, tau, usable, stretches, sample_rate, cutoff })
+    Ok(FilteredSignals { q, qd, qdd, tau, usable, stretches, sample_rate, cutoff })
 }
 
 /// Every how many rows of a recording at `sample_rate` Hz something new is seen after a low-pass at
@@ -190,7 +190,7 @@ pub fn row_step(cutoff: f64, sample_rate: f64) -> usize {
 /// Second order takes `(2 pi f step)² / 6` of what changes at the frequency `f`: at 100 Hz and 5 Hz 1.6 %,
 /// which the torque beside it has not lost. Sixth order takes 0.001 % there.
 #[must_use]
-pub fn differentiate(values: &[f64], step: f64) -> Vec<f64> {
+fn differentiate(values: &[f64], step: f64) -> Vec<f64> {
     let n = values.len();
     let mut out = vec![0.0; n];
     if n < 2 {
@@ -349,7 +349,7 @@ mod tests {
     fn a_constant_stays_and_a_slow_sine_is_not_shifted() {
         let w = 2.0 * std::f64::consts::PI * 0.5;
         let samples = one_joint(250.0, 2000, |t| (w * t).sin(), |t| w * (w * t).cos());
-        let c = condition(&samples, 12.0).expect("conditions");
+        let c = filter_signals(&samples, 12.0).expect("conditions");
         assert!(c.tau[0].iter().all(|tau| (tau - 3.5).abs() < 1e-9));
         // a 0.5 Hz sine under a twice fourth-order low-pass at 12 Hz loses (0.5/12)^8 of itself
         for (filtered, raw) in inner(&c.q[0]).iter().zip(inner(&samples.position[0])) {
@@ -391,7 +391,7 @@ mod tests {
     fn a_fast_disturbance_is_removed() {
         let w = 2.0 * std::f64::consts::PI * 60.0;
         let samples = one_joint(250.0, 2000, |t| (w * t).sin(), |_| 0.0);
-        let c = condition(&samples, 12.0).expect("conditions");
+        let c = filter_signals(&samples, 12.0).expect("conditions");
         assert!(inner(&c.q[0]).iter().all(|q| q.abs() < 1e-5));
     }
 
@@ -399,7 +399,7 @@ mod tests {
     fn a_missing_velocity_is_derived() {
         let mut samples = one_joint(250.0, 2000, |t| t.sin(), |_| 0.0);
         samples.velocity = None;
-        let c = condition(&samples, 12.0).expect("conditions");
+        let c = filter_signals(&samples, 12.0).expect("conditions");
         for (i, qd) in c.qd[0].iter().enumerate().skip(200).take(1600) {
             assert!((qd - samples.time[i].cos()).abs() < 1e-4);
         }
@@ -412,7 +412,7 @@ mod tests {
             samples.time[i] += 5.0;
             samples.torque[0][i] = -100.0;
         }
-        let c = condition(&samples, 12.0).expect("conditions");
+        let c = filter_signals(&samples, 12.0).expect("conditions");
         // 100 Hz and 12 Hz: nine rows at either end
         assert_eq!(c.usable, vec![9..191, 209..391]);
         assert!(c.tau[0][..200].iter().all(|tau| (tau - 3.5).abs() < 1e-9));
@@ -429,7 +429,7 @@ mod tests {
             samples.position[0][row] = (w * t).sin();
         }
         samples.velocity = None;
-        let c = condition(&samples, 12.0).expect("conditions");
+        let c = filter_signals(&samples, 12.0).expect("conditions");
         assert!((c.sample_rate - 1.0 / 0.011).abs() < 1e-6, "{}", c.sample_rate);
         assert_eq!(c.filtered(), (1, 1000));
         // a millisecond of jitter on a speed of three: what the low-pass leaves of it
@@ -469,7 +469,7 @@ mod tests {
         samples.velocity = None;
         samples.torque = vec![samples.torque[0][..1998].to_vec()];
         samples.stage.truncate(1998);
-        let c = condition(&samples, 12.0).expect("conditions");
+        let c = filter_signals(&samples, 12.0).expect("conditions");
         assert_eq!(c.filtered(), (1, 1998));
         let span = samples.time[1997] - samples.time[0];
         assert!((c.sample_rate / (1997.0 / span) - 1.0).abs() < 1e-9, "{}", c.sample_rate);
@@ -491,8 +491,8 @@ mod tests {
     #[test]
     fn too_short_and_too_slow_are_refused() {
         let short = one_joint(250.0, 10, |_| 0.0, |_| 0.0);
-        assert!(matches!(condition(&short, 12.0), Err(NumericsError::TooShort { rows: 10, .. })));
+        assert!(matches!(filter_signals(&short, 12.0), Err(NumericsError::TooShort { rows: 10, .. })));
         let slow = one_joint(20.0, 400, |_| 0.0, |_| 0.0);
-        assert!(matches!(condition(&slow, 12.0), Err(NumericsError::CutoffTooHigh { .. })));
+        assert!(matches!(filter_signals(&slow, 12.0), Err(NumericsError::CutoffTooHigh { .. })));
     }
 }

@@ -4,7 +4,7 @@ use crate::analysis::{ParameterStatistics, RmsdSwing, StatisticsWindow};
 use crate::robot::ParameterId;
 
 /// Cycles in which the arm warms up; the thesis gives its statistics with and without them.
-pub const WARM_UP_CYCLES: u32 = 5;
+const WARM_UP_CYCLES: u32 = 5;
 
 /// Statistics of one parameter over the cycles of a run, given as `(cycle, value)` in the order of
 /// the cycles: once over all of them and, where there are cycles after the fifth, once over those

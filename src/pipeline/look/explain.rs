@@ -18,11 +18,9 @@ use crate::numerics::analyse::Method;
 use crate::pipeline::context::{Pipeline, PipelineError, Retry};
 use crate::pipeline::production::{Work, work_alone};
 use crate::pipeline::take::cycles::RowCutter;
-use crate::pipeline::take::decide;
 use crate::pipeline::take::decide::{Decision, Start};
-use crate::pipeline::take::intake;
 use crate::pipeline::take::intake::Recognised;
-use crate::pipeline::take::record;
+use crate::pipeline::take::{decide, intake, record};
 use crate::robot::Robot;
 use crate::run::{ContentHash, Cycle, Samples, Stage};
 use crate::store::{KnownRun, Store};
@@ -132,9 +130,9 @@ pub enum Next {
     /// Store it as a run.
     Store {
         /// It goes on with this unfinished, shorter or corrected run.
-        onwards: Option<i64>,
+        continues: Option<i64>,
         /// It takes the place of this run, whose file it was written over.
-        instead_of: Option<i64>,
+        replaces: Option<i64>,
     },
     /// Nothing: its content is stored as this run.
     Nothing {
@@ -226,7 +224,7 @@ impl Explainer {
 
     /// What the database says of the content, and what follows.
     async fn ledger(&self, path: &Path, rejected: bool) -> Result<(Ledger, Next), PipelineError> {
-        let new = Next::Store { onwards: None, instead_of: None };
+        let new = Next::Store { continues: None, replaces: None };
         let unless_rejected = |next: Next| if rejected { Next::Quarantine } else { next };
         let pipeline = match &self.pipeline {
             Ok(pipeline) => pipeline,
@@ -248,8 +246,8 @@ impl Explainer {
             Decision::Known { run: KnownRun { run_id, .. }, .. } | Decision::InWork { run_id } => {
                 Next::Nothing { run_id }
             }
-            Decision::Read(Start { onwards, instead_of, .. }) => {
-                unless_rejected(Next::Store { onwards, instead_of })
+            Decision::Read(Start { continues, replaces, .. }) => {
+                unless_rejected(Next::Store { continues, replaces })
             }
         };
         Ok((facts.known.map_or(Ledger::Unknown, Ledger::Known), next))

@@ -10,7 +10,7 @@ use crate::ingest::bytes::fingerprint::fingerprint;
 use crate::ingest::rejection::Rejection;
 use crate::numerics::NumericsError;
 use crate::numerics::identify::torque_series::{SeriesRows, TorqueSeries, torque_series};
-use crate::numerics::signal::filter::condition;
+use crate::numerics::signal::filter::filter_signals;
 use crate::pipeline::take::cycles::read_cycle;
 use crate::pipeline::take::intake::source_state;
 use crate::robot::{ParameterId, Robot};
@@ -151,8 +151,8 @@ impl Replay {
             if source_state(&export) != before {
                 return Err(ReplayError::Source(format!("{} changed while it was read", export.display())));
             }
-            let conditioned = condition(&cycle.samples, replay.cutoff)?;
-            Ok(torque_series(&replay.robot, &parameters, &cycle.samples, &conditioned, rows)?)
+            let filtered = filter_signals(&cycle.samples, replay.cutoff)?;
+            Ok(torque_series(&replay.robot, &parameters, &cycle.samples, &filtered, rows)?)
         })
         .await?
     }

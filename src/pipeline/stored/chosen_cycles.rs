@@ -10,7 +10,7 @@ use crate::numerics::NumericsError;
 use crate::numerics::identify::joint_factors::{JointColumns, JointFactor, unpack};
 use crate::numerics::identify::verify::{StageSums, torque_rmsd};
 use crate::numerics::pooled::estimate::{Estimator, EstimatorKind, estimate};
-use crate::numerics::pooled::pool::Union;
+use crate::numerics::pooled::pool::PooledFactors;
 use crate::numerics::signal::filter::independent_fraction;
 use crate::robot::JointIndex;
 use crate::store::{
@@ -83,7 +83,7 @@ pub enum StoredError {
 
 /// Most cycles that are taken together: their factors are held, 50 kB a cycle of a six-joint arm, so that
 /// this is 250 MB; half a year of tests of 24 cycles a day.
-pub const MAX_CYCLES_TOGETHER: usize = 5000;
+const MAX_CYCLES_TOGETHER: usize = 5000;
 
 /// Cycles taken together, with what identification needs of them.
 #[derive(Debug, Clone)]
@@ -91,7 +91,7 @@ pub struct Taken {
     /// Description of all of them.
     pub model: StoredModel,
     /// Their moving rows of excitation.
-    pub union: Union,
+    pub union: PooledFactors,
     /// Which they are, in the order of the union's.
     pub sources: Vec<SourceCycle>,
     /// Cycles of the chosen runs that take no part.
@@ -113,7 +113,7 @@ pub async fn take(store: &Store, chosen: &[Chosen]) -> Result<Taken, StoredError
         for cycle in cycles {
             let columns = JointColumns::of_stored(&cycle.factors.columns);
             let (taken, first_run) = taken.get_or_insert_with(|| {
-                let union = Union::new(columns.clone());
+                let union = PooledFactors::new(columns.clone());
                 let (model, sources) = (cycle.model.clone(), Vec::new());
                 (Taken { model, union, sources, passed_over: Vec::new() }, cycle.run_id)
             });
@@ -136,7 +136,7 @@ pub async fn take(store: &Store, chosen: &[Chosen]) -> Result<Taken, StoredError
 
 /// Adds a stored cycle to a union: the one place that says how many of its rows are independent.
 pub(in crate::pipeline) fn add(
-    union: &mut Union,
+    union: &mut PooledFactors,
     columns: &JointColumns,
     cycle: &StoredCycle,
 ) -> Result<(), NumericsError> {

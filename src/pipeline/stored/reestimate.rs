@@ -10,10 +10,10 @@ use crate::numerics::least_squares::conditioning::{Identifiability, identifiabil
 use crate::numerics::least_squares::essential::EssentialSettings;
 use crate::numerics::least_squares::prior::{Prior, PriorStrength};
 use crate::numerics::pooled::estimate::{
-    Estimator, EstimatorKind, HistoryEstimate, estimate, estimate_essential,
+    Estimator, EstimatorKind, PooledEstimate, estimate, estimate_essential,
 };
-use crate::numerics::pooled::per_joint::{JointView, joint_views};
-use crate::numerics::pooled::pool::{RowWeights, Union};
+use crate::numerics::pooled::per_joint::{PerJointEstimate, per_joint_estimates};
+use crate::numerics::pooled::pool::{PooledFactors, RowWeights};
 use crate::numerics::statistics::descriptive::parameter_statistics;
 use crate::robot::{JointIndex, ParameterId};
 use crate::store::{
@@ -28,7 +28,7 @@ pub enum Choice {
     Ordinary,
     /// [`Estimator::Weighted`].
     Weighted,
-    /// [`joint_views`].
+    /// [`per_joint_estimates`].
     PerJoint,
     /// [`Estimator::Huber`].
     Huber,
@@ -83,9 +83,9 @@ pub struct Together {
 #[derive(Debug, Clone)]
 pub enum Outcome {
     /// One set.
-    Set(Box<HistoryEstimate>),
+    Set(Box<PooledEstimate>),
     /// Each joint's own view.
-    Views(Vec<(JointIndex, Result<JointView, NumericsError>)>),
+    Views(Vec<(JointIndex, Result<PerJointEstimate, NumericsError>)>),
     /// The motion does not show every parameter: [`Together::shown`] names them.
     TooPoor,
 }
@@ -105,14 +105,14 @@ pub async fn estimate_together(
 }
 
 fn together(
-    union: &Union,
+    union: &PooledFactors,
     choice: &Choice,
     fewest: Option<&EssentialSettings>,
 ) -> Result<Together, NumericsError> {
     let equal = RowWeights::equal(union.columns().joint_count());
     let shown = identifiability(&union.stacked(&equal))?;
     let Some(estimator) = choice.estimator(union.columns()) else {
-        return Ok(Together { shown, outcome: Outcome::Views(joint_views(union)) });
+        return Ok(Together { shown, outcome: Outcome::Views(per_joint_estimates(union)) });
     };
     let found = match fewest {
         Some(settings) => estimate_essential(union, &estimator, settings),
@@ -169,16 +169,16 @@ pub async fn reestimate(
 
 fn one_cycle(cycle: StoredCycle, choice: &Choice) -> ReestimatedCycle {
     let columns = JointColumns::of_stored(&cycle.factors.columns);
-    let mut union = Union::new(columns.clone());
+    let mut union = PooledFactors::new(columns.clone());
     let found = add(&mut union, &columns, &cycle).and_then(|()| match choice.estimator(&columns) {
         Some(estimator) => estimate(&union, &estimator).map(|found| (vec![stacked_view(found)], None)),
-        None => Ok(views_and_reason(joint_views(&union))),
+        None => Ok(views_and_reason(per_joint_estimates(&union))),
     });
     let (views, reason) = found.unwrap_or_else(|error| (Vec::new(), Some(error.to_string())));
     ReestimatedCycle { source: source(cycle), views, reason }
 }
 
-fn stacked_view(found: HistoryEstimate) -> CycleView {
+fn stacked_view(found: PooledEstimate) -> CycleView {
     CycleView {
         seen_by: None,
         identification: found.identification,
@@ -188,12 +188,12 @@ fn stacked_view(found: HistoryEstimate) -> CycleView {
 }
 
 fn views_and_reason(
-    found: Vec<(JointIndex, Result<JointView, NumericsError>)>,
+    found: Vec<(JointIndex, Result<PerJointEstimate, NumericsError>)>,
 ) -> (Vec<CycleView>, Option<String>) {
     let (mut views, mut reasons) = (Vec::new(), Vec::new());
     for (joint, view) in found {
         match view {
-            Ok(JointView { identification, half_width, .. }) => {
+            Ok(PerJointEstimate { identification, half_width, .. }) => {
                 views.push(CycleView { seen_by: Some(joint), identification, half_width, data_share: None });
             }
             Err(error) => reasons.push(format!("joint {joint}: {error}")),

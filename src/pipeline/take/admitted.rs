@@ -13,7 +13,7 @@ pub(in crate::pipeline) const UNKNOWN_ROBOT: &str = "unknown";
 
 /// An export that was let in.
 #[derive(Debug, Clone)]
-pub struct Intake {
+pub struct AdmittedExport {
     /// Where it lies.
     pub path: PathBuf,
     /// Its row in the ledger.

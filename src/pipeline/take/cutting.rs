@@ -3,7 +3,7 @@
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
-use super::admitted::Intake;
+use super::admitted::AdmittedExport;
 use super::cycles::RowCutter;
 use super::resume::{self, Places};
 use crate::ingest::bytes::fingerprint::RunningHash;
@@ -56,7 +56,7 @@ pub struct ReadTotals {
 /// Cuts the rows of an export into cycles and sends those that are not stored yet.
 #[derive(Debug)]
 pub struct Cutting<'i> {
-    intake: &'i Intake,
+    intake: &'i AdmittedExport,
     cycles: &'i mpsc::Sender<CutCycle>,
     stop: &'i CancellationToken,
     hash: RunningHash,
@@ -72,7 +72,7 @@ impl<'i> Cutting<'i> {
     /// # Errors
     /// A rejection where the robot's transmission cannot be inverted.
     pub fn new(
-        intake: &'i Intake,
+        intake: &'i AdmittedExport,
         cycles: &'i mpsc::Sender<CutCycle>,
         stop: &'i CancellationToken,
         hash: RunningHash,

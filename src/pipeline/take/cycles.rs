@@ -4,8 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::resume_point::ResumePoint;
 use crate::config::Layout;
-use crate::ingest::bytes::fingerprint;
-use crate::ingest::bytes::source;
+use crate::ingest::bytes::{fingerprint, source};
 use crate::ingest::rejection::Rejection;
 use crate::ingest::table::reader::{ExportReader, ReadOptions};
 use crate::numerics::segment::cycles::{CutterState, CycleCutter, SegmentError};

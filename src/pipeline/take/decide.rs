@@ -68,9 +68,9 @@ pub enum Decision {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Start {
     /// As this run; `None`: as a new one.
-    pub onwards: Option<i64>,
+    pub continues: Option<i64>,
     /// In the place of this run.
-    pub instead_of: Option<i64>,
+    pub replaces: Option<i64>,
     /// What is stored already was read from these first bytes of the file.
     pub read: ContentPrefix,
 }
@@ -101,9 +101,9 @@ pub fn decide(facts: &Facts) -> Decision {
             return Decision::InWork { run_id: known.run_id };
         }
     }
-    let onwards = facts.known.as_ref().map(|known| known.run_id).or(chosen.start.onwards);
-    let instead_of = chosen.start.instead_of.filter(|old| Some(*old) != onwards);
-    Decision::Read(Start { onwards, instead_of, ..chosen.start })
+    let continues = facts.known.as_ref().map(|known| known.run_id).or(chosen.start.continues);
+    let replaces = chosen.start.replaces.filter(|old| Some(*old) != continues);
+    Decision::Read(Start { continues, replaces, ..chosen.start })
 }
 
 /// Whether the fate of an export that the ledger knows is decided, so that it is not read.
@@ -138,7 +138,7 @@ struct Chosen {
 /// unfinished one is superseded whose very file was written over. The number of a file says something only with
 /// its robot.
 fn chosen(earlier: &[Compared], policy: RewritePolicy) -> Chosen {
-    let start = Start { onwards: None, instead_of: None, read: fingerprint::nothing() };
+    let start = Start { continues: None, replaces: None, read: fingerprint::nothing() };
     let mut chosen = Chosen { start, replaces_here: false, unfinished: None };
     for Compared { run, read, begins_alike, same_path, same_file, same_robot, same_recording } in earlier {
         let (unfinished, complete) = (run.status == RunStatus::Streaming, run.status == RunStatus::Complete);
@@ -157,14 +157,14 @@ fn chosen(earlier: &[Compared], policy: RewritePolicy) -> Chosen {
             RunStatus::Complete => *same_recording && policy == RewritePolicy::Supersede,
             RunStatus::Quarantined | RunStatus::Superseded => false,
         };
-        if chosen.start.onwards.is_none() && goes_on && (begins_alike || empty) {
-            chosen.start.onwards = Some(run.run_id);
+        if chosen.start.continues.is_none() && goes_on && (begins_alike || empty) {
+            chosen.start.continues = Some(run.run_id);
             if begins_alike && run.cycles_stored > 0 {
                 chosen.start.read = *read;
             }
             chosen.unfinished = unfinished.then_some(Unfinished::Prefix(run.run_id));
-        } else if chosen.start.instead_of.is_none() && rewritten {
-            chosen.start.instead_of = Some(run.run_id);
+        } else if chosen.start.replaces.is_none() && rewritten {
+            chosen.start.replaces = Some(run.run_id);
             chosen.replaces_here = *same_path;
             if unfinished && chosen.unfinished.is_none() {
                 chosen.unfinished = Some(Unfinished::Rewritten(run.run_id));
@@ -211,15 +211,15 @@ mod tests {
         }
     }
 
-    fn reads(onwards: Option<i64>, instead_of: Option<i64>, read: ContentPrefix) -> Decision {
-        Decision::Read(Start { onwards, instead_of, read })
+    fn reads(continues: Option<i64>, replaces: Option<i64>, read: ContentPrefix) -> Decision {
+        Decision::Read(Start { continues, replaces, read })
     }
 
     #[test]
     fn one_earlier_run_and_a_content_that_is_not_stored() {
         use RunStatus::{Complete, Quarantined, Streaming, Superseded};
         let none = fingerprint::nothing();
-        for (status, of, onwards, instead_of) in [
+        for (status, of, continues, replaces) in [
             // the beginning of this file is stored: it goes on
             (Streaming, "path file alike", Some(1), None),
             (Streaming, "path file alike recording", Some(1), None),
@@ -253,9 +253,9 @@ mod tests {
             (Complete, "file alike other_robot", None, None),
         ] {
             let earlier = earlier(1, status, of);
-            let read = if onwards.is_some() && !of.contains("empty") { READ } else { none };
+            let read = if continues.is_some() && !of.contains("empty") { READ } else { none };
             let decision = decide(&facts(None, vec![earlier]));
-            assert_eq!(decision, reads(onwards, instead_of, read), "{status:?} {of}");
+            assert_eq!(decision, reads(continues, replaces, read), "{status:?} {of}");
         }
     }
 

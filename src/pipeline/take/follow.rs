@@ -13,12 +13,11 @@ use tokio::runtime::Handle;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
-use super::admitted::Intake;
+use super::admitted::AdmittedExport;
 use super::cutting::{CutCycle, Cutting, ReadEnd};
-use super::decide::{self, Decision};
-use super::intake;
+use super::decide::Decision;
 use super::intake::Recognised;
-use super::{record, resume};
+use super::{decide, intake, record, resume};
 use crate::config::FleetEntry;
 use crate::ingest::bytes::blocks::Passed;
 use crate::ingest::bytes::fingerprint::HashingReader;
@@ -27,7 +26,7 @@ use crate::ingest::find::tail::{Fate, Growing, Growth, Tail};
 use crate::ingest::rejection::Rejection;
 use crate::ingest::table::reader::{ExportReader, ReadOptions, Step};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
-use crate::pipeline::{EndsRejected, Lane};
+use crate::pipeline::{FromRejection, Lane};
 use crate::run::ContentHash;
 use crate::store::{Identity, SourceState, StoreError};
 
@@ -135,7 +134,7 @@ impl Pipeline {
         path: &Path,
         recognised: &Recognised<'_>,
         state: SourceState,
-    ) -> Result<Result<Intake, Rejection>, PipelineError> {
+    ) -> Result<Result<AdmittedExport, Rejection>, PipelineError> {
         let facts = intake::facts(self, path, None, state, Some(recognised), Retry::Never).await?;
         let facts = match facts {
             Ok(facts) => facts,
@@ -188,7 +187,7 @@ fn open(path: PathBuf, entry: &FleetEntry) -> Result<Opening, Rejection> {
 /// How reading ended, and the state of the file that it read to the end, and when that was last written.
 type GrownEnd = (ReadEnd, Option<(SourceState, Timestamp)>);
 
-impl EndsRejected for GrownEnd {
+impl FromRejection for GrownEnd {
     fn rejected(rejection: Rejection) -> Self {
         (ReadEnd::Rejected(rejection), None)
     }
@@ -196,7 +195,7 @@ impl EndsRejected for GrownEnd {
 
 fn read_growing(
     opened: Opened,
-    intake: &Intake,
+    intake: &AdmittedExport,
     cycles: &mpsc::Sender<CutCycle>,
     settle: Duration,
     ends: &Ends,
@@ -213,7 +212,7 @@ fn read_growing(
 fn read(
     export: &mut ExportReader<HashingReader<Tail>>,
     growth: &mut Growth,
-    intake: &Intake,
+    intake: &AdmittedExport,
     cycles: &mpsc::Sender<CutCycle>,
     settle: Duration,
     Ends { stop, give_way }: &Ends,

@@ -1,7 +1,5 @@
 //! From a path to cycles: recognition, ledger check, reading.
 
-use super::admitted::Intake;
-use crate::pipeline::take::admitted::UNKNOWN_ROBOT;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -10,30 +8,30 @@ use jiff::tz::TimeZone;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
+use super::admitted::AdmittedExport;
 use super::cutting::{CutCycle, Cutting, ReadEnd};
-use super::decide::{self, Compared, Decision, Facts, Start, Unfinished};
-use super::record;
-use super::resume;
+use super::decide::{Compared, Decision, Facts, Start, Unfinished};
+use super::{decide, record, resume};
 use crate::config::{Config, FleetEntry};
 use crate::ingest::bytes::blocks::Passed;
-use crate::ingest::bytes::fingerprint;
 use crate::ingest::bytes::fingerprint::fingerprint;
-use crate::ingest::bytes::source;
+use crate::ingest::bytes::{fingerprint, source};
 use crate::ingest::find::archive::original_name;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::table::reader::{ExportReader, ReadOptions};
 use crate::ingest::table::start;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
+use crate::pipeline::take::admitted::UNKNOWN_ROBOT;
 use crate::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
-use crate::store::{Beginning, EarlierRun, Identity, KnownRun, Recording, SourceState};
+use crate::store::{EarlierRun, Identity, KnownRun, Recording, RunStart, SourceState};
 
 /// Whether an export needs reading.
 #[derive(Debug)]
-pub enum Known {
+pub enum Admission {
     /// It needs reading.
-    No(Box<Intake>),
+    Read(Box<AdmittedExport>),
     /// Its fate is decided.
-    Yes(Outcome),
+    Decided(Outcome),
 }
 
 /// Looks an export up by its content and lets it in if it is new, or was left unfinished.
@@ -41,20 +39,20 @@ pub enum Known {
 /// # Errors
 /// Those of the store. A file that cannot be read is quarantined; one that vanished is
 /// [`Outcome::Changed`].
-pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Known, PipelineError> {
+pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Admission, PipelineError> {
     let owned = path.to_path_buf();
     let read = tokio::task::spawn_blocking(move || (fingerprint(&owned), file_time(&owned))).await?;
     let ((content_hash, source_bytes), file_time) = match read {
         (Ok(identity), file_time) => (identity, file_time),
         (Err(error), _) if error.kind() == std::io::ErrorKind::NotFound => {
-            return Ok(Known::Yes(Outcome::Changed));
+            return Ok(Admission::Decided(Outcome::Changed));
         }
         (Err(error), file_time) => {
             let rejection = Rejection::from_io(path, &error);
             let header = header(path, UNKNOWN_ROBOT, "", file_time, path_identity(path), 0);
             let outcome = quarantined(pipeline, &header, rejection.clone()).await?;
             let passing = rejection.is_passing;
-            return Ok(Known::Yes(if passing { Outcome::Unreadable { rejection } } else { outcome }));
+            return Ok(Admission::Decided(if passing { Outcome::Unreadable { rejection } } else { outcome }));
         }
     };
     admit_content(pipeline, path, retry, (content_hash, source_bytes), file_time).await
@@ -67,35 +65,35 @@ async fn admit_content(
     retry: Retry,
     (content_hash, source_bytes): (ContentHash, u64),
     file_time: Timestamp,
-) -> Result<Known, PipelineError> {
-    let Some(state) = source_state(path) else { return Ok(Known::Yes(Outcome::Changed)) };
+) -> Result<Admission, PipelineError> {
+    let Some(state) = source_state(path) else { return Ok(Admission::Decided(Outcome::Changed)) };
     let recognised = recognise(pipeline.config(), path, file_time);
     let facts = facts(pipeline, path, Some(content_hash), state, recognised.as_ref().ok(), retry).await?;
     let facts = match facts {
         Ok(facts) => facts,
-        Err(rejection) => return Ok(Known::Yes(Outcome::Unreadable { rejection })),
+        Err(rejection) => return Ok(Admission::Decided(Outcome::Unreadable { rejection })),
     };
     forget_unreadable(pipeline, path).await?;
     let start = match decide::decide(&facts) {
         Decision::Known { run, unfinished } => {
             leave(pipeline, run.run_id, unfinished).await?;
-            return Ok(Known::Yes(decided(path, run)));
+            return Ok(Admission::Decided(decided(path, run)));
         }
-        Decision::InWork { run_id } => return Ok(Known::Yes(Outcome::InWork { run_id })),
+        Decision::InWork { run_id } => return Ok(Admission::Decided(Outcome::InWork { run_id })),
         Decision::Read(start) => start,
     };
     let recognised = match recognised {
         Ok(recognised) => recognised,
         Err(rejection) => {
             let header = header(path, UNKNOWN_ROBOT, "", file_time, content_hash, source_bytes);
-            return Ok(Known::Yes(quarantined(pipeline, &header, rejection).await?));
+            return Ok(Admission::Decided(quarantined(pipeline, &header, rejection).await?));
         }
     };
     let model = &recognised.entry.description.model;
     let header = header(path, &recognised.robot, model, recognised.started_at, content_hash, source_bytes);
     let identity = Identity::Content(content_hash);
     let intake = begin(pipeline, path, &recognised, header, identity, start, state).await?;
-    Ok(Known::No(Box::new(intake)))
+    Ok(Admission::Read(Box::new(intake)))
 }
 
 /// Begins or goes on with the run of a file.
@@ -110,12 +108,12 @@ pub(in crate::pipeline) async fn begin(
     identity: Identity,
     start: Start,
     state: SourceState,
-) -> Result<Intake, PipelineError> {
+) -> Result<AdmittedExport, PipelineError> {
     let FleetEntry { description, layout, .. } = recognised.entry;
     let Config { limits, analysis, .. } = pipeline.config();
     let made_with = resume::settings_hash(layout, description, limits, analysis);
-    let Start { onwards, instead_of, .. } = start;
-    let beginning = Beginning { onwards, instead_of, made_with: Some(made_with) };
+    let Start { continues, replaces, .. } = start;
+    let beginning = RunStart { continues, replaces, made_with: Some(made_with) };
     let begun = pipeline.store().begin_source(&header, identity, beginning, state).await?;
     if begun.afresh {
         tracing::warn!(
@@ -125,7 +123,7 @@ pub(in crate::pipeline) async fn begin(
         );
     }
     let resume = resume::of_run(pipeline, begun.run.run_id, &made_with).await?;
-    Ok(Intake {
+    Ok(AdmittedExport {
         path: path.to_path_buf(),
         run_id: begun.run.run_id,
         header,
@@ -268,7 +266,7 @@ pub fn source_state(path: &Path) -> Option<SourceState> {
 /// Reads the export of `intake`, which has settled, and sends its cycles, those already stored left out.
 /// Runs on a blocking thread; ends early when the receiver is gone or a stop is asked for.
 pub fn read_cycles(
-    intake: &Intake,
+    intake: &AdmittedExport,
     cycles: &mpsc::Sender<CutCycle>,
     stop: &CancellationToken,
     progress: impl Fn(u64),
@@ -278,7 +276,7 @@ pub fn read_cycles(
 
 /// As [`read_cycles`], in blocks of any size.
 pub(in crate::pipeline) fn read(
-    intake: &Intake,
+    intake: &AdmittedExport,
     options: ReadOptions,
     cycles: &mpsc::Sender<CutCycle>,
     stop: &CancellationToken,

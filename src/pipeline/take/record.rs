@@ -5,7 +5,7 @@ use std::time::Duration;
 use jiff::Timestamp;
 use tokio::sync::mpsc;
 
-use super::admitted::{Intake, UNKNOWN_ROBOT};
+use super::admitted::{AdmittedExport, UNKNOWN_ROBOT};
 use super::cutting::ReadTotals;
 use crate::analysis::{FrictionPoint, RunAnalysis};
 use crate::ingest::excerpt;
@@ -35,7 +35,7 @@ pub struct Recorded {
 /// Those of the store. A panic of an analysis is a rejection of this run; other runs go on.
 pub(in crate::pipeline) async fn cycles(
     store: &Store,
-    intake: &Intake,
+    intake: &AdmittedExport,
     mut analyses: mpsc::Receiver<InAnalysis>,
     stored: impl Fn(u32),
 ) -> Result<Recorded, PipelineError> {
@@ -72,7 +72,7 @@ pub(in crate::pipeline) async fn cycles(
 /// Those of the store.
 pub async fn finish(
     pipeline: &Pipeline,
-    intake: &Intake,
+    intake: &AdmittedExport,
     method: &Method,
     totals: ReadTotals,
     refused: Vec<(u32, String)>,
@@ -132,7 +132,7 @@ pub fn start_before(end: Timestamp, duration: f64) -> Timestamp {
 /// What a test says as a whole; a log of production says nothing beyond its windows.
 async fn analyse_test(
     pipeline: &Pipeline,
-    intake: &Intake,
+    intake: &AdmittedExport,
     method: &Method,
 ) -> Result<(RunAnalysis, Vec<CycleSpeedFits>), PipelineError> {
     let measurements = pipeline.store().run_measurements(intake.run_id).await?;
@@ -158,7 +158,7 @@ async fn analyse_test(
 /// Those of the store.
 pub async fn quarantine(
     pipeline: &Pipeline,
-    intake: &Intake,
+    intake: &AdmittedExport,
     rejection: Rejection,
 ) -> Result<Outcome, PipelineError> {
     // any file that ends with .csv has a name: without a start in it and a row that is understood, it is no robot's

@@ -6,12 +6,11 @@
 //! out once their stage is known. What is written down is checked when it is read: a point of another version, of
 //! another layout or description, or with a byte changed is none, and the export is read from its start.
 
-use crate::pipeline::take::resume_point::ResumePoint;
 use std::collections::VecDeque;
 
 use tokio_util::sync::CancellationToken;
 
-use super::admitted::Intake;
+use super::admitted::AdmittedExport;
 use super::cycles::{RowCutter, SAMPLE_RATE_ROWS};
 use crate::config::{Layout, WorkLimits};
 use crate::ingest::bytes::blocks::Passed;
@@ -25,6 +24,7 @@ use crate::numerics::segment::cycles::CutterState;
 use crate::numerics::segment::stages::{FinderState, OutsideLevels, SignalState};
 use crate::numerics::segment::stages_from_motion::{Motion, MotionState, Phase};
 use crate::pipeline::context::{Pipeline, PipelineError};
+use crate::pipeline::take::resume_point::ResumePoint;
 use crate::robot::Robot;
 use crate::run::{ContentHash, Stage};
 use crate::store::StoredPoint;
@@ -105,7 +105,7 @@ pub(in crate::pipeline) async fn of_run(
 /// A rejection of a file that cannot be read so far.
 pub fn pass_to_point<R: std::io::Read>(
     export: &mut ExportReader<R>,
-    intake: &Intake,
+    intake: &AdmittedExport,
     stop: &CancellationToken,
     progress: impl Fn(),
 ) -> Result<Passed, Rejection> {

@@ -11,9 +11,8 @@ use crate::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::models;
-use crate::store::results::record;
-use crate::store::results::run_analysis;
 use crate::store::results::run_analysis::JointDeviation;
+use crate::store::results::{record, run_analysis};
 use crate::store::robot::history;
 use crate::store::robot::history::RunMeasurements;
 use crate::store::values::{count, finite};

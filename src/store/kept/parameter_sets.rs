@@ -8,6 +8,8 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 use crate::analysis::{Estimator, Identification, IdentifiedParameter, TorqueRmsd};
 use crate::numerics::pooled::estimate::{ErrorSource, EstimatorKind};
 use crate::robot::ParameterId;
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
 use crate::store::models;
 use crate::store::models::StoredModel;
 use crate::store::results::record;
@@ -37,6 +39,61 @@ pub struct SourceCycle {
     pub cycle: u32,
     /// Its robot.
     pub robot: String,
+}
+
+impl Store {
+    /// Reads the parameters of one cycle, in no particular order; none for a refused or unknown one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn cycle_parameters(
+        &self,
+        run_id: i64,
+        cycle: u32,
+    ) -> Result<Vec<IdentifiedParameter>, StoreError> {
+        self.checked(of_cycle(&self.readers, run_id, cycle).await)
+    }
+
+    /// Keeps parameters under a name. Returns `false`, and writes nothing, if the name is taken.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn save_parameter_set(&self, name: &str, set: &ParameterSet) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let saved = self.checked(save(&mut transaction, name, set).await)?;
+        self.commit(transaction).await?;
+        Ok(saved)
+    }
+
+    /// Reads the parameters kept under a name.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn parameter_set(&self, name: &str) -> Result<Option<ParameterSet>, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(find(&mut connection, name).await)
+    }
+
+    /// Writes how well the parameters of run `reference_run_id`, by `estimator`, fit cycles of run `run_id`, given
+    /// by their numbers, in place of what was written of them before. All of it or nothing.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn store_cross_verification(
+        &self,
+        run_id: i64,
+        reference_run_id: i64,
+        estimator: Estimator,
+        by_cycle: &[(u32, Vec<TorqueRmsd>)],
+    ) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        let reference = (reference_run_id, estimator);
+        for (cycle, rmsd) in by_cycle {
+            let replaced = replace_cross(&mut transaction, run_id, *cycle, reference, rmsd).await;
+            self.checked(replaced)?;
+        }
+        self.commit(transaction).await
+    }
 }
 
 /// Writes a set; `false`, and nothing is written, if something of this name is kept.
@@ -88,7 +145,7 @@ pub(in crate::store) async fn of_cycle(
 }
 
 /// Replaces the cross-verification of a cycle with the parameters of a run by an estimator.
-pub(in crate::store) async fn replace_cross(
+async fn replace_cross(
     connection: &mut SqliteConnection,
     run_id: i64,
     cycle: u32,

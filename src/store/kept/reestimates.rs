@@ -10,6 +10,8 @@ use super::parameter_sets::SourceCycle;
 use crate::analysis::{Identification, IdentifiedParameter, ParameterStatistics};
 use crate::numerics::pooled::estimate::EstimatorKind;
 use crate::robot::{JointIndex, ParameterId};
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
 use crate::store::models;
 use crate::store::models::StoredModel;
 use crate::store::values::{ROWS_PER_STATEMENT, count, finite, joint_number, named, size, time};
@@ -106,6 +108,40 @@ impl KeptKind {
     }
 }
 
+impl Store {
+    /// Keeps a history identified again under a name, in one transaction; `false`, and nothing is
+    /// written, if something of this name is kept.
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] for parameters that the model does not have.
+    pub async fn save_reestimate(&self, name: &str, found: &Reestimate) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let saved = self.checked(save(&mut transaction, name, found).await)?;
+        self.commit(transaction).await?;
+        Ok(saved)
+    }
+
+    /// Everything that is kept under a name, by name.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn kept_estimates(&self) -> Result<Vec<KeptEstimate>, StoreError> {
+        self.checked(kept(&self.readers).await)
+    }
+
+    /// Takes away the parameter set or re-estimate of this name; whether there was one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn delete_estimate(&self, name: &str) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let set = self.checked(delete_set(&mut *transaction, name).await)?;
+        let reestimate = self.checked(delete(&mut *transaction, name).await)?;
+        self.commit(transaction).await?;
+        Ok(set || reestimate)
+    }
+}
+
 /// Writes a re-estimate; `false`, and nothing is written, if something of this name is kept.
 pub(in crate::store) async fn save(
     connection: &mut SqliteConnection,
@@ -169,10 +205,7 @@ pub(in crate::store) async fn kept(
 }
 
 /// Takes away the set of this name; whether there was one.
-pub(in crate::store) async fn delete_set(
-    executor: impl SqliteExecutor<'_>,
-    name: &str,
-) -> Result<bool, sqlx::Error> {
+async fn delete_set(executor: impl SqliteExecutor<'_>, name: &str) -> Result<bool, sqlx::Error> {
     let done = sqlx::query("DELETE FROM parameter_set WHERE name = ?").bind(name).execute(executor).await?;
     Ok(done.rows_affected() > 0)
 }

@@ -3,6 +3,8 @@
 //! A content has one row in the ledger, so that a run that is read again keeps its number; the faults that
 //! attempts found stay beside it. Which of them is open follows from the run and is written nowhere.
 
+use std::path::PathBuf;
+
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
@@ -11,8 +13,7 @@ use super::runs::{find_run, insert_run, robot_id};
 use crate::run::{RunHeader, RunStatus};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
-use crate::store::values::time_text;
-use crate::store::values::{count, named, size};
+use crate::store::values::{count, named, size, time_text};
 
 /// What was found wrong in an export.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -117,6 +118,46 @@ impl FaultState {
             Self::Stored => "stored",
             Self::Superseded => "superseded",
         }
+    }
+}
+
+impl Store {
+    /// Writes down that an export was not understood, why and where. Cycles already stored stay. A
+    /// complete run stays complete. Returns the key of the run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn quarantine(&self, header: &RunHeader, fault: &Fault) -> Result<i64, StoreError> {
+        let mut transaction = self.begin().await?;
+        let run_id = self.checked(quarantine(&mut transaction, header, fault).await)?;
+        self.commit(transaction).await?;
+        Ok(run_id)
+    }
+
+    /// Every fault of every run, those of the newest run first, the latest of a run first.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn faults(&self) -> Result<Vec<QuarantineRow>, StoreError> {
+        self.checked(rows(&self.readers).await)
+    }
+
+    /// Marks a quarantined run to be read again by the daemon; `false` if it is not quarantined.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn ask_retry(&self, run_id: i64) -> Result<bool, StoreError> {
+        self.checked(ask_retry(&self.writer, run_id).await)
+    }
+
+    /// Paths at which exports were seen that are marked to be read again.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn paths_to_retry(&self) -> Result<Vec<PathBuf>, StoreError> {
+        let paths = self.checked(paths_to_retry(&self.readers).await)?;
+        // earlier versions stored paths as they were given
+        Ok(paths.into_iter().map(|path| std::path::absolute(&path).unwrap_or_else(|_| path.into())).collect())
     }
 }
 

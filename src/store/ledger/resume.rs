@@ -4,6 +4,8 @@ use sqlx::Row;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use crate::run::ContentPrefix;
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
 use crate::store::values::{count, size};
 
 /// A place of an export between two cycles, as bytes whose meaning is their writer's.
@@ -24,6 +26,24 @@ pub struct ReadSoFar {
     pub prefix: ContentPrefix,
     /// Where reading goes on; `None` leaves the place that is stored.
     pub resume: Option<StoredPoint>,
+}
+
+impl Store {
+    /// Where reading of a run goes on behind cycles that are stored.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn resume_point(&self, run_id: i64) -> Result<Option<StoredPoint>, StoreError> {
+        self.checked(of_run(&self.readers, run_id).await)
+    }
+
+    /// Lets a run be read from its start when it is read again.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn forget_resume_point(&self, run_id: i64) -> Result<(), StoreError> {
+        self.checked(forget(&self.writer, run_id).await)
+    }
 }
 
 /// Writes down where reading of a run goes on.

@@ -9,6 +9,8 @@ use sqlx::{Row, SqliteConnection};
 use super::identity::{is_made_otherwise, set_made_with};
 use super::resume;
 use crate::run::{ContentHash, ContentPrefix, RunHeader, RunKind, RunStatus};
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
 use crate::store::values::{count, finite, named, size};
 
 const STATUSES: [RunStatus; 4] =
@@ -40,13 +42,13 @@ pub enum Identity {
 
 /// How the run of an export begins, given what its file held before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Beginning {
+pub struct RunStart {
     /// As this run, whose stored cycles come from the first bytes of the same content. A complete run is
     /// opened again without its last cycle, which the end of the file had cut; a quarantined or superseded
     /// one begins afresh. `None`: as a new run.
-    pub onwards: Option<i64>,
+    pub continues: Option<i64>,
     /// In the place of this run, whose file was rewritten.
-    pub instead_of: Option<i64>,
+    pub replaces: Option<i64>,
     /// What decides the cycles of the run besides its bytes. A run that goes on although its stored cycles were made
     /// with something else begins afresh. `None`: not looked at.
     pub made_with: Option<ContentHash>,
@@ -83,6 +85,89 @@ pub struct RunTotals {
     pub cycles: u32,
 }
 
+impl Store {
+    /// What the ledger knows of an export with this content.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn lookup(&self, hash: &ContentHash) -> Result<Option<KnownRun>, StoreError> {
+        self.checked(find_run(&self.readers, hash).await)
+    }
+
+    /// Ends an unfinished run whose file is gone as quarantined, for `reason`. Its cycles stay, and it goes on if
+    /// the file comes back. Returns whether there was such a run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn give_up_run(&self, run_id: i64, reason: &str) -> Result<bool, StoreError> {
+        self.checked(give_up(&self.writer, run_id, reason).await)
+    }
+
+    /// Begins a run. A run with this content that was begun before, or is complete, is returned as it
+    /// stands; a quarantined one begins afresh, since its export is only read again after a
+    /// correction.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn begin_run(&self, header: &RunHeader) -> Result<KnownRun, StoreError> {
+        let mut transaction = self.begin().await?;
+        let run = self.checked(begin_run(&mut transaction, header).await)?;
+        self.commit(transaction).await?;
+        Ok(run)
+    }
+
+    /// What the ledger knows of a run; `None` for an unknown one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn known_run(&self, run_id: i64) -> Result<Option<KnownRun>, StoreError> {
+        match run_by_key(&self.readers, run_id).await {
+            Err(sqlx::Error::RowNotFound) => Ok(None),
+            found => self.checked(found).map(Some),
+        }
+    }
+
+    /// Marks the unfinished run `old` as superseded by `run_id`: its file was written over with the content
+    /// of that run. Its rows stay.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn supersede_run(&self, run_id: i64, old: i64) -> Result<(), StoreError> {
+        self.checked(supersede(&self.writer, run_id, old).await)
+    }
+
+    /// Takes away the unfinished run `run_id`, because the complete run `other` has its content. What it has
+    /// superseded is superseded by that one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn merge_run(&self, run_id: i64, other: i64) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        self.checked(hand_on(&mut *transaction, run_id, other).await)?;
+        self.checked(discard(&mut *transaction, run_id).await)?;
+        self.commit(transaction).await
+    }
+
+    /// Takes away a run that is not complete, with all its rows. Returns whether there was one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn discard_run(&self, run_id: i64) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let found = self.checked(discard(&mut *transaction, run_id).await)?;
+        self.commit(transaction).await?;
+        Ok(found)
+    }
+
+    /// Writes down what a run is a recording of.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn set_run_kind(&self, run_id: i64, kind: RunKind) -> Result<(), StoreError> {
+        self.checked(set_kind(&self.writer, run_id, kind).await)
+    }
+}
+
 pub(in crate::store) fn status(row: &SqliteRow, column: &str) -> Result<RunStatus, sqlx::Error> {
     named(row, column, &STATUSES, RunStatus::name)
 }
@@ -105,22 +190,22 @@ pub(in crate::store) async fn begin(
     connection: &mut SqliteConnection,
     header: &RunHeader,
     identity: Identity,
-    beginning: Beginning,
+    beginning: RunStart,
 ) -> Result<Begun, sqlx::Error> {
     let mut afresh_instead = false;
-    let run = match (beginning.onwards, &beginning.made_with) {
+    let run = match (beginning.continues, &beginning.made_with) {
         (Some(run_id), Some(made_with)) if is_made_otherwise(&mut *connection, run_id, made_with).await? => {
             afresh_instead = true;
             afresh(&mut *connection, run_id, header).await?
         }
-        (Some(run_id), _) => onwards(&mut *connection, run_id, header).await?,
+        (Some(run_id), _) => continues(&mut *connection, run_id, header).await?,
         (None, _) => insert_new(&mut *connection, header).await?,
     };
     let run_id = run.run_id;
     if let Some(made_with) = &beginning.made_with {
         set_made_with(&mut *connection, run_id, made_with).await?;
     }
-    if let Some(old) = beginning.instead_of {
+    if let Some(old) = beginning.replaces {
         replace(&mut *connection, run_id, old).await?;
     }
     match identity {
@@ -154,7 +239,7 @@ async fn afresh(
 }
 
 /// Goes on with a run whose content has become longer.
-async fn onwards(
+async fn continues(
     connection: &mut SqliteConnection,
     run_id: i64,
     header: &RunHeader,
@@ -236,10 +321,7 @@ pub(in crate::store) async fn find_run(
     .await
 }
 
-pub(in crate::store) async fn run_by_key(
-    executor: impl SqliteExecutor<'_>,
-    run_id: i64,
-) -> Result<KnownRun, sqlx::Error> {
+async fn run_by_key(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<KnownRun, sqlx::Error> {
     sqlx::query(
         "SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored,
                 retry_asked_at IS NOT NULL AS retry_asked
@@ -529,11 +611,7 @@ pub(in crate::store) async fn mark_complete(
 
 /// Ends a run whose file is gone. Its content will not be known, so that the key becomes a number that no
 /// content has; what its cycles were read from tells the file if it comes back.
-pub(in crate::store) async fn give_up(
-    executor: impl SqliteExecutor<'_>,
-    run_id: i64,
-    reason: &str,
-) -> Result<bool, sqlx::Error> {
+async fn give_up(executor: impl SqliteExecutor<'_>, run_id: i64, reason: &str) -> Result<bool, sqlx::Error> {
     let done = sqlx::query(
         "UPDATE run
          SET status = 'quarantined', reason = ?2, growing = 1, content_hash = randomblob(32),
@@ -549,11 +627,7 @@ pub(in crate::store) async fn give_up(
 }
 
 /// Writes down what a run is a recording of; writes nothing where that stands already.
-pub(in crate::store) async fn set_kind(
-    executor: impl SqliteExecutor<'_>,
-    run_id: i64,
-    kind: RunKind,
-) -> Result<(), sqlx::Error> {
+async fn set_kind(executor: impl SqliteExecutor<'_>, run_id: i64, kind: RunKind) -> Result<(), sqlx::Error> {
     sqlx::query("UPDATE run SET kind = ?1 WHERE run_id = ?2 AND kind <> ?1")
         .bind(kind.name())
         .bind(run_id)
@@ -563,10 +637,7 @@ pub(in crate::store) async fn set_kind(
 }
 
 /// Takes away a run that is not complete, with its cycles. Returns whether there was one.
-pub(in crate::store) async fn discard(
-    executor: impl SqliteExecutor<'_>,
-    run_id: i64,
-) -> Result<bool, sqlx::Error> {
+async fn discard(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
     let done = sqlx::query("DELETE FROM run WHERE run_id = ? AND status <> 'complete'")
         .bind(run_id)
         .execute(executor)

@@ -6,8 +6,11 @@ use jiff::Timestamp;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
-use super::runs::{KnownRun, known_run};
-use crate::run::{ContentHash, ContentPrefix, FileId, RunKind};
+use super::runs;
+use super::runs::{Begun, Identity, KnownRun, RunStart, known_run};
+use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunKind};
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
 use crate::store::models::StoredModel;
 use crate::store::values::{count, named, size, time};
 
@@ -88,6 +91,98 @@ pub struct RunSource {
     pub content_hash: ContentHash,
     /// The description that it was analysed with; `None` as long as no cycle is stored.
     pub model: Option<StoredModel>,
+}
+
+impl Store {
+    /// Begins the run of the file at `source`, as `beginning` says, and writes down that the file holds it.
+    /// The identity must be no other run's, see [`Store::lookup`].
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] if another run has the identity; others of the database.
+    pub async fn begin_source(
+        &self,
+        header: &RunHeader,
+        identity: Identity,
+        beginning: RunStart,
+        source: SourceState,
+    ) -> Result<Begun, StoreError> {
+        let mut transaction = self.begin().await?;
+        let begun = self.checked(runs::begin(&mut transaction, header, identity, beginning).await)?;
+        let run_id = begun.run.run_id;
+        self.checked(remember(&mut *transaction, &header.source_path, source, run_id).await)?;
+        self.checked(set_file(&mut *transaction, run_id, source.file).await)?;
+        self.commit(transaction).await?;
+        Ok(begun)
+    }
+
+    /// What the ledger knows of the export that lay at `path` in this state when it was last taken.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn known_source(&self, path: &str, state: SourceState) -> Result<Option<KnownRun>, StoreError> {
+        self.checked(find(&self.readers, path, state).await)
+    }
+
+    /// Writes down that the file at `path`, in this state, holds the export of a run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn remember_source(
+        &self,
+        path: &str,
+        state: SourceState,
+        run_id: i64,
+    ) -> Result<(), StoreError> {
+        self.checked(remember(&self.writer, path, state, run_id).await)
+    }
+
+    /// Runs whose export lay at `path`, in the file of this number under another name, or is of this recording
+    /// (robot and start): that of the path first, then the newest.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn earlier_runs(
+        &self,
+        path: &str,
+        file: FileId,
+        recording: Option<Recording<'_>>,
+    ) -> Result<Vec<EarlierRun>, StoreError> {
+        self.checked(earlier_runs(&self.readers, path, file, recording).await)
+    }
+
+    /// Files of runs that are not complete, as they were when the runs were last begun.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn unfinished_sources(&self) -> Result<Vec<UnfinishedSource>, StoreError> {
+        self.checked(unfinished(&self.readers).await)
+    }
+
+    /// What tells the export of a run; `None` for an unknown run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn run_source(&self, run_id: i64) -> Result<Option<RunSource>, StoreError> {
+        let Some(mut source) = self.checked(of_run(&self.readers, run_id).await)? else {
+            return Ok(None);
+        };
+        for path in self.checked(paths_of_run(&self.readers, run_id).await)? {
+            let path = PathBuf::from(path);
+            if !source.paths.contains(&path) {
+                source.paths.push(path);
+            }
+        }
+        Ok(Some(source))
+    }
+
+    /// Content that a file name stands for: that of its latest run which is neither quarantined nor superseded
+    /// nor growing.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn content_named(&self, source_name: &str) -> Result<Option<ContentHash>, StoreError> {
+        self.checked(content_named(&self.readers, source_name).await)
+    }
 }
 
 pub(in crate::store) async fn find(
@@ -220,11 +315,7 @@ pub(in crate::store) async fn remember(
 }
 
 /// Writes down which file a run is read from.
-pub(in crate::store) async fn set_file(
-    executor: impl SqliteExecutor<'_>,
-    run_id: i64,
-    file: FileId,
-) -> Result<(), sqlx::Error> {
+async fn set_file(executor: impl SqliteExecutor<'_>, run_id: i64, file: FileId) -> Result<(), sqlx::Error> {
     sqlx::query("UPDATE run SET device = ?, inode = ? WHERE run_id = ?")
         .bind(file.device.cast_signed())
         .bind(file.inode.cast_signed())
@@ -274,10 +365,7 @@ pub(in crate::store) async fn of_run(
 }
 
 /// Paths at which the export of a run was seen, latest modification first.
-pub(in crate::store) async fn paths_of_run(
-    executor: impl SqliteExecutor<'_>,
-    run_id: i64,
-) -> Result<Vec<String>, sqlx::Error> {
+async fn paths_of_run(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<Vec<String>, sqlx::Error> {
     sqlx::query_scalar("SELECT path FROM source_file WHERE run_id = ? ORDER BY modified DESC, path")
         .bind(run_id)
         .fetch_all(executor)

@@ -1,7 +1,5 @@
 //! Factors of a cycle's rows: written with the cycle, read for later identification.
 
-use crate::store::models::StoredModel;
-use crate::store::values::of_some_rows;
 use std::collections::HashMap;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
@@ -12,8 +10,11 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 use crate::analysis::{CycleFactors, Motion, RmsdPair, TorqueFactor, WarmingContrast};
 use crate::robot::ParameterId;
 use crate::run::Stage;
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
 use crate::store::models;
-use crate::store::values::{ROWS_PER_STATEMENT, count, joint, joint_number, named, size};
+use crate::store::models::StoredModel;
+use crate::store::values::{ROWS_PER_STATEMENT, count, joint, joint_number, named, of_some_rows, size};
 
 const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
 
@@ -51,6 +52,35 @@ pub enum FactorsWanted {
     Identification,
     /// All.
     All,
+}
+
+impl Store {
+    /// Reads the factors of a run's cycles, in the order of the cycles, those without any left out.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn factors_of_run(
+        &self,
+        run_id: i64,
+        wanted: FactorsWanted,
+    ) -> Result<Vec<StoredCycle>, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(of_run(&mut connection, run_id, wanted).await)
+    }
+
+    /// Reads the factors of some cycles of a run, given by their numbers in rising order; those without any are left
+    /// out. Memory does not grow with the run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn factors_of_cycles(
+        &self,
+        run_id: i64,
+        cycles: &[u32],
+    ) -> Result<Vec<StoredCycle>, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(of_cycles(&mut connection, run_id, cycles).await)
+    }
 }
 
 /// Writes the factors of a cycle. `keys` are those of the model's parameters.
@@ -116,7 +146,7 @@ pub(in crate::store) async fn of_run(
 }
 
 /// All factors of those of `cycles`, numbers in rising order, that have any.
-pub(in crate::store) async fn of_cycles(
+async fn of_cycles(
     connection: &mut SqliteConnection,
     run_id: i64,
     cycles: &[u32],

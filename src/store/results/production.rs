@@ -10,8 +10,51 @@ use crate::analysis::{
 };
 use crate::anomaly::ProductionSummary;
 use crate::numerics::production::summarise;
-use crate::store::values::of_some_rows;
-use crate::store::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, size, time};
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
+use crate::store::values::{
+    ROWS_PER_STATEMENT, count, finite, joint, joint_number, of_some_rows, size, time,
+};
+
+impl Store {
+    /// At most `most` complete tests of the robot of run `run_id` whose parameters it may be held against, the best first:
+    /// the latest that started no later, and those before it; then the first that started later.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn reference_runs(&self, run_id: i64, most: usize) -> Result<Vec<i64>, StoreError> {
+        self.checked(reference_runs(&self.readers, run_id, most).await)
+    }
+
+    /// Complete tests of a robot that production may be held against, oldest first.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn reference_tests(&self, robot_id: i64) -> Result<Vec<ReferenceTest>, StoreError> {
+        self.checked(reference_tests(&self.readers, robot_id).await)
+    }
+
+    /// Windows of production of a robot that have factors, by run and number, with the test that they are held
+    /// against by `estimator`.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn production_windows(
+        &self,
+        robot_id: i64,
+        estimator: Estimator,
+    ) -> Result<Vec<ProductionWindow>, StoreError> {
+        self.checked(windows(&self.readers, robot_id, estimator).await)
+    }
+
+    /// The run whose parameters a window of production was held against.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn checked_against(&self, run_id: i64, cycle: u32) -> Result<Option<i64>, StoreError> {
+        self.checked(checked_against(&self.readers, run_id, cycle).await)
+    }
+}
 
 /// Writes the check of a window that has none. Call in a transaction.
 pub(in crate::store) async fn record(

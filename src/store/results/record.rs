@@ -1,6 +1,5 @@
 //! Results of one cycle: every row of it, or none.
 
-use crate::store::values::of_some_rows;
 use std::collections::{HashMap, HashSet};
 
 use sqlx::sqlite::SqliteExecutor;
@@ -13,10 +12,12 @@ use crate::analysis::{
 };
 use crate::numerics::statistics::distributions::{LEVEL, half_width};
 use crate::robot::{ParameterId, Robot};
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
 use crate::store::ledger::resume::ReadSoFar;
 use crate::store::ledger::{resume, runs};
 use crate::store::models;
-use crate::store::values::{ROWS_PER_STATEMENT, count, finite, joint_number, json_numbers};
+use crate::store::values::{ROWS_PER_STATEMENT, count, finite, joint_number, json_numbers, of_some_rows};
 
 /// What became of a cycle that was offered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,6 +28,42 @@ pub(in crate::store) enum Recorded {
     Known,
     /// The run takes no cycles.
     RunNotOpen,
+}
+
+impl Store {
+    /// Stores all rows of a cycle and the run's mark of progress in one transaction. Returns `false`,
+    /// and writes nothing, if the run has this cycle already.
+    ///
+    /// # Errors
+    /// [`StoreError::RunNotOpen`] if the run is not streaming.
+    pub async fn record_cycle(
+        &self,
+        run_id: i64,
+        analysis: &CycleAnalysis,
+        robot: &Robot,
+    ) -> Result<bool, StoreError> {
+        self.record_cycle_read(run_id, analysis, robot, None).await
+    }
+
+    /// As [`Store::record_cycle`], and moves with the mark of progress what the cycles so far were read
+    /// from, and where reading goes on after them.
+    ///
+    /// # Errors
+    /// As [`Store::record_cycle`].
+    pub async fn record_cycle_read(
+        &self,
+        run_id: i64,
+        analysis: &CycleAnalysis,
+        robot: &Robot,
+        read: Option<&ReadSoFar>,
+    ) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        match self.checked(record_cycle(&mut transaction, run_id, analysis, robot, read).await)? {
+            Recorded::Stored => self.commit(transaction).await.map(|()| true),
+            Recorded::Known => Ok(false),
+            Recorded::RunNotOpen => Err(self.run_not_open(run_id)),
+        }
+    }
 }
 
 /// Writes the rows of a cycle and moves the mark of progress. Call in a transaction.

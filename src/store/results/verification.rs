@@ -5,6 +5,8 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use crate::analysis::{Rmsd, RmsdPair, RmsdScope, TorqueRmsd, WarmingContrast};
 use crate::run::Stage;
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
 use crate::store::values::{joint, named, size};
 
 /// What the ledger has of one cycle.
@@ -27,6 +29,32 @@ pub struct OfCycle<T> {
     pub cycle: u32,
     /// What is known of it.
     pub value: T,
+}
+
+impl Store {
+    /// What the ledger has of each cycle of a run, in order.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn cycle_states(&self, run_id: i64) -> Result<Vec<CycleState>, StoreError> {
+        self.checked(cycle_states(&self.readers, run_id).await)
+    }
+
+    /// RMSD of a run's cycles with their own parameters, by cycle, joint and stage.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn self_rmsd(&self, run_id: i64) -> Result<Vec<OfCycle<TorqueRmsd>>, StoreError> {
+        self.checked(self_rmsd(&self.readers, run_id).await)
+    }
+
+    /// RMSD over the first and over the last third of the warming stages of a run, by cycle and joint.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn warming_contrasts(&self, run_id: i64) -> Result<Vec<OfCycle<WarmingContrast>>, StoreError> {
+        self.checked(warming_contrasts(&self.readers, run_id).await)
+    }
 }
 
 /// All cycles of a run, in order.

@@ -7,12 +7,13 @@ use std::sync::Arc;
 use sqlx::sqlite::SqliteExecutor;
 use sqlx::{Sqlite, Transaction};
 
-use super::anomalies::{self, Reconciled};
-use super::{conclusion_faults, friction, history};
+use super::anomalies::Reconciled;
+use super::{anomalies, conclusion_faults, friction, history};
 use crate::analysis::{ProductionCheck, WarmUpFit};
 use crate::anomaly::{Findings, ProductionSummary, RunSummary};
 use crate::numerics::friction::index::RobotFriction;
 use crate::store::error::StoreError;
+use crate::store::handle::Store;
 use crate::store::results::{production, run_analysis};
 
 /// A robot whose conclusions are older than its history.
@@ -128,6 +129,25 @@ impl ConclusionTransaction {
 
     fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
         result.map_err(|e| StoreError::from_sqlx(&self.path, &e))
+    }
+}
+
+impl Store {
+    /// Robots whose history has changed since conclusions were drawn from it, by name.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn stale_robots(&self) -> Result<Vec<StaleRobot>, StoreError> {
+        self.checked(stale_robots(&self.readers).await)
+    }
+
+    /// Opens the transaction that stores what a robot's history says.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn conclude(&self, robot_id: i64) -> Result<ConclusionTransaction, StoreError> {
+        let transaction = self.begin().await?;
+        Ok(ConclusionTransaction { transaction, path: Arc::clone(&self.path), robot_id })
     }
 }
 

@@ -16,6 +16,8 @@ use crate::numerics::friction::record::{CycleMotion, MapRun};
 use crate::numerics::signal::filter::independent_fraction;
 use crate::robot::JointIndex;
 use crate::run::temperature::ZERO_CELSIUS;
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
 use crate::store::results::temperatures;
 use crate::store::values::{
     ROWS_PER_STATEMENT, count, finite, joint, joint_number, json_numbers, size, time,
@@ -44,6 +46,57 @@ pub struct CycleSpeedFits {
     pub cycle: u32,
     /// One entry a joint.
     pub joints: Vec<JointSpeedFits>,
+}
+
+impl Store {
+    /// Reads the friction points of a robot's complete runs at one nominal speed, oldest run first, of a long
+    /// history those of the first dozen and the latest two dozen runs; times count from each point's own run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn friction_history(
+        &self,
+        robot_id: i64,
+        speed_fraction: f64,
+    ) -> Result<Vec<FrictionPoint>, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(friction_history(&mut connection, robot_id, speed_fraction).await)
+    }
+
+    /// Reads the friction of a robot's complete runs, oldest first; of a long history the first dozen and the
+    /// latest two dozen.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn friction_runs(&self, robot_id: i64) -> Result<Vec<FrictionRun>, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(friction_runs(&mut connection, robot_id).await)
+    }
+
+    /// Friction indices of the complete runs of a robot, by joint, oldest run first.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn friction_indices(&self, robot: &str) -> Result<Vec<IndexRow>, StoreError> {
+        self.checked(indices(&self.readers, robot).await)
+    }
+
+    /// What the thermal state of each joint of a robot that has a friction map is taken from, by joint.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn thermal_sources(&self, robot: &str) -> Result<Vec<ThermalSourceRow>, StoreError> {
+        self.checked(thermal_sources(&self.readers, robot).await)
+    }
+
+    /// Reads which fraction of the rows of each cycle of a run is independent behind its low-pass, by number
+    /// of the cycle.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn independent_fractions(&self, run_id: i64) -> Result<HashMap<u32, f64>, StoreError> {
+        self.checked(independent_fractions(&self.readers, run_id).await)
+    }
 }
 
 /// Friction of the robot's first and latest complete runs, oldest first.

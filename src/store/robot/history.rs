@@ -11,6 +11,8 @@ use crate::analysis::{
 };
 use crate::anomaly::{RunRefusal, RunSummary};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
 use crate::store::values::{identified, joint, named, size, time};
 
 const GRAVITY_REMOVALS: [GravityRemoval; 3] =
@@ -72,6 +74,34 @@ pub struct CycleRmsd {
     pub joint: JointIndex,
     /// As a fraction of the measured torque's RMS.
     pub relative_rmsd: f64,
+}
+
+impl Store {
+    /// Friction points of a run, in the order of the cycles.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn friction_points(&self, run_id: i64) -> Result<Vec<CyclePoint>, StoreError> {
+        self.checked(friction_points(&self.readers, run_id).await)
+    }
+
+    /// Reads what the stored cycles of a run measured, without holding the writer.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn run_measurements(&self, run_id: i64) -> Result<RunMeasurements, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(run_measurements(&mut connection, run_id).await)
+    }
+
+    /// Reads the summaries of a robot's complete runs, ordered by start, then key.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn run_summaries(&self, robot_id: i64) -> Result<Vec<RunSummary>, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(run_summaries(&mut connection, robot_id).await)
+    }
 }
 
 pub(in crate::store) async fn run_measurements(

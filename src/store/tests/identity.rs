@@ -5,7 +5,7 @@ use jiff::Timestamp;
 use super::support::*;
 use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunStatus};
 use crate::store::handle::Store;
-use crate::store::ledger::runs::{Beginning, Identity, Owner};
+use crate::store::ledger::runs::{Identity, Owner, RunStart};
 use crate::store::ledger::sources::SourceState;
 use crate::testing::er3a;
 
@@ -20,7 +20,7 @@ async fn begun(
     store: &Store,
     header: &RunHeader,
     identity: Identity,
-    beginning: Beginning,
+    beginning: RunStart,
 ) -> (i64, u32, bool) {
     let begun = store.begin_source(header, identity, beginning, SEEN).await.expect("a run");
     assert_eq!(begun.run.status, RunStatus::Streaming);
@@ -33,7 +33,7 @@ async fn cycles_that_were_made_with_something_else_are_made_anew() {
     let header = header("R00", 0);
     let read = ContentPrefix { bytes: 9, hash: content(9) };
     let identity = Identity::Growing(read);
-    let with = |onwards, made_with| Beginning { onwards, made_with, ..Beginning::default() };
+    let with = |continues, made_with| RunStart { continues, made_with, ..RunStart::default() };
     let (run, ..) = begun(&store, &header, identity, with(None, Some(content(1)))).await;
     store.record_cycle(run, &cycle(1), &er3a()).await.expect("a cycle");
     assert_eq!(begun(&store, &header, identity, with(Some(run), Some(content(1)))).await, (run, 1, false));
@@ -63,7 +63,7 @@ async fn what_a_run_has_superseded_stays_so_when_that_run_gives_way() {
     let (_folder, store) = fresh().await;
     let begin = async |number: u8, onwards_content: Identity| {
         let header = RunHeader { content_hash: content(number), ..header("R00", 0) };
-        begun(&store, &header, onwards_content, Beginning::default()).await.0
+        begun(&store, &header, onwards_content, RunStart::default()).await.0
     };
     let complete = async |run: i64, number: u8| {
         store.record_cycle(run, &cycle(1), &er3a()).await.expect("a cycle");

@@ -7,8 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
 
 use super::read_chain;
-use crate::config::robot::robot_file::parse_robot;
-use crate::config::robot::robot_file::parse_robot_with;
+use crate::config::robot::robot_file::{parse_robot, parse_robot_with};
 use crate::numerics::model::base_parameters::base_parameters;
 use crate::numerics::model::dynamics::inverse_dynamics;
 use crate::numerics::model::kinematics::forward_kinematics;

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::Vector3;
 
-use super::description::{Evidenced, NumberScore};
+use super::description::{JudgedRows, NumberScore};
 use super::numbers::{DescribedNumber, set_standard};
 use crate::robot::{DhParameters, GeometrySource, JointGeometry, JointKind, Robot, Transform};
 
@@ -30,18 +30,18 @@ pub struct Alternative {
 #[must_use]
 pub fn best_alternative(
     robot: &Robot,
-    evidenced: &Evidenced<'_>,
+    judged_rows: &JudgedRows<'_>,
     scores: &[NumberScore],
 ) -> Option<Alternative> {
-    let evidenced = evidenced.thinned(INSTANTS);
+    let judged_rows = judged_rows.thinned(INSTANTS);
     let gains = vec![1.0; robot.joint_count()];
-    let described = evidenced.residual(robot, &gains);
+    let described = judged_rows.residual(robot, &gains);
     let judged = candidates(robot).into_iter().map(|(words, other)| {
-        let residual_ratio = evidenced.residual(&other, &gains) / described;
+        let residual_ratio = judged_rows.residual(&other, &gains) / described;
         Alternative { words, residual_ratio }
     });
     let numbers =
-        scores.iter().take(NUMBERS_TRIED).filter_map(|score| settled(robot, &evidenced, described, score));
+        scores.iter().take(NUMBERS_TRIED).filter_map(|score| settled(robot, &judged_rows, described, score));
     judged
         .chain(numbers)
         .filter(|alternative| alternative.residual_ratio.is_finite())
@@ -139,7 +139,7 @@ fn with_placements(robot: &Robot, joint: usize, placement: Transform, next: Opti
 /// One number changed as far as the torques ask for, by a parabola through three residuals.
 fn settled(
     robot: &Robot,
-    evidenced: &Evidenced<'_>,
+    judged_rows: &JudgedRows<'_>,
     described: f64,
     score: &NumberScore,
 ) -> Option<Alternative> {
@@ -151,7 +151,7 @@ fn settled(
         if let DescribedNumber::TorqueGain(joint) = score.number {
             gains[joint.index()] += change;
         }
-        evidenced.residual(&score.number.changed(robot, change), &gains)
+        judged_rows.residual(&score.number.changed(robot, change), &gains)
     };
     let (once, twice) = (at(score.change), at(2.0 * score.change));
     let bend = described - 2.0 * once + twice;
@@ -177,12 +177,12 @@ fn words(robot: &Robot, number: DescribedNumber, change: f64) -> String {
         }
         None => format!("{number} turned by {:.1}{unit}", scale * change),
     };
-    sentence + &clock(robot, number, change).unwrap_or_default()
+    sentence + &time_text(robot, number, change).unwrap_or_default()
 }
 
 /// Gravity that comes out larger or smaller is what a clock of the wrong rate makes of it: accelerations
 /// go with the square of time, gravity does not.
-fn clock(robot: &Robot, number: DescribedNumber, change: f64) -> Option<String> {
+fn time_text(robot: &Robot, number: DescribedNumber, change: f64) -> Option<String> {
     let DescribedNumber::Gravity(axis) = number else { return None };
     let described = robot.gravity[axis];
     let factor = (described / (described + change)).sqrt();

@@ -2,8 +2,7 @@
 //! first, and what follows from a cause is not told beside it.
 
 use super::nominal::InertiaRatio;
-use crate::analysis::finding::FindingKinds;
-use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
+use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingKinds, FindingSeverity};
 use crate::robot::{JointIndex, Robot};
 
 /// Most sentences of a reason: a cause, and what shows it.

@@ -2,11 +2,11 @@
 //! at once, with friction of any shape.
 
 use super::friction_shapes::SHAPES;
-use crate::numerics::identify::filtered_columns::{Jump, smear};
+use crate::numerics::identify::filtered_columns::{FilteredColumn, write_filtered_columns};
 use crate::numerics::identify::joint_factors::JointColumns;
-use crate::numerics::least_squares::factor::RowFolder;
+use crate::numerics::least_squares::factor::FactorBuilder;
 use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
-use crate::numerics::signal::filter::Conditioned;
+use crate::numerics::signal::filter::FilteredSignals;
 use crate::numerics::signal::time_grid::{POINTS, between};
 use crate::robot::{JointIndex, MAX_JOINTS, Robot};
 
@@ -44,7 +44,7 @@ pub struct JointDelay {
 /// The delay of all torques together at which the joints' own columns explain them best, by the likelihood of
 /// each joint's residual with a variance of its own.
 ///
-/// `jumps` are the low-passed columns of the robot that jump, `excitation` usable rows in their order,
+/// `filtered_coulomb_columns` are the low-passed columns of the robot that jump, `excitation` usable rows in their order,
 /// `shapes` `[n][SHAPES][rows]` more columns of each joint, or nothing. `None` where no joint has rows enough, or
 /// the outermost delay is the best.
 #[must_use]
@@ -52,22 +52,20 @@ pub fn torque_delays(
     robot: &Robot,
     columns: &JointColumns,
     kept_columns: &[usize],
-    (conditioned, jumps): (&Conditioned, &[Jump]),
+    (filtered, filtered_coulomb_columns): (&FilteredSignals, &[FilteredColumn]),
     excitation: &[usize],
     shapes: &[Vec<Vec<f64>>],
 ) -> Option<JointDelay> {
-    let shifts = Shift::all(conditioned.sample_rate);
-    let reach = (LONGEST_S * conditioned.sample_rate).ceil() as usize + POINTS;
-    let apart = (conditioned.sample_rate / (2.0 * conditioned.cutoff)).ceil().max(1.0) as usize;
+    let shifts = Shift::all(filtered.sample_rate);
+    let reach = (LONGEST_S * filtered.sample_rate).ceil() as usize + POINTS;
+    let apart = (filtered.sample_rate / (2.0 * filtered.cutoff)).ceil().max(1.0) as usize;
     let inside = |row: usize| {
-        conditioned
-            .usable
-            .iter()
-            .any(|s| s.contains(&(row.saturating_sub(reach))) && s.contains(&(row + reach)))
+        filtered.usable.iter().any(|s| s.contains(&(row.saturating_sub(reach))) && s.contains(&(row + reach)))
     };
     let rows: Vec<usize> =
         excitation.iter().copied().step_by(apart).filter(|&row| row >= reach && inside(row)).collect();
-    let profiles = profiles(robot, columns, kept_columns, (conditioned, jumps), &rows, &shifts, shapes);
+    let profiles =
+        profiles(robot, columns, kept_columns, (filtered, filtered_coulomb_columns), &rows, &shifts, shapes);
     let judged: Vec<(JointIndex, Profile)> =
         robot.joint_indices().zip(profiles).filter_map(|(joint, profile)| Some((joint, profile?))).collect();
     let weight: f64 = judged.iter().map(|(_, profile)| profile.freedom).sum();
@@ -123,7 +121,7 @@ fn profiles(
     robot: &Robot,
     columns: &JointColumns,
     kept_columns: &[usize],
-    (conditioned, jumps): (&Conditioned, &[Jump]),
+    (filtered, filtered_coulomb_columns): (&FilteredSignals, &[FilteredColumn]),
     rows: &[usize],
     shifts: &[Shift],
     shapes: &[Vec<Vec<f64>>],
@@ -136,23 +134,23 @@ fn profiles(
         .collect();
     let targets = shifts.len();
     let more = if shapes.is_empty() { 0 } else { SHAPES };
-    let mut folders: Vec<RowFolder> =
-        of_joint.iter().map(|columns| RowFolder::new(columns.len() + more + targets - 1)).collect();
+    let mut folders: Vec<FactorBuilder> =
+        of_joint.iter().map(|columns| FactorBuilder::new(columns.len() + more + targets - 1)).collect();
     let (mut q, mut qd, mut qdd, mut tau) =
         ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
     for &row in rows {
-        conditioned.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
+        filtered.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
         joint_torque_regressor(robot, &q[..n], &qd[..n], &qdd[..n], &mut y);
-        smear(jumps, row, &mut y);
+        write_filtered_columns(filtered_coulomb_columns, row, &mut y);
         let moving = (0..n).filter(|&j| qd[j].abs() >= robot.joints[j].low_speed);
         for j in moving {
             let w = of_joint[j].iter().map(|&column| y.column(column)[j]);
             let shaped = shapes.get(j).into_iter().flatten().map(|shape| shape[row]);
-            let torques = shifts.iter().map(|shift| shift.of(&conditioned.tau[j], row));
+            let torques = shifts.iter().map(|shift| shift.of(&filtered.tau[j], row));
             folders[j].push(w.chain(shaped).chain(torques));
         }
     }
-    let profile = |(folder, columns): (&mut RowFolder, &Vec<usize>)| {
+    let profile = |(folder, columns): (&mut FactorBuilder, &Vec<usize>)| {
         let factor = folder.take();
         let b = columns.len() + more;
         let upper = factor.upper();

@@ -9,11 +9,13 @@
 use super::friction_shapes::SHAPES;
 use super::numbers::DescribedNumber;
 use crate::analysis::Identification;
-use crate::numerics::identify::filtered_columns::{Jump, jumps, smear};
-use crate::numerics::least_squares::factor::RowFolder;
+use crate::numerics::identify::filtered_columns::{
+    FilteredColumn, filtered_coulomb_columns, write_filtered_columns,
+};
+use crate::numerics::least_squares::factor::FactorBuilder;
 use crate::numerics::model::dynamics::{DynamicModel, inverse_dynamics};
 use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
-use crate::numerics::signal::filter::Conditioned;
+use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{MAX_JOINTS, ParameterId, Robot};
 
 /// Most instants looked at, evenly over the excitation: a yes or no needs no more.
@@ -56,9 +58,9 @@ pub struct NumberScore {
 
 /// Rows that a description is judged on.
 #[derive(Debug, Clone)]
-pub struct Evidenced<'a> {
+pub struct JudgedRows<'a> {
     /// The cycle after the low-pass.
-    pub conditioned: &'a Conditioned,
+    pub filtered: &'a FilteredSignals,
     /// Rows as far apart as the low-pass leaves them independent.
     pub rows: Vec<usize>,
     /// Standard deviation of each joint's residual `[n]`, Nm (N): rows are weighted by one over it.
@@ -68,18 +70,18 @@ pub struct Evidenced<'a> {
     pub shapes: &'a [Vec<Vec<f64>>],
 }
 
-impl<'a> Evidenced<'a> {
+impl<'a> JudgedRows<'a> {
     /// From the rows of the excitation in their order, thinned to independent ones.
     #[must_use]
     pub fn new(
-        conditioned: &'a Conditioned,
+        filtered: &'a FilteredSignals,
         excitation: &[usize],
         noise: Vec<f64>,
         shapes: &'a [Vec<Vec<f64>>],
     ) -> Self {
-        let apart = (conditioned.sample_rate / (2.0 * conditioned.cutoff)).ceil().max(1.0) as usize;
+        let apart = (filtered.sample_rate / (2.0 * filtered.cutoff)).ceil().max(1.0) as usize;
         let stride = apart.max(excitation.len().div_ceil(MOST_INSTANTS));
-        Self { conditioned, rows: excitation.iter().copied().step_by(stride).collect(), noise, shapes }
+        Self { filtered, rows: excitation.iter().copied().step_by(stride).collect(), noise, shapes }
     }
 
     /// The same with at most so many instants.
@@ -105,12 +107,12 @@ impl<'a> Evidenced<'a> {
     /// Weighted residual sum of squares of a description with parameters of its own, by its
     /// whole regressor, its torques times `gains` `[n]`.
     pub(super) fn residual(&self, robot: &Robot, gains: &[f64]) -> f64 {
-        let jumps = jumps(robot, self.conditioned);
+        let filtered_coulomb_columns = filtered_coulomb_columns(robot, self.filtered);
         let of_robot = robot.parameter_count();
         let columns = of_robot + self.shape_columns();
-        let mut folder = RowFolder::new(columns);
+        let mut folder = FactorBuilder::new(columns);
         let mut y = Regressor::new(robot);
-        self.each(robot, &jumps, &mut y, |row, j, y, state| {
+        self.each(robot, &filtered_coulomb_columns, &mut y, |row, j, y, state| {
             let weight = 1.0 / self.noise[j];
             let entries = (0..of_robot).map(|k| weight * gains[j] * y.column(k)[j]);
             folder.push(entries.chain(self.shaped(j, row, weight)).chain([weight * state.tau[j]]));
@@ -127,7 +129,7 @@ impl<'a> Evidenced<'a> {
     fn each(
         &self,
         robot: &Robot,
-        jumps: &[Jump],
+        filtered_coulomb_columns: &[FilteredColumn],
         y: &mut Regressor,
         mut take: impl FnMut(usize, usize, &Regressor, &State),
     ) {
@@ -135,9 +137,9 @@ impl<'a> Evidenced<'a> {
         let mut state = State::default();
         for &row in &self.rows {
             let State { q, qd, qdd, tau } = &mut state;
-            self.conditioned.row(row, q, qd, qdd, tau);
+            self.filtered.row(row, q, qd, qdd, tau);
             joint_torque_regressor(robot, &state.q[..n], &state.qd[..n], &state.qdd[..n], y);
-            smear(jumps, row, y);
+            write_filtered_columns(filtered_coulomb_columns, row, y);
             for j in 0..n {
                 if state.qd[j].abs() >= robot.joints[j].low_speed {
                     take(row, j, y, &state);
@@ -189,7 +191,7 @@ struct State {
 
 /// Holds the residual of the identified parameters against the description's numbers.
 ///
-/// `kept_columns` `[b]` are the regressor's columns of the identified parameters, `jumps` the low-passed columns of
+/// `kept_columns` `[b]` are the regressor's columns of the identified parameters, `filtered_coulomb_columns` the low-passed columns of
 /// the robot that jump. `None` with too few
 /// rows to say anything.
 #[must_use]
@@ -197,26 +199,26 @@ pub fn test_description(
     robot: &Robot,
     kept_columns: &[usize],
     identified: &Identification,
-    evidenced: &Evidenced<'_>,
-    jumps: &[Jump],
+    judged_rows: &JudgedRows<'_>,
+    filtered_coulomb_columns: &[FilteredColumn],
 ) -> Option<DescriptionTest> {
     let numbers = DescribedNumber::all(robot);
-    let (b, m) = (kept_columns.len() + evidenced.shape_columns(), numbers.len());
+    let (b, m) = (kept_columns.len() + judged_rows.shape_columns(), numbers.len());
     let parameters = identified.parameters.iter().map(|p| (p.id, p.value));
     let model = DynamicModel::from_parameters(robot, parameters);
     let theta: Vec<f64> = values_of(robot, kept_columns, identified);
-    let slopes = Slopes::new(robot, &numbers, &model, evidenced.conditioned);
-    let mut folder = RowFolder::new(b + m);
+    let slopes = Slopes::new(robot, &numbers, &model, judged_rows.filtered);
+    let mut folder = FactorBuilder::new(b + m);
     let mut y = Regressor::new(robot);
     let mut slope = vec![[0.0; MAX_JOINTS]; m];
     let mut written = None;
     let mut rows = 0;
-    evidenced.each(robot, jumps, &mut y, |row, j, y, state| {
+    judged_rows.each(robot, filtered_coulomb_columns, &mut y, |row, j, y, state| {
         if written != Some(row) {
             slopes.write(row, state, &mut slope);
             written = Some(row);
         }
-        let weight = 1.0 / evidenced.noise[j];
+        let weight = 1.0 / judged_rows.noise[j];
         let estimated: f64 = kept_columns.iter().zip(&theta).map(|(&k, theta)| y.column(k)[j] * theta).sum();
         let entry = |(number, slope): (&DescribedNumber, &[f64; MAX_JOINTS])| match number {
             DescribedNumber::TorqueGain(of) if of.index() == j => weight * estimated,
@@ -224,7 +226,7 @@ pub fn test_description(
             _ => weight * slope[j],
         };
         let w = kept_columns.iter().map(|&k| weight * y.column(k)[j]);
-        let w = w.chain(evidenced.shaped(j, row, weight));
+        let w = w.chain(judged_rows.shaped(j, row, weight));
         folder.push(w.chain(numbers.iter().zip(&slope).map(entry)).chain([weight * state.tau[j]]));
         rows += 1;
     });
@@ -304,18 +306,18 @@ impl<'a> Slopes<'a> {
         robot: &'a Robot,
         numbers: &[DescribedNumber],
         model: &'a DynamicModel,
-        conditioned: &Conditioned,
+        filtered: &FilteredSignals,
     ) -> Self {
         let changed = |number: &DescribedNumber| match number {
             DescribedNumber::TorqueGain(_) | DescribedNumber::TorqueDelay => None,
             _ => Some(number.changed(robot, STEP)),
         };
-        let rate = |tau: &Vec<f64>| conditioned.derivative(tau).into_iter().map(|slope| -slope).collect();
+        let rate = |tau: &Vec<f64>| filtered.derivative(tau).into_iter().map(|slope| -slope).collect();
         Self {
             robot,
             model,
             changed: numbers.iter().map(changed).collect(),
-            late: conditioned.tau.iter().map(rate).collect(),
+            late: filtered.tau.iter().map(rate).collect(),
         }
     }
 

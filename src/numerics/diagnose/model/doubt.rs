@@ -4,13 +4,13 @@ use std::cell::OnceCell;
 
 use super::alternatives::{Alternative, best_alternative};
 use super::delay::{JointDelay, TorqueDelay, torque_delays};
-use super::description::{DescriptionTest, Evidenced, test_description};
+use super::description::{DescriptionTest, JudgedRows, test_description};
 use super::friction_shapes::friction_shapes;
 use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
-use crate::numerics::identify::filtered_columns::Jump;
+use crate::numerics::identify::filtered_columns::FilteredColumn;
 use crate::numerics::identify::joint_factors::JointColumns;
-use crate::numerics::signal::filter::Conditioned;
+use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::Robot;
 use crate::run::Stage;
 
@@ -61,7 +61,7 @@ impl Default for DoubtSettings {
 
 /// What a cycle's description is judged by.
 #[derive(Debug, Clone, Copy)]
-pub struct Judged<'a> {
+pub struct JudgedCycle<'a> {
     /// The description.
     pub robot: &'a Robot,
     /// Columns of each joint's factor.
@@ -69,9 +69,9 @@ pub struct Judged<'a> {
     /// Columns `[b]` of the regressor that were identified.
     pub kept_columns: &'a [usize],
     /// The cycle after the low-pass.
-    pub conditioned: &'a Conditioned,
+    pub filtered: &'a FilteredSignals,
     /// Columns of the description's regressor that jump, low-passed.
-    pub jumps: &'a [Jump],
+    pub filtered_coulomb_columns: &'a [FilteredColumn],
     /// Usable rows of the excitation, in order.
     pub excitation: &'a [usize],
     /// The parameters.
@@ -86,13 +86,13 @@ pub struct Judged<'a> {
 /// explains the torques better is looked for all the same, as the remedy.
 #[must_use]
 pub fn diagnose_description(
-    judged: &Judged<'_>,
+    judged: &JudgedCycle<'_>,
     known: &[Finding],
     settings: &DoubtSettings,
 ) -> Vec<Finding> {
     let noise = noise(judged);
     let made = OnceCell::new();
-    let shapes = || made.get_or_init(|| friction_shapes(judged.conditioned));
+    let shapes = || made.get_or_init(|| friction_shapes(judged.filtered));
     // friction of the description's law first, which is the quicker of the two
     let moving = judged
         .verification
@@ -117,31 +117,37 @@ type MakeShapes<'a, 's> = &'a dyn Fn() -> &'s Vec<Vec<Vec<f64>>>;
 
 /// What the torques say against the numbers of the description. `shapes` makes columns of friction of any shape.
 fn contradicted<'s>(
-    judged: &Judged<'_>,
+    judged: &JudgedCycle<'_>,
     known: &[Finding],
     settings: &DoubtSettings,
     (noise, shapes): (Vec<f64>, MakeShapes<'_, 's>),
 ) -> Option<Finding> {
-    let evidenced = Evidenced::new(judged.conditioned, judged.excitation, noise, &[]);
-    let tested = |evidenced: &Evidenced<'_>| {
-        test_description(judged.robot, judged.kept_columns, judged.identified, evidenced, judged.jumps)
+    let judged_rows = JudgedRows::new(judged.filtered, judged.excitation, noise, &[]);
+    let tested = |judged_rows: &JudgedRows<'_>| {
+        test_description(
+            judged.robot,
+            judged.kept_columns,
+            judged.identified,
+            judged_rows,
+            judged.filtered_coulomb_columns,
+        )
     };
-    let test = tested(&evidenced)?;
+    let test = tested(&judged_rows)?;
     if test.share < settings.looked_share && known.is_empty() {
         return None;
     }
     let of_law = test.share >= settings.description_shares[0];
-    let evidenced = Evidenced { shapes: shapes(), ..evidenced };
+    let judged_rows = JudgedRows { shapes: shapes(), ..judged_rows };
     // too few rows for friction of any shape say nothing of the description
-    let test = tested(&evidenced)?;
-    let excitation = judged.excitation.len() as f64 / judged.conditioned.sample_rate;
-    if judged.conditioned.cutoff < settings.least_cutoff
+    let test = tested(&judged_rows)?;
+    let excitation = judged.excitation.len() as f64 / judged.filtered.sample_rate;
+    if judged.filtered.cutoff < settings.least_cutoff
         || excitation < settings.least_excitation
         || test.share < settings.looked_share && known.is_empty()
     {
         return of_law.then(|| perhaps_contradicted(&test));
     }
-    let better = best_alternative(judged.robot, &evidenced, &test.scores)
+    let better = best_alternative(judged.robot, &judged_rows, &test.scores)
         .filter(|alternative| alternative.residual_ratio <= settings.alternative);
     let poor = judged.verification.iter().any(|of| {
         of.scope == RmsdScope::Stage(Stage::Excitation) && of.moving_rows.relative > settings.healthy
@@ -198,7 +204,7 @@ fn perhaps_late(found: &JointDelay, settings: &DoubtSettings) -> Option<Finding>
 }
 
 /// Root mean square of each joint's residual; a hundredth of its torque at least.
-fn noise(judged: &Judged<'_>) -> Vec<f64> {
+fn noise(judged: &JudgedCycle<'_>) -> Vec<f64> {
     let of_joint = |joint| {
         let excitation = judged
             .verification
@@ -213,9 +219,10 @@ fn noise(judged: &Judged<'_>) -> Vec<f64> {
     judged.robot.joint_indices().map(of_joint).collect()
 }
 
-fn delays(judged: &Judged<'_>, shapes: &[Vec<Vec<f64>>]) -> Option<JointDelay> {
-    let Judged { robot, columns, kept_columns, conditioned, jumps, excitation, .. } = *judged;
-    torque_delays(robot, columns, kept_columns, (conditioned, jumps), excitation, shapes)
+fn delays(judged: &JudgedCycle<'_>, shapes: &[Vec<Vec<f64>>]) -> Option<JointDelay> {
+    let JudgedCycle { robot, columns, kept_columns, filtered, filtered_coulomb_columns, excitation, .. } =
+        *judged;
+    torque_delays(robot, columns, kept_columns, (filtered, filtered_coulomb_columns), excitation, shapes)
 }
 
 /// A delay on which the joint fit and enough of the `moving` joints for themselves agree.

@@ -6,7 +6,7 @@
 //! stand for gravity or inertia: smooth signs, a bump at low speed (Stribeck 1902) and the bristle that bends before
 //! a surface slips (Dahl 1968), which is late by a distance.
 
-use crate::numerics::signal::filter::Conditioned;
+use crate::numerics::signal::filter::FilteredSignals;
 
 /// Speeds at which a smooth sign turns over, and of the bump, relative to the joint's RMS speed.
 const SMOOTH: [f64; 2] = [0.05, 0.3];
@@ -20,13 +20,13 @@ pub const SHAPES: usize = SMOOTH.len() + 1 + BRISTLE.len() + 1;
 
 /// Torques of unit friction of each shape, low-passed as the torque is, `[n][SHAPES][rows]`; the last is a constant.
 #[must_use]
-pub fn friction_shapes(conditioned: &Conditioned) -> Vec<Vec<Vec<f64>>> {
-    (0..conditioned.joint_count()).map(|joint| of_joint(conditioned, joint)).collect()
+pub fn friction_shapes(filtered: &FilteredSignals) -> Vec<Vec<Vec<f64>>> {
+    (0..filtered.joint_count()).map(|joint| of_joint(filtered, joint)).collect()
 }
 
-fn of_joint(conditioned: &Conditioned, joint: usize) -> Vec<Vec<f64>> {
-    let (q, qd) = (&conditioned.q[joint], &conditioned.qd[joint]);
-    let usable = || conditioned.usable.iter().flat_map(Clone::clone);
+fn of_joint(filtered: &FilteredSignals, joint: usize) -> Vec<Vec<f64>> {
+    let (q, qd) = (&filtered.q[joint], &filtered.qd[joint]);
+    let usable = || filtered.usable.iter().flat_map(Clone::clone);
     let square = usable().map(|row| qd[row] * qd[row]).sum::<f64>();
     let speed = (square / usable().count().max(1) as f64).sqrt().max(f64::MIN_POSITIVE);
     let bounds = |[low, high]: [f64; 2], row: usize| [low.min(q[row]), high.max(q[row])];
@@ -35,7 +35,7 @@ fn of_joint(conditioned: &Conditioned, joint: usize) -> Vec<Vec<f64>> {
     let mut shapes: Vec<Vec<f64>> = SMOOTH.iter().map(|turn| by_speed(&|v| (v / turn).tanh())).collect();
     shapes.push(by_speed(&|v| v.signum() * (-(v / BUMP).powi(2)).exp()));
     shapes.extend(BRISTLE.map(|part| bristle(q, part * (high - low).max(f64::MIN_POSITIVE))));
-    let mut shapes: Vec<Vec<f64>> = shapes.iter().map(|shape| conditioned.low_passed(shape)).collect();
+    let mut shapes: Vec<Vec<f64>> = shapes.iter().map(|shape| filtered.low_passed(shape)).collect();
     shapes.push(vec![1.0; q.len()]);
     shapes
 }

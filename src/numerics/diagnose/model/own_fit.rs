@@ -2,10 +2,10 @@
 //! alone leaves unexplained.
 
 use super::description::Basis;
-use crate::numerics::identify::joint_factors::{Factored, JointColumns, identifies};
+use crate::numerics::identify::joint_factors::{Factored, JointColumns, used_for_identification};
 use crate::numerics::least_squares::factor::TriangularFactor;
 use crate::numerics::model::actuator::friction_columns;
-use crate::numerics::signal::filter::Conditioned;
+use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{FrictionTerm, JointIndex, ParameterKind, Robot};
 
 /// Instants that the power of friction is averaged over: a mean needs no more.
@@ -36,26 +36,29 @@ pub struct OwnFit {
 pub fn own_fits(
     robot: &Robot,
     columns: &JointColumns,
-    conditioned: &Conditioned,
+    filtered: &FilteredSignals,
     factored: &Factored,
     excitation: &[usize],
 ) -> Vec<OwnFit> {
     let fit = |joint: JointIndex| {
-        let of = factored.factors.iter().find(|of| of.joint == joint && identifies(of.stage, of.motion))?;
-        let moving = moving_speeds(robot, conditioned, excitation, joint);
-        own_fit(robot, columns, joint, &of.factor, &moving, conditioned.independent_fraction())
+        let of = factored
+            .factors
+            .iter()
+            .find(|of| of.joint == joint && used_for_identification(of.stage, of.motion))?;
+        let moving = moving_speeds(robot, filtered, excitation, joint);
+        own_fit(robot, columns, joint, &of.factor, &moving, filtered.independent_fraction())
     };
     robot.joint_indices().filter_map(fit).collect()
 }
 
 fn moving_speeds(
     robot: &Robot,
-    conditioned: &Conditioned,
+    filtered: &FilteredSignals,
     excitation: &[usize],
     joint: JointIndex,
 ) -> Vec<f64> {
     let low = robot.joints[joint.index()].low_speed;
-    let qd = &conditioned.qd[joint.index()];
+    let qd = &filtered.qd[joint.index()];
     let stride = excitation.len().div_ceil(INSTANTS).max(1);
     excitation.iter().step_by(stride).map(|&row| qd[row]).filter(|speed| speed.abs() >= low).collect()
 }

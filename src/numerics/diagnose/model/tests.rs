@@ -2,16 +2,16 @@
 
 use super::alternatives::best_alternative;
 use super::delay::torque_delays;
-use super::description::{DescriptionTest, Evidenced, test_description};
+use super::description::{DescriptionTest, JudgedRows, test_description};
 use super::friction_shapes::friction_shapes;
 use super::numbers::{DescribedNumber, PlaceNumber};
 use crate::analysis::{Estimator, Identification, RmsdScope};
 use crate::numerics::analyse::{AnalysisSettings, Method};
 use crate::numerics::identify::cycle::identify_factors;
-use crate::numerics::identify::filtered_columns::{Jump, jumps};
-use crate::numerics::identify::joint_factors::{factor_cycle, identifies, widened};
+use crate::numerics::identify::filtered_columns::{FilteredColumn, filtered_coulomb_columns};
+use crate::numerics::identify::joint_factors::{factor_cycle, used_for_identification, widened};
 use crate::numerics::identify::verify::torque_rmsd;
-use crate::numerics::signal::filter::{Conditioned, condition};
+use crate::numerics::signal::filter::{FilteredSignals, filter_signals};
 use crate::robot::{DhParameters, JointGeometry, JointIndex, Robot};
 use crate::run::{Samples, Stage};
 use crate::simulate::matched_model::{ExactSettings, record_excitation};
@@ -26,8 +26,8 @@ fn recording(robot: &Robot, seed: u64) -> Samples {
 /// A recording as a description explains it, without any judgement.
 struct Explained {
     method: Method,
-    conditioned: Conditioned,
-    jumps: Vec<Jump>,
+    filtered: FilteredSignals,
+    filtered_coulomb_columns: Vec<FilteredColumn>,
     rows: Vec<usize>,
     identified: Identification,
     noise: Vec<f64>,
@@ -37,12 +37,15 @@ struct Explained {
 impl Explained {
     fn new(described: &Robot, samples: &Samples) -> Self {
         let method = Method::new(described.clone(), AnalysisSettings::default()).expect("base parameters");
-        let conditioned = condition(samples, 12.0).expect("conditions");
+        let filtered = filter_signals(samples, 12.0).expect("conditions");
         let (columns, kept) = (&method.columns, &method.base.kept_columns);
-        let jumps = jumps(described, &conditioned);
-        let factored = factor_cycle(described, columns, kept, &conditioned, &jumps, samples);
-        let factors = widened(columns, factored.factors.iter().filter(|of| identifies(of.stage, of.motion)));
-        let shares = vec![conditioned.independent_fraction(); described.joint_count()];
+        let filtered_coulomb_columns = filtered_coulomb_columns(described, &filtered);
+        let factored = factor_cycle(described, columns, kept, &filtered, &filtered_coulomb_columns, samples);
+        let factors = widened(
+            columns,
+            factored.factors.iter().filter(|of| used_for_identification(of.stage, of.motion)),
+        );
+        let shares = vec![filtered.independent_fraction(); described.joint_count()];
         let identified =
             identify_factors(&method.base.kept, &factors, &shares, Estimator::Ordinary).expect("parameters");
         let theta: Vec<f64> = identified.parameters.iter().map(|p| p.value).collect();
@@ -51,20 +54,26 @@ impl Explained {
             .filter(|of| of.scope == RmsdScope::Stage(Stage::Excitation))
             .map(|of| of.moving_rows.value)
             .collect();
-        let rows = conditioned.usable.iter().flat_map(Clone::clone);
+        let rows = filtered.usable.iter().flat_map(Clone::clone);
         let rows = rows.filter(|&row| samples.stage[row] == Stage::Excitation).collect();
-        let shapes = friction_shapes(&conditioned);
-        Self { method, conditioned, jumps, rows, identified, noise, shapes }
+        let shapes = friction_shapes(&filtered);
+        Self { method, filtered, filtered_coulomb_columns, rows, identified, noise, shapes }
     }
 
-    fn evidenced(&self) -> Evidenced<'_> {
-        Evidenced::new(&self.conditioned, &self.rows, self.noise.clone(), &self.shapes)
+    fn judged_rows(&self) -> JudgedRows<'_> {
+        JudgedRows::new(&self.filtered, &self.rows, self.noise.clone(), &self.shapes)
     }
 
     fn test(&self) -> DescriptionTest {
         let kept = &self.method.base.kept_columns;
-        test_description(&self.method.robot, kept, &self.identified, &self.evidenced(), &self.jumps)
-            .expect("rows enough")
+        test_description(
+            &self.method.robot,
+            kept,
+            &self.identified,
+            &self.judged_rows(),
+            &self.filtered_coulomb_columns,
+        )
+        .expect("rows enough")
     }
 }
 
@@ -98,12 +107,12 @@ fn a_mounting_that_is_wrong_is_named() {
     let samples = recording(&er3a(), 3);
     let described = Robot { gravity: -er3a().gravity, ..er3a() };
     let explained = Explained::new(&described, &samples);
-    let best = best_alternative(&described, &explained.evidenced(), &explained.test().scores).expect("one");
+    let best = best_alternative(&described, &explained.judged_rows(), &explained.test().scores).expect("one");
     assert!(best.words.starts_with("gravity_m_s2 = [0.00, 0.00, -9.81]"), "{best:?}");
     assert!(best.residual_ratio < 0.05, "{best:?}");
     // and nothing explains a right description's torques much better
     let explained = Explained::new(&er3a(), &samples);
-    let best = best_alternative(&er3a(), &explained.evidenced(), &explained.test().scores).expect("one");
+    let best = best_alternative(&er3a(), &explained.judged_rows(), &explained.test().scores).expect("one");
     assert!(best.residual_ratio > 0.9, "{best:?}");
 }
 
@@ -114,7 +123,7 @@ fn late_torques_are_found_with_their_delay() {
         let explained = Explained::new(&er3a(), samples);
         let (columns, kept) = (&explained.method.columns, &explained.method.base.kept_columns);
         let shapes = if shaped { &explained.shapes[..] } else { &[] };
-        let channels = (&explained.conditioned, &explained.jumps[..]);
+        let channels = (&explained.filtered, &explained.filtered_coulomb_columns[..]);
         torque_delays(&er3a(), columns, kept, channels, &explained.rows, shapes).expect("rows enough")
     };
     // the parabola between steps of 10 ms, and noise

@@ -6,8 +6,8 @@ use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
 use crate::numerics::least_squares::factor::TriangularFactor;
 use crate::numerics::model::actuator::friction_columns;
 use crate::numerics::model::base_parameters::BaseParameters;
-use crate::numerics::physical::fit::{PriceOfPhysics, physical_fit};
-use crate::numerics::signal::filter::Conditioned;
+use crate::numerics::physical::fit::{ConstraintCost, physical_fit};
+use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{FrictionTerm, JointIndex, ParameterKind, Robot};
 use crate::run::{Samples, Stage};
 
@@ -97,7 +97,7 @@ pub struct Weighed<'a> {
     /// The recording.
     pub samples: &'a Samples,
     /// The same after the low-pass.
-    pub conditioned: &'a Conditioned,
+    pub filtered: &'a FilteredSignals,
     /// Usable rows of the excitation.
     pub excitation: &'a [usize],
     /// The parameters.
@@ -126,7 +126,7 @@ fn priced(findings: Vec<Finding>, weighed: &Weighed<'_>, settings: &WeighSetting
     if findings.is_empty() {
         return findings;
     }
-    let fraction = weighed.conditioned.independent_fraction();
+    let fraction = weighed.filtered.independent_fraction();
     let Ok(fit) = physical_fit(weighed.robot, weighed.base, weighed.factors, fraction) else {
         return findings;
     };
@@ -164,9 +164,9 @@ fn priced(findings: Vec<Finding>, weighed: &Weighed<'_>, settings: &WeighSetting
 }
 
 /// Relative growth of the torque error, each joint in units of its own: root mean over the rows.
-fn cost_of_physics(price: &[PriceOfPhysics]) -> f64 {
+fn cost_of_physics(price: &[ConstraintCost]) -> f64 {
     let rows: f64 = price.iter().map(|of| of.samples as f64).sum();
-    let square = |of: &PriceOfPhysics| {
+    let square = |of: &ConstraintCost| {
         // without noise, any difference would be endless
         let own = of.unconstrained_rmsd.max(1e-3 * of.torque_rms).max(f64::MIN_POSITIVE);
         of.samples as f64 * (of.consistent_rmsd.max(own) / own).powi(2)
@@ -210,7 +210,7 @@ fn of_friction(finding: Finding, weighed: &Weighed<'_>, settings: &WeighSettings
 
 /// RMS of a joint's identified friction over the moving rows of the excitation, Nm (N).
 fn friction_rms(weighed: &Weighed<'_>, joint: JointIndex) -> f64 {
-    let Weighed { robot, conditioned, excitation, identified, .. } = weighed;
+    let Weighed { robot, filtered, excitation, identified, .. } = weighed;
     let low = robot.joints[joint.index()].low_speed;
     let terms = robot.friction.terms();
     let of_term = |term: FrictionTerm| {
@@ -223,7 +223,7 @@ fn friction_rms(weighed: &Weighed<'_>, joint: JointIndex) -> f64 {
     let torque = |qd: f64| -> f64 {
         friction_columns(&robot.friction, qd).iter().zip(&theta).map(|(column, theta)| column * theta).sum()
     };
-    let speeds = excitation.iter().map(|&row| conditioned.qd[joint.index()][row]);
+    let speeds = excitation.iter().map(|&row| filtered.qd[joint.index()][row]);
     let (rows, squares) = speeds
         .filter(|qd| qd.abs() >= low)
         .fold((0_usize, 0.0), |(rows, sum), qd| (rows + 1, sum + torque(qd).powi(2)));
@@ -232,8 +232,8 @@ fn friction_rms(weighed: &Weighed<'_>, joint: JointIndex) -> f64 {
 
 /// Standard deviation of white noise of the torque channel after the low-pass, from what the low-pass took away, Nm.
 fn noise(weighed: &Weighed<'_>, joint: JointIndex) -> f64 {
-    let (raw, smooth) = (&weighed.samples.torque[joint.index()], &weighed.conditioned.tau[joint.index()]);
+    let (raw, smooth) = (&weighed.samples.torque[joint.index()], &weighed.filtered.tau[joint.index()]);
     let squares: f64 = weighed.excitation.iter().map(|&row| (raw[row] - smooth[row]).powi(2)).sum();
-    let passed = (2.0 * weighed.conditioned.cutoff / weighed.conditioned.sample_rate).min(0.9);
+    let passed = (2.0 * weighed.filtered.cutoff / weighed.filtered.sample_rate).min(0.9);
     (squares / weighed.excitation.len().max(1) as f64 * passed / (1.0 - passed)).sqrt()
 }

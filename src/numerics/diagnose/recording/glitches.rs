@@ -97,7 +97,7 @@ fn leap(view: &View<'_>, joint: JointIndex) -> Option<Finding> {
     let time = &view.samples.time;
     let reached = |row: usize| LEAP * view.joint(joint).limits.velocity * (time[row] - time[row - 1]);
     let resolution = RESOLUTION * (high - low);
-    let steps = view.conditioned.usable.iter().flat_map(|stretch| stretch.clone().skip(1));
+    let steps = view.filtered.usable.iter().flat_map(|stretch| stretch.clone().skip(1));
     let leaps: Vec<(usize, f64)> = steps
         .map(|row| (row, channel[row] - channel[row - 1]))
         .filter(|&(row, step)| step.abs() > reached(row).max(resolution))

@@ -9,7 +9,7 @@ use crate::config::parse_robot;
 use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
 use crate::numerics::diagnose::model::combination::PlausibleSettings;
 use crate::numerics::diagnose::model::{diagnose_model, top_speeds};
-use crate::numerics::signal::filter::condition;
+use crate::numerics::signal::filter::filter_signals;
 use crate::robot::{DhParameters, JointGeometry, JointIndex, Robot};
 use crate::run::{Cycle, Samples, Stage};
 use crate::simulate::record::record;
@@ -47,8 +47,8 @@ fn cycle(robot: &Robot, seed: u64) -> Samples {
 }
 
 fn diagnose(robot: &Robot, samples: &Samples) -> Vec<Finding> {
-    let conditioned = condition(samples, 12.0).expect("conditions");
-    diagnose_samples(robot, samples, &conditioned, &DiagnoseSettings::default())
+    let filtered = filter_signals(samples, 12.0).expect("conditions");
+    diagnose_samples(robot, samples, &filtered, &DiagnoseSettings::default())
 }
 
 fn scale(channel: &mut [f64], factor: f64) {
@@ -277,10 +277,10 @@ fn judge(described: &Robot, samples: &Samples) -> Vec<Finding> {
     let method = Method::new(described.clone(), AnalysisSettings::default()).expect("base parameters");
     let analysis = analyse_cycle(&method, &Cycle { number: 1, samples: samples.clone() });
     let identified = analysis.identification.expect("parameters");
-    let conditioned = condition(samples, 12.0).expect("conditions");
+    let filtered = filter_signals(samples, 12.0).expect("conditions");
     let rows: Vec<usize> =
         (0..samples.rows()).filter(|&row| samples.stage[row] == Stage::Excitation).collect();
-    let speeds = top_speeds(&conditioned.qd, &rows);
+    let speeds = top_speeds(&filtered.qd, &rows);
     diagnose_model(described, &identified, &analysis.verification, &speeds, &PlausibleSettings::default())
 }
 

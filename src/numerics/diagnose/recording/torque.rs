@@ -3,7 +3,7 @@
 use super::view::{View, finding};
 use crate::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use crate::numerics::least_squares::factor::TriangularFactor;
-use crate::numerics::signal::filter::Conditioned;
+use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::JointIndex;
 
 /// Most rows of one small fit; more add nothing to a yes or no.
@@ -23,7 +23,7 @@ struct Explained {
 fn explain(view: &View<'_>, joint: JointIndex) -> Vec<Option<Explained>> {
     const OWN: [usize; 6] = [0, 1, 2, 3, 4, 5];
     let j = joint.index();
-    let Conditioned { q, qd, qdd, tau, .. } = view.conditioned;
+    let FilteredSignals { q, qd, qdd, tau, .. } = view.filtered;
     let low = view.joint(joint).low_speed;
     let moving: Vec<usize> = view.rows.iter().copied().filter(|&row| qd[j][row].abs() >= low).collect();
     let stride = moving.len().div_ceil(FIT_ROWS).max(1);

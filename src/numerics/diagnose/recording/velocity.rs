@@ -15,7 +15,7 @@ pub(super) fn velocity_against_position(
     settings: &DiagnoseSettings,
     broken: &[bool],
 ) -> Vec<Finding> {
-    let qd = &view.conditioned.qd;
+    let qd = &view.filtered.qd;
     let n = qd.len();
     let (dq_rms, qd_rms): (Vec<f64>, Vec<f64>) =
         (0..n).map(|j| (view.rms(&view.dq[j]), view.rms(&qd[j]))).unzip();

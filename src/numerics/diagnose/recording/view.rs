@@ -1,7 +1,7 @@
 //! Channels with what several checks need, and from where on a check speaks.
 
 use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
-use crate::numerics::signal::filter::Conditioned;
+use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{Joint, JointIndex, Robot};
 use crate::run::{Samples, Stage};
 
@@ -52,7 +52,7 @@ pub(super) const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 pub(super) struct View<'a> {
     pub(super) robot: &'a Robot,
     pub(super) samples: &'a Samples,
-    pub(super) conditioned: &'a Conditioned,
+    pub(super) filtered: &'a FilteredSignals,
     /// Rows that may be used, all stages.
     pub(super) rows: Vec<usize>,
     /// Rows of the excitation stage, or all where there is none.
@@ -64,8 +64,8 @@ pub(super) struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    pub(super) fn new(robot: &'a Robot, samples: &'a Samples, conditioned: &'a Conditioned) -> Self {
-        let rows: Vec<usize> = conditioned.usable.iter().flat_map(Clone::clone).collect();
+    pub(super) fn new(robot: &'a Robot, samples: &'a Samples, filtered: &'a FilteredSignals) -> Self {
+        let rows: Vec<usize> = filtered.usable.iter().flat_map(Clone::clone).collect();
         let excitation: Vec<usize> =
             rows.iter().copied().filter(|&row| samples.stage[row] == Stage::Excitation).collect();
         let has_excitation = !excitation.is_empty();
@@ -73,11 +73,11 @@ impl<'a> View<'a> {
         Self {
             robot,
             samples,
-            conditioned,
+            filtered,
             rows,
             excitation,
             has_excitation,
-            dq: conditioned.q.iter().map(|q| conditioned.derivative(q)).collect(),
+            dq: filtered.q.iter().map(|q| filtered.derivative(q)).collect(),
         }
     }
 
@@ -87,14 +87,14 @@ impl<'a> View<'a> {
 
     /// Share of the excitation's rows in which a joint is at its low speed or faster.
     pub(super) fn moving_share(&self, joint: JointIndex) -> f64 {
-        let (qd, low) = (&self.conditioned.qd[joint.index()], self.joint(joint).low_speed);
+        let (qd, low) = (&self.filtered.qd[joint.index()], self.joint(joint).low_speed);
         let moving = self.excitation.iter().filter(|&&row| qd[row].abs() >= low).count();
         moving as f64 / self.excitation.len() as f64
     }
 
     /// Pieces of a channel that may be used.
     pub(super) fn pieces<'c>(&'c self, channel: &'c [f64]) -> impl Iterator<Item = &'c [f64]> + 'c {
-        self.conditioned.usable.iter().map(move |stretch| &channel[stretch.clone()])
+        self.filtered.usable.iter().map(move |stretch| &channel[stretch.clone()])
     }
 
     pub(super) fn rms(&self, channel: &[f64]) -> f64 {

@@ -10,7 +10,7 @@ use crate::analysis::CycleTemperatures;
 use crate::analysis::friction::{FrictionMap, ThermalSource};
 use crate::numerics::friction::map::{map_friction, with_temperatures};
 use crate::numerics::friction::record::{CycleMotion, MapRun};
-use crate::numerics::friction::thermal_state::{MotionSpan, Rates, coldness_at};
+use crate::numerics::friction::thermal_state::{MotionSpan, Rates, thermal_deficits};
 
 /// Steps of a drive's temperature, K.
 const FINE: f64 = 0.1;
@@ -143,7 +143,7 @@ fn motion(arm: &Arm) -> Vec<MotionSpan> {
 
 /// Friction that a map expects at 60 % of the speed at a time when temperatures are `now`, Nm.
 fn expected(map: &FrictionMap, spans: &[MotionSpan], time: f64, now: &CycleTemperatures) -> f64 {
-    let by_motion = coldness_at(&Rates::of(&map.law), spans, &[time])[0];
+    let by_motion = thermal_deficits(&Rates::of(&map.law), spans, &[time])[0];
     let motor = now.motor.get(map.joint.index()).copied().flatten();
     let [slow, fast] = with_temperatures(map.source, by_motion, motor, now.ambient).expect("measured");
     let share = map.law.slow_share.value;
@@ -242,7 +242,7 @@ fn a_recorded_hall_is_expected_and_its_coefficient_is_the_gears() {
         let ThermalSource::AmbientAndMotion { usual, coldness } = map.source else {
             panic!("{:?}", map.source)
         };
-        // warm gears lie 21 to 27 K above the hall, which is one coldness; viscosity makes cold kelvins count more
+        // warm gears lie 21 to 27 K above the hall, which is a thermal deficit of one; viscosity makes cold kelvins count more
         assert!((0.02..0.08).contains(&coldness.value), "{coldness:?}");
         assert!(
             coldness.value > 4.0 * coldness.std_error && (usual - USUAL_HALL).abs() < 4.0,

@@ -9,7 +9,7 @@ use super::{RobotFriction, robot_friction};
 use crate::analysis::{CycleTemperatures, FrictionPoint, GravityRemoval};
 use crate::numerics::friction::map::map_friction;
 use crate::numerics::friction::record::{CycleMotion, MapRun};
-use crate::numerics::friction::thermal_state::{MotionSpan, Rates, coldness_at};
+use crate::numerics::friction::thermal_state::{MotionSpan, Rates, thermal_deficits};
 use crate::robot::JointIndex;
 
 pub(super) const JOINTS: usize = 6;
@@ -458,12 +458,12 @@ fn a_warm_start_is_expected_nearer_than_a_cold_one() {
         })
         .collect();
     for (map, (gear, heat)) in maps.iter().zip(gears().iter().zip(&arm.heat)) {
-        let [slow, fast] = coldness_at(&Rates::of(&map.law), &spans, &[start])[0];
+        let [slow, fast] = thermal_deficits(&Rates::of(&map.law), &spans, &[start])[0];
         let share = map.law.slow_share.value;
         let found = map_friction(map, 3, share * slow + (1.0 - share) * fast).expect("a level");
         let truth = gear.friction(LEVELS[3], heat[0]);
         let cold = map_friction(map, 3, 1.0).expect("a level").value;
-        // the map is a line over coldness, the oil's viscosity is none: nearer is not near
+        // the map is a line over the thermal deficit and viscosity is not: the error gets smaller, not small
         assert!((found.value - truth).abs() < (cold - truth).abs(), "{found:?} {truth} {cold}");
     }
 }

@@ -3,15 +3,15 @@
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 
-use super::{ErrorBasis, Estimator, HistoryEstimate, estimate, estimate_essential};
+use super::{ErrorBasis, Estimator, PooledEstimate, estimate, estimate_essential};
 use crate::analysis::Motion;
 use crate::numerics::identify::joint_factors::{JointColumns, JointFactor};
 use crate::numerics::least_squares::essential::EssentialSettings;
 use crate::numerics::least_squares::factor::TriangularFactor;
 use crate::numerics::least_squares::prior::{Prior, PriorStrength};
 use crate::numerics::least_squares::rows::{RowSource, SampleRows};
-use crate::numerics::pooled::per_joint::joint_views;
-use crate::numerics::pooled::pool::Union;
+use crate::numerics::pooled::per_joint::per_joint_estimates;
+use crate::numerics::pooled::pool::PooledFactors;
 use crate::robot::{FrictionTerm, JointIndex, ParameterId, ParameterKind};
 use crate::run::Stage;
 
@@ -74,11 +74,11 @@ impl Test {
         Self::new(cycles, rows, |_, _, _| noise.next())
     }
 
-    fn union_of(&self, cycles: impl Iterator<Item = usize>) -> Union {
+    fn union_of(&self, cycles: impl Iterator<Item = usize>) -> PooledFactors {
         let by_joint: Vec<Vec<ParameterId>> =
             PLACES.iter().map(|of| of.iter().map(|&k| kept()[k]).collect()).collect();
         let columns = JointColumns::of_stored(&by_joint.into());
-        let mut union = Union::new(columns.clone());
+        let mut union = PooledFactors::new(columns.clone());
         for c in cycles {
             let factors = [0, 1].map(|j| JointFactor {
                 joint: JointIndex::new(j),
@@ -91,7 +91,7 @@ impl Test {
         union
     }
 
-    fn union(&self) -> Union {
+    fn union(&self) -> PooledFactors {
         self.union_of(0..self.tau.len())
     }
 
@@ -154,11 +154,11 @@ impl RowSource for Test {
     }
 }
 
-fn values(found: &HistoryEstimate) -> Vec<f64> {
+fn values(found: &PooledEstimate) -> Vec<f64> {
     found.identification.parameters.iter().map(|p| p.value).collect()
 }
 
-fn sigma(found: &HistoryEstimate) -> Vec<f64> {
+fn sigma(found: &PooledEstimate) -> Vec<f64> {
     found.identification.parameters.iter().map(|p| p.std_error).collect()
 }
 
@@ -190,7 +190,7 @@ fn ordinary_and_weighted_are_the_dense_solutions_of_the_rows() {
 #[test]
 fn each_joint_alone_is_the_dense_solution_of_its_rows() {
     let test = Test::plain(2, 400, 2);
-    for (joint, view) in joint_views(&test.union()) {
+    for (joint, view) in per_joint_estimates(&test.union()) {
         let (j, view) = (joint.index(), view.expect("a view"));
         let (places, b) = (PLACES[j], PLACES[j].len());
         let w = Mat::from_fn(800, b, |i, k| entries(i / 400, i % 400, j)[places[k]]);
@@ -247,7 +247,7 @@ fn a_prior_carries_what_the_motion_does_not_show() {
     // without the second joint's rows nothing is seen of its friction
     test.tau.iter_mut().flatten().for_each(|tau| tau[1] = 0.0);
     let columns = test.union().columns().clone();
-    let mut union = Union::new(columns.clone());
+    let mut union = PooledFactors::new(columns.clone());
     for c in 0..8 {
         let first = JointFactor {
             joint: JointIndex::new(0),
@@ -284,7 +284,7 @@ fn a_cycle_with_a_collision_loses_its_weight() {
             assert!(if c == 4 { *share < 0.1 } else { *share > 0.9 }, "{kept:?}");
         }
     }
-    let worst = |found: &HistoryEstimate| {
+    let worst = |found: &PooledEstimate| {
         values(found).iter().zip(TRUTH).map(|(found, truth)| (found - truth).abs()).fold(0.0, f64::max)
     };
     assert!(worst(&robust) < 0.2 * worst(&plain), "{} {}", worst(&robust), worst(&plain));

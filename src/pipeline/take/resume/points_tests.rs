@@ -12,7 +12,7 @@ use crate::config::{Layout, WorkLimits, parse_layout};
 use crate::ingest::bytes::fingerprint::fingerprint;
 use crate::ingest::table::reader::{Place, ReadOptions};
 use crate::numerics::analyse::AnalysisSettings;
-use crate::pipeline::take::admitted::Intake;
+use crate::pipeline::take::admitted::AdmittedExport;
 use crate::pipeline::take::cutting::{CutCycle, ReadEnd};
 use crate::pipeline::take::intake;
 use crate::pipeline::take::intake::header;
@@ -309,7 +309,7 @@ fn text(of: &Writing) -> String {
 /// Exports written in every way, each with what lets it in.
 struct Exports {
     _folder: tempfile::TempDir,
-    intakes: Vec<(&'static str, Intake)>,
+    intakes: Vec<(&'static str, AdmittedExport)>,
 }
 
 static EXPORTS: LazyLock<Exports> = LazyLock::new(|| {
@@ -320,7 +320,7 @@ static EXPORTS: LazyLock<Exports> = LazyLock::new(|| {
         std::fs::write(&path, (writing.bytes)(text(writing))).expect("written");
         let (content, bytes) = fingerprint(&path).expect("a file");
         let start = "2026-03-01T08:00:00Z".parse().expect("a time");
-        let intake = Intake {
+        let intake = AdmittedExport {
             header: header(&path, "A", "er3a", start, content, bytes),
             path,
             run_id: 1,
@@ -343,7 +343,7 @@ fn made_with(layout: &Layout, robot: &Robot, limits: &WorkLimits) -> ContentHash
 }
 
 /// Reads an export as the pipeline does.
-fn read(intake: &Intake, block_bytes: usize) -> (Vec<CutCycle>, ReadEnd) {
+fn read(intake: &AdmittedExport, block_bytes: usize) -> (Vec<CutCycle>, ReadEnd) {
     let (sender, mut receiver) = mpsc::channel(1000);
     let options = ReadOptions { block_bytes, ..ReadOptions::default() };
     let end = intake::read(intake, options, &sender, &CancellationToken::new(), |_| ());
@@ -360,7 +360,7 @@ fn only_cycles(cut: &[CutCycle]) -> Vec<&Cycle> {
 
 /// Reads one export through, and then from behind each of its cycles on; returns how many of them could be gone
 /// on from.
-fn assert_goes_on(name: &str, intake: &Intake, block_bytes: usize, other_bytes: usize) -> usize {
+fn assert_goes_on(name: &str, intake: &AdmittedExport, block_bytes: usize, other_bytes: usize) -> usize {
     let settings = intake.made_with;
     let (whole, end) = read(intake, block_bytes);
     let mut points = 0;
@@ -369,7 +369,8 @@ fn assert_goes_on(name: &str, intake: &Intake, block_bytes: usize, other_bytes: 
         points += 1;
         let point = decoded(&stored.state, &settings).unwrap_or_else(|| panic!("{name}: its own point"));
         assert_eq!(&encoded(&point, &settings), stored, "{name}");
-        let resumed = Intake { cycles_stored: place as u32 + 1, resume: Some(point), ..intake.clone() };
+        let resumed =
+            AdmittedExport { cycles_stored: place as u32 + 1, resume: Some(point), ..intake.clone() };
         let (after, same_end) = read(&resumed, other_bytes);
         let expected = only_cycles(&whole[place + 1..]);
         let numbers = |cycles: &[&Cycle]| {
@@ -445,7 +446,7 @@ fn a_file_that_does_not_have_the_place_is_another_one() {
     ];
     for place in places {
         let resume = Some(ResumePoint { place, ..point.clone() });
-        let elsewhere = Intake { cycles_stored: 1, resume, ..intake.clone() };
+        let elsewhere = AdmittedExport { cycles_stored: 1, resume, ..intake.clone() };
         assert_eq!(read(&elsewhere, 20_000), (vec![], ReadEnd::Changed), "{place:?}");
     }
 }
