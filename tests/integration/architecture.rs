@@ -100,6 +100,14 @@ fn every_dependency_stands_behind_a_door_of_the_map() {
     assert!(gone.is_empty(), "crates in ARCHITECTURE.md and not in Cargo.toml: {gone:?}");
 }
 
+#[test]
+fn every_dependency_is_named_by_a_source() {
+    let sources = sources();
+    let named = |name: &String| sources.values().any(|text| text.contains(&format!("{name}::")));
+    let unused: Vec<String> = dependencies().into_iter().filter(|name| !named(name)).collect();
+    assert!(unused.is_empty(), "crates in Cargo.toml that no source names: {unused:?}");
+}
+
 /// What a test finds is waited for with a deadline, not slept for: one function sleeps.
 #[test]
 fn tests_wait_for_events() {
