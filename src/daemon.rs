@@ -7,6 +7,7 @@
 
 mod archive;
 mod book;
+mod outcome_log;
 pub mod overdue;
 #[cfg(test)]
 mod book_tests;
@@ -16,6 +17,7 @@ mod places;
 pub mod preflight;
 mod signals;
 mod stale;
+mod start;
 mod vanished;
 
 use std::collections::{HashMap, HashSet};
@@ -35,12 +37,13 @@ use crate::ingest::find::{tail, watch};
 use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
-use crate::pipeline::reweight::{Reweighted, Reweighting};
 use crate::pipeline::take::follow::{Ends, Followed};
 use crate::run::FileId;
-use crate::store::{DaemonClaim, UnfinishedSource};
+use crate::store::DaemonClaim;
+use outcome_log::log_outcome;
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
+use start::{begun_before, reweight};
 use vanished::Missing;
 
 /// Hints that arrive within this time cause one scan: a copy of a large file makes thousands.
@@ -71,9 +74,6 @@ impl Class {
 /// Conclusions that still wait when the daemon is to stop are drawn for this long, the others at the next start: a
 /// fleet's backlog takes minutes, and who stops a service waits for seconds.
 const CONCLUDE_AT_STOP: Duration = Duration::from_secs(5);
-
-/// While stored cycles are identified again at the start, progress is said so often.
-const REWEIGHTING_SAID: Duration = Duration::from_secs(5);
 
 /// What the daemon has to say.
 #[derive(Debug)]
@@ -198,30 +198,6 @@ pub async fn watch(
         work.concluded((robot, concluded), &mut report)?;
     }
     Ok(())
-}
-
-/// Identifies stored cycles of another estimator than the configured one again; `false` if a stop was asked for before
-/// all were through: nothing is read or concluded then.
-async fn reweight(pipeline: &Pipeline, stop: &CancellationToken) -> Result<bool, PipelineError> {
-    let estimator = pipeline.config().analysis.estimator.name();
-    let mut said = Instant::now();
-    let mut progress = |at: Reweighting| {
-        if said.elapsed() > REWEIGHTING_SAID {
-            said = Instant::now();
-            tracing::info!(done = at.done, total = at.total, "cycles identified again as {estimator}");
-        }
-    };
-    let Reweighted { cycles, kept, interrupted } = pipeline.reweight(stop, &mut progress).await?;
-    if cycles > 0 {
-        tracing::info!(cycles, "identified again from their factors as {estimator}");
-    }
-    if kept > 0 {
-        tracing::warn!(
-            kept,
-            "cycles keep another estimator than {estimator}; view cycles, estimator_reason, says why"
-        );
-    }
-    Ok(!interrupted)
 }
 
 /// Logs and reports what a robot's history says.
@@ -594,17 +570,6 @@ async fn until(moment: Option<Instant>) {
     }
 }
 
-/// How files whose runs are not complete are taken up again.
-fn begun_before(unfinished: &[UnfinishedSource]) -> HashMap<PathBuf, Begun> {
-    let begun = |source: &UnfinishedSource| {
-        if source.growing {
-            return Begun::Growing;
-        }
-        Begun::Settled(source.bytes, source.modified.as_microsecond())
-    };
-    unfinished.iter().map(|source| (PathBuf::from(&source.path), begun(source))).collect()
-}
-
 /// The robot that an export's name says, or the path of one that says none: such files do not wait for each
 /// other.
 fn robot_of(config: &Config, path: &Path) -> String {
@@ -612,32 +577,5 @@ fn robot_of(config: &Config, path: &Path) -> String {
     match config.recognition.recognise(&name) {
         Ok(recognised) => recognised.robot,
         Err(_) => path.display().to_string(),
-    }
-}
-
-/// Logs what became of an export, by consequence.
-fn log_outcome(path: &Path, outcome: &Outcome) {
-    let file = path.display();
-    match outcome {
-        Outcome::Stored(run) => {
-            tracing::info!(%file, robot = %run.robot, run_id = run.run_id, cycles = run.cycles, rows = run.rows, "stored");
-            for (cycle, reason) in &run.refused {
-                tracing::warn!(%file, cycle, "no parameters: {reason}");
-            }
-        }
-        Outcome::AlreadyStored { run_id } => tracing::debug!(%file, run_id, "already stored"),
-        // said once, when it was read
-        Outcome::Quarantined { rejection, known: true, .. } => {
-            tracing::debug!("quarantined before: {rejection}");
-        }
-        Outcome::Quarantined { rejection, .. } => tracing::warn!("quarantined: {rejection}"),
-        Outcome::Interrupted => {
-            tracing::info!(%file, "stopped at a cycle; the rest follows at the next start")
-        }
-        Outcome::Unreadable { rejection } => tracing::warn!("cannot be read now, trying again: {rejection}"),
-        Outcome::Changed => tracing::info!(%file, "changed while being read; looking again"),
-        Outcome::InWork { run_id } => {
-            tracing::debug!(%file, run_id, "the same content is being read under another name");
-        }
     }
 }

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use crate::robot::{FRICTION_COUNT, Joint, NominalJoint, WarmUpShape};
 
 /// Part of the thermal excess that the Coulomb friction f1 shows; the oil's viscosity shows all of it.
-const COULOMB_EXCESS: f64 = 0.3;
+pub const COULOMB_EXCESS: f64 = 0.3;
 /// Height of the bump at low speed, as a fraction of f1.
 const STRIBECK_FRACTION: f64 = 0.15;
 /// Speed at which the bump has fallen to 1/e, as a fraction of the largest speed.

@@ -16,6 +16,7 @@ use super::robot::{friction, history};
 use crate::analysis::RunAnalysis;
 use crate::run::{ContentHash, ContentPrefix};
 use crate::store::handle::Store;
+use crate::store::ledger::supersession;
 
 /// An open transaction that ends a run. Dropping it without [`commit`](Self::commit) leaves the
 /// database as it was. It holds the only writer: do slow work before opening it, with
@@ -84,9 +85,10 @@ impl FinishTransaction {
         let owner = runs::adopt(&mut self.transaction, self.run_id, content).await;
         let owner = self.checked(owner)?;
         if owner == Owner::Ours {
-            let replaced = runs::replaced_by(&mut *self.transaction, self.run_id).await;
+            let replaced = supersession::replaced_by(&mut *self.transaction, self.run_id).await;
             if let Some(old) = self.checked(replaced)? {
-                let superseded = runs::supersede_shorter(&mut self.transaction, self.run_id, old).await;
+                let superseded =
+                    supersession::supersede_shorter(&mut self.transaction, self.run_id, old).await;
                 if self.checked(superseded)? {
                     let otherwise = identity::begin_otherwise(&mut *self.transaction, self.run_id, old).await;
                     self.replaced =

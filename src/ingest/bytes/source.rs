@@ -10,7 +10,7 @@ use crate::ingest::rejection::{Rejection, Unreadable};
 
 /// Most bytes an export may have after decompression. A ten-hour recording of a nine-axis arm at
 /// 1 kHz is about 20 GB; a few kilobytes of gzip can claim any size.
-const MAX_DECOMPRESSED_BYTES: u64 = 64 << 30;
+pub const MAX_DECOMPRESSED_BYTES: u64 = 64 << 30;
 
 /// Largest window of a Zstandard stream, as a power of two: 8 MiB, which levels up to 19 keep to and every decoder must
 /// offer. Each export that is read holds one.

@@ -1,10 +1,9 @@
 //! Friction on the constant-speed plateaus of the friction stage [5.2], with gravity removed [5.3].
 
-use crate::numerics::friction::plateau::Plateau;
-use crate::numerics::friction::plateau::SPEED_TOLERANCE;
 use faer::Mat;
 
 use crate::analysis::{FrictionPoint, GravityRemoval};
+use crate::numerics::friction::plateau::{Plateau, SPEED_TOLERANCE};
 use crate::numerics::least_squares::factor::TriangularFactor;
 use crate::numerics::model::actuator::friction_columns;
 use crate::numerics::model::dynamics::{DynamicModel, gravity_torque};

@@ -9,13 +9,12 @@
 //! of a run are solved for together, because one ambient effect is common to them. Each effect has a normal prior
 //! of mean zero. Its scale is estimated from the history (empirical Bayes), except that of wear.
 
-use std::ops::Range;
-
 use nalgebra::{DMatrix, DVector};
 
 use super::map::{FittedMap, point_deficits};
 use super::record::{JointRecord, ThermalSensor};
 use crate::analysis::Estimate;
+use crate::numerics::friction::effect_layout::{EffectLayout, JointLayout};
 
 /// Rounds in which a run is linearised again and its scales of wear and ambient are adapted.
 const INNER_ROUNDS: usize = 4;
@@ -199,69 +198,6 @@ struct RunPoint {
     slope: f64,
     /// Result of [`start_decay`] at the time of the point.
     decay: [f64; 2],
-}
-
-/// Indices of the random effects in the vector of a run: the ambient effect common to all joints, then the effects of
-/// one joint after the other.
-struct EffectLayout {
-    joints: Vec<JointLayout>,
-    /// Number of effects.
-    size: usize,
-}
-
-/// Indices of one joint's effects: wear, ambient, start of the slow and of the fast part, then one for each level.
-#[derive(Debug, Clone, Copy)]
-struct JointLayout {
-    first: usize,
-    levels: usize,
-}
-
-impl EffectLayout {
-    /// Index of the ambient effect common to all joints.
-    const COMMON_AMBIENT: usize = 0;
-
-    fn of(records: &[JointRecord]) -> Self {
-        Self::with_levels(records.iter().map(|record| record.levels.len()))
-    }
-
-    /// Layout for joints with these numbers of levels.
-    fn with_levels(levels: impl Iterator<Item = usize>) -> Self {
-        let (mut joints, mut size) = (Vec::new(), Self::COMMON_AMBIENT + 1);
-        for levels in levels {
-            let joint = JointLayout { first: size, levels };
-            size = joint.end();
-            joints.push(joint);
-        }
-        Self { joints, size }
-    }
-}
-
-impl JointLayout {
-    fn wear(self) -> usize {
-        self.first
-    }
-
-    fn ambient(self) -> usize {
-        self.first + 1
-    }
-
-    /// Slow and fast part.
-    fn start(self) -> [usize; 2] {
-        [self.first + 2, self.first + 3]
-    }
-
-    fn level(self, level: usize) -> usize {
-        self.first + 4 + level
-    }
-
-    fn levels(self) -> Range<usize> {
-        self.level(0)..self.end()
-    }
-
-    /// Index after the joint's last effect.
-    fn end(self) -> usize {
-        self.level(self.levels)
-    }
 }
 
 /// Posterior of the effects of one run.
@@ -558,6 +494,7 @@ fn scatter(runs: &[RunPoints], levels: usize) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numerics::friction::effect_layout::JointLayout;
 
     /// A run of one joint in which the posterior variance of wear is the fraction `left` of the prior's.
     fn solved(left: f64) -> (RunPoints, RunSolution, EffectLayout) {

@@ -4,11 +4,6 @@
 //! solves for the latter alone. Time constants are sought as logarithms, so a rate can never turn
 //! negative. Of a constant, one and two exponentials the one is kept that the data support.
 
-use crate::numerics::friction::warm_up_curve::Mean;
-use crate::numerics::friction::warm_up_curve::decay;
-use crate::numerics::friction::warm_up_curve::decay_slope;
-use crate::numerics::friction::warm_up_curve::single_starts;
-use crate::numerics::friction::warm_up_curve::{Candidate, extent};
 use nalgebra::{DMatrix, DVector};
 use varpro::prelude::*;
 use varpro::problem::SeparableProblemBuilder;
@@ -18,6 +13,7 @@ use varpro::statistics::FitStatistics;
 use super::warm_up_early::early_fit;
 use crate::analysis::{Decay, Estimate, FastShown, WarmUpFit, WarmUpModel};
 use crate::numerics::NumericsError;
+use crate::numerics::friction::warm_up_curve::{Candidate, Mean, decay, decay_slope, extent, single_starts};
 use crate::numerics::statistics::distributions::{normal_quantile, student_quantile};
 use crate::robot::JointIndex;
 

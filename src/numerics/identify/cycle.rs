@@ -5,11 +5,10 @@ use faer::{Mat, Scale};
 use crate::analysis::{Estimator, Identification, IdentifiedParameter, JointResidual};
 use crate::numerics::NumericsError;
 use crate::numerics::least_squares::clustered::{ClusterSettings, clustered};
-use crate::numerics::least_squares::factor::{
-    LeastSquares, MAX_SCALED_CONDITION, MAX_WEIGHTED_CONDITION, TriangularFactor,
-};
+use crate::numerics::least_squares::factor::TriangularFactor;
 use crate::numerics::least_squares::huber::{RobustSettings, huber};
 use crate::numerics::least_squares::rows::RowSource;
+use crate::numerics::least_squares::solution::{LeastSquares, MAX_SCALED_CONDITION, MAX_WEIGHTED_CONDITION};
 use crate::numerics::least_squares::weighted::{WeightRule, joined, weighted};
 use crate::robot::{JointIndex, ParameterId};
 

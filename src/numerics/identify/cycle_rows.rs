@@ -10,7 +10,7 @@ use crate::run::{Samples, Stage};
 
 /// The rows of a cycle that parameters are identified on: those observed of the excitation stage, of
 /// each joint those in which it moves, columns that jump smeared as the low-pass smears the torque. The
-/// same rows are in the factors that [`used_for_identification`](super::joint_factors::identifies) chooses.
+/// same rows are in the factors that [`used_for_identification`](super::joint_factors::used_for_identification) chooses.
 #[derive(Debug)]
 pub struct CycleRows<'a> {
     robot: &'a Robot,

@@ -32,7 +32,7 @@ pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Ve
         for (place, &term) in model.terms().iter().enumerate().filter(|(_, term)| term_jumps(**term)) {
             let id = ParameterId { joint, kind: ParameterKind::Friction(term) };
             let raw = |row: usize| friction_columns(&model, filtered.qd[joint.index()][row])[place];
-            found.extend(column_of(id).map(|column| jump(filtered, id, column, joint, raw)));
+            found.extend(column_of(id).map(|column| filtered_column(filtered, id, column, joint, raw)));
         }
     }
     for coupling in &robot.couplings {
@@ -49,20 +49,20 @@ pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Ve
                 &of(&filtered.qdd),
             )
         };
-        found.push(jump(filtered, id, column, coupling.joint, |row| at(row).joint[2]));
-        found.push(jump(filtered, id, column, coupling.motor_joint, |row| at(row).motor_joint[2]));
+        found.push(filtered_column(filtered, id, column, coupling.joint, |row| at(row).joint[2]));
+        found.push(filtered_column(filtered, id, column, coupling.motor_joint, |row| at(row).motor_joint[2]));
     }
     found
 }
 
 /// Puts the low-passed values of `row` into its regressor.
-pub fn write_filtered_columns(filtered_coulomb_columns: &[FilteredColumn], row: usize, y: &mut Regressor) {
-    for jump in filtered_coulomb_columns {
-        y.set(jump.joint.index(), jump.column, jump.values[row]);
+pub fn write_filtered_columns(columns: &[FilteredColumn], row: usize, y: &mut Regressor) {
+    for of in columns {
+        y.set(of.joint.index(), of.column, of.values[row]);
     }
 }
 
-fn jump(
+fn filtered_column(
     filtered: &FilteredSignals,
     id: ParameterId,
     column: usize,

@@ -2,7 +2,8 @@
 
 use faer::Mat;
 
-use super::factor::{MAX_SCALED_CONDITION, TriangularFactor, ZERO_COLUMN_THRESHOLD};
+use super::factor::{TriangularFactor, ZERO_COLUMN_THRESHOLD};
+use super::solution::MAX_SCALED_CONDITION;
 use crate::numerics::NumericsError;
 
 /// Standard error over value above which a parameter is flagged: its sign is then hardly known. The

@@ -1,6 +1,7 @@
 //! Essential parameters: the fewest base parameters that explain the torque as well.
 
-use super::factor::{LeastSquares, TriangularFactor};
+use super::factor::TriangularFactor;
+use super::solution::LeastSquares;
 use crate::numerics::NumericsError;
 use crate::numerics::statistics::distributions::f_quantile;
 
@@ -18,7 +19,7 @@ pub struct EssentialSettings {
 
 impl Default for EssentialSettings {
     fn default() -> Self {
-        Self { relative_error: 0.3, significance: 0.05, max_condition: super::factor::MAX_SCALED_CONDITION }
+        Self { relative_error: 0.3, significance: 0.05, max_condition: super::solution::MAX_SCALED_CONDITION }
     }
 }
 

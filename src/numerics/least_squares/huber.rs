@@ -1,7 +1,8 @@
 //! Huber's M-estimate by iteratively reweighted least squares.
 
-use super::factor::{LeastSquares, TriangularFactor};
+use super::factor::TriangularFactor;
 use super::rows::{FactorBuilder, RowSource, joint_factors};
+use super::solution::LeastSquares;
 use super::weighted::{WeightRule, weighted};
 use crate::numerics::NumericsError;
 use crate::numerics::statistics::descriptive::median;
@@ -30,7 +31,7 @@ impl Default for RobustSettings {
             constant: HUBER_CONSTANT,
             max_rounds: 50,
             settled: 1e-4,
-            max_condition: super::factor::MAX_SCALED_CONDITION,
+            max_condition: super::solution::MAX_SCALED_CONDITION,
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Weighted least squares over joints, from each joint's triangular factor of `[w_j | tau_j]`.
 
-use super::factor::{LeastSquares, TriangularFactor};
+use super::factor::TriangularFactor;
 use super::rows::SampleRows;
+use super::solution::LeastSquares;
 use crate::numerics::NumericsError;
 
 /// Largest relative change of a joint's residual standard deviation at which weights have settled.
@@ -13,7 +14,7 @@ const MAX_ROUNDS: usize = 50;
 /// noise, and would make the other joints' rows count for nothing.
 const LEAST_SIGMA: f64 = 1e-4;
 /// Smallest share of a unit-norm column that must be new for it to be kept: what
-/// [`super::factor::MAX_SCALED_CONDITION`] is to a whole matrix.
+/// [`super::solution::MAX_SCALED_CONDITION`] is to a whole matrix.
 const NEW_SHARE: f64 = 1e-3;
 
 /// How much a row counts: its joint's noise and, for robust estimates, its own residual.

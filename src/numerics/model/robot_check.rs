@@ -11,7 +11,7 @@ use crate::numerics::NumericsError;
 use crate::robot::{ParameterId, Robot, StandardParameters, Transform};
 
 /// States of the self-check; none of them is one that the base parameters were found on.
-const CHECK_STATES: usize = 32;
+pub const CHECK_STATES: usize = 32;
 
 /// Step of the numeric derivatives, s or rad. Fourth-order central differences then agree with
 /// exact derivatives to about 1e-8 at the largest speeds of ordinary arms.

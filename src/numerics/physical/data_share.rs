@@ -7,7 +7,7 @@ use crate::robot::StandardParameters;
 
 /// Part of the variance that data must take away for a number to count as decided by them: its
 /// standard deviation is then less than a third of what it is without data.
-const DECIDED: f64 = 0.9;
+pub const DECIDED: f64 = 0.9;
 
 /// A number with its standard deviation, with data and without.
 #[derive(Debug, Clone, Copy, PartialEq)]

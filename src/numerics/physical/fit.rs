@@ -3,7 +3,8 @@
 use super::bodies::{PhysicalEstimate, PhysicalSettings, physical};
 use super::uniform_bodies::{Start, start};
 use crate::numerics::NumericsError;
-use crate::numerics::least_squares::factor::{MAX_SCALED_CONDITION, TriangularFactor};
+use crate::numerics::least_squares::factor::TriangularFactor;
+use crate::numerics::least_squares::solution::MAX_SCALED_CONDITION;
 use crate::numerics::least_squares::weighted::{WeightRule, joined};
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::robot::{JointIndex, Robot};

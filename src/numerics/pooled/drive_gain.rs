@@ -32,7 +32,7 @@ const NEW_SHARE: f64 = 1e-8;
 const APART_SHARE: f64 = 1e-3;
 
 /// Half the 95 % interval over the factor beyond which none is given: catalogues know a gain to a third.
-const MAX_RELATIVE_HALF_WIDTH: f64 = 0.3;
+pub const MAX_RELATIVE_HALF_WIDTH: f64 = 0.3;
 
 /// Fewest cycles of each recording whose scatter gives the error: Student's quantile for three degrees of
 /// freedom is still worth having.

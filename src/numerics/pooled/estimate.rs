@@ -11,9 +11,10 @@ use crate::numerics::NumericsError;
 use crate::numerics::identify::cycle::identify_weighted;
 use crate::numerics::least_squares::conditioning::identifiability;
 use crate::numerics::least_squares::essential::{EssentialSettings, essential};
-use crate::numerics::least_squares::factor::{MAX_WEIGHTED_CONDITION, TriangularFactor};
+use crate::numerics::least_squares::factor::TriangularFactor;
 use crate::numerics::least_squares::huber::{HUBER_CONSTANT, torque_change};
 use crate::numerics::least_squares::prior::{Prior, PriorStrength, with_prior, with_prior_rows};
+use crate::numerics::least_squares::solution::MAX_WEIGHTED_CONDITION;
 use crate::numerics::least_squares::weighted::{WeightRule, joined, per_joint, weighted};
 use crate::numerics::statistics::descriptive::{median, robust_deviation};
 use crate::numerics::statistics::distributions::{LEVEL, student_quantile};
@@ -52,7 +53,7 @@ pub enum EstimatorKind {
     Ordinary,
     /// [`Estimator::Weighted`].
     Weighted,
-    /// Each joint alone ([`per_joint_estimates`](super::per_joint::joint_views)).
+    /// Each joint alone ([`per_joint_estimates`](super::per_joint::per_joint_estimates)).
     PerJoint,
     /// [`Estimator::Huber`].
     Huber,

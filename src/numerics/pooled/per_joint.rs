@@ -6,7 +6,7 @@ use super::pool::{PooledFactors, RowWeights};
 use crate::analysis::{Estimator, Identification};
 use crate::numerics::NumericsError;
 use crate::numerics::identify::cycle::identify_factors;
-use crate::numerics::least_squares::factor::MAX_SCALED_CONDITION;
+use crate::numerics::least_squares::solution::MAX_SCALED_CONDITION;
 use crate::numerics::least_squares::weighted::per_joint;
 use crate::robot::{JointIndex, ParameterId};
 

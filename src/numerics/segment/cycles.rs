@@ -10,7 +10,7 @@ use crate::run::{Cycle, Samples, Stage};
 
 /// Most rows of one cycle. At 1 kHz this is a cycle of 16 minutes, three times the thesis's; its
 /// samples take 160 MB for six joints, which bounds the memory of a run without boundaries.
-const MAX_CYCLE_ROWS: usize = 1_000_000;
+pub const MAX_CYCLE_ROWS: usize = 1_000_000;
 
 /// Why a recording has no cycles.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -13,11 +13,11 @@ use crate::run::{Samples, Stage};
 
 /// Shorter stretches of another kind of motion belong to those around them, s: a turning point takes some
 /// tenths of a second, a rest between cycles longer than this.
-const SETTLE_S: f64 = 1.0;
+pub const SETTLE_S: f64 = 1.0;
 
 /// Shortest block that is a stage, s: moves to the next posture take one to three seconds, and a joint's
 /// friction test or an excitation longer than ten.
-const BLOCK_S: f64 = 5.0;
+pub const BLOCK_S: f64 = 5.0;
 
 /// Time over which positions are differenced where no velocity is recorded, s: long against noise of the
 /// position, short against a ramp.

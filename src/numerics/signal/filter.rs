@@ -190,7 +190,7 @@ pub fn row_step(cutoff: f64, sample_rate: f64) -> usize {
 /// Second order takes `(2 pi f step)² / 6` of what changes at the frequency `f`: at 100 Hz and 5 Hz 1.6 %,
 /// which the torque beside it has not lost. Sixth order takes 0.001 % there.
 #[must_use]
-fn differentiate(values: &[f64], step: f64) -> Vec<f64> {
+pub fn differentiate(values: &[f64], step: f64) -> Vec<f64> {
     let n = values.len();
     let mut out = vec![0.0; n];
     if n < 2 {

@@ -83,7 +83,7 @@ pub enum StoredError {
 
 /// Most cycles that are taken together: their factors are held, 50 kB a cycle of a six-joint arm, so that
 /// this is 250 MB; half a year of tests of 24 cycles a day.
-const MAX_CYCLES_TOGETHER: usize = 5000;
+pub const MAX_CYCLES_TOGETHER: usize = 5000;
 
 /// Cycles taken together, with what identification needs of them.
 #[derive(Debug, Clone)]

@@ -11,6 +11,7 @@ use super::resume;
 use crate::run::{ContentHash, ContentPrefix, RunHeader, RunKind, RunStatus};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
+use crate::store::ledger::supersession::{hand_on, set_replaced, supersede};
 use crate::store::values::{count, finite, named, size};
 
 const STATUSES: [RunStatus; 4] =
@@ -266,21 +267,6 @@ async fn replace(connection: &mut SqliteConnection, run_id: i64, old: i64) -> Re
     }
 }
 
-/// Marks `old` as superseded by `run_id`, which is read to its end; not if that is of another path and has
-/// fewer cycles, since a part of a copy is no correction, nor if it is a recording of another kind. Returns whether it
-/// was done.
-pub(in crate::store) async fn supersede_shorter(
-    connection: &mut SqliteConnection,
-    run_id: i64,
-    old: i64,
-) -> Result<bool, sqlx::Error> {
-    let is_in_its_place = is_as_long_or_here(&mut *connection, run_id, old).await?;
-    if is_in_its_place {
-        supersede(connection, run_id, old).await?;
-    }
-    Ok(is_in_its_place)
-}
-
 /// Gives a run that is ending the identity of its content, unless a complete run has it. An unfinished
 /// run of the same content gives way, and so does a superseded one: its rows would be the same.
 pub(in crate::store) async fn adopt(
@@ -448,80 +434,6 @@ async fn identify_growing(
     )
     .bind(count(prefix.bytes))
     .bind(&prefix.hash.0[..])
-    .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
-}
-
-async fn set_replaced(executor: impl SqliteExecutor<'_>, run_id: i64, old: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE run SET replaces_run_id = ? WHERE run_id = ?")
-        .bind(old)
-        .bind(run_id)
-        .execute(executor)
-        .await?;
-    Ok(())
-}
-
-/// Run that this one takes the place of when it is complete.
-pub(in crate::store) async fn replaced_by(
-    executor: impl SqliteExecutor<'_>,
-    run_id: i64,
-) -> Result<Option<i64>, sqlx::Error> {
-    let found: Option<Option<i64>> = sqlx::query_scalar("SELECT replaces_run_id FROM run WHERE run_id = ?")
-        .bind(run_id)
-        .fetch_optional(executor)
-        .await?;
-    Ok(found.flatten())
-}
-
-async fn is_as_long_or_here(
-    executor: impl SqliteExecutor<'_>,
-    run_id: i64,
-    old: i64,
-) -> Result<bool, sqlx::Error> {
-    sqlx::query_scalar(
-        "SELECT new.kind = old.kind AND (new.source_path = old.source_path OR new.cycles_stored >= old.cycles_stored)
-         FROM run AS new, run AS old
-         WHERE new.run_id = ? AND old.run_id = ?",
-    )
-    .bind(run_id)
-    .bind(old)
-    .fetch_one(executor)
-    .await
-}
-
-/// Marks `old` as superseded by `run_id`. Its rows stay.
-pub(in crate::store) async fn supersede(
-    executor: impl SqliteExecutor<'_>,
-    run_id: i64,
-    old: i64,
-) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "UPDATE run
-         SET status = 'quarantined', reason = 'superseded by run ' || ?1 || ': the recording was exported again',
-             reason_line = NULL, reason_column = NULL, retry_asked_at = NULL, superseded_by_run_id = ?1
-         WHERE run_id = ?2 AND superseded_by_run_id IS NULL",
-    )
-    .bind(run_id)
-    .bind(old)
-    .execute(executor)
-    .await?;
-    Ok(())
-}
-
-/// Lets `other` be the successor of what `run_id` has superseded.
-pub(in crate::store) async fn hand_on(
-    executor: impl SqliteExecutor<'_>,
-    run_id: i64,
-    other: i64,
-) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "UPDATE run
-         SET reason = 'superseded by run ' || ?1 || substr(reason, instr(reason, ':')), superseded_by_run_id = ?1
-         WHERE superseded_by_run_id = ?2",
-    )
-    .bind(other)
     .bind(run_id)
     .execute(executor)
     .await?;

@@ -1,0 +1,32 @@
+//! What became of an export, in the log.
+
+use std::path::Path;
+
+use crate::pipeline::context::Outcome;
+
+/// Logs what became of an export, by consequence.
+pub(super) fn log_outcome(path: &Path, outcome: &Outcome) {
+    let file = path.display();
+    match outcome {
+        Outcome::Stored(run) => {
+            tracing::info!(%file, robot = %run.robot, run_id = run.run_id, cycles = run.cycles, rows = run.rows, "stored");
+            for (cycle, reason) in &run.refused {
+                tracing::warn!(%file, cycle, "no parameters: {reason}");
+            }
+        }
+        Outcome::AlreadyStored { run_id } => tracing::debug!(%file, run_id, "already stored"),
+        // said once, when it was read
+        Outcome::Quarantined { rejection, known: true, .. } => {
+            tracing::debug!("quarantined before: {rejection}");
+        }
+        Outcome::Quarantined { rejection, .. } => tracing::warn!("quarantined: {rejection}"),
+        Outcome::Interrupted => {
+            tracing::info!(%file, "stopped at a cycle; the rest follows at the next start")
+        }
+        Outcome::Unreadable { rejection } => tracing::warn!("cannot be read now, trying again: {rejection}"),
+        Outcome::Changed => tracing::info!(%file, "changed while being read; looking again"),
+        Outcome::InWork { run_id } => {
+            tracing::debug!(%file, run_id, "the same content is being read under another name");
+        }
+    }
+}

@@ -1,0 +1,50 @@
+//! What a daemon does before it watches: stored cycles of another estimator, files that were begun before.
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use tokio_util::sync::CancellationToken;
+
+use super::book::Begun;
+use crate::pipeline::context::{Pipeline, PipelineError};
+use crate::pipeline::reweight::{Reweighted, Reweighting};
+use crate::store::UnfinishedSource;
+
+/// While stored cycles are identified again at the start, progress is said so often.
+const REWEIGHTING_SAID: Duration = Duration::from_secs(5);
+
+/// How files whose runs are not complete are taken up again.
+pub(super) fn begun_before(unfinished: &[UnfinishedSource]) -> HashMap<PathBuf, Begun> {
+    let begun = |source: &UnfinishedSource| {
+        if source.growing {
+            return Begun::Growing;
+        }
+        Begun::Settled(source.bytes, source.modified.as_microsecond())
+    };
+    unfinished.iter().map(|source| (PathBuf::from(&source.path), begun(source))).collect()
+}
+
+/// Identifies stored cycles of another estimator than the configured one again; `false` if a stop was asked for before
+/// all were through: nothing is read or concluded then.
+pub(super) async fn reweight(pipeline: &Pipeline, stop: &CancellationToken) -> Result<bool, PipelineError> {
+    let estimator = pipeline.config().analysis.estimator.name();
+    let mut said = Instant::now();
+    let mut progress = |at: Reweighting| {
+        if said.elapsed() > REWEIGHTING_SAID {
+            said = Instant::now();
+            tracing::info!(done = at.done, total = at.total, "cycles identified again as {estimator}");
+        }
+    };
+    let Reweighted { cycles, kept, interrupted } = pipeline.reweight(stop, &mut progress).await?;
+    if cycles > 0 {
+        tracing::info!(cycles, "identified again from their factors as {estimator}");
+    }
+    if kept > 0 {
+        tracing::warn!(
+            kept,
+            "cycles keep another estimator than {estimator}; view cycles, estimator_reason, says why"
+        );
+    }
+    Ok(!interrupted)
+}
