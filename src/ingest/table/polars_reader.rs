@@ -21,6 +21,7 @@ use super::fields::fields;
 use super::{cell, cell_reader, channels};
 use crate::config::DecimalMark;
 use crate::ingest::bytes::blocks::{Block, line_count};
+use crate::ingest::bytes::encoding::without_bom;
 use crate::ingest::rejection::Rejection;
 use crate::run::Samples;
 
@@ -135,6 +136,8 @@ impl Parser {
             && (map.least_fields..=map.names.len() + 1).contains(&fields)
             && !bytes.contains(&b'"')
             && !bytes.contains(&0)
+            // polars would take a byte order mark away at the start of every block
+            && without_bom(bytes).len() == bytes.len()
             && std::str::from_utf8(bytes).is_ok();
         if !regular {
             return None;
@@ -413,6 +416,19 @@ mod tests {
             1 => "[-+0-9.eE ]{0,6}",
             1 => any::<f64>().prop_map(|x| x.to_string()),
         ]
+    }
+
+    /// polars takes a byte order mark away wherever a block begins, and the reader of cells nowhere.
+    #[test]
+    fn a_byte_order_mark_where_a_block_begins_is_no_number() {
+        let (_, text) = made_recording(9);
+        let (header, rows) = text.split_once('\n').unwrap();
+        let read = |rows: &str| {
+            parser(header).read(&body(&format!("{header}\n{rows}")), None, Path::new("a.csv"))
+        };
+        assert!(read(rows).is_ok());
+        let rejection = read(&format!("\u{feff}{rows}")).unwrap_err();
+        assert_eq!(rejection.column.as_deref(), Some("time"));
     }
 
     proptest! {
