@@ -13,14 +13,20 @@ use crate::robot::JointIndex;
 pub enum AnomalyKind {
     /// Slow change over runs.
     Drift,
+    /// Sudden change inside or between runs.
+    Step,
     /// Swings from cycle to cycle.
     Oscillation,
+    /// Warm-up time constants or cold friction changed.
+    Thermal,
     /// A channel that is not what it should be: offset, stuck, saturated, in another unit.
     Sensor,
     /// RMSD over its limit, or no model that an arm can have.
     Accuracy,
-    /// Torque that the test's parameters do not give and friction does not explain: another load, most often.
+    /// Inertial parameters changed: another load, most often.
     Payload,
+    /// An arm unlike its peers.
+    Fleet,
 }
 
 impl AnomalyKind {
@@ -29,10 +35,13 @@ impl AnomalyKind {
     pub fn name(self) -> &'static str {
         match self {
             Self::Drift => "drift",
+            Self::Step => "step",
+            Self::Thermal => "thermal",
             Self::Oscillation => "oscillation",
             Self::Sensor => "sensor",
             Self::Accuracy => "accuracy",
             Self::Payload => "payload",
+            Self::Fleet => "fleet",
         }
     }
 }
@@ -122,6 +131,26 @@ pub struct ProductionSummary {
     pub joints: Vec<ProductionJoint>,
 }
 
+/// Where a change most likely began.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Onset {
+    /// The first run that has it.
+    pub run_id: i64,
+    /// The first cycle of that run that has it, from 1, where that can be said.
+    pub cycle: Option<u32>,
+    /// Start of that run, or of that cycle.
+    pub at: Timestamp,
+}
+
+/// A cause that was compared and rejected.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alternative {
+    /// What it would be, in words that follow "rather than".
+    pub cause: String,
+    /// Posterior odds of this cause against all others together.
+    pub odds: f64,
+}
+
 /// An anomaly found in a history. The same history always gives the same anomalies, so a repeated
 /// search recognises each by robot, joint, kind, quantity and the run it began with.
 #[derive(Debug, Clone, PartialEq)]
@@ -156,6 +185,13 @@ pub struct Anomaly {
     pub first_seen_at: Timestamp,
     /// Start of the latest run.
     pub last_seen_at: Timestamp,
+    /// Where the change most likely began.
+    pub onset: Onset,
+    /// Posterior odds of the cause that `kind` and `joint` name against all others together; `None` where causes
+    /// were not compared.
+    pub odds: Option<f64>,
+    /// The rejected causes, the likeliest first.
+    pub alternatives: Vec<Alternative>,
     /// Whether a later run no longer shows it.
     pub ended: bool,
     /// What a technician should read.
@@ -173,6 +209,7 @@ impl Anomaly {
             peak_value,
             peak_score,
             first_cycle: self.first_cycle,
+            onset: self.onset,
             first_run_id: self.first_run_id,
             first_seen_at: self.first_seen_at,
             ..later

@@ -423,9 +423,8 @@ mod tests {
     fn a_byte_order_mark_where_a_block_begins_is_no_number() {
         let (_, text) = made_recording(9);
         let (header, rows) = text.split_once('\n').unwrap();
-        let read = |rows: &str| {
-            parser(header).read(&body(&format!("{header}\n{rows}")), None, Path::new("a.csv"))
-        };
+        let read =
+            |rows: &str| parser(header).read(&body(&format!("{header}\n{rows}")), None, Path::new("a.csv"));
         assert!(read(rows).is_ok());
         let rejection = read(&format!("\u{feff}{rows}")).unwrap_err();
         assert_eq!(rejection.column.as_deref(), Some("time"));

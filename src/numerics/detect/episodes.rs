@@ -4,7 +4,7 @@ use jiff::Timestamp;
 
 use super::detector::Detector;
 use super::verdict::Verdict;
-use crate::anomaly::{Anomaly, AnomalyKind};
+use crate::anomaly::{Anomaly, AnomalyKind, Onset};
 use crate::robot::JointIndex;
 
 /// Quiet runs that end an episode. This hysteresis makes one episode of a joint that stays about its limit.
@@ -59,6 +59,9 @@ fn episodes(
                     last_run_id: run_id,
                     first_seen_at: started_at,
                     last_seen_at: started_at,
+                    onset: Onset { run_id, cycle: None, at: started_at },
+                    odds: None,
+                    alternatives: Vec::new(),
                     ended: false,
                     message: format!("joint {joint}: {message}"),
                 };

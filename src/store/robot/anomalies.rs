@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
-use crate::anomaly::{Anomaly, Findings, JointHealth};
+use crate::anomaly::{Alternative, Anomaly, Findings, JointHealth};
 use crate::store::values::{finite, joint_number};
 
 /// What reconciling changed, by key of the anomaly.
@@ -116,9 +116,9 @@ async fn insert_anomaly(
 ) -> Result<i64, sqlx::Error> {
     sqlx::query_scalar(
         "INSERT INTO anomaly (robot_id, joint, kind, quantity, first_run_id, severity, score, threshold, value,
-                              baseline, peak_value, first_cycle, last_run_id, first_seen_at, last_seen_at, state,
-                              message)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+                              baseline, peak_value, peak_score, first_cycle, last_run_id, first_seen_at, last_seen_at,
+                              onset_run_id, onset_cycle, onset_at, odds, alternatives, state, message)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
          RETURNING anomaly_id",
     )
     .bind(robot_id)
@@ -132,10 +132,16 @@ async fn insert_anomaly(
     .bind(finite(anomaly.value))
     .bind(finite(anomaly.baseline))
     .bind(finite(anomaly.peak_value))
+    .bind(finite(anomaly.peak_score))
     .bind(anomaly.first_cycle)
     .bind(anomaly.last_run_id)
     .bind(anomaly.first_seen_at.as_microsecond())
     .bind(anomaly.last_seen_at.as_microsecond())
+    .bind(anomaly.onset.run_id)
+    .bind(anomaly.onset.cycle)
+    .bind(anomaly.onset.at.as_microsecond())
+    .bind(anomaly.odds.and_then(finite))
+    .bind(alternatives(&anomaly.alternatives))
     .bind(state)
     .bind(&anomaly.message)
     .fetch_one(executor)
@@ -150,8 +156,9 @@ async fn update_anomaly(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE anomaly
-         SET severity = ?, score = ?, threshold = ?, value = ?, baseline = ?, peak_value = ?, first_cycle = ?, last_run_id = ?,
-             first_seen_at = ?, last_seen_at = ?, state = ?, message = ?, withdrawn = 0
+         SET severity = ?, score = ?, threshold = ?, value = ?, baseline = ?, peak_value = ?, peak_score = ?,
+             first_cycle = ?, last_run_id = ?, first_seen_at = ?, last_seen_at = ?, onset_run_id = ?, onset_cycle = ?,
+             onset_at = ?, odds = ?, alternatives = ?, state = ?, message = ?, withdrawn = 0
          WHERE anomaly_id = ?",
     )
     .bind(anomaly.severity.name())
@@ -160,16 +167,28 @@ async fn update_anomaly(
     .bind(finite(anomaly.value))
     .bind(finite(anomaly.baseline))
     .bind(finite(anomaly.peak_value))
+    .bind(finite(anomaly.peak_score))
     .bind(anomaly.first_cycle)
     .bind(anomaly.last_run_id)
     .bind(anomaly.first_seen_at.as_microsecond())
     .bind(anomaly.last_seen_at.as_microsecond())
+    .bind(anomaly.onset.run_id)
+    .bind(anomaly.onset.cycle)
+    .bind(anomaly.onset.at.as_microsecond())
+    .bind(anomaly.odds.and_then(finite))
+    .bind(alternatives(&anomaly.alternatives))
     .bind(state)
     .bind(&anomaly.message)
     .bind(anomaly_id)
     .execute(executor)
     .await?;
     Ok(())
+}
+
+/// Rejected causes as a JSON array.
+fn alternatives(rejected: &[Alternative]) -> String {
+    let one = |of: &Alternative| serde_json::json!({ "cause": of.cause, "odds": finite(of.odds) });
+    serde_json::Value::from_iter(rejected.iter().map(one)).to_string()
 }
 
 async fn withdraw_anomaly(executor: impl SqliteExecutor<'_>, anomaly_id: i64) -> Result<(), sqlx::Error> {

@@ -10,7 +10,7 @@ use crate::analysis::{
     Rmsd, RmsdScope, RmsdSwing, RunAnalysis, StatisticsWindow, TorqueRmsd, WarmFriction, WarmUpFit,
     WarmUpModel,
 };
-use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Knowledge, Severity};
+use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Knowledge, Onset, Severity};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{ContentHash, RunHeader, RunKind, Stage};
 use crate::store::handle::Store;
@@ -275,6 +275,9 @@ pub(in crate::store) fn anomaly(joint: JointIndex, first_run_id: i64, severity: 
         last_run_id: first_run_id,
         first_seen_at: day(0),
         last_seen_at: day(0),
+        onset: Onset { run_id: first_run_id, cycle: None, at: day(0) },
+        odds: None,
+        alternatives: Vec::new(),
         ended: false,
         message: format!("joint {joint} needs more torque"),
     }

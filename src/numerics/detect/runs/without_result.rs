@@ -8,7 +8,7 @@
 //! anomaly may be the whole arm's, and it has no quantity with a baseline.
 
 use crate::analysis::refusal::{Channel, RefusalCause};
-use crate::anomaly::{Anomaly, AnomalyKind, RunRefusal, RunSummary, Severity};
+use crate::anomaly::{Anomaly, AnomalyKind, Onset, RunRefusal, RunSummary, Severity};
 use crate::robot::JointIndex;
 
 /// Episodes of tests without result, one for each cause that a channel and a joint have. An episode ends with
@@ -68,6 +68,9 @@ impl Shown {
             last_run_id: run.run_id,
             first_seen_at: run.started_at,
             last_seen_at: run.started_at,
+            onset: Onset { run_id: run.run_id, cycle: self.first_cycle, at: run.started_at },
+            odds: None,
+            alternatives: Vec::new(),
             ended: false,
             message: format!("the test gave no result: {}", self.words),
         }
