@@ -8,6 +8,8 @@ use crate::analysis::refusal::RefusalCause;
 use crate::analysis::{JointSummary, ProductionJoint};
 use crate::robot::JointIndex;
 
+pub mod epoch;
+
 /// What kind of change an anomaly is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum AnomalyKind {
@@ -96,6 +98,9 @@ pub struct RunSummary {
     pub refusals: Vec<RunRefusal>,
     /// One entry a joint.
     pub joints: Vec<JointSummary>,
+    /// Ordinal of the epoch of each joint that the test belongs to, by position of the joint; see [`epoch`]. Tests of
+    /// two epochs of a joint do not compare. Joints beyond its end are in their first one.
+    pub epochs: Vec<u32>,
 }
 
 impl RunSummary {

@@ -47,6 +47,7 @@ pub(super) fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSumm
         refused_cycles: 0,
         refusals: vec![],
         joints: vec![quiet(0), quiet(1), joint],
+        epochs: Vec::new(),
     }
 }
 
@@ -81,6 +82,7 @@ pub(super) fn indexed(day: i64, index: Option<f64>) -> RunSummary {
         refused_cycles: 0,
         refusals: vec![],
         joints: (0..JOINTS).map(joint).collect(),
+        epochs: Vec::new(),
     }
 }
 

@@ -44,6 +44,7 @@ fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
             refused_cycles: 0,
             refusals: vec![],
             joints: (0..JOINTS).map(|j| summary(i, j)).collect(),
+            epochs: Vec::new(),
         })
         .collect()
 }

@@ -2,10 +2,9 @@
 //! of the hall.
 
 use super::tests::{
-    ADMITTED, Arm, BASELINE, HOUR, JOINTS, Sensors, USUAL_HALL, WEAR_TOLERANCE, half_colder, largest,
-    last_changes,
+    ADMITTED, Arm, BASELINE, HOUR, JOINTS, RobotFriction, Sensors, USUAL_HALL, WEAR_TOLERANCE, half_colder,
+    largest, last_changes, robot_friction,
 };
-use super::{RobotFriction, robot_friction};
 use crate::analysis::CycleTemperatures;
 use crate::analysis::friction::{FrictionMap, ThermalSource};
 use crate::numerics::friction::map::{map_friction, with_temperatures};

@@ -5,12 +5,47 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::{RobotFriction, robot_friction};
+use super::{FULL_RUN_POINTS, REMEMBERED_S, Reference, coverage, run_indices};
+use crate::analysis::friction::{FrictionIndex, FrictionMap};
+use crate::numerics::friction::baseline::form_baseline;
 use crate::analysis::{CycleTemperatures, FrictionPoint, GravityRemoval};
 use crate::numerics::friction::map::map_friction;
 use crate::numerics::friction::record::{CycleMotion, MapRun};
 use crate::numerics::friction::thermal_state::{MotionSpan, Rates, thermal_deficits};
 use crate::robot::JointIndex;
+
+/// Friction of a robot over a history without maintenance.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct RobotFriction {
+    /// One map for each joint that has one.
+    pub(super) maps: Vec<FrictionMap>,
+    /// For each run: one index for each joint with a map and points in that run.
+    pub(super) indices: Vec<Vec<FrictionIndex>>,
+    pub(super) remarks: Vec<String>,
+}
+
+/// Maps on the first `baseline_runs` full runs, which all joints have in common here, and the index of each run.
+pub(super) fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFriction {
+    let full = |run: &MapRun| coverage(run).iter().any(|(_, points)| *points >= FULL_RUN_POINTS);
+    let baseline: Vec<usize> = (0..runs.len()).filter(|run| full(&runs[*run])).take(baseline_runs).collect();
+    let mut found = RobotFriction { indices: vec![Vec::new(); runs.len()], ..RobotFriction::default() };
+    if baseline.len() < baseline_runs {
+        return found;
+    }
+    let joints: Vec<JointIndex> = (0..JOINTS).map(JointIndex::new).collect();
+    let last = baseline[baseline.len() - 1];
+    let formed = form_baseline(&joints, &[], &runs[..=last], &baseline);
+    found.remarks = formed.remarks.into_iter().map(|(_, words)| words).collect();
+    found.maps = formed.maps.iter().map(|held| held.map.clone()).collect();
+    for (run, indices) in found.indices.iter_mut().enumerate() {
+        let references: Vec<Reference<'_>> =
+            formed.maps.iter().map(|held| Reference { held, in_baseline: baseline.contains(&run) }).collect();
+        let from = runs[run].started_at - REMEMBERED_S;
+        let first = runs.partition_point(|before| before.started_at < from);
+        *indices = run_indices(&references, &runs[first..run], &runs[run]);
+    }
+    found
+}
 
 pub(super) const JOINTS: usize = 6;
 const LEVELS: [f64; 6] = [0.05, 0.2, 0.4, 0.6, 0.8, 1.0];
@@ -260,7 +295,8 @@ impl Arm {
     }
 
     pub(super) fn friction(&self) -> RobotFriction {
-        robot_friction(&self.runs, BASELINE)
+        let map_runs = std::env::var("MAPRUNS").ok().and_then(|n| n.parse().ok()).unwrap_or(BASELINE);
+        robot_friction(&self.runs, map_runs)
     }
 }
 
