@@ -1,7 +1,9 @@
-//! Friction maps of a baseline: fitted once, on the runs that the baseline is made of, and held for all later runs.
+//! Friction maps that indices are computed from: fitted once and held.
 //!
 //! A map and the thermal effects of its runs ([`super::run_effects`]) are fitted in turn, since each needs the other.
-//! Wear is then counted from the mean of the baseline's runs, which have the index one.
+//! Wear is then counted from the mean of the baseline's runs, which have the index one. A map may be learnt from more
+//! runs than the baseline, which know more of warm-up and surroundings; from where wear is counted does not change by
+//! that.
 //!
 //! After work on one joint, that joint alone has a new baseline. The maps of the other joints hold; as *companions*
 //! they tell how cold the surroundings were in each run, and the new map counts its ambient effect from the same
@@ -22,8 +24,7 @@ use crate::robot::JointIndex;
 /// Rounds in which run effects and maps are fitted in turn; the third changes the index by less than 0.1 %.
 const OUTER_ROUNDS: usize = 3;
 
-/// A joint's friction map, fitted once on the runs of its baseline, with all that indices of other runs are computed
-/// from.
+/// A joint's friction map, fitted once, with all that indices of runs are computed from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeldMap {
     /// The map.
@@ -41,9 +42,9 @@ pub struct HeldMap {
     pub(super) usual: Vec<Option<f64>>,
 }
 
-/// Maps of the joints of a baseline.
+/// Maps of joints with one baseline.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct FormedBaseline {
+pub struct FormedMaps {
     /// One map for each joint that has one.
     pub maps: Vec<HeldMap>,
     /// Why a joint has no map, in sentences.
@@ -105,26 +106,27 @@ fn identified(effects: &[RunEffect]) -> Vec<&RunEffect> {
     if found.is_empty() { in_map().collect() } else { found }
 }
 
-/// Fits the maps of `joints` over the runs of their baseline.
+/// Fits the maps of `joints`, which have one baseline.
 ///
-/// `runs` are the runs of the baseline and those before and between them, oldest first; `baseline` are the positions
-/// of the former, which need friction at [`FULL_RUN_POINTS`] times or more. Of the others only the motion is used.
-/// `companions` are maps of other joints that hold over all runs of the baseline.
+/// `runs` are all runs whose motion matters, oldest first. Maps are learnt from those at the positions `learnt`, the
+/// first `baseline_runs` of which are the baseline and need friction at [`FULL_RUN_POINTS`] times or more. Of the other
+/// runs only the motion is used. `companions` are maps of other joints that hold over all learnt runs.
 #[must_use]
-pub fn form_baseline(
+pub fn fit_maps(
     joints: &[JointIndex],
     companions: &[&HeldMap],
     runs: &[MapRun],
-    baseline: &[usize],
-) -> FormedBaseline {
-    let mut found = FormedBaseline::default();
+    learnt: &[usize],
+    baseline_runs: usize,
+) -> FormedMaps {
+    let mut found = FormedMaps::default();
     let all: Vec<&MapRun> = runs.iter().collect();
     let (spans, all_starts) = timeline(&all);
-    let starts: Vec<f64> = baseline.iter().map(|run| all_starts[*run]).collect();
-    let runs: Vec<&MapRun> = baseline.iter().map(|run| &runs[*run]).collect();
+    let starts: Vec<f64> = learnt.iter().map(|run| all_starts[*run]).collect();
+    let runs: Vec<&MapRun> = learnt.iter().map(|run| &runs[*run]).collect();
     let mut records = Vec::new();
     for joint in joints {
-        match record(*joint, &runs, &spans, &starts) {
+        match record(*joint, &runs, &spans, &starts, baseline_runs) {
             Ok(record) => records.push(record),
             Err(reason) => found.remarks.push((*joint, reason)),
         }
@@ -140,7 +142,7 @@ pub fn form_baseline(
             held.push(Some(&companion.scales));
         }
     }
-    let (zeros, scales) = fit_in_turn(&mut records, &mut fits, &starts, own, &held);
+    let (zeros, scales) = fit_in_turn(&mut records, &mut fits, &starts, &Turn { own, baseline_runs, held });
     for (at, record) in records.iter().take(own).enumerate() {
         let Some(map) = published(record, &fits[at], runs.len()) else {
             let words = "has no friction map: the runs of its baseline do not determine one";
@@ -155,7 +157,7 @@ pub fn form_baseline(
             scales: scales.of_joint(at),
             ambient_scale: scales.ambient(),
             zero: zeros[at],
-            usual: usual_friction(record, runs.len()),
+            usual: usual_friction(record, baseline_runs),
         });
     }
     found
@@ -167,18 +169,27 @@ struct JointEffects {
     zero: Zero,
 }
 
-/// Fits run effects and maps in turn; from where the effects of each joint are counted. The first `own` records are those of the baseline; the others are companions,
-/// whose maps and scales hold.
+/// Which records are fitted and what they are counted from.
+struct Turn<'a> {
+    /// The first records are the joints' own; the others are companions, whose maps and scales hold.
+    own: usize,
+    /// The first runs are the baseline.
+    baseline_runs: usize,
+    /// Scales of companions by record.
+    held: Vec<Option<&'a JointScales>>,
+}
+
+/// Fits run effects and maps in turn; from where the effects of each own joint are counted.
 fn fit_in_turn(
     records: &mut [JointRecord],
     fits: &mut [FittedMap],
     starts: &[f64],
-    own: usize,
-    held: &[Option<&JointScales>],
+    turn: &Turn<'_>,
 ) -> (Vec<Zero>, PriorScales) {
-    let alone = own == records.len();
+    let Turn { own, baseline_runs, held } = turn;
+    let (own, alone) = (*own, *own == records.len());
     let of_joint = |effects: Vec<RunEffect>| {
-        let zero = Zero::of(&effects);
+        let zero = Zero::of(&effects[..(*baseline_runs).min(effects.len())]);
         // companions say from where the ambient effect is counted
         let ambient = if alone { zero.ambient } else { 0.0 };
         JointEffects { effects, zero: Zero { ambient, ..zero } }
@@ -201,20 +212,22 @@ fn fit_in_turn(
 ///
 /// # Errors
 ///
-/// A sentence if not all runs have points that enter the map.
+/// A sentence if not all runs of the baseline have points that enter the map.
 fn record(
     joint: JointIndex,
     runs: &[&MapRun],
     spans: &[CycleMotion],
     starts: &[f64],
+    baseline_runs: usize,
 ) -> Result<JointRecord, String> {
     let (levels, points) = points_by_level(joint, runs, starts);
-    let in_map = runs_of(points.iter().filter(|p| p.in_map));
-    if in_map.is_empty() || in_map.len() < runs.len() {
+    let mut full = runs_of(points.iter().filter(|p| p.in_map));
+    full.retain(|run| *run < baseline_runs);
+    if full.is_empty() || full.len() < baseline_runs {
         return Err(format!(
-            "joint {joint} has no friction map: {} runs with friction at {FULL_RUN_POINTS} times or more, {} are needed",
-            in_map.len(),
-            runs.len().max(1)
+            "joint {joint} has no friction map: {} runs with friction at {FULL_RUN_POINTS} times or more, \
+             {baseline_runs} are needed",
+            full.len()
         ));
     }
     let (sensor, remark) = thermal_sensor(joint, runs, starts, &points);
@@ -276,7 +289,7 @@ fn apply_effects(record: &mut JointRecord, fit: &FittedMap, of: &JointEffects, s
     }
 }
 
-/// Mean over the runs of the mean friction at each level as measured, Nm.
+/// Mean over the first `runs` runs of the mean friction at each level as measured, Nm.
 fn usual_friction(record: &JointRecord, runs: usize) -> Vec<Option<f64>> {
     let of_level = |level: usize| {
         let found: Vec<f64> = (0..runs).filter_map(|run| level_mean(record, run, level)).collect();

@@ -8,8 +8,8 @@
 //! surroundings, which distinguishes the two between joints. For each run, all of them are the solution of one
 //! least-squares problem with weak priors, see `run_effects.rs`; its covariance gives the intervals.
 //!
-//! Maps and priors are those of the baseline ([`super::baseline`]) and are held. The index of a run therefore follows
-//! from the baseline, the run and the motion of the [`REMEMBERED_S`] before it, and from no other run.
+//! Maps and priors are held ([`super::baseline`]). The index of a run therefore follows from the map, the run and the
+//! motion of the [`REMEMBERED_S`] before it, and from no later run.
 
 use super::baseline::HeldMap;
 use super::level_means::friction_means;
@@ -27,6 +27,9 @@ use crate::robot::JointIndex;
 /// a day.
 pub const REMEMBERED_S: f64 = 7.0 * 86_400.0;
 
+/// Most runs that a map is learnt from, which bounds the work of a fit.
+const MOST_LEARNT: usize = 36;
+
 /// Fewest points of a level in a run that may be one of the baseline. A run with fewer cycles shows too little of its
 /// own warm-up to determine its thermal state.
 pub const FULL_RUN_POINTS: usize = 6;
@@ -37,6 +40,22 @@ pub const SHORT_RUN_POINTS: usize = 2;
 
 /// Largest activity of a cycle: for motion much faster than usual, speed predicts heat badly.
 const MAX_ACTIVITY: f64 = 2.0;
+
+/// How many full runs of a joint there are when its map is fitted: with the baseline, and again each time their number
+/// has doubled. `full` is their number by now.
+pub fn stages(baseline_runs: usize, full: usize) -> impl Iterator<Item = usize> {
+    std::iter::successors(Some(baseline_runs.max(1)), |runs| runs.checked_mul(2)).take_while(move |runs| *runs <= full)
+}
+
+/// The runs that a map is learnt from when there are the full runs `full`, rising: those of the baseline, the first
+/// `baseline_runs`, and as many others as the work allows, evenly spread and with the latest.
+#[must_use]
+pub fn learnt_runs(full: &[usize], baseline_runs: usize) -> Vec<usize> {
+    let (baseline, later) = full.split_at(baseline_runs.min(full.len()));
+    let room = MOST_LEARNT.saturating_sub(baseline.len()).min(later.len());
+    let spread = (1..=room).map(|k| later[k * later.len() / room - 1]);
+    baseline.iter().copied().chain(spread).collect()
+}
 
 /// A map that a run is compared with.
 #[derive(Debug, Clone, Copy)]
@@ -218,17 +237,6 @@ pub(super) fn level_mean(record: &JointRecord, run: usize, level: usize) -> Opti
     let of_level = record.points.iter().filter(|p| p.run == run && p.level == level);
     mean(&of_level.map(|p| p.torque).collect::<Vec<f64>>())
 }
-
-/// TEMP
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct RobotFriction {
-    pub maps: Vec<crate::analysis::friction::FrictionMap>,
-    pub indices: Vec<Vec<FrictionIndex>>,
-    pub remarks: Vec<String>,
-}
-/// TEMP
-#[must_use]
-pub fn robot_friction(_: &[MapRun], _: usize) -> RobotFriction { RobotFriction::default() }
 
 #[cfg(test)]
 mod tests;

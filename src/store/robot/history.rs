@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
+use super::maintenance;
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{
     Estimate, FrictionPoint, GravityRemoval, IdentifiedParameter, JointSummary, RmsdSwing, WarmFriction,
@@ -269,12 +270,13 @@ pub(in crate::store) async fn run_summaries(
             refused_cycles: 0,
             refusals: Vec::new(),
             joints: Vec::new(),
+            epochs: Vec::new(),
         };
         let has_summary = row.try_get::<Option<i64>, _>("joint")?.is_some();
         let estimator: Option<String> = row.try_get("estimator")?;
         Ok((run, estimator, if has_summary { Some(joint_summary(&row)?) } else { None }))
     })
-    .fetch_all(connection)
+    .fetch_all(&mut *connection)
     .await?;
     let known = |joint: &Option<JointSummary>| joint.is_some_and(|joint| joint.relative_rmsd.is_some());
     let latest = rows.iter().rev().find(|(_, _, joint)| known(joint)).and_then(|row| row.1.clone());
@@ -291,6 +293,11 @@ pub(in crate::store) async fn run_summaries(
     }
     for run in &mut runs {
         (run.refused_cycles, run.refusals) = refused.remove(&run.run_id).unwrap_or_default();
+    }
+    let joints = runs.iter().flat_map(|run| &run.joints).map(|of| of.joint.number()).max().unwrap_or(0);
+    let mut epochs = maintenance::epoch_ordinals(connection, robot_id, joints).await?;
+    for run in &mut runs {
+        run.epochs = epochs.remove(&run.run_id).unwrap_or_default();
     }
     Ok(runs)
 }

@@ -1,10 +1,12 @@
 //! Work on robots: entered by people, and what epochs of joints follow from it.
 
+use std::collections::HashMap;
+
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
-use crate::anomaly::epoch::{Maintenance, TestMoment};
+use crate::anomaly::epoch::{Maintenance, TestMoment, epochs};
 use crate::robot::JointIndex;
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
@@ -183,21 +185,39 @@ pub(in crate::store) async fn test_moments(
     )
     .bind(robot_id)
     .try_map(|row: SqliteRow| {
-        let description = (row.try_get("robot_model_id")?, row.try_get("figures_hash")?);
+        let description: DescriptionKey = (row.try_get("robot_model_id")?, row.try_get("figures_hash")?);
         Ok((row.try_get("run_id")?, TestMoment { started_at: time(&row, "started_at")?, description }))
     })
     .fetch_all(executor)
     .await?;
-    let oldest = |model: Option<i64>, all: &[(i64, TestMoment<DescriptionKey>)]| {
-        let of_model = all.iter().map(|(_, test)| &test.description).filter(|known| known.0 == model);
-        of_model.filter_map(|known| known.1.clone()).next()
-    };
-    for at in 0..found.len() {
-        let (model, hash) = &found[at].1.description;
+    let mut oldest: HashMap<Option<i64>, Vec<u8>> = HashMap::new();
+    for (_, TestMoment { description: (model, hash), .. }) in &found {
+        if let Some(hash) = hash {
+            oldest.entry(*model).or_insert_with(|| hash.clone());
+        }
+    }
+    for (_, TestMoment { description: (model, hash), .. }) in &mut found {
         if hash.is_none() {
-            let known = oldest(*model, &found);
-            found[at].1.description.1 = known;
+            hash.clone_from(&oldest.get(model).cloned());
         }
     }
     Ok(found)
+}
+
+/// Ordinals of the epochs of each joint, by run: `joints` of them.
+pub(in crate::store) async fn epoch_ordinals(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+    joints: usize,
+) -> Result<HashMap<i64, Vec<u32>>, sqlx::Error> {
+    let tests = test_moments(&mut *connection, robot_id).await?;
+    let work = of_robot(connection, robot_id).await?;
+    let (run_ids, moments): (Vec<i64>, Vec<TestMoment<DescriptionKey>>) = tests.into_iter().unzip();
+    let mut by_run = vec![vec![0; joints]; run_ids.len()];
+    for joint in 0..joints {
+        for (ordinal, epoch) in (0..).zip(epochs(JointIndex::new(joint), &moments, &work)) {
+            epoch.tests.into_iter().for_each(|test| by_run[test][joint] = ordinal);
+        }
+    }
+    Ok(run_ids.into_iter().zip(by_run).collect())
 }

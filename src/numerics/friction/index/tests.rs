@@ -5,9 +5,9 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::{FULL_RUN_POINTS, REMEMBERED_S, Reference, coverage, run_indices};
+use super::{FULL_RUN_POINTS, REMEMBERED_S, Reference, coverage, learnt_runs, run_indices, stages};
 use crate::analysis::friction::{FrictionIndex, FrictionMap};
-use crate::numerics::friction::baseline::form_baseline;
+use crate::numerics::friction::baseline::{FormedMaps, fit_maps};
 use crate::analysis::{CycleTemperatures, FrictionPoint, GravityRemoval};
 use crate::numerics::friction::map::map_friction;
 use crate::numerics::friction::record::{CycleMotion, MapRun};
@@ -24,25 +24,33 @@ pub(super) struct RobotFriction {
     pub(super) remarks: Vec<String>,
 }
 
-/// Maps on the first `baseline_runs` full runs, which all joints have in common here, and the index of each run.
+/// Indices of all runs against the first `baseline_runs` full ones, which all joints have in common here, each from the
+/// map that is held when the run comes; and the latest maps.
 pub(super) fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFriction {
-    let full = |run: &MapRun| coverage(run).iter().any(|(_, points)| *points >= FULL_RUN_POINTS);
-    let baseline: Vec<usize> = (0..runs.len()).filter(|run| full(&runs[*run])).take(baseline_runs).collect();
+    let is_full = |run: &MapRun| coverage(run).iter().any(|(_, points)| *points >= FULL_RUN_POINTS);
+    let full: Vec<usize> = (0..runs.len()).filter(|run| is_full(&runs[*run])).collect();
     let mut found = RobotFriction { indices: vec![Vec::new(); runs.len()], ..RobotFriction::default() };
-    if baseline.len() < baseline_runs {
-        return found;
-    }
     let joints: Vec<JointIndex> = (0..JOINTS).map(JointIndex::new).collect();
-    let last = baseline[baseline.len() - 1];
-    let formed = form_baseline(&joints, &[], &runs[..=last], &baseline);
-    found.remarks = formed.remarks.into_iter().map(|(_, words)| words).collect();
-    found.maps = formed.maps.iter().map(|held| held.map.clone()).collect();
+    let by_stage: Vec<(usize, FormedMaps)> = stages(baseline_runs, full.len())
+        .map(|stage| {
+            let last = full[stage - 1];
+            let learnt = learnt_runs(&full[..stage], baseline_runs);
+            (last, fit_maps(&joints, &[], &runs[..=last], &learnt, baseline_runs))
+        })
+        .collect();
     for (run, indices) in found.indices.iter_mut().enumerate() {
+        let held = by_stage.iter().rev().find(|(last, _)| *last <= run).or(by_stage.first());
+        let Some((_, formed)) = held else { continue };
+        let in_baseline = full[..baseline_runs].contains(&run);
         let references: Vec<Reference<'_>> =
-            formed.maps.iter().map(|held| Reference { held, in_baseline: baseline.contains(&run) }).collect();
+            formed.maps.iter().map(|held| Reference { held, in_baseline }).collect();
         let from = runs[run].started_at - REMEMBERED_S;
         let first = runs.partition_point(|before| before.started_at < from);
         *indices = run_indices(&references, &runs[first..run], &runs[run]);
+    }
+    if let Some((_, formed)) = by_stage.last() {
+        found.remarks = formed.remarks.iter().map(|(_, words)| words.clone()).collect();
+        found.maps = formed.maps.iter().map(|held| held.map.clone()).collect();
     }
     found
 }
@@ -295,8 +303,7 @@ impl Arm {
     }
 
     pub(super) fn friction(&self) -> RobotFriction {
-        let map_runs = std::env::var("MAPRUNS").ok().and_then(|n| n.parse().ok()).unwrap_or(BASELINE);
-        robot_friction(&self.runs, map_runs)
+        robot_friction(&self.runs, BASELINE)
     }
 }
 
