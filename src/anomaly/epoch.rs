@@ -69,11 +69,7 @@ pub struct Epoch {
 /// computed with the same description. A description that comes back, as after a correction that was taken back,
 /// continues its earlier epoch.
 #[must_use]
-pub fn epochs<D: PartialEq>(
-    joint: JointIndex,
-    tests: &[TestMoment<D>],
-    work: &[Maintenance],
-) -> Vec<Epoch> {
+pub fn epochs<D: PartialEq>(joint: JointIndex, tests: &[TestMoment<D>], work: &[Maintenance]) -> Vec<Epoch> {
     let mut work: Vec<&Maintenance> = work.iter().filter(|of| of.joint.is_none_or(|j| j == joint)).collect();
     work.sort_by_key(|of| (of.at, of.maintenance_id));
     let done_before = |test: &TestMoment<D>| work.partition_point(|of| of.at <= test.started_at);
@@ -148,10 +144,8 @@ mod tests {
     }
 
     fn tests(descriptions: &[char]) -> Vec<TestMoment<char>> {
-        let moment = |(at, description): (i64, &char)| TestMoment {
-            started_at: day(at),
-            description: *description,
-        };
+        let moment =
+            |(at, description): (i64, &char)| TestMoment { started_at: day(at), description: *description };
         (0..).zip(descriptions).map(moment).collect()
     }
 
@@ -159,7 +153,11 @@ mod tests {
         Maintenance { maintenance_id, joint, at, what: "new grease".into(), who: None }
     }
 
-    fn of(joint: JointIndex, tests: &[TestMoment<char>], work: &[Maintenance]) -> Vec<(EpochCause, Vec<usize>)> {
+    fn of(
+        joint: JointIndex,
+        tests: &[TestMoment<char>],
+        work: &[Maintenance],
+    ) -> Vec<(EpochCause, Vec<usize>)> {
         epochs(joint, tests, work).into_iter().map(|epoch| (epoch.cause, epoch.tests)).collect()
     }
 
@@ -168,7 +166,10 @@ mod tests {
         let tests = tests(&['a'; 5]);
         let on_joint = [work(7, Some(JOINT), day(2))];
         let first = (EpochCause::FirstTest, vec![0, 1]);
-        assert_eq!(of(JOINT, &tests, &on_joint), [first.clone(), (EpochCause::Maintenance(7), vec![2, 3, 4])]);
+        assert_eq!(
+            of(JOINT, &tests, &on_joint),
+            [first.clone(), (EpochCause::Maintenance(7), vec![2, 3, 4])]
+        );
         assert_eq!(of(OTHER, &tests, &on_joint), [(EpochCause::FirstTest, vec![0, 1, 2, 3, 4])]);
         let on_arm = [work(8, None, day(2))];
         for joint in [JOINT, OTHER] {

@@ -269,3 +269,6 @@ async fn compare(
     }
     Ok(compared)
 }
+
+#[cfg(test)]
+mod tests;

@@ -40,8 +40,8 @@ pub use results::verification::{CycleState, OfCycle};
 pub use robot::anomalies::Reconciled;
 pub use robot::baseline_plan::{FrictionPlan, PlannedMap, PlannedTest, plan};
 pub use robot::baselines::{
-    Basis, FrictionConclusion, FrictionTest, FrictionTests, NewBaseline, NewIndices, ReplacedBaseline,
-    StoredBaseline,
+    BaselineChange, BaselineRow, Basis, FrictionConclusion, FrictionTest, FrictionTests, NewBaseline,
+    NewIndices, ReplacedBaseline, StoredBaseline,
 };
 pub use robot::conclude::{ConclusionTransaction, StaleRobot};
 pub use robot::conclusion_faults::ConclusionFault;

@@ -239,7 +239,8 @@ pub(super) fn figures_hash(robot: &Robot) -> [u8; 32] {
     // an unknown constant is told from any known one
     let known = |value: Option<f64>| value.unwrap_or(f64::NAN);
     for joint in &robot.joints {
-        let constants = [joint.drive_gain, joint.motor_torque_constant, joint.rated_motor_torque, joint.rated_torque];
+        let constants =
+            [joint.drive_gain, joint.motor_torque_constant, joint.rated_motor_torque, joint.rated_torque];
         let scales = [joint.gear_ratio, joint.position_offset, joint.limits.velocity, joint.low_speed];
         scales.into_iter().chain(constants.map(known)).for_each(&mut add);
     }

@@ -10,7 +10,8 @@
 //! surroundings as they do.
 
 use super::index::{
-    FULL_RUN_POINTS, activities, held_record, known_speed, level_mean, level_points, speed_fractions, timeline,
+    FULL_RUN_POINTS, activities, held_record, known_speed, level_mean, level_points, speed_fractions,
+    timeline,
 };
 use super::map::{FittedMap, fit_map, published};
 use super::record::{CycleMotion, JointRecord, MapRun, RecordPoint, ThermalSensor, runs_of};

@@ -27,7 +27,10 @@ use crate::robot::JointIndex;
 /// a day.
 pub const REMEMBERED_S: f64 = 7.0 * 86_400.0;
 
-/// Most runs that a map is learnt from, which bounds the work of a fit.
+/// Most runs of a baseline.
+pub const MOST_BASELINE_RUNS: usize = 40;
+
+/// Most runs that a map is learnt from unless the baseline has more, which bounds the work of a fit.
 const MOST_LEARNT: usize = 36;
 
 /// Fewest points of a level in a run that may be one of the baseline. A run with fewer cycles shows too little of its
@@ -44,7 +47,8 @@ const MAX_ACTIVITY: f64 = 2.0;
 /// How many full runs of a joint there are when its map is fitted: with the baseline, and again each time their number
 /// has doubled. `full` is their number by now.
 pub fn stages(baseline_runs: usize, full: usize) -> impl Iterator<Item = usize> {
-    std::iter::successors(Some(baseline_runs.max(1)), |runs| runs.checked_mul(2)).take_while(move |runs| *runs <= full)
+    std::iter::successors(Some(baseline_runs.max(1)), |runs| runs.checked_mul(2))
+        .take_while(move |runs| *runs <= full)
 }
 
 /// The runs that a map is learnt from when there are the full runs `full`, rising: those of the baseline, the first
@@ -74,10 +78,8 @@ pub fn run_indices(references: &[Reference<'_>], before: &[MapRun], run: &MapRun
     let all: Vec<&MapRun> = before.iter().chain([run]).collect();
     let (spans, starts) = timeline(&all);
     let start = [starts[before.len()]];
-    let (references, records): (Vec<Reference<'_>>, Vec<JointRecord>) = references
-        .iter()
-        .filter_map(|of| Some((*of, held_record(of.held, &[run], &spans, &start)?)))
-        .unzip();
+    let (references, records): (Vec<Reference<'_>>, Vec<JointRecord>) =
+        references.iter().filter_map(|of| Some((*of, held_record(of.held, &[run], &spans, &start)?))).unzip();
     let fits: Vec<FittedMap> = references.iter().map(|of| of.held.fit.clone()).collect();
     let scales = PriorScales::held(references.iter().map(|of| (&of.held.scales, of.held.ambient_scale)));
     let effects = held_effects(&records, &fits, &start, &scales);
@@ -114,7 +116,8 @@ pub(super) fn held_record(
 ) -> Option<JointRecord> {
     let joint = held.map.joint;
     let levels: Vec<f64> = held.map.levels.iter().map(|level| level.speed_fraction).collect();
-    let of_level = |(level, speed_fraction): (usize, &f64)| level_points(joint, *speed_fraction, level, runs, starts);
+    let of_level =
+        |(level, speed_fraction): (usize, &f64)| level_points(joint, *speed_fraction, level, runs, starts);
     let mut points: Vec<RecordPoint> = levels.iter().enumerate().flat_map(of_level).collect();
     points.sort_by(|a, b| a.time.total_cmp(&b.time));
     Some(JointRecord {
@@ -185,7 +188,8 @@ fn usable_means(run: &MapRun, joint: JointIndex, speed_fraction: f64) -> Vec<(f6
 #[must_use]
 pub fn coverage(run: &MapRun) -> Vec<(JointIndex, usize)> {
     let of_joint = |joint: JointIndex| {
-        let levels = speed_fractions(run.points.iter().filter(|p| p.joint == joint).map(|p| p.speed_fraction));
+        let levels =
+            speed_fractions(run.points.iter().filter(|p| p.joint == joint).map(|p| p.speed_fraction));
         let counts = levels.into_iter().map(|level| usable_means(run, joint, level).len());
         (joint, counts.max().unwrap_or(0))
     };

@@ -121,8 +121,7 @@ fn joint_maps(found: &FrictionTests, needed: usize) -> Vec<JointMap> {
     let mut maps = Vec::new();
     for joint in joints {
         for (ordinal, epoch) in (0..).zip(epochs(joint, &moments, &found.work)) {
-            let full: Vec<usize> =
-                epoch.tests.iter().copied().filter(|test| is_full(*test, joint)).collect();
+            let full: Vec<usize> = epoch.tests.iter().copied().filter(|test| is_full(*test, joint)).collect();
             let mut learnt: Vec<Vec<usize>> =
                 stages(needed, full.len()).map(|stage| learnt_runs(&full[..stage], needed)).collect();
             // a baseline that is all that can be learnt from stays the only map
@@ -239,3 +238,5 @@ fn test_basis(
     }
     Some(*hasher.finalize().as_bytes())
 }
+#[cfg(test)]
+mod tests;

@@ -3,6 +3,7 @@
 
 use std::collections::{HashMap, HashSet};
 
+use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
@@ -16,7 +17,7 @@ use crate::robot::JointIndex;
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::results::temperatures;
-use crate::store::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, size};
+use crate::store::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, size, time_text};
 
 /// Hash of what figures were computed from.
 pub type Basis = [u8; 32];
@@ -137,6 +138,87 @@ impl Store {
     pub async fn friction_run(&self, test: &FrictionTest, with_points: bool) -> Result<MapRun, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(friction_run(&mut connection, test, with_points).await)
+    }
+}
+
+/// A baseline in force, as people see it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BaselineRow {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Ordinal of the epoch.
+    pub epoch: u32,
+    /// Why the epoch began, as in the view `baselines`.
+    pub cause: String,
+    /// Starts of its tests, rising.
+    pub tests: Vec<Timestamp>,
+}
+
+/// A baseline that was formed, and why it is not in force any more.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BaselineChange {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Ordinal of the epoch.
+    pub epoch: u32,
+    /// Why another one took its place; `None` while it is in force.
+    pub replaced_because: Option<String>,
+}
+
+impl Store {
+    /// The baselines in force of a robot, by joint and epoch.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn baselines(&self, robot: &str) -> Result<Vec<BaselineRow>, StoreError> {
+        let rows = sqlx::query(
+            "SELECT joint, epoch, cause, started_at FROM baselines
+             WHERE robot = ? AND started_at IS NOT NULL
+             ORDER BY joint, epoch, started_at",
+        )
+        .bind(robot)
+        .try_map(|row: SqliteRow| {
+            Ok(BaselineRow {
+                joint: joint(&row, "joint")?,
+                epoch: size(&row, "epoch")?,
+                cause: row.try_get("cause")?,
+                tests: vec![time_text(&row, "started_at")?],
+            })
+        })
+        .fetch_all(&self.readers)
+        .await;
+        let mut found: Vec<BaselineRow> = Vec::new();
+        for row in self.checked(rows)? {
+            match found.last_mut() {
+                Some(last) if (last.joint, last.epoch) == (row.joint, row.epoch) => {
+                    last.tests.extend(row.tests)
+                }
+                _ => found.push(row),
+            }
+        }
+        Ok(found)
+    }
+
+    /// All baselines of a robot that were ever formed, in the order in which they were.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn baseline_changes(&self, robot: &str) -> Result<Vec<BaselineChange>, StoreError> {
+        let rows = sqlx::query(
+            "SELECT joint, epoch, replaced_because FROM baseline_changes
+             WHERE robot = ? ORDER BY friction_baseline_id",
+        )
+        .bind(robot)
+        .try_map(|row: SqliteRow| {
+            Ok(BaselineChange {
+                joint: joint(&row, "joint")?,
+                epoch: size(&row, "epoch")?,
+                replaced_because: row.try_get("replaced_because")?,
+            })
+        })
+        .fetch_all(&self.readers)
+        .await;
+        self.checked(rows)
     }
 }
 
@@ -334,8 +416,7 @@ async fn replace_baselines(
     found: &FrictionConclusion,
 ) -> Result<Vec<ReplacedBaseline>, sqlx::Error> {
     let stored = in_force(&mut *connection, robot_id).await?;
-    let is_same =
-        |old: &StoredBaseline, new: &NewBaseline| (old.joint, old.basis) == (new.joint, new.basis);
+    let is_same = |old: &StoredBaseline, new: &NewBaseline| (old.joint, old.basis) == (new.joint, new.basis);
     let mut replaced = Vec::new();
     for old in stored.iter().filter(|old| !found.baselines.iter().any(|new| is_same(old, new))) {
         let because = why_replaced(old, found);

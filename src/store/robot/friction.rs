@@ -365,11 +365,7 @@ pub(super) async fn replace_indices(
     Ok(())
 }
 
-async fn delete_map(
-    executor: impl SqliteExecutor<'_>,
-    robot_id: i64,
-    joint: i64,
-) -> Result<(), sqlx::Error> {
+async fn delete_map(executor: impl SqliteExecutor<'_>, robot_id: i64, joint: i64) -> Result<(), sqlx::Error> {
     // levels go with their law
     sqlx::query("DELETE FROM friction_law WHERE robot_id = ? AND joint = ?")
         .bind(robot_id)

@@ -502,7 +502,8 @@ async fn detectors_get_the_index_of_each_run_and_people_too() {
     let robot = stale(&store, run_id).await;
     let mut conclusion = store.conclude(robot.robot_id).await.expect("a transaction");
     let new = NewIndices { run_id, points: vec![(joint(2), 12)], basis: Some([7; 32]), indices: vec![index] };
-    let found = FrictionConclusion { run_ids: vec![run_id], indices: vec![new], ..FrictionConclusion::default() };
+    let found =
+        FrictionConclusion { run_ids: vec![run_id], indices: vec![new], ..FrictionConclusion::default() };
     conclusion.replace_friction(&found).await.expect("an index");
     let summaries = conclusion.run_summaries().await.expect("summaries");
     let known: Vec<_> =
