@@ -5,6 +5,8 @@
 //! one run or after many: a backlog of a thousand exports is not judged a thousand times. The database knows
 //! which robots wait for it, so that nothing is forgotten if the program ends in between.
 
+use std::collections::HashSet;
+
 use crate::anomaly::RunSummary;
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::detect::production::detect_production;
@@ -81,7 +83,8 @@ impl Pipeline {
         let replaced = conclusion.replace_friction(&friction).await?;
         // detectors watch the indices that were stored just now; a test that completed meanwhile has none yet
         let mut summaries = conclusion.run_summaries().await?;
-        summaries.retain(|run| friction.run_ids.contains(&run.run_id));
+        let known: HashSet<i64> = friction.run_ids.iter().copied().collect();
+        summaries.retain(|run| known.contains(&run.run_id));
         let mut findings = detect(&summaries, &self.config.detect);
         findings.anomalies.extend(detect_production(&conclusion.production_summaries().await?));
         let reconciled = conclusion.reconcile(&findings).await?;
