@@ -48,11 +48,9 @@ fn speed_fits(points: &[CyclePoint], fractions: &HashMap<u32, f64>) -> Vec<Cycle
         .collect()
 }
 
-/// Runs whose friction is held at once while a long history is compared, 100 kB each.
-const RUNS_AT_ONCE: usize = 24;
-
-/// Friction of a robot as its history now has it: baselines by the rule of [`plan`], each joint's map fitted on its
-/// baseline, and the index of every test whose stored one stands on something else.
+/// Friction of a robot as its history now has it: baselines and maps by the rule of [`plan`], and the index of every test
+/// whose stored one stands on something else. A test is computed once, so that the work follows from what is new; tests
+/// are read one at a time.
 ///
 /// # Errors
 /// Those of the store.
@@ -87,10 +85,7 @@ pub async fn friction_conclusion(
             None => {}
         }
     }
-    let maps = Arc::new(maps);
-    for some in due.chunks(RUNS_AT_ONCE) {
-        conclusion.indices.extend(compare(store, &found, &plan, &maps, some).await?);
-    }
+    conclusion.indices = compare(store, &found, &plan, &Arc::new(maps), &due).await?;
     Ok(conclusion)
 }
 

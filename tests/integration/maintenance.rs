@@ -12,8 +12,9 @@ fn tested() -> Workshop {
     let workshop = Workshop::new();
     let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the settings");
     fs::write(workshop.path("armwatch.toml"), config + "\n[detect]\nbaseline_runs = 2\n").expect("written");
-    workshop.simulate("inbox", &["--name", "Left", "--runs", "5", "--cycles", "6", "--seed", "3"]);
-    workshop.stdout(&["ingest", "inbox"], 0);
+    let shape = ["--runs", "5", "--cycles", "6", "--warming-s", "0", "--name", "Left", "--interval-h", "20"];
+    workshop.simulate("exports", &shape);
+    workshop.stdout(&["ingest", "exports"], 0);
     workshop
 }
 

@@ -94,7 +94,7 @@ impl Zero {
         let own = if in_baseline { 1.0 - 2.0 / self.runs } else { 1.0 };
         Relative {
             wear: (1.0 + effect.wear) / (1.0 + self.wear) - 1.0,
-            variance: own * effect.variance + self.variance,
+            variance: (own * effect.variance + self.variance).max(0.0),
             ambient: Estimate { value: effect.ambient.value - self.ambient, ..effect.ambient },
         }
     }

@@ -329,3 +329,21 @@ async fn a_late_test_inside_a_baseline_forms_it_anew_and_the_audit_says_so() {
     fleet.conclude().await;
     assert_eq!(fleet.indices(0).await, before);
 }
+
+#[tokio::test]
+async fn epochs_are_counted_anew_where_an_entry_before_them_goes() {
+    let fleet = Fleet::new(2).await;
+    for day in 0..12 {
+        fleet.store_test(Test { day, cycles: 8, factor: 1.0 }).await;
+    }
+    let mut entries = Vec::new();
+    for day in [3, 6, 9] {
+        entries.push(fleet.repair(0, day).await);
+    }
+    fleet.conclude().await;
+    let days = |found: Vec<(String, Vec<i64>)>| found.into_iter().map(|(_, days)| days).collect::<Vec<_>>();
+    assert_eq!(days(fleet.baselines(0).await), [[0, 1], [3, 4], [6, 7], [9, 10]]);
+    fleet.store().remove_maintenance(entries[0]).await.expect("an answer");
+    fleet.conclude().await;
+    assert_eq!(days(fleet.baselines(0).await), [[0, 1], [6, 7], [9, 10]]);
+}

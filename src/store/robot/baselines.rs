@@ -19,6 +19,9 @@ use crate::store::handle::Store;
 use crate::store::results::temperatures;
 use crate::store::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, size, time_text};
 
+/// More epochs than a joint has.
+const MOST_EPOCHS: i64 = 1_000_000;
+
 /// Hash of what figures were computed from.
 pub type Basis = [u8; 32];
 
@@ -423,8 +426,13 @@ async fn replace_baselines(
         end_baseline(&mut *connection, old.friction_baseline_id, &because).await?;
         replaced.push(ReplacedBaseline { joint: old.joint, epoch: old.epoch, because });
     }
-    // ordinals move where an epoch turned up before others; latest first, so that no two are equal meanwhile
-    for new in found.baselines.iter().rev() {
+    // ordinals move where an epoch turned up or went before others; no two are equal meanwhile
+    sqlx::query("UPDATE friction_baseline SET epoch = epoch + ? WHERE robot_id = ? AND replaced_at IS NULL")
+        .bind(MOST_EPOCHS)
+        .bind(robot_id)
+        .execute(&mut *connection)
+        .await?;
+    for new in &found.baselines {
         if let Some(old) = stored.iter().find(|old| is_same(old, new)) {
             update_baseline(&mut *connection, old.friction_baseline_id, new).await?;
         }
@@ -448,12 +456,15 @@ fn why_replaced(old: &StoredBaseline, found: &FrictionConclusion) -> String {
                 together"
             .into();
     };
+    if new.run_ids.len() != old.run_ids.len() {
+        return format!("a baseline has {} tests now (detect.baseline_runs)", new.run_ids.len());
+    }
     let added: Vec<&i64> = new.run_ids.iter().filter(|run| !old.run_ids.contains(run)).collect();
     if added.is_empty() {
         return "the motion before its runs, or the program, is another one".into();
     }
     let newest_before = old.run_ids.iter().max().copied().unwrap_or(0);
-    match added.iter().all(|run| **run > newest_before) && new.run_ids.len() == old.run_ids.len() {
+    match added.iter().all(|run| **run > newest_before) {
         true => format!("{} came later and was recorded before its last one", named(&added)),
         false => format!("{} took a place in it", named(&added)),
     }
