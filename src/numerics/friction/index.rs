@@ -246,6 +246,9 @@ pub(super) fn level_mean(record: &JointRecord, run: usize, level: usize) -> Opti
 mod tests;
 
 #[cfg(test)]
+mod companion_tests;
+
+#[cfg(test)]
 mod coverage_tests;
 
 #[cfg(test)]
