@@ -135,6 +135,7 @@ mod tests {
     use jiff::SignedDuration;
 
     use super::*;
+    use crate::analysis::{Estimate, JointSummary};
 
     const JOINT: JointIndex = JointIndex::new(2);
     const OTHER: JointIndex = JointIndex::new(0);
@@ -196,5 +197,44 @@ mod tests {
         let both = of(JOINT, &tests(&['a', 'a', 'b', 'b']), &[work(1, None, day(2))]);
         assert_eq!(both[1], (EpochCause::Maintenance(1), vec![2, 3]));
         assert!(of(JOINT, &[], &[]).is_empty());
+    }
+
+    /// A daily test with an index of the joint or without, in an epoch of it.
+    fn test(at: i64, index: Option<f64>, epoch: u32) -> RunSummary {
+        let summary = JointSummary {
+            joint: JOINT,
+            warm_friction: None,
+            excitation_friction: None,
+            friction_index: index.map(|value| Estimate { value, std_error: 0.01 }),
+            relative_rmsd: None,
+            rmsd_swing: None,
+        };
+        RunSummary {
+            run_id: at,
+            started_at: day(at),
+            cycles: 8,
+            refused_cycles: 0,
+            refusals: Vec::new(),
+            joints: vec![summary],
+            epochs: vec![0, 0, epoch],
+        }
+    }
+
+    #[test]
+    fn a_joint_without_a_comparable_test_is_told_since_when() {
+        let compared = [test(0, Some(1.0), 0), test(1, Some(1.0), 0)];
+        assert_eq!(not_compared(&compared, JOINT), None);
+        assert_eq!(not_compared(&compared, OTHER), None, "it never had an index");
+        assert_eq!(not_compared(&[], JOINT), None);
+        let [first, _] = compared;
+        let stopped = [first.clone(), test(1, None, 0), test(2, None, 0)];
+        assert_eq!(
+            not_compared(&stopped, JOINT).as_deref(),
+            Some("no comparable run since 1970-01-01 00:00 UTC")
+        );
+        let repaired = [first, test(1, None, 1)];
+        let words = not_compared(&repaired, JOINT).expect("words");
+        assert!(words.contains("not complete") && words.contains("1970-01-01"), "{words}");
+        assert_eq!((repaired[1].epoch(JOINT), repaired[1].epoch(JointIndex::new(9))), (1, 0));
     }
 }
