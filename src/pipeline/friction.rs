@@ -7,10 +7,12 @@ use std::sync::Arc;
 use super::context::PipelineError;
 use crate::analysis::FrictionPoint;
 use crate::anomaly::epoch::Epoch;
-use crate::numerics::friction::baseline::{FormedMaps, HeldMap, fit_maps};
-use crate::numerics::friction::index::{Reference, coverage, run_indices};
+use crate::numerics::friction::baseline::{FormedMaps, fit_maps};
+use crate::numerics::friction::held_map::HeldMap;
+use crate::numerics::friction::index::{Reference, run_indices};
 use crate::numerics::friction::over_speed::friction_over_speed;
 use crate::numerics::friction::record::MapRun;
+use crate::numerics::friction::run_record::coverage;
 use crate::robot::JointIndex;
 use crate::store::{
     CyclePoint, CycleSpeedFits, FrictionConclusion, FrictionPlan, FrictionTests, NewBaseline, NewIndices,

@@ -65,17 +65,18 @@ fn work_on_a_joint_begins_its_baseline_anew_until_the_entry_is_taken_back() {
 #[test]
 fn what_cannot_be_entered_is_told_with_its_remedy() {
     let workshop = Workshop::new();
-    workshop.stdout(&["ingest", "inbox"], 0);
+    workshop.simulate("exports", &["--runs", "1", "--cycles", "1", "--warming-s", "0", "--name", "Left"]);
+    workshop.stdout(&["ingest", "exports"], 0);
     let nothing = workshop.stdout(&["maintenance", "--list"], 0);
     assert!(nothing.contains("no work was entered"), "{nothing}");
-    let robot = workshop.query("SELECT DISTINCT robot FROM runs").remove(0);
+    let robot = "Left";
     let refused: [(&[&str], &str); 6] = [
         (&["maintenance", "Nobody", "--what", "grease"], "no export of a robot \"Nobody\" is stored"),
-        (&["maintenance", &robot, "--what", "grease", "--joint", "9"], "has no joint 9"),
-        (&["maintenance", &robot, "--what", "grease", "--at", "2999-01-01"], "lies ahead"),
-        (&["maintenance", &robot, "--what", "grease", "--at", "soon"], "2026-03-01T14:30"),
+        (&["maintenance", robot, "--what", "grease", "--joint", "9"], "has no joint 9"),
+        (&["maintenance", robot, "--what", "grease", "--at", "2999-01-01"], "lies ahead"),
+        (&["maintenance", robot, "--what", "grease", "--at", "soon"], "2026-03-01T14:30"),
         (&["maintenance", "--remove", "7"], "no work has the number 7"),
-        (&["maintenance", &robot], "--what"),
+        (&["maintenance", robot], "--what"),
     ];
     for (arguments, said) in refused {
         let output = workshop.run(arguments);

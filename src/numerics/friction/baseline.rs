@@ -9,39 +9,19 @@
 //! they tell how cold the surroundings were in each run, and the new map counts its ambient effect from the same
 //! surroundings as they do.
 
-use super::index::{
-    FULL_RUN_POINTS, activities, held_record, known_speed, level_mean, level_points, speed_fractions,
-    timeline,
-};
+use super::held_map::{HeldMap, Zero, held_record};
 use super::map::{FittedMap, fit_map, published};
 use super::record::{CycleMotion, JointRecord, MapRun, RecordPoint, ThermalSensor, runs_of};
 use super::run_effects::{JointScales, PriorScales, RunEffect, run_effects, start_decay};
+use super::run_record::{
+    FULL_RUN_POINTS, activities, known_speed, level_mean, level_points, speed_fractions, timeline,
+};
 use super::thermal_source::{first_fit, thermal_sensor};
-use crate::analysis::Estimate;
-use crate::analysis::friction::FrictionMap;
 use crate::numerics::statistics::descriptive::{mean, median};
 use crate::robot::JointIndex;
 
 /// Rounds in which run effects and maps are fitted in turn; the third changes the index by less than 0.1 %.
 const OUTER_ROUNDS: usize = 3;
-
-/// A joint's friction map, fitted once, with all that indices of runs are computed from.
-#[derive(Debug, Clone, PartialEq)]
-pub struct HeldMap {
-    /// The map.
-    pub map: FrictionMap,
-    pub(super) fit: FittedMap,
-    /// The sensor with its scale and without readings.
-    pub(super) sensor: ThermalSensor,
-    /// Median of the joint's mean speed in a cycle, rad/s, which has the activity one.
-    pub(super) usual_speed: Option<f64>,
-    pub(super) scales: JointScales,
-    /// Prior scale of the ambient effect that is common to all joints.
-    pub(super) ambient_scale: f64,
-    pub(super) zero: Zero,
-    /// Mean friction of the baseline as measured, by level, Nm.
-    pub(super) usual: Vec<Option<f64>>,
-}
 
 /// Maps of joints with one baseline.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -50,61 +30,6 @@ pub struct FormedMaps {
     pub maps: Vec<HeldMap>,
     /// Why a joint has no map, in sentences.
     pub remarks: Vec<(JointIndex, String)>,
-}
-
-/// Mean effects over the runs of a baseline, from which those of all runs are counted.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Zero {
-    wear: f64,
-    ambient: f64,
-    /// Variance of `wear`.
-    variance: f64,
-    /// Number of runs.
-    runs: f64,
-}
-
-/// Effects of a run relative to the baseline.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Relative {
-    pub wear: f64,
-    pub variance: f64,
-    pub ambient: Estimate,
-}
-
-impl Zero {
-    fn of(effects: &[RunEffect]) -> Self {
-        let baseline = identified(effects);
-        let of = |what: &dyn Fn(&RunEffect) -> f64| {
-            mean(&baseline.iter().map(|run| what(run)).collect::<Vec<f64>>()).unwrap_or(0.0)
-        };
-        let runs = baseline.len() as f64;
-        Self {
-            wear: of(&|e| e.wear),
-            ambient: of(&|e| e.ambient.value),
-            variance: of(&|e| e.variance) / runs.max(1.0),
-            runs,
-        }
-    }
-
-    /// Wear as `(1 + w) / (1 + mean w) - 1`, the ambient effect as a difference.
-    ///
-    /// The variance `v` becomes `v + mean v / n` for a baseline of `n` runs, and `(1 - 2 / n) v + mean v / n` for a run
-    /// that is one of them, because its own effect is the `n`th part of the mean.
-    pub(super) fn relative(&self, effect: &RunEffect, in_baseline: bool) -> Relative {
-        let own = if in_baseline { 1.0 - 2.0 / self.runs } else { 1.0 };
-        Relative {
-            wear: (1.0 + effect.wear) / (1.0 + self.wear) - 1.0,
-            variance: (own * effect.variance + self.variance).max(0.0),
-            ambient: Estimate { value: effect.ambient.value - self.ambient, ..effect.ambient },
-        }
-    }
-}
-
-/// Runs whose wear the data determine; all runs if there is none.
-fn identified(effects: &[RunEffect]) -> Vec<&RunEffect> {
-    let in_map = || effects.iter().filter(|effect| effect.in_map);
-    let found: Vec<&RunEffect> = in_map().filter(|effect| effect.identified).collect();
-    if found.is_empty() { in_map().collect() } else { found }
 }
 
 /// Fits the maps of `joints`, which have one baseline.
@@ -192,8 +117,8 @@ fn fit_in_turn(
     let of_joint = |effects: Vec<RunEffect>| {
         let zero = Zero::of(&effects[..(*baseline_runs).min(effects.len())]);
         // companions say from where the ambient effect is counted
-        let ambient = if alone { zero.ambient } else { 0.0 };
-        JointEffects { effects, zero: Zero { ambient, ..zero } }
+        let zero = if alone { zero } else { zero.with_ambient(0.0) };
+        JointEffects { effects, zero }
     };
     let mut scales = None;
     for _ in 1..OUTER_ROUNDS {

@@ -16,5 +16,7 @@ pub mod map;
 mod effect_layout;
 mod run_effects;
 pub mod record;
+pub mod run_record;
+pub mod held_map;
 pub mod baseline;
 pub mod index;

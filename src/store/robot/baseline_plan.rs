@@ -10,7 +10,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::baselines::{Basis, FrictionTest, FrictionTests};
 use crate::anomaly::epoch::{Epoch, epochs};
-use crate::numerics::friction::index::{FULL_RUN_POINTS, REMEMBERED_S, learnt_runs, stages};
+use crate::numerics::friction::index::{REMEMBERED_S, learnt_runs, stages};
+use crate::numerics::friction::run_record::FULL_RUN_POINTS;
 use crate::robot::JointIndex;
 
 /// Changes whenever the program computes other indices from the same tests.

@@ -5,12 +5,13 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::{FULL_RUN_POINTS, REMEMBERED_S, Reference, coverage, learnt_runs, run_indices, stages};
+use super::{REMEMBERED_S, Reference, learnt_runs, run_indices, stages};
 use crate::analysis::friction::{FrictionIndex, FrictionMap};
 use crate::analysis::{CycleTemperatures, FrictionPoint, GravityRemoval};
 use crate::numerics::friction::baseline::{FormedMaps, fit_maps};
 use crate::numerics::friction::map::map_friction;
 use crate::numerics::friction::record::{CycleMotion, MapRun};
+use crate::numerics::friction::run_record::{FULL_RUN_POINTS, coverage};
 use crate::numerics::friction::thermal_state::{MotionSpan, Rates, thermal_deficits};
 use crate::robot::JointIndex;
 
@@ -397,7 +398,7 @@ pub(super) fn half_colder() -> f64 {
 pub(super) const ADMITTED: f64 = 0.02;
 pub(super) const WEAR_TOLERANCE: f64 = 0.015;
 /// Of the index where nothing is worn, in a hall colder than any that the held map was learnt in.
-const ADMITTED_OF_THE_UNKNOWN: f64 = 0.025;
+pub(super) const ADMITTED_OF_THE_UNKNOWN: f64 = 0.025;
 
 #[test]
 fn hall_rest_and_wear_are_told_apart() {
