@@ -4,9 +4,10 @@ use std::fmt;
 
 use jiff::Timestamp;
 
+use crate::analysis::friction::CycleFriction;
 use crate::analysis::refusal::RefusalCause;
 use crate::analysis::{JointSummary, ProductionJoint};
-use crate::robot::JointIndex;
+use crate::robot::{JointIndex, ParameterId};
 
 /// What kind of change an anomaly is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -96,6 +97,34 @@ pub struct RunSummary {
     pub refusals: Vec<RunRefusal>,
     /// One entry a joint.
     pub joints: Vec<JointSummary>,
+    /// Friction of each cycle and joint with friction points, in the order of cycles and joints.
+    pub cycle_friction: Vec<CycleSeries>,
+    /// Means over the cycles of the inertial base parameters, in natural order.
+    pub parameters: Vec<RunParameter>,
+}
+
+/// Friction of one joint in one cycle of a run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CycleSeries {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// Its friction.
+    pub friction: CycleFriction,
+}
+
+/// A base parameter over the cycles of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunParameter {
+    /// The kept parameter.
+    pub id: ParameterId,
+    /// Mean over the cycles, in its SI unit.
+    pub mean: f64,
+    /// Standard deviation of one cycle; not a number with one cycle.
+    pub std_dev: f64,
+    /// Cycles.
+    pub cycles: u32,
+    /// The standard parameters that it stands for, with their coefficients; empty where that is not known.
+    pub terms: Vec<(f64, ParameterId)>,
 }
 
 impl RunSummary {

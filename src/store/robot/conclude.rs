@@ -8,7 +8,7 @@ use sqlx::sqlite::SqliteExecutor;
 use sqlx::{Sqlite, Transaction};
 
 use super::anomalies::Reconciled;
-use super::{anomalies, conclusion_faults, friction, history};
+use super::{anomalies, conclusion_faults, cycle_friction_rows, friction, history};
 use crate::analysis::{ProductionCheck, WarmUpFit};
 use crate::anomaly::{Findings, ProductionSummary, RunSummary};
 use crate::numerics::friction::index::RobotFriction;
@@ -99,6 +99,8 @@ impl ConclusionTransaction {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn run_summaries(&mut self) -> Result<Vec<RunSummary>, StoreError> {
+        let completed = cycle_friction_rows::complete(&mut self.transaction, self.robot_id).await;
+        self.checked(completed)?;
         let result = history::run_summaries(&mut self.transaction, self.robot_id).await;
         self.checked(result)
     }

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
+use super::cycle_friction;
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{
     Estimate, FrictionPoint, GravityRemoval, IdentifiedParameter, JointSummary, RmsdSwing, WarmFriction,
@@ -269,12 +270,14 @@ pub(in crate::store) async fn run_summaries(
             refused_cycles: 0,
             refusals: Vec::new(),
             joints: Vec::new(),
+            cycle_friction: Vec::new(),
+            parameters: Vec::new(),
         };
         let has_summary = row.try_get::<Option<i64>, _>("joint")?.is_some();
         let estimator: Option<String> = row.try_get("estimator")?;
         Ok((run, estimator, if has_summary { Some(joint_summary(&row)?) } else { None }))
     })
-    .fetch_all(connection)
+    .fetch_all(&mut *connection)
     .await?;
     let known = |joint: &Option<JointSummary>| joint.is_some_and(|joint| joint.relative_rmsd.is_some());
     let latest = rows.iter().rev().find(|(_, _, joint)| known(joint)).and_then(|row| row.1.clone());
@@ -289,7 +292,11 @@ pub(in crate::store) async fn run_summaries(
             _ => runs.push(RunSummary { joints: joint.into_iter().collect(), ..run }),
         }
     }
+    let mut friction = cycle_friction::by_run(&mut *connection, robot_id).await?;
+    let mut parameters = cycle_friction::parameters_by_run(connection, robot_id).await?;
     for run in &mut runs {
+        run.cycle_friction = friction.remove(&run.run_id).unwrap_or_default();
+        run.parameters = parameters.remove(&run.run_id).unwrap_or_default();
         (run.refused_cycles, run.refusals) = refused.remove(&run.run_id).unwrap_or_default();
     }
     Ok(runs)

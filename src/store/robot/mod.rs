@@ -3,6 +3,8 @@
 pub(super) mod conclude;
 pub(super) mod conclusion_faults;
 pub(super) mod history;
+pub(super) mod cycle_friction;
+pub(super) mod cycle_friction_rows;
 pub(super) mod friction;
 pub(super) mod anomalies;
 pub(super) mod health;

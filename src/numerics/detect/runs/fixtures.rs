@@ -46,6 +46,8 @@ pub(super) fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSumm
         cycles: 24,
         refused_cycles: 0,
         refusals: vec![],
+        cycle_friction: vec![],
+        parameters: vec![],
         joints: vec![quiet(0), quiet(1), joint],
     }
 }
@@ -80,6 +82,8 @@ pub(super) fn indexed(day: i64, index: Option<f64>) -> RunSummary {
         cycles: CYCLES,
         refused_cycles: 0,
         refusals: vec![],
+        cycle_friction: vec![],
+        parameters: vec![],
         joints: (0..JOINTS).map(joint).collect(),
     }
 }
