@@ -305,14 +305,13 @@ fn evidence(run: &RunSummary, baseline: &Baseline, joints: usize) -> Option<ArmE
         });
         let rest = if inertial > 0.0 { (inertial - own - PATTERN_ERROR * inertial).max(0.0) } else { 0.0 };
         let rest = beyond_chance(rest, count);
-        let others: f64 = signals
-            .iter()
-            .enumerate()
-            .filter(|(j, _)| *j != joint.index())
-            .map(|(j, of)| {
-                of.offset.1 + if is_near(JointIndex::new(j), joint) { 0.0 } else { of.unexplained.1 }
-            })
-            .sum();
+        // a torque that reads wrong spoils the fit of the joint before as well, but less than its own
+        let part = |other: usize| match is_near(JointIndex::new(other), joint) {
+            true if signals[other].unexplained.0 < signals[joint.index()].unexplained.0 => 0.0,
+            _ => 1.0,
+        };
+        let others = signals.iter().enumerate().filter(|(j, _)| *j != joint.index());
+        let others: f64 = others.map(|(j, of)| of.offset.1 + part(j) * of.unexplained.1).sum();
         let fault = fault(&signals[joint.index()], run, baseline, joint);
         causes.push((ArmCause::TorqueSignal { joint, fault }, rest + others + 4.0 * PARAMETER_PRICE));
     }

@@ -81,7 +81,7 @@ fn of_load(load: &Load) -> Figure {
         value: load.mass,
         baseline: 0.0,
         message: format!(
-            "the arm carries {amount:.2} kg {verb} than in its first tests (standard error {:.2} kg), centre at \
+            "the arm carries {amount:.2} kg {verb} than in its first tests (standard error {:.3} kg), centre at \
              ({x:.3}, {y:.3}, {z:.3}) m of the last link; take the tool or workpiece off for tests, or record the new \
              tool as maintenance",
             load.std_error

@@ -3,7 +3,7 @@
 //! The quantity is the slow time constant as a multiple of that of the usual curve. The comparison of causes
 //! ([`super::curve`]) tells it from another level of friction and from another warmth at the start: a time constant
 //! changes nothing in the first cycle and most in the middle of the warm-up. A run is out if this cause is clear and
-//! moves friction of some cycle by 4 % or more.
+//! moves friction of some cycle by 1.5 % or more.
 
 use super::curve::hypothesis::Cause;
 use super::series::JointSeries;

@@ -22,7 +22,7 @@ const LEAST_LEAD: f64 = 3.0;
 /// Least step, scatter and effect of another time constant, as fractions of friction.
 const LEAST_STEP: f64 = 0.05;
 const LEAST_SCATTER: f64 = 0.03;
-const LEAST_SLOWING: f64 = 0.04;
+const LEAST_SLOWING: f64 = 0.015;
 
 /// Why the curve of a joint differs from its usual one in a run.
 #[derive(Debug, Clone, PartialEq)]

@@ -14,9 +14,13 @@ use super::template::Template;
 const COMMON_SPREAD: f64 = 0.4;
 /// Part of the largest difference that the patterns may miss: they are models.
 const PATTERN_ERROR: f64 = 0.05;
+/// Standard deviation of a cycle's difference under a cause that is not known.
+const ANYTHING: f64 = 0.3;
+/// Price of such a cause, in parameters: any named one that fits is likelier.
+const UNKNOWN_PARAMETERS: f64 = 3.0;
 /// Factors of the slow time constant that are tried.
 const FACTORS: [f64; 12] = [0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.25, 1.4, 1.6, 2.0, 2.5, 3.0];
-/// Least factor, or its inverse, that is worth naming: 1.25 times.
+/// Least scatter that is a cause of its own, as a multiple of the usual.
 const LEAST_SCATTER_FACTOR: f64 = 2.0;
 
 /// Why a curve differs from the usual one.
@@ -109,9 +113,7 @@ impl Evidence<'_> {
         if size > LEAST_SCATTER_FACTOR * self.scatter {
             add(Cause::Scatter(size), likelihood, 1.0);
         }
-        // whatever it is, it has as many parameters as half the cycles
-        let free = -0.5 * n as f64 - n as f64 * self.sigma().ln();
-        add(Cause::Unknown, free, 0.5 * n as f64 + 4.0);
+        add(Cause::Unknown, self.anything(), UNKNOWN_PARAMETERS);
         found.sort_by(|a, b| b.log_posterior.total_cmp(&a.log_posterior));
         found
     }
@@ -146,6 +148,12 @@ impl Evidence<'_> {
         let chi_square = (&y - &x * &solved).norm_squared();
         let likelihood = -0.5 * chi_square - n as f64 * sigma.ln();
         (solved.iter().take(patterns.len()).copied().collect(), likelihood)
+    }
+
+    /// Logarithm of the likelihood if each cycle may have any friction: normal with a wide standard deviation.
+    fn anything(&self) -> f64 {
+        let sum: f64 = self.differences.iter().map(|d| d * d).sum();
+        -0.5 * sum / (ANYTHING * ANYTHING) - self.cycles.len() as f64 * ANYTHING.ln()
     }
 
     /// Standard deviation about a constant, and the logarithm of the likelihood of normal scatter with it.
