@@ -9,6 +9,8 @@ use crate::analysis::refusal::RefusalCause;
 use crate::analysis::{JointSummary, ProductionJoint};
 use crate::robot::{JointIndex, ParameterId};
 
+pub mod epoch;
+
 /// What kind of change an anomaly is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum AnomalyKind {
@@ -83,7 +85,7 @@ impl fmt::Display for Severity {
 }
 
 /// One complete run of a robot, as the detectors see it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct RunSummary {
     /// Database key of the run.
     pub run_id: i64,
@@ -101,6 +103,9 @@ pub struct RunSummary {
     pub cycle_friction: Vec<CycleSeries>,
     /// Means over the cycles of the inertial base parameters, in natural order.
     pub parameters: Vec<RunParameter>,
+    /// Ordinal of the epoch of each joint that the test belongs to, by position of the joint; see [`epoch`]. Tests of
+    /// two epochs of a joint do not compare. Joints beyond its end are in their first one.
+    pub epochs: Vec<u32>,
 }
 
 /// Friction of one joint in one cycle of a run.

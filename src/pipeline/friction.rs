@@ -1,14 +1,21 @@
-//! Friction beyond a run's own warm-up: over speed by cycle, and the robot's map with the index of each run.
+//! Friction beyond a run's own warm-up: over speed by cycle, and the robot's maps with the index of each run.
 
-use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::collections::{BTreeSet, HashMap, HashSet};
+use std::sync::Arc;
 
 use super::context::PipelineError;
 use crate::analysis::FrictionPoint;
-use crate::numerics::friction::index::{RobotFriction, robot_friction};
+use crate::anomaly::epoch::Epoch;
+use crate::numerics::friction::baseline::{FormedMaps, HeldMap, fit_maps};
+use crate::numerics::friction::index::{Reference, coverage, run_indices};
 use crate::numerics::friction::over_speed::friction_over_speed;
 use crate::numerics::friction::record::MapRun;
 use crate::robot::JointIndex;
-use crate::store::{CyclePoint, CycleSpeedFits, FrictionRun, Store};
+use crate::store::{
+    CyclePoint, CycleSpeedFits, FrictionConclusion, FrictionPlan, FrictionTests, NewBaseline, NewIndices,
+    PlannedMap, Store, plan,
+};
 
 /// Fits friction over speed of each cycle of run `run_id`.
 ///
@@ -41,21 +48,222 @@ fn speed_fits(points: &[CyclePoint], fractions: &HashMap<u32, f64>) -> Vec<Cycle
         .collect()
 }
 
-/// Friction of a robot over speed and thermal state.
-#[derive(Debug)]
-pub struct FrictionHistory {
-    /// Runs that it stands on, oldest first.
-    pub run_ids: Vec<i64>,
-    /// Maps, and the indices of those runs.
-    pub found: RobotFriction,
+/// Friction of a robot as its history now has it: baselines and maps by the rule of [`plan`], and the index of every test
+/// whose stored one stands on something else. A test is computed once, so that the work follows from what is new; tests
+/// are read one at a time.
+///
+/// # Errors
+/// Those of the store.
+pub async fn friction_conclusion(
+    store: &Store,
+    robot_id: i64,
+    baseline_runs: usize,
+) -> Result<FrictionConclusion, PipelineError> {
+    let mut found = store.friction_tests(robot_id).await?;
+    let unseen = look_at_points(store, &mut found).await?;
+    let plan = plan(&found, baseline_runs);
+    let is_due = |at: usize| unseen.contains(&at) || plan.tests[at].basis != found.tests[at].basis;
+    let due: Vec<usize> = (0..found.tests.len()).filter(|at| is_due(*at)).collect();
+    let current = current_maps(&plan);
+    let mut maps = HeldMaps::default();
+    for at in needed_maps(&plan, &found, &due, &current) {
+        maps.form(store, &found, &plan, at).await?;
+    }
+    let mut conclusion = FrictionConclusion {
+        run_ids: found.tests.iter().map(|test| test.run_id).collect(),
+        baselines: baselines(&plan, &found, &maps),
+        remarks: maps.remarks(),
+        ..FrictionConclusion::default()
+    };
+    for (at, joint) in current {
+        let basis = plan.maps[at].basis;
+        let stored = found.maps.get(&joint) == Some(&basis);
+        match maps.of(at).and_then(|formed| formed.map(joint)) {
+            Some(held) => conclusion.maps.push((joint, basis, Some(held.map.clone()))),
+            // a joint may have a baseline and no map
+            None if stored => conclusion.maps.push((joint, basis, None)),
+            None => {}
+        }
+    }
+    conclusion.indices = compare(store, &found, &plan, &Arc::new(maps), &due).await?;
+    Ok(conclusion)
 }
 
-impl FrictionHistory {
-    /// Fits the map of a robot over its runs.
-    #[must_use]
-    pub fn of_runs(runs: Vec<FrictionRun>, baseline_runs: usize) -> Self {
-        let (run_ids, runs): (Vec<i64>, Vec<MapRun>) =
-            runs.into_iter().map(|run| (run.run_id, run.run)).unzip();
-        Self { run_ids, found: robot_friction(&runs, baseline_runs) }
+/// Counts the friction points of tests that nobody has looked at; their positions.
+async fn look_at_points(store: &Store, found: &mut FrictionTests) -> Result<HashSet<usize>, PipelineError> {
+    let mut unseen = HashSet::new();
+    for (at, test) in found.tests.iter_mut().enumerate().filter(|(_, test)| test.points.is_none()) {
+        let run = store.friction_run(test, true).await?;
+        test.points = Some(coverage(&run));
+        unseen.insert(at);
+    }
+    Ok(unseen)
+}
+
+/// The maps that the latest test is compared with.
+fn current_maps(plan: &FrictionPlan) -> Vec<(usize, JointIndex)> {
+    let references = plan.tests.last().map(|test| &test.references[..]).unwrap_or_default();
+    references.iter().map(|(at, joint, _)| (*at, *joint)).collect()
+}
+
+/// Maps that have to be fitted now, each after its companions.
+fn needed_maps(
+    plan: &FrictionPlan,
+    found: &FrictionTests,
+    due: &[usize],
+    current: &[(usize, JointIndex)],
+) -> BTreeSet<usize> {
+    let references = due.iter().flat_map(|test| plan.tests[*test].references.iter().map(|(at, ..)| *at));
+    let is_stored = |map: &PlannedMap, joint: JointIndex| {
+        found.baselines.iter().any(|stored| (stored.joint, stored.basis) == (joint, map.basis))
+    };
+    let unknown = |at: &usize| {
+        let map = &plan.maps[*at];
+        map.is_first() && map.joints.iter().any(|(joint, ..)| !is_stored(map, *joint))
+    };
+    let without_map = |of: &&(usize, JointIndex)| {
+        let basis = &plan.maps[of.0].basis;
+        found.maps.get(&of.1).is_some_and(|stored| stored != basis)
+    };
+    let mut needed: BTreeSet<usize> = references.collect();
+    needed.extend((0..plan.maps.len()).filter(unknown));
+    needed.extend(current.iter().filter(without_map).map(|(at, _)| *at));
+    // companions come before those they help
+    for at in (0..plan.maps.len()).rev() {
+        if needed.contains(&at) {
+            needed.extend(plan.maps[at].companions.iter().map(|(companion, _)| *companion));
+        }
+    }
+    needed
+}
+
+/// Maps that were fitted now, by their position in the plan.
+#[derive(Debug, Default)]
+struct HeldMaps(HashMap<usize, Formed>);
+
+/// Maps that were fitted together.
+#[derive(Debug)]
+struct Formed(FormedMaps);
+
+impl Formed {
+    fn map(&self, joint: JointIndex) -> Option<&HeldMap> {
+        self.0.maps.iter().find(|held| held.map.joint == joint)
+    }
+
+    fn remark(&self, joint: JointIndex) -> Option<&str> {
+        self.0.remarks.iter().find(|(of, _)| *of == joint).map(|(_, words)| words.as_str())
     }
 }
+
+impl HeldMaps {
+    fn of(&self, at: usize) -> Option<&Formed> {
+        self.0.get(&at)
+    }
+
+    fn map(&self, at: usize, joint: JointIndex) -> Option<&HeldMap> {
+        self.of(at)?.map(joint)
+    }
+
+    fn remarks(&self) -> Vec<String> {
+        self.0.values().flat_map(|formed| formed.0.remarks.iter().map(|(_, words)| words.clone())).collect()
+    }
+
+    async fn form(
+        &mut self,
+        store: &Store,
+        found: &FrictionTests,
+        plan: &FrictionPlan,
+        at: usize,
+    ) -> Result<(), PipelineError> {
+        let map = &plan.maps[at];
+        let mut runs = Vec::with_capacity(map.motion.len());
+        for test in &map.motion {
+            let with_points = map.learnt.binary_search(test).is_ok();
+            runs.push(store.friction_run(&found.tests[*test], with_points).await?);
+        }
+        let learnt: Vec<usize> =
+            map.learnt.iter().filter_map(|test| map.motion.binary_search(test).ok()).collect();
+        let joints: Vec<JointIndex> = map.joints.iter().map(|(joint, ..)| *joint).collect();
+        let companions: Vec<HeldMap> =
+            map.companions.iter().filter_map(|(at, joint)| self.map(*at, *joint).cloned()).collect();
+        let baseline_runs = map.baseline.len();
+        let formed = tokio::task::spawn_blocking(move || {
+            let companions: Vec<&HeldMap> = companions.iter().collect();
+            fit_maps(&joints, &companions, &runs, &learnt, baseline_runs)
+        })
+        .await?;
+        self.0.insert(at, Formed(formed));
+        Ok(())
+    }
+}
+
+/// The baselines in force, one entry a joint and epoch.
+fn baselines(plan: &FrictionPlan, found: &FrictionTests, maps: &HeldMaps) -> Vec<NewBaseline> {
+    let first_maps = plan.maps.iter().enumerate().filter(|(_, map)| map.is_first());
+    let of_map = |(at, map): (usize, &PlannedMap)| {
+        let run_ids: Vec<i64> = map.baseline.iter().map(|test| found.tests[*test].run_id).collect();
+        let of_joint = |(joint, ordinal, epoch): &(JointIndex, u32, Epoch)| NewBaseline {
+            joint: *joint,
+            epoch: *ordinal,
+            cause: epoch.cause,
+            begins_at: epoch.begins_at.as_microsecond(),
+            basis: map.basis,
+            run_ids: run_ids.clone(),
+            formed: maps.of(at).map(|formed| {
+                let levels = formed.map(*joint).map(|held| held.map.levels.clone());
+                (levels.unwrap_or_default(), formed.remark(*joint).map(str::to_owned))
+            }),
+        };
+        map.joints.iter().map(of_joint).collect::<Vec<NewBaseline>>()
+    };
+    let mut found: Vec<NewBaseline> = first_maps.flat_map(of_map).collect();
+    found.sort_by_key(|of| (of.joint, of.epoch));
+    found
+}
+
+/// Indices of the tests at `due`.
+async fn compare(
+    store: &Store,
+    found: &FrictionTests,
+    plan: &FrictionPlan,
+    maps: &Arc<HeldMaps>,
+    due: &[usize],
+) -> Result<Vec<NewIndices>, PipelineError> {
+    let mut motion: HashMap<usize, MapRun> = HashMap::new();
+    let mut compared = Vec::with_capacity(due.len());
+    for &at in due {
+        let planned = &plan.tests[at];
+        let test = &found.tests[at];
+        let mut indices = Vec::new();
+        if !planned.references.is_empty() {
+            motion.retain(|before, _| *before >= planned.first_motion);
+            for before in planned.first_motion..at {
+                if let Entry::Vacant(entry) = motion.entry(before) {
+                    entry.insert(store.friction_run(&found.tests[before], false).await?);
+                }
+            }
+            let before: Vec<MapRun> =
+                (planned.first_motion..at).filter_map(|before| motion.get(&before).cloned()).collect();
+            let run = store.friction_run(test, true).await?;
+            let (maps, references) = (Arc::clone(maps), planned.references.clone());
+            indices = tokio::task::spawn_blocking(move || {
+                let reference = |(at, joint, in_baseline): &(usize, JointIndex, bool)| {
+                    Some(Reference { held: maps.map(*at, *joint)?, in_baseline: *in_baseline })
+                };
+                let references: Vec<Reference<'_>> = references.iter().filter_map(reference).collect();
+                run_indices(&references, &before, &run)
+            })
+            .await?;
+        }
+        compared.push(NewIndices {
+            run_id: test.run_id,
+            points: test.points.clone().unwrap_or_default(),
+            basis: planned.basis,
+            indices,
+        });
+    }
+    Ok(compared)
+}
+
+#[cfg(test)]
+mod tests;

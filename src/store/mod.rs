@@ -38,9 +38,15 @@ pub use results::production::{ProductionWindow, ReferenceTest};
 pub use results::run_analysis::JointDeviation;
 pub use results::verification::{CycleState, OfCycle};
 pub use robot::anomalies::Reconciled;
+pub use robot::baseline_plan::{FrictionPlan, PlannedMap, PlannedTest, plan};
+pub use robot::baselines::{
+    BaselineChange, BaselineRow, Basis, FrictionConclusion, FrictionTest, FrictionTests, NewBaseline,
+    NewIndices, ReplacedBaseline, StoredBaseline,
+};
 pub use robot::conclude::{ConclusionTransaction, StaleRobot};
 pub use robot::conclusion_faults::ConclusionFault;
-pub use robot::friction::{CycleSpeedFits, FrictionRun, IndexRow, ThermalSourceRow};
+pub use robot::friction::{CycleSpeedFits, IndexRow, ThermalSourceRow};
 pub use robot::health::{OverdueRobot, RunResult};
 pub use robot::history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
+pub use robot::maintenance::{DescriptionKey, MaintenanceRow, NewMaintenance};
 pub use views::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};

@@ -228,6 +228,27 @@ pub fn description_hash(robot: &Robot) -> [u8; 32] {
     *hasher.finalize().as_bytes()
 }
 
+/// Hash of all that figures of a run depend on in a description: [`description_hash`], and what turns recorded rows
+/// into positions, speeds, torques and friction levels. Tests of two hashes do not compare.
+pub(super) fn figures_hash(robot: &Robot) -> [u8; 32] {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&description_hash(robot));
+    let mut add = |value: f64| {
+        hasher.update(&value.to_le_bytes());
+    };
+    // an unknown constant is told from any known one
+    let known = |value: Option<f64>| value.unwrap_or(f64::NAN);
+    for joint in &robot.joints {
+        let constants =
+            [joint.drive_gain, joint.motor_torque_constant, joint.rated_motor_torque, joint.rated_torque];
+        let scales = [joint.gear_ratio, joint.position_offset, joint.limits.velocity, joint.low_speed];
+        scales.into_iter().chain(constants.map(known)).for_each(&mut add);
+    }
+    robot.transmission.iter().copied().for_each(&mut add);
+    robot.speed_levels.iter().copied().for_each(&mut add);
+    *hasher.finalize().as_bytes()
+}
+
 /// A friction model as numbers.
 fn friction_numbers(model: FrictionModel) -> [f64; 3] {
     let (law, speed) = match model.law {

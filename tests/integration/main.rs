@@ -22,6 +22,7 @@ mod quarantine;
 mod friction_only;
 mod fuzz_seeds;
 mod layouts;
+mod maintenance;
 mod estimators;
 mod no_result;
 mod overdue;

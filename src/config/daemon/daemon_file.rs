@@ -23,6 +23,7 @@ use crate::config::toml::table::{Table, Value, read_document};
 use crate::config::{date_format, pattern};
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::verdict::DetectSettings;
+use crate::numerics::friction::index::MOST_BASELINE_RUNS;
 use crate::robot::{JointKind, Robot, TorqueSensors};
 
 const DEFAULT_DATABASE: &str = "armwatch.db";
@@ -462,7 +463,9 @@ fn read_estimator(value: &Value<'_>) -> Option<Estimator> {
 fn read_detect(table: &Table<'_>) -> Option<DetectSettings> {
     let default = DetectSettings::default();
     let runs = match table.optional("baseline_runs") {
-        Some(value) => value.integer(2..=1000).and_then(|runs| usize::try_from(runs).ok()),
+        Some(value) => {
+            value.integer(2..=MOST_BASELINE_RUNS as i64).and_then(|runs| usize::try_from(runs).ok())
+        }
         None => Some(default.baseline_runs),
     };
     let drift = read_levels(table, "drift", (default.drift_warning, default.drift_critical));

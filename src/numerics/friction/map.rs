@@ -86,7 +86,7 @@ pub fn with_temperatures(
 }
 
 /// A map with the value of its objective.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct FittedMap {
     pub law: LawParameters,
     /// Friction of the warm joint by level, Nm; empty where the law is not admissible.

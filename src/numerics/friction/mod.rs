@@ -17,4 +17,5 @@ pub mod map;
 mod effect_layout;
 mod run_effects;
 pub mod record;
+pub mod baseline;
 pub mod index;

@@ -117,6 +117,19 @@ pub(super) struct AmbientTemperatures {
     pub below_usual: Vec<f64>,
 }
 
+impl ThermalSensor {
+    /// The same with its scale and without the readings of any run.
+    pub(super) fn without_readings(&self) -> Self {
+        match self {
+            Self::None => Self::None,
+            Self::Motor(motor) => Self::Motor(MotorTemperatures { readings: Vec::new(), ..*motor }),
+            Self::Ambient(ambient) => {
+                Self::Ambient(AmbientTemperatures { below_usual: Vec::new(), ..*ambient })
+            }
+        }
+    }
+}
+
 impl MotorTemperatures {
     /// Thermal deficit `(warm - T) / (warm - cold)` at `time`, s, in run `run`; NaN for a run without readings.
     pub(super) fn thermal_deficit(&self, run: usize, time: f64) -> f64 {

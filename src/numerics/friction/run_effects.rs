@@ -78,34 +78,62 @@ pub(super) fn start_decay(fit: &FittedMap, seconds: f64) -> [f64; 2] {
 
 /// Random effects of all runs by joint, and the prior scales estimated with them.
 ///
-/// `known` are the scales of an earlier call with other maps; the estimation continues from them.
+/// `known` are the scales of an earlier call with other maps; the estimation continues from them. Joints with an entry
+/// in `held` keep these scales.
 pub(super) fn run_effects(
     records: &[JointRecord],
     fits: &[FittedMap],
     starts: &[f64],
     known: Option<PriorScales>,
+    held: &[Option<&JointScales>],
 ) -> (Vec<Vec<RunEffect>>, PriorScales) {
-    let by_joint: Vec<Vec<RunPoints>> =
-        records.iter().zip(fits).map(|(record, fit)| run_points(record, fit, starts)).collect();
+    let by_joint = points_by_run(records, fits, starts);
     let layout = EffectLayout::of(records);
     let rounds = if known.is_some() { 1 } else { SCALE_ROUNDS };
-    let mut scales = known.unwrap_or_else(|| PriorScales::initial(records, &by_joint));
-    let solve = |scales: &PriorScales| -> Vec<RunSolution> {
-        let joints_of = |run: usize| by_joint.iter().map(|runs| &runs[run]).collect::<Vec<&RunPoints>>();
-        (0..starts.len()).map(|run| solve_run(&joints_of(run), scales, &layout)).collect()
-    };
+    let mut scales = known.unwrap_or_else(|| PriorScales::initial(records, &by_joint).holding(held));
     for _ in 0..rounds {
-        scales = estimated_scales(&by_joint, &solve(&scales), &scales, &layout);
+        let solved = solve_runs(&by_joint, &scales, &layout, starts.len());
+        scales = estimated_scales(&by_joint, &solved, &scales, &layout).holding(held);
     }
-    let solved = solve(&scales);
-    let effects = by_joint
-        .iter()
-        .enumerate()
-        .map(|(j, runs)| {
-            runs.iter().zip(&solved).map(|(points, run)| run_effect(points, run, &layout, j)).collect()
-        })
-        .collect();
-    (effects, scales)
+    let solved = solve_runs(&by_joint, &scales, &layout, starts.len());
+    (effects_by_joint(&by_joint, &solved, &layout), scales)
+}
+
+/// Random effects of all runs by joint, with prior scales that are known.
+pub(super) fn held_effects(
+    records: &[JointRecord],
+    fits: &[FittedMap],
+    starts: &[f64],
+    scales: &PriorScales,
+) -> Vec<Vec<RunEffect>> {
+    let by_joint = points_by_run(records, fits, starts);
+    let layout = EffectLayout::of(records);
+    effects_by_joint(&by_joint, &solve_runs(&by_joint, scales, &layout, starts.len()), &layout)
+}
+
+fn points_by_run(records: &[JointRecord], fits: &[FittedMap], starts: &[f64]) -> Vec<Vec<RunPoints>> {
+    records.iter().zip(fits).map(|(record, fit)| run_points(record, fit, starts)).collect()
+}
+
+fn solve_runs(
+    by_joint: &[Vec<RunPoints>],
+    scales: &PriorScales,
+    layout: &EffectLayout,
+    runs: usize,
+) -> Vec<RunSolution> {
+    let joints_of = |run: usize| by_joint.iter().map(|runs| &runs[run]).collect::<Vec<&RunPoints>>();
+    (0..runs).map(|run| solve_run(&joints_of(run), scales, layout)).collect()
+}
+
+fn effects_by_joint(
+    by_joint: &[Vec<RunPoints>],
+    solved: &[RunSolution],
+    layout: &EffectLayout,
+) -> Vec<Vec<RunEffect>> {
+    let of_joint = |(j, runs): (usize, &Vec<RunPoints>)| {
+        runs.iter().zip(solved).map(|(points, run)| run_effect(points, run, layout, j)).collect()
+    };
+    by_joint.iter().enumerate().map(of_joint).collect()
 }
 
 /// Prior scales of the random effects.
@@ -117,8 +145,8 @@ pub(super) struct PriorScales {
 }
 
 /// Scatter of a joint's points and prior scales of its effects.
-#[derive(Debug, Clone)]
-struct JointScales {
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct JointScales {
     /// Standard deviation of a point by level, as a fraction of friction; no prior, but the weight of the point.
     scatter: Vec<f64>,
     /// Of a level in a run, as a fraction of friction.
@@ -131,6 +159,34 @@ struct JointScales {
 }
 
 impl PriorScales {
+    /// Scales of joints whose maps hold, each with the scale of the common ambient effect in its baseline. The widest of
+    /// the latter counts: a baseline in an even hall does not tell that all halls are even.
+    pub(super) fn held<'a>(joints: impl Iterator<Item = (&'a JointScales, f64)>) -> Self {
+        let (joints, ambient): (Vec<&JointScales>, Vec<f64>) = joints.unzip();
+        let widest = ambient.into_iter().fold(AMBIENT_SCALE.smallest, f64::max);
+        Self { ambient: widest, joints: joints.into_iter().cloned().collect() }
+    }
+
+    /// Scale of the common ambient effect.
+    pub(super) fn ambient(&self) -> f64 {
+        self.ambient
+    }
+
+    /// Scales of the joint of the record at `at`.
+    pub(super) fn of_joint(&self, at: usize) -> JointScales {
+        self.joints[at].clone()
+    }
+
+    /// The same with the scales in `held`, by joint, in place of its own.
+    fn holding(mut self, held: &[Option<&JointScales>]) -> Self {
+        for (scales, held) in self.joints.iter_mut().zip(held) {
+            if let Some(held) = held {
+                scales.clone_from(held);
+            }
+        }
+        self
+    }
+
     fn initial(records: &[JointRecord], by_joint: &[Vec<RunPoints>]) -> Self {
         let joint = |(record, runs): (&JointRecord, &Vec<RunPoints>)| JointScales {
             scatter: scatter(runs, record.levels.len()),

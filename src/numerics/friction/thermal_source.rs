@@ -45,7 +45,7 @@ const MIN_STANDARD_ERRORS: f64 = 2.0;
 /// The temperature to use for a joint with these points, and a sentence on why a recorded one is not used.
 pub(super) fn thermal_sensor(
     joint: JointIndex,
-    runs: &[MapRun],
+    runs: &[&MapRun],
     starts: &[f64],
     points: &[RecordPoint],
 ) -> (ThermalSensor, Option<String>) {
@@ -62,6 +62,31 @@ pub(super) fn thermal_sensor(
             (ambient.map_or(ThermalSensor::None, ThermalSensor::Ambient), remark(reason))
         }
     }
+}
+
+/// The sensor that a map stands on, with the readings of `runs`; `None` where the map needs the motor's temperature and
+/// a run lacks it.
+pub(super) fn held_sensor(
+    held: &ThermalSensor,
+    joint: JointIndex,
+    runs: &[&MapRun],
+    starts: &[f64],
+) -> Option<ThermalSensor> {
+    Some(match held {
+        ThermalSensor::None => ThermalSensor::None,
+        ThermalSensor::Motor(motor) => {
+            let of_run = |(run, start): (&&MapRun, &f64)| {
+                let readings = motor_readings(joint, run, *start);
+                has_readings(&readings, run).then_some(readings)
+            };
+            let readings: Option<Vec<Vec<[f64; 2]>>> = runs.iter().zip(starts).map(of_run).collect();
+            ThermalSensor::Motor(MotorTemperatures { readings: readings?, ..*motor })
+        }
+        ThermalSensor::Ambient(ambient) => {
+            let below_usual = runs.iter().map(|run| below(ambient.usual, mean_ambient(run))).collect();
+            ThermalSensor::Ambient(AmbientTemperatures { below_usual, ..*ambient })
+        }
+    })
 }
 
 /// Fits the map of a record for the first time, and again without its sensor if friction contradicts the sensor.
@@ -121,16 +146,14 @@ fn variation(record: &JointRecord) -> f64 {
 /// A reason if only some of the runs have them, or if their range is too small.
 fn motor_temperatures(
     joint: JointIndex,
-    runs: &[MapRun],
+    runs: &[&MapRun],
     starts: &[f64],
     points: &[RecordPoint],
 ) -> Result<Option<MotorTemperatures>, String> {
     let readings: Vec<Vec<[f64; 2]>> =
         runs.iter().zip(starts).map(|(run, start)| motor_readings(joint, run, *start)).collect();
     let used = runs_of(points.iter());
-    let has_readings =
-        |run: &&usize| readings[**run].len() as f64 >= (MIN_CYCLES * runs[**run].spans.len() as f64).max(1.0);
-    let with = used.iter().filter(has_readings).count();
+    let with = used.iter().filter(|run| has_readings(&readings[**run], runs[**run])).count();
     if with == 0 {
         return Ok(None);
     }
@@ -157,6 +180,11 @@ fn motor_temperatures(
     Ok(Some(MotorTemperatures { warm, cold, readings }))
 }
 
+/// Whether enough cycles of a run have the motor's temperature.
+fn has_readings(readings: &[[f64; 2]], run: &MapRun) -> bool {
+    readings.len() as f64 >= (MIN_CYCLES * run.spans.len() as f64).max(1.0)
+}
+
 /// Mean temperature of the joint's motor in each cycle of a run that has it, with the middle of the cycle since the
 /// epoch, s.
 fn motor_readings(joint: JointIndex, run: &MapRun, start: f64) -> Vec<[f64; 2]> {
@@ -174,14 +202,10 @@ fn motor_readings(joint: JointIndex, run: &MapRun, start: f64) -> Vec<[f64; 2]> 
 ///
 /// A reason if too few runs have one, or if it varies too little over the runs.
 fn ambient_temperatures(
-    runs: &[MapRun],
+    runs: &[&MapRun],
     points: &[RecordPoint],
 ) -> Result<Option<AmbientTemperatures>, String> {
-    let of_run = |run: &MapRun| {
-        let kelvin: Vec<f64> = run.spans.iter().filter_map(|span| span.temperatures.ambient).collect();
-        mean(&kelvin)
-    };
-    let by_run: Vec<Option<f64>> = runs.iter().map(of_run).collect();
+    let by_run: Vec<Option<f64>> = runs.iter().map(|run| mean_ambient(run)).collect();
     let used = runs_of(points.iter().filter(|p| p.in_map));
     let known: Vec<f64> = used.iter().filter_map(|run| by_run[*run]).collect();
     let Some(usual) = median(&known) else { return Ok(None) };
@@ -193,8 +217,19 @@ fn ambient_temperatures(
             known.len()
         ));
     }
-    let below_usual = by_run.iter().map(|kelvin| kelvin.map_or(0.0, |kelvin| usual - kelvin)).collect();
+    let below_usual = by_run.into_iter().map(|kelvin| below(usual, kelvin)).collect();
     Ok(Some(AmbientTemperatures { usual, below_usual }))
+}
+
+/// Mean ambient temperature of a run, K.
+fn mean_ambient(run: &MapRun) -> Option<f64> {
+    let kelvin: Vec<f64> = run.spans.iter().filter_map(|span| span.temperatures.ambient).collect();
+    mean(&kelvin)
+}
+
+/// The usual temperature less that of a run, K; an unknown one counts as the usual one.
+fn below(usual: f64, kelvin: Option<f64>) -> f64 {
+    kelvin.map_or(0.0, |kelvin| usual - kelvin)
 }
 
 #[cfg(test)]

@@ -5,17 +5,19 @@
 //! one run or after many: a backlog of a thousand exports is not judged a thousand times. The database knows
 //! which robots wait for it, so that nothing is forgotten if the program ends in between.
 
+use std::collections::HashSet;
+
 use crate::anomaly::RunSummary;
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::detect::production::detect_production;
 use crate::numerics::detect::runs::detect;
 use crate::pipeline::context::{Pipeline, PipelineError};
-use crate::pipeline::friction::FrictionHistory;
+use crate::pipeline::friction::friction_conclusion;
 use crate::pipeline::production;
 use crate::store::{AnomalyRow, StaleRobot};
 
-/// Of a longer backlog, conclusions are drawn each time this many runs of a robot have ended: the friction index
-/// is made for the latest two dozen runs, and no run is to be passed over.
+/// Of a longer backlog, conclusions are drawn each time this many runs of a robot have ended, so that a wait for them
+/// stays short.
 pub const RUNS_AT_ONCE: usize = 12;
 
 /// What the history of a robot says that it did not say before.
@@ -63,13 +65,10 @@ impl Pipeline {
         let summaries = self.store.run_summaries(robot.robot_id).await?;
         let level = reference_level(&summaries, self.config.analysis.reference_speed_fraction);
         let points = self.store.friction_history(robot.robot_id, level).await?;
-        let runs = self.store.friction_runs(robot.robot_id).await?;
+        let mixed = tokio::task::spawn_blocking(move || warm_up_fits(&points)).await?;
         let baseline_runs = self.config.detect.baseline_runs;
-        let (mixed, friction) = tokio::task::spawn_blocking(move || {
-            (warm_up_fits(&points), FrictionHistory::of_runs(runs, baseline_runs))
-        })
-        .await?;
-        for remark in &friction.found.remarks {
+        let friction = friction_conclusion(&self.store, robot.robot_id, baseline_runs).await?;
+        for remark in &friction.remarks {
             tracing::debug!(robot = robot.name, "{remark}");
         }
         let settled = production::settle(&self.store, robot.robot_id, self.config.analysis.estimator).await?;
@@ -81,12 +80,24 @@ impl Pipeline {
             }
         }
         conclusion.replace_mixed_fits(&mixed).await?;
-        conclusion.replace_friction_maps(&friction.run_ids, &friction.found).await?;
-        // detectors watch the index that was stored just now
-        let mut findings = detect(&conclusion.run_summaries().await?, &self.config.detect);
+        let replaced = conclusion.replace_friction(&friction).await?;
+        // detectors watch the indices that were stored just now; a test that completed meanwhile has none yet
+        let mut summaries = conclusion.run_summaries().await?;
+        let known: HashSet<i64> = friction.run_ids.iter().copied().collect();
+        summaries.retain(|run| known.contains(&run.run_id));
+        let mut findings = detect(&summaries, &self.config.detect);
         findings.anomalies.extend(detect_production(&conclusion.production_summaries().await?));
         let reconciled = conclusion.reconcile(&findings).await?;
         conclusion.commit(history).await?;
+        for of in &replaced {
+            tracing::info!(
+                robot = robot.name,
+                joint = %of.joint,
+                epoch = of.epoch,
+                "the friction baseline is formed anew: {} (view baseline_changes)",
+                of.because
+            );
+        }
         let new_anomalies = self.opened(&reconciled.opened).await?;
         Ok(Concluded { robot: robot.name.clone(), new_anomalies })
     }

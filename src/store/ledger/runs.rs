@@ -478,20 +478,30 @@ pub(in crate::store) async fn robot_of_run(
         .await
 }
 
+/// The description that a cycle was analysed with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::store) struct Description {
+    /// Its key.
+    pub(in crate::store) robot_model_id: i64,
+    /// Hash of all that figures depend on.
+    pub(in crate::store) figures_hash: [u8; 32],
+}
+
 /// Moves the mark of progress by one cycle, and with it what the cycles were read from, where it is known.
 pub(in crate::store) async fn advance(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
-    robot_model_id: i64,
+    description: &Description,
     read: Option<&ContentPrefix>,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET cycles_stored = cycles_stored + 1, robot_model_id = ?, prefix_bytes = ifnull(?, prefix_bytes),
+         SET cycles_stored = cycles_stored + 1, robot_model_id = ?, figures_hash = ?, prefix_bytes = ifnull(?, prefix_bytes),
              prefix_hash = ifnull(?, prefix_hash)
          WHERE run_id = ?",
     )
-    .bind(robot_model_id)
+    .bind(description.robot_model_id)
+    .bind(&description.figures_hash[..])
     .bind(read.map(|prefix| count(prefix.bytes)))
     .bind(read.map(|prefix| &prefix.hash.0[..]))
     .bind(run_id)

@@ -107,7 +107,8 @@ pub(in crate::store) async fn record_cycle(
     if let Some(point) = read.and_then(|read| read.resume.as_ref()) {
         resume::set(&mut *connection, run_id, point).await?;
     }
-    runs::advance(connection, run_id, model, read.map(|read| &read.prefix)).await?;
+    let description = runs::Description { robot_model_id: model, figures_hash: models::figures_hash(robot) };
+    runs::advance(connection, run_id, &description, read.map(|read| &read.prefix)).await?;
     Ok(Recorded::Stored)
 }
 

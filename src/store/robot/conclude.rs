@@ -8,10 +8,9 @@ use sqlx::sqlite::SqliteExecutor;
 use sqlx::{Sqlite, Transaction};
 
 use super::anomalies::Reconciled;
-use super::{anomalies, conclusion_faults, cycle_friction_rows, friction, history};
+use super::{anomalies, conclusion_faults, cycle_friction_rows, history};
 use crate::analysis::{ProductionCheck, WarmUpFit};
 use crate::anomaly::{Findings, ProductionSummary, RunSummary};
-use crate::numerics::friction::index::RobotFriction;
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::results::{production, run_analysis};
@@ -44,20 +43,6 @@ impl ConclusionTransaction {
     /// [`StoreError`] of the database.
     pub async fn replace_mixed_fits(&mut self, fits: &[WarmUpFit]) -> Result<(), StoreError> {
         let result = run_analysis::replace_mixed_fits(&mut self.transaction, self.robot_id, fits).await;
-        self.checked(result)
-    }
-
-    /// Replaces the friction maps of the robot, and the friction index of the runs `run_ids` that they
-    /// stand on, in the order of `found.indices`.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn replace_friction_maps(
-        &mut self,
-        run_ids: &[i64],
-        found: &RobotFriction,
-    ) -> Result<(), StoreError> {
-        let result = friction::replace_maps(&mut self.transaction, self.robot_id, run_ids, found).await;
         self.checked(result)
     }
 
@@ -129,7 +114,7 @@ impl ConclusionTransaction {
         self.transaction.commit().await.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 
-    fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+    pub(super) fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
         result.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 }

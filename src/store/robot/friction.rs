@@ -1,6 +1,6 @@
 //! Friction over speed and thermal state: read back for maps, written at the end of a run.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
@@ -11,33 +11,23 @@ use crate::analysis::friction::{
     FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient, ThermalSource,
 };
 use crate::analysis::{CycleTemperatures, Estimate, FrictionPoint};
-use crate::numerics::friction::index::RobotFriction;
-use crate::numerics::friction::record::{CycleMotion, MapRun};
+use crate::numerics::friction::record::CycleMotion;
 use crate::numerics::signal::filter::independent_fraction;
 use crate::robot::JointIndex;
 use crate::run::temperature::ZERO_CELSIUS;
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
-use crate::store::results::temperatures;
 use crate::store::values::{
     ROWS_PER_STATEMENT, count, finite, joint, joint_number, json_numbers, size, time,
 };
 
-/// Runs that maps and fits over runs are made of, of a longer history: the first ones, which hold the
-/// baseline, and the latest ones. That bounds the work of a conclusion; what lies between has no later say.
+/// Runs that warm-up fits over runs are made of, of a longer history: the first and the latest ones. That bounds the
+/// work of a conclusion.
 const FIRST_RUNS: usize = 12;
 const LATEST_RUNS: usize = 24;
 
-const MICROSECONDS: f64 = 1e6;
-
-/// A run's friction with its key.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FrictionRun {
-    /// Database key.
-    pub run_id: i64,
-    /// Start, motion and plateaus.
-    pub run: MapRun,
-}
+/// Microseconds of a second.
+pub(super) const MICROSECONDS: f64 = 1e6;
 
 /// Friction over speed of one cycle.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,16 +51,6 @@ impl Store {
     ) -> Result<Vec<FrictionPoint>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(friction_history(&mut connection, robot_id, speed_fraction).await)
-    }
-
-    /// Reads the friction of a robot's complete runs, oldest first; of a long history the first dozen and the
-    /// latest two dozen.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn friction_runs(&self, robot_id: i64) -> Result<Vec<FrictionRun>, StoreError> {
-        let mut connection = self.checked(self.readers.acquire().await)?;
-        self.checked(friction_runs(&mut connection, robot_id).await)
     }
 
     /// Friction indices of the complete runs of a robot, by joint, oldest run first.
@@ -97,26 +77,6 @@ impl Store {
     pub async fn independent_fractions(&self, run_id: i64) -> Result<HashMap<u32, f64>, StoreError> {
         self.checked(independent_fractions(&self.readers, run_id).await)
     }
-}
-
-/// Friction of the robot's first and latest complete runs, oldest first.
-pub(in crate::store) async fn friction_runs(
-    connection: &mut SqliteConnection,
-    robot_id: i64,
-) -> Result<Vec<FrictionRun>, sqlx::Error> {
-    let starts = first_and_latest_runs(&mut *connection, robot_id).await?;
-    let mut runs = Vec::with_capacity(starts.len());
-    for (run_id, started_at) in starts {
-        let temperatures = temperatures::of_run(&mut *connection, run_id).await?;
-        let spans = motion(&mut *connection, run_id, started_at, temperatures).await?;
-        let points = history::friction_points(&mut *connection, run_id).await?;
-        let points = points.into_iter().map(|row| row.point).collect();
-        runs.push(FrictionRun {
-            run_id,
-            run: MapRun { started_at: started_at as f64 / MICROSECONDS, spans, points },
-        });
-    }
-    Ok(runs)
 }
 
 /// Friction points of the robot's first and latest complete runs at one nominal speed, oldest run first;
@@ -154,7 +114,7 @@ async fn first_and_latest_runs(
 
 /// The cycles of a run as stretches of motion: a test moves from its first row to its last. `temperatures` are
 /// those of the cycles by their key.
-async fn motion(
+pub(super) async fn motion(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
     run_started_at: i64,
@@ -363,31 +323,55 @@ async fn insert_coefficients(
     Ok(())
 }
 
-/// Replaces the maps of a robot, and the indices of all runs that they stand on. `run_ids` are those of
-/// `found.indices`. Call in a transaction.
-pub(in crate::store) async fn replace_maps(
+/// Takes away the maps of a robot's joints that are not among `joints`.
+pub(super) async fn keep_maps(
     connection: &mut SqliteConnection,
     robot_id: i64,
-    run_ids: &[i64],
-    found: &RobotFriction,
+    joints: &HashSet<JointIndex>,
 ) -> Result<(), sqlx::Error> {
-    delete_maps(&mut *connection, robot_id).await?;
-    for map in &found.maps {
-        insert_law(&mut *connection, robot_id, map).await?;
-        insert_levels(&mut *connection, robot_id, map).await?;
-    }
-    for (run_id, indices) in run_ids.iter().zip(&found.indices) {
-        delete_indices(&mut *connection, *run_id).await?;
-        for rows in indices.chunks(ROWS_PER_STATEMENT) {
-            insert_indices(&mut *connection, *run_id, rows).await?;
-        }
+    let stored: Vec<i64> = sqlx::query_scalar("SELECT joint FROM friction_law WHERE robot_id = ?")
+        .bind(robot_id)
+        .fetch_all(&mut *connection)
+        .await?;
+    let kept: HashSet<i64> = joints.iter().map(|joint| joint_number(*joint)).collect();
+    for joint in stored.into_iter().filter(|joint| !kept.contains(joint)) {
+        delete_map(&mut *connection, robot_id, joint).await?;
     }
     Ok(())
 }
 
-async fn delete_maps(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<(), sqlx::Error> {
+/// Replaces the map of a joint by one that was fitted on `basis`. Call in a transaction.
+pub(super) async fn replace_map(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+    map: &FrictionMap,
+    basis: &[u8; 32],
+) -> Result<(), sqlx::Error> {
+    delete_map(&mut *connection, robot_id, joint_number(map.joint)).await?;
+    insert_law(&mut *connection, robot_id, map, basis).await?;
+    insert_levels(connection, robot_id, map).await
+}
+
+/// Replaces the friction indices of a run. Call in a transaction.
+pub(super) async fn replace_indices(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    indices: &[FrictionIndex],
+) -> Result<(), sqlx::Error> {
+    delete_indices(&mut *connection, run_id).await?;
+    for rows in indices.chunks(ROWS_PER_STATEMENT) {
+        insert_indices(&mut *connection, run_id, rows).await?;
+    }
+    Ok(())
+}
+
+async fn delete_map(executor: impl SqliteExecutor<'_>, robot_id: i64, joint: i64) -> Result<(), sqlx::Error> {
     // levels go with their law
-    sqlx::query("DELETE FROM friction_law WHERE robot_id = ?").bind(robot_id).execute(executor).await?;
+    sqlx::query("DELETE FROM friction_law WHERE robot_id = ? AND joint = ?")
+        .bind(robot_id)
+        .bind(joint)
+        .execute(executor)
+        .await?;
     Ok(())
 }
 
@@ -400,6 +384,7 @@ async fn insert_law(
     executor: impl SqliteExecutor<'_>,
     robot_id: i64,
     map: &FrictionMap,
+    basis: &[u8; 32],
 ) -> Result<(), sqlx::Error> {
     const SECONDS: f64 = 60.0;
     let law = &map.law;
@@ -415,8 +400,9 @@ async fn insert_law(
         "INSERT INTO friction_law (robot_id, joint, slow_min, slow_std_error_min, fast_min, fast_std_error_min,
                                    slow_share, slow_share_std_error, cooling_ratio, cooling_ratio_std_error,
                                    relative_rmsd, explained, runs, points, remarks, covariance, thermal_source,
-                                   warm_degc, cold_degc, curvature, curvature_std_error, ambient_degc, coldness_1_k, coldness_std_error_1_k)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                                   warm_degc, cold_degc, curvature, curvature_std_error, ambient_degc, coldness_1_k,
+                                   coldness_std_error_1_k, basis)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(robot_id)
     .bind(joint_number(map.joint))
@@ -442,6 +428,7 @@ async fn insert_law(
     .bind(hall.and_then(|(usual, _)| celsius(usual)))
     .bind(hall.and_then(|(_, coldness)| finite(coldness.value)))
     .bind(hall.and_then(|(_, coldness)| finite(coldness.std_error)))
+    .bind(&basis[..])
     .execute(executor)
     .await?;
     Ok(())

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
-use super::cycle_friction;
+use super::{cycle_friction, maintenance};
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{
     Estimate, FrictionPoint, GravityRemoval, IdentifiedParameter, JointSummary, RmsdSwing, WarmFriction,
@@ -272,6 +272,7 @@ pub(in crate::store) async fn run_summaries(
             joints: Vec::new(),
             cycle_friction: Vec::new(),
             parameters: Vec::new(),
+            epochs: Vec::new(),
         };
         let has_summary = row.try_get::<Option<i64>, _>("joint")?.is_some();
         let estimator: Option<String> = row.try_get("estimator")?;
@@ -293,11 +294,16 @@ pub(in crate::store) async fn run_summaries(
         }
     }
     let mut friction = cycle_friction::by_run(&mut *connection, robot_id).await?;
-    let mut parameters = cycle_friction::parameters_by_run(connection, robot_id).await?;
+    let mut parameters = cycle_friction::parameters_by_run(&mut *connection, robot_id).await?;
     for run in &mut runs {
         run.cycle_friction = friction.remove(&run.run_id).unwrap_or_default();
         run.parameters = parameters.remove(&run.run_id).unwrap_or_default();
         (run.refused_cycles, run.refusals) = refused.remove(&run.run_id).unwrap_or_default();
+    }
+    let joints = runs.iter().flat_map(|run| &run.joints).map(|of| of.joint.number()).max().unwrap_or(0);
+    let mut epochs = maintenance::epoch_ordinals(connection, robot_id, joints).await?;
+    for run in &mut runs {
+        run.epochs = epochs.remove(&run.run_id).unwrap_or_default();
     }
     Ok(runs)
 }

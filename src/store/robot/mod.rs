@@ -2,6 +2,9 @@
 
 pub(super) mod conclude;
 pub(super) mod conclusion_faults;
+pub(super) mod maintenance;
+pub(super) mod baselines;
+pub(super) mod baseline_plan;
 pub(super) mod history;
 pub(super) mod cycle_friction;
 pub(super) mod cycle_friction_rows;

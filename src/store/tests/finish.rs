@@ -7,9 +7,9 @@ use crate::analysis::friction::FrictionIndex;
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{CycleAnalysis, Estimate};
 use crate::anomaly::{Anomaly, Findings, JointHealth, Knowledge, Severity};
-use crate::numerics::friction::index::RobotFriction;
 use crate::run::RunStatus;
 use crate::store::error::StoreError;
+use crate::store::robot::baselines::{FrictionConclusion, NewIndices};
 use crate::store::views::HealthStatus;
 use crate::testing::er3a;
 
@@ -107,7 +107,7 @@ async fn a_whole_run_may_be_stored_from_a_spawned_task() {
         for robot in store.stale_robots().await? {
             store.run_summaries(robot.robot_id).await?;
             store.friction_history(robot.robot_id, 0.6).await?;
-            store.friction_runs(robot.robot_id).await?;
+            store.friction_tests(robot.robot_id).await?;
             let mut conclusion = store.conclude(robot.robot_id).await?;
             conclusion.replace_mixed_fits(&fits(1.0)).await?;
             conclusion.reconcile(&findings(vec![])).await?;
@@ -486,7 +486,6 @@ async fn natural_questions_are_answered_from_indexes() {
 async fn detectors_get_the_index_of_each_run_and_people_too() {
     let (_folder, store) = fresh().await;
     let run_id = streaming_run(&store, "R00", 0, 1).await;
-    let mut found = RobotFriction { indices: vec![Vec::new()], ..RobotFriction::default() };
     let index = FrictionIndex {
         joint: joint(2),
         index: Estimate { value: 1.03, std_error: 0.004 },
@@ -496,14 +495,16 @@ async fn detectors_get_the_index_of_each_run_and_people_too() {
         points: 12,
         short: true,
     };
-    found.indices[0].push(index);
     let mut end = store.finish_run(run_id).await.expect("a transaction");
     end.store_analysis(&run_analysis(1.0)).await.expect("an analysis");
     end.complete(totals(1)).await.expect("completion");
     end.commit().await.expect("a commit");
     let robot = stale(&store, run_id).await;
     let mut conclusion = store.conclude(robot.robot_id).await.expect("a transaction");
-    conclusion.replace_friction_maps(&[run_id], &found).await.expect("an index");
+    let new = NewIndices { run_id, points: vec![(joint(2), 12)], basis: Some([7; 32]), indices: vec![index] };
+    let found =
+        FrictionConclusion { run_ids: vec![run_id], indices: vec![new], ..FrictionConclusion::default() };
+    conclusion.replace_friction(&found).await.expect("an index");
     let summaries = conclusion.run_summaries().await.expect("summaries");
     let known: Vec<_> =
         summaries[0].joints.iter().filter_map(|of| Some((of.joint, of.friction_index?))).collect();

@@ -51,6 +51,7 @@ pub(super) fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSumm
         cycle_friction: vec![],
         parameters: vec![],
         joints: vec![quiet(0), quiet(1), joint],
+        epochs: Vec::new(),
     }
 }
 
@@ -87,6 +88,7 @@ pub(super) fn indexed(day: i64, index: Option<f64>) -> RunSummary {
         cycle_friction: vec![],
         parameters: vec![],
         joints: (0..JOINTS).map(joint).collect(),
+        epochs: Vec::new(),
     }
 }
 

@@ -37,7 +37,12 @@ impl<'a> JointSeries<'a> {
     ) -> Self {
         let runs: Vec<Option<&JointSummary>> =
             history.iter().map(|run| run.joints.iter().find(|summary| summary.joint == joint)).collect();
-        let friction = FrictionHistory::new(&runs, settings.baseline_runs);
+        let mut friction = FrictionHistory::new(&runs, settings.baseline_runs);
+        let jumps =
+            |of: &Option<RunCause>| matches!(of.as_ref().and_then(RunCause::clear), Some(Cause::Step { .. }));
+        if let Some(run) = causes.iter().position(jumps).filter(|run| friction.is_learnt_at(*run)) {
+            friction.learn_before(run);
+        }
         Self { joint, runs, friction, causes, arm, settings }
     }
 

@@ -46,6 +46,7 @@ fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
             cycle_friction: Vec::new(),
             parameters: Vec::new(),
             joints: (0..JOINTS).map(|j| summary(i, j)).collect(),
+            epochs: Vec::new(),
         })
         .collect()
 }

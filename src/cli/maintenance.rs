@@ -1,0 +1,265 @@
+//! `armwatch maintenance`: work on robots, which begins new baselines.
+
+use clap::Args;
+use clap::builder::NonEmptyStringValueParser;
+use jiff::Timestamp;
+use jiff::civil::{Date, DateTime};
+use jiff::tz::TimeZone;
+use serde_json::json;
+
+use super::context::{CliError, EXIT_DONE, Global, open_store, runtime, shared};
+use super::shared::output;
+use super::shared::user::user;
+use crate::anomaly::epoch::Maintenance;
+use crate::config::Config;
+use crate::pipeline::conclude::isolation::Conclusion;
+use crate::pipeline::context::Pipeline;
+use crate::robot::JointIndex;
+use crate::store::{MaintenanceRow, NewMaintenance, Store, StoreError};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch maintenance Left --joint 3 --what \"gearbox changed\"
+  armwatch maintenance Left --what \"all joints greased\" --at 2026-03-01
+  armwatch maintenance Left --joint 5 --what \"brake changed\" --at 2026-03-01T14:30:00Z --by mueller
+  armwatch maintenance --list
+  armwatch maintenance --list Left --json
+  armwatch maintenance --remove 7
+
+Work on a joint, or on the whole arm without --joint, begins a new baseline: tests that start at its time or later
+are compared with the first full ones among them, and no longer with those before. Enter what changes friction,
+dynamics or sensors: gearbox, grease, brake, motor, encoder, load; not a cleaning. The history is judged again at
+once, or within a minute by a running daemon. An entry with a wrong time or joint is removed and made anew.")]
+pub(super) struct MaintenanceArgs {
+    /// Robot that was worked on; with --list, whose work is listed [default there: all]
+    #[arg(value_name = "ROBOT", required_unless_present_any = ["list", "remove"])]
+    robot: Option<String>,
+    /// What was done
+    #[arg(long, value_name = "TEXT", required_unless_present_any = ["list", "remove"],
+          value_parser = NonEmptyStringValueParser::new())]
+    what: Option<String>,
+    /// The joint, from 1 [default: the whole arm]
+    #[arg(long, value_name = "JOINT", value_parser = clap::value_parser!(u8).range(1..))]
+    joint: Option<u8>,
+    /// When it was done, UTC: a date, a date with time, or RFC 3339 with an offset [default: now]
+    #[arg(long, value_name = "TIME", value_parser = moment)]
+    at: Option<Timestamp>,
+    /// Who says so [default: the user's name]
+    #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new())]
+    by: Option<String>,
+    /// List the work that was entered, in the order of its time
+    #[arg(long, conflicts_with_all = ["what", "joint", "at", "by", "remove"])]
+    list: bool,
+    /// Remove the entry of this number, as --list shows it
+    #[arg(long, value_name = "NUMBER", conflicts_with_all = ["robot", "what", "joint", "at", "by"])]
+    remove: Option<i64>,
+}
+
+/// Reads a time: RFC 3339, or a date with or without a time of day, which are UTC.
+fn moment(text: &str) -> Result<Timestamp, String> {
+    let utc = |civil: DateTime| civil.to_zoned(TimeZone::UTC).ok().map(|zoned| zoned.timestamp());
+    let found = text
+        .parse::<Timestamp>()
+        .ok()
+        .or_else(|| text.parse::<DateTime>().ok().and_then(utc))
+        .or_else(|| text.parse::<Date>().ok().and_then(|date| utc(date.at(0, 0, 0, 0))));
+    found.ok_or_else(|| "give 2026-03-01, 2026-03-01T14:30 (both UTC) or 2026-03-01T14:30:00+01:00".into())
+}
+
+pub(super) fn maintenance(global: &Global, args: &MaintenanceArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    runtime()?.block_on(async {
+        let store = open_store(&config).await?;
+        let done = match (args.list, args.remove) {
+            (true, _) => list(global, &store, args.robot.as_deref()).await,
+            (_, Some(number)) => remove(global, config, &store, number).await,
+            _ => enter(global, config, &store, args).await,
+        };
+        store.close().await?;
+        done
+    })
+}
+
+async fn list(global: &Global, store: &Store, robot: Option<&str>) -> Result<u8, CliError> {
+    if let Some(robot) = robot {
+        known_joints(store, robot).await?;
+    }
+    let rows = store.maintenance(robot).await?;
+    if global.json {
+        rows.iter().for_each(|row| output::json(&as_value(row)));
+    } else if rows.is_empty() {
+        let of = robot.map(|name| format!(" on {name}")).unwrap_or_default();
+        output::line(&format!(
+            "no work{of} was entered: every joint is compared with its first tests; `armwatch maintenance ROBOT --what \
+             TEXT` enters some"
+        ));
+    } else {
+        let cells = |row: &MaintenanceRow| {
+            let Maintenance { maintenance_id, joint, at, what, who } = &row.work;
+            vec![
+                maintenance_id.to_string(),
+                row.robot.clone(),
+                joint.map_or_else(|| "all".to_owned(), |joint| joint.to_string()),
+                minute(*at),
+                what.clone(),
+                who.clone().unwrap_or_default(),
+            ]
+        };
+        let rows: Vec<Vec<String>> = rows.iter().map(cells).collect();
+        output::line(&output::table(&["number", "robot", "joint", "at (UTC)", "what", "by"], &rows));
+    }
+    Ok(EXIT_DONE)
+}
+
+async fn enter(
+    global: &Global,
+    config: Config,
+    store: &Store,
+    args: &MaintenanceArgs,
+) -> Result<u8, CliError> {
+    let robot = args.robot.clone().unwrap_or_default();
+    let joints = known_joints(store, &robot).await?;
+    let joint = args.joint.and_then(|number| JointIndex::from_number(usize::from(number)));
+    if let Some(joint) = joint.filter(|joint| joints > 0 && joint.number() > joints) {
+        return Err(CliError::Usage(format!("{robot} has no joint {joint}; its tests have {joints} joints")));
+    }
+    let now = Timestamp::now();
+    let at = args.at.unwrap_or(now);
+    if at > now {
+        return Err(CliError::Usage(format!(
+            "--at {} lies ahead; enter work once it is done, since tests before it are compared with the old baseline",
+            minute(at)
+        )));
+    }
+    let new = NewMaintenance {
+        robot: robot.clone(),
+        joint,
+        at,
+        what: args.what.clone().unwrap_or_default(),
+        who: Some(args.by.clone().unwrap_or_else(user)),
+    };
+    let number = store.enter_maintenance(&new).await?.ok_or_else(|| unknown(&robot))?;
+    let outcome = judge(config, store, &robot).await?;
+    let whole = joint.map_or_else(|| "the whole arm".to_owned(), |joint| format!("joint {joint}"));
+    if global.json {
+        output::json(&json!({
+            "maintenance_id": number, "robot": robot, "joint": joint.map(JointIndex::number), "at": at.to_string(),
+            "what": new.what, "by": new.who, "outcome": "entered", "judged": outcome.is_now(),
+        }));
+    } else {
+        output::line(&format!(
+            "entered      {number}: {robot}, {whole}, {} UTC: {}\n             tests from then on have a new baseline{}; \
+             `armwatch maintenance --remove {number}` takes it back",
+            minute(at),
+            new.what,
+            outcome.words()
+        ));
+    }
+    Ok(EXIT_DONE)
+}
+
+async fn remove(global: &Global, config: Config, store: &Store, number: i64) -> Result<u8, CliError> {
+    let Some(row) = store.remove_maintenance(number).await? else {
+        return Err(CliError::Usage(format!(
+            "no work has the number {number}; `armwatch maintenance --list` shows the numbers"
+        )));
+    };
+    let outcome = judge(config, store, &row.robot).await?;
+    if global.json {
+        let mut value = as_value(&row);
+        value["outcome"] = "removed".into();
+        value["judged"] = outcome.is_now().into();
+        output::json(&value);
+    } else {
+        let what = &row.work.what;
+        output::line(&format!(
+            "removed      {number}: {}, {} UTC: {what}\n             the baseline before it counts again{}",
+            row.robot,
+            minute(row.work.at),
+            outcome.words()
+        ));
+    }
+    Ok(EXIT_DONE)
+}
+
+/// Whether the history was judged with what has changed.
+enum Judged {
+    Now,
+    ByDaemon,
+    Failed(String),
+}
+
+impl Judged {
+    fn is_now(&self) -> bool {
+        matches!(self, Self::Now)
+    }
+
+    fn words(&self) -> String {
+        match self {
+            Self::Now => "; the history is judged with it".into(),
+            Self::ByDaemon => "; the running daemon judges the history with it within a minute".into(),
+            Self::Failed(reason) => format!("; the history could not be judged with it: {reason}"),
+        }
+    }
+}
+
+/// Judges the robot's history again, unless a daemon works on the database, which does it.
+async fn judge(config: Config, store: &Store, robot: &str) -> Result<Judged, CliError> {
+    match store.claim() {
+        Err(StoreError::Claimed { .. }) => return Ok(Judged::ByDaemon),
+        Err(error) => return Err(error.into()),
+        // not kept: a daemon that starts now takes over
+        Ok(_) => {}
+    }
+    let pipeline = Pipeline::new(shared(config), store.clone());
+    Ok(match pipeline.conclude_isolated(robot).await? {
+        Conclusion::Drawn(_) | Conclusion::UpToDate => Judged::Now,
+        Conclusion::Faulty(reason) => Judged::Failed(reason),
+    })
+}
+
+/// How many joints a robot has.
+async fn known_joints(store: &Store, robot: &str) -> Result<usize, CliError> {
+    store.known_joints(robot).await?.ok_or_else(|| unknown(robot))
+}
+
+fn unknown(robot: &str) -> CliError {
+    CliError::Usage(format!(
+        "no export of a robot \"{robot}\" is stored; the view `runs` has the names, and an export is stored before work \
+         on its robot is entered"
+    ))
+}
+
+fn as_value(row: &MaintenanceRow) -> serde_json::Value {
+    let Maintenance { maintenance_id, joint, at, what, who } = &row.work;
+    json!({
+        "maintenance_id": maintenance_id, "robot": row.robot, "joint": joint.map(JointIndex::number),
+        "at": at.to_string(), "what": what, "by": who, "recorded_at": row.recorded_at.to_string(),
+    })
+}
+
+fn minute(time: Timestamp) -> String {
+    time.strftime("%Y-%m-%d %H:%M").to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_utc_unless_they_say_otherwise() {
+        let expected = |text: &str| text.parse::<Timestamp>().expect("a time");
+        for (text, time) in [
+            ("2026-03-01", "2026-03-01T00:00:00Z"),
+            ("2026-03-01T14:30", "2026-03-01T14:30:00Z"),
+            ("2026-03-01 14:30:05", "2026-03-01T14:30:05Z"),
+            ("2026-03-01T14:30:00+01:00", "2026-03-01T13:30:00Z"),
+        ] {
+            assert_eq!(moment(text), Ok(expected(time)), "{text}");
+        }
+        for text in ["yesterday", "01.03.2026", "", "2026-13-01"] {
+            assert!(moment(text).is_err_and(|words| words.contains("2026-03-01")), "{text}");
+        }
+    }
+}

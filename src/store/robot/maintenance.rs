@@ -1,0 +1,223 @@
+//! Work on robots: entered by people, and what epochs of joints follow from it.
+
+use std::collections::HashMap;
+
+use jiff::Timestamp;
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+use sqlx::{Row, SqliteConnection};
+
+use crate::anomaly::epoch::{Maintenance, TestMoment, epochs};
+use crate::robot::JointIndex;
+use crate::store::error::StoreError;
+use crate::store::handle::Store;
+use crate::store::values::{joint, joint_number, time};
+
+/// Work on a robot with its name and when it was entered.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MaintenanceRow {
+    /// The robot.
+    pub robot: String,
+    /// The work.
+    pub work: Maintenance,
+    /// When it was entered, by the machine's clock.
+    pub recorded_at: Timestamp,
+}
+
+/// Work on a robot to be entered.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NewMaintenance {
+    /// The robot.
+    pub robot: String,
+    /// The joint; `None` for the whole arm.
+    pub joint: Option<JointIndex>,
+    /// When it was done.
+    pub at: Timestamp,
+    /// What was done.
+    pub what: String,
+    /// Who says so.
+    pub who: Option<String>,
+}
+
+impl Store {
+    /// Enters work on a robot and gives its key; `None` if no robot has this name. What is concluded of the robot is
+    /// stale then.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn enter_maintenance(&self, of: &NewMaintenance) -> Result<Option<i64>, StoreError> {
+        let mut transaction = self.begin().await?;
+        let entered = self.checked(enter(&mut *transaction, of).await)?;
+        self.commit(transaction).await?;
+        Ok(entered)
+    }
+
+    /// Takes an entry back and gives what it was; `None` if there is none of this key. What is concluded of the robot
+    /// is stale then.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn remove_maintenance(
+        &self,
+        maintenance_id: i64,
+    ) -> Result<Option<MaintenanceRow>, StoreError> {
+        let mut transaction = self.begin().await?;
+        let removed = self.checked(remove(&mut transaction, maintenance_id).await)?;
+        self.commit(transaction).await?;
+        Ok(removed)
+    }
+
+    /// Work on one robot or, without a name, on all, in the order of its time.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn maintenance(&self, robot: Option<&str>) -> Result<Vec<MaintenanceRow>, StoreError> {
+        self.checked(rows(&self.readers, robot).await)
+    }
+
+    /// How many joints a robot is known to have by its tests; `None` if no robot has this name.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn known_joints(&self, robot: &str) -> Result<Option<usize>, StoreError> {
+        let found: Option<i64> = self.checked(
+            sqlx::query_scalar(
+                "SELECT ifnull((SELECT max(summary.joint) FROM run JOIN run_joint_summary AS summary USING (run_id)
+                                WHERE run.robot_id = robot.robot_id), 0)
+                 FROM robot WHERE name = ?",
+            )
+            .bind(robot)
+            .fetch_optional(&self.readers)
+            .await,
+        )?;
+        Ok(found.map(|joints| usize::try_from(joints).unwrap_or(0)))
+    }
+}
+
+async fn enter(executor: impl SqliteExecutor<'_>, of: &NewMaintenance) -> Result<Option<i64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "INSERT INTO maintenance (robot_id, joint, at, what, who)
+         SELECT robot_id, ?2, ?3, ?4, ?5 FROM robot WHERE name = ?1
+         RETURNING maintenance_id",
+    )
+    .bind(&of.robot)
+    .bind(of.joint.map(joint_number))
+    .bind(of.at.as_microsecond())
+    .bind(&of.what)
+    .bind(of.who.as_deref())
+    .fetch_optional(executor)
+    .await
+}
+
+async fn remove(
+    connection: &mut SqliteConnection,
+    maintenance_id: i64,
+) -> Result<Option<MaintenanceRow>, sqlx::Error> {
+    let all = rows(&mut *connection, None).await?;
+    let removed = all.into_iter().find(|row| row.work.maintenance_id == maintenance_id);
+    sqlx::query("DELETE FROM maintenance WHERE maintenance_id = ?")
+        .bind(maintenance_id)
+        .execute(connection)
+        .await?;
+    Ok(removed)
+}
+
+async fn rows(
+    executor: impl SqliteExecutor<'_>,
+    robot: Option<&str>,
+) -> Result<Vec<MaintenanceRow>, sqlx::Error> {
+    sqlx::query(
+        "SELECT robot.name AS robot, maintenance_id, joint, at, what, who, recorded_at
+         FROM maintenance JOIN robot USING (robot_id)
+         WHERE ?1 IS NULL OR robot.name = ?1
+         ORDER BY at, maintenance_id",
+    )
+    .bind(robot)
+    .try_map(|row: SqliteRow| {
+        Ok(MaintenanceRow {
+            robot: row.try_get("robot")?,
+            work: maintenance(&row)?,
+            recorded_at: time(&row, "recorded_at")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+fn maintenance(row: &SqliteRow) -> Result<Maintenance, sqlx::Error> {
+    let of_joint = row.try_get::<Option<i64>, _>("joint")?.is_some();
+    Ok(Maintenance {
+        maintenance_id: row.try_get("maintenance_id")?,
+        joint: if of_joint { Some(joint(row, "joint")?) } else { None },
+        at: time(row, "at")?,
+        what: row.try_get("what")?,
+        who: row.try_get("who")?,
+    })
+}
+
+/// Work on one robot, in the order of its time.
+pub(in crate::store) async fn of_robot(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+) -> Result<Vec<Maintenance>, sqlx::Error> {
+    sqlx::query(
+        "SELECT maintenance_id, joint, at, what, who FROM maintenance
+         WHERE robot_id = ? ORDER BY at, maintenance_id",
+    )
+    .bind(robot_id)
+    .try_map(|row: SqliteRow| maintenance(&row))
+    .fetch_all(executor)
+    .await
+}
+
+/// Descriptions by which epochs are told apart.
+pub type DescriptionKey = (Option<i64>, Option<Vec<u8>>);
+
+/// What epochs depend on of the robot's complete tests, with their keys, oldest first. Tests whose description was not
+/// stored in full have that of the oldest test of the same model that has one.
+pub(in crate::store) async fn test_moments(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+) -> Result<Vec<(i64, TestMoment<DescriptionKey>)>, sqlx::Error> {
+    let mut found = sqlx::query(
+        "SELECT run_id, started_at, robot_model_id, figures_hash FROM run
+         WHERE robot_id = ? AND kind = 'test' AND status = 'complete'
+         ORDER BY started_at, run_id",
+    )
+    .bind(robot_id)
+    .try_map(|row: SqliteRow| {
+        let description: DescriptionKey = (row.try_get("robot_model_id")?, row.try_get("figures_hash")?);
+        Ok((row.try_get("run_id")?, TestMoment { started_at: time(&row, "started_at")?, description }))
+    })
+    .fetch_all(executor)
+    .await?;
+    let mut oldest: HashMap<Option<i64>, Vec<u8>> = HashMap::new();
+    for (_, TestMoment { description: (model, hash), .. }) in &found {
+        if let Some(hash) = hash {
+            oldest.entry(*model).or_insert_with(|| hash.clone());
+        }
+    }
+    for (_, TestMoment { description: (model, hash), .. }) in &mut found {
+        if hash.is_none() {
+            hash.clone_from(&oldest.get(model).cloned());
+        }
+    }
+    Ok(found)
+}
+
+/// Ordinals of the epochs of each joint, by run: `joints` of them.
+pub(in crate::store) async fn epoch_ordinals(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+    joints: usize,
+) -> Result<HashMap<i64, Vec<u32>>, sqlx::Error> {
+    let tests = test_moments(&mut *connection, robot_id).await?;
+    let work = of_robot(connection, robot_id).await?;
+    let (run_ids, moments): (Vec<i64>, Vec<TestMoment<DescriptionKey>>) = tests.into_iter().unzip();
+    let mut by_run = vec![vec![0; joints]; run_ids.len()];
+    for joint in 0..joints {
+        for (ordinal, epoch) in (0..).zip(epochs(JointIndex::new(joint), &moments, &work)) {
+            epoch.tests.into_iter().for_each(|test| by_run[test][joint] = ordinal);
+        }
+    }
+    Ok(run_ids.into_iter().zip(by_run).collect())
+}

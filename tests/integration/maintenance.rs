@@ -1,0 +1,86 @@
+//! `armwatch maintenance`: work on a robot begins a new baseline, and an entry that is taken back leaves no trace in
+//! what is concluded.
+
+use std::fs;
+
+use serde_json::Value;
+
+use crate::support::{Workshop, text};
+
+/// Full tests of a robot, with baselines of two tests.
+fn tested() -> Workshop {
+    let workshop = Workshop::new();
+    let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the settings");
+    fs::write(workshop.path("armwatch.toml"), config + "\n[detect]\nbaseline_runs = 2\n").expect("written");
+    let shape = ["--runs", "5", "--cycles", "6", "--warming-s", "0", "--name", "Left", "--interval-h", "20"];
+    workshop.simulate("exports", &shape);
+    workshop.stdout(&["ingest", "exports"], 0);
+    workshop
+}
+
+/// The runs of the baselines of a joint, by epoch.
+fn baselines(workshop: &Workshop, joint: u8) -> Vec<String> {
+    workshop.query(&format!(
+        "SELECT epoch || ' ' || cause || ' ' || group_concat(run_id)
+         FROM (SELECT * FROM baselines WHERE robot = 'Left' AND joint = {joint} ORDER BY started_at)
+         GROUP BY epoch ORDER BY epoch"
+    ))
+}
+
+#[test]
+fn work_on_a_joint_begins_its_baseline_anew_until_the_entry_is_taken_back() {
+    let workshop = tested();
+    assert_eq!(baselines(&workshop, 3), ["0 first_test 1,2"]);
+    let before = workshop.dump();
+    let start = workshop.query("SELECT started_at FROM runs WHERE run_id = 4").remove(0);
+    let entered = workshop.stdout(
+        &[
+            "maintenance",
+            "Left",
+            "--joint",
+            "3",
+            "--what",
+            "gearbox changed",
+            "--at",
+            &start,
+            "--by",
+            "mueller",
+        ],
+        0,
+    );
+    assert!(entered.starts_with("entered      1: Left, joint 3, "), "{entered}");
+    assert!(entered.contains("the history is judged with it"), "{entered}");
+    assert_eq!(baselines(&workshop, 3), ["0 first_test 1,2", "1 maintenance 4,5"]);
+    assert_eq!(baselines(&workshop, 2), ["0 first_test 1,2"]);
+    assert_eq!(workshop.query("SELECT history - concluded FROM robot"), ["0"]);
+    let listed: Value =
+        serde_json::from_str(&workshop.stdout(&["maintenance", "--list", "Left", "--json"], 0))
+            .expect("JSON");
+    assert_eq!((&listed["joint"], &listed["by"]), (&3.into(), &"mueller".into()));
+    let removed = workshop.stdout(&["maintenance", "--remove", "1"], 0);
+    assert!(removed.contains("the baseline before it counts again"), "{removed}");
+    assert_eq!(workshop.dump(), before);
+}
+
+#[test]
+fn what_cannot_be_entered_is_told_with_its_remedy() {
+    let workshop = Workshop::new();
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let nothing = workshop.stdout(&["maintenance", "--list"], 0);
+    assert!(nothing.contains("no work was entered"), "{nothing}");
+    let robot = workshop.query("SELECT DISTINCT robot FROM runs").remove(0);
+    let refused: [(&[&str], &str); 6] = [
+        (&["maintenance", "Nobody", "--what", "grease"], "no export of a robot \"Nobody\" is stored"),
+        (&["maintenance", &robot, "--what", "grease", "--joint", "9"], "has no joint 9"),
+        (&["maintenance", &robot, "--what", "grease", "--at", "2999-01-01"], "lies ahead"),
+        (&["maintenance", &robot, "--what", "grease", "--at", "soon"], "2026-03-01T14:30"),
+        (&["maintenance", "--remove", "7"], "no work has the number 7"),
+        (&["maintenance", &robot], "--what"),
+    ];
+    for (arguments, said) in refused {
+        let output = workshop.run(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(text(&output.stderr).contains(said), "{arguments:?}: {}", text(&output.stderr));
+    }
+    assert_eq!(workshop.number("SELECT count(*) FROM maintenance_log"), 0);
+}
