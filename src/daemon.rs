@@ -39,7 +39,7 @@ use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::take::follow::{Ends, Followed};
 use crate::run::FileId;
-use crate::store::DaemonClaim;
+use crate::store::{Counts, DaemonClaim};
 use outcome_log::log_outcome;
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;

@@ -263,15 +263,13 @@ async fn set_life(
     anomaly_id: i64,
     life: &Life,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "UPDATE anomaly SET state = ?, shelved_until = ?, resolved_seen_at = ? WHERE anomaly_id = ?",
-    )
-    .bind(life.state.name())
-    .bind(life.shelved_until.map(Timestamp::as_microsecond))
-    .bind(life.resolved_seen_at.map(Timestamp::as_microsecond))
-    .bind(anomaly_id)
-    .execute(executor)
-    .await?;
+    sqlx::query("UPDATE anomaly SET state = ?, shelved_until = ?, resolved_seen_at = ? WHERE anomaly_id = ?")
+        .bind(life.state.name())
+        .bind(life.shelved_until.map(Timestamp::as_microsecond))
+        .bind(life.resolved_seen_at.map(Timestamp::as_microsecond))
+        .bind(anomaly_id)
+        .execute(executor)
+        .await?;
     Ok(())
 }
 

@@ -24,14 +24,8 @@ pub enum AlarmState {
 
 impl AlarmState {
     /// All of them.
-    pub const ALL: [Self; 6] = [
-        Self::Open,
-        Self::Acknowledged,
-        Self::Shelved,
-        Self::Maintenance,
-        Self::Resolved,
-        Self::FalseAlarm,
-    ];
+    pub const ALL: [Self; 6] =
+        [Self::Open, Self::Acknowledged, Self::Shelved, Self::Maintenance, Self::Resolved, Self::FalseAlarm];
 
     /// Name as in the view `anomalies`.
     #[must_use]

@@ -10,7 +10,7 @@ use super::alarm_state::{AlarmState, Before, EventKind, Life, Now, Told, go_on};
 use super::episodes::{Episode, Starts, is_another_fault, same};
 use crate::anomaly::{Alternative, Anomaly, Findings, JointHealth, Severity};
 use crate::run::RunKind;
-use crate::store::values::{finite, joint_number, named, known_time};
+use crate::store::values::{finite, joint_number, known_time, named};
 
 const SEVERITIES: [Severity; 3] = [Severity::Info, Severity::Warning, Severity::Critical];
 
@@ -97,10 +97,7 @@ pub(in crate::store) async fn reconcile(
         };
         let kinds = (known.episode.kind.as_str(), anomaly.kind.name());
         let now = Now {
-            shown: Told {
-                severity: anomaly.severity,
-                score: finite(anomaly.score).map(f64::abs),
-            },
+            shown: Told { severity: anomaly.severity, score: finite(anomaly.score).map(f64::abs) },
             ended: anomaly.ended,
             last_seen_at: anomaly.last_seen_at,
             corrected: kinds.0 != kinds.1,
@@ -184,10 +181,7 @@ async fn stored_anomalies(
 type Said = (Option<Told>, Option<Severity>);
 
 /// What people were told of the robot's anomalies, by key.
-async fn told(
-    executor: impl SqliteExecutor<'_>,
-    robot_id: i64,
-) -> Result<HashMap<i64, Said>, sqlx::Error> {
+async fn told(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<HashMap<i64, Said>, sqlx::Error> {
     let rows: Vec<(i64, EventKind, Told)> = sqlx::query(
         "SELECT anomaly_event.anomaly_id, anomaly_event.what, anomaly_event.severity, anomaly_event.score
          FROM anomaly_event JOIN anomaly USING (anomaly_id)

@@ -120,7 +120,8 @@ impl ConclusionTransaction {
     /// # Errors
     /// [`StoreError::Refused`] for findings that name a run which is not stored.
     pub async fn reconcile(&mut self, findings: &Findings) -> Result<Reconciled, StoreError> {
-        let result = anomalies::reconcile(&mut self.transaction, self.robot_id, findings, Timestamp::now()).await;
+        let result =
+            anomalies::reconcile(&mut self.transaction, self.robot_id, findings, Timestamp::now()).await;
         self.checked(result)
     }
 
