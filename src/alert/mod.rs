@@ -1,17 +1,22 @@
 //! Anomalies to people. Today the log; delivery to other places gets its files beside this one.
 
 use crate::anomaly::Severity;
-use crate::store::{AnomalyRow, OverdueRobot};
+use crate::robot::JointIndex;
+use crate::store::{AnomalyHistoryRow, OverdueRobot};
 
-/// Logs an anomaly that a run opened.
-pub fn log_opened(anomaly: &AnomalyRow) {
-    let AnomalyRow { robot, kind, quantity, .. } = anomaly;
+/// Logs what happened to an anomaly: what calls for a look by its severity, the rest as information.
+pub fn log_event(event: &AnomalyHistoryRow) {
+    let AnomalyHistoryRow { robot, kind, anomaly_id, message, .. } = event;
     // none where the cause is the whole arm's
-    let joint = anomaly.joint_number();
-    match anomaly.severity {
-        Severity::Info => tracing::info!(robot, joint, kind, quantity, "{}", anomaly.message),
-        Severity::Warning => tracing::warn!(robot, joint, kind, quantity, "{}", anomaly.message),
-        Severity::Critical => tracing::error!(robot, joint, kind, quantity, "{}", anomaly.message),
+    let joint = event.joint.map(JointIndex::number);
+    let what = event.what.name();
+    match event.severity {
+        _ if !event.what.calls() => {
+            tracing::info!(robot, joint, kind, anomaly_id, event = what, "{what}: {message}");
+        }
+        Severity::Info => tracing::info!(robot, joint, kind, anomaly_id, event = what, "{message}"),
+        Severity::Warning => tracing::warn!(robot, joint, kind, anomaly_id, event = what, "{message}"),
+        Severity::Critical => tracing::error!(robot, joint, kind, anomaly_id, event = what, "{message}"),
     }
 }
 

@@ -37,7 +37,9 @@ pub use results::factors::{FactorsWanted, StoredCycle};
 pub use results::production::{ProductionWindow, ReferenceTest};
 pub use results::run_analysis::JointDeviation;
 pub use results::verification::{CycleState, OfCycle};
-pub use robot::anomalies::Reconciled;
+pub use robot::alarm_life::{AlarmAction, AnomalyHistoryRow, NotDone, SeriesRun};
+pub use robot::alarm_state::{AlarmState, EventKind};
+pub use robot::anomalies::{AnomalyEvent, Reconciled};
 pub use robot::baseline_plan::{FrictionPlan, PlannedMap, PlannedTest, plan};
 pub use robot::baselines::{
     BaselineChange, BaselineRow, Basis, FrictionConclusion, FrictionTest, FrictionTests, NewBaseline,

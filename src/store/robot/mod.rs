@@ -11,3 +11,6 @@ pub(super) mod cycle_friction_rows;
 pub(super) mod friction;
 pub(super) mod anomalies;
 pub(super) mod health;
+pub(super) mod alarm_state;
+pub(super) mod alarm_life;
+mod episodes;

@@ -354,12 +354,13 @@ pub(in crate::store) async fn views(store: &Store) -> Vec<String> {
 }
 
 /// Columns with times of the machine's clock, which differ from test to test.
-const CLOCK: [(&str, &str); 5] = [
+const CLOCK: [(&str, &str); 6] = [
     ("quarantine", "first_at"),
     ("quarantine", "last_at"),
     ("quarantine", "retry_asked_at"),
     ("baseline_changes", "formed_at"),
     ("baseline_changes", "replaced_at"),
+    ("anomaly_history", "at"),
 ];
 
 /// Everything that users see but times of the machine's clock, a line a row; rows of a view are sorted.
