@@ -38,7 +38,7 @@ use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::take::follow::{Ends, Followed};
 use crate::run::FileId;
-use crate::store::DaemonClaim;
+use crate::store::{Counts, DaemonClaim};
 use outcome_log::log_outcome;
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
@@ -161,9 +161,15 @@ pub async fn watch(
     mut report: impl FnMut(Event<'_>),
 ) -> Result<(), PipelineError> {
     let Control { claim: _claim, stop, reload, reread } = control;
-    let quarantined = pipeline.store().counts().await?.quarantined_runs;
-    if quarantined > 0 {
-        tracing::info!(quarantined, "exports in quarantine; `armwatch quarantine list` shows them");
+    let Counts { quarantined_runs, open_anomalies, .. } = pipeline.store().counts().await?;
+    if quarantined_runs > 0 {
+        tracing::info!(
+            quarantined = quarantined_runs,
+            "exports in quarantine; `armwatch quarantine list` shows them"
+        );
+    }
+    if open_anomalies > 0 {
+        tracing::info!(open_anomalies, "anomalies are open; `armwatch alerts list` shows them");
     }
     if !reweight(pipeline, &stop).await? {
         return Ok(());

@@ -261,6 +261,7 @@ fn happened(what: EventKind) -> &'static str {
         EventKind::Withdrawn => "withdrawn",
         EventKind::Resolved => "resolved",
         EventKind::FalseAlarm => "false alarm",
+        EventKind::Corrected | EventKind::Acknowledged | EventKind::Shelved | EventKind::Maintenance => what.name(),
     }
 }
 

@@ -20,7 +20,8 @@ use crate::ingest::find::watch;
 use crate::pipeline::conclude::history::{Concluded, RUNS_AT_ONCE};
 use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, Progress, Retry};
-use crate::store::RunResult;
+use crate::robot::JointIndex;
+use crate::store::{EventKind, RunResult};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -251,18 +252,23 @@ fn no_result(result: &RunResult, is_read_now: bool) -> String {
 
 /// What a robot's history says with the new runs: nothing is printed where it says nothing new.
 fn print_conclusions(concluded: &Concluded, as_json: bool) {
-    for anomaly in &concluded.new_anomalies {
+    for event in &concluded.events {
+        let what = event.what.name();
         if as_json {
+            // only what calls for a look counts as an anomaly
+            let outcome = if event.what.calls() { "anomaly" } else { "anomaly_event" };
             output::json(&json!({
-                "outcome": "anomaly", "robot": concluded.robot, "joint": anomaly.joint_number(),
-                "anomaly_id": anomaly.anomaly_id, "kind": anomaly.kind, "severity": anomaly.severity.name(),
-                "message": anomaly.message,
+                "outcome": outcome, "event": what, "robot": concluded.robot,
+                "joint": event.joint.map(JointIndex::number), "anomaly_id": event.anomaly_id, "kind": event.kind,
+                "severity": event.severity.name(), "message": event.message,
             }));
         } else {
-            output::line(&format!(
-                "{:<12} {} {}: {}",
-                anomaly.severity, concluded.robot, anomaly.kind, anomaly.message
-            ));
+            let (said, more) = match event.what {
+                EventKind::Opened => (event.severity.name(), String::new()),
+                _ if event.what.calls() => (event.severity.name(), format!(" ({what})")),
+                _ => (what, String::new()),
+            };
+            output::line(&format!("{said:<12} {} {}{more}: {}", concluded.robot, event.kind, event.message));
         }
     }
 }

@@ -2,6 +2,7 @@
 
 mod shared;
 mod quarantine;
+mod alerts;
 mod identify;
 mod friction;
 mod robot;
@@ -58,6 +59,8 @@ enum Command {
     Ingest(ingest::IngestArgs),
     /// Exports that were not understood: list and explain them, have them read again
     Quarantine(quarantine::command::QuarantineArgs),
+    /// Anomalies: list and show them, say what is done about them
+    Alerts(alerts::command::AlertsArgs),
     /// Say what would become of an export, without storing anything
     Explain(explain::ExplainArgs),
     /// Identify one parameter set on chosen cycles from what is stored of them
@@ -154,6 +157,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
         Command::Quarantine(args) => quarantine::command::quarantine(&cli.global, &args),
+        Command::Alerts(args) => alerts::command::alerts(&cli.global, &args),
         Command::Explain(args) => explain::explain(&cli.global, &args),
         Command::Identify(args) => identify::command::identify(&cli.global, &args),
         Command::Parameters(args) => parameters::parameters(&cli.global, &args),

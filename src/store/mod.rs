@@ -22,7 +22,6 @@ mod values;
 
 pub use claim::DaemonClaim;
 pub use delivery::alarm::AlarmEvent;
-pub use delivery::event::EventKind;
 pub use delivery::queue::{Again, DueMessage, RouteState};
 pub use delivery::routes::{Fate, Held, RouteEntry};
 pub use error::StoreError;
@@ -42,7 +41,9 @@ pub use results::factors::{FactorsWanted, StoredCycle};
 pub use results::production::{ProductionWindow, ReferenceTest};
 pub use results::run_analysis::JointDeviation;
 pub use results::verification::{CycleState, OfCycle};
-pub use robot::anomalies::Reconciled;
+pub use robot::alarm_life::{AlarmAction, AnomalyHistoryRow, NotDone, SeriesRun};
+pub use robot::alarm_state::{AlarmState, EventKind};
+pub use robot::anomalies::{AnomalyEvent, Reconciled};
 pub use robot::conclude::{ConclusionTransaction, StaleRobot};
 pub use robot::conclusion_faults::ConclusionFault;
 pub use robot::friction::{CycleSpeedFits, FrictionRun, IndexRow, ThermalSourceRow};

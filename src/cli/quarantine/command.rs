@@ -14,6 +14,7 @@ use crate::cli::context::{
 use crate::cli::ingest;
 use crate::cli::quarantine::story::Place;
 use crate::cli::shared::output;
+use crate::cli::shared::user::user;
 use crate::config::Config;
 use crate::daemon;
 use crate::ingest::bytes::fingerprint::{fingerprint, of_bytes};
@@ -200,12 +201,6 @@ async fn dismiss(
         ));
     }
     Ok(EXIT_DONE)
-}
-
-/// The name of the user at the command line.
-fn user() -> String {
-    let named = ["USER", "LOGNAME"].into_iter().filter_map(|name| std::env::var(name).ok());
-    named.into_iter().find(|name| !name.is_empty()).unwrap_or_else(|| "unknown".to_owned())
 }
 
 /// Looks where the content of a run was seen for it.

@@ -5,3 +5,4 @@ pub(super) mod plot;
 pub(super) mod selection;
 pub(super) mod load;
 pub(super) mod reweight;
+pub(super) mod user;

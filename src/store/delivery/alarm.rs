@@ -4,10 +4,11 @@ use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{AssertSqlSafe, Row, SqliteConnection};
 
-use super::event::EventKind;
+use super::event::told;
 use crate::anomaly::Severity;
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
+use crate::store::robot::alarm_state::EventKind;
 use crate::store::values::{named, time};
 
 /// Most runs of a series: a trend stands on the latest.
@@ -83,7 +84,7 @@ const SEVERITIES: [Severity; 3] = [Severity::Info, Severity::Warning, Severity::
 
 /// Reads a row of [`COLUMNS`]; an event of which nobody is told is `None`.
 pub(super) fn from_row(row: &SqliteRow) -> Result<Option<AlarmEvent>, sqlx::Error> {
-    let Some(what) = EventKind::from_name(row.try_get("what")?) else { return Ok(None) };
+    let Some(what) = told(row.try_get("what")?) else { return Ok(None) };
     let onset_at = match row.try_get::<Option<i64>, _>("onset_at")? {
         Some(_) => Some(time(row, "onset_at")?),
         None => None,

@@ -1,75 +1,19 @@
-//! What happens to an anomaly, as far as somebody is told of it.
+//! Which events of an anomaly are told.
 
-/// An event of which people are told.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum EventKind {
-    /// It was found.
-    Opened,
-    /// It got worse by a step.
-    Worse,
-    /// It shows again.
-    Reopened,
-    /// Nobody answered for too long.
-    Overdue,
-    /// The time for which it was shelved is over.
-    Unshelved,
-    /// Later runs no longer show it.
-    Ended,
-    /// The whole history has it no longer.
-    Withdrawn,
-    /// A person says that it is mended.
-    Resolved,
-    /// A person says that it was none.
-    FalseAlarm,
-}
+use crate::store::robot::alarm_state::EventKind;
 
-impl EventKind {
-    const ALL: [Self; 9] = [
-        Self::Opened,
-        Self::Worse,
-        Self::Reopened,
-        Self::Overdue,
-        Self::Unshelved,
-        Self::Ended,
-        Self::Withdrawn,
-        Self::Resolved,
-        Self::FalseAlarm,
-    ];
-
-    /// Name as stored.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Opened => "opened",
-            Self::Worse => "worse",
-            Self::Reopened => "reopened",
-            Self::Overdue => "overdue",
-            Self::Unshelved => "unshelved",
-            Self::Ended => "ended",
-            Self::Withdrawn => "withdrawn",
-            Self::Resolved => "resolved",
-            Self::FalseAlarm => "false_alarm",
-        }
-    }
-
-    /// Whether it ends the alarm for its receiver.
-    #[must_use]
-    pub fn closes(self) -> bool {
-        matches!(self, Self::Ended | Self::Withdrawn | Self::Resolved | Self::FalseAlarm)
-    }
-
-    /// The kind of that name; `None` for an event of which nobody is told, such as that a person has acknowledged.
-    pub(super) fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name)
-    }
-}
-
-/// Kinds of events that say that there is something to see, as a list of SQL.
+/// Kinds of events that say that somebody should look, as a list of SQL.
 pub(super) const SPEAKING: &str = "('opened', 'worse', 'reopened', 'overdue', 'unshelved')";
 
 /// All kinds of events of which somebody is told, as a list of SQL.
 pub(super) const TOLD: &str =
-    "('opened', 'worse', 'reopened', 'overdue', 'unshelved', 'ended', 'withdrawn', 'resolved', 'false_alarm')";
+    "('opened', 'worse', 'ended', 'reopened', 'withdrawn', 'overdue', 'unshelved', 'resolved', 'false_alarm')";
+
+/// The kind of that name; `None` for an event of which nobody is told, such as that a person knows of it.
+pub(super) fn told(name: &str) -> Option<EventKind> {
+    let told = |kind: &EventKind| kind.calls() || kind.closes();
+    EventKind::ALL.into_iter().filter(told).find(|kind| kind.name() == name)
+}
 
 #[cfg(test)]
 mod tests {
@@ -77,13 +21,19 @@ mod tests {
 
     #[test]
     fn the_lists_of_sql_are_those_of_the_kinds() {
-        let list = |kinds: &mut dyn Iterator<Item = EventKind>| {
-            let names: Vec<String> = kinds.map(|kind| format!("'{}'", kind.name())).collect();
-            format!("({})", names.join(", "))
+        let names = |list: &str| -> Vec<String> {
+            let mut names: Vec<String> = list.split('\'').skip(1).step_by(2).map(str::to_owned).collect();
+            names.sort_unstable();
+            names
         };
-        assert_eq!(list(&mut EventKind::ALL.into_iter().filter(|kind| !kind.closes())), SPEAKING);
-        assert_eq!(list(&mut EventKind::ALL.into_iter()), TOLD);
-        assert!(EventKind::ALL.iter().all(|kind| EventKind::from_name(kind.name()) == Some(*kind)));
-        assert_eq!(EventKind::from_name("acknowledged"), None);
+        let kinds = |chosen: fn(&EventKind) -> bool| -> Vec<String> {
+            let mut names: Vec<String> =
+                EventKind::ALL.into_iter().filter(chosen).map(|kind| kind.name().to_owned()).collect();
+            names.sort_unstable();
+            names
+        };
+        assert_eq!(names(SPEAKING), kinds(|kind| kind.calls()));
+        assert_eq!(names(TOLD), kinds(|kind| kind.calls() || kind.closes()));
+        assert_eq!((told("worse"), told("acknowledged")), (Some(EventKind::Worse), None));
     }
 }

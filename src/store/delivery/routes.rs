@@ -7,6 +7,7 @@ use super::alarm::{self, AlarmEvent, COLUMNS};
 use super::event::{SPEAKING, TOLD};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
+use crate::store::robot::alarm_state::EventKind;
 
 /// Most events that are handed on in one transaction: a fleet's backlog must not hold the writer for long.
 const EVENTS_AT_ONCE: i64 = 200;
@@ -251,7 +252,7 @@ async fn spare_untold(
     route_id: i64,
     event: &AlarmEvent,
 ) -> Result<(), sqlx::Error> {
-    if event.what == super::event::EventKind::Ended {
+    if event.what == EventKind::Ended {
         return Ok(());
     }
     sqlx::query(

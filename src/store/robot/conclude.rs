@@ -4,6 +4,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use jiff::Timestamp;
 use sqlx::sqlite::SqliteExecutor;
 use sqlx::{Sqlite, Transaction};
 
@@ -61,6 +62,15 @@ impl ConclusionTransaction {
         self.checked(result)
     }
 
+    /// Whether conclusions from the history as it is now are stored already, by another program.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn is_concluded(&mut self) -> Result<bool, StoreError> {
+        let result = is_concluded(&mut *self.transaction, self.robot_id).await;
+        self.checked(result)
+    }
+
     /// How often the robot's history has changed by now.
     ///
     /// # Errors
@@ -103,14 +113,15 @@ impl ConclusionTransaction {
         self.checked(result)
     }
 
-    /// Makes the stored anomalies and health of the robot agree with its whole history. Known
-    /// anomalies keep their number and a person's acknowledgement; those that ended are resolved, those that
-    /// vanished withdrawn.
+    /// Makes the stored anomalies and health of the robot agree with its whole history, and writes down what happened
+    /// to them. Known anomalies keep their number and what people said of them; those that ended are resolved, those
+    /// that vanished withdrawn.
     ///
     /// # Errors
     /// [`StoreError::Refused`] for findings that name a run which is not stored.
     pub async fn reconcile(&mut self, findings: &Findings) -> Result<Reconciled, StoreError> {
-        let result = anomalies::reconcile(&mut self.transaction, self.robot_id, findings).await;
+        let result =
+            anomalies::reconcile(&mut self.transaction, self.robot_id, findings, Timestamp::now()).await;
         self.checked(result)
     }
 
@@ -162,6 +173,13 @@ pub(in crate::store) async fn stale_robots(
 
 async fn history_of(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<i64, sqlx::Error> {
     sqlx::query_scalar("SELECT history FROM robot WHERE robot_id = ?")
+        .bind(robot_id)
+        .fetch_one(executor)
+        .await
+}
+
+async fn is_concluded(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar("SELECT history = concluded FROM robot WHERE robot_id = ?")
         .bind(robot_id)
         .fetch_one(executor)
         .await

@@ -6,3 +6,6 @@ pub(super) mod history;
 pub(super) mod friction;
 pub(super) mod anomalies;
 pub(super) mod health;
+pub(super) mod alarm_state;
+pub(super) mod alarm_life;
+mod episodes;

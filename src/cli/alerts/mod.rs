@@ -1,0 +1,7 @@
+//! `armwatch alerts`
+
+pub(super) mod command;
+mod act;
+mod list;
+mod show;
+mod words;
