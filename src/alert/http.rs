@@ -69,8 +69,8 @@ impl HttpClient {
             return exchange(stream, request).await;
         }
         let config = self.tls.clone().ok_or_else(|| SendError::unreached("no certificates are trusted"))?;
-        let name = ServerName::try_from(bare)
-            .map_err(|error| SendError::unreached(format!("{host}: {error}")))?;
+        let name =
+            ServerName::try_from(bare).map_err(|error| SendError::unreached(format!("{host}: {error}")))?;
         let stream = TlsConnector::from(config)
             .connect(name, stream)
             .await
@@ -136,7 +136,8 @@ async fn exchange(
             .chars()
             .take(SHOWN_CHARACTERS)
             .collect();
-        let detail = if said.is_empty() { format!("HTTP {status}") } else { format!("HTTP {status}: {said}") };
+        let detail =
+            if said.is_empty() { format!("HTTP {status}") } else { format!("HTTP {status}: {said}") };
         let is_passing = [StatusCode::REQUEST_TIMEOUT, StatusCode::TOO_EARLY, StatusCode::TOO_MANY_REQUESTS];
         if status.is_client_error() && !is_passing.contains(&status) {
             return Err(SendError::Refused { detail });

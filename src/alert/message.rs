@@ -90,7 +90,8 @@ impl Alarm {
     /// The figures, a line each.
     #[must_use]
     pub fn details(&self) -> Vec<String> {
-        let AlarmEvent { quantity, score, threshold, value, baseline, peak_value, peak_score, .. } = &self.event;
+        let AlarmEvent { quantity, score, threshold, value, baseline, peak_value, peak_score, .. } =
+            &self.event;
         let mut lines = vec![self.event.message.clone()];
         let mut line = |name: &str, text: Option<String>| {
             lines.extend(text.map(|text| format!("{name}: {text}")));
@@ -201,7 +202,8 @@ impl Message {
             [alarm] if !self.is_digest => alarm.title(),
             alarms => {
                 let open = alarms.iter().filter(|alarm| !alarm.is_closed()).count();
-                let worst = alarms.iter().filter(|alarm| !alarm.is_closed()).map(|alarm| alarm.event.severity);
+                let worst =
+                    alarms.iter().filter(|alarm| !alarm.is_closed()).map(|alarm| alarm.event.severity);
                 let worst = worst.max().map(|worst| format!(", worst {worst}")).unwrap_or_default();
                 format!("digest: {open} alarms, {} ended{worst}", alarms.len() - open)
             }
@@ -261,7 +263,9 @@ fn happened(what: EventKind) -> &'static str {
         EventKind::Withdrawn => "withdrawn",
         EventKind::Resolved => "resolved",
         EventKind::FalseAlarm => "false alarm",
-        EventKind::Corrected | EventKind::Acknowledged | EventKind::Shelved | EventKind::Maintenance => what.name(),
+        EventKind::Corrected | EventKind::Acknowledged | EventKind::Shelved | EventKind::Maintenance => {
+            what.name()
+        }
     }
 }
 
@@ -339,7 +343,14 @@ mod tests {
 
     fn message(alarms: Vec<Alarm>) -> Message {
         let key = origin().key(7);
-        Message { key, route: "shift".into(), origin: origin(), is_digest: alarms.len() > 1, alarms, is_trial: false }
+        Message {
+            key,
+            route: "shift".into(),
+            origin: origin(),
+            is_digest: alarms.len() > 1,
+            alarms,
+            is_trial: false,
+        }
     }
 
     #[test]

@@ -126,9 +126,8 @@ mod tests {
     #[test]
     fn in_quiet_hours_only_what_is_critical_goes() {
         let zone = TimeZone::get("Europe/Rome").unwrap();
-        let hours = |from: &str, to: &str| {
-            Some(QuietHours { from: from.parse().unwrap(), to: to.parse().unwrap() })
-        };
+        let hours =
+            |from: &str, to: &str| Some(QuietHours { from: from.parse().unwrap(), to: to.parse().unwrap() });
         let night = Route { quiet: hours("22:00", "06:00"), zone, ..route() };
         let until = |now: &str| quiet_until(&night, Severity::Warning, at(now));
         // 23:30 and 05:59 in Rome
@@ -139,7 +138,10 @@ mod tests {
         // clocks go from 2 to 3 on 29 March: the night has an hour less
         assert_eq!(until("2026-03-28T21:30:00Z"), Some(at("2026-03-29T04:00:00Z")));
         let noon = Route { quiet: hours("12:00", "13:00"), zone: TimeZone::UTC, ..route() };
-        assert_eq!(quiet_until(&noon, Severity::Info, at("2026-03-01T12:59:59Z")), Some(at("2026-03-01T13:00:00Z")));
+        assert_eq!(
+            quiet_until(&noon, Severity::Info, at("2026-03-01T12:59:59Z")),
+            Some(at("2026-03-01T13:00:00Z"))
+        );
         assert_eq!(quiet_until(&noon, Severity::Info, at("2026-03-01T13:00:00Z")), None);
     }
 

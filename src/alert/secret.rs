@@ -20,9 +20,8 @@ pub fn read(secret: &Secret) -> Result<String, String> {
             File::open(path).map_err(failed)?.take(LONGEST).read_to_string(&mut text).map_err(failed)?;
             text.lines().next().unwrap_or_default().trim().to_owned()
         }
-        Secret::Environment(name) => {
-            std::env::var(name).map_err(|_| format!("{secret} is not set; set it where the program is started"))?
-        }
+        Secret::Environment(name) => std::env::var(name)
+            .map_err(|_| format!("{secret} is not set; set it where the program is started"))?,
     };
     if text.is_empty() { Err(format!("{secret} is empty; write the secret into it")) } else { Ok(text) }
 }

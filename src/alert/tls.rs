@@ -18,8 +18,9 @@ pub fn client(ca_file: Option<&Path>) -> Result<Arc<ClientConfig>, Unusable> {
     let mut roots = RootCertStore::empty();
     match ca_file {
         Some(path) => {
-            let unusable =
-                |detail: String| Unusable(format!("{}: {detail}; name a file of PEM certificates", path.display()));
+            let unusable = |detail: String| {
+                Unusable(format!("{}: {detail}; name a file of PEM certificates", path.display()))
+            };
             let certificates =
                 CertificateDer::pem_file_iter(path).map_err(|error| unusable(error.to_string()))?;
             for certificate in certificates {

@@ -139,7 +139,8 @@ impl Worker {
                 if held > 0 {
                     let most = self.route.most_per_h;
                     tracing::warn!(
-                        route = self.route.name, held,
+                        route = self.route.name,
+                        held,
                         "{most} messages within an hour; the others wait until {free_at} and become one"
                     );
                     continue;
@@ -195,7 +196,11 @@ impl Worker {
         if given_up {
             let alarms = due.alarms.len();
             tracing::error!(
-                route, key, attempts, alarms, error = detail,
+                route,
+                key,
+                attempts,
+                alarms,
+                error = detail,
                 "not delivered, and given up; the view deliveries lists what failed"
             );
         } else if failures == 0 || matches!(error, SendError::Refused { .. }) {
@@ -297,7 +302,9 @@ mod tests {
     #[test]
     fn pauses_double_up_to_their_limit_and_scatter_by_a_fifth() {
         let retry = (Duration::from_secs(5), Duration::from_secs(900));
-        for (failures, expected) in [(0, 5.0), (1, 10.0), (3, 40.0), (7, 640.0), (8, 900.0), (u32::MAX, 900.0)] {
+        for (failures, expected) in
+            [(0, 5.0), (1, 10.0), (3, 40.0), (7, 640.0), (8, 900.0), (u32::MAX, 900.0)]
+        {
             let found: Vec<f64> = (0..200).map(|_| pause(failures, retry).as_secs_f64() / expected).collect();
             assert!(found.iter().all(|share| (0.799..=1.201).contains(share)), "{failures}: {found:?}");
             let spread = |share: &f64| (share * 100.0).round();

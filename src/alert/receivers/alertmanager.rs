@@ -70,7 +70,12 @@ fn alerts(message: &Message, now: Timestamp) -> Value {
             alerts.push(labels::alert(alarm, message, (kind.as_str(), severity.as_str()), Some(now)));
         }
         let ends_at = if alarm.is_closed() { now } else { now + open_for };
-        alerts.push(labels::alert(alarm, message, (event.kind.as_str(), event.severity.name()), Some(ends_at)));
+        alerts.push(labels::alert(
+            alarm,
+            message,
+            (event.kind.as_str(), event.severity.name()),
+            Some(ends_at),
+        ));
     }
     Value::Array(alerts)
 }

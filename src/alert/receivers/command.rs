@@ -66,7 +66,9 @@ impl CommandReceiver {
         };
         let Ok(ended) = tokio::time::timeout(self.timeout, all).await else {
             let seconds = self.timeout.as_secs_f64();
-            return Err(SendError::refused(format!("{program} did not end within {seconds} s and was killed")));
+            return Err(SendError::refused(format!(
+                "{program} did not end within {seconds} s and was killed"
+            )));
         };
         let (said, status) = ended?;
         if status.success() { Ok(()) } else { Err(refusal(program, status, &said)) }

@@ -43,8 +43,9 @@ impl Email {
         }
         let mut parameters = TlsParameters::builder(self.settings.host.clone());
         if let Some(path) = &self.settings.ca_file {
-            let pem = std::fs::read(path)
-                .map_err(|error| Unusable(format!("{}: {error}; name a file of PEM certificates", path.display())))?;
+            let pem = std::fs::read(path).map_err(|error| {
+                Unusable(format!("{}: {error}; name a file of PEM certificates", path.display()))
+            })?;
             parameters = parameters.add_root_certificate(Certificate::from_pem(&pem).map_err(unusable)?);
         }
         let parameters = parameters.build_rustls().map_err(unusable)?;

@@ -35,7 +35,9 @@ impl Webhook {
             Address::Secret(place) => secret::read(place).map_err(Unusable)?,
         };
         if !url.starts_with("http://") && !url.starts_with("https://") {
-            return Err(Unusable("the address of the webhook does not begin with http:// or https://".into()));
+            return Err(Unusable(
+                "the address of the webhook does not begin with http:// or https://".into(),
+            ));
         }
         let tls = match url.starts_with("https://") {
             true => Some(tls::client(settings.ca_file.as_deref())?),
@@ -55,10 +57,7 @@ impl Webhook {
             Address::Secret(place) => secret::read(place).map_err(SendError::unreached)?,
         };
         let body = payload(message).to_string();
-        let mut headers = vec![
-            ("webhook-id", message.key.clone()),
-            ("idempotency-key", message.key.clone()),
-        ];
+        let mut headers = vec![("webhook-id", message.key.clone()), ("idempotency-key", message.key.clone())];
         if let Some(place) = &self.signing_secret {
             let secret = secret::read(place).map_err(SendError::unreached)?;
             let now = Timestamp::now().as_second();
@@ -89,9 +88,9 @@ pub(super) fn check_login(login: &HttpLogin) -> Result<(), Unusable> {
 /// The key behind a secret.
 fn key(secret: &str) -> Result<Vec<u8>, String> {
     match secret.strip_prefix(SECRET_PREFIX) {
-        Some(encoded) => STANDARD
-            .decode(encoded)
-            .map_err(|_| format!("the signing secret begins with {SECRET_PREFIX} and is no base 64 after it")),
+        Some(encoded) => STANDARD.decode(encoded).map_err(|_| {
+            format!("the signing secret begins with {SECRET_PREFIX} and is no base 64 after it")
+        }),
         None => Ok(secret.as_bytes().to_vec()),
     }
 }
@@ -128,8 +127,7 @@ fn payload(message: &Message) -> Value {
 
 fn alert(alarm: &Alarm, message: &Message) -> Value {
     let event = &alarm.event;
-    let mut alert =
-        labels::alert(alarm, message, (event.kind.as_str(), event.severity.name()), None);
+    let mut alert = labels::alert(alarm, message, (event.kind.as_str(), event.severity.name()), None);
     let (status, ends_at) = match alarm.is_closed() {
         true => ("resolved", event.at.to_string()),
         false => ("firing", NO_END.to_owned()),

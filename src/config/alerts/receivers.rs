@@ -145,7 +145,8 @@ fn read_mqtt(table: &Table<'_>) -> Option<MqttSettings> {
         Some(value) => value.text().and_then(|topic| {
             let is_sound = !topic.contains(['+', '#', '\0']) && !topic.starts_with(['/', '$']);
             if !is_sound {
-                let hint = format!("write levels such as \"{DEFAULT_TOPIC}\", without +, # and a first / or $");
+                let hint =
+                    format!("write levels such as \"{DEFAULT_TOPIC}\", without +, # and a first / or $");
                 value.refuse("is no topic to publish to".into(), Some(hint));
             }
             is_sound.then(|| topic.trim_end_matches('/').to_owned())
@@ -165,7 +166,8 @@ fn read_mqtt(table: &Table<'_>) -> Option<MqttSettings> {
 }
 
 fn read_command(table: &Table<'_>) -> Option<CommandSettings> {
-    let hint = || Some("write the program and its arguments, such as [\"/usr/local/bin/page\", \"shift\"]".into());
+    let hint =
+        || Some("write the program and its arguments, such as [\"/usr/local/bin/page\", \"shift\"]".into());
     let arguments = table.required_or_else("run", hint).and_then(|value| texts(&value));
     let timeout = read_timeout(table);
     Some(CommandSettings { arguments: arguments?, timeout: timeout? })
@@ -181,7 +183,7 @@ fn read_url(value: &Value<'_>) -> Option<String> {
     };
     if host.contains('@') {
         let hint = "write user and password_file, or password_env, beside it";
-        value.refuse("holds a user or a password".into(), Some(hint.into()));
+        value.refuse_secret("holds a user or a password".into(), Some(hint.into()));
         return None;
     }
     if host.is_empty() || host.starts_with(':') {

@@ -69,8 +69,10 @@ fn hours(hours: f64) -> Duration {
 
 /// Reads `[alerts]`; `None` after a problem.
 pub(in crate::config) fn read_alerts(table: &Table<'_>) -> Option<AlertSettings> {
-    let remind = table.number_or("remind_after_h", &Limits::between(0.0, YEAR_H, "h"), DEFAULT_REMIND_AFTER_H);
-    let give_up = table.number_or("give_up_after_h", &Limits::above(0.0, YEAR_H, "h"), DEFAULT_GIVE_UP_AFTER_H);
+    let remind =
+        table.number_or("remind_after_h", &Limits::between(0.0, YEAR_H, "h"), DEFAULT_REMIND_AFTER_H);
+    let give_up =
+        table.number_or("give_up_after_h", &Limits::above(0.0, YEAR_H, "h"), DEFAULT_GIVE_UP_AFTER_H);
     let first = table.number_or("retry_first_s", &Limits::between(0.05, 3600.0, "s"), DEFAULT_RETRY_FIRST_S);
     let most = table.number_or("retry_most_s", &Limits::between(0.05, 86_400.0, "s"), DEFAULT_RETRY_MOST_S);
     let link = table.optional("link").map(|value| value.text().map(str::to_owned));
@@ -182,7 +184,9 @@ fn check_sites(table: &Table<'_>, sites: &[Site], routes: &[Route]) -> Option<()
     let named = |route: &Route| route.sites.clone().unwrap_or_default();
     let known = |name: &String| sites.iter().any(|site| site.name == *name);
     let mut is_sound = true;
-    for (route, name) in routes.iter().flat_map(|route| named(route).into_iter().map(move |name| (route, name))) {
+    for (route, name) in
+        routes.iter().flat_map(|route| named(route).into_iter().map(move |name| (route, name)))
+    {
         if !known(&name) {
             let near = suggestion::nearest(&name, sites.iter().map(|site| site.name.as_str()));
             let hint = match near {

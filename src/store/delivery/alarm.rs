@@ -225,7 +225,8 @@ pub(super) async fn open_alarms(executor: impl SqliteExecutor<'_>) -> Result<Vec
          ORDER BY anomaly.anomaly_id",
         super::event::SPEAKING
     );
-    let rows = sqlx::query(AssertSqlSafe(statement)).try_map(|row| from_row(&row)).fetch_all(executor).await?;
+    let rows =
+        sqlx::query(AssertSqlSafe(statement)).try_map(|row| from_row(&row)).fetch_all(executor).await?;
     Ok(rows.into_iter().flatten().collect())
 }
 

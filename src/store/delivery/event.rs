@@ -6,8 +6,7 @@ use crate::store::robot::alarm_state::EventKind;
 pub(super) const SPEAKING: &str = "('opened', 'worse', 'reopened', 'overdue', 'unshelved')";
 
 /// All kinds of events of which somebody is told, as a list of SQL.
-pub(super) const TOLD: &str =
-    "('opened', 'worse', 'ended', 'reopened', 'withdrawn', 'overdue', 'unshelved', 'resolved', 'false_alarm')";
+pub(super) const TOLD: &str = "('opened', 'worse', 'ended', 'reopened', 'withdrawn', 'overdue', 'unshelved', 'resolved', 'false_alarm')";
 
 /// The kind of that name; `None` for an event of which nobody is told, such as that a person knows of it.
 pub(super) fn told(name: &str) -> Option<EventKind> {

@@ -92,7 +92,11 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn next_message(&self, route_id: i64, now: Timestamp) -> Result<Option<DueMessage>, StoreError> {
+    pub async fn next_message(
+        &self,
+        route_id: i64,
+        now: Timestamp,
+    ) -> Result<Option<DueMessage>, StoreError> {
         let mut transaction = self.begin().await?;
         let next = next_message(&mut transaction, route_id, now).await;
         let next = self.checked(next)?;
@@ -132,10 +136,12 @@ impl Store {
         until: Timestamp,
         held: Held,
     ) -> Result<(), StoreError> {
-        let statement = sqlx::query("UPDATE delivery SET held = ?, due_at = ? WHERE delivery_id IN (SELECT value FROM json_each(?))")
-            .bind(held.name())
-            .bind(until.as_microsecond())
-            .bind(ids(message));
+        let statement = sqlx::query(
+            "UPDATE delivery SET held = ?, due_at = ? WHERE delivery_id IN (SELECT value FROM json_each(?))",
+        )
+        .bind(held.name())
+        .bind(until.as_microsecond())
+        .bind(ids(message));
         self.checked(statement.execute(&self.writer).await).map(|_| ())
     }
 
@@ -181,8 +187,9 @@ impl Store {
         .bind(now.as_microsecond())
         .bind(ids(message));
         self.checked(sent.execute(&mut *transaction).await)?;
-        let reached =
-            sqlx::query("UPDATE delivery_route SET failures = 0, retry_at = NULL WHERE delivery_route_id = ?");
+        let reached = sqlx::query(
+            "UPDATE delivery_route SET failures = 0, retry_at = NULL WHERE delivery_route_id = ?",
+        );
         self.checked(reached.bind(route_id).execute(&mut *transaction).await)?;
         self.commit(transaction).await
     }

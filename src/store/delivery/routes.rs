@@ -198,11 +198,13 @@ async fn hand_on(
     for event in events.iter().flatten() {
         settle(&mut *connection, route_id, now, event, judge(event)).await?;
     }
-    sqlx::query("UPDATE delivery_route SET seen_event_id = max(seen_event_id, ?) WHERE delivery_route_id = ?")
-        .bind(last)
-        .bind(route_id)
-        .execute(connection)
-        .await?;
+    sqlx::query(
+        "UPDATE delivery_route SET seen_event_id = max(seen_event_id, ?) WHERE delivery_route_id = ?",
+    )
+    .bind(last)
+    .bind(route_id)
+    .execute(connection)
+    .await?;
     Ok(())
 }
 
