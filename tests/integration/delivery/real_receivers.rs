@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use super::outbox::Outbox;
 use super::{end, workshop};
-use crate::support::{Workshop, wait_until};
+use crate::support::{Workshop, end_of, wait_until};
 
 /// Where Debian's Python finds what Debian installs, whatever the machine's first Python is.
 const DEBIAN_PYTHON: &str = "/usr/lib/python3/dist-packages";
@@ -145,7 +145,7 @@ fn a_broker_acknowledges_each_message_and_hands_it_on() {
         return;
     }
     let config = format!(
-        "listener {port} 127.0.0.1\nallow_anonymous false\npassword_file {}\nuser root\n",
+        "listener {port} 127.0.0.1\nallow_anonymous false\npassword_file {}\nuser root\nlog_type all\n",
         workshop.path("users").display()
     );
     fs::write(workshop.path("mosquitto.conf"), config).expect("a configuration");
@@ -172,14 +172,14 @@ fn a_broker_acknowledges_each_message_and_hands_it_on() {
             "-P",
             "a password",
         ])
-        .args(["-q", "1", "-t", "armwatch/#", "-F", "%t %p", "-d"])
+        .args(["-q", "1", "-t", "armwatch/#", "-F", "%t %p", "-C", "2"])
         .stdout(fs::File::create(&heard).expect("a file"))
         .stderr(Stdio::null())
         .spawn()
         .map(Server)
         .expect("mosquitto_sub starts");
-    let text = || fs::read_to_string(&heard).unwrap_or_default();
-    workshop.wait_until(|| text().contains("Subscribed"));
+    let log = || fs::read_to_string(workshop.path("mosquitto.log")).unwrap_or_default();
+    wait_until(|| log().contains("SUBACK"), || format!("nobody listens: {}", log()));
     let mut outbox = Outbox::new(&workshop);
     let daemon = workshop.daemon();
     let anomaly = outbox.open_anomaly("R01", 3, "critical");
@@ -188,8 +188,10 @@ fn a_broker_acknowledges_each_message_and_hands_it_on() {
     workshop.wait_for("SELECT count(*) FROM deliveries WHERE state = 'sent'", 2);
     end(daemon);
     let prefix = format!("armwatch/alarms/R01/{anomaly} ");
-    workshop.wait_until(|| text().lines().filter(|line| line.starts_with(&prefix)).count() == 2);
-    let told: Vec<Value> = text()
+    // it ends with the second message
+    end_of(&mut listener.0, || format!("a message is missing: {}", log()));
+    let told: Vec<Value> = fs::read_to_string(&heard)
+        .expect("what was heard")
         .lines()
         .filter_map(|line| line.strip_prefix(&prefix))
         .map(|line| serde_json::from_str(line).expect("JSON"))
@@ -197,7 +199,6 @@ fn a_broker_acknowledges_each_message_and_hands_it_on() {
     assert_eq!((&told[0]["status"], &told[1]["status"]), (&"firing".into(), &"resolved".into()));
     assert_ne!(told[0]["key"], told[1]["key"]);
     assert_eq!(told[1]["alarms"][0]["peak_value"], 1.3);
-    let _ = listener.0.kill();
     // a wrong password is no delivery
     fs::write(workshop.path("password"), "another\n").expect("a password");
     let out = workshop.stdout(&["alerts", "test"], 74);
