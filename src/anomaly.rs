@@ -30,6 +30,18 @@ pub enum AnomalyKind {
 }
 
 impl AnomalyKind {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Drift,
+        Self::Step,
+        Self::Oscillation,
+        Self::Thermal,
+        Self::Sensor,
+        Self::Accuracy,
+        Self::Payload,
+        Self::Fleet,
+    ];
+
     /// Name as in the view `anomalies`.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -64,6 +76,9 @@ pub enum Severity {
 }
 
 impl Severity {
+    /// All of them, the mildest first.
+    pub const ALL: [Self; 3] = [Self::Info, Self::Warning, Self::Critical];
+
     /// Name as in the view `anomalies`.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -151,8 +166,8 @@ pub struct Alternative {
     pub odds: f64,
 }
 
-/// An anomaly found in a history. The same history always gives the same anomalies, so a repeated
-/// search recognises each by robot, joint, kind, quantity and the run it began with.
+/// An anomaly found in a history. The same history always gives the same anomalies. In a longer one, an anomaly is
+/// recognised by its joint, its cause and the time in which it is seen.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Anomaly {
     /// The joint; `None` where the cause is the whole arm's.

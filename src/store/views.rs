@@ -283,7 +283,6 @@ pub(in crate::store) async fn anomalies_after(
     executor: impl SqliteExecutor<'_>,
     after: i64,
 ) -> Result<Vec<AnomalyRow>, sqlx::Error> {
-    const ALL: [Severity; 3] = [Severity::Info, Severity::Warning, Severity::Critical];
     sqlx::query(
         "SELECT anomaly_id, robot, run_id, cycle, joint, kind, quantity, severity, score, threshold, value, baseline,
                 first_seen_at, last_seen_at, state, message, last_run_id, peak_value, peak_score, onset_at, onset_run_id,
@@ -305,7 +304,7 @@ pub(in crate::store) async fn anomalies_after(
             },
             kind: row.try_get("kind")?,
             quantity: row.try_get("quantity")?,
-            severity: named(&row, "severity", &ALL, Severity::name)?,
+            severity: named(&row, "severity", &Severity::ALL, Severity::name)?,
             score: row.try_get("score")?,
             threshold: row.try_get("threshold")?,
             value: row.try_get("value")?,

@@ -34,6 +34,9 @@ pub fn views(database: &Path) -> Vec<String> {
     )
 }
 
+/// Views of what the program and people did and when, which no export decides.
+const OF_DEEDS: [&str; 2] = ["anomaly_history", "maintenance_log"];
+
 fn columns(database: &Path, view: &str) -> Vec<String> {
     query(database, &format!("SELECT name FROM pragma_table_info('{view}') ORDER BY cid"))
 }
@@ -86,7 +89,7 @@ pub fn without(dump: &str, view: &str) -> String {
 /// are exact.
 fn rows(database: &Path, cell: impl Fn(&str, &str) -> Option<String>) -> String {
     let mut dump = String::new();
-    for view in views(database) {
+    for view in views(database).into_iter().filter(|view| !OF_DEEDS.contains(&view.as_str())) {
         let cells: Vec<String> =
             columns(database, &view).iter().filter_map(|column| cell(&view, column)).collect();
         let mut rows = query(database, &format!("SELECT {} FROM \"{view}\" AS seen", cells.join(", ")));

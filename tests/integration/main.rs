@@ -6,6 +6,7 @@
 mod support;
 
 mod archive;
+mod alerts;
 mod architecture;
 mod bad_input;
 mod canon;

@@ -97,7 +97,7 @@ struct ListArgs {
     #[arg(long, value_name = "SEVERITY", value_delimiter = ',', value_parser = severity())]
     severity: Vec<Severity>,
     /// Only these kinds
-    #[arg(long, value_name = "KIND", value_delimiter = ',', value_parser = PossibleValuesParser::new(KINDS.map(AnomalyKind::name)))]
+    #[arg(long, value_name = "KIND", value_delimiter = ',', value_parser = PossibleValuesParser::new(AnomalyKind::ALL.map(AnomalyKind::name)))]
     kind: Vec<String>,
     /// Also closed ones: resolved and false alarms
     #[arg(long)]
@@ -140,21 +140,9 @@ struct ShelveArgs {
     days: Option<i64>,
 }
 
-const KINDS: [AnomalyKind; 8] = [
-    AnomalyKind::Drift,
-    AnomalyKind::Step,
-    AnomalyKind::Oscillation,
-    AnomalyKind::Thermal,
-    AnomalyKind::Sensor,
-    AnomalyKind::Accuracy,
-    AnomalyKind::Payload,
-    AnomalyKind::Fleet,
-];
-
 pub(super) fn severity() -> impl TypedValueParser<Value = Severity> {
-    const ALL: [Severity; 3] = [Severity::Info, Severity::Warning, Severity::Critical];
-    PossibleValuesParser::new(ALL.map(Severity::name)).try_map(|name| {
-        ALL.into_iter().find(|severity| severity.name() == name).ok_or("no severity of this name")
+    PossibleValuesParser::new(Severity::ALL.map(Severity::name)).try_map(|name| {
+        Severity::ALL.into_iter().find(|severity| severity.name() == name).ok_or("no severity of this name")
     })
 }
 

@@ -34,19 +34,6 @@ const MAX_ROUTES: usize = 64;
 /// Longest pause that makes sense: a year.
 const YEAR_H: f64 = 8766.0;
 
-const SEVERITIES: [Severity; 3] = [Severity::Info, Severity::Warning, Severity::Critical];
-
-const KINDS: [AnomalyKind; 8] = [
-    AnomalyKind::Drift,
-    AnomalyKind::Step,
-    AnomalyKind::Oscillation,
-    AnomalyKind::Thermal,
-    AnomalyKind::Sensor,
-    AnomalyKind::Accuracy,
-    AnomalyKind::Payload,
-    AnomalyKind::Fleet,
-];
-
 impl Default for AlertSettings {
     fn default() -> Self {
         Self {
@@ -136,14 +123,14 @@ fn read_routes(table: &Table<'_>) -> Option<Vec<Route>> {
 
 fn read_route(table: &Table<'_>, name: Option<String>) -> Option<Route> {
     let severity = match table.optional("severity") {
-        Some(value) => one_of(&value, &SEVERITIES, |severity| severity.name()),
+        Some(value) => one_of(&value, &Severity::ALL, |severity| severity.name()),
         None => Some(Severity::Warning),
     };
     let list = |key| table.optional(key).map(|value| texts(&value));
     let (robots, sites) = (list("robots"), list("sites"));
     let kinds = table.optional("kinds").map(|value| {
         let kinds: Vec<_> =
-            value.items()?.iter().map(|item| one_of(item, &KINDS, |kind| kind.name())).collect();
+            value.items()?.iter().map(|item| one_of(item, &AnomalyKind::ALL, |kind| kind.name())).collect();
         kinds.into_iter().collect::<Option<Vec<_>>>()
     });
     let zone = match table.optional("time_zone") {

@@ -112,8 +112,8 @@ pub(in crate::pipeline) async fn begin(
     let FleetEntry { description, layout, .. } = recognised.entry;
     let Config { limits, analysis, .. } = pipeline.config();
     let made_with = resume::settings_hash(layout, description, limits, analysis);
-    let Start { continues, replaces, .. } = start;
-    let beginning = RunStart { continues, replaces, made_with: Some(made_with) };
+    let Start { continues, replaces, afresh, .. } = start;
+    let beginning = RunStart { continues, replaces, made_with: Some(made_with), afresh };
     let begun = pipeline.store().begin_source(&header, identity, beginning, state).await?;
     if begun.afresh {
         tracing::warn!(

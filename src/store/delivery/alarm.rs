@@ -80,8 +80,6 @@ pub(super) const COLUMNS: &str = "
     anomaly.peak_value, anomaly.peak_score, anomaly.onset_at, anomaly.onset_run_id, anomaly.onset_cycle,
     anomaly.first_seen_at, anomaly.last_seen_at, anomaly.odds, anomaly.state, anomaly_event.why";
 
-const SEVERITIES: [Severity; 3] = [Severity::Info, Severity::Warning, Severity::Critical];
-
 /// Reads a row of [`COLUMNS`]; an event of which nobody is told is `None`.
 pub(super) fn from_row(row: &SqliteRow) -> Result<Option<AlarmEvent>, sqlx::Error> {
     let Some(what) = told(row.try_get("what")?) else { return Ok(None) };
@@ -98,7 +96,7 @@ pub(super) fn from_row(row: &SqliteRow) -> Result<Option<AlarmEvent>, sqlx::Erro
         joint: row.try_get("joint")?,
         kind: row.try_get("kind")?,
         quantity: row.try_get("quantity")?,
-        severity: named(row, "severity", &SEVERITIES, Severity::name)?,
+        severity: named(row, "severity", &Severity::ALL, Severity::name)?,
         message: row.try_get("message")?,
         score: row.try_get("score")?,
         threshold: row.try_get("threshold")?,

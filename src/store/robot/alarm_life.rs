@@ -322,7 +322,6 @@ async fn history(
 }
 
 fn history_row(row: &SqliteRow) -> Result<AnomalyHistoryRow, sqlx::Error> {
-    const SEVERITIES: [Severity; 3] = [Severity::Info, Severity::Warning, Severity::Critical];
     let of_joint: Option<i64> = row.try_get("joint")?;
     Ok(AnomalyHistoryRow {
         anomaly_event_id: row.try_get("anomaly_event_id")?,
@@ -332,7 +331,7 @@ fn history_row(row: &SqliteRow) -> Result<AnomalyHistoryRow, sqlx::Error> {
         kind: row.try_get("kind")?,
         at: time_text(row, "at")?,
         what: named(row, "what", &EventKind::ALL, EventKind::name)?,
-        severity: named(row, "severity", &SEVERITIES, Severity::name)?,
+        severity: named(row, "severity", &Severity::ALL, Severity::name)?,
         score: row.try_get("score")?,
         value: row.try_get("value")?,
         message: row.try_get("message")?,

@@ -12,8 +12,6 @@ use crate::anomaly::{Alternative, Anomaly, Findings, JointHealth, Severity};
 use crate::run::RunKind;
 use crate::store::values::{finite, joint_number, known_time, named};
 
-const SEVERITIES: [Severity; 3] = [Severity::Info, Severity::Warning, Severity::Critical];
-
 /// What happened to an anomaly, as a row of the view `anomaly_history`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AnomalyEvent {
@@ -214,7 +212,7 @@ async fn told(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<HashMa
 
 fn shown(row: &SqliteRow) -> Result<Told, sqlx::Error> {
     let score: Option<f64> = row.try_get("score")?;
-    Ok(Told { severity: named(row, "severity", &SEVERITIES, Severity::name)?, score: score.map(f64::abs) })
+    Ok(Told { severity: named(row, "severity", &Severity::ALL, Severity::name)?, score: score.map(f64::abs) })
 }
 
 async fn run_starts(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<Starts, sqlx::Error> {

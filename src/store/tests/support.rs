@@ -354,8 +354,12 @@ pub(in crate::store) async fn views(store: &Store) -> Vec<String> {
 }
 
 /// Columns with times of the machine's clock, which differ from test to test.
-const CLOCK: [(&str, &str); 3] =
-    [("quarantine", "first_at"), ("quarantine", "last_at"), ("quarantine", "retry_asked_at")];
+const CLOCK: [(&str, &str); 4] = [
+    ("anomaly_history", "at"),
+    ("quarantine", "first_at"),
+    ("quarantine", "last_at"),
+    ("quarantine", "retry_asked_at"),
+];
 
 /// Everything that users see but times of the machine's clock, a line a row; rows of a view are sorted.
 pub(in crate::store) async fn dump(store: &Store) -> Vec<String> {

@@ -239,9 +239,8 @@ fn a_slow_receiver_holds_up_neither_the_others_nor_a_stop() {
     let asked = Instant::now();
     end(daemon);
     assert!(asked.elapsed() < Duration::from_secs(20), "{:?}", asked.elapsed());
-    let states =
-        workshop.query("SELECT state, attempts FROM deliveries WHERE route = 'slow' ORDER BY delivery_id");
-    assert_eq!(states, ["pending|1", "pending|0"]);
+    let states = workshop.query("SELECT state, attempts FROM deliveries WHERE route = 'slow'");
+    assert_eq!(states, ["pending|1"], "the other event waits in the history");
 }
 
 #[test]
