@@ -15,6 +15,7 @@ use ring::hmac;
 
 use self::outbox::Outbox;
 use self::sink::{Posted, Sink};
+use crate::no_result;
 use crate::support::{Daemon, Workshop, text};
 
 /// A workshop whose daemon tries again after a tenth of a second.
@@ -108,6 +109,29 @@ fn a_webhook_hears_that_an_alarm_opens_gets_worse_and_ends() {
         let tag = STANDARD.decode(headers["webhook-signature"].trim_start_matches("v1,")).expect("base 64");
         hmac::verify(&key, signed.as_bytes(), &tag).expect("the signature");
     }
+}
+
+/// From exports to a receiver: a test without result opens an alarm, the next one ends it.
+#[test]
+fn what_a_test_says_reaches_the_receiver() {
+    let sink = Sink::new();
+    let (workshop, next) = no_result::watched();
+    configure(&workshop, &webhook("shift", &sink.url(), ""));
+    let daemon = workshop.daemon();
+    workshop.wait_until_idle();
+    assert_eq!(sink.posted().len(), 0, "healthy tests");
+    let stuck = workshop.inbox("R01_20260214_0800_stuck.csv");
+    no_result::altered(&next, &stuck, |name, _| (name == "trq_4").then(|| "0.0".into()));
+    workshop.wait_until(|| sink.posted().len() == 1);
+    fs::write(workshop.inbox("R01_20260215_0800_healthy.csv"), &next).expect("written");
+    workshop.wait_until(|| sink.posted().len() == 2);
+    workshop.wait_until_idle();
+    end(daemon);
+    let told = sink.posted();
+    let titles: Vec<_> = told.iter().map(|posted| posted.json()["title"].clone()).collect();
+    assert_eq!(titles, ["warning: R01, joint 4: sensor opened", "ended: R01, joint 4: sensor"]);
+    let message = told[0].json()["alerts"][0]["annotations"]["description"].to_string();
+    assert!(message.contains("joint 4: the torque signal stands at 0"), "{message}");
 }
 
 #[test]
