@@ -15,10 +15,10 @@ use super::{end, workshop};
 use crate::support::{Workshop, end_of, wait_until};
 
 /// Where Debian's Python finds what Debian installs, whatever the machine's first Python is.
-const DEBIAN_PYTHON: &str = "/usr/lib/python3/dist-packages";
+pub const DEBIAN_PYTHON: &str = "/usr/lib/python3/dist-packages";
 
 /// A server that ends with the test.
-struct Server(Child);
+pub struct Server(Child);
 
 impl Drop for Server {
     fn drop(&mut self) {
@@ -29,7 +29,7 @@ impl Drop for Server {
 
 /// Starts a program of the first path that exists, and waits until it listens; `None`, with a word, where there is
 /// none.
-fn server(paths: &[&str], log: &Path, port: u16, prepare: impl FnOnce(&mut Command)) -> Option<Server> {
+pub fn server(paths: &[&str], log: &Path, port: u16, prepare: impl FnOnce(&mut Command)) -> Option<Server> {
     let Some(program) = paths.iter().find(|path| Path::new(path).exists()) else {
         println!("SKIPPED: {} is not installed; .ci/run installs it", paths[0]);
         return None;
@@ -47,7 +47,7 @@ fn server(paths: &[&str], log: &Path, port: u16, prepare: impl FnOnce(&mut Comma
 }
 
 /// A port that was free a moment ago.
-fn port() -> u16 {
+pub fn port() -> u16 {
     TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address").port()
 }
 
