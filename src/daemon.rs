@@ -30,7 +30,6 @@ use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
-use crate::alert;
 use crate::config::{Config, WatchSettings};
 use crate::ingest::find::watch::{Complaints, Scan};
 use crate::ingest::find::{tail, watch};
@@ -206,9 +205,8 @@ pub async fn watch(
     Ok(())
 }
 
-/// Logs and reports what a robot's history says.
+/// Reports what a robot's history says.
 fn announce(concluded: &Concluded, report: &mut impl FnMut(Event<'_>)) {
-    concluded.events.iter().for_each(alert::log_event);
     report(Event::Concluded(concluded));
 }
 

@@ -1,24 +1,22 @@
-//! Anomalies to people. Today the log; delivery to other places gets its files beside this one.
+//! Anomalies to people: routes choose, receivers take, the outbox in the database remembers.
+//!
+//! Events of anomalies are written in the transaction that changes them. The [`dispatcher`] hands them to the routes
+//! that want them and sends what is due: first it writes down that it tries, then it sends, then it writes down that
+//! the message has arrived. A process that dies between the two last steps sends the message again, with the same key.
 
-use crate::anomaly::Severity;
-use crate::robot::JointIndex;
-use crate::store::{AnomalyHistoryRow, OverdueRobot};
+mod message;
+mod trend;
+mod receiver;
+mod receivers;
+mod secret;
+mod tls;
+mod http;
+mod route;
+mod worker;
+pub mod dispatcher;
+pub mod trial;
 
-/// Logs what happened to an anomaly: what calls for a look by its severity, the rest as information.
-pub fn log_event(event: &AnomalyHistoryRow) {
-    let AnomalyHistoryRow { robot, kind, anomaly_id, message, .. } = event;
-    // none where the cause is the whole arm's
-    let joint = event.joint.map(JointIndex::number);
-    let what = event.what.name();
-    match event.severity {
-        _ if !event.what.calls() => {
-            tracing::info!(robot, joint, kind, anomaly_id, event = what, "{what}: {message}");
-        }
-        Severity::Info => tracing::info!(robot, joint, kind, anomaly_id, event = what, "{message}"),
-        Severity::Warning => tracing::warn!(robot, joint, kind, anomaly_id, event = what, "{message}"),
-        Severity::Critical => tracing::error!(robot, joint, kind, anomaly_id, event = what, "{message}"),
-    }
-}
+use crate::store::OverdueRobot;
 
 /// Logs that the next test of a robot should have come.
 pub fn log_overdue(overdue: &OverdueRobot) {

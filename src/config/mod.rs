@@ -1,6 +1,7 @@
 //! TOML files to settings, with every problem found at once.
 
 mod toml;
+mod alerts;
 mod robot;
 mod layout;
 mod daemon;
@@ -16,6 +17,10 @@ mod urdf_writer;
 #[cfg(test)]
 mod urdf_writer_tests;
 
+pub use self::alerts::settings::{
+    Address, AlertSettings, AlertmanagerSettings, CommandSettings, DEFAULT_ROUTE, EmailSettings, Encryption,
+    HttpLogin, MqttSettings, QuietHours, ReceiverSettings, Route, Secret, Site, WebhookSettings,
+};
 pub use self::daemon::recognition::{RecogniseError, Recognised};
 pub use self::date_format::DateFormats;
 pub use self::layout::channels::{

@@ -18,6 +18,8 @@ pub struct EvidencePoint {
     pub friction_index: Option<f64>,
     /// Its standard error.
     pub friction_index_std_error: Option<f64>,
+    /// Warm friction, Nm, which is drawn where no test has an index.
+    pub warm_friction_nm: Option<f64>,
     /// Moving relative RMSD of the excitation stage, a fraction.
     pub relative_rmsd: Option<f64>,
 }
@@ -36,6 +38,7 @@ pub fn anomaly_figure(tests: &[EvidencePoint], seen: [f64; 2], title: String, su
         of_joint.map(|test| [test.day, of(test).unwrap_or(f64::NAN)]).collect()
     };
     let half = normal_quantile(0.975);
+    let indexed = tests.iter().any(|test| test.friction_index.is_some());
     let end = |test: &EvidencePoint, sign: f64| {
         Some(test.friction_index? + sign * half * test.friction_index_std_error?)
     };
@@ -43,11 +46,12 @@ pub fn anomaly_figure(tests: &[EvidencePoint], seen: [f64; 2], title: String, su
     let mut rmsd = Vec::new();
     for &joint in &joints {
         let series = |mark, points| Series { colour: colour(joint), mark, points };
-        if joints.len() == 1 {
+        if joints.len() == 1 && indexed {
             friction.push(series(Mark::Thin, along(joint, &|test| end(test, -1.0))));
             friction.push(series(Mark::Thin, along(joint, &|test| end(test, 1.0))));
         }
-        friction.push(series(Mark::LineWithDots, along(joint, &|test| test.friction_index)));
+        let of = |test: &EvidencePoint| if indexed { test.friction_index } else { test.warm_friction_nm };
+        friction.push(series(Mark::LineWithDots, along(joint, &of)));
         rmsd.push(series(Mark::LineWithDots, along(joint, &|test| Some(100.0 * test.relative_rmsd?))));
     }
     let panel = |title: &str, y_label: &str, guide, with_zero, series| Panel {
@@ -60,7 +64,10 @@ pub fn anomaly_figure(tests: &[EvidencePoint], seen: [f64; 2], title: String, su
         series,
     };
     let panels = vec![
-        panel("friction index", "friction against the baseline", Some(1.0), false, friction),
+        match indexed {
+            true => panel("friction index", "friction against the baseline", Some(1.0), false, friction),
+            false => panel("warm friction", "warm friction, Nm", None, false, friction),
+        },
         panel("fit of the model", "relative RMSD, %", None, true, rmsd),
     ];
     let key = |label: String, look| Key { label, look };
@@ -68,7 +75,7 @@ pub fn anomaly_figure(tests: &[EvidencePoint], seen: [f64; 2], title: String, su
         .iter()
         .map(|&joint| key(format!("joint {joint}"), Look::Series(colour(joint), Mark::LineWithDots)))
         .collect();
-    if joints.len() == 1 {
+    if joints.len() == 1 && indexed {
         legend.push(key("95 % interval".into(), Look::Series(ESTIMATED, Mark::Thin)));
     }
     legend.push(key("from onset to last seen".into(), Look::Band(SEEN)));
@@ -85,6 +92,7 @@ mod tests {
             joint: JointIndex::new(joint),
             friction_index: index,
             friction_index_std_error: Some(0.01),
+            warm_friction_nm: Some(20.0),
             relative_rmsd: Some(0.05),
         }
     }
@@ -100,6 +108,8 @@ mod tests {
         let several = [test(0.0, 0, None), test(0.0, 1, None)];
         let figure = anomaly_figure(&several, [0.0, 0.0], String::new(), String::new());
         assert_eq!(figure.panels[0].series.len(), 2);
+        // without any index, friction is drawn as measured
+        assert_eq!(figure.panels[0].series[0].points, [[0.0, 20.0]]);
         assert!(figure.svg().contains("joint 2"));
     }
 }

@@ -8,6 +8,7 @@ mod ledger;
 mod results;
 mod robot;
 mod kept;
+mod delivery;
 #[cfg(test)]
 mod tests;
 mod views;
@@ -20,6 +21,9 @@ mod open;
 mod values;
 
 pub use claim::DaemonClaim;
+pub use delivery::alarm::AlarmEvent;
+pub use delivery::queue::{Again, DueMessage, RouteState};
+pub use delivery::routes::{Fate, Held, RouteEntry};
 pub use error::StoreError;
 pub use finish::{FinishTransaction, Replaced};
 pub use handle::Store;

@@ -73,7 +73,7 @@ fn people_list_show_and_settle_an_alarm_and_it_keeps_its_number() {
     let tests: Vec<&str> =
         shown.lines().skip_while(|line| !line.starts_with("run ")).skip(1).take(8).collect();
     assert!(!tests[0].contains('*') && tests[7].contains('*'), "{shown}");
-    assert!(fs::read_to_string(workshop.path("alarm.svg")).expect("a picture").contains("friction index"));
+    assert!(fs::read_to_string(workshop.path("alarm.svg")).expect("a picture").contains("warm friction, Nm"));
 
     let why = ["--why", "gearbox is ordered", "--by", "mueller"];
     let known = workshop.stdout(&[&["alerts", "ack", id][..], &why].concat(), 0);

@@ -16,6 +16,7 @@ mod clock;
 mod control;
 mod crash;
 mod daemon;
+mod delivery;
 mod docs;
 #[cfg(target_os = "linux")]
 mod faults;

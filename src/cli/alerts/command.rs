@@ -9,6 +9,7 @@ use jiff::tz::TimeZone;
 use super::act::{self, Deed};
 use super::list::{self, Wanted};
 use super::show;
+use super::test::{self, TestArgs};
 use crate::anomaly::{AnomalyKind, Severity};
 use crate::cli::context::{CliError, Global, open_store, runtime};
 use crate::cli::shared::plot::PlotFile;
@@ -23,6 +24,7 @@ Examples:
   armwatch alerts shelve 4 --days 14 --why \"gearbox comes in two weeks\"
   armwatch alerts resolve 4 --why \"gearbox changed\"
   armwatch alerts false-alarm 4 --why \"other gripper during the test\"
+  armwatch alerts test shift
 
 docs/alarms.md explains the states, and what ends each of them.")]
 pub(in crate::cli) struct AlertsArgs {
@@ -79,6 +81,8 @@ Examples:
 
 The episode stays closed, also if further tests show it. `armwatch alerts ack` takes that back.")]
     FalseAlarm(DeedArgs),
+    /// Try routes: send a message that says that it is a try
+    Test(TestArgs),
 }
 
 #[derive(Debug, Args)]
@@ -136,7 +140,7 @@ struct ShelveArgs {
     days: Option<i64>,
 }
 
-fn severity() -> impl TypedValueParser<Value = Severity> {
+pub(super) fn severity() -> impl TypedValueParser<Value = Severity> {
     PossibleValuesParser::new(Severity::ALL.map(Severity::name)).try_map(|name| {
         Severity::ALL.into_iter().find(|severity| severity.name() == name).ok_or("no severity of this name")
     })
@@ -170,6 +174,7 @@ pub(in crate::cli) fn alerts(global: &Global, args: &AlertsArgs) -> Result<u8, C
                 };
                 list::list(global, &store, &wanted).await
             }
+            AlertsCommand::Test(args) => test::test(global, &store, &config.alerts, args).await,
             AlertsCommand::Show(args) => show::show(global, &store, args.id, args.plot.as_ref()).await,
             AlertsCommand::Ack(args) => act::act(global, &store, &deed(args), act::ACKNOWLEDGE).await,
             AlertsCommand::Resolve(args) => act::act(global, &store, &deed(args), act::RESOLVE).await,

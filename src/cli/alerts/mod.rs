@@ -4,4 +4,5 @@ pub(super) mod command;
 mod act;
 mod list;
 mod show;
+mod test;
 mod words;

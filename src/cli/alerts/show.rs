@@ -190,6 +190,7 @@ fn picture(row: &AnomalyRow, tests: &[SeriesRun]) -> crate::report::figure::Figu
         joint: test.joint,
         friction_index: test.friction_index,
         friction_index_std_error: test.friction_index_std_error,
+        warm_friction_nm: test.warm_friction_nm,
         relative_rmsd: test.moving_relative_rmsd,
     };
     let points: Vec<EvidencePoint> = tests.iter().map(point).collect();

@@ -62,7 +62,7 @@ pub enum EventKind {
     Reopened,
     /// More of the history has taken it back.
     Withdrawn,
-    /// The next test of the robot did not come.
+    /// Nobody has answered it for too long.
     Overdue,
     /// A person knows of it.
     Acknowledged,
@@ -119,7 +119,13 @@ impl EventKind {
     /// Whether it says that somebody should look.
     #[must_use]
     pub fn calls(self) -> bool {
-        matches!(self, Self::Opened | Self::Reopened | Self::Worse | Self::Unshelved)
+        matches!(self, Self::Opened | Self::Reopened | Self::Worse | Self::Overdue | Self::Unshelved)
+    }
+
+    /// Whether nobody has to look any more.
+    #[must_use]
+    pub fn closes(self) -> bool {
+        matches!(self, Self::Ended | Self::Withdrawn | Self::Resolved | Self::FalseAlarm)
     }
 }
 
