@@ -46,8 +46,8 @@ impl Work {
 
 /// What the cycles of an export in `layout` would be analysed with, without a test to hold them against.
 pub(super) fn work_alone(layout: &Layout, method: &Arc<Method>) -> Work {
-    match layout.stage.run_kind() {
-        RunKind::Test => Work::Test(Arc::clone(method), layout.stage.remark()),
+    match layout.stage.kind().run_kind() {
+        RunKind::Test => Work::Test(Arc::clone(method), layout.stage.kind().remark()),
         RunKind::Production => Work::Production(Arc::clone(method), None),
     }
 }
@@ -58,7 +58,7 @@ pub(super) async fn work(
     intake: &AdmittedExport,
     method: &Arc<Method>,
 ) -> Result<Work, PipelineError> {
-    let (store, kind) = (pipeline.store(), intake.layout.stage.run_kind());
+    let (store, kind) = (pipeline.store(), intake.layout.stage.kind().run_kind());
     store.set_run_kind(intake.run_id, kind).await?;
     if kind == RunKind::Test {
         return Ok(work_alone(&intake.layout, method));

@@ -43,7 +43,7 @@ fn cycles_of(export: &Path, method: &Method, entry: &crate::config::FleetEntry) 
     let mut cutter = CycleCutter::new();
     let mut cycles = Vec::new();
     for chunk in reader.expect("a header") {
-        cutter.push(chunk.expect("rows").samples, &mut cycles).expect("cycles");
+        cutter.push(chunk.expect("rows").samples.as_recorded(), &mut cycles).expect("cycles");
     }
     cycles.extend(cutter.finish().expect("a last cycle"));
     cycles

@@ -9,7 +9,9 @@
 
 use std::collections::VecDeque;
 
-use crate::run::{Samples, Stage};
+use serde::{Deserialize, Serialize};
+
+use crate::run::{RawSamples, Samples, Stage};
 
 /// Shorter stretches of another kind of motion belong to those around them, s: a turning point takes some
 /// tenths of a second, a rest between cycles longer than this.
@@ -28,7 +30,7 @@ const DIFFERENCE_S: f64 = 0.05;
 const HOLD_S: f64 = 0.3;
 
 /// How many joints move.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Motion {
     /// None.
     #[default]
@@ -40,7 +42,7 @@ pub enum Motion {
 }
 
 /// How far a cycle has come.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Phase {
     /// To its start, or to the excitation.
     #[default]
@@ -57,14 +59,14 @@ pub struct MotionFinder {
     /// By joint, rad/s (m/s).
     low_speed: Vec<f64>,
     /// Rows without a stage: those of the present block as long as it is short, and of what may follow it.
-    held: Samples,
+    held: RawSamples,
     /// How many of them belong to the present block.
     in_block: usize,
     state: MotionState,
 }
 
 /// What is known of the motion before the next row, but for the rows that are held back.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct MotionState {
     /// When each joint moved last, s, `[n]`.
     pub moved: Vec<Option<f64>>,
@@ -109,7 +111,7 @@ impl MotionFinder {
 
     /// Takes the next rows and gives those whose stage is settled.
     #[must_use]
-    pub fn push(&mut self, rows: Samples) -> Samples {
+    pub fn push(&mut self, rows: RawSamples) -> Samples {
         let first_new = self.held.rows();
         self.held.append(rows);
         let mut stages = Vec::new();
@@ -125,18 +127,16 @@ impl MotionFinder {
             self.settle_block(&mut stages);
             self.state.last = Some(time);
         }
-        let mut done = self.held.take_front(stages.len());
         self.in_block -= stages.len();
-        done.stage = stages;
-        done
+        self.held.take_front(stages.len()).with_stages(stages)
     }
 
     /// Ends the recording and gives the rows that were held back.
     #[must_use]
     pub fn finish(&mut self) -> Samples {
-        let mut rows = std::mem::take(&mut self.held);
-        rows.stage = vec![self.state.stage.unwrap_or(Stage::Between); rows.rows()];
-        rows
+        let rows = std::mem::take(&mut self.held);
+        let stages = vec![self.state.stage.unwrap_or(Stage::Between); rows.rows()];
+        rows.with_stages(stages)
     }
 
     /// Takes note of another motion than the block's in `row`.
@@ -227,16 +227,18 @@ mod tests {
     const RATE: f64 = 50.0;
 
     /// Rows with these joints moving (one bit each), each for some seconds; speeds turn every second.
-    fn recording(parts: &[(u8, f64)], with_velocity: bool) -> Samples {
-        let mut samples =
-            Samples { position: vec![Vec::new(); 3], torque: vec![Vec::new(); 3], ..Samples::default() };
+    fn recording(parts: &[(u8, f64)], with_velocity: bool) -> RawSamples {
+        let mut samples = RawSamples {
+            position: vec![Vec::new(); 3],
+            torque: vec![Vec::new(); 3],
+            ..RawSamples::default()
+        };
         let mut velocity = vec![Vec::new(); 3];
         let mut q = [0.0; 3];
         for (joints, seconds) in parts {
             for i in 0..(seconds * RATE) as usize {
                 let swing = (std::f64::consts::TAU * i as f64 / RATE).sin();
                 samples.time.push(samples.time.len() as f64 / RATE);
-                samples.stage.push(Stage::Between);
                 for j in 0..3 {
                     let qd = if joints >> j & 1 == 1 { swing } else { 0.0 };
                     q[j] += qd / RATE;
@@ -250,7 +252,7 @@ mod tests {
         samples
     }
 
-    fn found(mut rows: Samples, chunk: usize) -> Samples {
+    fn found(mut rows: RawSamples, chunk: usize) -> Samples {
         let mut finder = MotionFinder::new(vec![0.02; 3]);
         let mut done = Samples::default();
         while !rows.is_empty() {

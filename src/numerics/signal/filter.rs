@@ -331,7 +331,6 @@ mod tests {
             cycle: None,
             friction_signal: None,
             temperatures: None,
-            stage_level: None,
             time,
         }
     }

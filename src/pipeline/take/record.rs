@@ -78,7 +78,7 @@ pub async fn finish(
     refused: Vec<(u32, String)>,
     written_at: Option<Timestamp>,
 ) -> Result<Outcome, PipelineError> {
-    let of_test = match intake.layout.stage.run_kind() {
+    let of_test = match intake.layout.stage.kind().run_kind() {
         RunKind::Test => Some(analyse_test(pipeline, intake, method).await?),
         RunKind::Production => None,
     };
