@@ -4,7 +4,6 @@
 //! friction of the joints, so that they can be held against those of the same arm's earlier runs.
 
 use crate::analysis::{IdentifiedParameter, WarmFriction};
-use crate::numerics::model::actuator::friction_columns;
 use crate::numerics::statistics::descriptive::{mean, median};
 use crate::robot::{FrictionTerm, JointIndex, ParameterKind, Robot};
 
@@ -78,7 +77,7 @@ fn friction_at(
     speed: f64,
     parameters: &[IdentifiedParameter],
 ) -> Option<(f64, f64)> {
-    let (forth, back) = (friction_columns(&robot.friction, speed), friction_columns(&robot.friction, -speed));
+    let (forth, back) = (robot.friction.columns(speed), robot.friction.columns(-speed));
     let mut known = false;
     let (mut torque, mut variance) = (0.0, 0.0);
     for parameter in parameters.iter().filter(|of| of.id.joint == joint) {

@@ -4,7 +4,6 @@
 use super::description::Basis;
 use crate::numerics::identify::joint_factors::{Factored, JointColumns, used_for_identification};
 use crate::numerics::least_squares::factor::TriangularFactor;
-use crate::numerics::model::actuator::friction_columns;
 use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{FrictionTerm, JointIndex, ParameterKind, Robot};
 
@@ -96,8 +95,7 @@ fn own_fit(
     let mut small = TriangularFactor::new(f);
     small.fold(faer::Mat::from_fn(b + 1, f + 1, |i, k| rest.get(k).unwrap_or(&torque)[i]).as_ref());
     let power_of = |k: usize| {
-        let at =
-            |qd: f64| place(friction[k]).map_or(0.0, |at| qd * friction_columns(&robot.friction, qd)[at]);
+        let at = |qd: f64| place(friction[k]).map_or(0.0, |at| qd * robot.friction.columns(qd)[at]);
         speeds.iter().map(|&qd| at(qd)).sum::<f64>() / speeds.len() as f64
     };
     let weights: Vec<f64> = (0..friction.len()).map(power_of).collect();
