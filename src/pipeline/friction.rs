@@ -4,11 +4,12 @@ use std::collections::HashMap;
 
 use super::context::PipelineError;
 use crate::analysis::FrictionPoint;
+use crate::analysis::measurements::CyclePoint;
 use crate::numerics::friction::index::{RobotFriction, robot_friction};
 use crate::numerics::friction::over_speed::friction_over_speed;
 use crate::numerics::friction::record::MapRun;
 use crate::robot::JointIndex;
-use crate::store::{CyclePoint, CycleSpeedFits, FrictionRun, Store};
+use crate::store::{CycleSpeedFits, FrictionRun, Store};
 
 /// Fits friction over speed of each cycle of run `run_id`.
 ///

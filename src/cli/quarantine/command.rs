@@ -82,7 +82,7 @@ Examples:
 The run keeps its number; what each attempt found stays in the view `quarantine`. While a daemon works on
 the database, it is asked to do it, reads its configuration again, and takes the export within its scan
 interval; the command waits for the outcome. Exit status 1 if an export is still not understood.")]
-    Retry {
+    Retries {
         /// Number of the run, or its file
         #[arg(value_name = "RUN_ID|FILE", required_unless_present = "all")]
         which: Option<String>,
@@ -122,8 +122,8 @@ pub(in crate::cli) fn quarantine(global: &Global, args: &QuarantineArgs) -> Resu
         let done = match &args.command {
             QuarantineCommand::List { robot, all } => list(global, &store, robot.as_deref(), *all).await,
             QuarantineCommand::Explain { which } => explain(global, &config, &store, which).await,
-            QuarantineCommand::Retry { which, no_wait, .. } => {
-                let retry = Retry { global, config: &config, store: &store, no_wait: *no_wait };
+            QuarantineCommand::Retries { which, no_wait, .. } => {
+                let retry = Retries { global, config: &config, store: &store, no_wait: *no_wait };
                 retry.retry(which.as_deref()).await
             }
             QuarantineCommand::Dismiss { which, reason, by } => {
@@ -252,14 +252,14 @@ fn unknown(which: &str) -> CliError {
 }
 
 /// What the retries of one call share.
-struct Retry<'a> {
+struct Retries<'a> {
     global: &'a Global,
     config: &'a Config,
     store: &'a Store,
     no_wait: bool,
 }
 
-impl Retry<'_> {
+impl Retries<'_> {
     async fn retry(&self, which: Option<&str>) -> Result<u8, CliError> {
         let chosen = self.chosen(which).await?;
         if chosen.is_empty() {

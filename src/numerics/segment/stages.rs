@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::stages_from_motion::{MotionFinder, MotionState};
+use super::stages_from_motion::{MotionFinder, MotionFinderState};
 use crate::run::{RawSamples, Samples, Stage, StageReading};
 
 /// Longest time that an analogue signal may stay outside every range, s: slower than any output switches,
@@ -129,7 +129,7 @@ pub struct FinderState {
     /// Of the analogue signal, where there is one.
     pub signal: SignalState,
     /// Of the motion, where it is looked at.
-    pub motion: MotionState,
+    pub motion: MotionFinderState,
 }
 
 impl StageFinder {

@@ -31,7 +31,7 @@ const HOLD_S: f64 = 0.3;
 
 /// How many joints move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub enum Motion {
+pub enum MovingJoints {
     /// None.
     #[default]
     Rest,
@@ -62,18 +62,18 @@ pub struct MotionFinder {
     held: RawSamples,
     /// How many of them belong to the present block.
     in_block: usize,
-    state: MotionState,
+    state: MotionFinderState,
 }
 
 /// What is known of the motion before the next row, but for the rows that are held back.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct MotionState {
+pub struct MotionFinderState {
     /// When each joint moved last, s, `[n]`.
     pub moved: Vec<Option<f64>>,
     /// Latest times, s, and positions, rad (m), `[n]` each, for speeds that are not recorded.
     pub recent: VecDeque<(f64, Vec<f64>)>,
-    /// Motion of the present block.
-    pub block: Motion,
+    /// MovingJoints of the present block.
+    pub block: MovingJoints,
     /// When it began, s.
     pub block_start: Option<f64>,
     /// Time of its last row, s.
@@ -83,7 +83,7 @@ pub struct MotionState {
     /// Its stage, once it is long enough.
     pub stage: Option<Stage>,
     /// Another motion that goes on since this time, s.
-    pub candidate: Option<(Motion, f64)>,
+    pub candidate: Option<(MovingJoints, f64)>,
     /// How far the cycle has come.
     pub phase: Phase,
 }
@@ -92,20 +92,20 @@ impl MotionFinder {
     /// At the start of a recording; `low_speed` `[n]` is each joint's threshold, rad/s (m/s).
     #[must_use]
     pub fn new(low_speed: Vec<f64>) -> Self {
-        let state = MotionState { moved: vec![None; low_speed.len()], ..MotionState::default() };
+        let state = MotionFinderState { moved: vec![None; low_speed.len()], ..MotionFinderState::default() };
         Self { low_speed, state, ..Self::default() }
     }
 
     /// The same as another finder that stood at `state`. What that one held back is not given; rows from here on
     /// get their stages without.
     #[must_use]
-    pub fn at(self, state: MotionState) -> Self {
+    pub fn at(self, state: MotionFinderState) -> Self {
         Self { state, ..self }
     }
 
     /// What it knows before the next row.
     #[must_use]
-    pub fn state(&self) -> &MotionState {
+    pub fn state(&self) -> &MotionFinderState {
         &self.state
     }
 
@@ -140,7 +140,7 @@ impl MotionFinder {
     }
 
     /// Takes note of another motion than the block's in `row`.
-    fn follow(&mut self, motion: Motion, row: usize, time: f64, stages: &mut Vec<Stage>) {
+    fn follow(&mut self, motion: MovingJoints, row: usize, time: f64, stages: &mut Vec<Stage>) {
         match self.state.candidate {
             Some((known, since)) if known == motion => {
                 if time - since >= SETTLE_S {
@@ -163,7 +163,7 @@ impl MotionFinder {
         if self.state.stage.is_none() {
             let lasted = self.state.block_last.zip(self.state.block_start);
             let lasted = lasted.map_or(0.0, |(last, start)| last - start);
-            if self.state.block != Motion::Rest && lasted < BLOCK_S {
+            if self.state.block != MovingJoints::Rest && lasted < BLOCK_S {
                 return;
             }
             self.state.stage = Some(self.stage_of_block());
@@ -173,16 +173,16 @@ impl MotionFinder {
 
     fn stage_of_block(&mut self) -> Stage {
         let (stage, phase) = match (self.state.block, self.state.phase) {
-            (Motion::Rest, phase) => (Stage::Between, phase),
-            (Motion::OneJoint, _) => (Stage::Friction, Phase::Friction),
-            (Motion::Several, Phase::Friction) => (Stage::Warming, Phase::Warming),
-            (Motion::Several, Phase::Begun | Phase::Warming) => (Stage::Excitation, Phase::Begun),
+            (MovingJoints::Rest, phase) => (Stage::Between, phase),
+            (MovingJoints::OneJoint, _) => (Stage::Friction, Phase::Friction),
+            (MovingJoints::Several, Phase::Friction) => (Stage::Warming, Phase::Warming),
+            (MovingJoints::Several, Phase::Begun | Phase::Warming) => (Stage::Excitation, Phase::Begun),
         };
         self.state.phase = phase;
         stage
     }
 
-    fn motion(&mut self, row: usize) -> Motion {
+    fn motion(&mut self, row: usize) -> MovingJoints {
         let time = self.held.time[row];
         let speeds: Vec<f64> = match &self.held.velocity {
             Some(velocity) => velocity.iter().map(|qd| qd[row].abs()).collect(),
@@ -195,9 +195,9 @@ impl MotionFinder {
         }
         let moving = self.state.moved.iter().flatten().filter(|moved| time - **moved <= HOLD_S);
         match moving.count() {
-            0 => Motion::Rest,
-            1 => Motion::OneJoint,
-            _ => Motion::Several,
+            0 => MovingJoints::Rest,
+            1 => MovingJoints::OneJoint,
+            _ => MovingJoints::Several,
         }
     }
 

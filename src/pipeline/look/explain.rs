@@ -16,7 +16,7 @@ use crate::ingest::table::column_map::ColumnMap;
 use crate::ingest::table::reader::{ExportReader, LeftOut, ReadOptions};
 use crate::numerics::analyse::Method;
 use crate::pipeline::context::{Pipeline, PipelineError, Retry};
-use crate::pipeline::production::{Work, work_alone};
+use crate::pipeline::production::{CycleWork, work_alone};
 use crate::pipeline::take::cycles::RowCutter;
 use crate::pipeline::take::decide::{Decision, Start};
 use crate::pipeline::take::intake::Recognised;
@@ -263,7 +263,7 @@ fn age(modified: SystemTime) -> f64 {
 }
 
 /// Reads an export to its end or its first fault.
-fn read(path: &Path, entry: &FleetEntry, work: Option<&Work>) -> (Reading, Option<Rejection>) {
+fn read(path: &Path, entry: &FleetEntry, work: Option<&CycleWork>) -> (Reading, Option<Rejection>) {
     let mut reading = Reading {
         content: None,
         columns: None,
@@ -283,7 +283,7 @@ fn read_into(
     path: &Path,
     layout: &Layout,
     robot: &Robot,
-    work: Option<&Work>,
+    work: Option<&CycleWork>,
 ) -> Result<(), Rejection> {
     let (bytes, hash) = source::open_hashing(path)?;
     let mut export = ExportReader::new(bytes, path, layout, robot, ReadOptions::default())?;
@@ -309,7 +309,7 @@ fn read_into(
     fault
 }
 
-fn sketch(cycle: &Cycle, work: Option<&Work>) -> CycleSketch {
+fn sketch(cycle: &Cycle, work: Option<&CycleWork>) -> CycleSketch {
     let samples = &cycle.samples;
     let ends = samples.time.first().zip(samples.time.last());
     // an hour's factors are of no use here

@@ -158,7 +158,7 @@ mod tests {
     use crate::ingest::table::cell_reader::PreviousTime;
     use crate::numerics::segment::cycles::CutterState;
     use crate::numerics::segment::stages::{OutsideLevels, SignalState};
-    use crate::numerics::segment::stages_from_motion::{Motion, MotionState, Phase};
+    use crate::numerics::segment::stages_from_motion::{MotionFinderState, MovingJoints, Phase};
     use crate::run::Stage;
 
     #[test]
@@ -181,15 +181,15 @@ mod tests {
                     candidate: Some((Stage::Between, 1.0 / 3.0)),
                     outside: Some(OutsideLevels { level: 9.75, start_s: 4.0 }),
                 },
-                motion: MotionState {
+                motion: MotionFinderState {
                     moved: vec![None, Some(2.5)],
                     recent: [(1.0, vec![0.5, 1e-300]), (1.5, vec![])].into(),
-                    block: Motion::Several,
+                    block: MovingJoints::Several,
                     block_start: Some(0.7),
                     block_last: None,
                     last: Some(0.8),
                     stage: Some(Stage::Friction),
-                    candidate: Some((Motion::OneJoint, 0.9)),
+                    candidate: Some((MovingJoints::OneJoint, 0.9)),
                     phase: Phase::Warming,
                 },
             },
