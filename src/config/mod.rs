@@ -13,8 +13,6 @@ mod serve;
 mod source;
 mod summary;
 mod urdf_writer;
-#[cfg(test)]
-mod urdf_writer_tests;
 
 pub use self::daemon::recognition::{RecogniseError, Recognised};
 pub use self::date_format::DateFormats;

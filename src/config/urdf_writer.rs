@@ -292,3 +292,6 @@ fn escaped(name: &str) -> String {
 fn for_comment(text: &str) -> String {
     text.replace("--", "- -").trim_end_matches('-').to_owned()
 }
+
+#[cfg(test)]
+mod tests;

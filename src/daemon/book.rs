@@ -339,3 +339,6 @@ impl Entry {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
