@@ -319,7 +319,7 @@ fn criterion(raws: &[Raw], sides: &[Side], inflation: f64) -> f64 {
     corrected_akaike(deviance, k, rows)
 }
 
-/// Whether the part that makes a form more than Coulomb-viscous friction is told by the data.
+/// Whether the terms that a form has beyond Coulomb-viscous friction are significant.
 fn supported(model: SpeedModel, raw: &Raw, inflation: f64) -> bool {
     let clear = |significance: f64| significance > MIN_SIGNIFICANCE * inflation.sqrt();
     match model {

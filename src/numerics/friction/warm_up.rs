@@ -285,7 +285,7 @@ fn errors_by_run(points: &[WarmUpPoint], a: f64, parts: &[Decay]) -> Option<Erro
     Some(ErrorsByRun { runs, errors: variances.into_iter().map(error).collect() })
 }
 
-/// Whether every part of a fit is told by the data and possible for a gearbox that warms up.
+/// Whether every part of a fit is significant and possible for a gearbox that warms up.
 fn supported(candidate: &CandidateFit, points: &[Mean]) -> bool {
     let (first, last) = extent(points.iter().map(|p| p.minute));
     let record = last - first;

@@ -1,9 +1,9 @@
 //! Standard errors that stay honest when residuals are correlated in time and between joints.
 //!
-//! Residuals after a low-pass are neighbours' copies of each other, what the model leaves out is slow, and
-//! the noise of an acceleration that was differentiated from a velocity is fast: it takes back in one moment
-//! what it gave in the one before. The sandwich estimate with blocks of time as clusters asks only that what
-//! *blocks* add up to be independent (Liang & Zeger 1986; Cameron & Miller 2015). All joints of a moment are
+//! Filtered residuals are autocorrelated: the low-pass correlates neighbours, unmodelled effects add errors of low
+//! frequency, and differentiating the velocity adds errors of high frequency. The sandwich estimate with blocks of
+//! time as clusters requires only that the sums over *blocks* are independent (Liang & Zeger 1986; Cameron & Miller
+//! 2015). All joints of a moment are
 //! in one block. Blocks overlap by half and rise and fall like a sine: hard edges would count the fast
 //! noise that is cut off there, as a rectangular window leaks in a spectrum (Percival & Walden 1993, 6).
 

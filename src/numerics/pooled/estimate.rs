@@ -1,4 +1,4 @@
-//! Estimators of one's choice on the stored factors of cycles: no recording is needed.
+//! Estimators that work on the stored factors of cycles and need no recording.
 //!
 //! An estimator is a choice of weights: a joint's residual variance is a number for its factors, a
 //! robust estimate weighs whole cycles, a prior is more rows. The interval does not depend on it: with

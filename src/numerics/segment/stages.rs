@@ -80,7 +80,7 @@ impl Schedule {
             rest -= duration;
             (rest < 0.0).then_some(*stage)
         });
-        // a cast that saturates; a recording of more cycles than that is none
+        // the cast saturates; no recording has four thousand million cycles
         (cycle as u32 + 1, stage.unwrap_or(Stage::Between))
     }
 }
@@ -192,7 +192,8 @@ impl StageFinder {
         }
     }
 
-    /// Ends the recording and gives the rows that were held back. A stage that was not yet confirmed is none.
+    /// Ends the recording and returns the rows that were held back. They belong to the stage before them: the next one
+    /// was not confirmed.
     #[must_use]
     pub fn finish(&mut self) -> Samples {
         if self.rule == StageRule::Motion {

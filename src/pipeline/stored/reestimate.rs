@@ -1,4 +1,4 @@
-//! Estimators of one's choice on stored factors: on cycles together, or on each of a history.
+//! Any estimator on stored factors: one set of parameters for all chosen cycles, or one for each cycle.
 
 use super::chosen_cycles::{
     PassedOverCycle, PooledCycles, RunCycles, StoredError, add, chosen_cycles, merged, same_model, source,
@@ -97,8 +97,8 @@ fn together(
     }
 }
 
-/// Identifies every chosen cycle alone; with the cycles of whole runs that are passed over. `progress` hears after each run how many cycles are done. Runs
-/// are read one after another; a cycle that gives no parameters says why.
+/// Identifies every chosen cycle alone, run after run. A cycle without parameters has the reason in their place. Cycles
+/// of whole runs that cannot be used are returned separately. `progress` is called with the number of cycles done.
 ///
 /// # Errors
 /// [`StoredError::Refused`] as [`take`](super::chosen_cycles::take), and for [`StackedEstimator::Huber`], which needs

@@ -19,8 +19,8 @@ use crate::run::{ContentHash, Cycle, RawSamples, Samples};
 /// on the pieces in which a growing file is read.
 pub(in crate::pipeline) const SAMPLE_RATE_ROWS: usize = 1000;
 
-/// First rows of an export by which two exports of one recording are told from two recordings: noise alone makes
-/// them differ. Few, so that the same recording is known though a later row was corrected.
+/// First rows of an export that identify its recording: noise makes the first rows of two recordings differ. Few, so
+/// that an export in which a later row was corrected still counts as the same recording.
 const FIRST_ROWS: usize = 16;
 
 /// Brings the rows of an export to the joints, gives them their stage and cuts them into cycles.
