@@ -15,7 +15,7 @@ use crate::ingest::table::cell_reader::PassedOver;
 use crate::ingest::table::column_map::{ColumnMap, Role};
 use crate::ingest::table::reader::LeftOut;
 use crate::pipeline::look::explain::{
-    CycleSketch, Explainer, Explanation, Ledger, Next, Reading, RecognisedAs,
+    CycleSketch, Explainer, Explanation, ExportReading, Ledger, Next, RecognisedAs,
 };
 use crate::robot::{JointIndex, Robot};
 use crate::run::{RunKind, Stage};
@@ -106,7 +106,7 @@ fn recognised_lines(of: &RecognisedAs) -> Vec<String> {
     ]
 }
 
-fn reading_lines(layout: &Layout, robot: &Robot, of: &Reading) -> Vec<String> {
+fn reading_lines(layout: &Layout, robot: &Robot, of: &ExportReading) -> Vec<String> {
     let mut lines = vec![topic("layout", &layout.name)];
     if let Some(map) = &of.columns {
         lines.extend(column_lines(layout, map));

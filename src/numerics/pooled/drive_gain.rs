@@ -317,7 +317,7 @@ fn joined<'a>(
 }
 
 /// Solution for the last column of `w` alone.
-struct Scale {
+struct LoadScale {
     scale: f64,
     /// Squared length of the load's column, less what the others explain.
     information: f64,
@@ -329,7 +329,7 @@ struct Scale {
 /// Regression on the last column less what the others explain of it (Frisch & Waugh 1933): columns of
 /// the arm that one joint's rows do not tell apart do no harm, as they would to solving for all. `None`
 /// if too little of the column is left.
-fn scale_of(factor: &TriangularFactor) -> Option<Scale> {
+fn scale_of(factor: &TriangularFactor) -> Option<LoadScale> {
     let (r, b) = (factor.upper(), factor.columns());
     let column = |k: usize, r: MatRef<'_, f64>| r.col(k).iter().copied().collect::<Vec<f64>>();
     let mut basis = OrthonormalBasis::default();
@@ -344,7 +344,7 @@ fn scale_of(factor: &TriangularFactor) -> Option<Scale> {
     let torque = basis.rest(&column(b, r)).vector;
     let scale = load.iter().zip(&torque).map(|(l, t)| l * t).sum::<f64>() / information;
     let residual_squares = load.iter().zip(&torque).map(|(l, t)| (t - scale * l).powi(2)).sum();
-    Some(Scale { scale, information, residual_squares, columns: basis.rank() + 1 })
+    Some(LoadScale { scale, information, residual_squares, columns: basis.rank() + 1 })
 }
 
 /// Standard error and its degrees of freedom from leaving out one cycle after the other: in each

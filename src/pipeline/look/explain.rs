@@ -37,7 +37,7 @@ pub struct Explanation {
     /// Whose it is; a rejection where the name does not say.
     pub recognised: Option<RecognisedAs>,
     /// What is in it, as far as it can be read; `None` if it is nobody's.
-    pub reading: Option<Reading>,
+    pub reading: Option<ExportReading>,
     /// Why it would be quarantined.
     pub rejection: Option<Rejection>,
     /// What the database has of its content.
@@ -64,7 +64,7 @@ pub struct RecognisedAs {
 
 /// What is in an export.
 #[derive(Debug, Clone)]
-pub struct Reading {
+pub struct ExportReading {
     /// Identity of the content, where all of it could be read.
     pub content: Option<ContentHash>,
     /// Where each channel stands, if the header is understood.
@@ -263,8 +263,8 @@ fn age(modified: SystemTime) -> f64 {
 }
 
 /// Reads an export to its end or its first fault.
-fn read(path: &Path, entry: &FleetEntry, work: Option<&CycleWork>) -> (Reading, Option<Rejection>) {
-    let mut reading = Reading {
+fn read(path: &Path, entry: &FleetEntry, work: Option<&CycleWork>) -> (ExportReading, Option<Rejection>) {
+    let mut reading = ExportReading {
         content: None,
         columns: None,
         rows: 0,
@@ -279,7 +279,7 @@ fn read(path: &Path, entry: &FleetEntry, work: Option<&CycleWork>) -> (Reading, 
 }
 
 fn read_into(
-    reading: &mut Reading,
+    reading: &mut ExportReading,
     path: &Path,
     layout: &Layout,
     robot: &Robot,

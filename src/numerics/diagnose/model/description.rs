@@ -133,12 +133,12 @@ impl<'a> JudgedRows<'a> {
         robot: &Robot,
         filtered_coulomb_columns: &[FilteredColumn],
         y: &mut Regressor,
-        mut take: impl FnMut(usize, usize, &Regressor, &State),
+        mut take: impl FnMut(usize, usize, &Regressor, &JointState),
     ) {
         let n = robot.joint_count();
-        let mut state = State::default();
+        let mut state = JointState::default();
         for &row in &self.rows {
-            let State { q, qd, qdd, tau } = &mut state;
+            let JointState { q, qd, qdd, tau } = &mut state;
             self.filtered.row(row, q, qd, qdd, tau);
             joint_torque_regressor(robot, &state.q[..n], &state.qd[..n], &state.qdd[..n], y);
             write_filtered_columns(filtered_coulomb_columns, row, y);
@@ -153,7 +153,7 @@ impl<'a> JudgedRows<'a> {
 
 /// One instant of all joints.
 #[derive(Debug, Clone, Copy, Default)]
-struct State {
+struct JointState {
     q: [f64; MAX_JOINTS],
     qd: [f64; MAX_JOINTS],
     qdd: [f64; MAX_JOINTS],
@@ -292,11 +292,11 @@ impl<'a> TorqueSlopes<'a> {
         }
     }
 
-    fn write(&self, row: usize, state: &State, slope: &mut [[f64; MAX_JOINTS]]) {
+    fn write(&self, row: usize, state: &JointState, slope: &mut [[f64; MAX_JOINTS]]) {
         let n = self.robot.joint_count();
         let torque = |robot: &Robot| {
             let mut tau = [0.0; MAX_JOINTS];
-            let State { q, qd, qdd, .. } = state;
+            let JointState { q, qd, qdd, .. } = state;
             inverse_dynamics(robot, &self.model.inertial, &q[..n], &qd[..n], &qdd[..n], &mut tau[..n]);
             tau
         };
