@@ -53,32 +53,3 @@ pub fn joint_factors(source: &dyn RowSource) -> Vec<TriangularFactor> {
     });
     folders.iter_mut().map(FactorBuilder::take).collect()
 }
-
-#[cfg(test)]
-mod tests {
-    use faer::Mat;
-
-    use super::*;
-
-    #[test]
-    fn temporary_measure_of_the_change() {
-        let (rows, b) = (20_000, 12);
-        let value = |i: usize, k: usize| {
-            ((i as f64) * 0.0137 * (k as f64 + 1.3)).sin() * (1.0 + k as f64)
-                + ((i * 7919 + k * 104_729) % 1009) as f64 * 1e-3
-        };
-        let mut new = FactorBuilder::new(b);
-        let mut old = TriangularFactor::new(b);
-        for i in 0..rows {
-            new.push((0..=b).map(|k| value(i, k)));
-        }
-        for from in (0..rows).step_by(2048) {
-            let count = 2048.min(rows - from);
-            old.fold(Mat::from_fn(count, b + 1, |i, k| value(from + i, k)).as_ref());
-        }
-        let theta = |of: &TriangularFactor| of.solve(1e12, |k| k.to_string()).expect("solved").theta;
-        let (x, y) = (theta(&old), theta(&new.take()));
-        let change = x.iter().zip(&y).map(|(x, y)| ((x - y) / x).abs()).fold(0.0, f64::max);
-        eprintln!("largest relative change {change:e}");
-    }
-}
