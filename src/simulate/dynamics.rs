@@ -109,7 +109,7 @@ pub fn joint_torque(chain: &RigidChain, state: &MotionState) -> [f64; MAX_JOINTS
     torque
 }
 
-/// MotionPiece of a link frame, all in base axes.
+/// Motion of a link frame, all in base axes.
 #[derive(Debug, Clone)]
 struct Frame {
     rotation: Matrix3<f64>,

@@ -82,7 +82,7 @@ Examples:
 The run keeps its number; what each attempt found stays in the view `quarantine`. While a daemon works on
 the database, it is asked to do it, reads its configuration again, and takes the export within its scan
 interval; the command waits for the outcome. Exit status 1 if an export is still not understood.")]
-    Retries {
+    Retry {
         /// Number of the run, or its file
         #[arg(value_name = "RUN_ID|FILE", required_unless_present = "all")]
         which: Option<String>,
@@ -122,7 +122,7 @@ pub(in crate::cli) fn quarantine(global: &Global, args: &QuarantineArgs) -> Resu
         let done = match &args.command {
             QuarantineCommand::List { robot, all } => list(global, &store, robot.as_deref(), *all).await,
             QuarantineCommand::Explain { which } => explain(global, &config, &store, which).await,
-            QuarantineCommand::Retries { which, no_wait, .. } => {
+            QuarantineCommand::Retry { which, no_wait, .. } => {
                 let retry = Retries { global, config: &config, store: &store, no_wait: *no_wait };
                 retry.retry(which.as_deref()).await
             }

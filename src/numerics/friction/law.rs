@@ -3,7 +3,7 @@
 use super::thermal_state::Rates;
 use crate::numerics::friction::thermal_state::ThermalDeficit;
 
-/// LawPrior of the parameters with no sensor and with an ambient temperature.
+/// Prior of the parameters with no sensor and with an ambient temperature.
 ///
 /// Six gearboxes of thesis Table 5.6 have slow time constants of 13 to 57 min, geometric mean 27, and fast ones of
 /// 0.3 to 7.4 min, geometric mean 1.6. A resting housing loses heat at about the rate of a moving one; the wind of
@@ -28,7 +28,7 @@ pub(super) const BOUNDS: LawParameters<Bounds> = LawParameters {
     sensor: Bounds { low: -0.5, high: 0.5 },
 };
 
-/// LawPrior of the parameters where the motor's temperature gives the slow part.
+/// Prior of the parameters where the motor's temperature gives the slow part.
 ///
 /// The fast part is then the difference of temperature between winding, housing and teeth, which lasts some minutes.
 /// A share above one makes its weight negative: the motor warms by its own losses before the gears do. Viscosity

@@ -180,7 +180,7 @@ fn curved(k: f64, x: f64) -> f64 {
     if k < MIN_CURVATURE { x } else { (k * x).exp_m1() / k.exp_m1() }
 }
 
-/// LawPrior of the law for a record.
+/// Prior of the law for a record.
 fn law_prior(record: &JointRecord) -> LawParameters<LawPrior> {
     match record.sensor {
         ThermalSensor::Motor(_) => MOTOR_PRIOR,

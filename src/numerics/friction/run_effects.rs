@@ -21,7 +21,7 @@ const INNER_ROUNDS: usize = 4;
 /// Rounds in which the prior scales are estimated; each goes most of the way to the fixed point (MacKay 1992).
 const SCALE_ROUNDS: usize = 4;
 
-/// LawPrior scale of wear against the baseline, as a fraction of friction. Most runs have less wear and a few have far
+/// Prior scale of wear against the baseline, as a fraction of friction. Most runs have less wear and a few have far
 /// more; the run's own effect therefore enters the scale by a half, which gives the prior tails like those of
 /// Student's distribution.
 const WEAR_SCALE: f64 = 0.02;
@@ -108,7 +108,7 @@ pub(super) fn run_effects(
     (effects, scales)
 }
 
-/// LawPrior scales of the random effects.
+/// Prior scales of the random effects.
 #[derive(Debug, Clone)]
 pub(super) struct PriorScales {
     /// Of the common ambient effect, as a fraction of friction at the largest speed.
@@ -205,7 +205,7 @@ struct RunSolution {
     /// Means in the order of [`EffectLayout`].
     effects: DVector<f64>,
     covariance: DMatrix<f64>,
-    /// LawPrior scale of each joint's wear.
+    /// Prior scale of each joint's wear.
     wear_scales: Vec<f64>,
 }
 
@@ -220,7 +220,7 @@ impl RunSolution {
     }
 }
 
-/// LawPrior scales that follow the run itself.
+/// Prior scales that follow the run itself.
 struct RunScales {
     /// Of each joint's wear.
     wear: Vec<f64>,
@@ -306,17 +306,17 @@ impl NormalEquations {
         }
     }
 
-    /// LawPrior `effect ~ N(0, scale²)`.
+    /// Prior `effect ~ N(0, scale²)`.
     fn add_prior(&mut self, at: usize, scale: f64) {
         self.information[(at, at)] += scale.powi(-2);
     }
 
-    /// LawPrior `top_slope ambient ~ N(0, scale²)` of a joint whose ambient effect is its own.
+    /// Prior `top_slope ambient ~ N(0, scale²)` of a joint whose ambient effect is its own.
     fn add_own_ambient(&mut self, at: usize, top_slope: f64, scale: f64) {
         self.information[(at, at)] += top_slope * top_slope * scale.powi(-2);
     }
 
-    /// LawPrior `top_slope ambient - common ~ N(0, spread²)` of a joint whose ambient effect is near the common one.
+    /// Prior `top_slope ambient - common ~ N(0, spread²)` of a joint whose ambient effect is near the common one.
     fn add_coupled_ambient(&mut self, at: usize, top_slope: f64, spread: f64) {
         let (common, weight) = (EffectLayout::COMMON_AMBIENT, spread.powi(-2));
         self.information[(at, at)] += top_slope * top_slope * weight;
@@ -369,7 +369,7 @@ impl NormalEquations {
     }
 }
 
-/// LawPrior scales estimated from the solutions of all runs.
+/// Prior scales estimated from the solutions of all runs.
 fn estimated_scales(
     by_joint: &[Vec<RunPoints>],
     solved: &[RunSolution],
@@ -388,7 +388,7 @@ fn estimated_scales(
     }
 }
 
-/// LawPrior scales of a joint from the runs that have points of it. A level counts in the runs that measured it.
+/// Prior scales of a joint from the runs that have points of it. A level counts in the runs that measured it.
 fn joint_scales(
     runs: &[RunPoints],
     solved: &[RunSolution],

@@ -250,7 +250,7 @@ struct BlockSums {
 }
 
 impl BlockSums {
-    /// RowBlock `k` rises over the half `k - 1` of the record and falls over the half `k`; the squares of
+    /// Block `k` rises over the half `k - 1` of the record and falls over the half `k`; the squares of
     /// what a row counts in its two blocks add up to one.
     fn over(source: &dyn RowSource, theta: &[f64], rule: &WeightRule, half_rows: usize) -> Self {
         let (n, b) = (source.joint_count(), source.columns());

@@ -72,7 +72,7 @@ pub struct MotionFinderState {
     pub moved: Vec<Option<f64>>,
     /// Latest times, s, and positions, rad (m), `[n]` each, for speeds that are not recorded.
     pub recent: VecDeque<(f64, Vec<f64>)>,
-    /// MovingJoints of the present block.
+    /// Motion of the present block.
     pub block: MovingJoints,
     /// When it began, s.
     pub block_start: Option<f64>,
