@@ -10,8 +10,6 @@ mod book;
 mod outcome_log;
 pub mod overdue;
 #[cfg(test)]
-mod book_tests;
-#[cfg(test)]
 mod tests;
 mod places;
 pub mod preflight;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::context::PipelineError;
 use crate::analysis::FrictionPoint;
+use crate::analysis::measurements::CyclePoint;
 use crate::anomaly::epoch::Epoch;
 use crate::numerics::friction::baseline::{FormedMaps, HeldMap, fit_maps};
 use crate::numerics::friction::index::{Reference, coverage, run_indices};
@@ -13,8 +14,8 @@ use crate::numerics::friction::over_speed::friction_over_speed;
 use crate::numerics::friction::record::MapRun;
 use crate::robot::JointIndex;
 use crate::store::{
-    CyclePoint, CycleSpeedFits, FrictionConclusion, FrictionPlan, FrictionTests, NewBaseline, NewIndices,
-    PlannedMap, Store, plan,
+    CycleSpeedFits, FrictionConclusion, FrictionPlan, FrictionTests, NewBaseline, NewIndices, PlannedMap,
+    Store, plan,
 };
 
 /// Fits friction over speed of each cycle of run `run_id`.

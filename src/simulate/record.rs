@@ -10,7 +10,7 @@ use super::friction::{
     turned_along,
 };
 use super::heat::{Heat, Reading, friction_power};
-use super::motion::{Motion, MotionState, PerJoint};
+use super::motion::{MotionPiece, MotionState, PerJoint};
 use super::recording::{Recording, Row};
 use super::trajectory::{CyclePlan, Segment};
 use super::truth::{CycleTruth, FrictionLevelTruth, JointThermalTruth};
@@ -85,7 +85,9 @@ fn true_torque(
 ) -> (PerJoint, PerJoint) {
     let thermal = thermal_at(recording, time);
     let plateau = match &segment.motion {
-        Motion::Plateaus(p) => p.plateau_direction(t - segment.start).map(|direction| (p.joint, direction)),
+        MotionPiece::Plateaus(p) => {
+            p.plateau_direction(t - segment.start).map(|direction| (p.joint, direction))
+        }
         _ => None,
     };
     let mut torque = joint_torque(&recording.chain, state);

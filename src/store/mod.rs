@@ -32,7 +32,7 @@ pub use kept::parameter_sets::{ParameterSet, SourceCycle};
 pub use kept::reestimates::{
     CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,
 };
-pub use ledger::quarantine::{Dismissal, Fault, FaultState, QuarantineRow};
+pub use ledger::quarantine::{Dismissal, ExportFault, FaultState, QuarantineRow};
 pub use ledger::resume::{ReadSoFar, StoredPoint};
 pub use ledger::runs::{Begun, Identity, KnownRun, Owner, RunStart, RunTotals};
 pub use ledger::sources::{EarlierRun, Recording, RunSource, SourceState, UnfinishedSource};
@@ -53,6 +53,5 @@ pub use robot::conclude::{ConclusionTransaction, StaleRobot};
 pub use robot::conclusion_faults::ConclusionFault;
 pub use robot::friction::{CycleSpeedFits, IndexRow, ThermalSourceRow};
 pub use robot::health::{OverdueRobot, RunResult};
-pub use robot::history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use robot::maintenance::{DescriptionKey, MaintenanceRow, NewMaintenance};
 pub use views::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};

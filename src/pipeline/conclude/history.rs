@@ -16,6 +16,7 @@ use crate::anomaly::RunSummary;
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::detect::production::detect_production;
 use crate::numerics::detect::runs::detect;
+use crate::numerics::friction::level_means::nearest_level;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::friction::friction_conclusion;
 use crate::pipeline::production;
@@ -163,8 +164,7 @@ fn reference_level(summaries: &[RunSummary], reference: f64) -> f64 {
     let latest = summaries.iter().rev().find_map(|run| {
         let levels =
             run.joints.iter().filter_map(|joint| joint.warm_friction).map(|warm| warm.speed_fraction);
-        let distance = |level: f64| (level - reference).abs();
-        levels.min_by(|a, b| distance(*a).total_cmp(&distance(*b)))
+        nearest_level(levels, reference)
     });
     latest.unwrap_or(reference)
 }

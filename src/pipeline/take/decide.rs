@@ -128,7 +128,7 @@ impl Unfinished {
 }
 
 /// What is chosen among earlier runs.
-struct Chosen {
+struct ChosenRun {
     start: Start,
     /// Whether the run that is taken the place of lay at this path.
     replaces_here: bool,
@@ -141,9 +141,9 @@ struct Chosen {
 /// whose name says no moment, such as `current.csv`, holds one recording after the other; of those, only an
 /// unfinished one is superseded whose very file was written over. The number of a file says something only with
 /// its robot.
-fn chosen(earlier: &[Compared], policy: RewritePolicy) -> Chosen {
+fn chosen(earlier: &[Compared], policy: RewritePolicy) -> ChosenRun {
     let start = Start { continues: None, replaces: None, read: fingerprint::nothing(), afresh: false };
-    let mut chosen = Chosen { start, replaces_here: false, unfinished: None };
+    let mut chosen = ChosenRun { start, replaces_here: false, unfinished: None };
     for Compared { run, read, begins_alike, same_path, same_file, same_robot, same_recording } in earlier {
         let (unfinished, complete) = (run.status == RunStatus::Streaming, run.status == RunStatus::Complete);
         let moved_here = *same_file && *same_robot;
