@@ -130,6 +130,8 @@ fn grouped<K: PartialEq>(history: &[RunSummary], key: impl Fn(&RunSummary) -> K)
 }
 
 #[cfg(test)]
+mod cause_tests;
+#[cfg(test)]
 mod fixtures;
 #[cfg(test)]
 mod tests;
