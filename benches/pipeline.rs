@@ -215,7 +215,6 @@ fn samples(rows: &[Row], joints: usize) -> Samples {
         velocity: Some(channel(|row, j| row.velocity[j])),
         torque: channel(|row, j| row.torque[j]),
         stage: rows.iter().map(|row| row.stage).collect(),
-        stage_level: None,
         cycle: Some(rows.iter().map(|row| row.cycle).collect()),
         friction_signal: Some(rows.iter().map(|row| row.signal).collect()),
         temperatures: None,

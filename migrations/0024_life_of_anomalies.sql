@@ -19,7 +19,8 @@ CREATE TABLE anomaly_with_life (
     baseline      REAL,
     peak_value    REAL,
     peak_score    REAL,
-    first_run_id  INTEGER NOT NULL REFERENCES run ON DELETE CASCADE,
+    -- An episode outlives its runs: what people said of it is kept until the history is judged again.
+    first_run_id  INTEGER REFERENCES run ON DELETE SET NULL,
     first_cycle   INTEGER CHECK (first_cycle >= 1),
     last_run_id   INTEGER REFERENCES run ON DELETE SET NULL,
     first_seen_at INTEGER NOT NULL,
@@ -37,15 +38,20 @@ CREATE TABLE anomaly_with_life (
     -- Until when it is shelved.
     shelved_until INTEGER CHECK (state <> 'shelved' OR shelved_until IS NOT NULL),
     message       TEXT NOT NULL,
+    -- Whether later runs no longer show it, whatever people said of it.
+    ended         INTEGER NOT NULL DEFAULT 0 CHECK (ended IN (0, 1)),
+    -- Start of the latest run that showed it when a person resolved it: a later one opens it again.
+    resolved_seen_at INTEGER CHECK (resolved_seen_at IS NULL OR state = 'resolved'),
+    -- Whether the history has it no longer; `state` then is what people had said, in case it comes back.
     withdrawn     INTEGER NOT NULL DEFAULT 0 CHECK (withdrawn IN (0, 1))
 ) STRICT;
 
 INSERT INTO anomaly_with_life (anomaly_id, robot_id, joint, kind, quantity, severity, score, threshold, value, baseline,
                                peak_value, first_run_id, first_cycle, last_run_id, first_seen_at, last_seen_at,
-                               onset_run_id, onset_cycle, onset_at, state, message, withdrawn)
+                               onset_run_id, onset_cycle, onset_at, state, message, ended, withdrawn)
 SELECT anomaly_id, robot_id, joint, kind, quantity, severity, score, threshold, value, baseline,
        peak_value, first_run_id, first_cycle, last_run_id, first_seen_at, last_seen_at,
-       first_run_id, first_cycle, first_seen_at, state, message, withdrawn
+       first_run_id, first_cycle, first_seen_at, state, message, state = 'resolved', withdrawn
 FROM anomaly;
 
 -- Numbers of deleted rows are not given again.
@@ -73,18 +79,21 @@ CREATE TABLE anomaly_event (
     -- Wall time, microseconds since 1970.
     at               INTEGER NOT NULL DEFAULT (CAST(unixepoch('subsec') * 1000000 AS INTEGER)),
     what             TEXT NOT NULL CHECK (what IN (
-                         'opened', 'worse', 'ended', 'reopened', 'withdrawn', 'overdue',
+                         'opened', 'worse', 'corrected', 'ended', 'reopened', 'withdrawn', 'overdue',
                          'acknowledged', 'shelved', 'unshelved', 'maintenance', 'resolved', 'false_alarm')),
     -- The anomaly as it was then.
     severity         TEXT NOT NULL CHECK (severity IN ('info', 'warning', 'critical')),
     score            REAL,
     value            REAL,
     message          TEXT NOT NULL,
+    -- The latest run that had shown it then.
+    run_id           INTEGER REFERENCES run ON DELETE SET NULL,
     -- The person; NULL where the program did it.
     who              TEXT,
     why              TEXT
 ) STRICT;
 CREATE INDEX anomaly_event_by_anomaly ON anomaly_event (anomaly_id);
+CREATE INDEX anomaly_event_by_run ON anomaly_event (run_id);
 
 -- Work on a robot or one of its joints. The joint's baseline begins anew with the first test after it.
 CREATE TABLE maintenance (
@@ -126,7 +135,8 @@ SELECT anomaly.anomaly_id,
        anomaly.odds,
        anomaly.alternatives,
        anomaly.peak_score,
-       strftime('%Y-%m-%dT%H:%M:%fZ', anomaly.shelved_until / 1000000.0, 'unixepoch') AS shelved_until
+       strftime('%Y-%m-%dT%H:%M:%fZ', anomaly.shelved_until / 1000000.0, 'unixepoch') AS shelved_until,
+       anomaly.ended
 FROM anomaly
 JOIN robot USING (robot_id)
 WHERE NOT anomaly.withdrawn;
@@ -145,7 +155,8 @@ SELECT anomaly_event.anomaly_event_id,
        anomaly_event.value,
        anomaly_event.message,
        anomaly_event.who,
-       anomaly_event.why
+       anomaly_event.why,
+       anomaly_event.run_id
 FROM anomaly_event
 JOIN anomaly USING (anomaly_id)
 JOIN robot USING (robot_id);
@@ -198,7 +209,7 @@ trouble AS (
            max(anomaly.severity = 'warning') AS warning
     FROM member
     JOIN anomaly ON anomaly.robot_id = member.robot_id AND ifnull(anomaly.joint, member.joint) = member.joint
-    WHERE anomaly.state NOT IN ('resolved', 'false_alarm')
+    WHERE anomaly.state NOT IN ('resolved', 'false_alarm') AND NOT anomaly.withdrawn
     GROUP BY member.robot_id, member.joint
 ),
 judged AS (
@@ -244,7 +255,7 @@ SELECT judged.robot,
            WHEN judged.status IN ('critical', 'warning') OR judged.status = 'ok' AND judged.reason IS NULL THEN (
                SELECT anomaly.message FROM anomaly
                WHERE anomaly.robot_id = judged.robot_id AND ifnull(anomaly.joint, judged.joint) = judged.joint
-                     AND anomaly.state NOT IN ('resolved', 'false_alarm')
+                     AND anomaly.state NOT IN ('resolved', 'false_alarm') AND NOT anomaly.withdrawn
                ORDER BY anomaly.severity = 'critical' DESC, anomaly.severity = 'warning' DESC,
                         anomaly.last_seen_at DESC, anomaly.anomaly_id DESC
                LIMIT 1

@@ -3,6 +3,7 @@
 
 pub mod finding;
 pub mod friction;
+pub mod measurements;
 pub mod refusal;
 
 use std::sync::Arc;

@@ -4,9 +4,10 @@ use std::fmt;
 
 use jiff::Timestamp;
 
+use crate::analysis::friction::CycleFriction;
 use crate::analysis::refusal::RefusalCause;
 use crate::analysis::{JointSummary, ProductionJoint};
-use crate::robot::JointIndex;
+use crate::robot::{JointIndex, ParameterId};
 
 pub mod epoch;
 
@@ -32,6 +33,18 @@ pub enum AnomalyKind {
 }
 
 impl AnomalyKind {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Drift,
+        Self::Step,
+        Self::Oscillation,
+        Self::Thermal,
+        Self::Sensor,
+        Self::Accuracy,
+        Self::Payload,
+        Self::Fleet,
+    ];
+
     /// Name as in the view `anomalies`.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -66,6 +79,9 @@ pub enum Severity {
 }
 
 impl Severity {
+    /// All of them, the mildest first.
+    pub const ALL: [Self; 3] = [Self::Info, Self::Warning, Self::Critical];
+
     /// Name as in the view `anomalies`.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -84,7 +100,7 @@ impl fmt::Display for Severity {
 }
 
 /// One complete run of a robot, as the detectors see it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct RunSummary {
     /// Database key of the run.
     pub run_id: i64,
@@ -98,9 +114,37 @@ pub struct RunSummary {
     pub refusals: Vec<RunRefusal>,
     /// One entry a joint.
     pub joints: Vec<JointSummary>,
+    /// Friction of each cycle and joint with friction points, in the order of cycles and joints.
+    pub cycle_friction: Vec<CycleSeries>,
+    /// Means over the cycles of the inertial base parameters, in natural order.
+    pub parameters: Vec<RunParameter>,
     /// Ordinal of the epoch of each joint that the test belongs to, by position of the joint; see [`epoch`]. Tests of
     /// two epochs of a joint do not compare. Joints beyond its end are in their first one.
     pub epochs: Vec<u32>,
+}
+
+/// Friction of one joint in one cycle of a run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CycleSeries {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// Its friction.
+    pub friction: CycleFriction,
+}
+
+/// A base parameter over the cycles of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunParameter {
+    /// The kept parameter.
+    pub id: ParameterId,
+    /// Mean over the cycles, in its SI unit.
+    pub mean: f64,
+    /// Standard deviation of one cycle; not a number with one cycle.
+    pub std_dev: f64,
+    /// Cycles.
+    pub cycles: u32,
+    /// The standard parameters that it stands for, with their coefficients; empty where that is not known.
+    pub terms: Vec<(f64, ParameterId)>,
 }
 
 impl RunSummary {
@@ -156,8 +200,8 @@ pub struct Alternative {
     pub odds: f64,
 }
 
-/// An anomaly found in a history. The same history always gives the same anomalies, so a repeated
-/// search recognises each by robot, joint, kind, quantity and the run it began with.
+/// An anomaly found in a history. The same history always gives the same anomalies. In a longer one, an anomaly is
+/// recognised by its joint, its cause and the time in which it is seen.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Anomaly {
     /// The joint; `None` where the cause is the whole arm's.

@@ -10,8 +10,6 @@ mod book;
 mod outcome_log;
 pub mod overdue;
 #[cfg(test)]
-mod book_tests;
-#[cfg(test)]
 mod tests;
 mod places;
 pub mod preflight;
@@ -30,7 +28,6 @@ use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
-use crate::alert;
 use crate::config::{Config, WatchSettings};
 use crate::ingest::find::watch::{Complaints, Scan};
 use crate::ingest::find::{tail, watch};
@@ -39,7 +36,7 @@ use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::take::follow::{Ends, Followed};
 use crate::run::FileId;
-use crate::store::DaemonClaim;
+use crate::store::{Counts, DaemonClaim};
 use outcome_log::log_outcome;
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
@@ -162,9 +159,15 @@ pub async fn watch(
     mut report: impl FnMut(Event<'_>),
 ) -> Result<(), PipelineError> {
     let Control { claim: _claim, stop, reload, reread } = control;
-    let quarantined = pipeline.store().counts().await?.quarantined_runs;
-    if quarantined > 0 {
-        tracing::info!(quarantined, "exports in quarantine; `armwatch quarantine list` shows them");
+    let Counts { quarantined_runs, open_anomalies, .. } = pipeline.store().counts().await?;
+    if quarantined_runs > 0 {
+        tracing::info!(
+            quarantined = quarantined_runs,
+            "exports in quarantine; `armwatch quarantine list` shows them"
+        );
+    }
+    if open_anomalies > 0 {
+        tracing::info!(open_anomalies, "anomalies are open; `armwatch alerts list` shows them");
     }
     if !reweight(pipeline, &stop).await? {
         return Ok(());
@@ -200,9 +203,8 @@ pub async fn watch(
     Ok(())
 }
 
-/// Logs and reports what a robot's history says.
+/// Reports what a robot's history says.
 fn announce(concluded: &Concluded, report: &mut impl FnMut(Event<'_>)) {
-    concluded.new_anomalies.iter().for_each(alert::log_opened);
     report(Event::Concluded(concluded));
 }
 

@@ -11,7 +11,7 @@ mod parameter;
 use nalgebra::{DMatrix, Vector3};
 
 pub use self::coupling::{Coupling, CouplingTerm};
-pub use self::friction_law::{FrictionLaw, FrictionModel, FrictionTerm};
+pub use self::friction_law::{FrictionLaw, FrictionModel, FrictionTerm, LawKind};
 pub use self::geometry::{DhParameters, GeometrySource, JointGeometry, Transform, UrdfOrigin};
 pub use self::joint_index::JointIndex;
 pub use self::parameter::{ParameterId, ParameterKind};

@@ -5,12 +5,13 @@ pub mod temperature;
 use std::fmt;
 
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 use temperature::Temperatures;
 
 use crate::robot::JointIndex;
 
 /// Part of a cycle, as the controller's stage signal separates them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Stage {
     /// Between stages: moving to the next posture or waiting.
     Between,
@@ -54,11 +55,11 @@ pub struct FrictionSignal {
     pub level: u8,
 }
 
-/// Consecutive rows of a recording in SI units, one vector per channel.
+/// Consecutive rows of a recording in SI units, one vector per channel; `S` is the channel of stages.
 ///
 /// All vectors have the same length `rows`. Joint channels are `[n][rows]`.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Samples {
+pub struct Rows<S> {
     /// Time since the start of the recording, s.
     pub time: Vec<f64>,
     /// Joint positions, rad (m); not a number in logs without positions.
@@ -67,11 +68,8 @@ pub struct Samples {
     pub velocity: Option<Vec<Vec<f64>>>,
     /// Joint torques, Nm (N).
     pub torque: Vec<Vec<f64>>,
-    /// Stage of each row; where it follows from [`Samples::stage_level`] or the motion, not known until
-    /// [`crate::numerics::segment::stages`] has looked at the rows.
-    pub stage: Vec<Stage>,
-    /// Level of an analogue stage signal, in the unit of the export, where there is one.
-    pub stage_level: Option<Vec<f64>>,
+    /// Stage of each row, or what the export says of it.
+    pub stage: S,
     /// Cycle counter of each row, from 1, where recorded; 0 before and after the test.
     pub cycle: Option<Vec<u32>>,
     /// Joint and level of each row, where recorded; `None` in a row outside the friction stage.
@@ -80,7 +78,82 @@ pub struct Samples {
     pub temperatures: Option<Temperatures>,
 }
 
-impl Samples {
+/// Rows whose stages are known.
+pub type Samples = Rows<Vec<Stage>>;
+
+/// Rows as an export holds them: [`crate::numerics::segment::stages`] gives them their stages.
+pub type RawSamples = Rows<StageReading>;
+
+/// What an export says of the stages of rows.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum StageReading {
+    /// The stage of each row.
+    Known(Vec<Stage>),
+    /// The level of an analogue signal in each row, in the unit of the export.
+    Level(Vec<f64>),
+    /// Nothing.
+    #[default]
+    Unknown,
+}
+
+/// A channel of stages, which grows and is divided with the rows.
+pub trait StageChannel: Default {
+    /// Appends a channel of the same kind.
+    fn append(&mut self, other: Self);
+    /// Takes away and returns what follows the first `rows` rows.
+    fn split_off(&mut self, rows: usize) -> Self;
+    /// Gives back memory beyond what the rows need.
+    fn shrink_to_fit(&mut self);
+}
+
+impl StageChannel for Vec<Stage> {
+    fn append(&mut self, mut other: Self) {
+        Self::append(self, &mut other);
+    }
+
+    fn split_off(&mut self, rows: usize) -> Self {
+        Self::split_off(self, rows)
+    }
+
+    fn shrink_to_fit(&mut self) {
+        Self::shrink_to_fit(self);
+    }
+}
+
+impl StageChannel for StageReading {
+    fn append(&mut self, other: Self) {
+        match (self, other) {
+            (Self::Known(mine), Self::Known(mut theirs)) => mine.append(&mut theirs),
+            (Self::Level(mine), Self::Level(mut theirs)) => mine.append(&mut theirs),
+            _ => {}
+        }
+    }
+
+    fn split_off(&mut self, rows: usize) -> Self {
+        match self {
+            Self::Known(stages) => Self::Known(stages.split_off(rows)),
+            Self::Level(levels) => Self::Level(levels.split_off(rows)),
+            Self::Unknown => Self::Unknown,
+        }
+    }
+
+    fn shrink_to_fit(&mut self) {
+        match self {
+            Self::Known(stages) => stages.shrink_to_fit(),
+            Self::Level(levels) => levels.shrink_to_fit(),
+            Self::Unknown => {}
+        }
+    }
+}
+
+impl<S> Rows<S> {
+    /// The same rows with another channel of stages.
+    #[must_use]
+    pub fn with_stages<T>(self, stage: T) -> Rows<T> {
+        let Self { time, position, velocity, torque, stage: _, cycle, friction_signal, temperatures } = self;
+        Rows { time, position, velocity, torque, stage, cycle, friction_signal, temperatures }
+    }
+
     /// Number of rows.
     #[must_use]
     pub fn rows(&self) -> usize {
@@ -104,7 +177,21 @@ impl Samples {
     pub fn joint_count(&self) -> usize {
         self.position.len()
     }
+}
 
+impl RawSamples {
+    /// The rows with the stages that their export says; without any, they are between stages.
+    #[must_use]
+    pub fn as_recorded(mut self) -> Samples {
+        let stages = match std::mem::take(&mut self.stage) {
+            StageReading::Known(stages) => stages,
+            StageReading::Level(_) | StageReading::Unknown => vec![Stage::Between; self.rows()],
+        };
+        self.with_stages(stages)
+    }
+}
+
+impl<S: StageChannel> Rows<S> {
     /// Appends `other`, which has the same channels.
     pub fn append(&mut self, mut other: Self) {
         if self.is_empty() {
@@ -117,10 +204,7 @@ impl Samples {
             append_channels(mine, theirs);
         }
         append_channels(&mut self.torque, &mut other.torque);
-        self.stage.append(&mut other.stage);
-        if let (Some(mine), Some(theirs)) = (&mut self.stage_level, &mut other.stage_level) {
-            mine.append(theirs);
-        }
+        self.stage.append(other.stage);
         if let (Some(mine), Some(theirs)) = (&mut self.cycle, &mut other.cycle) {
             mine.append(theirs);
         }
@@ -138,7 +222,6 @@ impl Samples {
         let channels = self.position.iter_mut().chain(self.velocity.iter_mut().flatten());
         channels.chain(&mut self.torque).for_each(Vec::shrink_to_fit);
         self.stage.shrink_to_fit();
-        self.stage_level.iter_mut().for_each(Vec::shrink_to_fit);
         self.cycle.iter_mut().for_each(Vec::shrink_to_fit);
         self.friction_signal.iter_mut().for_each(Vec::shrink_to_fit);
     }
@@ -152,7 +235,6 @@ impl Samples {
             velocity: self.velocity.as_mut().map(|v| split_channels(v, rows)),
             torque: split_channels(&mut self.torque, rows),
             stage: self.stage.split_off(rows),
-            stage_level: self.stage_level.as_mut().map(|level| level.split_off(rows)),
             cycle: self.cycle.as_mut().map(|c| c.split_off(rows)),
             friction_signal: self.friction_signal.as_mut().map(|f| f.split_off(rows)),
             temperatures: self.temperatures.take(),
@@ -181,7 +263,7 @@ pub struct Cycle {
 }
 
 /// BLAKE3 hash of an export's bytes as they lie on disk: the identity of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct ContentHash(pub [u8; 32]);
 
 impl fmt::Display for ContentHash {

@@ -14,7 +14,7 @@ use armwatch::ingest::table::polars_reader::Parser;
 use armwatch::ingest::table::reader::{ExportReader, ReadOptions};
 use armwatch::ingest::table::{cell_reader, preamble};
 use armwatch::robot::Robot;
-use armwatch::run::Samples;
+use armwatch::run::RawSamples;
 
 const ROBOT: &str = include_str!("../../config/robots/scara.toml");
 
@@ -57,13 +57,13 @@ fn kinds() -> &'static (Robot, Vec<Kind>) {
 }
 
 /// All rows before the end or the fault, and the fault.
-fn read(bytes: &[u8], layout: &Layout, robot: &Robot, block_bytes: usize) -> (Samples, Option<Rejection>) {
+fn read(bytes: &[u8], layout: &Layout, robot: &Robot, block_bytes: usize) -> (RawSamples, Option<Rejection>) {
     let options = ReadOptions { block_bytes, threads: 1 };
     let reader = match ExportReader::new(bytes, Path::new("fuzz.csv"), layout, robot, options) {
         Ok(reader) => reader,
-        Err(rejection) => return (Samples::default(), Some(rejection)),
+        Err(rejection) => return (RawSamples::default(), Some(rejection)),
     };
-    let mut rows = Samples::default();
+    let mut rows = RawSamples::default();
     for item in reader {
         match item {
             Ok(chunk) => rows.append(chunk.samples),

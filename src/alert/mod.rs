@@ -1,19 +1,22 @@
-//! Anomalies to people. Today the log; delivery to other places gets its files beside this one.
+//! Anomalies to people: routes choose, receivers take, the outbox in the database remembers.
+//!
+//! Events of anomalies are written in the transaction that changes them. The [`dispatcher`] hands them to the routes
+//! that want them and sends what is due: first it writes down that it tries, then it sends, then it writes down that
+//! the message has arrived. A process that dies between the two last steps sends the message again, with the same key.
 
-use crate::anomaly::Severity;
-use crate::store::{AnomalyRow, OverdueRobot};
+mod message;
+mod trend;
+mod receiver;
+mod receivers;
+mod secret;
+mod tls;
+mod http;
+mod route;
+mod worker;
+pub mod dispatcher;
+pub mod trial;
 
-/// Logs an anomaly that a run opened.
-pub fn log_opened(anomaly: &AnomalyRow) {
-    let AnomalyRow { robot, kind, quantity, .. } = anomaly;
-    // none where the cause is the whole arm's
-    let joint = anomaly.joint_number();
-    match anomaly.severity {
-        Severity::Info => tracing::info!(robot, joint, kind, quantity, "{}", anomaly.message),
-        Severity::Warning => tracing::warn!(robot, joint, kind, quantity, "{}", anomaly.message),
-        Severity::Critical => tracing::error!(robot, joint, kind, quantity, "{}", anomaly.message),
-    }
-}
+use crate::store::OverdueRobot;
 
 /// Logs that the next test of a robot should have come.
 pub fn log_overdue(overdue: &OverdueRobot) {

@@ -220,3 +220,28 @@ pub struct FrictionIndex {
     /// Whether the run was too short for the map, so that its thermal state stands on the map alone.
     pub short: bool,
 }
+
+/// Friction of one joint in one cycle as one number that compares between cycles of equal levels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CycleFriction {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Mean time of the friction points since the start of the recording, min.
+    pub minute: f64,
+    /// Mean over the speed levels of the natural logarithm of half the difference between both directions, of Nm (N).
+    pub ln_torque: f64,
+    /// Mean over the levels of half the sum of both directions, Nm (N): what does not turn over with the direction.
+    pub offset: f64,
+    /// Levels with both directions.
+    pub levels: u32,
+    /// Mean of their speeds as fractions of the largest. Two cycles compare if this and `levels` are the same.
+    pub speed_fraction: f64,
+}
+
+impl CycleFriction {
+    /// Whether two cycles have the same levels.
+    #[must_use]
+    pub fn compares_with(&self, other: &Self) -> bool {
+        self.levels == other.levels && (self.speed_fraction - other.speed_fraction).abs() < 1e-3
+    }
+}

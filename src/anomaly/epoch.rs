@@ -217,6 +217,7 @@ mod tests {
             refusals: Vec::new(),
             joints: vec![summary],
             epochs: vec![0, 0, epoch],
+            ..RunSummary::default()
         }
     }
 

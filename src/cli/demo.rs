@@ -108,7 +108,7 @@ fn demo_folder(args: &DemoArgs) -> Result<PathBuf, CliError> {
 fn fleet(seed: u64) -> Result<Vec<SimulationSettings>, CliError> {
     let first_start: Timestamp =
         FIRST_START.parse().map_err(|error| CliError::Internal(format!("{FIRST_START}: {error}")))?;
-    let wear = Fault::Wear { joint: JointIndex::new(2), start_run: 7, rate_per_run: 0.04, cap: 1.0 };
+    let wear = Fault::wear(JointIndex::new(2), 7, 0.04);
     let arm = |name: &str, minutes: i64, faults: Vec<Fault>| SimulationSettings {
         robot_name: name.into(),
         seed,

@@ -15,7 +15,7 @@ use crate::ingest::table::cell_reader::PassedOver;
 use crate::ingest::table::column_map::{ColumnMap, Role};
 use crate::ingest::table::reader::LeftOut;
 use crate::pipeline::look::explain::{
-    CycleSketch, Explainer, Explanation, Ledger, Next, Reading, RecognisedAs,
+    CycleSketch, Explainer, Explanation, ExportReading, Ledger, Next, RecognisedAs,
 };
 use crate::robot::{JointIndex, Robot};
 use crate::run::{RunKind, Stage};
@@ -106,7 +106,7 @@ fn recognised_lines(of: &RecognisedAs) -> Vec<String> {
     ]
 }
 
-fn reading_lines(layout: &Layout, robot: &Robot, of: &Reading) -> Vec<String> {
+fn reading_lines(layout: &Layout, robot: &Robot, of: &ExportReading) -> Vec<String> {
     let mut lines = vec![topic("layout", &layout.name)];
     if let Some(map) = &of.columns {
         lines.extend(column_lines(layout, map));
@@ -117,7 +117,7 @@ fn reading_lines(layout: &Layout, robot: &Robot, of: &Reading) -> Vec<String> {
         let rate = if hertz > 0.0 { format!(", {hertz} Hz") } else { String::new() };
         lines.push(topic("recording", &format!("{} rows, {:.1} s{rate}", of.rows, of.duration)));
     }
-    if layout.stage.run_kind() == RunKind::Production {
+    if layout.stage.kind().run_kind() == RunKind::Production {
         lines.push(topic("kind", "production: no stages, held against the parameters of the robot's tests"));
     }
     if !of.cycles.is_empty() {
@@ -171,7 +171,7 @@ fn column_lines(layout: &Layout, map: &ColumnMap) -> Vec<String> {
         named(&|role| matches!(role, Role::AmbientTemperature(_))),
         ambient_unit.unwrap_or_default(),
     );
-    add("stage", named(&|role| matches!(role, Role::Stage | Role::StageFlag(_))), String::new());
+    add("stage", named(&|role| matches!(role, Role::Stage(_))), String::new());
     add("cycle", named(&|role| role == Role::Cycle), String::new());
     add("friction", named(&|role| matches!(role, Role::FrictionJoint | Role::FrictionLevel)), String::new());
     let ignored: Vec<&str> = ignored(map);
@@ -380,7 +380,7 @@ fn as_value(of: &Explanation) -> serde_json::Value {
         value["start_from_name"] = json!(recognised.named_start && recognised.entry.layout.start.is_none());
         value["model"] = json!(recognised.entry.description.model);
         value["layout"] = json!(recognised.entry.layout.name);
-        value["kind"] = json!(recognised.entry.layout.stage.run_kind().name());
+        value["kind"] = json!(recognised.entry.layout.stage.kind().run_kind().name());
     }
     if let Some(reading) = &of.reading {
         value["rows"] = json!(reading.rows);

@@ -20,7 +20,10 @@ use crate::ingest::find::watch;
 use crate::pipeline::conclude::history::{Concluded, RUNS_AT_ONCE};
 use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, Progress, Retry};
-use crate::store::RunResult;
+use crate::pipeline::look::replay;
+use crate::robot::JointIndex;
+use crate::run::RunStatus;
+use crate::store::{EventKind, RunResult};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -29,14 +32,20 @@ Examples:
   armwatch ingest exports/ --db fleet.db
   armwatch ingest exports/ --json | jq .reason
   armwatch ingest R00_20260105_0847_Col23_20s_cycle5.csv.gz --accept late_torque
+  armwatch ingest --again 12 13
 
 Folders are searched with their subfolders for *.csv, *.csv.gz and *.csv.zst. A file whose content is
 stored already is named and passed over; a quarantined one is read again. Sources are never changed.
+With --again, complete runs are read anew from their exports, after a robot or layout file was corrected. They keep
+their numbers; conclusions follow. If the export is not understood any more, the run is quarantined.
 Exit status 1 if an export was quarantined, or gave no result: every cycle was refused.")]
 pub(super) struct IngestArgs {
     /// Exports, or folders of exports
-    #[arg(required = true, value_name = "PATH")]
+    #[arg(required_unless_present = "again", value_name = "PATH")]
     paths: Vec<PathBuf>,
+    /// Read these runs anew, instead
+    #[arg(long, value_name = "RUN_ID", num_args = 1.., conflicts_with = "paths")]
+    again: Vec<i64>,
     /// Take cycles in spite of this finding, as doubtful ones; may be given again
     ///
     /// Adds to [analysis] accept of the configuration. A refusal says its name; docs/method.md lists them.
@@ -58,15 +67,61 @@ pub(super) fn ingest(global: &Global, args: &IngestArgs) -> Result<u8, CliError>
         let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
         let store = open_store(&config).await?;
         let pipeline = Pipeline::new(shared(config), store);
-        let done = take_all(&pipeline, &exports, &stop, global.json).await;
+        let done = match args.again.is_empty() {
+            true => take_all(&pipeline, &exports, &stop, global.json).await,
+            false => take_again(&pipeline, &args.again, &stop, global.json).await,
+        };
         pipeline.close().await?;
         done
     })
 }
 
+/// Reads complete runs anew, all or, where one of them cannot be, none.
+async fn take_again(
+    pipeline: &Pipeline,
+    runs: &[i64],
+    stop: &CancellationToken,
+    as_json: bool,
+) -> Result<u8, CliError> {
+    let mut exports = Vec::new();
+    for &run_id in runs {
+        let (run, source) =
+            (pipeline.store().known_run(run_id).await?, pipeline.store().run_source(run_id).await?);
+        let (Some(run), Some(source)) = (run, source) else {
+            return Err(CliError::Usage(format!(
+                "there is no run {run_id}; `SELECT run_id, robot, started_at, status FROM runs` lists the runs"
+            )));
+        };
+        let export = replay::export_of(&source, pipeline.config(), None).await;
+        match (run.status, export.map_err(|error| CliError::Internal(error.to_string()))?) {
+            (RunStatus::Complete | RunStatus::Quarantined, Ok(export)) => exports.push(export),
+            (RunStatus::Complete | RunStatus::Quarantined, Err(missing)) => {
+                return Err(CliError::Usage(format!("{missing}; put it back there, and run again")));
+            }
+            (status @ (RunStatus::Superseded | RunStatus::Streaming), _) => {
+                return Err(CliError::Usage(format!(
+                    "run {run_id} is {}: only complete and quarantined runs are read again",
+                    status.name()
+                )));
+            }
+        }
+    }
+    take(pipeline, &exports, Retry::Complete, stop, as_json).await
+}
+
 pub(super) async fn take_all(
     pipeline: &Pipeline,
     exports: &[PathBuf],
+    stop: &CancellationToken,
+    as_json: bool,
+) -> Result<u8, CliError> {
+    take(pipeline, exports, Retry::Quarantined, stop, as_json).await
+}
+
+async fn take(
+    pipeline: &Pipeline,
+    exports: &[PathBuf],
+    retry: Retry,
     stop: &CancellationToken,
     as_json: bool,
 ) -> Result<u8, CliError> {
@@ -79,7 +134,7 @@ pub(super) async fn take_all(
         let bar = progress_bar(path);
         let moving = bar.clone();
         let outcome = pipeline
-            .process(path, Retry::Quarantined, stop, move |progress| match progress {
+            .process(path, retry, stop, move |progress| match progress {
                 Progress::Begun | Progress::CaughtUp | Progress::Reading => {}
                 Progress::Read(bytes) => moving.set_position(bytes),
                 Progress::Cycle(cycle) => moving.set_message(format!("cycle {cycle}")),
@@ -251,18 +306,23 @@ fn no_result(result: &RunResult, is_read_now: bool) -> String {
 
 /// What a robot's history says with the new runs: nothing is printed where it says nothing new.
 fn print_conclusions(concluded: &Concluded, as_json: bool) {
-    for anomaly in &concluded.new_anomalies {
+    for event in &concluded.events {
+        let what = event.what.name();
         if as_json {
+            // only what calls for a look counts as an anomaly
+            let outcome = if event.what.calls() { "anomaly" } else { "anomaly_event" };
             output::json(&json!({
-                "outcome": "anomaly", "robot": concluded.robot, "joint": anomaly.joint_number(),
-                "anomaly_id": anomaly.anomaly_id, "kind": anomaly.kind, "severity": anomaly.severity.name(),
-                "message": anomaly.message,
+                "outcome": outcome, "event": what, "robot": concluded.robot,
+                "joint": event.joint.map(JointIndex::number), "anomaly_id": event.anomaly_id, "kind": event.kind,
+                "severity": event.severity.name(), "message": event.message,
             }));
         } else {
-            output::line(&format!(
-                "{:<12} {} {}: {}",
-                anomaly.severity, concluded.robot, anomaly.kind, anomaly.message
-            ));
+            let (said, more) = match event.what {
+                EventKind::Opened => (event.severity.name(), String::new()),
+                _ if event.what.calls() => (event.severity.name(), format!(" ({what})")),
+                _ => (what, String::new()),
+            };
+            output::line(&format!("{said:<12} {} {}{more}: {}", concluded.robot, event.kind, event.message));
         }
     }
 }

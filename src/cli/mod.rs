@@ -2,6 +2,7 @@
 
 mod shared;
 mod quarantine;
+mod alerts;
 mod identify;
 mod friction;
 mod robot;
@@ -61,6 +62,8 @@ enum Command {
     Quarantine(quarantine::command::QuarantineArgs),
     /// Enter work on a robot, which begins a new baseline; list and remove such entries
     Maintenance(maintenance::MaintenanceArgs),
+    /// Anomalies: list and show them, say what is done about them
+    Alerts(alerts::command::AlertsArgs),
     /// Say what would become of an export, without storing anything
     Explain(explain::ExplainArgs),
     /// Identify one parameter set on chosen cycles from what is stored of them
@@ -158,6 +161,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
         Command::Quarantine(args) => quarantine::command::quarantine(&cli.global, &args),
         Command::Maintenance(args) => maintenance::maintenance(&cli.global, &args),
+        Command::Alerts(args) => alerts::command::alerts(&cli.global, &args),
         Command::Explain(args) => explain::explain(&cli.global, &args),
         Command::Identify(args) => identify::command::identify(&cli.global, &args),
         Command::Parameters(args) => parameters::parameters(&cli.global, &args),

@@ -6,6 +6,7 @@ use clap::Args;
 use tokio::sync::watch;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store, runtime, shared};
+use crate::alert::dispatcher::Dispatcher;
 use crate::config::{Config, ConfigErrors};
 use crate::daemon::Control;
 use crate::daemon::overdue::OverdueWatch;
@@ -45,6 +46,7 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
         let pipeline = Pipeline::new(Arc::clone(&config), store.clone());
         // the server ends with the daemon, whatever ends that
         let serving = stop.child_token();
+        let dispatcher = Dispatcher::start(store.clone(), configs.clone(), serving.clone());
         let server = match &config.serve {
             Some(settings) => {
                 Some(serve::start(settings, configs, store, serving.clone()).await.map_err(refused)?)
@@ -58,9 +60,14 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
         };
         let overdue = OverdueWatch::start(pipeline.store().clone(), serving.clone());
         let control = Control { claim, stop, reload, reread: &reread };
-        let watched = daemon::watch(&pipeline, control, |event| overdue.note(&event)).await;
+        let watched = daemon::watch(&pipeline, control, |event| {
+            overdue.note(&event);
+            dispatcher.nudge();
+        });
+        let watched = watched.await;
         serving.cancel();
         overdue.ended().await;
+        dispatcher.ended().await;
         if let Some(server) = server {
             server.ended().await;
         }

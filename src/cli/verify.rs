@@ -9,7 +9,7 @@ use super::shared::output;
 use super::shared::selection::{NamedCandidate, named_runs, note_passed_over, runs_of};
 use crate::analysis::{Estimator, RmsdScope, TorqueRmsd};
 use crate::pipeline::stored::chosen_cycles::{
-    CrossVerification, PassedOver, StoredError, cross_verification,
+    CrossVerification, PassedOverCycle, StoredError, cross_verification,
 };
 use crate::run::Stage;
 use crate::store::{RunRow, Store};
@@ -103,7 +103,8 @@ async fn verify_stored(
     let run_ids: Vec<i64> = runs.iter().map(|run| run.run_id).collect();
     let candidates = named.iter().map(|of| of.candidate.clone()).collect();
     let verified = cross_verification(store, candidates, &run_ids).await?;
-    let mut passed_over: Vec<PassedOver> = verified.iter().flat_map(|of| of.passed_over.clone()).collect();
+    let mut passed_over: Vec<PassedOverCycle> =
+        verified.iter().flat_map(|of| of.passed_over.clone()).collect();
     passed_over.sort_by_key(|of| (of.run_id, of.cycle));
     passed_over.dedup();
     note_passed_over(&passed_over);
@@ -236,7 +237,7 @@ fn as_value(named: &NamedCandidate, verified: &CrossVerification) -> serde_json:
             value
         })
         .collect();
-    let of_cycle = |of: &PassedOver| json!({ "cycle": of.cycle, "reason": of.reason });
+    let of_cycle = |of: &PassedOverCycle| json!({ "cycle": of.cycle, "reason": of.reason });
     let passed_over: Vec<serde_json::Value> = verified.passed_over.iter().map(of_cycle).collect();
     json!({
         "parameters": named.name,

@@ -1,6 +1,7 @@
 //! TOML files to settings, with every problem found at once.
 
 mod toml;
+mod alerts;
 mod robot;
 mod layout;
 mod daemon;
@@ -13,9 +14,11 @@ mod serve;
 mod source;
 mod summary;
 mod urdf_writer;
-#[cfg(test)]
-mod urdf_writer_tests;
 
+pub use self::alerts::settings::{
+    Address, AlertSettings, AlertmanagerSettings, CommandSettings, DEFAULT_ROUTE, EmailSettings, Encryption,
+    HttpLogin, MqttSettings, QuietHours, ReceiverSettings, Route, Secret, Site, WebhookSettings,
+};
 pub use self::daemon::recognition::{RecogniseError, Recognised};
 pub use self::date_format::DateFormats;
 pub use self::layout::channels::{
@@ -24,7 +27,10 @@ pub use self::layout::channels::{
 };
 pub use self::layout::column::{Column, JointColumns, ScaledColumn};
 pub use self::layout::layout_file::{LayoutUnits, layout_units, parse_layout, read_layout};
-pub use self::layout::stage_source::{OneHot, StageLevels, StageSignal, StageSource, StageWords};
+pub use self::layout::stage_source::{
+    FromMotion, OneHot, StageCells, StageKind, StageLevels, StageSignal, StageSource, StageWords,
+    WholeRecording, Windows,
+};
 pub use self::layout::temperature::{AmbientTemperature, MotorTemperature, TemperatureUnit};
 pub use self::layout::text_format::{DecimalMark, TextEncoding, TextFormat};
 pub use self::pattern::FilePatterns;

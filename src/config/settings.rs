@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::alerts::settings::AlertSettings;
 use super::date_format::DateFormats;
 use super::layout::channels::Layout;
 use super::pattern::{self, FilePatterns};
@@ -23,6 +24,8 @@ pub struct Config {
     pub limits: WorkLimits,
     /// What is served over HTTP; `None`: nothing.
     pub serve: Option<ServeSettings>,
+    /// Who is told of alarms.
+    pub alerts: AlertSettings,
     /// How a file name gives robot and start time.
     pub recognition: Recognition,
     /// Which robots there are; the first entry whose pattern matches a robot's name is its own.

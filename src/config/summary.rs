@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use crate::analysis::finding::FindingKind;
+use crate::config::alerts::settings::Route;
 use crate::config::layout::channels::{JointDelays, Layout};
 use crate::config::serve::ServeSettings;
 use crate::config::settings::{Config, FleetEntry};
@@ -35,6 +36,9 @@ pub fn summary(config: &Config) -> String {
     line("longest export", format!("{} bytes after decompression", limits.export_bytes));
     line("longest cycle", format!("{} rows", limits.cycle_rows));
     line("HTTP", config.serve.as_ref().map_or_else(|| "off".to_owned(), serve));
+    for route in &config.alerts.routes {
+        line(&format!("alarms, route {}", route.name), alert_route(route));
+    }
     line("file names", config.recognition.file_name.to_string());
     line("date and time in them", config.recognition.formats.wanted());
     line("time zone of file names", config.recognition.time_zone.clone());
@@ -82,6 +86,21 @@ fn serve(serve: &ServeSettings) -> String {
         None => "no uploads".to_owned(),
     };
     format!("{}; {token}; {upload}", serve.listen)
+}
+
+fn alert_route(route: &Route) -> String {
+    let quiet = route.quiet.map(|quiet| {
+        format!(", quiet from {} to {}", quiet.from.strftime("%H:%M"), quiet.to.strftime("%H:%M"))
+    });
+    let digest = route.digest_at.map(|at| format!(", daily at {}", at.strftime("%H:%M")));
+    format!(
+        "{} to {}, from {} on{}{}",
+        route.receiver.name(),
+        route.receiver.target(),
+        route.severity.name(),
+        quiet.unwrap_or_default(),
+        digest.unwrap_or_default()
+    )
 }
 
 fn fleet_entry(entry: &FleetEntry) -> String {
@@ -153,6 +172,7 @@ mod tests {
             "longest export            68719476736 bytes after decompression",
             "longest cycle             1000000 rows",
             "HTTP                      off",
+            "alarms, route log         log to the log, from info on",
             "time zone of file names   UTC",
             "robot *                   er3a with 6 joints, 6 speed levels, nominal parameters of 6 joints, an excitation; layout native, velocity recorded",
             "low-pass cut-off          12 Hz",

@@ -8,12 +8,10 @@ use std::fmt::Write;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::numerics::model::actuator::friction_torque;
 use crate::numerics::model::base_parameters::probe_state;
 use crate::numerics::model::dynamics::DynamicModel;
 use crate::robot::{
-    FrictionLaw, FrictionModel, GeometrySource, Joint, JointIndex, JointKind, Robot, StandardParameters,
-    Transform,
+    FrictionModel, GeometrySource, Joint, JointIndex, JointKind, Robot, StandardParameters, Transform,
 };
 
 /// States inside the limits over which the largest torque of a joint is looked for.
@@ -73,7 +71,7 @@ pub fn straight_friction(robot: &Robot, model: &DynamicModel, joint: JointIndex)
     let (limit, f) = (robot.joints[joint.index()].limits.velocity, &model.friction[joint.index()]);
     let point = |k: usize| {
         let v = limit * (k + 1) as f64 / FRICTION_SPEEDS as f64;
-        let [ahead, back] = [v, -v].map(|v| friction_torque(&robot.friction_of(joint), f, v));
+        let [ahead, back] = [v, -v].map(|v| robot.friction_of(joint).torque(f, v));
         (v, 0.5 * (ahead - back))
     };
     let sums = (0..FRICTION_SPEEDS)
@@ -131,14 +129,7 @@ fn notes(robot: &Robot) -> Vec<String> {
     let mut models: Vec<FrictionModel> =
         robot.joint_indices().map(|joint| robot.friction_of(joint)).collect();
     models.dedup();
-    let bent = |model: &FrictionModel| match (model.law, model.asymmetric) {
-        (FrictionLaw::None, _) => Some("none: the torque was measured behind the gears"),
-        (FrictionLaw::Polynomial, _) => Some("a polynomial of speed, of which the nearest line is written"),
-        (FrictionLaw::Smooth { .. }, false) => Some("smooth at zero speed and has an offset"),
-        (FrictionLaw::ViscousCoulomb, false) => Some("the written one and an offset of torque"),
-        (_, true) => Some("different in the two directions, of which the mean is written"),
-    };
-    let mut laws: Vec<&str> = models.iter().filter_map(bent).collect();
+    let mut laws: Vec<&str> = models.iter().map(FrictionModel::beside_a_line).collect();
     laws.dedup();
     notes.extend(laws.into_iter().map(|law| format!("friction was identified as {law}")));
     for coupling in &robot.couplings {
@@ -301,3 +292,6 @@ fn escaped(name: &str) -> String {
 fn for_comment(text: &str) -> String {
     text.replace("--", "- -").trim_end_matches('-').to_owned()
 }
+
+#[cfg(test)]
+mod tests;

@@ -172,7 +172,7 @@ impl FileSchedule {
             }
             longest_wait = longest_wait.min(*entry.queued.get_or_insert(self.count));
         }
-        // a lane that was served before any file that waits was queued has no part in their order
+        // turns from before the oldest waiting file was queued cannot change the order any more
         self.turns.retain(|_, turn| *turn > longest_wait);
     }
 
@@ -339,3 +339,6 @@ impl Entry {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

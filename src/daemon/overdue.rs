@@ -1,4 +1,4 @@
-//! Robots of which no test comes any more.
+//! What comes with time alone: robots of which no test comes any more, and the end of shelving.
 //!
 //! When the next test of a robot is expected follows from its history and is stored with its conclusions. Whether
 //! that moment has passed only a running program can say, and only of robots that it saw send a test in time: an
@@ -80,7 +80,7 @@ async fn look(store: Store, stop: CancellationToken, mut heard: mpsc::UnboundedR
                 }
                 Some(News::Concluded(_)) => Ok(()),
             },
-            _ = timer.tick() => say_overdue(&store).await,
+            _ = timer.tick() => say_due(&store).await,
         };
         if let Err(error) = done {
             tracing::warn!(%error, "overdue tests not looked at now; trying again");
@@ -88,9 +88,12 @@ async fn look(store: Store, stop: CancellationToken, mut heard: mpsc::UnboundedR
     }
 }
 
-async fn say_overdue(store: &Store) -> Result<(), StoreError> {
+/// Says which robots are overdue, and ends shelving whose time is over.
+async fn say_due(store: &Store) -> Result<(), StoreError> {
     for robot in store.mark_overdue(Timestamp::now()).await? {
         alert::log_overdue(&robot);
     }
+    // the routes of alarms tell what this writes
+    store.end_shelving(Timestamp::now()).await?;
     Ok(())
 }

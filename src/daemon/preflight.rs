@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::alert::trial;
 use crate::config::{Config, ConfigProblem, WatchSettings};
 use crate::serve;
 
@@ -26,6 +27,10 @@ pub fn preflight(config: &Config) -> Preflight {
         found.refusals.push(problem("database", &config.database, "is a folder", &hint));
     }
     folders(&config.watch, &mut found);
+    for (route, unusable) in trial::problems(&config.alerts) {
+        let key = format!("alerts.route {route}");
+        found.refusals.push(ConfigProblem { key, problem: unusable.to_string(), ..empty() });
+    }
     if let Some(settings) = &config.serve {
         if let Err(error) = serve::check_access(settings) {
             found.refusals.push(ConfigProblem { problem: error.to_string(), ..empty() });

@@ -13,7 +13,7 @@ use crate::config::{
     MotorTemperature, RowRule, ScaledColumn, StageSignal, StageSource, TemperatureUnit, TextFormat,
     TimeSource, TorqueQuantity,
 };
-use crate::run::{FrictionSignal, Samples, Stage};
+use crate::run::{FrictionSignal, RawSamples, Stage, StageReading};
 use crate::testing::er3a;
 
 /// The native layout: everything recorded, SI.
@@ -69,19 +69,23 @@ pub(super) fn fixture(name: &str) -> PathBuf {
 }
 
 /// The whole export at `path`.
-pub(super) fn read(path: &Path) -> Result<Samples, Rejection> {
+pub(super) fn read(path: &Path) -> Result<RawSamples, Rejection> {
     let options = ReadOptions::default();
     let reader = ExportReader::new(open(path)?, path, &native(), &er3a(), options)?;
     collected(reader)
 }
 
 /// The whole export `bytes`, called `a.csv`.
-pub(super) fn read_bytes(bytes: &[u8], layout: &Layout, options: ReadOptions) -> Result<Samples, Rejection> {
+pub(super) fn read_bytes(
+    bytes: &[u8],
+    layout: &Layout,
+    options: ReadOptions,
+) -> Result<RawSamples, Rejection> {
     collected(ExportReader::new(bytes, Path::new("a.csv"), layout, &er3a(), options)?)
 }
 
-fn collected(reader: impl Iterator<Item = Result<Chunk, Rejection>>) -> Result<Samples, Rejection> {
-    let mut samples = Samples::default();
+fn collected(reader: impl Iterator<Item = Result<Chunk, Rejection>>) -> Result<RawSamples, Rejection> {
+    let mut samples = RawSamples::default();
     for chunk in reader {
         samples.append(chunk?.samples);
     }
@@ -94,27 +98,26 @@ pub(super) fn with_blocks_of(block_bytes: usize) -> ReadOptions {
 }
 
 /// A recording of numbers without meaning, the same each time.
-pub(super) fn made_recording(rows: usize) -> (Samples, String) {
+pub(super) fn made_recording(rows: usize) -> (RawSamples, String) {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     recording(rows, || random.random_range(-100.0..100.0))
 }
 
 /// A recording in the native layout: its samples and the export that says the same, with the
 /// shortest digits that give each number back.
-pub(super) fn recording(rows: usize, mut number: impl FnMut() -> f64) -> (Samples, String) {
+pub(super) fn recording(rows: usize, mut number: impl FnMut() -> f64) -> (RawSamples, String) {
     let joints = 0..6;
     let mut channel =
         || -> Vec<Vec<f64>> { joints.clone().map(|_| (0..rows).map(|_| number()).collect()).collect() };
     let (position, velocity, torque) = (channel(), channel(), channel());
     let stages = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
-    let samples = Samples {
+    let samples = RawSamples {
         time: (0..rows).map(|row| row as f64 * 0.002).collect(),
         position,
         velocity: Some(velocity),
         torque,
-        stage: (0..rows).map(|row| stages[row / 3 % 4]).collect(),
+        stage: StageReading::Known((0..rows).map(|row| stages[row / 3 % 4]).collect()),
         cycle: Some((0..rows).map(|row| 1 + (row / 12) as u32).collect()),
-        stage_level: None,
         temperatures: None,
         friction_signal: Some(
             (0..rows)
@@ -130,16 +133,17 @@ pub(super) fn recording(rows: usize, mut number: impl FnMut() -> f64) -> (Sample
     (samples, text)
 }
 
-/// Samples with all channels in the native layout.
-fn export(samples: &Samples) -> String {
+/// Rows with all channels in the native layout.
+fn export(samples: &RawSamples) -> String {
     let names = |kind: &str| (1..=6).map(|joint| format!("{kind}_{joint}")).collect::<Vec<_>>().join(",");
     let mut text =
         format!("time,{},{},{},stage,cycle,joint,level\n", names("pos"), names("vel"), names("trq"));
     let velocity = samples.velocity.as_ref().expect("recorded");
+    let StageReading::Known(stages) = &samples.stage else { panic!("stages are known") };
     for row in 0..samples.rows() {
         let channels = samples.position.iter().chain(velocity).chain(&samples.torque);
         let cells: Vec<String> = channels.map(|channel| channel[row].to_string()).collect();
-        let stage = match samples.stage[row] {
+        let stage = match stages[row] {
             Stage::Between => 0,
             Stage::Excitation => 1,
             Stage::Friction => 2,

@@ -11,14 +11,14 @@ use super::diagnose::model::{diagnose_model, top_speeds};
 use super::diagnose::recording::diagnose_samples;
 use super::diagnose::recording::view::DiagnoseSettings;
 use super::diagnose::refusal;
-use super::friction::level_means::{SAME_PASS_S, direction_difference};
+use super::friction::level_means::{SAME_PASS_S, at_level, direction_difference, nearest_level};
 use super::friction::plateaus::friction_points;
 use super::friction::warm_up::{WarmUpPoint, fit_warm_up, warm_up_rmsd};
 use super::identify::cycle::{identify_rows, noise_errors};
 use super::identify::cycle_rows::CycleRows;
 use super::identify::filtered_columns::{FilteredColumn, filtered_coulomb_columns};
 use super::identify::joint_factors::{
-    Factored, JointColumns, factor_cycle, pack, used_for_identification, widened,
+    FactorColumns, Factored, embedded, factor_cycle, pack, used_for_identification,
 };
 use super::identify::verify::{torque_rmsd, warming_contrast};
 use super::least_squares::factor::TriangularFactor;
@@ -30,11 +30,12 @@ use super::signal::temperature::cycle_temperatures;
 use super::signal::time_grid::sample_rate;
 use super::statistics::descriptive::{mean, median, parameter_statistics, standard_deviation, swing};
 use crate::analysis::finding::{Finding, FindingKinds, FindingSeverity};
+use crate::analysis::measurements::{ByCycle, CyclePoint, RunMeasurements};
 use crate::analysis::{
     CycleAnalysis, CycleFactors, Estimator, FrictionPoint, Identification, JointSummary, RunAnalysis,
     WarmFriction, WarmUpFit,
 };
-use crate::robot::{JointIndex, ParameterId, Robot};
+use crate::robot::{JointIndex, Robot};
 use crate::run::{Cycle, RunKind, Samples, Stage};
 
 /// What the method may be told.
@@ -70,7 +71,7 @@ pub struct Method {
     /// Its base parameters.
     pub base: BaseParameters,
     /// The columns of each joint's factor.
-    pub columns: JointColumns,
+    pub columns: FactorColumns,
     settings: AnalysisSettings,
 }
 
@@ -81,7 +82,7 @@ impl Method {
     /// Those of [`base_parameters`].
     pub fn new(robot: Robot, settings: AnalysisSettings) -> Result<Self, NumericsError> {
         let base = base_parameters(&robot)?;
-        let columns = JointColumns::new(&robot, &base);
+        let columns = FactorColumns::new(&robot, &base);
         Ok(Self { robot, base, columns, settings })
     }
 }
@@ -366,7 +367,7 @@ fn without_excitation(points: &[FrictionPoint]) -> String {
 /// Factor of each joint over the rows that parameters are identified on.
 fn identifying_factors(method: &Method, factored: &Factored) -> Vec<TriangularFactor> {
     let chosen = factored.factors.iter().filter(|of| used_for_identification(of.stage, of.motion));
-    widened(&method.columns, chosen)
+    embedded(&method.columns, chosen)
 }
 
 pub(super) fn keep_factors(method: &Method, factored: &Factored, analysis: &mut CycleAnalysis) {
@@ -399,29 +400,24 @@ fn note_missing_stages(samples: &Samples, remarks: &mut Vec<String>) {
     }
 }
 
-/// What the cycles of a run gave, read back from the store: nothing here needs the recording.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct RunResults {
-    /// Friction points with their cycle.
-    pub friction_points: Vec<(u32, FrictionPoint)>,
-    /// Values of each parameter by cycle, in the order of cycles.
-    pub parameters: Vec<(ParameterId, Vec<(u32, f64)>)>,
-    /// Moving relative RMSD of the excitation stage by joint and cycle, in the order of cycles.
-    pub relative_rmsd: Vec<(JointIndex, Vec<(u32, f64)>)>,
-}
-
 /// Looks at a run as a whole: warm-up fits, statistics of parameters, one summary a joint.
 #[must_use]
-pub fn analyse_run(joint_count: usize, settings: &AnalysisSettings, results: &RunResults) -> RunAnalysis {
-    let points: Vec<FrictionPoint> = results.friction_points.iter().map(|(_, point)| *point).collect();
+pub fn analyse_run(
+    joint_count: usize,
+    settings: &AnalysisSettings,
+    measurements: &RunMeasurements,
+) -> RunAnalysis {
+    let points: Vec<FrictionPoint> = measurements.friction_points.iter().map(|of| of.point).collect();
+    let rmsd_by_joint = measurements.rmsd_by_joint();
+    let summary = |joint| summary(joint, settings, &measurements.friction_points, &rmsd_by_joint);
     RunAnalysis {
         warm_up_fits: warm_up_fits(&points),
-        statistics: results
-            .parameters
+        statistics: measurements
+            .by_parameter()
             .iter()
             .flat_map(|(id, values)| parameter_statistics(*id, values))
             .collect(),
-        summaries: (0..joint_count).map(|j| summary(JointIndex::new(j), settings, results)).collect(),
+        summaries: (0..joint_count).map(JointIndex::new).map(summary).collect(),
     }
 }
 
@@ -453,21 +449,20 @@ pub fn warm_up_fits(points: &[FrictionPoint]) -> Vec<WarmUpFit> {
         .collect()
 }
 
-#[expect(clippy::float_cmp, reason = "levels are copied from one list, never computed")]
-fn at_level(points: &[FrictionPoint], joint: JointIndex, level: f64) -> impl Iterator<Item = &FrictionPoint> {
-    points.iter().filter(move |p| p.joint == joint && p.speed_fraction == level)
-}
-
-fn summary(joint: JointIndex, settings: &AnalysisSettings, results: &RunResults) -> JointSummary {
-    let rmsd: Vec<f64> = results
-        .relative_rmsd
+fn summary(
+    joint: JointIndex,
+    settings: &AnalysisSettings,
+    points: &[CyclePoint],
+    rmsd_by_joint: &[(JointIndex, ByCycle)],
+) -> JointSummary {
+    let rmsd: Vec<f64> = rmsd_by_joint
         .iter()
         .filter(|(of, _)| *of == joint)
         .flat_map(|(_, values)| values.iter().map(|(_, value)| *value))
         .collect();
     JointSummary {
         joint,
-        warm_friction: warm_friction(joint, settings, &results.friction_points),
+        warm_friction: warm_friction(joint, settings, points),
         excitation_friction: None,
         friction_index: None,
         relative_rmsd: median(&rmsd),
@@ -480,16 +475,15 @@ fn summary(joint: JointIndex, settings: &AnalysisSettings, results: &RunResults)
 fn warm_friction(
     joint: JointIndex,
     settings: &AnalysisSettings,
-    points: &[(u32, FrictionPoint)],
+    points: &[CyclePoint],
 ) -> Option<WarmFriction> {
-    let of_joint = || points.iter().filter(|(_, p)| p.joint == joint);
-    let distance = |fraction: f64| (fraction - settings.reference_speed_fraction).abs();
-    let level =
-        of_joint().map(|(_, p)| p.speed_fraction).min_by(|a, b| distance(*a).total_cmp(&distance(*b)))?;
-    let last_cycle = of_joint().map(|(cycle, _)| *cycle).max()?;
+    let of_joint = || points.iter().filter(|of| of.point.joint == joint);
+    let levels = of_joint().map(|of| of.point.speed_fraction);
+    let level = nearest_level(levels, settings.reference_speed_fraction)?;
+    let last_cycle = of_joint().map(|of| of.cycle).max()?;
     let warm_from = last_cycle - last_cycle / 3;
     let warm: Vec<FrictionPoint> =
-        of_joint().filter(|(cycle, _)| *cycle >= warm_from.max(1)).map(|(_, point)| *point).collect();
+        of_joint().filter(|of| of.cycle >= warm_from.max(1)).map(|of| of.point).collect();
     let by_direction = |direction: i8| -> Vec<f64> {
         at_level(&warm, joint, level).filter(|p| p.direction == direction).map(|p| p.torque.abs()).collect()
     };

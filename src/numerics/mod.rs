@@ -75,7 +75,7 @@ pub enum NumericsError {
         /// Cut-off asked for, Hz.
         cutoff_hz: f64,
     },
-    /// Numbers that should be a stored triangular factor are none.
+    /// The stored numbers are too few or too many for a triangular factor.
     #[error("{numbers} numbers are not a triangular factor of {columns} columns and the torque")]
     NotATriangle {
         /// Numbers there are.

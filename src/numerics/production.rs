@@ -4,7 +4,7 @@
 use super::NumericsError;
 use super::analyse::{Method, keep_factors, note_gaps, unanalysed, without_positions};
 use super::identify::filtered_columns::filtered_coulomb_columns;
-use super::identify::joint_factors::{JointColumns, JointFactor, factor_cycle};
+use super::identify::joint_factors::{FactorColumns, JointFactor, factor_cycle};
 use super::identify::verify::torque_rmsd;
 use super::signal::filter::filter_signals;
 use super::statistics::descriptive::median;
@@ -69,7 +69,7 @@ pub fn analyse_window(method: &Method, cycle: &Cycle, reference: Option<&Referen
 /// # Errors
 /// [`NumericsError::ColumnsDiffer`] unless the parameters are exactly those of the columns.
 pub fn check_window(
-    columns: &JointColumns,
+    columns: &FactorColumns,
     factors: &[JointFactor],
     reference: &Reference,
 ) -> Result<ProductionCheck, NumericsError> {
@@ -90,7 +90,7 @@ pub fn check_window(
 
 /// From factors alone: reflections keep the inner products of `w theta - tau` and `w_f theta_f`.
 fn friction_excess(
-    columns: &JointColumns,
+    columns: &FactorColumns,
     factors: &[JointFactor],
     theta: &[f64],
     joint: JointIndex,

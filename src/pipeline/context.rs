@@ -139,13 +139,15 @@ pub enum PipelineError {
     Task(#[from] JoinError),
 }
 
-/// Whether a quarantined export is read again.
+/// Whether an export whose fate is decided is read again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Retry {
     /// A person asked for it: configuration may have changed.
     Quarantined,
     /// Only when its content changes.
     Never,
+    /// A person asked for it: a complete one is read again too, from its start, as the run that it is.
+    Complete,
 }
 
 /// A cycle under analysis, and what it and those before it were read from.

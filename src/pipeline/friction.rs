@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::context::PipelineError;
 use crate::analysis::FrictionPoint;
+use crate::analysis::measurements::CyclePoint;
 use crate::anomaly::epoch::Epoch;
 use crate::numerics::friction::baseline::{FormedMaps, fit_maps};
 use crate::numerics::friction::held_map::HeldMap;
@@ -15,8 +16,8 @@ use crate::numerics::friction::record::MapRun;
 use crate::numerics::friction::run_record::coverage;
 use crate::robot::JointIndex;
 use crate::store::{
-    CyclePoint, CycleSpeedFits, FrictionConclusion, FrictionPlan, FrictionTests, NewBaseline, NewIndices,
-    PlannedMap, Store, plan,
+    CycleSpeedFits, FrictionConclusion, FrictionPlan, FrictionTests, NewBaseline, NewIndices, PlannedMap,
+    Store, plan,
 };
 
 /// Fits friction over speed of each cycle of run `run_id`.

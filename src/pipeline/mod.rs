@@ -30,7 +30,7 @@ use crate::numerics::analyse::Method;
 use crate::robot::Robot;
 use crate::store::{Store, StoreError};
 use context::{InAnalysis, Lane, OpenRun, Outcome, Pipeline, PipelineError, Progress, Retry};
-use production::Work;
+use production::CycleWork;
 use take::admitted::AdmittedExport;
 use take::cutting::{CutCycle, ReadEnd};
 use take::intake::Admission;
@@ -263,7 +263,7 @@ impl FromRejection for ReadEnd {
 
 /// Starts analyses as cycles arrive and hands on their handles in the order of the cycles.
 async fn analyse_in_order(
-    work: Work,
+    work: CycleWork,
     places: Arc<Semaphore>,
     mut cycles: mpsc::Receiver<CutCycle>,
     to_record: mpsc::Sender<InAnalysis>,

@@ -5,12 +5,12 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use super::context::{Pipeline, PipelineError};
-use super::stored::chosen_cycles::{Candidate, Chosen, StoredError, unit_identification};
+use super::stored::chosen_cycles::{Candidate, RunCycles, StoredError, unit_identification};
 use super::take::admitted::AdmittedExport;
 use crate::analysis::{CycleAnalysis, Estimator, ProductionCheck};
 use crate::config::Layout;
 use crate::numerics::analyse::{Method, analyse_cycle};
-use crate::numerics::identify::joint_factors::{JointColumns, unpack};
+use crate::numerics::identify::joint_factors::{FactorColumns, unpack};
 use crate::numerics::production::{Reference, analyse_window, check_window};
 use crate::run::{Cycle, RunKind};
 use crate::store::{ProductionWindow, ReferenceTest, Store, StoredCycle};
@@ -23,14 +23,14 @@ const MOST_REFERENCES: usize = 8;
 
 /// What is done with each cycle of an export.
 #[derive(Debug, Clone)]
-pub(super) enum Work {
+pub(super) enum CycleWork {
     /// A test: all of the method, and what is to be said of each cycle.
     Test(Arc<Method>, Option<&'static str>),
     /// Production: held against a test, where there is one.
     Production(Arc<Method>, Option<Arc<Reference>>),
 }
 
-impl Work {
+impl CycleWork {
     /// Analyses one cycle.
     pub(super) fn analyse(&self, cycle: &Cycle) -> CycleAnalysis {
         match self {
@@ -45,10 +45,10 @@ impl Work {
 }
 
 /// What the cycles of an export in `layout` would be analysed with, without a test to hold them against.
-pub(super) fn work_alone(layout: &Layout, method: &Arc<Method>) -> Work {
-    match layout.stage.run_kind() {
-        RunKind::Test => Work::Test(Arc::clone(method), layout.stage.remark()),
-        RunKind::Production => Work::Production(Arc::clone(method), None),
+pub(super) fn work_alone(layout: &Layout, method: &Arc<Method>) -> CycleWork {
+    match layout.stage.kind().run_kind() {
+        RunKind::Test => CycleWork::Test(Arc::clone(method), layout.stage.kind().remark()),
+        RunKind::Production => CycleWork::Production(Arc::clone(method), None),
     }
 }
 
@@ -57,8 +57,8 @@ pub(super) async fn work(
     pipeline: &Pipeline,
     intake: &AdmittedExport,
     method: &Arc<Method>,
-) -> Result<Work, PipelineError> {
-    let (store, kind) = (pipeline.store(), intake.layout.stage.run_kind());
+) -> Result<CycleWork, PipelineError> {
+    let (store, kind) = (pipeline.store(), intake.layout.stage.kind().run_kind());
     store.set_run_kind(intake.run_id, kind).await?;
     if kind == RunKind::Test {
         return Ok(work_alone(&intake.layout, method));
@@ -69,10 +69,13 @@ pub(super) async fn work(
         if let Some(found) = candidate(store, test, estimator).await?
             && found.model.describes(&intake.robot)
         {
-            return Ok(Work::Production(Arc::clone(method), Some(as_reference(test, estimator, &found))));
+            return Ok(CycleWork::Production(
+                Arc::clone(method),
+                Some(as_reference(test, estimator, &found)),
+            ));
         }
     }
-    Ok(Work::Production(Arc::clone(method), None))
+    Ok(CycleWork::Production(Arc::clone(method), None))
 }
 
 /// Parameters of a test, those of all its cycles together; `None` where they cannot be had.
@@ -95,7 +98,7 @@ async fn candidate(
     run_id: i64,
     estimator: Estimator,
 ) -> Result<Option<Candidate>, PipelineError> {
-    match unit_identification(store, &[Chosen { run_id, cycles: None }], estimator).await {
+    match unit_identification(store, &[RunCycles { run_id, cycles: None }], estimator).await {
         Ok(set) => Ok(Some(Candidate { model: set.model, parameters: set.identification.parameters })),
         Err(StoredError::Store(error)) => Err(error.into()),
         Err(StoredError::Task(error)) => Err(error.into()),
@@ -174,7 +177,7 @@ async fn checks(
         let references: HashMap<u32, Arc<Reference>> = some.iter().cloned().collect();
         let made = tokio::task::spawn_blocking(move || {
             let check = |cycle: &StoredCycle| {
-                let columns = JointColumns::of_stored(&cycle.factors.columns);
+                let columns = FactorColumns::of_stored(&cycle.factors.columns);
                 let reference = references.get(&cycle.cycle)?;
                 let checked =
                     unpack(&cycle.factors).and_then(|factors| check_window(&columns, &factors, reference));

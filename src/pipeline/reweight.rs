@@ -10,12 +10,11 @@ use tokio_util::sync::CancellationToken;
 
 use super::context::{Pipeline, PipelineError};
 use super::stored::chosen_cycles::independent_shares;
-use super::take::record::as_results;
+use crate::analysis::measurements::{ByCycle, RunMeasurements};
 use crate::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
 use crate::numerics::NumericsError;
-use crate::numerics::analyse::RunResults;
 use crate::numerics::identify::cycle::identify_factors;
-use crate::numerics::identify::joint_factors::{JointColumns, unpack};
+use crate::numerics::identify::joint_factors::{FactorColumns, unpack};
 use crate::numerics::identify::verify::torque_rmsd;
 use crate::numerics::pooled::pool::PooledFactors;
 use crate::numerics::statistics::descriptive::{median, parameter_statistics, swing};
@@ -129,7 +128,7 @@ async fn of_run(
     for of in &estimates {
         transaction.replace(of).await?;
     }
-    let (statistics, deviations) = run_figures(&as_results(transaction.measurements().await?));
+    let (statistics, deviations) = run_figures(&transaction.measurements().await?);
     transaction.replace_run_figures(&statistics, &deviations).await?;
     transaction.commit().await?;
     Ok(Some((estimates.len() as u64 - kept, kept)))
@@ -150,11 +149,11 @@ fn of_factors(
     cycle: &StoredCycle,
     wanted: Estimator,
 ) -> Result<(Identification, Vec<TorqueRmsd>), NumericsError> {
-    let columns = JointColumns::of_stored(&cycle.factors.columns);
+    let columns = FactorColumns::of_stored(&cycle.factors.columns);
     let factors = unpack(&cycle.factors)?;
     let mut union = PooledFactors::new(columns.clone());
     union.add(&columns, &factors, &independent_shares(cycle))?;
-    let by_joint = union.spread_by_joint();
+    let by_joint = union.embedded_by_joint();
     let found = identify_factors(columns.kept(), &by_joint, &union.independent_shares(), wanted)?;
     let theta: Vec<f64> = found.parameters.iter().map(|parameter| parameter.value).collect();
     let verification = torque_rmsd(&columns, &factors, &theta);
@@ -162,13 +161,14 @@ fn of_factors(
 }
 
 /// What a run says as a whole that follows from the parameters of its cycles.
-fn run_figures(results: &RunResults) -> (Vec<ParameterStatistics>, Vec<JointDeviation>) {
-    let statistics = results.parameters.iter().flat_map(|(id, values)| parameter_statistics(*id, values));
-    let of_joint = |(joint, values): &(JointIndex, Vec<(u32, f64)>)| {
+fn run_figures(measurements: &RunMeasurements) -> (Vec<ParameterStatistics>, Vec<JointDeviation>) {
+    let by_parameter = measurements.by_parameter();
+    let statistics = by_parameter.iter().flat_map(|(id, values)| parameter_statistics(*id, values));
+    let of_joint = |(joint, values): &(JointIndex, ByCycle)| {
         let values: Vec<f64> = values.iter().map(|(_, value)| *value).collect();
         JointDeviation { joint: *joint, relative_rmsd: median(&values), rmsd_swing: swing(&values) }
     };
-    (statistics.collect(), results.relative_rmsd.iter().map(of_joint).collect())
+    (statistics.collect(), measurements.rmsd_by_joint().iter().map(of_joint).collect())
 }
 
 #[cfg(test)]

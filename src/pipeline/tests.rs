@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use tokio_util::sync::CancellationToken;
 
 use super::context::{Outcome, Pipeline, Retry};
-use super::stored::chosen_cycles::{Candidate, Chosen, cross_verification, rmsd_on, unit_identification};
+use super::stored::chosen_cycles::{Candidate, RunCycles, cross_verification, rmsd_on, unit_identification};
 use crate::analysis::Estimator;
 use crate::config::Config;
 use crate::ingest::bytes::source::open_hashing;
@@ -43,7 +43,7 @@ fn cycles_of(export: &Path, method: &Method, entry: &crate::config::FleetEntry) 
     let mut cutter = CycleCutter::new();
     let mut cycles = Vec::new();
     for chunk in reader.expect("a header") {
-        cutter.push(chunk.expect("rows").samples, &mut cycles).expect("cycles");
+        cutter.push(chunk.expect("rows").samples.as_recorded(), &mut cycles).expect("cycles");
     }
     cycles.extend(cutter.finish().expect("a last cycle"));
     cycles
@@ -51,7 +51,7 @@ fn cycles_of(export: &Path, method: &Method, entry: &crate::config::FleetEntry) 
 
 impl Ingested {
     async fn unit(&self, cycles: &[u32], estimator: Estimator) -> ParameterSet {
-        let chosen = Chosen { run_id: 1, cycles: Some(cycles.to_vec()) };
+        let chosen = RunCycles { run_id: 1, cycles: Some(cycles.to_vec()) };
         unit_identification(&self.store, &[chosen], estimator).await.expect("parameters")
     }
 
@@ -67,7 +67,7 @@ impl Ingested {
         let theta = self.theta(&set);
         assert_equal(&theta, &raw_parameters(&self.method, &[&self.cycles[0], &self.cycles[1]]));
         let candidate = Candidate { model: set.model, parameters: set.identification.parameters };
-        let third = [Chosen { run_id: 1, cycles: Some(vec![3]) }];
+        let third = [RunCycles { run_id: 1, cycles: Some(vec![3]) }];
         let rmsd = rmsd_on(&self.store, &candidate, &third).await.expect("deviations");
         let direct = Direct::new(&self.method, &self.cycles[2], &theta);
         direct.assert_verification(&rmsd);
@@ -113,7 +113,7 @@ async fn a_simulated_export_needs_no_second_reading() {
 async fn what_is_not_there_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let store = Store::open(&folder.path().join("fleet.db")).await.expect("a store");
-    let chosen = Chosen { run_id: 7, cycles: None };
+    let chosen = RunCycles { run_id: 7, cycles: None };
     let error = unit_identification(&store, &[chosen], Estimator::Weighted).await.expect_err("no run");
     assert!(error.to_string().contains("run 7 has no factors"), "{error}");
     let error = unit_identification(&store, &[], Estimator::Weighted).await.expect_err("nothing");

@@ -3,6 +3,7 @@
 //! [`figure`] says what a picture is made of and `svg` draws it; the others each make the figure of one
 //! question.
 
+pub mod anomaly;
 pub mod figure;
 pub mod friction;
 pub mod friction_index;

@@ -2,7 +2,7 @@
 
 use super::figure::{Band, ESTIMATED, Figure, Key, Look, MEASURED, Mark, Panel, RESIDUAL, Series};
 use crate::analysis::{Rmsd, RmsdScope};
-use crate::numerics::identify::torque_series::{JointSeries, TorqueSeries, peaks};
+use crate::numerics::identify::torque_series::{JointTorqueSeries, TorqueSeries, peaks};
 use crate::numerics::signal::time_grid::median_step;
 use crate::robot::{JointIndex, JointKind, Robot};
 use crate::run::Stage;
@@ -57,7 +57,7 @@ fn panel_title(series: &TorqueSeries, joint: JointIndex, scope: RmsdScope) -> St
 
 /// Lines of one joint, those below first. Where the joint is slow or at rest no friction column holds, so
 /// the estimate and the residual are pale there.
-fn joint_lines(series: &TorqueSeries, joint: &JointSeries, rows: &[usize], most: usize) -> Vec<Series> {
+fn joint_lines(series: &TorqueSeries, joint: &JointTorqueSeries, rows: &[usize], most: usize) -> Vec<Series> {
     let times: Vec<f64> = rows.iter().map(|&row| series.time[row]).collect();
     let step = median_step(&times).unwrap_or(f64::INFINITY);
     let mut measured = Vec::new();
@@ -148,7 +148,8 @@ mod tests {
 
     /// Two stages with a pause without rows between them.
     fn series() -> TorqueSeries {
-        let mut series = TorqueSeries { joints: vec![JointSeries::default(); 6], ..TorqueSeries::default() };
+        let mut series =
+            TorqueSeries { joints: vec![JointTorqueSeries::default(); 6], ..TorqueSeries::default() };
         for i in 0..4000 {
             let t = 0.01 * f64::from(i) + if i < 2000 { 0.0 } else { 30.0 };
             series.time.push(t);

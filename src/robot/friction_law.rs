@@ -1,4 +1,5 @@
-//! How friction depends on speed: the laws, their terms, names and units.
+//! How friction depends on speed: the laws, with their terms, columns, names, units and what descriptions write for
+//! them. A new law is an edit of this file and of `docs/robots.md`.
 
 /// Which columns describe the friction of a robot's joints.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -28,6 +29,96 @@ pub enum FrictionLaw {
     },
 }
 
+/// What descriptions write for a law, and what it needs.
+#[derive(Debug)]
+pub struct LawKind {
+    /// Value of the key `friction_model`.
+    pub name: &'static str,
+    /// What it is, for messages.
+    pub about: &'static str,
+    /// Keys of the speed that it has, of a revolute joint in rad/s and of a prismatic one in m/s.
+    pub speed_keys: Option<[&'static str; 2]>,
+    /// Whether each direction of motion may have coefficients of its own.
+    pub has_directions: bool,
+    /// The law with this speed, rad/s (m/s), where it has one.
+    pub with_speed: fn(f64) -> FrictionLaw,
+}
+
+impl FrictionLaw {
+    /// Every law, in the order of messages.
+    pub const KINDS: [LawKind; 4] = [
+        LawKind {
+            name: "polynomial",
+            about: "f1 to f4 of [3.10]",
+            speed_keys: None,
+            has_directions: false,
+            with_speed: |_| Self::Polynomial,
+        },
+        LawKind {
+            name: "viscous_coulomb",
+            about: "Coulomb, viscous and offset",
+            speed_keys: None,
+            has_directions: true,
+            with_speed: |_| Self::ViscousCoulomb,
+        },
+        LawKind {
+            name: "smooth",
+            about: "the same with a tanh for the sign",
+            speed_keys: Some(["smooth_speed_rad_s", "smooth_speed_m_s"]),
+            has_directions: true,
+            with_speed: |speed| Self::Smooth { speed },
+        },
+        LawKind {
+            name: "none",
+            about: "no friction in the measured torque",
+            speed_keys: None,
+            has_directions: false,
+            with_speed: |_| Self::None,
+        },
+    ];
+
+    /// Name in descriptions.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Polynomial => "polynomial",
+            Self::ViscousCoulomb => "viscous_coulomb",
+            Self::Smooth { .. } => "smooth",
+            Self::None => "none",
+        }
+    }
+
+    /// The speed that it has, rad/s (m/s), where it has one.
+    #[must_use]
+    pub fn speed(self) -> Option<f64> {
+        match self {
+            Self::Smooth { speed } => Some(speed),
+            Self::Polynomial | Self::ViscousCoulomb | Self::None => None,
+        }
+    }
+
+    /// What its Coulomb friction is multiplied by at a speed, rad/s (m/s); 0 at rest.
+    #[inline]
+    #[must_use]
+    pub fn sign(self, speed: f64) -> f64 {
+        match self {
+            Self::Smooth { speed: scale } => (speed / scale).tanh(),
+            _ if speed == 0.0 => 0.0,
+            _ => speed.signum(),
+        }
+    }
+
+    /// Its number in the hash of a description, which never changes.
+    fn code(self) -> f64 {
+        match self {
+            Self::Polynomial => 0.0,
+            Self::ViscousCoulomb => 1.0,
+            Self::Smooth { .. } => 2.0,
+            Self::None => 3.0,
+        }
+    }
+}
+
 impl FrictionModel {
     /// The source's law [3.10].
     pub const POLYNOMIAL: Self = Self { law: FrictionLaw::Polynomial, asymmetric: false };
@@ -47,6 +138,69 @@ impl FrictionModel {
             (_, false) => &[Coulomb, Viscous, Offset],
             (_, true) => &[CoulombPositive, CoulombNegative, ViscousPositive, ViscousNegative],
         }
+    }
+
+    /// What the friction coefficients of a joint multiply at the speed `qd` (rad/s or m/s), in the order of
+    /// [`FrictionModel::terms`]; zero beyond them. `sign(0) = 0`.
+    ///
+    /// - polynomial [3.10]: `sign(qd), qd, qd² sign(qd), qd³`;
+    /// - viscous and Coulomb: `sign(qd), qd, 1`; smooth: `tanh(qd / speed), qd, 1`;
+    /// - none: no column;
+    /// - asymmetric: the sign's positive and its negative part, then those of the speed.
+    #[inline]
+    #[must_use]
+    pub fn columns(&self, qd: f64) -> [f64; Self::MAX_TERMS] {
+        let sign = self.law.sign(qd);
+        match (self.law, self.asymmetric) {
+            (FrictionLaw::None, _) => [0.0; Self::MAX_TERMS],
+            (FrictionLaw::Polynomial, _) => [sign, qd, qd * qd.abs(), qd * qd * qd],
+            (_, false) => [sign, qd, 1.0, 0.0],
+            (_, true) => [sign.max(0.0), sign.min(0.0), qd.max(0.0), qd.min(0.0)],
+        }
+    }
+
+    /// Friction torque, Nm (N), of the coefficients `f` in the order of [`FrictionModel::terms`] at the speed `qd` in
+    /// rad/s (m/s).
+    #[inline]
+    #[must_use]
+    pub fn torque(&self, f: &[f64; Self::MAX_TERMS], qd: f64) -> f64 {
+        self.columns(qd).iter().zip(f).map(|(column, f)| f * column).sum()
+    }
+
+    /// The friction torque at the speed `v` as a formula.
+    #[must_use]
+    pub fn formula(&self) -> String {
+        match (self.law, self.asymmetric) {
+            (FrictionLaw::None, _) => "none".to_owned(),
+            (FrictionLaw::Polynomial, _) => "f1 sign(v) + f2 v + f3 v^2 sign(v) + f4 v^3".to_owned(),
+            (FrictionLaw::ViscousCoulomb, false) => "fs sign(v) + fv v + off".to_owned(),
+            (FrictionLaw::ViscousCoulomb, true) => {
+                "fs_p + fv_p v forwards, -fs_n + fv_n v backwards".to_owned()
+            }
+            (FrictionLaw::Smooth { speed }, false) => format!("fs tanh(v / {speed}) + fv v + off"),
+            (FrictionLaw::Smooth { speed }, true) => {
+                format!("fs_p tanh(v / {speed}) + fv_p v forwards, fs_n tanh(v / {speed}) + fv_n v backwards")
+            }
+        }
+    }
+
+    /// How it differs from a line over speed that is the same in both directions, as formats of other programs have;
+    /// completes "friction was identified as ..".
+    #[must_use]
+    pub fn beside_a_line(&self) -> &'static str {
+        match (self.law, self.asymmetric) {
+            (FrictionLaw::None, _) => "none: the torque was measured behind the gears",
+            (FrictionLaw::Polynomial, _) => "a polynomial of speed, of which the nearest line is written",
+            (FrictionLaw::Smooth { .. }, false) => "smooth at zero speed and has an offset",
+            (FrictionLaw::ViscousCoulomb, false) => "the written one and an offset of torque",
+            (_, true) => "different in the two directions, of which the mean is written",
+        }
+    }
+
+    /// Numbers that stand for it in the hash of a description.
+    #[must_use]
+    pub fn numbers(&self) -> [f64; 3] {
+        [self.law.code(), self.law.speed().unwrap_or(0.0), f64::from(u8::from(self.asymmetric))]
     }
 }
 
@@ -116,6 +270,105 @@ impl FrictionTerm {
             Self::F2 | Self::Viscous | Self::ViscousPositive | Self::ViscousNegative => 1,
             Self::F3 => 2,
             Self::F4 => 3,
+        }
+    }
+
+    /// Its value by the nominal friction, a polynomial with these coefficients [3.10]. The laws without its higher
+    /// powers have one only where these vanish.
+    #[must_use]
+    pub fn nominal(self, [f1, f2, f3, f4]: &[f64; 4]) -> Option<f64> {
+        let is_linear = *f3 == 0.0 && *f4 == 0.0;
+        match self {
+            Self::F1 => Some(*f1),
+            Self::F2 => Some(*f2),
+            Self::F3 => Some(*f3),
+            Self::F4 => Some(*f4),
+            Self::Coulomb | Self::CoulombPositive | Self::CoulombNegative => is_linear.then_some(*f1),
+            Self::Viscous | Self::ViscousPositive | Self::ViscousNegative => is_linear.then_some(*f2),
+            Self::Offset => None,
+        }
+    }
+
+    /// Whether its column jumps where a motion turns round.
+    #[must_use]
+    pub fn jumps(self) -> bool {
+        matches!(self, Self::F1 | Self::Coulomb | Self::CoulombPositive | Self::CoulombNegative)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A few operations.
+    const ROUNDING: f64 = 1e-14;
+
+    fn model(law: FrictionLaw, asymmetric: bool) -> FrictionModel {
+        FrictionModel { law, asymmetric }
+    }
+
+    #[test]
+    fn friction_is_odd_and_a_resting_joint_has_none() {
+        let f = [1.5, 8.0, -1.2, 0.3];
+        let torque = |qd| FrictionModel::POLYNOMIAL.torque(&f, qd);
+        assert_eq!((torque(0.0), torque(-0.0)), (0.0, 0.0));
+        let expected = 1.5 + 8.0 * 2.0 - 1.2 * 4.0 + 0.3 * 8.0;
+        assert!((torque(2.0) - expected).abs() < ROUNDING * expected);
+        assert!((torque(-2.0) + expected).abs() < ROUNDING * expected);
+    }
+
+    #[test]
+    fn viscous_and_coulomb_friction_has_an_offset_in_both_directions() {
+        let f = [1.5, 8.0, 0.25, 99.0];
+        for (law, sign) in
+            [(FrictionLaw::ViscousCoulomb, 1.0), (FrictionLaw::Smooth { speed: 0.5 }, 4.0_f64.tanh())]
+        {
+            let torque = |qd| model(law, false).torque(&f, qd);
+            assert!((torque(2.0) - (1.5 * sign + 16.25)).abs() < ROUNDING * 20.0);
+            assert!((torque(-2.0) + (1.5 * sign + 15.75)).abs() < ROUNDING * 20.0);
+            assert_eq!(torque(0.0), 0.25);
+        }
+    }
+
+    #[test]
+    fn asymmetric_friction_of_equal_directions_is_symmetric_and_an_offset_is_half_the_difference() {
+        let symmetric = |law, qd| model(law, false).torque(&[1.5, 8.0, 0.0, 0.0], qd);
+        let coulomb = FrictionLaw::ViscousCoulomb;
+        for qd in [-2.0, -0.1, 0.0, 0.3, 4.0] {
+            for law in [coulomb, FrictionLaw::Smooth { speed: 0.2 }] {
+                let both = model(law, true).torque(&[1.5, 1.5, 8.0, 8.0], qd);
+                assert!((both - symmetric(law, qd)).abs() < ROUNDING * 40.0);
+            }
+            if qd != 0.0 {
+                let skewed = model(coulomb, true).torque(&[1.75, 1.25, 8.0, 8.0], qd);
+                assert!((skewed - symmetric(coulomb, qd) - 0.25).abs() < ROUNDING * 40.0);
+            }
+        }
+    }
+
+    /// Every law, with and without coefficients of each direction.
+    pub(in crate::robot) fn models() -> Vec<FrictionModel> {
+        let of_kind = |kind: &LawKind| {
+            let law = (kind.with_speed)(0.1);
+            let both = [false, true].into_iter().take(1 + usize::from(kind.has_directions));
+            both.map(move |asymmetric| FrictionModel { law, asymmetric }).collect::<Vec<_>>()
+        };
+        FrictionLaw::KINDS.iter().flat_map(of_kind).collect()
+    }
+
+    #[test]
+    fn each_law_has_a_name_a_number_and_as_many_columns_as_terms() {
+        let names: Vec<&str> = FrictionLaw::KINDS.iter().map(|kind| (kind.with_speed)(0.1).name()).collect();
+        assert_eq!(names, FrictionLaw::KINDS.each_ref().map(|kind| kind.name));
+        for (at, model) in models().iter().enumerate() {
+            assert!(models()[..at].iter().all(|other| other.numbers() != model.numbers()), "{model:?}");
+            let terms = model.terms();
+            assert!(terms.len() <= FrictionModel::MAX_TERMS && terms.windows(2).all(|w| w[0] < w[1]));
+            let columns = [-2.0, -0.05, 0.05, 2.0].map(|qd| model.columns(qd));
+            for column in 0..FrictionModel::MAX_TERMS {
+                let is_used = columns.iter().any(|of| of[column] != 0.0);
+                assert_eq!(is_used, column < terms.len(), "{model:?} {columns:?}");
+            }
         }
     }
 }

@@ -114,7 +114,7 @@ mod tests {
     use nalgebra::{Matrix3, Vector3};
 
     use super::*;
-    use crate::robot::{FrictionLaw, FrictionModel, Transform};
+    use crate::robot::Transform;
 
     /// A few dozen operations on numbers of about one.
     const ROUNDING: f64 = 1e-14;
@@ -126,17 +126,8 @@ mod tests {
         let mut unique = names.clone();
         unique.sort_unstable();
         unique.dedup();
-        assert_eq!((unique.len(), names.len()), (25, 25), "{names:?}");
+        assert_eq!(unique.len(), names.len(), "{names:?}");
         assert!(ParameterKind::all().zip(ParameterKind::all().skip(1)).all(|(a, b)| a < b));
-        for model in [
-            FrictionModel::POLYNOMIAL,
-            FrictionModel { law: FrictionLaw::None, asymmetric: false },
-            FrictionModel { law: FrictionLaw::ViscousCoulomb, asymmetric: false },
-            FrictionModel { law: FrictionLaw::Smooth { speed: 0.1 }, asymmetric: true },
-        ] {
-            let terms = model.terms();
-            assert!(terms.len() <= FrictionModel::MAX_TERMS && terms.windows(2).all(|w| w[0] < w[1]));
-        }
     }
 
     #[test]

@@ -22,7 +22,7 @@ impl Part {
     /// the end is missing.
     ///
     /// # Errors
-    /// 400 for a range that is none, 413 for more than `most` bytes.
+    /// 400 for a header that is not a range, 413 for more than `most` bytes.
     pub fn of(headers: &HeaderMap, most: u64) -> Result<Self, Refusal> {
         let length = headers.get(CONTENT_LENGTH).and_then(|v| v.to_str().ok()?.parse::<u64>().ok());
         let part = match headers.get(CONTENT_RANGE) {

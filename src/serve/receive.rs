@@ -44,7 +44,7 @@ pub struct Bounds {
 ///
 /// # Errors
 /// 408 for a client that sends next to nothing, 413 beyond the bound, 503 at a stop, 507 on a full disk, and
-/// 400 for a body that breaks off, which mostly nobody is left to hear.
+/// 400 for a body that ends early (the client is then usually gone).
 pub async fn receive(
     claim: Claim,
     from_start: bool,

@@ -5,7 +5,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::error::SimulateError;
-use super::motion::{Motion, MotionState, state_at};
+use super::motion::{MotionPiece, MotionState, state_at};
 use crate::robot::{FourierExcitation, JointLimits, Robot};
 
 /// Base frequency of the source's test, Hz.
@@ -97,7 +97,7 @@ fn check_limits(series: &FourierExcitation, robot: &Robot) -> Result<(), Simulat
 
 /// Lowest and highest position, largest speed and acceleration of each joint over one period.
 fn extremes(series: &FourierExcitation, n: usize) -> Vec<[f64; 4]> {
-    let motion = Motion::Fourier(series.clone());
+    let motion = MotionPiece::Fourier(series.clone());
     let mut extremes = vec![[f64::INFINITY, f64::NEG_INFINITY, 0.0, 0.0]; n];
     for k in 0..=CHECK_SAMPLES {
         let t = f64::from(k) / f64::from(CHECK_SAMPLES) / series.base_frequency;
@@ -133,7 +133,7 @@ mod tests {
     #[test]
     fn the_published_series_starts_at_rest_with_the_corrected_acceleration() {
         let series = fourier_excitation(&er3a_with_excitation(), 0).unwrap();
-        let start = state_at(&Motion::Fourier(series), 0.0);
+        let start = state_at(&MotionPiece::Fourier(series), 0.0);
         // Coefficients are printed with four decimals; five of them, weighted by up to 5.
         let rounding = 0.5e-4 * 15.0;
         for j in 0..6 {
@@ -147,7 +147,7 @@ mod tests {
         for robot in [er3a(), nine_joints()] {
             let series = fourier_excitation(&robot, 7).unwrap();
             check_limits(&series, &robot).unwrap();
-            let start = state_at(&Motion::Fourier(series.clone()), 0.0);
+            let start = state_at(&MotionPiece::Fourier(series.clone()), 0.0);
             for j in 0..robot.joint_count() {
                 assert!(start.velocity[j].abs() < 1e-12 && start.acceleration[j].abs() < 1e-12);
             }

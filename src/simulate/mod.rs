@@ -31,14 +31,15 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use jiff::Timestamp;
+use nalgebra::Matrix3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use crate::robot::Robot;
+use crate::robot::{JointIndex, Robot, WarmUpShape};
 use dynamics::rigid_chain;
 use export::{ExportWriter, column_count};
-use fault::{Fault, wear};
+use fault::{Fault, RunFaults, loads, warm_up_factor, wear};
 use format::ExportFormat;
 use friction::{FrictionShape, ThermalState, joint_friction};
 use load::Load;
@@ -226,18 +227,19 @@ pub fn recording_of_run(
     let mut torque_noise = Vec::new();
     for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
         let nominal = joint.nominal.as_ref().ok_or(SimulateError::NoNominal { joint: index })?;
-        let gearbox = joint_friction(joint, nominal, wear(&settings.faults, index, run));
+        let mut gearbox = joint_friction(joint, nominal, wear(&settings.faults, index, run));
+        gearbox.warm_up = longer_slow_part(gearbox.warm_up, warm_up_factor(&settings.faults, index, run));
         let is_last = index.number() == robot.joint_count();
         friction.push(gearbox.in_shape(settings.friction, is_last, joint.limits.velocity));
         torque_noise.push(nominal.torque_noise);
     }
-    let chain = rigid_chain(robot)?;
+    let point =
+        |(mass, centre): (f64, [f64; 3])| Load { mass, centre: centre.into(), inertia: Matrix3::zeros() };
+    let carried = settings.load.into_iter().chain(loads(&settings.faults, run).map(point));
     Ok(Recording {
         plan,
-        chain: match &settings.load {
-            Some(load) => chain.carrying(load, &robot.tool),
-            None => chain,
-        },
+        chain: carried.fold(rigid_chain(robot)?, |chain, load| chain.carrying(&load, &robot.tool)),
+        faults: RunFaults::new(&settings.faults, run, robot_seed(settings), noise_stream(run_index)),
         friction,
         torque_noise,
         sensors: settings.sensors,
@@ -250,6 +252,13 @@ pub fn recording_of_run(
         },
         temperatures: settings.temperatures,
     })
+}
+
+/// The same warm-up with the longer one of its time constants `factor` times as long.
+fn longer_slow_part(mut warm_up: WarmUpShape, factor: f64) -> WarmUpShape {
+    let slow = if warm_up.t1 >= warm_up.t2 { &mut warm_up.t1 } else { &mut warm_up.t2 };
+    *slow *= factor;
+    warm_up
 }
 
 fn write_rows(
@@ -279,8 +288,11 @@ fn run_truth(
     cycle_truth: Vec<CycleTruth>,
 ) -> Result<RunTruth, SimulateError> {
     let run = run_index.saturating_add(1);
-    let fault_truth =
-        |f: &Fault| FaultTruth { fault: f.to_string(), joint: f.joint().number(), size: f.size(run) };
+    let fault_truth = |f: &Fault| FaultTruth {
+        fault: f.to_string(),
+        joint: f.joint.map(JointIndex::number),
+        size: f.size(run),
+    };
     Ok(RunTruth {
         file: export.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
         robot: settings.robot_name.clone(),
@@ -376,7 +388,7 @@ fn check_settings(robot: &Robot, settings: &SimulationSettings) -> Result<(), Si
     if let Some(load) = settings.load.filter(|load| !(load.mass.is_finite() && load.mass > 0.0)) {
         return setting("load", format!("{} kg", load.mass), "a load has a mass above 0");
     }
-    match settings.faults.iter().find(|f| f.joint().index() >= robot.joint_count()) {
+    match settings.faults.iter().find(|f| f.joint.is_some_and(|joint| joint.index() >= robot.joint_count())) {
         Some(fault) => setting("fault", fault.to_string(), "the robot has no such joint"),
         None => Ok(()),
     }

@@ -34,7 +34,7 @@ impl MotionState {
 
 /// A piece of motion of all joints; its time runs from 0.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Motion {
+pub enum MotionPiece {
     /// Standing still.
     Hold(PerJoint),
     /// Polynomials of fifth degree, `[n][6]`, lowest power first.
@@ -155,22 +155,22 @@ impl Plateaus {
 
 /// State at time `t` since the start of the piece, s.
 #[must_use]
-pub fn state_at(motion: &Motion, t: f64) -> MotionState {
+pub fn state_at(motion: &MotionPiece, t: f64) -> MotionState {
     let mut state = MotionState::default();
     match motion {
-        Motion::Hold(posture) => state.position = *posture,
-        Motion::Quintic(polynomials) => {
+        MotionPiece::Hold(posture) => state.position = *posture,
+        MotionPiece::Quintic(polynomials) => {
             for (j, c) in polynomials.iter().enumerate() {
                 state.set(j, polynomial(c, t));
             }
         }
-        Motion::Fourier(series) => fourier(series, t, &mut state),
-        Motion::Shuttle(shuttles) => {
+        MotionPiece::Fourier(series) => fourier(series, t, &mut state),
+        MotionPiece::Shuttle(shuttles) => {
             for (j, shuttle) in shuttles.iter().enumerate() {
                 state.set(j, shuttle_at(shuttle, t));
             }
         }
-        Motion::Plateaus(plateaus) => {
+        MotionPiece::Plateaus(plateaus) => {
             state.position = plateaus.posture;
             let stroke = &plateaus.stroke;
             if let Some((way, within)) = way_and_time(t, stroke.duration(), plateaus.strokes) {
@@ -184,7 +184,7 @@ pub fn state_at(motion: &Motion, t: f64) -> MotionState {
 
 /// Polynomial motion of `duration` seconds that joins two states with all derivatives.
 #[must_use]
-pub fn quintic(from: &MotionState, to: &MotionState, joint_count: usize, duration: f64) -> Motion {
+pub fn quintic(from: &MotionState, to: &MotionState, joint_count: usize, duration: f64) -> MotionPiece {
     let t = duration;
     let polynomials = (0..joint_count)
         .map(|j| {
@@ -202,7 +202,7 @@ pub fn quintic(from: &MotionState, to: &MotionState, joint_count: usize, duratio
             ]
         })
         .collect();
-    Motion::Quintic(polynomials)
+    MotionPiece::Quintic(polynomials)
 }
 
 fn polynomial(c: &[f64; 6], t: f64) -> [f64; 3] {
@@ -294,7 +294,7 @@ mod tests {
     #[test]
     fn a_shuttle_reaches_its_travel_and_comes_back() {
         let shuttle = Shuttle { start: -1.0, travel: 2.5, stroke_s: 0.8, strokes: 2 };
-        let motion = Motion::Shuttle(vec![shuttle]);
+        let motion = MotionPiece::Shuttle(vec![shuttle]);
         assert!((state_at(&motion, 0.8).position[0] - 1.5).abs() < 1e-12);
         assert!((state_at(&motion, 0.4).velocity[0] - 2.0 * 2.5 / 0.8).abs() < 1e-12, "peak of [4.23]");
         assert!((state_at(&motion, 5.0).position[0] + 1.0).abs() < 1e-15);

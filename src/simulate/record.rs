@@ -10,7 +10,7 @@ use super::friction::{
     turned_along,
 };
 use super::heat::{Heat, Reading, friction_power};
-use super::motion::{Motion, MotionState, PerJoint};
+use super::motion::{MotionPiece, MotionState, PerJoint};
 use super::recording::{Recording, Row};
 use super::trajectory::{CyclePlan, Segment};
 use super::truth::{CycleTruth, FrictionLevelTruth, JointThermalTruth};
@@ -42,7 +42,9 @@ pub fn record<E>(
     let mut clock_rng = ChaCha8Rng::seed_from_u64(seed);
     clock_rng.set_stream(CLOCK_STREAM + stream);
     let mut gears = Gears::default();
+    let mut faults = recording.faults.clone();
     for cycle in 1..=recording.cycles {
+        faults.begin_cycle(cycle);
         let first = u64::from(cycle - 1) * u64::from(rows_per_cycle);
         let start_s = first as f64 / recording.sample_rate_hz;
         let mut tally = Tally::new(&recording.plan);
@@ -55,8 +57,11 @@ pub fn record<E>(
             let state = segment.state_at(t);
             let time = (first + u64::from(k)) as f64 / recording.sample_rate_hz + late;
             let turned = gears.turn(recording, &state);
-            let (torque, lost) = true_torque(recording, (&state, &turned), time, segment, t, &mut tally);
-            let row = measured(recording, &mut rng, time, cycle, segment, &state, torque);
+            let (mut torque, lost) =
+                true_torque(recording, faults.friction(), (&state, &turned), time, segment, t, &mut tally);
+            faults.push(t / recording.plan.duration, &mut torque);
+            let mut row = measured(recording, &mut rng, time, cycle, segment, &state, torque);
+            faults.distort(&mut row.position, &mut row.torque);
             let reading = heat
                 .as_mut()
                 .map(|heat| heat.step(time, dt, &torque, &friction_power(&lost, &state.velocity)));
@@ -71,6 +76,7 @@ pub fn record<E>(
 /// Torque at each joint, and the part of it that the gears lose; plateau friction is tallied on the way.
 fn true_torque(
     recording: &Recording,
+    friction_factor: &PerJoint,
     (state, turned): (&MotionState, &PerJoint),
     time: f64,
     segment: &Segment,
@@ -79,14 +85,17 @@ fn true_torque(
 ) -> (PerJoint, PerJoint) {
     let thermal = thermal_at(recording, time);
     let plateau = match &segment.motion {
-        Motion::Plateaus(p) => p.plateau_direction(t - segment.start).map(|direction| (p.joint, direction)),
+        MotionPiece::Plateaus(p) => {
+            p.plateau_direction(t - segment.start).map(|direction| (p.joint, direction))
+        }
         _ => None,
     };
     let mut torque = joint_torque(&recording.chain, state);
     let mut all_lost = [0.0; MAX_JOINTS];
     for (j, friction) in recording.friction.iter().enumerate() {
         let (q, qd) = (state.position[j], state.velocity[j]);
-        let lost = friction_torque_at(friction, &coefficients_at(friction, thermal), qd, turned[j]);
+        let lost = friction_factor[j]
+            * friction_torque_at(friction, &coefficients_at(friction, thermal), qd, turned[j]);
         torque[j] += lost + ripple_torque(friction, q, qd);
         all_lost[j] = lost;
         if let Some((joint, direction)) = plateau
@@ -138,7 +147,7 @@ pub(super) fn measured(
             [rng.sample(StandardNormal), rng.sample(StandardNormal), rng.sample(StandardNormal)];
         position[j] = stepped(state.position[j] + sensors.position_noise * p, sensors.position_step);
         velocity[j] = stepped(state.velocity[j] + sensors.velocity_noise * v, sensors.velocity_step);
-        torque[j] += noise * t;
+        torque[j] += noise * recording.faults.noise(j) * t;
     }
     Row {
         time,

@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use super::dynamics::RigidChain;
+use super::fault::RunFaults;
 use super::friction::{JointFriction, ThermalState};
 use super::motion::PerJoint;
 use super::temperatures::TemperatureSettings;
@@ -86,6 +87,8 @@ pub struct Recording {
     pub initial: ThermalState,
     /// Temperatures that the controller records.
     pub temperatures: TemperatureSettings,
+    /// What is wrong in this run.
+    pub faults: RunFaults,
 }
 
 /// One row as recorded; arrays are zero beyond the arm's joints.

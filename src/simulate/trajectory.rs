@@ -5,7 +5,9 @@
 
 use super::error::SimulateError;
 use super::excitation::fourier_excitation;
-use super::motion::{Motion, MotionState, PerJoint, Plateaus, RAMP_EDGE, Shuttle, Stroke, quintic, state_at};
+use super::motion::{
+    MotionPiece, MotionState, PerJoint, Plateaus, RAMP_EDGE, Shuttle, Stroke, quintic, state_at,
+};
 use crate::robot::{Joint, JointIndex, JointLimits, MAX_JOINTS, Robot};
 use crate::run::{FrictionSignal, Stage};
 
@@ -66,7 +68,7 @@ pub struct Segment {
     /// Joint and level during the friction stage.
     pub signal: Option<FrictionSignal>,
     /// The motion, in its own time from 0.
-    pub motion: Motion,
+    pub motion: MotionPiece,
 }
 
 impl Segment {
@@ -131,14 +133,14 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    fn push(&mut self, stage: Stage, signal: Option<FrictionSignal>, duration: f64, motion: Motion) {
+    fn push(&mut self, stage: Stage, signal: Option<FrictionSignal>, duration: f64, motion: MotionPiece) {
         self.state = state_at(&motion, duration);
         self.segments.push(Segment { start: self.clock, duration, stage, signal, motion });
         self.clock += duration;
     }
 
     fn rest(&mut self, duration: f64) {
-        self.push(Stage::Between, None, duration, Motion::Hold(self.state.position));
+        self.push(Stage::Between, None, duration, MotionPiece::Hold(self.state.position));
     }
 
     fn move_to(&mut self, target: &MotionState, stage: Stage) -> Result<(), SimulateError> {
@@ -151,7 +153,7 @@ impl Builder<'_> {
     fn excitation(&mut self, seed: u64) -> Result<(), SimulateError> {
         let series = fourier_excitation(self.robot, seed)?;
         let period = 1.0 / series.base_frequency;
-        let motion = Motion::Fourier(series);
+        let motion = MotionPiece::Fourier(series);
         self.move_to(&state_at(&motion, 0.0), Stage::Between)?;
         self.push(Stage::Excitation, None, period, motion);
         let shuttles: Vec<Shuttle> =
@@ -170,7 +172,12 @@ impl Builder<'_> {
             for (level, fraction) in (1..=u8::MAX).zip(&robot.speed_levels) {
                 let plateaus = level_motion(joint, index, posture, *fraction);
                 let signal = FrictionSignal { joint: index, level };
-                self.push(Stage::Friction, Some(signal), plateaus.duration(), Motion::Plateaus(plateaus));
+                self.push(
+                    Stage::Friction,
+                    Some(signal),
+                    plateaus.duration(),
+                    MotionPiece::Plateaus(plateaus),
+                );
             }
         }
         Ok(())
@@ -183,14 +190,14 @@ impl Builder<'_> {
         let shuttles: Vec<Shuttle> =
             self.robot.joints.iter().map(|j| warming_shuttle(j, warming_s)).collect();
         self.move_to(&shuttle_start(&shuttles), Stage::Between)?;
-        self.push(Stage::Warming, None, warming_s, Motion::Shuttle(shuttles));
+        self.push(Stage::Warming, None, warming_s, MotionPiece::Shuttle(shuttles));
         Ok(())
     }
 
     fn shuttle(&mut self, shuttles: Vec<Shuttle>, stage: Stage) -> Result<(), SimulateError> {
         self.move_to(&shuttle_start(&shuttles), stage)?;
         let duration = shuttles.iter().map(|s| f64::from(s.strokes) * s.stroke_s).fold(0.0, f64::max);
-        self.push(stage, None, duration, Motion::Shuttle(shuttles));
+        self.push(stage, None, duration, MotionPiece::Shuttle(shuttles));
         Ok(())
     }
 }
@@ -204,7 +211,7 @@ fn shuttle_start(shuttles: &[Shuttle]) -> MotionState {
 }
 
 /// The shortest polynomial between two states that keeps inside all limits.
-fn blend(robot: &Robot, from: &MotionState, to: &MotionState) -> Result<(f64, Motion), SimulateError> {
+fn blend(robot: &Robot, from: &MotionState, to: &MotionState) -> Result<(f64, MotionPiece), SimulateError> {
     // Peaks of the rest-to-rest polynomial: 15/8 D/T and 10/sqrt(3) D/T².
     let mut duration = robot.joints.iter().enumerate().fold(MOVE_MIN_S, |longest, (j, joint)| {
         let distance = (to.position[j] - from.position[j]).abs();
@@ -225,7 +232,7 @@ fn blend(robot: &Robot, from: &MotionState, to: &MotionState) -> Result<(f64, Mo
     Err(SimulateError::NoBlend { joint: blocked })
 }
 
-fn first_outside(robot: &Robot, motion: &Motion, duration: f64) -> Option<JointIndex> {
+fn first_outside(robot: &Robot, motion: &MotionPiece, duration: f64) -> Option<JointIndex> {
     const STEPS: u32 = 100;
     (0..=STEPS).find_map(|k| {
         let state = state_at(motion, duration * f64::from(k) / f64::from(STEPS));
@@ -402,7 +409,7 @@ mod tests {
             let levels: Vec<&Segment> = plan.segments.iter().filter(|s| s.signal.is_some()).collect();
             assert_eq!(levels.len(), robot.joint_count() * robot.speed_levels.len());
             for segment in levels {
-                let Motion::Plateaus(plateaus) = segment.motion else { panic!("{:?}", segment.motion) };
+                let MotionPiece::Plateaus(plateaus) = segment.motion else { panic!("{:?}", segment.motion) };
                 let signal = segment.signal.unwrap();
                 let limit = robot.joints[signal.joint.index()].limits.velocity;
                 let wanted = robot.speed_levels[usize::from(signal.level) - 1] * limit;
@@ -459,7 +466,7 @@ mod tests {
             let plan = plan(&robot, warming_s);
             assert!((stage_s(&plan, Stage::Warming) - warming_s).abs() < 1e-12);
             let shuttles = plan.segments.iter().find_map(|s| match &s.motion {
-                Motion::Shuttle(shuttles) if s.stage == Stage::Warming => Some(shuttles.clone()),
+                MotionPiece::Shuttle(shuttles) if s.stage == Stage::Warming => Some(shuttles.clone()),
                 _ => None,
             });
             for (shuttle, joint) in shuttles.unwrap().iter().zip(&robot.joints) {

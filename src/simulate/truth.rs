@@ -87,9 +87,9 @@ pub struct LoadTruth {
 pub struct FaultTruth {
     /// The fault as it is written on the command line.
     pub fault: String,
-    /// Joint number, from 1.
-    pub joint: usize,
-    /// Its size in this run; 0 before it starts.
+    /// Joint number, from 1; null where it is the whole arm's.
+    pub joint: Option<usize>,
+    /// Its size in this run, in the unit of its kind; 0 where it is not there.
     pub size: f64,
 }
 

@@ -8,6 +8,7 @@ mod ledger;
 mod results;
 mod robot;
 mod kept;
+mod delivery;
 #[cfg(test)]
 mod tests;
 mod views;
@@ -20,6 +21,9 @@ mod open;
 mod values;
 
 pub use claim::DaemonClaim;
+pub use delivery::alarm::AlarmEvent;
+pub use delivery::queue::{Again, DueMessage, RouteState};
+pub use delivery::routes::{Fate, Held, RouteEntry};
 pub use error::StoreError;
 pub use finish::{FinishTransaction, Replaced};
 pub use handle::Store;
@@ -28,7 +32,7 @@ pub use kept::parameter_sets::{ParameterSet, SourceCycle};
 pub use kept::reestimates::{
     CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,
 };
-pub use ledger::quarantine::{Dismissal, Fault, FaultState, QuarantineRow};
+pub use ledger::quarantine::{Dismissal, ExportFault, FaultState, QuarantineRow};
 pub use ledger::resume::{ReadSoFar, StoredPoint};
 pub use ledger::runs::{Begun, Identity, KnownRun, Owner, RunStart, RunTotals};
 pub use ledger::sources::{EarlierRun, Recording, RunSource, SourceState, UnfinishedSource};
@@ -37,7 +41,9 @@ pub use results::factors::{FactorsWanted, StoredCycle};
 pub use results::production::{ProductionWindow, ReferenceTest};
 pub use results::run_analysis::JointDeviation;
 pub use results::verification::{CycleState, OfCycle};
-pub use robot::anomalies::Reconciled;
+pub use robot::alarm_life::{AlarmAction, AnomalyHistoryRow, NotDone, SeriesRun};
+pub use robot::alarm_state::{AlarmState, EventKind};
+pub use robot::anomalies::{AnomalyEvent, Reconciled};
 pub use robot::baseline_plan::{FrictionPlan, PlannedMap, PlannedTest, plan};
 pub use robot::baselines::{
     BaselineChange, BaselineRow, Basis, FrictionConclusion, FrictionTest, FrictionTests, NewBaseline,
@@ -47,6 +53,5 @@ pub use robot::conclude::{ConclusionTransaction, StaleRobot};
 pub use robot::conclusion_faults::ConclusionFault;
 pub use robot::friction::{CycleSpeedFits, IndexRow, ThermalSourceRow};
 pub use robot::health::{OverdueRobot, RunResult};
-pub use robot::history::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 pub use robot::maintenance::{DescriptionKey, MaintenanceRow, NewMaintenance};
 pub use views::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};

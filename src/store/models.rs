@@ -6,9 +6,7 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::values::{ROWS_PER_STATEMENT, joint_number, parameter};
-use crate::robot::{
-    FrictionLaw, FrictionModel, GeometrySource, Joint, JointKind, ParameterId, Robot, TorqueSensors,
-};
+use crate::robot::{FrictionModel, GeometrySource, Joint, JointKind, ParameterId, Robot, TorqueSensors};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 
@@ -209,13 +207,13 @@ pub fn description_hash(robot: &Robot) -> [u8; 32] {
     }
     // The columns that all robots had at first add nothing, so that their hash is as it was.
     if robot.friction != FrictionModel::POLYNOMIAL {
-        friction_numbers(robot.friction).into_iter().for_each(&mut add);
+        robot.friction.numbers().into_iter().for_each(&mut add);
     }
     for joint in robot.joint_indices() {
         let model = robot.friction_of(joint);
         if model != robot.friction {
             let number = -(joint.number() as f64);
-            [number].into_iter().chain(friction_numbers(model)).for_each(&mut add);
+            [number].into_iter().chain(model.numbers()).for_each(&mut add);
         }
     }
     if robot.torque_sensors == TorqueSensors::Link {
@@ -247,17 +245,6 @@ pub(super) fn figures_hash(robot: &Robot) -> [u8; 32] {
     robot.transmission.iter().copied().for_each(&mut add);
     robot.speed_levels.iter().copied().for_each(&mut add);
     *hasher.finalize().as_bytes()
-}
-
-/// A friction model as numbers.
-fn friction_numbers(model: FrictionModel) -> [f64; 3] {
-    let (law, speed) = match model.law {
-        FrictionLaw::Polynomial => (0.0, 0.0),
-        FrictionLaw::ViscousCoulomb => (1.0, 0.0),
-        FrictionLaw::Smooth { speed } => (2.0, speed),
-        FrictionLaw::None => (3.0, 0.0),
-    };
-    [law, speed, f64::from(u8::from(model.asymmetric))]
 }
 
 fn add_joint(joint: &Joint, add: &mut impl FnMut(f64)) {

@@ -236,28 +236,28 @@ async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<i64, Sto
         Err(error) => Err(error),
     };
     match result.map_err(|e| StoreError::from_sqlx(path, &e))? {
-        Identity::New => Ok(0),
-        Identity::Ours { schema } => {
+        FileIdentity::New => Ok(0),
+        FileIdentity::Ours { schema } => {
             let known = latest_schema();
             if schema > known {
                 return Err(StoreError::Newer { path: path.to_path_buf(), found: schema, known });
             }
             Ok(schema)
         }
-        Identity::Foreign => Err(StoreError::NotADatabase {
+        FileIdentity::Foreign => Err(StoreError::NotADatabase {
             path: path.to_path_buf(),
             detail: "it is the SQLite database of another program".into(),
         }),
     }
 }
 
-enum Identity {
+enum FileIdentity {
     New,
     Ours { schema: i64 },
     Foreign,
 }
 
-async fn identity(connection: &mut SqliteConnection) -> Result<Identity, sqlx::Error> {
+async fn identity(connection: &mut SqliteConnection) -> Result<FileIdentity, sqlx::Error> {
     let application_id: i64 = sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut *connection).await?;
     let tables: i64 =
         sqlx::query_scalar("SELECT count(*) FROM sqlite_schema").fetch_one(&mut *connection).await?;
@@ -265,10 +265,10 @@ async fn identity(connection: &mut SqliteConnection) -> Result<Identity, sqlx::E
         (APPLICATION_ID, _) => {
             let schema: Option<i64> =
                 sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations").fetch_one(connection).await?;
-            Ok(Identity::Ours { schema: schema.unwrap_or(0) })
+            Ok(FileIdentity::Ours { schema: schema.unwrap_or(0) })
         }
-        (0, 0) => Ok(Identity::New),
-        _ => Ok(Identity::Foreign),
+        (0, 0) => Ok(FileIdentity::New),
+        _ => Ok(FileIdentity::Foreign),
     }
 }
 

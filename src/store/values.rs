@@ -61,6 +61,14 @@ pub(super) fn time(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx::Err
     Timestamp::from_microsecond(microseconds).map_err(|_| unknown(column, microseconds))
 }
 
+/// Reads integer microseconds UTC that may be absent.
+pub(super) fn known_time(row: &SqliteRow, column: &str) -> Result<Option<Timestamp>, sqlx::Error> {
+    match row.try_get::<Option<i64>, _>(column)? {
+        Some(_) => time(row, column).map(Some),
+        None => Ok(None),
+    }
+}
+
 /// Reads one of a closed list by its name.
 pub(super) fn named<T: Copy>(
     row: &SqliteRow,

@@ -6,7 +6,7 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use super::ledger::runs;
 use super::values::{joint, named, size};
-use crate::anomaly::Severity;
+use crate::anomaly::{Alternative, Severity};
 use crate::robot::JointIndex;
 use crate::run::{RunKind, RunStatus};
 use crate::store::error::StoreError;
@@ -106,8 +106,8 @@ pub struct AnomalyRow {
     pub anomaly_id: i64,
     /// The individual robot.
     pub robot: String,
-    /// Run with which the episode began.
-    pub run_id: i64,
+    /// Run with which the episode began; `None` if it was taken away and the history is not judged again yet.
+    pub run_id: Option<i64>,
     /// Cycle of that run with which it began, where it is a cycle's.
     pub cycle: Option<u32>,
     /// The joint; `None` where the cause is the whole arm's.
@@ -130,12 +130,30 @@ pub struct AnomalyRow {
     pub first_seen_at: Timestamp,
     /// Start of the latest run.
     pub last_seen_at: Timestamp,
-    /// `open`, `acknowledged` or `resolved`.
+    /// `open`, `acknowledged`, `shelved`, `maintenance`, `resolved` or `false_alarm`.
     pub state: String,
     /// What a technician should read.
     pub message: String,
+    /// Latest run that showed it.
+    pub last_run_id: Option<i64>,
     /// The value that was furthest out.
     pub peak_value: Option<f64>,
+    /// The score that was furthest out.
+    pub peak_score: Option<f64>,
+    /// When the change most likely began.
+    pub onset_at: Option<Timestamp>,
+    /// With which run.
+    pub onset_run_id: Option<i64>,
+    /// With which cycle of that run, where that can be said.
+    pub onset_cycle: Option<u32>,
+    /// Odds of the named cause against all others together, where causes were compared.
+    pub odds: Option<f64>,
+    /// Rejected causes, the likeliest first; odds that are not known are not a number.
+    pub alternatives: Vec<Alternative>,
+    /// Until when it is shelved.
+    pub shelved_until: Option<Timestamp>,
+    /// Whether later runs no longer show it, whatever people said of it.
+    pub ended: bool,
 }
 
 impl AnomalyRow {
@@ -265,10 +283,10 @@ pub(in crate::store) async fn anomalies_after(
     executor: impl SqliteExecutor<'_>,
     after: i64,
 ) -> Result<Vec<AnomalyRow>, sqlx::Error> {
-    const ALL: [Severity; 3] = [Severity::Info, Severity::Warning, Severity::Critical];
     sqlx::query(
         "SELECT anomaly_id, robot, run_id, cycle, joint, kind, quantity, severity, score, threshold, value, baseline,
-                first_seen_at, last_seen_at, state, message, peak_value
+                first_seen_at, last_seen_at, state, message, last_run_id, peak_value, peak_score, onset_at, onset_run_id,
+                onset_cycle, odds, alternatives, shelved_until, ended
          FROM anomalies
          WHERE anomaly_id > ?
          ORDER BY anomaly_id",
@@ -286,7 +304,7 @@ pub(in crate::store) async fn anomalies_after(
             },
             kind: row.try_get("kind")?,
             quantity: row.try_get("quantity")?,
-            severity: named(&row, "severity", &ALL, Severity::name)?,
+            severity: named(&row, "severity", &Severity::ALL, Severity::name)?,
             score: row.try_get("score")?,
             threshold: row.try_get("threshold")?,
             value: row.try_get("value")?,
@@ -295,11 +313,31 @@ pub(in crate::store) async fn anomalies_after(
             last_seen_at: time_text(&row, "last_seen_at")?,
             state: row.try_get("state")?,
             message: row.try_get("message")?,
+            last_run_id: row.try_get("last_run_id")?,
             peak_value: row.try_get("peak_value")?,
+            peak_score: row.try_get("peak_score")?,
+            onset_at: optional_time(&row, "onset_at")?,
+            onset_run_id: row.try_get("onset_run_id")?,
+            onset_cycle: row.try_get("onset_cycle")?,
+            odds: row.try_get("odds")?,
+            alternatives: alternatives(row.try_get("alternatives")?)?,
+            shelved_until: optional_time(&row, "shelved_until")?,
+            ended: row.try_get("ended")?,
         })
     })
     .fetch_all(executor)
     .await
+}
+
+/// Rejected causes from their JSON array.
+fn alternatives(text: &str) -> Result<Vec<Alternative>, sqlx::Error> {
+    let rejected: Vec<serde_json::Value> = serde_json::from_str(text)
+        .map_err(|error| sqlx::Error::Decode(format!("column alternatives holds {text}: {error}").into()))?;
+    let one = |of: &serde_json::Value| Alternative {
+        cause: of["cause"].as_str().unwrap_or_default().to_owned(),
+        odds: of["odds"].as_f64().unwrap_or(f64::NAN),
+    };
+    Ok(rejected.iter().map(one).collect())
 }
 
 /// How much is stored.
@@ -312,7 +350,7 @@ pub(in crate::store) async fn counts(executor: impl SqliteExecutor<'_>) -> Resul
                      AND run_id NOT IN (SELECT run_id FROM quarantine WHERE state = 'dismissed'))
                     AS quarantined_runs,
                 (SELECT count(*) FROM cycle) AS cycles,
-                (SELECT count(*) FROM anomaly WHERE state = 'open') AS open_anomalies",
+                (SELECT count(*) FROM anomaly WHERE state = 'open' AND NOT withdrawn) AS open_anomalies",
     )
     .try_map(|row: SqliteRow| {
         Ok(Counts {

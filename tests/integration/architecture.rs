@@ -130,6 +130,39 @@ fn tests_wait_for_events() {
     assert_eq!(sleeping, [(Path::new("tests/integration/support.rs").to_owned(), 1)]);
 }
 
+/// Files of tests that lie beside their subject, or in a folder that belongs to no file.
+fn misplaced_tests(paths: &[&str]) -> Vec<String> {
+    let there = |path: String| paths.contains(&path.as_str());
+    let misplaced = |path: &&&str| {
+        let (folder, name) = path.rsplit_once('/').unwrap_or(("", path));
+        let Some(topic) = name.strip_suffix("tests.rs") else {
+            return name.starts_with("tests_");
+        };
+        let has_owner = there(format!("{folder}.rs")) || there(format!("{folder}/mod.rs"));
+        let beside = there(format!("{folder}/{}.rs", topic.trim_end_matches('_')));
+        !has_owner || beside
+    };
+    paths.iter().filter(misplaced).map(ToString::to_string).collect()
+}
+
+#[test]
+fn long_tests_lie_in_the_folder_of_what_they_test() {
+    let sources = sources();
+    let paths: Vec<&str> = sources.keys().map(String::as_str).collect();
+    let misplaced = misplaced_tests(&paths);
+    assert!(misplaced.is_empty(), "see \"Inside the rooms\" in ARCHITECTURE.md: {misplaced:?}");
+    let planted = [
+        "a/b.rs",
+        "a/b/tests.rs",
+        "a/b/odd_tests.rs",
+        "a/mod.rs",
+        "a/b_tests.rs",
+        "a/c/tests.rs",
+        "a/tests_b.rs",
+    ];
+    assert_eq!(misplaced_tests(&planted), ["a/b_tests.rs", "a/c/tests.rs", "a/tests_b.rs"]);
+}
+
 #[test]
 fn the_simulator_is_a_second_road_to_the_truth() {
     let reached = document().reach("simulate");

@@ -132,7 +132,7 @@ fn crossed(name: &str, method: &Method, parts: &[Vec<JointFactor>], rate: f64, c
             for (_, part) in parts.iter().enumerate().filter(|(place, _)| *place != left_out) {
                 union.add(&method.columns, part, &shares).expect("the same columns");
             }
-            let factors = union.spread_by_joint();
+            let factors = union.embedded_by_joint();
             let found = identify_factors(union.columns().kept(), &factors, &shares, estimator);
             let found = found.expect("a motion that shows every parameter");
             let theta: Vec<f64> = found.parameters.iter().map(|parameter| parameter.value).collect();

@@ -6,6 +6,7 @@
 mod support;
 
 mod archive;
+mod alerts;
 mod architecture;
 mod bad_input;
 mod canon;
@@ -15,6 +16,7 @@ mod clock;
 mod control;
 mod crash;
 mod daemon;
+mod delivery;
 mod docs;
 #[cfg(target_os = "linux")]
 mod faults;

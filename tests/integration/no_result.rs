@@ -8,7 +8,7 @@ use crate::support::Workshop;
 const STATUS: &str = "SELECT DISTINCT status, last_run_at, last_result_at FROM fleet_health";
 
 /// Six healthy tests of R01, ingested, and the next one, healthy too, which is not.
-fn watched() -> (Workshop, String) {
+pub fn watched() -> (Workshop, String) {
     let workshop = Workshop::new();
     let shape = ["--runs", "7", "--cycles", "2", "--warming-s", "0", "--name", "R01", "--seed", "11"];
     let mut files = workshop.simulate("made", &shape);
@@ -25,7 +25,7 @@ fn watched() -> (Workshop, String) {
 }
 
 /// Writes an export with the cells of some columns changed.
-fn altered(export: &str, path: &Path, alter: impl Fn(&str, &str) -> Option<String>) {
+pub fn altered(export: &str, path: &Path, alter: impl Fn(&str, &str) -> Option<String>) {
     let mut lines = export.lines();
     let header = lines.next().expect("a header");
     let columns: Vec<&str> = header.split(',').collect();

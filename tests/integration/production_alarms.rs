@@ -11,7 +11,7 @@ use armwatch::numerics::detect::production::detect_production;
 use armwatch::numerics::production::{Reference, analyse_window, summarise};
 use armwatch::pipeline::take::cycles::read_cycle;
 use armwatch::robot::JointIndex;
-use armwatch::simulate::fault::Fault;
+use armwatch::simulate::fault::{Fault, FaultKind};
 use armwatch::simulate::load::Load;
 use armwatch::simulate::{SimulationSettings, simulate_run};
 use nalgebra::{Matrix3, Vector3};
@@ -179,12 +179,12 @@ fn wear_between_tests_is_found() {
     for (step, worn) in [(0.25, 540..543), (0.5, 543..546)] {
         for seed in worn {
             let joint = usize::try_from(seed).expect("small") % 6;
-            let faults = vec![Fault::Wear {
-                joint: JointIndex::new(joint),
-                // wear begins with the fifth log after the first test
+            // wear begins with the fifth log after the first test
+            let faults = vec![Fault {
+                kind: FaultKind::Wear { rate_per_run: step, cap: step },
+                joint: Some(JointIndex::new(joint)),
                 start_run: 6,
-                rate_per_run: step,
-                cap: step,
+                last_run: None,
             }];
             let history = arm.history(seed, 1, |run| State { faults: faults.clone(), ..weather(seed, run) });
             let found = detect_production(&history);

@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::index;
-use super::index::JointSeries;
+use super::index::JointIndexSeries;
 use crate::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
 use crate::cli::context::{CliError, EXIT_DONE, Global, open_store, runtime};
 use crate::cli::shared::output;
@@ -134,14 +134,14 @@ pub(in crate::cli) fn friction(global: &Global, args: &FrictionArgs) -> Result<u
     Ok(EXIT_DONE)
 }
 
-async fn index_series(args: &FrictionArgs, store: &Store) -> Result<Vec<JointSeries>, CliError> {
+async fn index_series(args: &FrictionArgs, store: &Store) -> Result<Vec<JointIndexSeries>, CliError> {
     let known = store.runs().await?;
     let mut series = Vec::new();
     for robot in &args.robots {
         runs_of(&known, robot)?;
         let mut rows = store.friction_indices(robot).await?;
         rows.retain(|row| args.joint.is_none_or(|joint| row.joint.number() == usize::from(joint)));
-        series.extend(JointSeries::of(robot, &rows, &store.thermal_sources(robot).await?));
+        series.extend(JointIndexSeries::of(robot, &rows, &store.thermal_sources(robot).await?));
     }
     if series.is_empty() {
         return Err(CliError::Usage(format!(

@@ -11,14 +11,14 @@ use crate::report::friction_index::{IndexPoint, index_figure};
 use crate::store::{IndexRow, ThermalSourceRow};
 
 /// Indices of one joint of one robot, oldest run first.
-pub(in crate::cli) struct JointSeries {
+pub(in crate::cli) struct JointIndexSeries {
     robot: String,
     rows: Vec<IndexRow>,
     /// What the thermal state is taken from, where there is a map now.
     source: Option<ThermalSourceRow>,
 }
 
-impl JointSeries {
+impl JointIndexSeries {
     /// Splits rows of a robot, ordered by joint.
     pub(in crate::cli) fn of(robot: &str, rows: &[IndexRow], sources: &[ThermalSourceRow]) -> Vec<Self> {
         let source = |joint| sources.iter().find(|source| source.joint == joint).cloned();
@@ -57,8 +57,8 @@ impl JointSeries {
 }
 
 /// Prints all series, as tables or, with `json`, an object a line.
-pub(in crate::cli) fn print(series: &[JointSeries], json: bool) {
-    let long: Vec<Vec<f64>> = series.iter().map(JointSeries::values).collect();
+pub(in crate::cli) fn print(series: &[JointIndexSeries], json: bool) {
+    let long: Vec<Vec<f64>> = series.iter().map(JointIndexSeries::values).collect();
     let together = common_lag_1(&long);
     if json {
         series.iter().for_each(|of_joint| output::json(&as_value(of_joint)));
@@ -90,14 +90,14 @@ pub(in crate::cli) fn print(series: &[JointSeries], json: bool) {
 }
 
 /// Picture of all series, days counted from the first run of all.
-pub(in crate::cli) fn figure(series: &[JointSeries], names: &str) -> Figure {
+pub(in crate::cli) fn figure(series: &[JointIndexSeries], names: &str) -> Figure {
     const SECONDS_A_DAY: f64 = 86_400.0;
     let half = normal_quantile(0.975);
     let seconds = |row: &IndexRow| row.started_at.as_second() as f64;
     let rows = series.iter().flat_map(|of| &of.rows);
     let first = rows.map(seconds).fold(f64::INFINITY, f64::min);
     let robots = series.chunk_by(|a, b| a.robot == b.robot).count();
-    let panel = |of: &JointSeries| {
+    let panel = |of: &JointIndexSeries| {
         let joint = of.rows[0].joint;
         let title =
             if robots > 1 { format!("{}, joint {joint}", of.robot) } else { format!("joint {joint}") };
@@ -114,10 +114,10 @@ pub(in crate::cli) fn figure(series: &[JointSeries], names: &str) -> Figure {
     index_figure(&panels, format!("{names}: friction index by run"), subtitle.into())
 }
 
-fn robot_text(series: &[JointSeries]) -> String {
+fn robot_text(series: &[JointIndexSeries]) -> String {
     let mut lines = vec![format!("friction index of {}", series[0].robot)];
     let half = normal_quantile(0.975);
-    let cells = |of_joint: &JointSeries, row: &IndexRow| {
+    let cells = |of_joint: &JointIndexSeries, row: &IndexRow| {
         let (low, high) =
             (row.index.value - half * row.index.std_error, row.index.value + half * row.index.std_error);
         vec![
@@ -147,11 +147,11 @@ fn robot_text(series: &[JointSeries]) -> String {
         "thermal state",
     ];
     lines.push(output::table(&header, &rows));
-    lines.extend(series.iter().flat_map(JointSeries::remarks).map(str::to_owned));
+    lines.extend(series.iter().flat_map(JointIndexSeries::remarks).map(str::to_owned));
     lines.join("\n")
 }
 
-fn summary_cells(of_joint: &JointSeries) -> Vec<String> {
+fn summary_cells(of_joint: &JointIndexSeries) -> Vec<String> {
     let mut cells = vec![of_joint.rows[0].joint.to_string(), of_joint.rows.len().to_string()];
     match whiteness(&of_joint.values()) {
         Some(white) => cells.extend([
@@ -169,7 +169,7 @@ fn summary_cells(of_joint: &JointSeries) -> Vec<String> {
     cells
 }
 
-fn as_value(of_joint: &JointSeries) -> serde_json::Value {
+fn as_value(of_joint: &JointIndexSeries) -> serde_json::Value {
     let half = normal_quantile(0.975);
     let runs: Vec<serde_json::Value> = (of_joint.rows.iter())
         .map(|row| {
@@ -224,7 +224,7 @@ mod tests {
             source: "motor_temperature".into(),
             remarks: Some("joint 1: the fast time constant is assumed".into()),
         };
-        let series = JointSeries::of("R01", &all, &[source]);
+        let series = JointIndexSeries::of("R01", &all, &[source]);
         assert_eq!(series.len(), 2);
         let text = robot_text(&series);
         assert!(text.contains("too few runs") && text.contains("  no  "), "{text}");

@@ -1,8 +1,10 @@
 //! Options of `armwatch identify`.
 
+use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
 
 use crate::cli::context::CliError;
+use crate::numerics::pooled::estimate::EstimatorKind;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -77,18 +79,35 @@ pub(in crate::cli) struct IdentifyArgs {
     pub(in crate::cli) save: Option<String>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(in crate::cli) enum EstimatorArg {
-    /// Every row alike
-    Ordinary,
-    /// Each joint by its residual variance
-    Weighted,
-    /// Each joint alone
-    PerJoint,
-    /// Weighted, cycles that do not fit the others with less weight
-    Huber,
-    /// Weighted, towards what is known beforehand
-    Prior,
+/// An estimator as it is typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::cli) struct EstimatorArg(pub(in crate::cli) EstimatorKind);
+
+impl ValueEnum for EstimatorArg {
+    fn value_variants<'a>() -> &'a [Self] {
+        const ALL: [EstimatorArg; EstimatorKind::ALL.len()] = {
+            let [first, second, third, fourth, fifth] = EstimatorKind::ALL;
+            [
+                EstimatorArg(first),
+                EstimatorArg(second),
+                EstimatorArg(third),
+                EstimatorArg(fourth),
+                EstimatorArg(fifth),
+            ]
+        };
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        let help = match self.0 {
+            EstimatorKind::Ordinary => "Every row alike",
+            EstimatorKind::Weighted => "Each joint by its residual variance",
+            EstimatorKind::PerJoint => "Each joint alone",
+            EstimatorKind::Huber => "Weighted, cycles that do not fit the others with less weight",
+            EstimatorKind::Prior => "Weighted, towards what is known beforehand",
+        };
+        Some(PossibleValue::new(self.0.name()).help(help))
+    }
 }
 
 pub(in crate::cli) fn name_taken(name: &str) -> CliError {

@@ -1,6 +1,6 @@
 //! `armwatch identify`: one parameter set from chosen cycles, or one from each, without their exports.
 
-use super::args::{EstimatorArg, IdentifyArgs, name_taken};
+use super::args::{IdentifyArgs, name_taken};
 use super::each_cycle;
 use super::output::{Report, print};
 use super::prior_choice::{prior_choice, sources_overlap};
@@ -10,17 +10,19 @@ use crate::cli::shared::output;
 use crate::cli::shared::selection::{cycle_numbers, note_passed_over, runs_of};
 use crate::config::Config;
 use crate::numerics::least_squares::essential::EssentialSettings;
-use crate::numerics::pooled::estimate::{EstimatorKind, PooledEstimate};
+use crate::numerics::pooled::estimate::{EstimatorKind, PooledEstimate, StackedEstimator};
 use crate::numerics::pooled::per_joint::PerJointEstimate;
-use crate::pipeline::stored::chosen_cycles::{Candidate, Chosen, Taken, rmsd_of_views, rmsd_on, take};
-use crate::pipeline::stored::reestimate::{Choice, Outcome, Together, estimate_together};
+use crate::pipeline::stored::chosen_cycles::{
+    Candidate, PooledCycles, RunCycles, rmsd_of_views, rmsd_on, take,
+};
+use crate::pipeline::stored::reestimate::{Choice, PooledOutcome, PooledResult, estimate_together};
 use crate::robot::JointIndex;
 use crate::store::{ParameterSet, Store};
 
 pub(in crate::cli) fn identify(global: &Global, args: &IdentifyArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     let cycles = args.cycles.as_deref().map(cycle_numbers).transpose().map_err(CliError::Usage)?;
-    let estimator = args.estimator.unwrap_or_else(|| configured(&config));
+    let estimator = args.estimator.map_or_else(|| configured(&config), |of| of.0);
     check(args, estimator)?;
     runtime()?.block_on(async {
         let store = open_store(&config).await?;
@@ -31,7 +33,7 @@ pub(in crate::cli) fn identify(global: &Global, args: &IdentifyArgs) -> Result<u
 }
 
 /// The configured estimator, or what stands for it on factors.
-fn configured(config: &Config) -> EstimatorArg {
+fn configured(config: &Config) -> EstimatorKind {
     let configured = config.analysis.estimator;
     if configured.of_factors() != configured {
         output::print_hint(&format!(
@@ -42,22 +44,22 @@ fn configured(config: &Config) -> EstimatorArg {
         ));
     }
     match configured.of_factors() {
-        Estimator::Ordinary => EstimatorArg::Ordinary,
-        Estimator::Weighted | Estimator::Huber => EstimatorArg::Weighted,
+        Estimator::Ordinary => EstimatorKind::Ordinary,
+        Estimator::Weighted | Estimator::Huber => EstimatorKind::Weighted,
     }
 }
 
 /// What cannot be together.
-fn check(args: &IdentifyArgs, of: EstimatorArg) -> Result<(), CliError> {
+fn check(args: &IdentifyArgs, of: EstimatorKind) -> Result<(), CliError> {
     args.save.as_deref().map_or(Ok(()), check_name)?;
     let refuse = |what: &str| Err(CliError::Usage(what.to_owned()));
-    if args.prior.is_some() && of != EstimatorArg::Prior {
+    if args.prior.is_some() && of != EstimatorKind::Prior {
         return refuse("--prior goes with --estimator prior");
     }
-    if args.essential && matches!(of, EstimatorArg::PerJoint | EstimatorArg::Prior) {
+    if args.essential && matches!(of, EstimatorKind::PerJoint | EstimatorKind::Prior) {
         return refuse("--essential goes with the estimators ordinary, weighted and huber");
     }
-    if args.save.is_some() && of == EstimatorArg::PerJoint && !args.each_cycle {
+    if args.save.is_some() && of == EstimatorKind::PerJoint && !args.each_cycle {
         return refuse(
             "the joints' own views are not one set of parameters, so they cannot be kept as one; --estimator \
              weighted brings them together, and --each-cycle keeps them apart",
@@ -74,7 +76,7 @@ fn check(args: &IdentifyArgs, of: EstimatorArg) -> Result<(), CliError> {
 async fn identify_stored(
     global: &Global,
     args: &IdentifyArgs,
-    (estimator, cycles): (EstimatorArg, Option<Vec<u32>>),
+    (estimator, cycles): (EstimatorKind, Option<Vec<u32>>),
     config: &Config,
     store: &Store,
 ) -> Result<u8, CliError> {
@@ -83,15 +85,15 @@ async fn identify_stored(
     for robot in &args.robots {
         run_ids.extend(runs_of(&known, robot)?.iter().map(|run| run.run_id));
     }
-    let chosen: Vec<Chosen> =
-        run_ids.iter().map(|&run_id| Chosen { run_id, cycles: cycles.clone() }).collect();
+    let chosen: Vec<RunCycles> =
+        run_ids.iter().map(|&run_id| RunCycles { run_id, cycles: cycles.clone() }).collect();
     let robot = known.iter().find(|run| run_ids.contains(&run.run_id)).map(|run| run.robot.clone());
     let (choice, prior_sources) = match estimator {
-        EstimatorArg::Ordinary => (Choice::Ordinary, Vec::new()),
-        EstimatorArg::Weighted => (Choice::Weighted, Vec::new()),
-        EstimatorArg::PerJoint => (Choice::PerJoint, Vec::new()),
-        EstimatorArg::Huber => (Choice::Huber, Vec::new()),
-        EstimatorArg::Prior => prior_choice(args, &chosen, robot.as_deref(), config, store).await?,
+        EstimatorKind::Ordinary => (Choice::Stacked(StackedEstimator::Ordinary), Vec::new()),
+        EstimatorKind::Weighted => (Choice::Stacked(StackedEstimator::Weighted), Vec::new()),
+        EstimatorKind::PerJoint => (Choice::PerJoint, Vec::new()),
+        EstimatorKind::Huber => (Choice::Stacked(StackedEstimator::Huber), Vec::new()),
+        EstimatorKind::Prior => prior_choice(args, &chosen, robot.as_deref(), config, store).await?,
     };
     if args.each_cycle {
         let expected = each_cycle::expected(&known, &chosen);
@@ -114,18 +116,18 @@ async fn identify_stored(
 async fn report(
     global: &Global,
     args: &IdentifyArgs,
-    chosen: &[Chosen],
+    chosen: &[RunCycles],
     estimator: EstimatorKind,
-    taken: &Taken,
-    together: Together,
+    taken: &PooledCycles,
+    together: PooledResult,
     store: &Store,
 ) -> Result<u8, CliError> {
     let (rmsd, rmsd_full) = match &together.outcome {
-        Outcome::Set(found) => rmsd_of_set(store, taken, found, chosen).await?,
-        Outcome::Views(views) => (rmsd_of_views(store, &parameters_of(views), chosen).await?, None),
-        Outcome::TooPoor => (Vec::new(), None),
+        PooledOutcome::Set(found) => rmsd_of_set(store, taken, found, chosen).await?,
+        PooledOutcome::Views(views) => (rmsd_of_views(store, &parameters_of(views), chosen).await?, None),
+        PooledOutcome::TooPoor => (Vec::new(), None),
     };
-    if let (Some(name), Outcome::Set(found)) = (&args.save, &together.outcome) {
+    if let (Some(name), PooledOutcome::Set(found)) = (&args.save, &together.outcome) {
         save(store, name, taken, found, estimator).await?;
     }
     let parameters = store.model_parameters(&taken.model).await?;
@@ -137,7 +139,7 @@ async fn report(
         rmsd: &rmsd,
         rmsd_full: rmsd_full.as_deref(),
         groupings: args.groupings,
-        saved: args.save.as_deref().filter(|_| matches!(together.outcome, Outcome::Set(_))),
+        saved: args.save.as_deref().filter(|_| matches!(together.outcome, PooledOutcome::Set(_))),
     };
     print(&report, global.json);
     if !global.json
@@ -146,9 +148,9 @@ async fn report(
         output::print_hint(&format!("saved as {name}"));
     }
     let complete = match &together.outcome {
-        Outcome::Set(_) => true,
-        Outcome::Views(views) => views.iter().all(|(_, view)| view.is_ok()),
-        Outcome::TooPoor => false,
+        PooledOutcome::Set(_) => true,
+        PooledOutcome::Views(views) => views.iter().all(|(_, view)| view.is_ok()),
+        PooledOutcome::TooPoor => false,
     };
     Ok(if complete { EXIT_DONE } else { EXIT_FOUND })
 }
@@ -158,9 +160,9 @@ type RmsdBeforeAndAfter = (Vec<TorqueRmsd>, Option<Vec<TorqueRmsd>>);
 /// RMSD of the set and, if parameters were taken away, of the full one.
 async fn rmsd_of_set(
     store: &Store,
-    taken: &Taken,
+    taken: &PooledCycles,
     found: &PooledEstimate,
-    chosen: &[Chosen],
+    chosen: &[RunCycles],
 ) -> Result<RmsdBeforeAndAfter, CliError> {
     let candidate =
         |parameters: &[_]| Candidate { model: taken.model.clone(), parameters: parameters.to_vec() };
@@ -184,7 +186,7 @@ fn parameters_of<E>(
 async fn save(
     store: &Store,
     name: &str,
-    taken: &Taken,
+    taken: &PooledCycles,
     found: &PooledEstimate,
     estimator: EstimatorKind,
 ) -> Result<(), CliError> {

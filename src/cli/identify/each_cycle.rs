@@ -11,7 +11,7 @@ use super::output::parameter_value;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::selection::note_passed_over;
-use crate::pipeline::stored::chosen_cycles::Chosen;
+use crate::pipeline::stored::chosen_cycles::RunCycles;
 use crate::pipeline::stored::reestimate::{Choice, reestimate};
 use crate::robot::ParameterId;
 use crate::store::{
@@ -21,7 +21,7 @@ use crate::store::{
 pub(in crate::cli) async fn each_cycle(
     global: &Global,
     args: &IdentifyArgs,
-    chosen: &[Chosen],
+    chosen: &[RunCycles],
     choice: &Choice,
     expected: u64,
     store: &Store,
@@ -50,8 +50,8 @@ pub(in crate::cli) async fn each_cycle(
 }
 
 /// Cycles that are to be done; cycles without factors are counted too.
-pub(in crate::cli) fn expected(known: &[RunRow], chosen: &[Chosen]) -> u64 {
-    let of = |chosen: &Chosen| match &chosen.cycles {
+pub(in crate::cli) fn expected(known: &[RunRow], chosen: &[RunCycles]) -> u64 {
+    let of = |chosen: &RunCycles| match &chosen.cycles {
         Some(cycles) => cycles.len() as u64,
         None => known.iter().find(|run| run.run_id == chosen.run_id).map_or(0, |run| u64::from(run.cycles)),
     };

@@ -10,16 +10,16 @@ use crate::numerics::NumericsError;
 use crate::numerics::least_squares::conditioning::FLAGGED_RELATIVE_ERROR;
 use crate::numerics::pooled::estimate::{ErrorBasis, EstimatorKind, PooledEstimate};
 use crate::numerics::pooled::per_joint::PerJointEstimate;
-use crate::pipeline::stored::chosen_cycles::Taken;
-use crate::pipeline::stored::reestimate::{Outcome, Together};
+use crate::pipeline::stored::chosen_cycles::PooledCycles;
+use crate::pipeline::stored::reestimate::{PooledOutcome, PooledResult};
 use crate::robot::{JointIndex, ParameterId};
 use crate::store::ModelParameter;
 
 /// Everything there is to print.
 pub(in crate::cli) struct Report<'a> {
-    pub(in crate::cli) taken: &'a Taken,
+    pub(in crate::cli) taken: &'a PooledCycles,
     pub(in crate::cli) estimator: EstimatorKind,
-    pub(in crate::cli) together: &'a Together,
+    pub(in crate::cli) together: &'a PooledResult,
     pub(in crate::cli) parameters: &'a HashMap<ParameterId, ModelParameter>,
     pub(in crate::cli) rmsd: &'a [TorqueRmsd],
     /// Before parameters were taken away.
@@ -86,11 +86,11 @@ impl Report<'_> {
             self.estimator.name()
         );
         match &self.together.outcome {
-            Outcome::Set(found) => text.push_str(&self.set_text(found)),
-            Outcome::Views(views) => {
+            PooledOutcome::Set(found) => text.push_str(&self.set_text(found)),
+            PooledOutcome::Views(views) => {
                 views.iter().for_each(|(joint, view)| text.push_str(&self.view_text(*joint, view)));
             }
-            Outcome::TooPoor => text.push_str(&self.poor_text()),
+            PooledOutcome::TooPoor => text.push_str(&self.poor_text()),
         }
         if !self.rmsd.is_empty() {
             text.push_str(&format!("\n\n{}", rmsd_table(self.rmsd)));
@@ -260,12 +260,12 @@ impl Report<'_> {
             "parameters": [],
         });
         match &self.together.outcome {
-            Outcome::Set(found) => self.add_set(&mut value, found),
-            Outcome::Views(views) => {
+            PooledOutcome::Set(found) => self.add_set(&mut value, found),
+            PooledOutcome::Views(views) => {
                 value["joint_views"] =
                     views.iter().map(|(joint, view)| self.view_value(*joint, view)).collect();
             }
-            Outcome::TooPoor => {}
+            PooledOutcome::TooPoor => {}
         }
         value
     }

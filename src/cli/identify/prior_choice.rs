@@ -6,8 +6,9 @@ use crate::cli::shared::selection::find_set;
 use crate::config::Config;
 use crate::numerics::least_squares::prior::{Prior, PriorStrength};
 use crate::numerics::model::base_parameters::base_parameters;
+use crate::numerics::pooled::estimate::StackedEstimator;
 use crate::numerics::pooled::nominal_prior::{PRIOR_STD_FRACTION, nominal_base, with_fraction};
-use crate::pipeline::stored::chosen_cycles::Chosen;
+use crate::pipeline::stored::chosen_cycles::RunCycles;
 use crate::pipeline::stored::reestimate::Choice;
 use crate::robot::ParameterId;
 use crate::store::{FactorsWanted, ParameterSet, SourceCycle, Store, StoredModel};
@@ -15,7 +16,7 @@ use crate::store::{FactorsWanted, ParameterSet, SourceCycle, Store, StoredModel}
 /// The prior that the arguments name, and the cycles behind it.
 pub(in crate::cli) async fn prior_choice(
     args: &IdentifyArgs,
-    chosen: &[Chosen],
+    chosen: &[RunCycles],
     robot: Option<&str>,
     config: &Config,
     store: &Store,
@@ -46,7 +47,7 @@ pub(in crate::cli) async fn prior_choice(
             "the prior {word} says nothing: the description has no nominal parameters; name a run or a saved set"
         )));
     }
-    Ok((Choice::Prior { priors, strength }, sources))
+    Ok((Choice::Stacked(StackedEstimator::Prior { priors, strength }), sources))
 }
 
 /// The first cycle that is behind both.
@@ -57,7 +58,7 @@ pub(in crate::cli) fn sources_overlap<'a>(
     taken.iter().find(|cycle| prior.contains(cycle))
 }
 
-async fn model_of(chosen: &[Chosen], store: &Store) -> Result<Option<StoredModel>, CliError> {
+async fn model_of(chosen: &[RunCycles], store: &Store) -> Result<Option<StoredModel>, CliError> {
     let Some(first) = chosen.first() else { return Ok(None) };
     let cycles = store.factors_of_run(first.run_id, FactorsWanted::Identification).await?;
     Ok(cycles.into_iter().next().map(|cycle| cycle.model))

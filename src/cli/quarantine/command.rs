@@ -12,8 +12,9 @@ use crate::cli::context::{
     CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, runtime, shared,
 };
 use crate::cli::ingest;
-use crate::cli::quarantine::story::Place;
+use crate::cli::quarantine::story::ExportState;
 use crate::cli::shared::output;
+use crate::cli::shared::user::user;
 use crate::config::Config;
 use crate::daemon;
 use crate::ingest::bytes::fingerprint::{fingerprint, of_bytes};
@@ -123,7 +124,7 @@ pub(in crate::cli) fn quarantine(global: &Global, args: &QuarantineArgs) -> Resu
             QuarantineCommand::List { robot, all } => list(global, &store, robot.as_deref(), *all).await,
             QuarantineCommand::Explain { which } => explain(global, &config, &store, which).await,
             QuarantineCommand::Retry { which, no_wait, .. } => {
-                let retry = Retry { global, config: &config, store: &store, no_wait: *no_wait };
+                let retry = Retries { global, config: &config, store: &store, no_wait: *no_wait };
                 retry.retry(which.as_deref()).await
             }
             QuarantineCommand::Dismiss { which, reason, by } => {
@@ -202,14 +203,8 @@ async fn dismiss(
     Ok(EXIT_DONE)
 }
 
-/// The name of the user at the command line.
-fn user() -> String {
-    let named = ["USER", "LOGNAME"].into_iter().filter_map(|name| std::env::var(name).ok());
-    named.into_iter().find(|name| !name.is_empty()).unwrap_or_else(|| "unknown".to_owned())
-}
-
 /// Looks where the content of a run was seen for it.
-async fn place_of(store: &Store, run_id: i64) -> Result<Place, CliError> {
+async fn place_of(store: &Store, run_id: i64) -> Result<ExportState, CliError> {
     let source = store.run_source(run_id).await?;
     let source = source.ok_or_else(|| CliError::Internal(format!("run {run_id} has no source")))?;
     let mut found = None;
@@ -217,15 +212,17 @@ async fn place_of(store: &Store, run_id: i64) -> Result<Place, CliError> {
         // of a file that could not be read, the path stands for the content
         let by_path = of_bytes(path.as_os_str().as_encoded_bytes()) == source.content_hash;
         let place = match fingerprint(path) {
-            Ok((hash, _)) if by_path || hash == source.content_hash => return Ok(Place::At(path.clone())),
-            Ok(_) => Place::Changed(path.clone()),
+            Ok((hash, _)) if by_path || hash == source.content_hash => {
+                return Ok(ExportState::At(path.clone()));
+            }
+            Ok(_) => ExportState::Changed(path.clone()),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
-            Err(error) => Place::Unreadable(path.clone(), error.to_string()),
+            Err(error) => ExportState::Unreadable(path.clone(), error.to_string()),
         };
         found = found.or(Some(place));
     }
     let first = source.paths.into_iter().next().unwrap_or_default();
-    Ok(found.unwrap_or(Place::Gone(first)))
+    Ok(found.unwrap_or(ExportState::Gone(first)))
 }
 
 /// The run that is meant: by number or, the newest first, by path or file name.
@@ -250,14 +247,14 @@ fn unknown(which: &str) -> CliError {
 }
 
 /// What the retries of one call share.
-struct Retry<'a> {
+struct Retries<'a> {
     global: &'a Global,
     config: &'a Config,
     store: &'a Store,
     no_wait: bool,
 }
 
-impl Retry<'_> {
+impl Retries<'_> {
     async fn retry(&self, which: Option<&str>) -> Result<u8, CliError> {
         let chosen = self.chosen(which).await?;
         if chosen.is_empty() {
@@ -272,7 +269,7 @@ impl Retry<'_> {
         for fault in chosen {
             self.store.withdraw_dismissal(fault.run_id).await?;
             match place_of(self.store, fault.run_id).await? {
-                Place::At(path) | Place::Unreadable(path, _) => {
+                ExportState::At(path) | ExportState::Unreadable(path, _) => {
                     if under_daemon && is_below(&path, &self.config.watch.folders) {
                         asked.push((fault.run_id, path));
                     } else {
@@ -316,7 +313,7 @@ impl Retry<'_> {
         Ok(faults)
     }
 
-    fn say_impossible(&self, fault: &QuarantineRow, place: &Place) {
+    fn say_impossible(&self, fault: &QuarantineRow, place: &ExportState) {
         let why = story::what_retry_does(fault, place);
         if self.global.json {
             output::json(

@@ -11,7 +11,7 @@ use crate::store::{Dismissal, FaultState, QuarantineRow};
 
 /// Where the bytes of a quarantined run lie now.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(in crate::cli) enum Place {
+pub(in crate::cli) enum ExportState {
     /// There.
     At(PathBuf),
     /// There is a file, but with another content.
@@ -35,18 +35,18 @@ const LEAD_CHARACTERS: usize = 40;
 pub struct FaultReport<'a> {
     latest: &'a QuarantineRow,
     earlier: &'a [QuarantineRow],
-    place: &'a Place,
+    place: &'a ExportState,
     excerpt: Option<Excerpt>,
 }
 
 impl<'a> FaultReport<'a> {
     /// The story of the faults of one run, the latest first; `None` without any.
     /// Most decompressed bytes of the file that are looked at are `most`.
-    pub fn new(faults: &'a [QuarantineRow], place: &'a Place, most: u64) -> Option<Self> {
+    pub fn new(faults: &'a [QuarantineRow], place: &'a ExportState, most: u64) -> Option<Self> {
         let (latest, earlier) = faults.split_first()?;
         let excerpt = match (place, latest.line) {
             // of bytes that are others now, the lines would say nothing
-            (Place::At(path), Some(line)) => {
+            (ExportState::At(path), Some(line)) => {
                 excerpt(path, line, latest.column.as_deref(), LINES_AROUND, most).ok().flatten()
             }
             _ => None,
@@ -115,7 +115,7 @@ impl<'a> FaultReport<'a> {
     }
 }
 
-impl Place {
+impl ExportState {
     fn name(&self) -> &'static str {
         match self {
             Self::At(_) => "unchanged",
@@ -170,23 +170,25 @@ pub fn outcome(fault: &QuarantineRow) -> String {
 }
 
 /// What another try would do.
-pub fn what_retry_does(fault: &QuarantineRow, place: &Place) -> String {
+pub fn what_retry_does(fault: &QuarantineRow, place: &ExportState) -> String {
     if !matches!(fault.state, FaultState::Open | FaultState::Dismissed | FaultState::Earlier) {
         return format!("nothing to do: {}", outcome(fault));
     }
     let path = |path: &Path| path.display().to_string();
     match place {
-        Place::At(_) if fault.cycles_stored > 0 => format!(
+        ExportState::At(_) if fault.cycles_stored > 0 => format!(
             "reads it from its start as run {}; the {} stored cycles are replaced",
             fault.run_id, fault.cycles_stored
         ),
-        Place::At(_) => format!("reads it as run {} again", fault.run_id),
-        Place::Unreadable(at, error) => format!("reads {} if it can be read by then; now: {error}", path(at)),
-        Place::Changed(at) => format!(
+        ExportState::At(_) => format!("reads it as run {} again", fault.run_id),
+        ExportState::Unreadable(at, error) => {
+            format!("reads {} if it can be read by then; now: {error}", path(at))
+        }
+        ExportState::Changed(at) => format!(
             "cannot: {} holds another content now, which is a run of its own; the faulty bytes are gone",
             path(at)
         ),
-        Place::Gone(at) => format!("cannot: {} is not there any more; export it again", path(at)),
+        ExportState::Gone(at) => format!("cannot: {} is not there any more; export it again", path(at)),
     }
 }
 

@@ -9,7 +9,7 @@ use crate::cli::shared::output;
 use crate::cli::shared::selection::cycle_numbers;
 use crate::config::{Config, FleetEntry};
 use crate::numerics::pooled::drive_gain::{GainEstimate, JointGain, Unseen};
-use crate::pipeline::stored::chosen_cycles::Chosen;
+use crate::pipeline::stored::chosen_cycles::RunCycles;
 use crate::pipeline::stored::drive_gain::stored_drive_gains;
 use crate::robot::StandardParameters;
 use crate::store::Store;
@@ -69,8 +69,8 @@ async fn from_store(
 ) -> Result<u8, CliError> {
     let entry = entry_of(args, config, store).await?;
     let robot = &entry.description;
-    let chosen = |runs: &[i64]| -> Vec<Chosen> {
-        runs.iter().map(|&run_id| Chosen { run_id, cycles: cycles.clone() }).collect()
+    let chosen = |runs: &[i64]| -> Vec<RunCycles> {
+        runs.iter().map(|&run_id| RunCycles { run_id, cycles: cycles.clone() }).collect()
     };
     let load = load.seen_from(&robot.tool);
     let gains = stored_drive_gains(store, robot, &chosen(&args.without), &chosen(&args.with), load).await?;

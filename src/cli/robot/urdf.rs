@@ -14,7 +14,7 @@ use crate::config::{Config, read_robot, straight_friction, urdf_text};
 use crate::numerics::physical::data_share::{BodyEstimate, Estimated};
 use crate::numerics::physical::fit::PhysicalFit;
 use crate::numerics::physical::uniform_bodies::BodySource;
-use crate::pipeline::stored::chosen_cycles::{Chosen, take};
+use crate::pipeline::stored::chosen_cycles::{RunCycles, take};
 use crate::pipeline::stored::physical::fit_bodies;
 use crate::robot::{JointIndex, Robot};
 use crate::store::{SourceCycle, Store, StoredModel};
@@ -94,7 +94,7 @@ async fn fit_stored(
     store: &Store,
 ) -> Result<Fitted, CliError> {
     let chosen = match &args.parameters {
-        None => args.runs.iter().map(|&run_id| Chosen { run_id, cycles: cycles.clone() }).collect(),
+        None => args.runs.iter().map(|&run_id| RunCycles { run_id, cycles: cycles.clone() }).collect(),
         Some(name) => cycles_of_set(store, name).await?,
     };
     let taken = take(store, &chosen).await?;
@@ -115,13 +115,13 @@ async fn fit_stored(
     Ok(Fitted { robot, sources, recorded, fit })
 }
 
-async fn cycles_of_set(store: &Store, name: &str) -> Result<Vec<Chosen>, CliError> {
+async fn cycles_of_set(store: &Store, name: &str) -> Result<Vec<RunCycles>, CliError> {
     let set = store.parameter_set(name).await?.ok_or_else(|| {
         CliError::Usage(format!(
             "\"{name}\" is no saved parameter set; `armwatch identify --save {name}` makes one, --run takes a run"
         ))
     })?;
-    let chosen = |source: SourceCycle| Chosen { run_id: source.run_id, cycles: Some(vec![source.cycle]) };
+    let chosen = |source: SourceCycle| RunCycles { run_id: source.run_id, cycles: Some(vec![source.cycle]) };
     Ok(set.sources.into_iter().map(chosen).collect())
 }
 

@@ -6,7 +6,7 @@ use super::output;
 use crate::analysis::Estimator;
 use crate::cli::context::CliError;
 use crate::pipeline::stored::chosen_cycles::{
-    Candidate, Chosen, PassedOver, StoredError, told, unit_identification,
+    Candidate, PassedOverCycle, RunCycles, StoredError, told, unit_identification,
 };
 use crate::run::{RunKind, RunStatus};
 use crate::store::{ParameterSet, RunRow, Store};
@@ -27,7 +27,7 @@ impl From<StoredError> for CliError {
 }
 
 /// Says which cycles of the chosen runs take no part, and why.
-pub(in crate::cli) fn note_passed_over(passed_over: &[PassedOver]) {
+pub(in crate::cli) fn note_passed_over(passed_over: &[PassedOverCycle]) {
     if !passed_over.is_empty() {
         output::print_hint(&format!("passed over: {}", told(passed_over)));
     }
@@ -89,7 +89,7 @@ impl NamedCandidate {
         run_id: i64,
         estimator: Estimator,
     ) -> Result<Self, StoredError> {
-        let set = unit_identification(store, &[Chosen { run_id, cycles: None }], estimator).await?;
+        let set = unit_identification(store, &[RunCycles { run_id, cycles: None }], estimator).await?;
         Ok(Self { name: format!("run {run_id}"), run_id: Some(run_id), candidate: as_candidate(set) })
     }
 
@@ -116,7 +116,7 @@ pub(in crate::cli) async fn find_set(
     let (run, cycles) = word.split_once(':').map_or((word, None), |(run, cycles)| (run, Some(cycles)));
     if let Ok(run_id) = run.parse::<i64>() {
         let cycles = cycles.map(cycle_numbers).transpose().map_err(CliError::Usage)?;
-        return Ok(unit_identification(store, &[Chosen { run_id, cycles }], estimator).await?);
+        return Ok(unit_identification(store, &[RunCycles { run_id, cycles }], estimator).await?);
     }
     store.parameter_set(word).await?.ok_or_else(|| {
         CliError::Usage(format!(

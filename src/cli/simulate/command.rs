@@ -28,6 +28,7 @@ use crate::simulate::{SimulationSettings, simulate_run};
 Examples:
   armwatch simulate -o exports
   armwatch simulate -o exports --name R07 --runs 12 --cycles 8 --fault wear:joint=3,from=6,rate=0.03
+  armwatch simulate -o exports --runs 6 --cycles 8 --fault step:joint=2,from=4,cycle=5,size=0.25 --fault jitter:joint=5,from=1,size=0.12
   armwatch simulate -o exports --full-test --gzip
   armwatch simulate -o exports --robot config/robots/scara.toml
   armwatch simulate -o exports --layout config/exports/motor_side.toml
@@ -35,6 +36,14 @@ Examples:
   armwatch simulate -o exports --runs 12 --cycles 8 --temperatures --ambient-std-k 3
   armwatch simulate -o exports --clock alternating --friction-shape late-turn-over
   armwatch simulate -o exports --load-mass-kg 3 --load-centre-m 0,0,0.08
+
+Faults, each with from= (first run) and perhaps to= (last run):
+  wear:joint=,rate=[,cap=]    friction grows by a fraction a run     step:joint=,size=[,cycle=]  friction at once
+  jitter:joint=,size=         friction varies from cycle to cycle    warm-up:[joint=,]factor=    slow time constant
+  load:kg=[,centre=X/Y/Z]     a point mass at the tool frame         offset:joint=,nm=           of the torque signal
+  gain:joint=,size=           of the torque signal, a fraction       noise:joint=,factor=        of the torque signal
+  zero:joint=,rad=            offset of the position signal          saturation:joint=,nm=       of the torque signal
+  stuck:joint=                the torque signal keeps its value      contact:joint=,nm=[,cycle=] a push from outside
 
 Each run is one export in the native layout or the one given, with a truth file NAME.truth.json beside it that holds
 the parameters, friction and faults behind the numbers. The same seed gives the same bytes.")]

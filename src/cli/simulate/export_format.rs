@@ -4,10 +4,9 @@ use nalgebra::DMatrix;
 
 use crate::cli::context::CliError;
 use crate::config::{
-    Channel, Column, DecimalMark, Layout, StageSource, TemperatureUnit, TextEncoding, TimeSource,
+    Channel, Column, DecimalMark, Layout, StageCells, TemperatureUnit, TextEncoding, TimeSource,
 };
 use crate::robot::Robot;
-use crate::run::Stage;
 use crate::simulate::format::{Cell, ExportColumn, ExportFormat, TemperatureScale, Weighted};
 use crate::simulate::temperatures::TemperatureColumns;
 
@@ -163,46 +162,15 @@ fn stage_cells(layout: &Layout) -> Result<Vec<(Column, Cell)>, CliError> {
             layout.name
         ))
     };
-    match &layout.stage {
-        StageSource::Signal(signal) => {
-            let lists = [&signal.between, &signal.excitation, &signal.friction, &signal.warming];
-            let values: Option<Vec<i64>> = lists.iter().map(|list| list.first().copied()).collect();
-            let values = values.and_then(|values| <[i64; 4]>::try_from(values).ok()).ok_or_else(lacking)?;
-            Ok(vec![(signal.column.clone(), Cell::Stage(values))])
+    let columns = layout.stage.kind().cells().ok_or_else(lacking)?;
+    let cell = |cells| match cells {
+        StageCells::Texts(texts) => Cell::StageWord(texts),
+        StageCells::Levels { levels, narrowest } => {
+            Cell::StageLevel { levels, noise: NOISE_OF_RANGE * narrowest }
         }
-        StageSource::Words(words) => {
-            let word =
-                |stage: Stage| words.words.iter().find(|(_, of)| *of == stage).map(|(word, _)| word.clone());
-            let all: Option<Vec<String>> = STAGES.into_iter().map(word).collect();
-            let all = all.and_then(|all| <[String; 4]>::try_from(all).ok()).ok_or_else(lacking)?;
-            Ok(vec![(words.column.clone(), Cell::StageWord(all))])
-        }
-        StageSource::OneHot(one_hot) => {
-            if one_hot.columns.len() < Stage::ANALYSED.len() {
-                return Err(lacking());
-            }
-            let cell = |(stage, column): &(Stage, Column)| (column.clone(), Cell::StageFlag(*stage));
-            Ok(one_hot.columns.iter().map(cell).collect())
-        }
-        StageSource::Levels(of) => {
-            let range =
-                |stage: Stage| of.settings.ranges.iter().find(|(of, _)| *of == stage).map(|(_, range)| range);
-            let ranges: Option<Vec<&[f64; 2]>> = STAGES.into_iter().map(range).collect();
-            let ranges = ranges.ok_or_else(lacking)?;
-            let width = ranges.iter().map(|[low, high]| high - low).fold(f64::INFINITY, f64::min);
-            let middles: Vec<f64> = ranges.iter().map(|[low, high]| 0.5 * (low + high)).collect();
-            let levels = <[f64; 4]>::try_from(middles).map_err(|_| lacking())?;
-            Ok(vec![(of.column.clone(), Cell::StageLevel { levels, noise: NOISE_OF_RANGE * width })])
-        }
-        StageSource::Motion
-        | StageSource::Schedule(_)
-        | StageSource::Whole(_)
-        | StageSource::Production(_) => Ok(Vec::new()),
-    }
+    };
+    Ok(columns.into_iter().map(|(column, cells)| (column.clone(), cell(cells))).collect())
 }
-
-/// The stages of a run in the order of a format's values.
-const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
 
 /// Largest noise of an analogue stage signal, as a part of its narrowest range.
 const NOISE_OF_RANGE: f64 = 0.3;

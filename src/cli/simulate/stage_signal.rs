@@ -3,7 +3,7 @@
 use clap::ValueEnum;
 
 use crate::cli::context::CliError;
-use crate::config::{Column, Config, Layout, OneHot, StageLevels, StageSource, StageWords};
+use crate::config::{Column, Config, FromMotion, Layout, OneHot, StageLevels, StageSource, StageWords};
 use crate::numerics::segment::stages::LevelSettings;
 use crate::run::Stage;
 
@@ -66,7 +66,7 @@ impl StageSignalArg {
             Self::None => {
                 let none = (None, None, None);
                 let (cycle, friction_joint, friction_level) = none;
-                let stage = StageSource::Motion;
+                let stage = StageSource::Motion(FromMotion);
                 return Ok(Layout { stage, cycle, friction_joint, friction_level, ..native });
             }
         };

@@ -9,6 +9,8 @@ use super::recognition::{DEFAULT_FILE_NAME, time_zone};
 use super::work_limits::{archive_of, read_work_limits};
 use crate::analysis::Estimator;
 use crate::analysis::finding::{FindingKind, FindingKinds};
+use crate::config::alerts::routes::read_alerts;
+use crate::config::alerts::settings::AlertSettings;
 use crate::config::layout::channels::{Channel, Layout, TorqueQuantity};
 use crate::config::layout::layout_file::parse_layout;
 use crate::config::pattern::FilePatterns;
@@ -55,6 +57,7 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
     let watch = read_watch(root.table("watch").as_ref());
     let limits = root.table("limits").map_or(Some(WorkLimits::default()), |t| read_work_limits(&t));
     let serve = read_serve(root.table("serve").as_ref());
+    let alerts = root.table("alerts").map_or_else(|| Some(AlertSettings::default()), |t| read_alerts(&t));
     let recognition = read_recognition(root.table("recognition").as_ref());
     let fleet = read_fleet(root, references);
     let analysis =
@@ -65,6 +68,7 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
         watch: with_spool(watch?, serve.as_ref()?.as_ref()),
         limits: limits?,
         serve: serve?,
+        alerts: alerts?,
         recognition: recognition?,
         fleet: fleet?,
         analysis: analysis?,

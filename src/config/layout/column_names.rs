@@ -80,7 +80,7 @@ pub(in crate::config) fn read_unit(value: &Value<'_>, units: &[NamedUnit]) -> Op
 /// Stands for the joint's number, from 1, in the name of a column.
 pub(in crate::config) const JOINT: &str = "{joint}";
 
-/// Largest number of a column; wider exports than this are none of a robot arm.
+/// Largest number of a column: no export of a robot arm is wider.
 const MAX_COLUMN: i64 = 10_000;
 
 /// How often a name holds a place for the joint's number, as it is or with something added to it.

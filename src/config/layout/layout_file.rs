@@ -5,8 +5,7 @@ use std::path::Path;
 use super::channels::{Channel, JointDelays, JointSigns, Layout, MotorSide, RowRule, TorqueQuantity};
 use super::column::JointColumns;
 use super::column_names::{ColumnNames, NamedUnit, named_unit, read_unit};
-use super::stage_file::read_stage_source;
-use super::stage_source::StageSource;
+use super::stage_source::read_stage_source;
 use super::{layout_time, temperature, text_format};
 use crate::config::toml::files;
 use crate::config::toml::problem::ConfigErrors;
@@ -118,7 +117,7 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
         root.table("ambient_temperature").map(|t| temperature::read_ambient(&t, &mut names));
     let stage = required("stage").and_then(|t| read_stage_source(&t, &mut names));
     if position.as_ref().is_some_and(|position| position.columns == JointColumns::NotRecorded)
-        && matches!(stage, Some(StageSource::Motion))
+        && stage.as_ref().is_some_and(|stage| stage.kind().needs_positions())
     {
         let hint = "name a column of the stages, or write whole_recording under [stage]";
         root.refuse(
@@ -264,7 +263,7 @@ mod tests {
             (&layout.torque, layout.torque_quantity),
             (&pattern("trq_{joint}"), TorqueQuantity::Torque)
         );
-        let StageSource::Signal(stage) = &layout.stage else { panic!("{:?}", layout.stage) };
+        let crate::config::StageSource::Signal(stage) = &layout.stage else { panic!("{:?}", layout.stage) };
         assert_eq!(stage.column, Column::Name("stage".into()));
         assert_eq!((&stage.between[..], &stage.excitation[..]), (&[0][..], &[1][..]));
         assert_eq!((&stage.friction[..], &stage.warming[..]), (&[2][..], &[3][..]));

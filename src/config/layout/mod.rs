@@ -7,5 +7,4 @@ pub(super) mod temperature;
 pub(super) mod text_format;
 pub(super) mod channels;
 pub(super) mod layout_time;
-pub(super) mod stage_file;
 pub(super) mod layout_file;

@@ -2,41 +2,29 @@
 
 use crate::config::toml::range::Limits;
 use crate::config::toml::table::{Table, Value};
-use crate::robot::{FrictionLaw, FrictionModel, JointKind};
+use crate::robot::{FrictionLaw, FrictionModel, JointKind, LawKind};
 
 const MODEL: &str = "friction_model";
 const ASYMMETRIC: &str = "asymmetric";
-const SMOOTH_SPEED: &str = "smooth_speed_rad_s";
-/// The same of a sliding joint.
-const SMOOTH_SPEED_OF_SLIDE: &str = "smooth_speed_m_s";
 
 const RAD_S: Limits = Limits::above(0.0, 10.0, "rad/s");
 const M_S: Limits = Limits::above(0.0, 10.0, "m/s");
 
+/// Every law.
+static LAWS: [LawKind; FrictionLaw::KINDS.len()] = FrictionLaw::KINDS;
+
 /// What a table says of friction, each part where it says it.
 struct Given<'d> {
-    law: Option<Law>,
-    speed: Option<(Value<'d>, f64)>,
+    law: Option<&'static LawKind>,
+    /// Speeds with the laws that they belong to.
+    speeds: Vec<(&'static LawKind, Value<'d>, f64)>,
     asymmetric: Option<bool>,
-}
-
-#[derive(Clone, Copy, PartialEq)]
-enum Law {
-    None,
-    Polynomial,
-    ViscousCoulomb,
-    Smooth,
 }
 
 /// Reads the model of all joints at the root of a description.
 pub(in crate::config) fn read_of_arm(root: &Table<'_>) -> Option<FrictionModel> {
-    let given = read(root, SMOOTH_SPEED, &RAD_S)?;
-    if given.law == Some(Law::Smooth) && given.speed.is_none() {
-        // notes that it is missing
-        let _ = root.required(SMOOTH_SPEED);
-        return None;
-    }
-    resolved(root, &given, FrictionModel::POLYNOMIAL)
+    let given = read(root, JointKind::Revolute)?;
+    resolved(root, JointKind::Revolute, &given, FrictionModel::POLYNOMIAL)
 }
 
 /// Reads what one joint has in place of the `arm`'s model; `Some(None)` where it says nothing.
@@ -45,88 +33,98 @@ pub(in crate::config) fn read_of_joint(
     kind: JointKind,
     arm: FrictionModel,
 ) -> Option<Option<FrictionModel>> {
-    let (key, limits) = match kind {
-        JointKind::Revolute => (SMOOTH_SPEED, RAD_S),
-        JointKind::Prismatic => (SMOOTH_SPEED_OF_SLIDE, M_S),
-    };
-    let given = read(table, key, &limits)?;
-    if given.law.is_none() && given.speed.is_none() && given.asymmetric.is_none() {
+    let given = read(table, kind)?;
+    if given.law.is_none() && given.speeds.is_empty() && given.asymmetric.is_none() {
         return Some(None);
     }
-    let arm_speed = matches!(arm.law, FrictionLaw::Smooth { .. });
-    if given.law == Some(Law::Smooth) && given.speed.is_none() && !arm_speed {
-        let _ = table.required(key);
-        return None;
-    }
-    resolved(table, &given, arm).map(Some)
+    resolved(table, kind, &given, arm).map(Some)
 }
 
-fn read<'d>(table: &Table<'d>, speed_key: &str, limits: &Limits) -> Option<Given<'d>> {
+/// Key of the speed of a law in the table of a joint.
+fn speed_key(law: &LawKind, kind: JointKind) -> Option<&'static str> {
+    law.speed_keys.map(|[revolute, prismatic]| match kind {
+        JointKind::Revolute => revolute,
+        JointKind::Prismatic => prismatic,
+    })
+}
+
+fn read<'d>(table: &Table<'d>, kind: JointKind) -> Option<Given<'d>> {
+    let limits = match kind {
+        JointKind::Revolute => RAD_S,
+        JointKind::Prismatic => M_S,
+    };
+    // every part is read before any fails, so that all problems are found at once
     let law = table.optional(MODEL).map(|value| read_law(&value));
-    let speed = table.optional(speed_key).map(|value| value.number(limits).map(|speed| (value, speed)));
+    let speeds: Vec<_> = LAWS
+        .iter()
+        .filter_map(|law| Some((law, table.optional(speed_key(law, kind)?)?)))
+        .map(|(law, value)| value.number(&limits).map(|speed| (law, value, speed)))
+        .collect();
     let asymmetric = table.optional(ASYMMETRIC).map(|value| value.boolean());
     let law = match law {
         Some(law) => Some(law?),
         None => None,
     };
-    let speed = match speed {
-        Some(speed) => Some(speed?),
-        None => None,
-    };
+    let speeds = speeds.into_iter().collect::<Option<_>>()?;
     let asymmetric = match asymmetric {
         Some(asymmetric) => Some(asymmetric?),
         None => None,
     };
-    Some(Given { law, speed, asymmetric })
+    Some(Given { law, speeds, asymmetric })
 }
 
-fn read_law(value: &Value<'_>) -> Option<Law> {
-    match value.text()? {
-        "polynomial" => Some(Law::Polynomial),
-        "viscous_coulomb" => Some(Law::ViscousCoulomb),
-        "smooth" => Some(Law::Smooth),
-        "none" => Some(Law::None),
-        _ => {
-            value.refuse(
-                "must be \"polynomial\", \"viscous_coulomb\", \"smooth\" or \"none\"".into(),
-                Some(
-                    "f1 to f4 of [3.10]; Coulomb, viscous and offset; the same with a tanh for the sign; no friction in the \
-                     measured torque"
-                        .into(),
-                ),
-            );
-            None
-        }
+/// Names in quotes, the last after "or".
+fn listed(names: impl Iterator<Item = &'static str>) -> String {
+    let quoted: Vec<String> = names.map(|name| format!("\"{name}\"")).collect();
+    match quoted.split_last() {
+        Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+        _ => quoted.concat(),
     }
+}
+
+fn read_law(value: &Value<'_>) -> Option<&'static LawKind> {
+    let given = value.text()?;
+    let found = LAWS.iter().find(|law| law.name == given);
+    if found.is_none() {
+        let names = listed(LAWS.iter().map(|law| law.name));
+        let about: Vec<&str> = LAWS.iter().map(|law| law.about).collect();
+        value.refuse(format!("must be {names}"), Some(about.join("; ")));
+    }
+    found
 }
 
 /// The model that is given, with `default` for what is not.
-fn resolved(table: &Table<'_>, given: &Given<'_>, default: FrictionModel) -> Option<FrictionModel> {
-    let speed = match (&given.speed, default.law) {
-        (Some((_, speed)), _) => Some(*speed),
-        (None, FrictionLaw::Smooth { speed }) => Some(speed),
-        (None, _) => None,
+fn resolved(
+    table: &Table<'_>,
+    kind: JointKind,
+    given: &Given<'_>,
+    default: FrictionModel,
+) -> Option<FrictionModel> {
+    let chosen = match given.law {
+        Some(law) => law,
+        None => LAWS.iter().find(|law| law.name == default.law.name())?,
     };
-    let law = match given.law {
-        Some(Law::None) => FrictionLaw::None,
-        Some(Law::Polynomial) => FrictionLaw::Polynomial,
-        Some(Law::ViscousCoulomb) => FrictionLaw::ViscousCoulomb,
-        Some(Law::Smooth) => FrictionLaw::Smooth { speed: speed? },
-        None => match default.law {
-            FrictionLaw::Smooth { .. } => FrictionLaw::Smooth { speed: speed? },
-            other => other,
-        },
-    };
-    if let (Some((value, _)), false) = (&given.speed, matches!(law, FrictionLaw::Smooth { .. })) {
-        value.refuse("only means something with friction_model = \"smooth\"".into(), None);
+    let speed = given.speeds.iter().find(|(law, ..)| law.name == chosen.name).map(|(_, _, speed)| *speed);
+    let speed = speed.or(default.law.speed().filter(|_| default.law.name() == chosen.name));
+    if let (Some(key), None) = (speed_key(chosen, kind), speed) {
+        // notes that it is missing
+        let _ = table.required(key);
         return None;
     }
-    let has_directions = matches!(law, FrictionLaw::ViscousCoulomb | FrictionLaw::Smooth { .. });
-    let asymmetric = given.asymmetric.unwrap_or(default.asymmetric && has_directions);
-    if asymmetric && !has_directions {
-        let model = if law == FrictionLaw::None { "the model \"none\"" } else { "the polynomial model" };
-        let hint = "choose friction_model = \"viscous_coulomb\" or \"smooth\"";
-        table.refuse(format!("asymmetric friction has no columns in {model}"), Some(hint.into()));
+    if let Some((law, value, _)) = given.speeds.iter().find(|(law, ..)| law.name != chosen.name) {
+        value.refuse(format!("only means something with {MODEL} = \"{}\"", law.name), None);
+        return None;
+    }
+    let law = (chosen.with_speed)(speed.unwrap_or_default());
+    let asymmetric = given.asymmetric.unwrap_or(default.asymmetric && chosen.has_directions);
+    if asymmetric && !chosen.has_directions {
+        let model = match law {
+            FrictionLaw::None => "the model \"none\"".to_owned(),
+            law => format!("the {} model", law.name()),
+        };
+        let others = listed(LAWS.iter().filter(|law| law.has_directions).map(|law| law.name));
+        let hint = format!("choose {MODEL} = {others}");
+        table.refuse(format!("asymmetric friction has no columns in {model}"), Some(hint));
         return None;
     }
     Some(FrictionModel { law, asymmetric })

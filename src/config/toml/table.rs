@@ -420,6 +420,11 @@ impl<'d> Value<'d> {
         self.source.note(&at, &self.path, excerpt, problem, hint);
     }
 
+    /// Notes a problem of a value that must not be shown.
+    pub fn refuse_secret(&self, problem: String, hint: Option<String>) {
+        self.source.note(&self.node.span(), &self.path, None, problem, hint);
+    }
+
     fn items_of(&self, items: &'d DeArray<'d>) -> Vec<Value<'d>> {
         let item = |(i, node)| Value { source: self.source, path: format!("{}[{}]", self.path, i + 1), node };
         items.iter().enumerate().map(item).collect()

@@ -163,9 +163,9 @@ mod tests {
 
     const NAME: &str = "R00_20260105_0847.csv.gz";
 
-    struct JointFactorBuilders(tempfile::TempDir);
+    struct Folders(tempfile::TempDir);
 
-    impl JointFactorBuilders {
+    impl Folders {
         fn new() -> Self {
             let folders = Self(tempfile::tempdir().unwrap());
             fs::create_dir_all(folders.path("inbox")).unwrap();
@@ -193,7 +193,7 @@ mod tests {
 
     #[test]
     fn a_source_is_moved_with_its_time_and_its_mark_goes() {
-        let folders = JointFactorBuilders::new();
+        let folders = Folders::new();
         let source = folders.source(b"one");
         let modified = fs::metadata(&source).unwrap().modified().unwrap();
         fs::write(folders.path(&format!("inbox/{NAME}.done")), "").unwrap();
@@ -206,7 +206,7 @@ mod tests {
 
     #[test]
     fn cut_short_anywhere_it_is_begun_again() {
-        let folders = JointFactorBuilders::new();
+        let folders = Folders::new();
         // in the copy
         fs::create_dir_all(folders.path("archive/.partial")).unwrap();
         let half = folders.path("archive/.partial").join(of_bytes(b"one").to_string());
@@ -223,7 +223,7 @@ mod tests {
 
     #[test]
     fn another_content_of_the_name_is_left_alone() {
-        let folders = JointFactorBuilders::new();
+        let folders = Folders::new();
         folders.archive(&folders.source(b"one"), b"one").unwrap();
         let Archived::At(second) = folders.archive(&folders.source(b"two"), b"two").unwrap() else {
             panic!("it was not moved")
@@ -242,7 +242,7 @@ mod tests {
 
     #[test]
     fn a_source_that_is_not_what_was_stored_stays() {
-        let folders = JointFactorBuilders::new();
+        let folders = Folders::new();
         let source = folders.source(b"one and more");
         assert_eq!(folders.archive(&source, b"one").unwrap(), Archived::Changed);
         assert_eq!(fs::read(&source).unwrap(), b"one and more");
@@ -256,7 +256,7 @@ mod tests {
 
     #[test]
     fn other_file_systems_and_folders_that_cannot_be_written_are_no_danger() {
-        let folders = JointFactorBuilders::new();
+        let folders = Folders::new();
         let source = folders.source(b"one");
         fs::write(folders.path("archive"), "a file").unwrap();
         assert!(folders.archive(&source, b"one").is_err());

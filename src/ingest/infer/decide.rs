@@ -6,7 +6,7 @@ use super::motion_sections::{position_section, time_section, torque_section, vel
 use super::motion_units::{decide_units, slopes};
 use super::names::{Kind, Said};
 use super::proposal::Hints;
-use super::section::{Key, Section, quoted};
+use super::section::{Section, TomlKey, quoted};
 use super::stages::Meaning;
 use super::temperatures::temperatures;
 use super::{names, stages};
@@ -79,7 +79,7 @@ fn stage_section(head: &Head, joints: &Joints<'_>, signals: &Signals) -> Section
     let Some((at, named, signal)) = signal else {
         let reason = "no column of few whole numbers is a stage signal: all rows are taken as excitation. A column \
                       that tells the stages goes here by name, with the values of each";
-        section.keys.push(Key::decided("whole_recording", quoted("excitation")).because(reason));
+        section.keys.push(TomlKey::decided("whole_recording", quoted("excitation")).because(reason));
         return section;
     };
     let alphabet = stages::alphabet(signal).unwrap_or_default();
@@ -90,7 +90,8 @@ fn stage_section(head: &Head, joints: &Joints<'_>, signals: &Signals) -> Section
         .collect();
     let why = if named { "the name says so" } else { "the only column of few whole numbers" };
     section.keys.push(
-        Key::decided("column", column_name(head, at)).because(&format!("{why}; it has {}", seen.join("; "))),
+        TomlKey::decided("column", column_name(head, at))
+            .because(&format!("{why}; it has {}", seen.join("; "))),
     );
     let (meaning, reason) = match (stages::native(&alphabet), stages::by_motion(&under)) {
         (Some(native), _) => (Some(native), "0 to 3 as in the native layout"),
@@ -103,19 +104,19 @@ fn stage_section(head: &Head, joints: &Joints<'_>, signals: &Signals) -> Section
     section
 }
 
-fn meaning_keys(meaning: Option<Meaning>, alphabet: &[i64], reason: &str) -> Vec<Key> {
+fn meaning_keys(meaning: Option<Meaning>, alphabet: &[i64], reason: &str) -> Vec<TomlKey> {
     let list =
         |values: &[i64]| format!("[{}]", values.iter().map(i64::to_string).collect::<Vec<_>>().join(", "));
     match meaning {
         Some(meaning) => vec![
-            Key::decided("between", list(&meaning.between)).because(reason),
-            Key::decided("excitation", list(&meaning.excitation)),
-            Key::decided("friction", list(&meaning.friction)),
-            Key::decided("warming", list(&meaning.warming)),
+            TomlKey::decided("between", list(&meaning.between)).because(reason),
+            TomlKey::decided("excitation", list(&meaning.excitation)),
+            TomlKey::decided("friction", list(&meaning.friction)),
+            TomlKey::decided("warming", list(&meaning.warming)),
         ],
         None => {
             let question = format!("which of {} means what? The motion does not tell", list(alphabet));
-            let ask = |name| Key::decided(name, "[]").asked(&question);
+            let ask = |name| TomlKey::decided(name, "[]").asked(&question);
             ["between", "excitation", "friction", "warming"].map(ask).into()
         }
     }
@@ -145,11 +146,11 @@ fn optional_section(head: &Head, signals: &Signals) -> Option<Section> {
     ];
     let key = |(name, at): (&'static str, Option<usize>)| {
         Some(
-            Key::decided(name, column_name(head, at?))
+            TomlKey::decided(name, column_name(head, at?))
                 .because("the name says so, and it holds whole numbers"),
         )
     };
-    let keys: Vec<Key> = columns.into_iter().filter_map(key).collect();
+    let keys: Vec<TomlKey> = columns.into_iter().filter_map(key).collect();
     (!keys.is_empty()).then(|| Section { title: Some("if_present"), comments: Vec::new(), keys })
 }
 

@@ -5,7 +5,7 @@ use super::joints::{Found, Joints, column_name};
 use super::motion_units::{Slopes, Units};
 use super::names::Kind;
 use super::proposal::Hints;
-use super::section::{Key, Section, quoted};
+use super::section::{Section, TomlKey, quoted};
 use super::torque_size::Size;
 use super::units::Slope;
 use super::{torque_size, units};
@@ -38,23 +38,25 @@ pub(super) fn time_section(
         return section;
     };
     let column = &head.columns[at];
-    section.keys.push(Key::decided("column", column_name(head, at)).because("it rises from row to row"));
+    section.keys.push(TomlKey::decided("column", column_name(head, at)).because("it rises from row to row"));
     if column.timestamps {
-        section.keys.push(Key::decided("unit", quoted("timestamp")).because("its cells are dates and times"));
+        section
+            .keys
+            .push(TomlKey::decided("unit", quoted("timestamp")).because("its cells are dates and times"));
         return section;
     }
     let step = units.figures.step.unwrap_or(0.0);
     match (units.known.time, units.choice(), slope) {
         (Some(unit), ..) => {
-            section.keys.push(Key::decided("unit", quoted(unit)).because("the name says so"));
+            section.keys.push(TomlKey::decided("unit", quoted(unit)).because("the name says so"));
         }
         (None, Some(choice), Some(_)) if choice.time.0 == units::TICKS => {
             let reason = format!(
                 "no unit of time goes with the velocities; they are the change of position over {:.6} s a count",
                 choice.time.1
             );
-            section.keys.push(Key::decided("unit", quoted(units::TICKS)).because(&reason));
-            section.keys.push(Key::decided("tick_s", rounded(choice.time.1).to_string()));
+            section.keys.push(TomlKey::decided("unit", quoted(units::TICKS)).because(&reason));
+            section.keys.push(TomlKey::decided("tick_s", rounded(choice.time.1).to_string()));
         }
         (None, Some(choice), _) if slope.is_some() || step != 1.0 => {
             let reason = format!(
@@ -63,39 +65,39 @@ pub(super) fn time_section(
                 1.0 / (step * choice.time.1),
                 units.by_numbers()
             );
-            section.keys.push(Key::decided("unit", quoted(choice.time.0)).because(&reason));
+            section.keys.push(TomlKey::decided("unit", quoted(choice.time.0)).because(&reason));
         }
         _ => {
             let question =
                 format!("rows are {step} apart: in which unit? s, ms, us, ns, or ticks with tick_s");
-            section.keys.push(Key::decided("unit", quoted("ms")).asked(&question));
+            section.keys.push(TomlKey::decided("unit", quoted("ms")).asked(&question));
         }
     }
     section.keys.extend(wrap(values));
     section
 }
 
-fn sample_rate(slope: Option<Slope>, hints: Hints<'_>) -> Key {
+fn sample_rate(slope: Option<Slope>, hints: Hints<'_>) -> TomlKey {
     match (hints.sample_rate, slope) {
-        (Some(rate), _) => Key::decided("sample_rate_hz", format!("{rate:?}")).because("as it was given"),
+        (Some(rate), _) => TomlKey::decided("sample_rate_hz", format!("{rate:?}")).because("as it was given"),
         (None, Some(slope)) if SAMPLE_RATES.contains(&slope.ratio.abs()) => {
             let rate = rounded(slope.ratio.abs());
             let reason =
                 "no column rises; velocities are the change of position from row to row at this rate";
-            Key::decided("sample_rate_hz", format!("{rate:?}")).because(reason)
+            TomlKey::decided("sample_rate_hz", format!("{rate:?}")).because(reason)
         }
-        (None, _) => Key::decided("sample_rate_hz", "250.0")
+        (None, _) => TomlKey::decided("sample_rate_hz", "250.0")
             .asked("no column rises from row to row: how many rows are there a second?"),
     }
 }
 
 /// Where the counter of a time that falls begins anew.
-fn wrap(values: &[f64]) -> Option<Key> {
+fn wrap(values: &[f64]) -> Option<TomlKey> {
     let (before, after) = values.windows(2).map(|pair| (pair[0], pair[1])).find(|(a, b)| a >= b)?;
     let periods = [1_u64 << 16, 1 << 31, 1 << 32];
     let period = periods.into_iter().find(|period| before < *period as f64 && before > 0.9 * *period as f64);
     let reason = format!("it falls from {before} to {after}");
-    let key = Key::decided("wraps_at", period.unwrap_or(1 << 32).to_string()).because(&reason);
+    let key = TomlKey::decided("wraps_at", period.unwrap_or(1 << 32).to_string()).because(&reason);
     Some(match period {
         Some(_) => key,
         None => key.asked("is this a counter that began anew, and after how many?"),
@@ -106,7 +108,7 @@ fn joint_question(title: &'static str, count: usize) -> Section {
     let names = if count == 0 { "no name of a column says so" } else { "no name of as many columns says so" };
     let question =
         format!("which columns hold the {title}s? {names}; --robot helps where columns have no names");
-    let key = Key::decided("columns", "[2, 3, 4, 5, 6, 7]").asked(&question);
+    let key = TomlKey::decided("columns", "[2, 3, 4, 5, 6, 7]").asked(&question);
     Section { title: Some(title), comments: Vec::new(), keys: vec![key] }
 }
 
@@ -118,12 +120,12 @@ pub(super) fn position_section(joints: &Joints<'_>, units: &Units) -> Section {
             .push("A log without positions, of currents and temperatures, has recorded = false here.".into());
         return section;
     };
-    let mut keys = vec![Key::decided(found.key.0, found.key.1.clone()).because(&found.why)];
+    let mut keys = vec![TomlKey::decided(found.key.0, found.key.1.clone()).because(&found.why)];
     keys.push(match (units.known.position, units.choice()) {
-        (Some(unit), _) => Key::decided("unit", quoted(unit)).because("the name gives it"),
-        (None, Some(choice)) => Key::decided("unit", quoted(choice.position.0))
+        (Some(unit), _) => TomlKey::decided("unit", quoted(unit)).because("the name gives it"),
+        (None, Some(choice)) => TomlKey::decided("unit", quoted(choice.position.0))
             .because(&(units.by_numbers() + &units.alternatives())),
-        (None, None) => Key::decided("unit", quoted("rad")).asked(&format!(
+        (None, None) => TomlKey::decided("unit", quoted("rad")).asked(&format!(
             "positions reach {:.4}: rad, deg or rev? No unit goes with the limits and velocities",
             units.figures.position
         )),
@@ -133,18 +135,20 @@ pub(super) fn position_section(joints: &Joints<'_>, units: &Units) -> Section {
             true => "positions are far beyond the arm's limits in any unit: motors turn so",
             false => "the name says motor",
         };
-        keys.push(Key::decided("side", quoted("motor")).because(reason));
+        keys.push(TomlKey::decided("side", quoted("motor")).because(reason));
     }
     Section { title: Some("position"), comments: Vec::new(), keys }
 }
 
 pub(super) fn velocity_section(joints: &Joints<'_>, units: &Units, slopes: &Slopes) -> Option<Section> {
     let found = joints.velocity.as_ref()?;
-    let mut keys = vec![Key::decided(found.key.0, found.key.1.clone()).because(&found.why)];
+    let mut keys = vec![TomlKey::decided(found.key.0, found.key.1.clone()).because(&found.why)];
     keys.push(match (units.known.velocity, units.choice()) {
-        (Some(unit), _) => Key::decided("unit", quoted(unit)).because("the name gives it"),
-        (None, Some(choice)) => Key::decided("unit", quoted(choice.velocity.0)).because(&units.by_numbers()),
-        (None, None) => Key::decided("unit", quoted("rad/s")).asked(&format!(
+        (Some(unit), _) => TomlKey::decided("unit", quoted(unit)).because("the name gives it"),
+        (None, Some(choice)) => {
+            TomlKey::decided("unit", quoted(choice.velocity.0)).because(&units.by_numbers())
+        }
+        (None, None) => TomlKey::decided("unit", quoted("rad/s")).asked(&format!(
             "velocities reach {:.4}: rad/s, deg/s, rpm or rev/s?",
             units.figures.velocity.unwrap_or(0.0)
         )),
@@ -156,7 +160,7 @@ pub(super) fn velocity_section(joints: &Joints<'_>, units: &Units, slopes: &Slop
         .collect();
     if signs.contains(&"-1") {
         let reason = "these velocities are against the change of position";
-        keys.push(Key::decided("sign", format!("[{}]", signs.join(", "))).because(reason));
+        keys.push(TomlKey::decided("sign", format!("[{}]", signs.join(", "))).because(reason));
     }
     Some(Section { title: Some("velocity"), comments: Vec::new(), keys })
 }
@@ -165,14 +169,14 @@ pub(super) fn torque_section(joints: &Joints<'_>, units: &Units, hints: Hints<'_
     let Some(found) = &joints.torque else { return joint_question("torque", joints.count) };
     let unit = torque_unit(found, size_of(found, joints, units, hints), hints);
     let needs_gain = !unit.value.contains('N');
-    let mut keys = vec![Key::decided(found.key.0, found.key.1.clone()).because(&found.why), unit];
+    let mut keys = vec![TomlKey::decided(found.key.0, found.key.1.clone()).because(&found.why), unit];
     if needs_gain {
         keys[1]
             .reasons
             .push("the robot's description must turn it into torque: docs/torque-sources.md".into());
     }
     if found.said.is_motor {
-        keys.push(Key::decided("side", quoted("motor")).because("the name says motor"));
+        keys.push(TomlKey::decided("side", quoted("motor")).because("the name says motor"));
     }
     Section { title: Some("torque"), comments: Vec::new(), keys }
 }
@@ -191,7 +195,7 @@ fn size_of(found: &Found<'_>, joints: &Joints<'_>, units: &Units, hints: Hints<'
 }
 
 /// The unit of torques: by their name, else only where nothing speaks for currents.
-fn torque_unit(found: &Found<'_>, size: Option<Size>, hints: Hints<'_>) -> Key {
+fn torque_unit(found: &Found<'_>, size: Option<Size>, hints: Hints<'_>) -> TomlKey {
     let most = units::largest(found.values.iter().copied().flatten());
     let named_torque = found.said.kind == Some(Kind::Torque);
     let gains = hints.robot.filter(|robot| {
@@ -200,29 +204,29 @@ fn torque_unit(found: &Found<'_>, size: Option<Size>, hints: Hints<'_>) -> Key {
     let compared = size.map_or_else(String::new, |size| format!("; {}", size.text()));
     match (found.said.unit, found.said.kind) {
         (Some(unit @ ("Nm" | "N" | "A" | "mA" | "%" | "permille")), _) => {
-            Key::decided("unit", quoted(unit)).because("the name gives it")
+            TomlKey::decided("unit", quoted(unit)).because("the name gives it")
         }
-        (_, Some(Kind::Current)) if most >= LEAST_MILLIAMPERES => Key::decided("unit", quoted("mA")).asked(&format!(
+        (_, Some(Kind::Current)) if most >= LEAST_MILLIAMPERES => TomlKey::decided("unit", quoted("mA")).asked(&format!(
             "a current without unit: A or mA? The largest is {most:.4}, more than the motors of an arm take in A"
         )),
-        (_, Some(Kind::Current)) => Key::decided("unit", quoted("A"))
+        (_, Some(Kind::Current)) => TomlKey::decided("unit", quoted("A"))
             .because(&format!("a current without unit; the largest is {most:.4}")),
         _ if size.is_some_and(|size| !size.is_like_torque()) => {
             let what = if named_torque { "the name says torque, and the numbers are not as large as torques in Nm" }
                 else { "no name says what these are, and they are not as large as torques in Nm" };
-            Key::decided("unit", quoted("Nm"))
+            TomlKey::decided("unit", quoted("Nm"))
                 .asked(&format!("{what}{compared}. Currents in A, or % or permille of rated?"))
         }
-        _ if named_torque => Key::decided("unit", quoted("Nm")).because(&format!(
+        _ if named_torque => TomlKey::decided("unit", quoted("Nm")).because(&format!(
             "a torque without unit; the largest is {most:.4}{compared}. Not % or permille of rated?"
         )),
-        _ if gains.is_some() => Key::decided("unit", quoted("A")).asked(&format!(
+        _ if gains.is_some() => TomlKey::decided("unit", quoted("A")).asked(&format!(
             "no name says whether these are torques in Nm or currents in A, and the description has drive gains, which \
              currents need; the largest is {most:.4}{compared}"
         )),
-        _ if size.is_some() => Key::decided("unit", quoted("Nm"))
+        _ if size.is_some() => TomlKey::decided("unit", quoted("Nm"))
             .because(&format!("no name says so; they are as large as the arm's torques: {}", compared.trim_start_matches("; "))),
-        _ => Key::decided("unit", quoted("Nm")).asked(&format!(
+        _ => TomlKey::decided("unit", quoted("Nm")).asked(&format!(
             "no name says whether these are torques in Nm, currents in A or % of rated; the largest is {most:.4}"
         )),
     }

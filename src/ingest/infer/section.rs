@@ -6,12 +6,12 @@ pub(super) struct Section {
     /// Name of the table; `None` for the start of the file.
     pub(super) title: Option<&'static str>,
     pub(super) comments: Vec<String>,
-    pub(super) keys: Vec<Key>,
+    pub(super) keys: Vec<TomlKey>,
 }
 
 /// A key with its value and why it has it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Key {
+pub(super) struct TomlKey {
     pub(super) name: &'static str,
     /// As TOML writes it.
     pub(super) value: String,
@@ -20,7 +20,7 @@ pub(super) struct Key {
     pub(super) question: Option<String>,
 }
 
-impl Key {
+impl TomlKey {
     pub(super) fn decided(name: &'static str, value: impl Into<String>) -> Self {
         Self { name, value: value.into(), reasons: Vec::new(), question: None }
     }

@@ -3,7 +3,7 @@
 use super::head::Head;
 use super::joints::{columns_key, reference};
 use super::names::{self, Group, Kind, Said};
-use super::section::{Key, Section, quoted};
+use super::section::{Section, TomlKey, quoted};
 use crate::config::TemperatureUnit;
 
 /// Values that are believed when a unit is told by them, whatever the unit: codes of open sensors lie beyond.
@@ -48,7 +48,7 @@ pub(super) fn temperatures(head: &Head, count: usize, taken: impl Fn(usize) -> b
         let (name, value) = columns_key(&group, count, &names);
         let columns = &group.columns[..count];
         let keys = vec![
-            Key::decided(name, value).because("the name says that they are temperatures, one a joint"),
+            TomlKey::decided(name, value).because("the name says that they are temperatures, one a joint"),
             unit_key(head, columns, said, false),
         ];
         found.sections.push(Section { title: Some("motor_temperature"), comments: Vec::new(), keys });
@@ -61,7 +61,7 @@ pub(super) fn temperatures(head: &Head, count: usize, taken: impl Fn(usize) -> b
     });
     if let Some(at) = hall {
         let keys = vec![
-            Key::decided("column", reference(&names, at))
+            TomlKey::decided("column", reference(&names, at))
                 .because("the name says that it is the hall's temperature"),
             unit_key(head, &[at], said(&at), true),
         ];
@@ -72,9 +72,9 @@ pub(super) fn temperatures(head: &Head, count: usize, taken: impl Fn(usize) -> b
 }
 
 /// The unit by its name, else by the numbers.
-fn unit_key(head: &Head, columns: &[usize], said: Said, is_hall: bool) -> Key {
+fn unit_key(head: &Head, columns: &[usize], said: Said, is_hall: bool) -> TomlKey {
     if let Some(unit) = TemperatureUnit::ALL.into_iter().find(|unit| Some(unit.name()) == said.unit) {
-        return Key::decided("unit", quoted(unit.name())).because("the name gives it");
+        return TomlKey::decided("unit", quoted(unit.name())).because("the name gives it");
     }
     let mut values: Vec<f64> = columns
         .iter()
@@ -84,7 +84,7 @@ fn unit_key(head: &Head, columns: &[usize], said: Said, is_hall: bool) -> Key {
         .collect();
     values.sort_by(f64::total_cmp);
     let Some(median) = values.get(values.len() / 2).copied() else {
-        return Key::decided("unit", quoted("degC")).because("no number tells it; this is the usual one");
+        return TomlKey::decided("unit", quoted("degC")).because("no number tells it; this is the usual one");
     };
     let unit = match median {
         median if median >= KELVINS => TemperatureUnit::Kelvin,
@@ -102,5 +102,5 @@ fn unit_key(head: &Head, columns: &[usize], said: Said, is_hall: bool) -> Key {
         }
         _ => "",
     };
-    Key::decided("unit", quoted(unit.name())).because(&(reason + doubt))
+    TomlKey::decided("unit", quoted(unit.name())).because(&(reason + doubt))
 }

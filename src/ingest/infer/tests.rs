@@ -8,7 +8,7 @@ use super::*;
 use crate::config::{Layout, parse_layout};
 use crate::ingest::infer::proposal::{Hints, Proposed};
 use crate::ingest::table::reader::{ExportReader, ReadOptions};
-use crate::run::Samples;
+use crate::run::RawSamples;
 use crate::testing::er3a;
 
 /// Rows of each made export: three stages of two seconds.
@@ -94,17 +94,18 @@ fn loaded(proposed: &Proposed) -> Layout {
     parse_layout("proposed.toml", &proposed.toml).unwrap_or_else(|e| panic!("{e}\n{}", proposed.toml))
 }
 
-fn samples(bytes: &[u8], layout: &Layout) -> Samples {
+fn samples(bytes: &[u8], layout: &Layout) -> RawSamples {
     let reader =
         ExportReader::new(bytes, Path::new("a.csv"), layout, &er3a(), ReadOptions::default()).unwrap();
-    let mut samples = Samples::default();
+    let mut samples = RawSamples::default();
     reader.for_each(|chunk| samples.append(chunk.unwrap().samples));
     samples
 }
 
-fn assert_same(found: &Samples, expected: &Samples, toml: &str) {
+fn assert_same(found: &RawSamples, expected: &RawSamples, toml: &str) {
     let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= ROUNDING);
-    let channels = |s: &Samples| [s.position.clone(), s.velocity.clone().unwrap(), s.torque.clone()].concat();
+    let channels =
+        |s: &RawSamples| [s.position.clone(), s.velocity.clone().unwrap(), s.torque.clone()].concat();
     assert!(close(&found.time, &expected.time), "time\n{toml}");
     for (channel, (a, b)) in channels(found).iter().zip(&channels(expected)).enumerate() {
         assert!(close(a, b), "channel {channel}\n{toml}");
@@ -279,7 +280,7 @@ fn temperatures_are_proposed_with_their_units_and_disturb_nothing() {
         temperatures.ambient.expect("named").measured().all(|(_, kelvin)| (kelvin - 294.65).abs() < 0.01)
     );
     let plain = samples(export(&native_style()).as_bytes(), &native());
-    assert_eq!(Samples { temperatures: None, ..found }, plain, "{}", proposal.toml);
+    assert_eq!(RawSamples { temperatures: None, ..found }, plain, "{}", proposal.toml);
 
     let text =
         with_temperatures(|j| format!("motor_temp_{j}"), "room temperature", [kelvin, |_| "71.2".into()]);

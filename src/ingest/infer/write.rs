@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::head::Head;
 use super::proposal::Proposed;
-use super::section::{Key, Section};
+use super::section::{Section, TomlKey};
 use crate::config::DecimalMark;
 use crate::ingest::infer::section::quoted;
 
@@ -31,30 +31,30 @@ pub(super) fn layout(name: &str, path: &Path, head: &Head, sections: &[Section])
 }
 
 fn format_section(name: &str, head: &Head) -> Section {
-    let mut keys = vec![Key::decided("name", quoted(name))];
+    let mut keys = vec![TomlKey::decided("name", quoted(name))];
     let delimiter = quoted(&char::from(head.delimiter).to_string());
     keys.push(
-        Key::decided("delimiter", delimiter).because("it makes the most numbers, in rows of one length"),
+        TomlKey::decided("delimiter", delimiter).because("it makes the most numbers, in rows of one length"),
     );
     if head.decimal == DecimalMark::Comma {
-        keys.push(Key::decided("decimal", quoted(",")).because("numbers have decimal commas"));
+        keys.push(TomlKey::decided("decimal", quoted(",")).because("numbers have decimal commas"));
     }
     let encoding = head.encoding.declared().name();
     let reason = format!("this file is {encoding}; \"auto\" would find that too, file by file");
-    keys.push(Key::decided("encoding", quoted("auto")).because(&reason));
+    keys.push(TomlKey::decided("encoding", quoted("auto")).because(&reason));
     if head.skip_lines > 0 {
         let reason = format!("the header is line {}", head.skip_lines + 1);
-        keys.push(Key::decided("skip_lines", head.skip_lines.to_string()).because(&reason));
+        keys.push(TomlKey::decided("skip_lines", head.skip_lines.to_string()).because(&reason));
     }
     let header = match (head.header, head.commented_header) {
         (true, true) => "names stand behind the sign of a comment, above the first row",
         (true, false) => "names stand above the first row",
         (false, _) => "no line above the first row has as many fields; columns go by number",
     };
-    keys.push(Key::decided("header", head.header.to_string()).because(header));
+    keys.push(TomlKey::decided("header", head.header.to_string()).because(header));
     if head.skip_after_header > 0 {
         let reason = "lines of words between names and numbers, such as units";
-        keys.push(Key::decided("skip_after_header", head.skip_after_header.to_string()).because(reason));
+        keys.push(TomlKey::decided("skip_after_header", head.skip_after_header.to_string()).because(reason));
     }
     Section { title: None, comments: Vec::new(), keys }
 }

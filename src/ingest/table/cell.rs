@@ -1,6 +1,7 @@
 //! What the text of one cell says: a number with a decimal point or comma, or a date and time.
 
 use jiff::civil::Date;
+use serde::{Deserialize, Serialize};
 
 use crate::config::DecimalMark;
 
@@ -36,7 +37,7 @@ pub fn number(cell: &str, decimal: DecimalMark) -> Result<f64, NoNumber> {
 
 /// A number as its digits are written, without the rounding of a double: `digits` times ten to the power of minus
 /// `places`. A clock that counts from 1970 in steps of a millisecond needs more digits than a double has.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Decimal {
     /// All digits as one whole number.
     pub digits: i128,

@@ -5,13 +5,15 @@
 
 use std::path::Path;
 
+use serde::{Deserialize, Serialize};
+
 use super::channels::RawColumns;
 use super::column_map::{ColumnMap, Role, TimeColumn};
 use super::fields::fields;
 use super::{cell, channels};
 use crate::ingest::bytes::blocks::{Block, is_blank, narrow, nul};
 use crate::ingest::rejection::Rejection;
-use crate::run::Samples;
+use crate::run::RawSamples;
 
 /// What a file is that ends before its first row is whole.
 pub(in crate::ingest) const CUT: &str = "last line is cut";
@@ -20,7 +22,7 @@ const CELL_REMEDY: &str = "export again or correct the cell";
 const STAGE_REMEDY: &str = "add the value to the stage signal of the layout, or export again";
 
 /// The time of the last row of the block before.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PreviousTime {
     /// In the export's unit, for messages.
     pub recorded: f64,
@@ -37,7 +39,7 @@ pub fn read(
     map: &ColumnMap,
     previous: Option<PreviousTime>,
     path: &Path,
-) -> Result<Samples, Rejection> {
+) -> Result<RawSamples, Rejection> {
     read_passing_over(block, map, previous, path, 0).map(|(samples, _)| samples)
 }
 
@@ -72,7 +74,7 @@ pub fn read_passing_over(
     previous: Option<PreviousTime>,
     path: &Path,
     most: u64,
-) -> Result<(Samples, PassedOver), Rejection> {
+) -> Result<(RawSamples, PassedOver), Rejection> {
     let mut columns: RawColumns = vec![Vec::new(); map.names.len()];
     let mut row = Row { map, path, columns: &mut columns, previous, passes_over: most > 0, kept: Vec::new() };
     let mut passed = PassedOver::default();
@@ -152,7 +154,7 @@ pub fn judge_last_line(
     let last = map.least_fields.saturating_sub(1);
     let (Some(cell), Some(role)) = (cells.get(last), map.roles.get(last)) else { return Ok(LastLine::Cut) };
     let reads = match channels::is_text(*role, map) {
-        true => channels::word_number(cell, *role, map).is_some(),
+        true => channels::word_number(cell, map).is_some(),
         // an empty cell of a temperature is none, not a cut one
         false => {
             *role == Role::Ignored || role.temperature_unit().is_some() || value(cell, *role, map).is_ok()
@@ -194,6 +196,7 @@ impl Row<'_> {
         let text = self.text(line).map_err(of_row)?;
         self.refuse_wrong_shape(text)?;
         let map = self.map;
+        let is_exclusive = map.stage_source.kind().is_exclusive();
         let mut stage_on: Option<usize> = None;
         let mut of_recording: Option<Rejection> = None;
         let mut time = None;
@@ -213,7 +216,7 @@ impl Row<'_> {
                     Err(rejection) => refused = Some(named(rejection)),
                 }
             }
-            if matches!(role, Role::StageFlag(_)) && value != 0.0 {
+            if is_exclusive && matches!(role, Role::Stage(_)) && value != 0.0 {
                 refused = self.refuse_second_stage(stage_on.replace(column), column).err();
             }
             match refused {
@@ -288,8 +291,8 @@ impl Row<'_> {
     fn number(&self, cell: &str, role: Role) -> Result<f64, Rejection> {
         let refused = |reason: String| self.rejection(reason).with_value(cell);
         if channels::is_text(role, self.map) {
-            return channels::word_number(cell, role, self.map).ok_or_else(|| {
-                let mut rejection = refused(channels::words_wanted(role, self.map));
+            return channels::word_number(cell, self.map).ok_or_else(|| {
+                let mut rejection = refused(self.map.stage_source.kind().words_wanted());
                 rejection.remedy = STAGE_REMEDY.into();
                 rejection
             });
@@ -308,7 +311,7 @@ impl Row<'_> {
         })?;
         if let Some(reason) = channels::refusal(value, role, self.map) {
             let mut rejection = refused(reason);
-            if role == Role::Stage {
+            if matches!(role, Role::Stage(_)) {
                 rejection.remedy = STAGE_REMEDY.into();
             }
             return Err(rejection);

@@ -5,10 +5,10 @@
 
 use super::cell::{self, Decimal};
 use super::column_map::{ColumnMap, Role, TimeColumn};
-use crate::config::{DecimalMark, StageSignal, StageSource, StageWords};
+use crate::config::DecimalMark;
 use crate::robot::JointIndex;
 use crate::run::temperature::{TemperatureTrack, Temperatures};
-use crate::run::{FrictionSignal, Samples, Stage};
+use crate::run::{FrictionSignal, RawSamples, Stage, StageReading};
 
 /// Largest time, s: three thousand years in seconds, so any clock passes; doubles still tell
 /// fifteen microseconds apart there.
@@ -27,53 +27,16 @@ const MAX_CYCLE: u32 = 1_000_000;
 /// column is not needed.
 pub type RawColumns = Vec<Vec<f64>>;
 
-/// Words for yes and for no in the column of a stage, in any case.
-const YES: [&str; 4] = ["1", "true", "on", "yes"];
-const NO: [&str; 4] = ["0", "false", "off", "no"];
-
 /// Whether the cells of a column of this role are words.
 #[must_use]
 pub fn is_text(role: Role, map: &ColumnMap) -> bool {
-    match role {
-        Role::Stage => matches!(map.stage_source, StageSource::Words(_)),
-        Role::StageFlag(_) => true,
-        _ => false,
-    }
+    matches!(role, Role::Stage(_)) && map.stage_source.kind().has_words()
 }
 
-/// The number that stands for a word in a column of words: a stage's place among the stages, or 1 for
-/// yes and 0 for no. `None` for a word that means nothing there.
+/// The number that stands for a word in a column of words; `None` for a word that means nothing there.
 #[must_use]
-pub fn word_number(cell: &str, role: Role, map: &ColumnMap) -> Option<f64> {
-    let cell = cell.trim();
-    match (role, &map.stage_source) {
-        (Role::Stage, StageSource::Words(StageWords { words, .. })) => {
-            words.iter().find(|(word, _)| word == cell).map(|(_, stage)| f64::from(*stage as u8))
-        }
-        (Role::StageFlag(_), _) => {
-            let is = |words: &[&str]| words.iter().any(|word| cell.eq_ignore_ascii_case(word));
-            if is(&YES) || cell.parse() == Ok(1.0) {
-                Some(1.0)
-            } else if is(&NO) || cell.parse() == Ok(0.0) {
-                Some(0.0)
-            } else {
-                None
-            }
-        }
-        _ => None,
-    }
-}
-
-/// What a word that means nothing in a column of words should have been.
-#[must_use]
-pub fn words_wanted(role: Role, map: &ColumnMap) -> String {
-    match (role, &map.stage_source) {
-        (Role::Stage, StageSource::Words(StageWords { words, .. })) => {
-            let words: Vec<String> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
-            format!("no known stage: the layout has {}", words.join(", "))
-        }
-        _ => "neither yes nor no: 1, true, on or yes, 0, false, off or no".into(),
-    }
+pub fn word_number(cell: &str, map: &ColumnMap) -> Option<f64> {
+    map.stage_source.kind().word_number(cell.trim())
 }
 
 /// The channels in SI, or `None` if any number is refused or time does not rise strictly.
@@ -81,7 +44,7 @@ pub fn words_wanted(role: Role, map: &ColumnMap) -> String {
 /// Times in `columns` count from the first row of the export, but for counts of a counter, which are as recorded.
 /// `previous_time` is the time of the row before, s. Factors of 1 cost nothing.
 #[must_use]
-pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f64>) -> Option<Samples> {
+pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f64>) -> Option<RawSamples> {
     let factors = &map.to_si;
     let time = match map.time {
         TimeColumn::Recorded(column) | TimeColumn::Stamped { column, .. } => {
@@ -115,7 +78,8 @@ pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f
         None => None,
     };
     let torque = joints(&map.torque, &factors.torque, MAX_TORQUE)?;
-    let (stage, stage_level) = stage_channel(&mut columns, map, time.len())?;
+    let of_stages = map.stage.iter().map(|column| taken(&mut columns, *column)).collect();
+    let stage = map.stage_source.kind().reading(of_stages, time.len())?;
     let cycle = match map.cycle {
         Some(column) => Some(cycles(&taken(&mut columns, column))?),
         None => None,
@@ -129,17 +93,7 @@ pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f
         None => None,
     };
     let temperatures = temperatures(&mut columns, map);
-    Some(Samples {
-        time,
-        position,
-        velocity,
-        torque,
-        stage,
-        stage_level,
-        cycle,
-        friction_signal,
-        temperatures,
-    })
+    Some(RawSamples { time, position, velocity, torque, stage, cycle, friction_signal, temperatures })
 }
 
 /// The number in a cell of a temperature column, in its unit; not a number where the cell holds none, which is
@@ -186,11 +140,7 @@ pub fn refusal(value: f64, role: Role, map: &ColumnMap) -> Option<String> {
         Role::Position(j) => beyond(of(&factors.position, j), MAX_POSITION, "joint's position", "rad"),
         Role::Velocity(j) => beyond(of(&factors.velocity, j), MAX_VELOCITY, "joint's velocity", "rad/s"),
         Role::Torque(j) => beyond(of(&factors.torque, j), MAX_TORQUE, "joint's torque", "Nm"),
-        Role::Stage => match &map.stage_source {
-            StageSource::Signal(signal) => stage_of(value, signal).is_none().then(|| "no known stage".into()),
-            _ => None,
-        },
-        Role::StageFlag(_) => None,
+        Role::Stage(_) => map.stage_source.kind().refusal(value),
         Role::Cycle => out_of_range(value, 0, u64::from(MAX_CYCLE)),
         Role::FrictionJoint => out_of_range(value, 0, map.joint_count() as u64),
         Role::FrictionLevel => out_of_range(value, 0, u64::from(max_level(map))),
@@ -209,15 +159,7 @@ pub fn may_continue(cell: &str, role: Role, map: &ColumnMap) -> bool {
         Role::Ignored => false,
         Role::Time | Role::Position(_) | Role::Velocity(_) | Role::Torque(_) | Role::Cycle => true,
         Role::MotorTemperature(..) | Role::AmbientTemperature(_) => true,
-        Role::Stage => match &map.stage_source {
-            StageSource::Signal(signal) => {
-                let lists = [&signal.between, &signal.excitation, &signal.friction, &signal.warming];
-                lists.into_iter().flatten().any(|value| longer(value))
-            }
-            StageSource::Words(words) => words.words.iter().any(|(word, _)| longer(word)),
-            _ => true,
-        },
-        Role::StageFlag(_) => YES.iter().chain(&NO).any(|word| longer(&word)),
+        Role::Stage(_) => map.stage_source.kind().may_continue(cell),
         Role::FrictionJoint => (0..=map.joint_count()).any(|joint| longer(&joint)),
         Role::FrictionLevel => (0..=max_level(map)).any(|level| longer(&level)),
     }
@@ -276,102 +218,31 @@ pub(in crate::ingest) fn counted(
     rows.into_iter().map(|row| (first + row as f64) / rate).collect()
 }
 
-fn stages(values: &[f64], signal: &StageSignal) -> Option<Vec<Stage>> {
-    // A stage lasts for thousands of rows: the value of the row before is nearly always this one.
-    let mut last = None;
-    values
-        .iter()
-        .map(|value| match last {
-            Some((known, stage)) if known == *value => Some(stage),
-            _ => {
-                let stage = stage_of(*value, signal)?;
-                last = Some((*value, stage));
-                Some(stage)
-            }
-        })
-        .collect()
-}
-
-fn stage_of(value: f64, signal: &StageSignal) -> Option<Stage> {
-    let value = whole(value)?;
-    let lists = [
-        (&signal.between, Stage::Between),
-        (&signal.excitation, Stage::Excitation),
-        (&signal.friction, Stage::Friction),
-        (&signal.warming, Stage::Warming),
-    ];
-    lists.into_iter().find(|(list, _)| list.contains(&value)).map(|(_, stage)| stage)
-}
-
-/// Stages of the rows, or between stages where they do not stand in the export, and the level of an
-/// analogue signal.
-fn stage_channel(
-    columns: &mut RawColumns,
-    map: &ColumnMap,
-    rows: usize,
-) -> Option<(Vec<Stage>, Option<Vec<f64>>)> {
-    let mut column = || map.stage.map(|column| taken(columns, column));
-    match &map.stage_source {
-        StageSource::Signal(signal) => Some((stages(&column()?, signal)?, None)),
-        StageSource::Words(_) => {
-            let stage = |number: &f64| STAGES.iter().copied().find(|of| f64::from(*of as u8) == *number);
-            Some((column()?.iter().map(stage).collect::<Option<_>>()?, None))
-        }
-        StageSource::Levels(_) => {
-            let levels = column()?;
-            levels.iter().all(|level| level.is_finite()).then(|| (vec![Stage::Between; rows], Some(levels)))
-        }
-        StageSource::OneHot(_) => {
-            let flags: Vec<(Stage, Vec<f64>)> =
-                map.stage_flags.iter().map(|(of, column)| (*of, taken(columns, *column))).collect();
-            Some((one_hot_stages(&flags, rows)?, None))
-        }
-        StageSource::Whole(stage) => Some((vec![*stage; rows], None)),
-        StageSource::Motion | StageSource::Schedule(_) | StageSource::Production(_) => {
-            Some((vec![Stage::Between; rows], None))
-        }
-    }
-}
-
-/// Stages in the order of their places.
-const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
-
-/// The stage that goes on in each row; `None` if two do.
-fn one_hot_stages(flags: &[(Stage, Vec<f64>)], rows: usize) -> Option<Vec<Stage>> {
-    let mut stages = vec![Stage::Between; rows];
-    for (of, flags) in flags {
-        for (stage, flag) in stages.iter_mut().zip(flags) {
-            match (*flag != 0.0, *stage) {
-                (false, _) => {}
-                (true, Stage::Between) => *stage = *of,
-                (true, _) => return None,
-            }
-        }
-    }
-    Some(stages)
-}
-
 fn cycles(values: &[f64]) -> Option<Vec<u32>> {
     values.iter().map(|value| in_range(*value, 0, u64::from(MAX_CYCLE)).map(|v| v as u32)).collect()
 }
 
 fn friction_signals(
-    stage: &[Stage],
+    stage: &StageReading,
     joint: &[f64],
     level: &[f64],
     map: &ColumnMap,
 ) -> Option<Vec<Option<FrictionSignal>>> {
     let (joints, levels) = (map.joint_count() as u64, u64::from(max_level(map)));
-    let later = !map.stage_source.is_recorded();
-    stage
+    joint
         .iter()
-        .zip(joint.iter().zip(level))
-        .map(|(stage, (joint, level))| {
+        .zip(level)
+        .enumerate()
+        .map(|(row, (joint, level))| {
             let joint = in_range(*joint, 0, joints)?;
             let level = in_range(*level, 0, levels)?;
             // Between two joints of the friction stage either may be zero. A stage that is not known yet
             // takes those outside it away later.
-            let tested = (later || *stage == Stage::Friction) && level > 0;
+            let may_be_friction = match stage {
+                StageReading::Known(stages) => stages.get(row) == Some(&Stage::Friction),
+                StageReading::Level(_) | StageReading::Unknown => true,
+            };
+            let tested = may_be_friction && level > 0;
             let joint = JointIndex::from_number(joint as usize).filter(|_| tested);
             Some(joint.map(|joint| FrictionSignal { joint, level: level as u8 }))
         })

@@ -10,7 +10,6 @@ use crate::config::{
 };
 use crate::ingest::rejection::Rejection;
 use crate::robot::{JointIndex, Robot};
-use crate::run::Stage;
 
 /// Most column names listed in a message.
 const LISTED_COLUMNS: usize = 40;
@@ -31,10 +30,8 @@ pub enum Role {
     Velocity(JointIndex),
     /// Torque of a joint.
     Torque(JointIndex),
-    /// Stage signal.
-    Stage,
-    /// Whether a stage goes on.
-    StageFlag(Stage),
+    /// Stage signal: its column of this place, from 0.
+    Stage(usize),
     /// Cycle counter.
     Cycle,
     /// Joint under friction test.
@@ -81,10 +78,8 @@ pub struct ColumnMap {
     pub velocity: Option<Vec<usize>>,
     /// Column index of each joint's torque.
     pub torque: Vec<usize>,
-    /// Column index of the stage signal, where one column is it.
-    pub stage: Option<usize>,
-    /// Column indices of the stages, where each has one.
-    pub stage_flags: Vec<(Stage, usize)>,
+    /// Column indices of the stage signal, in the order of its columns.
+    pub stage: Vec<usize>,
     /// Column index of the cycle counter, where recorded.
     pub cycle: Option<usize>,
     /// Column indices of friction joint and speed level, where both are recorded.
@@ -95,7 +90,7 @@ pub struct ColumnMap {
     pub ambient_temperature: Option<usize>,
     /// Factors to SI.
     pub to_si: Factors,
-    /// Meaning of the stage signal's values, or the one stage.
+    /// Meaning of the stage signal's columns.
     pub stage_source: StageSource,
     /// Channels recorded on the motor's side.
     pub motor_side: MotorSide,
@@ -216,19 +211,9 @@ pub fn map_columns(
         _ => None,
     };
     let torque = search.needed_by_joint(&layout.torque)?;
-    let (mut stage, mut stage_flags) = (None, Vec::new());
-    match &layout.stage {
-        StageSource::OneHot(one_hot) => {
-            for (of, column) in &one_hot.columns {
-                stage_flags.push((*of, search.stage(column)?));
-            }
-        }
-        one => {
-            for column in one.columns() {
-                stage = Some(search.stage(column)?);
-            }
-        }
-    }
+    let stage_columns = layout.stage.kind().columns();
+    let stage =
+        stage_columns.into_iter().map(|column| search.stage(column)).collect::<Result<Vec<_>, _>>()?;
     let cycle = search.optional(layout.cycle.as_ref())?;
     let joint = search.optional(layout.friction_joint.as_ref())?;
     let level = search.optional(layout.friction_level.as_ref())?;
@@ -264,8 +249,7 @@ pub fn map_columns(
     if let (Some(column), Some(ambient)) = (ambient_temperature, ambient) {
         assign(column, Role::AmbientTemperature(ambient.unit));
     }
-    stage.into_iter().for_each(|column| assign(column, Role::Stage));
-    stage_flags.iter().for_each(|(of, column)| assign(*column, Role::StageFlag(*of)));
+    stage.iter().enumerate().for_each(|(place, column)| assign(*column, Role::Stage(place)));
     cycle.into_iter().for_each(|column| assign(column, Role::Cycle));
     if let Some(friction) = friction {
         assign(friction.joint, Role::FrictionJoint);
@@ -294,7 +278,6 @@ pub fn map_columns(
         velocity,
         torque,
         stage,
-        stage_flags,
         cycle,
         friction,
         motor_temperature,
@@ -485,7 +468,7 @@ impl Search<'_> {
         });
         single.chain([ambient]).flatten().any(is)
             || motors.into_iter().any(|column| is(&column))
-            || layout.stage.columns().into_iter().any(is)
+            || layout.stage.kind().columns().into_iter().any(is)
             || joints.into_iter().flatten().any(|channel| self.columns(channel).any(|column| is(&column)))
     }
 }

@@ -23,7 +23,7 @@ use crate::config::DecimalMark;
 use crate::ingest::bytes::blocks::{Block, line_count};
 use crate::ingest::bytes::encoding::without_bom;
 use crate::ingest::rejection::Rejection;
-use crate::run::Samples;
+use crate::run::RawSamples;
 
 /// Reads blocks of one export; several threads may share it.
 #[derive(Debug, Clone)]
@@ -94,7 +94,7 @@ impl Parser {
         block: &Block,
         previous: Option<PreviousTime>,
         path: &Path,
-    ) -> Result<Samples, Rejection> {
+    ) -> Result<RawSamples, Rejection> {
         self.read_passing_over(block, previous, path, 0).map(|(samples, _)| samples)
     }
 
@@ -108,7 +108,7 @@ impl Parser {
         previous: Option<PreviousTime>,
         path: &Path,
         most: u64,
-    ) -> Result<(Samples, PassedOver), Rejection> {
+    ) -> Result<(RawSamples, PassedOver), Rejection> {
         let fast = self
             .columns(&block.bytes)
             .and_then(|columns| channels::samples(columns, &self.map, previous.map(|p| p.seconds)));
@@ -152,7 +152,7 @@ impl Parser {
                     Some(origin) => times_since(column, origin)?,
                     None => numbers(column, rows)?,
                 },
-                (role, _) if channels::is_text(*role, map) => word_numbers(column, *role, map)?,
+                (role, _) if channels::is_text(*role, map) => word_numbers(column, map)?,
                 (role, _) if role.temperature_unit().is_some() => temperatures(column)?,
                 _ => numbers(column, rows)?,
             });
@@ -255,7 +255,7 @@ fn is_blank(column: &Column) -> bool {
 }
 
 /// The numbers that the words of a column stand for, or `None` if one of them stands for none.
-fn word_numbers(column: &Column, role: Role, map: &ColumnMap) -> Option<Vec<f64>> {
+fn word_numbers(column: &Column, map: &ColumnMap) -> Option<Vec<f64>> {
     // a stage lasts for thousands of rows: the word of the row before is nearly always this one
     let mut last: Option<(&str, f64)> = None;
     let words = column.str().ok()?.iter().map(|word| word.unwrap_or_default());
@@ -263,7 +263,7 @@ fn word_numbers(column: &Column, role: Role, map: &ColumnMap) -> Option<Vec<f64>
         .map(|word| match last {
             Some((known, number)) if known == word => Some(number),
             _ => {
-                let found = channels::word_number(word, role, map)?;
+                let found = channels::word_number(word, map)?;
                 last = Some((word, found));
                 Some(found)
             }

@@ -3,6 +3,8 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use serde::{Deserialize, Serialize};
+
 use super::cell::Decimal;
 use super::cell_reader::{LastLine, PassedOver, PreviousTime};
 use super::column_map::{ColumnMap, TimeColumn, map_columns};
@@ -14,7 +16,7 @@ use crate::ingest::bytes::blocks::{BLOCK_BYTES, Block, Blocks, Next, Passed, lin
 use crate::ingest::bytes::encoding::Found;
 use crate::ingest::rejection::Rejection;
 use crate::robot::Robot;
-use crate::run::Samples;
+use crate::run::RawSamples;
 
 /// Lines below a line that is no header in which a header is looked for, to say how many to skip.
 const MOST_LINES_ABOVE_HEADER: usize = 100;
@@ -39,16 +41,16 @@ impl Default for ReadOptions {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chunk {
     /// The rows, in SI.
-    pub samples: Samples,
+    pub samples: RawSamples,
     /// Line of the first row in the decompressed file, from 1.
     pub first_line: u64,
     /// Where the reader stood before them.
-    pub place: Place,
+    pub position: ReadPosition,
 }
 
 /// Where a reader stands before a row: with it, another reader of the same export goes on.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Place {
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct ReadPosition {
     /// Line of the row in the decompressed file, from 1.
     pub line: u64,
     /// Its first byte in the decompressed file, from 0.
@@ -217,26 +219,26 @@ impl<R: Read> ExportReader<R> {
         &self.passed_over
     }
 
-    /// Passes over rows, a block of them at most, on the way to `place`, where a reader of the same export stood.
+    /// Passes over rows, a block of them at most, on the way to `position`, where a reader of the same export stood.
     /// To be called before the first [`ExportReader::step`], until it says [`Passed::There`]; with
     /// [`Passed::Elsewhere`] the export is another one, and this reader is of no use.
     ///
     /// # Errors
     /// A rejection of a file that cannot be read so far.
-    pub fn pass_to(&mut self, place: &Place) -> Result<Passed, Rejection> {
-        let passed = self.blocks.pass_to(place.line, place.byte, &self.path)?;
+    pub fn pass_to(&mut self, position: &ReadPosition) -> Result<Passed, Rejection> {
+        let passed = self.blocks.pass_to(position.line, position.byte, &self.path)?;
         if passed == Passed::There {
-            (self.rows, self.previous) = (place.rows, place.previous);
-            self.passed_over.rows = place.rows_skipped;
-            self.parser.count_from_number(place.origin);
+            (self.rows, self.previous) = (position.rows, position.previous);
+            self.passed_over.rows = position.rows_skipped;
+            self.parser.count_from_number(position.origin);
             self.has_moment = true;
-            place.moment.into_iter().for_each(|moment| self.parser.count_from_moment(moment));
+            position.moment.into_iter().for_each(|moment| self.parser.count_from_moment(moment));
         }
         Ok(passed)
     }
 
-    fn place(&self, block: &Block) -> Place {
-        Place {
+    fn position_before(&self, block: &Block) -> ReadPosition {
+        ReadPosition {
             line: block.first_line,
             byte: block.first_byte,
             rows: self.rows,
@@ -273,16 +275,16 @@ impl<R: Read> ExportReader<R> {
             if block.bytes.is_empty() {
                 continue;
             }
-            let (first_line, place) = (block.first_line, self.place(&block));
+            let (first_line, position) = (block.first_line, self.position_before(&block));
             let samples = self.take_rows(block)?;
             if !samples.is_empty() {
-                return Ok(Step::Rows(Box::new(Chunk { samples, first_line, place })));
+                return Ok(Step::Rows(Box::new(Chunk { samples, first_line, position })));
             }
         }
     }
 
     /// The rows of a block, counted. A fault behind some of them comes with the next step.
-    fn take_rows(&mut self, block: Block) -> Result<Samples, Rejection> {
+    fn take_rows(&mut self, block: Block) -> Result<RawSamples, Rejection> {
         if !self.has_moment {
             self.has_moment = self.parser.count_from(&block);
         }
@@ -343,7 +345,7 @@ impl<R: Read> ExportReader<R> {
         mut block: Block,
         rejection: Rejection,
         most: u64,
-    ) -> Result<(Samples, PassedOver), Rejection> {
+    ) -> Result<(RawSamples, PassedOver), Rejection> {
         let end = rejection.line.and_then(|line| start_of_line(&block, line)).filter(|end| *end > 0);
         let Some(end) = end else { return Err(rejection) };
         block.bytes.truncate(end);
@@ -424,7 +426,7 @@ impl<R: Read> ExportReader<R> {
     }
 
     /// Notes the last time of a block of `lines` lines.
-    fn note_time(&mut self, samples: &Samples, lines: u64) {
+    fn note_time(&mut self, samples: &RawSamples, lines: u64) {
         let (before, map) = (self.previous, self.parser.map());
         if let Some(last) = samples.time.last() {
             let origin = map.time_origin.map_or(0.0, Decimal::to_f64);

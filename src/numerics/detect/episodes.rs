@@ -18,22 +18,22 @@ pub(super) fn anomalies<Series>(
     runs: &[(i64, Timestamp)],
 ) -> Vec<Anomaly> {
     let of_detector = |detector: &&dyn Detector<Series>| {
-        episodes(runs, joint, detector.kind(), detector.quantity(series), detector.judge(series))
+        episodes(runs, Some(joint), detector.kind(), detector.quantity(series), detector.judge(series))
     };
     detectors.iter().flat_map(of_detector).collect()
 }
 
-/// Joins the verdicts of successive runs into episodes.
-fn episodes(
+/// Joins the verdicts of successive runs into episodes; `joint` is `None` for the whole arm.
+pub(super) fn episodes(
     runs: &[(i64, Timestamp)],
-    joint: JointIndex,
+    joint: Option<JointIndex>,
     kind: AnomalyKind,
     quantity: &'static str,
     verdicts: Vec<Verdict>,
 ) -> Vec<Anomaly> {
     let mut found: Vec<Anomaly> = Vec::new();
     let mut quiet = QUIET_RUNS;
-    for (&(run_id, started_at), verdict) in runs.iter().zip(verdicts) {
+    for (place, (&(run_id, started_at), verdict)) in runs.iter().zip(verdicts).enumerate() {
         match verdict {
             Verdict::Unknown => {}
             Verdict::Quiet => {
@@ -42,9 +42,11 @@ fn episodes(
                     found.iter_mut().for_each(|anomaly| anomaly.ended = true);
                 }
             }
-            Verdict::Out { severity, score, threshold, value, baseline, message } => {
+            Verdict::Out { severity, score, threshold, value, baseline, message, why } => {
+                let (began, cycle) = why.onset.unwrap_or((place, None));
+                let (onset_id, onset_at) = runs[began];
                 let now = Anomaly {
-                    joint: Some(joint),
+                    joint,
                     kind,
                     quantity,
                     severity,
@@ -54,16 +56,16 @@ fn episodes(
                     baseline,
                     peak_value: value,
                     peak_score: score,
-                    first_cycle: None,
+                    first_cycle: cycle.filter(|_| began == place),
                     first_run_id: run_id,
                     last_run_id: run_id,
                     first_seen_at: started_at,
                     last_seen_at: started_at,
-                    onset: Onset { run_id, cycle: None, at: started_at },
-                    odds: None,
-                    alternatives: Vec::new(),
+                    onset: Onset { run_id: onset_id, cycle, at: onset_at },
+                    odds: why.odds,
+                    alternatives: why.alternatives,
                     ended: false,
-                    message: format!("joint {joint}: {message}"),
+                    message: joint.map_or(message.clone(), |joint| format!("joint {joint}: {message}")),
                 };
                 match found.last_mut().filter(|anomaly| !anomaly.ended) {
                     Some(open) => open.go_on(now),

@@ -6,8 +6,15 @@
 //! model differ by half in friction when both are healthy.
 
 mod friction_history;
+mod curve;
+mod arm;
 mod series;
+mod friction_change;
 mod friction_drift;
+mod friction_step;
+mod friction_swing;
+mod warm_up;
+mod arm_change;
 mod oscillation;
 mod accuracy;
 mod without_result;
@@ -17,11 +24,17 @@ mod next_test;
 use jiff::Timestamp;
 
 use self::accuracy::Accuracy;
+use self::arm::{ArmEvidence, arm_evidence};
+use self::arm_change::arm_changes;
+use self::curve::causes::{RunCause, causes};
 use self::friction_drift::FrictionDrift;
+use self::friction_step::FrictionStep;
+use self::friction_swing::FrictionSwing;
 use self::health::health;
 use self::next_test::expected_by;
 use self::oscillation::Oscillation;
 use self::series::{JointSeries, RunDetector};
+use self::warm_up::WarmUp;
 use self::without_result::without_result;
 use super::episodes::anomalies;
 use super::verdict::DetectSettings;
@@ -29,18 +42,39 @@ use crate::anomaly::{Findings, RunSummary};
 use crate::robot::JointIndex;
 
 /// All detectors of a joint. Anomalies of a joint are found in this order.
-const DETECTORS: &[&RunDetector] = &[&FrictionDrift, &Oscillation, &Accuracy];
+const DETECTORS: &[&RunDetector] =
+    &[&FrictionStep, &FrictionDrift, &FrictionSwing, &WarmUp, &Oscillation, &Accuracy];
 
-/// Looks at the complete runs of one robot, oldest first.
+/// Looks at the complete runs of one robot, oldest first. Runs of two epochs of a joint are not compared
+/// ([`crate::anomaly::epoch`]): each epoch has its own baseline, and anomalies of an earlier one have ended.
 #[must_use]
 pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
     let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
     let mut findings = Findings::default();
-    let moments: Vec<(i64, Timestamp)> = history.iter().map(|run| (run.run_id, run.started_at)).collect();
+    let Some(latest) = history.last() else { return findings };
+    let mut parts: Vec<Part> = Vec::new();
     for joint in (0..joints).map(JointIndex::new) {
-        let series = JointSeries::new(history, joint, settings);
-        let found = anomalies(DETECTORS, &series, joint, &moments);
-        findings.health.push(health(history, &series, &found));
+        let epoch = |run: &RunSummary| run.epochs.get(joint.index()).copied().unwrap_or(0);
+        for places in grouped(history, epoch) {
+            let is_latest = places.last().is_some_and(|place| place + 1 == history.len());
+            let part = part(&mut parts, history, places, joints, settings);
+            let causes = part.causes[joint.index()].clone();
+            let series = JointSeries::new(&part.runs, joint, causes, &part.arm, settings);
+            let mut found = anomalies(DETECTORS, &series, joint, &part.moments);
+            if is_latest {
+                findings.health.push(health(&part.runs, &series, &found));
+            } else {
+                found.iter_mut().for_each(|anomaly| anomaly.ended = true);
+            }
+            findings.anomalies.extend(found);
+        }
+    }
+    for places in grouped(history, |run| run.epochs.clone()) {
+        let part = part(&mut parts, history, places, joints, settings);
+        let mut found = arm_changes(&part.arm, joints, &part.moments);
+        if part.runs.last().is_some_and(|run| run.run_id != latest.run_id) {
+            found.iter_mut().for_each(|anomaly| anomaly.ended = true);
+        }
         findings.anomalies.extend(found);
     }
     findings.anomalies.extend(without_result(history));
@@ -48,6 +82,55 @@ pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
     findings
 }
 
+/// Runs that are compared with each other.
+struct Part {
+    /// Their places in the history.
+    places: Vec<usize>,
+    runs: Vec<RunSummary>,
+    /// Key and start of each.
+    moments: Vec<(i64, Timestamp)>,
+    arm: Vec<Option<ArmEvidence>>,
+    /// By joint and run.
+    causes: Vec<Vec<Option<RunCause>>>,
+}
+
+/// The part of these places; most joints have the same parts.
+fn part<'p>(
+    parts: &'p mut Vec<Part>,
+    history: &[RunSummary],
+    places: Vec<usize>,
+    joints: usize,
+    settings: &DetectSettings,
+) -> &'p Part {
+    let known = parts.iter().position(|part| part.places == places).unwrap_or_else(|| {
+        let runs: Vec<RunSummary> = places.iter().map(|&place| history[place].clone()).collect();
+        parts.push(Part {
+            moments: runs.iter().map(|run| (run.run_id, run.started_at)).collect(),
+            arm: arm_evidence(&runs, joints, settings.baseline_runs),
+            causes: causes(&runs, joints, settings.baseline_runs),
+            places,
+            runs,
+        });
+        parts.len() - 1
+    });
+    &parts[known]
+}
+
+/// Places of the runs with the same key, in the order of the keys' first runs.
+fn grouped<K: PartialEq>(history: &[RunSummary], key: impl Fn(&RunSummary) -> K) -> Vec<Vec<usize>> {
+    let mut groups: Vec<(K, Vec<usize>)> = Vec::new();
+    for (place, run) in history.iter().enumerate() {
+        let key = key(run);
+        match groups.iter_mut().find(|(known, _)| *known == key) {
+            Some((_, places)) => places.push(place),
+            None => groups.push((key, vec![place])),
+        }
+    }
+    groups.into_iter().map(|(_, places)| places).collect()
+}
+
+#[cfg(test)]
+mod cause_tests;
 #[cfg(test)]
 mod fixtures;
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! What every detector is told, and what it says of a run.
 
-use crate::anomaly::Severity;
+use crate::anomaly::{Alternative, Severity};
 
 /// When a change counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,7 +46,27 @@ pub(super) enum Verdict {
     /// As expected.
     Quiet,
     /// Out of bounds; the fields are those of [`crate::anomaly::Anomaly`].
-    Out { severity: Severity, score: f64, threshold: f64, value: f64, baseline: f64, message: String },
+    Out {
+        severity: Severity,
+        score: f64,
+        threshold: f64,
+        value: f64,
+        baseline: f64,
+        message: String,
+        why: Why,
+    },
+}
+
+/// What a comparison of causes adds to a verdict.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Why {
+    /// Place in the history of the run in which the change began, and the cycle, where that is better known than by
+    /// the first verdict.
+    pub(super) onset: Option<(usize, Option<u32>)>,
+    /// Odds of the cause against all others together.
+    pub(super) odds: Option<f64>,
+    /// The rejected causes, the likeliest first.
+    pub(super) alternatives: Vec<Alternative>,
 }
 
 /// A figure and its limit with as few decimals, up to three, as tell them apart.

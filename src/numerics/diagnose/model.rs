@@ -19,7 +19,6 @@ mod sound_tests;
 use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
 use crate::numerics::diagnose::model::combination::{Combination, PlausibleSettings};
-use crate::numerics::model::actuator::friction_columns;
 use crate::numerics::model::base_parameters::{PROBE_STATES, probe_state};
 use crate::numerics::model::regressor::{KeptColumns, Regressor, joint_torque_regressor};
 use crate::robot::{FrictionTerm, JointIndex, ParameterId, ParameterKind, Robot};
@@ -69,7 +68,7 @@ fn negative_friction(
     let mut mean = 0.0;
     for step in 1..=STEPS {
         let speed = top_speed * f64::from(step) / f64::from(STEPS);
-        let columns = friction_columns(&robot.friction_of(joint), speed);
+        let columns = robot.friction_of(joint).columns(speed);
         let mut torque = Combination::default();
         for parameter in identified.parameters.iter().filter(|p| p.id.joint == joint) {
             let ParameterKind::Friction(term) = parameter.id.kind else { continue };

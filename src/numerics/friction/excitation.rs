@@ -3,27 +3,14 @@
 //! Recordings without a friction stage have no friction points; their identified coefficients still follow the
 //! friction of the joints, so that they can be held against those of the same arm's earlier runs.
 
+use crate::analysis::measurements::CycleParameters;
 use crate::analysis::{IdentifiedParameter, WarmFriction};
-use crate::numerics::model::actuator::friction_columns;
 use crate::numerics::statistics::descriptive::{mean, median};
 use crate::robot::{FrictionTerm, JointIndex, ParameterKind, Robot};
 
 /// Largest speed that a joint is believed to reach in the excitation, as a multiple of its mean speed: a sine reaches
 /// 1.57 times its mean, sums of sines more. Beyond, a polynomial is extrapolated.
 const REACHED: f64 = 2.0;
-
-/// Cycle of a run with its parameters.
-#[derive(Debug, Clone, PartialEq)]
-pub struct IdentifiedCycle {
-    /// Number of the cycle, from 1.
-    pub cycle: u32,
-    /// Middle of the cycle since the start of the run, min.
-    pub minute: f64,
-    /// Mean magnitude of each joint's velocity, rad/s (m/s), `[n]`; empty if not known.
-    pub mean_speeds: Vec<f64>,
-    /// Its parameters.
-    pub parameters: Vec<IdentifiedParameter>,
-}
 
 /// Friction torque of each joint over the last third of a run's cycles, `[n]`: the median over these cycles of the
 /// identified friction, the mean of both directions, at `reference_fraction` of the joint's largest speed, or at a
@@ -33,10 +20,10 @@ pub struct IdentifiedCycle {
 pub fn excitation_friction(
     robot: &Robot,
     reference_fraction: f64,
-    cycles: &[IdentifiedCycle],
+    cycles: &[CycleParameters],
 ) -> Vec<Option<WarmFriction>> {
     let last = cycles.iter().map(|of| of.cycle).max().unwrap_or(0);
-    let warm: Vec<&IdentifiedCycle> =
+    let warm: Vec<&CycleParameters> =
         cycles.iter().filter(|of| of.cycle >= (last - last / 3).max(1)).collect();
     robot.joint_indices().map(|joint| of_joint(robot, joint, reference_fraction, &warm)).collect()
 }
@@ -45,7 +32,7 @@ fn of_joint(
     robot: &Robot,
     joint: JointIndex,
     reference_fraction: f64,
-    cycles: &[&IdentifiedCycle],
+    cycles: &[&CycleParameters],
 ) -> Option<WarmFriction> {
     let largest = robot.joints[joint.index()].limits.velocity;
     let speeds: Vec<f64> =
@@ -78,7 +65,7 @@ fn friction_at(
     speed: f64,
     parameters: &[IdentifiedParameter],
 ) -> Option<(f64, f64)> {
-    let (forth, back) = (friction_columns(&robot.friction, speed), friction_columns(&robot.friction, -speed));
+    let (forth, back) = (robot.friction.columns(speed), robot.friction.columns(-speed));
     let mut known = false;
     let (mut torque, mut variance) = (0.0, 0.0);
     for parameter in parameters.iter().filter(|of| of.id.joint == joint) {
@@ -100,7 +87,7 @@ mod tests {
     use crate::robot::ParameterId;
     use crate::testing::er3a;
 
-    fn cycle(number: u32, factor: f64, mean_speed: f64) -> IdentifiedCycle {
+    fn cycle(number: u32, factor: f64, mean_speed: f64) -> CycleParameters {
         let robot = er3a();
         let joint = JointIndex::new(2);
         let values = [2.0, 8.0, -2.5, 0.3];
@@ -110,7 +97,7 @@ mod tests {
             std_error: 0.1,
             degrees_of_freedom: 50.0,
         });
-        IdentifiedCycle {
+        CycleParameters {
             cycle: number,
             minute: 5.0 * f64::from(number),
             mean_speeds: vec![mean_speed; 6],

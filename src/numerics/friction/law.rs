@@ -9,12 +9,12 @@ use crate::numerics::friction::thermal_state::ThermalDeficit;
 /// 0.3 to 7.4 min, geometric mean 1.6. A resting housing loses heat at about the rate of a moving one; the wind of
 /// motion and the losses of the motor change that rate. The effect of the ambient temperature is known by its
 /// magnitude only: gearboxes warm by 10 to 40 K, which is a thermal deficit of one.
-pub(super) const PRIOR: LawParameters<Prior> = LawParameters {
-    slow: Prior { mean: 7.39, deviation: 0.9 },
-    fast: Prior { mean: 4.56, deviation: 1.4 },
-    share: Prior { mean: 0.5, deviation: 0.5 },
-    cooling: Prior { mean: 0.0, deviation: 1.0 },
-    sensor: Prior { mean: 0.0, deviation: 0.1 },
+pub(super) const PRIOR: LawParameters<LawPrior> = LawParameters {
+    slow: LawPrior { mean: 7.39, deviation: 0.9 },
+    fast: LawPrior { mean: 4.56, deviation: 1.4 },
+    share: LawPrior { mean: 0.5, deviation: 0.5 },
+    cooling: LawPrior { mean: 0.0, deviation: 1.0 },
+    sensor: LawPrior { mean: 0.0, deviation: 0.1 },
 };
 
 /// Bounds that belong to [`PRIOR`]: slow time constant half a minute to ten hours, fast one two seconds to an hour,
@@ -33,10 +33,10 @@ pub(super) const BOUNDS: LawParameters<Bounds> = LawParameters {
 /// The fast part is then the difference of temperature between winding, housing and teeth, which lasts some minutes.
 /// A share above one makes its weight negative: the motor warms by its own losses before the gears do. Viscosity
 /// falls exponentially, by 1 to 3 % a kelvin over some 25 K, which gives the curvature.
-pub(super) const MOTOR_PRIOR: LawParameters<Prior> = LawParameters {
-    fast: Prior { mean: 5.3, deviation: 0.7 },
-    share: Prior { mean: 1.0, deviation: 0.3 },
-    sensor: Prior { mean: 0.5, deviation: 0.3 },
+pub(super) const MOTOR_PRIOR: LawParameters<LawPrior> = LawParameters {
+    fast: LawPrior { mean: 5.3, deviation: 0.7 },
+    share: LawPrior { mean: 1.0, deviation: 0.3 },
+    sensor: LawPrior { mean: 0.5, deviation: 0.3 },
     ..PRIOR
 };
 
@@ -149,7 +149,7 @@ impl LawParameters {
 
 /// Normal prior of a parameter, in the parameter's unit.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Prior {
+pub(super) struct LawPrior {
     pub(super) mean: f64,
     pub(super) deviation: f64,
 }

@@ -28,7 +28,7 @@ pub struct FrictionMean {
 #[must_use]
 pub fn friction_means(points: &[FrictionPoint], joint: JointIndex, speed_fraction: f64) -> Vec<FrictionMean> {
     let found = |time, torque| FrictionMean { joint, time, speed_fraction, torque };
-    let of_level = at_level(points, joint, speed_fraction);
+    let of_level: Vec<&FrictionPoint> = at_level(points, joint, speed_fraction).collect();
     let pairs = passes(&of_level);
     if pairs.is_empty() {
         return of_level.iter().map(|p| found(p.time, p.torque.abs())).collect();
@@ -44,14 +44,26 @@ pub fn friction_means(points: &[FrictionPoint], joint: JointIndex, speed_fractio
 #[must_use]
 pub fn direction_difference(points: &[FrictionPoint], joint: JointIndex, speed_fraction: f64) -> f64 {
     let along = |p: &FrictionPoint| p.torque.abs() * f64::from(p.direction);
-    let of_level = at_level(points, joint, speed_fraction);
+    let of_level: Vec<&FrictionPoint> = at_level(points, joint, speed_fraction).collect();
     let differences: Vec<f64> = passes(&of_level).into_iter().map(|[p, q]| along(p) + along(q)).collect();
     mean(&differences).unwrap_or(0.0)
 }
 
+/// Points of a joint at a level, a fraction of its largest speed.
 #[expect(clippy::float_cmp, reason = "levels are copied from one list, never computed")]
-fn at_level(points: &[FrictionPoint], joint: JointIndex, level: f64) -> Vec<&FrictionPoint> {
-    points.iter().filter(|p| p.joint == joint && p.speed_fraction == level).collect()
+pub(in crate::numerics) fn at_level(
+    points: &[FrictionPoint],
+    joint: JointIndex,
+    level: f64,
+) -> impl Iterator<Item = &FrictionPoint> {
+    points.iter().filter(move |p| p.joint == joint && p.speed_fraction == level)
+}
+
+/// The level nearest to `wanted`, both fractions of the largest speed.
+#[must_use]
+pub fn nearest_level(levels: impl Iterator<Item = f64>, wanted: f64) -> Option<f64> {
+    let distance = |level: f64| (level - wanted).abs();
+    levels.min_by(|a, b| distance(*a).total_cmp(&distance(*b)))
 }
 
 /// Neighbours of opposite direction that belong to one pass of a level.

@@ -17,7 +17,7 @@ use super::thermal_state::{ThermalDeficit, thermal_deficits};
 use crate::analysis::Estimate;
 use crate::analysis::friction::{FrictionMap, MapLevel, ThermalLaw, ThermalSource};
 use crate::numerics::friction::law::{
-    BOUNDS, Bounds, LawParameter, LawParameters, MOTOR_AHEAD, MOTOR_BOUNDS, MOTOR_PRIOR, PRIOR, Prior,
+    BOUNDS, Bounds, LawParameter, LawParameters, LawPrior, MOTOR_AHEAD, MOTOR_BOUNDS, MOTOR_PRIOR, PRIOR,
 };
 
 /// First steps of the search.
@@ -181,7 +181,7 @@ fn curved(k: f64, x: f64) -> f64 {
 }
 
 /// Prior of the law for a record.
-fn law_prior(record: &JointRecord) -> LawParameters<Prior> {
+fn law_prior(record: &JointRecord) -> LawParameters<LawPrior> {
     match record.sensor {
         ThermalSensor::Motor(_) => MOTOR_PRIOR,
         ThermalSensor::None | ThermalSensor::Ambient(_) => PRIOR,

@@ -1,5 +1,6 @@
 //! Friction: over speed, over a run that warms up, and over the life of a robot.
 
+pub mod composite;
 pub mod plateaus;
 mod plateau;
 mod slow_passes;

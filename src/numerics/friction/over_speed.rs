@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::analysis::friction::{Asymmetry, JointSpeedFits, SpeedCoefficient, SpeedFit, SpeedModel};
 use crate::analysis::{Estimate, FrictionPoint};
 use crate::numerics::NumericsError;
+use crate::numerics::statistics::information::corrected_akaike;
 use crate::robot::JointIndex;
 
 /// Fewest different speeds of a curve.
@@ -314,12 +315,11 @@ fn reduced(raws: &[Raw], sides: &[Side]) -> Option<f64> {
 fn criterion(raws: &[Raw], sides: &[Side], inflation: f64) -> f64 {
     let k = raws.iter().map(Raw::parameters).sum::<usize>() as f64;
     let rows: f64 = sides.iter().map(|side| side.independent_rows).sum();
-    let room = rows - k - 1.0;
-    let correction = if room > 0.0 { 2.0 * k * (k + 1.0) / room } else { f64::INFINITY };
-    raws.iter().map(|raw| raw.chi_square).sum::<f64>() / inflation + 2.0 * k + correction
+    let deviance = raws.iter().map(|raw| raw.chi_square).sum::<f64>() / inflation;
+    corrected_akaike(deviance, k, rows)
 }
 
-/// Whether the part that makes a form more than Coulomb-viscous friction is told by the data.
+/// Whether the terms that a form has beyond Coulomb-viscous friction are significant.
 fn supported(model: SpeedModel, raw: &Raw, inflation: f64) -> bool {
     let clear = |significance: f64| significance > MIN_SIGNIFICANCE * inflation.sqrt();
     match model {

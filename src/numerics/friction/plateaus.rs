@@ -5,7 +5,6 @@ use faer::Mat;
 use crate::analysis::{FrictionPoint, GravityRemoval};
 use crate::numerics::friction::plateau::{Plateau, SPEED_TOLERANCE};
 use crate::numerics::least_squares::factor::TriangularFactor;
-use crate::numerics::model::actuator::friction_columns;
 use crate::numerics::model::dynamics::{DynamicModel, gravity_torque};
 use crate::numerics::model::kinematics::joint_axis_in_base;
 use crate::numerics::segment::cycles::ranges_where;
@@ -362,7 +361,7 @@ fn fit_gravity(
             1 => sine(q),
             c if c == loads && loads == 2 => cosine(q),
             c if c == columns => filtered.tau[j][row],
-            c => friction_columns(&FrictionModel::POLYNOMIAL, qd)[c - 1 - loads],
+            c => FrictionModel::POLYNOMIAL.columns(qd)[c - 1 - loads],
         }
     });
     factor.fold(rows.as_ref());

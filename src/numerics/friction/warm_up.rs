@@ -13,8 +13,11 @@ use varpro::statistics::FitStatistics;
 use super::warm_up_early::early_fit;
 use crate::analysis::{Decay, Estimate, FastShown, WarmUpFit, WarmUpModel};
 use crate::numerics::NumericsError;
-use crate::numerics::friction::warm_up_curve::{Candidate, Mean, decay, decay_slope, extent, single_starts};
+use crate::numerics::friction::warm_up_curve::{
+    CandidateFit, Mean, decay, decay_slope, extent, single_starts,
+};
 use crate::numerics::statistics::distributions::{normal_quantile, student_quantile};
+use crate::numerics::statistics::information::corrected_akaike;
 use crate::robot::JointIndex;
 
 /// Fewest points of a fit.
@@ -91,7 +94,7 @@ pub fn fit_warm_up(
     if let Some(errors) = errors_by_run(points, constant.a.value, &[]) {
         constant.a.std_error = errors.of(0, constant.a.std_error);
     }
-    let by_run = |candidate: Option<Candidate>| candidate.map(|of| of.with_errors_by_run(points));
+    let by_run = |candidate: Option<CandidateFit>| candidate.map(|of| of.with_errors_by_run(points));
     let single = by_run(best_fit(&grouped, &single_starts(&grouped), 1));
     let double = by_run(best_fit(&grouped, &double_starts(&grouped), 2));
     let double = double.filter(|c| supported(c, &grouped));
@@ -106,7 +109,7 @@ pub fn fit_warm_up(
     }
     let (simpler, score) = best;
     let parameters = if simpler.slow.is_some() { 3 } else { 1 };
-    let is_better = |early: &Candidate| {
+    let is_better = |early: &CandidateFit| {
         criterion(grouped.len(), early.rmsd, 5) < score
             && bayesian(grouped.len(), early.rmsd, 5) < bayesian(grouped.len(), simpler.rmsd, parameters)
     };
@@ -160,12 +163,9 @@ pub fn warm_up_torque(fit: &WarmUpFit, minute: f64) -> f64 {
 /// Corrected Akaike criterion for normal residuals; infinite where there are too few points. The
 /// residual variance counts as one more parameter.
 fn criterion(points: usize, rmsd: f64, parameters: usize) -> f64 {
-    let (n, k) = (points as f64, parameters as f64 + 1.0);
-    if n - k - 1.0 <= 0.0 {
-        return f64::INFINITY;
-    }
     // a perfect fit of synthetic points has no logarithm
-    n * (rmsd * rmsd).max(f64::MIN_POSITIVE).ln() + 2.0 * k + 2.0 * k * (k + 1.0) / (n - k - 1.0)
+    let deviance = points as f64 * (rmsd * rmsd).max(f64::MIN_POSITIVE).ln();
+    corrected_akaike(deviance, parameters as f64 + 1.0, points as f64)
 }
 
 /// Bayesian criterion for normal residuals, with the parameters as [`criterion`] counts them.
@@ -196,7 +196,7 @@ fn constant_fit(joint: JointIndex, speed_fraction: f64, points: &[Mean]) -> Resu
     })
 }
 
-impl Candidate {
+impl CandidateFit {
     fn with_errors_by_run(mut self, points: &[WarmUpPoint]) -> Self {
         if let Some(errors) = errors_by_run(points, self.a.value, &self.parts) {
             self.a.std_error = errors.of(0, self.a.std_error);
@@ -285,8 +285,8 @@ fn errors_by_run(points: &[WarmUpPoint], a: f64, parts: &[Decay]) -> Option<Erro
     Some(ErrorsByRun { runs, errors: variances.into_iter().map(error).collect() })
 }
 
-/// Whether every part of a fit is told by the data and possible for a gearbox that warms up.
-fn supported(candidate: &Candidate, points: &[Mean]) -> bool {
+/// Whether every part of a fit is significant and possible for a gearbox that warms up.
+fn supported(candidate: &CandidateFit, points: &[Mean]) -> bool {
     let (first, last) = extent(points.iter().map(|p| p.minute));
     let record = last - first;
     let clear = |e: &Estimate| e.std_error.is_finite() && e.value > MIN_SIGNIFICANCE * e.std_error;
@@ -321,14 +321,14 @@ fn double_starts(points: &[Mean]) -> Vec<Vec<f64>> {
 }
 
 /// Best of the fits from several starts; variable projection finds local minima.
-fn best_fit(points: &[Mean], starts: &[Vec<f64>], parts: usize) -> Option<Candidate> {
+fn best_fit(points: &[Mean], starts: &[Vec<f64>], parts: usize) -> Option<CandidateFit> {
     starts
         .iter()
         .filter_map(|start| exponential_fit(points, start, parts))
         .min_by(|x, y| x.rmsd.total_cmp(&y.rmsd))
 }
 
-fn exponential_fit(points: &[Mean], start: &[f64], parts: usize) -> Option<Candidate> {
+fn exponential_fit(points: &[Mean], start: &[f64], parts: usize) -> Option<CandidateFit> {
     let names = &["log_t1", "log_t2"][..parts];
     if points.len() <= 1 + 2 * parts {
         return None;
@@ -373,7 +373,7 @@ fn exponential_fit(points: &[Mean], start: &[f64], parts: usize) -> Option<Candi
     let wide = student_quantile(0.975, (points.len() as f64 - (1 + 2 * parts) as f64).max(1.0));
     let fast_shown =
         (parts == 2).then(|| shown_at(first, &decays[1], covariance, log_times.as_slice(), wide));
-    finite.then_some(Candidate { a: estimate(0), parts: decays, fast_shown, rmsd })
+    finite.then_some(CandidateFit { a: estimate(0), parts: decays, fast_shown, rmsd })
 }
 
 /// Value of the fast part at `first`, and the longest that its time constant may be: the upper end of its 95 % interval,

@@ -15,7 +15,7 @@ pub(super) struct Mean {
 
 /// An exponential fit with its parts, slowest first.
 #[derive(Debug, Clone)]
-pub(super) struct Candidate {
+pub(super) struct CandidateFit {
     pub(super) a: Estimate,
     pub(super) parts: Vec<Decay>,
     /// What the points show of the faster of two parts.

@@ -11,7 +11,7 @@ use varpro::problem::SeparableProblemBuilder;
 use varpro::solvers::levmar::LevMarSolver;
 use varpro::statistics::FitStatistics;
 
-use super::warm_up_curve::{Candidate, Mean, decay, decay_slope, extent, single_starts};
+use super::warm_up_curve::{CandidateFit, Mean, decay, decay_slope, extent, single_starts};
 use crate::analysis::{Decay, Estimate, FastShown};
 use crate::numerics::statistics::distributions::f_quantile;
 
@@ -34,7 +34,7 @@ const SHOWN_BY: f64 = 2.0;
 
 /// Two exponentials of which the faster is known by its value at the first point and by the longest that its time
 /// constant may be. `None` where the points do not bound it, or too few show it.
-pub(super) fn early_fit(points: &[Mean]) -> Option<Candidate> {
+pub(super) fn early_fit(points: &[Mean]) -> Option<CandidateFit> {
     // as many parameters as two exponentials, and something left to judge by
     let freedom = points.len().checked_sub(5).filter(|freedom| *freedom > 0)? as f64;
     let (first, last) = extent(points.iter().map(|p| p.minute));
@@ -57,7 +57,7 @@ pub(super) fn early_fit(points: &[Mean]) -> Option<Candidate> {
     let rmsd = (best.squares / points.len() as f64).sqrt();
     let value = |minute: f64| best.at_first.value * (-(minute - first) / time).exp();
     let showing = points.iter().filter(|p| value(p.minute) > SHOWN_BY * rmsd).map(|p| p.weight).sum::<f64>();
-    (showing >= FEWEST_POINTS && best.at_first.value > 0.0).then(|| Candidate {
+    (showing >= FEWEST_POINTS && best.at_first.value > 0.0).then(|| CandidateFit {
         a: best.a,
         parts: vec![best.slow, unbounded(best.at_first.value * (first / time).exp(), time)],
         fast_shown: Some(FastShown { at_first: best.at_first, longest }),

@@ -3,10 +3,10 @@
 //! filtered alike (Gautier 1997, Dynamic identification of robots with power model). The other
 //! columns are smooth functions of channels that were filtered before.
 
-use crate::numerics::model::actuator::{coupling_columns, friction_columns};
+use crate::numerics::model::actuator::coupling_columns;
 use crate::numerics::model::regressor::Regressor;
 use crate::numerics::signal::filter::FilteredSignals;
-use crate::robot::{CouplingTerm, FrictionTerm, JointIndex, ParameterId, ParameterKind, Robot};
+use crate::robot::{CouplingTerm, JointIndex, ParameterId, ParameterKind, Robot};
 
 /// A column of the regressor that jumps, low-passed, in the rows of one joint.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,9 +29,9 @@ pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Ve
     let mut found = Vec::new();
     for joint in robot.joint_indices() {
         let model = robot.friction_of(joint);
-        for (place, &term) in model.terms().iter().enumerate().filter(|(_, term)| term_jumps(**term)) {
+        for (place, &term) in model.terms().iter().enumerate().filter(|(_, term)| term.jumps()) {
             let id = ParameterId { joint, kind: ParameterKind::Friction(term) };
-            let raw = |row: usize| friction_columns(&model, filtered.qd[joint.index()][row])[place];
+            let raw = |row: usize| model.columns(filtered.qd[joint.index()][row])[place];
             found.extend(column_of(id).map(|column| filtered_column(filtered, id, column, joint, raw)));
         }
     }
@@ -71,9 +71,4 @@ fn filtered_column(
 ) -> FilteredColumn {
     let series: Vec<f64> = (0..filtered.rows()).map(raw).collect();
     FilteredColumn { id, column, joint, values: filtered.low_passed(&series) }
-}
-
-fn term_jumps(term: FrictionTerm) -> bool {
-    use FrictionTerm::{Coulomb, CoulombNegative, CoulombPositive, F1};
-    matches!(term, F1 | Coulomb | CoulombPositive | CoulombNegative)
 }

@@ -20,13 +20,13 @@ use crate::run::{Samples, Stage};
 
 /// Which parameters the factor of each joint has a column for, and where they stand among all.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct JointColumns {
+pub struct FactorColumns {
     kept: Vec<ParameterId>,
     by_joint: Arc<[Vec<ParameterId>]>,
     places: Vec<Vec<usize>>,
 }
 
-impl JointColumns {
+impl FactorColumns {
     /// The columns of a robot's joints, from its structure: a parameter that gives a joint no torque
     /// in any of the probe states never does.
     #[must_use]
@@ -138,7 +138,7 @@ pub struct Factored {
 }
 
 /// Folds the observed rows of a cycle into the factor of its joint, stage and motion. `regressor_columns`
-/// `[b]` are the regressor's columns of [`JointColumns::kept`]; `filtered_coulomb_columns` are those of them that jump,
+/// `[b]` are the regressor's columns of [`FactorColumns::kept`]; `filtered_coulomb_columns` are those of them that jump,
 /// low-passed.
 ///
 /// A joint's row is slow while the joint moves slower than its low-speed threshold: at rest friction
@@ -146,7 +146,7 @@ pub struct Factored {
 #[must_use]
 pub fn factor_cycle(
     robot: &Robot,
-    columns: &JointColumns,
+    columns: &FactorColumns,
     regressor_columns: &[usize],
     filtered: &FilteredSignals,
     filtered_coulomb_columns: &[FilteredColumn],
@@ -202,7 +202,7 @@ struct JointFactorBuilders<'a> {
 impl<'a> JointFactorBuilders<'a> {
     fn new(
         robot: &'a Robot,
-        columns: &JointColumns,
+        columns: &FactorColumns,
         regressor_columns: &[usize],
         filtered_coulomb_columns: &'a [FilteredColumn],
     ) -> Self {
@@ -244,17 +244,17 @@ impl<'a> JointFactorBuilders<'a> {
     }
 }
 
-/// Factor of each joint `[n]` over the chosen rows, `b` columns in the order of [`JointColumns::kept`];
+/// Factor of each joint `[n]` over the chosen rows, `b` columns in the order of [`FactorColumns::kept`];
 /// of no rows for a joint that is not among them.
 #[must_use]
-pub fn widened<'a>(
-    columns: &JointColumns,
+pub fn embedded<'a>(
+    columns: &FactorColumns,
     factors: impl IntoIterator<Item = &'a JointFactor>,
 ) -> Vec<TriangularFactor> {
     let b = columns.kept.len();
     let mut wide = vec![TriangularFactor::new(b); columns.joint_count()];
     for of in factors {
-        wide[of.joint.index()].join(&TriangularFactor::stacked(b, [(&of.factor, columns.places(of.joint))]));
+        wide[of.joint.index()].join(&TriangularFactor::embedded(b, [(&of.factor, columns.places(of.joint))]));
     }
     wide
 }
@@ -268,7 +268,7 @@ pub fn used_for_identification(stage: Stage, motion: Motion) -> bool {
 /// Factors as they are stored. Those of rows with numbers beyond any measure are left out: they say
 /// nothing; `false` if there were such.
 #[must_use]
-pub fn pack(columns: &JointColumns, factors: &[JointFactor]) -> (CycleFactors, bool) {
+pub fn pack(columns: &FactorColumns, factors: &[JointFactor]) -> (CycleFactors, bool) {
     let sound = factors.iter().filter(|of| of.factor.is_finite());
     let packed: Vec<TorqueFactor> = sound
         .map(|of| TorqueFactor {
@@ -393,7 +393,7 @@ pub(crate) mod tests {
         let filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &c);
         let factored =
             factor_cycle(&method.robot, columns, kept, &c, &filtered_coulomb_columns, &cycle.samples);
-        let factors = widened(
+        let factors = embedded(
             columns,
             factored.factors.iter().filter(|of| used_for_identification(of.stage, of.motion)),
         );
@@ -444,7 +444,7 @@ pub(crate) mod tests {
         let mut union: Option<PooledFactors> = None;
         for cycle in &cycles {
             let (stored, _) = pack(&method.columns, &unjudged(&method, cycle).0.factors);
-            let columns = JointColumns::of_stored(&stored.columns);
+            let columns = FactorColumns::of_stored(&stored.columns);
             let union = union.get_or_insert_with(|| PooledFactors::new(columns.clone()));
             union.add(&columns, &unpack(&stored).expect("sound"), &[0.24; 6]).expect("same columns");
         }
@@ -540,7 +540,7 @@ pub(crate) mod tests {
         let method = method();
         let mut narrower: Vec<Vec<ParameterId>> = method.columns.by_joint().to_vec();
         narrower[5].pop();
-        let narrower = JointColumns::of_stored(&narrower.into());
+        let narrower = FactorColumns::of_stored(&narrower.into());
         let mut union = PooledFactors::new(method.columns.clone());
         let error = union.add(&narrower, &[], &[1.0; 6]).expect_err("other columns");
         assert!(error.to_string().contains("different parameters"), "{error}");

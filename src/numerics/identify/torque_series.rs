@@ -34,12 +34,12 @@ pub struct TorqueSeries {
     /// Whether the row counts in verification.
     pub counted: Vec<bool>,
     /// One entry a joint `[n]`.
-    pub joints: Vec<JointSeries>,
+    pub joints: Vec<JointTorqueSeries>,
 }
 
 /// Channels of one joint `[rows]`, after the analysis low-pass.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct JointSeries {
+pub struct JointTorqueSeries {
     /// Position `q`, rad (m).
     pub q: Vec<f64>,
     /// Velocity `qd`, rad/s (m/s).
@@ -52,7 +52,7 @@ pub struct JointSeries {
     pub moving: Vec<bool>,
 }
 
-impl JointSeries {
+impl JointTorqueSeries {
     /// Measured less estimated torque in `row`, Nm (N).
     #[must_use]
     pub fn residual(&self, row: usize) -> f64 {
@@ -79,7 +79,8 @@ pub fn torque_series(
     let mut counted = vec![false; filtered.rows()];
     filtered.observed_rows().for_each(|row| counted[row] = true);
     let filtered_coulomb_columns = filtered_coulomb_columns(robot, filtered);
-    let mut series = TorqueSeries { joints: vec![JointSeries::default(); n], ..TorqueSeries::default() };
+    let mut series =
+        TorqueSeries { joints: vec![JointTorqueSeries::default(); n], ..TorqueSeries::default() };
     let mut y = Regressor::new(robot);
     let (mut q, mut qd, mut qdd, mut tau) = state();
     for row in filtered.filtered_rows().filter(|&row| rows == SeriesRows::Filtered || counted[row]) {
@@ -160,7 +161,7 @@ fn inside(scope: RmsdScope, stage: Stage) -> bool {
 /// smallest and largest, and of all of them the first and the last. At least one stretch is looked at,
 /// so eight rows may stay whatever `most` says. Their order stays too.
 #[must_use]
-pub fn peaks(series: &JointSeries, rows: &[usize], most: usize) -> Vec<usize> {
+pub fn peaks(series: &JointTorqueSeries, rows: &[usize], most: usize) -> Vec<usize> {
     if rows.len() <= most {
         return rows.to_vec();
     }
@@ -267,10 +268,10 @@ mod tests {
     fn thinned_rows_keep_every_peak_and_their_order() {
         let rows: Vec<usize> = (0..1000).collect();
         let wave = |i: usize| (i as f64 * 0.013).sin();
-        let mut series = JointSeries {
+        let mut series = JointTorqueSeries {
             measured: rows.iter().map(|&i| wave(i)).collect(),
             estimated: rows.iter().map(|&i| 0.9 * wave(i)).collect(),
-            ..JointSeries::default()
+            ..JointTorqueSeries::default()
         };
         series.measured[137] = 9.0;
         series.estimated[512] = -7.0;

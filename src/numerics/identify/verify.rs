@@ -1,6 +1,6 @@
 //! Estimated against measured torque: RMSD per joint and stage [5.1], from factors alone.
 
-use super::joint_factors::{Factored, JointColumns, JointFactor};
+use super::joint_factors::{FactorColumns, Factored, JointFactor};
 use crate::analysis::{Motion, Rmsd, RmsdPair, RmsdScope, TorqueRmsd, WarmingContrast};
 use crate::numerics::least_squares::factor::TriangularFactor;
 use crate::robot::JointIndex;
@@ -81,7 +81,7 @@ pub struct StageSums {
 
 impl StageSums {
     /// Adds the rows of `factors` with the parameters `theta` `[b]` of all columns.
-    pub fn add(&mut self, columns: &JointColumns, factors: &[JointFactor], theta: &[f64]) {
+    pub fn add(&mut self, columns: &FactorColumns, factors: &[JointFactor], theta: &[f64]) {
         self.by_joint.resize(columns.joint_count().max(self.by_joint.len()), Default::default());
         let selected: Vec<Vec<f64>> =
             (0..columns.joint_count()).map(|j| columns.select(JointIndex::new(j), theta)).collect();
@@ -115,7 +115,7 @@ impl StageSums {
 
 /// RMSD of the parameters `theta` `[b]` on a cycle's factors; see [`StageSums::rmsd`].
 #[must_use]
-pub fn torque_rmsd(columns: &JointColumns, factors: &[JointFactor], theta: &[f64]) -> Vec<TorqueRmsd> {
+pub fn torque_rmsd(columns: &FactorColumns, factors: &[JointFactor], theta: &[f64]) -> Vec<TorqueRmsd> {
     let mut sums = StageSums::default();
     sums.add(columns, factors, theta);
     sums.rmsd()
@@ -124,7 +124,7 @@ pub fn torque_rmsd(columns: &JointColumns, factors: &[JointFactor], theta: &[f64
 /// RMSD of `theta` `[b]` at the start and at the end of the warming stage, for every joint; nothing
 /// without a warming stage.
 #[must_use]
-pub fn warming_contrast(columns: &JointColumns, factored: &Factored, theta: &[f64]) -> Vec<WarmingContrast> {
+pub fn warming_contrast(columns: &FactorColumns, factored: &Factored, theta: &[f64]) -> Vec<WarmingContrast> {
     let pair = |factors: &[JointFactor], joint: JointIndex| {
         let theta = columns.select(joint, theta);
         let mut sums = MotionSums::default();

@@ -1,9 +1,9 @@
 //! Standard errors that stay honest when residuals are correlated in time and between joints.
 //!
-//! Residuals after a low-pass are neighbours' copies of each other, what the model leaves out is slow, and
-//! the noise of an acceleration that was differentiated from a velocity is fast: it takes back in one moment
-//! what it gave in the one before. The sandwich estimate with blocks of time as clusters asks only that what
-//! *blocks* add up to be independent (Liang & Zeger 1986; Cameron & Miller 2015). All joints of a moment are
+//! Filtered residuals are autocorrelated: the low-pass correlates neighbours, unmodelled effects add errors of low
+//! frequency, and differentiating the velocity adds errors of high frequency. The sandwich estimate with blocks of
+//! time as clusters requires only that the sums over *blocks* are independent (Liang & Zeger 1986; Cameron & Miller
+//! 2015). All joints of a moment are
 //! in one block. Blocks overlap by half and rise and fall like a sine: hard edges would count the fast
 //! noise that is cut off there, as a rectangular window leaks in a spectrum (Percival & Walden 1993, 6).
 
@@ -147,7 +147,7 @@ fn record_length(source: &dyn RowSource) -> usize {
 }
 
 /// Sums over one block.
-struct Block {
+struct RowBlock {
     /// `wᵀ h² w` with the taper `h`, `[b x b]`.
     information: Mat<f64>,
     /// `wᵀ h w`, `[b x b]`.
@@ -180,7 +180,7 @@ impl Scatter {
 
     fn add(
         &mut self,
-        block: &Block,
+        block: &RowBlock,
         information: &Information,
         correction: LeverageCorrection,
     ) -> Result<(), NumericsError> {
@@ -244,7 +244,7 @@ impl JointSums {
 /// Everything that one pass over the rows adds up.
 struct BlockSums {
     /// Those with rows, by their number.
-    blocks: BTreeMap<usize, Block>,
+    blocks: BTreeMap<usize, RowBlock>,
     joints: Vec<JointSums>,
     rows: usize,
 }
@@ -290,7 +290,7 @@ impl BlockSums {
                 let felt = rows.felt(b);
                 joint.add(rows, &felt);
                 for side in 0..2 {
-                    let empty = || Block {
+                    let empty = || RowBlock {
                         information: Mat::zeros(b, b),
                         tapered: Mat::zeros(b, b),
                         scores: Mat::zeros(b, n),
@@ -352,7 +352,7 @@ impl JointSums {
     }
 }
 
-impl Block {
+impl RowBlock {
     fn add(&mut self, j: usize, rows: &JointRows, side: usize, felt: &Felt) {
         let taper = |i: usize| rows.tapers[i][side];
         felt.add_square(&mut self.information, |i| taper(i) * taper(i) * rows.slopes[i]);
@@ -390,7 +390,7 @@ impl Information {
 
     /// What turns scores of a block into shifts of the estimate without it, to first order, corrected for
     /// the block's having been fitted, `[b x b]`.
-    fn to_shift(&self, block: &Block, correction: LeverageCorrection) -> Result<Mat<f64>, NumericsError> {
+    fn to_shift(&self, block: &RowBlock, correction: LeverageCorrection) -> Result<Mat<f64>, NumericsError> {
         match correction {
             LeverageCorrection::None => Ok(self.inverse.clone()),
             LeverageCorrection::SquareRoot => self.by_leverage(block, -0.5),
@@ -404,7 +404,7 @@ impl Information {
     }
 
     /// Information of all rows but the block's; `None` if the block has too much leverage.
-    fn left_out(&self, block: &Block) -> Option<Llt<f64>> {
+    fn left_out(&self, block: &RowBlock) -> Option<Llt<f64>> {
         let clear = Scale(MAX_LEVERAGE) * &self.whole - &block.information;
         clear.llt(Side::Lower).ok()?;
         (&self.whole - &block.information).llt(Side::Lower).ok()
@@ -412,7 +412,7 @@ impl Information {
 
     /// `(1 - h)` to the `power`, by the eigenvalues `h` of the block's information, the leverages, in
     /// coordinates in which all information is the identity.
-    fn by_leverage(&self, block: &Block, power: f64) -> Result<Mat<f64>, NumericsError> {
+    fn by_leverage(&self, block: &RowBlock, power: f64) -> Result<Mat<f64>, NumericsError> {
         let b = self.whole.nrows();
         let unclear = |_| NumericsError::NotFinite("the leverage of a block");
         let eigen = self.inverse.self_adjoint_eigen(Side::Lower).map_err(unclear)?;

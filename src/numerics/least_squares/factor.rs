@@ -181,7 +181,7 @@ impl TriangularFactor {
     /// # Panics
     /// If `places` of a part has fewer entries than the part columns, or one beyond `columns`.
     #[must_use]
-    pub fn stacked<'a>(columns: usize, parts: impl IntoIterator<Item = (&'a Self, &'a [usize])>) -> Self {
+    pub fn embedded<'a>(columns: usize, parts: impl IntoIterator<Item = (&'a Self, &'a [usize])>) -> Self {
         let mut folder = FactorBuilder::new(columns);
         let mut rows = 0;
         for (part, places) in parts {

@@ -1,7 +1,7 @@
 //! Huber's M-estimate by iteratively reweighted least squares.
 
-use super::factor::TriangularFactor;
-use super::rows::{FactorBuilder, RowSource, joint_factors};
+use super::factor::{FactorBuilder, TriangularFactor};
+use super::rows::{RowSource, joint_factors};
 use super::solution::LeastSquares;
 use super::weighted::{WeightRule, weighted};
 use crate::numerics::NumericsError;
@@ -107,10 +107,11 @@ fn reweighted(source: &dyn RowSource, theta: &[f64], rule: &WeightRule) -> (Tria
             rows += 1;
             // A full weight is 1 but for rounding.
             outliers += usize::from(weight * rule.sigma[j] * rule.sigma[j] < 1.0 - 1e-9);
-            folder.push(sample.of_joint(j), sample.tau[j], weight.sqrt());
+            let factor = weight.sqrt();
+            folder.push(sample.of_joint(j).iter().chain([&sample.tau[j]]).map(|x| factor * x));
         }
     });
-    (folder.finish(), outliers as f64 / rows.max(1) as f64)
+    (folder.take(), outliers as f64 / rows.max(1) as f64)
 }
 
 /// Root mean square change of the estimated torque in units of the noise.

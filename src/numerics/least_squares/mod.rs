@@ -1,5 +1,6 @@
 //! Least squares from growing triangular factors, whatever the columns mean.
 
+pub mod orthonormal;
 pub mod solution;
 pub mod factor;
 pub mod weighted;

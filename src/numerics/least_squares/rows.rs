@@ -1,9 +1,7 @@
 //! Rows of `[w | tau]` that can be gone through again and again, a sample at a time, so that
 //! estimators with several passes never hold the observation matrix.
 
-use faer::MatRef;
-
-use super::factor::{BLOCK_ROWS, TriangularFactor};
+use super::factor::{FactorBuilder, TriangularFactor};
 
 /// All joints' rows of one sample.
 #[derive(Debug, Clone, Copy)]
@@ -43,50 +41,6 @@ pub trait RowSource {
     fn each(&self, visit: &mut dyn FnMut(&SampleRows<'_>));
 }
 
-/// Folds single rows into a triangular factor, block by block.
-pub(super) struct FactorBuilder {
-    factor: TriangularFactor,
-    block: Vec<f64>,
-    filled: usize,
-}
-
-impl FactorBuilder {
-    /// For `columns` columns of `w`.
-    pub fn new(columns: usize) -> Self {
-        Self {
-            factor: TriangularFactor::new(columns),
-            block: vec![0.0; BLOCK_ROWS * (columns + 1)],
-            filled: 0,
-        }
-    }
-
-    /// Adds the row `factor * [w | tau]`.
-    pub fn push(&mut self, w: &[f64], tau: f64, factor: f64) {
-        for (column, w) in self.block.chunks_exact_mut(BLOCK_ROWS).zip(w.iter().chain([&tau])) {
-            column[self.filled] = factor * w;
-        }
-        self.filled += 1;
-        if self.filled == BLOCK_ROWS {
-            self.fold();
-        }
-    }
-
-    /// The factor of all rows.
-    pub fn finish(mut self) -> TriangularFactor {
-        if self.filled > 0 {
-            self.fold();
-        }
-        self.factor
-    }
-
-    fn fold(&mut self) {
-        let width = self.factor.columns() + 1;
-        let block = MatRef::from_column_major_slice(&self.block, BLOCK_ROWS, width);
-        self.factor.fold(block.subrows(0, self.filled));
-        self.filled = 0;
-    }
-}
-
 /// Triangular factor of each joint's rows, `[n]`.
 #[must_use]
 pub fn joint_factors(source: &dyn RowSource) -> Vec<TriangularFactor> {
@@ -94,8 +48,8 @@ pub fn joint_factors(source: &dyn RowSource) -> Vec<TriangularFactor> {
     let mut folders: Vec<FactorBuilder> = (0..n).map(|_| FactorBuilder::new(source.columns())).collect();
     source.each(&mut |sample| {
         for (j, folder) in folders.iter_mut().enumerate().filter(|(j, _)| sample.used[*j]) {
-            folder.push(sample.of_joint(j), sample.tau[j], 1.0);
+            folder.push(sample.of_joint(j).iter().copied().chain([sample.tau[j]]));
         }
     });
-    folders.into_iter().map(FactorBuilder::finish).collect()
+    folders.iter_mut().map(FactorBuilder::take).collect()
 }

@@ -1,6 +1,7 @@
 //! Weighted least squares over joints, from each joint's triangular factor of `[w_j | tau_j]`.
 
 use super::factor::TriangularFactor;
+use super::orthonormal::OrthonormalBasis;
 use super::rows::SampleRows;
 use super::solution::LeastSquares;
 use crate::numerics::NumericsError;
@@ -180,24 +181,17 @@ pub fn per_joint(
 fn independent_columns(factor: &TriangularFactor) -> (Vec<usize>, Vec<usize>) {
     let (r, b) = (factor.upper(), factor.columns());
     let longest = (0..b).map(|k| r.col(k).norm_l2()).fold(0.0, f64::max);
-    let mut basis: Vec<Vec<f64>> = Vec::new();
+    let mut basis = OrthonormalBasis::default();
     let (mut kept, mut grouped) = (Vec::new(), Vec::new());
     for k in 0..b {
         let norm = r.col(k).norm_l2();
         if norm <= super::factor::ZERO_COLUMN_THRESHOLD * longest {
             continue;
         }
-        let mut left: Vec<f64> = r.col(k).iter().map(|x| x / norm).collect();
-        // The second pass takes away what rounding left of the first.
-        for _ in 0..2 {
-            for direction in &basis {
-                let along: f64 = direction.iter().zip(&left).map(|(a, b)| a * b).sum();
-                left.iter_mut().zip(direction).for_each(|(x, d)| *x -= along * d);
-            }
-        }
-        let new = left.iter().map(|x| x * x).sum::<f64>().sqrt();
-        if new > NEW_SHARE {
-            basis.push(left.iter().map(|x| x / new).collect());
+        let column: Vec<f64> = r.col(k).iter().map(|x| x / norm).collect();
+        let rest = basis.rest(&column);
+        if rest.length > NEW_SHARE {
+            basis.take(rest);
             kept.push(k);
         } else {
             grouped.push(k);

@@ -1,33 +1,6 @@
-//! What gearboxes and motors add to the rigid links: friction, and motors that turn with two joints.
+//! What motors that turn with two joints add to the torques of both.
 
-use crate::robot::{Coupling, FrictionLaw, FrictionModel};
-
-/// What the friction coefficients of a joint multiply at the speed `qd` (rad/s or m/s), in the order
-/// of [`FrictionModel::terms`]; zero beyond them. `sign(0) = 0`.
-///
-/// - polynomial [3.10]: `sign(qd), qd, qd² sign(qd), qd³`;
-/// - viscous and Coulomb: `sign(qd), qd, 1`; smooth: `tanh(qd / speed), qd, 1`;
-/// - none: no column;
-/// - asymmetric: the sign's positive and its negative part, then those of the speed.
-#[inline]
-#[must_use]
-pub fn friction_columns(model: &FrictionModel, qd: f64) -> [f64; FrictionModel::MAX_TERMS] {
-    let sign = smooth_sign(model.law, qd);
-    match (model.law, model.asymmetric) {
-        (FrictionLaw::None, _) => [0.0; FrictionModel::MAX_TERMS],
-        (FrictionLaw::Polynomial, _) => [sign, qd, qd * qd.abs(), qd * qd * qd],
-        (_, false) => [sign, qd, 1.0, 0.0],
-        (_, true) => [sign.max(0.0), sign.min(0.0), qd.max(0.0), qd.min(0.0)],
-    }
-}
-
-/// Friction torque, Nm (N), of the coefficients `f` in the order of [`FrictionModel::terms`] at the
-/// speed `qd` in rad/s (m/s).
-#[inline]
-#[must_use]
-pub fn friction_torque(model: &FrictionModel, f: &[f64; FrictionModel::MAX_TERMS], qd: f64) -> f64 {
-    friction_columns(model, qd).iter().zip(f).map(|(column, f)| f * column).sum()
-}
+use crate::robot::{Coupling, FrictionLaw};
 
 /// What the parameters `Iam`, `fvm`, `fsm` of a coupled motor multiply.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,17 +24,8 @@ pub struct CouplingColumns {
 #[must_use]
 pub fn coupling_columns(coupling: &Coupling, law: FrictionLaw, qd: &[f64], qdd: &[f64]) -> CouplingColumns {
     let (j, m, c) = (coupling.joint.index(), coupling.motor_joint.index(), coupling.ratio);
-    let sign = smooth_sign(law, c * qd[j] + qd[m]);
+    let sign = law.sign(c * qd[j] + qd[m]);
     CouplingColumns { joint: [c * qdd[m], c * qd[m], c * sign], motor_joint: [c * qdd[j], c * qd[j], sign] }
-}
-
-#[inline]
-fn smooth_sign(law: FrictionLaw, speed: f64) -> f64 {
-    match law {
-        FrictionLaw::Smooth { speed: scale } => (speed / scale).tanh(),
-        _ if speed == 0.0 => 0.0,
-        _ => speed.signum(),
-    }
 }
 
 #[cfg(test)]
@@ -70,52 +34,6 @@ mod tests {
 
     use super::*;
     use crate::robot::JointIndex;
-
-    /// A few operations.
-    const ROUNDING: f64 = 1e-14;
-
-    fn model(law: FrictionLaw, asymmetric: bool) -> FrictionModel {
-        FrictionModel { law, asymmetric }
-    }
-
-    #[test]
-    fn friction_is_odd_and_a_resting_joint_has_none() {
-        let f = [1.5, 8.0, -1.2, 0.3];
-        let torque = |qd| friction_torque(&FrictionModel::POLYNOMIAL, &f, qd);
-        assert_eq!((torque(0.0), torque(-0.0)), (0.0, 0.0));
-        let expected = 1.5 + 8.0 * 2.0 - 1.2 * 4.0 + 0.3 * 8.0;
-        assert!((torque(2.0) - expected).abs() < ROUNDING * expected);
-        assert!((torque(-2.0) + expected).abs() < ROUNDING * expected);
-    }
-
-    #[test]
-    fn viscous_and_coulomb_friction_has_an_offset_in_both_directions() {
-        let f = [1.5, 8.0, 0.25, 99.0];
-        for (law, sign) in
-            [(FrictionLaw::ViscousCoulomb, 1.0), (FrictionLaw::Smooth { speed: 0.5 }, 4.0_f64.tanh())]
-        {
-            let torque = |qd| friction_torque(&model(law, false), &f, qd);
-            assert!((torque(2.0) - (1.5 * sign + 16.25)).abs() < ROUNDING * 20.0);
-            assert!((torque(-2.0) + (1.5 * sign + 15.75)).abs() < ROUNDING * 20.0);
-            assert_eq!(torque(0.0), 0.25);
-        }
-    }
-
-    #[test]
-    fn asymmetric_friction_of_equal_directions_is_symmetric_and_an_offset_is_half_the_difference() {
-        let symmetric = |law, qd| friction_torque(&model(law, false), &[1.5, 8.0, 0.0, 0.0], qd);
-        let coulomb = FrictionLaw::ViscousCoulomb;
-        for qd in [-2.0, -0.1, 0.0, 0.3, 4.0] {
-            for law in [coulomb, FrictionLaw::Smooth { speed: 0.2 }] {
-                let both = friction_torque(&model(law, true), &[1.5, 1.5, 8.0, 8.0], qd);
-                assert!((both - symmetric(law, qd)).abs() < ROUNDING * 40.0);
-            }
-            if qd != 0.0 {
-                let skewed = friction_torque(&model(coulomb, true), &[1.75, 1.25, 8.0, 8.0], qd);
-                assert!((skewed - symmetric(coulomb, qd) - 0.25).abs() < ROUNDING * 40.0);
-            }
-        }
-    }
 
     proptest! {
         #[test]

@@ -7,6 +7,7 @@ use faer::Mat;
 use super::regressor::{Regressor, joint_torque_regressor};
 use crate::numerics::NumericsError;
 use crate::numerics::least_squares::factor::ZERO_COLUMN_THRESHOLD;
+use crate::numerics::least_squares::orthonormal::{OrthonormalBasis, norm};
 use crate::robot::{ParameterId, ParameterKind, Robot};
 
 /// A column of unit norm is kept if more than this of it is independent of the columns before it;
@@ -252,31 +253,19 @@ fn groupings(
     grouping
 }
 
-/// Modified Gram-Schmidt; the second pass takes away what rounding left of the first (Giraud et al.
-/// 2005: twice is enough).
+/// Keeps the columns that are independent of those before them.
 fn independent_columns(columns: &[Vec<f64>]) -> Selection {
-    let mut basis: Vec<Vec<f64>> = Vec::new();
+    let mut basis = OrthonormalBasis::default();
     let mut factor: Vec<Vec<f64>> = Vec::new();
     let mut selection = Selection { kept: Vec::new(), dropped: Vec::new() };
     for (index, column) in columns.iter().enumerate() {
-        let mut rest = column.clone();
-        let mut projections = vec![0.0; basis.len()];
-        for _pass in 0..2 {
-            for (direction, projection) in basis.iter().zip(&mut projections) {
-                let along = dot(direction, &rest);
-                rest.iter_mut().zip(direction).for_each(|(x, d)| *x -= along * d);
-                *projection += along;
-            }
-        }
-        let length = norm(&rest);
-        if length > INDEPENDENCE_THRESHOLD {
-            rest.iter_mut().for_each(|x| *x /= length);
-            basis.push(rest);
-            projections.push(length);
-            factor.push(projections);
+        let rest = basis.rest(column);
+        if rest.length > INDEPENDENCE_THRESHOLD {
+            factor.push(rest.along.iter().copied().chain([rest.length]).collect());
+            basis.take(rest);
             selection.kept.push(index);
         } else {
-            selection.dropped.push((index, back_substitute(&factor, projections)));
+            selection.dropped.push((index, back_substitute(&factor, rest.along)));
         }
     }
     selection
@@ -332,14 +321,6 @@ fn condition_number(columns: &[&[f64]]) -> Result<f64, NumericsError> {
         (Some(largest), Some(smallest)) => largest / smallest,
         _ => 1.0,
     })
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
-fn norm(a: &[f64]) -> f64 {
-    dot(a, a).sqrt()
 }
 
 /// Rounded to six significant digits, so that it prints short.

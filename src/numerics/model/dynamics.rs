@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use super::actuator::{coupling_columns, friction_torque};
+use super::actuator::coupling_columns;
 use super::kinematics::joint_transform;
 use crate::robot::{
     CouplingTerm, FrictionModel, JointKind, MAX_JOINTS, ParameterId, ParameterKind, Robot,
@@ -172,7 +172,7 @@ impl DynamicModel {
         inverse_dynamics(robot, &self.inertial, q, qd, qdd, tau);
         for joint in robot.joint_indices() {
             let i = joint.index();
-            let friction = friction_torque(&robot.friction_of(joint), &self.friction[i], qd[i]);
+            let friction = robot.friction_of(joint).torque(&self.friction[i], qd[i]);
             tau[i] += friction + self.motor_inertia[i] * qdd[i];
         }
         for (coupling, parameters) in robot.couplings.iter().zip(&self.coupling) {
@@ -260,7 +260,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::numerics::model::actuator::friction_columns;
     use crate::numerics::model::kinematics::forward_kinematics;
     use crate::numerics::model::kinematics::tests::{any_arm, arm, joint, numbers};
     use crate::testing::{change_dh, er3a};
@@ -439,7 +438,7 @@ mod tests {
             let terms = robot.friction.terms().len();
             let mut extra: Vec<f64> = (0..n)
                 .map(|j| {
-                    let columns = friction_columns(&robot.friction, qd[j]);
+                    let columns = robot.friction.columns(qd[j]);
                     let friction: f64 =
                         (0..terms).map(|k| columns[k] * phi[10 * n + terms * j + k]).sum();
                     friction + phi[(10 + terms) * n + j] * qdd[j]

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::actuator::{coupling_columns, friction_columns};
+use super::actuator::coupling_columns;
 use super::dynamics::LinkMotion;
 use super::kinematics::joint_transform;
 use crate::robot::{CouplingTerm, JointKind, MAX_JOINTS, Robot, StandardParameters, Transform};
@@ -105,7 +105,7 @@ fn write_actuators(robot: &Robot, qd: &[f64], qdd: &[f64], y: &mut Regressor) {
     for joint in robot.joint_indices() {
         let (i, model) = (joint.index(), robot.friction_of(joint));
         let terms = model.terms().len();
-        for (k, value) in friction_columns(&model, qd[i]).into_iter().take(terms).enumerate() {
+        for (k, value) in model.columns(qd[i]).into_iter().take(terms).enumerate() {
             y.set(i, next + k, value);
         }
         next += terms;

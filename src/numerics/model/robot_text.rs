@@ -5,8 +5,7 @@ use std::fmt;
 use super::base_parameters::BaseParameters;
 use super::robot_check::{IdentityCheck, RobotCheck};
 use crate::robot::{
-    FrictionLaw, FrictionModel, GeometrySource, JointKind, ParameterId, Robot, StandardParameters,
-    TorqueSensors, Transform,
+    GeometrySource, JointKind, ParameterId, Robot, StandardParameters, TorqueSensors, Transform,
 };
 
 impl fmt::Display for RobotCheck {
@@ -117,25 +116,15 @@ fn write_conventions(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
 }
 
 fn write_friction(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
-    let law = |model: FrictionModel| match (model.law, model.asymmetric) {
-        (FrictionLaw::None, _) => "none".to_owned(),
-        (FrictionLaw::Polynomial, _) => "f1 sign(v) + f2 v + f3 v^2 sign(v) + f4 v^3".to_owned(),
-        (FrictionLaw::ViscousCoulomb, false) => "fs sign(v) + fv v + off".to_owned(),
-        (FrictionLaw::ViscousCoulomb, true) => "fs_p + fv_p v forwards, -fs_n + fv_n v backwards".to_owned(),
-        (FrictionLaw::Smooth { speed }, false) => format!("fs tanh(v / {speed}) + fv v + off"),
-        (FrictionLaw::Smooth { speed }, true) => {
-            format!("fs_p tanh(v / {speed}) + fv_p v forwards, fs_n tanh(v / {speed}) + fv_n v backwards")
-        }
-    };
     let motor = match robot.torque_sensors {
         TorqueSensors::Motor => "motor inertia seen at the joint: I_m a",
         TorqueSensors::Link => "torque is measured behind the gears, without motor inertia",
     };
-    writeln!(f, "  friction of a joint: {}; {motor}", law(robot.friction))?;
+    writeln!(f, "  friction of a joint: {}; {motor}", robot.friction.formula())?;
     for joint in robot.joint_indices() {
         let model = robot.friction_of(joint);
         if model != robot.friction {
-            writeln!(f, "  friction of joint {joint}: {}", law(model))?;
+            writeln!(f, "  friction of joint {joint}: {}", model.formula())?;
         }
     }
     for coupling in &robot.couplings {

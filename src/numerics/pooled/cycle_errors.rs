@@ -9,7 +9,7 @@ use faer::{Mat, Side};
 
 use super::pool::{CycleParts, RowWeights};
 use crate::numerics::NumericsError;
-use crate::numerics::identify::joint_factors::JointColumns;
+use crate::numerics::identify::joint_factors::FactorColumns;
 use crate::robot::JointIndex;
 
 /// Fewest cycles whose scatter is believed: with fewer, Student's quantile of the few degrees of freedom
@@ -31,7 +31,7 @@ pub struct Design {
 impl Design {
     /// All joints stacked [3.22] over the columns `kept`, rising places among all.
     #[must_use]
-    pub fn stacked(columns: &JointColumns, kept: &[usize]) -> Self {
+    pub fn stacked(columns: &FactorColumns, kept: &[usize]) -> Self {
         let place = |all: &usize| kept.binary_search(all).ok();
         let of_joint = |j: usize| columns.places(JointIndex::new(j)).iter().map(place).collect();
         Self { width: kept.len(), places: (0..columns.joint_count()).map(of_joint).collect() }
@@ -39,7 +39,7 @@ impl Design {
 
     /// One joint alone [3.21] over the columns `kept` of its own, rising.
     #[must_use]
-    pub fn of_joint(columns: &JointColumns, joint: JointIndex, kept: &[usize]) -> Self {
+    pub fn of_joint(columns: &FactorColumns, joint: JointIndex, kept: &[usize]) -> Self {
         let mut places: Vec<Vec<Option<usize>>> =
             columns.by_joint().iter().map(|of| vec![None; of.len()]).collect();
         if let Some(own) = places.get_mut(joint.index()) {
@@ -98,7 +98,7 @@ fn block(
     weight: impl Fn(usize) -> f64,
     theta: &[f64],
     inverse: &Mat<f64>,
-) -> Block {
+) -> CycleBlock {
     let joints: Vec<usize> = (0..cycle.by_joint.len()).filter(|&j| design.takes(cycle, j)).collect();
     let rows = joints.iter().map(|&j| cycle.by_joint[j].columns() + 1).sum();
     let mut w = Mat::<f64>::zeros(rows, design.width);
@@ -120,7 +120,7 @@ fn block(
         at += b + 1;
     }
     let w = w * inverse;
-    Block { information: w.transpose() * &w, score: w.transpose() * e }
+    CycleBlock { information: w.transpose() * &w, score: w.transpose() * e }
 }
 
 /// What blocks say of an estimate's scatter.
@@ -133,7 +133,10 @@ pub(super) struct Sandwich {
 
 /// Covariance of an estimate from its blocks, at least two. `inverse` is `r11⁻¹` of the factor that
 /// gave the estimate.
-fn sandwich(inverse: &Mat<f64>, blocks: impl IntoIterator<Item = Block>) -> Result<Sandwich, NumericsError> {
+fn sandwich(
+    inverse: &Mat<f64>,
+    blocks: impl IntoIterator<Item = CycleBlock>,
+) -> Result<Sandwich, NumericsError> {
     let b = inverse.ncols();
     let mut matrix = Mat::<f64>::zeros(b, b);
     let (mut total, mut squares, mut count) = (vec![0.0; b], vec![0.0; b], 0.0);
@@ -155,7 +158,7 @@ fn sandwich(inverse: &Mat<f64>, blocks: impl IntoIterator<Item = Block>) -> Resu
 }
 
 /// Sums over one block in coordinates in which `wᵀw` is the identity.
-struct Block {
+struct CycleBlock {
     /// `wᵀw` of the block, `[b x b]`: its eigenvalues are leverages.
     information: Mat<f64>,
     /// `wᵀe` of the block, `[b x 1]`.
@@ -164,7 +167,7 @@ struct Block {
 
 /// The block's score with its residuals corrected for having been fitted, as leaving the block out
 /// would: `w_bᵀ (1 - w_b w_bᵀ)⁻¹ = (1 - w_bᵀ w_b)⁻¹ w_bᵀ`, so that a matrix of `b` rows is enough.
-fn corrected(block: &Block) -> Result<Mat<f64>, NumericsError> {
+fn corrected(block: &CycleBlock) -> Result<Mat<f64>, NumericsError> {
     let eigen = block
         .information
         .self_adjoint_eigen(Side::Lower)

@@ -17,8 +17,9 @@
 use faer::{Mat, MatRef};
 
 use crate::numerics::NumericsError;
-use crate::numerics::identify::joint_factors::{JointColumns, JointFactor, used_for_identification};
+use crate::numerics::identify::joint_factors::{FactorColumns, JointFactor, used_for_identification};
 use crate::numerics::least_squares::factor::{TriangularFactor, ZERO_COLUMN_THRESHOLD};
+use crate::numerics::least_squares::orthonormal::{OrthonormalBasis, dot, norm};
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::numerics::statistics::distributions::student_quantile;
 use crate::robot::{CouplingTerm, JointIndex, ParameterId, ParameterKind, Robot, StandardParameters};
@@ -73,7 +74,7 @@ pub struct GainEstimate {
     /// Half the width of its 95 % interval.
     pub half_width: f64,
     /// Where the error comes from.
-    pub error_from: ErrorSource,
+    pub error_from: GainErrorSource,
     /// Root mean square of the load's torque over the rows with load, Nm (N).
     pub load_rms: f64,
     /// Standard deviation of the residual, Nm (N), as recorded.
@@ -104,7 +105,7 @@ impl GainEstimate {
 
 /// What a standard error stands on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ErrorSource {
+pub enum GainErrorSource {
     /// The scatter from cycle to cycle, of which both recordings have at least four: each is left out in
     /// turn (jackknife in two strata).
     Cycles,
@@ -112,7 +113,7 @@ pub enum ErrorSource {
     Rows,
 }
 
-impl ErrorSource {
+impl GainErrorSource {
     /// Name for people and scripts.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -159,13 +160,13 @@ pub fn load_change(robot: &Robot, base: &BaseParameters, load: &StandardParamete
 }
 
 /// The factor of each joint, from cycles without and with a load that changes the base parameters by
-/// `change` `[b]`, in the order of [`JointColumns::kept`]. The cycles' factors must have these columns.
+/// `change` `[b]`, in the order of [`FactorColumns::kept`]. The cycles' factors must have these columns.
 ///
 /// # Errors
 /// [`NumericsError::TooShort`] without cycles of either kind, [`NumericsError::ColumnsDiffer`] if
 /// `change` is not one number a column.
 pub fn drive_gains(
-    columns: &JointColumns,
+    columns: &FactorColumns,
     cycles: &[RecordedCycle],
     change: &[f64],
 ) -> Result<Vec<JointGain>, NumericsError> {
@@ -188,7 +189,7 @@ pub fn drive_gains(
 }
 
 fn gain_of(
-    columns: &JointColumns,
+    columns: &FactorColumns,
     cycles: &[RecordedCycle],
     change: &[f64],
     joint: JointIndex,
@@ -218,9 +219,9 @@ fn gain_of(
     }
     let residual_std = (solved.residual_squares / (rows - spent as f64)).sqrt();
     let of_rows =
-        ((solved.residual_squares / freedom / solved.information).sqrt(), freedom, ErrorSource::Rows);
+        ((solved.residual_squares / freedom / solved.information).sqrt(), freedom, GainErrorSource::Rows);
     let (std_error, freedom, error_from) = match jackknife(&parts, &problem) {
-        Some((std_error, freedom)) => (std_error, freedom, ErrorSource::Cycles),
+        Some((std_error, freedom)) => (std_error, freedom, GainErrorSource::Cycles),
         None => of_rows,
     };
     let half_width = student_quantile(0.5 + 0.5 * LEVEL, freedom) * std_error;
@@ -278,10 +279,10 @@ impl JointProblem {
         }
         let squares = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
         let (load_squares, torque_squares) = (squares(&load), squares(&column(b)));
-        let mut basis = Basis::default();
-        self.friction.iter().for_each(|&k| basis.take(column(k)));
+        let mut basis = OrthonormalBasis::default();
+        self.friction.iter().for_each(|&k| basis.add(&column(k), NEW_SHARE));
         let others = self.arm.iter().map(|&k| column(k)).chain([load, column(b)]);
-        let left: Vec<Vec<f64>> = others.map(|x| basis.rest(x)).collect();
+        let left: Vec<Vec<f64>> = others.map(|x| basis.rest(&x).vector).collect();
         let mut factor = TriangularFactor::new(left.len() - 1);
         factor.fold(Mat::from_fn(b + 1, left.len(), |i, k| left[k][i]).as_ref());
         let rows = of.rows() as f64;
@@ -290,7 +291,7 @@ impl JointProblem {
             factor,
             rows,
             independent_rows: rows * share,
-            friction_columns: basis.0.len(),
+            friction_columns: basis.rank(),
             load_squares,
             torque_squares,
         }
@@ -306,36 +307,6 @@ fn is_friction(kind: ParameterKind) -> bool {
     }
 }
 
-/// Orthonormal directions of columns; those that are not new are left out.
-#[derive(Default)]
-struct Basis(Vec<Vec<f64>>);
-
-impl Basis {
-    fn take(&mut self, column: Vec<f64>) {
-        let before = norm(&column);
-        let rest = self.rest(column);
-        let length = norm(&rest);
-        if length > NEW_SHARE * before {
-            self.0.push(rest.into_iter().map(|x| x / length).collect());
-        }
-    }
-
-    /// What the directions do not explain; the second pass takes away what rounding left of the first.
-    fn rest(&self, mut column: Vec<f64>) -> Vec<f64> {
-        for _pass in 0..2 {
-            for direction in &self.0 {
-                let along: f64 = direction.iter().zip(&column).map(|(a, b)| a * b).sum();
-                column.iter_mut().zip(direction).for_each(|(x, d)| *x -= along * d);
-            }
-        }
-        column
-    }
-}
-
-fn norm(x: &[f64]) -> f64 {
-    x.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
 fn joined<'a>(
     factors: impl Iterator<Item = &'a TriangularFactor>,
     problem: &JointProblem,
@@ -346,7 +317,7 @@ fn joined<'a>(
 }
 
 /// Solution for the last column of `w` alone.
-struct Scale {
+struct LoadScale {
     scale: f64,
     /// Squared length of the load's column, less what the others explain.
     information: f64,
@@ -358,22 +329,22 @@ struct Scale {
 /// Regression on the last column less what the others explain of it (Frisch & Waugh 1933): columns of
 /// the arm that one joint's rows do not tell apart do no harm, as they would to solving for all. `None`
 /// if too little of the column is left.
-fn scale_of(factor: &TriangularFactor) -> Option<Scale> {
+fn scale_of(factor: &TriangularFactor) -> Option<LoadScale> {
     let (r, b) = (factor.upper(), factor.columns());
     let column = |k: usize, r: MatRef<'_, f64>| r.col(k).iter().copied().collect::<Vec<f64>>();
-    let mut basis = Basis::default();
-    (0..b - 1).for_each(|k| basis.take(column(k, r)));
+    let mut basis = OrthonormalBasis::default();
+    (0..b - 1).for_each(|k| basis.add(&column(k, r), NEW_SHARE));
     let load = column(b - 1, r);
     let whole = norm(&load);
-    let load = basis.rest(load);
-    let information = load.iter().map(|x| x * x).sum::<f64>();
+    let load = basis.rest(&load).vector;
+    let information = dot(&load, &load);
     if information.sqrt() <= APART_SHARE * whole {
         return None;
     }
-    let torque = basis.rest(column(b, r));
+    let torque = basis.rest(&column(b, r)).vector;
     let scale = load.iter().zip(&torque).map(|(l, t)| l * t).sum::<f64>() / information;
     let residual_squares = load.iter().zip(&torque).map(|(l, t)| (t - scale * l).powi(2)).sum();
-    Some(Scale { scale, information, residual_squares, columns: basis.0.len() + 1 })
+    Some(LoadScale { scale, information, residual_squares, columns: basis.rank() + 1 })
 }
 
 /// Standard error and its degrees of freedom from leaving out one cycle after the other: in each

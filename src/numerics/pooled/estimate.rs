@@ -1,4 +1,4 @@
-//! Estimators of one's choice on the stored factors of cycles: no recording is needed.
+//! Estimators that work on the stored factors of cycles and need no recording.
 //!
 //! An estimator is a choice of weights: a joint's residual variance is a number for its factors, a
 //! robust estimate weighs whole cycles, a prior is more rows. The interval does not depend on it: with
@@ -27,9 +27,9 @@ const MAX_ROUNDS: usize = 100;
 /// Change of the estimated torque, relative to the noise, at which an estimate has settled.
 const SETTLED: f64 = 1e-6;
 
-/// How rows become parameters.
+/// How the rows of all joints, stacked, become parameters.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Estimator {
+pub enum StackedEstimator {
     /// Every row counts alike [3.22].
     Ordinary,
     /// Rows count by the residual variance of their joint [3.22].
@@ -39,25 +39,38 @@ pub enum Estimator {
     Huber,
     /// Towards what is known beforehand. Rows count by the residual variance of their joint.
     Prior {
-        /// What is known of each parameter, `[b]`.
-        priors: Vec<Option<Prior>>,
+        /// What is known, by parameter.
+        priors: Vec<(ParameterId, Prior)>,
         /// How firmly it is believed.
         strength: PriorStrength,
     },
 }
 
+impl StackedEstimator {
+    /// Its name alone.
+    #[must_use]
+    pub fn kind(&self) -> EstimatorKind {
+        match self {
+            Self::Ordinary => EstimatorKind::Ordinary,
+            Self::Weighted => EstimatorKind::Weighted,
+            Self::Huber => EstimatorKind::Huber,
+            Self::Prior { .. } => EstimatorKind::Prior,
+        }
+    }
+}
+
 /// Name of a way to make parameters of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EstimatorKind {
-    /// [`Estimator::Ordinary`].
+    /// [`StackedEstimator::Ordinary`].
     Ordinary,
-    /// [`Estimator::Weighted`].
+    /// [`StackedEstimator::Weighted`].
     Weighted,
     /// Each joint alone ([`per_joint_estimates`](super::per_joint::per_joint_estimates)).
     PerJoint,
-    /// [`Estimator::Huber`].
+    /// [`StackedEstimator::Huber`].
     Huber,
-    /// [`Estimator::Prior`].
+    /// [`StackedEstimator::Prior`].
     Prior,
 }
 
@@ -173,11 +186,18 @@ pub struct EssentialReport {
 /// # Errors
 /// [`NumericsError::RankDeficient`] if the motion does not show every parameter (not with a prior on those
 /// it does not), [`NumericsError::TooShort`] with too few rows, or too few cycles for
-/// [`Estimator::Huber`]; those of [`weighted`] and [`with_prior`].
-pub fn estimate(union: &PooledFactors, estimator: &Estimator) -> Result<PooledEstimate, NumericsError> {
+/// [`StackedEstimator::Huber`]; those of [`weighted`] and [`with_prior`].
+pub fn estimate(
+    union: &PooledFactors,
+    estimator: &StackedEstimator,
+) -> Result<PooledEstimate, NumericsError> {
     let all: Vec<usize> = (0..union.columns().kept().len()).collect();
     match estimator {
-        Estimator::Prior { priors, strength } => towards_prior(union, priors, *strength),
+        StackedEstimator::Prior { priors, strength } => {
+            let of = |id: &ParameterId| priors.iter().find(|(of, _)| of == id).map(|(_, prior)| *prior);
+            let priors: Vec<Option<Prior>> = union.columns().kept().iter().map(of).collect();
+            towards_prior(union, &priors, *strength)
+        }
         _ => {
             let (weights, settled) = weights(union, estimator)?;
             least_squares(union, &all, weights, settled)
@@ -191,10 +211,10 @@ pub fn estimate(union: &PooledFactors, estimator: &Estimator) -> Result<PooledEs
 /// Those of [`estimate`]; [`NumericsError::Unsupported`] with a prior, which leaves no parameter out.
 pub fn estimate_essential(
     union: &PooledFactors,
-    estimator: &Estimator,
+    estimator: &StackedEstimator,
     settings: &EssentialSettings,
 ) -> Result<PooledEstimate, NumericsError> {
-    if matches!(estimator, Estimator::Prior { .. }) {
+    if matches!(estimator, StackedEstimator::Prior { .. }) {
         return Err(NumericsError::Unsupported("essential parameters together with a prior"));
     }
     let full = estimate(union, estimator)?;
@@ -211,15 +231,15 @@ pub fn estimate_essential(
     Ok(found)
 }
 
-fn weights(union: &PooledFactors, estimator: &Estimator) -> Result<(RowWeights, bool), NumericsError> {
+fn weights(union: &PooledFactors, estimator: &StackedEstimator) -> Result<(RowWeights, bool), NumericsError> {
     let n = union.columns().joint_count();
     match estimator {
-        Estimator::Weighted => {
-            let found = weighted(&union.spread_by_joint(), MAX_WEIGHTED_CONDITION, names(union))?;
+        StackedEstimator::Weighted => {
+            let found = weighted(&union.embedded_by_joint(), MAX_WEIGHTED_CONDITION, names(union))?;
             Ok((RowWeights::of_noise(&found.rule.sigma), found.settled))
         }
-        Estimator::Huber => huber_weights(union),
-        Estimator::Ordinary | Estimator::Prior { .. } => Ok((RowWeights::equal(n), true)),
+        StackedEstimator::Huber => huber_weights(union),
+        StackedEstimator::Ordinary | StackedEstimator::Prior { .. } => Ok((RowWeights::equal(n), true)),
     }
 }
 
@@ -238,7 +258,7 @@ fn least_squares(
     let fraction = union.independent_fraction();
     let own: Vec<ParameterId> = kept.iter().map(|&k| ids[k]).collect();
     let by_joint: Vec<TriangularFactor> =
-        union.kept_by_joint(&weights).iter().map(|factor| factor.restricted(kept)).collect();
+        union.embedded_shares(&weights).iter().map(|factor| factor.restricted(kept)).collect();
     let sigma = weights.by_joint.iter().map(|weight| weight.sqrt().recip()).collect();
     let rule = WeightRule { sigma, huber: None };
     let mut solved = identify_weighted(&own, &by_joint, &union.independent_shares(), &rule)?;
@@ -310,7 +330,7 @@ fn huber_weights(union: &PooledFactors) -> Result<(RowWeights, bool), NumericsEr
             needed: FEWEST_FOR_HUBER,
         });
     }
-    let start = weighted(&union.spread_by_joint(), MAX_WEIGHTED_CONDITION, names(union))?;
+    let start = weighted(&union.embedded_by_joint(), MAX_WEIGHTED_CONDITION, names(union))?;
     let mut theta = start.solution.theta;
     for _ in 0..MAX_ROUNDS {
         let weights = reweighted(union, &theta)?;

@@ -3,7 +3,7 @@
 
 use crate::numerics::least_squares::prior::Prior;
 use crate::numerics::model::base_parameters::BaseParameters;
-use crate::robot::{CouplingTerm, FrictionTerm, NominalJoint, ParameterId, ParameterKind, Robot};
+use crate::robot::{CouplingTerm, ParameterId, ParameterKind, Robot};
 
 /// Part of a value that its prior's standard deviation is where nothing else is said: a drawing without
 /// cables and grease, or a catalogue's friction, is rarely better.
@@ -30,25 +30,8 @@ fn nominal_value(robot: &Robot, id: ParameterId) -> Option<f64> {
     match id.kind {
         ParameterKind::Inertial(k) => nominal.inertial.0.get(usize::from(k)).copied(),
         ParameterKind::MotorInertia => Some(nominal.motor_inertia),
-        ParameterKind::Friction(term) => nominal_friction(nominal, term),
+        ParameterKind::Friction(term) => term.nominal(&nominal.friction),
         ParameterKind::Coupling(_) => None,
-    }
-}
-
-/// Nominal friction is a polynomial [3.10]; the laws without its higher powers have it only where
-/// these vanish.
-fn nominal_friction(nominal: &NominalJoint, term: FrictionTerm) -> Option<f64> {
-    use FrictionTerm as T;
-    let [f1, f2, f3, f4] = nominal.friction;
-    let linear = (f3 == 0.0 && f4 == 0.0).then_some(());
-    match term {
-        T::F1 => Some(f1),
-        T::F2 => Some(f2),
-        T::F3 => Some(f3),
-        T::F4 => Some(f4),
-        T::Coulomb | T::CoulombPositive | T::CoulombNegative => linear.map(|()| f1),
-        T::Viscous | T::ViscousPositive | T::ViscousNegative => linear.map(|()| f2),
-        T::Offset => None,
     }
 }
 
@@ -89,7 +72,7 @@ mod tests {
     use super::*;
     use crate::numerics::model::base_parameters::base_parameters;
     use crate::numerics::model::dynamics::DynamicModel;
-    use crate::robot::JointIndex;
+    use crate::robot::{FrictionTerm, JointIndex};
     use crate::testing::er3a;
 
     /// Rounding of a few hundred operations.

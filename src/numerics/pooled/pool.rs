@@ -3,7 +3,7 @@
 use crate::analysis::{Estimator, Identification};
 use crate::numerics::NumericsError;
 use crate::numerics::identify::cycle::identify_factors;
-use crate::numerics::identify::joint_factors::{JointColumns, JointFactor, used_for_identification};
+use crate::numerics::identify::joint_factors::{FactorColumns, JointFactor, used_for_identification};
 use crate::numerics::least_squares::factor::TriangularFactor;
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::robot::{JointIndex, ParameterId};
@@ -11,7 +11,7 @@ use crate::robot::{JointIndex, ParameterId};
 /// The rows of chosen cycles that serve identification, joined as cycles come in.
 #[derive(Debug, Clone)]
 pub struct PooledFactors {
-    columns: JointColumns,
+    columns: FactorColumns,
     by_joint: Vec<TriangularFactor>,
     cycles: Vec<CycleParts>,
 }
@@ -57,7 +57,7 @@ impl RowWeights {
 impl PooledFactors {
     /// Of no cycles yet; all must have these columns.
     #[must_use]
-    pub fn new(columns: JointColumns) -> Self {
+    pub fn new(columns: FactorColumns) -> Self {
         let by_joint = columns.by_joint().iter().map(|of| TriangularFactor::new(of.len())).collect();
         Self { columns, by_joint, cycles: Vec::new() }
     }
@@ -71,7 +71,7 @@ impl PooledFactors {
     /// [`NumericsError::ColumnsDiffer`] if the cycle's columns are not those of the union.
     pub fn add(
         &mut self,
-        columns: &JointColumns,
+        columns: &FactorColumns,
         factors: &[JointFactor],
         independent_shares: &[f64],
     ) -> Result<(), NumericsError> {
@@ -103,7 +103,7 @@ impl PooledFactors {
 
     /// Columns of each joint's factor.
     #[must_use]
-    pub fn columns(&self) -> &JointColumns {
+    pub fn columns(&self) -> &FactorColumns {
         &self.columns
     }
 
@@ -148,7 +148,7 @@ impl PooledFactors {
         let weighted: Vec<TriangularFactor> =
             (0..self.by_joint.len()).map(|j| self.of_joint(j, weights)).collect();
         let parts = weighted.iter().zip((0..).map(JointIndex::new));
-        TriangularFactor::stacked(
+        TriangularFactor::embedded(
             self.columns.kept().len(),
             parts.map(|(factor, joint)| (factor, self.columns.places(joint))),
         )
@@ -158,7 +158,7 @@ impl PooledFactors {
     ///
     /// # Errors
     /// [`NumericsError::ColumnsDiffer`] unless the base parameters are those of the columns.
-    pub fn over(&self, base: &BaseParameters) -> Result<Vec<TriangularFactor>, NumericsError> {
+    pub fn embedded_in(&self, base: &BaseParameters) -> Result<Vec<TriangularFactor>, NumericsError> {
         if base.kept.len() != self.columns.kept().len() {
             return Err(NumericsError::ColumnsDiffer(format!(
                 "the description has {} base parameters, the stored factors {}: they were made with another",
@@ -173,7 +173,7 @@ impl PooledFactors {
         };
         let of_joint = |(factor, ids): (&TriangularFactor, &Vec<ParameterId>)| {
             let places = ids.iter().map(place).collect::<Result<Vec<usize>, _>>()?;
-            Ok(TriangularFactor::stacked(base.kept.len(), [(factor, &places[..])]))
+            Ok(TriangularFactor::embedded(base.kept.len(), [(factor, &places[..])]))
         };
         self.by_joint.iter().zip(self.columns.by_joint().iter()).map(of_joint).collect()
     }
@@ -181,26 +181,26 @@ impl PooledFactors {
     /// Each joint's factor over all `b` columns, of which each cycle keeps its share, `[n]`; the noise of the
     /// joints takes no part.
     #[must_use]
-    pub fn kept_by_joint(&self, weights: &RowWeights) -> Vec<TriangularFactor> {
+    pub fn embedded_shares(&self, weights: &RowWeights) -> Vec<TriangularFactor> {
         if weights.kept.is_none() {
-            return self.spread_by_joint();
+            return self.embedded_by_joint();
         }
         let weights = RowWeights { by_joint: vec![1.0; self.by_joint.len()], kept: weights.kept.clone() };
         let b = self.columns.kept().len();
         let spread = |j: usize| {
             let factor = self.of_joint(j, &weights);
-            TriangularFactor::stacked(b, [(&factor, self.columns.places(JointIndex::new(j)))])
+            TriangularFactor::embedded(b, [(&factor, self.columns.places(JointIndex::new(j)))])
         };
         (0..self.by_joint.len()).map(spread).collect()
     }
 
     /// Each joint's factor over all `b` columns, unweighted, `[n]`.
     #[must_use]
-    pub fn spread_by_joint(&self) -> Vec<TriangularFactor> {
+    pub fn embedded_by_joint(&self) -> Vec<TriangularFactor> {
         let b = self.columns.kept().len();
         let parts = self.by_joint.iter().zip((0..).map(JointIndex::new));
         parts
-            .map(|(factor, joint)| TriangularFactor::stacked(b, [(factor, self.columns.places(joint))]))
+            .map(|(factor, joint)| TriangularFactor::embedded(b, [(factor, self.columns.places(joint))]))
             .collect()
     }
 
@@ -211,7 +211,7 @@ impl PooledFactors {
     pub fn identify(&self) -> Result<Identification, NumericsError> {
         identify_factors(
             self.columns.kept(),
-            &self.spread_by_joint(),
+            &self.embedded_by_joint(),
             &self.independent_shares(),
             Estimator::Ordinary,
         )
@@ -228,6 +228,6 @@ impl PooledFactors {
             .enumerate()
             .map(|(c, cycle)| cycle.by_joint[j].scaled(weights.of(c, j).sqrt()))
             .collect();
-        TriangularFactor::stacked(own.len(), parts.iter().map(|part| (part, own.as_slice())))
+        TriangularFactor::embedded(own.len(), parts.iter().map(|part| (part, own.as_slice())))
     }
 }

@@ -6,6 +6,8 @@
 
 use std::ops::Range;
 
+use serde::{Deserialize, Serialize};
+
 use crate::run::{Cycle, Samples, Stage};
 
 /// Most rows of one cycle. At 1 kHz this is a cycle of 16 minutes, three times the thesis's; its
@@ -84,7 +86,7 @@ pub struct CycleCutter {
 }
 
 /// Where a cutter stands behind its last cut: with it and the rows from there on, another one goes on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct CutterState {
     /// Rows before the first one that is in no cycle yet.
     pub rows_cut: u64,
@@ -258,7 +260,6 @@ mod tests {
             cycle: counters.map(<[u32]>::to_vec),
             friction_signal: None,
             temperatures: None,
-            stage_level: None,
         }
     }
 

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use crate::numerics::NumericsError;
 use crate::robot::Robot;
-use crate::run::Samples;
+use crate::run::Rows;
 
 /// Smallest singular value of a transmission with columns scaled to unit norm that still counts: below,
 /// one motor only repeats what others do.
@@ -39,7 +39,7 @@ impl JointSide {
     }
 
     /// Turns the channels of `samples`, `[n][rows]`, in place.
-    pub fn apply(&self, samples: &mut Samples) {
+    pub fn apply<S>(&self, samples: &mut Rows<S>) {
         if let Some(map) = &self.motion {
             samples.position = mapped(map, &samples.position);
             samples.velocity = samples.velocity.as_ref().map(|velocity| mapped(map, velocity));
@@ -97,6 +97,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::run::Samples;
 
     /// Joint positions `q` `[n]` in rad of the motor positions `theta` `[n]` in rad: solves
     /// `theta = R q`. The same for velocities and accelerations, since `R` is constant.

@@ -4,8 +4,10 @@
 //! Rows come in chunks of any size and leave in the same order once their stage is settled; the result
 //! does not depend on the chunks. At most the rows of one debounce time, or of a block of motion, are held back.
 
-use super::stages_from_motion::{MotionFinder, MotionState};
-use crate::run::{Samples, Stage};
+use serde::{Deserialize, Serialize};
+
+use super::stages_from_motion::{MotionFinder, MotionFinderState};
+use crate::run::{RawSamples, Samples, Stage, StageReading};
 
 /// Longest time that an analogue signal may stay outside every range, s: slower than any output switches,
 /// and far below the shortest stage. A longer debounce time counts instead.
@@ -14,7 +16,7 @@ const OUTSIDE_S: f64 = 0.5;
 /// Where the stage of a row comes from.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum StageRule {
-    /// From the export: [`Samples::stage`] holds it already.
+    /// From the export: it is [`StageReading::Known`] already.
     #[default]
     Recorded,
     /// From the level of an analogue signal.
@@ -78,13 +80,13 @@ impl Schedule {
             rest -= duration;
             (rest < 0.0).then_some(*stage)
         });
-        // a cast that saturates; a recording of more cycles than that is none
+        // the cast saturates; no recording has four thousand million cycles
         (cycle as u32 + 1, stage.unwrap_or(Stage::Between))
     }
 }
 
 /// What an analogue signal says that no stage has.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error, Serialize, Deserialize)]
 #[error(
     "the stage signal stays at {level} from time {start_s} s on, which is in no stage's range; widen the ranges \
      in the layout's [stage] section, or check the signal"
@@ -103,12 +105,12 @@ pub struct StageFinder {
     first_time: Option<f64>,
     motion: MotionFinder,
     /// Rows whose stage an analogue signal has not settled.
-    held: Samples,
+    held: RawSamples,
     signal: SignalState,
 }
 
 /// What is known of an analogue signal before its next row.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct SignalState {
     /// Stage of the last settled row.
     pub present: Option<Stage>,
@@ -120,14 +122,14 @@ pub struct SignalState {
 
 /// What is known before the next row, but for the rows that are held back: a finder that goes on from it gives all
 /// rows from there on the stages that this one does, and does not give those that were held back.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct FinderState {
     /// Time of the first row of the recording, s.
     pub first_time: Option<f64>,
     /// Of the analogue signal, where there is one.
     pub signal: SignalState,
     /// Of the motion, where it is looked at.
-    pub motion: MotionState,
+    pub motion: MotionFinderState,
 }
 
 impl StageFinder {
@@ -156,31 +158,32 @@ impl StageFinder {
     ///
     /// The fault is [`OutsideLevels`], of an analogue signal outside every range.
     #[must_use]
-    pub fn push(&mut self, rows: Samples) -> (Samples, Option<OutsideLevels>) {
-        let Some(first) = self.first_time.or(rows.time.first().copied()) else { return (rows, None) };
+    pub fn push(&mut self, rows: RawSamples) -> (Samples, Option<OutsideLevels>) {
+        let Some(first) = self.first_time.or(rows.time.first().copied()) else {
+            return (rows.with_stages(Vec::new()), None);
+        };
         self.first_time = Some(first);
         if self.rule == StageRule::Recorded {
-            return (rows, None);
+            return (rows.as_recorded(), None);
         }
         let (rows, fault) = self.staged(rows, first);
         (without_stray_signals(rows), fault)
     }
 
-    fn staged(&mut self, mut rows: Samples, first: f64) -> (Samples, Option<OutsideLevels>) {
+    fn staged(&mut self, mut rows: RawSamples, first: f64) -> (Samples, Option<OutsideLevels>) {
         match &self.rule {
-            StageRule::Recorded => (rows, None),
+            StageRule::Recorded => (rows.as_recorded(), None),
             StageRule::Motion => (self.motion.push(rows), None),
             StageRule::Schedule(schedule) => {
                 let (cycles, stages) = rows.time.iter().map(|time| schedule.at(time - first)).unzip();
                 rows.cycle = Some(cycles);
-                rows.stage = stages;
-                (rows, None)
+                (rows.with_stages(stages), None)
             }
             StageRule::Windows { window } => {
                 let number = |time: &f64| ((time - first) / window).floor() as u32 + 1;
                 rows.cycle = Some(rows.time.iter().map(number).collect());
-                rows.stage = vec![Stage::Between; rows.rows()];
-                (rows, None)
+                let between = vec![Stage::Between; rows.rows()];
+                (rows.with_stages(between), None)
             }
             StageRule::Levels(settings) => {
                 let settings = settings.clone();
@@ -189,19 +192,19 @@ impl StageFinder {
         }
     }
 
-    /// Ends the recording and gives the rows that were held back. A stage that was not yet confirmed is none.
+    /// Ends the recording and returns the rows that were held back. They belong to the stage before them: the next one
+    /// was not confirmed.
     #[must_use]
     pub fn finish(&mut self) -> Samples {
         if self.rule == StageRule::Motion {
             return without_stray_signals(self.motion.finish());
         }
-        let mut rows = std::mem::take(&mut self.held);
-        rows.stage = vec![self.signal.present.unwrap_or(Stage::Between); rows.rows()];
-        rows.stage_level = None;
-        without_stray_signals(rows)
+        let rows = std::mem::take(&mut self.held);
+        let stages = vec![self.signal.present.unwrap_or(Stage::Between); rows.rows()];
+        without_stray_signals(rows.with_stages(stages))
     }
 
-    fn settle(&mut self, settings: &LevelSettings, rows: Samples) -> (Samples, Option<OutsideLevels>) {
+    fn settle(&mut self, settings: &LevelSettings, rows: RawSamples) -> (Samples, Option<OutsideLevels>) {
         let first_new = self.held.rows();
         // held rows are those of the candidate, so none of them is settled
         let mut settled = 0;
@@ -210,7 +213,10 @@ impl StageFinder {
         let mut stages = vec![Stage::Between; self.held.rows()];
         for row in first_new..self.held.rows() {
             let time = self.held.time[row];
-            let level = self.held.stage_level.as_ref().map_or(f64::NAN, |levels| levels[row]);
+            let level = match &self.held.stage {
+                StageReading::Level(levels) => levels[row],
+                StageReading::Known(_) | StageReading::Unknown => f64::NAN,
+            };
             let first_stage = || settings.stage_of(level, Stage::Between).unwrap_or(Stage::Between);
             let present = *self.signal.present.get_or_insert_with(first_stage);
             let seen = self
@@ -243,10 +249,7 @@ impl StageFinder {
             }
         }
         stages.truncate(settled);
-        let mut done = self.held.take_front(settled);
-        done.stage = stages;
-        done.stage_level = None;
-        (done, fault)
+        (self.held.take_front(settled).with_stages(stages), fault)
     }
 
     /// What is to be said of a signal that stays outside every range.
@@ -296,19 +299,18 @@ mod tests {
         }
     }
 
-    fn recording(levels: &[f64]) -> Samples {
+    fn recording(levels: &[f64]) -> RawSamples {
         let time: Vec<f64> = (0..levels.len()).map(|row| row as f64 / RATE).collect();
-        Samples {
+        RawSamples {
             position: vec![time.clone()],
             torque: vec![time.clone()],
-            stage: vec![Stage::Between; levels.len()],
-            stage_level: Some(levels.to_vec()),
+            stage: StageReading::Level(levels.to_vec()),
             time,
-            ..Samples::default()
+            ..RawSamples::default()
         }
     }
 
-    fn found(rule: &StageRule, mut rows: Samples, chunk: usize) -> Result<Samples, OutsideLevels> {
+    fn found(rule: &StageRule, mut rows: RawSamples, chunk: usize) -> Result<Samples, OutsideLevels> {
         let mut finder = StageFinder::new(rule.clone(), Vec::new());
         let mut settled = Samples::default();
         while !rows.is_empty() {
@@ -402,7 +404,7 @@ mod tests {
     /// Settled rows, also those before a fault, and the fault.
     fn settled(
         mut finder: StageFinder,
-        mut rows: Samples,
+        mut rows: RawSamples,
         chunk: usize,
     ) -> (Vec<Stage>, Option<OutsideLevels>) {
         let mut stages = Vec::new();

@@ -9,7 +9,9 @@
 
 use std::collections::VecDeque;
 
-use crate::run::{Samples, Stage};
+use serde::{Deserialize, Serialize};
+
+use crate::run::{RawSamples, Samples, Stage};
 
 /// Shorter stretches of another kind of motion belong to those around them, s: a turning point takes some
 /// tenths of a second, a rest between cycles longer than this.
@@ -28,8 +30,8 @@ const DIFFERENCE_S: f64 = 0.05;
 const HOLD_S: f64 = 0.3;
 
 /// How many joints move.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Motion {
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum MovingJoints {
     /// None.
     #[default]
     Rest,
@@ -40,7 +42,7 @@ pub enum Motion {
 }
 
 /// How far a cycle has come.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Phase {
     /// To its start, or to the excitation.
     #[default]
@@ -57,21 +59,21 @@ pub struct MotionFinder {
     /// By joint, rad/s (m/s).
     low_speed: Vec<f64>,
     /// Rows without a stage: those of the present block as long as it is short, and of what may follow it.
-    held: Samples,
+    held: RawSamples,
     /// How many of them belong to the present block.
     in_block: usize,
-    state: MotionState,
+    state: MotionFinderState,
 }
 
 /// What is known of the motion before the next row, but for the rows that are held back.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct MotionState {
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct MotionFinderState {
     /// When each joint moved last, s, `[n]`.
     pub moved: Vec<Option<f64>>,
     /// Latest times, s, and positions, rad (m), `[n]` each, for speeds that are not recorded.
     pub recent: VecDeque<(f64, Vec<f64>)>,
     /// Motion of the present block.
-    pub block: Motion,
+    pub block: MovingJoints,
     /// When it began, s.
     pub block_start: Option<f64>,
     /// Time of its last row, s.
@@ -81,7 +83,7 @@ pub struct MotionState {
     /// Its stage, once it is long enough.
     pub stage: Option<Stage>,
     /// Another motion that goes on since this time, s.
-    pub candidate: Option<(Motion, f64)>,
+    pub candidate: Option<(MovingJoints, f64)>,
     /// How far the cycle has come.
     pub phase: Phase,
 }
@@ -90,26 +92,26 @@ impl MotionFinder {
     /// At the start of a recording; `low_speed` `[n]` is each joint's threshold, rad/s (m/s).
     #[must_use]
     pub fn new(low_speed: Vec<f64>) -> Self {
-        let state = MotionState { moved: vec![None; low_speed.len()], ..MotionState::default() };
+        let state = MotionFinderState { moved: vec![None; low_speed.len()], ..MotionFinderState::default() };
         Self { low_speed, state, ..Self::default() }
     }
 
     /// The same as another finder that stood at `state`. What that one held back is not given; rows from here on
     /// get their stages without.
     #[must_use]
-    pub fn at(self, state: MotionState) -> Self {
+    pub fn at(self, state: MotionFinderState) -> Self {
         Self { state, ..self }
     }
 
     /// What it knows before the next row.
     #[must_use]
-    pub fn state(&self) -> &MotionState {
+    pub fn state(&self) -> &MotionFinderState {
         &self.state
     }
 
     /// Takes the next rows and gives those whose stage is settled.
     #[must_use]
-    pub fn push(&mut self, rows: Samples) -> Samples {
+    pub fn push(&mut self, rows: RawSamples) -> Samples {
         let first_new = self.held.rows();
         self.held.append(rows);
         let mut stages = Vec::new();
@@ -125,22 +127,20 @@ impl MotionFinder {
             self.settle_block(&mut stages);
             self.state.last = Some(time);
         }
-        let mut done = self.held.take_front(stages.len());
         self.in_block -= stages.len();
-        done.stage = stages;
-        done
+        self.held.take_front(stages.len()).with_stages(stages)
     }
 
     /// Ends the recording and gives the rows that were held back.
     #[must_use]
     pub fn finish(&mut self) -> Samples {
-        let mut rows = std::mem::take(&mut self.held);
-        rows.stage = vec![self.state.stage.unwrap_or(Stage::Between); rows.rows()];
-        rows
+        let rows = std::mem::take(&mut self.held);
+        let stages = vec![self.state.stage.unwrap_or(Stage::Between); rows.rows()];
+        rows.with_stages(stages)
     }
 
     /// Takes note of another motion than the block's in `row`.
-    fn follow(&mut self, motion: Motion, row: usize, time: f64, stages: &mut Vec<Stage>) {
+    fn follow(&mut self, motion: MovingJoints, row: usize, time: f64, stages: &mut Vec<Stage>) {
         match self.state.candidate {
             Some((known, since)) if known == motion => {
                 if time - since >= SETTLE_S {
@@ -163,7 +163,7 @@ impl MotionFinder {
         if self.state.stage.is_none() {
             let lasted = self.state.block_last.zip(self.state.block_start);
             let lasted = lasted.map_or(0.0, |(last, start)| last - start);
-            if self.state.block != Motion::Rest && lasted < BLOCK_S {
+            if self.state.block != MovingJoints::Rest && lasted < BLOCK_S {
                 return;
             }
             self.state.stage = Some(self.stage_of_block());
@@ -173,16 +173,16 @@ impl MotionFinder {
 
     fn stage_of_block(&mut self) -> Stage {
         let (stage, phase) = match (self.state.block, self.state.phase) {
-            (Motion::Rest, phase) => (Stage::Between, phase),
-            (Motion::OneJoint, _) => (Stage::Friction, Phase::Friction),
-            (Motion::Several, Phase::Friction) => (Stage::Warming, Phase::Warming),
-            (Motion::Several, Phase::Begun | Phase::Warming) => (Stage::Excitation, Phase::Begun),
+            (MovingJoints::Rest, phase) => (Stage::Between, phase),
+            (MovingJoints::OneJoint, _) => (Stage::Friction, Phase::Friction),
+            (MovingJoints::Several, Phase::Friction) => (Stage::Warming, Phase::Warming),
+            (MovingJoints::Several, Phase::Begun | Phase::Warming) => (Stage::Excitation, Phase::Begun),
         };
         self.state.phase = phase;
         stage
     }
 
-    fn motion(&mut self, row: usize) -> Motion {
+    fn motion(&mut self, row: usize) -> MovingJoints {
         let time = self.held.time[row];
         let speeds: Vec<f64> = match &self.held.velocity {
             Some(velocity) => velocity.iter().map(|qd| qd[row].abs()).collect(),
@@ -195,9 +195,9 @@ impl MotionFinder {
         }
         let moving = self.state.moved.iter().flatten().filter(|moved| time - **moved <= HOLD_S);
         match moving.count() {
-            0 => Motion::Rest,
-            1 => Motion::OneJoint,
-            _ => Motion::Several,
+            0 => MovingJoints::Rest,
+            1 => MovingJoints::OneJoint,
+            _ => MovingJoints::Several,
         }
     }
 
@@ -227,16 +227,18 @@ mod tests {
     const RATE: f64 = 50.0;
 
     /// Rows with these joints moving (one bit each), each for some seconds; speeds turn every second.
-    fn recording(parts: &[(u8, f64)], with_velocity: bool) -> Samples {
-        let mut samples =
-            Samples { position: vec![Vec::new(); 3], torque: vec![Vec::new(); 3], ..Samples::default() };
+    fn recording(parts: &[(u8, f64)], with_velocity: bool) -> RawSamples {
+        let mut samples = RawSamples {
+            position: vec![Vec::new(); 3],
+            torque: vec![Vec::new(); 3],
+            ..RawSamples::default()
+        };
         let mut velocity = vec![Vec::new(); 3];
         let mut q = [0.0; 3];
         for (joints, seconds) in parts {
             for i in 0..(seconds * RATE) as usize {
                 let swing = (std::f64::consts::TAU * i as f64 / RATE).sin();
                 samples.time.push(samples.time.len() as f64 / RATE);
-                samples.stage.push(Stage::Between);
                 for j in 0..3 {
                     let qd = if joints >> j & 1 == 1 { swing } else { 0.0 };
                     q[j] += qd / RATE;
@@ -250,7 +252,7 @@ mod tests {
         samples
     }
 
-    fn found(mut rows: Samples, chunk: usize) -> Samples {
+    fn found(mut rows: RawSamples, chunk: usize) -> Samples {
         let mut finder = MotionFinder::new(vec![0.02; 3]);
         let mut done = Samples::default();
         while !rows.is_empty() {

@@ -18,9 +18,8 @@ const FILTER_ORDER: usize = 4;
 /// shorter stretches have no inner part.
 const MIN_STRETCH_ROWS: usize = 32;
 
-/// Periods of the cut-off at either end of a stretch that take no part. A motion that is cut off
-/// there goes on in nobody's knowledge, and the extension that the low-pass makes up instead is felt
-/// that far in.
+/// Periods of the cut-off at either end of a stretch whose rows are discarded: there the low-pass works on
+/// extrapolated samples.
 const EDGE_PERIODS: f64 = 1.0;
 
 /// A cycle's channels after the analysis low-pass, with acceleration. Joint channels are
@@ -331,7 +330,6 @@ mod tests {
             cycle: None,
             friction_signal: None,
             temperatures: None,
-            stage_level: None,
             time,
         }
     }

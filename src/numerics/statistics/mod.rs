@@ -1,5 +1,6 @@
-//! Statistics of a few numbers: means and medians, quantiles, whether a series is white noise.
+//! Statistics of a few numbers: means and medians, quantiles, information criteria, whether a series is white noise.
 
 pub mod descriptive;
 pub mod distributions;
 pub mod whiteness;
+pub mod information;

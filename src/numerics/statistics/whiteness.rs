@@ -42,7 +42,7 @@ pub struct Whiteness {
 
 /// In words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
+pub enum WhitenessVerdict {
     /// White enough for control charts.
     White,
     /// The lag-1 autocorrelation is too large, but no larger than chance may make it.
@@ -51,7 +51,7 @@ pub enum Verdict {
     Memory,
 }
 
-impl Verdict {
+impl WhitenessVerdict {
     /// `yes`, `undecided` or `no`.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -66,13 +66,13 @@ impl Verdict {
 impl Whiteness {
     /// Whether the series is white enough for control charts.
     #[must_use]
-    pub fn verdict(&self) -> Verdict {
+    pub fn verdict(&self) -> WhitenessVerdict {
         if self.p_value < SIGNIFICANCE {
-            Verdict::Memory
+            WhitenessVerdict::Memory
         } else if self.lag_1.value < LARGEST_LAG {
-            Verdict::White
+            WhitenessVerdict::White
         } else {
-            Verdict::Undecided
+            WhitenessVerdict::Undecided
         }
     }
 }
@@ -150,14 +150,14 @@ mod tests {
         let part =
             |test: &dyn Fn(&Whiteness) -> bool| found.iter().filter(|w| test(w)).count() as f64 / 1000.0;
         // four standard errors of a share of 0.05 in a thousand; the test's size is not exact at 24 values
-        assert!((part(&|w| w.verdict() == Verdict::Memory) - SIGNIFICANCE).abs() < 0.028);
+        assert!((part(&|w| w.verdict() == WhitenessVerdict::Memory) - SIGNIFICANCE).abs() < 0.028);
         assert!((part(&|w| (w.lag_1.value + 1.0 / 24.0).abs() < w.lag_1.std_error) - 0.68).abs() < 0.06);
     }
 
     #[test]
     fn memory_is_found_and_one_value_repeated_says_nothing() {
         let found = whiteness(&remembering(0.7, 60, 1)).expect("enough");
-        assert_eq!(found.verdict(), Verdict::Memory);
+        assert_eq!(found.verdict(), WhitenessVerdict::Memory);
         let series: Vec<Vec<f64>> = (0..200).map(|seed| remembering(0.4, 40, seed)).collect();
         let together = common_lag_1(&series).expect("enough");
         // of series about their own mean, a phi of 0.4 comes out less by about (1 + 3 phi) / n

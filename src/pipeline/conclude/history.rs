@@ -4,6 +4,11 @@
 //! Conclusions depend on the set of complete runs alone. They are drawn in a transaction of their own, after
 //! one run or after many: a backlog of a thousand exports is not judged a thousand times. The database knows
 //! which robots wait for it, so that nothing is forgotten if the program ends in between.
+//!
+//! Two programs may conclude at once. Reading and computing are done without a lock; the transaction that stores looks
+//! whether the history is still the one that was read. If not, it is read again, so that no older reading is stored
+//! over a newer one; if the other program has stored the same conclusions, nothing is left to do. What happened to
+//! anomalies is therefore written once.
 
 use std::collections::HashSet;
 
@@ -11,14 +16,19 @@ use crate::anomaly::RunSummary;
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::detect::production::detect_production;
 use crate::numerics::detect::runs::detect;
+use crate::numerics::friction::level_means::nearest_level;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::friction::friction_conclusion;
 use crate::pipeline::production;
-use crate::store::{AnomalyRow, StaleRobot};
+use crate::store::{AnomalyHistoryRow, AnomalyRow, StaleRobot};
 
 /// Of a longer backlog, conclusions are drawn each time this many runs of a robot have ended, so that a wait for them
 /// stays short.
 pub const RUNS_AT_ONCE: usize = 12;
+
+/// A history that changes while conclusions are computed is read again so often at most. A run takes minutes and
+/// conclusions seconds, so that two changes in a row are rare; the robot stays stale beyond that.
+const MOST_READINGS: usize = 4;
 
 /// What the history of a robot says that it did not say before.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,6 +37,8 @@ pub struct Concluded {
     pub robot: String,
     /// Anomalies that became open.
     pub new_anomalies: Vec<AnomalyRow>,
+    /// All that happened to anomalies, in order.
+    pub events: Vec<AnomalyHistoryRow>,
 }
 
 impl Pipeline {
@@ -37,7 +49,7 @@ impl Pipeline {
     pub async fn conclude(&self) -> Result<Vec<Concluded>, PipelineError> {
         let mut concluded = Vec::new();
         for robot in self.store.stale_robots().await? {
-            concluded.push(self.conclude_robot(&robot).await?);
+            concluded.extend(self.conclude_robot(&robot).await?);
         }
         Ok(concluded)
     }
@@ -49,18 +61,40 @@ impl Pipeline {
     pub async fn conclude_named(&self, name: &str) -> Result<Option<Concluded>, PipelineError> {
         let stale = self.store.stale_robots().await?;
         match stale.iter().find(|robot| robot.name == name) {
-            Some(robot) => self.conclude_robot(robot).await.map(Some),
+            Some(robot) => self.conclude_robot(robot).await,
             None => Ok(None),
         }
     }
 
-    async fn conclude_robot(&self, robot: &StaleRobot) -> Result<Concluded, PipelineError> {
+    /// `None` if another program has drawn the same conclusions meanwhile.
+    async fn conclude_robot(&self, robot: &StaleRobot) -> Result<Option<Concluded>, PipelineError> {
         // of two at once, the one that has read less must not be the later to write
         let _turn = self.concluding.lock().await;
+        let mut history = robot.history;
+        for _ in 1..MOST_READINGS {
+            match self.conclude_from(robot, history, false).await? {
+                Reading::Done(concluded) => return Ok(concluded),
+                Reading::Overtaken(now) => history = now,
+            }
+        }
+        match self.conclude_from(robot, history, true).await? {
+            Reading::Done(concluded) => Ok(concluded),
+            Reading::Overtaken(_) => Ok(None),
+        }
+    }
+
+    /// Draws conclusions from the history that had changed `history` times. If a run of the robot ended while they were
+    /// computed, in this program or another one, they are stored only if `in_any_case`; the robot stays stale then.
+    async fn conclude_from(
+        &self,
+        robot: &StaleRobot,
+        history: i64,
+        in_any_case: bool,
+    ) -> Result<Reading, PipelineError> {
         // no conclusion compares figures of two estimators
         let history = match self.reweight_robot(robot.robot_id).await? {
             true => self.store.conclude(robot.robot_id).await?.history().await?,
-            false => robot.history,
+            false => history,
         };
         let summaries = self.store.run_summaries(robot.robot_id).await?;
         let level = reference_level(&summaries, self.config.analysis.reference_speed_fraction);
@@ -73,8 +107,15 @@ impl Pipeline {
         }
         let settled = production::settle(&self.store, robot.robot_id, self.config.analysis.estimator).await?;
         let mut conclusion = self.store.conclude(robot.robot_id).await?;
+        let now = conclusion.history().await?;
+        if now == history && conclusion.is_concluded().await? {
+            return Ok(Reading::Done(None));
+        }
+        if now != history && !in_any_case {
+            return Ok(Reading::Overtaken(now));
+        }
         // a test that has changed meanwhile gave parameters that nobody stores any more
-        if conclusion.history().await? == history {
+        if now == history {
             for (run_id, checks) in &settled {
                 conclusion.settle_production(*run_id, checks).await?;
             }
@@ -98,18 +139,24 @@ impl Pipeline {
                 of.because
             );
         }
-        let new_anomalies = self.opened(&reconciled.opened).await?;
-        Ok(Concluded { robot: robot.name.clone(), new_anomalies })
+        let events = self.store.anomaly_events(&reconciled.events).await?;
+        let new_anomalies = self.opened(&reconciled.opened()).await?;
+        Ok(Reading::Done(Some(Concluded { robot: robot.name.clone(), new_anomalies, events })))
     }
 
     async fn opened(&self, ids: &[i64]) -> Result<Vec<AnomalyRow>, PipelineError> {
-        if ids.is_empty() {
-            return Ok(Vec::new());
-        }
-        let before = ids.iter().min().map_or(0, |first| first - 1);
-        let rows = self.store.anomalies_after(before).await?;
+        let Some(first) = ids.iter().min() else { return Ok(Vec::new()) };
+        let rows = self.store.anomalies_after(first - 1).await?;
         Ok(rows.into_iter().filter(|row| ids.contains(&row.anomaly_id)).collect())
     }
+}
+
+/// What came of reading a history and concluding from it.
+enum Reading {
+    /// Conclusions are stored, by this program or another one, for which there is nothing to tell.
+    Done(Option<Concluded>),
+    /// The history has changed meanwhile, so many times in all.
+    Overtaken(i64),
 }
 
 /// The speed level that the latest run's warm friction was taken at, the reference itself without one.
@@ -117,8 +164,7 @@ fn reference_level(summaries: &[RunSummary], reference: f64) -> f64 {
     let latest = summaries.iter().rev().find_map(|run| {
         let levels =
             run.joints.iter().filter_map(|joint| joint.warm_friction).map(|warm| warm.speed_fraction);
-        let distance = |level: f64| (level - reference).abs();
-        levels.min_by(|a, b| distance(*a).total_cmp(&distance(*b)))
+        nearest_level(levels, reference)
     });
     latest.unwrap_or(reference)
 }

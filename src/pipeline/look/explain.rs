@@ -16,7 +16,7 @@ use crate::ingest::table::column_map::ColumnMap;
 use crate::ingest::table::reader::{ExportReader, LeftOut, ReadOptions};
 use crate::numerics::analyse::Method;
 use crate::pipeline::context::{Pipeline, PipelineError, Retry};
-use crate::pipeline::production::{Work, work_alone};
+use crate::pipeline::production::{CycleWork, work_alone};
 use crate::pipeline::take::cycles::RowCutter;
 use crate::pipeline::take::decide::{Decision, Start};
 use crate::pipeline::take::intake::Recognised;
@@ -37,7 +37,7 @@ pub struct Explanation {
     /// Whose it is; a rejection where the name does not say.
     pub recognised: Option<RecognisedAs>,
     /// What is in it, as far as it can be read; `None` if it is nobody's.
-    pub reading: Option<Reading>,
+    pub reading: Option<ExportReading>,
     /// Why it would be quarantined.
     pub rejection: Option<Rejection>,
     /// What the database has of its content.
@@ -64,7 +64,7 @@ pub struct RecognisedAs {
 
 /// What is in an export.
 #[derive(Debug, Clone)]
-pub struct Reading {
+pub struct ExportReading {
     /// Identity of the content, where all of it could be read.
     pub content: Option<ContentHash>,
     /// Where each channel stands, if the header is understood.
@@ -263,8 +263,8 @@ fn age(modified: SystemTime) -> f64 {
 }
 
 /// Reads an export to its end or its first fault.
-fn read(path: &Path, entry: &FleetEntry, work: Option<&Work>) -> (Reading, Option<Rejection>) {
-    let mut reading = Reading {
+fn read(path: &Path, entry: &FleetEntry, work: Option<&CycleWork>) -> (ExportReading, Option<Rejection>) {
+    let mut reading = ExportReading {
         content: None,
         columns: None,
         rows: 0,
@@ -279,11 +279,11 @@ fn read(path: &Path, entry: &FleetEntry, work: Option<&Work>) -> (Reading, Optio
 }
 
 fn read_into(
-    reading: &mut Reading,
+    reading: &mut ExportReading,
     path: &Path,
     layout: &Layout,
     robot: &Robot,
-    work: Option<&Work>,
+    work: Option<&CycleWork>,
 ) -> Result<(), Rejection> {
     let (bytes, hash) = source::open_hashing(path)?;
     let mut export = ExportReader::new(bytes, path, layout, robot, ReadOptions::default())?;
@@ -309,7 +309,7 @@ fn read_into(
     fault
 }
 
-fn sketch(cycle: &Cycle, work: Option<&Work>) -> CycleSketch {
+fn sketch(cycle: &Cycle, work: Option<&CycleWork>) -> CycleSketch {
     let samples = &cycle.samples;
     let ends = samples.time.first().zip(samples.time.last());
     // an hour's factors are of no use here

@@ -55,6 +55,55 @@ pub struct Replay {
     layout: Arc<Layout>,
 }
 
+/// The export of a run: at `named`, or else at the first of the places where it was seen, or of the configuration's
+/// watched folders, that holds the run's content. The inner error says what was found instead.
+///
+/// # Errors
+/// The end of the task that reads.
+pub async fn export_of(
+    run: &RunSource,
+    config: &Config,
+    named: Option<&Path>,
+) -> Result<Result<PathBuf, String>, JoinError> {
+    let candidates = match named {
+        Some(named) => vec![named.to_owned()],
+        None => places(run, config),
+    };
+    let wanted = run.content_hash;
+    let found = tokio::task::spawn_blocking(move || {
+        let mut seen = Vec::new();
+        for path in candidates {
+            match fingerprint(&path) {
+                Ok((hash, _)) if hash == wanted => return Ok(path),
+                Ok((hash, _)) => seen.push(format!("{} holds other content ({hash})", path.display())),
+                Err(error) => seen.push(format!("{}: {error}", path.display())),
+            }
+        }
+        Err(seen)
+    })
+    .await?;
+    Ok(found.map_err(|seen| {
+        format!(
+            "the export of run {} is not at hand: {}; wanted is {} with the content {wanted}",
+            run.run_id,
+            seen.join("; "),
+            run.source_name,
+        )
+    }))
+}
+
+/// Where the export of a run may lie.
+fn places(run: &RunSource, config: &Config) -> Vec<PathBuf> {
+    let watched = config.watch.folders.iter().map(|folder| folder.join(&run.source_name));
+    let mut places = run.paths.clone();
+    for place in watched.filter(|place| place.exists()) {
+        if !places.contains(&place) {
+            places.push(place);
+        }
+    }
+    places
+}
+
 impl Replay {
     /// Looks up cycle `cycle` of run `run_id`.
     ///
@@ -92,44 +141,8 @@ impl Replay {
     /// # Errors
     /// [`ReplayError::Source`] if there is none, with what was found instead.
     pub async fn export(&self, config: &Config, named: Option<&Path>) -> Result<PathBuf, ReplayError> {
-        let candidates = match named {
-            Some(named) => vec![named.to_owned()],
-            None => self.places(config),
-        };
-        let wanted = self.run.content_hash;
-        let (run_id, looked_at) = (self.run.run_id, candidates.clone());
-        let found = tokio::task::spawn_blocking(move || {
-            let mut seen = Vec::new();
-            for path in looked_at {
-                match fingerprint(&path) {
-                    Ok((hash, _)) if hash == wanted => return Ok(path),
-                    Ok((hash, _)) => seen.push(format!("{} holds other content ({hash})", path.display())),
-                    Err(error) => seen.push(format!("{}: {error}", path.display())),
-                }
-            }
-            Err(seen)
-        })
-        .await?;
-        found.map_err(|seen| {
-            ReplayError::Source(format!(
-                "the export of run {run_id} is not at hand: {}; wanted is {} with the content {wanted}: give its \
-                 place with --source FILE",
-                seen.join("; "),
-                self.run.source_name,
-            ))
-        })
-    }
-
-    /// Where the export may lie.
-    fn places(&self, config: &Config) -> Vec<PathBuf> {
-        let watched = config.watch.folders.iter().map(|folder| folder.join(&self.run.source_name));
-        let mut places = self.run.paths.clone();
-        for place in watched.filter(|place| place.exists()) {
-            if !places.contains(&place) {
-                places.push(place);
-            }
-        }
-        places
+        let found = export_of(&self.run, config, named).await?;
+        found.map_err(|missing| ReplayError::Source(format!("{missing}: give its place with --source FILE")))
     }
 
     /// Reads the cycle out of `export`, no further than to its end, and applies `parameters` to it.

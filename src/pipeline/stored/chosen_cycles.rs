@@ -7,9 +7,9 @@ use tokio::task::JoinError;
 
 use crate::analysis::{self, IdentifiedParameter, TorqueRmsd};
 use crate::numerics::NumericsError;
-use crate::numerics::identify::joint_factors::{JointColumns, JointFactor, unpack};
+use crate::numerics::identify::joint_factors::{FactorColumns, JointFactor, unpack};
 use crate::numerics::identify::verify::{StageSums, torque_rmsd};
-use crate::numerics::pooled::estimate::{Estimator, EstimatorKind, estimate};
+use crate::numerics::pooled::estimate::{StackedEstimator, estimate};
 use crate::numerics::pooled::pool::PooledFactors;
 use crate::numerics::signal::filter::independent_fraction;
 use crate::robot::JointIndex;
@@ -19,7 +19,7 @@ use crate::store::{
 
 /// Cycles of one run.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Chosen {
+pub struct RunCycles {
     /// The run.
     pub run_id: i64,
     /// Numbers of the cycles; all of them if `None`.
@@ -47,12 +47,12 @@ pub struct CrossVerification {
     /// The same for each cycle.
     pub by_cycle: Vec<(u32, Vec<TorqueRmsd>)>,
     /// Cycles of the run that take no part.
-    pub passed_over: Vec<PassedOver>,
+    pub passed_over: Vec<PassedOverCycle>,
 }
 
 /// A cycle that takes no part although its run was chosen.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct PassedOver {
+pub struct PassedOverCycle {
     /// The run.
     pub run_id: i64,
     /// Number of the cycle, from 1.
@@ -66,7 +66,7 @@ pub struct PassedOver {
 pub enum StoredError {
     /// Every chosen cycle was refused when it was read, or has no factors.
     #[error("no cycle is left to take: {}", told(.0))]
-    PassedOver(Vec<PassedOver>),
+    PassedOver(Vec<PassedOverCycle>),
     /// The database failed.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -87,7 +87,7 @@ pub const MAX_CYCLES_TOGETHER: usize = 5000;
 
 /// Cycles taken together, with what identification needs of them.
 #[derive(Debug, Clone)]
-pub struct Taken {
+pub struct PooledCycles {
     /// Description of all of them.
     pub model: StoredModel,
     /// Their moving rows of excitation.
@@ -95,7 +95,7 @@ pub struct Taken {
     /// Which they are, in the order of the union's.
     pub sources: Vec<SourceCycle>,
     /// Cycles of the chosen runs that take no part.
-    pub passed_over: Vec<PassedOver>,
+    pub passed_over: Vec<PassedOverCycle>,
 }
 
 /// Takes the chosen cycles together. Of whole runs, cycles that were refused when they were read are passed over.
@@ -103,19 +103,19 @@ pub struct Taken {
 /// # Errors
 /// [`StoredError::PassedOver`] if none is left; [`StoredError::Refused`] if a run has no cycles, a cycle that is asked
 /// for has no factors, the cycles belong to different descriptions, or there are more than [`MAX_CYCLES_TOGETHER`].
-pub async fn take(store: &Store, chosen: &[Chosen]) -> Result<Taken, StoredError> {
-    let mut taken: Option<(Taken, i64)> = None;
+pub async fn take(store: &Store, chosen: &[RunCycles]) -> Result<PooledCycles, StoredError> {
+    let mut taken: Option<(PooledCycles, i64)> = None;
     let mut passed_over = Vec::new();
     for of_run in merged(chosen) {
         let ChosenCycles { cycles, passed_over: of_run } =
             chosen_cycles(store, &of_run, FactorsWanted::Identification).await?;
         passed_over.extend(of_run);
         for cycle in cycles {
-            let columns = JointColumns::of_stored(&cycle.factors.columns);
+            let columns = FactorColumns::of_stored(&cycle.factors.columns);
             let (taken, first_run) = taken.get_or_insert_with(|| {
                 let union = PooledFactors::new(columns.clone());
                 let (model, sources) = (cycle.model.clone(), Vec::new());
-                (Taken { model, union, sources, passed_over: Vec::new() }, cycle.run_id)
+                (PooledCycles { model, union, sources, passed_over: Vec::new() }, cycle.run_id)
             });
             same_model(&taken.model, *first_run, &cycle)?;
             if taken.sources.len() == MAX_CYCLES_TOGETHER {
@@ -128,7 +128,7 @@ pub async fn take(store: &Store, chosen: &[Chosen]) -> Result<Taken, StoredError
         }
     }
     match taken {
-        Some((taken, _)) => Ok(Taken { passed_over, ..taken }),
+        Some((taken, _)) => Ok(PooledCycles { passed_over, ..taken }),
         None if passed_over.is_empty() => Err(StoredError::Refused("no cycles are chosen".into())),
         None => Err(StoredError::PassedOver(passed_over)),
     }
@@ -137,7 +137,7 @@ pub async fn take(store: &Store, chosen: &[Chosen]) -> Result<Taken, StoredError
 /// Adds a stored cycle to a union: the one place that says how many of its rows are independent.
 pub(in crate::pipeline) fn add(
     union: &mut PooledFactors,
-    columns: &JointColumns,
+    columns: &FactorColumns,
     cycle: &StoredCycle,
 ) -> Result<(), NumericsError> {
     union.add(columns, &unpack(&cycle.factors)?, &independent_shares(cycle))
@@ -155,16 +155,15 @@ pub(in crate::pipeline) fn source(cycle: StoredCycle) -> SourceCycle {
 /// As [`take`]; [`StoredError::Numerics`] if the motion is too poor.
 pub async fn unit_identification(
     store: &Store,
-    chosen: &[Chosen],
+    chosen: &[RunCycles],
     estimator: analysis::Estimator,
 ) -> Result<ParameterSet, StoredError> {
-    let (estimator, kind) = match estimator.of_factors() {
-        analysis::Estimator::Ordinary => (Estimator::Ordinary, EstimatorKind::Ordinary),
-        analysis::Estimator::Weighted | analysis::Estimator::Huber => {
-            (Estimator::Weighted, EstimatorKind::Weighted)
-        }
+    let estimator = match estimator.of_factors() {
+        analysis::Estimator::Ordinary => StackedEstimator::Ordinary,
+        analysis::Estimator::Weighted | analysis::Estimator::Huber => StackedEstimator::Weighted,
     };
-    let Taken { model, union, sources, .. } = take(store, chosen).await?;
+    let kind = estimator.kind();
+    let PooledCycles { model, union, sources, .. } = take(store, chosen).await?;
     let found = tokio::task::spawn_blocking(move || estimate(&union, &estimator)).await??;
     Ok(ParameterSet {
         model,
@@ -182,13 +181,13 @@ pub async fn unit_identification(
 pub async fn rmsd_on(
     store: &Store,
     candidate: &Candidate,
-    chosen: &[Chosen],
+    chosen: &[RunCycles],
 ) -> Result<Vec<TorqueRmsd>, StoredError> {
     let mut sums = StageSums::default();
     for of_run in merged(chosen) {
         for cycle in chosen_cycles(store, &of_run, FactorsWanted::All).await?.cycles {
             same_model(&candidate.model, of_run.run_id, &cycle)?;
-            let columns = JointColumns::of_stored(&cycle.factors.columns);
+            let columns = FactorColumns::of_stored(&cycle.factors.columns);
             sums.add(&columns, &unpack(&cycle.factors)?, &theta(&columns, candidate)?);
         }
     }
@@ -203,12 +202,12 @@ pub async fn rmsd_on(
 pub async fn rmsd_of_views(
     store: &Store,
     views: &[(JointIndex, Vec<IdentifiedParameter>)],
-    chosen: &[Chosen],
+    chosen: &[RunCycles],
 ) -> Result<Vec<TorqueRmsd>, StoredError> {
     let mut sums = StageSums::default();
     for of_run in merged(chosen) {
         for cycle in chosen_cycles(store, &of_run, FactorsWanted::All).await?.cycles {
-            let columns = JointColumns::of_stored(&cycle.factors.columns);
+            let columns = FactorColumns::of_stored(&cycle.factors.columns);
             let factors = unpack(&cycle.factors)?;
             for (joint, parameters) in views {
                 let value = |id| parameters.iter().find(|p| p.id == id).map_or(0.0, |p| p.value);
@@ -234,7 +233,7 @@ pub async fn cross_verification(
     let candidates = Arc::new(candidates);
     let mut verified = Vec::new();
     for &run_id in runs {
-        let of_run = Chosen { run_id, cycles: None };
+        let of_run = RunCycles { run_id, cycles: None };
         let chosen = chosen_cycles(store, &of_run, FactorsWanted::All).await?;
         let candidates = Arc::clone(&candidates);
         let of_run = tokio::task::spawn_blocking(move || verify_run(&candidates, run_id, chosen)).await??;
@@ -255,7 +254,7 @@ fn verify_run(
     let mut verified: Vec<CrossVerification> = (0..candidates.len()).map(empty).collect();
     let mut sums = vec![StageSums::default(); candidates.len()];
     for cycle in &cycles {
-        let columns = JointColumns::of_stored(&cycle.factors.columns);
+        let columns = FactorColumns::of_stored(&cycle.factors.columns);
         let factors = unpack(&cycle.factors)?;
         for ((candidate, verified), sums) in candidates.iter().zip(&mut verified).zip(&mut sums) {
             same_model(&candidate.model, run_id, cycle)?;
@@ -271,27 +270,27 @@ fn verify_run(
 }
 
 /// One entry a run; a cycle that is chosen twice counts once.
-pub(in crate::pipeline) fn merged(chosen: &[Chosen]) -> Vec<Chosen> {
+pub(in crate::pipeline) fn merged(chosen: &[RunCycles]) -> Vec<RunCycles> {
     let mut by_run: BTreeMap<i64, Option<Vec<u32>>> = BTreeMap::new();
-    for Chosen { run_id, cycles } in chosen {
+    for RunCycles { run_id, cycles } in chosen {
         let known = by_run.entry(*run_id).or_insert_with(|| Some(Vec::new()));
         *known = known.take().zip(cycles.clone()).map(|(known, more)| [known, more].concat());
     }
-    by_run.into_iter().map(|(run_id, cycles)| Chosen { run_id, cycles }).collect()
+    by_run.into_iter().map(|(run_id, cycles)| RunCycles { run_id, cycles }).collect()
 }
 
 /// Cycles of a run, and those of it that take no part.
 #[derive(Debug, Clone)]
 pub(in crate::pipeline) struct ChosenCycles {
     pub(in crate::pipeline) cycles: Vec<StoredCycle>,
-    pub(in crate::pipeline) passed_over: Vec<PassedOver>,
+    pub(in crate::pipeline) passed_over: Vec<PassedOverCycle>,
 }
 
 /// Cycles with factors that a choice names. Of a whole run, refused and doubtful ones are passed over; one that is
 /// asked for by its number is taken if its factors are stored.
 pub(in crate::pipeline) async fn chosen_cycles(
     store: &Store,
-    chosen: &Chosen,
+    chosen: &RunCycles,
     wanted: FactorsWanted,
 ) -> Result<ChosenCycles, StoredError> {
     let run_id = chosen.run_id;
@@ -322,13 +321,13 @@ pub(in crate::pipeline) async fn chosen_cycles(
     }
     cycles.retain(|cycle| cycle.counts);
     let without = states.iter().map(|state| state.cycle).filter(|number| !has_factors(&cycles, *number));
-    let passed_over = without.map(|cycle| PassedOver { run_id, cycle, reason: why(cycle) }).collect();
+    let passed_over = without.map(|cycle| PassedOverCycle { run_id, cycle, reason: why(cycle) }).collect();
     Ok(ChosenCycles { cycles, passed_over })
 }
 
 /// What was passed over, in one sentence: cycles of a run in a row with one reason are told together.
 #[must_use]
-pub fn told(passed_over: &[PassedOver]) -> String {
+pub fn told(passed_over: &[PassedOverCycle]) -> String {
     let alike =
         passed_over.chunk_by(|a, b| (a.run_id, &a.reason, a.cycle + 1) == (b.run_id, &b.reason, b.cycle));
     let parts: Vec<String> = alike
@@ -364,7 +363,7 @@ pub(in crate::pipeline) fn same_model(
     )))
 }
 
-fn theta(columns: &JointColumns, candidate: &Candidate) -> Result<Vec<f64>, NumericsError> {
+fn theta(columns: &FactorColumns, candidate: &Candidate) -> Result<Vec<f64>, NumericsError> {
     columns.theta(candidate.parameters.iter().map(|parameter| (parameter.id, parameter.value)))
 }
 

@@ -1,10 +1,10 @@
 //! Drive gains from stored factors of recordings without and with a known load: no export is read.
 
 use super::chosen_cycles::{
-    Chosen, ChosenCycles, StoredError, chosen_cycles, independent_shares, merged, told,
+    ChosenCycles, RunCycles, StoredError, chosen_cycles, independent_shares, merged, told,
 };
 use crate::numerics::NumericsError;
-use crate::numerics::identify::joint_factors::{JointColumns, unpack};
+use crate::numerics::identify::joint_factors::{FactorColumns, unpack};
 use crate::numerics::model::base_parameters::base_parameters;
 use crate::numerics::pooled::drive_gain::{JointGain, RecordedCycle, drive_gains, load_change};
 use crate::robot::{Robot, StandardParameters};
@@ -19,8 +19,8 @@ use crate::store::{FactorsWanted, Store, StoredCycle};
 pub async fn stored_drive_gains(
     store: &Store,
     robot: &Robot,
-    without: &[Chosen],
-    with: &[Chosen],
+    without: &[RunCycles],
+    with: &[RunCycles],
     load: StandardParameters,
 ) -> Result<Vec<JointGain>, StoredError> {
     let mut cycles = Vec::new();
@@ -39,11 +39,11 @@ fn gains(
     load: &StandardParameters,
 ) -> Result<Vec<JointGain>, NumericsError> {
     let base = base_parameters(robot)?;
-    let own = JointColumns::new(robot, &base);
+    let own = FactorColumns::new(robot, &base);
     let Some((first, _)) = cycles.first() else {
         return Err(NumericsError::TooShort { what: "the choice of cycles", rows: 0, needed: 2 });
     };
-    let columns = JointColumns::of_stored(&first.factors.columns);
+    let columns = FactorColumns::of_stored(&first.factors.columns);
     // stored columns stand in another order than the description's own
     let change = load_change(robot, &base, load);
     let change = columns.theta(base.kept.iter().copied().zip(change))?;
@@ -65,7 +65,7 @@ fn gains(
     drive_gains(&columns, &recorded, &change)
 }
 
-async fn read(store: &Store, robot: &Robot, chosen: &Chosen) -> Result<Vec<StoredCycle>, StoredError> {
+async fn read(store: &Store, robot: &Robot, chosen: &RunCycles) -> Result<Vec<StoredCycle>, StoredError> {
     let run_id = chosen.run_id;
     let ChosenCycles { cycles, passed_over } =
         chosen_cycles(store, chosen, FactorsWanted::Identification).await?;

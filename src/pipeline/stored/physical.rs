@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::chosen_cycles::{StoredError, Taken};
+use super::chosen_cycles::{PooledCycles, StoredError};
 use crate::numerics::model::base_parameters::base_parameters;
 use crate::numerics::physical::fit::{PhysicalFit, physical_fit};
 use crate::robot::Robot;
@@ -12,7 +12,7 @@ use crate::robot::Robot;
 /// # Errors
 /// [`StoredError::Refused`] if `robot` is not the description of the cycles; [`StoredError::Numerics`]
 /// if the motion is too poor.
-pub async fn fit_bodies(taken: Taken, robot: Arc<Robot>) -> Result<PhysicalFit, StoredError> {
+pub async fn fit_bodies(taken: PooledCycles, robot: Arc<Robot>) -> Result<PhysicalFit, StoredError> {
     if !taken.model.describes(&robot) {
         return Err(StoredError::Refused(format!(
             "the description {} is not the one that the cycles were analysed with ({}): geometry, gravity, \
@@ -22,7 +22,7 @@ pub async fn fit_bodies(taken: Taken, robot: Arc<Robot>) -> Result<PhysicalFit, 
     }
     let fit = tokio::task::spawn_blocking(move || {
         let base = base_parameters(&robot)?;
-        physical_fit(&robot, &base, &taken.union.over(&base)?, taken.union.independent_fraction())
+        physical_fit(&robot, &base, &taken.union.embedded_in(&base)?, taken.union.independent_fraction())
     });
     Ok(fit.await??)
 }

@@ -1,16 +1,15 @@
-//! Estimators of one's choice on stored factors: on cycles together, or on each of a history.
+//! Any estimator on stored factors: one set of parameters for all chosen cycles, or one for each cycle.
 
 use super::chosen_cycles::{
-    Chosen, PassedOver, StoredError, Taken, add, chosen_cycles, merged, same_model, source,
+    PassedOverCycle, PooledCycles, RunCycles, StoredError, add, chosen_cycles, merged, same_model, source,
 };
 use crate::analysis::IdentifiedParameter;
 use crate::numerics::NumericsError;
-use crate::numerics::identify::joint_factors::JointColumns;
+use crate::numerics::identify::joint_factors::FactorColumns;
 use crate::numerics::least_squares::conditioning::{Identifiability, identifiability};
 use crate::numerics::least_squares::essential::EssentialSettings;
-use crate::numerics::least_squares::prior::{Prior, PriorStrength};
 use crate::numerics::pooled::estimate::{
-    Estimator, EstimatorKind, PooledEstimate, estimate, estimate_essential,
+    EstimatorKind, PooledEstimate, StackedEstimator, estimate, estimate_essential,
 };
 use crate::numerics::pooled::per_joint::{PerJointEstimate, per_joint_estimates};
 use crate::numerics::pooled::pool::{PooledFactors, RowWeights};
@@ -24,21 +23,10 @@ use crate::store::{
 /// An estimator and what it needs.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Choice {
-    /// [`Estimator::Ordinary`].
-    Ordinary,
-    /// [`Estimator::Weighted`].
-    Weighted,
-    /// [`per_joint_estimates`].
+    /// One set of parameters from all joints, stacked.
+    Stacked(StackedEstimator),
+    /// Each joint alone ([`per_joint_estimates`]).
     PerJoint,
-    /// [`Estimator::Huber`].
-    Huber,
-    /// [`Estimator::Prior`].
-    Prior {
-        /// What is known, by parameter.
-        priors: Vec<(ParameterId, Prior)>,
-        /// How firmly it is believed.
-        strength: PriorStrength,
-    },
 }
 
 impl Choice {
@@ -46,47 +34,29 @@ impl Choice {
     #[must_use]
     pub fn kind(&self) -> EstimatorKind {
         match self {
-            Self::Ordinary => EstimatorKind::Ordinary,
-            Self::Weighted => EstimatorKind::Weighted,
+            Self::Stacked(estimator) => estimator.kind(),
             Self::PerJoint => EstimatorKind::PerJoint,
-            Self::Huber => EstimatorKind::Huber,
-            Self::Prior { .. } => EstimatorKind::Prior,
-        }
-    }
-
-    /// The estimator of stacked joints for these columns; `None` for joints alone.
-    fn estimator(&self, columns: &JointColumns) -> Option<Estimator> {
-        match self {
-            Self::Ordinary => Some(Estimator::Ordinary),
-            Self::Weighted => Some(Estimator::Weighted),
-            Self::Huber => Some(Estimator::Huber),
-            Self::PerJoint => None,
-            Self::Prior { priors, strength } => {
-                let of = |id: &ParameterId| priors.iter().find(|(of, _)| of == id).map(|(_, prior)| *prior);
-                let priors = columns.kept().iter().map(of).collect();
-                Some(Estimator::Prior { priors, strength: *strength })
-            }
         }
     }
 }
 
 /// What cycles taken together gave.
 #[derive(Debug, Clone)]
-pub struct Together {
+pub struct PooledResult {
     /// What the motion shows.
     pub shown: Identifiability,
     /// The parameters.
-    pub outcome: Outcome,
+    pub outcome: PooledOutcome,
 }
 
 /// Parameters, or why there are none.
 #[derive(Debug, Clone)]
-pub enum Outcome {
+pub enum PooledOutcome {
     /// One set.
     Set(Box<PooledEstimate>),
     /// Each joint's own view.
     Views(Vec<(JointIndex, Result<PerJointEstimate, NumericsError>)>),
-    /// The motion does not show every parameter: [`Together::shown`] names them.
+    /// The motion does not show every parameter: [`PooledResult::shown`] names them.
     TooPoor,
 }
 
@@ -96,10 +66,10 @@ pub enum Outcome {
 /// # Errors
 /// [`StoredError::Numerics`] for too few rows or cycles, and for numbers that are not finite.
 pub async fn estimate_together(
-    taken: &Taken,
+    taken: &PooledCycles,
     choice: &Choice,
     fewest: Option<EssentialSettings>,
-) -> Result<Together, StoredError> {
+) -> Result<PooledResult, StoredError> {
     let (union, choice) = (taken.union.clone(), choice.clone());
     Ok(tokio::task::spawn_blocking(move || together(&union, &choice, fewest.as_ref())).await??)
 }
@@ -108,36 +78,38 @@ fn together(
     union: &PooledFactors,
     choice: &Choice,
     fewest: Option<&EssentialSettings>,
-) -> Result<Together, NumericsError> {
+) -> Result<PooledResult, NumericsError> {
     let equal = RowWeights::equal(union.columns().joint_count());
     let shown = identifiability(&union.stacked(&equal))?;
-    let Some(estimator) = choice.estimator(union.columns()) else {
-        return Ok(Together { shown, outcome: Outcome::Views(per_joint_estimates(union)) });
+    let Choice::Stacked(estimator) = choice else {
+        return Ok(PooledResult { shown, outcome: PooledOutcome::Views(per_joint_estimates(union)) });
     };
     let found = match fewest {
-        Some(settings) => estimate_essential(union, &estimator, settings),
-        None => estimate(union, &estimator),
+        Some(settings) => estimate_essential(union, estimator, settings),
+        None => estimate(union, estimator),
     };
     match found {
-        Ok(found) => Ok(Together { shown, outcome: Outcome::Set(Box::new(found)) }),
-        Err(NumericsError::RankDeficient { .. }) => Ok(Together { shown, outcome: Outcome::TooPoor }),
+        Ok(found) => Ok(PooledResult { shown, outcome: PooledOutcome::Set(Box::new(found)) }),
+        Err(NumericsError::RankDeficient { .. }) => {
+            Ok(PooledResult { shown, outcome: PooledOutcome::TooPoor })
+        }
         Err(error) => Err(error),
     }
 }
 
-/// Identifies every chosen cycle alone; with the cycles of whole runs that are passed over. `progress` hears after each run how many cycles are done. Runs
-/// are read one after another; a cycle that gives no parameters says why.
+/// Identifies every chosen cycle alone, run after run. A cycle without parameters has the reason in their place. Cycles
+/// of whole runs that cannot be used are returned separately. `progress` is called with the number of cycles done.
 ///
 /// # Errors
-/// [`StoredError::Refused`] as [`take`](super::chosen_cycles::take), and for [`Choice::Huber`], which needs
+/// [`StoredError::Refused`] as [`take`](super::chosen_cycles::take), and for [`StackedEstimator::Huber`], which needs
 /// cycles to weigh against each other.
 pub async fn reestimate(
     store: &Store,
-    chosen: &[Chosen],
+    chosen: &[RunCycles],
     choice: &Choice,
     progress: &mut dyn FnMut(usize),
-) -> Result<(Reestimate, Vec<PassedOver>), StoredError> {
-    if *choice == Choice::Huber {
+) -> Result<(Reestimate, Vec<PassedOverCycle>), StoredError> {
+    if *choice == Choice::Stacked(StackedEstimator::Huber) {
         return Err(StoredError::Refused(
             "huber weighs cycles against each other and has nothing to weigh in one; take another estimator"
                 .into(),
@@ -168,11 +140,13 @@ pub async fn reestimate(
 }
 
 fn one_cycle(cycle: StoredCycle, choice: &Choice) -> ReestimatedCycle {
-    let columns = JointColumns::of_stored(&cycle.factors.columns);
+    let columns = FactorColumns::of_stored(&cycle.factors.columns);
     let mut union = PooledFactors::new(columns.clone());
-    let found = add(&mut union, &columns, &cycle).and_then(|()| match choice.estimator(&columns) {
-        Some(estimator) => estimate(&union, &estimator).map(|found| (vec![stacked_view(found)], None)),
-        None => Ok(views_and_reason(per_joint_estimates(&union))),
+    let found = add(&mut union, &columns, &cycle).and_then(|()| match choice {
+        Choice::Stacked(estimator) => {
+            estimate(&union, estimator).map(|found| (vec![stacked_view(found)], None))
+        }
+        Choice::PerJoint => Ok(views_and_reason(per_joint_estimates(&union))),
     });
     let (views, reason) = found.unwrap_or_else(|error| (Vec::new(), Some(error.to_string())));
     ReestimatedCycle { source: source(cycle), views, reason }

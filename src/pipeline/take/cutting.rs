@@ -5,7 +5,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::admitted::AdmittedExport;
 use super::cycles::RowCutter;
-use super::resume::{self, Places};
+use super::resume::{self, ReadPositions};
 use crate::ingest::bytes::fingerprint::RunningHash;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::table::reader::Chunk;
@@ -62,7 +62,7 @@ pub struct Cutting<'i> {
     hash: RunningHash,
     cutter: RowCutter,
     cycle_count: u32,
-    places: Places,
+    positions: ReadPositions,
 }
 
 impl<'i> Cutting<'i> {
@@ -84,7 +84,7 @@ impl<'i> Cutting<'i> {
             cutter = cutter.at(point);
             cycle_count = point.cutter.cycles_cut;
         }
-        Ok(Self { intake, cycles, stop, hash, cutter, cycle_count, places: Places::default() })
+        Ok(Self { intake, cycles, stop, hash, cutter, cycle_count, positions: ReadPositions::default() })
     }
 
     /// Cycles cut so far, those stored by an earlier attempt included.
@@ -99,25 +99,25 @@ impl<'i> Cutting<'i> {
     /// # Errors
     /// A rejection of rows that make no cycle, after the cycles before them.
     pub fn push(&mut self, chunk: Chunk) -> Result<bool, Rejection> {
-        self.places.note(chunk.place, &self.cutter);
+        self.positions.note(chunk.position, &self.cutter);
         let mut cycles = Vec::new();
         let fault = self.cutter.push(chunk.samples, &mut cycles);
         // the last cut has the point: those before it in one block would read the same rows again
         let last = cycles.len().saturating_sub(1);
         for (place, cycle) in cycles.into_iter().enumerate() {
-            let point = if place == last { self.places.at_cut(&self.cutter) } else { None };
-            let point = point.map(|point| resume::encoded(&point, &self.intake.made_with));
+            let point = if place == last { self.positions.at_cut(&self.cutter) } else { None };
+            let point = point.and_then(|point| resume::encoded(&point, &self.intake.made_with));
             if self.stop.is_cancelled() || !self.send(cycle, point) {
                 return Ok(false);
             }
         }
         fault?;
-        self.places.forget_before(self.cutter.rows_settled());
+        self.positions.forget_before(self.cutter.rows_settled());
         Ok(!self.stop.is_cancelled())
     }
 
-    /// Ends the export after `rows` rows, with `rows_skipped` bad ones passed over, and sends its last cycles. They have no point to go on from, since it was
-    /// the end of the file that has cut them.
+    /// Ends the export after `rows` rows, with `rows_skipped` bad ones passed over, and sends its last cycles. They
+    /// have no point to go on from, since the end of the file has cut them.
     ///
     /// # Errors
     /// A rejection of an export without stages.

@@ -13,14 +13,14 @@ use crate::numerics::segment::stages::{FinderState, StageFinder, StageRule};
 use crate::numerics::signal::channel_delay::ChannelDelays;
 use crate::numerics::signal::time_grid::sample_rate;
 use crate::robot::Robot;
-use crate::run::{ContentHash, Cycle, Samples};
+use crate::run::{ContentHash, Cycle, RawSamples, Samples};
 
 /// First rows of an export that its sample rate is taken from. A fixed number, so that it does not depend
 /// on the pieces in which a growing file is read.
 pub(in crate::pipeline) const SAMPLE_RATE_ROWS: usize = 1000;
 
-/// First rows of an export by which two exports of one recording are told from two recordings: noise alone makes
-/// them differ. Few, so that the same recording is known though a later row was corrected.
+/// First rows of an export that identify its recording: noise makes the first rows of two recordings differ. Few, so
+/// that an export in which a later row was corrected still counts as the same recording.
 const FIRST_ROWS: usize = 16;
 
 /// Brings the rows of an export to the joints, gives them their stage and cuts them into cycles.
@@ -53,7 +53,7 @@ impl RowCutter {
         let joint_side = JointSide::new(robot, motor.position, motor.torque).map_err(|error| {
             Rejection::of_file(path, error.to_string(), "correct the transmission of the robot's description")
         })?;
-        let rule = layout.stage.rule();
+        let rule = layout.stage.kind().rule();
         let cutter = match rule {
             StageRule::Windows { .. } => CycleCutter::of_windows(),
             _ => CycleCutter::new(),
@@ -82,13 +82,13 @@ impl RowCutter {
         self
     }
 
-    /// The same as the cutter that reached `point`; the next row is the first one of its place.
+    /// The same as the cutter that reached `point`; the next row is the first one of its position.
     #[must_use]
     pub fn at(mut self, point: &ResumePoint) -> Self {
         self.stages = self.stages.at(point.stages.clone());
         self.cutter = self.cutter.at(point.cutter);
-        self.rows_settled = point.place.rows;
-        self.in_cycles = point.cutter.rows_cut.saturating_sub(point.place.rows);
+        self.rows_settled = point.position.rows;
+        self.in_cycles = point.cutter.rows_cut.saturating_sub(point.position.rows);
         self.known_rate = Some(point.sample_rate);
         self.first_rows.known = Some(point.first_rows);
         self
@@ -117,7 +117,7 @@ impl RowCutter {
     ///
     /// # Errors
     /// A rejection of rows that make no cycle.
-    pub fn push(&mut self, mut samples: Samples, cycles: &mut Vec<Cycle>) -> Result<(), Rejection> {
+    pub fn push(&mut self, mut samples: RawSamples, cycles: &mut Vec<Cycle>) -> Result<(), Rejection> {
         let missing = SAMPLE_RATE_ROWS.saturating_sub(self.first_times.len());
         self.first_times.extend(samples.time.iter().take(missing));
         self.first_rows.note(&samples);
@@ -192,7 +192,7 @@ struct FirstRows {
 }
 
 impl FirstRows {
-    fn note(&mut self, samples: &Samples) {
+    fn note(&mut self, samples: &RawSamples) {
         let missing = if self.known.is_some() { 0 } else { FIRST_ROWS - self.rows };
         for row in 0..missing.min(samples.rows()) {
             let joints = samples.position.iter().chain(&samples.torque);
@@ -242,7 +242,7 @@ mod tests {
     use super::*;
     use crate::config::parse_layout;
     use crate::numerics::identify::joint_factors::tests::cycle;
-    use crate::run::Stage;
+    use crate::run::{Stage, StageReading};
     use crate::testing::er3a;
 
     const NATIVE: &str = include_str!("../../../config/exports/native.toml");
@@ -267,7 +267,7 @@ mod tests {
         recording
     }
 
-    fn cut(layout: &Layout, mut rows: Samples, chunk: usize) -> Vec<Cycle> {
+    fn cut(layout: &Layout, mut rows: RawSamples, chunk: usize) -> Vec<Cycle> {
         let mut cutter = RowCutter::new(Path::new("a.csv"), layout, &er3a()).expect("a cutter");
         let mut cycles = Vec::new();
         while !rows.is_empty() {
@@ -286,17 +286,17 @@ mod tests {
              warming = [7, 8]\nhysteresis = 0.1\ndebounce_s = 0.05",
         );
         let staged = recording();
-        let expected = cut(&numbers, staged.clone(), staged.rows());
+        let recorded = staged.clone().with_stages(StageReading::Known(staged.stage.clone()));
+        let expected = cut(&numbers, recorded, staged.rows());
         assert_eq!(expected.len(), 3);
-        let mut analogue = staged.clone();
         let level = |(row, stage): (usize, &Stage)| {
             // noise within the ranges and, apart from boundaries, a spike now and then
             let inside = row >= 10 && staged.stage[row - 10] == *stage;
             let spike = if inside && row % 97 == 50 { 2.5 } else { 0.0 };
             2.5 * f64::from(*stage as u8) + spike + 0.4 * (row as f64).sin()
         };
-        analogue.stage_level = Some(staged.stage.iter().enumerate().map(level).collect());
-        analogue.stage.fill(Stage::Between);
+        let levels_of_rows = staged.stage.iter().enumerate().map(level).collect();
+        let analogue = staged.clone().with_stages(StageReading::Level(levels_of_rows));
         for chunk in [1, 7, 100, 1499, 4500] {
             assert_eq!(cut(&levels, analogue.clone(), chunk), expected, "pieces of {chunk} rows");
         }
@@ -306,7 +306,7 @@ mod tests {
     fn motion_and_windows_cut_the_same_whatever_the_pieces() {
         for section in ["kind = \"motion\"", "kind = \"production\"\nwindow_s = 5"] {
             let layout = layout(section);
-            let rows = recording();
+            let rows = recording().with_stages(StageReading::Unknown);
             let whole = cut(&layout, rows.clone(), rows.rows());
             assert!(!whole.is_empty(), "{section}");
             for chunk in [1, 13, 500] {

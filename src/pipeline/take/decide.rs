@@ -41,7 +41,7 @@ pub struct Facts {
     pub earlier: Vec<Compared>,
     /// What becomes of a run whose recording comes again.
     pub on_rewrite: RewritePolicy,
-    /// Whether a quarantined export is read again.
+    /// Whether an export whose fate is decided is read again.
     pub retry: Retry,
 }
 
@@ -73,6 +73,8 @@ pub struct Start {
     pub replaces: Option<i64>,
     /// What is stored already was read from these first bytes of the file.
     pub read: ContentPrefix,
+    /// What is stored already is read anew.
+    pub afresh: bool,
 }
 
 /// An unfinished run of a file whose content is stored as another run.
@@ -103,14 +105,16 @@ pub fn decide(facts: &Facts) -> Decision {
     }
     let continues = facts.known.as_ref().map(|known| known.run_id).or(chosen.start.continues);
     let replaces = chosen.start.replaces.filter(|old| Some(*old) != continues);
-    Decision::Read(Start { continues, replaces, ..chosen.start })
+    let afresh = facts.known.is_some() && facts.retry == Retry::Complete;
+    Decision::Read(Start { continues, replaces, afresh, ..chosen.start })
 }
 
 /// Whether the fate of an export that the ledger knows is decided, so that it is not read.
 #[must_use]
 pub fn is_decided(known: &KnownRun, retry: Retry) -> bool {
     match known.status {
-        RunStatus::Complete | RunStatus::Superseded => true,
+        RunStatus::Complete => retry != Retry::Complete,
+        RunStatus::Superseded => true,
         RunStatus::Quarantined => retry == Retry::Never && !known.retry_asked,
         RunStatus::Streaming => false,
     }
@@ -124,7 +128,7 @@ impl Unfinished {
 }
 
 /// What is chosen among earlier runs.
-struct Chosen {
+struct ChosenRun {
     start: Start,
     /// Whether the run that is taken the place of lay at this path.
     replaces_here: bool,
@@ -137,9 +141,9 @@ struct Chosen {
 /// whose name says no moment, such as `current.csv`, holds one recording after the other; of those, only an
 /// unfinished one is superseded whose very file was written over. The number of a file says something only with
 /// its robot.
-fn chosen(earlier: &[Compared], policy: RewritePolicy) -> Chosen {
-    let start = Start { continues: None, replaces: None, read: fingerprint::nothing() };
-    let mut chosen = Chosen { start, replaces_here: false, unfinished: None };
+fn chosen(earlier: &[Compared], policy: RewritePolicy) -> ChosenRun {
+    let start = Start { continues: None, replaces: None, read: fingerprint::nothing(), afresh: false };
+    let mut chosen = ChosenRun { start, replaces_here: false, unfinished: None };
     for Compared { run, read, begins_alike, same_path, same_file, same_robot, same_recording } in earlier {
         let (unfinished, complete) = (run.status == RunStatus::Streaming, run.status == RunStatus::Complete);
         let moved_here = *same_file && *same_robot;
@@ -212,7 +216,7 @@ mod tests {
     }
 
     fn reads(continues: Option<i64>, replaces: Option<i64>, read: ContentPrefix) -> Decision {
-        Decision::Read(Start { continues, replaces, read })
+        Decision::Read(Start { continues, replaces, read, afresh: false })
     }
 
     #[test]
@@ -298,6 +302,17 @@ mod tests {
         assert_eq!(decide(&of(Streaming, vec![])), reads(Some(7), None, none));
         let again = Facts { retry: Retry::Quarantined, ..of(Quarantined, vec![]) };
         assert_eq!(decide(&again), reads(Some(7), None, none));
+        // asked for by its number, a complete one is read from its start; what lost its place to another stays
+        let anew = |of: Facts| decide(&Facts { retry: Retry::Complete, ..of });
+        let start = Start { continues: Some(7), replaces: None, read: none, afresh: true };
+        for status in [Complete, Quarantined] {
+            assert_eq!(anew(of(status, vec![])), Decision::Read(start), "{status:?}");
+            let itself = vec![earlier(7, status, "path file alike recording")];
+            let Decision::Read(found) = anew(of(status, itself)) else { panic!("{status:?}") };
+            assert_eq!((found.continues, found.replaces, found.afresh), (Some(7), None, true), "{status:?}");
+        }
+        let lost = vec![earlier(7, Superseded, "path recording")];
+        assert_eq!(anew(of(Superseded, lost)), stands(known(7, Superseded), None));
         let asked = KnownRun { retry_asked: true, ..known(7, Quarantined) };
         assert_eq!(decide(&facts(Some(asked), vec![])), reads(Some(7), None, none));
         let open = Facts { known_is_open: true, ..of(Streaming, vec![]) };

@@ -112,8 +112,8 @@ pub(in crate::pipeline) async fn begin(
     let FleetEntry { description, layout, .. } = recognised.entry;
     let Config { limits, analysis, .. } = pipeline.config();
     let made_with = resume::settings_hash(layout, description, limits, analysis);
-    let Start { continues, replaces, .. } = start;
-    let beginning = RunStart { continues, replaces, made_with: Some(made_with) };
+    let Start { continues, replaces, afresh, .. } = start;
+    let beginning = RunStart { continues, replaces, made_with: Some(made_with), afresh };
     let begun = pipeline.store().begin_source(&header, identity, beginning, state).await?;
     if begun.afresh {
         tracing::warn!(
@@ -205,7 +205,8 @@ fn is_recording_of(config: &Config, file: &Recognised<'_>, earlier: &EarlierRun)
         Err(_) => earlier.robot == robot && earlier.started_at == started_at,
     };
     // the kind is known since reading began
-    let same_kind = earlier.run.cycles_stored == 0 || earlier.kind == file.entry.layout.stage.run_kind();
+    let same_kind =
+        earlier.run.cycles_stored == 0 || earlier.kind == file.entry.layout.stage.kind().run_kind();
     let entry = config.export_entry(&earlier.robot, &earlier.source_name);
     same_moment && same_kind && entry.is_none_or(|entry| std::ptr::eq(entry, file.entry))
 }

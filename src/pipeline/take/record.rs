@@ -7,18 +7,15 @@ use tokio::sync::mpsc;
 
 use super::admitted::{AdmittedExport, UNKNOWN_ROBOT};
 use super::cutting::ReadTotals;
-use crate::analysis::{FrictionPoint, RunAnalysis};
+use crate::analysis::RunAnalysis;
 use crate::ingest::excerpt;
 use crate::ingest::rejection::Rejection;
-use crate::numerics::analyse::{Method, RunResults, analyse_run};
-use crate::numerics::friction::excitation::{IdentifiedCycle, excitation_friction};
+use crate::numerics::analyse::{Method, analyse_run};
+use crate::numerics::friction::excitation::excitation_friction;
 use crate::pipeline::context::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun};
 use crate::pipeline::friction;
-use crate::robot::{JointIndex, ParameterId};
 use crate::run::{RunHeader, RunKind};
-use crate::store::{
-    CycleParameters, CycleSpeedFits, Fault, Owner, Replaced, RunMeasurements, RunTotals, Store,
-};
+use crate::store::{CycleSpeedFits, ExportFault, Owner, Replaced, RunTotals, Store};
 
 /// What recording the cycles of an export came to.
 #[derive(Debug, Default)]
@@ -78,7 +75,7 @@ pub async fn finish(
     refused: Vec<(u32, String)>,
     written_at: Option<Timestamp>,
 ) -> Result<Outcome, PipelineError> {
-    let of_test = match intake.layout.stage.run_kind() {
+    let of_test = match intake.layout.stage.kind().run_kind() {
         RunKind::Test => Some(analyse_test(pipeline, intake, method).await?),
         RunKind::Production => None,
     };
@@ -140,9 +137,9 @@ async fn analyse_test(
         friction::over_speed(pipeline.store(), intake.run_id, &measurements.friction_points).await?;
     let (robot, settings) = (method.robot.clone(), pipeline.config().analysis);
     let analysis = tokio::task::spawn_blocking(move || {
-        let identified: Vec<IdentifiedCycle> = measurements.parameters.iter().map(identified_cycle).collect();
-        let friction = excitation_friction(&robot, settings.reference_speed_fraction, &identified);
-        let mut analysis = analyse_run(robot.joint_count(), &settings, &as_results(measurements));
+        let friction =
+            excitation_friction(&robot, settings.reference_speed_fraction, &measurements.parameters);
+        let mut analysis = analyse_run(robot.joint_count(), &settings, &measurements);
         for (summary, friction) in analysis.summaries.iter_mut().zip(friction) {
             summary.excitation_friction = friction;
         }
@@ -179,7 +176,7 @@ pub(in crate::pipeline) async fn write_down(
 ) -> Result<i64, PipelineError> {
     let (place, most) = (rejection.clone(), pipeline.config().limits.export_bytes);
     let excerpt = tokio::task::spawn_blocking(move || excerpt::of_rejection(&place, 0, most)).await?;
-    let fault = Fault {
+    let fault = ExportFault {
         reason: rejection.sentence(),
         problem: rejection.reason.to_string(),
         line: rejection.line,
@@ -189,37 +186,4 @@ pub(in crate::pipeline) async fn write_down(
         remedy: rejection.remedy.to_string(),
     };
     Ok(pipeline.store().quarantine(header, &fault).await?)
-}
-
-fn identified_cycle(of: &CycleParameters) -> IdentifiedCycle {
-    IdentifiedCycle {
-        cycle: of.cycle,
-        minute: of.minute,
-        mean_speeds: of.mean_speeds.clone(),
-        parameters: of.parameters.clone(),
-    }
-}
-
-/// Turns rows by cycle into series by parameter and joint.
-pub(in crate::pipeline) fn as_results(measurements: RunMeasurements) -> RunResults {
-    let friction_points: Vec<(u32, FrictionPoint)> =
-        measurements.friction_points.into_iter().map(|row| (row.cycle, row.point)).collect();
-    let mut parameters: Vec<(ParameterId, Vec<(u32, f64)>)> = Vec::new();
-    for row in measurements.parameters {
-        for (place, parameter) in row.parameters.into_iter().enumerate() {
-            // every cycle has the same parameters in the same order
-            match parameters.get_mut(place).filter(|(id, _)| *id == parameter.id) {
-                Some((_, values)) => values.push((row.cycle, parameter.value)),
-                None => parameters.push((parameter.id, vec![(row.cycle, parameter.value)])),
-            }
-        }
-    }
-    let mut relative_rmsd: Vec<(JointIndex, Vec<(u32, f64)>)> = Vec::new();
-    for row in measurements.relative_rmsd {
-        match relative_rmsd.iter_mut().find(|(joint, _)| *joint == row.joint) {
-            Some((_, values)) => values.push((row.cycle, row.relative_rmsd)),
-            None => relative_rmsd.push((row.joint, vec![(row.cycle, row.relative_rmsd)])),
-        }
-    }
-    RunResults { friction_points, parameters, relative_rmsd }
 }

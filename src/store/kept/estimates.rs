@@ -7,6 +7,7 @@ use std::sync::Arc;
 use sqlx::sqlite::SqliteExecutor;
 use sqlx::{Sqlite, SqliteConnection, Transaction};
 
+use crate::analysis::measurements::RunMeasurements;
 use crate::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
@@ -14,7 +15,6 @@ use crate::store::models;
 use crate::store::results::run_analysis::JointDeviation;
 use crate::store::results::{record, run_analysis};
 use crate::store::robot::history;
-use crate::store::robot::history::RunMeasurements;
 use crate::store::values::{count, finite};
 
 /// Why cycles keep their estimator that have no factors.

@@ -17,7 +17,7 @@ use crate::store::values::{count, named, size, time_text};
 
 /// What was found wrong in an export.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Fault {
+pub struct ExportFault {
     /// Place, fault and remedy in one sentence, without the file.
     pub reason: String,
     /// The fault alone; where there is a value, it goes on after "value is ".
@@ -127,7 +127,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn quarantine(&self, header: &RunHeader, fault: &Fault) -> Result<i64, StoreError> {
+    pub async fn quarantine(&self, header: &RunHeader, fault: &ExportFault) -> Result<i64, StoreError> {
         let mut transaction = self.begin().await?;
         let run_id = self.checked(quarantine(&mut transaction, header, fault).await)?;
         self.commit(transaction).await?;
@@ -166,7 +166,7 @@ impl Store {
 pub(in crate::store) async fn quarantine(
     connection: &mut SqliteConnection,
     header: &RunHeader,
-    fault: &Fault,
+    fault: &ExportFault,
 ) -> Result<i64, sqlx::Error> {
     let run_id = match find_run(&mut *connection, &header.content_hash).await? {
         Some(run) if matches!(run.status, RunStatus::Complete | RunStatus::Superseded) => {
@@ -217,7 +217,11 @@ async fn rename_robot(
     Ok(())
 }
 
-async fn mark(executor: impl SqliteExecutor<'_>, run_id: i64, fault: &Fault) -> Result<(), sqlx::Error> {
+async fn mark(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    fault: &ExportFault,
+) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
          SET status = 'quarantined', reason = ?, reason_line = ?, reason_column = ?, retry_asked_at = NULL
@@ -236,7 +240,7 @@ async fn mark(executor: impl SqliteExecutor<'_>, run_id: i64, fault: &Fault) -> 
 async fn count_again(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
-    fault: &Fault,
+    fault: &ExportFault,
 ) -> Result<bool, sqlx::Error> {
     let done = sqlx::query(
         "UPDATE fault
@@ -256,7 +260,11 @@ async fn count_again(
     Ok(done.rows_affected() > 0)
 }
 
-async fn insert(executor: impl SqliteExecutor<'_>, run_id: i64, fault: &Fault) -> Result<(), sqlx::Error> {
+async fn insert(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    fault: &ExportFault,
+) -> Result<(), sqlx::Error> {
     sqlx::query(
         "INSERT INTO fault (run_id, problem, line, column_name, byte, value, remedy, cycles_stored)
          SELECT run_id, ?, ?, ?, ?, ?, ?, cycles_stored FROM run WHERE run_id = ?",

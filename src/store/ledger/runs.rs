@@ -53,6 +53,8 @@ pub struct RunStart {
     /// What decides the cycles of the run besides its bytes. A run that goes on although its stored cycles were made
     /// with something else begins afresh. `None`: not looked at.
     pub made_with: Option<ContentHash>,
+    /// A run that goes on begins afresh in any case, as a person asked for.
+    pub afresh: bool,
 }
 
 /// A run that has begun.
@@ -195,6 +197,7 @@ pub(in crate::store) async fn begin(
 ) -> Result<Begun, sqlx::Error> {
     let mut afresh_instead = false;
     let run = match (beginning.continues, &beginning.made_with) {
+        (Some(run_id), _) if beginning.afresh => afresh(&mut *connection, run_id, header).await?,
         (Some(run_id), Some(made_with)) if is_made_otherwise(&mut *connection, run_id, made_with).await? => {
             afresh_instead = true;
             afresh(&mut *connection, run_id, header).await?

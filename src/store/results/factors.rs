@@ -43,7 +43,7 @@ pub struct StoredCycle {
 }
 
 /// A description and the parameters of each joint's columns.
-type Layout = (StoredModel, Arc<[Vec<ParameterId>]>);
+type FactorLayout = (StoredModel, Arc<[Vec<ParameterId>]>);
 
 /// Which factors of a run are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -163,7 +163,7 @@ async fn read(
     wanted: FactorsWanted,
     range: RangeInclusive<u32>,
 ) -> Result<Vec<StoredCycle>, sqlx::Error> {
-    let mut layouts: HashMap<i64, Layout> = HashMap::new();
+    let mut layouts: HashMap<i64, FactorLayout> = HashMap::new();
     let mut cycles = Vec::new();
     let mut factors = factors_by_cycle(&mut *connection, run_id, wanted, &range).await?;
     let mut shares = shares_by_cycle(&mut *connection, run_id).await?;
@@ -294,7 +294,10 @@ async fn shares_by_cycle(
     Ok(by_cycle)
 }
 
-async fn layout(connection: &mut SqliteConnection, factor_layout_id: i64) -> Result<Layout, sqlx::Error> {
+async fn layout(
+    connection: &mut SqliteConnection,
+    factor_layout_id: i64,
+) -> Result<FactorLayout, sqlx::Error> {
     let (model, columns) = read_layout(&mut *connection, factor_layout_id).await?;
     let keys = models::parameter_keys(connection, model.robot_model_id).await?;
     let ids: HashMap<i64, ParameterId> = keys.into_iter().map(|(id, key)| (key, id)).collect();

@@ -12,7 +12,7 @@ const CYCLES_AT_ONCE: i64 = 200;
 
 /// A parameter of a cycle with what its interval follows from.
 #[derive(sqlx::FromRow)]
-struct Known {
+struct KnownFreedom {
     cycle_id: i64,
     model_parameter_id: i64,
     std_error: f64,
@@ -65,7 +65,7 @@ async fn parameters(
     executor: impl SqliteExecutor<'_>,
     after: i64,
     last: i64,
-) -> Result<Vec<Known>, sqlx::Error> {
+) -> Result<Vec<KnownFreedom>, sqlx::Error> {
     sqlx::query_as(
         "SELECT cycle_id, model_parameter_id, std_error, degrees_of_freedom
          FROM cycle_parameter
@@ -78,7 +78,10 @@ async fn parameters(
     .await
 }
 
-async fn set_half_widths(executor: impl SqliteExecutor<'_>, rows: &[Known]) -> Result<(), sqlx::Error> {
+async fn set_half_widths(
+    executor: impl SqliteExecutor<'_>,
+    rows: &[KnownFreedom],
+) -> Result<(), sqlx::Error> {
     let mut query =
         QueryBuilder::<Sqlite>::new("WITH filled (cycle_id, model_parameter_id, half_width) AS (");
     query.push_values(rows, |mut row, of| {

@@ -6,161 +6,301 @@ use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
-use crate::anomaly::{Alternative, Anomaly, Findings, JointHealth};
-use crate::store::values::{finite, joint_number};
+use super::alarm_state::{AlarmState, Before, EventKind, Life, Now, Told, go_on};
+use super::episodes::{Episode, Starts, is_another_fault, same};
+use crate::anomaly::{Alternative, Anomaly, Findings, JointHealth, Severity};
+use crate::run::RunKind;
+use crate::store::values::{finite, joint_number, known_time, named};
 
-/// What reconciling changed, by key of the anomaly.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Reconciled {
-    /// Became open: new, or seen again after it was resolved.
-    pub opened: Vec<i64>,
-    /// Became resolved: ended, or withdrawn because the findings have it no longer.
-    pub resolved: Vec<i64>,
+/// What happened to an anomaly, as a row of the view `anomaly_history`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AnomalyEvent {
+    /// Database key of the event; later ones have larger keys.
+    pub anomaly_event_id: i64,
+    /// The anomaly.
+    pub anomaly_id: i64,
+    /// What happened.
+    pub what: EventKind,
 }
 
-/// What makes an anomaly the same one in two findings: joint, kind, quantity, first run.
-type Key = (Option<i64>, String, String, i64);
+/// What reconciling changed.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Reconciled {
+    /// What happened to anomalies, in the order of the audit table; empty where the history says what it said before.
+    pub events: Vec<AnomalyEvent>,
+}
+
+impl Reconciled {
+    /// Keys of the anomalies that became open: new, or seen again after they were closed.
+    #[must_use]
+    pub fn opened(&self) -> Vec<i64> {
+        self.of(&[EventKind::Opened, EventKind::Reopened])
+    }
+
+    /// Keys of those that ended, or that the findings have no longer.
+    #[must_use]
+    pub fn ended(&self) -> Vec<i64> {
+        self.of(&[EventKind::Ended, EventKind::Withdrawn])
+    }
+
+    fn of(&self, kinds: &[EventKind]) -> Vec<i64> {
+        let events = self.events.iter().filter(|event| kinds.contains(&event.what));
+        events.map(|event| event.anomaly_id).collect()
+    }
+}
 
 struct Stored {
     anomaly_id: i64,
-    state: String,
+    episode: Episode,
+    before: Before,
 }
 
-/// Makes the stored anomalies and health of a robot agree with `findings`, the outcome of its whole
-/// history. Known anomalies keep their number and a person's acknowledgement; one that was resolved
-/// and shows again is open again; one that more of the history has taken back is withdrawn: what is shown
-/// depends on the history alone, not on how much of it was known when. Call in a transaction.
+/// Makes the stored anomalies and health of a robot agree with `findings`, the outcome of its whole history, and
+/// writes down what happened to them.
+///
+/// An episode keeps its number, its audit and what people said of it. All else that is shown depends on the history
+/// alone, not on how much of it was known when: also the run with which it begins, which a refit may move; the events
+/// keep which run had shown it when it was told. One that more of the history has taken back is withdrawn. `clock` is
+/// the time at which shelving ends. Call in a transaction.
 pub(in crate::store) async fn reconcile(
     connection: &mut SqliteConnection,
     robot_id: i64,
     findings: &Findings,
+    clock: Timestamp,
 ) -> Result<Reconciled, sqlx::Error> {
-    let mut stored = stored_anomalies(&mut *connection, robot_id).await?;
-    let mut outcome = Reconciled::default();
-    for anomaly in &findings.anomalies {
-        match stored.remove(&key(anomaly)) {
-            None => {
-                let state = if anomaly.ended { "resolved" } else { "open" };
-                let id = insert_anomaly(&mut *connection, robot_id, anomaly, state).await?;
-                if !anomaly.ended {
-                    outcome.opened.push(id);
-                }
-            }
-            Some(known) => {
-                let state = state_after(&known.state, anomaly.ended);
-                update_anomaly(&mut *connection, known.anomaly_id, anomaly, state).await?;
-                if state != known.state {
-                    let changed = if state == "open" { &mut outcome.opened } else { &mut outcome.resolved };
-                    changed.push(known.anomaly_id);
-                }
-            }
+    let stored = stored_anomalies(&mut *connection, robot_id).await?;
+    let starts = run_starts(&mut *connection, robot_id).await?;
+    let episodes: Vec<Episode> = stored.iter().map(|of| of.episode.clone()).collect();
+    let found: Vec<Episode> = findings.anomalies.iter().map(episode).collect();
+    let chosen = same(&episodes, &found, &starts);
+    let mut events = Vec::new();
+    for (o, known) in stored.iter().enumerate() {
+        // what ended before it was told of is told of no more
+        let is_news = !known.episode.withdrawn && !chosen.contains(&Some(o));
+        if is_news {
+            withdraw_anomaly(&mut *connection, known.anomaly_id).await?;
+        }
+        if is_news && (known.before.told.is_some() || !known.before.life.state.is_closed()) {
+            events.push(record(&mut *connection, known.anomaly_id, EventKind::Withdrawn, None).await?);
         }
     }
-    let mut vanished: Vec<Stored> = stored.into_values().collect();
-    vanished.sort_unstable_by_key(|anomaly| anomaly.anomaly_id);
-    for anomaly in vanished {
-        withdraw_anomaly(&mut *connection, anomaly.anomaly_id).await?;
-        if anomaly.state != "resolved" {
-            outcome.resolved.push(anomaly.anomaly_id);
+    for (anomaly, known) in findings.anomalies.iter().zip(chosen) {
+        let Some(known) = known.map(|o| &stored[o]) else {
+            let state = if anomaly.ended { AlarmState::Resolved } else { AlarmState::Open };
+            let id = insert_anomaly(&mut *connection, robot_id, anomaly, state).await?;
+            if !anomaly.ended {
+                events.push(record(&mut *connection, id, EventKind::Opened, None).await?);
+            }
+            continue;
+        };
+        let kinds = (known.episode.kind.as_str(), anomaly.kind.name());
+        let now = Now {
+            shown: Told { severity: anomaly.severity, score: finite(anomaly.score).map(f64::abs) },
+            ended: anomaly.ended,
+            last_seen_at: anomaly.last_seen_at,
+            corrected: kinds.0 != kinds.1,
+            is_another_fault: is_another_fault(kinds.0, kinds.1),
+        };
+        let (life, happened) = go_on(&known.before, &now, clock);
+        update_anomaly(&mut *connection, known.anomaly_id, anomaly, &life).await?;
+        for what in happened {
+            events.push(record(&mut *connection, known.anomaly_id, what, None).await?);
         }
     }
     replace_health(&mut *connection, robot_id, &findings.health).await?;
     set_expected_by(connection, robot_id, findings.expected_by).await?;
-    Ok(outcome)
+    Ok(Reconciled { events })
 }
 
-fn key(anomaly: &Anomaly) -> Key {
-    (
-        anomaly.joint.map(joint_number),
-        anomaly.kind.name().to_owned(),
-        anomaly.quantity.to_owned(),
-        anomaly.first_run_id,
-    )
-}
-
-fn state_after(state: &str, ended: bool) -> &'static str {
-    match (ended, state) {
-        (true, _) => "resolved",
-        (false, "acknowledged") => "acknowledged",
-        (false, _) => "open",
+fn episode(of: &Anomaly) -> Episode {
+    Episode {
+        joint: of.joint.map(joint_number),
+        kind: of.kind.name().to_owned(),
+        quantity: of.quantity.to_owned(),
+        from: of.onset.at.min(of.first_seen_at).as_microsecond(),
+        to: of.last_seen_at.as_microsecond(),
+        ended: of.ended,
+        withdrawn: false,
     }
 }
 
+/// All anomalies of a robot, withdrawn ones too, by number.
 async fn stored_anomalies(
-    executor: impl SqliteExecutor<'_>,
+    connection: &mut SqliteConnection,
     robot_id: i64,
-) -> Result<HashMap<Key, Stored>, sqlx::Error> {
-    let rows = sqlx::query(
-        "SELECT anomaly_id, joint, kind, quantity, first_run_id, state FROM anomaly WHERE robot_id = ?",
+) -> Result<Vec<Stored>, sqlx::Error> {
+    let mut said = told(&mut *connection, robot_id).await?;
+    sqlx::query(
+        "SELECT anomaly_id, joint, kind, quantity, severity, score, first_seen_at, last_seen_at, onset_at, state,
+                shelved_until, resolved_seen_at, ended, withdrawn
+         FROM anomaly
+         WHERE robot_id = ?
+         ORDER BY anomaly_id",
     )
     .bind(robot_id)
     .try_map(|row: SqliteRow| {
-        let key: Key = (
-            row.try_get("joint")?,
-            row.try_get("kind")?,
-            row.try_get("quantity")?,
-            row.try_get("first_run_id")?,
-        );
-        Ok((key, Stored { anomaly_id: row.try_get("anomaly_id")?, state: row.try_get("state")? }))
+        let anomaly_id = row.try_get("anomaly_id")?;
+        let first: i64 = row.try_get("first_seen_at")?;
+        let onset: Option<i64> = row.try_get("onset_at")?;
+        let state = named(&row, "state", &AlarmState::ALL, AlarmState::name)?;
+        let (mut told, shelved_severity) = said.remove(&anomaly_id).unwrap_or_default();
+        if told.is_none() && !state.is_closed() {
+            // stored by a version that wrote no events
+            told = Some(shown(&row)?);
+        }
+        Ok(Stored {
+            anomaly_id,
+            episode: Episode {
+                joint: row.try_get("joint")?,
+                kind: row.try_get("kind")?,
+                quantity: row.try_get("quantity")?,
+                from: onset.map_or(first, |onset| onset.min(first)),
+                to: row.try_get("last_seen_at")?,
+                ended: row.try_get("ended")?,
+                withdrawn: row.try_get("withdrawn")?,
+            },
+            before: Before {
+                life: Life {
+                    state,
+                    shelved_until: known_time(&row, "shelved_until")?,
+                    resolved_seen_at: known_time(&row, "resolved_seen_at")?,
+                },
+                withdrawn: row.try_get("withdrawn")?,
+                told,
+                shelved_severity,
+            },
+        })
+    })
+    .fetch_all(connection)
+    .await
+}
+
+/// What people were told of an anomaly since it was opened last, and its severity when it was shelved last.
+type Said = (Option<Told>, Option<Severity>);
+
+/// What people were told of the robot's anomalies, by key.
+async fn told(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<HashMap<i64, Said>, sqlx::Error> {
+    let rows: Vec<(i64, EventKind, Told)> = sqlx::query(
+        "SELECT anomaly_event.anomaly_id, anomaly_event.what, anomaly_event.severity, anomaly_event.score
+         FROM anomaly_event JOIN anomaly USING (anomaly_id)
+         WHERE robot_id = ?
+         ORDER BY anomaly_event_id",
+    )
+    .bind(robot_id)
+    .try_map(|row: SqliteRow| {
+        let what = named(&row, "what", &EventKind::ALL, EventKind::name)?;
+        Ok((row.try_get("anomaly_id")?, what, shown(&row)?))
     })
     .fetch_all(executor)
     .await?;
-    Ok(rows.into_iter().collect())
+    let mut said: HashMap<i64, Said> = HashMap::new();
+    for (anomaly_id, what, now) in rows {
+        let (told, shelved) = said.entry(anomaly_id).or_default();
+        if matches!(what, EventKind::Opened | EventKind::Reopened) {
+            *told = None;
+        }
+        if what == EventKind::Shelved {
+            *shelved = Some(now.severity);
+        }
+        match told {
+            Some(told) => told.and(now),
+            None => *told = Some(now),
+        }
+    }
+    Ok(said)
+}
+
+fn shown(row: &SqliteRow) -> Result<Told, sqlx::Error> {
+    let score: Option<f64> = row.try_get("score")?;
+    Ok(Told { severity: named(row, "severity", &Severity::ALL, Severity::name)?, score: score.map(f64::abs) })
+}
+
+async fn run_starts(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<Starts, sqlx::Error> {
+    let rows: Vec<(i64, String)> = sqlx::query_as(
+        "SELECT started_at, kind FROM run WHERE robot_id = ? AND status = 'complete' ORDER BY started_at",
+    )
+    .bind(robot_id)
+    .fetch_all(executor)
+    .await?;
+    let of = |kind: RunKind| -> Vec<i64> {
+        rows.iter().filter(|(_, of)| of == kind.name()).map(|(start, _)| *start).collect()
+    };
+    Ok(Starts { tests: of(RunKind::Test), production: of(RunKind::Production) })
+}
+
+/// Who did something to an anomaly, and why.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Person<'a> {
+    pub(super) who: &'a str,
+    pub(super) why: Option<&'a str>,
+}
+
+/// Writes down what happened to an anomaly, which is stored as it is after that. No person: the program did it.
+pub(super) async fn record(
+    executor: impl SqliteExecutor<'_>,
+    anomaly_id: i64,
+    what: EventKind,
+    by: Option<Person<'_>>,
+) -> Result<AnomalyEvent, sqlx::Error> {
+    let anomaly_event_id = sqlx::query_scalar(
+        "INSERT INTO anomaly_event (anomaly_id, what, severity, score, value, message, run_id, who, why)
+         SELECT anomaly_id, ?2, severity, score, value, message, last_run_id, ?3, ?4
+         FROM anomaly
+         WHERE anomaly_id = ?1
+         RETURNING anomaly_event_id",
+    )
+    .bind(anomaly_id)
+    .bind(what.name())
+    .bind(by.map(|person| person.who))
+    .bind(by.and_then(|person| person.why))
+    .fetch_one(executor)
+    .await?;
+    Ok(AnomalyEvent { anomaly_event_id, anomaly_id, what })
 }
 
 async fn insert_anomaly(
-    executor: impl SqliteExecutor<'_>,
+    connection: &mut SqliteConnection,
     robot_id: i64,
     anomaly: &Anomaly,
-    state: &str,
+    state: AlarmState,
 ) -> Result<i64, sqlx::Error> {
-    sqlx::query_scalar(
-        "INSERT INTO anomaly (robot_id, joint, kind, quantity, first_run_id, severity, score, threshold, value,
-                              baseline, peak_value, peak_score, first_cycle, last_run_id, first_seen_at, last_seen_at,
-                              onset_run_id, onset_cycle, onset_at, odds, alternatives, state, message)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+    let anomaly_id: i64 = sqlx::query_scalar(
+        "INSERT INTO anomaly (robot_id, joint, kind, quantity, severity, first_seen_at, last_seen_at, state, message)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)
          RETURNING anomaly_id",
     )
     .bind(robot_id)
     .bind(anomaly.joint.map(joint_number))
     .bind(anomaly.kind.name())
     .bind(anomaly.quantity)
-    .bind(anomaly.first_run_id)
     .bind(anomaly.severity.name())
-    .bind(finite(anomaly.score))
-    .bind(finite(anomaly.threshold))
-    .bind(finite(anomaly.value))
-    .bind(finite(anomaly.baseline))
-    .bind(finite(anomaly.peak_value))
-    .bind(finite(anomaly.peak_score))
-    .bind(anomaly.first_cycle)
-    .bind(anomaly.last_run_id)
     .bind(anomaly.first_seen_at.as_microsecond())
     .bind(anomaly.last_seen_at.as_microsecond())
-    .bind(anomaly.onset.run_id)
-    .bind(anomaly.onset.cycle)
-    .bind(anomaly.onset.at.as_microsecond())
-    .bind(anomaly.odds.and_then(finite))
-    .bind(alternatives(&anomaly.alternatives))
-    .bind(state)
+    .bind(state.name())
     .bind(&anomaly.message)
-    .fetch_one(executor)
-    .await
+    .fetch_one(&mut *connection)
+    .await?;
+    update_anomaly(connection, anomaly_id, anomaly, &Life::of(state)).await?;
+    Ok(anomaly_id)
 }
 
+/// Writes all that is known of an anomaly but its number and joint.
 async fn update_anomaly(
     executor: impl SqliteExecutor<'_>,
     anomaly_id: i64,
     anomaly: &Anomaly,
-    state: &str,
+    life: &Life,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE anomaly
-         SET severity = ?, score = ?, threshold = ?, value = ?, baseline = ?, peak_value = ?, peak_score = ?,
-             first_cycle = ?, last_run_id = ?, first_seen_at = ?, last_seen_at = ?, onset_run_id = ?, onset_cycle = ?,
-             onset_at = ?, odds = ?, alternatives = ?, state = ?, message = ?, withdrawn = 0
+         SET kind = ?, quantity = ?, severity = ?, score = ?, threshold = ?, value = ?, baseline = ?, peak_value = ?,
+             peak_score = ?, first_run_id = ?, first_cycle = ?, last_run_id = ?, first_seen_at = ?, last_seen_at = ?,
+             onset_run_id = ?, onset_cycle = ?, onset_at = ?, odds = ?, alternatives = ?, message = ?, ended = ?,
+             state = ?, shelved_until = ?, resolved_seen_at = ?, withdrawn = 0
          WHERE anomaly_id = ?",
     )
+    .bind(anomaly.kind.name())
+    .bind(anomaly.quantity)
     .bind(anomaly.severity.name())
     .bind(finite(anomaly.score))
     .bind(finite(anomaly.threshold))
@@ -168,6 +308,7 @@ async fn update_anomaly(
     .bind(finite(anomaly.baseline))
     .bind(finite(anomaly.peak_value))
     .bind(finite(anomaly.peak_score))
+    .bind(anomaly.first_run_id)
     .bind(anomaly.first_cycle)
     .bind(anomaly.last_run_id)
     .bind(anomaly.first_seen_at.as_microsecond())
@@ -177,8 +318,11 @@ async fn update_anomaly(
     .bind(anomaly.onset.at.as_microsecond())
     .bind(anomaly.odds.and_then(finite))
     .bind(alternatives(&anomaly.alternatives))
-    .bind(state)
     .bind(&anomaly.message)
+    .bind(anomaly.ended)
+    .bind(life.state.name())
+    .bind(life.shelved_until.map(Timestamp::as_microsecond))
+    .bind(life.resolved_seen_at.map(Timestamp::as_microsecond))
     .bind(anomaly_id)
     .execute(executor)
     .await?;
@@ -192,7 +336,7 @@ fn alternatives(rejected: &[Alternative]) -> String {
 }
 
 async fn withdraw_anomaly(executor: impl SqliteExecutor<'_>, anomaly_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE anomaly SET state = 'resolved', withdrawn = 1 WHERE anomaly_id = ?")
+    sqlx::query("UPDATE anomaly SET withdrawn = 1 WHERE anomaly_id = ?")
         .bind(anomaly_id)
         .execute(executor)
         .await?;

@@ -4,11 +4,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use jiff::Timestamp;
 use sqlx::sqlite::SqliteExecutor;
 use sqlx::{Sqlite, Transaction};
 
 use super::anomalies::Reconciled;
-use super::{anomalies, conclusion_faults, history};
+use super::{anomalies, conclusion_faults, cycle_friction_rows, history};
 use crate::analysis::{ProductionCheck, WarmUpFit};
 use crate::anomaly::{Findings, ProductionSummary, RunSummary};
 use crate::store::error::StoreError;
@@ -43,6 +44,15 @@ impl ConclusionTransaction {
     /// [`StoreError`] of the database.
     pub async fn replace_mixed_fits(&mut self, fits: &[WarmUpFit]) -> Result<(), StoreError> {
         let result = run_analysis::replace_mixed_fits(&mut self.transaction, self.robot_id, fits).await;
+        self.checked(result)
+    }
+
+    /// Whether conclusions from the history as it is now are stored already, by another program.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn is_concluded(&mut self) -> Result<bool, StoreError> {
+        let result = is_concluded(&mut *self.transaction, self.robot_id).await;
         self.checked(result)
     }
 
@@ -84,18 +94,21 @@ impl ConclusionTransaction {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn run_summaries(&mut self) -> Result<Vec<RunSummary>, StoreError> {
+        let completed = cycle_friction_rows::complete(&mut self.transaction, self.robot_id).await;
+        self.checked(completed)?;
         let result = history::run_summaries(&mut self.transaction, self.robot_id).await;
         self.checked(result)
     }
 
-    /// Makes the stored anomalies and health of the robot agree with its whole history. Known
-    /// anomalies keep their number and a person's acknowledgement; those that ended are resolved, those that
-    /// vanished withdrawn.
+    /// Makes the stored anomalies and health of the robot agree with its whole history, and writes down what happened
+    /// to them. Known anomalies keep their number and what people said of them; those that ended are resolved, those
+    /// that vanished withdrawn.
     ///
     /// # Errors
     /// [`StoreError::Refused`] for findings that name a run which is not stored.
     pub async fn reconcile(&mut self, findings: &Findings) -> Result<Reconciled, StoreError> {
-        let result = anomalies::reconcile(&mut self.transaction, self.robot_id, findings).await;
+        let result =
+            anomalies::reconcile(&mut self.transaction, self.robot_id, findings, Timestamp::now()).await;
         self.checked(result)
     }
 
@@ -147,6 +160,13 @@ pub(in crate::store) async fn stale_robots(
 
 async fn history_of(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<i64, sqlx::Error> {
     sqlx::query_scalar("SELECT history FROM robot WHERE robot_id = ?")
+        .bind(robot_id)
+        .fetch_one(executor)
+        .await
+}
+
+async fn is_concluded(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar("SELECT history = concluded FROM robot WHERE robot_id = ?")
         .bind(robot_id)
         .fetch_one(executor)
         .await

@@ -5,7 +5,8 @@ use std::collections::{BTreeMap, HashMap};
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
-use super::maintenance;
+use super::{cycle_friction, maintenance};
+use crate::analysis::measurements::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{
     Estimate, FrictionPoint, GravityRemoval, IdentifiedParameter, JointSummary, RmsdSwing, WarmFriction,
@@ -31,50 +32,6 @@ macro_rules! friction_counts {
           OR cycle.status = 'refused' AND NOT EXISTS (
               SELECT 1 FROM cycle_refusal WHERE cycle_refusal.cycle_id = cycle.cycle_id))"
     };
-}
-
-/// What the analysis of a whole run starts from.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct RunMeasurements {
-    /// Friction points by cycle, in the order of their cycle's analysis.
-    pub friction_points: Vec<CyclePoint>,
-    /// Parameters by cycle, in natural order; refused cycles have none.
-    pub parameters: Vec<CycleParameters>,
-    /// Moving relative RMSD of the excitation stage, by cycle and joint, where it is known.
-    pub relative_rmsd: Vec<CycleRmsd>,
-}
-
-/// A friction point and its cycle.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CyclePoint {
-    /// Number of the cycle, from 1.
-    pub cycle: u32,
-    /// The point.
-    pub point: FrictionPoint,
-}
-
-/// Parameters of one cycle.
-#[derive(Debug, Clone, PartialEq)]
-pub struct CycleParameters {
-    /// Number of the cycle, from 1.
-    pub cycle: u32,
-    /// Middle of the cycle since the start of the run, min.
-    pub minute: f64,
-    /// Mean magnitude of each joint's velocity, rad/s (m/s); empty if not known.
-    pub mean_speeds: Vec<f64>,
-    /// Values with standard errors.
-    pub parameters: Vec<IdentifiedParameter>,
-}
-
-/// Moving relative RMSD of the excitation stage of one joint in one cycle.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CycleRmsd {
-    /// Number of the cycle, from 1.
-    pub cycle: u32,
-    /// The joint.
-    pub joint: JointIndex,
-    /// As a fraction of the measured torque's RMS.
-    pub relative_rmsd: f64,
 }
 
 impl Store {
@@ -270,6 +227,8 @@ pub(in crate::store) async fn run_summaries(
             refused_cycles: 0,
             refusals: Vec::new(),
             joints: Vec::new(),
+            cycle_friction: Vec::new(),
+            parameters: Vec::new(),
             epochs: Vec::new(),
         };
         let has_summary = row.try_get::<Option<i64>, _>("joint")?.is_some();
@@ -291,7 +250,11 @@ pub(in crate::store) async fn run_summaries(
             _ => runs.push(RunSummary { joints: joint.into_iter().collect(), ..run }),
         }
     }
+    let mut friction = cycle_friction::by_run(&mut *connection, robot_id).await?;
+    let mut parameters = cycle_friction::parameters_by_run(&mut *connection, robot_id).await?;
     for run in &mut runs {
+        run.cycle_friction = friction.remove(&run.run_id).unwrap_or_default();
+        run.parameters = parameters.remove(&run.run_id).unwrap_or_default();
         (run.refused_cycles, run.refusals) = refused.remove(&run.run_id).unwrap_or_default();
     }
     let joints = runs.iter().flat_map(|run| &run.joints).map(|of| of.joint.number()).max().unwrap_or(0);

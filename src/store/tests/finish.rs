@@ -203,42 +203,6 @@ async fn a_transaction_dropped_half_way_leaves_nothing() {
 }
 
 #[tokio::test]
-async fn anomalies_keep_their_number_and_acknowledgement() {
-    let (_folder, store) = fresh().await;
-    let run_id = streaming_run(&store, "R00", 0, 1).await;
-    let drift = anomaly(joint(2), run_id, Severity::Warning);
-    let mut past = anomaly(joint(3), run_id, Severity::Warning);
-    past.ended = true;
-
-    let opened = reconcile(&store, run_id, vec![drift.clone(), past.clone()]).await;
-    assert_eq!((opened.opened.len(), opened.resolved.len()), (1, 0), "an ended one is no news");
-    let id = opened.opened[0];
-    assert_eq!(states(&store).await, ["open", "resolved"]);
-
-    acknowledge(&store, id).await;
-    let mut worse = drift.clone();
-    (worse.severity, worse.score, worse.last_seen_at) = (Severity::Critical, 9.0, day(4));
-    let same = reconcile(&store, run_id, vec![past.clone(), worse]).await;
-    assert_eq!(same, crate::store::robot::anomalies::Reconciled::default());
-    assert_eq!(states(&store).await, ["acknowledged", "resolved"]);
-    let row = &store.anomalies_after(0).await.expect("anomalies")[0];
-    assert_eq!((row.anomaly_id, row.severity, row.score), (id, Severity::Critical, Some(9.0)));
-    assert_eq!((row.first_seen_at, row.last_seen_at), (day(0), day(4)));
-    assert_eq!((row.robot.as_str(), row.run_id, row.joint), ("R00", run_id, Some(joint(2))));
-
-    let gone = reconcile(&store, run_id, vec![past.clone()]).await;
-    assert_eq!((gone.opened, gone.resolved), (vec![], vec![id]));
-    assert_eq!(states(&store).await, ["resolved"], "the other one is withdrawn");
-    let back = reconcile(&store, run_id, vec![drift.clone(), past.clone()]).await;
-    assert_eq!(back.opened, [id], "seen again, open again");
-
-    let mut ended = drift;
-    ended.ended = true;
-    assert_eq!(reconcile(&store, run_id, vec![ended, past]).await.resolved, [id]);
-    assert_eq!(store.anomalies_after(id).await.expect("anomalies").len(), 1);
-}
-
-#[tokio::test]
 async fn findings_of_a_robot_leave_other_robots_alone() {
     let (_folder, store) = fresh().await;
     for robot in ["R00", "R01"] {
@@ -518,30 +482,14 @@ async fn detectors_get_the_index_of_each_run_and_people_too() {
     );
 }
 
-async fn reconcile(
-    store: &crate::store::handle::Store,
-    run_id: i64,
-    anomalies: Vec<crate::anomaly::Anomaly>,
-) -> crate::store::robot::anomalies::Reconciled {
-    let robot_id: i64 = sqlx::query_scalar("SELECT robot_id FROM run WHERE run_id = ?")
-        .bind(run_id)
-        .fetch_one(&store.readers)
-        .await
-        .expect("the run");
-    let mut conclusion = store.conclude(robot_id).await.expect("a transaction");
-    let outcome = conclusion.reconcile(&findings(anomalies)).await.expect("findings");
-    conclusion.commit(0).await.expect("a commit");
-    outcome
-}
-
 async fn states(store: &crate::store::handle::Store) -> Vec<String> {
     store.anomalies_after(0).await.expect("anomalies").into_iter().map(|row| row.state).collect()
 }
 
 async fn acknowledge(store: &crate::store::handle::Store, anomaly_id: i64) {
-    sqlx::query("UPDATE anomaly SET state = 'acknowledged' WHERE anomaly_id = ?")
-        .bind(anomaly_id)
-        .execute(&store.writer)
+    let acted = store
+        .act_on_anomalies(&[anomaly_id], crate::store::AlarmAction::Acknowledge, "mueller", None)
         .await
-        .expect("an update");
+        .expect("an answer");
+    assert!(acted.is_ok(), "{acted:?}");
 }

@@ -1,5 +1,6 @@
 //! The ledger and the results of cycles, against a real database.
 
+mod anomalies;
 mod factors;
 mod finish;
 mod identity;

@@ -14,19 +14,19 @@ use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Knowledge, Ons
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{ContentHash, RunHeader, RunKind, Stage};
 use crate::store::handle::Store;
-use crate::store::ledger::quarantine::Fault;
+use crate::store::ledger::quarantine::ExportFault;
 use crate::store::ledger::runs::RunTotals;
 use crate::store::robot::conclude::StaleRobot;
 use crate::testing::er3a;
 
 /// A fault at a place, or of the export as a whole.
-pub(in crate::store) fn fault(problem: &str, place: Option<(u64, &str)>) -> Fault {
-    Fault {
+pub(in crate::store) fn fault(problem: &str, place: Option<(u64, &str)>) -> ExportFault {
+    ExportFault {
         reason: problem.into(),
         problem: problem.into(),
         line: place.map(|(line, _)| line),
         column: place.map(|(_, column)| column.into()),
-        ..Fault::default()
+        ..ExportFault::default()
     }
 }
 
@@ -354,12 +354,13 @@ pub(in crate::store) async fn views(store: &Store) -> Vec<String> {
 }
 
 /// Columns with times of the machine's clock, which differ from test to test.
-const CLOCK: [(&str, &str); 5] = [
+const CLOCK: [(&str, &str); 6] = [
     ("quarantine", "first_at"),
     ("quarantine", "last_at"),
     ("quarantine", "retry_asked_at"),
     ("baseline_changes", "formed_at"),
     ("baseline_changes", "replaced_at"),
+    ("anomaly_history", "at"),
 ];
 
 /// Everything that users see but times of the machine's clock, a line a row; rows of a view are sorted.

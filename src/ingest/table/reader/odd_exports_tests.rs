@@ -6,7 +6,7 @@ use crate::ingest::bytes::source::open;
 use crate::ingest::fixture::{fixture, native as layout, read, read_bytes};
 use crate::ingest::rejection::Rejection;
 use crate::robot::JointIndex;
-use crate::run::{FrictionSignal, Samples, Stage};
+use crate::run::{FrictionSignal, RawSamples, Stage, StageReading};
 use crate::testing::er3a;
 
 fn rejected(name: &str) -> Rejection {
@@ -31,7 +31,7 @@ fn assert_message(name: &str, beginning: &str) {
     assert!(message.starts_with(beginning), "{name}{message}");
 }
 
-fn native() -> Samples {
+fn native() -> RawSamples {
     read(&fixture("native.csv")).unwrap()
 }
 
@@ -43,7 +43,7 @@ fn the_native_layout_is_read_as_it_is_written() {
     assert_eq!(samples.velocity.as_ref().unwrap()[5], [-1.2, -1.15, -1.1, -1.05, -1.0]);
     assert_eq!(samples.torque[0], [3.0, 2.5, 2.0, 1.5, 1.0]);
     let stages = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming, Stage::Between];
-    assert_eq!(samples.stage, stages);
+    assert_eq!(samples.stage, StageReading::Known(stages.into()));
     assert_eq!(samples.cycle.as_deref(), Some(&[1, 1, 1, 1, 2][..]));
     let tested = Some(FrictionSignal { joint: JointIndex::new(2), level: 5 });
     assert_eq!(samples.friction_signal.as_deref(), Some(&[None, None, tested, None, None][..]));
@@ -70,7 +70,7 @@ fn unusual_but_valid_files_read_the_same() {
 #[test]
 fn velocities_and_signals_may_be_absent() {
     let samples = read(&fixture("no_velocity_no_signals.csv")).unwrap();
-    let expected = Samples { velocity: None, cycle: None, friction_signal: None, ..native() };
+    let expected = RawSamples { velocity: None, cycle: None, friction_signal: None, ..native() };
     assert_eq!(samples, expected);
 }
 
@@ -318,7 +318,7 @@ fn rows_before_the_cut_of_a_compressed_stream_are_kept() {
     for block_bytes in [64, 1 << 20] {
         let options = ReadOptions { block_bytes, ..ReadOptions::default() };
         let mut reader = ExportReader::new(open(&path).unwrap(), &path, &layout(), &er3a(), options).unwrap();
-        let (mut rows, mut fault) = (Samples::default(), None);
+        let (mut rows, mut fault) = (RawSamples::default(), None);
         for item in &mut reader {
             match item {
                 Ok(chunk) => rows.append(chunk.samples),

@@ -6,12 +6,12 @@ use std::path::Path;
 use super::{ExportReader, ReadOptions};
 use crate::config::{DecimalMark, Layout};
 use crate::ingest::fixture::{made_recording, native};
-use crate::run::Samples;
+use crate::run::RawSamples;
 use crate::run::temperature::{TemperatureTrack, Temperatures, ZERO_CELSIUS};
 use crate::testing::er3a;
 
 /// An export of `rows` rows whose temperatures stand as `cell` writes them: motors of joints 2 and 4, the hall.
-fn export(rows: usize, cell: impl Fn(usize, usize) -> String) -> (Samples, String) {
+fn export(rows: usize, cell: impl Fn(usize, usize) -> String) -> (RawSamples, String) {
     let (samples, text) = made_recording(rows);
     let mut lines = text.lines();
     let names = ["motor_temperature_2_degc", "motor_temperature_4_degc", "ambient_temperature_degc"];
@@ -22,11 +22,11 @@ fn export(rows: usize, cell: impl Fn(usize, usize) -> String) -> (Samples, Strin
     (samples, with)
 }
 
-fn read(text: &str, layout: &Layout, block_bytes: usize) -> Samples {
+fn read(text: &str, layout: &Layout, block_bytes: usize) -> RawSamples {
     let options = ReadOptions { block_bytes, ..ReadOptions::default() };
     let reader =
         ExportReader::new(text.as_bytes(), Path::new("a.csv"), layout, &er3a(), options).expect("a header");
-    let mut all = Samples::default();
+    let mut all = RawSamples::default();
     reader.for_each(|chunk| all.append(chunk.expect("rows").samples));
     all
 }

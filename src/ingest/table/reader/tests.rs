@@ -8,7 +8,7 @@ use proptest::prelude::*;
 
 use super::{ExportReader, ReadOptions, Step};
 use crate::config::{
-    Column, DecimalMark, JointSigns, Layout, RowRule, ScaledColumn, StageSource, TimeSource,
+    Column, DecimalMark, JointSigns, Layout, RowRule, ScaledColumn, StageSource, TimeSource, WholeRecording,
 };
 use crate::ingest::bytes::source::open;
 use crate::ingest::fixture::{
@@ -16,7 +16,7 @@ use crate::ingest::fixture::{
 };
 use crate::ingest::table::channels;
 use crate::ingest::table::column_map::MAX_COLUMNS;
-use crate::run::{Samples, Stage};
+use crate::run::{RawSamples, Stage, StageReading};
 use crate::testing::er3a;
 
 #[test]
@@ -27,7 +27,7 @@ fn rows_without_header_time_and_stage_are_counted_and_named_by_the_layout() {
         position: channel("{joint}"),
         velocity: None,
         torque: channel("{joint+6}"),
-        stage: StageSource::Whole(Stage::Excitation),
+        stage: StageSource::Whole(WholeRecording(Stage::Excitation)),
         ..native()
     };
     let text: String = (0..50)
@@ -45,12 +45,12 @@ fn rows_without_header_time_and_stage_are_counted_and_named_by_the_layout() {
             &er3a(),
             with_blocks_of(block_bytes),
         );
-        let mut samples = Samples::default();
+        let mut samples = RawSamples::default();
         reader.unwrap().for_each(|chunk| samples.append(chunk.unwrap().samples));
         assert_eq!((samples.rows(), samples.time[0], samples.time[49]), (50, 0.0, 49.0 / 5000.0));
         assert_eq!((samples.position[2][7], samples.torque[2][7]), (702.0, 708.0));
         assert!(samples.velocity.is_none() && samples.cycle.is_none());
-        assert!(samples.stage.iter().all(|stage| *stage == Stage::Excitation));
+        assert_eq!(samples.stage, StageReading::Known(vec![Stage::Excitation; 50]));
     }
     let broken = text.replacen("1003", "x", 1);
     let reader =
@@ -282,7 +282,7 @@ impl Read for Slow<'_> {
 }
 
 /// The rows of a file that is read while it grows by these pieces, opened again until its header is whole.
-fn read_growing(bytes: &[u8], layout: &Layout, pieces: &[usize], block_bytes: usize) -> Samples {
+fn read_growing(bytes: &[u8], layout: &Layout, pieces: &[usize], block_bytes: usize) -> RawSamples {
     let mut cuts: VecDeque<usize> = pieces
         .iter()
         .scan(0, |end, piece| {
@@ -298,7 +298,7 @@ fn read_growing(bytes: &[u8], layout: &Layout, pieces: &[usize], block_bytes: us
             None => cuts.pop_front(),
         };
     };
-    let mut samples = Samples::default();
+    let mut samples = RawSamples::default();
     loop {
         match reader.step().unwrap() {
             Step::Rows(chunk) => samples.append(chunk.samples),
@@ -336,7 +336,7 @@ fn packed(bytes: &[u8], kind: usize, cut: usize) -> Vec<u8> {
 }
 
 /// A recording with a column beside it that is not ASCII, so that encodings differ.
-fn accented(rows: usize, comma: bool) -> (Samples, String, Layout) {
+fn accented(rows: usize, comma: bool) -> (RawSamples, String, Layout) {
     let (samples, text) = made_recording(rows);
     let noted = |(at, line): (usize, &str)| match at {
         0 => format!("{line},größe [°]\n"),
@@ -379,7 +379,7 @@ proptest! {
         std::fs::write(&path, packed(&encoded(&text, encoding), packing, cut)).unwrap();
         let bytes = open(&path).unwrap();
         let reader = ExportReader::new(bytes, &path, &layout, &er3a(), with_blocks_of(block_bytes)).unwrap();
-        let mut read = Samples::default();
+        let mut read = RawSamples::default();
         for chunk in reader {
             read.append(chunk.unwrap().samples);
         }
@@ -388,7 +388,7 @@ proptest! {
 }
 
 /// A recording with bad rows of every kind at these places, and the samples without them.
-fn with_bad_rows(rows: usize, places: &[usize]) -> (Samples, String) {
+fn with_bad_rows(rows: usize, places: &[usize]) -> (RawSamples, String) {
     let (samples, text) = made_recording(rows);
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
     for (kind, row) in places.iter().enumerate() {
@@ -409,7 +409,7 @@ fn with_bad_rows(rows: usize, places: &[usize]) -> (Samples, String) {
             _ => with(8, "#REF!").replacen(cells[0], "0", 1),
         };
     }
-    let mut kept = Samples::default();
+    let mut kept = RawSamples::default();
     let mut rest = samples;
     for row in 0..rows {
         let one = rest.take_front(1);
@@ -440,7 +440,7 @@ proptest! {
         let mut reader = ExportReader::new(
             text.as_bytes(), Path::new("a.csv"), &layout, &er3a(), with_blocks_of(block_bytes),
         ).unwrap();
-        let mut read = Samples::default();
+        let mut read = RawSamples::default();
         for chunk in reader.by_ref() {
             read.append(chunk.unwrap().samples);
         }
@@ -519,7 +519,7 @@ fn a_last_line_with_too_few_fields_is_left_out_with_or_without_line_end() {
                 let mut reader =
                     ExportReader::new(text.as_bytes(), Path::new("a.csv"), &native(), &er3a(), options)
                         .unwrap();
-                let mut read = Samples::default();
+                let mut read = RawSamples::default();
                 reader.by_ref().for_each(|chunk| read.append(chunk.unwrap().samples));
                 assert_eq!(read, whole, "{keep} bytes of the last line, then {end:?}");
                 let left_out = reader.left_out().map(|left_out| (left_out.line, left_out.reason));

@@ -15,7 +15,7 @@ use crate::analysis::ProductionJoint;
 use crate::anomaly::{AnomalyKind, ProductionSummary};
 use crate::numerics::detect::control_chart::{EWMA_WEIGHT, Ewma, Limits, median_variance, steady_variance};
 use crate::numerics::detect::detector::Detector;
-use crate::numerics::detect::verdict::Verdict;
+use crate::numerics::detect::verdict::{Verdict, Why};
 use crate::numerics::statistics::descriptive::{median, robust_deviation};
 
 /// Joints that must move for what is common to them to be called warmth: of three, one that wears does not
@@ -75,6 +75,7 @@ impl Detector<JointLogs<'_>> for FrictionRise {
                     value: ratio,
                     baseline: level,
                     message: message(change, level, &series.history[log]),
+                    why: Why::default(),
                 };
             }
         }

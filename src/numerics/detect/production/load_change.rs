@@ -9,7 +9,7 @@
 use super::series::{JointLogs, LEARNING_LOGS, unexplained};
 use crate::anomaly::{AnomalyKind, Severity};
 use crate::numerics::detect::detector::Detector;
-use crate::numerics::detect::verdict::Verdict;
+use crate::numerics::detect::verdict::{Verdict, Why};
 
 /// Deviation that friction does not explain, against its usual, that is another load: as a ratio, and as a
 /// part of the torque, below which a good fit only wobbles.
@@ -44,6 +44,7 @@ impl Detector<JointLogs<'_>> for LoadChange {
                         value: part,
                         baseline: level,
                         message: message(part, level),
+                        why: Why::default(),
                     }
                 };
             }

@@ -11,7 +11,7 @@ use super::series::{JointLogs, unexplained};
 use crate::analysis::ProductionJoint;
 use crate::anomaly::{AnomalyKind, Severity};
 use crate::numerics::detect::detector::Detector;
-use crate::numerics::detect::verdict::Verdict;
+use crate::numerics::detect::verdict::{Verdict, Why};
 
 /// Deviation from the test, as a part of the torque, that is said from the first log on: what friction does
 /// not explain, and all of it. Cold gearboxes need half as much friction again, which is less than a third of
@@ -71,6 +71,7 @@ fn against_the_test(of: &ProductionJoint) -> Verdict {
              {cause}",
             100.0 * all
         ),
+        why: Why::default(),
     }
 }
 

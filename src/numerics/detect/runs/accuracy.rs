@@ -10,7 +10,7 @@ use super::series::JointSeries;
 use crate::anomaly::{AnomalyKind, Severity};
 use crate::numerics::detect::control_chart::baseline;
 use crate::numerics::detect::detector::Detector;
-use crate::numerics::detect::verdict::{Verdict, apart};
+use crate::numerics::detect::verdict::{Verdict, Why, apart};
 
 /// A relative RMSD beyond its limit that is within this factor of the joint's own baseline is how
 /// the joint has always been: worth knowing, not worth a call.
@@ -55,10 +55,16 @@ impl Detector<JointSeries<'_>> for Accuracy {
                          check torque signal, payload and the robot's description",
                         if as_ever { ", as in its baseline" } else { "" }
                     ),
+                    why: Why::default(),
                 }
             }
         };
-        values.into_iter().map(verdict).collect()
+        let one = |(run, of)| match series.is_signal_at_fault(run) {
+            // what it says of a joint is the signal's
+            Some(_) => Verdict::Unknown,
+            None => verdict(of),
+        };
+        values.into_iter().enumerate().map(one).collect()
     }
 }
 
@@ -66,7 +72,7 @@ impl Detector<JointSeries<'_>> for Accuracy {
 mod tests {
     use super::*;
     use crate::numerics::detect::runs::detect;
-    use crate::numerics::detect::runs::fixtures::{JOINT, run};
+    use crate::numerics::detect::runs::fixtures::{JOINT, run, series};
     use crate::numerics::detect::verdict::DetectSettings;
 
     #[test]
@@ -82,7 +88,7 @@ mod tests {
         let history: Vec<_> =
             [0.10, 0.11, 0.16].into_iter().enumerate().map(|(i, rmsd)| run(i, 12.0, rmsd, 0.002)).collect();
         let settings = DetectSettings::default();
-        let verdicts = Accuracy.judge(&JointSeries::new(&history, JOINT, &settings));
+        let verdicts = Accuracy.judge(&series(&history, JOINT, &settings));
         let severity = |verdict: &Verdict| match verdict {
             Verdict::Out { severity, threshold, .. } => Some((*severity, *threshold)),
             Verdict::Unknown | Verdict::Quiet => None,

@@ -2,9 +2,11 @@
 
 use jiff::{SignedDuration, Timestamp};
 
+use super::series::JointSeries;
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{Estimate, JointSummary, RmsdSwing, WarmFriction};
 use crate::anomaly::{RunRefusal, RunSummary};
+use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::JointIndex;
 
 /// Joints of the arm.
@@ -46,6 +48,8 @@ pub(super) fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSumm
         cycles: 24,
         refused_cycles: 0,
         refusals: vec![],
+        cycle_friction: vec![],
+        parameters: vec![],
         joints: vec![quiet(0), quiet(1), joint],
         epochs: Vec::new(),
     }
@@ -81,6 +85,8 @@ pub(super) fn indexed(day: i64, index: Option<f64>) -> RunSummary {
         cycles: CYCLES,
         refused_cycles: 0,
         refusals: vec![],
+        cycle_friction: vec![],
+        parameters: vec![],
         joints: (0..JOINTS).map(joint).collect(),
         epochs: Vec::new(),
     }
@@ -104,4 +110,13 @@ pub(super) fn refusal(finding: &str, channel: Channel, joint: Option<usize>, cyc
 /// A test of which every cycle is refused.
 pub(super) fn refused(day: i64, refusals: Vec<RunRefusal>) -> RunSummary {
     RunSummary { refused_cycles: CYCLES, refusals, ..indexed(day, None) }
+}
+
+/// The series of a joint without friction curves.
+pub(super) fn series<'a>(
+    history: &'a [RunSummary],
+    joint: JointIndex,
+    settings: &'a DetectSettings,
+) -> JointSeries<'a> {
+    JointSeries::new(history, joint, vec![None; history.len()], &[], settings)
 }

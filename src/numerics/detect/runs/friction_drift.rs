@@ -8,12 +8,13 @@
 //! limits the index raised no alarm in 1596 simulated runs of healthy joints (docs/method.md, "Friction
 //! index").
 
+use super::friction_change::{Shape, shape};
 use super::friction_history::{FrictionHistory, Observed, Source};
 use super::series::JointSeries;
 use crate::anomaly::AnomalyKind;
 use crate::numerics::detect::control_chart::{Limits, UnequalEwma};
 use crate::numerics::detect::detector::Detector;
-use crate::numerics::detect::verdict::{DetectSettings, Verdict, apart};
+use crate::numerics::detect::verdict::{DetectSettings, Verdict, Why, apart};
 
 pub(super) struct FrictionDrift;
 
@@ -27,32 +28,76 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
     }
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
-        let friction = &series.friction;
-        let limits = limits(series.settings);
-        let baseline = friction.baseline(friction.source).map_or(1.0, |baseline| baseline.torque);
-        let mut chart = UnequalEwma::new(1.0, friction.spread);
-        let mut verdicts = vec![Verdict::Unknown; series.runs.len()];
-        for observed in &friction.runs {
-            if friction.is_learnt_from(observed) {
-                verdicts[observed.run] = Verdict::Quiet;
-                continue;
+        let mut verdicts = friction_verdicts(series);
+        for (first, last) in episodes(&verdicts) {
+            match shape(&series.friction, &series.causes, first, last) {
+                // another detector's affair
+                Shape::Step { .. } => verdicts[first..=last].fill(Verdict::Quiet),
+                Shape::Drift { run } => {
+                    for verdict in &mut verdicts[first..=last] {
+                        if let Verdict::Out { why, .. } = verdict {
+                            why.onset = Some((run, None));
+                        }
+                    }
+                }
             }
-            let change = chart.add(observed.ratio, friction.variance(observed)) - 1.0;
-            let threshold = limits.threshold((chart.variance() + friction.baseline_variance).sqrt());
-            verdicts[observed.run] = match limits.severity(change.abs(), threshold) {
-                None => Verdict::Quiet,
-                Some(severity) => Verdict::Out {
-                    severity,
-                    score: change.abs(),
-                    threshold,
-                    value: observed.ratio * baseline,
-                    baseline,
-                    message: message(change, threshold, observed, friction),
-                },
-            };
         }
         verdicts
     }
+}
+
+/// First and last run of each stretch of runs that are out; one quiet run in between does not end it.
+pub(super) fn episodes(verdicts: &[Verdict]) -> Vec<(usize, usize)> {
+    let mut found: Vec<(usize, usize)> = Vec::new();
+    let mut quiet = 2;
+    for (run, verdict) in verdicts.iter().enumerate() {
+        match verdict {
+            Verdict::Unknown => {}
+            Verdict::Quiet => quiet += 1,
+            Verdict::Out { .. } => {
+                match found.last_mut().filter(|_| quiet < 2) {
+                    Some(open) => open.1 = run,
+                    None => found.push((run, run)),
+                }
+                quiet = 0;
+            }
+        }
+    }
+    found
+}
+
+/// Which runs have friction away from the baseline, whatever the shape.
+pub(super) fn friction_verdicts(series: &JointSeries<'_>) -> Vec<Verdict> {
+    let friction = &series.friction;
+    let limits = limits(series.settings);
+    let baseline = friction.baseline(friction.source).map_or(1.0, |baseline| baseline.torque);
+    let mut chart = UnequalEwma::new(1.0, friction.spread);
+    let mut verdicts = vec![Verdict::Unknown; series.runs.len()];
+    for observed in &friction.runs {
+        if friction.is_learnt_from(observed) {
+            verdicts[observed.run] = Verdict::Quiet;
+            continue;
+        }
+        // what explains this run otherwise says nothing of the level of friction
+        if series.is_explained(observed.run) {
+            continue;
+        }
+        let change = chart.add(observed.ratio, friction.variance(observed)) - 1.0;
+        let threshold = limits.threshold((chart.variance() + friction.baseline_variance).sqrt());
+        verdicts[observed.run] = match limits.severity(change.abs(), threshold) {
+            None => Verdict::Quiet,
+            Some(severity) => Verdict::Out {
+                severity,
+                score: change.abs(),
+                threshold,
+                value: observed.ratio * baseline,
+                baseline,
+                message: message(change, threshold, observed, friction),
+                why: Why::default(),
+            },
+        };
+    }
+    verdicts
 }
 
 /// Changes of friction that count, as fractions of the baseline.

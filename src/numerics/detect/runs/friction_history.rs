@@ -125,6 +125,22 @@ impl FrictionHistory {
         }
     }
 
+    /// Takes the runs before `run`, in which friction jumped while the baseline was learnt, as the baseline of the index.
+    pub(super) fn learn_before(&mut self, run: usize) {
+        let before: Vec<f64> = self.runs.iter().filter(|of| of.run < run).map(|of| of.ratio).collect();
+        let Some(level) = median(&before).filter(|level| *level > 0.0 && self.source == Source::Index) else {
+            return;
+        };
+        self.runs.iter_mut().for_each(|of| of.ratio /= level);
+        self.learnt_from = self.runs.iter().rev().find(|of| of.run < run).map_or(0, |of| of.run);
+        (self.spread, self.baseline_variance) = index_spread(&self.runs, self.learnt_from);
+    }
+
+    /// Whether a baseline is learnt from the run at this place.
+    pub(super) fn is_learnt_at(&self, run: usize) -> bool {
+        run <= self.learnt_from
+    }
+
     /// Whether there is nothing yet that a run could be compared with.
     pub(super) fn is_learning(&self) -> bool {
         self.source != Source::Index && self.baselines.is_empty()

@@ -5,6 +5,7 @@ use super::friction_history::{FrictionHistory, Observed};
 use super::series::JointSeries;
 use super::without_result::why;
 use crate::analysis::JointSummary;
+use crate::anomaly::epoch::not_compared;
 use crate::anomaly::{Anomaly, AnomalyKind, JointHealth, Knowledge, RunSummary};
 use crate::numerics::detect::verdict::DetectSettings;
 use crate::numerics::statistics::descriptive::robust_deviation;
@@ -59,8 +60,10 @@ fn knowledge(
         return (Knowledge::Learning, Some(words));
     }
     let Some(observed) = friction_of_latest(series) else {
+        let since =
+            not_compared(history, series.joint).map_or_else(String::new, |words| format!("{words}: "));
         let words = format!(
-            "friction of the latest test does not compare with the baseline: no stage of it was as warm \
+            "{since}friction of the latest test does not compare with the baseline: no stage of it was as warm \
              as in the baseline{}; {}",
             of_refused(latest),
             known()

@@ -10,7 +10,7 @@ use super::series::JointSeries;
 use crate::anomaly::{AnomalyKind, Severity};
 use crate::numerics::detect::control_chart::baseline;
 use crate::numerics::detect::detector::Detector;
-use crate::numerics::detect::verdict::Verdict;
+use crate::numerics::detect::verdict::{Verdict, Why};
 
 /// Swings of the relative RMSD below this are noise of a good fit, whatever their ratio: healthy
 /// joints show 0.0012 to 0.003 (thesis 5.1.4).
@@ -49,23 +49,29 @@ impl Detector<JointSeries<'_>> for Oscillation {
                     100.0 * swing,
                     100.0 * baseline
                 ),
+                why: Why::default(),
             },
         };
-        swings.into_iter().map(verdict).collect()
+        let one = |(run, of)| match series.is_signal_at_fault(run) {
+            // what it says of a joint is the signal's
+            Some(_) => Verdict::Unknown,
+            None => verdict(of),
+        };
+        swings.into_iter().enumerate().map(one).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numerics::detect::runs::fixtures::{JOINT, run};
+    use crate::numerics::detect::runs::fixtures::{JOINT, run, series};
     use crate::numerics::detect::verdict::DetectSettings;
 
     fn severities(swings: &[f64]) -> Vec<Option<Severity>> {
         let history: Vec<_> =
             swings.iter().enumerate().map(|(i, swing)| run(i, 12.0, 0.03, *swing)).collect();
         let settings = DetectSettings::default();
-        let verdicts = Oscillation.judge(&JointSeries::new(&history, JOINT, &settings));
+        let verdicts = Oscillation.judge(&series(&history, JOINT, &settings));
         let severity = |verdict| match verdict {
             Verdict::Out { severity, .. } => Some(severity),
             Verdict::Unknown | Verdict::Quiet => None,

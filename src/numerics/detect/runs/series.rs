@@ -1,5 +1,8 @@
 //! What the runs of a robot say of one joint.
 
+use super::arm::{ArmCause, ArmEvidence};
+use super::curve::causes::RunCause;
+use super::curve::hypothesis::Cause;
 use super::friction_history::FrictionHistory;
 use crate::analysis::JointSummary;
 use crate::anomaly::RunSummary;
@@ -17,19 +20,54 @@ pub(super) struct JointSeries<'a> {
     pub(super) runs: Vec<Option<&'a JointSummary>>,
     /// Friction of these runs, for the detector of drift and the joint's health.
     pub(super) friction: FrictionHistory,
+    /// Why the curve of each run differs from the usual one.
+    pub(super) causes: Vec<Option<RunCause>>,
+    /// What each run says of the whole arm.
+    pub(super) arm: &'a [Option<ArmEvidence>],
     pub(super) settings: &'a DetectSettings,
 }
 
 impl<'a> JointSeries<'a> {
-    pub(super) fn new(history: &'a [RunSummary], joint: JointIndex, settings: &'a DetectSettings) -> Self {
+    pub(super) fn new(
+        history: &'a [RunSummary],
+        joint: JointIndex,
+        causes: Vec<Option<RunCause>>,
+        arm: &'a [Option<ArmEvidence>],
+        settings: &'a DetectSettings,
+    ) -> Self {
         let runs: Vec<Option<&JointSummary>> =
             history.iter().map(|run| run.joints.iter().find(|summary| summary.joint == joint)).collect();
-        let friction = FrictionHistory::new(&runs, settings.baseline_runs);
-        Self { joint, runs, friction, settings }
+        let mut friction = FrictionHistory::new(&runs, settings.baseline_runs);
+        let jumps =
+            |of: &Option<RunCause>| matches!(of.as_ref().and_then(RunCause::clear), Some(Cause::Step { .. }));
+        if let Some(run) = causes.iter().position(jumps).filter(|run| friction.is_learnt_at(*run)) {
+            friction.learn_before(run);
+        }
+        Self { joint, runs, friction, causes, arm, settings }
     }
 
     /// A figure of each run, `None` where it was not measured.
     pub(super) fn figures(&self, figure: impl Fn(&JointSummary) -> Option<f64>) -> Vec<Option<f64>> {
         self.runs.iter().map(|summary| summary.and_then(&figure)).collect()
+    }
+
+    /// The clear cause of a run's friction curve.
+    pub(super) fn clear_cause(&self, run: usize) -> Option<Cause> {
+        self.causes.get(run)?.as_ref()?.clear()
+    }
+
+    /// Whether the level of friction in a run has a clear cause that is none of the level: another time constant,
+    /// scatter, or a torque signal of this joint that reads wrong.
+    pub(super) fn is_explained(&self, run: usize) -> bool {
+        matches!(self.clear_cause(run), Some(Cause::TimeConstant(_) | Cause::Scatter(_)))
+            || self.is_signal_at_fault(run) == Some(self.joint)
+    }
+
+    /// The joint whose torque signal reads wrong in a run.
+    pub(super) fn is_signal_at_fault(&self, run: usize) -> Option<JointIndex> {
+        match self.arm.get(run)?.as_ref()?.clear() {
+            ArmCause::TorqueSignal { joint, .. } => Some(joint),
+            _ => None,
+        }
     }
 }

@@ -3,7 +3,7 @@
 
 use super::friction_shapes::SHAPES;
 use crate::numerics::identify::filtered_columns::{FilteredColumn, write_filtered_columns};
-use crate::numerics::identify::joint_factors::JointColumns;
+use crate::numerics::identify::joint_factors::FactorColumns;
 use crate::numerics::least_squares::factor::FactorBuilder;
 use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
 use crate::numerics::signal::filter::FilteredSignals;
@@ -50,7 +50,7 @@ pub struct JointDelay {
 #[must_use]
 pub fn torque_delays(
     robot: &Robot,
-    columns: &JointColumns,
+    columns: &FactorColumns,
     kept_columns: &[usize],
     (filtered, filtered_coulomb_columns): (&FilteredSignals, &[FilteredColumn]),
     excitation: &[usize],
@@ -119,7 +119,7 @@ struct Profile {
 /// Profiles of the joints that have twice as many rows as columns.
 fn profiles(
     robot: &Robot,
-    columns: &JointColumns,
+    columns: &FactorColumns,
     kept_columns: &[usize],
     (filtered, filtered_coulomb_columns): (&FilteredSignals, &[FilteredColumn]),
     rows: &[usize],

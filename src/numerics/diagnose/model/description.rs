@@ -13,6 +13,7 @@ use crate::numerics::identify::filtered_columns::{
     FilteredColumn, filtered_coulomb_columns, write_filtered_columns,
 };
 use crate::numerics::least_squares::factor::FactorBuilder;
+use crate::numerics::least_squares::orthonormal::{OrthonormalBasis, dot};
 use crate::numerics::model::dynamics::{DynamicModel, inverse_dynamics};
 use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
 use crate::numerics::signal::filter::FilteredSignals;
@@ -120,9 +121,10 @@ impl<'a> JudgedRows<'a> {
         let factor = folder.take();
         let upper = factor.upper();
         let column = |k: usize| -> Vec<f64> { upper.col(k).iter().copied().collect() };
-        let mut basis = Basis::default();
+        let mut basis = OrthonormalBasis::default();
         (0..columns).for_each(|k| basis.add(&column(k), DEPENDENT));
-        basis.rest(&column(columns)).iter().map(|x| x * x).sum()
+        let rest = basis.rest(&column(columns)).vector;
+        dot(&rest, &rest)
     }
 
     /// Calls `take(row, joint, regressor, state)` for each joint that moves in each row.
@@ -131,12 +133,12 @@ impl<'a> JudgedRows<'a> {
         robot: &Robot,
         filtered_coulomb_columns: &[FilteredColumn],
         y: &mut Regressor,
-        mut take: impl FnMut(usize, usize, &Regressor, &State),
+        mut take: impl FnMut(usize, usize, &Regressor, &JointState),
     ) {
         let n = robot.joint_count();
-        let mut state = State::default();
+        let mut state = JointState::default();
         for &row in &self.rows {
-            let State { q, qd, qdd, tau } = &mut state;
+            let JointState { q, qd, qdd, tau } = &mut state;
             self.filtered.row(row, q, qd, qdd, tau);
             joint_torque_regressor(robot, &state.q[..n], &state.qd[..n], &state.qdd[..n], y);
             write_filtered_columns(filtered_coulomb_columns, row, y);
@@ -149,40 +151,9 @@ impl<'a> JudgedRows<'a> {
     }
 }
 
-/// Orthonormal vectors, grown one by one (Gram-Schmidt, done twice): unlike a triangular factor it knows
-/// which columns were dependent, and those take nothing from the residual.
-#[derive(Debug, Default)]
-pub(super) struct Basis(Vec<Vec<f64>>);
-
-impl Basis {
-    /// What is left of a vector.
-    pub(super) fn rest(&self, vector: &[f64]) -> Vec<f64> {
-        let mut rest = vector.to_vec();
-        for own in self.0.iter().chain(&self.0) {
-            let along = dot(own, &rest);
-            rest.iter_mut().zip(own).for_each(|(rest, own)| *rest -= along * own);
-        }
-        rest
-    }
-
-    /// Takes up a vector, unless no more than `dependent` of its length is new.
-    pub(super) fn add(&mut self, vector: &[f64], dependent: f64) {
-        let mut rest = self.rest(vector);
-        let length = dot(&rest, &rest).sqrt();
-        if length > dependent * dot(vector, vector).sqrt() {
-            rest.iter_mut().for_each(|x| *x /= length);
-            self.0.push(rest);
-        }
-    }
-}
-
-fn dot(x: &[f64], y: &[f64]) -> f64 {
-    x.iter().zip(y).map(|(x, y)| x * y).sum()
-}
-
 /// One instant of all joints.
 #[derive(Debug, Clone, Copy, Default)]
-struct State {
+struct JointState {
     q: [f64; MAX_JOINTS],
     qd: [f64; MAX_JOINTS],
     qdd: [f64; MAX_JOINTS],
@@ -207,7 +178,7 @@ pub fn test_description(
     let parameters = identified.parameters.iter().map(|p| (p.id, p.value));
     let model = DynamicModel::from_parameters(robot, parameters);
     let theta: Vec<f64> = values_of(robot, kept_columns, identified);
-    let slopes = Slopes::new(robot, &numbers, &model, judged_rows.filtered);
+    let slopes = TorqueSlopes::new(robot, &numbers, &model, judged_rows.filtered);
     let mut folder = FactorBuilder::new(b + m);
     let mut y = Regressor::new(robot);
     let mut slope = vec![[0.0; MAX_JOINTS]; m];
@@ -257,7 +228,7 @@ fn judged(
     let total = dot(&residual, &residual);
     let whole = |k: usize| (0..=k.min(end)).map(|i| upper[(i, k)].powi(2)).sum::<f64>();
     let (mut scores, mut absorbed) = (Vec::new(), Vec::new());
-    let mut basis = Basis::default();
+    let mut basis = OrthonormalBasis::default();
     for (at, &number) in numbers.iter().enumerate() {
         let slope = left(b + at);
         let square = dot(&slope, &slope);
@@ -277,9 +248,9 @@ fn judged(
         });
     }
     scores.sort_by(|a, b| b.share.total_cmp(&a.share));
-    let rest = basis.rest(&residual);
+    let rest = basis.rest(&residual).vector;
     let unexplained = dot(&rest, &rest);
-    let freedom = [basis.0.len().max(1), rows - b - m];
+    let freedom = [basis.rank().max(1), rows - b - m];
     let mean_unexplained = unexplained / freedom[1] as f64;
     let explained = (total - unexplained).max(0.0);
     DescriptionTest {
@@ -292,7 +263,7 @@ fn judged(
 }
 
 /// Derivatives of the torques by the description's numbers.
-struct Slopes<'a> {
+struct TorqueSlopes<'a> {
     robot: &'a Robot,
     model: &'a DynamicModel,
     /// The robot with each number a step larger; `None` where the torque itself is changed.
@@ -301,7 +272,7 @@ struct Slopes<'a> {
     late: Vec<Vec<f64>>,
 }
 
-impl<'a> Slopes<'a> {
+impl<'a> TorqueSlopes<'a> {
     fn new(
         robot: &'a Robot,
         numbers: &[DescribedNumber],
@@ -321,11 +292,11 @@ impl<'a> Slopes<'a> {
         }
     }
 
-    fn write(&self, row: usize, state: &State, slope: &mut [[f64; MAX_JOINTS]]) {
+    fn write(&self, row: usize, state: &JointState, slope: &mut [[f64; MAX_JOINTS]]) {
         let n = self.robot.joint_count();
         let torque = |robot: &Robot| {
             let mut tau = [0.0; MAX_JOINTS];
-            let State { q, qd, qdd, .. } = state;
+            let JointState { q, qd, qdd, .. } = state;
             inverse_dynamics(robot, &self.model.inertial, &q[..n], &qd[..n], &qdd[..n], &mut tau[..n]);
             tau
         };

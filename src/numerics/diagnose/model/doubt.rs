@@ -9,7 +9,7 @@ use super::friction_shapes::friction_shapes;
 use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
 use crate::numerics::identify::filtered_columns::FilteredColumn;
-use crate::numerics::identify::joint_factors::JointColumns;
+use crate::numerics::identify::joint_factors::FactorColumns;
 use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::Robot;
 use crate::run::Stage;
@@ -65,7 +65,7 @@ pub struct JudgedCycle<'a> {
     /// The description.
     pub robot: &'a Robot,
     /// Columns of each joint's factor.
-    pub columns: &'a JointColumns,
+    pub columns: &'a FactorColumns,
     /// Columns `[b]` of the regressor that were identified.
     pub kept_columns: &'a [usize],
     /// The cycle after the low-pass.

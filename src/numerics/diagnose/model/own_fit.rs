@@ -1,10 +1,9 @@
 //! Each joint's torque against all that its own columns can explain: whether friction brakes, and what a joint
 //! alone leaves unexplained.
 
-use super::description::Basis;
-use crate::numerics::identify::joint_factors::{Factored, JointColumns, used_for_identification};
+use crate::numerics::identify::joint_factors::{FactorColumns, Factored, used_for_identification};
 use crate::numerics::least_squares::factor::TriangularFactor;
-use crate::numerics::model::actuator::friction_columns;
+use crate::numerics::least_squares::orthonormal::OrthonormalBasis;
 use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{FrictionTerm, JointIndex, ParameterKind, Robot};
 
@@ -35,7 +34,7 @@ pub struct OwnFit {
 #[must_use]
 pub fn own_fits(
     robot: &Robot,
-    columns: &JointColumns,
+    columns: &FactorColumns,
     filtered: &FilteredSignals,
     factored: &Factored,
     excitation: &[usize],
@@ -65,7 +64,7 @@ fn moving_speeds(
 
 fn own_fit(
     robot: &Robot,
-    columns: &JointColumns,
+    columns: &FactorColumns,
     joint: JointIndex,
     factor: &TriangularFactor,
     speeds: &[f64],
@@ -87,17 +86,16 @@ fn own_fit(
     let (friction, others): (Vec<usize>, Vec<usize>) = (0..b).partition(|&k| place(k).is_some());
     let upper = factor.upper();
     let column = |k: usize| -> Vec<f64> { upper.col(k).iter().copied().collect() };
-    let mut basis = Basis::default();
+    let mut basis = OrthonormalBasis::default();
     others.iter().for_each(|&k| basis.add(&column(k), DEPENDENT));
     // what of friction and torque nothing else explains
-    let rest: Vec<Vec<f64>> = friction.iter().map(|&k| basis.rest(&column(k))).collect();
-    let torque = basis.rest(&column(b));
+    let rest: Vec<Vec<f64>> = friction.iter().map(|&k| basis.rest(&column(k)).vector).collect();
+    let torque = basis.rest(&column(b)).vector;
     let f = friction.len();
     let mut small = TriangularFactor::new(f);
     small.fold(faer::Mat::from_fn(b + 1, f + 1, |i, k| rest.get(k).unwrap_or(&torque)[i]).as_ref());
     let power_of = |k: usize| {
-        let at =
-            |qd: f64| place(friction[k]).map_or(0.0, |at| qd * friction_columns(&robot.friction, qd)[at]);
+        let at = |qd: f64| place(friction[k]).map_or(0.0, |at| qd * robot.friction.columns(qd)[at]);
         speeds.iter().map(|&qd| at(qd)).sum::<f64>() / speeds.len() as f64
     };
     let weights: Vec<f64> = (0..friction.len()).map(power_of).collect();

@@ -9,7 +9,7 @@ use crate::analysis::{Estimator, Identification, RmsdScope};
 use crate::numerics::analyse::{AnalysisSettings, Method};
 use crate::numerics::identify::cycle::identify_factors;
 use crate::numerics::identify::filtered_columns::{FilteredColumn, filtered_coulomb_columns};
-use crate::numerics::identify::joint_factors::{factor_cycle, used_for_identification, widened};
+use crate::numerics::identify::joint_factors::{embedded, factor_cycle, used_for_identification};
 use crate::numerics::identify::verify::torque_rmsd;
 use crate::numerics::signal::filter::{FilteredSignals, filter_signals};
 use crate::robot::{DhParameters, JointGeometry, JointIndex, Robot};
@@ -41,7 +41,7 @@ impl Explained {
         let (columns, kept) = (&method.columns, &method.base.kept_columns);
         let filtered_coulomb_columns = filtered_coulomb_columns(described, &filtered);
         let factored = factor_cycle(described, columns, kept, &filtered, &filtered_coulomb_columns, samples);
-        let factors = widened(
+        let factors = embedded(
             columns,
             factored.factors.iter().filter(|of| used_for_identification(of.stage, of.motion)),
         );

@@ -4,7 +4,6 @@ use super::own_fit::OwnFit;
 use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use crate::analysis::{Identification, RmsdScope, TorqueRmsd};
 use crate::numerics::least_squares::factor::TriangularFactor;
-use crate::numerics::model::actuator::friction_columns;
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::numerics::physical::fit::{ConstraintCost, physical_fit};
 use crate::numerics::signal::filter::FilteredSignals;
@@ -221,7 +220,7 @@ fn friction_rms(weighed: &Weighed<'_>, joint: JointIndex) -> f64 {
     let theta: Vec<f64> =
         terms.iter().map(|&term| if term == FrictionTerm::Offset { 0.0 } else { of_term(term) }).collect();
     let torque = |qd: f64| -> f64 {
-        friction_columns(&robot.friction, qd).iter().zip(&theta).map(|(column, theta)| column * theta).sum()
+        robot.friction.columns(qd).iter().zip(&theta).map(|(column, theta)| column * theta).sum()
     };
     let speeds = excitation.iter().map(|&row| filtered.qd[joint.index()][row]);
     let (rows, squares) = speeds

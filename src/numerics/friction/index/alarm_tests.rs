@@ -43,6 +43,8 @@ fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
             cycles: 12,
             refused_cycles: 0,
             refusals: vec![],
+            cycle_friction: Vec::new(),
+            parameters: Vec::new(),
             joints: (0..JOINTS).map(|j| summary(i, j)).collect(),
             epochs: Vec::new(),
         })

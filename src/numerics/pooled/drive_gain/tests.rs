@@ -3,9 +3,9 @@
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
-use super::{ErrorSource, JointGain, RecordedCycle, Unseen, drive_gains, is_friction, load_change};
+use super::{GainErrorSource, JointGain, RecordedCycle, Unseen, drive_gains, is_friction, load_change};
 use crate::analysis::Motion;
-use crate::numerics::identify::joint_factors::{JointColumns, JointFactor};
+use crate::numerics::identify::joint_factors::{FactorColumns, JointFactor};
 use crate::numerics::least_squares::factor::TriangularFactor;
 use crate::numerics::model::base_parameters::{BaseParameters, base_parameters, probe_state};
 use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
@@ -21,7 +21,7 @@ const CYCLES: usize = 5;
 struct Bench {
     robot: Robot,
     base: BaseParameters,
-    columns: JointColumns,
+    columns: FactorColumns,
     /// Regressor rows `[b]` of each cycle, sample and joint.
     rows: Vec<Vec<Vec<Vec<f64>>>>,
     theta: Vec<f64>,
@@ -45,7 +45,7 @@ impl Bench {
     /// The ER3A over five cycles, each at other states, moved alike without and with `load`.
     fn new(robot: Robot, load: &StandardParameters) -> Self {
         let base = base_parameters(&robot).expect("base parameters");
-        let columns = JointColumns::new(&robot, &base);
+        let columns = FactorColumns::new(&robot, &base);
         let mut y = Regressor::new(&robot);
         let mut sample = |index: usize| {
             let state = probe_state(&robot, index);
@@ -157,7 +157,7 @@ fn nineteen_of_twenty_intervals_hold_the_truth() {
     for seed in 1..=80 {
         for gain in bench.gains(&bench.recordings(&SCALE[..2], normal(seed))) {
             let found = gain.estimate.expect("the load shows on every joint");
-            assert_eq!(found.error_from, ErrorSource::Cycles);
+            assert_eq!(found.error_from, GainErrorSource::Cycles);
             let error = (found.scale - SCALE[gain.joint.index()]).abs();
             all += 1.0;
             held += f64::from(u8::from(error <= found.half_width));
@@ -176,7 +176,7 @@ fn errors_from_rows_and_from_cycles_agree_for_white_noise() {
     let (all, few) = (bench.gains(&cycles), bench.gains(&few));
     for (all, few) in all.iter().zip(&few).skip(1) {
         let (all, few) = (all.estimate.expect("shown"), few.estimate.expect("shown"));
-        assert_eq!((all.error_from, few.error_from), (ErrorSource::Cycles, ErrorSource::Rows));
+        assert_eq!((all.error_from, few.error_from), (GainErrorSource::Cycles, GainErrorSource::Rows));
         // three fifths of the rows: 1.29 times the error; scatter of ten cycles is known to a quarter
         let ratio = few.std_error / all.std_error;
         assert!((0.6..=2.6).contains(&ratio), "{ratio}");

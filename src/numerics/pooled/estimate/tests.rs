@@ -3,9 +3,9 @@
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 
-use super::{ErrorBasis, Estimator, PooledEstimate, estimate, estimate_essential};
+use super::{ErrorBasis, PooledEstimate, StackedEstimator, estimate, estimate_essential};
 use crate::analysis::Motion;
-use crate::numerics::identify::joint_factors::{JointColumns, JointFactor};
+use crate::numerics::identify::joint_factors::{FactorColumns, JointFactor};
 use crate::numerics::least_squares::essential::EssentialSettings;
 use crate::numerics::least_squares::factor::TriangularFactor;
 use crate::numerics::least_squares::prior::{Prior, PriorStrength};
@@ -77,7 +77,7 @@ impl Test {
     fn union_of(&self, cycles: impl Iterator<Item = usize>) -> PooledFactors {
         let by_joint: Vec<Vec<ParameterId>> =
             PLACES.iter().map(|of| of.iter().map(|&k| kept()[k]).collect()).collect();
-        let columns = JointColumns::of_stored(&by_joint.into());
+        let columns = FactorColumns::of_stored(&by_joint.into());
         let mut union = PooledFactors::new(columns.clone());
         for c in cycles {
             let factors = [0, 1].map(|j| JointFactor {
@@ -173,9 +173,9 @@ fn assert_equal(found: &[f64], expected: &[f64]) {
 fn ordinary_and_weighted_are_the_dense_solutions_of_the_rows() {
     let test = Test::plain(3, 400, 1);
     let union = test.union();
-    let ordinary = estimate(&union, &Estimator::Ordinary).expect("parameters");
+    let ordinary = estimate(&union, &StackedEstimator::Ordinary).expect("parameters");
     assert_equal(&values(&ordinary), &test.raw(|_, _| 1.0, &[]));
-    let weighted = estimate(&union, &Estimator::Weighted).expect("parameters");
+    let weighted = estimate(&union, &StackedEstimator::Weighted).expect("parameters");
     let by_joint = &weighted.weights.by_joint;
     assert_equal(&values(&weighted), &test.raw(|_, j| by_joint[j], &[]));
     for j in [0, 1] {
@@ -214,7 +214,7 @@ fn jackknife(theta: &[f64], left_out: &[Vec<f64>]) -> Vec<f64> {
 #[test]
 fn errors_between_cycles_are_those_of_leaving_cycles_out() {
     let test = Test::plain(9, 100, 4);
-    for estimator in [Estimator::Ordinary, Estimator::Weighted] {
+    for estimator in [StackedEstimator::Ordinary, StackedEstimator::Weighted] {
         let whole = estimate(&test.union(), &estimator).expect("parameters");
         assert_eq!(whole.errors, ErrorBasis::Cycles { count: 9 });
         let without = |out: usize| {
@@ -229,9 +229,9 @@ fn errors_between_cycles_are_those_of_leaving_cycles_out() {
 #[test]
 fn a_prior_is_further_rows_and_its_share_is_said() {
     let test = Test::plain(3, 200, 5);
-    let mut priors = vec![None; 5];
-    priors[2] = Some(Prior { value: 0.7, std: 0.02 });
-    let estimator = Estimator::Prior { priors, strength: PriorStrength::AsGiven };
+    let id = test.union().columns().kept()[2];
+    let priors = vec![(id, Prior { value: 0.7, std: 0.02 })];
+    let estimator = StackedEstimator::Prior { priors, strength: PriorStrength::AsGiven };
     let found = estimate(&test.union(), &estimator).expect("parameters");
     let by_joint = &found.weights.by_joint;
     let expected = test.raw(|_, j| by_joint[j], &[[0.0, 0.0, 1.0 / 0.02, 0.0, 0.0, 0.7 / 0.02]]);
@@ -257,11 +257,10 @@ fn a_prior_carries_what_the_motion_does_not_show() {
         };
         union.add(&columns, &[first], &[1.0, 1.0]).expect("same columns");
     }
-    let error = estimate(&union, &Estimator::Weighted).expect_err("unseen");
+    let error = estimate(&union, &StackedEstimator::Weighted).expect_err("unseen");
     assert!(error.to_string().contains("J2_f1"), "{error}");
-    let mut priors = vec![None; 5];
-    priors[4] = Some(Prior { value: 1.4, std: 0.25 });
-    let estimator = Estimator::Prior { priors, strength: PriorStrength::AsGiven };
+    let priors = vec![(columns.kept()[4], Prior { value: 1.4, std: 0.25 })];
+    let estimator = StackedEstimator::Prior { priors, strength: PriorStrength::AsGiven };
     let found = estimate(&union, &estimator).expect("parameters");
     assert!((values(&found)[4] - 1.4).abs() < EQUAL && (sigma(&found)[4] - 0.25).abs() < EQUAL);
     // all that is known of it is the prior: the normal quantile, to 4.5e-4
@@ -275,8 +274,8 @@ fn a_cycle_with_a_collision_loses_its_weight() {
     let mut noise = Noise(7);
     let test = Test::new(9, 200, |c, i, _| noise.next() + if c == 4 && i < 60 { 30.0 } else { 0.0 });
     let union = test.union();
-    let robust = estimate(&union, &Estimator::Huber).expect("parameters");
-    let plain = estimate(&union, &Estimator::Weighted).expect("parameters");
+    let robust = estimate(&union, &StackedEstimator::Huber).expect("parameters");
+    let plain = estimate(&union, &StackedEstimator::Weighted).expect("parameters");
     let kept = robust.weights.kept.clone().expect("weights of cycles");
     assert!(robust.settled);
     for (c, of_cycle) in kept.iter().enumerate() {
@@ -291,7 +290,7 @@ fn a_cycle_with_a_collision_loses_its_weight() {
     let by_joint = &robust.weights.by_joint;
     assert_equal(&values(&robust), &test.raw(|c, j| by_joint[j] * kept[c][j], &[]));
     let few = test.union_of(0..4);
-    let error = estimate(&few, &Estimator::Huber).expect_err("too few");
+    let error = estimate(&few, &StackedEstimator::Huber).expect_err("too few");
     assert!(error.to_string().contains("at least 5"), "{error}");
 }
 
@@ -300,7 +299,7 @@ fn a_parameter_that_is_nothing_is_not_essential() {
     let mut noise = Noise(8);
     // the torque holds nothing of the third parameter
     let test = Test::new(10, 200, |c, i, j| noise.next() - TRUTH[2] * entries(c, i, j)[2] / SIGMA[j]);
-    let found = estimate_essential(&test.union(), &Estimator::Weighted, &EssentialSettings::default());
+    let found = estimate_essential(&test.union(), &StackedEstimator::Weighted, &EssentialSettings::default());
     let found = found.expect("parameters");
     let report = found.essential.clone().expect("a report");
     assert_eq!(report.removed, vec![kept()[2]]);
@@ -316,7 +315,7 @@ fn a_parameter_that_is_nothing_is_not_essential() {
 
 /// Part of 95 % intervals that hold the truth over `repeats` tests of `cycles` cycles, whose noise is
 /// correlated inside each and has a slow part that only whole cycles show.
-fn coverage(cycles: usize, repeats: u64, estimator: &Estimator) -> f64 {
+fn coverage(cycles: usize, repeats: u64, estimator: &StackedEstimator) -> f64 {
     let mut held = 0;
     for seed in 0..repeats {
         let mut noise = Noise(1000 + 7919 * seed);
@@ -340,11 +339,11 @@ fn coverage(cycles: usize, repeats: u64, estimator: &Estimator) -> f64 {
 #[test]
 fn intervals_between_cycles_hold_the_truth_as_often_as_they_say() {
     // 1500 intervals, of which those of one test depend on each other: a standard error of at most 1 %
-    for (cycles, estimator) in [(8, Estimator::Ordinary), (24, Estimator::Weighted)] {
+    for (cycles, estimator) in [(8, StackedEstimator::Ordinary), (24, StackedEstimator::Weighted)] {
         let found = coverage(cycles, 300, &estimator);
         assert!((0.93..=0.97).contains(&found), "{cycles} cycles: {found}");
     }
     // the noise of rows alone does not know what their correlation does
-    let few = coverage(7, 100, &Estimator::Ordinary);
+    let few = coverage(7, 100, &StackedEstimator::Ordinary);
     assert!(few < 0.8, "{few}");
 }

@@ -10,7 +10,7 @@ use tokio_util::sync::CancellationToken;
 use super::{decoded, encoded, settings_hash};
 use crate::config::{Layout, WorkLimits, parse_layout};
 use crate::ingest::bytes::fingerprint::fingerprint;
-use crate::ingest::table::reader::{Place, ReadOptions};
+use crate::ingest::table::reader::{ReadOptions, ReadPosition};
 use crate::numerics::analyse::AnalysisSettings;
 use crate::pipeline::take::admitted::AdmittedExport;
 use crate::pipeline::take::cutting::{CutCycle, ReadEnd};
@@ -368,7 +368,7 @@ fn assert_goes_on(name: &str, intake: &AdmittedExport, block_bytes: usize, other
         let Some(stored) = &cut.read.resume else { continue };
         points += 1;
         let point = decoded(&stored.state, &settings).unwrap_or_else(|| panic!("{name}: its own point"));
-        assert_eq!(&encoded(&point, &settings), stored, "{name}");
+        assert_eq!(encoded(&point, &settings).as_ref(), Some(stored), "{name}");
         let resumed =
             AdmittedExport { cycles_stored: place as u32 + 1, resume: Some(point), ..intake.clone() };
         let (after, same_end) = read(&resumed, other_bytes);
@@ -439,15 +439,15 @@ fn a_file_that_does_not_have_the_place_is_another_one() {
     let (_, intake) = &EXPORTS.intakes[0];
     let (state, settings) = a_point("native");
     let point = decoded(&state, &settings).expect("its own point");
-    let places = [
-        Place { byte: point.place.byte + 1, ..point.place },
-        Place { line: point.place.line + 1, ..point.place },
-        Place { line: 1_000_000, ..point.place },
+    let positions = [
+        ReadPosition { byte: point.position.byte + 1, ..point.position },
+        ReadPosition { line: point.position.line + 1, ..point.position },
+        ReadPosition { line: 1_000_000, ..point.position },
     ];
-    for place in places {
-        let resume = Some(ResumePoint { place, ..point.clone() });
+    for position in positions {
+        let resume = Some(ResumePoint { position, ..point.clone() });
         let elsewhere = AdmittedExport { cycles_stored: 1, resume, ..intake.clone() };
-        assert_eq!(read(&elsewhere, 20_000), (vec![], ReadEnd::Changed), "{place:?}");
+        assert_eq!(read(&elsewhere, 20_000), (vec![], ReadEnd::Changed), "{position:?}");
     }
 }
 

@@ -2,8 +2,8 @@
 
 use proptest::prelude::*;
 
-use super::robot::robot_file::{parse_robot, parse_robot_with};
-use super::urdf_writer::{straight_friction, urdf_text};
+use super::{straight_friction, urdf_text};
+use crate::config::robot::robot_file::{parse_robot, parse_robot_with};
 use crate::numerics::model::base_parameters::{base_parameters, probe_state};
 use crate::numerics::model::dynamics::{DynamicModel, inverse_dynamics};
 use crate::numerics::model::kinematics::forward_kinematics;
@@ -163,7 +163,7 @@ fn the_line_of_friction_is_exact_where_urdf_can_say_it_and_never_drives() {
 
 #[test]
 fn what_urdf_cannot_say_stands_in_comments() {
-    let text = include_str!("../../config/robots/tx40.toml");
+    let text = include_str!("../../../config/robots/tx40.toml");
     let robot = parse_robot("tx40.toml", text).unwrap_or_else(|errors| panic!("{errors}"));
     let model = some_model(&robot, &[0.3; 70]);
     let text = urdf_text(&robot, &model, &["identified -- from run 1-".to_owned()]);
@@ -214,26 +214,26 @@ fn assert_pinocchio(description: &str, urdf: &str, table: &str) {
 #[test]
 fn pinocchio_computes_the_same_from_the_er3a_as_written() {
     assert_pinocchio(
-        include_str!("../../config/robots/er3a.toml"),
-        include_str!("../../tests/reference/urdf/er3a.urdf"),
-        include_str!("../../tests/reference/urdf/er3a_inverse_dynamics.csv"),
+        include_str!("../../../config/robots/er3a.toml"),
+        include_str!("../../../tests/reference/urdf/er3a.urdf"),
+        include_str!("../../../tests/reference/urdf/er3a_inverse_dynamics.csv"),
     );
 }
 
 #[test]
 fn pinocchio_computes_the_same_from_the_tx40_as_written() {
     assert_pinocchio(
-        include_str!("../../config/robots/tx40.toml"),
-        include_str!("../../tests/reference/urdf/tx40.urdf"),
-        include_str!("../../tests/reference/urdf/tx40_inverse_dynamics.csv"),
+        include_str!("../../../config/robots/tx40.toml"),
+        include_str!("../../../tests/reference/urdf/tx40.urdf"),
+        include_str!("../../../tests/reference/urdf/tx40_inverse_dynamics.csv"),
     );
 }
 
 #[test]
 fn pinocchio_computes_the_same_from_an_arm_in_standard_dh_as_written() {
     assert_pinocchio(
-        include_str!("../../tests/reference/urdf/standard_dh.toml"),
-        include_str!("../../tests/reference/urdf/standard_dh.urdf"),
-        include_str!("../../tests/reference/urdf/standard_dh_inverse_dynamics.csv"),
+        include_str!("../../../tests/reference/urdf/standard_dh.toml"),
+        include_str!("../../../tests/reference/urdf/standard_dh.urdf"),
+        include_str!("../../../tests/reference/urdf/standard_dh_inverse_dynamics.csv"),
     );
 }

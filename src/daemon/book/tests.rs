@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
-use super::book::{Begun, Closing, FileSchedule, NextAttempt};
+use super::{Begun, Closing, FileSchedule, NextAttempt};
 use crate::ingest::find::watch::FoundFile;
 use crate::run::FileId;
 

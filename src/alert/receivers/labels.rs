@@ -1,0 +1,69 @@
+//! An alarm as Alertmanager and its webhooks know one: labels that identify, annotations that explain.
+
+use jiff::Timestamp;
+use serde_json::{Map, Value, json};
+
+use crate::alert::message::{Alarm, Message, Origin};
+
+/// Name of all alarms of this program, by which Alertmanager's routes find them.
+const ALERT_NAME: &str = "RobotArmAlarm";
+
+/// Labels, with the kind and severity that are told. What identifies the anomaly does not change; kind and severity
+/// may, and an Alertmanager takes them for another alert then.
+pub(super) fn labels(alarm: &Alarm, origin: &Origin, kind: &str, severity: &str) -> Value {
+    let event = &alarm.event;
+    let mut labels = Map::new();
+    let mut label = |name: &str, value: Option<String>| {
+        labels.extend(value.map(|value| (name.to_owned(), Value::String(value))));
+    };
+    label("alertname", Some(ALERT_NAME.into()));
+    label("alarm", Some(origin.anomaly(event.anomaly_id)));
+    label("robot", Some(event.robot.clone()));
+    label("joint", event.joint.map(|joint| joint.to_string()));
+    label("kind", Some(kind.into()));
+    label("severity", Some(severity.into()));
+    label("site", alarm.site.clone());
+    Value::Object(labels)
+}
+
+/// What explains an alarm; all values are text.
+pub(super) fn annotations(alarm: &Alarm, message: &Message) -> Value {
+    let told = alarm.json(&message.origin);
+    let mut annotations = Map::new();
+    annotations.insert("summary".into(), Value::String(alarm.title()));
+    annotations.insert("description".into(), Value::String(alarm.details().join("\n")));
+    let Value::Object(told) = told else { return Value::Object(annotations) };
+    let in_labels = ["robot", "joint", "kind", "severity", "site", "alarm", "title", "message", "status"];
+    for (name, value) in told {
+        let text = match value {
+            Value::Null => continue,
+            Value::String(text) => text,
+            other => other.to_string(),
+        };
+        if !in_labels.contains(&name.as_str()) {
+            annotations.insert(name, Value::String(text));
+        }
+    }
+    Value::Object(annotations)
+}
+
+/// An alert of the API; `ends_at` where that is said.
+pub(super) fn alert(
+    alarm: &Alarm,
+    message: &Message,
+    (kind, severity): (&str, &str),
+    ends_at: Option<Timestamp>,
+) -> Value {
+    let mut alert = json!({
+        "labels": labels(alarm, &message.origin, kind, severity),
+        "annotations": annotations(alarm, message),
+        "startsAt": alarm.event.first_seen_at.to_string(),
+    });
+    if let Some(ends_at) = ends_at {
+        alert["endsAt"] = Value::String(ends_at.to_string());
+    }
+    if let Some(link) = &message.origin.link {
+        alert["generatorURL"] = Value::String(link.clone());
+    }
+    alert
+}

@@ -1,0 +1,31 @@
+//! The log of the program.
+
+use crate::alert::message::{Alarm, Message};
+use crate::alert::receiver::{Receiver, Sending};
+use crate::anomaly::Severity;
+
+/// Logs each alarm of a message as a line.
+pub(super) struct Log;
+
+impl Receiver for Log {
+    fn send<'a>(&'a self, message: &'a Message) -> Sending<'a> {
+        message.alarms.iter().for_each(log);
+        Box::pin(std::future::ready(Ok(())))
+    }
+}
+
+/// A line at the level of the severity; what is over is information.
+fn log(alarm: &Alarm) {
+    let event = &alarm.event;
+    let (robot, joint, kind) = (&event.robot, event.joint, &event.kind);
+    let (quantity, anomaly_id, what) = (&event.quantity, event.anomaly_id, event.what.name());
+    let text = &event.message;
+    match event.severity {
+        _ if alarm.is_closed() => {
+            tracing::info!(robot, joint, kind, quantity, anomaly_id, what, "{what}: {text}");
+        }
+        Severity::Info => tracing::info!(robot, joint, kind, quantity, anomaly_id, what, "{text}"),
+        Severity::Warning => tracing::warn!(robot, joint, kind, quantity, anomaly_id, what, "{text}"),
+        Severity::Critical => tracing::error!(robot, joint, kind, quantity, anomaly_id, what, "{text}"),
+    }
+}

@@ -1,0 +1,314 @@
+//! One route at work: hand on, wait, send, write down.
+
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use jiff::{SignedDuration, Timestamp};
+use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
+
+use super::message::{Alarm, Message, Origin};
+use super::receiver::{Receiver, SendError};
+use super::receivers::open::open;
+use super::route::{judge, quiet_until};
+use crate::config::{AlertSettings, ReceiverSettings, Route};
+use crate::store::{Again, AlarmEvent, DueMessage, Held, Store, StoreError};
+
+/// Time between two looks for events: other processes write them too. Short beside the seconds that a mail takes.
+const LOOK: Duration = Duration::from_secs(2);
+
+/// Pause before the database is asked again that did not answer.
+const STORE_PAUSE: Duration = Duration::from_secs(1);
+
+/// The time over which messages are counted.
+const HOUR: SignedDuration = SignedDuration::from_hours(1);
+
+/// A route at work.
+pub(super) struct Worker {
+    store: Store,
+    settings: Arc<AlertSettings>,
+    route: Route,
+    end: CancellationToken,
+    /// Opened when it is needed.
+    receiver: Option<Box<dyn Receiver>>,
+    refreshed: Option<Instant>,
+}
+
+/// What is known of the route from its start on.
+struct Begun {
+    route_id: i64,
+    origin: Origin,
+}
+
+impl Worker {
+    /// The route at a place of the settings.
+    pub(super) fn new(
+        store: Store,
+        settings: Arc<AlertSettings>,
+        place: usize,
+        end: CancellationToken,
+    ) -> Option<Self> {
+        let route = settings.routes.get(place)?.clone();
+        Some(Self { store, settings, route, end, receiver: None, refreshed: None })
+    }
+
+    /// Works until the end is asked for, then sends what is due by then.
+    pub(super) async fn run(mut self, mut heard: watch::Receiver<()>) {
+        let begun = loop {
+            match self.begin().await {
+                Ok(begun) => break begun,
+                Err(error) => {
+                    tracing::warn!(route = self.route.name, %error, "the route has not begun; trying again");
+                    tokio::select! {
+                        () = self.end.cancelled() => return,
+                        () = tokio::time::sleep(STORE_PAUSE) => {}
+                    }
+                }
+            }
+        };
+        loop {
+            let is_last = self.end.is_cancelled();
+            let pause = match self.step(&begun).await {
+                Ok(pause) => pause,
+                Err(error) => {
+                    tracing::warn!(route = self.route.name, %error, "nothing is sent now; trying again");
+                    STORE_PAUSE
+                }
+            };
+            if is_last {
+                return;
+            }
+            tokio::select! {
+                () = self.end.cancelled() => {}
+                Ok(()) = heard.changed() => {}
+                () = tokio::time::sleep(pause.min(LOOK)) => {}
+            }
+        }
+    }
+
+    async fn begin(&mut self) -> Result<Begun, StoreError> {
+        let now = Timestamp::now();
+        let judge = |event: &AlarmEvent| judge(&self.route, &self.settings, event, now);
+        let entry = self.store.enter_route(&self.route.name, now, judge).await?;
+        let origin = Origin { identity: self.store.identity().await?, link: self.settings.link.clone() };
+        let begun = Begun { route_id: entry.route_id, origin };
+        if self.route.receiver == ReceiverSettings::Log && !entry.is_new {
+            self.say_open(&begun).await?;
+        }
+        Ok(begun)
+    }
+
+    /// A log is read from a start on: what was open before is said once.
+    async fn say_open(&mut self, begun: &Begun) -> Result<(), StoreError> {
+        let mut open = self.store.told_alarms(begun.route_id).await?;
+        open.retain(|event| event.state == "open");
+        if !open.is_empty() {
+            tracing::info!(alarms = open.len(), "open since before this start:");
+            let message = self.message(begun, "start".into(), open, true);
+            // a log takes everything
+            let _ = self.send(&message).await;
+        }
+        Ok(())
+    }
+
+    /// Hands on, and sends all that is due. Gives the time after which there may be more to do.
+    async fn step(&mut self, begun: &Begun) -> Result<Duration, StoreError> {
+        let route_id = begun.route_id;
+        loop {
+            let now = Timestamp::now();
+            let judge = |event: &AlarmEvent| judge(&self.route, &self.settings, event, now);
+            if !self.store.hand_on(route_id, now, judge).await? {
+                break;
+            }
+        }
+        loop {
+            let now = Timestamp::now();
+            let state = self.store.route_state(route_id, now - HOUR).await?;
+            if let Some(retry_at) = state.retry_at.filter(|at| *at > now) {
+                return Ok(until(now, retry_at));
+            }
+            let Some(due_at) = state.next_due_at else { break };
+            if due_at > now {
+                self.refresh(begun).await?;
+                return Ok(until(now, due_at));
+            }
+            if state.sent >= self.route.most_per_h {
+                let free_at = state.first_sent_at.unwrap_or(now) + HOUR;
+                let held = self.store.hold(route_id, now, free_at, Held::Flood).await?;
+                if held > 0 {
+                    let most = self.route.most_per_h;
+                    tracing::warn!(
+                        route = self.route.name,
+                        held,
+                        "{most} messages within an hour; the others wait until {free_at} and become one"
+                    );
+                    continue;
+                }
+            }
+            let Some(due) = self.store.next_message(route_id, now).await? else { break };
+            let worst = due.alarms.iter().map(|alarm| alarm.severity).max();
+            if let Some(until) = worst.and_then(|severity| quiet_until(&self.route, severity, now)) {
+                self.store.hold_message(&due, until, Held::Quiet).await?;
+                continue;
+            }
+            self.attempt(begun, &due, state.failures).await?;
+            if self.end.is_cancelled() && state.failures > 0 {
+                break;
+            }
+        }
+        self.refresh(begun).await?;
+        Ok(LOOK)
+    }
+
+    /// Sends one message and writes down what became of it.
+    async fn attempt(&mut self, begun: &Begun, due: &DueMessage, failures: u32) -> Result<(), StoreError> {
+        let route = self.route.name.clone();
+        let message = self.due_message(begun, due);
+        self.store.begin_attempt(due, Timestamp::now()).await?;
+        let sent = self.send(&message).await;
+        let now = Timestamp::now();
+        let error = match sent {
+            Ok(()) => {
+                tracing::debug!(route, key = message.key, "sent");
+                if failures > 0 {
+                    tracing::info!(route, failures, "the receiver answers again");
+                }
+                return self.mark_sent(begun.route_id, due).await;
+            }
+            Err(error) => error,
+        };
+        let (again, retry_at) = match &error {
+            SendError::Unreached { retry_after, .. } => {
+                let pause = pause(failures, self.settings.retry).max(retry_after.unwrap_or_default());
+                let at = later(now, pause);
+                (Again::Route(at), at)
+            }
+            SendError::Refused { .. } => {
+                let at = later(now, pause(due.attempts, self.settings.retry));
+                (Again::Message(at), at)
+            }
+        };
+        let detail = error.to_string();
+        let limit = (now, self.settings.give_up_after);
+        let given_up = self.store.mark_failed(begun.route_id, due, &detail, again, limit).await?;
+        let (key, attempts) = (&message.key, due.attempts + 1);
+        if given_up {
+            let alarms = due.alarms.len();
+            tracing::error!(
+                route,
+                key,
+                attempts,
+                alarms,
+                error = detail,
+                "not delivered, and given up; the view deliveries lists what failed"
+            );
+        } else if failures == 0 || matches!(error, SendError::Refused { .. }) {
+            tracing::warn!(route, key, attempts, error = detail, %retry_at, "not delivered; trying again");
+        } else {
+            tracing::debug!(route, key, attempts, error = detail, %retry_at, "not delivered; trying again");
+        }
+        Ok(())
+    }
+
+    /// A message that has arrived is marked before anything else is done, or it would be sent again.
+    async fn mark_sent(&self, route_id: i64, due: &DueMessage) -> Result<(), StoreError> {
+        loop {
+            match self.store.mark_sent(route_id, due, Timestamp::now()).await {
+                Err(error) if !error.is_fatal() && !self.end.is_cancelled() => {
+                    tracing::debug!(route = self.route.name, %error, "sent and not marked; trying again");
+                    tokio::time::sleep(STORE_PAUSE).await;
+                }
+                marked => return marked,
+            }
+        }
+    }
+
+    /// Tells a receiver that forgets what is open.
+    async fn refresh(&mut self, begun: &Begun) -> Result<(), StoreError> {
+        let interval = self.receiver.as_ref().and_then(|receiver| receiver.refresh());
+        let Some(interval) = interval.filter(|_| !self.end.is_cancelled()) else { return Ok(()) };
+        if self.refreshed.is_some_and(|at| at.elapsed() < interval) {
+            return Ok(());
+        }
+        self.refreshed = Some(Instant::now());
+        let open = self.store.told_alarms(begun.route_id).await?;
+        if open.is_empty() {
+            return Ok(());
+        }
+        let message = self.message(begun, "refresh".into(), open, true);
+        if let Err(error) = self.send(&message).await {
+            tracing::debug!(route = self.route.name, %error, "open alarms not told again");
+        }
+        Ok(())
+    }
+
+    async fn send(&mut self, message: &Message) -> Result<(), SendError> {
+        let receiver = match &self.receiver {
+            Some(receiver) => receiver,
+            None => {
+                let opened = open(&self.route).map_err(|error| SendError::unreached(error.to_string()))?;
+                self.receiver.insert(opened)
+            }
+        };
+        receiver.send(message).await
+    }
+
+    fn due_message(&self, begun: &Begun, due: &DueMessage) -> Message {
+        let key = match (due.digest, due.alarms.as_slice()) {
+            (Some(digest), _) => format!("{}-digest-{}", begun.origin.key(digest), self.route.name),
+            (None, [alarm, ..]) => begun.origin.key(alarm.event_id),
+            (None, []) => begun.origin.key(0),
+        };
+        self.message(begun, key, due.alarms.clone(), due.digest.is_some())
+    }
+
+    fn message(&self, begun: &Begun, key: String, events: Vec<AlarmEvent>, is_digest: bool) -> Message {
+        let alarm = |event: AlarmEvent| {
+            let site = self.settings.site_of(&event.robot).map(str::to_owned);
+            Alarm::new(event, site.as_deref())
+        };
+        Message {
+            key,
+            route: self.route.name.clone(),
+            origin: begun.origin.clone(),
+            alarms: events.into_iter().map(alarm).collect(),
+            is_digest,
+            is_trial: false,
+        }
+    }
+}
+
+/// The pause after so many failures: doubled each time up to a limit, and up to a fifth shorter or longer, so that
+/// routes that failed together do not come back together.
+fn pause(failures: u32, (first, most): (Duration, Duration)) -> Duration {
+    let doubled = first.saturating_mul(2_u32.saturating_pow(failures.min(20))).min(most);
+    let random = f64::from(u8::try_from(RandomState::new().build_hasher().finish() % 201).unwrap_or(100));
+    doubled.mul_f64(0.8 + random / 500.0)
+}
+
+fn until(now: Timestamp, moment: Timestamp) -> Duration {
+    moment.duration_since(now).try_into().unwrap_or_default()
+}
+
+fn later(now: Timestamp, pause: Duration) -> Timestamp {
+    SignedDuration::try_from(pause).ok().and_then(|pause| now.checked_add(pause).ok()).unwrap_or(now)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pauses_double_up_to_their_limit_and_scatter_by_a_fifth() {
+        let retry = (Duration::from_secs(5), Duration::from_secs(900));
+        for (failures, expected) in
+            [(0, 5.0), (1, 10.0), (3, 40.0), (7, 640.0), (8, 900.0), (u32::MAX, 900.0)]
+        {
+            let found: Vec<f64> = (0..200).map(|_| pause(failures, retry).as_secs_f64() / expected).collect();
+            assert!(found.iter().all(|share| (0.799..=1.201).contains(share)), "{failures}: {found:?}");
+            let spread = |share: &f64| (share * 100.0).round();
+            assert!(found.iter().any(|share| spread(share) != spread(&found[0])), "no scatter: {found:?}");
+        }
+    }
+}

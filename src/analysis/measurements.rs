@@ -1,0 +1,82 @@
+//! What the cycles of a run measured, all that the analysis of the run as a whole starts from.
+
+use super::{FrictionPoint, IdentifiedParameter};
+use crate::robot::{JointIndex, ParameterId};
+
+/// What the analysis of a whole run starts from.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RunMeasurements {
+    /// Friction points by cycle, in the order of their cycle's analysis.
+    pub friction_points: Vec<CyclePoint>,
+    /// Parameters by cycle, in natural order; refused cycles have none.
+    pub parameters: Vec<CycleParameters>,
+    /// Moving relative RMSD of the excitation stage, by cycle and joint, where it is known.
+    pub relative_rmsd: Vec<CycleRmsd>,
+}
+
+/// A friction point and its cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CyclePoint {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// The point.
+    pub point: FrictionPoint,
+}
+
+/// Parameters of one cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleParameters {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// Middle of the cycle since the start of the run, min.
+    pub minute: f64,
+    /// Mean magnitude of each joint's velocity, rad/s (m/s); empty if not known.
+    pub mean_speeds: Vec<f64>,
+    /// Values with standard errors.
+    pub parameters: Vec<IdentifiedParameter>,
+}
+
+/// Moving relative RMSD of the excitation stage of one joint in one cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CycleRmsd {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// The joint.
+    pub joint: JointIndex,
+    /// As a fraction of the measured torque's RMS.
+    pub relative_rmsd: f64,
+}
+
+/// Values with the numbers of their cycles, in the order of cycles.
+pub type ByCycle = Vec<(u32, f64)>;
+
+impl RunMeasurements {
+    /// Values of each parameter by cycle.
+    #[must_use]
+    pub fn by_parameter(&self) -> Vec<(ParameterId, ByCycle)> {
+        let mut found: Vec<(ParameterId, ByCycle)> = Vec::new();
+        for of in &self.parameters {
+            for (place, parameter) in of.parameters.iter().enumerate() {
+                // every cycle has the same parameters in the same order
+                match found.get_mut(place).filter(|(id, _)| *id == parameter.id) {
+                    Some((_, values)) => values.push((of.cycle, parameter.value)),
+                    None => found.push((parameter.id, vec![(of.cycle, parameter.value)])),
+                }
+            }
+        }
+        found
+    }
+
+    /// Moving relative RMSD of the excitation stage of each joint by cycle.
+    #[must_use]
+    pub fn rmsd_by_joint(&self) -> Vec<(JointIndex, ByCycle)> {
+        let mut found: Vec<(JointIndex, ByCycle)> = Vec::new();
+        for of in &self.relative_rmsd {
+            match found.iter_mut().find(|(joint, _)| *joint == of.joint) {
+                Some((_, values)) => values.push((of.cycle, of.relative_rmsd)),
+                None => found.push((of.joint, vec![(of.cycle, of.relative_rmsd)])),
+            }
+        }
+        found
+    }
+}

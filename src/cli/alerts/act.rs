@@ -1,0 +1,97 @@
+//! What people do with anomalies: `armwatch alerts ack`, `shelve`, `resolve`, `false-alarm`.
+
+use jiff::{SignedDuration, Timestamp};
+use serde_json::json;
+
+use super::words;
+use crate::cli::context::{CliError, EXIT_DONE, Global};
+use crate::cli::shared::output;
+use crate::cli::shared::user::user;
+use crate::store::{AlarmAction, AlarmState, NotDone, Store};
+
+pub(super) const ACKNOWLEDGE: AlarmAction = AlarmAction::Acknowledge;
+pub(super) const RESOLVE: AlarmAction = AlarmAction::Resolve;
+pub(super) const FALSE_ALARM: AlarmAction = AlarmAction::FalseAlarm;
+
+/// Which anomalies, who says so, and why.
+pub(super) struct Deed<'a> {
+    pub(super) ids: &'a [i64],
+    pub(super) by: Option<&'a str>,
+    pub(super) why: Option<&'a str>,
+}
+
+/// The time so many days later.
+pub(super) fn days_after(now: Timestamp, days: i64) -> Result<Timestamp, CliError> {
+    now.checked_add(SignedDuration::from_hours(24 * days))
+        .map_err(|error| CliError::Usage(format!("{days} days from now: {error}")))
+}
+
+pub(super) async fn shelve(
+    global: &Global,
+    store: &Store,
+    deed: &Deed<'_>,
+    until: Timestamp,
+    now: Timestamp,
+) -> Result<u8, CliError> {
+    if until <= now {
+        return Err(CliError::Usage(format!(
+            "--until {} has passed (it is {} now); give a later time, or --days N",
+            words::minute(until),
+            words::minute(now)
+        )));
+    }
+    act(global, store, deed, AlarmAction::Shelve(until)).await
+}
+
+pub(super) async fn act(
+    global: &Global,
+    store: &Store,
+    deed: &Deed<'_>,
+    action: AlarmAction,
+) -> Result<u8, CliError> {
+    let by = deed.by.map_or_else(user, str::to_owned);
+    let mut ids = deed.ids.to_vec();
+    ids.sort_unstable();
+    ids.dedup();
+    match store.act_on_anomalies(&ids, action, &by, deed.why).await? {
+        Ok(_) => {}
+        Err(NotDone::Withdrawn(id)) => return Err(words::withdrawn(id)),
+        Err(NotDone::Unknown(id)) => {
+            return Err(CliError::Usage(words::unknown(id, &store.anomalies_after(0).await?)));
+        }
+        Err(NotDone::NotFrom { anomaly_id, state, ended }) => {
+            return Err(CliError::Usage(not_from(anomaly_id, state, ended, ids.len() > 1)));
+        }
+    }
+    for row in store.anomalies_after(0).await?.iter().filter(|row| ids.contains(&row.anomaly_id)) {
+        if global.json {
+            let until = row.shelved_until.map(|until| until.to_string());
+            output::json(&json!({
+                "anomaly_id": row.anomaly_id, "robot": row.robot, "state": row.state, "shelved_until": until,
+                "by": by, "why": deed.why,
+            }));
+        } else {
+            let why = deed.why.map(|why| format!(": {why}")).unwrap_or_default();
+            output::line(&format!(
+                "{}  anomaly {} ({}) by {by}{why}",
+                words::state(row),
+                row.anomaly_id,
+                words::name(row)
+            ));
+        }
+    }
+    Ok(EXIT_DONE)
+}
+
+fn not_from(id: i64, state: AlarmState, ended: bool, others: bool) -> String {
+    let name = state.name().replace('_', " ");
+    let remedy = match state {
+        _ if ended => "later tests no longer show it, so that nothing is to be done",
+        AlarmState::Resolved | AlarmState::FalseAlarm => "`armwatch alerts ack` takes that back",
+        _ => "nothing was changed",
+    };
+    let others = if others { "; the others were left as they are too" } else { "" };
+    format!(
+        "anomaly {id} is {name} already: {remedy}{others}; `armwatch alerts show {id}` says who did it and when"
+    )
+}

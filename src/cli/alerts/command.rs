@@ -1,0 +1,211 @@
+//! `armwatch alerts`: anomalies, what people say of them, and what happened to each.
+
+use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser, TypedValueParser};
+use clap::{Args, Subcommand};
+use jiff::Timestamp;
+use jiff::civil::Date;
+use jiff::tz::TimeZone;
+
+use super::act::{self, Deed};
+use super::list::{self, Wanted};
+use super::show;
+use super::test::{self, TestArgs};
+use crate::anomaly::{AnomalyKind, Severity};
+use crate::cli::context::{CliError, Global, open_store, runtime};
+use crate::cli::shared::plot::PlotFile;
+use crate::store::AlarmState;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch alerts list
+  armwatch alerts show 4
+  armwatch alerts ack 4 --why \"gearbox is ordered\"
+  armwatch alerts shelve 4 --days 14 --why \"gearbox comes in two weeks\"
+  armwatch alerts resolve 4 --why \"gearbox changed\"
+  armwatch alerts false-alarm 4 --why \"other gripper during the test\"
+  armwatch alerts test shift
+
+docs/alarms.md explains the states, and what ends each of them.")]
+pub(in crate::cli) struct AlertsArgs {
+    #[command(subcommand)]
+    command: AlertsCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum AlertsCommand {
+    /// Anomalies that are not closed, the worst first
+    #[command(after_help = "\
+Examples:
+  armwatch alerts list
+  armwatch alerts list --robot R07 --severity warning,critical
+  armwatch alerts list --state shelved
+  armwatch alerts list --all --json | jq .message")]
+    List(ListArgs),
+    /// One anomaly with its evidence: figures, causes, tests before and since, and what happened to it
+    #[command(after_help = "\
+Examples:
+  armwatch alerts show 4
+  armwatch alerts show 4 --plot alarm4.svg
+  armwatch alerts show 4 --json | jq .history")]
+    Show(ShowArgs),
+    /// Say that anomalies are known
+    ///
+    /// Takes back, too, that one is shelved, in maintenance, resolved or a false alarm, as long as tests show it.
+    #[command(after_help = "\
+Examples:
+  armwatch alerts ack 4
+  armwatch alerts ack 4 7 --by mueller --why \"gearbox is ordered\"")]
+    Ack(DeedArgs),
+    /// Hear nothing of anomalies for a time
+    #[command(after_help = "\
+Examples:
+  armwatch alerts shelve 4 --days 14 --why \"gearbox comes in two weeks\"
+  armwatch alerts shelve 4 --until 2026-09-01 --why \"works holidays\"
+  armwatch alerts shelve 4 --until 2026-09-01T06:00:00Z
+
+Shelving ends at that time, or before if the severity rises. The anomaly is open then. Dates begin at midnight UTC.")]
+    Shelve(ShelveArgs),
+    /// Say that the cause is gone
+    #[command(after_help = "\
+Examples:
+  armwatch alerts resolve 4 --why \"gearbox changed\"
+
+If a later test still shows it, the anomaly is open again. After a repair, `armwatch maintenance` begins a new
+baseline, which resolves it too.")]
+    Resolve(DeedArgs),
+    /// Say that nothing was wrong
+    #[command(after_help = "\
+Examples:
+  armwatch alerts false-alarm 4 --why \"other gripper during the test\"
+
+The episode stays closed, also if further tests show it. `armwatch alerts ack` takes that back.")]
+    FalseAlarm(DeedArgs),
+    /// Try routes: send a message that says that it is a try
+    Test(TestArgs),
+}
+
+#[derive(Debug, Args)]
+struct ListArgs {
+    /// Only anomalies of this robot
+    #[arg(long, value_name = "NAME")]
+    robot: Option<String>,
+    /// Only these states, closed ones too
+    #[arg(long, value_name = "STATE", value_delimiter = ',', value_parser = PossibleValuesParser::new(AlarmState::ALL.map(AlarmState::name)))]
+    state: Vec<String>,
+    /// Only these severities
+    #[arg(long, value_name = "SEVERITY", value_delimiter = ',', value_parser = severity())]
+    severity: Vec<Severity>,
+    /// Only these kinds
+    #[arg(long, value_name = "KIND", value_delimiter = ',', value_parser = PossibleValuesParser::new(AnomalyKind::ALL.map(AnomalyKind::name)))]
+    kind: Vec<String>,
+    /// Also closed ones: resolved and false alarms
+    #[arg(long)]
+    all: bool,
+}
+
+#[derive(Debug, Args)]
+struct ShowArgs {
+    /// Number of the anomaly
+    #[arg(value_name = "ID")]
+    id: i64,
+    /// Draw friction and RMSD of the tests into this .svg or .html file
+    #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
+    plot: Option<PlotFile>,
+}
+
+/// What a person gives with every deed.
+#[derive(Debug, Args)]
+struct DeedArgs {
+    /// Numbers of the anomalies
+    #[arg(required = true, value_name = "ID")]
+    ids: Vec<i64>,
+    /// Why, for those who read the history later
+    #[arg(long, value_name = "TEXT", value_parser = NonEmptyStringValueParser::new())]
+    why: Option<String>,
+    /// Who says so [default: the user's name]
+    #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new())]
+    by: Option<String>,
+}
+
+#[derive(Debug, Args)]
+struct ShelveArgs {
+    #[command(flatten)]
+    deed: DeedArgs,
+    /// Until this time or date, UTC
+    #[arg(long, value_name = "TIME", value_parser = moment, required_unless_present = "days")]
+    until: Option<Timestamp>,
+    /// For so many days from now on
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(i64).range(1..=3650), conflicts_with = "until")]
+    days: Option<i64>,
+}
+
+pub(super) fn severity() -> impl TypedValueParser<Value = Severity> {
+    PossibleValuesParser::new(Severity::ALL.map(Severity::name)).try_map(|name| {
+        Severity::ALL.into_iter().find(|severity| severity.name() == name).ok_or("no severity of this name")
+    })
+}
+
+/// A time with its zone, or a date, which begins at midnight UTC.
+fn moment(text: &str) -> Result<Timestamp, String> {
+    if let Ok(time) = text.parse::<Timestamp>() {
+        return Ok(time);
+    }
+    let midnight = |date: Date| date.to_zoned(TimeZone::UTC).map(|zoned| zoned.timestamp());
+    text.parse::<Date>()
+        .and_then(midnight)
+        .map_err(|_| "write a date such as 2026-09-01, or a time such as 2026-09-01T06:00:00Z".to_owned())
+}
+
+pub(in crate::cli) fn alerts(global: &Global, args: &AlertsArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    runtime()?.block_on(async {
+        let store = open_store(&config).await?;
+        let now = Timestamp::now();
+        store.end_shelving(now).await?;
+        let done = match &args.command {
+            AlertsCommand::List(ListArgs { robot, state, severity, kind, all }) => {
+                let wanted = Wanted {
+                    robot: robot.as_deref(),
+                    states: state,
+                    severities: severity,
+                    kinds: kind,
+                    all: *all,
+                };
+                list::list(global, &store, &wanted).await
+            }
+            AlertsCommand::Test(args) => test::test(global, &store, &config.alerts, args).await,
+            AlertsCommand::Show(args) => show::show(global, &store, args.id, args.plot.as_ref()).await,
+            AlertsCommand::Ack(args) => act::act(global, &store, &deed(args), act::ACKNOWLEDGE).await,
+            AlertsCommand::Resolve(args) => act::act(global, &store, &deed(args), act::RESOLVE).await,
+            AlertsCommand::FalseAlarm(args) => act::act(global, &store, &deed(args), act::FALSE_ALARM).await,
+            AlertsCommand::Shelve(ShelveArgs { deed: args, until, days }) => {
+                let until = match (until, days) {
+                    (Some(until), _) => Ok(*until),
+                    (None, Some(days)) => act::days_after(now, *days),
+                    (None, None) => Err(CliError::Usage("give --until TIME or --days N".into())),
+                };
+                act::shelve(global, &store, &deed(args), until?, now).await
+            }
+        };
+        store.close().await?;
+        done
+    })
+}
+
+fn deed(args: &DeedArgs) -> Deed<'_> {
+    Deed { ids: &args.ids, by: args.by.as_deref(), why: args.why.as_deref() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_date_begins_at_midnight_utc_and_a_time_needs_its_zone() {
+        let time = |text: &str| moment(text).map(|time| time.to_string());
+        assert_eq!(time("2026-09-01").as_deref(), Ok("2026-09-01T00:00:00Z"));
+        assert_eq!(time("2026-09-01T06:00:00+02:00").as_deref(), Ok("2026-09-01T04:00:00Z"));
+        assert!(time("tomorrow").is_err() && time("2026-13-01").is_err());
+    }
+}

@@ -1,0 +1,103 @@
+//! `armwatch alerts list`
+
+use std::cmp::Reverse;
+
+use super::words;
+use crate::anomaly::Severity;
+use crate::cli::context::{CliError, EXIT_DONE, Global};
+use crate::cli::shared::output;
+use crate::store::{AlarmState, AnomalyRow, Store};
+
+/// Which anomalies are asked for; an empty list asks for all.
+pub(super) struct Wanted<'a> {
+    pub(super) robot: Option<&'a str>,
+    pub(super) states: &'a [String],
+    pub(super) severities: &'a [Severity],
+    pub(super) kinds: &'a [String],
+    pub(super) all: bool,
+}
+
+impl Wanted<'_> {
+    fn includes(&self, row: &AnomalyRow) -> bool {
+        let state = match self.states.is_empty() {
+            true => self.all || !is_closed(row),
+            false => self.states.contains(&row.state),
+        };
+        state
+            && self.robot.is_none_or(|name| row.robot == name)
+            && (self.severities.is_empty() || self.severities.contains(&row.severity))
+            && (self.kinds.is_empty() || self.kinds.contains(&row.kind))
+    }
+}
+
+fn is_closed(row: &AnomalyRow) -> bool {
+    AlarmState::ALL.iter().any(|state| state.name() == row.state && state.is_closed())
+}
+
+pub(super) async fn list(global: &Global, store: &Store, wanted: &Wanted<'_>) -> Result<u8, CliError> {
+    let known = store.anomalies_after(0).await?;
+    let mut rows: Vec<&AnomalyRow> = known.iter().filter(|row| wanted.includes(row)).collect();
+    rows.sort_by_key(|row| {
+        (is_closed(row), Reverse(row.severity), Reverse(row.last_seen_at), row.anomaly_id)
+    });
+    if global.json {
+        rows.iter().for_each(|row| output::json(&words::as_value(row)));
+        return Ok(EXIT_DONE);
+    }
+    if rows.is_empty() {
+        output::line(&nothing(store, wanted, &known).await?);
+        return Ok(EXIT_DONE);
+    }
+    let cells = |row: &&AnomalyRow| {
+        vec![
+            row.anomaly_id.to_string(),
+            row.severity.to_string(),
+            words::state(row),
+            row.robot.clone(),
+            row.joint_number().map_or_else(|| "arm".into(), |number| number.to_string()),
+            row.kind.clone(),
+            words::minute(row.first_seen_at),
+            words::minute(row.last_seen_at),
+        ]
+    };
+    let header = ["id", "severity", "state", "robot", "joint", "kind", "first seen", "last seen"];
+    let table = output::table(&header, &rows.iter().map(cells).collect::<Vec<_>>());
+    let mut lines = table.lines();
+    output::line(lines.next().unwrap_or_default());
+    for (line, row) in lines.zip(&rows) {
+        output::line(line);
+        output::line(&format!("    {}", row.message));
+    }
+    output::print_hint(
+        "`armwatch alerts show ID` has the evidence; `ack`, `shelve`, `resolve`, `false-alarm` settle one",
+    );
+    Ok(EXIT_DONE)
+}
+
+/// What is said where no anomaly is as asked for.
+async fn nothing(store: &Store, wanted: &Wanted<'_>, known: &[AnomalyRow]) -> Result<String, CliError> {
+    if let Some(name) = wanted.robot {
+        let mut robots: Vec<String> = store.runs().await?.into_iter().map(|run| run.robot).collect();
+        robots.dedup();
+        if !robots.iter().any(|robot| robot == name) {
+            let robots = if robots.is_empty() { "none yet".to_owned() } else { robots.join(", ") };
+            return Err(CliError::Usage(format!(
+                "there is no run of robot {name}; robots with runs: {robots}"
+            )));
+        }
+    }
+    let closed = known.iter().filter(|row| is_closed(row)).count();
+    let asks = wanted.all
+        || wanted.robot.is_some()
+        || !(wanted.states.is_empty() && wanted.severities.is_empty() && wanted.kinds.is_empty());
+    Ok(match (known.len(), asks) {
+        (0, _) => {
+            let runs = store.counts().await?.complete_runs;
+            format!("no anomaly has been found in {runs} complete runs")
+        }
+        (count, true) => {
+            format!("none of the {count} anomalies is as asked for; `armwatch alerts list --all` shows them")
+        }
+        (_, false) => format!("no anomaly is open; {closed} are closed, which `--all` shows"),
+    })
+}

@@ -1,0 +1,8 @@
+//! `armwatch alerts`
+
+pub(super) mod command;
+mod act;
+mod list;
+mod show;
+mod test;
+mod words;

@@ -1,0 +1,200 @@
+//! `armwatch alerts show`: an anomaly with its evidence.
+
+use jiff::Timestamp;
+use serde_json::{Value, json};
+
+use super::words::{as_value, figure, find, minute, name, place, state};
+use crate::cli::context::{CliError, EXIT_DONE, Global};
+use crate::cli::shared::output;
+use crate::cli::shared::plot::PlotFile;
+use crate::report::anomaly::{EvidencePoint, anomaly_figure};
+use crate::robot::JointIndex;
+use crate::store::{AnomalyHistoryRow, AnomalyRow, SeriesRun, Store};
+
+/// Tests that are printed; a picture and JSON have all.
+const TESTS_SHOWN: usize = 20;
+
+pub(super) async fn show(
+    global: &Global,
+    store: &Store,
+    id: i64,
+    plot: Option<&PlotFile>,
+) -> Result<u8, CliError> {
+    let row = find(store, id).await?;
+    let mut tests = store.evidence(&row.robot).await?;
+    tests.retain(|test| row.joint.is_none_or(|joint| joint == test.joint));
+    let history = store.anomaly_history(id).await?;
+    if let Some(file) = plot {
+        if tests.is_empty() {
+            return Err(CliError::Usage(format!("no complete test of {} has figures to draw", row.robot)));
+        }
+        file.write(&picture(&row, &tests))?;
+    }
+    if global.json {
+        let mut value = as_value(&row);
+        value["tests"] = tests.iter().map(|test| test_value(&row, test)).collect();
+        value["history"] = history.iter().map(event_value).collect();
+        output::json(&value);
+        return Ok(EXIT_DONE);
+    }
+    output::lines(facts(&row).into_iter());
+    output::line(&format!("\n{}", tests_text(&row, &tests)));
+    output::line(&format!("\n{}", history_text(&history)));
+    Ok(EXIT_DONE)
+}
+
+/// What the anomaly is, a line a fact.
+fn facts(row: &AnomalyRow) -> Vec<String> {
+    let run = |id: Option<i64>| id.map(|id| format!(", run {id}")).unwrap_or_default();
+    let cycle = |number: Option<u32>| number.map(|number| format!(", cycle {number}")).unwrap_or_default();
+    let mut lines = vec![format!("anomaly {}: {} {}", row.anomaly_id, row.severity, name(row))];
+    let mut fact = |name: &str, text: String| lines.push(format!("{name:<11} {text}"));
+    fact("message", row.message.clone());
+    fact(
+        "state",
+        format!("{}{}", state(row), if row.ended { "; later tests no longer show it" } else { "" }),
+    );
+    if let Some(onset) = row.onset_at {
+        fact("onset", format!("{}{}{}", minute(onset), run(row.onset_run_id), cycle(row.onset_cycle)));
+    }
+    fact("first seen", format!("{}{}{}", minute(row.first_seen_at), run(row.run_id), cycle(row.cycle)));
+    fact("last seen", format!("{}{}", minute(row.last_seen_at), run(row.last_run_id)));
+    fact("quantity", row.quantity.clone());
+    fact(
+        "value",
+        format!(
+            "{} latest, {} at its peak; {} expected",
+            figure(row.value),
+            figure(row.peak_value),
+            figure(row.baseline)
+        ),
+    );
+    fact(
+        "score",
+        format!(
+            "{} latest, {} at its peak; limit {}",
+            figure(row.score),
+            figure(row.peak_score),
+            figure(row.threshold)
+        ),
+    );
+    match row.odds {
+        Some(odds) => fact(
+            "cause",
+            format!("{}, odds {} to 1 against all others together", row.kind, figure(Some(odds))),
+        ),
+        None => fact("cause", format!("{}; other causes were not compared", row.kind)),
+    }
+    for rejected in &row.alternatives {
+        fact("rather than", format!("{}, odds {} to 1", rejected.cause, figure(Some(rejected.odds))));
+    }
+    lines
+}
+
+fn is_within(row: &AnomalyRow, at: Timestamp) -> bool {
+    (row.first_seen_at..=row.last_seen_at).contains(&at)
+}
+
+/// The latest tests; of an anomaly of the whole arm, the RMSD of each joint.
+fn tests_text(row: &AnomalyRow, tests: &[SeriesRun]) -> String {
+    if tests.is_empty() {
+        return format!("no complete test of {} has figures of it", row.robot);
+    }
+    let by_run: Vec<&[SeriesRun]> = tests.chunk_by(|a, b| a.run_id == b.run_id).collect();
+    let shown = &by_run[by_run.len().saturating_sub(TESTS_SHOWN)..];
+    let mut header: Vec<String> = vec!["run".into(), "start (UTC)".into(), "".into()];
+    match row.joint {
+        Some(_) => header.extend(
+            ["friction_index", "std_error", "warm_friction_nm", "moving_relative_rmsd", "rmsd_swing"]
+                .map(String::from),
+        ),
+        None => {
+            let joints = tests.iter().map(|test| test.joint.number()).max().unwrap_or(0);
+            header.extend((1..=joints).map(|joint| format!("rmsd {joint}")));
+        }
+    }
+    let cells = |joints: &&[SeriesRun]| {
+        let test = &joints[0];
+        let mark = if is_within(row, test.started_at) { "*" } else { "" };
+        let mut cells = vec![test.run_id.to_string(), minute(test.started_at), mark.to_owned()];
+        match row.joint {
+            Some(_) => cells.extend([
+                figure(test.friction_index),
+                figure(test.friction_index_std_error),
+                figure(test.warm_friction_nm),
+                figure(test.moving_relative_rmsd),
+                figure(test.rmsd_swing),
+            ]),
+            None => cells.extend((3..header.len()).map(|column| {
+                let of_joint = joints.iter().find(|test| test.joint == JointIndex::new(column - 3));
+                figure(of_joint.and_then(|test| test.moving_relative_rmsd))
+            })),
+        }
+        cells
+    };
+    let rows: Vec<Vec<String>> = shown.iter().map(cells).collect();
+    let earlier = by_run.len() - shown.len();
+    let earlier = if earlier > 0 { format!("; {earlier} earlier ones are left out") } else { String::new() };
+    let mut text = format!("tests, {} (* from first to last seen{earlier})\n", place(row));
+    text.push_str(&output::table(&header.iter().map(String::as_str).collect::<Vec<_>>(), &rows));
+    if row.quantity.starts_with("production") {
+        text.push_str(&format!(
+            "\nthe logs of ordinary work that show it: `SELECT * FROM production_trend WHERE robot = '{}'`",
+            row.robot
+        ));
+    }
+    text
+}
+
+fn history_text(history: &[AnomalyHistoryRow]) -> String {
+    if history.is_empty() {
+        return "history: none; it had ended when it was found, or an earlier version found it".to_owned();
+    }
+    let cells = |event: &AnomalyHistoryRow| {
+        vec![
+            minute(event.at),
+            event.what.name().replace('_', " "),
+            event.severity.to_string(),
+            figure(event.score),
+            event.run_id.map_or_else(|| "-".into(), |id| id.to_string()),
+            event.who.clone().unwrap_or_else(|| "armwatch".into()),
+            event.why.clone().unwrap_or_default(),
+        ]
+    };
+    let header = ["time (UTC)", "what", "severity", "score", "run", "who", "why"];
+    format!("history\n{}", output::table(&header, &history.iter().map(cells).collect::<Vec<_>>()))
+}
+
+fn test_value(row: &AnomalyRow, test: &SeriesRun) -> Value {
+    json!({
+        "run_id": test.run_id, "started_at": test.started_at.to_string(), "joint": test.joint.number(),
+        "shows_it": is_within(row, test.started_at), "friction_index": test.friction_index,
+        "friction_index_std_error": test.friction_index_std_error, "warm_friction_nm": test.warm_friction_nm,
+        "moving_relative_rmsd": test.moving_relative_rmsd, "rmsd_swing": test.rmsd_swing,
+    })
+}
+
+fn event_value(event: &AnomalyHistoryRow) -> Value {
+    json!({
+        "at": event.at.to_string(), "what": event.what.name(), "severity": event.severity.name(),
+        "score": event.score, "value": event.value, "run_id": event.run_id, "who": event.who, "why": event.why,
+        "message": event.message,
+    })
+}
+
+fn picture(row: &AnomalyRow, tests: &[SeriesRun]) -> crate::report::figure::Figure {
+    let first = tests.first().map_or(row.first_seen_at, |test| test.started_at);
+    let day = |time: Timestamp| time.duration_since(first).as_secs_f64() / 86_400.0;
+    let point = |test: &SeriesRun| EvidencePoint {
+        day: day(test.started_at),
+        joint: test.joint,
+        friction_index: test.friction_index,
+        friction_index_std_error: test.friction_index_std_error,
+        warm_friction_nm: test.warm_friction_nm,
+        relative_rmsd: test.moving_relative_rmsd,
+    };
+    let points: Vec<EvidencePoint> = tests.iter().map(point).collect();
+    let span = [row.onset_at.unwrap_or(row.first_seen_at).min(row.first_seen_at), row.last_seen_at].map(day);
+    let title = format!("anomaly {}: {}", row.anomaly_id, name(row));
+    anomaly_figure(&points, span, title, row.message.clone())
+}

@@ -1,0 +1,110 @@
+//! Anomalies in words and as JSON.
+
+use jiff::Timestamp;
+use serde_json::{Value, json};
+
+use crate::anomaly::Alternative;
+use crate::cli::context::CliError;
+use crate::store::{AnomalyRow, Store};
+
+/// Most numbers that are proposed in place of one that does not exist.
+const PROPOSED: usize = 3;
+
+/// The anomaly of this number.
+pub(super) async fn find(store: &Store, id: i64) -> Result<AnomalyRow, CliError> {
+    let mut rows = store.anomalies_after(0).await?;
+    if let Some(place) = rows.iter().position(|row| row.anomaly_id == id) {
+        return Ok(rows.swap_remove(place));
+    }
+    if !store.anomaly_history(id).await?.is_empty() {
+        return Err(withdrawn(id));
+    }
+    Err(CliError::Usage(unknown(id, &rows)))
+}
+
+/// What is said of an anomaly that the history has no longer.
+pub(super) fn withdrawn(id: i64) -> CliError {
+    CliError::Usage(format!(
+        "anomaly {id} was withdrawn: with more of the history known, it is none; \
+         `SELECT * FROM anomaly_history WHERE anomaly_id = {id}` says what happened to it"
+    ))
+}
+
+/// What is said of a number that no anomaly has.
+pub(super) fn unknown(id: i64, rows: &[AnomalyRow]) -> String {
+    let mut numbers: Vec<i64> = rows.iter().map(|row| row.anomaly_id).collect();
+    if numbers.is_empty() {
+        return format!("there is no anomaly {id}; there are none at all");
+    }
+    numbers.sort_by_key(|number| (number.abs_diff(id), *number));
+    numbers.truncate(PROPOSED);
+    numbers.sort_unstable();
+    let numbers: Vec<String> = numbers.iter().map(i64::to_string).collect();
+    format!(
+        "there is no anomaly {id}; did you mean {}? `armwatch alerts list --all` shows all",
+        numbers.join(" or ")
+    )
+}
+
+/// A time to the minute, UTC.
+pub(super) fn minute(time: Timestamp) -> String {
+    time.strftime("%Y-%m-%d %H:%MZ").to_string()
+}
+
+/// `joint 3`, or `whole arm`.
+pub(super) fn place(row: &AnomalyRow) -> String {
+    row.joint_number().map_or_else(|| "whole arm".to_owned(), |number| format!("joint {number}"))
+}
+
+/// `drift on R07, joint 3`.
+pub(super) fn name(row: &AnomalyRow) -> String {
+    format!("{} on {}, {}", row.kind, row.robot, place(row))
+}
+
+/// The state with what is to be known of it.
+pub(super) fn state(row: &AnomalyRow) -> String {
+    match row.shelved_until {
+        Some(until) => format!("shelved until {}", minute(until)),
+        None => row.state.replace('_', " "),
+    }
+}
+
+/// A figure with four significant digits, `-` without any.
+pub(super) fn figure(value: Option<f64>) -> String {
+    let Some(value) = value.filter(|value| value.is_finite()) else { return "-".into() };
+    if value == 0.0 {
+        return "0".into();
+    }
+    let decimals = (3.0 - value.abs().log10().floor()).clamp(0.0, 9.0);
+    // between 0 and 9
+    format!("{value:.*}", decimals as usize)
+}
+
+/// Columns of the view `anomalies`.
+pub(super) fn as_value(row: &AnomalyRow) -> Value {
+    let time = |time: Option<Timestamp>| time.map(|time| time.to_string());
+    let one = |of: &Alternative| json!({"cause": of.cause, "odds": of.odds.is_finite().then_some(of.odds)});
+    json!({
+        "anomaly_id": row.anomaly_id, "robot": row.robot, "joint": row.joint_number(), "kind": row.kind,
+        "quantity": row.quantity, "severity": row.severity.name(), "state": row.state,
+        "shelved_until": time(row.shelved_until), "ended": row.ended, "message": row.message,
+        "value": row.value, "baseline": row.baseline, "score": row.score, "threshold": row.threshold,
+        "peak_value": row.peak_value, "peak_score": row.peak_score,
+        "run_id": row.run_id, "cycle": row.cycle, "first_seen_at": row.first_seen_at.to_string(),
+        "last_run_id": row.last_run_id, "last_seen_at": row.last_seen_at.to_string(),
+        "onset_at": time(row.onset_at), "onset_run_id": row.onset_run_id, "onset_cycle": row.onset_cycle,
+        "odds": row.odds, "alternatives": row.alternatives.iter().map(one).collect::<Vec<_>>(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_have_four_digits() {
+        let shown = [1.19312, 0.05, 20.6666, 1234.56, 0.0].map(|value| figure(Some(value)));
+        assert_eq!(shown, ["1.193", "0.05000", "20.67", "1235", "0"]);
+        assert_eq!((figure(None), figure(Some(f64::NAN))), ("-".into(), "-".into()));
+    }
+}

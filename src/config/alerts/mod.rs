@@ -1,0 +1,5 @@
+//! `[alerts]`: who is told of alarms, and how.
+
+pub(super) mod settings;
+pub(super) mod receivers;
+pub(super) mod routes;

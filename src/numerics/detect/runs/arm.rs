@@ -1,0 +1,379 @@
+//! What a run says of the whole arm: inertial parameters and torque signals against the robot's first runs, and which
+//! cause explains them.
+//!
+//! Inertial parameters do not depend on warmth. A body at the last link changes them along known directions, its mass
+//! and first moments in the first place; a torque channel that reads wrong changes those of its own joint, turns
+//! friction over unevenly or leaves more unexplained. Every cause has a price for its parameters, and the cause with
+//! the least unexplained rest wins (likelihood ratio with the Schwarz price).
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::anomaly::{RunParameter, RunSummary};
+use crate::numerics::statistics::descriptive::{mean, median, robust_deviation};
+use crate::robot::{JointIndex, ParameterId, ParameterKind};
+
+/// Prior standard deviations of a load: mass, kg, first moments, kg m, and inertia, kg m². Wide for what an arm of
+/// some ten kilograms carries.
+const LOAD_PRIOR: [f64; 10] = [20.0, 5.0, 5.0, 5.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0];
+/// Least standard deviation of a parameter from run to run, as a fraction of it.
+const LEAST_DEVIATION: f64 = 1e-3;
+/// Part of a change that a pattern may miss: patterns are models.
+const PATTERN_ERROR: f64 = 0.1;
+/// Least mass that is called a load, kg, and how many of its standard errors.
+const LEAST_MASS: f64 = 0.1;
+const MASS_ERRORS: f64 = 5.0;
+/// Deviation of an offset or of an unexplained rest, in standard deviations, from which on it is looked at.
+const SIGNAL_DEVIATIONS: f64 = 8.0;
+/// Least offset of a torque signal, as a fraction of the joint's friction.
+const LEAST_OFFSET: f64 = 0.02;
+/// Least ratio of the unexplained rest to the usual one.
+const LEAST_RMSD_RATIO: f64 = 1.3;
+/// Least standard deviation of the logarithm of the unexplained rest from run to run.
+const LEAST_RMSD_DEVIATION: f64 = 0.02;
+/// A single deviation counts no more than this many squared: beyond, all models are wrong.
+const MOST_CHI_SQUARE: f64 = 2000.0;
+/// Least advantage of a cause over none, in units of chi².
+const LEAST_ADVANTAGE: f64 = 60.0;
+/// Price of one parameter, in units of chi².
+const PARAMETER_PRICE: f64 = 4.0;
+/// Price of a cause that is not known: it explains anything.
+const UNKNOWN_PRICE: f64 = 60.0;
+
+/// Why the arm of a run differs from that of the first runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum ArmCause {
+    /// It does not.
+    None,
+    /// A body at the last link.
+    Load(Load),
+    /// The torque signal of a joint.
+    TorqueSignal { joint: JointIndex, fault: SignalFault },
+    /// Parameters changed in another way.
+    Unknown,
+}
+
+/// A body at the last link, or one taken away where the mass is negative.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Load {
+    /// Mass, kg.
+    pub(super) mass: f64,
+    /// Its standard error, kg.
+    pub(super) std_error: f64,
+    /// Centre in the frame of the last link, m.
+    pub(super) centre: [f64; 3],
+}
+
+/// What is wrong with a torque signal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum SignalFault {
+    /// Friction does not turn over evenly: half the sum of both directions, Nm (N), beyond the usual.
+    Offset(f64),
+    /// Torque that the model does not explain, as a multiple of the usual.
+    Unexplained(f64),
+    /// The joint's own parameters have changed by this fraction.
+    Gain(f64),
+}
+
+impl ArmCause {
+    /// What it would be, in words that follow "rather than".
+    pub(super) fn words(&self) -> String {
+        match self {
+            Self::None => "no change of the arm".into(),
+            Self::Load(load) => format!("a load of {:+.2} kg", load.mass),
+            Self::TorqueSignal { joint, .. } => format!("the torque signal of joint {joint}"),
+            Self::Unknown => "a change of the arm that is not known".into(),
+        }
+    }
+}
+
+/// The causes of a run, each with its cost in units of chi², the least first.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct ArmEvidence {
+    pub(super) causes: Vec<(ArmCause, f64)>,
+}
+
+impl ArmEvidence {
+    /// The cause, where it is clear.
+    pub(super) fn clear(&self) -> ArmCause {
+        match (self.causes.first(), self.advantage() >= LEAST_ADVANTAGE) {
+            (Some((cause, _)), true) => *cause,
+            _ => ArmCause::None,
+        }
+    }
+
+    /// How much less than without a cause is left unexplained, in units of chi².
+    pub(super) fn advantage(&self) -> f64 {
+        let none = self.causes.iter().find(|(cause, _)| *cause == ArmCause::None);
+        match (self.causes.first(), none) {
+            (Some((_, cost)), Some((_, none))) => none - cost,
+            _ => 0.0,
+        }
+    }
+
+    /// Odds of each cause against all others together, the likeliest first.
+    pub(super) fn odds(&self) -> Vec<(ArmCause, f64)> {
+        let least = self.causes.first().map_or(0.0, |(_, cost)| *cost);
+        let weight = |cost: f64| (-0.5 * (cost - least)).exp();
+        let all: f64 = self.causes.iter().map(|(_, cost)| weight(*cost)).sum();
+        let odds = |cost: f64| weight(cost) / (all - weight(cost)).max(f64::MIN_POSITIVE);
+        self.causes.iter().map(|(cause, cost)| (*cause, odds(*cost))).collect()
+    }
+}
+
+/// A figure of the first runs: the usual value and its deviation from run to run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Usual {
+    value: f64,
+    deviation: f64,
+}
+
+impl Usual {
+    /// Of the first `count` values. `least` is the least deviation.
+    fn of(values: impl Iterator<Item = f64>, count: usize, least: f64) -> Option<Self> {
+        let first: Vec<f64> = values.take(count).collect();
+        let value = median(&first)?;
+        if first.len() < count.max(2) {
+            return None;
+        }
+        // that of the median itself is a part of the deviation from it
+        let own = (1.0 + std::f64::consts::FRAC_PI_2 / first.len() as f64).sqrt();
+        Some(Self { value, deviation: own * robust_deviation(&first).unwrap_or(0.0).max(least) })
+    }
+
+    fn deviations(&self, value: f64) -> f64 {
+        (value - self.value) / self.deviation
+    }
+}
+
+/// The evidence of each run, `None` before there is a baseline and for runs without figures.
+pub(super) fn arm_evidence(
+    history: &[RunSummary],
+    joints: usize,
+    baseline_runs: usize,
+) -> Vec<Option<ArmEvidence>> {
+    let baseline = Baseline::of(history, joints, baseline_runs);
+    history.iter().map(|run| evidence(run, &baseline, joints)).collect()
+}
+
+/// The first runs of an arm.
+struct Baseline {
+    /// Usual value and deviation of each inertial parameter, with what it stands for.
+    parameters: Vec<(ParameterId, Usual, [f64; 10])>,
+    /// How much more than their deviations the parameters of the first runs vary, squared.
+    inflation: f64,
+    offsets: Vec<Option<Usual>>,
+    rmsd: Vec<Option<Usual>>,
+}
+
+impl Baseline {
+    fn of(history: &[RunSummary], joints: usize, baseline_runs: usize) -> Self {
+        let count = baseline_runs.max(2);
+        let last = history.iter().flat_map(|run| &run.parameters).map(|of| of.id.joint).max();
+        let first = history.iter().find(|run| !run.parameters.is_empty());
+        let usual = |of: &RunParameter| {
+            let own: Vec<&RunParameter> = history
+                .iter()
+                .filter_map(|run| run.parameters.iter().find(|other| other.id == of.id))
+                .take(count)
+                .collect();
+            let scatter: Vec<f64> = own
+                .iter()
+                .map(|of| of.std_dev / f64::from(of.cycles).sqrt())
+                .filter(|s| s.is_finite())
+                .collect();
+            let least =
+                median(&scatter).unwrap_or(0.0).max(LEAST_DEVIATION * of.mean.abs()).max(f64::MIN_POSITIVE);
+            let usual = Usual::of(own.iter().map(|of| of.mean), count, least)?;
+            Some((of.id, usual, of_last_link(&of.terms, last?)))
+        };
+        let parameters: Vec<_> =
+            first.map(|run| run.parameters.iter().filter_map(usual).collect()).unwrap_or_default();
+        let mut found = Self {
+            parameters,
+            inflation: 1.0,
+            offsets: (0..joints).map(|j| Usual::of_offsets(history, JointIndex::new(j), count)).collect(),
+            rmsd: (0..joints).map(|j| Usual::of_rmsd(history, JointIndex::new(j), count)).collect(),
+        };
+        let own: Vec<f64> = history
+            .iter()
+            .filter_map(|run| found.change(run))
+            .take(count)
+            .map(|change| change.norm_squared() / change.len().max(1) as f64)
+            .collect();
+        found.inflation = median(&own).unwrap_or(1.0).max(1.0);
+        found
+    }
+
+    /// Deviations of the inertial parameters of a run, in standard deviations; `None` where it lacks one.
+    fn change(&self, run: &RunSummary) -> Option<DVector<f64>> {
+        if self.parameters.is_empty() {
+            return None;
+        }
+        let value = |(id, usual, _): &(ParameterId, Usual, [f64; 10])| {
+            let of = run.parameters.iter().find(|of| of.id == *id)?;
+            Some(usual.deviations(of.mean) / self.inflation.sqrt())
+        };
+        let values: Option<Vec<f64>> = self.parameters.iter().map(value).collect();
+        values.map(DVector::from_vec)
+    }
+}
+
+impl Usual {
+    fn of_offsets(history: &[RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
+        let runs: Vec<Vec<f64>> =
+            history.iter().map(|run| offsets(run, joint)).filter(|of| of.len() > 1).take(count).collect();
+        let within: Vec<f64> =
+            runs.iter().filter_map(|run| Some(robust_deviation(run)? / (run.len() as f64).sqrt())).collect();
+        let friction = history.iter().find_map(|run| friction(run, joint)).unwrap_or(0.0);
+        let least = median(&within).unwrap_or(0.0).max(1e-3 * friction).max(f64::MIN_POSITIVE);
+        Self::of(runs.iter().filter_map(|run| mean(run)), count, least)
+    }
+
+    fn of_rmsd(history: &[RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
+        let values = history.iter().filter_map(|run| rmsd(run, joint)).map(f64::ln);
+        Self::of(values, count, LEAST_RMSD_DEVIATION)
+    }
+}
+
+fn offsets(run: &RunSummary, joint: JointIndex) -> Vec<f64> {
+    let own = run.cycle_friction.iter().filter(|of| of.friction.joint == joint);
+    own.map(|of| of.friction.offset).collect()
+}
+
+/// Mean friction of a joint, Nm (N).
+fn friction(run: &RunSummary, joint: JointIndex) -> Option<f64> {
+    let own = run.cycle_friction.iter().filter(|of| of.friction.joint == joint);
+    mean(&own.map(|of| of.friction.ln_torque).collect::<Vec<f64>>()).map(f64::exp)
+}
+
+fn rmsd(run: &RunSummary, joint: JointIndex) -> Option<f64> {
+    run.joints.iter().find(|of| of.joint == joint)?.relative_rmsd.filter(|rmsd| *rmsd > 0.0)
+}
+
+/// The coefficients of the ten standard parameters of the last link in a base parameter.
+fn of_last_link(terms: &[(f64, ParameterId)], last: JointIndex) -> [f64; 10] {
+    let mut found = [0.0; 10];
+    for (coefficient, id) in terms.iter().filter(|(_, id)| id.joint == last) {
+        if let ParameterKind::Inertial(place) = id.kind {
+            found[usize::from(place)] += coefficient;
+        }
+    }
+    found
+}
+
+/// A joint's torque signal in one run.
+#[derive(Debug, Clone, Copy, Default)]
+struct Signal {
+    /// Offset beyond the usual, Nm (N), and chi² of it where it counts.
+    offset: (f64, f64),
+    /// Unexplained rest as a multiple of the usual, and chi² of it where it counts.
+    unexplained: (f64, f64),
+}
+
+fn evidence(run: &RunSummary, baseline: &Baseline, joints: usize) -> Option<ArmEvidence> {
+    let change = baseline.change(run);
+    let signals: Vec<Signal> = (0..joints).map(|j| signal(run, baseline, JointIndex::new(j))).collect();
+    if change.is_none() && run.cycle_friction.is_empty() && run.joints.is_empty() {
+        return None;
+    }
+    // what chance makes of so many parameters is no change
+    let chi_square = |of: &DVector<f64>| of.iter().map(|x| (x * x).min(MOST_CHI_SQUARE)).sum::<f64>();
+    let beyond_chance = |of: f64, count: usize| {
+        let count = count as f64;
+        if of > count + 8.0 * (2.0 * count).sqrt() { of } else { 0.0 }
+    };
+    let count = baseline.parameters.len();
+    let inertial = change.as_ref().map_or(0.0, |change| beyond_chance(chi_square(change), count));
+    let signal_cost = |of: &Signal| of.offset.1 + of.unexplained.1;
+    let all_signals: f64 = signals.iter().map(signal_cost).sum();
+    let mut causes = vec![(ArmCause::None, inertial + all_signals)];
+    if let (Some(change), true) = (&change, inertial > 0.0)
+        && let Some((load, rest)) = load(change, baseline)
+        && load.mass.abs() >= LEAST_MASS.max(MASS_ERRORS * load.std_error)
+    {
+        let rest = beyond_chance((chi_square(&rest) - PATTERN_ERROR * inertial).max(0.0), count);
+        causes.push((ArmCause::Load(load), rest + all_signals + 10.0 * PARAMETER_PRICE));
+    }
+    for joint in (0..joints).map(JointIndex::new) {
+        let own: f64 = change.as_ref().map_or(0.0, |change| {
+            let near = baseline
+                .parameters
+                .iter()
+                .zip(change.iter())
+                .filter(|((id, ..), _)| is_near(id.joint, joint));
+            near.map(|(_, x)| (x * x).min(MOST_CHI_SQUARE)).sum()
+        });
+        let rest = if inertial > 0.0 { (inertial - own - PATTERN_ERROR * inertial).max(0.0) } else { 0.0 };
+        let rest = beyond_chance(rest, count);
+        // a torque that reads wrong spoils the fit of the joint before as well, but less than its own
+        let part = |other: usize| match is_near(JointIndex::new(other), joint) {
+            true if signals[other].unexplained.0 < signals[joint.index()].unexplained.0 => 0.0,
+            _ => 1.0,
+        };
+        let others = signals.iter().enumerate().filter(|(j, _)| *j != joint.index());
+        let others: f64 = others.map(|(j, of)| of.offset.1 + part(j) * of.unexplained.1).sum();
+        let fault = fault(&signals[joint.index()], run, baseline, joint);
+        causes.push((ArmCause::TorqueSignal { joint, fault }, rest + others + 4.0 * PARAMETER_PRICE));
+    }
+    causes.push((ArmCause::Unknown, UNKNOWN_PRICE));
+    causes.sort_by(|a, b| a.1.total_cmp(&b.1));
+    Some(ArmEvidence { causes })
+}
+
+/// Whether the parameters of `of` are among those that a wrong torque signal of `joint` changes: its own, and those of
+/// the joint before it, whose torque has most of the same columns.
+fn is_near(of: JointIndex, joint: JointIndex) -> bool {
+    of == joint || of.index() + 1 == joint.index()
+}
+
+fn signal(run: &RunSummary, baseline: &Baseline, joint: JointIndex) -> Signal {
+    let mut found = Signal::default();
+    if let (Some(usual), Some(offset)) = (baseline.offsets[joint.index()], mean(&offsets(run, joint))) {
+        let (beyond, deviations) = (offset - usual.value, usual.deviations(offset));
+        let enough = beyond.abs() >= LEAST_OFFSET * friction(run, joint).unwrap_or(0.0);
+        let counts = deviations.abs() >= SIGNAL_DEVIATIONS && enough;
+        found.offset = (beyond, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 });
+    }
+    if let (Some(usual), Some(rmsd)) = (baseline.rmsd[joint.index()], rmsd(run, joint)) {
+        let (ratio, deviations) = ((rmsd.ln() - usual.value).exp(), usual.deviations(rmsd.ln()));
+        let counts = deviations >= SIGNAL_DEVIATIONS && ratio >= LEAST_RMSD_RATIO;
+        found.unexplained =
+            (ratio, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 });
+    }
+    found
+}
+
+/// What is most likely wrong with the torque signal of a joint.
+fn fault(signal: &Signal, run: &RunSummary, baseline: &Baseline, joint: JointIndex) -> SignalFault {
+    if signal.offset.1 > 0.0 {
+        return SignalFault::Offset(signal.offset.0);
+    }
+    if signal.unexplained.1 > 0.0 {
+        return SignalFault::Unexplained(signal.unexplained.0);
+    }
+    // least squares of the joint's parameters against their usual values
+    let (mut with, mut own) = (0.0, 0.0);
+    for (id, usual, _) in baseline.parameters.iter().filter(|(id, ..)| id.joint == joint) {
+        if let Some(of) = run.parameters.iter().find(|of| of.id == *id) {
+            let weight = usual.deviation.powi(-2);
+            with += weight * usual.value * (of.mean - usual.value);
+            own += weight * usual.value * usual.value;
+        }
+    }
+    SignalFault::Gain(if own > 0.0 { with / own } else { 0.0 })
+}
+
+/// The body at the last link that explains most of a change, and what it leaves; generalised least squares with a wide
+/// prior.
+fn load(change: &DVector<f64>, baseline: &Baseline) -> Option<(Load, DVector<f64>)> {
+    let deviation = |row: usize| baseline.parameters[row].1.deviation * baseline.inflation.sqrt();
+    let x = DMatrix::from_fn(change.len(), 10, |i, k| baseline.parameters[i].2[k] / deviation(i));
+    let prior = DMatrix::from_diagonal(&DVector::from_fn(10, |k, _| LOAD_PRIOR[k].powi(-2)));
+    let covariance = (x.transpose() * &x + prior).try_inverse()?;
+    let found = &covariance * (x.transpose() * change);
+    let rest = change - &x * &found;
+    let mass = found[0];
+    let centre = [1, 2, 3].map(|k| found[k] / mass);
+    let std_error = covariance[(0, 0)].sqrt();
+    (mass.is_finite() && mass != 0.0).then_some((Load { mass, std_error, centre }, rest))
+}

@@ -1,0 +1,139 @@
+//! What the parameters and torque signals of the whole arm show: a load (`payload`), a torque signal that reads wrong
+//! (`sensor`), a change of the arm that neither explains (`accuracy`).
+//!
+//! Each run is compared with the robot's first runs ([`super::arm`]). A run is out if the likeliest cause is clear.
+
+use jiff::Timestamp;
+
+use super::arm::{ArmCause, ArmEvidence, Load, SignalFault};
+use crate::anomaly::{Alternative, Anomaly, AnomalyKind, Severity};
+use crate::numerics::detect::episodes::episodes;
+use crate::numerics::detect::verdict::{Verdict, Why};
+use crate::robot::JointIndex;
+
+/// Anomalies of the arm and its torque signals. `runs` has key and start of each run.
+pub(super) fn arm_changes(
+    evidence: &[Option<ArmEvidence>],
+    joints: usize,
+    runs: &[(i64, Timestamp)],
+) -> Vec<Anomaly> {
+    let verdicts = |judge: &dyn Fn(ArmCause) -> Option<Figure>| -> Vec<Verdict> {
+        let one = |of: &Option<ArmEvidence>| match of {
+            None => Verdict::Unknown,
+            Some(of) => judge(of.clear()).map_or(Verdict::Quiet, |figure| figure.verdict(of)),
+        };
+        evidence.iter().map(one).collect()
+    };
+    let load = verdicts(&|cause| match cause {
+        ArmCause::Load(load) => Some(of_load(&load)),
+        _ => None,
+    });
+    let mut found = episodes(runs, None, AnomalyKind::Payload, "load_kg", load);
+    for joint in (0..joints).map(JointIndex::new) {
+        let signal = verdicts(&|cause| match cause {
+            ArmCause::TorqueSignal { joint: of, fault } if of == joint => Some(of_signal(fault)),
+            _ => None,
+        });
+        found.extend(episodes(runs, Some(joint), AnomalyKind::Sensor, "torque_signal", signal));
+    }
+    let unknown = verdicts(&|cause| (cause == ArmCause::Unknown).then(of_unknown));
+    found.extend(episodes(runs, None, AnomalyKind::Accuracy, "inertial_parameters", unknown));
+    found
+}
+
+struct Figure {
+    score: f64,
+    threshold: f64,
+    value: f64,
+    baseline: f64,
+    message: String,
+}
+
+impl Figure {
+    fn verdict(self, evidence: &ArmEvidence) -> Verdict {
+        let mut odds = evidence.odds().into_iter();
+        let own = odds.next().map(|(_, odds)| odds);
+        Verdict::Out {
+            severity: Severity::Warning,
+            score: self.score,
+            threshold: self.threshold,
+            value: self.value,
+            baseline: self.baseline,
+            message: self.message,
+            why: Why {
+                onset: None,
+                odds: own,
+                alternatives: odds
+                    .take(3)
+                    .map(|(cause, odds)| Alternative { cause: cause.words(), odds })
+                    .collect(),
+            },
+        }
+    }
+}
+
+fn of_load(load: &Load) -> Figure {
+    let [x, y, z] = load.centre;
+    let (amount, verb) = (load.mass.abs(), if load.mass > 0.0 { "more" } else { "less" });
+    Figure {
+        score: amount / load.std_error,
+        threshold: 5.0,
+        value: load.mass,
+        baseline: 0.0,
+        message: format!(
+            "the arm carries {amount:.2} kg {verb} than in its first tests (standard error {:.3} kg), centre at \
+             ({x:.3}, {y:.3}, {z:.3}) m of the last link; take the tool or workpiece off for tests, or record the new \
+             tool as maintenance",
+            load.std_error
+        ),
+    }
+}
+
+fn of_signal(fault: SignalFault) -> Figure {
+    match fault {
+        SignalFault::Offset(torque) => Figure {
+            score: torque.abs(),
+            threshold: 0.0,
+            value: torque,
+            baseline: 0.0,
+            message: format!(
+                "the torque signal has an offset: friction differs by {:.2} Nm between the directions, beyond the \
+                 usual; check the zero of the torque sensor or of the motor current",
+                2.0 * torque
+            ),
+        },
+        SignalFault::Unexplained(ratio) => Figure {
+            score: ratio,
+            threshold: 1.3,
+            value: ratio,
+            baseline: 1.0,
+            message: format!(
+                "the torque signal has {ratio:.1} times the usual part that no motion explains, and no other figure of \
+                 the joint tells why; check sensor, cable and shield"
+            ),
+        },
+        SignalFault::Gain(part) => Figure {
+            score: part.abs(),
+            threshold: 0.0,
+            value: 1.0 + part,
+            baseline: 1.0,
+            message: format!(
+                "the torque signal reads {:+.1} % of what it did: parameters of this joint alone have changed \
+                 together; check the torque sensor's calibration or the motor's torque constant",
+                100.0 * part
+            ),
+        },
+    }
+}
+
+fn of_unknown() -> Figure {
+    Figure {
+        score: 1.0,
+        threshold: 1.0,
+        value: f64::NAN,
+        baseline: f64::NAN,
+        message: "the arm's inertial parameters have changed, and neither a load nor one torque signal explains it; \
+                  check the mounting, the zero positions and the robot's description"
+            .into(),
+    }
+}

@@ -1,0 +1,261 @@
+//! Causes told apart on histories that are made up from their definitions: an arm of six joints whose friction warms,
+//! in a hall that changes, with parameters that vary from run to run.
+
+use std::cell::Cell;
+
+use jiff::{SignedDuration, Timestamp};
+
+use super::*;
+use crate::analysis::friction::CycleFriction;
+use crate::analysis::{Estimate, JointSummary, RmsdSwing};
+use crate::anomaly::{Anomaly, AnomalyKind, CycleSeries, RunParameter, Severity};
+use crate::robot::{ParameterId, ParameterKind};
+
+const JOINTS: usize = 6;
+const CYCLES: u32 = 8;
+/// Places of mass and first moments among the standard parameters.
+const MASS: u8 = 0;
+
+/// Standard normal numbers, always the same.
+struct Noise(Cell<u64>);
+
+impl Noise {
+    fn uniform(&self) -> f64 {
+        let next =
+            self.0.get().wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0.set(next);
+        ((next >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
+    }
+
+    /// Box and Muller (1958).
+    fn normal(&self) -> f64 {
+        (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+/// What is wrong with the arm in a run.
+#[derive(Clone, Copy, Default)]
+struct State {
+    /// Logarithm of friction beyond the usual, by joint and cycle.
+    friction: Option<fn(usize, u32) -> f64>,
+    /// Scatter of the friction of a joint from cycle to cycle.
+    swing: Option<(usize, f64)>,
+    /// Slow time constant of a joint as a multiple of the usual.
+    slower: Option<(usize, f64)>,
+    /// Offset of a joint's torque, Nm.
+    offset: Option<(usize, f64)>,
+    /// Unexplained torque of a joint as a multiple of the usual.
+    unexplained: Option<(usize, f64)>,
+    /// Load, kg.
+    mass: f64,
+    /// Logarithm of friction of all joints at the start, as a hall has it.
+    hall: f64,
+}
+
+/// Daily tests; `state` says what is wrong in each.
+fn fleet(runs: i64, seed: u64, state: impl Fn(i64) -> State) -> Vec<RunSummary> {
+    let noise = Noise(Cell::new(seed));
+    (0..runs).map(|run| test(run, &noise, state(run))).collect()
+}
+
+fn test(run: i64, noise: &Noise, state: State) -> RunSummary {
+    let hall = state.hall + 0.02 * noise.normal();
+    let mut cycle_friction = Vec::new();
+    let mut joints = Vec::new();
+    for j in 0..JOINTS {
+        let mut level = 0.0;
+        for cycle in 1..=CYCLES {
+            let minute = 3.1 * f64::from(cycle) - 1.2;
+            let slow = 25.0 * state.slower.filter(|of| of.0 == j).map_or(1.0, |of| of.1);
+            let warm_up = 0.15 * (-minute / 5.0).exp() + 0.25 * (-minute / slow).exp();
+            let wrong = state.friction.map_or(0.0, |of| of(j, cycle));
+            let swing = state.swing.filter(|of| of.0 == j).map_or(0.0, |of| of.1 * noise.normal());
+            let share = 0.8 + 0.06 * j as f64;
+            level += (wrong + swing) / f64::from(CYCLES);
+            cycle_friction.push(CycleSeries {
+                cycle,
+                friction: CycleFriction {
+                    joint: JointIndex::new(j),
+                    minute,
+                    ln_torque: 2.0 + warm_up + share * hall + wrong + swing + 0.003 * noise.normal(),
+                    offset: 0.01 * noise.normal()
+                        + state.offset.filter(|of| of.0 == j).map_or(0.0, |of| of.1),
+                    levels: 6,
+                    speed_fraction: 0.45,
+                },
+            });
+        }
+        let unexplained = state.unexplained.filter(|of| of.0 == j).map_or(1.0, |of| of.1);
+        joints.push(JointSummary {
+            joint: JointIndex::new(j),
+            warm_friction: None,
+            excitation_friction: None,
+            friction_index: Some(Estimate {
+                value: (level + 0.003 * noise.normal()).exp(),
+                std_error: 0.004,
+            }),
+            relative_rmsd: Some(0.02 * unexplained * (0.01 * noise.normal()).exp()),
+            rmsd_swing: Some(RmsdSwing { value: 0.001, cycles: CYCLES }),
+        });
+    }
+    RunSummary {
+        run_id: run + 1,
+        started_at: Timestamp::UNIX_EPOCH + SignedDuration::from_hours(24 * run),
+        cycles: CYCLES,
+        joints,
+        cycle_friction,
+        parameters: parameters(noise, state.mass),
+        ..RunSummary::default()
+    }
+}
+
+/// Parameters of links 2 to 6, of which the last link's mass and first moments are parts; a point mass 0.1 m above the
+/// last frame.
+fn parameters(noise: &Noise, mass: f64) -> Vec<RunParameter> {
+    let last = JointIndex::new(JOINTS - 1);
+    let of_last = |place: u8| ParameterId { joint: last, kind: ParameterKind::Inertial(place) };
+    let mut found = Vec::new();
+    for link in 1..JOINTS {
+        for place in 1..4_u8 {
+            let id = ParameterId { joint: JointIndex::new(link), kind: ParameterKind::Inertial(place) };
+            let arm = 0.05 * f64::from(place) + 0.03 * link as f64;
+            let terms = match place {
+                1 => vec![(1.0, id), (arm, of_last(MASS))],
+                2 => vec![(1.0, id), (-arm, of_last(MASS)), (-1.0, of_last(3))],
+                _ => vec![(1.0, id)],
+            };
+            let load = match place {
+                1 => arm * mass,
+                2 => -arm * mass - 0.1 * mass,
+                _ if link == JOINTS - 1 => 0.1 * mass,
+                _ => 0.0,
+            };
+            let mean = 1.0 + load + 0.002 * noise.normal();
+            found.push(RunParameter { id, mean, std_dev: 0.005, cycles: CYCLES, terms });
+        }
+    }
+    found
+}
+
+fn alarms(history: &[RunSummary]) -> Vec<Anomaly> {
+    let found = detect(history, &DetectSettings::default()).anomalies;
+    found.into_iter().filter(|of| of.severity > Severity::Info).collect()
+}
+
+/// The only alarm, by kind and joint number.
+fn only(history: &[RunSummary], kind: AnomalyKind, joint: Option<usize>) -> Anomaly {
+    let found = alarms(history);
+    let [alarm] = &found[..] else { panic!("one alarm: {found:#?}") };
+    assert_eq!((alarm.kind, alarm.joint.map(JointIndex::number)), (kind, joint), "{alarm:#?}");
+    assert!(alarm.odds.is_none_or(|odds| odds > 10.0), "{alarm:#?}");
+    alarm.clone()
+}
+
+#[test]
+fn healthy_arms_in_a_changing_hall_raise_nothing() {
+    for seed in 1..=6 {
+        let season = |run: i64| State { hall: 0.06 * (run as f64 / 9.0).sin(), ..State::default() };
+        let history = fleet(60, seed, season);
+        // whatever the number of runs that is known
+        for runs in [1, 2, 3, 4, 5, 6, 8, 12, 25, 60] {
+            assert_eq!(alarms(&history[..runs]), vec![], "seed {seed}, {runs} runs");
+        }
+    }
+}
+
+#[test]
+fn a_step_inside_a_run_is_found_in_that_run_with_its_cycle() {
+    let step = |joint: usize, cycle: u32| if joint == 1 && cycle >= 5 { 0.22 } else { 0.0 };
+    let after = |joint: usize, _: u32| if joint == 1 { 0.22 } else { 0.0 };
+    let state = |run: i64| State {
+        friction: match run {
+            0..=7 => None,
+            8 => Some(step),
+            _ => Some(after),
+        },
+        ..State::default()
+    };
+    for seed in 1..=4 {
+        let history = fleet(14, seed, state);
+        for runs in 9..=14 {
+            let found = only(&history[..runs], AnomalyKind::Step, Some(2));
+            assert_eq!(
+                (found.onset.run_id, found.onset.cycle, found.first_run_id),
+                (9, Some(5), 9),
+                "{runs}"
+            );
+            assert!(!found.ended, "{runs}: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn a_step_while_the_baseline_is_learnt_is_no_part_of_it() {
+    let step = |joint: usize, cycle: u32| if joint == 4 && cycle >= 4 { 0.22 } else { 0.0 };
+    let after = |joint: usize, _: u32| if joint == 4 { 0.22 } else { 0.0 };
+    let state = |run: i64| State {
+        friction: match run {
+            0..=1 => None,
+            2 => Some(step),
+            _ => Some(after),
+        },
+        ..State::default()
+    };
+    let history = fleet(14, 3, state);
+    for runs in 3..=14 {
+        let found = only(&history[..runs], AnomalyKind::Step, Some(5));
+        assert_eq!((found.onset.run_id, found.onset.cycle), (3, Some(4)), "{runs}");
+        assert!(!found.ended, "{runs}: {found:?}");
+    }
+}
+
+#[test]
+fn a_joint_that_always_swung_is_found_in_its_first_run() {
+    for seed in 1..=4 {
+        let history = fleet(8, seed, |_| State { swing: Some((4, 0.12)), ..State::default() });
+        for runs in 1..=8 {
+            only(&history[..runs], AnomalyKind::Oscillation, Some(5));
+        }
+    }
+}
+
+#[test]
+fn a_warm_up_twice_as_slow_is_thermal_and_wear_is_drift() {
+    let slower = |run: i64| State { slower: (run >= 7).then_some((3, 2.0)), ..State::default() };
+    let found = only(&fleet(10, 5, slower), AnomalyKind::Thermal, Some(4));
+    assert!((1.4..=3.0).contains(&found.value), "{found:?}");
+    let worn = |run: i64| State {
+        friction: match run - 6 {
+            1 => Some(|j, _| if j == 2 { 0.04 } else { 0.0 }),
+            2 => Some(|j, _| if j == 2 { 0.08 } else { 0.0 }),
+            3 => Some(|j, _| if j == 2 { 0.12 } else { 0.0 }),
+            4.. => Some(|j, _| if j == 2 { 0.16 } else { 0.0 }),
+            _ => None,
+        },
+        ..State::default()
+    };
+    let found = only(&fleet(11, 6, worn), AnomalyKind::Drift, Some(3));
+    assert!((7..=9).contains(&found.onset.run_id) && found.first_run_id <= 10, "{found:?}");
+}
+
+#[test]
+fn a_load_is_one_alarm_of_the_arm_with_its_mass() {
+    for mass in [0.8, -0.5] {
+        let history =
+            fleet(9, 7, |run| State { mass: if run >= 7 { mass } else { 0.0 }, ..State::default() });
+        let found = only(&history[..8], AnomalyKind::Payload, None);
+        assert!((found.value / mass - 1.0).abs() < 0.15, "{found:?}");
+        assert_eq!(found.first_run_id, 8);
+    }
+}
+
+#[test]
+fn a_torque_signal_that_reads_wrong_is_named_and_no_other_joint_is() {
+    let offset = |run: i64| State { offset: (run >= 7).then_some((1, 1.1)), ..State::default() };
+    only(&fleet(9, 8, offset), AnomalyKind::Sensor, Some(2));
+    let noisy = |run: i64| State { unexplained: (run >= 7).then_some((3, 4.0)), ..State::default() };
+    only(&fleet(9, 9, noisy), AnomalyKind::Sensor, Some(4));
+    // also beyond the limit of accuracy
+    let bad = |run: i64| State { unexplained: (run >= 7).then_some((0, 9.0)), ..State::default() };
+    only(&fleet(9, 10, bad), AnomalyKind::Sensor, Some(1));
+}

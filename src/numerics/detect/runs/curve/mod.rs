@@ -1,0 +1,8 @@
+//! Friction of a joint over the cycles of a run: a curve that falls while the joint warms. Which cause explains how it
+//! differs from the curve of the joint's first runs.
+
+pub(super) mod template;
+pub(super) mod hypothesis;
+pub(super) mod within_run;
+pub(super) mod causes;
+pub(super) mod points;

@@ -1,0 +1,81 @@
+//! Which runs of a joint have friction away from its baseline, and whether it drifted there or stepped.
+//!
+//! Which runs are out is the affair of the control chart ([`super::friction_drift`]). The shape is that of the runs about
+//! the beginning: a level that jumps, `s` from run `k` on, or a ramp, `c (i - k + 1)`. Both have one size, so the smaller
+//! sum of squares decides, with a prior for the rate of a ramp.
+
+use super::curve::causes::RunCause;
+use super::curve::hypothesis::Cause;
+use super::friction_history::{FrictionHistory, Observed};
+
+/// Runs before the first that is out, in which the change may have begun: an average is late.
+const RUNS_BEFORE: usize = 6;
+/// Runs after the beginning that tell a ramp from a jump. Later ones say what happened later.
+const RUNS_AFTER: usize = 8;
+/// Usual largest rate of wear, as a fraction of friction a run.
+const USUAL_RATE: f64 = 0.06;
+
+/// How friction came to where it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Shape {
+    /// Slowly, from this run on.
+    Drift { run: usize },
+    /// At once, in this run and with this cycle, where a cycle is known; by this fraction.
+    Step { run: usize, cycle: Option<u32>, size: f64 },
+}
+
+/// The shape of an episode: of runs that are out from `first` to `last`, as places in the history.
+pub(super) fn shape(
+    friction: &FrictionHistory,
+    causes: &[Option<RunCause>],
+    first: usize,
+    last: usize,
+) -> Shape {
+    let near = first.saturating_sub(RUNS_BEFORE)..=first;
+    let inside = near.rev().find_map(|run| match causes.get(run)?.as_ref()?.clear()? {
+        Cause::Step { cycle, size } => Some(Shape::Step { run, cycle: Some(cycle), size: size.exp_m1() }),
+        _ => None,
+    });
+    if let Some(step) = inside {
+        return step;
+    }
+    let compared: Vec<&Observed> = friction
+        .runs
+        .iter()
+        .filter(|of| of.run + RUNS_BEFORE >= first && of.run <= last && !friction.is_learnt_from(of))
+        .take(RUNS_BEFORE + RUNS_AFTER)
+        .collect();
+    let Some(out) = compared.iter().position(|of| of.run >= first) else {
+        return Shape::Drift { run: first };
+    };
+    let mut best: Option<(f64, Shape)> = None;
+    for begin in 0..=out {
+        let place = compared[begin].run;
+        let of = |pattern: &dyn Fn(usize) -> f64| {
+            let weight = |of: &Observed| friction.variance(of).recip();
+            let (mut with, mut own) = (0.0, 0.0);
+            for (i, observed) in compared.iter().enumerate() {
+                with += weight(observed) * pattern(i) * (observed.ratio - 1.0);
+                own += weight(observed) * pattern(i) * pattern(i);
+            }
+            let size = with / own;
+            let rest = compared
+                .iter()
+                .enumerate()
+                .map(|(i, observed)| weight(observed) * (observed.ratio - 1.0 - size * pattern(i)).powi(2));
+            (size, rest.sum::<f64>())
+        };
+        let after = |i: usize| if i >= begin { (i - begin + 1) as f64 } else { 0.0 };
+        let (size, rest) = of(&|i| f64::from(u8::from(i >= begin)));
+        let (rate, ramp_rest) = of(&after);
+        let ramp_rest = ramp_rest + (rate / USUAL_RATE).powi(2);
+        for (rest, shape) in
+            [(rest, Shape::Step { run: place, cycle: None, size }), (ramp_rest, Shape::Drift { run: place })]
+        {
+            if best.is_none_or(|(least, _)| rest < least) {
+                best = Some((rest, shape));
+            }
+        }
+    }
+    best.map_or(Shape::Drift { run: first }, |(_, shape)| shape)
+}

@@ -1,0 +1,90 @@
+//! Step: the friction of a joint jumps, inside a run or between two.
+//!
+//! Inside a run the comparison of causes finds it ([`super::curve`]), at the cycle with which it came, also in the runs
+//! of the baseline. Between runs the control chart of [`super::friction_drift`] finds that friction is away from its
+//! baseline, and the shape of the runs about the beginning says that it came at once ([`super::friction_change`]). The
+//! episode goes on as long as friction stays away. A step is a warning from a twentieth of friction on and critical
+//! from `drift_critical` on.
+
+use super::curve::hypothesis::Cause;
+use super::friction_change::{Shape, shape};
+use super::friction_drift::{episodes, friction_verdicts};
+use super::series::JointSeries;
+use crate::anomaly::{Alternative, AnomalyKind, Severity};
+use crate::numerics::detect::detector::Detector;
+use crate::numerics::detect::verdict::{Verdict, Why};
+
+pub(super) struct FrictionStep;
+
+impl Detector<JointSeries<'_>> for FrictionStep {
+    fn kind(&self) -> AnomalyKind {
+        AnomalyKind::Step
+    }
+
+    fn quantity(&self, series: &JointSeries<'_>) -> &'static str {
+        series.friction.source.quantity()
+    }
+
+    fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
+        let mut verdicts = friction_verdicts(series);
+        for (first, last) in episodes(&verdicts) {
+            match shape(&series.friction, &series.causes, first, last) {
+                Shape::Drift { .. } => verdicts[first..=last].fill(Verdict::Quiet),
+                Shape::Step { run, cycle, size } => {
+                    let odds = series.causes.get(run).and_then(Option::as_ref).map(|of| of.odds());
+                    for verdict in &mut verdicts[first..=last] {
+                        if let Verdict::Out { why, message, .. } = verdict {
+                            why.onset = Some((run, cycle));
+                            why.odds = odds.filter(|_| cycle.is_some());
+                            *message = format!(
+                                "friction jumped by {:+.0} %{}; {message}",
+                                100.0 * size,
+                                with(cycle)
+                            );
+                        }
+                    }
+                }
+            }
+        }
+        for run in 0..verdicts.len() {
+            if !matches!(verdicts[run], Verdict::Out { .. })
+                && series.is_signal_at_fault(run) != Some(series.joint)
+                && let Some(step) = inside(series, run)
+            {
+                verdicts[run] = step;
+            }
+        }
+        verdicts
+    }
+}
+
+fn with(cycle: Option<u32>) -> String {
+    cycle.map_or(" between two tests".into(), |cycle| format!(" with cycle {cycle} of a test"))
+}
+
+/// The verdict on a step inside a run.
+fn inside(series: &JointSeries<'_>, run: usize) -> Option<Verdict> {
+    let found = series.causes.get(run)?.as_ref()?;
+    let Some(Cause::Step { cycle, size }) = found.clear() else { return None };
+    let change = size.exp_m1();
+    let threshold = series.settings.drift_warning;
+    let critical = change.abs() >= series.settings.drift_critical;
+    let rejected = |(cause, odds): (Cause, f64)| Alternative { cause: cause.words(), odds };
+    Some(Verdict::Out {
+        severity: if critical { Severity::Critical } else { Severity::Warning },
+        score: change.abs(),
+        threshold,
+        value: 1.0 + change,
+        baseline: 1.0,
+        message: format!(
+            "friction jumped by {:+.0} % with cycle {cycle} of this test and stayed there; look for what happened \
+             then: a contact, a lost seal, a brake that drags",
+            100.0 * change
+        ),
+        why: Why {
+            onset: Some((run, Some(cycle))),
+            odds: Some(found.odds()),
+            alternatives: found.alternatives().into_iter().map(rejected).collect(),
+        },
+    })
+}

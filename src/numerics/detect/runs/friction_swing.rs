@@ -1,0 +1,59 @@
+//! Oscillation: the friction of a joint varies from cycle to cycle.
+//!
+//! The quantity is the standard deviation of a cycle's friction about the smooth curve of its run, as a fraction of
+//! friction. Each cycle is identified anew, so that the torque's RMSD stays quiet. The comparison of causes
+//! ([`super::curve`]) tells scatter from a step and from warm-up. A run is out from 3 % on, whatever the joint's own
+//! history: a joint that always swung is found in its first run. It is critical from 10 % on.
+
+use super::curve::hypothesis::Cause;
+use super::series::JointSeries;
+use crate::anomaly::{Alternative, AnomalyKind, Severity};
+use crate::numerics::detect::detector::Detector;
+use crate::numerics::detect::verdict::{Verdict, Why};
+
+/// Swing that is a warning, and one that is critical, as fractions of friction.
+const WARNING: f64 = 0.03;
+const CRITICAL: f64 = 0.10;
+
+pub(super) struct FrictionSwing;
+
+impl Detector<JointSeries<'_>> for FrictionSwing {
+    fn kind(&self) -> AnomalyKind {
+        AnomalyKind::Oscillation
+    }
+
+    fn quantity(&self, _: &JointSeries<'_>) -> &'static str {
+        "friction_swing"
+    }
+
+    fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
+        let verdict = |run: usize| {
+            let Some(found) = series.causes[run].as_ref() else { return Verdict::Unknown };
+            if series.is_signal_at_fault(run) == Some(series.joint) {
+                return Verdict::Unknown;
+            }
+            let Some(Cause::Scatter(size)) = found.clear() else { return Verdict::Quiet };
+            let rejected = |(cause, odds): (Cause, f64)| Alternative { cause: cause.words(), odds };
+            Verdict::Out {
+                severity: if size >= CRITICAL { Severity::Critical } else { Severity::Warning },
+                score: size,
+                threshold: WARNING,
+                value: size,
+                baseline: found.scatter,
+                message: format!(
+                    "friction varies by {:.0} % (standard deviation over {} cycles) from cycle to cycle, where {:.1} % \
+                     is usual; look for a loose bearing, belt or coupling, or a brake that does not open fully",
+                    100.0 * size,
+                    found.cycles,
+                    100.0 * found.scatter
+                ),
+                why: Why {
+                    onset: None,
+                    odds: Some(found.odds()),
+                    alternatives: found.alternatives().into_iter().map(rejected).collect(),
+                },
+            }
+        };
+        (0..series.causes.len()).map(verdict).collect()
+    }
+}

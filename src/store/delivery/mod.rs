@@ -1,0 +1,9 @@
+//! The outbox: events of anomalies, and which receiver has had which.
+
+pub(super) mod event;
+pub(super) mod alarm;
+pub(super) mod routes;
+pub(super) mod queue;
+pub(super) mod reminders;
+#[cfg(test)]
+mod tests;

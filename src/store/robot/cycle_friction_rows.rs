@@ -1,0 +1,67 @@
+//! Writes friction of each joint in each cycle as one number, from the friction points.
+
+use std::collections::{BTreeMap, HashMap};
+
+use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
+
+use super::history;
+use crate::analysis::FrictionPoint;
+use crate::analysis::friction::CycleFriction;
+use crate::numerics::friction::composite::cycle_friction;
+use crate::store::values::{ROWS_PER_STATEMENT, joint_number};
+
+/// Makes the rows of the robot's complete tests that have none yet.
+pub(in crate::store) async fn complete(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+) -> Result<(), sqlx::Error> {
+    let runs: Vec<i64> = sqlx::query_scalar(
+        "SELECT run.run_id FROM run
+         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete'
+               AND EXISTS (SELECT 1 FROM cycle JOIN friction_point USING (cycle_id) WHERE cycle.run_id = run.run_id)
+               AND NOT EXISTS (SELECT 1 FROM cycle JOIN cycle_friction_level USING (cycle_id)
+                               WHERE cycle.run_id = run.run_id)",
+    )
+    .bind(robot_id)
+    .fetch_all(&mut *connection)
+    .await?;
+    for run_id in runs {
+        complete_run(connection, run_id).await?;
+    }
+    Ok(())
+}
+
+async fn complete_run(connection: &mut SqliteConnection, run_id: i64) -> Result<(), sqlx::Error> {
+    let mut by_cycle: BTreeMap<u32, Vec<FrictionPoint>> = BTreeMap::new();
+    for of in history::friction_points(&mut *connection, run_id).await? {
+        by_cycle.entry(of.cycle).or_default().push(of.point);
+    }
+    let keys: Vec<(u32, i64)> = sqlx::query_as("SELECT number, cycle_id FROM cycle WHERE run_id = ?")
+        .bind(run_id)
+        .fetch_all(&mut *connection)
+        .await?;
+    let keys: HashMap<u32, i64> = keys.into_iter().collect();
+    let rows: Vec<(i64, CycleFriction)> = by_cycle
+        .iter()
+        .filter_map(|(cycle, points)| Some((*keys.get(cycle)?, cycle_friction(points))))
+        .flat_map(|(cycle_id, of_joints)| of_joints.into_iter().map(move |of| (cycle_id, of)))
+        .collect();
+    for rows in rows.chunks(ROWS_PER_STATEMENT) {
+        QueryBuilder::<Sqlite>::new(
+            "INSERT INTO cycle_friction_level (cycle_id, joint, minute, ln_torque, offset_nm, levels, speed_fraction) ",
+        )
+        .push_values(rows, |mut row, (cycle_id, of)| {
+            row.push_bind(*cycle_id)
+                .push_bind(joint_number(of.joint))
+                .push_bind(of.minute)
+                .push_bind(of.ln_torque)
+                .push_bind(of.offset)
+                .push_bind(of.levels)
+                .push_bind(of.speed_fraction);
+        })
+        .build()
+        .execute(&mut *connection)
+        .await?;
+    }
+    Ok(())
+}

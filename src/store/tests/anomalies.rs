@@ -1,0 +1,377 @@
+//! The life of anomalies: which found one is which stored one, what people do with them, and what is written down.
+
+use std::collections::HashSet;
+
+use jiff::{SignedDuration, Timestamp};
+use sqlx::AssertSqlSafe;
+
+use super::support::{anomaly, assert_sound, day, findings, fresh, header, joint, number, streaming_run};
+use crate::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
+use crate::store::handle::Store;
+use crate::store::robot::alarm_life::{AlarmAction, NotDone};
+use crate::store::robot::alarm_state::{AlarmState, EventKind};
+use crate::store::robot::anomalies::Reconciled;
+
+use AlarmAction::{Acknowledge, FalseAlarm, Resolve, Shelve};
+use EventKind::{Corrected, Ended, Opened, Reopened, Unshelved, Withdrawn, Worse};
+
+/// The latest test of a robot, and the store that it is in.
+struct Robot<'a> {
+    store: &'a Store,
+    name: String,
+    robot_id: i64,
+    /// Keys of runs, one a day from day 0 on.
+    runs: Vec<i64>,
+}
+
+impl<'a> Robot<'a> {
+    async fn with_runs(store: &'a Store, name: &str, days: usize) -> Self {
+        let mut runs = Vec::new();
+        for day in 0..days {
+            let begun =
+                store.begin_run(&header(name, i64::try_from(day).expect("few"))).await.expect("a run");
+            runs.push(begun.run_id);
+        }
+        let robot_id: i64 = sqlx::query_scalar("SELECT robot_id FROM robot WHERE name = ?")
+            .bind(name)
+            .fetch_one(&store.readers)
+            .await
+            .expect("the robot");
+        Self { store, name: name.into(), robot_id, runs }
+    }
+
+    /// Drift of joint 3, seen from one day to another.
+    fn drift(&self, from: usize, to: usize) -> Anomaly {
+        let at = |days: usize| day(i64::try_from(days).expect("few"));
+        Anomaly {
+            quantity: "friction_index",
+            first_run_id: self.runs[from],
+            last_run_id: self.runs[to],
+            first_seen_at: at(from),
+            last_seen_at: at(to),
+            onset: Onset { run_id: self.runs[from], cycle: Some(2), at: at(from) },
+            ..anomaly(joint(3), self.runs[from], Severity::Warning)
+        }
+    }
+
+    async fn reconcile(&self, anomalies: Vec<Anomaly>) -> Reconciled {
+        let mut conclusion = self.store.conclude(self.robot_id).await.expect("a transaction");
+        let outcome = conclusion.reconcile(&findings(anomalies)).await.expect("findings");
+        conclusion.commit(0).await.expect("a commit");
+        outcome
+    }
+
+    /// What happened with these findings.
+    async fn events(&self, anomalies: Vec<Anomaly>) -> Vec<EventKind> {
+        self.reconcile(anomalies).await.events.iter().map(|event| event.what).collect()
+    }
+
+    /// Number, kind, state and first run of what is shown.
+    async fn shown(&self) -> Vec<(i64, String, String, usize)> {
+        let rows = self.store.anomalies_after(0).await.expect("anomalies");
+        let of_robot = rows.into_iter().filter(|row| row.robot == self.name);
+        let place = |run: Option<i64>| self.runs.iter().position(|id| Some(*id) == run).expect("a run");
+        of_robot.map(|row| (row.anomaly_id, row.kind, row.state, place(row.run_id))).collect()
+    }
+}
+
+async fn act(store: &Store, id: i64, action: AlarmAction) -> Result<(), NotDone> {
+    store.act_on_anomalies(&[id], action, "mueller", Some("a reason")).await.expect("an answer").map(|_| ())
+}
+
+fn ended(of: Anomaly) -> Anomaly {
+    Anomaly { ended: true, ..of }
+}
+
+#[tokio::test]
+async fn an_episode_keeps_its_number_and_acknowledgement_while_the_history_is_refitted() {
+    let (_folder, store) = fresh().await;
+    let robot = Robot::with_runs(&store, "R00", 12).await;
+    let warm = Anomaly { quantity: "warm_friction_nm", ..robot.drift(6, 7) };
+    assert_eq!(robot.events(vec![warm]).await, [Opened]);
+    let [(id, ..)] = robot.shown().await[..] else { panic!("one") };
+    act(&store, id, Acknowledge).await.expect("possible");
+    // the first run moves either way, the quantity gets better, the cause gets clearer
+    for first in [7, 5, 6] {
+        assert_eq!(robot.events(vec![robot.drift(first, 8)]).await, []);
+        assert_eq!(robot.shown().await, [(id, "drift".into(), "acknowledged".into(), first)]);
+    }
+    let step = Anomaly { kind: AnomalyKind::Step, odds: Some(900.0), ..robot.drift(6, 9) };
+    assert_eq!(robot.events(vec![step.clone()]).await, [Corrected]);
+    assert_eq!(robot.shown().await, [(id, "step".into(), "acknowledged".into(), 6)]);
+    assert_eq!(robot.events(vec![ended(step)]).await, [Ended]);
+    // a new episode after it is another one
+    let later = robot.drift(11, 11);
+    let step = ended(Anomaly { kind: AnomalyKind::Step, ..robot.drift(6, 9) });
+    assert_eq!(robot.events(vec![step, later]).await, [Opened]);
+    assert_eq!(robot.shown().await.len(), 2);
+    let history = store.anomaly_history(id).await.expect("a history");
+    let told: Vec<_> = history.iter().map(|row| (row.what, row.who.as_deref(), row.run_id)).collect();
+    assert_eq!(
+        told,
+        [
+            (Opened, None, Some(robot.runs[7])),
+            (EventKind::Acknowledged, Some("mueller"), Some(robot.runs[7])),
+            (Corrected, None, Some(robot.runs[9])),
+            (Ended, None, Some(robot.runs[9])),
+        ]
+    );
+    assert_eq!(history[1].why.as_deref(), Some("a reason"));
+    assert_sound(&store).await;
+}
+
+#[tokio::test]
+async fn what_gets_worse_is_written_down_once_a_step_and_never_by_a_refit_alone() {
+    let (_folder, store) = fresh().await;
+    let robot = Robot::with_runs(&store, "R00", 4).await;
+    let with = |score, severity| Anomaly { score, severity, ..robot.drift(0, 1) };
+    assert_eq!(robot.events(vec![with(0.06, Severity::Warning)]).await, [Opened]);
+    for (score, severity, expected) in [
+        (0.06, Severity::Warning, vec![]),
+        (0.08, Severity::Warning, vec![]),
+        (0.091, Severity::Warning, vec![Worse]),
+        (0.07, Severity::Warning, vec![]),
+        (0.092, Severity::Warning, vec![]),
+        (0.12, Severity::Critical, vec![Worse]),
+        (0.10, Severity::Warning, vec![]),
+        (0.12, Severity::Critical, vec![]),
+        (-0.20, Severity::Critical, vec![Worse]),
+    ] {
+        assert_eq!(robot.events(vec![with(score, severity)]).await, expected, "{score} {severity}");
+    }
+    let rows = store.anomalies_after(0).await.expect("anomalies");
+    assert_eq!((rows[0].score, rows[0].peak_score, rows[0].value), (Some(-0.20), Some(7.0), Some(13.0)));
+}
+
+#[tokio::test]
+async fn what_people_said_holds_as_long_as_the_episode_and_no_longer() {
+    let (_folder, store) = fresh().await;
+    let robot = Robot::with_runs(&store, "R00", 10).await;
+    robot.reconcile(vec![robot.drift(2, 4)]).await;
+    let [(id, ..)] = robot.shown().await[..] else { panic!("one") };
+    let state = async || robot.shown().await[0].2.clone();
+
+    act(&store, id, Resolve).await.expect("possible");
+    assert_eq!(robot.events(vec![robot.drift(1, 4)]).await, [], "no later run shows it");
+    assert_eq!(state().await, "resolved");
+    assert_eq!(robot.events(vec![robot.drift(1, 5)]).await, [Reopened]);
+    assert_eq!(state().await, "open");
+
+    let soon = Timestamp::now() + SignedDuration::from_hours(1);
+    act(&store, id, Shelve(soon)).await.expect("possible");
+    assert_eq!(robot.events(vec![robot.drift(1, 6)]).await, []);
+    assert_eq!(store.end_shelving(soon - SignedDuration::from_secs(1)).await.expect("a look"), []);
+    assert_eq!(state().await, "shelved");
+    let unshelved = store.end_shelving(soon).await.expect("a look");
+    assert_eq!(unshelved.iter().map(|event| event.what).collect::<Vec<_>>(), [Unshelved]);
+    assert_eq!(store.end_shelving(soon).await.expect("a look"), [], "said once");
+    assert_eq!(state().await, "open");
+
+    act(&store, id, Shelve(soon)).await.expect("possible");
+    let critical = Anomaly { severity: Severity::Critical, ..robot.drift(1, 7) };
+    assert_eq!(robot.events(vec![critical.clone()]).await, [Unshelved, Worse]);
+
+    act(&store, id, FalseAlarm).await.expect("possible");
+    for found in [critical.clone(), ended(critical.clone()), critical.clone()] {
+        assert_eq!(robot.events(vec![found]).await, []);
+        assert_eq!(state().await, "false_alarm");
+    }
+    // withdrawn and found again it still is
+    assert_eq!(robot.events(vec![]).await, [Withdrawn]);
+    assert_eq!(robot.shown().await, []);
+    assert_eq!(robot.events(vec![critical]).await, []);
+    assert_eq!(robot.shown().await[0], (id, "drift".into(), "false_alarm".into(), 1));
+}
+
+#[tokio::test]
+async fn a_withdrawn_anomaly_colours_nothing_and_comes_back_as_it_was() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 1).await;
+    let critical = findings(vec![anomaly(joint(1), run_id, Severity::Critical)]);
+    super::support::finish(&store, run_id, 1, &critical).await;
+    let id = store.anomalies_after(0).await.expect("anomalies")[0].anomaly_id;
+    act(&store, id, Acknowledge).await.expect("possible");
+    let status = async || {
+        let rows = store.fleet_health().await.expect("health");
+        (
+            rows[0].status.name(),
+            rows[0].reason.is_some(),
+            store.counts().await.expect("counts").open_anomalies,
+        )
+    };
+    assert_eq!(status().await, ("critical", true, 0));
+    super::support::finish(&store, run_id, 1, &findings(vec![])).await;
+    assert_eq!(status().await, ("ok", false, 0));
+    assert_eq!(store.anomalies_after(0).await.expect("anomalies"), []);
+    let gone = store.act_on_anomalies(&[id], Resolve, "mueller", None).await.expect("an answer");
+    assert_eq!(gone, Err(NotDone::Withdrawn(id)));
+    super::support::finish(&store, run_id, 1, &critical).await;
+    let back = &store.anomalies_after(0).await.expect("anomalies")[0];
+    assert_eq!((back.anomaly_id, back.state.as_str()), (id, "acknowledged"));
+    let events = "SELECT count(*) FROM anomaly_history WHERE what IN ('opened', 'withdrawn', 'reopened')";
+    assert_eq!(number(&store, events).await, Some(3.0));
+}
+
+#[tokio::test]
+async fn what_ended_before_it_was_found_is_no_news_until_it_goes_on() {
+    let (_folder, store) = fresh().await;
+    let robot = Robot::with_runs(&store, "R00", 10).await;
+    assert_eq!(robot.events(vec![ended(robot.drift(2, 4))]).await, []);
+    assert_eq!(robot.shown().await[0].2, "resolved");
+    assert_eq!(robot.events(vec![]).await, [], "nor is that it is none");
+    assert_eq!(robot.events(vec![ended(robot.drift(2, 4))]).await, []);
+    assert_eq!(robot.events(vec![robot.drift(2, 6)]).await, [Opened]);
+}
+
+#[tokio::test]
+async fn an_action_is_done_to_all_or_to_none_and_only_where_it_makes_sense() {
+    let (_folder, store) = fresh().await;
+    let robot = Robot::with_runs(&store, "R00", 5).await;
+    let other = Anomaly { joint: None, ..ended(robot.drift(1, 2)) };
+    robot.reconcile(vec![robot.drift(1, 4), other]).await;
+    let [(open, ..), (past, ..)] = robot.shown().await[..] else { panic!("two") };
+    let answer = async |ids: &[i64], action| {
+        store
+            .act_on_anomalies(ids, action, "mueller", None)
+            .await
+            .expect("an answer")
+            .map(|events| events.len())
+    };
+    let not_from = |anomaly_id, state, ended| Err(NotDone::NotFrom { anomaly_id, state, ended });
+    let events = "SELECT count(*) FROM anomaly_event WHERE who IS NOT NULL";
+    assert_eq!(answer(&[open, 99], Acknowledge).await, Err(NotDone::Unknown(99)));
+    assert_eq!(answer(&[open, past], Acknowledge).await, not_from(past, AlarmState::Resolved, true));
+    assert_eq!((number(&store, events).await, robot.shown().await[0].2.as_str()), (Some(0.0), "open"));
+    assert_eq!(answer(&[open], Acknowledge).await, Ok(1));
+    assert_eq!(answer(&[open], Acknowledge).await, not_from(open, AlarmState::Acknowledged, false));
+    assert_eq!(answer(&[open, past], FalseAlarm).await, Ok(2));
+    assert_eq!(answer(&[open], Shelve(day(900))).await, not_from(open, AlarmState::FalseAlarm, false));
+    assert_eq!(answer(&[open], Acknowledge).await, Ok(1), "a false alarm is taken back");
+    assert_eq!(number(&store, events).await, Some(4.0));
+}
+
+#[tokio::test]
+async fn an_anomaly_outlives_its_runs_with_what_people_said() {
+    let (_folder, store) = fresh().await;
+    let robot = Robot::with_runs(&store, "R00", 5).await;
+    robot.reconcile(vec![robot.drift(1, 3)]).await;
+    let [(id, ..)] = robot.shown().await[..] else { panic!("one") };
+    act(&store, id, Acknowledge).await.expect("possible");
+    assert!(store.discard_run(robot.runs[1]).await.expect("an answer"));
+    let row = &store.anomalies_after(0).await.expect("anomalies")[0];
+    assert_eq!((row.anomaly_id, row.run_id, row.state.as_str()), (id, None, "acknowledged"));
+    assert_eq!(robot.events(vec![robot.drift(2, 3)]).await, []);
+    assert_eq!(robot.shown().await, [(id, "drift".into(), "acknowledged".into(), 2)]);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn programs_that_conclude_the_same_at_once_write_it_down_once() {
+    let (folder, store) = fresh().await;
+    let robot = Robot::with_runs(&store, "R00", 8).await;
+    let path = folder.path().join("fleet.db");
+    for last in [3, 5, 7] {
+        let found = Anomaly { score: f64::from(1_u32 << last), ..robot.drift(2, last) };
+        let tasks: Vec<_> = (0..4)
+            .map(|_| {
+                let (path, robot_id, found) = (path.clone(), robot.robot_id, findings(vec![found.clone()]));
+                tokio::spawn(async move {
+                    let own = Store::open(&path).await.expect("a store of its own");
+                    let mut conclusion = own.conclude(robot_id).await.expect("a transaction");
+                    let events = conclusion.reconcile(&found).await.expect("findings").events.len();
+                    conclusion.commit(0).await.expect("a commit");
+                    events
+                })
+            })
+            .collect();
+        let mut events = 0;
+        for task in tasks {
+            events += task.await.expect("no panic");
+        }
+        assert_eq!(events, 1, "with run {last}");
+    }
+    assert_eq!(number(&store, "SELECT count(*) FROM anomaly").await, Some(1.0));
+    let told = super::support::text(&store, "SELECT group_concat(what) FROM anomaly_history").await;
+    assert_eq!(told.as_deref(), Some("opened,worse,worse"));
+}
+
+/// What a detector might say of the runs that are known: against the mean of the first two of them, so that a run that
+/// arrives late changes what was said of later ones. Two quiet runs end an episode.
+fn judged(robot: &Robot<'_>, known: &[usize], levels: &[f64]) -> Vec<Anomaly> {
+    let mut known = known.to_vec();
+    known.sort_unstable();
+    let Some([first, second]) = known.first_chunk() else { return Vec::new() };
+    let baseline = (levels[*first] + levels[*second]) / 2.0;
+    let mut found: Vec<Anomaly> = Vec::new();
+    let mut quiet = 2;
+    for &run in &known[2..] {
+        let score = (levels[run] / baseline - 1.0).abs();
+        if score < 0.05 {
+            quiet += 1;
+            if quiet >= 2 {
+                found.iter_mut().for_each(|anomaly| anomaly.ended = true);
+            }
+            continue;
+        }
+        let severity = if score > 0.15 { Severity::Critical } else { Severity::Warning };
+        let kind = if known.len() > 4 { AnomalyKind::Step } else { AnomalyKind::Drift };
+        let now = Anomaly { severity, kind, score, peak_score: score, baseline, ..robot.drift(run, run) };
+        match found.last_mut().filter(|_| quiet < 2) {
+            Some(open) => open.go_on(now),
+            None => found.push(now),
+        }
+        quiet = 0;
+    }
+    found
+}
+
+/// Every order of `0..count`.
+fn orders(count: usize) -> Vec<Vec<usize>> {
+    if count == 0 {
+        return vec![Vec::new()];
+    }
+    let inserted = |order: Vec<usize>| {
+        (0..count).map(move |place| {
+            let mut longer = order.clone();
+            longer.insert(place, count - 1);
+            longer
+        })
+    };
+    orders(count - 1).into_iter().flat_map(inserted).collect()
+}
+
+#[tokio::test]
+async fn runs_in_any_order_show_what_all_at_once_show() {
+    for levels in [[1.0, 1.0, 1.2, 1.0, 1.0, 1.1], [1.0, 1.02, 1.07, 1.1, 1.2, 1.3]] {
+        let (_folder, store) = fresh().await;
+        let shown = async |name: &str| -> Vec<String> {
+            let query = format!(
+                "SELECT joint || kind || quantity || severity || score || threshold || value || baseline || first_seen_at
+                        || last_seen_at || state || message || peak_value || onset_at || peak_score || ended
+                        || (SELECT started_at FROM runs WHERE runs.run_id = anomalies.run_id)
+                        || (SELECT started_at FROM runs WHERE runs.run_id = anomalies.last_run_id)
+                        || (SELECT started_at FROM runs WHERE runs.run_id = anomalies.onset_run_id)
+                 FROM anomalies WHERE robot = '{name}' ORDER BY 1"
+            );
+            sqlx::query_scalar(AssertSqlSafe(query)).fetch_all(&store.readers).await.expect("rows")
+        };
+        let at_once = Robot::with_runs(&store, "once", levels.len()).await;
+        at_once.reconcile(judged(&at_once, &[0, 1, 2, 3, 4, 5], &levels)).await;
+        let expected = shown("once").await;
+        assert!(!expected.is_empty() && expected.iter().all(|row| row.len() > 100), "{expected:?}");
+        let mut lives = HashSet::new();
+        for (n, order) in orders(levels.len()).iter().enumerate().step_by(7) {
+            let robot = Robot::with_runs(&store, &format!("R{n}"), levels.len()).await;
+            let mut life = String::new();
+            for arrived in 1..=order.len() {
+                let events = robot.events(judged(&robot, &order[..arrived], &levels)).await;
+                let again = robot.events(judged(&robot, &order[..arrived], &levels)).await;
+                assert_eq!(again, [], "{order:?} up to {arrived}");
+                events.iter().for_each(|what| life.push_str(what.name()));
+            }
+            lives.insert(life);
+            assert_eq!(shown(&robot.name).await, expected, "{order:?}");
+        }
+        assert!(lives.len() > 5, "the orders differ on the way: {lives:?}");
+        assert_sound(&store).await;
+    }
+}
