@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::PathBuf;
 
-use crate::canon::OF_THE_WAY;
+use crate::canon::OF_DEEDS;
 use crate::small;
 use crate::support::{Workshop, assert_alike, query};
 

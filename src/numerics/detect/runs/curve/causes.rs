@@ -17,8 +17,9 @@ const QUIET_SCATTER: [f64; 2] = [0.002, 0.015];
 const LEVEL_CHANGE: f64 = 0.06;
 /// Least advantage, in logarithms, of a named cause over none.
 const LEAST_ADVANTAGE: f64 = 12.0;
-/// Least advantage over the next cause of another kind.
+/// Least advantage over the next cause of another kind; of a step, which scatter looks like now and then.
 const LEAST_LEAD: f64 = 3.0;
+const LEAST_LEAD_OF_STEP: f64 = 6.0;
 /// Least step, scatter and effect of another time constant, as fractions of friction.
 const LEAST_STEP: f64 = 0.05;
 const LEAST_SCATTER: f64 = 0.03;
@@ -57,7 +58,8 @@ impl RunCause {
             Cause::TimeConstant(_) => self.effect / LEAST_SLOWING,
             Cause::None | Cause::Scale(_) | Cause::Start(_) | Cause::Unknown => return None,
         };
-        let clear = self.advantage() >= LEAST_ADVANTAGE && self.lead() >= LEAST_LEAD;
+        let lead = if matches!(cause, Cause::Step { .. }) { LEAST_LEAD_OF_STEP } else { LEAST_LEAD };
+        let clear = self.advantage() >= LEAST_ADVANTAGE && self.lead() >= lead;
         (size >= 1.0 && clear).then_some(cause)
     }
 

@@ -103,8 +103,8 @@ impl Evidence<'_> {
                 add(Cause::TimeConstant(factor), likelihood, 1.0);
             }
         }
-        // a step of the second cycle at the earliest and the last but one at the latest has two cycles on a side
-        for first in 1..n {
+        // one cycle alone is no level; the cycles before are the usual curve's
+        for first in 1..n.saturating_sub(1) {
             let after = DVector::from_fn(n, |i, _| f64::from(u8::from(i >= first)));
             let (sizes, likelihood) = self.log_likelihood(&[after], None);
             add(Cause::Step { cycle: self.cycles[first], size: sizes[0] }, likelihood, 2.0);

@@ -13,6 +13,9 @@ pub(super) const FEWEST_CYCLES: usize = 6;
 /// Time constants of the decay that is tried, as parts of the length of the run.
 const CONSTANTS: [f64; 4] = [0.15, 0.4, 1.0, 3.0];
 
+/// Part of a step that a smooth curve may miss.
+const PATTERN_ERROR: f64 = 0.03;
+
 /// Residual standard deviation about a smooth curve; `None` with too few cycles.
 pub(super) fn scatter(curve: &Curve) -> Option<f64> {
     if curve.len() < FEWEST_CYCLES {
@@ -29,9 +32,10 @@ pub(super) fn judge(curve: &Curve, usual: f64, prior: f64) -> Vec<Judged> {
     let likelihood = |sum: f64, sigma: f64| -0.5 * sum / (sigma * sigma) - n * sigma.ln();
     let (_, sum) = smooth(curve, None);
     let mut found = vec![Judged { cause: Cause::None, log_posterior: likelihood(sum, usual) }];
-    for first in 1..curve.len() {
+    // one cycle alone is no level
+    for first in 2..curve.len() - 1 {
         let (size, sum) = smooth(curve, Some(first));
-        let sigma = usual.hypot(0.05 * size);
+        let sigma = usual.hypot(PATTERN_ERROR * size);
         found.push(Judged {
             cause: Cause::Step { cycle: curve[first].cycle, size },
             log_posterior: likelihood(sum, sigma) + prior - 2.0 * price,
