@@ -1,6 +1,6 @@
 //! `armwatch alerts`: anomalies, what people say of them, and what happened to each.
 
-use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser, TypedValueParser};
+use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser};
 use clap::{Args, Subcommand};
 use jiff::Timestamp;
 use jiff::civil::Date;
