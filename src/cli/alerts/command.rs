@@ -1,6 +1,6 @@
 //! `armwatch alerts`: anomalies, what people say of them, and what happened to each.
 
-use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser, TypedValueParser};
+use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser};
 use clap::{Args, Subcommand};
 use jiff::Timestamp;
 use jiff::civil::Date;
@@ -8,6 +8,7 @@ use jiff::tz::TimeZone;
 
 use super::act::{self, Deed};
 use super::list::{self, Wanted};
+use super::severity::severity;
 use super::show;
 use super::test::{self, TestArgs};
 use crate::anomaly::{AnomalyKind, Severity};
@@ -138,12 +139,6 @@ struct ShelveArgs {
     /// For so many days from now on
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(i64).range(1..=3650), conflicts_with = "until")]
     days: Option<i64>,
-}
-
-pub(super) fn severity() -> impl TypedValueParser<Value = Severity> {
-    PossibleValuesParser::new(Severity::ALL.map(Severity::name)).try_map(|name| {
-        Severity::ALL.into_iter().find(|severity| severity.name() == name).ok_or("no severity of this name")
-    })
 }
 
 /// A time with its zone, or a date, which begins at midnight UTC.

@@ -3,6 +3,7 @@
 pub(super) mod command;
 mod act;
 mod list;
+mod severity;
 mod show;
 mod test;
 mod words;

@@ -24,7 +24,7 @@ pub(super) struct TestArgs {
     #[arg(value_name = "ROUTE")]
     routes: Vec<String>,
     /// Severity that the message says
-    #[arg(long, value_name = "SEVERITY", value_parser = super::command::severity(), default_value = "warning")]
+    #[arg(long, value_name = "SEVERITY", value_parser = super::severity::severity(), default_value = "warning")]
     severity: Severity,
 }
 

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::routes::{given, texts};
 use super::settings::{
     Address, AlertmanagerSettings, CommandSettings, EmailSettings, Encryption, HttpLogin, MqttSettings,
     ReceiverSettings, Secret, WebhookSettings,
 };
+use super::values::{given, texts};
 use crate::config::toml::range::Limits;
 use crate::config::toml::table::{Table, Value};
 

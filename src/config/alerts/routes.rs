@@ -8,6 +8,7 @@ use jiff::tz::TimeZone;
 
 use super::receivers::read_receiver;
 use super::settings::{AlertSettings, QuietHours, Route, Site};
+use super::values::{given, texts};
 use crate::anomaly::{AnomalyKind, Severity};
 use crate::config::toml::range::Limits;
 use crate::config::toml::suggestion;
@@ -158,14 +159,6 @@ fn read_route(table: &Table<'_>, name: Option<String>) -> Option<Route> {
     })
 }
 
-/// Outer `None` after a problem, inner where nothing was given.
-pub(super) fn given<T>(read: Option<Option<T>>) -> Option<Option<T>> {
-    match read {
-        Some(read) => read.map(Some),
-        None => Some(None),
-    }
-}
-
 /// A site that no robot stands at is a slip of the pen, and its route would be silent.
 fn check_sites(table: &Table<'_>, sites: &[Site], routes: &[Route]) -> Option<()> {
     let named = |route: &Route| route.sites.clone().unwrap_or_default();
@@ -195,17 +188,6 @@ fn one_of<T: Copy>(value: &Value<'_>, all: &[T], name: impl Fn(T) -> &'static st
         value.refuse("is not known here".into(), Some(format!("write one of {}", names.join(", "))));
     }
     found
-}
-
-/// A list of texts, with one entry or more.
-pub(super) fn texts(value: &Value<'_>) -> Option<Vec<String>> {
-    let items = value.items()?;
-    if items.is_empty() {
-        value.refuse("has no entry".into(), Some("leave it out, or name one".into()));
-        return None;
-    }
-    let texts: Vec<_> = items.iter().map(|item| item.text().map(str::to_owned)).collect();
-    texts.into_iter().collect()
 }
 
 fn read_zone(value: &Value<'_>) -> Option<TimeZone> {
