@@ -36,7 +36,7 @@ pub fn views(database: &Path) -> Vec<String> {
 
 /// Views of what the program and people did and when, which no export decides: two databases of the same exports may
 /// differ in them, as where a test came late in one of them.
-const OF_DEEDS: [&str; 3] = ["anomaly_history", "baseline_changes", "maintenance_log"];
+pub const OF_DEEDS: [&str; 3] = ["anomaly_history", "baseline_changes", "maintenance_log"];
 
 fn columns(database: &Path, view: &str) -> Vec<String> {
     query(database, &format!("SELECT name FROM pragma_table_info('{view}') ORDER BY cid"))
