@@ -95,7 +95,7 @@ fn test(run: i64, noise: &Noise, state: State) -> RunSummary {
                 std_error: 0.004,
             }),
             relative_rmsd: Some(0.02 * unexplained * (0.01 * noise.normal()).exp()),
-            rmsd_swing: Some(RmsdSwing { value: 0.001, cycles: CYCLES }),
+            rmsd_swing: Some(RmsdSwing { value: 0.001, cycles: CYCLES as usize }),
         });
     }
     RunSummary {
