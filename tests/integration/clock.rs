@@ -41,7 +41,7 @@ fn rows(workshop: &Workshop) -> String {
     let views = query(&database, "SELECT name FROM sqlite_schema WHERE type = 'view' ORDER BY name");
     assert!(views.len() > 15, "{views:?}");
     let mut dump = String::new();
-    for view in views.iter().filter(|view| !OF_DEEDS.contains(&view.as_str())) {
+    for view in views.into_iter().filter(|view| !OF_DEEDS.contains(&view.as_str())) {
         let columns = query(&database, &format!("SELECT name FROM pragma_table_info('{view}')"));
         let compared: Vec<String> = columns
             .iter()
