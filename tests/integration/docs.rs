@@ -214,7 +214,8 @@ fn the_fleet_is_told_worst_first(workshop: &Workshop) {
         overview.ask(workshop, "robot, status, worst_joint, complete_runs, quarantined_runs", &[], "NULL");
     assert_eq!(told, ["Worn|critical|3|4|0", "R00|learning||1|0", "Bad|untested||0|1"]);
     let open = Query::read("open_anomalies.sql").ask(workshop, "robot, joint, kind", &[], "NULL");
-    assert!(open.contains(&"Worn|3|drift".to_owned()), "{open:?}");
+    // half as much again from one test to the next is no drift
+    assert!(open.contains(&"Worn|3|step".to_owned()), "{open:?}");
 }
 
 /// The query and the detector compute it from the same points by different roads.

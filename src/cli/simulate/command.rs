@@ -28,7 +28,8 @@ use crate::simulate::{SimulationSettings, simulate_run};
 Examples:
   armwatch simulate -o exports
   armwatch simulate -o exports --name R07 --runs 12 --cycles 8 --fault wear:joint=3,from=6,rate=0.03
-  armwatch simulate -o exports --runs 6 --cycles 8 --fault step:joint=2,from=4,cycle=5,size=0.25 --fault jitter:joint=5,from=1,size=0.12
+  armwatch simulate -o exports --runs 6 --cycles 8 --fault step:joint=2,from=4,cycle=5,size=0.25
+  armwatch simulate -o exports --cycles 8 --fault jitter:joint=5,from=1,size=0.12
   armwatch simulate -o exports --full-test --gzip
   armwatch simulate -o exports --robot config/robots/scara.toml
   armwatch simulate -o exports --layout config/exports/motor_side.toml

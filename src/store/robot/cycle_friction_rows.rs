@@ -10,7 +10,7 @@ use crate::analysis::friction::CycleFriction;
 use crate::numerics::friction::composite::cycle_friction;
 use crate::store::values::{ROWS_PER_STATEMENT, joint_number};
 
-/// Makes the rows of the robot's complete tests that have none yet.
+/// Makes the rows of the robot's complete tests with a cycle that has none yet: a complete run may have grown.
 pub(in crate::store) async fn complete(
     connection: &mut SqliteConnection,
     robot_id: i64,
@@ -18,9 +18,13 @@ pub(in crate::store) async fn complete(
     let runs: Vec<i64> = sqlx::query_scalar(
         "SELECT run.run_id FROM run
          WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete'
-               AND EXISTS (SELECT 1 FROM cycle JOIN friction_point USING (cycle_id) WHERE cycle.run_id = run.run_id)
-               AND NOT EXISTS (SELECT 1 FROM cycle JOIN cycle_friction_level USING (cycle_id)
-                               WHERE cycle.run_id = run.run_id)",
+               AND EXISTS (
+                   SELECT 1 FROM cycle
+                   WHERE cycle.run_id = run.run_id
+                         AND EXISTS (SELECT 1 FROM friction_point WHERE friction_point.cycle_id = cycle.cycle_id)
+                         AND NOT EXISTS (SELECT 1 FROM cycle_friction_level AS level
+                                         WHERE level.cycle_id = cycle.cycle_id)
+               )",
     )
     .bind(robot_id)
     .fetch_all(&mut *connection)
@@ -48,7 +52,7 @@ async fn complete_run(connection: &mut SqliteConnection, run_id: i64) -> Result<
         .collect();
     for rows in rows.chunks(ROWS_PER_STATEMENT) {
         QueryBuilder::<Sqlite>::new(
-            "INSERT INTO cycle_friction_level (cycle_id, joint, minute, ln_torque, offset_nm, levels, speed_fraction) ",
+            "INSERT OR REPLACE INTO cycle_friction_level (cycle_id, joint, minute, ln_torque, offset_nm, levels, speed_fraction) ",
         )
         .push_values(rows, |mut row, (cycle_id, of)| {
             row.push_bind(*cycle_id)
