@@ -8,9 +8,12 @@ use serde_json::{Value, json};
 
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
+use crate::cli::shared::plot::PlotFile;
 use crate::evaluate::fleet::{DetectorScore, FleetSettings, evaluate as judge};
 use crate::evaluate::scenario::Scenario;
-use crate::evaluate::score::{ScenarioScore, rate};
+use crate::evaluate::score::{ScenarioScore, rate, share_95};
+use crate::report::detection::{DetectionCurve, DetectionPoint, detection_figure};
+use crate::report::figure::Figure;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -22,6 +25,7 @@ Examples:
   armwatch evaluate
   armwatch evaluate --robots 200 --years 2
   armwatch evaluate --scenario wear --scenario healthy --robots 100 --seed 7
+  armwatch evaluate --robots 300 --plot detection.svg
   armwatch evaluate --json")]
 pub(in crate::cli) struct EvaluateArgs {
     /// Robots of each scenario
@@ -36,6 +40,9 @@ pub(in crate::cli) struct EvaluateArgs {
     /// One scenario, several times for more; all of them unless given
     #[arg(long, value_name = "NAME", value_parser = scenario)]
     scenario: Vec<Scenario>,
+    /// Writes probability and delay of detection over size as a picture, .svg or .html
+    #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
+    plot: Option<PlotFile>,
 }
 
 fn years(text: &str) -> Result<f64, String> {
@@ -69,6 +76,9 @@ pub(in crate::cli) fn evaluate(global: &Global, args: &EvaluateArgs) -> Result<u
     let scores = judge(&settings, &|| bar.inc(1))
         .map_err(|error| CliError::Internal(format!("a drawn arm: {error}")))?;
     bar.finish_and_clear();
+    if let (Some(file), Some(own)) = (&args.plot, scores.first()) {
+        file.write(&figure(own, &settings))?;
+    }
     if global.json {
         for score in &scores {
             output::json(&as_json(score, &settings));
@@ -77,6 +87,32 @@ pub(in crate::cli) fn evaluate(global: &Global, args: &EvaluateArgs) -> Result<u
         output::line(&as_text(&scores));
     }
     Ok(EXIT_DONE)
+}
+
+fn figure(own: &DetectorScore, settings: &FleetSettings) -> Figure {
+    let curve = |of: &ScenarioScore| DetectionCurve {
+        fault: of.scenario.name().into(),
+        size: of.scenario.size().into(),
+        points: of
+            .by_size
+            .iter()
+            .map(|bin| DetectionPoint {
+                size: bin.size,
+                detected: bin.detected as f64 / bin.robots as f64,
+                detected_95: share_95(bin.detected, bin.robots),
+                delay_tests: bin.delay_runs,
+            })
+            .collect(),
+    };
+    let faults = own.scenarios.iter().filter(|of| of.scenario.kind().is_some());
+    detection_figure(
+        &faults.map(curve).collect::<Vec<_>>(),
+        "Detection of faults on simulated fleets".into(),
+        format!(
+            "{} robots a fault, {} years each, seed {}; thin lines: 95 % interval",
+            settings.robots, settings.years, settings.seed
+        ),
+    )
 }
 
 fn progress_bar(robots: usize) -> ProgressBar {

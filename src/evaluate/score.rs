@@ -7,7 +7,7 @@ use super::history::History;
 use super::scenario::Scenario;
 use crate::anomaly::AnomalyKind;
 use crate::numerics::statistics::descriptive::median;
-use crate::numerics::statistics::distributions::chi_square_tail;
+use crate::numerics::statistics::distributions::{chi_square_tail, normal_quantile};
 
 /// What became of one robot under one detector.
 #[derive(Debug, Clone, PartialEq)]
@@ -221,6 +221,16 @@ pub fn rate(events: usize, years: f64) -> (f64, [f64; 2]) {
     (count / years, [low / years, high / years])
 }
 
+/// 95 % interval of a probability of which `of` in `all` is an estimate (Wilson 1927).
+#[must_use]
+pub fn share_95(of: usize, all: usize) -> [f64; 2] {
+    let (n, z) = (all.max(1) as f64, normal_quantile(0.975));
+    let share = of as f64 / n;
+    let middle = share + z * z / (2.0 * n);
+    let half = z * (share * (1.0 - share) / n + z * z / (4.0 * n * n)).sqrt();
+    [-1.0, 1.0].map(|sign| ((middle + sign * half) / (1.0 + z * z / n)).clamp(0.0, 1.0))
+}
+
 /// Mean over the kinds that happened of F1 of the kind that the first alarm since the event has in the end. A missed
 /// event and one that is said to be another kind count against its own kind; a robot without an event that has an alarm
 /// counts against the kind of its first alarm. Not a number without events.
@@ -255,6 +265,14 @@ mod tests {
         assert!(rate_of_none == 0.0 && low == 0.0 && (high - 3.6889).abs() < 1e-3, "{high}");
         let (_, [low, high]) = rate(10, 2.0);
         assert!((low - 4.7954 / 2.0).abs() < 1e-3 && (high - 18.3904 / 2.0).abs() < 1e-3, "{low} {high}");
+    }
+
+    #[test]
+    fn the_interval_of_a_probability_is_wilsons() {
+        // 8 of 10: 0.490 to 0.943
+        let [low, high] = share_95(8, 10);
+        assert!((low - 0.4902).abs() < 1e-3 && (high - 0.9433).abs() < 1e-3, "{low} {high}");
+        assert!(share_95(0, 10)[0].abs() < 1e-12 && share_95(10, 10)[1] > 0.999);
     }
 
     fn robot(scenario: Scenario, said: Option<AnomalyKind>) -> Outcome {
