@@ -20,6 +20,7 @@ pub mod pipeline;
 pub mod alert;
 pub mod report;
 pub mod simulate;
+pub mod evaluate;
 pub mod serve;
 pub mod daemon;
 pub mod cli;

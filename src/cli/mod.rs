@@ -10,6 +10,7 @@ mod layout;
 mod config;
 mod simulate;
 mod benchmark;
+mod evaluate;
 mod context;
 mod demo;
 mod ingest;
@@ -95,6 +96,8 @@ enum Command {
         #[command(subcommand)]
         command: BenchmarkCommand,
     },
+    /// Measure the detectors on simulated fleets: false alarms, detection, delay, cause
+    Evaluate(evaluate::EvaluateArgs),
     /// Look at a configuration
     Config {
         #[command(subcommand)]
@@ -185,6 +188,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Benchmark { command: BenchmarkCommand::PlainRead(args) } => {
             benchmark::throughput::plain_read(&args)
         }
+        Command::Evaluate(args) => evaluate::evaluate(&cli.global, &args),
         Command::Config { command: ConfigCommand::Check } => config::check::check(&cli.global),
     };
     ExitCode::from(done.unwrap_or_else(|error| {

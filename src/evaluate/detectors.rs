@@ -1,0 +1,191 @@
+//! The detectors that are measured: those of the program, and simple ones to compare them with.
+
+use super::event::BASELINE_RUNS;
+use crate::anomaly::{AnomalyKind, RunSummary, Severity};
+use crate::numerics::detect::runs::detect;
+use crate::numerics::detect::verdict::DetectSettings;
+use crate::robot::JointIndex;
+
+/// Quiet runs that end an alarm of a simple detector, as of the program's own.
+const QUIET_RUNS: usize = 2;
+/// First runs that the three-sigma rule and CUSUM take mean and standard deviation from.
+const REFERENCE_RUNS: usize = 4 * BASELINE_RUNS;
+/// Allowance and limit of CUSUM, in standard deviations (Montgomery 2009, 9.1).
+const CUSUM_ALLOWANCE: f64 = 0.5;
+const CUSUM_LIMIT: f64 = 5.0;
+
+/// Something that judges histories.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Detector {
+    /// [`detect`] with the settings that are shipped.
+    Armwatch,
+    /// An alarm of every joint in every run.
+    Always,
+    /// No alarm.
+    Never,
+    /// The friction index is three standard deviations away from its mean over the first twenty runs.
+    ThreeSigma,
+    /// Tabular CUSUM of the friction index, allowance 0.5 and limit 5 standard deviations of the first twenty runs.
+    Cusum,
+}
+
+/// An anomaly of severity warning or critical.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Alarm {
+    pub(super) kind: AnomalyKind,
+    pub(super) joint: Option<JointIndex>,
+    /// Places of the first and the latest run that showed it.
+    pub(super) first: usize,
+    pub(super) last: usize,
+    pub(super) severity: Severity,
+    /// Odds of its cause; 0 where causes were not compared.
+    pub(super) odds: f64,
+}
+
+impl Detector {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Armwatch, Self::Always, Self::Never, Self::ThreeSigma, Self::Cusum];
+
+    /// Name in tables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Armwatch => "armwatch",
+            Self::Always => "always",
+            Self::Never => "never",
+            Self::ThreeSigma => "three-sigma",
+            Self::Cusum => "cusum",
+        }
+    }
+
+    /// Its alarms over a history.
+    pub(super) fn alarms(self, history: &[RunSummary]) -> Vec<Alarm> {
+        match self {
+            Self::Armwatch => of_program(history),
+            Self::Always => by_joint(history, |indices| vec![true; indices.len()]),
+            Self::Never => Vec::new(),
+            Self::ThreeSigma => by_joint(history, three_sigma),
+            Self::Cusum => by_joint(history, cusum),
+        }
+    }
+}
+
+fn of_program(history: &[RunSummary]) -> Vec<Alarm> {
+    let place = |run_id: i64| history.iter().position(|run| run.run_id == run_id).unwrap_or(0);
+    detect(history, &DetectSettings::default())
+        .anomalies
+        .iter()
+        .filter(|anomaly| anomaly.severity >= Severity::Warning)
+        .map(|anomaly| Alarm {
+            kind: anomaly.kind,
+            joint: anomaly.joint,
+            first: place(anomaly.first_run_id),
+            last: place(anomaly.last_run_id),
+            severity: anomaly.severity,
+            odds: anomaly.odds.unwrap_or(0.0),
+        })
+        .collect()
+}
+
+/// Alarms of a rule on the friction index of each joint. Joints begin anew with each epoch.
+fn by_joint(history: &[RunSummary], rule: impl Fn(&[f64]) -> Vec<bool>) -> Vec<Alarm> {
+    let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
+    let mut found = Vec::new();
+    for joint in 0..joints {
+        let epoch = |run: &RunSummary| run.epochs.get(joint).copied().unwrap_or(0);
+        let epochs = history.iter().map(epoch).max().unwrap_or(0);
+        for of in 0..=epochs {
+            let runs: Vec<(usize, f64)> = history
+                .iter()
+                .enumerate()
+                .filter(|(_, run)| epoch(run) == of)
+                .filter_map(|(place, run)| Some((place, run.joints.get(joint)?.friction_index?.value)))
+                .collect();
+            let indices: Vec<f64> = runs.iter().map(|(_, index)| *index).collect();
+            let out = rule(&indices);
+            found.extend(episodes(&runs, &out, JointIndex::new(joint)));
+        }
+    }
+    found
+}
+
+fn episodes(runs: &[(usize, f64)], out: &[bool], joint: JointIndex) -> Vec<Alarm> {
+    let mut found: Vec<Alarm> = Vec::new();
+    let mut quiet = QUIET_RUNS;
+    for (&(place, _), &out) in runs.iter().zip(out) {
+        if !out {
+            quiet += 1;
+            continue;
+        }
+        match found.last_mut().filter(|_| quiet < QUIET_RUNS) {
+            Some(open) => open.last = place,
+            None => found.push(Alarm {
+                kind: AnomalyKind::Drift,
+                joint: Some(joint),
+                first: place,
+                last: place,
+                severity: Severity::Warning,
+                odds: 0.0,
+            }),
+        }
+        quiet = 0;
+    }
+    found
+}
+
+/// Deviations from the mean of the first runs in their standard deviations, zero for these runs themselves.
+fn standardised(indices: &[f64]) -> Vec<f64> {
+    let first = &indices[..REFERENCE_RUNS.min(indices.len())];
+    let count = first.len() as f64;
+    let mean = first.iter().sum::<f64>() / count;
+    let variance = first.iter().map(|of| (of - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    let deviation = variance.sqrt().max(f64::MIN_POSITIVE);
+    let of = |(place, index): (usize, &f64)| {
+        if place < REFERENCE_RUNS { 0.0 } else { (index - mean) / deviation }
+    };
+    indices.iter().enumerate().map(of).collect()
+}
+
+fn three_sigma(indices: &[f64]) -> Vec<bool> {
+    standardised(indices).iter().map(|of| of.abs() > 3.0).collect()
+}
+
+fn cusum(indices: &[f64]) -> Vec<bool> {
+    let (mut above, mut below) = (0.0_f64, 0.0_f64);
+    standardised(indices)
+        .iter()
+        .map(|of| {
+            above = (above + of - CUSUM_ALLOWANCE).max(0.0);
+            below = (below - of - CUSUM_ALLOWANCE).max(0.0);
+            above > CUSUM_LIMIT || below > CUSUM_LIMIT
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cusum_and_three_sigma_find_what_they_are_known_to_find() {
+        // deviations of -1 and 1 standard deviations, then a shift of two
+        let usual = |i: usize| if i % 2 == 0 { 0.99 } else { 1.01 };
+        let mut indices: Vec<f64> = (0..40).map(usual).collect();
+        assert!(!cusum(&indices).contains(&true) && !three_sigma(&indices).contains(&true));
+        indices.extend((40..60).map(|i| usual(i) + 0.02));
+        // 5 / (2 - 0.5) runs, and one or two for the swing
+        let first = cusum(&indices).iter().position(|out| *out);
+        assert!(matches!(first, Some(42..=45)), "{first:?}");
+        indices.push(1.05);
+        assert_eq!(three_sigma(&indices).last(), Some(&true));
+    }
+
+    #[test]
+    fn two_quiet_runs_end_an_alarm() {
+        let runs: Vec<(usize, f64)> = (0..8).map(|place| (place, 1.0)).collect();
+        let out = [true, false, true, false, false, true, false, false];
+        let found = episodes(&runs, &out, JointIndex::new(0));
+        let spans: Vec<(usize, usize)> = found.iter().map(|alarm| (alarm.first, alarm.last)).collect();
+        assert_eq!(spans, [(0, 2), (5, 5)]);
+    }
+}

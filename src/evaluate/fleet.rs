@@ -1,0 +1,121 @@
+//! Fleets: many robots of each scenario, on all cores.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use super::arm::Arm;
+use super::design::Design;
+use super::detectors::Detector;
+use super::draws::Draws;
+use super::history::{History, history};
+use super::scenario::Scenario;
+use super::score::{Outcome, ScenarioScore, macro_f1, outcome};
+use crate::numerics::NumericsError;
+
+/// Designs of arms in a fleet; robots of one design differ by their unit.
+const DESIGNS: usize = 24;
+/// Streams of random numbers of the robots begin here; designs have those before.
+const FIRST_ROBOT: u64 = 1 << 32;
+
+/// A fleet.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FleetSettings {
+    /// Robots of each scenario.
+    pub robots: usize,
+    /// Years that each is watched.
+    pub years: f64,
+    /// Seed of all that is drawn.
+    pub seed: u64,
+    /// What happens.
+    pub scenarios: Vec<Scenario>,
+    /// Threads.
+    pub threads: usize,
+}
+
+/// What one detector made of a fleet.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DetectorScore {
+    /// The detector.
+    pub detector: Detector,
+    /// One entry a scenario.
+    pub scenarios: Vec<ScenarioScore>,
+    /// See [`macro_f1`].
+    pub macro_f1: f64,
+}
+
+/// Draws a fleet and judges every detector on it. The same settings give the same scores, whatever the number of
+/// threads. `on_robot` is called after each robot.
+///
+/// # Errors
+/// [`NumericsError`] if a drawn design has no base parameters.
+pub fn evaluate(
+    settings: &FleetSettings,
+    on_robot: &(dyn Fn() + Sync),
+) -> Result<Vec<DetectorScore>, NumericsError> {
+    let count = DESIGNS.min(settings.robots.max(1));
+    let designs = (0..count)
+        .map(|of| Design::draw(&mut Draws::new(settings.seed, of as u64)))
+        .collect::<Result<Vec<Design>, NumericsError>>()?;
+    let total = settings.robots * settings.scenarios.len();
+    let next = AtomicUsize::new(0);
+    let done: Mutex<Vec<(usize, Vec<Outcome>)>> = Mutex::new(Vec::with_capacity(total));
+    std::thread::scope(|scope| {
+        for _ in 0..settings.threads.max(1) {
+            scope.spawn(|| {
+                loop {
+                    let number = next.fetch_add(1, Ordering::Relaxed);
+                    if number >= total {
+                        return;
+                    }
+                    let outcomes = robot(settings, &designs, number);
+                    done.lock().unwrap_or_else(PoisonError::into_inner).push((number, outcomes));
+                    on_robot();
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.sort_by_key(|(number, _)| *number);
+    Ok(Detector::ALL
+        .into_iter()
+        .enumerate()
+        .map(|(place, detector)| {
+            let all: Vec<&Outcome> = done.iter().map(|(_, of)| &of[place]).collect();
+            let of = |scenario: Scenario| -> Vec<&Outcome> {
+                all.iter().copied().filter(|of| of.scenario == scenario).collect()
+            };
+            DetectorScore {
+                detector,
+                scenarios: settings
+                    .scenarios
+                    .iter()
+                    .map(|&scenario| ScenarioScore::of(scenario, &of(scenario)))
+                    .collect(),
+                macro_f1: macro_f1(&all),
+            }
+        })
+        .collect())
+}
+
+/// One robot under all detectors.
+fn robot(settings: &FleetSettings, designs: &[Design], number: usize) -> Vec<Outcome> {
+    let history = drawn(settings, designs, number);
+    let of = |detector: Detector| {
+        let first_said = |place: usize| detector.alarms(&history.runs[..=place]);
+        outcome(&history, &detector.alarms(&history.runs), first_said)
+    };
+    Detector::ALL.map(of).to_vec()
+}
+
+/// The history of robot `number`, all scenarios after each other.
+pub(super) fn drawn(settings: &FleetSettings, designs: &[Design], number: usize) -> History {
+    let place = number / settings.robots.max(1);
+    let scenario = settings.scenarios[place];
+    // a scenario's robots are the same whichever others are asked for
+    let own = Scenario::ALL.iter().position(|of| *of == scenario).unwrap_or(0);
+    let unit = number % settings.robots.max(1);
+    let stream = FIRST_ROBOT * (1 + own as u64) + unit as u64;
+    let mut draws = Draws::new(settings.seed, stream);
+    let arm = Arm::draw(&designs[unit % designs.len()], &mut draws);
+    history(arm, scenario, settings.years, &mut draws)
+}

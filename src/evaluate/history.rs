@@ -1,0 +1,345 @@
+//! The history of one robot: summaries of its tests, as the store would hand them to the detectors.
+
+use jiff::{SignedDuration, Timestamp};
+use nalgebra::DVector;
+
+use super::arm::{Arm, covariance, residual_nm};
+use super::draws::Draws;
+use super::event::{BASELINE_RUNS, Event};
+use super::friction_index::{TestFriction, friction_indices};
+use super::scenario::Scenario;
+use crate::analysis::friction::CycleFriction;
+use crate::analysis::{Estimate, JointSummary, RmsdSwing, WarmFriction};
+use crate::anomaly::{CycleSeries, RunParameter, RunSummary};
+use crate::robot::{JointIndex, ParameterId, ParameterKind};
+
+/// Days of a year.
+const YEAR_DAYS: f64 = 365.25;
+/// Share of planned tests that are left out.
+const LEFT_OUT: f64 = 0.05;
+/// Standard deviation of the logarithm of what is recorded of a rest.
+const REST_ERROR: f64 = 0.1;
+/// Friction rises by this fraction for each kilogram, relative to the square root of the joint's torque, Nm.
+const FRICTION_OF_LOAD: f64 = 0.004;
+/// Share of a joint's torque that its friction is, by which swinging friction swings the RMSD.
+const SWING_SHARE: f64 = 0.02;
+
+/// One robot's history and what happened to it.
+#[derive(Debug, Clone)]
+pub(super) struct History {
+    pub(super) runs: Vec<RunSummary>,
+    pub(super) event: Event,
+    pub(super) years: f64,
+}
+
+/// Rest and hall of one test.
+struct Moment {
+    day: f64,
+    rest_h: f64,
+    hall_k: f64,
+    cycles: usize,
+}
+
+/// Draws a robot of this design, what happens to it, and the tests of `years` years.
+pub(super) fn history(mut arm: Arm<'_>, scenario: Scenario, years: f64, draws: &mut Draws) -> History {
+    let weeks = years * YEAR_DAYS / 7.0;
+    let planned = (weeks * arm.program.tests_a_week as f64) as usize;
+    let event = Event::draw(scenario, &mut arm, planned.max(BASELINE_RUNS + 2), draws);
+    let moments = moments(&arm, &event, years, draws);
+    let tests: Vec<TestFriction> = frictions(&arm, &event, &moments, draws);
+    let indices = friction_indices(&tests, &arm.joints, arm.hall.levels_k);
+    let base = ids(&arm);
+    let ids = Identified { terms: base, changed: changed_covariance(&arm, &event) };
+    let runs = moments
+        .iter()
+        .zip(&tests)
+        .zip(&indices)
+        .enumerate()
+        .map(|(run, ((moment, test), indices))| {
+            summary(&arm, &event, run, moment, test, indices, &ids, draws)
+        })
+        .collect();
+    History { runs, event, years }
+}
+
+fn moments(arm: &Arm<'_>, event: &Event, years: f64, draws: &mut Draws) -> Vec<Moment> {
+    let gap = 7.0 / arm.program.tests_a_week as f64;
+    let mut found: Vec<Moment> = Vec::new();
+    let (mut daily, mut regime, mut day) = (0.0, 0.0, 0.0);
+    let until = years * YEAR_DAYS;
+    while day < until {
+        let season = arm.hall.season_k * (std::f64::consts::TAU * day / YEAR_DAYS + arm.hall.phase).sin();
+        daily = 0.5 * daily + 0.75_f64.sqrt() * arm.hall.daily_k * draws.normal();
+        if event.scenario == Scenario::Hall && draws.happens(6.0 * gap / YEAR_DAYS) {
+            regime = draws.between(-event.size, event.size);
+        }
+        let usual = arm.program.rest_h * (arm.program.rest_spread * draws.normal()).exp();
+        let weekend = event.scenario == Scenario::Weekend;
+        let rest_h = match () {
+            () if weekend && day.rem_euclid(7.0) < gap => draws.between(40.0, 64.0),
+            () if weekend && draws.happens(0.3) => draws.log_between(0.1, 2.0),
+            () => usual,
+        };
+        let cut = draws.happens(arm.broken_off);
+        let cycles = if cut { draws.whole(2, arm.program.cycles) } else { arm.program.cycles };
+        if !draws.happens(LEFT_OUT) {
+            found.push(Moment { day, rest_h, hall_k: season + daily + regime, cycles });
+        }
+        day += gap;
+    }
+    found
+}
+
+/// Friction of every cycle, in logarithms over that of the warm joint.
+fn frictions(arm: &Arm<'_>, event: &Event, moments: &[Moment], draws: &mut Draws) -> Vec<TestFriction> {
+    let n = arm.joints.len();
+    let mut walks = vec![0.0; n];
+    let last = moments.len();
+    let replaced = moments.get(event.onset).map_or(f64::INFINITY, |moment| moment.day);
+    let mut found = Vec::with_capacity(last);
+    for (run, moment) in moments.iter().enumerate() {
+        let minutes: Vec<f64> =
+            (0..moment.cycles).map(|k| (k as f64 + 0.5) * arm.program.cycle_min).collect();
+        let repaired = event.scenario == Scenario::Repair && run >= event.onset;
+        let mut ln_ratio = Vec::with_capacity(n);
+        for (j, joint) in arm.joints.iter().enumerate() {
+            let correlation = joint.walk_correlation;
+            walks[j] = correlation * walks[j]
+                + (1.0 - correlation * correlation).sqrt() * joint.walk * draws.noise(arm.tails);
+            let is_own = j == event.joint;
+            let since = if repaired && is_own { moment.day - replaced } else { moment.day };
+            let run_in = if repaired && is_own { 0.05 } else { joint.run_in.0 };
+            let level = walks[j] + run_in * (-since / joint.run_in.1).exp() + event.level(arm, j, run, last);
+            let cold = joint.coldness(moment.rest_h);
+            let of = |k: usize, draws: &mut Draws| {
+                let holds = is_own && event.holds(run, k);
+                let slow = if holds && event.scenario == Scenario::WarmUp { event.size } else { 1.0 };
+                let scatter = event.scatter(joint, holds);
+                let jumps = matches!(
+                    event.scenario,
+                    Scenario::StepBetween | Scenario::StepInside | Scenario::StepInBaseline
+                );
+                let step = if holds && jumps { event.size.ln_1p() } else { 0.0 };
+                joint.ln_friction(moment.hall_k, &cold, slow, minutes[k])
+                    + level
+                    + step
+                    + scatter * draws.noise(arm.tails)
+            };
+            ln_ratio.push((0..minutes.len()).map(|k| of(k, draws)).collect());
+        }
+        let epochs = (0..n).map(|j| u32::from(repaired && j == event.joint)).collect();
+        found.push(TestFriction {
+            ln_ratio,
+            rest_h: moment.rest_h * (REST_ERROR * draws.normal()).exp(),
+            hall_seen_k: moment.hall_k + arm.hall.levels_k * draws.normal(),
+            minutes,
+            epochs,
+        });
+    }
+    found
+}
+
+impl Event {
+    /// What it adds to the logarithm of a joint's friction in a whole run, of `last` runs.
+    fn level(&self, arm: &Arm<'_>, joint: usize, run: usize, last: usize) -> f64 {
+        if run < self.onset {
+            return 0.0;
+        }
+        match self.scenario {
+            Scenario::Wear if joint == self.joint => {
+                let part = (run + 1 - self.onset) as f64 / (last.saturating_sub(self.onset)).max(1) as f64;
+                (self.size * part.powf(self.bend)).ln_1p()
+            }
+            Scenario::Repair if joint == self.joint => self.size.ln(),
+            // torque that reads more has more friction in it
+            Scenario::TorqueGain if joint == self.joint => self.size.ln_1p(),
+            Scenario::Payload => {
+                FRICTION_OF_LOAD * self.size * arm.joints[joint].torque_nm.max(1.0).sqrt().recip()
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// Standard deviation of the friction of one cycle.
+    fn scatter(&self, joint: &super::arm::JointTraits, holds: bool) -> f64 {
+        match self.scenario {
+            Scenario::Jitter if holds => joint.scatter.hypot(self.size),
+            Scenario::TorqueNoise if holds => joint.scatter.hypot(self.noise_of_friction(joint)),
+            _ => joint.scatter,
+        }
+    }
+
+    /// What more noise of the channel does to the friction of one cycle, which is a mean of some two hundred
+    /// independent rows.
+    fn noise_of_friction(&self, joint: &super::arm::JointTraits) -> f64 {
+        let more = (self.size * self.size - 1.0).max(0.0).sqrt();
+        more * joint.channel_noise_nm() / joint.warm_nm / 14.0
+    }
+}
+
+/// What is identified: the kept inertial parameters with their places and terms, and the covariance since the event.
+struct Identified {
+    terms: Vec<(usize, ParameterId, Vec<(f64, ParameterId)>)>,
+    changed: Option<nalgebra::DMatrix<f64>>,
+}
+
+fn ids(arm: &Arm<'_>) -> Vec<(usize, ParameterId, Vec<(f64, ParameterId)>)> {
+    let base = &arm.design.base;
+    base.kept
+        .iter()
+        .zip(&base.grouping)
+        .enumerate()
+        .filter(|(_, (id, _))| matches!(id.kind, ParameterKind::Inertial(_)))
+        .map(|(place, (id, grouped))| {
+            let rest = grouped.iter().map(|of| (of.coefficient, of.id));
+            (place, *id, std::iter::once((1.0, *id)).chain(rest).collect())
+        })
+        .collect()
+}
+
+fn changed_covariance(arm: &Arm<'_>, event: &Event) -> Option<nalgebra::DMatrix<f64>> {
+    let is_noisy = event.scenario == Scenario::TorqueNoise;
+    is_noisy.then(|| {
+        let deviations: Vec<f64> = arm
+            .joints
+            .iter()
+            .zip(&event.unexplained_nm)
+            .map(|(joint, more)| residual_nm(joint).hypot(*more))
+            .collect();
+        covariance(arm.design, &deviations)
+    })
+}
+
+#[expect(clippy::too_many_arguments, reason = "one robot's parts, each drawn once for all runs")]
+fn summary(
+    arm: &Arm<'_>,
+    event: &Event,
+    run: usize,
+    moment: &Moment,
+    test: &TestFriction,
+    indices: &[Estimate],
+    identified: &Identified,
+    draws: &mut Draws,
+) -> RunSummary {
+    let n = arm.joints.len();
+    let has = event.scenario.kind().is_some() && run >= event.onset;
+    let mut cycle_friction = Vec::with_capacity(n * test.minutes.len());
+    let mut run_offsets = vec![0.0; n];
+    for (j, joint) in arm.joints.iter().enumerate() {
+        let [usual, walk, _] = joint.offset_nm;
+        run_offsets[j] = usual + walk * draws.noise(arm.tails);
+        if has && j == event.joint && event.scenario == Scenario::TorqueOffset {
+            run_offsets[j] += event.size * joint.channel_noise_nm();
+        }
+    }
+    for (k, &minute) in test.minutes.iter().enumerate() {
+        for (j, joint) in arm.joints.iter().enumerate() {
+            let noisy = has && j == event.joint && event.scenario == Scenario::TorqueNoise;
+            let more = if noisy { event.noise_of_friction(joint) * joint.warm_nm } else { 0.0 };
+            let scatter = joint.offset_nm[2].hypot(more);
+            let friction = CycleFriction {
+                joint: JointIndex::new(j),
+                minute,
+                ln_torque: joint.warm_nm.ln() + test.ln_ratio[j][k],
+                offset: run_offsets[j] + scatter * draws.noise(arm.tails),
+                levels: 4,
+                speed_fraction: 0.5,
+            };
+            cycle_friction.push(CycleSeries { cycle: u32::try_from(k + 1).unwrap_or(u32::MAX), friction });
+        }
+    }
+    let seconds = SignedDuration::from_secs((86_400.0 * moment.day) as i64);
+    let cycles = u32::try_from(test.minutes.len()).unwrap_or(u32::MAX);
+    RunSummary {
+        run_id: i64::try_from(run + 1).unwrap_or(i64::MAX),
+        started_at: Timestamp::UNIX_EPOCH + seconds,
+        cycles,
+        refused_cycles: 0,
+        refusals: Vec::new(),
+        joints: (0..n).map(|j| joint_summary(arm, event, has, j, test, indices[j], draws)).collect(),
+        cycle_friction,
+        parameters: parameters(arm, event, has, test, identified, draws),
+        epochs: test.epochs.clone(),
+    }
+}
+
+fn joint_summary(
+    arm: &Arm<'_>,
+    event: &Event,
+    has: bool,
+    j: usize,
+    test: &TestFriction,
+    index: Estimate,
+    draws: &mut Draws,
+) -> JointSummary {
+    let joint = &arm.joints[j];
+    let cycles = test.minutes.len();
+    let from = cycles - cycles.div_ceil(3);
+    let count = (cycles - from) as f64;
+    let warm = test.ln_ratio[j][from..].iter().map(|of| of.exp()).sum::<f64>() / count * joint.warm_nm;
+    let minute = test.minutes[from..].iter().sum::<f64>() / count;
+    let usual_nm = residual_nm(joint) * (joint.unexplained_walk * draws.noise(arm.tails)).exp();
+    let more_nm = if has { event.unexplained_nm[j] } else { 0.0 };
+    let is_own = has && j == event.joint;
+    let swing = match event.scenario {
+        Scenario::TorqueNoise if is_own => joint.swing * event.size,
+        Scenario::Jitter if is_own => joint.swing.hypot(SWING_SHARE * event.size),
+        _ => joint.swing,
+    };
+    let freedom = (2.0 * (cycles as f64 - 1.0).max(1.0)).sqrt();
+    JointSummary {
+        joint: JointIndex::new(j),
+        warm_friction: Some(WarmFriction {
+            torque: warm,
+            std_error: warm * joint.scatter / count.sqrt(),
+            minute,
+            speed_fraction: 0.5,
+        }),
+        excitation_friction: None,
+        friction_index: Some(index),
+        relative_rmsd: Some(usual_nm.hypot(more_nm) / joint.torque_nm),
+        rmsd_swing: (cycles > 2)
+            .then(|| RmsdSwing { value: swing * (1.0 + draws.normal() / freedom).max(0.1), cycles }),
+    }
+}
+
+fn parameters(
+    arm: &Arm<'_>,
+    event: &Event,
+    has: bool,
+    test: &TestFriction,
+    identified: &Identified,
+    draws: &mut Draws,
+) -> Vec<RunParameter> {
+    let cycles = test.minutes.len() as f64;
+    let covariance = identified.changed.as_ref().filter(|_| has).unwrap_or(&arm.covariance);
+    let b = arm.theta.len();
+    let white = DVector::from_fn(b, |_, _| draws.noise(arm.tails));
+    let noise_part = arm.joints.iter().map(|joint| joint.noise_part).sum::<f64>() / arm.joints.len() as f64;
+    let scale = noise_part * (1.0 + arm.parameter_walk * arm.parameter_walk).sqrt() / cycles.sqrt();
+    let scatter = match covariance.clone().cholesky() {
+        Some(factor) => scale * (factor.l() * white),
+        None => DVector::zeros(b),
+    };
+    let mut theta = &arm.theta + scatter;
+    if has {
+        theta += &event.parameters;
+    }
+    for (leak, of) in arm.leaks.iter().zip(&test.ln_ratio) {
+        theta += leak * (of.iter().sum::<f64>() / of.len().max(1) as f64);
+    }
+    let freedom = (2.0 * (cycles - 1.0).max(1.0)).sqrt();
+    identified
+        .terms
+        .iter()
+        .map(|(place, id, terms)| RunParameter {
+            id: *id,
+            mean: theta[*place],
+            std_dev: noise_part
+                * covariance[(*place, *place)].sqrt()
+                * (1.0 + draws.normal() / freedom).max(0.1),
+            cycles: test.minutes.len() as u32,
+            terms: terms.clone(),
+        })
+        .collect()
+}

@@ -1,0 +1,141 @@
+//! What may happen to the robots of a fleet: the table of scenarios.
+
+use crate::anomaly::AnomalyKind;
+
+/// What happens to a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Scenario {
+    /// Nothing beyond what every robot has.
+    Healthy,
+    /// Its hall becomes some kelvin colder or warmer from one day to the next, several times.
+    Hall,
+    /// Its hall follows the seasons by several kelvin.
+    Season,
+    /// It rests over weekends and works on other days, so that tests begin cold or half warm.
+    Weekend,
+    /// Tests of three to seven cycles.
+    ShortTests,
+    /// Tests of 18 to 24 cycles.
+    LongTests,
+    /// A gearbox is replaced, which is entered as maintenance, and is run in.
+    Repair,
+    /// Friction of a joint grows from test to test.
+    Wear,
+    /// Friction of a joint jumps between two tests.
+    StepBetween,
+    /// Friction of a joint jumps inside a test.
+    StepInside,
+    /// The same inside one of the first tests.
+    StepInBaseline,
+    /// The tool is another one than in the first tests.
+    Payload,
+    /// Friction of a joint varies from cycle to cycle.
+    Jitter,
+    /// The slow time constant of a joint's warm-up changes.
+    WarmUp,
+    /// A torque channel gets an offset.
+    TorqueOffset,
+    /// A torque channel gets another gain.
+    TorqueGain,
+    /// A torque channel gets more noise.
+    TorqueNoise,
+    /// The zero position of a joint is lost by some degrees: no named cause.
+    ZeroPosition,
+}
+
+/// One row of the table of scenarios.
+struct Row {
+    scenario: Scenario,
+    name: &'static str,
+    kind: Option<AnomalyKind>,
+    size: &'static str,
+}
+
+const ROWS: [Row; 18] = {
+    const fn row(
+        scenario: Scenario,
+        name: &'static str,
+        kind: Option<AnomalyKind>,
+        size: &'static str,
+    ) -> Row {
+        Row { scenario, name, kind, size }
+    }
+    use AnomalyKind::{Accuracy, Drift, Oscillation, Payload, Sensor, Step, Thermal};
+    [
+        row(Scenario::Healthy, "healthy", None, ""),
+        row(Scenario::Hall, "hall", None, "largest change, K"),
+        row(Scenario::Season, "season", None, "amplitude, K"),
+        row(Scenario::Weekend, "weekend", None, ""),
+        row(Scenario::ShortTests, "short-tests", None, ""),
+        row(Scenario::LongTests, "long-tests", None, ""),
+        row(Scenario::Repair, "repair", None, "friction of the new gearbox, fraction of the old"),
+        row(Scenario::Wear, "wear", Some(Drift), "rise of friction at the end, fraction"),
+        row(Scenario::StepBetween, "step-between", Some(Step), "jump of friction, fraction"),
+        row(Scenario::StepInside, "step-inside", Some(Step), "jump of friction, fraction"),
+        row(Scenario::StepInBaseline, "step-in-baseline", Some(Step), "jump of friction, fraction"),
+        row(Scenario::Payload, "payload", Some(Payload), "mass, kg"),
+        row(Scenario::Jitter, "jitter", Some(Oscillation), "standard deviation, fraction of friction"),
+        row(Scenario::WarmUp, "warm-up", Some(Thermal), "slow time constant, fraction of the old"),
+        row(
+            Scenario::TorqueOffset,
+            "torque-offset",
+            Some(Sensor),
+            "offset, standard deviations of the channel's noise",
+        ),
+        row(Scenario::TorqueGain, "torque-gain", Some(Sensor), "change of gain, fraction"),
+        row(Scenario::TorqueNoise, "torque-noise", Some(Sensor), "noise, multiple of the old"),
+        row(Scenario::ZeroPosition, "zero-position", Some(Accuracy), "error, rad"),
+    ]
+};
+
+impl Scenario {
+    /// All of them, those of healthy robots first.
+    pub const ALL: [Self; 18] = {
+        let mut all = [Self::Healthy; 18];
+        let mut at = 0;
+        while at < all.len() {
+            all[at] = ROWS[at].scenario;
+            at += 1;
+        }
+        all
+    };
+
+    fn row(self) -> &'static Row {
+        // the table has a row for each, which a test holds
+        ROWS.iter().find(|row| row.scenario == self).unwrap_or(&ROWS[0])
+    }
+
+    /// Name as people type it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        self.row().name
+    }
+
+    /// The kind of the right alarm; `None` where any alarm is a false one.
+    #[must_use]
+    pub fn kind(self) -> Option<AnomalyKind> {
+        self.row().kind
+    }
+
+    /// What the drawn size of the event is, with its unit; empty where there is none.
+    #[must_use]
+    pub fn size(self) -> &'static str {
+        self.row().size
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_scenario_has_a_row_of_its_own() {
+        for (scenario, row) in Scenario::ALL.into_iter().zip(&ROWS) {
+            assert_eq!(scenario.name(), row.name);
+        }
+        let mut names: Vec<&str> = Scenario::ALL.map(Scenario::name).to_vec();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), Scenario::ALL.len());
+    }
+}

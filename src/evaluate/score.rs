@@ -1,0 +1,304 @@
+//! What alarms are worth: false ones a robot-year, detection, delay, joint and cause.
+
+use std::collections::BTreeMap;
+
+use super::detectors::Alarm;
+use super::history::History;
+use super::scenario::Scenario;
+use crate::anomaly::AnomalyKind;
+use crate::numerics::statistics::descriptive::median;
+use crate::numerics::statistics::distributions::{chi_square_tail, normal_quantile};
+
+/// What became of one robot under one detector.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// What happened to it.
+    pub scenario: Scenario,
+    /// Years that it was watched.
+    pub years: f64,
+    /// Kinds of its false alarms: all of a robot without an event, else those before the event.
+    pub false_alarms: Vec<AnomalyKind>,
+    /// The first alarm since the event, where there was an event and an alarm.
+    pub found: Option<Found>,
+    /// Further alarms since the event, of other joints or kinds than the right one.
+    pub beside: usize,
+    /// Size of the event, in the unit of [`Scenario::size`].
+    pub size: f64,
+}
+
+/// The first alarm since an event.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Tests from the first that had the event until the alarm; 0 is the same test.
+    pub delay_runs: usize,
+    /// Days between these tests.
+    pub delay_days: f64,
+    /// Its kind, as the whole history has it.
+    pub kind: AnomalyKind,
+    /// Its kind as it was first said, with the tests until then.
+    pub first_kind: Option<AnomalyKind>,
+    /// Whether it names the right joint, or the whole arm where that is right.
+    pub is_right_joint: bool,
+}
+
+/// Judges the alarms of a history. `first_said` gives the alarms of the tests up to a place.
+pub(super) fn outcome(
+    history: &History,
+    alarms: &[Alarm],
+    first_said: impl Fn(usize) -> Vec<Alarm>,
+) -> Outcome {
+    let event = &history.event;
+    let mut found = Outcome {
+        scenario: event.scenario,
+        years: history.years,
+        false_alarms: Vec::new(),
+        found: None,
+        beside: 0,
+        size: event.size,
+    };
+    let Some(kind) = event.scenario.kind() else {
+        found.false_alarms = alarms.iter().map(|alarm| alarm.kind).collect();
+        return found;
+    };
+    let before = alarms.iter().filter(|alarm| alarm.first < event.onset);
+    found.false_alarms = before.map(|alarm| alarm.kind).collect();
+    let since: Vec<&Alarm> = alarms.iter().filter(|alarm| alarm.first >= event.onset).collect();
+    let is_right = |alarm: &Alarm| alarm.kind == kind && alarm.joint == event.named_joint();
+    found.beside = since.iter().filter(|alarm| !is_right(alarm)).count();
+    let Some(first) = foremost(since.iter().copied()) else { return found };
+    let said = first_said(first.first);
+    let said = foremost(said.iter().filter(|alarm| alarm.first >= event.onset && alarm.last == first.first));
+    let start = |place: usize| history.runs[place].started_at;
+    found.found = Some(Found {
+        delay_runs: first.first - event.onset,
+        delay_days: start(first.first).duration_since(start(event.onset)).as_secs_f64() / 86_400.0,
+        kind: first.kind,
+        first_kind: said.map(|alarm| alarm.kind),
+        is_right_joint: first.joint == event.named_joint(),
+    });
+    found
+}
+
+/// The alarm that a person would read first: of the earliest test, then the most severe, then the one with the best
+/// odds.
+fn foremost<'a>(alarms: impl Iterator<Item = &'a Alarm>) -> Option<&'a Alarm> {
+    alarms.min_by(|a, b| {
+        a.first.cmp(&b.first).then(b.severity.cmp(&a.severity)).then(b.odds.total_cmp(&a.odds))
+    })
+}
+
+/// Figures of one scenario under one detector.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScenarioScore {
+    /// What happens.
+    pub scenario: Scenario,
+    /// Robots.
+    pub robots: usize,
+    /// Robot-years.
+    pub years: f64,
+    /// False alarms: all of robots without an event; of others those before it, for which [`Self::years`] is too long.
+    pub false_alarms: usize,
+    /// Kinds of these.
+    pub false_kinds: BTreeMap<&'static str, usize>,
+    /// Robots with an alarm since the event.
+    pub detected: usize,
+    /// Of these, with the right joint, the right kind in the end, the right kind when it was first said.
+    pub right_joint: usize,
+    /// See [`Self::right_joint`].
+    pub right_kind: usize,
+    /// See [`Self::right_joint`].
+    pub right_first_kind: usize,
+    /// Median delay, tests and days; not a number without a detection.
+    pub delay_runs: f64,
+    /// See [`Self::delay_runs`].
+    pub delay_days: f64,
+    /// Alarms since the event beside the right one, for each robot.
+    pub beside: f64,
+    /// Robots by what the first alarm says, `missed` where there was none.
+    pub said: BTreeMap<&'static str, usize>,
+    /// Detection over size.
+    pub by_size: Vec<SizeBin>,
+}
+
+/// Events of about one size.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SizeBin {
+    /// Geometric mean of their magnitudes.
+    pub size: f64,
+    /// Robots, and those with an alarm since the event.
+    pub robots: usize,
+    /// See [`Self::robots`].
+    pub detected: usize,
+    /// Median delay in tests; not a number without a detection.
+    pub delay_runs: f64,
+}
+
+/// Parts into which robots are divided by size.
+const SIZE_BINS: usize = 6;
+
+impl ScenarioScore {
+    /// Of the outcomes of one scenario.
+    pub(super) fn of(scenario: Scenario, outcomes: &[&Outcome]) -> Self {
+        let found: Vec<&Found> = outcomes.iter().filter_map(|of| of.found.as_ref()).collect();
+        let count = |of: &dyn Fn(&Found) -> bool| found.iter().filter(|found| of(found)).count();
+        let delays = |of: fn(&Found) -> f64| {
+            median(&found.iter().map(|found| of(found)).collect::<Vec<f64>>()).unwrap_or(f64::NAN)
+        };
+        let mut false_kinds = BTreeMap::new();
+        for kind in outcomes.iter().flat_map(|of| &of.false_alarms) {
+            *false_kinds.entry(kind.name()).or_default() += 1;
+        }
+        let mut said = BTreeMap::new();
+        if scenario.kind().is_some() {
+            for of in outcomes {
+                *said.entry(of.found.map_or("missed", |found| found.kind.name())).or_default() += 1;
+            }
+        }
+        let robots = outcomes.len();
+        Self {
+            scenario,
+            robots,
+            years: outcomes.iter().map(|of| of.years).sum(),
+            false_alarms: outcomes.iter().map(|of| of.false_alarms.len()).sum(),
+            false_kinds,
+            detected: found.len(),
+            right_joint: count(&|found| found.is_right_joint),
+            right_kind: count(&|found| Some(found.kind) == scenario.kind()),
+            right_first_kind: count(&|found| found.first_kind == scenario.kind()),
+            delay_runs: delays(|found| found.delay_runs as f64),
+            delay_days: delays(|found| found.delay_days),
+            beside: outcomes.iter().map(|of| of.beside).sum::<usize>() as f64 / robots.max(1) as f64,
+            said,
+            by_size: if scenario.kind().is_some() { by_size(scenario, outcomes) } else { Vec::new() },
+        }
+    }
+
+    /// False alarms a robot-year with their 95 % interval.
+    #[must_use]
+    pub fn rate(&self) -> (f64, [f64; 2]) {
+        rate(self.false_alarms, self.years)
+    }
+}
+
+fn by_size(scenario: Scenario, outcomes: &[&Outcome]) -> Vec<SizeBin> {
+    let magnitude = |of: &Outcome| match scenario {
+        // a factor: as far from one as its inverse
+        Scenario::WarmUp => of.size.ln().abs().exp(),
+        _ => of.size.abs(),
+    };
+    let mut sorted: Vec<&Outcome> = outcomes.to_vec();
+    sorted.sort_by(|a, b| magnitude(a).total_cmp(&magnitude(b)));
+    sorted
+        .chunks(sorted.len().div_ceil(SIZE_BINS).max(1))
+        .map(|bin| {
+            let logs: f64 = bin.iter().map(|of| magnitude(of).ln()).sum();
+            let delays: Vec<f64> = bin.iter().filter_map(|of| Some(of.found?.delay_runs as f64)).collect();
+            SizeBin {
+                size: (logs / bin.len() as f64).exp(),
+                robots: bin.len(),
+                detected: delays.len(),
+                delay_runs: median(&delays).unwrap_or(f64::NAN),
+            }
+        })
+        .collect()
+}
+
+/// Events a year, with the exact 95 % interval of a Poisson count (Garwood 1936).
+#[must_use]
+pub fn rate(events: usize, years: f64) -> (f64, [f64; 2]) {
+    let count = events as f64;
+    // the tail of chi-square with 2 k degrees of freedom at 2 m is the probability of fewer than k events of mean m
+    let mean_with = |freedom: f64, tail: f64| {
+        let (mut low, mut high) = (0.0, 2.0 * (count + 10.0 * (count + 1.0).sqrt() + 10.0));
+        for _ in 0..100 {
+            let middle = 0.5 * (low + high);
+            if chi_square_tail(middle, freedom) > tail { low = middle } else { high = middle }
+        }
+        0.25 * (low + high)
+    };
+    let low = if events == 0 { 0.0 } else { mean_with(2.0 * count, 0.975) };
+    let high = mean_with(2.0 * (count + 1.0), 0.025);
+    (count / years, [low / years, high / years])
+}
+
+/// 95 % interval of a probability of which `of` in `all` is an estimate (Wilson 1927).
+#[must_use]
+pub fn share_95(of: usize, all: usize) -> [f64; 2] {
+    let (n, z) = (all.max(1) as f64, normal_quantile(0.975));
+    let share = of as f64 / n;
+    let middle = share + z * z / (2.0 * n);
+    let half = z * (share * (1.0 - share) / n + z * z / (4.0 * n * n)).sqrt();
+    [-1.0, 1.0].map(|sign| ((middle + sign * half) / (1.0 + z * z / n)).clamp(0.0, 1.0))
+}
+
+/// Mean over the kinds that happened of F1 of the kind that the first alarm since the event has in the end. A missed
+/// event and one that is said to be another kind count against its own kind; a robot without an event that has an alarm
+/// counts against the kind of its first alarm. Not a number without events.
+#[must_use]
+pub fn macro_f1(outcomes: &[&Outcome]) -> f64 {
+    let mut scores = Vec::new();
+    for kind in AnomalyKind::ALL {
+        let truth = |of: &Outcome| of.scenario.kind() == Some(kind);
+        let said = |of: &Outcome| match of.scenario.kind() {
+            Some(_) => of.found.map(|found| found.kind) == Some(kind),
+            None => of.false_alarms.first() == Some(&kind),
+        };
+        let happened = outcomes.iter().filter(|of| truth(of)).count();
+        if happened == 0 {
+            continue;
+        }
+        let named = outcomes.iter().filter(|of| said(of)).count();
+        let right = outcomes.iter().filter(|of| truth(of) && said(of)).count();
+        scores.push(2.0 * right as f64 / (happened + named) as f64);
+    }
+    if scores.is_empty() { f64::NAN } else { scores.iter().sum::<f64>() / scores.len() as f64 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_interval_of_a_rate_is_that_of_the_tables() {
+        // exact limits of a Poisson mean: 0 events 0 to 3.689, 10 events 4.795 to 18.39
+        let (rate_of_none, [low, high]) = rate(0, 1.0);
+        assert!(rate_of_none == 0.0 && low == 0.0 && (high - 3.6889).abs() < 1e-3, "{high}");
+        let (_, [low, high]) = rate(10, 2.0);
+        assert!((low - 4.7954 / 2.0).abs() < 1e-3 && (high - 18.3904 / 2.0).abs() < 1e-3, "{low} {high}");
+    }
+
+    #[test]
+    fn the_interval_of_a_probability_is_wilsons() {
+        // 8 of 10: 0.490 to 0.943
+        let [low, high] = share_95(8, 10);
+        assert!((low - 0.4902).abs() < 1e-3 && (high - 0.9433).abs() < 1e-3, "{low} {high}");
+        assert!(share_95(0, 10)[0].abs() < 1e-12 && share_95(10, 10)[1] > 0.999);
+    }
+
+    fn robot(scenario: Scenario, said: Option<AnomalyKind>) -> Outcome {
+        let found = said.map(|kind| Found {
+            delay_runs: 1,
+            delay_days: 2.0,
+            kind,
+            first_kind: Some(kind),
+            is_right_joint: true,
+        });
+        let found = found.filter(|_| scenario.kind().is_some());
+        let false_alarms = if scenario.kind().is_none() { said.into_iter().collect() } else { Vec::new() };
+        Outcome { scenario, years: 1.0, false_alarms, found, beside: 0, size: 0.1 }
+    }
+
+    #[test]
+    fn missed_and_wrong_kinds_and_false_alarms_lower_f1() {
+        let all = [
+            robot(Scenario::Wear, Some(AnomalyKind::Drift)),
+            robot(Scenario::Wear, None),
+            robot(Scenario::Jitter, Some(AnomalyKind::Oscillation)),
+            robot(Scenario::Jitter, Some(AnomalyKind::Drift)),
+            robot(Scenario::Healthy, Some(AnomalyKind::Drift)),
+        ];
+        // drift: 1 of 2 that happened, 3 named: 2/5; oscillation: 1 of 2, 1 named: 2/3
+        let f1 = macro_f1(&all.iter().collect::<Vec<&Outcome>>());
+        assert!((f1 - 0.5 * (2.0 / 5.0 + 2.0 / 3.0)).abs() < 1e-12, "{f1}");
+    }
+}

@@ -1,0 +1,1 @@
+//! Honest bounds of the program's detectors on a small fleet.
