@@ -384,7 +384,8 @@ fn forecast(row: &SqliteRow) -> Result<Option<Forecast>, sqlx::Error> {
         return Ok(None);
     }
     let crossing = |by, lower, upper| -> Result<Option<Crossing>, sqlx::Error> {
-        let (days, upper) = (optional_day(row, by)?.zip(optional_day(row, lower)?), optional_day(row, upper)?);
+        let (days, upper) =
+            (optional_day(row, by)?.zip(optional_day(row, lower)?), optional_day(row, upper)?);
         Ok(days.map(|(by, lower)| Crossing { by, lower, upper }))
     };
     Ok(Some(Forecast {
