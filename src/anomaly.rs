@@ -4,12 +4,14 @@ use std::fmt;
 
 use jiff::Timestamp;
 
+use self::forecast::Forecast;
 use crate::analysis::friction::CycleFriction;
 use crate::analysis::refusal::RefusalCause;
 use crate::analysis::{JointSummary, ProductionJoint};
 use crate::robot::{JointIndex, ParameterId};
 
 pub mod epoch;
+pub mod forecast;
 
 /// What kind of change an anomaly is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -313,6 +315,8 @@ pub struct JointHealth {
     pub reason: Option<String>,
     /// The latest run that gave a result of this joint.
     pub last_result_run_id: Option<i64>,
+    /// When friction is expected to reach its limits; `None` with too few tests since the baseline or the last jump.
+    pub forecast: Option<Forecast>,
 }
 
 /// Outcome of looking at a robot's whole history.

@@ -1,11 +1,13 @@
 //! What people ask: runs, fleet health, anomalies, counts. Reads the views, as users do.
 
 use jiff::Timestamp;
+use jiff::civil::Date;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use super::ledger::runs;
 use super::values::{joint, named, size};
+use crate::anomaly::forecast::{Crossing, Forecast, Trend};
 use crate::anomaly::{Alternative, Severity};
 use crate::robot::JointIndex;
 use crate::run::{RunKind, RunStatus};
@@ -65,6 +67,8 @@ pub struct FleetHealthRow {
     pub expected_by: Option<Timestamp>,
     /// The quantity that `friction_index` comes from.
     pub friction_quantity: Option<String>,
+    /// When friction is expected to reach its limits.
+    pub forecast: Option<Forecast>,
 }
 
 /// Where a joint stands.
@@ -255,7 +259,8 @@ pub(in crate::store) async fn fleet_health(
     ];
     sqlx::query(
         "SELECT robot, joint, last_run_at, moving_relative_rmsd, friction_index, open_anomalies, status,
-                last_result_at, reason, expected_by, friction_quantity
+                last_result_at, reason, expected_by, friction_quantity, trend, warning_by, warning_by_lower,
+                warning_by_upper, critical_by, critical_by_lower, critical_by_upper
          FROM fleet_health
          ORDER BY robot, joint",
     )
@@ -272,6 +277,7 @@ pub(in crate::store) async fn fleet_health(
             reason: row.try_get("reason")?,
             expected_by: optional_time(&row, "expected_by")?,
             friction_quantity: row.try_get("friction_quantity")?,
+            forecast: forecast(&row)?,
         })
     })
     .fetch_all(executor)
@@ -371,4 +377,26 @@ fn optional_time(row: &SqliteRow, column: &str) -> Result<Option<Timestamp>, sql
         Some(_) => time_text(row, column).map(Some),
         None => Ok(None),
     }
+}
+
+fn forecast(row: &SqliteRow) -> Result<Option<Forecast>, sqlx::Error> {
+    if row.try_get::<Option<&str>, _>("trend")?.is_none() {
+        return Ok(None);
+    }
+    let crossing = |by, lower, upper| -> Result<Option<Crossing>, sqlx::Error> {
+        let (days, upper) =
+            (optional_day(row, by)?.zip(optional_day(row, lower)?), optional_day(row, upper)?);
+        Ok(days.map(|(by, lower)| Crossing { by, lower, upper }))
+    };
+    Ok(Some(Forecast {
+        trend: named(row, "trend", &Trend::ALL, Trend::name)?,
+        warning_at: crossing("warning_by", "warning_by_lower", "warning_by_upper")?,
+        critical_at: crossing("critical_by", "critical_by_lower", "critical_by_upper")?,
+    }))
+}
+
+fn optional_day(row: &SqliteRow, column: &str) -> Result<Option<Date>, sqlx::Error> {
+    let text: Option<&str> = row.try_get(column)?;
+    let day = text.map(str::parse).transpose();
+    day.map_err(|error: jiff::Error| sqlx::Error::Decode(error.to_string().into()))
 }

@@ -4,6 +4,8 @@ use jiff::Timestamp;
 use serde_json::{Value, json};
 
 use super::words::{as_value, figure, find, minute, name, place, state};
+use crate::anomaly::AnomalyKind;
+use crate::anomaly::forecast::{Crossing, Forecast, Trend};
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::plot::PlotFile;
@@ -24,6 +26,7 @@ pub(super) async fn show(
     let mut tests = store.evidence(&row.robot).await?;
     tests.retain(|test| row.joint.is_none_or(|joint| joint == test.joint));
     let history = store.anomaly_history(id).await?;
+    let forecast = forecast(store, &row).await?;
     if let Some(file) = plot {
         if tests.is_empty() {
             return Err(CliError::Usage(format!("no complete test of {} has figures to draw", row.robot)));
@@ -34,10 +37,11 @@ pub(super) async fn show(
         let mut value = as_value(&row);
         value["tests"] = tests.iter().map(|test| test_value(&row, test)).collect();
         value["history"] = history.iter().map(event_value).collect();
+        value["forecast"] = forecast.as_ref().map_or(Value::Null, forecast_value);
         output::json(&value);
         return Ok(EXIT_DONE);
     }
-    output::lines(facts(&row).into_iter());
+    output::lines(facts(&row).into_iter().chain(forecast.as_ref().map(forecast_text)));
     output::line(&format!("\n{}", tests_text(&row, &tests)));
     output::line(&format!("\n{}", history_text(&history)));
     Ok(EXIT_DONE)
@@ -89,6 +93,43 @@ fn facts(row: &AnomalyRow) -> Vec<String> {
         fact("rather than", format!("{}, odds {} to 1", rejected.cause, figure(Some(rejected.odds))));
     }
     lines
+}
+
+/// The forecast of the joint, of an anomaly of its friction that the latest test still shows.
+async fn forecast(store: &Store, row: &AnomalyRow) -> Result<Option<Forecast>, CliError> {
+    let Some(joint) = row.joint.filter(|_| row.kind == AnomalyKind::Drift.name() && !row.ended) else {
+        return Ok(None);
+    };
+    let health = store.fleet_health().await?;
+    let of_joint = health.into_iter().find(|health| health.robot == row.robot && health.joint == joint);
+    // logs of ordinary work have a drift of their own, and no forecast
+    let of_joint = of_joint.filter(|health| health.friction_quantity.as_deref() == Some(&row.quantity));
+    Ok(of_joint.and_then(|health| health.forecast))
+}
+
+fn forecast_text(forecast: &Forecast) -> String {
+    let by = |name: &str, crossing: Option<Crossing>| crossing.map(|of| format!("{name} by {}", of.words()));
+    let limits = [by("warning", forecast.warning_at), by("critical", forecast.critical_at)];
+    let limits: Vec<String> = limits.into_iter().flatten().collect();
+    let text = match (forecast.trend, limits.is_empty()) {
+        (Trend::None, _) => "no trend that reaches a limit".to_owned(),
+        (trend, true) => format!("friction is {}; its limits are passed or far off", trend.name()),
+        (trend, false) => format!("friction is {}: {}", trend.name(), limits.join("; ")),
+    };
+    format!("{:<11} {text}", "forecast")
+}
+
+fn forecast_value(forecast: &Forecast) -> Value {
+    let crossing = |of: Crossing| {
+        json!({
+            "by": of.by.to_string(), "lower": of.lower.to_string(),
+            "upper": of.upper.map(|upper| upper.to_string()),
+        })
+    };
+    json!({
+        "trend": forecast.trend.name(), "warning": forecast.warning_at.map(crossing),
+        "critical": forecast.critical_at.map(crossing),
+    })
 }
 
 fn is_within(row: &AnomalyRow, at: Timestamp) -> bool {

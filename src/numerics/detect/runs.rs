@@ -10,6 +10,7 @@ mod curve;
 mod arm;
 mod series;
 mod friction_change;
+mod forecast;
 mod friction_drift;
 mod friction_step;
 mod friction_swing;

@@ -42,6 +42,12 @@ pub fn normal_quantile(probability: f64) -> f64 {
     if is_probability(probability) { Normal::standard().inverse_cdf(probability) } else { f64::NAN }
 }
 
+/// Probability that a standard normal variable is below `x`; not a number for one that is none.
+#[must_use]
+pub fn normal_probability(x: f64) -> f64 {
+    Normal::standard().cdf(x)
+}
+
 /// Quantile of the F distribution with `above` and `below` degrees of freedom at `probability` in (0, 1). Not a
 /// number for another probability, or unless both are above 0.
 #[must_use]

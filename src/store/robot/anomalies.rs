@@ -357,7 +357,8 @@ async fn replace_health(
     }
     QueryBuilder::<Sqlite>::new(
         "INSERT INTO joint_health (robot_id, joint, friction_index, friction_quantity, knowledge, reason,
-                                  last_result_run_id) ",
+                                  last_result_run_id, trend, warning_by, warning_by_lower, warning_by_upper,
+                                  critical_by, critical_by_lower, critical_by_upper) ",
     )
     .push_values(health, |mut row, joint| {
         row.push_bind(robot_id)
@@ -366,7 +367,14 @@ async fn replace_health(
             .push_bind(joint.friction_quantity)
             .push_bind(joint.knowledge.name())
             .push_bind(joint.reason.as_deref())
-            .push_bind(joint.last_result_run_id);
+            .push_bind(joint.last_result_run_id)
+            .push_bind(joint.forecast.map(|forecast| forecast.trend.name()));
+        let limits = joint.forecast.map(|forecast| [forecast.warning_at, forecast.critical_at]);
+        for crossing in limits.unwrap_or_default() {
+            row.push_bind(crossing.map(|of| of.by.to_string()))
+                .push_bind(crossing.map(|of| of.lower.to_string()))
+                .push_bind(crossing.and_then(|of| of.upper).map(|upper| upper.to_string()));
+        }
     })
     .build()
     .execute(connection)

@@ -297,6 +297,7 @@ pub(in crate::store) fn health(joint: JointIndex, knowledge: Knowledge) -> Joint
         knowledge,
         reason: None,
         last_result_run_id: None,
+        forecast: None,
     }
 }
 

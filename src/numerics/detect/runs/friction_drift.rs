@@ -8,11 +8,13 @@
 //! limits the index raised no alarm in 1596 simulated runs of healthy joints (docs/method.md, "Friction
 //! index").
 
+use super::forecast::{Test, forecast};
 use super::friction_change::{Shape, shape};
 use super::friction_history::{FrictionHistory, Observed, Source};
 use super::series::JointSeries;
 use crate::anomaly::AnomalyKind;
-use crate::numerics::detect::control_chart::{Limits, UnequalEwma};
+use crate::anomaly::forecast::{Forecast, Trend};
+use crate::numerics::detect::control_chart::{Limits, UnequalEwma, steady_variance};
 use crate::numerics::detect::detector::Detector;
 use crate::numerics::detect::verdict::{DetectSettings, Verdict, Why, apart};
 
@@ -42,7 +44,47 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
                 }
             }
         }
+        if let (Some(Verdict::Out { message, value, baseline, .. }), Some(outlook)) =
+            (verdicts.last_mut(), outlook(series))
+        {
+            message.push_str(&at_this_rate(&outlook, *value > *baseline));
+        }
         verdicts
+    }
+}
+
+/// When friction will reach its limits, as the latest run lets expect. A jump of friction says nothing of a trend, so
+/// runs before the last one are left out.
+pub(super) fn outlook(series: &JointSeries<'_>) -> Option<Forecast> {
+    let friction = &series.friction;
+    let last_jump = |(first, last)| match shape(friction, &series.causes, first, last) {
+        // the run in which friction jumped is of both levels
+        Shape::Step { run, cycle, .. } => Some(run + usize::from(cycle.is_some())),
+        Shape::Drift { .. } => None,
+    };
+    let begin = episodes(&friction_verdicts(series)).into_iter().rev().find_map(last_jump).unwrap_or(0);
+    let tests: Vec<Test> = friction
+        .runs
+        .iter()
+        .filter(|of| of.run >= begin && !friction.is_learnt_from(of) && !series.is_explained(of.run))
+        .map(|of| Test {
+            at: series.starts[of.run],
+            ratio: of.ratio,
+            std_error: friction.variance(of).sqrt(),
+        })
+        .collect();
+    let limits = limits(series.settings);
+    let deviation = (steady_variance(friction.spread) + friction.baseline_variance).sqrt();
+    forecast(&tests, &Limits { warning: limits.threshold(deviation), ..limits })
+}
+
+/// What a drift's message says of its future: nothing without a trend away from the baseline, or where the critical
+/// limit is passed.
+fn at_this_rate(outlook: &Forecast, is_above: bool) -> String {
+    let away = if is_above { Trend::Rising } else { Trend::Falling };
+    match outlook.critical_at.filter(|_| outlook.trend == away) {
+        Some(crossing) => format!("; at this rate critical by {}", crossing.words()),
+        None => String::new(),
     }
 }
 

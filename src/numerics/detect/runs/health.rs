@@ -24,6 +24,7 @@ pub(super) fn health(history: &[RunSummary], series: &JointSeries<'_>, found: &[
         knowledge,
         reason,
         last_result_run_id: last_result.map(|run| history[run].run_id),
+        forecast: friction_drift::outlook(series),
     }
 }
 

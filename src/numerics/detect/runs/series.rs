@@ -1,5 +1,7 @@
 //! What the runs of a robot say of one joint.
 
+use jiff::Timestamp;
+
 use super::arm::{ArmCause, ArmEvidence};
 use super::curve::causes::RunCause;
 use super::curve::hypothesis::Cause;
@@ -18,6 +20,8 @@ pub(super) struct JointSeries<'a> {
     pub(super) joint: JointIndex,
     /// One entry a run; `None` where the run has no summary of the joint.
     pub(super) runs: Vec<Option<&'a JointSummary>>,
+    /// Start of each run.
+    pub(super) starts: Vec<Timestamp>,
     /// Friction of these runs, for the detector of drift and the joint's health.
     pub(super) friction: FrictionHistory,
     /// Why the curve of each run differs from the usual one.
@@ -43,7 +47,8 @@ impl<'a> JointSeries<'a> {
         if let Some(run) = causes.iter().position(jumps).filter(|run| friction.is_learnt_at(*run)) {
             friction.learn_before(run);
         }
-        Self { joint, runs, friction, causes, arm, settings }
+        let starts = history.iter().map(|run| run.started_at).collect();
+        Self { joint, runs, starts, friction, causes, arm, settings }
     }
 
     /// A figure of each run, `None` where it was not measured.
