@@ -371,7 +371,7 @@ mod tests {
         ] {
             assert!(text.lines().any(|line| line == expected), "{expected}\nnot in\n{text}");
         }
-        assert!(text.contains("  trend: +1.5"), "{text}");
+        assert!(text.contains("  trend: +1.65 in 30 days"), "{text}");
     }
 
     #[test]

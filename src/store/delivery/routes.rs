@@ -248,13 +248,13 @@ async fn settle(
     Ok(())
 }
 
-/// What was taken back, by the program or a person, before anybody was told need not be told.
+/// What was no alarm, as more of the history or a person says, before anybody was told need not be told.
 async fn spare_untold(
     connection: &mut SqliteConnection,
     route_id: i64,
     event: &AlarmEvent,
 ) -> Result<(), sqlx::Error> {
-    if event.what == EventKind::Ended {
+    if !matches!(event.what, EventKind::Withdrawn | EventKind::FalseAlarm) {
         return Ok(());
     }
     sqlx::query(
