@@ -1,1 +1,99 @@
-//! Honest bounds of the program's detectors on a small fleet.
+//! Drawn robots answer to events as real ones would, and the program's detectors keep bounds on a small fleet.
+
+use super::arm::Arm;
+use super::design::Design;
+use super::draws::Draws;
+use super::event::Event;
+use super::fleet::{FleetSettings, drawn, evaluate};
+use super::history::History;
+use super::scenario::Scenario;
+
+fn designs(count: u64) -> Vec<Design> {
+    (0..count).map(|of| Design::draw(&mut Draws::new(5, of)).expect("base parameters")).collect()
+}
+
+fn settings(robots: usize, scenarios: Vec<Scenario>) -> FleetSettings {
+    FleetSettings { robots, years: 1.0, seed: 5, scenarios, threads: 2 }
+}
+
+fn histories(robots: usize, scenario: Scenario) -> Vec<History> {
+    let (settings, designs) = (settings(robots, vec![scenario]), designs(4));
+    (0..robots).map(|number| drawn(&settings, &designs, number)).collect()
+}
+
+/// Mean of an index of a joint before and since the event.
+fn levels(history: &History) -> (f64, f64) {
+    let of = |runs: &[crate::anomaly::RunSummary]| {
+        let joint = history.event.joint;
+        runs.iter().map(|run| run.joints[joint].friction_index.unwrap().value.ln()).sum::<f64>()
+            / runs.len() as f64
+    };
+    (of(&history.runs[..history.event.onset]), of(&history.runs[history.event.onset + 1..]))
+}
+
+#[test]
+fn gains_of_all_torques_together_are_a_gain_of_all_parameters() {
+    let designs = designs(1);
+    let mut draws = Draws::new(5, 77);
+    let mut arm = Arm::draw(&designs[0], &mut draws);
+    let mut sum = arm.theta.clone() * 0.0;
+    for joint in 0..arm.joints.len() {
+        let mut event = loop {
+            let event = Event::draw(Scenario::TorqueGain, &mut arm, 60, &mut draws);
+            if event.joint == joint {
+                break event;
+            }
+        };
+        // the share of each joint's rows in the parameters
+        event.parameters /= event.size;
+        sum += event.parameters;
+    }
+    let error = (&sum - &arm.theta).norm() / arm.theta.norm();
+    assert!(error < 1e-6, "{error}");
+}
+
+#[test]
+fn a_load_moves_only_parameters_that_have_terms_of_the_last_link() {
+    let designs = designs(4);
+    for (number, design) in designs.iter().enumerate() {
+        let mut draws = Draws::new(5, 100 + number as u64);
+        let mut arm = Arm::draw(design, &mut draws);
+        let event = Event::draw(Scenario::Payload, &mut arm, 60, &mut draws);
+        let last = arm.joints.len() - 1;
+        let base = &design.base;
+        let mut moved = 0;
+        for ((id, grouped), change) in base.kept.iter().zip(&base.grouping).zip(event.parameters.iter()) {
+            let of_last = id.joint.index() == last || grouped.iter().any(|of| of.id.joint.index() == last);
+            assert!(of_last || change.abs() < 1e-9, "{id} moves by {change}");
+            moved += usize::from(change.abs() > 1e-3 * event.size.abs());
+        }
+        assert!(moved > 3, "{} kg move {moved} parameters", event.size);
+    }
+}
+
+#[test]
+fn the_index_shows_a_jump_of_friction_and_little_of_the_hall() {
+    for history in histories(12, Scenario::StepBetween) {
+        let (before, since) = levels(&history);
+        let truth = history.event.size.ln_1p();
+        assert!((since - before - truth).abs() < 0.03 + 0.1 * truth.abs(), "{before} {since} {truth}");
+    }
+    let mut errors: Vec<f64> = Vec::new();
+    for history in histories(12, Scenario::Hall) {
+        for run in &history.runs {
+            errors.extend(run.joints.iter().map(|joint| joint.friction_index.unwrap().value.ln()));
+        }
+    }
+    let rms = (errors.iter().map(|of| of * of).sum::<f64>() / errors.len() as f64).sqrt();
+    // its own walk is 0.2 to 1 %; friction itself moves by ten times that
+    assert!((0.004..0.03).contains(&rms), "{rms}");
+}
+
+#[test]
+fn a_fleet_is_the_same_on_any_number_of_threads() {
+    let settings = settings(3, vec![Scenario::Healthy, Scenario::StepInside]);
+    let on_one = evaluate(&FleetSettings { threads: 1, years: 0.5, ..settings.clone() }, &|| ()).unwrap();
+    let on_four = evaluate(&FleetSettings { threads: 4, years: 0.5, ..settings }, &|| ()).unwrap();
+    let text = |scores| format!("{scores:?}");
+    assert_eq!(text(on_one), text(on_four));
+}
