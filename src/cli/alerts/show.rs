@@ -239,3 +239,26 @@ fn picture(row: &AnomalyRow, tests: &[SeriesRun]) -> crate::report::figure::Figu
     let title = format!("anomaly {}: {}", row.anomaly_id, name(row));
     anomaly_figure(&points, span, title, row.message.clone())
 }
+
+#[cfg(test)]
+mod tests {
+    use jiff::civil::date;
+
+    use super::*;
+
+    #[test]
+    fn a_forecast_names_the_limits_that_are_ahead() {
+        let crossing = Crossing { by: date(2026, 5, 3), lower: date(2026, 4, 11), upper: None };
+        let rising = Forecast { trend: Trend::Rising, warning_at: None, critical_at: Some(crossing) };
+        let text = "forecast    friction is rising: critical by 2026-05-03 (80 %: not before 2026-04-11)";
+        assert_eq!(forecast_text(&rising), text);
+        let value = json!({
+            "trend": "rising", "warning": null,
+            "critical": {"by": "2026-05-03", "lower": "2026-04-11", "upper": null},
+        });
+        assert_eq!(forecast_value(&rising), value);
+        let passed = Forecast { critical_at: None, ..rising };
+        assert!(forecast_text(&passed).ends_with("its limits are passed or far off"));
+        assert!(forecast_text(&Forecast::default()).ends_with("no trend that reaches a limit"));
+    }
+}

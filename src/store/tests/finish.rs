@@ -1,11 +1,13 @@
 //! The end of a run: analysis, history, anomalies, health.
 
+use jiff::civil::date;
 use sqlx::AssertSqlSafe;
 
 use super::support::*;
 use crate::analysis::friction::FrictionIndex;
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{CycleAnalysis, Estimate};
+use crate::anomaly::forecast::{Crossing, Forecast, Trend};
 use crate::anomaly::{Anomaly, Findings, JointHealth, Knowledge, Severity};
 use crate::run::RunStatus;
 use crate::store::error::StoreError;
@@ -331,6 +333,35 @@ async fn what_is_not_known_goes_before_what_was() {
     assert_eq!((rows[2].last_result_at, rows[3].last_result_at), (None, Some(day(0))));
     let row = &store.anomalies_after(0).await.expect("anomalies")[0];
     assert_eq!((row.joint, row.peak_value), (None, Some(14.0)));
+}
+
+#[tokio::test]
+async fn forecasts_are_shown_as_they_were_found() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 1).await;
+    let day = |day| date(2026, 5, day);
+    let warning = Crossing { by: day(3), lower: day(1), upper: Some(day(9)) };
+    let critical = Crossing { by: day(20), lower: day(10), upper: None };
+    let forecasts = [
+        Some(Forecast { trend: Trend::Rising, warning_at: Some(warning), critical_at: Some(critical) }),
+        Some(Forecast { trend: Trend::Falling, warning_at: None, critical_at: Some(critical) }),
+        Some(Forecast::default()),
+        None,
+    ];
+    let mut found = findings(vec![]);
+    for (health, forecast) in found.health.iter_mut().zip(forecasts) {
+        health.forecast = forecast;
+    }
+    finish(&store, run_id, 1, &found).await;
+    let rows = store.fleet_health().await.expect("health");
+    assert_eq!(rows[..4].iter().map(|row| row.forecast).collect::<Vec<_>>(), forecasts);
+    let shown: (String, String, String, Option<String>) = sqlx::query_as(
+        "SELECT trend, warning_by_upper, critical_by_lower, critical_by_upper FROM fleet_health WHERE joint = 1",
+    )
+    .fetch_one(&store.readers)
+    .await
+    .expect("a row");
+    assert_eq!(shown, ("rising".into(), "2026-05-09".into(), "2026-05-10".into(), None));
 }
 
 #[tokio::test]

@@ -25,13 +25,16 @@ const MASS_ERRORS: f64 = 5.0;
 /// Deviation of an offset or of an unexplained rest, in standard deviations, from which on it is looked at.
 const SIGNAL_DEVIATIONS: f64 = 8.0;
 /// Least offset of a torque signal, as a fraction of the joint's friction.
-const LEAST_OFFSET: f64 = 0.02;
+const LEAST_OFFSET: f64 = 0.03;
 /// Least ratio of the unexplained rest to the usual one.
-const LEAST_RMSD_RATIO: f64 = 1.3;
+const LEAST_RMSD_RATIO: f64 = 1.6;
 /// Least standard deviation of the logarithm of the unexplained rest from run to run.
-const LEAST_RMSD_DEVIATION: f64 = 0.02;
+const LEAST_RMSD_DEVIATION: f64 = 0.05;
 /// A single deviation counts no more than this many squared: beyond, all models are wrong.
 const MOST_CHI_SQUARE: f64 = 2000.0;
+/// Mean square of the deviations of all parameters from which on they have changed: a baseline of a few runs knows the
+/// deviations badly, and nothing of a season.
+const LEAST_MEAN_SQUARE: f64 = 25.0;
 /// Least advantage of a cause over none, in units of chi².
 const LEAST_ADVANTAGE: f64 = 60.0;
 /// Price of one parameter, in units of chi².
@@ -183,7 +186,11 @@ impl Baseline {
                 .collect();
             let least =
                 median(&scatter).unwrap_or(0.0).max(LEAST_DEVIATION * of.mean.abs()).max(f64::MIN_POSITIVE);
-            let usual = Usual::of(own.iter().map(|of| of.mean), count, least)?;
+            // errors of single runs are known well, deviations of a few runs are not: these are pooled below
+            let means: Vec<f64> = own.iter().map(|of| of.mean).collect();
+            let value = median(&means).filter(|_| means.len() == count)?;
+            let usual =
+                Usual { value, deviation: least * (1.0 + std::f64::consts::FRAC_PI_2 / count as f64).sqrt() };
             Some((of.id, usual, of_last_link(&of.terms, last?)))
         };
         let parameters: Vec<_> =
@@ -200,7 +207,9 @@ impl Baseline {
             .take(count)
             .map(|change| change.norm_squared() / change.len().max(1) as f64)
             .collect();
-        found.inflation = median(&own).unwrap_or(1.0).max(1.0);
+        // the median was taken from these runs, and a run may be odd
+        let freedom = (count as f64 - 1.0) / count as f64;
+        found.inflation = own.iter().copied().fold(1.0, f64::max) / freedom;
         found
     }
 
@@ -281,7 +290,7 @@ fn evidence(run: &RunSummary, baseline: &Baseline, joints: usize) -> Option<ArmE
     let chi_square = |of: &DVector<f64>| of.iter().map(|x| (x * x).min(MOST_CHI_SQUARE)).sum::<f64>();
     let beyond_chance = |of: f64, count: usize| {
         let count = count as f64;
-        if of > count + 8.0 * (2.0 * count).sqrt() { of } else { 0.0 }
+        if of > LEAST_MEAN_SQUARE * count { of } else { 0.0 }
     };
     let count = baseline.parameters.len();
     let inertial = change.as_ref().map_or(0.0, |change| beyond_chance(chi_square(change), count));

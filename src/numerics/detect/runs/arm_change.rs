@@ -104,7 +104,7 @@ fn of_signal(fault: SignalFault) -> Figure {
         },
         SignalFault::Unexplained(ratio) => Figure {
             score: ratio,
-            threshold: 1.3,
+            threshold: 1.6,
             value: ratio,
             baseline: 1.0,
             message: format!(

@@ -16,10 +16,10 @@ const QUIET_SCATTER: [f64; 2] = [0.002, 0.015];
 /// Change of the level between two runs, beyond what all joints have in common, that ends a baseline.
 const LEVEL_CHANGE: f64 = 0.06;
 /// Least advantage, in logarithms, of a named cause over none.
-const LEAST_ADVANTAGE: f64 = 12.0;
+const LEAST_ADVANTAGE: f64 = 20.0;
 /// Least advantage over the next cause of another kind; of a step, which scatter looks like now and then.
 const LEAST_LEAD: f64 = 3.0;
-const LEAST_LEAD_OF_STEP: f64 = 6.0;
+const LEAST_LEAD_OF_STEP: f64 = 8.0;
 /// Least step, scatter and effect of another time constant, as fractions of friction.
 const LEAST_STEP: f64 = 0.05;
 const LEAST_SCATTER: f64 = 0.03;

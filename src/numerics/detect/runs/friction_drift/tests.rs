@@ -1,6 +1,9 @@
 //! Drift of friction, on histories made by hand.
 
+use jiff::civil::date;
+
 use crate::analysis::{Estimate, WarmFriction};
+use crate::anomaly::forecast::{Forecast, Trend};
 use crate::anomaly::{AnomalyKind, Knowledge, RunSummary, Severity};
 use crate::numerics::detect::runs::detect;
 use crate::numerics::detect::runs::fixtures::{history, wobble};
@@ -103,4 +106,38 @@ fn without_a_friction_stage_the_identified_friction_is_watched() {
     assert!((10..=13).contains(&anomaly.first_run_id), "{}", anomaly.first_run_id);
     assert!((anomaly.baseline - 9.0).abs() < 0.1 && anomaly.value > 11.0, "{anomaly:?}");
     assert!(anomaly.message.contains("the recordings have no friction stage"), "{}", anomaly.message);
+}
+
+#[test]
+fn a_drift_says_when_it_becomes_critical_and_the_joint_does_too() {
+    // 0.4 % a day from the eleventh test on: critical with the 48th, 1970-02-17
+    let wear = |i: usize| 1.0 + 0.2 * (wobble(i) - 1.0) + 0.004 * i.saturating_sub(10) as f64;
+    let until = |tests: usize| {
+        let runs = with_index(history(tests, |_| 12.0), |i| Some((wear(i), 0.005)));
+        detect(&runs, &DetectSettings::default())
+    };
+    let found = until(38);
+    let [anomaly] = &found.anomalies[..] else { panic!("one anomaly: {:?}", found.anomalies) };
+    assert_eq!((anomaly.kind, anomaly.severity), (AnomalyKind::Drift, Severity::Warning));
+    let forecast = found.health[2].forecast.expect("a forecast");
+    assert_eq!((forecast.trend, forecast.warning_at), (Trend::Rising, None));
+    let critical = forecast.critical_at.expect("ahead");
+    let clause = format!("; at this rate critical by {}", critical.words());
+    assert!(anomaly.message.ends_with(&clause), "{} {clause}", anomaly.message);
+    let day = date(1970, 2, 17);
+    assert!((date(1970, 2, 13)..=date(1970, 2, 21)).contains(&critical.by), "{critical:?}");
+    assert!(critical.lower <= day && critical.upper.is_none_or(|upper| upper >= day), "{critical:?}");
+    // where it is critical there is nothing to wait for
+    let found = until(60);
+    assert_eq!(found.anomalies[0].severity, Severity::Critical);
+    assert!(!found.anomalies[0].message.contains("at this rate"), "{}", found.anomalies[0].message);
+    assert_eq!(found.health[2].forecast.and_then(|of| of.critical_at), None);
+}
+
+#[test]
+fn a_jump_is_no_trend() {
+    let jump = |i: usize| wobble(i) * if i >= 20 { 1.1 } else { 1.0 };
+    let found =
+        detect(&with_index(history(40, |_| 12.0), |i| Some((jump(i), 0.005))), &DetectSettings::default());
+    assert_eq!(found.health[2].forecast, Some(Forecast::default()), "{:?}", found.anomalies);
 }
