@@ -18,7 +18,7 @@ const LOAD_PRIOR: [f64; 10] = [20.0, 5.0, 5.0, 5.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0
 /// Least standard deviation of a parameter from run to run, as a fraction of it.
 const LEAST_DEVIATION: f64 = 1e-3;
 /// Part of a change that a pattern may miss: patterns are models.
-const PATTERN_ERROR: f64 = 0.1;
+const PATTERN_ERROR: f64 = 0.05;
 /// Least mass that is called a load, kg, and how many of its standard errors.
 const LEAST_MASS: f64 = 0.1;
 const MASS_ERRORS: f64 = 5.0;
@@ -39,8 +39,10 @@ const LEAST_MEAN_SQUARE: f64 = 25.0;
 const LEAST_ADVANTAGE: f64 = 60.0;
 /// Price of one parameter, in units of chi².
 const PARAMETER_PRICE: f64 = 4.0;
+/// Further price of a torque signal that shows in parameters alone: a load does that too.
+const SILENT_SIGNAL_PRICE: f64 = 60.0;
 /// Price of a cause that is not known: it explains anything.
-const UNKNOWN_PRICE: f64 = 60.0;
+const UNKNOWN_PRICE: f64 = 150.0;
 
 /// Why the arm of a run differs from that of the first runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -301,20 +303,22 @@ fn evidence(run: &RunSummary, baseline: &Baseline, joints: usize) -> Option<ArmE
         && let Some((load, rest)) = load(change, baseline)
         && load.mass.abs() >= LEAST_MASS.max(MASS_ERRORS * load.std_error)
     {
-        let rest = beyond_chance((chi_square(&rest) - PATTERN_ERROR * inertial).max(0.0), count);
+        let left = rest.norm_squared() / change.norm_squared();
+        let rest = (left - PATTERN_ERROR).max(0.0) * inertial;
         causes.push((ArmCause::Load(load), rest + all_signals + 10.0 * PARAMETER_PRICE));
     }
     for joint in (0..joints).map(JointIndex::new) {
-        let own: f64 = change.as_ref().map_or(0.0, |change| {
-            let near = baseline
+        let elsewhere = change.as_ref().map_or(0.0, |change| {
+            let far = baseline
                 .parameters
                 .iter()
                 .zip(change.iter())
-                .filter(|((id, ..), _)| is_near(id.joint, joint));
-            near.map(|(_, x)| (x * x).min(MOST_CHI_SQUARE)).sum()
+                .filter(|((id, ..), _)| !is_near(id.joint, joint));
+            far.map(|(_, x)| x * x).sum::<f64>() / change.norm_squared()
         });
-        let rest = if inertial > 0.0 { (inertial - own - PATTERN_ERROR * inertial).max(0.0) } else { 0.0 };
-        let rest = beyond_chance(rest, count);
+        let rest = if inertial > 0.0 { (elsewhere - PATTERN_ERROR).max(0.0) * inertial } else { 0.0 };
+        let own = &signals[joint.index()];
+        let silent = if signal_cost(own) > 0.0 { 0.0 } else { SILENT_SIGNAL_PRICE };
         // a torque that reads wrong spoils the fit of the joint before as well, but less than its own
         let part = |other: usize| match is_near(JointIndex::new(other), joint) {
             true if signals[other].unexplained.0 < signals[joint.index()].unexplained.0 => 0.0,
@@ -323,7 +327,8 @@ fn evidence(run: &RunSummary, baseline: &Baseline, joints: usize) -> Option<ArmE
         let others = signals.iter().enumerate().filter(|(j, _)| *j != joint.index());
         let others: f64 = others.map(|(j, of)| of.offset.1 + part(j) * of.unexplained.1).sum();
         let fault = fault(&signals[joint.index()], run, baseline, joint);
-        causes.push((ArmCause::TorqueSignal { joint, fault }, rest + others + 4.0 * PARAMETER_PRICE));
+        causes
+            .push((ArmCause::TorqueSignal { joint, fault }, rest + others + silent + 4.0 * PARAMETER_PRICE));
     }
     causes.push((ArmCause::Unknown, UNKNOWN_PRICE));
     causes.sort_by(|a, b| a.1.total_cmp(&b.1));

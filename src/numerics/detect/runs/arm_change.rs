@@ -1,7 +1,8 @@
 //! What the parameters and torque signals of the whole arm show: a load (`payload`), a torque signal that reads wrong
 //! (`sensor`), a change of the arm that neither explains (`accuracy`).
 //!
-//! Each run is compared with the robot's first runs ([`super::arm`]). A run is out if the likeliest cause is clear.
+//! Each run is compared with the robot's first runs ([`super::arm`]). A run is out if the likeliest cause is clear: a
+//! warning if it is plain or the run before shows it too, else worth knowing.
 
 use jiff::Timestamp;
 
@@ -11,6 +12,9 @@ use crate::numerics::detect::episodes::episodes;
 use crate::numerics::detect::verdict::{Verdict, Why};
 use crate::robot::JointIndex;
 
+/// Advantage of a cause over none, in units of chi², that no second test has to confirm.
+const PLAIN: f64 = 1000.0;
+
 /// Anomalies of the arm and its torque signals. `runs` has key and start of each run.
 pub(super) fn arm_changes(
     evidence: &[Option<ArmEvidence>],
@@ -18,9 +22,15 @@ pub(super) fn arm_changes(
     runs: &[(i64, Timestamp)],
 ) -> Vec<Anomaly> {
     let verdicts = |judge: &dyn Fn(ArmCause) -> Option<Figure>| -> Vec<Verdict> {
+        let mut before = false;
         let one = |of: &Option<ArmEvidence>| match of {
             None => Verdict::Unknown,
-            Some(of) => judge(of.clear()).map_or(Verdict::Quiet, |figure| figure.verdict(of)),
+            Some(of) => {
+                let figure = judge(of.clear());
+                // one odd test alone is worth knowing
+                let confirmed = std::mem::replace(&mut before, figure.is_some()) || of.advantage() >= PLAIN;
+                figure.map_or(Verdict::Quiet, |figure| figure.verdict(of, confirmed))
+            }
         };
         evidence.iter().map(one).collect()
     };
@@ -50,11 +60,11 @@ struct Figure {
 }
 
 impl Figure {
-    fn verdict(self, evidence: &ArmEvidence) -> Verdict {
+    fn verdict(self, evidence: &ArmEvidence, is_confirmed: bool) -> Verdict {
         let mut odds = evidence.odds().into_iter();
         let own = odds.next().map(|(_, odds)| odds);
         Verdict::Out {
-            severity: Severity::Warning,
+            severity: if is_confirmed { Severity::Warning } else { Severity::Info },
             score: self.score,
             threshold: self.threshold,
             value: self.value,
