@@ -1,6 +1,7 @@
 //! A client for webhooks: one POST a connection, HTTP/1.1, plain or over TLS. Redirects are not followed and proxies
 //! not used: an alarm goes where the configuration says.
 
+use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -144,12 +145,72 @@ async fn exchange(
         }
         Err(SendError::Unreached { detail, retry_after: pause })
     };
-    // the connection is driven beside the exchange and dropped with it
+    // driven beside the exchange and dropped with it; where a server closes at once after its answer, the answer counts
+    let driving = async {
+        let _ = connection.await;
+        std::future::pending::<Infallible>().await
+    };
     tokio::select! {
         done = answering => done,
-        ended = connection => match ended {
-            Ok(()) => Err(SendError::unreached("the connection was closed without an answer")),
-            Err(error) => Err(failed(error)),
-        },
+        never = driving => match never {},
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Read, Write};
+    use std::net::TcpListener;
+
+    use super::*;
+
+    /// Answers one request and closes; the port.
+    fn answering(answer: &'static str) -> u16 {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        std::thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            let mut request = Vec::new();
+            let mut piece = [0; 1024];
+            while !request.ends_with(b"{}") {
+                let read = stream.read(&mut piece).unwrap();
+                request.extend_from_slice(&piece[..read]);
+            }
+            stream.write_all(answer.as_bytes()).unwrap();
+        });
+        port
+    }
+
+    async fn post(answer: &'static str) -> Result<(), SendError> {
+        let http = HttpClient { login: HttpLogin::None, tls: None, timeout: Duration::from_secs(10) };
+        http.post(&format!("http://127.0.0.1:{}/", answering(answer)), &[], "{}".into()).await
+    }
+
+    #[tokio::test]
+    async fn an_answer_counts_though_the_server_closes_at_once() {
+        for _ in 0..50 {
+            assert_eq!(
+                post("HTTP/1.1 200 OK\r\nContent-Length: 0\r\nConnection: close\r\n\r\n").await,
+                Ok(())
+            );
+            assert_eq!(post("HTTP/1.0 204 No Content\r\n\r\n").await, Ok(()));
+        }
+    }
+
+    #[tokio::test]
+    async fn what_is_no_yes_is_told_apart() {
+        let refused = post("HTTP/1.1 400 Bad Request\r\nContent-Length: 3\r\n\r\nno\n").await;
+        assert_eq!(refused, Err(SendError::refused("HTTP 400 Bad Request: no")));
+        let busy =
+            post("HTTP/1.1 503 Service Unavailable\r\nRetry-After: 7\r\nContent-Length: 0\r\n\r\n").await;
+        let (detail, retry_after) = ("HTTP 503 Service Unavailable".to_owned(), Some(Duration::from_secs(7)));
+        assert_eq!(busy, Err(SendError::Unreached { detail, retry_after }));
+        // no answer at all, and one that breaks off
+        for cut in ["", "HTTP/1.1 20"] {
+            assert!(matches!(post(cut).await, Err(SendError::Unreached { .. })), "{cut:?}");
+        }
+        assert!(matches!(
+            post("HTTP/1.1 302 Found\r\nContent-Length: 0\r\n\r\n").await,
+            Err(SendError::Unreached { .. })
+        ));
     }
 }
