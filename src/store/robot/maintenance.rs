@@ -214,9 +214,9 @@ pub(in crate::store) async fn epoch_ordinals(
     let work = of_robot(connection, robot_id).await?;
     let (run_ids, moments): (Vec<i64>, Vec<TestMoment<DescriptionKey>>) = tests.into_iter().unzip();
     let mut by_run = vec![vec![0; joints]; run_ids.len()];
-    for joint in 0..joints {
-        for (ordinal, epoch) in (0..).zip(epochs(JointIndex::new(joint), &moments, &work)) {
-            epoch.tests.into_iter().for_each(|test| by_run[test][joint] = ordinal);
+    for joint in (0..joints).map(JointIndex::new) {
+        for (ordinal, epoch) in (0..).zip(epochs(joint, &moments, &work)) {
+            epoch.tests.into_iter().for_each(|test| by_run[test][joint.index()] = ordinal);
         }
     }
     Ok(run_ids.into_iter().zip(by_run).collect())
