@@ -60,13 +60,13 @@ const FIRST_SLOPE: f64 = 0.3;
 /// Growth of the slope `g`, 1/span, with prior weights. All weights were chosen for the coverage of simulated fates
 /// (docs/method.md, "When a limit is reached").
 const GROWTHS: [(f64, f64); 7] =
-    [(-4.0, 0.07), (-2.0, 0.87), (-1.0, 0.33), (0.0, 0.15), (1.0, 0.5), (2.0, 0.18), (3.0, 0.1)];
+    [(-4.0, 0.07), (-2.0, 1.0), (-1.0, 0.33), (0.0, 0.15), (1.0, 0.5), (2.0, 0.18), (3.0, 0.1)];
 
 /// Noise of the slope `b`, as a fraction of the baseline by span^1.5, with prior weights.
 const SLOPE_NOISES: [(f64, f64); 4] = [(0.0, 1.0), (0.03, 0.7), (0.1, 0.03), (0.3, 0.004)];
 
 /// Noise of the level `a`, as a fraction of the baseline by span^0.5, with prior weights.
-const LEVEL_NOISES: [(f64, f64); 4] = [(0.0, 1.0), (0.02, 0.24), (0.05, 0.06), (0.1, 0.017)];
+const LEVEL_NOISES: [(f64, f64); 4] = [(0.0, 1.0), (0.02, 0.18), (0.05, 0.06), (0.1, 0.017)];
 
 /// Scatter of the tests in stated standard errors `r`, with prior weights.
 const ERROR_SCALES: [(f64, f64); 3] = [(0.75, 0.27), (1.0, 1.0), (1.3, 1.0)];
