@@ -177,13 +177,16 @@ impl Event {
     }
 }
 
+/// A kept inertial parameter: its place, what it is, and the standard parameters that it stands for.
+type Terms = (usize, ParameterId, Vec<(f64, ParameterId)>);
+
 /// What is identified: the kept inertial parameters with their places and terms, and the covariance since the event.
 struct Identified {
-    terms: Vec<(usize, ParameterId, Vec<(f64, ParameterId)>)>,
+    terms: Vec<Terms>,
     changed: Option<nalgebra::DMatrix<f64>>,
 }
 
-fn ids(arm: &Arm<'_>) -> Vec<(usize, ParameterId, Vec<(f64, ParameterId)>)> {
+fn ids(arm: &Arm<'_>) -> Vec<Terms> {
     let base = &arm.design.base;
     base.kept
         .iter()

@@ -46,12 +46,12 @@ impl Detector<JointSeries<'_>> for FrictionStep {
                 }
             }
         }
-        for run in 0..verdicts.len() {
-            if !matches!(verdicts[run], Verdict::Out { .. })
+        for (run, verdict) in verdicts.iter_mut().enumerate() {
+            if !matches!(verdict, Verdict::Out { .. })
                 && series.is_signal_at_fault(run) != Some(series.joint)
                 && let Some(step) = inside(series, run)
             {
-                verdicts[run] = step;
+                *verdict = step;
             }
         }
         verdicts
