@@ -169,7 +169,7 @@ mod tests {
     #[test]
     fn cusum_and_three_sigma_find_what_they_are_known_to_find() {
         // deviations of -1 and 1 standard deviations, then a shift of two
-        let usual = |i: usize| if i % 2 == 0 { 0.99 } else { 1.01 };
+        let usual = |i: usize| if i.is_multiple_of(2) { 0.99 } else { 1.01 };
         let mut indices: Vec<f64> = (0..40).map(usual).collect();
         assert!(!cusum(&indices).contains(&true) && !three_sigma(&indices).contains(&true));
         indices.extend((40..60).map(|i| usual(i) + 0.02));

@@ -56,7 +56,7 @@ fn people_list_show_and_settle_an_alarm_and_it_keeps_its_number() {
     let message = workshop.query(&format!("SELECT message FROM anomalies WHERE anomaly_id = {id}")).remove(0);
     assert!(listed.starts_with("id ") && listed.contains("R01") && listed.contains(&message), "{listed}");
     let of_robot = workshop.stdout(&["alerts", "list", "--robot", "R01", "--state", "open", "--json"], 0);
-    assert!(of_robot.lines().any(|line| json(line)["anomaly_id"].to_string() == *id), "{of_robot}");
+    assert!(of_robot.lines().any(|line| json(line)["anomaly_id"].as_i64() == id.parse().ok()), "{of_robot}");
     let other = workshop.stdout(&["alerts", "list", "--kind", "fleet"], 0);
     assert!(other.contains("none of the") && other.contains("--all"), "{other}");
     assert!(refused(&workshop, &["alerts", "list", "--robot", "R02"]).contains("robots with runs: R01"));

@@ -214,7 +214,7 @@ async fn a_year_of_short_checks_and_full_tests_has_baselines_that_stay() {
     fleet.conclude().await;
     let early = fleet.indices(WORN).await;
     let first = ("first_test".to_owned(), vec![14, 21, 28, 35, 42]);
-    assert_eq!(fleet.baselines(WORN).await, [first.clone()]);
+    assert_eq!(fleet.baselines(WORN).await, std::slice::from_ref(&first));
     for test in &tests[100..REPAIR as usize] {
         fleet.store_test(*test).await;
     }
@@ -241,7 +241,7 @@ async fn a_year_of_short_checks_and_full_tests_has_baselines_that_stay() {
         assert!((after[&day] - 1.0).abs() < TOLERANCE, "day {day}: {}", after[&day]);
     }
     for joint in (0..JOINTS).filter(|joint| *joint != WORN) {
-        assert_eq!(fleet.baselines(joint).await, [first.clone()]);
+        assert_eq!(fleet.baselines(joint).await, std::slice::from_ref(&first));
         let found = fleet.indices(joint).await;
         assert_eq!(found.len(), CORRECTION as usize, "every test of two cycles or more has an index");
         assert!(found.values().all(|index| (index - 1.0).abs() < TOLERANCE), "joint {joint}: {found:?}");

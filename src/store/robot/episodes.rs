@@ -164,11 +164,15 @@ mod tests {
         assert_eq!(pairs(&[episode("fleet", "friction_index", 5, 9)], &[drift(5, 9)]), [None]);
         let withdrawn = Episode { withdrawn: true, ..drift(5, 9) };
         assert_eq!(
-            pairs(std::slice::from_ref(&withdrawn), &[step.clone()]),
+            pairs(std::slice::from_ref(&withdrawn), std::slice::from_ref(&step)),
             [None],
             "it had vanished before"
         );
-        assert_eq!(pairs(&[withdrawn.clone()], &[drift(6, 10)]), [Some(0)], "and comes back as what it was");
+        assert_eq!(
+            pairs(std::slice::from_ref(&withdrawn), &[drift(6, 10)]),
+            [Some(0)],
+            "and comes back as what it was"
+        );
         assert_eq!(pairs(&[withdrawn, step], &[drift(6, 10)]), [Some(1)], "what is shown goes first");
         assert!(!is_another_fault("drift", "step") && is_another_fault("oscillation", "drift"));
     }

@@ -8,8 +8,10 @@ use super::curve::causes::RunCause;
 use super::curve::hypothesis::Cause;
 use super::friction_history::{FrictionHistory, Observed};
 
-/// Runs before the first that is out, in which the change may have begun: an average is late.
+/// Runs before the first that is out, in which a jump may have come: an average is late.
 const RUNS_BEFORE: usize = 6;
+/// Runs before the first that is out, in which a ramp may have begun: slow wear takes weeks to its limit.
+const RUNS_OF_RAMP: usize = 60;
 /// Runs after the beginning that tell a ramp from a jump. Later ones say what happened later.
 const RUNS_AFTER: usize = 8;
 /// Usual largest rate of wear, as a fraction of friction a run.
@@ -42,8 +44,8 @@ pub(super) fn shape(
     let compared: Vec<&Observed> = friction
         .runs
         .iter()
-        .filter(|of| of.run + RUNS_BEFORE >= first && of.run <= last && !friction.is_learnt_from(of))
-        .take(RUNS_BEFORE + RUNS_AFTER)
+        .filter(|of| of.run + RUNS_OF_RAMP >= first && of.run <= last && of.run < first + RUNS_AFTER)
+        .filter(|of| !friction.is_learnt_from(of))
         .collect();
     let Some(out) = compared.iter().position(|of| of.run >= first) else {
         return Shape::Drift { run: first };

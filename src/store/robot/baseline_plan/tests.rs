@@ -5,6 +5,9 @@ use jiff::{SignedDuration, Timestamp};
 use super::*;
 use crate::anomaly::epoch::{Maintenance, TestMoment};
 
+/// A name, cycles of each test, size of the baseline, and the tests that it is expected to stand on.
+type History<'a> = (&'a str, &'a dyn Fn(usize) -> usize, usize, Vec<i64>);
+
 const JOINTS: usize = 3;
 const NEEDED: usize = 5;
 const SHORT: usize = 3;
@@ -62,7 +65,7 @@ fn the_baseline_is_the_first_full_tests_however_many_short_ones_stand_between() 
     let numbers = |runs: std::ops::RangeInclusive<i64>| runs.collect::<Vec<i64>>();
     let weekly = vec![7, 14, 21, 28, 35];
     let tenth = vec![10, 20, 30, 40, 50];
-    let histories: [(&str, &dyn Fn(usize) -> usize, usize, Vec<i64>); 5] = [
+    let histories: [History<'_>; 5] = [
         ("12 short trial runs first", &trial, 5, numbers(13..=17)),
         ("a full test each 7th", &each(7), 5, weekly),
         ("a full test each 10th", &each(10), 5, tenth),
