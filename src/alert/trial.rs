@@ -20,7 +20,7 @@ pub fn problems(settings: &AlertSettings) -> Vec<(String, Unusable)> {
 /// Sends a message over a route that says that it is a try, whatever its filters and hours are.
 ///
 /// # Errors
-/// [`SendError`], also for a receiver that cannot be used as it is configured.
+/// `SendError`, also for a receiver that cannot be used as it is configured.
 pub async fn send(
     settings: &AlertSettings,
     route: &Route,

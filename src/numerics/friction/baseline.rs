@@ -1,6 +1,6 @@
 //! Friction maps that indices are computed from: fitted once and held.
 //!
-//! A map and the thermal effects of its runs ([`super::run_effects`]) are fitted in turn, since each needs the other.
+//! A map and the thermal effects of its runs (`run_effects.rs`) are fitted in turn, since each needs the other.
 //! Wear is then counted from the mean of the baseline's runs, which have the index one. A map may be learnt from more
 //! runs than the baseline, which know more of warm-up and surroundings; from where wear is counted does not change by
 //! that.
