@@ -150,7 +150,8 @@ pub(super) struct Arm<'a> {
     pub(super) covariance: DMatrix<f64>,
     /// Scatter of parameters from run to run beyond that of the cycles, as a multiple of it.
     pub(super) parameter_walk: f64,
-    /// Change of the parameters with the logarithm of each joint's friction, `[b]`.
+    /// Change of the parameters with the logarithm of each joint's friction, `[b]`: what warm-up changes and the friction
+    /// columns do not take up.
     pub(super) leaks: Vec<DVector<f64>>,
 }
 
@@ -174,7 +175,7 @@ impl<'a> Arm<'a> {
         let covariance = covariance(design, &joints.iter().map(residual_nm).collect::<Vec<f64>>());
         let leaks = (0..n)
             .map(|_| {
-                let strength = draws.log_between(2.0, 20.0);
+                let strength = draws.log_between(1.0, 8.0);
                 DVector::from_fn(theta.len(), |i, _| strength * covariance[(i, i)].sqrt() * draws.normal())
             })
             .collect();

@@ -62,7 +62,7 @@ impl Detector {
     pub(super) fn alarms(self, history: &[RunSummary]) -> Vec<Alarm> {
         match self {
             Self::Armwatch => of_program(history),
-            Self::Always => by_joint(history, |indices| vec![true; indices.len()]),
+            Self::Always => always(history),
             Self::Never => Vec::new(),
             Self::ThreeSigma => by_joint(history, three_sigma),
             Self::Cusum => by_joint(history, cusum),
@@ -85,6 +85,23 @@ fn of_program(history: &[RunSummary]) -> Vec<Alarm> {
             odds: anomaly.odds.unwrap_or(0.0),
         })
         .collect()
+}
+
+/// Each an alarm of its own.
+fn always(history: &[RunSummary]) -> Vec<Alarm> {
+    let all = history
+        .iter()
+        .enumerate()
+        .flat_map(|(place, run)| run.joints.iter().map(move |of| (place, of.joint)));
+    all.map(|(place, joint)| Alarm {
+        kind: AnomalyKind::Drift,
+        joint: Some(joint),
+        first: place,
+        last: place,
+        severity: Severity::Warning,
+        odds: 0.0,
+    })
+    .collect()
 }
 
 /// Alarms of a rule on the friction index of each joint. Joints begin anew with each epoch.

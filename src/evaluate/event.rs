@@ -43,8 +43,8 @@ impl Event {
         let jump = |draws: &mut Draws| draws.sign(0.25) * draws.log_between(0.04, 0.4);
         let size = match scenario {
             S::Healthy | S::Weekend | S::ShortTests | S::LongTests => 0.0,
-            S::Hall => draws.between(3.0, 9.0),
-            S::Season => draws.between(4.0, 12.0),
+            S::Hall => draws.between(2.0, 6.0),
+            S::Season => draws.between(3.0, 8.0),
             S::Repair => draws.between(0.85, 1.15),
             S::Wear => draws.log_between(0.05, 0.5),
             S::StepBetween | S::StepInside | S::StepInBaseline => jump(draws),

@@ -328,8 +328,12 @@ fn parameters(
     if has {
         theta += &event.parameters;
     }
+    let mut within = DVector::zeros(b);
     for (leak, of) in arm.leaks.iter().zip(&test.ln_ratio) {
-        theta += leak * (of.iter().sum::<f64>() / of.len().max(1) as f64);
+        let mean = of.iter().sum::<f64>() / cycles;
+        let squares: f64 = of.iter().map(|one| (one - mean).powi(2)).sum();
+        theta += leak * mean;
+        within += leak.map(|of| of * of) * (squares / (cycles - 1.0).max(1.0));
     }
     let freedom = (2.0 * (cycles - 1.0).max(1.0)).sqrt();
     identified
@@ -338,9 +342,10 @@ fn parameters(
         .map(|(place, id, terms)| RunParameter {
             id: *id,
             mean: theta[*place],
-            std_dev: noise_part
+            std_dev: (noise_part
                 * covariance[(*place, *place)].sqrt()
-                * (1.0 + draws.normal() / freedom).max(0.1),
+                * (1.0 + draws.normal() / freedom).max(0.1))
+            .hypot(within[*place].sqrt()),
             cycles: test.minutes.len() as u32,
             terms: terms.clone(),
         })

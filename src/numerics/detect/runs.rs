@@ -9,6 +9,7 @@ mod friction_history;
 mod curve;
 mod arm;
 mod series;
+mod common_change;
 mod friction_change;
 mod forecast;
 mod friction_drift;
@@ -27,14 +28,16 @@ use jiff::Timestamp;
 use self::accuracy::Accuracy;
 use self::arm::{ArmEvidence, arm_evidence};
 use self::arm_change::arm_changes;
+use self::common_change::{common_changes, common_parts};
 use self::curve::causes::{RunCause, causes};
 use self::friction_drift::FrictionDrift;
+use self::friction_history::FrictionHistory;
 use self::friction_step::FrictionStep;
 use self::friction_swing::FrictionSwing;
 use self::health::health;
 use self::next_test::expected_by;
 use self::oscillation::Oscillation;
-use self::series::{JointSeries, RunDetector};
+use self::series::{JointSeries, RunDetector, friction_history};
 use self::warm_up::WarmUp;
 use self::without_result::without_result;
 use super::episodes::anomalies;
@@ -59,8 +62,8 @@ pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
         for places in grouped(history, epoch) {
             let is_latest = places.last().is_some_and(|place| place + 1 == history.len());
             let part = part(&mut parts, history, places, joints, settings);
-            let causes = part.causes[joint.index()].clone();
-            let series = JointSeries::new(&part.runs, joint, causes, &part.arm, settings);
+            let (friction, causes) = (&part.friction[joint.index()], &part.causes[joint.index()]);
+            let series = JointSeries::new(&part.runs, joint, friction, causes, &part.arm, settings);
             let mut found = anomalies(DETECTORS, &series, joint, &part.moments);
             if is_latest {
                 findings.health.push(health(&part.runs, &series, &found));
@@ -73,6 +76,7 @@ pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
     for places in grouped(history, |run| run.epochs.clone()) {
         let part = part(&mut parts, history, places, joints, settings);
         let mut found = arm_changes(&part.arm, joints, &part.moments);
+        found.extend(common_changes(&part.friction, &part.arm, &part.moments));
         if part.runs.last().is_some_and(|run| run.run_id != latest.run_id) {
             found.iter_mut().for_each(|anomaly| anomaly.ended = true);
         }
@@ -93,6 +97,8 @@ struct Part {
     arm: Vec<Option<ArmEvidence>>,
     /// By joint and run.
     causes: Vec<Vec<Option<RunCause>>>,
+    /// By joint.
+    friction: Vec<FrictionHistory>,
 }
 
 /// The part of these places; most joints have the same parts.
@@ -105,10 +111,18 @@ fn part<'p>(
 ) -> &'p Part {
     let known = parts.iter().position(|part| part.places == places).unwrap_or_else(|| {
         let runs: Vec<RunSummary> = places.iter().map(|&place| history[place].clone()).collect();
+        let causes = causes(&runs, joints, settings.baseline_runs);
+        let of_joint = |(joint, causes): (usize, &Vec<Option<RunCause>>)| {
+            friction_history(&runs, JointIndex::new(joint), causes, settings.baseline_runs)
+        };
+        let mut friction: Vec<FrictionHistory> = causes.iter().enumerate().map(of_joint).collect();
+        let common = common_parts(&friction, runs.len());
+        friction.iter_mut().zip(&common).for_each(|(history, common)| history.without_common(common));
         parts.push(Part {
             moments: runs.iter().map(|run| (run.run_id, run.started_at)).collect(),
             arm: arm_evidence(&runs, joints, settings.baseline_runs),
-            causes: causes(&runs, joints, settings.baseline_runs),
+            causes,
+            friction,
             places,
             runs,
         });

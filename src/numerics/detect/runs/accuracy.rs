@@ -72,7 +72,7 @@ impl Detector<JointSeries<'_>> for Accuracy {
 mod tests {
     use super::*;
     use crate::numerics::detect::runs::detect;
-    use crate::numerics::detect::runs::fixtures::{JOINT, run, series};
+    use crate::numerics::detect::runs::fixtures::{JOINT, judged, run};
     use crate::numerics::detect::verdict::DetectSettings;
 
     #[test]
@@ -88,7 +88,7 @@ mod tests {
         let history: Vec<_> =
             [0.10, 0.11, 0.16].into_iter().enumerate().map(|(i, rmsd)| run(i, 12.0, rmsd, 0.002)).collect();
         let settings = DetectSettings::default();
-        let verdicts = Accuracy.judge(&series(&history, JOINT, &settings));
+        let verdicts = judged(&Accuracy, &history, JOINT, &settings);
         let severity = |verdict: &Verdict| match verdict {
             Verdict::Out { severity, threshold, .. } => Some((*severity, *threshold)),
             Verdict::Unknown | Verdict::Quiet => None,

@@ -2,11 +2,11 @@
 
 use jiff::{SignedDuration, Timestamp};
 
-use super::series::JointSeries;
+use super::series::{JointSeries, RunDetector, friction_history};
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{Estimate, JointSummary, RmsdSwing, WarmFriction};
 use crate::anomaly::{RunRefusal, RunSummary};
-use crate::numerics::detect::verdict::DetectSettings;
+use crate::numerics::detect::verdict::{DetectSettings, Verdict};
 use crate::robot::JointIndex;
 
 /// Joints of the arm.
@@ -112,11 +112,14 @@ pub(super) fn refused(day: i64, refusals: Vec<RunRefusal>) -> RunSummary {
     RunSummary { refused_cycles: CYCLES, refusals, ..indexed(day, None) }
 }
 
-/// The series of a joint without friction curves.
-pub(super) fn series<'a>(
-    history: &'a [RunSummary],
+/// What a detector says of a joint without friction curves.
+pub(super) fn judged(
+    detector: &RunDetector,
+    history: &[RunSummary],
     joint: JointIndex,
-    settings: &'a DetectSettings,
-) -> JointSeries<'a> {
-    JointSeries::new(history, joint, vec![None; history.len()], &[], settings)
+    settings: &DetectSettings,
+) -> Vec<Verdict> {
+    let causes = vec![None; history.len()];
+    let friction = friction_history(history, joint, &causes, settings.baseline_runs);
+    detector.judge(&JointSeries::new(history, joint, &friction, &causes, &[], settings))
 }

@@ -32,7 +32,7 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
         let mut verdicts = friction_verdicts(series);
         for (first, last) in episodes(&verdicts) {
-            match shape(&series.friction, &series.causes, first, last) {
+            match shape(series.friction, series.causes, first, last) {
                 // another detector's affair
                 Shape::Step { .. } => verdicts[first..=last].fill(Verdict::Quiet),
                 Shape::Drift { run } => {
@@ -56,8 +56,8 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
 /// When friction will reach its limits, as the latest run lets expect. A jump of friction says nothing of a trend, so
 /// runs before the last one are left out.
 pub(super) fn outlook(series: &JointSeries<'_>) -> Option<Forecast> {
-    let friction = &series.friction;
-    let last_jump = |(first, last)| match shape(friction, &series.causes, first, last) {
+    let friction = series.friction;
+    let last_jump = |(first, last)| match shape(friction, series.causes, first, last) {
         // the run in which friction jumped is of both levels
         Shape::Step { run, cycle, .. } => Some(run + usize::from(cycle.is_some())),
         Shape::Drift { .. } => None,
@@ -110,7 +110,7 @@ pub(super) fn episodes(verdicts: &[Verdict]) -> Vec<(usize, usize)> {
 
 /// Which runs have friction away from the baseline, whatever the shape.
 pub(super) fn friction_verdicts(series: &JointSeries<'_>) -> Vec<Verdict> {
-    let friction = &series.friction;
+    let friction = series.friction;
     let limits = limits(series.settings);
     let baseline = friction.baseline(friction.source).map_or(1.0, |baseline| baseline.torque);
     let mut chart = UnequalEwma::new(1.0, friction.spread);
@@ -132,7 +132,7 @@ pub(super) fn friction_verdicts(series: &JointSeries<'_>) -> Vec<Verdict> {
                 severity,
                 score: change.abs(),
                 threshold,
-                value: observed.ratio * baseline,
+                value: observed.measured_ratio() * baseline,
                 baseline,
                 message: message(change, threshold, observed, friction),
                 why: Why::default(),
@@ -176,7 +176,12 @@ fn message(change: f64, threshold: f64, observed: &Observed, friction: &Friction
             baseline.torque,
             100.0 * baseline.speed_fraction
         ),
-        None => format!("friction index {:.3}, standard error {:.3}", observed.ratio, observed.std_error),
+        None => format!(
+            "friction index {:.3}, standard error {:.3}{}",
+            observed.measured_ratio(),
+            observed.std_error,
+            observed.common_words()
+        ),
     };
     format!(
         "{what}, smoothed over the tests, is {percent} % {side} the joint's baseline (limit {limit} %); \

@@ -72,13 +72,35 @@ impl Source {
 pub(super) struct Observed {
     /// Place of the run in the history.
     pub(super) run: usize,
-    /// Friction as a multiple of the baseline.
+    /// Friction as a multiple of the baseline, without what all joints share.
     pub(super) ratio: f64,
+    /// What all joints share, in logarithms ([`super::common_change`]).
+    common: f64,
     pub(super) source: Source,
     /// Standard error of the ratio; zero where the scatter of the baseline says all.
     pub(super) std_error: f64,
     /// Friction that it comes from, Nm; not a number for the index.
     pub(super) torque: f64,
+}
+
+/// Standard deviation of a joint's share in what all joints have in common, about one.
+pub(super) const COMMON_SPREAD: f64 = 0.4;
+
+impl Observed {
+    /// Friction as a multiple of the baseline, as it was measured.
+    pub(super) fn measured_ratio(&self) -> f64 {
+        self.ratio * self.common.exp()
+    }
+
+    /// What all joints share, for a message; empty below one percent.
+    pub(super) fn common_words(&self) -> String {
+        let percent = 100.0 * self.common.exp_m1();
+        if percent.abs() < 1.0 {
+            String::new()
+        } else {
+            format!(", of which all joints share {percent:+.0} %")
+        }
+    }
 }
 
 impl FrictionHistory {
@@ -97,7 +119,14 @@ impl FrictionHistory {
             .filter_map(|run| match index(run) {
                 Some(Estimate { value, std_error }) => {
                     let (source, torque) = (Source::Index, f64::NAN);
-                    Some(Observed { run, ratio: value, source, std_error: std_error.max(0.0), torque })
+                    Some(Observed {
+                        run,
+                        ratio: value,
+                        common: 0.0,
+                        source,
+                        std_error: std_error.max(0.0),
+                        torque,
+                    })
                 }
                 None => baselines.iter().find_map(|baseline| baseline.observed(series, run)),
             })
@@ -134,6 +163,18 @@ impl FrictionHistory {
         self.runs.iter_mut().for_each(|of| of.ratio /= level);
         self.learnt_from = self.runs.iter().rev().find(|of| of.run < run).map_or(0, |of| of.run);
         (self.spread, self.baseline_variance) = index_spread(&self.runs, self.learnt_from);
+    }
+
+    /// Takes away what all joints share, in logarithms, one entry a run.
+    pub(super) fn without_common(&mut self, common: &[f64]) {
+        for of in &mut self.runs {
+            of.common = common[of.run];
+            of.ratio *= (-of.common).exp();
+            of.std_error = of.std_error.hypot(COMMON_SPREAD * of.common * of.ratio);
+        }
+        if self.source == Source::Index {
+            (self.spread, self.baseline_variance) = index_spread(&self.runs, self.learnt_from);
+        }
     }
 
     /// Whether a baseline is learnt from the run at this place.
@@ -233,6 +274,7 @@ impl Baseline {
         comparable.then_some(Observed {
             run,
             ratio: warm.torque / self.torque,
+            common: 0.0,
             source: self.source,
             std_error,
             torque: warm.torque,

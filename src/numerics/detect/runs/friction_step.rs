@@ -28,7 +28,7 @@ impl Detector<JointSeries<'_>> for FrictionStep {
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
         let mut verdicts = friction_verdicts(series);
         for (first, last) in episodes(&verdicts) {
-            match shape(&series.friction, &series.causes, first, last) {
+            match shape(series.friction, series.causes, first, last) {
                 Shape::Drift { .. } => verdicts[first..=last].fill(Verdict::Quiet),
                 Shape::Step { run, cycle, size } => {
                     let odds = series.causes.get(run).and_then(Option::as_ref).map(|of| of.odds());

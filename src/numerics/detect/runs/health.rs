@@ -19,7 +19,7 @@ pub(super) fn health(history: &[RunSummary], series: &JointSeries<'_>, found: &[
     let (knowledge, reason) = knowledge(history, series, found, last_result);
     JointHealth {
         joint: series.joint,
-        friction_index: friction.map(|observed| observed.ratio),
+        friction_index: friction.map(Observed::measured_ratio),
         friction_quantity: friction.map(|observed| observed.source.quantity()),
         knowledge,
         reason,
@@ -42,7 +42,7 @@ fn knowledge(
 ) -> (Knowledge, Option<String>) {
     let last = history.len() - 1;
     let latest = &history[last];
-    let friction = &series.friction;
+    let friction = series.friction;
     let known = || known_before(history, friction.runs.last(), last_result);
     if latest.is_without_result() {
         return (
@@ -125,7 +125,11 @@ fn known_before(history: &[RunSummary], latest: Option<&Observed>, last_result: 
     let day = |run: usize| history[run].started_at.strftime("%Y-%m-%d %H:%M").to_string();
     match (latest, last_result) {
         (Some(observed), _) => {
-            format!("known last: friction index {:.3} of {} UTC", observed.ratio, day(observed.run))
+            format!(
+                "known last: friction index {:.3} of {} UTC",
+                observed.measured_ratio(),
+                day(observed.run)
+            )
         }
         (None, Some(run)) => format!("the latest result is of {} UTC", day(run)),
         (None, None) => "no test gave a result yet".into(),

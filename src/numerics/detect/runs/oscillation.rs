@@ -64,14 +64,14 @@ impl Detector<JointSeries<'_>> for Oscillation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numerics::detect::runs::fixtures::{JOINT, run, series};
+    use crate::numerics::detect::runs::fixtures::{JOINT, judged, run};
     use crate::numerics::detect::verdict::DetectSettings;
 
     fn severities(swings: &[f64]) -> Vec<Option<Severity>> {
         let history: Vec<_> =
             swings.iter().enumerate().map(|(i, swing)| run(i, 12.0, 0.03, *swing)).collect();
         let settings = DetectSettings::default();
-        let verdicts = Oscillation.judge(&series(&history, JOINT, &settings));
+        let verdicts = judged(&Oscillation, &history, JOINT, &settings);
         let severity = |verdict| match verdict {
             Verdict::Out { severity, .. } => Some(severity),
             Verdict::Unknown | Verdict::Quiet => None,

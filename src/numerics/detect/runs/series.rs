@@ -23,9 +23,9 @@ pub(super) struct JointSeries<'a> {
     /// Start of each run.
     pub(super) starts: Vec<Timestamp>,
     /// Friction of these runs, for the detector of drift and the joint's health.
-    pub(super) friction: FrictionHistory,
+    pub(super) friction: &'a FrictionHistory,
     /// Why the curve of each run differs from the usual one.
-    pub(super) causes: Vec<Option<RunCause>>,
+    pub(super) causes: &'a [Option<RunCause>],
     /// What each run says of the whole arm.
     pub(super) arm: &'a [Option<ArmEvidence>],
     pub(super) settings: &'a DetectSettings,
@@ -35,20 +35,13 @@ impl<'a> JointSeries<'a> {
     pub(super) fn new(
         history: &'a [RunSummary],
         joint: JointIndex,
-        causes: Vec<Option<RunCause>>,
+        friction: &'a FrictionHistory,
+        causes: &'a [Option<RunCause>],
         arm: &'a [Option<ArmEvidence>],
         settings: &'a DetectSettings,
     ) -> Self {
-        let runs: Vec<Option<&JointSummary>> =
-            history.iter().map(|run| run.joints.iter().find(|summary| summary.joint == joint)).collect();
-        let mut friction = FrictionHistory::new(&runs, settings.baseline_runs);
-        let jumps =
-            |of: &Option<RunCause>| matches!(of.as_ref().and_then(RunCause::clear), Some(Cause::Step { .. }));
-        if let Some(run) = causes.iter().position(jumps).filter(|run| friction.is_learnt_at(*run)) {
-            friction.learn_before(run);
-        }
         let starts = history.iter().map(|run| run.started_at).collect();
-        Self { joint, runs, starts, friction, causes, arm, settings }
+        Self { joint, runs: summaries(history, joint), starts, friction, causes, arm, settings }
     }
 
     /// A figure of each run, `None` where it was not measured.
@@ -75,4 +68,24 @@ impl<'a> JointSeries<'a> {
             _ => None,
         }
     }
+}
+
+/// Friction of a joint over the runs. A jump inside a run of the baseline ends the baseline there.
+pub(super) fn friction_history(
+    history: &[RunSummary],
+    joint: JointIndex,
+    causes: &[Option<RunCause>],
+    baseline_runs: usize,
+) -> FrictionHistory {
+    let mut friction = FrictionHistory::new(&summaries(history, joint), baseline_runs);
+    let jumps =
+        |of: &Option<RunCause>| matches!(of.as_ref().and_then(RunCause::clear), Some(Cause::Step { .. }));
+    if let Some(run) = causes.iter().position(jumps).filter(|run| friction.is_learnt_at(*run)) {
+        friction.learn_before(run);
+    }
+    friction
+}
+
+fn summaries(history: &[RunSummary], joint: JointIndex) -> Vec<Option<&JointSummary>> {
+    history.iter().map(|run| run.joints.iter().find(|summary| summary.joint == joint)).collect()
 }

@@ -65,7 +65,9 @@ fn severity_figures_and_message_are_of_one_run_and_the_peak_stays() {
 fn no_two_detectors_give_the_same_anomaly() {
     // the store recognises an anomaly by kind and quantity, and by joint and first run
     let (history, settings) = (history(6, |_| 12.0), DetectSettings::default());
-    let series = fixtures::series(&history, JOINT, &settings);
+    let causes = vec![None; history.len()];
+    let friction = friction_history(&history, JOINT, &causes, settings.baseline_runs);
+    let series = JointSeries::new(&history, JOINT, &friction, &causes, &[], &settings);
     let mut named: Vec<_> = DETECTORS.iter().map(|of| (of.kind(), of.quantity(&series))).collect();
     named.sort_unstable();
     named.dedup();

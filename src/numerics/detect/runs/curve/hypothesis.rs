@@ -9,9 +9,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::template::Template;
+use crate::numerics::detect::runs::friction_history::COMMON_SPREAD;
 
-/// Standard deviation of a joint's share in what all joints have in common, about one.
-const COMMON_SPREAD: f64 = 0.4;
 /// Part of the largest difference that the patterns may miss: they are models.
 const PATTERN_ERROR: f64 = 0.05;
 /// Standard deviation of a cycle's difference under a cause that is not known.
