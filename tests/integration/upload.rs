@@ -223,6 +223,36 @@ fn an_upload_that_was_cut_goes_on_after_a_kill_and_a_restart() {
 }
 
 #[test]
+fn ready_says_what_is_missing_and_that_it_is_back() {
+    let mut receiver = Receiver::new("");
+    let ask = || {
+        let answer = receiver.try_send("GET /ready", "", b"").expect("an answer without a token");
+        (answer.status, answer.json())
+    };
+    let (status, told) = ask();
+    assert_eq!((status, &told["ready"], &told["spool"]), (200, &true.into(), &true.into()), "{told}");
+    // a file where the folder of uploads was: nothing can be written there
+    let (spool, aside) = (receiver.workshop.path("spool"), receiver.workshop.path("aside"));
+    fs::rename(&spool, &aside).expect("moved");
+    fs::write(&spool, b"").expect("written");
+    wait_until(|| ask().0 == 503, || format!("{}", ask().1));
+    let (_, told) = ask();
+    assert_eq!(
+        (&told["ready"], &told["spool"], &told["database"]),
+        (&false.into(), &false.into(), &true.into())
+    );
+    assert_eq!(
+        receiver.try_send("GET /health", "", b"").expect("an answer").status,
+        200,
+        "the process lives"
+    );
+    fs::remove_file(&spool).expect("removed");
+    fs::rename(&aside, &spool).expect("moved back");
+    wait_until(|| ask().0 == 200, || format!("{}", ask().1));
+    assert_eq!(receiver.stop("TERM"), Some(0));
+}
+
+#[test]
 fn what_is_not_an_upload_is_refused_with_a_sentence() {
     let mut receiver = Receiver::new("max_bytes = 1000\nidle_timeout_s = 1");
     let small = b"time,pos_1\n0,1\n";

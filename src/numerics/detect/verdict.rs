@@ -38,6 +38,9 @@ impl Default for DetectSettings {
     }
 }
 
+/// Odds beyond which no model is believed.
+pub(super) const MOST_ODDS: f64 = 1e9;
+
 /// What one run says of one quantity.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Verdict {

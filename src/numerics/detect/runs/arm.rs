@@ -22,6 +22,8 @@ const PATTERN_ERROR: f64 = 0.05;
 /// Least mass that is called a load, kg, and how many of its standard errors.
 const LEAST_MASS: f64 = 0.1;
 const MASS_ERRORS: f64 = 5.0;
+/// The same of a load that the run before had.
+const MASS_ERRORS_STILL: f64 = 3.0;
 /// Deviation of an offset or of an unexplained rest, in standard deviations, from which on it is looked at.
 const SIGNAL_DEVIATIONS: f64 = 8.0;
 /// Least offset of a torque signal, as a fraction of the joint's friction.
@@ -100,8 +102,21 @@ pub(super) struct ArmEvidence {
 impl ArmEvidence {
     /// The cause, where it is clear.
     pub(super) fn clear(&self) -> ArmCause {
-        match (self.causes.first(), self.advantage() >= LEAST_ADVANTAGE) {
-            (Some((cause, _)), true) => *cause,
+        self.at_least(LEAST_ADVANTAGE, MASS_ERRORS)
+    }
+
+    /// The cause, where it is still the likeliest of a run after one that had it.
+    pub(super) fn still(&self) -> ArmCause {
+        self.at_least(0.5 * LEAST_ADVANTAGE, MASS_ERRORS_STILL)
+    }
+
+    fn at_least(&self, advantage: f64, mass_errors: f64) -> ArmCause {
+        let is_clear = |cause: &ArmCause| match cause {
+            ArmCause::Load(load) => load.mass.abs() >= LEAST_MASS.max(mass_errors * load.std_error),
+            _ => true,
+        };
+        match self.causes.first().filter(|_| self.advantage() >= advantage) {
+            Some((cause, _)) if is_clear(cause) => *cause,
             _ => ArmCause::None,
         }
     }
@@ -301,7 +316,7 @@ fn evidence(run: &RunSummary, baseline: &Baseline, joints: usize) -> Option<ArmE
     let mut causes = vec![(ArmCause::None, inertial + all_signals)];
     if let (Some(change), true) = (&change, inertial > 0.0)
         && let Some((load, rest)) = load(change, baseline)
-        && load.mass.abs() >= LEAST_MASS.max(MASS_ERRORS * load.std_error)
+        && load.mass.abs() >= LEAST_MASS.max(MASS_ERRORS_STILL * load.std_error)
     {
         let left = rest.norm_squared() / change.norm_squared();
         let rest = (left - PATTERN_ERROR).max(0.0) * inertial;

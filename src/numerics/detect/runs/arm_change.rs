@@ -9,11 +9,13 @@ use jiff::Timestamp;
 use super::arm::{ArmCause, ArmEvidence, Load, SignalFault};
 use crate::anomaly::{Alternative, Anomaly, AnomalyKind, Severity};
 use crate::numerics::detect::episodes::episodes;
-use crate::numerics::detect::verdict::{Verdict, Why};
+use crate::numerics::detect::verdict::{MOST_ODDS, Verdict, Why};
 use crate::robot::JointIndex;
 
 /// Advantage of a cause over none, in units of chi², that no second test has to confirm.
-const PLAIN: f64 = 1000.0;
+const PLAIN: f64 = 300.0;
+/// Least advantage of a change that is not known, for a warning: seasons move parameters by some standard deviations.
+const LEAST_UNKNOWN: f64 = 4000.0;
 
 /// Anomalies of the arm and its torque signals. `runs` has key and start of each run.
 pub(super) fn arm_changes(
@@ -21,32 +23,33 @@ pub(super) fn arm_changes(
     joints: usize,
     runs: &[(i64, Timestamp)],
 ) -> Vec<Anomaly> {
-    let verdicts = |judge: &dyn Fn(ArmCause) -> Option<Figure>| -> Vec<Verdict> {
+    let verdicts = |least: f64, judge: &dyn Fn(ArmCause) -> Option<Figure>| -> Vec<Verdict> {
         let mut before = false;
         let one = |of: &Option<ArmEvidence>| match of {
             None => Verdict::Unknown,
             Some(of) => {
-                let figure = judge(of.clear());
+                let figure = judge(if before { of.still() } else { of.clear() });
                 // one odd test alone is worth knowing
                 let confirmed = std::mem::replace(&mut before, figure.is_some()) || of.advantage() >= PLAIN;
+                let confirmed = confirmed && of.advantage() >= least;
                 figure.map_or(Verdict::Quiet, |figure| figure.verdict(of, confirmed))
             }
         };
         evidence.iter().map(one).collect()
     };
-    let load = verdicts(&|cause| match cause {
+    let load = verdicts(0.0, &|cause| match cause {
         ArmCause::Load(load) => Some(of_load(&load)),
         _ => None,
     });
     let mut found = episodes(runs, None, AnomalyKind::Payload, "load_kg", load);
     for joint in (0..joints).map(JointIndex::new) {
-        let signal = verdicts(&|cause| match cause {
+        let signal = verdicts(0.0, &|cause| match cause {
             ArmCause::TorqueSignal { joint: of, fault } if of == joint => Some(of_signal(fault)),
             _ => None,
         });
         found.extend(episodes(runs, Some(joint), AnomalyKind::Sensor, "torque_signal", signal));
     }
-    let unknown = verdicts(&|cause| (cause == ArmCause::Unknown).then(of_unknown));
+    let unknown = verdicts(LEAST_UNKNOWN, &|cause| (cause == ArmCause::Unknown).then(of_unknown));
     found.extend(episodes(runs, None, AnomalyKind::Accuracy, "inertial_parameters", unknown));
     found
 }
@@ -62,7 +65,7 @@ struct Figure {
 impl Figure {
     fn verdict(self, evidence: &ArmEvidence, is_confirmed: bool) -> Verdict {
         let mut odds = evidence.odds().into_iter();
-        let own = odds.next().map(|(_, odds)| odds);
+        let own = odds.next().map(|(_, odds)| odds.min(MOST_ODDS));
         Verdict::Out {
             severity: if is_confirmed { Severity::Warning } else { Severity::Info },
             score: self.score,

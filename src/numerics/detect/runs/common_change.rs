@@ -25,9 +25,10 @@ const WARNING: f64 = 0.20;
 /// The part of each joint's friction that the other joints share, in logarithms, by joint and run; 0 where too few of
 /// them are known.
 pub(super) fn common_parts(histories: &[FrictionHistory], runs: usize) -> Vec<Vec<f64>> {
+    let ratios: Vec<Vec<Option<(f64, f64)>>> = histories.iter().map(|of| ln_ratios(of, runs)).collect();
     let of = |joint: usize, run: usize| {
-        let others = histories.iter().enumerate().filter(|(other, _)| *other != joint);
-        let found: Vec<(f64, f64)> = others.filter_map(|(_, history)| ln_ratio(history, run)).collect();
+        let others = ratios.iter().enumerate().filter(|(other, _)| *other != joint);
+        let found: Vec<(f64, f64)> = others.filter_map(|(_, of)| of[run]).collect();
         if found.len() < FEWEST_OTHERS {
             return 0.0;
         }
@@ -41,10 +42,13 @@ pub(super) fn common_parts(histories: &[FrictionHistory], runs: usize) -> Vec<Ve
     (0..histories.len()).map(|joint| (0..runs).map(|run| of(joint, run)).collect()).collect()
 }
 
-/// Logarithm of a run's measured friction over the baseline, with its variance.
-fn ln_ratio(history: &FrictionHistory, run: usize) -> Option<(f64, f64)> {
-    let of = history.runs.iter().find(|of| of.run == run)?;
-    Some((of.measured_ratio().ln(), history.variance(of)))
+/// Logarithm of each run's measured friction over the baseline, with its variance.
+fn ln_ratios(history: &FrictionHistory, runs: usize) -> Vec<Option<(f64, f64)>> {
+    let mut found = vec![None; runs];
+    for of in &history.runs {
+        found[of.run] = Some((of.measured_ratio().ln(), history.variance(of)));
+    }
+    found
 }
 
 /// Anomalies of the friction that all joints share. `histories` has one entry a joint, `runs` key and start of each run.
@@ -53,16 +57,17 @@ pub(super) fn common_changes(
     arm: &[Option<ArmEvidence>],
     runs: &[(i64, Timestamp)],
 ) -> Vec<Anomaly> {
+    let compared = |history: &FrictionHistory| {
+        let mut found = vec![None; runs.len()];
+        for of in history.runs.iter().filter(|of| !history.is_learnt_from(of)) {
+            found[of.run] = Some(of.measured_ratio().ln());
+        }
+        found
+    };
+    let ratios: Vec<Vec<Option<f64>>> = histories.iter().map(compared).collect();
     let mut average = Ewma::new(0.0);
     let verdict = |run: usize| {
-        let compared = |history: &&FrictionHistory| {
-            history.runs.iter().any(|of| of.run == run && !history.is_learnt_from(of))
-        };
-        let found: Vec<f64> = histories
-            .iter()
-            .filter(compared)
-            .filter_map(|history| ln_ratio(history, run).map(|(value, _)| value))
-            .collect();
+        let found: Vec<f64> = ratios.iter().filter_map(|of| of[run]).collect();
         let carries = arm.get(run).and_then(Option::as_ref).map(ArmEvidence::clear);
         if found.len() <= FEWEST_OTHERS || matches!(carries, Some(ArmCause::Load(_))) {
             return Verdict::Unknown;

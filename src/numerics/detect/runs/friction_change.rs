@@ -71,6 +71,8 @@ pub(super) fn shape(
         let (size, rest) = of(&|i| f64::from(u8::from(i >= begin)));
         let (rate, ramp_rest) = of(&after);
         let ramp_rest = ramp_rest + (rate / USUAL_RATE).powi(2);
+        // a jump shows in the average within a few runs
+        let rest = if begin + RUNS_BEFORE >= out { rest } else { f64::INFINITY };
         for (rest, shape) in
             [(rest, Shape::Step { run: place, cycle: None, size }), (ramp_rest, Shape::Drift { run: place })]
         {

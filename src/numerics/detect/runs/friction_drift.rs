@@ -4,7 +4,9 @@
 //! or, for runs without one, warm friction or friction of the excitation. The detector follows its EWMA, in
 //! which a run with a larger standard error has a smaller weight. A run is out if the EWMA differs from 1 by
 //! `drift_warning` (a fraction, 0.05 unless configured), or by `drift_sigma` (4) standard deviations of the
-//! EWMA and the baseline together if that is more. It is critical from `drift_critical` (0.15) on. With these
+//! EWMA and the baseline together if that is more. It is critical from `drift_critical` (0.15) on; friction that has
+//! fallen by less is worth knowing, since gears are run in and greased. A change is over below three quarters of its
+//! limit. With these
 //! limits the index raised no alarm in 1596 simulated runs of healthy joints (docs/method.md, "Friction
 //! index").
 
@@ -12,11 +14,17 @@ use super::forecast::{Test, forecast};
 use super::friction_change::{Shape, shape};
 use super::friction_history::{FrictionHistory, Observed, Source};
 use super::series::JointSeries;
-use crate::anomaly::AnomalyKind;
 use crate::anomaly::forecast::{Forecast, Trend};
+use crate::anomaly::{AnomalyKind, Severity};
 use crate::numerics::detect::control_chart::{Limits, UnequalEwma, steady_variance};
 use crate::numerics::detect::detector::Detector;
 use crate::numerics::detect::verdict::{DetectSettings, Verdict, Why, apart};
+
+/// Standard errors of a run's own ratio below which no change counts: much of them is the map's, which errs alike from
+/// run to run and is not averaged away.
+const MAP_ERRORS: f64 = 3.0;
+/// Part of its limit below which a change has to fall to be over.
+const CLOSING: f64 = 0.75;
 
 pub(super) struct FrictionDrift;
 
@@ -115,6 +123,7 @@ pub(super) fn friction_verdicts(series: &JointSeries<'_>) -> Vec<Verdict> {
     let baseline = friction.baseline(friction.source).map_or(1.0, |baseline| baseline.torque);
     let mut chart = UnequalEwma::new(1.0, friction.spread);
     let mut verdicts = vec![Verdict::Unknown; series.runs.len()];
+    let mut was_out = false;
     for observed in &friction.runs {
         if friction.is_learnt_from(observed) {
             verdicts[observed.run] = Verdict::Quiet;
@@ -125,11 +134,20 @@ pub(super) fn friction_verdicts(series: &JointSeries<'_>) -> Vec<Verdict> {
             continue;
         }
         let change = chart.add(observed.ratio, friction.variance(observed)) - 1.0;
-        let threshold = limits.threshold((chart.variance() + friction.baseline_variance).sqrt());
+        let opening = limits
+            .threshold((chart.variance() + friction.baseline_variance).sqrt())
+            .max(MAP_ERRORS * observed.std_error);
+        let threshold = if was_out { CLOSING * opening } else { opening };
+        was_out = change.abs() >= threshold;
         verdicts[observed.run] = match limits.severity(change.abs(), threshold) {
             None => Verdict::Quiet,
             Some(severity) => Verdict::Out {
-                severity,
+                // what is run in and what gets new grease has less friction
+                severity: if change < 0.0 && severity < Severity::Critical {
+                    Severity::Info
+                } else {
+                    severity
+                },
                 score: change.abs(),
                 threshold,
                 value: observed.measured_ratio() * baseline,

@@ -1,10 +1,11 @@
 //! The likeliest cause of each run's curve, joint by joint, against a baseline of the robot's first runs.
 
-use super::hypothesis::{Cause, Evidence, Judged};
+use super::hypothesis::{Cause, Evidence, Judged, RandomEffects};
 use super::points::{Curve, common_part, curves};
 use super::template::{self, Template};
 use super::within_run;
 use crate::anomaly::RunSummary;
+use crate::numerics::detect::verdict::MOST_ODDS;
 use crate::numerics::statistics::descriptive::{mean, median};
 use crate::robot::JointIndex;
 
@@ -13,6 +14,10 @@ const PRIOR: f64 = -7.0;
 /// Scatter from cycle to cycle that a quiet joint may have, as a fraction of friction. Above it, a joint's own
 /// scatter is no excuse.
 const QUIET_SCATTER: [f64; 2] = [0.002, 0.015];
+/// Least scatter of one cycle about the usual curve that is believed.
+const LEAST_SCATTER_OF_CYCLE: f64 = 0.001;
+/// Scatter of a joint, as a multiple of the median over the arm's joints, that is still its own.
+const MOST_OF_NEIGHBOURS: f64 = 3.0;
 /// Change of the level between two runs, beyond what all joints have in common, that ends a baseline.
 const LEVEL_CHANGE: f64 = 0.06;
 /// Least advantage, in logarithms, of a named cause over none.
@@ -56,7 +61,9 @@ impl RunCause {
             Cause::Step { size, .. } => size.abs() / LEAST_STEP,
             Cause::Scatter(size) => size / LEAST_SCATTER,
             Cause::TimeConstant(_) => self.effect / LEAST_SLOWING,
-            Cause::None | Cause::Scale(_) | Cause::Start(_) | Cause::Unknown => return None,
+            Cause::None | Cause::Scale(_) | Cause::Start(_) | Cause::OddCycle { .. } | Cause::Unknown => {
+                return None;
+            }
         };
         let lead = if matches!(cause, Cause::Step { .. }) { LEAST_LEAD_OF_STEP } else { LEAST_LEAD };
         let clear = self.advantage() >= LEAST_ADVANTAGE && self.lead() >= lead;
@@ -104,7 +111,7 @@ impl RunCause {
             let weight = (of.log_posterior - best).exp();
             *(if is_same_kind(&of.cause, cause) { &mut own } else { &mut rest }) += weight;
         }
-        own / f64::max(rest, f64::MIN_POSITIVE)
+        (own / f64::max(rest, f64::MIN_POSITIVE)).min(MOST_ODDS)
     }
 }
 
@@ -117,6 +124,8 @@ struct JointCurves {
     curves: Vec<Curve>,
     /// Usual scatter of one cycle about a smooth curve.
     scatter: f64,
+    /// The most that a quiet joint of the arm may have.
+    most_scatter: f64,
     by_itself: Vec<Option<Vec<Judged>>>,
 }
 
@@ -134,7 +143,7 @@ pub(in crate::numerics::detect::runs) fn causes(
         .zip(&scatters)
         .map(|(curves, own)| {
             let usual = own.or(of_robot).unwrap_or(QUIET_SCATTER[1]);
-            let scatter = usual.clamp(QUIET_SCATTER[0], QUIET_SCATTER[1]);
+            let scatter = usual.clamp(QUIET_SCATTER[0], most_scatter(of_robot));
             let by_itself = curves
                 .iter()
                 .map(|curve| {
@@ -142,10 +151,11 @@ pub(in crate::numerics::detect::runs) fn causes(
                         .then(|| within_run::judge(curve, scatter, PRIOR))
                 })
                 .collect();
-            JointCurves { curves, scatter, by_itself }
+            JointCurves { curves, scatter, most_scatter: most_scatter(of_robot), by_itself }
         })
         .collect();
-    let templates = templates(&joints, baseline_runs);
+    let learnt = templates(&joints, baseline_runs);
+    let templates: Vec<Option<Template>> = learnt.iter().map(|(_, template)| template.clone()).collect();
     let differences: Vec<Vec<Vec<(u32, f64)>>> = joints
         .iter()
         .zip(&templates)
@@ -154,23 +164,51 @@ pub(in crate::numerics::detect::runs) fn causes(
             None => vec![Vec::new(); joint.curves.len()],
         })
         .collect();
+    let common = |j: usize, run: usize| {
+        let others: Vec<&[(u32, f64)]> = differences
+            .iter()
+            .enumerate()
+            .filter(|(other, of)| *other != j && !of[run].is_empty())
+            .map(|(_, of)| of[run].as_slice())
+            .collect();
+        let cycles: Vec<u32> = joints[j].curves[run].iter().map(|point| point.cycle).collect();
+        common_part(&others, &cycles)
+    };
     joints
         .iter()
         .enumerate()
         .map(|(j, joint)| {
+            let usual = templates[j].clone().map(|template| {
+                let own = |&run: &usize| {
+                    let minutes = joint.curves[run].iter().map(|point| point.minute).collect();
+                    let alone = differences[j][run].iter().zip(common(j, run)).map(|((_, d), c)| d - c);
+                    (minutes, alone.collect())
+                };
+                let runs: Vec<(Vec<f64>, Vec<f64>)> = learnt[j].0.iter().map(own).collect();
+                let (random, scatter) = RandomEffects::of(&runs, &template);
+                let scatter =
+                    scatter.unwrap_or(joint.scatter).clamp(LEAST_SCATTER_OF_CYCLE, joint.most_scatter);
+                Usual { template, random, scatter }
+            });
             (0..history.len())
-                .map(|run| {
-                    let others: Vec<&[(u32, f64)]> = differences
-                        .iter()
-                        .enumerate()
-                        .filter(|(other, of)| *other != j && !of[run].is_empty())
-                        .map(|(_, of)| of[run].as_slice())
-                        .collect();
-                    run_cause(joint, templates[j].as_ref(), run, &differences[j][run], &others)
-                })
+                .map(|run| run_cause(joint, usual.as_ref(), run, &differences[j][run], &common(j, run)))
                 .collect()
         })
         .collect()
+}
+
+/// What is usual of a joint.
+struct Usual {
+    template: Template,
+    random: RandomEffects,
+    /// Standard deviation of one cycle.
+    scatter: f64,
+}
+
+/// Scatter from which on a joint's own is no excuse: that of its neighbours says what is usual of the arm.
+fn most_scatter(of_robot: Option<f64>) -> f64 {
+    let by_others = MOST_OF_NEIGHBOURS * of_robot.unwrap_or(QUIET_SCATTER[1]);
+    by_others.clamp(QUIET_SCATTER[0], QUIET_SCATTER[1])
 }
 
 fn usual_scatter(runs: &[Curve], baseline_runs: usize) -> Option<f64> {
@@ -180,13 +218,14 @@ fn usual_scatter(runs: &[Curve], baseline_runs: usize) -> Option<f64> {
 
 fn run_cause(
     joint: &JointCurves,
-    template: Option<&Template>,
+    usual: Option<&Usual>,
     run: usize,
     differences: &[(u32, f64)],
-    others: &[&[(u32, f64)]],
+    common: &[f64],
 ) -> Option<RunCause> {
     let curve = &joint.curves[run];
-    let Some(template) = template.filter(|_| curve.len() >= template::FEWEST_CYCLES) else {
+    let Some(Usual { template, random, scatter }) = usual.filter(|_| curve.len() >= template::FEWEST_CYCLES)
+    else {
         let judged = joint.by_itself[run].clone()?;
         return Some(RunCause {
             judged,
@@ -200,10 +239,15 @@ fn run_cause(
     let cycles: Vec<u32> = curve.iter().map(|point| point.cycle).collect();
     let minutes: Vec<f64> = curve.iter().map(|point| point.minute).collect();
     let values: Vec<f64> = differences.iter().map(|(_, value)| *value).collect();
-    let common = common_part(others, &cycles);
-    let scatter = joint.scatter.max(template.scatter.min(QUIET_SCATTER[1]));
-    let evidence =
-        Evidence { cycles: &cycles, minutes: &minutes, differences: &values, common: &common, scatter };
+    let scatter = *scatter;
+    let evidence = Evidence {
+        cycles: &cycles,
+        minutes: &minutes,
+        differences: &values,
+        common,
+        scatter,
+        random: *random,
+    };
     let judged = evidence.judge(template, PRIOR);
     let effect = match judged.first().map(|first| first.cause) {
         Some(Cause::TimeConstant(factor)) => {
@@ -214,7 +258,7 @@ fn run_cause(
     Some(RunCause {
         judged,
         difference: mean(&values)?,
-        common: mean(&common)?,
+        common: mean(common)?,
         scatter,
         effect,
         cycles: curve.len(),
@@ -222,8 +266,9 @@ fn run_cause(
 }
 
 /// The usual curve of each joint: of its first `baseline_runs` long runs, without those in which friction changes.
-/// Where it changes among them, the runs before the change count if there are two, else those after it.
-fn templates(joints: &[JointCurves], baseline_runs: usize) -> Vec<Option<Template>> {
+/// Where it changes among them, the runs before the change count if there are two, else those after it. Each with these
+/// runs.
+fn templates(joints: &[JointCurves], baseline_runs: usize) -> Vec<(Vec<usize>, Option<Template>)> {
     let levels: Vec<Vec<Option<f64>>> =
         joints.iter().map(|joint| joint.curves.iter().map(level).collect()).collect();
     joints
@@ -235,7 +280,9 @@ fn templates(joints: &[JointCurves], baseline_runs: usize) -> Vec<Option<Templat
                 .take(baseline_runs.max(2))
                 .collect();
             let steady = steady_runs(joint, &levels, j, &long);
-            Template::of(&steady.iter().map(|&run| &joint.curves[run]).collect::<Vec<&Curve>>())
+            let template =
+                Template::of(&steady.iter().map(|&run| &joint.curves[run]).collect::<Vec<&Curve>>());
+            (steady, template)
         })
         .collect()
 }

@@ -1,10 +1,11 @@
 //! Causes that a curve may differ for, and how well each explains it.
 //!
 //! The differences `d` of a run from the usual curve are held against few-parameter patterns: nothing, a factor, an
-//! excess at the start, another time constant of the warm-up, a step at a cycle, scatter from cycle to cycle. Each
-//! may come with a part that all joints have in common (hall, lubricant), whose coefficient is near one. A cause is
-//! judged by its maximal likelihood with the price of its parameters (Schwarz 1978): `ln p = -chi²/2 - k/2 ln n` with
-//! a prior of the cause.
+//! excess at the start, another time constant of the warm-up, a step at a cycle, one odd cycle, scatter from cycle to
+//! cycle. With each come random effects: a part that all joints have in common (hall, lubricant), whose coefficient is
+//! near one, and a level and an excess at the start of the run's own, as large as the joint's first runs have them. A
+//! cause is judged by its maximal likelihood with the price of its parameters (Schwarz 1978): `ln p = -chi²/2 -
+//! k/2 ln n` with a prior of the cause.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -35,6 +36,8 @@ pub(in crate::numerics::detect::runs) enum Cause {
     TimeConstant(f64),
     /// Friction jumps with this cycle by this logarithm.
     Step { cycle: u32, size: f64 },
+    /// Friction of this cycle alone is off by this logarithm.
+    OddCycle { cycle: u32, size: f64 },
     /// Friction varies from cycle to cycle with this standard deviation, in logarithms.
     Scatter(f64),
     /// None of these explains it.
@@ -52,6 +55,7 @@ impl Cause {
             Self::Step { cycle, size } => {
                 format!("a step of {:+.0} % with cycle {cycle}", 100.0 * size.exp_m1())
             }
+            Self::OddCycle { cycle, .. } => format!("one odd cycle, {cycle}"),
             Self::Scatter(size) => format!("scatter of {:.0} % from cycle to cycle", 100.0 * size),
             Self::Unknown => "a cause that is not known".into(),
         }
@@ -77,6 +81,56 @@ pub(super) struct Evidence<'a> {
     pub(super) common: &'a [f64],
     /// Standard deviation of one cycle.
     pub(super) scatter: f64,
+    /// What runs of the joint differ in without a cause.
+    pub(super) random: RandomEffects,
+}
+
+/// Standard deviations of what runs of a joint differ in without a cause, beyond what all joints have in common.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct RandomEffects {
+    /// Of the level, in logarithms of friction.
+    pub(super) level: f64,
+    /// Of the excess of each decay at the start, as a part of the usual excess.
+    pub(super) start: f64,
+}
+
+/// What is believed of a joint before its runs say otherwise, and how many runs this belief is worth.
+const USUAL_EFFECTS: RandomEffects = RandomEffects { level: 0.01, start: 0.05 };
+const BELIEF_RUNS: f64 = 3.0;
+
+impl RandomEffects {
+    /// From the runs of the baseline, `(minutes, differences without the common part)` of each; and the standard
+    /// deviation of a cycle about them, `None` where no cycle is left to tell it.
+    pub(super) fn of(runs: &[(Vec<f64>, Vec<f64>)], template: &Template) -> (Self, Option<f64>) {
+        let columns = 1 + usize::from(template.excess(0.0) > 0.0);
+        let mut effects: [Vec<f64>; 2] = Default::default();
+        let (mut squares, mut freedom) = (0.0, 0.0);
+        for (minutes, differences) in runs {
+            let x = DMatrix::from_fn(minutes.len(), columns, |i, k| match k {
+                0 => 1.0,
+                _ => template.excess(minutes[i]),
+            });
+            let y = DVector::from_row_slice(differences);
+            let Ok(fitted) = x.clone().svd(true, true).solve(&y, 1e-9) else { continue };
+            squares += (&y - &x * &fitted).norm_squared();
+            freedom += minutes.len().saturating_sub(columns) as f64;
+            effects.iter_mut().zip(fitted.iter()).for_each(|(of, size)| of.push(*size));
+        }
+        let deviation = |least: f64, found: &[f64]| {
+            let sum: f64 = found.iter().map(|of| of * of).sum();
+            ((BELIEF_RUNS * least * least + sum) / (BELIEF_RUNS + found.len() as f64)).sqrt()
+        };
+        let [level, start] = effects;
+        let random = Self {
+            level: deviation(USUAL_EFFECTS.level, &level),
+            start: deviation(USUAL_EFFECTS.start, &start),
+        };
+        // the usual curve is the mean of these runs: it has taken a part of their scatter, and errs by as much
+        let runs = runs.len() as f64;
+        let inflation = (runs + 1.0) / (runs - 1.0);
+        let scatter = (freedom > 0.0 && runs > 1.0).then(|| (squares / freedom * inflation).sqrt());
+        (random, scatter)
+    }
 }
 
 impl Evidence<'_> {
@@ -85,30 +139,36 @@ impl Evidence<'_> {
     pub(super) fn judge(&self, template: &Template, prior: f64) -> Vec<Judged> {
         let n = self.cycles.len();
         let price = 0.5 * (n as f64).ln();
-        let one = DVector::from_element(n, 1.0);
-        let excess = DVector::from_fn(n, |i, _| template.excess(self.minutes[i]));
-        let mut found = vec![Judged { cause: Cause::None, log_posterior: self.log_likelihood(&[], None).1 }];
+        let Some(weighed) = self.weighed(template) else {
+            return vec![Judged { cause: Cause::Unknown, log_posterior: 0.0 }];
+        };
+        let mut found = vec![Judged { cause: Cause::None, log_posterior: weighed.none() }];
         let mut add = |cause: Cause, likelihood: f64, parameters: f64| {
             found.push(Judged { cause, log_posterior: likelihood + prior - parameters * price });
         };
-        let (sizes, likelihood) = self.log_likelihood(std::slice::from_ref(&one), None);
-        add(Cause::Scale(sizes[0]), likelihood, 1.0);
+        let (size, likelihood) = weighed.with(&DVector::from_element(n, 1.0));
+        add(Cause::Scale(size), likelihood, 1.0);
+        let excess = DVector::from_fn(n, |i, _| template.excess(self.minutes[i]));
         if excess.amax() > 0.0 {
-            let (sizes, likelihood) = self.log_likelihood(std::slice::from_ref(&excess), None);
-            add(Cause::Start(sizes[0]), likelihood, 1.0);
+            let (size, likelihood) = weighed.with(&excess);
+            add(Cause::Start(size), likelihood, 1.0);
             let slower = |factor: f64| DVector::from_fn(n, |i, _| template.slower(factor, self.minutes[i]));
-            let best = FACTORS.iter().map(|&of| (of, self.log_likelihood(&[], Some(&slower(of))).1));
+            let best = FACTORS.iter().map(|&of| (of, weighed.with_known(&slower(of))));
             if let Some((factor, likelihood)) = best.max_by(|a, b| a.1.total_cmp(&b.1)) {
                 add(Cause::TimeConstant(factor), likelihood, 1.0);
             }
         }
         // one cycle alone is no level; the cycles before are the usual curve's
         for first in 1..n.saturating_sub(1) {
-            let after = DVector::from_fn(n, |i, _| f64::from(u8::from(i >= first)));
-            let (sizes, likelihood) = self.log_likelihood(&[after], None);
-            add(Cause::Step { cycle: self.cycles[first], size: sizes[0] }, likelihood, 2.0);
+            let (size, likelihood) =
+                weighed.with(&DVector::from_fn(n, |i, _| f64::from(u8::from(i >= first))));
+            add(Cause::Step { cycle: self.cycles[first], size }, likelihood, 2.0);
         }
-        let (size, likelihood) = self.scattered();
+        for odd in 0..n {
+            let (size, likelihood) = weighed.with(&DVector::from_fn(n, |i, _| f64::from(u8::from(i == odd))));
+            add(Cause::OddCycle { cycle: self.cycles[odd], size }, likelihood, 2.0);
+        }
+        let (size, likelihood) = self.scattered(&weighed);
         if size > LEAST_SCATTER_FACTOR * self.scatter {
             add(Cause::Scatter(size), likelihood, 1.0);
         }
@@ -123,30 +183,28 @@ impl Evidence<'_> {
         self.scatter.hypot(PATTERN_ERROR * largest)
     }
 
-    /// Sizes of the patterns and the logarithm of the likelihood, up to a constant. `known` is a pattern of known size.
-    fn log_likelihood(&self, patterns: &[DVector<f64>], known: Option<&DVector<f64>>) -> (Vec<f64>, f64) {
+    /// The differences beyond the common part, with the covariance that scatter and random effects give them: the share
+    /// in what is common beyond one, level, excess of each decay.
+    fn weighed(&self, template: &Template) -> Option<Weighed> {
         let n = self.cycles.len();
         let sigma = self.sigma();
         let common = DVector::from_row_slice(self.common);
-        let mut target = DVector::from_row_slice(self.differences) - &common;
-        if let Some(known) = known {
-            target -= known;
+        let decay = |of: [f64; 2]| DVector::from_fn(n, |i, _| super::template::decay(of, self.minutes[i]));
+        let effects = [
+            (&common, COMMON_SPREAD),
+            (&DVector::from_element(n, 1.0), self.random.level),
+            (&decay(template.fast), self.random.start),
+            (&decay(template.slow), self.random.start),
+        ];
+        let mut covariance = DMatrix::from_diagonal_element(n, n, sigma * sigma);
+        for (effect, deviation) in effects {
+            covariance.ger(deviation * deviation, effect, effect, 1.0);
         }
-        // the last column is the share in common, with its prior as a further row
-        let columns = patterns.len() + 1;
-        let x = DMatrix::from_fn(n + 1, columns, |i, k| match (i < n, k + 1 == columns) {
-            (true, false) => patterns[k][i] / sigma,
-            (true, true) => common[i] / sigma,
-            (false, true) => 1.0 / COMMON_SPREAD,
-            (false, false) => 0.0,
-        });
-        let y = DVector::from_fn(n + 1, |i, _| if i < n { target[i] / sigma } else { 0.0 });
-        let Ok(solved) = x.clone().svd(true, true).solve(&y, 1e-12) else {
-            return (vec![0.0; patterns.len()], f64::NEG_INFINITY);
-        };
-        let chi_square = (&y - &x * &solved).norm_squared();
-        let likelihood = -0.5 * chi_square - n as f64 * sigma.ln();
-        (solved.iter().take(patterns.len()).copied().collect(), likelihood)
+        let inverse = covariance.cholesky()?.inverse();
+        let rest = DVector::from_row_slice(self.differences) - &common;
+        let pull = &inverse * &rest;
+        let chi_square = rest.dot(&pull);
+        Some(Weighed { inverse, pull, chi_square, log_scale: n as f64 * sigma.ln() })
     }
 
     /// Logarithm of the likelihood if each cycle may have any friction: normal with a wide standard deviation.
@@ -156,15 +214,41 @@ impl Evidence<'_> {
     }
 
     /// Standard deviation about a constant, and the logarithm of the likelihood of normal scatter with it.
-    fn scattered(&self) -> (f64, f64) {
-        let n = self.cycles.len();
-        let one = DVector::from_element(n, 1.0);
-        let sigma = self.sigma();
-        let (_, likelihood) = self.log_likelihood(&[one], None);
-        let chi_square = -2.0 * (likelihood + n as f64 * sigma.ln());
-        let freedom = (n as f64 - 1.0).max(1.0);
-        let size = (chi_square / freedom).sqrt() * sigma;
-        let price = 0.5 * (n as f64).ln();
-        (size, -0.5 * freedom - n as f64 * size.max(self.scatter).ln() - price)
+    fn scattered(&self, weighed: &Weighed) -> (f64, f64) {
+        let n = self.cycles.len() as f64;
+        let (_, likelihood) = weighed.with(&DVector::from_element(self.cycles.len(), 1.0));
+        let chi_square = -2.0 * (likelihood + weighed.log_scale);
+        let freedom = (n - 1.0).max(1.0);
+        let size = (chi_square / freedom).sqrt() * self.sigma();
+        let price = 0.5 * n.ln();
+        (size, -0.5 * freedom - n * size.max(self.scatter).ln() - price)
+    }
+}
+
+/// Differences with the inverse of their covariance.
+struct Weighed {
+    inverse: DMatrix<f64>,
+    /// The inverse times the differences.
+    pull: DVector<f64>,
+    chi_square: f64,
+    /// Logarithm of the scale of the likelihood.
+    log_scale: f64,
+}
+
+impl Weighed {
+    /// Logarithm of the likelihood, up to a constant, without a pattern.
+    fn none(&self) -> f64 {
+        -0.5 * self.chi_square - self.log_scale
+    }
+
+    /// The likeliest size of a pattern, and the logarithm of the likelihood with it.
+    fn with(&self, pattern: &DVector<f64>) -> (f64, f64) {
+        let (along, own) = (pattern.dot(&self.pull), pattern.dot(&(&self.inverse * pattern)));
+        (along / own, self.none() + 0.5 * along * along / own)
+    }
+
+    /// Logarithm of the likelihood with a pattern of known size.
+    fn with_known(&self, pattern: &DVector<f64>) -> f64 {
+        self.none() + pattern.dot(&self.pull) - 0.5 * pattern.dot(&(&self.inverse * pattern))
     }
 }
