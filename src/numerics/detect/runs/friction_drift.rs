@@ -136,7 +136,7 @@ pub(super) fn friction_verdicts(series: &JointSeries<'_>) -> Vec<Verdict> {
         let change = chart.add(observed.ratio, friction.variance(observed)) - 1.0;
         let opening = limits
             .threshold((chart.variance() + friction.baseline_variance).sqrt())
-            .max(MAP_ERRORS * observed.std_error);
+            .max(MAP_ERRORS * observed.uncertainty());
         let threshold = if was_out { CLOSING * opening } else { opening };
         was_out = change.abs() >= threshold;
         verdicts[observed.run] = match limits.severity(change.abs(), threshold) {

@@ -92,6 +92,12 @@ impl Observed {
         self.ratio * self.common.exp()
     }
 
+    /// Standard error with that of the share in what all joints have in common. Both err alike from run to run, so that
+    /// no average over runs makes them smaller.
+    pub(super) fn uncertainty(&self) -> f64 {
+        self.std_error.hypot(COMMON_SPREAD * self.common * self.ratio)
+    }
+
     /// What all joints share, for a message; empty below one percent.
     pub(super) fn common_words(&self) -> String {
         let percent = 100.0 * self.common.exp_m1();
@@ -170,7 +176,6 @@ impl FrictionHistory {
         for of in &mut self.runs {
             of.common = common[of.run];
             of.ratio *= (-of.common).exp();
-            of.std_error = of.std_error.hypot(COMMON_SPREAD * of.common * of.ratio);
         }
         if self.source == Source::Index {
             (self.spread, self.baseline_variance) = index_spread(&self.runs, self.learnt_from);

@@ -96,7 +96,8 @@ fn single_run_limit(friction: &FrictionHistory, latest: &Observed, settings: &De
     // a baseline of a few runs may scatter less than healthy runs do
     let before: Vec<f64> = friction.runs.iter().rev().skip(1).map(|observed| observed.ratio).collect();
     let usual_scatter = robust_deviation(&before).unwrap_or(0.0).max(friction.spread);
-    let variance = friction.variance(latest).max(usual_scatter * usual_scatter) + friction.baseline_variance;
+    let own = friction.variance(latest).max(latest.uncertainty().powi(2));
+    let variance = own.max(usual_scatter * usual_scatter) + friction.baseline_variance;
     friction_drift::limits(settings).threshold(variance.sqrt())
 }
 
