@@ -11,6 +11,7 @@ mod arm;
 mod series;
 mod friction_change;
 mod forecast;
+mod level_limit;
 mod friction_drift;
 mod friction_step;
 mod friction_swing;
@@ -21,6 +22,7 @@ mod accuracy;
 mod without_result;
 mod health;
 mod next_test;
+pub mod calibration;
 
 use jiff::Timestamp;
 
