@@ -121,7 +121,7 @@ mod tests {
         let of =
             |tests: usize| calibration(&history(tests, |i| 12.0 * wobble(i)), &settings).joints[2].clone();
         let (short, own) = (of(12), of(60));
-        assert_eq!((short.phase, own.phase, own.learnt), (Phase::Short, Phase::Own, 52));
+        assert_eq!((short.phase, own.phase, own.learnt), (Phase::Short, Phase::Own, 40));
         let figures = own.limit.expect("a limit");
         assert!(figures.sigma < short.limit.expect("a limit").sigma, "{figures:?}");
         assert!((figures.change - 0.05).abs() < 1e-12, "{figures:?}");

@@ -4,8 +4,8 @@
 //! length is the joint's share of the rate of false alarms ([`Budget`], [`average::limit`]), in standard deviations of the
 //! smoothed value and of the baseline together. These come from the joint's own tests, with their autocorrelation
 //! ([`Whitener`]), which are shrunk towards a stated prior while they are few; Student's distribution widens the limit
-//! for as long. A test is learnt when [`LAG`] later ones are quiet, so that a drift that begins is not taken for scatter.
-//! `drift_sigma` overrules all of this.
+//! for as long. A test is learnt when [`LAG`] later ones are quiet, so that a drift that begins is not taken for scatter,
+//! and after [`OWN_FROM`] tests nothing is learnt any more: wear of a year would be. `drift_sigma` overrules all of this.
 
 use std::collections::VecDeque;
 
@@ -15,7 +15,9 @@ use crate::analysis::Estimate;
 use crate::numerics::detect::control_chart::{EWMA_WEIGHT, Limits};
 use crate::numerics::detect::rate::average;
 use crate::numerics::detect::rate::budget::Budget;
+use crate::numerics::detect::rate::monitor::OWN_FROM;
 use crate::numerics::detect::rate::whitening::{Likeness, Prior, Whitener};
+use crate::numerics::statistics::descriptive::median;
 
 /// Quiet tests after one until it is learnt: as many as a drift of half a per cent a test needs to show.
 const LAG: usize = 8;
@@ -38,7 +40,8 @@ pub(super) struct LevelLimit {
     pub(super) learnt: usize,
     /// Tests of the baseline.
     baseline: usize,
-    /// Standard deviation that variances are stated for, and the least one that is believed.
+    /// Standard deviation that variances are stated for, that of the baseline, and the least one that is believed: the usual
+    /// standard error of a test, or what healthy joints have.
     stated: f64,
     least: f64,
     baseline_variance: f64,
@@ -48,7 +51,9 @@ impl LevelLimit {
     pub(super) fn new(series: &JointSeries<'_>) -> Self {
         let settings = series.settings;
         let friction = &series.friction;
-        let least = least_spread(friction.source);
+        let errors: Vec<f64> =
+            friction.runs.iter().filter(|of| friction.is_learnt_from(of)).map(|of| of.std_error).collect();
+        let least = least_spread(friction.source).max(median(&errors).unwrap_or(0.0));
         let budget = Budget::new(settings.false_alarms_per_robot_year, series.joints, &series.starts);
         let sigma = settings.drift_sigma.unwrap_or_else(|| average::limit(EWMA_WEIGHT, budget.run_length()));
         Self {
@@ -72,6 +77,9 @@ impl LevelLimit {
 
     /// Takes a quiet test, which is learnt when others have followed it.
     pub(super) fn quiet(&mut self, observed: &Observed) {
+        if self.learnt >= OWN_FROM {
+            return;
+        }
         self.waiting.push_back((observed.ratio, observed.std_error));
         if self.waiting.len() > LAG
             && let Some((ratio, std_error)) = self.waiting.pop_front()
@@ -118,8 +126,10 @@ impl LevelLimit {
         if self.overruled { self.stated } else { self.spread(&self.whitener.likeness()) }
     }
 
+    /// The baseline's own scatter is a floor until the joint has a history.
     fn spread(&self, likeness: &Likeness) -> f64 {
-        likeness.variance().sqrt().max(self.least)
+        let floor = if self.learnt < OWN_FROM { self.stated } else { self.least };
+        likeness.variance().sqrt().max(floor)
     }
 }
 
