@@ -23,7 +23,8 @@ armwatch stand detectors that alarm always, never, at three standard deviations 
 by CUSUM of it. An alarm is an anomaly of severity warning or critical.
 
 With --rates, single series take the place of robots: how often the sequential chart alarms without a shift, against the
-rate that it was asked for, and how late with one, against Lorden's bound. A year has 2920 values.
+rate that it was asked for, and how late with one, against Lorden's bound. A year has 2920 values;
+delays are of ten times as many series.
 
 Examples:
   armwatch evaluate
@@ -53,6 +54,9 @@ pub(in crate::cli) struct EvaluateArgs {
     rates: bool,
 }
 
+/// Series whose delay is measured for each that is watched for a year: a delay is a hundredth of the work.
+const DELAYS_A_RATE: usize = 10;
+
 fn years(text: &str) -> Result<f64, String> {
     let years: f64 = text.parse().map_err(|_| "takes a number of years, such as 1.5".to_owned())?;
     if (0.5..=20.0).contains(&years) {
@@ -79,7 +83,8 @@ pub(in crate::cli) fn evaluate(global: &Global, args: &EvaluateArgs) -> Result<u
         let bar = progress_bar(rate_pieces(settings.series), "pieces");
         let rates = realised_rates(&settings, &|| bar.inc(1));
         bar.finish_and_clear();
-        print_rates(&rates, &delays(&settings), global.json);
+        let late = RateSettings { series: DELAYS_A_RATE * settings.series, ..settings };
+        print_rates(&rates, &delays(&late), global.json);
         return Ok(EXIT_DONE);
     }
     let mut scenarios = if args.scenario.is_empty() { Scenario::ALL.to_vec() } else { args.scenario.clone() };
