@@ -38,9 +38,8 @@ pub(super) fn calibrate(global: &Global, args: &CalibrateArgs) -> Result<u8, Cli
             say(global, &words);
             return Ok(EXIT_DONE);
         };
-        let done = print(global, &config, &store, args.robot.as_deref()).await;
-        store.close().await?;
-        done
+        // not closed: closing moves the write-ahead log, which a store for reading must not
+        print(global, &config, &store, args.robot.as_deref()).await
     })
 }
 
