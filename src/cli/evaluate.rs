@@ -10,6 +10,7 @@ use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::plot::PlotFile;
 use crate::evaluate::fleet::{DetectorScore, FleetSettings, evaluate as judge};
+use crate::evaluate::rates::{Delay, RateSettings, RealisedRate, delays, rate_pieces, realised_rates};
 use crate::evaluate::scenario::Scenario;
 use crate::evaluate::score::{ScenarioScore, rate, share_95};
 use crate::report::detection::{DetectionCurve, DetectionPoint, detection_figure};
@@ -21,14 +22,19 @@ Draws robots, what happens to them and the figures of their tests, and gives the
 armwatch stand detectors that alarm always, never, at three standard deviations of the friction index, and
 by CUSUM of it. An alarm is an anomaly of severity warning or critical.
 
+With --rates, single series take the place of robots: how often the sequential chart alarms without a shift, against the
+rate that it was asked for, and how late with one, against Lorden's bound. A year has 2920 values;
+delays are of ten times as many series.
+
 Examples:
   armwatch evaluate
   armwatch evaluate --robots 200 --years 2
   armwatch evaluate --scenario wear --scenario healthy --robots 100 --seed 7
   armwatch evaluate --robots 300 --plot detection.svg
+  armwatch evaluate --rates --robots 500
   armwatch evaluate --json")]
 pub(in crate::cli) struct EvaluateArgs {
-    /// Robots of each scenario
+    /// Robots of each scenario; with --rates, series of each kind
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     robots: u32,
     /// Years that each robot is watched
@@ -43,7 +49,13 @@ pub(in crate::cli) struct EvaluateArgs {
     /// Writes probability and delay of detection over size as a picture, .svg or .html
     #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
     plot: Option<PlotFile>,
+    /// Realised rates and delays of single series
+    #[arg(long, conflicts_with_all = ["scenario", "years", "plot"])]
+    rates: bool,
 }
+
+/// Series whose delay is measured for each that is watched for a year: a delay is a hundredth of the work.
+const DELAYS_A_RATE: usize = 10;
 
 fn years(text: &str) -> Result<f64, String> {
     let years: f64 = text.parse().map_err(|_| "takes a number of years, such as 1.5".to_owned())?;
@@ -62,6 +74,19 @@ fn scenario(name: &str) -> Result<Scenario, String> {
 }
 
 pub(in crate::cli) fn evaluate(global: &Global, args: &EvaluateArgs) -> Result<u8, CliError> {
+    if args.rates {
+        let settings = RateSettings {
+            series: args.robots as usize,
+            seed: args.seed,
+            threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+        };
+        let bar = progress_bar(rate_pieces(settings.series), "pieces");
+        let rates = realised_rates(&settings, &|| bar.inc(1));
+        bar.finish_and_clear();
+        let late = RateSettings { series: DELAYS_A_RATE * settings.series, ..settings };
+        print_rates(&rates, &delays(&late), global.json);
+        return Ok(EXIT_DONE);
+    }
     let mut scenarios = if args.scenario.is_empty() { Scenario::ALL.to_vec() } else { args.scenario.clone() };
     scenarios.sort_unstable();
     scenarios.dedup();
@@ -72,7 +97,7 @@ pub(in crate::cli) fn evaluate(global: &Global, args: &EvaluateArgs) -> Result<u
         threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
         scenarios,
     };
-    let bar = progress_bar(settings.robots * settings.scenarios.len());
+    let bar = progress_bar(settings.robots * settings.scenarios.len(), "robots");
     let scores = judge(&settings, &|| bar.inc(1))
         .map_err(|error| CliError::Internal(format!("a drawn arm: {error}")))?;
     bar.finish_and_clear();
@@ -87,6 +112,63 @@ pub(in crate::cli) fn evaluate(global: &Global, args: &EvaluateArgs) -> Result<u
         output::line(&as_text(&scores));
     }
     Ok(EXIT_DONE)
+}
+
+fn noise_name(freedom: Option<f64>) -> String {
+    freedom.map_or_else(|| "normal".to_owned(), |freedom| format!("t({freedom})"))
+}
+
+fn print_rates(rates: &[RealisedRate], delays: &[Delay], as_json: bool) {
+    if as_json {
+        for of in rates {
+            let (realised, interval) = rate(of.alarms, of.years as f64);
+            output::json(&json!({
+                "noise": noise_name(of.freedom), "autocorrelation": of.correlation, "values_learnt": of.learnt,
+                "asked_a_year": of.asked, "alarms": of.alarms, "years": of.years,
+                "realised_a_year": realised, "realised_a_year_95": interval,
+            }));
+        }
+        for of in delays {
+            output::json(&json!({
+                "noise": noise_name(of.freedom), "autocorrelation": of.correlation, "run_length": of.run_length,
+                "shift_std": of.shift, "mean_delay": of.mean, "mean_delay_std_error": of.std_error,
+                "lorden_bound": of.bound,
+            }));
+        }
+        return;
+    }
+    let row = |of: &RealisedRate| {
+        let (realised, interval) = rate(of.alarms, of.years as f64);
+        vec![
+            noise_name(of.freedom),
+            of.correlation.to_string(),
+            of.learnt.to_string(),
+            of.asked.to_string(),
+            of.alarms.to_string(),
+            format!("{:.2}", realised / of.asked),
+            interval.map(|end| format!("{:.2}", end / of.asked)).join(" to "),
+        ]
+    };
+    let header =
+        ["noise", "autocorrelation", "learnt from", "asked a year", "alarms", "realised / asked", "95 %"];
+    output::line(&output::table(&header, &rates.iter().map(row).collect::<Vec<_>>()));
+    let row = |of: &Delay| {
+        vec![
+            noise_name(of.freedom),
+            of.correlation.to_string(),
+            format!("{:.0}", of.run_length),
+            of.shift.to_string(),
+            format!("{:.2}", of.mean),
+            format!("{:.2}", of.std_error),
+            format!("{:.2}", of.bound),
+            format!("{:.2}", of.mean / of.bound),
+        ]
+    };
+    let header =
+        ["noise", "autocorrelation", "run length", "shift", "delay", "std error", "Lorden's bound", "ratio"];
+    output::line("");
+    output::line(&output::table(&header, &delays.iter().map(row).collect::<Vec<_>>()));
+    output::line("\nrun length and delay in values; the value with which a shift comes counts");
 }
 
 fn figure(own: &DetectorScore, settings: &FleetSettings) -> Figure {
@@ -115,12 +197,12 @@ fn figure(own: &DetectorScore, settings: &FleetSettings) -> Figure {
     )
 }
 
-fn progress_bar(robots: usize) -> ProgressBar {
+fn progress_bar(count: usize, of: &str) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
-    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} robots, {eta} left");
-    ProgressBar::new(robots as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+    let style = ProgressStyle::with_template(&format!("{{bar:40}} {{pos}}/{{len}} {of}, {{eta}} left"));
+    ProgressBar::new(count as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
 fn as_json(score: &DetectorScore, settings: &FleetSettings) -> Value {

@@ -11,6 +11,7 @@ mod config;
 mod simulate;
 mod benchmark;
 mod evaluate;
+mod calibrate;
 mod context;
 mod demo;
 mod ingest;
@@ -98,6 +99,8 @@ enum Command {
     },
     /// Measure the detectors on simulated fleets: false alarms, detection, delay, cause
     Evaluate(evaluate::EvaluateArgs),
+    /// From which change on friction is an alarm at the rate of false alarms that is asked for, and how soon
+    Calibrate(calibrate::CalibrateArgs),
     /// Look at a configuration
     Config {
         #[command(subcommand)]
@@ -189,6 +192,7 @@ pub fn run(cli: Cli) -> ExitCode {
             benchmark::throughput::plain_read(&args)
         }
         Command::Evaluate(args) => evaluate::evaluate(&cli.global, &args),
+        Command::Calibrate(args) => calibrate::calibrate(&cli.global, &args),
         Command::Config { command: ConfigCommand::Check } => config::check::check(&cli.global),
     };
     ExitCode::from(done.unwrap_or_else(|error| {

@@ -140,6 +140,11 @@ const DAEMON: &[Expectation] = &[
         "warning_above_critical",
         &[(20, "detect", "drift_warning_fraction = 0.2 must be smaller than drift_critical_fraction = 0.15")],
     ),
+    (
+        "no_false_alarm_at_all",
+        &[(21, "detect.false_alarms_per_robot_year", "must be between 0.001 and 1000")],
+    ),
+    ("deviations_overrule_the_rate", &[]),
     ("syntax_broken", &[(5, "", "not valid TOML")]),
     ("alerts", &[]),
     (

@@ -63,7 +63,10 @@ pub fn summary(config: &Config) -> String {
     let levels =
         |warning, critical| format!("warning from {}, critical from {}", percent(warning), percent(critical));
     line("friction drift", levels(detect.drift_warning, detect.drift_critical));
-    line("drift significance", format!("{} standard deviations", detect.drift_sigma));
+    line("false alarms", format!("{} a robot and year", detect.false_alarms_per_robot_year));
+    if let Some(sigma) = detect.drift_sigma {
+        line("drift significance", format!("{sigma} standard deviations, whatever the rate"));
+    }
     line("oscillation", format!("{} times the baseline's swing", detect.oscillation_ratio));
     line("overdue", format!("after {} usual intervals without a test", detect.overdue_factor));
     line("relative RMSD", levels(detect.accuracy_warning, detect.accuracy_critical));
@@ -180,7 +183,7 @@ mod tests {
             "estimator                 weighted",
             "baseline                  5 runs",
             "friction drift            warning from 5 %, critical from 15 %",
-            "drift significance        4 standard deviations",
+            "false alarms              1 a robot and year",
             "oscillation               3 times the baseline's swing",
             "relative RMSD             warning from 10 %, critical from 15 %",
         ] {

@@ -14,6 +14,7 @@ mod event;
 pub mod fleet;
 mod friction_index;
 mod history;
+pub mod rates;
 pub mod scenario;
 pub mod score;
 #[cfg(test)]

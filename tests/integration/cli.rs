@@ -101,6 +101,26 @@ fn an_empty_folder_is_said_and_is_no_error() {
 }
 
 #[test]
+fn calibrate_says_what_it_has_and_what_is_missing() {
+    let workshop = Workshop::new();
+    assert!(workshop.stdout(&["calibrate"], 0).contains("there is no database"));
+    workshop.run(&["ingest", "inbox"]);
+    assert!(workshop.stdout(&["calibrate"], 0).contains("no complete test is stored yet"));
+    assert_eq!(workshop.stdout(&["calibrate", "--json"], 0), "");
+    let output = workshop.run(&["calibrate", "Left"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("robots with tests: none yet"), "{}", text(&output.stderr));
+
+    workshop.add_reference("inbox");
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let out = workshop.stdout(&["calibrate"], 0);
+    assert!(out.contains("tests 1, ") && out.contains("no limit yet of joint 1, 2"), "{out}");
+    let value: serde_json::Value =
+        serde_json::from_str(&workshop.stdout(&["calibrate", "--json"], 0)).expect("one object");
+    assert_eq!((&value["tests"], &value["joints"][0]["phase"]), (&1.into(), &"no history".into()));
+}
+
+#[test]
 fn json_is_one_object_a_line() {
     let workshop = Workshop::new();
     workshop.add_reference("inbox");

@@ -473,11 +473,15 @@ fn read_detect(table: &Table<'_>) -> Option<DetectSettings> {
         None => Some(default.baseline_runs),
     };
     let drift = read_levels(table, "drift", (default.drift_warning, default.drift_critical));
-    let sigma = table.number_or(
-        "drift_sigma",
-        &Limits::between(0.0, 100.0, "standard deviations"),
-        default.drift_sigma,
+    let rate = table.number_or(
+        "false_alarms_per_robot_year",
+        &Limits::between(0.001, 1000.0, ""),
+        default.false_alarms_per_robot_year,
     );
+    let sigma = match table.optional("drift_sigma") {
+        Some(value) => value.number(&Limits::between(0.0, 100.0, "standard deviations")).map(Some),
+        None => Some(default.drift_sigma),
+    };
     let ratio =
         table.number_or("oscillation_ratio", &Limits::above(1.0, 1000.0, ""), default.oscillation_ratio);
     let accuracy = read_levels(table, "accuracy", (default.accuracy_warning, default.accuracy_critical));
@@ -487,6 +491,7 @@ fn read_detect(table: &Table<'_>) -> Option<DetectSettings> {
         baseline_runs: runs?,
         drift_warning,
         drift_critical,
+        false_alarms_per_robot_year: rate?,
         drift_sigma: sigma?,
         oscillation_ratio: ratio?,
         accuracy_warning,

@@ -1,6 +1,7 @@
 //! Detectors: what changes over the runs of a robot.
 
 pub mod verdict;
+pub mod rate;
 mod control_chart;
 mod detector;
 mod episodes;

@@ -12,6 +12,7 @@ mod series;
 mod common_change;
 mod friction_change;
 mod forecast;
+mod level_limit;
 mod friction_drift;
 mod friction_step;
 mod friction_swing;
@@ -22,6 +23,7 @@ mod accuracy;
 mod without_result;
 mod health;
 mod next_test;
+pub mod calibration;
 
 use jiff::Timestamp;
 

@@ -11,8 +11,11 @@ pub struct DetectSettings {
     pub drift_warning: f64,
     /// Relative change of friction that is critical.
     pub drift_critical: f64,
-    /// Change of friction, in standard deviations of its smoothed value, that could be chance.
-    pub drift_sigma: f64,
+    /// False alarms of a robot and year that may be, by chance, in all joints, kinds and quantities together.
+    pub false_alarms_per_robot_year: f64,
+    /// Change of friction, in standard deviations of its smoothed value, that could be chance; `None`: what follows from
+    /// the rate of false alarms.
+    pub drift_sigma: Option<f64>,
     /// Ratio of the RMSD's swing to its baseline that is an oscillation.
     pub oscillation_ratio: f64,
     /// Relative RMSD that is a warning.
@@ -29,7 +32,8 @@ impl Default for DetectSettings {
             baseline_runs: 5,
             drift_warning: 0.05,
             drift_critical: 0.15,
-            drift_sigma: 4.0,
+            false_alarms_per_robot_year: 1.0,
+            drift_sigma: None,
             oscillation_ratio: 3.0,
             accuracy_warning: 0.10,
             accuracy_critical: 0.15,

@@ -1,6 +1,6 @@
 //! Quantiles and tails of the distributions that intervals and tests stand on.
 
-use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, Normal, StudentsT};
+use statrs::distribution::{ChiSquared, Continuous, ContinuousCDF, FisherSnedecor, Normal, StudentsT};
 
 use crate::analysis::IdentifiedParameter;
 
@@ -34,6 +34,30 @@ pub fn student_quantile(probability: f64, freedom: f64) -> f64 {
         Ok(student) if is_probability(probability) => student.inverse_cdf(probability),
         _ => f64::NAN,
     }
+}
+
+/// Degrees of freedom from which on probabilities and densities of Student's distribution are those of the normal one: at
+/// four standard deviations they differ by less than a hundredth.
+const NEARLY_NORMAL_FROM: f64 = 1e4;
+
+/// Probability that Student's distribution with `freedom` degrees of freedom, above 0, is below `x`. Not a number for
+/// another `freedom`.
+#[must_use]
+pub fn student_probability(x: f64, freedom: f64) -> f64 {
+    if freedom >= NEARLY_NORMAL_FROM {
+        return normal_probability(x);
+    }
+    StudentsT::new(0.0, 1.0, freedom).map_or(f64::NAN, |student| student.cdf(x))
+}
+
+/// Logarithm of the density of Student's distribution with `freedom` degrees of freedom, above 0, at `x`. Not a number for
+/// another `freedom`.
+#[must_use]
+pub fn student_log_density(x: f64, freedom: f64) -> f64 {
+    if freedom >= NEARLY_NORMAL_FROM {
+        return Normal::standard().ln_pdf(x);
+    }
+    StudentsT::new(0.0, 1.0, freedom).map_or(f64::NAN, |student| student.ln_pdf(x))
 }
 
 /// Quantile of the standard normal distribution at `probability` in (0, 1); not a number for another one.
@@ -104,6 +128,24 @@ mod tests {
         }
         let between = student_quantile(0.975, 1.5);
         assert!(4.303 < between && between < 12.706, "{between}");
+    }
+
+    /// Probability and quantile, density and the difference of probabilities, are two roads to the same.
+    #[test]
+    fn student_probabilities_and_densities_agree_with_quantiles() {
+        for freedom in [2.2, 5.0, 40.0, 9000.0] {
+            for probability in [1e-9, 1e-4, 0.2, 0.9] {
+                let x = student_quantile(probability, freedom);
+                assert!((student_probability(x, freedom) / probability - 1.0).abs() < 1e-5, "{freedom} {x}");
+                let step = 1e-4 * x.abs().max(1.0);
+                let slope = (student_probability(x + step, freedom) - student_probability(x - step, freedom))
+                    / (2.0 * step);
+                let density = student_log_density(x, freedom).exp();
+                assert!((slope / density - 1.0).abs() < 1e-4, "{freedom} {x}: {slope} {density}");
+            }
+        }
+        assert!((student_probability(-4.0, 9999.0) / student_probability(-4.0, 1e4) - 1.0).abs() < 0.01);
+        assert!(student_probability(1.0, 0.0).is_nan() && student_log_density(1.0, -1.0).is_nan());
     }
 
     #[test]

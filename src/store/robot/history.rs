@@ -60,6 +60,25 @@ impl Store {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(run_summaries(&mut connection, robot_id).await)
     }
+
+    /// Key and name of every robot with a complete test, by name.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn tested_robots(&self) -> Result<Vec<(i64, String)>, StoreError> {
+        self.checked(tested_robots(&self.readers).await)
+    }
+}
+
+async fn tested_robots(executor: impl SqliteExecutor<'_>) -> Result<Vec<(i64, String)>, sqlx::Error> {
+    sqlx::query_as(
+        "SELECT robot_id, name FROM robot
+         WHERE EXISTS (SELECT 1 FROM run
+                       WHERE run.robot_id = robot.robot_id AND kind = 'test' AND status = 'complete')
+         ORDER BY name",
+    )
+    .fetch_all(executor)
+    .await
 }
 
 pub(in crate::store) async fn run_measurements(

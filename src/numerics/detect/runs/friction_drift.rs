@@ -3,22 +3,20 @@
 //! The quantity is friction as a multiple of the joint's first runs ([`FrictionHistory`]): the friction index
 //! or, for runs without one, warm friction or friction of the excitation. The detector follows its EWMA, in
 //! which a run with a larger standard error has a smaller weight. A run is out if the EWMA differs from 1 by
-//! `drift_warning` (a fraction, 0.05 unless configured), or by `drift_sigma` (4) standard deviations of the
-//! EWMA and the baseline together if that is more. It is critical from `drift_critical` (0.15) on; friction that has
-//! fallen by less is worth knowing, since gears are run in and greased. A change is over below three quarters of its
-//! limit. With these
-//! limits the index raised no alarm in 1596 simulated runs of healthy joints (docs/method.md, "Friction
-//! index").
+//! `drift_warning` (a fraction, 0.05 unless configured), or by as much as chance moves it at the rate of false alarms that
+//! is asked for, if that is more ([`LevelLimit`]). It is critical from `drift_critical` (0.15) on; friction that has fallen
+//! by less is worth knowing, since gears are run in and greased. A change is over below three quarters of its limit.
 
 use super::forecast::{Test, forecast};
 use super::friction_change::{Shape, shape};
 use super::friction_history::{FrictionHistory, Observed, Source};
+use super::level_limit::LevelLimit;
 use super::series::JointSeries;
 use crate::anomaly::forecast::{Forecast, Trend};
 use crate::anomaly::{AnomalyKind, Severity};
 use crate::numerics::detect::control_chart::{Limits, UnequalEwma, steady_variance};
 use crate::numerics::detect::detector::Detector;
-use crate::numerics::detect::verdict::{DetectSettings, Verdict, Why, apart};
+use crate::numerics::detect::verdict::{Verdict, Why, apart};
 
 /// Standard errors of a run's own ratio below which no change counts: much of them is the map's, which errs alike from
 /// run to run and is not averaged away.
@@ -70,7 +68,8 @@ pub(super) fn outlook(series: &JointSeries<'_>) -> Option<Forecast> {
         Shape::Step { run, cycle, .. } => Some(run + usize::from(cycle.is_some())),
         Shape::Drift { .. } => None,
     };
-    let begin = episodes(&friction_verdicts(series)).into_iter().rev().find_map(last_jump).unwrap_or(0);
+    let (verdicts, limit) = judged(series);
+    let begin = episodes(&verdicts).into_iter().rev().find_map(last_jump).unwrap_or(0);
     let tests: Vec<Test> = friction
         .runs
         .iter()
@@ -81,9 +80,8 @@ pub(super) fn outlook(series: &JointSeries<'_>) -> Option<Forecast> {
             std_error: friction.variance(of).sqrt(),
         })
         .collect();
-    let limits = limits(series.settings);
-    let deviation = (steady_variance(friction.spread) + friction.baseline_variance).sqrt();
-    forecast(&tests, &Limits { warning: limits.threshold(deviation), ..limits })
+    let warning = limit.threshold(steady_variance(friction.spread));
+    forecast(&tests, &Limits { warning, ..limit.limits() })
 }
 
 /// What a drift's message says of its future: nothing without a trend away from the baseline, or where the critical
@@ -118,14 +116,20 @@ pub(super) fn episodes(verdicts: &[Verdict]) -> Vec<(usize, usize)> {
 
 /// Which runs have friction away from the baseline, whatever the shape.
 pub(super) fn friction_verdicts(series: &JointSeries<'_>) -> Vec<Verdict> {
+    judged(series).0
+}
+
+/// The same, and the limit as it is after the latest run.
+pub(super) fn judged(series: &JointSeries<'_>) -> (Vec<Verdict>, LevelLimit) {
     let friction = series.friction;
-    let limits = limits(series.settings);
+    let mut limit = LevelLimit::new(series);
     let baseline = friction.baseline(friction.source).map_or(1.0, |baseline| baseline.torque);
     let mut chart = UnequalEwma::new(1.0, friction.spread);
     let mut verdicts = vec![Verdict::Unknown; series.runs.len()];
     let mut was_out = false;
     for observed in &friction.runs {
         if friction.is_learnt_from(observed) {
+            limit.learn(observed);
             verdicts[observed.run] = Verdict::Quiet;
             continue;
         }
@@ -134,35 +138,28 @@ pub(super) fn friction_verdicts(series: &JointSeries<'_>) -> Vec<Verdict> {
             continue;
         }
         let change = chart.add(observed.ratio, friction.variance(observed)) - 1.0;
-        let opening = limits
-            .threshold((chart.variance() + friction.baseline_variance).sqrt())
-            .max(MAP_ERRORS * observed.uncertainty());
+        let opening = limit.threshold(chart.variance()).max(MAP_ERRORS * observed.uncertainty());
         let threshold = if was_out { CLOSING * opening } else { opening };
-        was_out = change.abs() >= threshold;
-        verdicts[observed.run] = match limits.severity(change.abs(), threshold) {
-            None => Verdict::Quiet,
-            Some(severity) => Verdict::Out {
-                // what is run in and what gets new grease has less friction
-                severity: if change < 0.0 && severity < Severity::Critical {
-                    Severity::Info
-                } else {
-                    severity
-                },
-                score: change.abs(),
-                threshold,
-                value: observed.measured_ratio() * baseline,
-                baseline,
-                message: message(change, threshold, observed, friction),
-                why: Why::default(),
-            },
+        let Some(severity) = limit.limits().severity(change.abs(), threshold) else {
+            was_out = false;
+            limit.quiet(observed);
+            verdicts[observed.run] = Verdict::Quiet;
+            continue;
+        };
+        was_out = true;
+        limit.out();
+        verdicts[observed.run] = Verdict::Out {
+            // what is run in and what gets new grease has less friction
+            severity: if change < 0.0 && severity < Severity::Critical { Severity::Info } else { severity },
+            score: change.abs(),
+            threshold,
+            value: observed.measured_ratio() * baseline,
+            baseline,
+            message: message(change, threshold, observed, friction),
+            why: Why::default(),
         };
     }
-    verdicts
-}
-
-/// Changes of friction that count, as fractions of the baseline.
-pub(super) fn limits(settings: &DetectSettings) -> Limits {
-    Limits { warning: settings.drift_warning, critical: settings.drift_critical, sigma: settings.drift_sigma }
+    (verdicts, limit)
 }
 
 /// Says first what decides, the smoothed change, then what this run alone gave.

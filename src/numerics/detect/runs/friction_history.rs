@@ -10,10 +10,10 @@ use crate::numerics::statistics::descriptive::{median, robust_deviation};
 
 /// Smallest run-to-run standard deviation that a baseline of a few runs is believed to have, as a
 /// fraction of friction: the ambient temperature alone moves warm friction by about this.
-const MIN_SPREAD: f64 = 0.01;
+pub(super) const MIN_SPREAD: f64 = 0.01;
 
 /// The same for the friction index, from which the effect of the ambient temperature is removed.
-const MIN_INDEX_SPREAD: f64 = 0.005;
+pub(super) const MIN_INDEX_SPREAD: f64 = 0.005;
 
 /// Runs compare if they were about equally warm: time of the warm points within this fraction of
 /// the baseline's.

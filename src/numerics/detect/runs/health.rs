@@ -7,7 +7,6 @@ use super::without_result::why;
 use crate::analysis::JointSummary;
 use crate::anomaly::epoch::not_compared;
 use crate::anomaly::{Anomaly, AnomalyKind, JointHealth, Knowledge, RunSummary};
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::numerics::statistics::descriptive::robust_deviation;
 
 /// Where a joint stands after the latest test of the history, which is not empty. `found` are the joint's
@@ -72,7 +71,7 @@ fn knowledge(
         return (Knowledge::Unsettled, Some(words));
     };
     let change = observed.ratio - 1.0;
-    let limit = single_run_limit(friction, observed, series.settings);
+    let limit = single_run_limit(series, observed);
     if change.abs() >= limit && !shows_drift(found, friction, latest) {
         let words = format!(
             "one test {:.0} % {} the joint's baseline, more than the {:.0} % that chance explains; to be \
@@ -89,7 +88,8 @@ fn knowledge(
 /// Change of friction from which on the latest run alone is odd, as a fraction of the baseline: more than
 /// chance does to one healthy run (Shewhart chart). A single run moves the EWMA of [`friction_drift`] by its
 /// weight only, so it needs this limit of its own. Infinite within the baseline.
-fn single_run_limit(friction: &FrictionHistory, latest: &Observed, settings: &DetectSettings) -> f64 {
+fn single_run_limit(series: &JointSeries<'_>, latest: &Observed) -> f64 {
+    let friction = &series.friction;
     if friction.is_learnt_from(latest) {
         return f64::INFINITY;
     }
@@ -98,7 +98,7 @@ fn single_run_limit(friction: &FrictionHistory, latest: &Observed, settings: &De
     let usual_scatter = robust_deviation(&before).unwrap_or(0.0).max(friction.spread);
     let own = friction.variance(latest).max(latest.uncertainty().powi(2));
     let variance = own.max(usual_scatter * usual_scatter) + friction.baseline_variance;
-    friction_drift::limits(settings).threshold(variance.sqrt())
+    friction_drift::judged(series).1.limits().threshold(variance.sqrt())
 }
 
 /// Whether the latest run shows a drift of friction. The drift is an anomaly then, and needs no confirmation.

@@ -3,26 +3,13 @@
 use jiff::{SignedDuration, Timestamp};
 
 use crate::anomaly::RunSummary;
-use crate::numerics::statistics::descriptive::median;
-
-/// Intervals between tests that the usual one is taken from: the latest ones, so that a changed habit is
-/// learnt.
-const INTERVALS: usize = 20;
-/// Fewest intervals that are a habit.
-const FEWEST_INTERVALS: usize = 3;
+use crate::numerics::detect::rate::budget::usual_interval;
 
 /// When the next test should have begun at the latest: `factor` times the robot's usual interval, the median
 /// of the latest ones, after its latest test. `None` with too few tests.
 pub(super) fn expected_by(history: &[RunSummary], factor: f64) -> Option<Timestamp> {
-    let intervals: Vec<f64> = history
-        .windows(2)
-        .rev()
-        .map(|pair| pair[1].started_at.duration_since(pair[0].started_at).as_secs_f64())
-        .filter(|seconds| *seconds > 0.0)
-        .take(INTERVALS)
-        .collect();
-    let usual = median(&intervals).filter(|_| intervals.len() >= FEWEST_INTERVALS)?;
-    let wait = SignedDuration::try_from_secs_f64(factor * usual).ok()?;
+    let starts: Vec<Timestamp> = history.iter().map(|run| run.started_at).collect();
+    let wait = SignedDuration::try_from_secs_f64(factor * usual_interval(&starts)?).ok()?;
     history.last()?.started_at.checked_add(wait).ok()
 }
 

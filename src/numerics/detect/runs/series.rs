@@ -22,6 +22,8 @@ pub(super) struct JointSeries<'a> {
     pub(super) runs: Vec<Option<&'a JointSummary>>,
     /// Start of each run.
     pub(super) starts: Vec<Timestamp>,
+    /// Joints of the arm.
+    pub(super) joints: usize,
     /// Friction of these runs, for the detector of drift and the joint's health.
     pub(super) friction: &'a FrictionHistory,
     /// Why the curve of each run differs from the usual one.
@@ -41,7 +43,8 @@ impl<'a> JointSeries<'a> {
         settings: &'a DetectSettings,
     ) -> Self {
         let starts = history.iter().map(|run| run.started_at).collect();
-        Self { joint, runs: summaries(history, joint), starts, friction, causes, arm, settings }
+        let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
+        Self { joint, runs: summaries(history, joint), starts, joints, friction, causes, arm, settings }
     }
 
     /// A figure of each run, `None` where it was not measured.

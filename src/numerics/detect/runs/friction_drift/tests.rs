@@ -25,6 +25,20 @@ fn wear_is_found_once_names_the_joint_and_grows_worse() {
 }
 
 #[test]
+fn wear_of_four_percent_a_run_is_found_with_its_third_run_whatever_the_history() {
+    for healthy in [6, 12, 30, 90] {
+        let wear = |i: usize| wobble(i) * (1.0 + 0.04 * (i + 1).saturating_sub(healthy) as f64);
+        let runs = healthy + 3;
+        let indexed = with_index(history(runs, |_| 12.0), |i| Some((wear(i), 0.005)));
+        for tests in [history(runs, |i| 12.0 * wear(i)), indexed] {
+            let found = detect(&tests, &DetectSettings::default());
+            let [anomaly] = &found.anomalies[..] else { panic!("{healthy}: {:?}", found.anomalies) };
+            assert!(anomaly.first_run_id <= runs as i64, "{healthy}: {anomaly:?}");
+        }
+    }
+}
+
+#[test]
 fn one_odd_run_is_not_a_drift() {
     let found =
         detect(&history(30, |i| if i == 15 { 13.0 } else { 12.0 * wobble(i) }), &DetectSettings::default());

@@ -1,0 +1,238 @@
+//! Single series under the sequential chart of the program: how often it alarms without a shift, and how late with one.
+//!
+//! A series is an autoregression of order one of normal noise, or of Student's with four degrees of freedom. The chart
+//! learns from its first values, with a prior whose scale is wrong by a factor of two, and is then watched for a year.
+//! A shift moves the noise, so that its size is in standard deviations of whitened values. Before a shift, the statistic is
+//! at zero: that is the worst case, which Lorden's bound is about.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use super::draws::Draws;
+use crate::numerics::detect::rate::chart::lorden_delay;
+use crate::numerics::detect::rate::monitor::{Monitor, OWN_FROM};
+use crate::numerics::detect::rate::whitening::Prior;
+
+/// Values a year: daily tests of eight cycles.
+pub const VALUES_PER_YEAR: usize = 365 * 8;
+/// Rates that are asked for, a year.
+pub const RATES: [f64; 4] = [0.2, 1.0, 5.0, 20.0];
+/// Autocorrelations of the series.
+pub const CORRELATIONS: [f64; 4] = [0.0, 0.3, 0.6, 0.9];
+/// Degrees of freedom of the noise; `None`: normal.
+pub const FREEDOMS: [Option<f64>; 2] = [None, Some(4.0)];
+/// Values that a series is learnt from: those that a limit of its own needs, and forty tests.
+pub const LEARNT: [usize; 2] = [OWN_FROM, 320];
+/// Shifts, in standard deviations of a whitened value.
+pub const SHIFTS: [f64; 3] = [1.0, 2.0, 3.0];
+/// Mean numbers of values between false alarms at which delays are measured: a false alarm a year of daily tests of eight
+/// cycles, and of sixty values a day, for which 1.25 times Lorden's bound is 25, 6 and 3 values.
+pub const RUN_LENGTHS: [f64; 2] = [VALUES_PER_YEAR as f64, 365.0 * 60.0];
+
+/// Scale of the prior; that of the noise is one.
+const PRIOR_SCALE: f64 = 2.0;
+/// Years that a piece of work is split in, so that all threads have some.
+const YEARS_AT_ONCE: usize = 20;
+/// Longest delay that is waited for, values.
+const MOST_DELAY: usize = 2000;
+
+/// False alarms of one kind of series.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RealisedRate {
+    /// Degrees of freedom of the noise; `None`: normal.
+    pub freedom: Option<f64>,
+    /// Autocorrelation.
+    pub correlation: f64,
+    /// Values learnt from.
+    pub learnt: usize,
+    /// Rate asked for, a year.
+    pub asked: f64,
+    /// Alarms, and the years in which they came.
+    pub alarms: usize,
+    /// Years watched.
+    pub years: usize,
+}
+
+/// Delay of one kind of series.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Delay {
+    /// Degrees of freedom of the noise; `None`: normal.
+    pub freedom: Option<f64>,
+    /// Autocorrelation.
+    pub correlation: f64,
+    /// Mean number of values between false alarms.
+    pub run_length: f64,
+    /// Size of the shift, standard deviations.
+    pub shift: f64,
+    /// Mean number of values until the alarm, the first with the shift included.
+    pub mean: f64,
+    /// Its standard error.
+    pub std_error: f64,
+    /// Lorden's bound.
+    pub bound: f64,
+}
+
+/// What is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RateSettings {
+    /// Series of each kind; each is watched for a year.
+    pub series: usize,
+    /// Seed of all that is drawn.
+    pub seed: u64,
+    /// Threads.
+    pub threads: usize,
+}
+
+/// Realised rates of all kinds of series. The same settings give the same figures, whatever the number of threads.
+#[must_use]
+pub fn realised_rates(settings: &RateSettings, on_piece: &(dyn Fn() + Sync)) -> Vec<RealisedRate> {
+    let mut kinds = Vec::new();
+    for freedom in FREEDOMS {
+        for correlation in CORRELATIONS {
+            for learnt in LEARNT {
+                for asked in RATES {
+                    let years = settings.series;
+                    kinds.push(RealisedRate { freedom, correlation, learnt, asked, alarms: 0, years });
+                }
+            }
+        }
+    }
+    let pieces: Vec<(usize, usize)> = (0..kinds.len())
+        .flat_map(|kind| (0..settings.series.div_ceil(YEARS_AT_ONCE)).map(move |piece| (kind, piece)))
+        .collect();
+    let counted = on_all_cores(settings.threads, pieces.len(), on_piece, |number| {
+        let (kind, piece) = pieces[number];
+        let first = piece * YEARS_AT_ONCE;
+        let of = |series: usize| alarms(&kinds[kind], &mut Draws::new(settings.seed, stream(kind, series)));
+        (first..settings.series.min(first + YEARS_AT_ONCE)).map(of).sum::<usize>()
+    });
+    for ((kind, _), alarms) in pieces.iter().zip(counted) {
+        kinds[*kind].alarms += alarms;
+    }
+    kinds
+}
+
+/// Pieces of work of [`realised_rates`].
+#[must_use]
+pub fn rate_pieces(series: usize) -> usize {
+    FREEDOMS.len() * CORRELATIONS.len() * LEARNT.len() * RATES.len() * series.div_ceil(YEARS_AT_ONCE)
+}
+
+/// Mean delays, of [`RateSettings::series`] series each.
+#[must_use]
+pub fn delays(settings: &RateSettings) -> Vec<Delay> {
+    let mut kinds = Vec::new();
+    for freedom in FREEDOMS {
+        for correlation in [CORRELATIONS[0], CORRELATIONS[2]] {
+            for run_length in RUN_LENGTHS {
+                for shift in SHIFTS {
+                    let bound = lorden_delay(run_length, shift);
+                    let (mean, std_error) = (0.0, 0.0);
+                    kinds.push(Delay { freedom, correlation, run_length, shift, mean, std_error, bound });
+                }
+            }
+        }
+    }
+    let found = on_all_cores(settings.threads, kinds.len(), &|| (), |kind| {
+        let of = |series: usize| {
+            delay(&kinds[kind], &mut Draws::new(settings.seed, stream(DELAYS + kind, series))) as f64
+        };
+        let all: Vec<f64> = (0..settings.series).map(of).collect();
+        let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
+        let squares: f64 = all.iter().map(|of| (of - mean).powi(2)).sum();
+        (mean, squares.sqrt() / all.len().max(1) as f64)
+    });
+    for (kind, (mean, std_error)) in kinds.iter_mut().zip(found) {
+        (kind.mean, kind.std_error) = (mean, std_error);
+    }
+    kinds
+}
+
+/// Streams of random numbers of delays begin here; rates have those before.
+const DELAYS: usize = 1 << 16;
+
+/// The stream of a series: each of each kind has its own, so that figures are independent.
+fn stream(kind: usize, series: usize) -> u64 {
+    ((kind as u64) << 32) + series as u64
+}
+
+/// An autoregression of order one; its noise has variance one.
+struct Series<'a> {
+    correlation: f64,
+    freedom: Option<f64>,
+    state: f64,
+    draws: &'a mut Draws,
+}
+
+impl<'a> Series<'a> {
+    fn new(correlation: f64, freedom: Option<f64>, draws: &'a mut Draws) -> Self {
+        let state = draws.noise(freedom) / (1.0 - correlation * correlation).sqrt();
+        Self { correlation, freedom, state, draws }
+    }
+
+    fn next(&mut self, shift: f64) -> f64 {
+        self.state = self.correlation * self.state + self.draws.noise(self.freedom) + shift;
+        self.state
+    }
+}
+
+/// Alarms of one series in a year.
+fn alarms(kind: &RealisedRate, draws: &mut Draws) -> usize {
+    let mut series = Series::new(kind.correlation, kind.freedom, draws);
+    let mut monitor = Monitor::new(Prior::vague(PRIOR_SCALE), VALUES_PER_YEAR as f64 / kind.asked);
+    (0..kind.learnt).for_each(|_| _ = monitor.add(series.next(0.0), 0.0));
+    monitor.restart();
+    (0..VALUES_PER_YEAR).filter(|_| monitor.add(series.next(0.0), 0.0).is_out).count()
+}
+
+/// Values until an alarm of one series whose noise has shifted after [`LEARNT`]'s second number of values.
+fn delay(kind: &Delay, draws: &mut Draws) -> usize {
+    let mut series = Series::new(kind.correlation, kind.freedom, draws);
+    let mut monitor = Monitor::new(Prior::vague(PRIOR_SCALE), kind.run_length);
+    (0..LEARNT[1]).for_each(|_| _ = monitor.add(series.next(0.0), 0.0));
+    monitor.restart();
+    1 + (1..MOST_DELAY).take_while(|_| !monitor.add(series.next(kind.shift), 0.0).is_out).count()
+}
+
+/// Results of `count` pieces of work in their order.
+fn on_all_cores<T: Send>(
+    threads: usize,
+    count: usize,
+    on_piece: &(dyn Fn() + Sync),
+    work: impl Fn(usize) -> T + Sync,
+) -> Vec<T> {
+    let next = AtomicUsize::new(0);
+    let done: Mutex<Vec<(usize, T)>> = Mutex::new(Vec::with_capacity(count));
+    std::thread::scope(|scope| {
+        for _ in 0..threads.max(1) {
+            scope.spawn(|| {
+                loop {
+                    let number = next.fetch_add(1, Ordering::Relaxed);
+                    if number >= count {
+                        return;
+                    }
+                    let result = work(number);
+                    done.lock().unwrap_or_else(PoisonError::into_inner).push((number, result));
+                    on_piece();
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.sort_by_key(|(number, _)| *number);
+    done.into_iter().map(|(_, result)| result).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_do_not_depend_on_threads_and_delays_shrink_with_the_shift() {
+        let settings = |threads| RateSettings { series: 3, seed: 7, threads };
+        assert_eq!(realised_rates(&settings(1), &|| ()), realised_rates(&settings(3), &|| ()));
+        let found = delays(&settings(2));
+        assert!(found.chunks(SHIFTS.len()).all(|of| of[0].mean > of[2].mean), "{found:?}");
+        assert_eq!(rate_pieces(40), 128);
+    }
+}

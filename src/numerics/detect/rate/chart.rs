@@ -1,0 +1,133 @@
+//! A sequential chart of one series: whether its level has shifted, by whatever size and to whichever side.
+//!
+//! For each shift `m` of a grid and each side, `L = exp(m z - m² / 2)` is the likelihood ratio of a value `z` that is
+//! standard normal without a shift. The Shiryaev-Roberts statistic sums the likelihood ratios of all moments at which the
+//! shift may have come, `R_k = L_k (1 + R_(k-1))`, and the chart follows the mean of `R` over the grid with
+//! [`WEIGHTS`]. `R_k - k` is a martingale without a shift. So the mean number of values until the mean of `R` reaches `A`
+//! is `A` at least: this holds for every sequence of numbers in place of `L` whose expectation is at most one, given the
+//! past (e-detectors: Shin, Ramdas, Rinaldo 2022). For normal values the statistic jumps over `A`, and the
+//! mean is `A / sum w v(m)` with [`overshoot_factor`] (Pollak 1987).
+
+use super::overshoot::overshoot_factor;
+
+/// Shifts, in standard deviations of a value.
+pub const SHIFTS: [f64; 4] = [0.5, 1.0, 2.0, 3.5];
+
+/// Their weights. Half is with the largest one: the delay of a large shift suffers most from a weight that is spread.
+const WEIGHTS: [f64; 4] = [0.1, 0.2, 0.2, 0.5];
+
+/// Values further out count as this far out, in standard deviations, so that nothing overflows.
+const FURTHEST: f64 = 30.0;
+
+/// Statistics of a series, for shifts to both sides.
+#[derive(Debug, Clone, Default)]
+pub struct SequentialChart {
+    above: [f64; SHIFTS.len()],
+    below: [f64; SHIFTS.len()],
+}
+
+impl SequentialChart {
+    /// Takes a value in standard deviations from its expectation. Returns the logarithm of the statistic.
+    pub fn add(&mut self, z: f64) -> f64 {
+        let z = z.clamp(-FURTHEST, FURTHEST);
+        self.add_evidence(|shift| (shift * z - 0.5 * shift * shift).exp())
+    }
+
+    /// Takes the evidence of a value for each shift, above zero for shifts upwards: a number that is not negative, and
+    /// whose expectation without a shift is one at most. Returns the logarithm of the statistic.
+    pub fn add_evidence(&mut self, evidence: impl Fn(f64) -> f64) -> f64 {
+        let mut sum = 0.0;
+        for (place, (shift, weight)) in SHIFTS.iter().zip(WEIGHTS).enumerate() {
+            let (above, below) = (&mut self.above[place], &mut self.below[place]);
+            *above = evidence(*shift) * (1.0 + *above);
+            *below = evidence(-shift) * (1.0 + *below);
+            sum += 0.5 * weight * (*above + *below);
+        }
+        sum.ln()
+    }
+
+    /// Forgets all values, as after an alarm.
+    pub fn restart(&mut self) {
+        *self = Self::default();
+    }
+}
+
+/// Logarithm of the statistic at which an alarm comes, for a mean of `run_length` values (1 or more) between false
+/// alarms. The mean is at least this, whatever the evidence.
+#[must_use]
+pub fn sure_limit(run_length: f64) -> f64 {
+    run_length.max(1.0).ln()
+}
+
+/// As [`sure_limit`], where values are standard normal without a shift: the mean is this.
+#[must_use]
+pub fn normal_limit(run_length: f64) -> f64 {
+    let jumped: f64 =
+        SHIFTS.iter().zip(WEIGHTS).map(|(shift, weight)| weight * overshoot_factor(*shift)).sum();
+    run_length.max(1.0).ln() + jumped.ln()
+}
+
+/// Least delay that any chart with this mean run length can have asymptotically, in values: `ln(run_length) / (d² / 2)`
+/// for a shift of `shift` standard deviations (Lorden 1971).
+#[must_use]
+pub fn lorden_delay(run_length: f64, shift: f64) -> f64 {
+    2.0 * run_length.ln() / (shift * shift)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    use super::*;
+
+    /// Mean number of values until an alarm, of normal ones with the mean `shift`, and its standard error.
+    fn mean_run(limit: f64, shift: f64, series: u32, seed: u64) -> (f64, f64) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let lengths: Vec<f64> = (0..series)
+            .map(|_| {
+                let mut chart = SequentialChart::default();
+                let mut length = 1.0;
+                while chart.add(shift + rng.sample::<f64, _>(StandardNormal)) < limit {
+                    length += 1.0;
+                }
+                length
+            })
+            .collect();
+        let mean = lengths.iter().sum::<f64>() / lengths.len() as f64;
+        let squares: f64 = lengths.iter().map(|of| (of - mean).powi(2)).sum();
+        (mean, squares.sqrt() / lengths.len() as f64)
+    }
+
+    #[test]
+    fn the_mean_run_is_the_one_asked_for() {
+        for asked in [150.0, 600.0] {
+            let (mean, error) = mean_run(normal_limit(asked), 0.0, 3000, 1);
+            assert!((mean / asked - 1.0).abs() < 0.06 + 3.0 * error / asked, "{asked}: {mean} {error}");
+            let (sure, error) = mean_run(sure_limit(asked), 0.0, 1000, 2);
+            assert!(sure > asked + 3.0 * error, "{asked}: {sure} {error}");
+        }
+    }
+
+    /// One false alarm a year of 60 values a day, as which 25, 6 and 3 values are 1.25 times Lorden's bound.
+    #[test]
+    fn shifts_are_found_about_as_soon_as_can_be() {
+        let asked: f64 = 22_000.0;
+        for (shift, most) in [(1.0, 25.0), (2.0, 6.25), (3.0, 3.0)] {
+            let (mean, error) = mean_run(normal_limit(asked), shift, 3000, 3);
+            assert!(mean + 2.0 * error < most, "{shift}: {mean} {error}");
+            let (down, _) = mean_run(normal_limit(asked), -shift, 3000, 4);
+            assert!((down - mean).abs() < 6.0 * error, "{shift}: {down} {mean}");
+        }
+        assert!((1.25 * lorden_delay(asked, 2.0) - 6.25).abs() < 0.01);
+    }
+
+    #[test]
+    fn values_far_out_stay_finite_and_a_restart_forgets() {
+        let mut chart = SequentialChart::default();
+        assert!(chart.add(1e9).is_finite() && chart.add(-1e9).is_finite());
+        chart.restart();
+        assert!(chart.add(0.0) < 0.0);
+    }
+}

@@ -1,0 +1,140 @@
+//! One series under watch: evidence, statistic and limit, by what is known of the series.
+//!
+//! | phase | evidence | limit | mean number of values between false alarms |
+//! |---|---|---|---|
+//! | no history | ranks | without a distribution | at least the one asked for, if the values may stand in any order |
+//! | short | whitened scores | without the overshoot | at least the one asked for, if the values follow the model of [`super::whitening`] |
+//! | own | whitened scores | with the overshoot | the one asked for with normal values; more with heavy tails |
+
+use std::collections::VecDeque;
+
+use super::chart::{SequentialChart, normal_limit, sure_limit};
+use super::ranks::Ranks;
+use super::whitening::{Prior, Whitener};
+
+/// Fewest values, own ones and those that the prior is worth, that a series is whitened with.
+const WHITENED_FROM: f64 = 8.0;
+/// Fewest own values that a limit without margin stands on.
+pub const OWN_FROM: usize = 40;
+
+/// Values that wait before they are learnt, at most, in a series without memory. A large shift would else be learnt, and be
+/// taken for heavy tails, before it is found. In a series with memory, estimates that are behind leave errors that
+/// remember each other, so that fewer may wait.
+const MOST_WAITING: f64 = 6.0;
+/// Values for each that waits: estimates need most of what there is.
+const WAITING_SHARE: f64 = 40.0;
+
+/// What is known of a series.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// Next to nothing.
+    NoHistory,
+    /// A prior, or few values.
+    Short,
+    /// Its own history.
+    Own,
+}
+
+impl Phase {
+    /// Name for people and in JSON.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NoHistory => "no history",
+            Self::Short => "short",
+            Self::Own => "own",
+        }
+    }
+}
+
+/// What a value has added.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Whether the statistic has reached its limit. It begins anew then.
+    pub is_out: bool,
+    /// Score of the value, in standard deviations.
+    pub score: f64,
+    /// What the limit stood on.
+    pub phase: Phase,
+}
+
+/// A series and its chart. All values are learnt, a while after they came.
+#[derive(Debug, Clone)]
+pub struct Monitor {
+    whitener: Whitener,
+    ranks: Ranks,
+    chart: SequentialChart,
+    prior: Prior,
+    count: usize,
+    previous: f64,
+    waiting: VecDeque<(f64, f64)>,
+    sure: f64,
+    normal: f64,
+}
+
+impl Monitor {
+    /// Before the first value; `run_length` is the mean number of values between false alarms.
+    #[must_use]
+    pub fn new(prior: Prior, run_length: f64) -> Self {
+        Self {
+            whitener: Whitener::new(prior),
+            ranks: Ranks::default(),
+            chart: SequentialChart::default(),
+            prior,
+            count: 0,
+            previous: 0.0,
+            waiting: VecDeque::new(),
+            sure: sure_limit(run_length),
+            normal: normal_limit(run_length),
+        }
+    }
+
+    /// What is known of the series before its next value.
+    #[must_use]
+    pub fn phase(&self) -> Phase {
+        if self.count >= OWN_FROM {
+            Phase::Own
+        } else if self.count as f64 + self.prior.worth >= WHITENED_FROM {
+            Phase::Short
+        } else {
+            Phase::NoHistory
+        }
+    }
+
+    /// Takes a value with its standard error, which is 0 where it is not known.
+    pub fn add(&mut self, value: f64, std_error: f64) -> Reading {
+        let phase = self.phase();
+        let score = self.whitener.score(self.previous, value, std_error);
+        self.previous = value;
+        self.count += 1;
+        self.waiting.push_back((value, std_error));
+        let independent = 1.0 - self.whitener.likeness().correlation;
+        let most = (MOST_WAITING * independent).min(self.count as f64 / WAITING_SHARE);
+        while self.waiting.len() as f64 > most
+            && let Some((value, std_error)) = self.waiting.pop_front()
+        {
+            self.whitener.learn(value, std_error);
+        }
+        let (statistic, limit) = match phase {
+            Phase::NoHistory => {
+                let standing = self.ranks.add(value);
+                (self.chart.add_evidence(|shift| standing.evidence(shift)), self.sure)
+            }
+            Phase::Short => (self.chart.add(score), self.sure),
+            Phase::Own => (self.chart.add(score), self.normal),
+        };
+        let is_out = statistic >= limit;
+        if is_out {
+            self.chart.restart();
+        }
+        Reading { is_out, score, phase }
+    }
+
+    /// Lets the chart forget what it has, without forgetting what the series is like.
+    pub fn restart(&mut self) {
+        self.chart.restart();
+    }
+}
+
+#[cfg(test)]
+mod tests;
