@@ -21,6 +21,7 @@ mod accuracy;
 mod without_result;
 mod health;
 mod next_test;
+pub mod open_run;
 
 use jiff::Timestamp;
 

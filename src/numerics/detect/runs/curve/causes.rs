@@ -1,5 +1,7 @@
 //! The likeliest cause of each run's curve, joint by joint, against a baseline of the robot's first runs.
 
+pub(in crate::numerics::detect::runs) mod open_run;
+
 use super::hypothesis::{Cause, Evidence, Judged};
 use super::points::{Curve, common_part, curves};
 use super::template::{self, Template};
