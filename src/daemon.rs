@@ -7,7 +7,7 @@
 
 mod archive;
 mod book;
-mod open_tests;
+mod judging;
 mod outcome_log;
 pub mod overdue;
 #[cfg(test)]
@@ -38,7 +38,7 @@ use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry
 use crate::pipeline::take::follow::{Ends, Followed};
 use crate::run::FileId;
 use crate::store::{Counts, DaemonClaim};
-use open_tests::OpenTests;
+use judging::OpenTests;
 use outcome_log::log_outcome;
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;

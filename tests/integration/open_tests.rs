@@ -4,7 +4,6 @@ use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::canon::{OF_DEEDS, without};
 use crate::support::{Daemon, Workshop, assert_alike};
 
 const STEP: &str = "SELECT count(*) FROM anomalies WHERE kind = 'step' AND joint = 3 AND state = 'open'";
@@ -38,11 +37,6 @@ fn end_of_cycle(text: &str, number: u32) -> usize {
 fn append(path: &Path, text: &str) {
     let mut file = OpenOptions::new().create(true).append(true).open(path).expect("an export");
     file.write_all(text.as_bytes()).expect("written");
-}
-
-fn dump(workshop: &Workshop) -> String {
-    let dump = workshop.dump();
-    OF_DEEDS.iter().fold(dump, |dump, view| without(&dump, view))
 }
 
 fn stop(daemon: Daemon, signal: &str) {
@@ -96,7 +90,7 @@ fn a_step_is_an_alarm_one_cycle_later_while_the_export_is_written() {
     append(&path, &text[cuts[3]..]);
     fs::write(workshop.inbox(&format!("{}.done", name(growing))), "").expect("a mark");
     workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 4);
-    assert_alike(&dump(&workshop), &dump(&golden), "dump");
+    assert_alike(&workshop.dump(), &golden.dump(), "dump");
     let told = "SELECT what FROM anomaly_history WHERE anomaly_id = 1 ORDER BY anomaly_event_id";
     assert_eq!(workshop.query(told), ["opened"]);
     stop(daemon, "TERM");
