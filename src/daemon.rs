@@ -7,6 +7,7 @@
 
 mod archive;
 mod book;
+mod judging;
 mod outcome_log;
 pub mod overdue;
 #[cfg(test)]
@@ -37,6 +38,7 @@ use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry
 use crate::pipeline::take::follow::{Ends, Followed};
 use crate::run::FileId;
 use crate::store::{Counts, DaemonClaim};
+use judging::OpenTests;
 use outcome_log::log_outcome;
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
@@ -132,6 +134,8 @@ struct Work<'r> {
     concluding: JoinSet<(String, Result<Conclusion, PipelineError>)>,
     /// The robot that they are of.
     concluded_robot: Option<String>,
+    /// Tests that are judged while they are written.
+    open_tests: OpenTests,
     progress: (mpsc::UnboundedSender<Progressed>, mpsc::UnboundedReceiver<Progressed>),
 }
 
@@ -231,6 +235,7 @@ impl<'r> Work<'r> {
             stale: Stale::default(),
             concluding: JoinSet::new(),
             concluded_robot: None,
+            open_tests: OpenTests::default(),
             progress: mpsc::unbounded_channel(),
         }
     }
@@ -265,11 +270,13 @@ impl<'r> Work<'r> {
             }
             self.take_what_is_due();
             self.conclude_what_is_due();
+            self.open_tests.begin(&self.pipeline);
             let next_look = self.next_look();
             tokio::select! {
                 () = self.stop.cancelled() => {}
                 Some(closed) = self.tasks.join_next() => self.close(closed?, report)?,
                 Some(concluded) = self.concluding.join_next() => self.concluded(concluded?, report)?,
+                Some(judged) = self.open_tests.next() => if let Some(of) = judged? { announce(&of, report) },
                 Some((file, progress)) = self.progress.1.recv() => self.progressed(file, progress),
                 Some(()) = hints.recv(), if next_scan > earliest => next_scan = earliest,
                 Some(()) = reload.recv() => self.reload(),
@@ -392,6 +399,7 @@ impl<'r> Work<'r> {
         match progress {
             Progress::Begun => self.admitted(file),
             Progress::CaughtUp => self.places.caught_up(file, Instant::now()),
+            Progress::Grown(run_id) => self.open_tests.grew(run_id),
             Progress::Reading | Progress::Read(_) | Progress::Cycle(_) => {}
         }
     }
@@ -424,6 +432,9 @@ impl<'r> Work<'r> {
                 Progress::Begun | Progress::CaughtUp => {
                     sign.waits_for_others();
                     // nobody listens any more when the daemon ends
+                    let _ = sender.send((file, progress));
+                }
+                Progress::Grown(_) => {
                     let _ = sender.send((file, progress));
                 }
                 Progress::Cycle(_) => {}
@@ -493,6 +504,7 @@ impl<'r> Work<'r> {
         report: &mut impl FnMut(Event<'_>),
     ) -> Result<(), PipelineError> {
         self.concluded_robot = None;
+        self.open_tests.concluded();
         match result {
             Err(PipelineError::Store(error)) if !error.is_fatal() => {
                 tracing::warn!(robot, %error, "conclusions not stored now; trying again");

@@ -135,7 +135,7 @@ async fn take(
         let moving = bar.clone();
         let outcome = pipeline
             .process(path, retry, stop, move |progress| match progress {
-                Progress::Begun | Progress::CaughtUp | Progress::Reading => {}
+                Progress::Begun | Progress::CaughtUp | Progress::Reading | Progress::Grown(_) => {}
                 Progress::Read(bytes) => moving.set_position(bytes),
                 Progress::Cycle(cycle) => moving.set_message(format!("cycle {cycle}")),
             })

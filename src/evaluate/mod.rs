@@ -19,3 +19,5 @@ pub mod scenario;
 pub mod score;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod open_tests;

@@ -24,6 +24,7 @@ pub mod friction;
 pub mod detect;
 pub mod analyse;
 pub mod production;
+pub mod partial_run;
 
 /// Why numbers could not be had. Carries the figures that decided it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -1,15 +1,19 @@
 //! What everything in the pipeline works with and answers: the pipeline itself, outcomes, progress and errors.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::Semaphore;
 use tokio::task::{JoinError, JoinHandle};
 
 use crate::analysis::CycleAnalysis;
+use crate::analysis::measurements::RunMeasurements;
+use crate::anomaly::RunSummary;
 use crate::config::Config;
 use crate::ingest::rejection::Rejection;
 use crate::numerics::analyse::Method;
+use crate::numerics::detect::runs::open_run::UsualTests;
+use crate::numerics::detect::verdict::DetectSettings;
 use crate::store::{ReadSoFar, Store, StoreError};
 
 /// Growing exports and settled ones do not wait for each other's analyses.
@@ -35,7 +39,27 @@ pub struct Pipeline {
     pub(super) concluding: Arc<tokio::sync::Mutex<()>>,
     /// Runs whose exports are being read.
     pub(super) open: OpenRuns,
+    /// What robots' complete tests say of those that are being written.
+    pub(super) usual: UsualByRobot,
 }
+
+/// What the complete tests of a robot say of the one that is being written.
+#[derive(Debug)]
+pub(super) struct Usual {
+    /// The test that is being written.
+    pub(super) run_id: i64,
+    /// How often the robot's history had changed.
+    pub(super) history: i64,
+    pub(super) settings: DetectSettings,
+    /// Ordinals of the epochs of the joints that the test belongs to.
+    pub(super) epochs: Vec<u32>,
+    pub(super) tests: UsualTests,
+    /// Those whose first cycles the arm is compared with, with what their cycles measured.
+    pub(super) first: Vec<(RunSummary, RunMeasurements)>,
+}
+
+/// By the key of the robot.
+pub(super) type UsualByRobot = Arc<Mutex<HashMap<i64, Arc<Usual>>>>;
 
 pub(super) type OpenRuns = Arc<Mutex<HashSet<i64>>>;
 
@@ -126,6 +150,8 @@ pub enum Progress {
     Read(u64),
     /// A cycle is stored.
     Cycle(u32),
+    /// A test that is still being written has one more stored cycle; its run.
+    Grown(i64),
 }
 
 /// Why the pipeline cannot go on. A bad export is never one of these.

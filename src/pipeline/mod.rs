@@ -55,6 +55,7 @@ impl Pipeline {
             places,
             concluding: Arc::default(),
             open: Arc::default(),
+            usual: Arc::default(),
         }
     }
 

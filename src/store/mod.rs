@@ -54,4 +54,5 @@ pub use robot::conclusion_faults::ConclusionFault;
 pub use robot::friction::{CycleSpeedFits, IndexRow, ThermalSourceRow};
 pub use robot::health::{OverdueRobot, RunResult};
 pub use robot::maintenance::{DescriptionKey, MaintenanceRow, NewMaintenance};
+pub use robot::open_test::OpenTest;
 pub use views::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};

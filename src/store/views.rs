@@ -158,6 +158,8 @@ pub struct AnomalyRow {
     pub shelved_until: Option<Timestamp>,
     /// Whether later runs no longer show it, whatever people said of it.
     pub ended: bool,
+    /// Whether the test that shows it is still being written.
+    pub provisional: bool,
 }
 
 impl AnomalyRow {
@@ -292,7 +294,7 @@ pub(in crate::store) async fn anomalies_after(
     sqlx::query(
         "SELECT anomaly_id, robot, run_id, cycle, joint, kind, quantity, severity, score, threshold, value, baseline,
                 first_seen_at, last_seen_at, state, message, last_run_id, peak_value, peak_score, onset_at, onset_run_id,
-                onset_cycle, odds, alternatives, shelved_until, ended
+                onset_cycle, odds, alternatives, shelved_until, ended, provisional
          FROM anomalies
          WHERE anomaly_id > ?
          ORDER BY anomaly_id",
@@ -329,6 +331,7 @@ pub(in crate::store) async fn anomalies_after(
             alternatives: alternatives(row.try_get("alternatives")?)?,
             shelved_until: optional_time(&row, "shelved_until")?,
             ended: row.try_get("ended")?,
+            provisional: row.try_get("provisional")?,
         })
     })
     .fetch_all(executor)

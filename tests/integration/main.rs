@@ -48,6 +48,7 @@ mod torque_sources;
 mod temperatures;
 mod torque;
 mod streaming;
+mod open_tests;
 #[cfg(unix)]
 mod writers;
 mod upload;

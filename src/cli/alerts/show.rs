@@ -54,10 +54,12 @@ fn facts(row: &AnomalyRow) -> Vec<String> {
     let mut lines = vec![format!("anomaly {}: {} {}", row.anomaly_id, row.severity, name(row))];
     let mut fact = |name: &str, text: String| lines.push(format!("{name:<11} {text}"));
     fact("message", row.message.clone());
-    fact(
-        "state",
-        format!("{}{}", state(row), if row.ended { "; later tests no longer show it" } else { "" }),
-    );
+    let standing = match (row.ended, row.provisional) {
+        (true, _) => "; later tests no longer show it",
+        (_, true) => "; provisional until its test is complete",
+        _ => "",
+    };
+    fact("state", format!("{}{standing}", state(row)));
     if let Some(onset) = row.onset_at {
         fact("onset", format!("{}{}{}", minute(onset), run(row.onset_run_id), cycle(row.onset_cycle)));
     }

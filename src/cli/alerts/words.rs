@@ -87,8 +87,8 @@ pub(super) fn as_value(row: &AnomalyRow) -> Value {
     json!({
         "anomaly_id": row.anomaly_id, "robot": row.robot, "joint": row.joint_number(), "kind": row.kind,
         "quantity": row.quantity, "severity": row.severity.name(), "state": row.state,
-        "shelved_until": time(row.shelved_until), "ended": row.ended, "message": row.message,
-        "value": row.value, "baseline": row.baseline, "score": row.score, "threshold": row.threshold,
+        "shelved_until": time(row.shelved_until), "ended": row.ended, "provisional": row.provisional,
+        "message": row.message, "value": row.value, "baseline": row.baseline, "score": row.score, "threshold": row.threshold,
         "peak_value": row.peak_value, "peak_score": row.peak_score,
         "run_id": row.run_id, "cycle": row.cycle, "first_seen_at": row.first_seen_at.to_string(),
         "last_run_id": row.last_run_id, "last_seen_at": row.last_seen_at.to_string(),

@@ -3,7 +3,8 @@
 //! Pure functions over the summaries of all complete logs of a robot, oldest first. A joint is compared with
 //! its own first logs after the test that they are held against: work that moves otherwise than a test, or a
 //! load that the test did not carry, is there from the first log on and is no change. The first logs may be
-//! wrong themselves, so each log is also compared with the test's own error.
+//! wrong themselves, so each log is also compared with the test's own error, and their friction with that of
+//! the logs after earlier tests.
 
 mod series;
 mod friction_rise;

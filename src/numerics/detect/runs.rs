@@ -24,6 +24,7 @@ mod without_result;
 mod health;
 mod next_test;
 pub mod calibration;
+pub mod open_run;
 
 use jiff::Timestamp;
 
@@ -31,7 +32,7 @@ use self::accuracy::Accuracy;
 use self::arm::{ArmEvidence, arm_evidence};
 use self::arm_change::arm_changes;
 use self::common_change::{common_changes, common_parts};
-use self::curve::causes::{RunCause, causes};
+use self::curve::causes::{RunCause, causes, least_advantage};
 use self::friction_drift::FrictionDrift;
 use self::friction_history::FrictionHistory;
 use self::friction_step::FrictionStep;
@@ -113,7 +114,8 @@ fn part<'p>(
 ) -> &'p Part {
     let known = parts.iter().position(|part| part.places == places).unwrap_or_else(|| {
         let runs: Vec<RunSummary> = places.iter().map(|&place| history[place].clone()).collect();
-        let causes = causes(&runs, joints, settings.baseline_runs);
+        let needed = least_advantage(history, settings);
+        let causes = causes(&runs, joints, settings.baseline_runs, needed);
         let of_joint = |(joint, causes): (usize, &Vec<Option<RunCause>>)| {
             friction_history(&runs, JointIndex::new(joint), causes, settings.baseline_runs)
         };

@@ -144,7 +144,7 @@ impl Pipeline {
         Ok(Reading::Done(Some(Concluded { robot: robot.name.clone(), new_anomalies, events })))
     }
 
-    async fn opened(&self, ids: &[i64]) -> Result<Vec<AnomalyRow>, PipelineError> {
+    pub(super) async fn opened(&self, ids: &[i64]) -> Result<Vec<AnomalyRow>, PipelineError> {
         let Some(first) = ids.iter().min() else { return Ok(Vec::new()) };
         let rows = self.store.anomalies_after(first - 1).await?;
         Ok(rows.into_iter().filter(|row| ids.contains(&row.anomaly_id)).collect())

@@ -2,3 +2,4 @@
 
 pub mod history;
 pub mod isolation;
+pub mod open_test;

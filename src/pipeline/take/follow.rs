@@ -27,7 +27,7 @@ use crate::ingest::rejection::Rejection;
 use crate::ingest::table::reader::{ExportReader, ReadOptions, Step};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::{FromRejection, Lane};
-use crate::run::ContentHash;
+use crate::run::{ContentHash, RunKind};
 use crate::store::{Identity, SourceState, StoreError};
 
 /// Time between two looks at a growing file. With it a row waits for a tenth of the second in which its
@@ -99,8 +99,21 @@ impl Pipeline {
                 read_growing(opened, &intake, &cycles, settle, &ends, progress)
             }
         };
-        let ((end, grown), refused) = match self.stream(&intake, &method, Lane::Live, reading, progress).await
-        {
+        let grown = {
+            let (progress, run_id) = (progress.clone(), intake.run_id);
+            let is_test = intake.layout.stage.kind().run_kind() == RunKind::Test;
+            move |of| {
+                progress(of);
+                if is_test && matches!(of, Progress::Cycle(_)) {
+                    progress(Progress::Grown(run_id));
+                }
+            }
+        };
+        // what was stored before the program ended may not be judged yet
+        if intake.cycles_stored > 0 {
+            grown(Progress::Cycle(intake.cycles_stored));
+        }
+        let ((end, grown), refused) = match self.stream(&intake, &method, Lane::Live, reading, grown).await {
             Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
                 return Ok(refused_by_database(path, &detail));
             }

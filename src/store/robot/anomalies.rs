@@ -49,10 +49,34 @@ impl Reconciled {
     }
 }
 
-struct Stored {
-    anomaly_id: i64,
-    episode: Episode,
-    before: Before,
+pub(super) struct Stored {
+    pub(super) anomaly_id: i64,
+    pub(super) episode: Episode,
+    pub(super) before: Before,
+    /// The test that alone shows it, which was not complete when that was found.
+    pub(super) open_test: Option<OpenTestOf>,
+}
+
+/// A test that was not complete when an anomaly was found in it.
+pub(super) struct OpenTestOf {
+    pub(super) run_id: i64,
+    is_streaming: bool,
+    is_complete: bool,
+}
+
+impl Stored {
+    /// Whether it is of a test that is still being written.
+    fn is_provisional(&self) -> bool {
+        self.open_test.as_ref().is_some_and(|test| test.is_streaming)
+    }
+
+    /// Why the history has it no longer, where there is more to say than that.
+    fn why_withdrawn(&self) -> Option<&'static str> {
+        self.open_test.as_ref().map(|test| match test.is_complete {
+            true => "not borne out by the whole test",
+            false => "the test was not read to its end",
+        })
+    }
 }
 
 /// Makes the stored anomalies and health of a robot agree with `findings`, the outcome of its whole history, and
@@ -60,8 +84,9 @@ struct Stored {
 ///
 /// An episode keeps its number, its audit and what people said of it. All else that is shown depends on the history
 /// alone, not on how much of it was known when: also the run with which it begins, which a refit may move; the events
-/// keep which run had shown it when it was told. One that more of the history has taken back is withdrawn. `clock` is
-/// the time at which shelving ends. Call in a transaction.
+/// keep which run had shown it when it was told. One that more of the history has taken back is withdrawn; what a test
+/// shows that is still being written stays until it is complete. `clock` is the time at which shelving ends. Call in a
+/// transaction.
 pub(in crate::store) async fn reconcile(
     connection: &mut SqliteConnection,
     robot_id: i64,
@@ -76,18 +101,19 @@ pub(in crate::store) async fn reconcile(
     let mut events = Vec::new();
     for (o, known) in stored.iter().enumerate() {
         // what ended before it was told of is told of no more
-        let is_news = !known.episode.withdrawn && !chosen.contains(&Some(o));
+        let is_news = !known.episode.withdrawn && !known.is_provisional() && !chosen.contains(&Some(o));
         if is_news {
             withdraw_anomaly(&mut *connection, known.anomaly_id).await?;
         }
         if is_news && (known.before.told.is_some() || !known.before.life.state.is_closed()) {
-            events.push(record(&mut *connection, known.anomaly_id, EventKind::Withdrawn, None).await?);
+            let (what, why) = (EventKind::Withdrawn, known.why_withdrawn());
+            events.push(record_because(&mut *connection, known.anomaly_id, what, why).await?);
         }
     }
     for (anomaly, known) in findings.anomalies.iter().zip(chosen) {
         let Some(known) = known.map(|o| &stored[o]) else {
             let state = if anomaly.ended { AlarmState::Resolved } else { AlarmState::Open };
-            let id = insert_anomaly(&mut *connection, robot_id, anomaly, state).await?;
+            let id = insert_anomaly(&mut *connection, robot_id, anomaly, state, None).await?;
             if !anomaly.ended {
                 events.push(record(&mut *connection, id, EventKind::Opened, None).await?);
             }
@@ -102,7 +128,7 @@ pub(in crate::store) async fn reconcile(
             is_another_fault: is_another_fault(kinds.0, kinds.1),
         };
         let (life, happened) = go_on(&known.before, &now, clock);
-        update_anomaly(&mut *connection, known.anomaly_id, anomaly, &life).await?;
+        update_anomaly(&mut *connection, known.anomaly_id, anomaly, &life, None).await?;
         for what in happened {
             events.push(record(&mut *connection, known.anomaly_id, what, None).await?);
         }
@@ -112,7 +138,7 @@ pub(in crate::store) async fn reconcile(
     Ok(Reconciled { events })
 }
 
-fn episode(of: &Anomaly) -> Episode {
+pub(super) fn episode(of: &Anomaly) -> Episode {
     Episode {
         joint: of.joint.map(joint_number),
         kind: of.kind.name().to_owned(),
@@ -125,16 +151,18 @@ fn episode(of: &Anomaly) -> Episode {
 }
 
 /// All anomalies of a robot, withdrawn ones too, by number.
-async fn stored_anomalies(
+pub(super) async fn stored_anomalies(
     connection: &mut SqliteConnection,
     robot_id: i64,
 ) -> Result<Vec<Stored>, sqlx::Error> {
     let mut said = told(&mut *connection, robot_id).await?;
     sqlx::query(
-        "SELECT anomaly_id, joint, kind, quantity, severity, score, first_seen_at, last_seen_at, onset_at, state,
-                shelved_until, resolved_seen_at, ended, withdrawn
+        "SELECT anomaly_id, joint, anomaly.kind, quantity, severity, score, first_seen_at, last_seen_at, onset_at, state,
+                shelved_until, resolved_seen_at, ended, withdrawn, open_run_id, open_run.status = 'streaming' AS is_streaming,
+                open_run.status = 'complete' AS is_complete, open_run.started_at AS open_start
          FROM anomaly
-         WHERE robot_id = ?
+         LEFT JOIN run AS open_run ON open_run.run_id = anomaly.open_run_id
+         WHERE anomaly.robot_id = ?
          ORDER BY anomaly_id",
     )
     .bind(robot_id)
@@ -142,6 +170,16 @@ async fn stored_anomalies(
         let anomaly_id = row.try_get("anomaly_id")?;
         let first: i64 = row.try_get("first_seen_at")?;
         let onset: Option<i64> = row.try_get("onset_at")?;
+        // the start of an open test may still move
+        let open_start: Option<i64> = row.try_get("open_start")?;
+        let open_test = match row.try_get("open_run_id")? {
+            Some(run_id) => Some(OpenTestOf {
+                run_id,
+                is_streaming: row.try_get("is_streaming")?,
+                is_complete: row.try_get("is_complete")?,
+            }),
+            None => None,
+        };
         let state = named(&row, "state", &AlarmState::ALL, AlarmState::name)?;
         let (mut told, shelved_severity) = said.remove(&anomaly_id).unwrap_or_default();
         if told.is_none() && !state.is_closed() {
@@ -154,8 +192,8 @@ async fn stored_anomalies(
                 joint: row.try_get("joint")?,
                 kind: row.try_get("kind")?,
                 quantity: row.try_get("quantity")?,
-                from: onset.map_or(first, |onset| onset.min(first)),
-                to: row.try_get("last_seen_at")?,
+                from: open_start.unwrap_or_else(|| onset.map_or(first, |onset| onset.min(first))),
+                to: open_start.map_or_else(|| row.try_get("last_seen_at"), Ok)?,
                 ended: row.try_get("ended")?,
                 withdrawn: row.try_get("withdrawn")?,
             },
@@ -169,6 +207,7 @@ async fn stored_anomalies(
                 told,
                 shelved_severity,
             },
+            open_test,
         })
     })
     .fetch_all(connection)
@@ -215,7 +254,10 @@ fn shown(row: &SqliteRow) -> Result<Told, sqlx::Error> {
     Ok(Told { severity: named(row, "severity", &Severity::ALL, Severity::name)?, score: score.map(f64::abs) })
 }
 
-async fn run_starts(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<Starts, sqlx::Error> {
+pub(super) async fn run_starts(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+) -> Result<Starts, sqlx::Error> {
     let rows: Vec<(i64, String)> = sqlx::query_as(
         "SELECT started_at, kind FROM run WHERE robot_id = ? AND status = 'complete' ORDER BY started_at",
     )
@@ -242,6 +284,27 @@ pub(super) async fn record(
     what: EventKind,
     by: Option<Person<'_>>,
 ) -> Result<AnomalyEvent, sqlx::Error> {
+    let (who, why) = (by.map(|person| person.who), by.and_then(|person| person.why));
+    write_event(executor, anomaly_id, what, who, why).await
+}
+
+/// As [`record`], of what the program does for a reason.
+async fn record_because(
+    executor: impl SqliteExecutor<'_>,
+    anomaly_id: i64,
+    what: EventKind,
+    why: Option<&str>,
+) -> Result<AnomalyEvent, sqlx::Error> {
+    write_event(executor, anomaly_id, what, None, why).await
+}
+
+async fn write_event(
+    executor: impl SqliteExecutor<'_>,
+    anomaly_id: i64,
+    what: EventKind,
+    who: Option<&str>,
+    why: Option<&str>,
+) -> Result<AnomalyEvent, sqlx::Error> {
     let anomaly_event_id = sqlx::query_scalar(
         "INSERT INTO anomaly_event (anomaly_id, what, severity, score, value, message, run_id, who, why)
          SELECT anomaly_id, ?2, severity, score, value, message, last_run_id, ?3, ?4
@@ -251,18 +314,20 @@ pub(super) async fn record(
     )
     .bind(anomaly_id)
     .bind(what.name())
-    .bind(by.map(|person| person.who))
-    .bind(by.and_then(|person| person.why))
+    .bind(who)
+    .bind(why)
     .fetch_one(executor)
     .await?;
     Ok(AnomalyEvent { anomaly_event_id, anomaly_id, what })
 }
 
-async fn insert_anomaly(
+/// Enters an anomaly; `open_run_id` is the test that alone shows it while that is not complete.
+pub(super) async fn insert_anomaly(
     connection: &mut SqliteConnection,
     robot_id: i64,
     anomaly: &Anomaly,
     state: AlarmState,
+    open_run_id: Option<i64>,
 ) -> Result<i64, sqlx::Error> {
     let anomaly_id: i64 = sqlx::query_scalar(
         "INSERT INTO anomaly (robot_id, joint, kind, quantity, severity, first_seen_at, last_seen_at, state, message)
@@ -280,23 +345,24 @@ async fn insert_anomaly(
     .bind(&anomaly.message)
     .fetch_one(&mut *connection)
     .await?;
-    update_anomaly(connection, anomaly_id, anomaly, &Life::of(state)).await?;
+    update_anomaly(connection, anomaly_id, anomaly, &Life::of(state), open_run_id).await?;
     Ok(anomaly_id)
 }
 
 /// Writes all that is known of an anomaly but its number and joint.
-async fn update_anomaly(
+pub(super) async fn update_anomaly(
     executor: impl SqliteExecutor<'_>,
     anomaly_id: i64,
     anomaly: &Anomaly,
     life: &Life,
+    open_run_id: Option<i64>,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE anomaly
          SET kind = ?, quantity = ?, severity = ?, score = ?, threshold = ?, value = ?, baseline = ?, peak_value = ?,
              peak_score = ?, first_run_id = ?, first_cycle = ?, last_run_id = ?, first_seen_at = ?, last_seen_at = ?,
              onset_run_id = ?, onset_cycle = ?, onset_at = ?, odds = ?, alternatives = ?, message = ?, ended = ?,
-             state = ?, shelved_until = ?, resolved_seen_at = ?, withdrawn = 0
+             state = ?, shelved_until = ?, resolved_seen_at = ?, withdrawn = 0, open_run_id = ?
          WHERE anomaly_id = ?",
     )
     .bind(anomaly.kind.name())
@@ -323,6 +389,7 @@ async fn update_anomaly(
     .bind(life.state.name())
     .bind(life.shelved_until.map(Timestamp::as_microsecond))
     .bind(life.resolved_seen_at.map(Timestamp::as_microsecond))
+    .bind(open_run_id)
     .bind(anomaly_id)
     .execute(executor)
     .await?;

@@ -72,6 +72,15 @@ pub(super) fn same(stored: &[Episode], found: &[Episode], starts: &Starts) -> Ve
     chosen
 }
 
+/// Whether a found episode goes on with a stored one of the same cause.
+pub(super) fn goes_on(old: &Episode, new: &Episode, starts: &Starts) -> bool {
+    !old.withdrawn
+        && !old.ended
+        && old.joint == new.joint
+        && is_of_one_cause(old, new)
+        && overlap(old, new, starts).is_some()
+}
+
 /// Whether a kind is so much another than before that what people said of the fault does not hold for it.
 pub(super) fn is_another_fault(old: &str, new: &str) -> bool {
     old != new && !(FRICTION_KINDS.contains(&old) && FRICTION_KINDS.contains(&new))

@@ -277,7 +277,7 @@ pub(in crate::store) async fn run_summaries(
         (run.refused_cycles, run.refusals) = refused.remove(&run.run_id).unwrap_or_default();
     }
     let joints = runs.iter().flat_map(|run| &run.joints).map(|of| of.joint.number()).max().unwrap_or(0);
-    let mut epochs = maintenance::epoch_ordinals(connection, robot_id, joints).await?;
+    let mut epochs = maintenance::epoch_ordinals(connection, robot_id, joints, None).await?;
     for run in &mut runs {
         run.epochs = epochs.remove(&run.run_id).unwrap_or_default();
     }

@@ -178,12 +178,22 @@ pub(in crate::store) async fn test_moments(
     executor: impl SqliteExecutor<'_>,
     robot_id: i64,
 ) -> Result<Vec<(i64, TestMoment<DescriptionKey>)>, sqlx::Error> {
+    test_moments_with(executor, robot_id, None).await
+}
+
+/// As [`test_moments`], with a test that is not complete.
+async fn test_moments_with(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+    open_run_id: Option<i64>,
+) -> Result<Vec<(i64, TestMoment<DescriptionKey>)>, sqlx::Error> {
     let mut found = sqlx::query(
         "SELECT run_id, started_at, robot_model_id, figures_hash FROM run
-         WHERE robot_id = ? AND kind = 'test' AND status = 'complete'
+         WHERE robot_id = ?1 AND kind = 'test' AND (status = 'complete' OR run_id = ?2)
          ORDER BY started_at, run_id",
     )
     .bind(robot_id)
+    .bind(open_run_id)
     .try_map(|row: SqliteRow| {
         let description: DescriptionKey = (row.try_get("robot_model_id")?, row.try_get("figures_hash")?);
         Ok((row.try_get("run_id")?, TestMoment { started_at: time(&row, "started_at")?, description }))
@@ -204,13 +214,15 @@ pub(in crate::store) async fn test_moments(
     Ok(found)
 }
 
-/// Ordinals of the epochs of each joint, by run: `joints` of them.
+/// Ordinals of the epochs of each joint, by run: `joints` of them. Those of a test that is not complete, if one is
+/// given, are with them.
 pub(in crate::store) async fn epoch_ordinals(
     connection: &mut SqliteConnection,
     robot_id: i64,
     joints: usize,
+    open_run_id: Option<i64>,
 ) -> Result<HashMap<i64, Vec<u32>>, sqlx::Error> {
-    let tests = test_moments(&mut *connection, robot_id).await?;
+    let tests = test_moments_with(&mut *connection, robot_id, open_run_id).await?;
     let work = of_robot(connection, robot_id).await?;
     let (run_ids, moments): (Vec<i64>, Vec<TestMoment<DescriptionKey>>) = tests.into_iter().unzip();
     let mut by_run = vec![vec![0; joints]; run_ids.len()];

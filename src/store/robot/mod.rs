@@ -13,4 +13,5 @@ pub(super) mod anomalies;
 pub(super) mod health;
 pub(super) mod alarm_state;
 pub(super) mod alarm_life;
+pub(super) mod open_test;
 mod episodes;

@@ -5,6 +5,7 @@ mod factors;
 mod finish;
 mod identity;
 mod open;
+mod open_test;
 mod reestimates;
 mod verification;
 pub(in crate::store) mod support;

@@ -271,7 +271,7 @@ async fn migrations_keep_the_data_of_earlier_versions() {
     }
     assert_eq!(store.runs().await.expect("runs").len(), 4);
     assert_eq!(store.fleet_health().await.expect("health").len(), 2);
-    assert_eq!(store.anomalies_after(0).await.expect("anomalies").len(), 2);
+    assert_eq!(store.anomalies_after(0).await.expect("anomalies").len(), 3);
     // a parameter with 24.5 degrees of freedom has its interval now, one without has none
     let width =
         number(&store, "SELECT interval_high - value FROM cycle_parameters WHERE degrees_of_freedom = 24.5");

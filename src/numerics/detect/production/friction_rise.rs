@@ -3,8 +3,9 @@
 //!
 //! The quantity is the friction of a log as a multiple of the test's friction, divided by the median of this
 //! multiple over the joints that move: the warmth of the whole arm cancels. Logs with another load
-//! ([`load_change`]) are left out. The baseline is the median of the first [`LEARNING_LOGS`] logs. A log is
-//! out if the EWMA of the difference from the baseline reaches 0.15 of the test's friction, or 4 standard
+//! ([`load_change`]) are left out. The baseline is the median of the first [`LEARNING_LOGS`] logs, unless that is itself
+//! above what the logs behind earlier tests had ([`EarlierTests`]): then the median of those is, from the first log on. A
+//! log is out if the EWMA of the difference from the baseline reaches 0.15 of the test's friction, or 4 standard
 //! deviations of the EWMA if that is more. It is critical from 0.30 on ([`LIMITS`]). Less friction is never
 //! out. Section "Watched between tests" of docs/production-logs.md counts false alarms and logs until wear is
 //! found with these limits.
@@ -25,6 +26,14 @@ const FEWEST_JOINTS: usize = 3;
 /// Friction beyond the other joints'. Tests warn at a third of it: they move all joints alike and know how
 /// warm each is.
 const LIMITS: Limits = Limits { warning: 0.15, critical: 0.30, sigma: 4.0 };
+
+/// Earlier tests with logs from which on their levels say what is usual.
+const FEWEST_TESTS: usize = 3;
+
+/// Standard deviation of the level of logs from test to test before a robot's own is known, and the number of tests that
+/// know it as well: a test is made at one warmth, and the joints of an arm warm up at different rates.
+const PRIOR_TEST_SPREAD: f64 = 0.05;
+const PRIOR_TESTS: f64 = 3.0;
 
 /// Smallest standard deviation from log to log that a few logs are believed to have: joints of one arm warm
 /// up at different rates, and a morning's log of a cold arm shows it.
@@ -50,19 +59,21 @@ impl Detector<JointLogs<'_>> for FrictionRise {
         };
         // changes from log to log that were no anomaly
         let mut usual: Vec<f64> = Vec::new();
+        let mut earlier = EarlierTests::default();
         for since_test in series.by_test(ratio) {
-            let level = since_test.level;
+            let level = earlier.level(since_test.level, spread(&usual));
+            let learnt_logs = if level.is_of_earlier { 0 } else { LEARNING_LOGS };
             let mut chart = Ewma::new(0.0);
             for (place, (log, ratio)) in since_test.values.into_iter().enumerate() {
-                let change = ratio - level;
-                if place < LEARNING_LOGS {
+                let change = ratio - level.value;
+                if place < learnt_logs {
                     verdicts[log] = Verdict::Quiet;
                     usual.push(change);
                     continue;
                 }
                 let smoothed = chart.add(change, EWMA_WEIGHT);
-                let spread = robust_deviation(&usual).unwrap_or(0.0).max(MIN_SPREAD);
-                let threshold = LIMITS.threshold(spread * smoothed_deviation());
+                let variance = steady_variance(spread(&usual)) + level.variance(spread(&usual));
+                let threshold = LIMITS.threshold(variance.sqrt());
                 let Some(severity) = LIMITS.severity(smoothed, threshold) else {
                     verdicts[log] = Verdict::Quiet;
                     usual.push(change);
@@ -73,8 +84,8 @@ impl Detector<JointLogs<'_>> for FrictionRise {
                     score: smoothed,
                     threshold,
                     value: ratio,
-                    baseline: level,
-                    message: message(change, level, &series.history[log]),
+                    baseline: level.value,
+                    message: message(change, &level, &series.history[log]),
                     why: Why::default(),
                 };
             }
@@ -83,11 +94,65 @@ impl Detector<JointLogs<'_>> for FrictionRise {
     }
 }
 
-fn message(change: f64, level: f64, log: &ProductionSummary) -> String {
+/// Standard deviation from log to log.
+fn spread(usual: &[f64]) -> f64 {
+    robust_deviation(usual).unwrap_or(0.0).max(MIN_SPREAD)
+}
+
+/// What logs behind a test are compared with.
+struct Level {
+    value: f64,
+    /// Whether it is that of the logs behind earlier tests.
+    is_of_earlier: bool,
+    /// Variance of a test's level about the usual one, and of the usual one itself.
+    of_tests: f64,
+}
+
+impl Level {
+    /// Variance beyond that of the log itself, which scatters by `spread`.
+    fn variance(&self, spread: f64) -> f64 {
+        match self.is_of_earlier {
+            true => self.of_tests,
+            false => median_variance(spread, LEARNING_LOGS),
+        }
+    }
+}
+
+/// Levels of the logs behind the tests so far, as multiples of each test's friction: how the work of a healthy joint
+/// compares with a test, and how well a test knows it. A test after wear takes it in, so that the level stays.
+#[derive(Default)]
+struct EarlierTests(Vec<f64>);
+
+impl EarlierTests {
+    /// What the logs behind the next test are compared with, of which the first have the level `own`.
+    fn level(&mut self, own: f64, spread: f64) -> Level {
+        let of_own = Level { value: own, is_of_earlier: false, of_tests: 0.0 };
+        let (count, known) = (self.0.len() as f64, median(&self.0));
+        let Some(value) = known.filter(|_| self.0.len() >= FEWEST_TESTS) else {
+            self.0.push(own);
+            return of_own;
+        };
+        let scatter = robust_deviation(&self.0).unwrap_or(0.0);
+        let square = (count * scatter * scatter + PRIOR_TESTS * PRIOR_TEST_SPREAD * PRIOR_TEST_SPREAD)
+            / (count + PRIOR_TESTS);
+        let of_tests = square + median_variance(square.sqrt(), self.0.len());
+        let deviation = (of_tests + median_variance(spread, LEARNING_LOGS)).sqrt();
+        if own - value > LIMITS.threshold(deviation) {
+            return Level { value, is_of_earlier: true, of_tests };
+        }
+        self.0.push(own);
+        of_own
+    }
+}
+
+fn message(change: f64, level: &Level, log: &ProductionSummary) -> String {
+    let compared = match level.is_of_earlier {
+        true => "that of the logs after earlier tests, from the first logs since the last test on",
+        false => "that of the first logs since the last test",
+    };
     format!(
-        "in ordinary work friction is {:.0} % above that of the first logs since the last test{}; check \
-         lubrication, gearbox and brake, and run a test",
-        100.0 * change / level,
+        "in ordinary work friction is {:.0} % above {compared}{}; check lubrication, gearbox and brake, and run a test",
+        100.0 * change / level.value,
         if log.joints.len() < FEWEST_JOINTS { "" } else { ", and not in the other joints" }
     )
 }
@@ -103,11 +168,6 @@ fn friction_ratio(series: &JointLogs<'_>, log: usize) -> Option<f64> {
     }
     let common = median(&joints.iter().map(multiple).collect::<Vec<_>>())?;
     (common > 0.0).then_some(own / common)
-}
-
-/// Standard deviation of the smoothed change over that of one log: the average's, and that of the baseline.
-fn smoothed_deviation() -> f64 {
-    (steady_variance(1.0) + median_variance(1.0, LEARNING_LOGS)).sqrt()
 }
 
 #[cfg(test)]

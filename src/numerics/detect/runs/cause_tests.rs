@@ -11,8 +11,8 @@ use crate::analysis::{Estimate, JointSummary, RmsdSwing};
 use crate::anomaly::{Anomaly, AnomalyKind, CycleSeries, RunParameter, Severity};
 use crate::robot::{ParameterId, ParameterKind};
 
-const JOINTS: usize = 6;
-const CYCLES: u32 = 8;
+pub(super) const JOINTS: usize = 6;
+pub(super) const CYCLES: u32 = 8;
 /// Places of mass and first moments among the standard parameters.
 const MASS: u8 = 0;
 
@@ -35,25 +35,25 @@ impl Noise {
 
 /// What is wrong with the arm in a run.
 #[derive(Clone, Copy, Default)]
-struct State {
+pub(super) struct State {
     /// Logarithm of friction beyond the usual, by joint and cycle.
-    friction: Option<fn(usize, u32) -> f64>,
+    pub(super) friction: Option<fn(usize, u32) -> f64>,
     /// Scatter of the friction of a joint from cycle to cycle.
-    swing: Option<(usize, f64)>,
+    pub(super) swing: Option<(usize, f64)>,
     /// Slow time constant of a joint as a multiple of the usual.
-    slower: Option<(usize, f64)>,
+    pub(super) slower: Option<(usize, f64)>,
     /// Offset of a joint's torque, Nm.
-    offset: Option<(usize, f64)>,
+    pub(super) offset: Option<(usize, f64)>,
     /// Unexplained torque of a joint as a multiple of the usual.
-    unexplained: Option<(usize, f64)>,
+    pub(super) unexplained: Option<(usize, f64)>,
     /// Load, kg.
-    mass: f64,
+    pub(super) mass: f64,
     /// Logarithm of friction of all joints at the start, as a hall has it.
-    hall: f64,
+    pub(super) hall: f64,
 }
 
 /// Daily tests; `state` says what is wrong in each.
-fn fleet(runs: i64, seed: u64, state: impl Fn(i64) -> State) -> Vec<RunSummary> {
+pub(super) fn fleet(runs: i64, seed: u64, state: impl Fn(i64) -> State) -> Vec<RunSummary> {
     let noise = Noise(Cell::new(seed));
     (0..runs).map(|run| test(run, &noise, state(run))).collect()
 }

@@ -1,6 +1,6 @@
 //! Friction that rises in ordinary work, on histories made by hand.
 
-use crate::anomaly::{AnomalyKind, Severity};
+use crate::anomaly::{AnomalyKind, ProductionSummary, Severity};
 use crate::numerics::detect::production::detect_production;
 use crate::numerics::detect::production::fixtures::{USUAL, history, wobble};
 
@@ -22,4 +22,42 @@ fn with_too_few_joints_to_tell_warmth_friction_counts_as_it_is() {
     assert_eq!(detect_production(&logs), vec![], "all joints alike: the arm is cold");
     logs.iter_mut().for_each(|log| log.joints.truncate(1));
     assert_eq!(detect_production(&logs).len(), 1);
+}
+
+/// Logs behind `tests` tests of ten logs each. The level of a joint's logs differs from test to test by a standard
+/// deviation of `spread`, as tests know friction; `wear` is by test and joint, counted from 0.
+fn tested(tests: usize, spread: f64, wear: impl Fn(usize, usize) -> f64) -> Vec<ProductionSummary> {
+    // sums of twelve even draws are near enough to normal
+    let draw = |test: usize, joint: usize| {
+        let mut state = (test * 7919 + joint * 104_729 + 17) as u64;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        (0..12).map(|_| next()).sum::<f64>() - 6.0
+    };
+    history(10 * tests, |i, j| (spread * draw(i / 10, j) + wear(i / 10, j) + wobble(i, j), USUAL))
+}
+
+#[test]
+fn wear_that_is_there_in_the_first_logs_after_a_test_is_not_learnt() {
+    let worn = |test: usize, joint: usize| if test == 6 && joint == 2 { 0.4 } else { 0.0 };
+    let found = detect_production(&tested(8, 0.02, worn));
+    let [anomaly] = &found[..] else { panic!("one anomaly: {found:#?}") };
+    assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Drift, "production_friction"));
+    assert_eq!(anomaly.joint.expect("one").number(), 3);
+    assert!((61..=63).contains(&anomaly.first_run_id), "{anomaly:#?}");
+    assert!(anomaly.ended && anomaly.last_run_id == 70, "the next test takes it in: {anomaly:#?}");
+    assert!(anomaly.message.contains("after earlier tests"), "{}", anomaly.message);
+}
+
+#[test]
+fn before_there_are_three_tests_their_logs_are_learnt_as_they_are() {
+    let worn = |test: usize, joint: usize| if test == 2 && joint == 2 { 0.4 } else { 0.0 };
+    assert_eq!(detect_production(&tested(3, 0.02, worn)), vec![]);
+}
+
+#[test]
+fn tests_that_know_friction_to_five_percent_are_no_wear() {
+    assert_eq!(detect_production(&tested(120, 0.05, |_, _| 0.0)), vec![]);
 }

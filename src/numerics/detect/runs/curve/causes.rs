@@ -1,27 +1,20 @@
 //! The likeliest cause of each run's curve, joint by joint, against a baseline of the robot's first runs.
 
-use super::hypothesis::{Cause, Evidence, Judged, RandomEffects};
-use super::points::{Curve, common_part, curves};
-use super::template::{self, Template};
-use super::within_run;
+pub(in crate::numerics::detect::runs) mod open_run;
+
+use super::hypothesis::{Cause, Evidence, Judged};
+use super::points::{Curve, curves};
+use super::template;
+use super::usual::{PRIOR, Usual, common_of, joint_curves, usuals};
 use crate::anomaly::RunSummary;
-use crate::numerics::detect::verdict::MOST_ODDS;
-use crate::numerics::statistics::descriptive::{mean, median};
+use crate::numerics::detect::rate::budget::advantage;
+use crate::numerics::detect::verdict::{DetectSettings, MOST_ODDS};
+use crate::numerics::statistics::descriptive::mean;
 use crate::robot::JointIndex;
 
-/// Logarithm of the prior odds of one named cause against none, of one joint in one run: one in a thousand.
-const PRIOR: f64 = -7.0;
-/// Scatter from cycle to cycle that a quiet joint may have, as a fraction of friction. Above it, a joint's own
-/// scatter is no excuse.
-const QUIET_SCATTER: [f64; 2] = [0.002, 0.015];
-/// Least scatter of one cycle about the usual curve that is believed.
-const LEAST_SCATTER_OF_CYCLE: f64 = 0.001;
-/// Scatter of a joint, as a multiple of the median over the arm's joints, that is still its own.
-const MOST_OF_NEIGHBOURS: f64 = 3.0;
-/// Change of the level between two runs, beyond what all joints have in common, that ends a baseline.
-const LEVEL_CHANGE: f64 = 0.06;
-/// Least advantage, in logarithms, of a named cause over none.
-const LEAST_ADVANTAGE: f64 = 20.0;
+/// Advantage of a named cause over none, in logarithms, beyond what the rate of false alarms asks for: curves are not
+/// exactly of the form that is assumed.
+const CURVE_MARGIN: f64 = 7.0;
 /// Least advantage over the next cause of another kind; of a step, which scatter looks like now and then.
 const LEAST_LEAD: f64 = 3.0;
 const LEAST_LEAD_OF_STEP: f64 = 8.0;
@@ -45,9 +38,63 @@ pub(in crate::numerics::detect::runs) struct RunCause {
     effect: f64,
     /// Cycles.
     pub(in crate::numerics::detect::runs) cycles: usize,
+    /// Least advantage over none, in logarithms, of a cause that is clear.
+    least_advantage: f64,
+}
+
+/// Advantage over no cause, in logarithms, that a cause of a run's curve needs.
+pub(in crate::numerics::detect::runs) fn least_advantage(
+    history: &[RunSummary],
+    settings: &DetectSettings,
+) -> f64 {
+    CURVE_MARGIN + advantage(settings, history)
 }
 
 impl RunCause {
+    /// Of a run that is compared with no other one.
+    pub(super) fn by_itself(judged: Vec<Judged>, scatter: f64, cycles: usize, least_advantage: f64) -> Self {
+        Self { judged, difference: f64::NAN, common: 0.0, scatter, effect: 0.0, cycles, least_advantage }
+    }
+
+    /// Of a run with this curve, held against what is usual. `differences` are those from the usual curve, `common` the
+    /// part of them that all joints share.
+    fn against(
+        usual: &Usual,
+        curve: &Curve,
+        differences: &[(u32, f64)],
+        common: &[f64],
+        least_advantage: f64,
+    ) -> Option<Self> {
+        let Usual { template, random, scatter } = usual;
+        let cycles: Vec<u32> = curve.iter().map(|point| point.cycle).collect();
+        let minutes: Vec<f64> = curve.iter().map(|point| point.minute).collect();
+        let values: Vec<f64> = differences.iter().map(|(_, value)| *value).collect();
+        let evidence = Evidence {
+            cycles: &cycles,
+            minutes: &minutes,
+            differences: &values,
+            common,
+            scatter: *scatter,
+            random: *random,
+        };
+        let judged = evidence.judge(template, PRIOR);
+        let effect = match judged.first().map(|first| first.cause) {
+            Some(Cause::TimeConstant(factor)) => {
+                minutes.iter().map(|&minute| template.slower(factor, minute).abs()).fold(0.0, f64::max)
+            }
+            _ => 0.0,
+        };
+        Some(Self {
+            judged,
+            difference: mean(&values)?,
+            common: mean(common)?,
+            scatter: *scatter,
+            effect,
+            cycles: curve.len(),
+            least_advantage,
+        })
+    }
+
     /// The likeliest cause.
     pub(in crate::numerics::detect::runs) fn likeliest(&self) -> Cause {
         self.judged.first().map_or(Cause::None, |first| first.cause)
@@ -66,7 +113,7 @@ impl RunCause {
             }
         };
         let lead = if matches!(cause, Cause::Step { .. }) { LEAST_LEAD_OF_STEP } else { LEAST_LEAD };
-        let clear = self.advantage() >= LEAST_ADVANTAGE && self.lead() >= lead;
+        let clear = self.advantage() >= self.least_advantage && self.lead() >= lead;
         (size >= 1.0 && clear).then_some(cause)
     }
 
@@ -119,216 +166,41 @@ fn is_same_kind(a: &Cause, b: &Cause) -> bool {
     std::mem::discriminant(a) == std::mem::discriminant(b)
 }
 
-/// A joint: its curves and what its runs by themselves say.
-struct JointCurves {
-    curves: Vec<Curve>,
-    /// Usual scatter of one cycle about a smooth curve.
-    scatter: f64,
-    /// The most that a quiet joint of the arm may have.
-    most_scatter: f64,
-    by_itself: Vec<Option<Vec<Judged>>>,
-}
-
 /// The cause of each run's curve, by joint and run; `None` where the run has no curve or nothing to compare it with.
 pub(in crate::numerics::detect::runs) fn causes(
     history: &[RunSummary],
     joints: usize,
     baseline_runs: usize,
+    least_advantage: f64,
 ) -> Vec<Vec<Option<RunCause>>> {
     let all: Vec<Vec<Curve>> = (0..joints).map(|joint| curves(history, JointIndex::new(joint))).collect();
-    let scatters: Vec<Option<f64>> = all.iter().map(|runs| usual_scatter(runs, baseline_runs)).collect();
-    let of_robot = median(&scatters.iter().flatten().copied().collect::<Vec<f64>>());
-    let joints: Vec<JointCurves> = all
-        .into_iter()
-        .zip(&scatters)
-        .map(|(curves, own)| {
-            let usual = own.or(of_robot).unwrap_or(QUIET_SCATTER[1]);
-            let scatter = usual.clamp(QUIET_SCATTER[0], most_scatter(of_robot));
-            let by_itself = curves
-                .iter()
-                .map(|curve| {
-                    (curve.len() >= within_run::FEWEST_CYCLES)
-                        .then(|| within_run::judge(curve, scatter, PRIOR))
-                })
-                .collect();
-            JointCurves { curves, scatter, most_scatter: most_scatter(of_robot), by_itself }
-        })
-        .collect();
-    let learnt = templates(&joints, baseline_runs);
-    let templates: Vec<Option<Template>> = learnt.iter().map(|(_, template)| template.clone()).collect();
-    let differences: Vec<Vec<Vec<(u32, f64)>>> = joints
-        .iter()
-        .zip(&templates)
-        .map(|(joint, template)| match template {
-            Some(template) => joint.curves.iter().map(|curve| template.difference(curve)).collect(),
-            None => vec![Vec::new(); joint.curves.len()],
-        })
-        .collect();
-    let common = |j: usize, run: usize| {
-        let others: Vec<&[(u32, f64)]> = differences
-            .iter()
-            .enumerate()
-            .filter(|(other, of)| *other != j && !of[run].is_empty())
-            .map(|(_, of)| of[run].as_slice())
-            .collect();
-        let cycles: Vec<u32> = joints[j].curves[run].iter().map(|point| point.cycle).collect();
-        common_part(&others, &cycles)
-    };
-    joints
-        .iter()
-        .enumerate()
-        .map(|(j, joint)| {
-            let usual = templates[j].clone().map(|template| {
-                let own = |&run: &usize| {
-                    let minutes = joint.curves[run].iter().map(|point| point.minute).collect();
-                    let alone = differences[j][run].iter().zip(common(j, run)).map(|((_, d), c)| d - c);
-                    (minutes, alone.collect())
-                };
-                let runs: Vec<(Vec<f64>, Vec<f64>)> = learnt[j].0.iter().map(own).collect();
-                let (random, scatter) = RandomEffects::of(&runs, &template);
-                let scatter =
-                    scatter.unwrap_or(joint.scatter).clamp(LEAST_SCATTER_OF_CYCLE, joint.most_scatter);
-                Usual { template, random, scatter }
+    let joints = joint_curves(all, baseline_runs, true);
+    let usuals = usuals(&joints, baseline_runs, least_advantage);
+    let mut found: Vec<Vec<Option<RunCause>>> = vec![Vec::with_capacity(history.len()); joints.len()];
+    for run in 0..history.len() {
+        let of_run: Vec<&Curve> = joints.iter().map(|joint| &joint.curves[run]).collect();
+        let differences = differences(&usuals, &of_run);
+        let differences: Vec<&[(u32, f64)]> = differences.iter().map(Vec::as_slice).collect();
+        for (j, joint) in joints.iter().enumerate() {
+            let curve = of_run[j];
+            found[j].push(match usuals[j].as_ref().filter(|_| curve.len() >= template::FEWEST_CYCLES) {
+                Some(usual) => {
+                    let common = common_of(&differences, j, curve);
+                    RunCause::against(usual, curve, differences[j], &common, least_advantage)
+                }
+                None => joint.by_itself[run]
+                    .clone()
+                    .map(|judged| RunCause::by_itself(judged, joint.scatter, curve.len(), least_advantage)),
             });
-            (0..history.len())
-                .map(|run| run_cause(joint, usual.as_ref(), run, &differences[j][run], &common(j, run)))
-                .collect()
-        })
-        .collect()
-}
-
-/// What is usual of a joint.
-struct Usual {
-    template: Template,
-    random: RandomEffects,
-    /// Standard deviation of one cycle.
-    scatter: f64,
-}
-
-/// Scatter from which on a joint's own is no excuse: that of its neighbours says what is usual of the arm.
-fn most_scatter(of_robot: Option<f64>) -> f64 {
-    let by_others = MOST_OF_NEIGHBOURS * of_robot.unwrap_or(QUIET_SCATTER[1]);
-    by_others.clamp(QUIET_SCATTER[0], QUIET_SCATTER[1])
-}
-
-fn usual_scatter(runs: &[Curve], baseline_runs: usize) -> Option<f64> {
-    let found: Vec<f64> = runs.iter().filter_map(within_run::scatter).take(baseline_runs.max(2)).collect();
-    median(&found)
-}
-
-fn run_cause(
-    joint: &JointCurves,
-    usual: Option<&Usual>,
-    run: usize,
-    differences: &[(u32, f64)],
-    common: &[f64],
-) -> Option<RunCause> {
-    let curve = &joint.curves[run];
-    let Some(Usual { template, random, scatter }) = usual.filter(|_| curve.len() >= template::FEWEST_CYCLES)
-    else {
-        let judged = joint.by_itself[run].clone()?;
-        return Some(RunCause {
-            judged,
-            difference: f64::NAN,
-            common: 0.0,
-            scatter: joint.scatter,
-            effect: 0.0,
-            cycles: curve.len(),
-        });
-    };
-    let cycles: Vec<u32> = curve.iter().map(|point| point.cycle).collect();
-    let minutes: Vec<f64> = curve.iter().map(|point| point.minute).collect();
-    let values: Vec<f64> = differences.iter().map(|(_, value)| *value).collect();
-    let scatter = *scatter;
-    let evidence = Evidence {
-        cycles: &cycles,
-        minutes: &minutes,
-        differences: &values,
-        common,
-        scatter,
-        random: *random,
-    };
-    let judged = evidence.judge(template, PRIOR);
-    let effect = match judged.first().map(|first| first.cause) {
-        Some(Cause::TimeConstant(factor)) => {
-            minutes.iter().map(|&minute| template.slower(factor, minute).abs()).fold(0.0, f64::max)
-        }
-        _ => 0.0,
-    };
-    Some(RunCause {
-        judged,
-        difference: mean(&values)?,
-        common: mean(common)?,
-        scatter,
-        effect,
-        cycles: curve.len(),
-    })
-}
-
-/// The usual curve of each joint: of its first `baseline_runs` long runs, without those in which friction changes.
-/// Where it changes among them, the runs before the change count if there are two, else those after it. Each with these
-/// runs.
-fn templates(joints: &[JointCurves], baseline_runs: usize) -> Vec<(Vec<usize>, Option<Template>)> {
-    let levels: Vec<Vec<Option<f64>>> =
-        joints.iter().map(|joint| joint.curves.iter().map(level).collect()).collect();
-    joints
-        .iter()
-        .enumerate()
-        .map(|(j, joint)| {
-            let long: Vec<usize> = (0..joint.curves.len())
-                .filter(|&run| joint.curves[run].len() >= template::FEWEST_CYCLES)
-                .take(baseline_runs.max(2))
-                .collect();
-            let steady = steady_runs(joint, &levels, j, &long);
-            let template =
-                Template::of(&steady.iter().map(|&run| &joint.curves[run]).collect::<Vec<&Curve>>());
-            (steady, template)
-        })
-        .collect()
-}
-
-/// Mean logarithm of friction in a run.
-fn level(curve: &Curve) -> Option<f64> {
-    mean(&curve.iter().map(|point| point.ln_torque).collect::<Vec<f64>>())
-}
-
-fn steady_runs(joint: &JointCurves, levels: &[Vec<Option<f64>>], own: usize, long: &[usize]) -> Vec<usize> {
-    let jumps_inside = |run: usize| {
-        joint.by_itself[run].as_ref().is_some_and(|judged| {
-            let clear = RunCause {
-                judged: judged.clone(),
-                difference: f64::NAN,
-                common: 0.0,
-                scatter: joint.scatter,
-                effect: 0.0,
-                cycles: 0,
-            };
-            matches!(clear.clear(), Some(Cause::Step { .. }))
-        })
-    };
-    let change = |before: usize, after: usize| {
-        let of = |levels: &Vec<Option<f64>>| Some(levels[after]? - levels[before]?);
-        let others: Vec<f64> = levels
-            .iter()
-            .enumerate()
-            .filter(|(j, _)| *j != own)
-            .filter_map(|(_, of_joint)| of(of_joint))
-            .collect();
-        of(&levels[own]).map_or(0.0, |own| own - median(&others).unwrap_or(0.0))
-    };
-    // a joint that swings from cycle to cycle has levels that swing too
-    let swing = joint.curves.iter().filter_map(within_run::scatter).fold(0.0, f64::max);
-    let limit = LEVEL_CHANGE.max(3.0 * swing);
-    let changed = (1..long.len()).find(|&at| {
-        jumps_inside(long[at])
-            || (change(long[at - 1], long[at]).abs() > limit && !jumps_inside(long[at - 1]))
-    });
-    match changed {
-        None => long.to_vec(),
-        Some(at) if at >= 2 => long[..at].to_vec(),
-        Some(at) => {
-            let first = if jumps_inside(long[at]) { at + 1 } else { at };
-            long[first.min(long.len())..].to_vec()
         }
     }
+    found
+}
+
+/// How the curves of one run differ from the usual ones, by joint; empty where there is no usual one.
+fn differences(usuals: &[Option<Usual>], curves: &[&Curve]) -> Vec<Vec<(u32, f64)>> {
+    let of = |(usual, curve): (&Option<Usual>, &&Curve)| {
+        usual.as_ref().map_or_else(Vec::new, |usual| usual.template.difference(curve))
+    };
+    usuals.iter().zip(curves).map(of).collect()
 }

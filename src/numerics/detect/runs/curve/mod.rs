@@ -6,3 +6,4 @@ pub(super) mod hypothesis;
 pub(super) mod within_run;
 pub(super) mod causes;
 pub(super) mod points;
+pub(super) mod usual;

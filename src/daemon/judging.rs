@@ -1,0 +1,98 @@
+//! Tests that are judged while they are still being written: which of them have a cycle that is not judged yet.
+
+use std::collections::BTreeSet;
+
+use tokio::task::JoinSet;
+
+use crate::pipeline::conclude::history::Concluded;
+use crate::pipeline::conclude::open_test::OpenConclusion;
+use crate::pipeline::context::{Pipeline, PipelineError};
+
+/// A test and what came of judging it.
+type Judged = (i64, Result<OpenConclusion, PipelineError>);
+
+/// Tests that wait to be judged, by the numbers of their runs. However many cycles come meanwhile, each is judged once
+/// by all of them.
+#[derive(Debug, Default)]
+pub struct OpenTests {
+    due: BTreeSet<i64>,
+    /// Those whose robot is to be concluded first.
+    waiting: BTreeSet<i64>,
+    judging: JoinSet<Judged>,
+}
+
+impl OpenTests {
+    /// Notes that a test has one more cycle.
+    pub fn grew(&mut self, run_id: i64) {
+        self.due.insert(run_id);
+    }
+
+    /// Notes that conclusions of a robot were drawn.
+    pub fn concluded(&mut self) {
+        self.due.append(&mut self.waiting);
+    }
+
+    /// Begins to judge a test, one at a time.
+    pub fn begin(&mut self, pipeline: &Pipeline) {
+        if !self.judging.is_empty() {
+            return;
+        }
+        let Some(run_id) = self.due.pop_first() else { return };
+        let pipeline = pipeline.clone();
+        self.judging.spawn(async move { (run_id, pipeline.conclude_open_isolated(run_id).await) });
+    }
+
+    /// The next test that is judged, with what is to be told of it; `None` while none is being judged.
+    ///
+    /// # Errors
+    /// [`PipelineError`] where the daemon cannot go on, such as a full disk.
+    pub async fn next(&mut self) -> Option<Result<Option<Concluded>, PipelineError>> {
+        let judged = self.judging.join_next().await?;
+        Some(judged.map_err(PipelineError::from).and_then(|judged| self.judged(judged)))
+    }
+
+    fn judged(&mut self, (run_id, result): Judged) -> Result<Option<Concluded>, PipelineError> {
+        match result {
+            Ok(OpenConclusion::Drawn(concluded)) => Ok(Some(concluded)),
+            Ok(OpenConclusion::Quiet) => Ok(None),
+            Ok(OpenConclusion::Waits) => {
+                self.waiting.insert(run_id);
+                Ok(None)
+            }
+            Err(PipelineError::Store(error)) if !error.is_fatal() => {
+                tracing::debug!(run_id, %error, "not judged now; judged again with the next cycle");
+                Ok(None)
+            }
+            Err(error) => Err(error),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::StoreError;
+
+    #[test]
+    fn a_test_whose_robot_is_to_be_concluded_waits_for_that() {
+        let mut tests = OpenTests::default();
+        tests.grew(7);
+        tests.grew(7);
+        assert_eq!(tests.due.pop_first(), Some(7));
+        assert!(matches!(tests.judged((7, Ok(OpenConclusion::Waits))), Ok(None)));
+        assert!(tests.due.is_empty());
+        tests.concluded();
+        assert_eq!(tests.due, BTreeSet::from([7]));
+        assert!(tests.waiting.is_empty());
+    }
+
+    #[test]
+    fn a_busy_database_is_no_end_and_a_full_disk_is() {
+        let mut tests = OpenTests::default();
+        let path = || std::path::PathBuf::from("fleet.db");
+        let full = StoreError::Full { path: path(), detail: "full".into() };
+        assert!(tests.judged((7, Err(full.into()))).is_err());
+        let busy = StoreError::Busy { path: path(), detail: "locked".into() };
+        assert!(matches!(tests.judged((7, Err(busy.into()))), Ok(None)));
+    }
+}
