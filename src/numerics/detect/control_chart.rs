@@ -73,6 +73,17 @@ impl UnequalEwma {
         self.ewma.add(value, weight)
     }
 
+    /// The EWMA.
+    pub(super) fn average(&self) -> f64 {
+        self.ewma.average
+    }
+
+    /// Starts anew at a level that values of this variance have shown.
+    pub(super) fn restart(&mut self, level: f64, variance: f64) {
+        self.ewma = Ewma::new(level);
+        self.variance = variance;
+    }
+
     /// Variance of the EWMA, at least that of equally certain values.
     pub(super) fn variance(&self) -> f64 {
         self.variance.max(steady_variance(self.spread))

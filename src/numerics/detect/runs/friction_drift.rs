@@ -5,7 +5,8 @@
 //! which a run with a larger standard error has a smaller weight. A run is out if the EWMA differs from 1 by
 //! `drift_warning` (a fraction, 0.05 unless configured), or by as much as chance moves it at the rate of false alarms that
 //! is asked for, if that is more ([`LevelLimit`]). It is critical from `drift_critical` (0.15) on; friction that has fallen
-//! by less is worth knowing, since gears are run in and greased. A change is over below three quarters of its limit.
+//! by less is worth knowing, since gears are run in and greased. Two tests in a row that are each beyond chance on one side
+//! of the average move it to their level. A change is over below three quarters of its limit.
 
 use super::forecast::{Test, forecast};
 use super::friction_change::{Shape, shape};
@@ -127,6 +128,8 @@ pub(super) fn judged(series: &JointSeries<'_>) -> (Vec<Verdict>, LevelLimit) {
     let mut chart = UnequalEwma::new(1.0, friction.spread);
     let mut verdicts = vec![Verdict::Unknown; series.runs.len()];
     let mut was_out = false;
+    // how far the test before was from the average, if beyond chance
+    let mut jump: Option<f64> = None;
     for observed in &friction.runs {
         if friction.is_learnt_from(observed) {
             limit.learn(observed);
@@ -137,7 +140,20 @@ pub(super) fn judged(series: &JointSeries<'_>) -> (Vec<Verdict>, LevelLimit) {
         if series.is_explained(observed.run) {
             continue;
         }
-        let change = chart.add(observed.ratio, friction.variance(observed)) - 1.0;
+        let average = chart.average();
+        let mut change = chart.add(observed.ratio, friction.variance(observed)) - 1.0;
+        // a test that is uncertain moves the average little: two that agree on another level say where it is
+        let own = friction.variance(observed).max(observed.uncertainty().powi(2));
+        let chance = limit.limits().threshold((own + friction.baseline_variance).sqrt());
+        let beyond = observed.ratio - average;
+        let jumped = (beyond.abs() >= chance).then_some(beyond);
+        if let (Some(now), Some(before)) = (jumped, std::mem::replace(&mut jump, jumped))
+            && now.signum() == before.signum()
+        {
+            let level = average + if now.abs() < before.abs() { now } else { before };
+            chart.restart(level, 0.5 * own);
+            change = level - 1.0;
+        }
         let opening = limit.threshold(chart.variance()).max(MAP_ERRORS * observed.uncertainty());
         let threshold = if was_out { CLOSING * opening } else { opening };
         let Some(severity) = limit.limits().severity(change.abs(), threshold) else {

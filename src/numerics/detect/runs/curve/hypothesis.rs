@@ -9,7 +9,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::template::Template;
+use super::template::{self, Template};
 use crate::numerics::detect::runs::friction_history::COMMON_SPREAD;
 
 /// Part of the largest difference that the patterns may miss: they are models.
@@ -20,6 +20,8 @@ const ANYTHING: f64 = 0.3;
 const UNKNOWN_PARAMETERS: f64 = 3.0;
 /// Factors of the slow time constant that are tried.
 const FACTORS: [f64; 12] = [0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.25, 1.4, 1.6, 2.0, 2.5, 3.0];
+/// Largest size of a slow decay, as a multiple of the usual excess at the start.
+const MOST_EXCESS: f64 = 1.5;
 /// Least scatter that is a cause of its own, as a multiple of the usual.
 const LEAST_SCATTER_FACTOR: f64 = 2.0;
 
@@ -152,17 +154,19 @@ impl Evidence<'_> {
         if excess.amax() > 0.0 {
             let (size, likelihood) = weighed.with(&excess);
             add(Cause::Start(size), likelihood, 1.0);
-            let slower = |factor: f64| DVector::from_fn(n, |i, _| template.slower(factor, self.minutes[i]));
-            let best = FACTORS.iter().map(|&of| (of, weighed.with_known(&slower(of))));
-            if let Some((factor, likelihood)) = best.max_by(|a, b| a.1.total_cmp(&b.1)) {
-                add(Cause::TimeConstant(factor), likelihood, 1.0);
+            if let Some((factor, likelihood, parameters)) = self.slowed(template, &weighed) {
+                add(Cause::TimeConstant(factor), likelihood, parameters);
             }
         }
-        // one cycle alone is no level; the cycles before are the usual curve's
+        // one cycle alone is no level; the cycles before are the usual curve's, or those from the step on where the
+        // usual curve is of later runs
         for first in 1..n.saturating_sub(1) {
-            let (size, likelihood) =
-                weighed.with(&DVector::from_fn(n, |i, _| f64::from(u8::from(i >= first))));
-            add(Cause::Step { cycle: self.cycles[first], size }, likelihood, 2.0);
+            let after = DVector::from_fn(n, |i, _| f64::from(u8::from(i >= first)));
+            let before = after.add_scalar(-1.0);
+            for pattern in [after, before] {
+                let (size, likelihood) = weighed.with(&pattern);
+                add(Cause::Step { cycle: self.cycles[first], size }, likelihood, 2.0);
+            }
         }
         for odd in 0..n {
             let (size, likelihood) = weighed.with(&DVector::from_fn(n, |i, _| f64::from(u8::from(i == odd))));
@@ -177,6 +181,45 @@ impl Evidence<'_> {
         found
     }
 
+    /// The likeliest factor of the slow time constant, with the logarithm of its likelihood and its parameters.
+    ///
+    /// A test of some cycles tells badly how its warm-up divides into a fast and a slow decay. So the slow one may have
+    /// another time constant and size than in the usual curve, at the price of two parameters. The factor is then the one
+    /// that moves the usual curve by as much.
+    fn slowed(&self, template: &Template, weighed: &Weighed) -> Option<(f64, f64, f64)> {
+        let n = self.cycles.len();
+        let slower = |factor: f64| DVector::from_fn(n, |i, _| template.slower(factor, self.minutes[i]));
+        let plain = FACTORS
+            .iter()
+            .map(|&of| (of, weighed.with_known(&slower(of)), 1.0))
+            .max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let most = MOST_EXCESS * template.excess(0.0);
+        let mut free: Option<(DVector<f64>, f64)> = None;
+        for slow in template::SLOW_MIN {
+            for factor in FACTORS {
+                let shape = DVector::from_fn(n, |i, _| {
+                    (-self.minutes[i] / (slow * factor)).exp() - (-self.minutes[i] / slow).exp()
+                });
+                let (size, likelihood) = weighed.with(&shape);
+                if size > 0.0 && size <= most && free.as_ref().is_none_or(|(_, best)| likelihood > *best) {
+                    free = Some((shape * size, likelihood));
+                }
+            }
+        }
+        let price = n as f64;
+        let as_one = |(pattern, likelihood): (DVector<f64>, f64)| {
+            let nearest = FACTORS.into_iter().min_by(|a, b| {
+                let distance = |of: f64| (slower(of) - &pattern).norm_squared();
+                distance(*a).total_cmp(&distance(*b))
+            })?;
+            Some((nearest, likelihood, 3.0))
+        };
+        match free.and_then(as_one) {
+            Some(free) if free.1 - price.ln() > plain.1 => Some(free),
+            _ => Some(plain),
+        }
+    }
+
     /// Standard deviation of one cycle, with what patterns may miss.
     fn sigma(&self) -> f64 {
         let largest = self.differences.iter().fold(0.0_f64, |largest, d| largest.max(d.abs()));
@@ -189,7 +232,7 @@ impl Evidence<'_> {
         let n = self.cycles.len();
         let sigma = self.sigma();
         let common = DVector::from_row_slice(self.common);
-        let decay = |of: [f64; 2]| DVector::from_fn(n, |i, _| super::template::decay(of, self.minutes[i]));
+        let decay = |of: [f64; 2]| DVector::from_fn(n, |i, _| template::decay(of, self.minutes[i]));
         let effects = [
             (&common, COMMON_SPREAD),
             (&DVector::from_element(n, 1.0), self.random.level),

@@ -11,7 +11,7 @@ use crate::numerics::statistics::descriptive::mean;
 
 /// Time constants that are tried, min. Beyond the largest a decay is a straight line within a test.
 const FAST_MIN: [f64; 3] = [2.0, 4.0, 8.0];
-const SLOW_MIN: [f64; 6] = [12.0, 20.0, 30.0, 45.0, 70.0, 110.0];
+pub(super) const SLOW_MIN: [f64; 6] = [12.0, 20.0, 30.0, 45.0, 70.0, 110.0];
 
 /// Fewest cycles of a run that take part in a usual curve.
 pub(super) const FEWEST_CYCLES: usize = 5;
