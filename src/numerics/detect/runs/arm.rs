@@ -28,6 +28,8 @@ const MASS_ERRORS_STILL: f64 = 3.0;
 const SIGNAL_DEVIATIONS: f64 = 8.0;
 /// Least offset of a torque signal, as a fraction of the joint's friction.
 const LEAST_OFFSET: f64 = 0.03;
+/// Least change of a gain.
+const LEAST_GAIN: f64 = 0.02;
 /// Least ratio of the unexplained rest to the usual one.
 const LEAST_RMSD_RATIO: f64 = 1.6;
 /// Least standard deviation of the logarithm of the unexplained rest from run to run.
@@ -113,6 +115,7 @@ impl ArmEvidence {
     fn at_least(&self, advantage: f64, mass_errors: f64) -> ArmCause {
         let is_clear = |cause: &ArmCause| match cause {
             ArmCause::Load(load) => load.mass.abs() >= LEAST_MASS.max(mass_errors * load.std_error),
+            ArmCause::TorqueSignal { fault: SignalFault::Gain(part), .. } => part.abs() >= LEAST_GAIN,
             _ => true,
         };
         match self.causes.first().filter(|_| self.advantage() >= advantage) {
@@ -331,8 +334,10 @@ fn evidence(run: &RunSummary, baseline: &Baseline, joints: usize) -> Option<ArmE
                 .filter(|((id, ..), _)| !is_near(id.joint, joint));
             far.map(|(_, x)| x * x).sum::<f64>() / change.norm_squared()
         });
-        let rest = if inertial > 0.0 { (elsewhere - PATTERN_ERROR).max(0.0) * inertial } else { 0.0 };
         let own = &signals[joint.index()];
+        // a constant torque goes into whatever parameters it fits: it is seen in the friction stage, not in these
+        let is_elsewhere = inertial > 0.0 && own.offset.1 == 0.0;
+        let rest = if is_elsewhere { (elsewhere - PATTERN_ERROR).max(0.0) * inertial } else { 0.0 };
         let silent = if signal_cost(own) > 0.0 { 0.0 } else { SILENT_SIGNAL_PRICE };
         // a torque that reads wrong spoils the fit of the joint before as well, but less than its own
         let part = |other: usize| match is_near(JointIndex::new(other), joint) {

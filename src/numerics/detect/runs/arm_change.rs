@@ -13,7 +13,9 @@ use crate::numerics::detect::verdict::{MOST_ODDS, Verdict, Why};
 use crate::robot::JointIndex;
 
 /// Advantage of a cause over none, in units of chi², that no second test has to confirm.
-const PLAIN: f64 = 300.0;
+const PLAIN: f64 = 1000.0;
+/// The same of torque that nothing explains: noise does not come by a test's chance.
+const PLAIN_NOISE: f64 = 300.0;
 /// Least advantage of a change that is not known, for a warning: seasons move parameters by some standard deviations.
 const LEAST_UNKNOWN: f64 = 4000.0;
 
@@ -30,7 +32,10 @@ pub(super) fn arm_changes(
             Some(of) => {
                 let figure = judge(if before { of.still() } else { of.clear() });
                 // one odd test alone is worth knowing
-                let confirmed = std::mem::replace(&mut before, figure.is_some()) || of.advantage() >= PLAIN;
+                let is_noise =
+                    matches!(of.clear(), ArmCause::TorqueSignal { fault: SignalFault::Unexplained(_), .. });
+                let plain = if is_noise { PLAIN_NOISE } else { PLAIN };
+                let confirmed = std::mem::replace(&mut before, figure.is_some()) || of.advantage() >= plain;
                 let confirmed = confirmed && of.advantage() >= least;
                 figure.map_or(Verdict::Quiet, |figure| figure.verdict(of, confirmed))
             }

@@ -3,7 +3,8 @@
 //! The quantity is the standard deviation of a cycle's friction about the smooth curve of its run, as a fraction of
 //! friction. Each cycle is identified anew, so that the torque's RMSD stays quiet. The comparison of causes
 //! ([`super::curve`]) tells scatter from a step and from warm-up. A run is out from 3 % on, whatever the joint's own
-//! history: a joint that always swung is found in its first run. It is critical from 10 % on.
+//! history: a joint that always swung is found in its first run. Below 5 % one run is worth knowing, and a warning if the
+//! run before shows it too. It is critical from 10 % on.
 
 use super::curve::hypothesis::Cause;
 use super::series::JointSeries;
@@ -14,6 +15,8 @@ use crate::numerics::detect::verdict::{Verdict, Why};
 /// Swing that is a warning, and one that is critical, as fractions of friction.
 const WARNING: f64 = 0.03;
 const CRITICAL: f64 = 0.10;
+/// Swing that no second run has to confirm.
+const PLAIN: f64 = 0.05;
 
 pub(super) struct FrictionSwing;
 
@@ -27,15 +30,24 @@ impl Detector<JointSeries<'_>> for FrictionSwing {
     }
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
+        let mut before = false;
         let verdict = |run: usize| {
             let Some(found) = series.causes[run].as_ref() else { return Verdict::Unknown };
             if series.is_signal_at_fault(run) == Some(series.joint) {
                 return Verdict::Unknown;
             }
-            let Some(Cause::Scatter(size)) = found.clear() else { return Verdict::Quiet };
+            let Some(Cause::Scatter(size)) = found.clear() else {
+                before = false;
+                return Verdict::Quiet;
+            };
+            let is_confirmed = std::mem::replace(&mut before, true) || size >= PLAIN;
             let rejected = |(cause, odds): (Cause, f64)| Alternative { cause: cause.words(), odds };
             Verdict::Out {
-                severity: if size >= CRITICAL { Severity::Critical } else { Severity::Warning },
+                severity: match size {
+                    _ if size >= CRITICAL => Severity::Critical,
+                    _ if is_confirmed => Severity::Warning,
+                    _ => Severity::Info,
+                },
                 score: size,
                 threshold: WARNING,
                 value: size,

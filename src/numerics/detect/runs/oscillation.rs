@@ -4,7 +4,9 @@
 //! ([`RmsdSwing`](crate::analysis::RmsdSwing)): a standard deviation, as a fraction of the torque. The
 //! baseline is the median of the joint's first runs. A run is out from `oscillation_ratio` (3 unless
 //! configured) times the baseline on, and from 0.004 at least ([`MIN_SWING`], above the healthy joints of the
-//! thesis). It is critical from twice this limit on.
+//! thesis). Where the RMSD itself is larger than usual, the limit is so in proportion: more noise swings more. A short
+//! test tells a standard deviation badly: the limit is one and a half times what chance makes of it at least. It is
+//! critical from twice this limit on.
 
 use super::series::JointSeries;
 use crate::anomaly::{AnomalyKind, Severity};
@@ -16,7 +18,19 @@ use crate::numerics::detect::verdict::{Verdict, Why};
 /// joints show 0.0012 to 0.003 (thesis 5.1.4).
 const MIN_SWING: f64 = 0.004;
 
+/// Standard deviations of chance, and the factor on it: the baseline's own error.
+const CHANCE: f64 = 3.7;
+const CHANCE_FACTOR: f64 = 1.5;
+
 pub(super) struct Oscillation;
+
+/// The most that chance makes of a standard deviation over so many cycles, as a multiple of the true one: the root of the
+/// quantile of chi-square over its degrees of freedom (Wilson and Hilferty 1931).
+fn highest_by_chance(cycles: usize) -> f64 {
+    let freedom = cycles.saturating_sub(1).max(1) as f64;
+    let share = 2.0 / (9.0 * freedom);
+    (1.0 - share + CHANCE * share.sqrt()).powf(1.5)
+}
 
 impl Detector<JointSeries<'_>> for Oscillation {
     fn kind(&self) -> AnomalyKind {
@@ -30,11 +44,18 @@ impl Detector<JointSeries<'_>> for Oscillation {
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
         let settings = series.settings;
         let swings = series.figures(|summary| summary.rmsd_swing.map(|swing| swing.value));
+        let levels = series.figures(|summary| summary.relative_rmsd);
+        let usual_level = baseline(levels.iter().flatten().copied(), settings.baseline_runs);
         let Some(baseline) = baseline(swings.iter().flatten().copied(), settings.baseline_runs) else {
             return vec![Verdict::Unknown; swings.len()];
         };
-        let threshold = (settings.oscillation_ratio * baseline).max(MIN_SWING);
-        let verdict = |swing: Option<f64>| match swing {
+        let threshold = |run: usize| {
+            let cycles = series.runs[run].and_then(|of| of.rmsd_swing).map_or(0, |of| of.cycles);
+            let by_chance = CHANCE_FACTOR * highest_by_chance(cycles);
+            let level = levels[run].zip(usual_level).map_or(1.0, |(now, usual)| (now / usual).max(1.0));
+            (settings.oscillation_ratio.max(by_chance) * baseline * level).max(MIN_SWING)
+        };
+        let verdict = |swing: Option<f64>, threshold: f64| match swing {
             None => Verdict::Unknown,
             Some(swing) if swing < threshold => Verdict::Quiet,
             Some(swing) => Verdict::Out {
@@ -55,7 +76,7 @@ impl Detector<JointSeries<'_>> for Oscillation {
         let one = |(run, of)| match series.is_signal_at_fault(run) {
             // what it says of a joint is the signal's
             Some(_) => Verdict::Unknown,
-            None => verdict(of),
+            None => verdict(of, threshold(run)),
         };
         swings.into_iter().enumerate().map(one).collect()
     }

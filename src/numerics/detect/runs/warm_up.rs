@@ -3,7 +3,8 @@
 //! The quantity is the slow time constant as a multiple of that of the usual curve. The comparison of causes
 //! ([`super::curve`]) tells it from another level of friction and from another warmth at the start: a time constant
 //! changes nothing in the first cycle and most in the middle of the warm-up. A run is out if this cause is clear and
-//! moves friction of some cycle by 1.5 % or more.
+//! moves friction of some cycle by 1.5 % or more. A smaller effect is found over several runs: the likelihood ratio
+//! against the best other cause is summed, never below zero (CUSUM, Page 1954), until it is as much as one run needs.
 
 use super::curve::hypothesis::Cause;
 use super::series::JointSeries;
@@ -23,13 +24,31 @@ impl Detector<JointSeries<'_>> for WarmUp {
     }
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
+        // evidence for a longer and for a shorter time constant, over the runs
+        let mut evidence = [0.0_f64; 2];
         let verdict = |run: usize| {
             let Some(found) = series.causes[run].as_ref().filter(|_| series.runs[run].is_some()) else {
                 return Verdict::Unknown;
             };
-            let Some(Cause::TimeConstant(factor)) = found.clear() else { return Verdict::Quiet };
+            if series.is_signal_at_fault(run) == Some(series.joint) {
+                return Verdict::Unknown;
+            }
+            let slowing = found.slowing();
+            for (side, sum) in evidence.iter_mut().enumerate() {
+                let own = slowing.filter(|(factor, _)| (*factor > 1.0) == (side == 0));
+                *sum =
+                    (*sum + own.map_or(AGAINST, |(_, gain)| gain)).clamp(0.0, MOST_EVIDENCE * found.needed());
+            }
+            let clear = match found.clear() {
+                Some(Cause::TimeConstant(factor)) => Some(factor),
+                _ => slowing
+                    .map(|(factor, _)| factor)
+                    .filter(|factor| evidence[usize::from(*factor < 1.0)] >= found.needed()),
+            };
+            let Some(factor) = clear else { return Verdict::Quiet };
             let rejected = |(cause, odds): (Cause, f64)| Alternative { cause: cause.words(), odds };
             let side = if factor > 1.0 { "longer" } else { "less" };
+            let is_own = matches!(found.likeliest(), Cause::TimeConstant(_));
             Verdict::Out {
                 severity: Severity::Warning,
                 score: factor.ln().abs(),
@@ -42,8 +61,12 @@ impl Detector<JointSeries<'_>> for WarmUp {
                 ),
                 why: Why {
                     onset: None,
-                    odds: Some(found.odds()),
-                    alternatives: found.alternatives().into_iter().map(rejected).collect(),
+                    odds: is_own.then(|| found.odds()),
+                    alternatives: if is_own {
+                        found.alternatives().into_iter().map(rejected).collect()
+                    } else {
+                        Vec::new()
+                    },
                 },
             }
         };
@@ -53,3 +76,7 @@ impl Detector<JointSeries<'_>> for WarmUp {
 
 /// Least ratio of time constants that is tried.
 const LEAST_FACTOR: f64 = 1.25;
+/// Evidence of a run that shows nothing of it, in logarithms of likelihood.
+const AGAINST: f64 = -3.0;
+/// Most evidence that is kept, as a multiple of what an alarm needs, so that an alarm ends when its cause does.
+const MOST_EVIDENCE: f64 = 1.5;

@@ -15,12 +15,16 @@ use crate::robot::JointIndex;
 /// Advantage of a named cause over none, in logarithms, beyond what the rate of false alarms asks for: curves are not
 /// exactly of the form that is assumed.
 const CURVE_MARGIN: f64 = 7.0;
+/// Likelihood, in logarithms, that causes together must be able to gain for any of them to be looked for.
+const LEAST_EVIDENCE: f64 = 3.0;
 /// Least advantage over the next cause of another kind; of a step, which scatter looks like now and then.
 const LEAST_LEAD: f64 = 3.0;
 const LEAST_LEAD_OF_STEP: f64 = 8.0;
 /// Least step, scatter and effect of another time constant, as fractions of friction.
 const LEAST_STEP: f64 = 0.05;
 const LEAST_SCATTER: f64 = 0.03;
+/// Evidence of one run for another time constant that counts at most, over several runs.
+const MOST_OF_ONE_RUN: f64 = 12.0;
 const LEAST_SLOWING: f64 = 0.015;
 
 /// Why the curve of a joint differs from its usual one in a run.
@@ -77,7 +81,7 @@ impl RunCause {
             scatter: *scatter,
             random: *random,
         };
-        let judged = evidence.judge(template, PRIOR);
+        let judged = evidence.judge(template, PRIOR, LEAST_EVIDENCE);
         let effect = match judged.first().map(|first| first.cause) {
             Some(Cause::TimeConstant(factor)) => {
                 minutes.iter().map(|&minute| template.slower(factor, minute).abs()).fold(0.0, f64::max)
@@ -115,6 +119,27 @@ impl RunCause {
         let lead = if matches!(cause, Cause::Step { .. }) { LEAST_LEAD_OF_STEP } else { LEAST_LEAD };
         let clear = self.advantage() >= self.least_advantage && self.lead() >= lead;
         (size >= 1.0 && clear).then_some(cause)
+    }
+
+    /// The factor of the slow time constant that explains the run best, with how much likelier it is than the best cause of
+    /// another kind, in logarithms, without the prior; `None` where it was not looked for.
+    pub(in crate::numerics::detect::runs) fn slowing(&self) -> Option<(f64, f64)> {
+        let (factor, own) = self.judged.iter().find_map(|of| match of.cause {
+            Cause::TimeConstant(factor) => Some((factor, of.log_posterior - PRIOR)),
+            _ => None,
+        })?;
+        let other = |of: &Judged| match of.cause {
+            Cause::TimeConstant(_) => None,
+            Cause::None => Some(of.log_posterior),
+            _ => Some(of.log_posterior - PRIOR),
+        };
+        let best = self.judged.iter().filter_map(other).fold(f64::NEG_INFINITY, f64::max);
+        Some((factor, (own - best).clamp(-MOST_OF_ONE_RUN, MOST_OF_ONE_RUN)))
+    }
+
+    /// Advantage over no cause, in logarithms, that a cause needs.
+    pub(in crate::numerics::detect::runs) fn needed(&self) -> f64 {
+        self.least_advantage
     }
 
     /// How much likelier than no change, in logarithms.
@@ -174,7 +199,7 @@ pub(in crate::numerics::detect::runs) fn causes(
     least_advantage: f64,
 ) -> Vec<Vec<Option<RunCause>>> {
     let all: Vec<Vec<Curve>> = (0..joints).map(|joint| curves(history, JointIndex::new(joint))).collect();
-    let joints = joint_curves(all, baseline_runs, true);
+    let joints = joint_curves(all, baseline_runs);
     let usuals = usuals(&joints, baseline_runs, least_advantage);
     let mut found: Vec<Vec<Option<RunCause>>> = vec![Vec::with_capacity(history.len()); joints.len()];
     for run in 0..history.len() {
@@ -188,8 +213,8 @@ pub(in crate::numerics::detect::runs) fn causes(
                     let common = common_of(&differences, j, curve);
                     RunCause::against(usual, curve, differences[j], &common, least_advantage)
                 }
-                None => joint.by_itself[run]
-                    .clone()
+                None => joint
+                    .alone(run)
                     .map(|judged| RunCause::by_itself(judged, joint.scatter, curve.len(), least_advantage)),
             });
         }

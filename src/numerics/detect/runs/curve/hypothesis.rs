@@ -137,14 +137,17 @@ impl RandomEffects {
 
 impl Evidence<'_> {
     /// Every cause with its posterior, the likeliest first. `prior` is the logarithm of the odds of any named cause
-    /// against none.
-    pub(super) fn judge(&self, template: &Template, prior: f64) -> Vec<Judged> {
+    /// against none. Where no cause could gain `least` in likelihood, in logarithms, there is none.
+    pub(super) fn judge(&self, template: &Template, prior: f64, least: f64) -> Vec<Judged> {
         let n = self.cycles.len();
         let price = 0.5 * (n as f64).ln();
         let Some(weighed) = self.weighed(template) else {
             return vec![Judged { cause: Cause::Unknown, log_posterior: 0.0 }];
         };
         let mut found = vec![Judged { cause: Cause::None, log_posterior: weighed.none() }];
+        if 0.5 * weighed.chi_square < least {
+            return found;
+        }
         let mut add = |cause: Cause, likelihood: f64, parameters: f64| {
             found.push(Judged { cause, log_posterior: likelihood + prior - parameters * price });
         };

@@ -28,7 +28,8 @@ pub(super) struct JointCurves {
     pub(super) scatter: f64,
     /// The most that a quiet joint of the arm may have.
     most_scatter: f64,
-    /// What each run says by itself; `None` where it has too few cycles or was not judged.
+    /// What runs that a baseline may be learnt from say by themselves; `None` where a run has too few cycles, and of later
+    /// ones.
     pub(super) by_itself: Vec<Option<Vec<Judged>>>,
 }
 
@@ -41,9 +42,8 @@ pub(super) struct Usual {
     pub(super) scatter: f64,
 }
 
-/// Curves of all joints, each with what its runs by themselves say: of all of them, or of those that a baseline may be
-/// learnt from.
-pub(super) fn joint_curves(all: Vec<Vec<Curve>>, baseline_runs: usize, all_runs: bool) -> Vec<JointCurves> {
+/// Curves of all joints, with what those that a baseline may be learnt from say by themselves.
+pub(super) fn joint_curves(all: Vec<Vec<Curve>>, baseline_runs: usize) -> Vec<JointCurves> {
     let scatters: Vec<Option<f64>> = all.iter().map(|runs| usual_scatter(runs, baseline_runs)).collect();
     let of_robot = median(&scatters.iter().flatten().copied().collect::<Vec<f64>>());
     let most_scatter = most_scatter(of_robot);
@@ -52,7 +52,7 @@ pub(super) fn joint_curves(all: Vec<Vec<Curve>>, baseline_runs: usize, all_runs:
         .map(|(curves, own)| {
             let usual = own.or(of_robot).unwrap_or(QUIET_SCATTER[1]);
             let scatter = usual.clamp(QUIET_SCATTER[0], most_scatter);
-            let mut left = if all_runs { usize::MAX } else { baseline_runs.max(2) };
+            let mut left = baseline_runs.max(2);
             let judged = |curve: &Curve| {
                 let is_wanted = left > 0;
                 left -= usize::from(is_wanted && curve.len() >= template::FEWEST_CYCLES);
@@ -62,6 +62,17 @@ pub(super) fn joint_curves(all: Vec<Vec<Curve>>, baseline_runs: usize, all_runs:
             JointCurves { by_itself: curves.iter().map(judged).collect(), curves, scatter, most_scatter }
         })
         .collect()
+}
+
+impl JointCurves {
+    /// What a run says by itself; `None` where it has too few cycles.
+    pub(super) fn alone(&self, run: usize) -> Option<Vec<Judged>> {
+        let curve = &self.curves[run];
+        let judged = || {
+            (curve.len() >= within_run::FEWEST_CYCLES).then(|| within_run::judge(curve, self.scatter, PRIOR))
+        };
+        self.by_itself[run].clone().or_else(judged)
+    }
 }
 
 /// What is usual of each joint; `None` before there are two runs.
@@ -178,7 +189,7 @@ fn steady_runs(
         of(&levels[own]).map_or(0.0, |own| own - median(&others).unwrap_or(0.0))
     };
     // a joint that swings from cycle to cycle has levels that swing too
-    let swing = joint.curves.iter().filter_map(within_run::scatter).fold(0.0, f64::max);
+    let swing = long.iter().filter_map(|&run| within_run::scatter(&joint.curves[run])).fold(0.0, f64::max);
     let limit = LEVEL_CHANGE.max(3.0 * swing);
     let changed = (1..long.len()).find(|&at| {
         jumps_inside(long[at])

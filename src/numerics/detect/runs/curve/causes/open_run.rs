@@ -38,7 +38,7 @@ impl UsualCurves {
     ) -> Self {
         let all: Vec<Vec<Curve>> = (0..joints).map(|j| curves(history, JointIndex::new(j))).collect();
         // runs after those of the baseline have no part in the usual curve
-        let curves = joint_curves(all, baseline_runs, false);
+        let curves = joint_curves(all, baseline_runs);
         let level = |j: usize| history.iter().find_map(|run| of_joint(run, j).next().map(|(_, of)| of));
         Self {
             usual: usuals(&curves, baseline_runs, least_advantage),
