@@ -100,45 +100,6 @@ pub fn evaluate(
 /// One robot under all detectors.
 fn robot(settings: &FleetSettings, designs: &[Design], number: usize) -> Vec<Outcome> {
     let history = drawn(settings, designs, number);
-    if std::env::var_os("EVDBG").is_some() {
-        use std::fmt::Write as _;
-        let mut text = String::new();
-        let event = &history.event;
-        let _ = writeln!(
-            text,
-            "## {} robot {} joint {} onset {} cycle {} size {:.3} cycles {} runs {}",
-            event.scenario.name(),
-            number % settings.robots,
-            event.joint + 1,
-            event.onset,
-            event.cycle + 1,
-            event.size,
-            history.runs[0].cycles,
-            history.runs.len()
-        );
-        for a in crate::numerics::detect::runs::detect(
-            &history.runs,
-            &crate::numerics::detect::verdict::DetectSettings::default(),
-        )
-        .anomalies
-        {
-            let _ = writeln!(
-                text,
-                "   {:?} {} {} {} runs {}..{} onset {} {:?} odds {:?} | {}",
-                a.joint.map(|j| j.number()),
-                a.kind,
-                a.quantity,
-                a.severity,
-                a.first_run_id - 1,
-                a.last_run_id - 1,
-                a.onset.run_id - 1,
-                a.onset.cycle,
-                a.odds,
-                a.message
-            );
-        }
-        eprint!("{text}");
-    }
     let of = |detector: Detector| {
         let first_said = |place: usize| detector.alarms(&history.runs[..=place]);
         outcome(&history, &detector.alarms(&history.runs), first_said)

@@ -40,12 +40,12 @@ fn swings_and_inaccuracy_are_told_apart() {
 
 #[test]
 fn severity_figures_and_message_are_of_one_run_and_the_peak_stays() {
-    let repaired = |i: usize| 12.0 * wobble(i) * if (8..16).contains(&i) { 1.3 } else { 1.0 };
-    let found = detect(&history(18, repaired), &DetectSettings::default());
+    let repaired = |i: usize| 12.0 * wobble(i) * if (8..16).contains(&i) { 1.2 } else { 1.0 };
+    let found = detect(&history(17, repaired), &DetectSettings::default());
     let [anomaly] = &found.anomalies[..] else { panic!("one anomaly: {:?}", found.anomalies) };
-    // two healthy tests after a repair: the smoothed change is still out, but no longer critical
-    assert_eq!((anomaly.severity, anomaly.last_run_id), (Severity::Warning, 18));
-    assert!((anomaly.value - 12.0).abs() < 0.2 && (anomaly.peak_value - 15.6).abs() < 0.2, "{anomaly:?}");
+    // one healthy test after a repair: the smoothed change is still out, but no longer critical
+    assert_eq!((anomaly.severity, anomaly.last_run_id), (Severity::Warning, 17));
+    assert!((anomaly.value - 12.0).abs() < 0.2 && (anomaly.peak_value - 14.4).abs() < 0.2, "{anomaly:?}");
     let percent = format!("is {:.0} % above", 100.0 * anomaly.score);
     assert!(anomaly.message.contains(&percent), "{}", anomaly.message);
     assert!(anomaly.message.contains("latest test, within the limit by itself"), "{}", anomaly.message);
@@ -59,6 +59,14 @@ fn severity_figures_and_message_are_of_one_run_and_the_peak_stays() {
     let last = found.last().expect("one");
     assert_eq!((last.severity, last.value, last.peak_value), (Severity::Info, 0.128, 0.3));
     assert!(last.message.contains("as in its baseline"), "{}", last.message);
+}
+
+#[test]
+fn two_healthy_tests_after_a_repair_end_it() {
+    let repaired = |i: usize| 12.0 * wobble(i) * if (8..16).contains(&i) { 1.3 } else { 1.0 };
+    let found = detect(&history(19, repaired), &DetectSettings::default());
+    let [anomaly] = &found.anomalies[..] else { panic!("one anomaly: {:?}", found.anomalies) };
+    assert!(anomaly.last_run_id <= 17 && anomaly.ended, "{anomaly:?}");
 }
 
 #[test]
