@@ -4,8 +4,8 @@
 //! the beginning: a level that jumps, `s` from run `k` on, or a ramp, `c (i - k + 1)`. Both have one size, so the smaller
 //! sum of squares decides, with a prior for the rate of a ramp.
 
-use super::curve::causes::RunCause;
 use super::curve::hypothesis::Cause;
+use super::curve::run_cause::RunCause;
 use super::friction_history::{FrictionHistory, Observed};
 
 /// Runs before the first that is out, in which a jump may have come: an average is late.

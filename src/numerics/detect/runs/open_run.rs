@@ -9,8 +9,8 @@
 
 use super::arm::arm_evidence;
 use super::arm_change::arm_changes;
-use super::curve::causes::least_advantage;
 use super::curve::causes::open_run::UsualCurves;
+use super::curve::run_cause::least_advantage;
 use super::friction_step::FrictionStep;
 use super::friction_swing::FrictionSwing;
 use super::series::{JointSeries, RunDetector, friction_history};

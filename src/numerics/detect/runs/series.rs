@@ -3,8 +3,8 @@
 use jiff::Timestamp;
 
 use super::arm::{ArmCause, ArmEvidence};
-use super::curve::causes::RunCause;
 use super::curve::hypothesis::Cause;
+use super::curve::run_cause::RunCause;
 use super::friction_history::FrictionHistory;
 use crate::analysis::JointSummary;
 use crate::anomaly::RunSummary;

@@ -2,194 +2,17 @@
 
 pub(in crate::numerics::detect::runs) mod open_run;
 
-use super::hypothesis::{Cause, Evidence, Judged};
+use super::hypothesis::{Cause, Evidence, PRIOR};
 use super::points::{Curve, curves};
+use super::run_cause::{LEAST_SCATTER, RunCause};
 use super::template;
-use super::usual::{PRIOR, Usual, common_of, joint_curves, usuals};
+use super::usual::{Usual, common_of, joint_curves, usuals};
 use crate::anomaly::RunSummary;
-use crate::numerics::detect::rate::budget::advantage;
-use crate::numerics::detect::verdict::{DetectSettings, MOST_ODDS};
 use crate::numerics::statistics::descriptive::mean;
 use crate::robot::JointIndex;
 
-/// Advantage of a named cause over none, in logarithms, beyond what the rate of false alarms asks for: curves are not
-/// exactly of the form that is assumed.
-const CURVE_MARGIN: f64 = 7.0;
 /// Likelihood, in logarithms, that causes together must be able to gain for any of them to be looked for.
 const LEAST_EVIDENCE: f64 = 3.0;
-/// Least advantage over the next cause of another kind; of a step, which scatter looks like now and then.
-const LEAST_LEAD: f64 = 3.0;
-const LEAST_LEAD_OF_STEP: f64 = 8.0;
-/// Least step, scatter and effect of another time constant, as fractions of friction.
-const LEAST_STEP: f64 = 0.05;
-const LEAST_SCATTER: f64 = 0.03;
-/// Evidence of one run for another time constant that counts at most, over several runs.
-const MOST_OF_ONE_RUN: f64 = 12.0;
-const LEAST_SLOWING: f64 = 0.015;
-
-/// Why the curve of a joint differs from its usual one in a run.
-#[derive(Debug, Clone, PartialEq)]
-pub(in crate::numerics::detect::runs) struct RunCause {
-    /// All causes, the likeliest first.
-    pub(in crate::numerics::detect::runs) judged: Vec<Judged>,
-    /// Mean difference from the usual curve, in logarithms; not a number before there is one.
-    pub(in crate::numerics::detect::runs) difference: f64,
-    /// The part that all joints have in common.
-    pub(in crate::numerics::detect::runs) common: f64,
-    /// Usual scatter of one cycle.
-    pub(in crate::numerics::detect::runs) scatter: f64,
-    /// Largest effect of the winning cause on a cycle.
-    effect: f64,
-    /// Cycles.
-    pub(in crate::numerics::detect::runs) cycles: usize,
-    /// Least advantage over none, in logarithms, of a cause that is clear.
-    least_advantage: f64,
-}
-
-/// Advantage over no cause, in logarithms, that a cause of a run's curve needs.
-pub(in crate::numerics::detect::runs) fn least_advantage(
-    history: &[RunSummary],
-    settings: &DetectSettings,
-) -> f64 {
-    CURVE_MARGIN + advantage(settings, history)
-}
-
-impl RunCause {
-    /// Of a run that is compared with no other one.
-    pub(super) fn by_itself(judged: Vec<Judged>, scatter: f64, cycles: usize, least_advantage: f64) -> Self {
-        Self { judged, difference: f64::NAN, common: 0.0, scatter, effect: 0.0, cycles, least_advantage }
-    }
-
-    /// Of a run with this curve, held against what is usual. `differences` are those from the usual curve, `common` the
-    /// part of them that all joints share.
-    fn against(
-        usual: &Usual,
-        curve: &Curve,
-        differences: &[(u32, f64)],
-        common: &[f64],
-        least_advantage: f64,
-    ) -> Option<Self> {
-        let Usual { template, random, scatter } = usual;
-        let cycles: Vec<u32> = curve.iter().map(|point| point.cycle).collect();
-        let minutes: Vec<f64> = curve.iter().map(|point| point.minute).collect();
-        let values: Vec<f64> = differences.iter().map(|(_, value)| *value).collect();
-        let evidence = Evidence {
-            cycles: &cycles,
-            minutes: &minutes,
-            differences: &values,
-            common,
-            scatter: *scatter,
-            random: *random,
-        };
-        let judged = evidence.judge(template, PRIOR, LEAST_EVIDENCE);
-        let effect = match judged.first().map(|first| first.cause) {
-            Some(Cause::TimeConstant(factor)) => {
-                minutes.iter().map(|&minute| template.slower(factor, minute).abs()).fold(0.0, f64::max)
-            }
-            _ => 0.0,
-        };
-        Some(Self {
-            judged,
-            difference: mean(&values)?,
-            common: mean(common)?,
-            scatter: *scatter,
-            effect,
-            cycles: curve.len(),
-            least_advantage,
-        })
-    }
-
-    /// The likeliest cause.
-    pub(in crate::numerics::detect::runs) fn likeliest(&self) -> Cause {
-        self.judged.first().map_or(Cause::None, |first| first.cause)
-    }
-
-    /// The likeliest cause where it is clear and large enough to be worth a word: steps, scatter and other time
-    /// constants. Another level of friction is judged over runs, not in one.
-    pub(in crate::numerics::detect::runs) fn clear(&self) -> Option<Cause> {
-        let cause = self.likeliest();
-        let size = match cause {
-            Cause::Step { size, .. } => size.abs() / LEAST_STEP,
-            Cause::Scatter(size) => size / LEAST_SCATTER,
-            Cause::TimeConstant(_) => self.effect / LEAST_SLOWING,
-            Cause::None | Cause::Scale(_) | Cause::Start(_) | Cause::OddCycle { .. } | Cause::Unknown => {
-                return None;
-            }
-        };
-        let lead = if matches!(cause, Cause::Step { .. }) { LEAST_LEAD_OF_STEP } else { LEAST_LEAD };
-        let clear = self.advantage() >= self.least_advantage && self.lead() >= lead;
-        (size >= 1.0 && clear).then_some(cause)
-    }
-
-    /// The factor of the slow time constant that explains the run best, with how much likelier it is than the best cause of
-    /// another kind, in logarithms, without the prior; `None` where it was not looked for.
-    pub(in crate::numerics::detect::runs) fn slowing(&self) -> Option<(f64, f64)> {
-        let (factor, own) = self.judged.iter().find_map(|of| match of.cause {
-            Cause::TimeConstant(factor) => Some((factor, of.log_posterior - PRIOR)),
-            _ => None,
-        })?;
-        let other = |of: &Judged| match of.cause {
-            Cause::TimeConstant(_) => None,
-            Cause::None => Some(of.log_posterior),
-            _ => Some(of.log_posterior - PRIOR),
-        };
-        let best = self.judged.iter().filter_map(other).fold(f64::NEG_INFINITY, f64::max);
-        Some((factor, (own - best).clamp(-MOST_OF_ONE_RUN, MOST_OF_ONE_RUN)))
-    }
-
-    /// Advantage over no cause, in logarithms, that a cause needs.
-    pub(in crate::numerics::detect::runs) fn needed(&self) -> f64 {
-        self.least_advantage
-    }
-
-    /// How much likelier than no change, in logarithms.
-    pub(in crate::numerics::detect::runs) fn advantage(&self) -> f64 {
-        let none = self.judged.iter().find(|of| of.cause == Cause::None);
-        match (self.judged.first(), none) {
-            (Some(first), Some(none)) => first.log_posterior - none.log_posterior,
-            _ => 0.0,
-        }
-    }
-
-    /// How much likelier than the next cause of another kind, in logarithms.
-    fn lead(&self) -> f64 {
-        let Some(first) = self.judged.first() else { return 0.0 };
-        let kind = std::mem::discriminant(&first.cause);
-        let next = self.judged.iter().find(|of| std::mem::discriminant(&of.cause) != kind);
-        next.map_or(f64::INFINITY, |next| first.log_posterior - next.log_posterior)
-    }
-
-    /// Odds of the likeliest kind of cause against all others together.
-    pub(in crate::numerics::detect::runs) fn odds(&self) -> f64 {
-        let Some(first) = self.judged.first() else { return 1.0 };
-        self.odds_of(&first.cause)
-    }
-
-    /// The best of each other kind, with its odds, the likeliest first.
-    pub(in crate::numerics::detect::runs) fn alternatives(&self) -> Vec<(Cause, f64)> {
-        let mut kinds = Vec::new();
-        for of in &self.judged {
-            if !kinds.iter().any(|known: &Cause| is_same_kind(known, &of.cause)) {
-                kinds.push(of.cause);
-            }
-        }
-        kinds.into_iter().skip(1).map(|cause| (cause, self.odds_of(&cause))).collect()
-    }
-
-    fn odds_of(&self, cause: &Cause) -> f64 {
-        let best = self.judged.first().map_or(0.0, |first| first.log_posterior);
-        let (mut own, mut rest) = (0.0, 0.0);
-        for of in &self.judged {
-            let weight = (of.log_posterior - best).exp();
-            *(if is_same_kind(&of.cause, cause) { &mut own } else { &mut rest }) += weight;
-        }
-        (own / f64::max(rest, f64::MIN_POSITIVE)).min(MOST_ODDS)
-    }
-}
-
-fn is_same_kind(a: &Cause, b: &Cause) -> bool {
-    std::mem::discriminant(a) == std::mem::discriminant(b)
-}
 
 /// The cause of each run's curve, by joint and run; `None` where the run has no curve or nothing to compare it with.
 pub(in crate::numerics::detect::runs) fn causes(
@@ -211,7 +34,7 @@ pub(in crate::numerics::detect::runs) fn causes(
             found[j].push(match usuals[j].as_ref().filter(|_| curve.len() >= template::FEWEST_CYCLES) {
                 Some(usual) => {
                     let common = common_of(&differences, j, curve);
-                    RunCause::against(usual, curve, differences[j], &common, least_advantage)
+                    against(usual, curve, differences[j], &common, least_advantage)
                 }
                 None => joint
                     .alone(run)
@@ -228,4 +51,43 @@ fn differences(usuals: &[Option<Usual>], curves: &[&Curve]) -> Vec<Vec<(u32, f64
         usual.as_ref().map_or_else(Vec::new, |usual| usual.template.difference(curve))
     };
     usuals.iter().zip(curves).map(of).collect()
+}
+
+/// Of a run with this curve, held against what is usual. `differences` are those from the usual curve, `common` the
+/// part of them that all joints share.
+fn against(
+    usual: &Usual,
+    curve: &Curve,
+    differences: &[(u32, f64)],
+    common: &[f64],
+    least_advantage: f64,
+) -> Option<RunCause> {
+    let Usual { template, random, scatter } = usual;
+    let cycles: Vec<u32> = curve.iter().map(|point| point.cycle).collect();
+    let minutes: Vec<f64> = curve.iter().map(|point| point.minute).collect();
+    let values: Vec<f64> = differences.iter().map(|(_, value)| *value).collect();
+    let evidence = Evidence {
+        cycles: &cycles,
+        minutes: &minutes,
+        differences: &values,
+        common,
+        scatter: *scatter,
+        random: *random,
+    };
+    let judged = evidence.judge(template, PRIOR, LEAST_EVIDENCE);
+    let effect = match judged.first().map(|first| first.cause) {
+        Some(Cause::TimeConstant(factor)) => {
+            minutes.iter().map(|&minute| template.slower(factor, minute).abs()).fold(0.0, f64::max)
+        }
+        _ => 0.0,
+    };
+    Some(RunCause {
+        judged,
+        difference: mean(&values)?,
+        common: mean(common)?,
+        scatter: *scatter,
+        effect,
+        cycles: curve.len(),
+        least_advantage,
+    })
 }

@@ -12,6 +12,8 @@ use nalgebra::{DMatrix, DVector};
 use super::template::{self, Template};
 use crate::numerics::detect::runs::friction_history::COMMON_SPREAD;
 
+/// Logarithm of the prior odds of one named cause against none, of one joint in one run: one in a thousand.
+pub(super) const PRIOR: f64 = -7.0;
 /// Part of the largest difference that the patterns may miss: they are models.
 const PATTERN_ERROR: f64 = 0.05;
 /// Standard deviation of a cycle's difference under a cause that is not known.

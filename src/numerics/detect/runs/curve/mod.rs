@@ -7,3 +7,4 @@ pub(super) mod within_run;
 pub(super) mod causes;
 pub(super) mod points;
 pub(super) mod usual;
+pub(super) mod run_cause;

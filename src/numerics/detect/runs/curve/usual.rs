@@ -1,15 +1,13 @@
 //! What is usual of each joint of a robot: the curve of its first runs, what runs differ in, and how much one cycle
 //! scatters.
 
-use super::causes::RunCause;
-use super::hypothesis::{Cause, Judged, RandomEffects};
+use super::hypothesis::{Cause, Judged, PRIOR, RandomEffects};
 use super::points::{Curve, common_part};
+use super::run_cause::RunCause;
 use super::template::{self, Template};
 use super::within_run;
 use crate::numerics::statistics::descriptive::{mean, median};
 
-/// Logarithm of the prior odds of one named cause against none, of one joint in one run: one in a thousand.
-pub(super) const PRIOR: f64 = -7.0;
 /// Scatter from cycle to cycle that a quiet joint may have, as a fraction of friction. Above it, a joint's own
 /// scatter is no excuse.
 const QUIET_SCATTER: [f64; 2] = [0.002, 0.015];

@@ -4,7 +4,8 @@
 //! one: a step needs a cycle before it and two of the new level.
 
 use super::{
-    Cause, Curve, LEAST_SCATTER, PRIOR, RunCause, Usual, common_of, curves, differences, joint_curves, usuals,
+    Cause, Curve, LEAST_SCATTER, PRIOR, RunCause, Usual, against, common_of, curves, differences,
+    joint_curves, usuals,
 };
 use crate::analysis::friction::CycleFriction;
 use crate::anomaly::RunSummary;
@@ -90,7 +91,7 @@ impl UsualCurves {
                 Some(usual) => {
                     let common = common_of(&differences, j, curve);
                     // another time constant is judged over whole runs
-                    RunCause::against(usual, curve, differences[j], &common, needed)
+                    against(usual, curve, differences[j], &common, needed)
                         .map(|cause| RunCause { effect: 0.0, ..cause })
                 }
             }
