@@ -168,10 +168,10 @@ pub(super) fn judged(series: &JointSeries<'_>) -> (Vec<Verdict>, LevelLimit) {
             // what is run in and what gets new grease has less friction
             severity: if change < 0.0 && severity < Severity::Critical { Severity::Info } else { severity },
             score: change.abs(),
-            threshold,
+            threshold: opening,
             value: observed.measured_ratio() * baseline,
             baseline,
-            message: message(change, threshold, observed, friction),
+            message: message(change, opening, observed, friction),
             why: Why::default(),
         };
     }
@@ -214,8 +214,12 @@ fn message(change: f64, threshold: f64, observed: &Observed, friction: &Friction
             observed.common_words()
         ),
     };
+    let until = match change.abs() < threshold {
+        true => format!(", over below {:.1} %", 100.0 * CLOSING * threshold),
+        false => String::new(),
+    };
     format!(
-        "{what}, smoothed over the tests, is {percent} % {side} the joint's baseline (limit {limit} %); \
+        "{what}, smoothed over the tests, is {percent} % {side} the joint's baseline (limit {limit} %{until}); \
          latest test{alone}: {figure}{why}; {advice}"
     )
 }
