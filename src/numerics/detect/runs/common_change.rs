@@ -117,7 +117,7 @@ mod tests {
             JointSummary {
                 joint: JointIndex::new(j),
                 friction_index: Some(Estimate { value: index(run, j) * wobble, std_error: 0.004 }),
-                ..indexed(0, None).joints[0].clone()
+                ..indexed(0, None).joints[0]
             }
         };
         (0..runs)
