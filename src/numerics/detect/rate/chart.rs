@@ -3,7 +3,7 @@
 //! For each shift `m` of a grid and each side, `L = exp(m z - m² / 2)` is the likelihood ratio of a value `z` that is
 //! standard normal without a shift. The Shiryaev-Roberts statistic sums the likelihood ratios of all moments at which the
 //! shift may have come, `R_k = L_k (1 + R_(k-1))`, and the chart follows the mean of `R` over the grid with
-//! [`WEIGHTS`]. `R_k - k` is a martingale without a shift. So the mean number of values until the mean of `R` reaches `A`
+//! `WEIGHTS`. `R_k - k` is a martingale without a shift. So the mean number of values until the mean of `R` reaches `A`
 //! is `A` at least: this holds for every sequence of numbers in place of `L` whose expectation is at most one, given the
 //! past (e-detectors: Shin, Ramdas, Rinaldo 2022). For normal values the statistic jumps over `A`, and the
 //! mean is `A / sum w v(m)` with [`overshoot_factor`] (Pollak 1987).

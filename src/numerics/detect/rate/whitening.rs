@@ -7,11 +7,11 @@
 //! Evans 1975; self-starting charts: Hawkins 1987). The quantile of the normal distribution gives the score. For `f` other
 //! than zero that holds approximately.
 //!
-//! Tails are not known. Four distributions of `e` compete, normal and Student's with [`SHAPES`] degrees of freedom, each
+//! Tails are not known. Four distributions of `e` compete, normal and Student's with `SHAPES` degrees of freedom, each
 //! with estimates of its own. Each has the weight that its predictions until now give it (Dawid 1984), and the
 //! distribution functions are mixed. Student's models weigh a value of `q` standard deviations by
 //! `(v + 1) / (v + q²)`, so outliers hardly count. How heavy tails are beyond what was seen no history tells: a model's
-//! own values are judged by the heavier tails of [`TAILS`]. Heavy tails therefore lower the rate of false alarms.
+//! own values are judged by the heavier tails of `TAILS`. Heavy tails therefore lower the rate of false alarms.
 
 use crate::analysis::Estimate;
 use crate::numerics::statistics::distributions::{normal_quantile, student_log_density, student_probability};
