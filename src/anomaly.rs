@@ -12,6 +12,7 @@ use crate::robot::{JointIndex, ParameterId};
 
 pub mod epoch;
 pub mod forecast;
+pub mod peer;
 
 /// What kind of change an anomaly is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -30,6 +30,7 @@ Examples:
   armwatch evaluate
   armwatch evaluate --robots 200 --years 2
   armwatch evaluate --scenario wear --scenario healthy --robots 100 --seed 7
+  armwatch evaluate --size payload=0.8 --size step-inside=0.25 --robots 100
   armwatch evaluate --robots 300 --plot detection.svg
   armwatch evaluate --rates --robots 500
   armwatch evaluate --json")]
@@ -43,14 +44,18 @@ pub(in crate::cli) struct EvaluateArgs {
     /// Seed of all that is drawn; the same seed gives the same figures
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// One scenario, several times for more; all of them unless given
+    /// One scenario, several times for more; all of them unless one is given here or with --size
     #[arg(long, value_name = "NAME", value_parser = scenario)]
     scenario: Vec<Scenario>,
+    /// Size that every event of a scenario has, instead of drawn ones, in the unit that `--json` tells;
+    /// several times for more
+    #[arg(long, value_name = "NAME=SIZE", value_parser = size)]
+    size: Vec<(Scenario, f64)>,
     /// Writes probability and delay of detection over size as a picture, .svg or .html
     #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
     plot: Option<PlotFile>,
     /// Realised rates and delays of single series
-    #[arg(long, conflicts_with_all = ["scenario", "years", "plot"])]
+    #[arg(long, conflicts_with_all = ["scenario", "size", "years", "plot"])]
     rates: bool,
 }
 
@@ -73,6 +78,19 @@ fn scenario(name: &str) -> Result<Scenario, String> {
         .ok_or_else(|| format!("takes one of {}", Scenario::ALL.map(Scenario::name).join(", ")))
 }
 
+fn size(text: &str) -> Result<(Scenario, f64), String> {
+    let (name, size) = text.split_once('=').ok_or("takes a scenario and a size, such as payload=0.8")?;
+    let of = scenario(name)?;
+    if of.size().is_empty() {
+        return Err(format!("{name} has no size"));
+    }
+    let size: f64 = size.parse().map_err(|_| format!("{size:?} is no number: {name} takes {}", of.size()))?;
+    match size.is_finite() && size != 0.0 {
+        true => Ok((of, size)),
+        false => Err(format!("takes a number other than zero: {}", of.size())),
+    }
+}
+
 pub(in crate::cli) fn evaluate(global: &Global, args: &EvaluateArgs) -> Result<u8, CliError> {
     if args.rates {
         let settings = RateSettings {
@@ -87,7 +105,11 @@ pub(in crate::cli) fn evaluate(global: &Global, args: &EvaluateArgs) -> Result<u
         print_rates(&rates, &delays(&late), global.json);
         return Ok(EXIT_DONE);
     }
-    let mut scenarios = if args.scenario.is_empty() { Scenario::ALL.to_vec() } else { args.scenario.clone() };
+    let mut scenarios = args.scenario.clone();
+    scenarios.extend(args.size.iter().map(|(of, _)| *of));
+    if scenarios.is_empty() {
+        scenarios = Scenario::ALL.to_vec();
+    }
     scenarios.sort_unstable();
     scenarios.dedup();
     let settings = FleetSettings {
@@ -96,6 +118,7 @@ pub(in crate::cli) fn evaluate(global: &Global, args: &EvaluateArgs) -> Result<u
         seed: args.seed,
         threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
         scenarios,
+        sizes: args.size.clone(),
     };
     let bar = progress_bar(settings.robots * settings.scenarios.len(), "robots");
     let scores = judge(&settings, &|| bar.inc(1))
@@ -215,6 +238,8 @@ fn as_json(score: &DetectorScore, settings: &FleetSettings) -> Value {
             "false_alarms_a_robot_year": rate, "false_alarms_a_robot_year_95": interval,
             "detected": of.detected, "right_joint": of.right_joint, "right_kind": of.right_kind,
             "right_kind_at_first_alarm": of.right_first_kind,
+            "right_figure": of.right_figure.0, "with_figure": of.right_figure.1,
+            "delay_tests_of_95_percent": finite(of.most_delay_runs),
             "median_delay_tests": finite(of.delay_runs), "median_delay_days": finite(of.delay_days),
             "further_alarms_a_robot": of.beside, "said": of.said, "size": of.scenario.size(),
             "by_size": of.by_size.iter().map(|bin| json!({
@@ -258,7 +283,9 @@ fn as_text(scores: &[DetectorScore]) -> String {
                     "joint",
                     "kind",
                     "kind at first",
+                    "figure",
                     "tests",
+                    "95 %",
                     "days",
                     "further",
                     "first alarm says",
@@ -281,7 +308,9 @@ fn as_text(scores: &[DetectorScore]) -> String {
         ],
         &scores.iter().map(detector_row).collect::<Vec<_>>(),
     );
-    text += "\n\ndetected, joint and kind in per cent of robots with a fault; tests, days: median delay";
+    text += "\n\ndetected, joint and kind in per cent of robots with a fault; figure: the mass of a load to 15 %, the onset of a \
+             step to one cycle, of alarms of the right kind; tests, days: median delay; 95 %: tests within which so many \
+             robots have an alarm";
     text
 }
 
@@ -318,7 +347,12 @@ fn event_row(of: &ScenarioScore) -> Vec<String> {
         percent(of.right_joint),
         percent(of.right_kind),
         percent(of.right_first_kind),
+        match of.right_figure {
+            (_, 0) => "-".into(),
+            (right, all) => format!("{:.0} %", 100.0 * right as f64 / all as f64),
+        },
         delay(of.delay_runs),
+        delay(of.most_delay_runs),
         delay(of.delay_days),
         format!("{:.2}", of.beside),
         counts(&of.said),

@@ -160,8 +160,11 @@ async fn take(
         }
     }
     let mut is_faulty = false;
-    for robot in pipeline.store().stale_robots().await? {
-        is_faulty |= !conclude(pipeline, &robot.name, as_json).await?;
+    // conclusions of one robot may be news for others of its model, and these for no one
+    for _ in 0..2 {
+        for robot in pipeline.store().stale_robots().await? {
+            is_faulty |= !conclude(pipeline, &robot.name, as_json).await?;
+        }
     }
     if !as_json {
         output::line(&tally.as_text());

@@ -40,6 +40,26 @@ pub(super) struct Alarm {
     pub(super) severity: Severity,
     /// Odds of its cause; 0 where causes were not compared.
     pub(super) odds: f64,
+    /// Place of the run in which the change began by what the alarm says, and the cycle, from 1.
+    pub(super) onset: (usize, Option<u32>),
+    /// Its value; not a number for the simple detectors.
+    pub(super) value: f64,
+}
+
+impl Alarm {
+    /// Of a simple detector, which says of no change more than that it is there.
+    fn simple(joint: JointIndex, first: usize) -> Self {
+        Self {
+            kind: AnomalyKind::Drift,
+            joint: Some(joint),
+            first,
+            last: first,
+            severity: Severity::Warning,
+            odds: 0.0,
+            onset: (first, None),
+            value: f64::NAN,
+        }
+    }
 }
 
 impl Detector {
@@ -83,6 +103,8 @@ fn of_program(history: &[RunSummary]) -> Vec<Alarm> {
             last: place(anomaly.last_run_id),
             severity: anomaly.severity,
             odds: anomaly.odds.unwrap_or(0.0),
+            onset: (place(anomaly.onset.run_id), anomaly.onset.cycle),
+            value: anomaly.value,
         })
         .collect()
 }
@@ -93,15 +115,7 @@ fn always(history: &[RunSummary]) -> Vec<Alarm> {
         .iter()
         .enumerate()
         .flat_map(|(place, run)| run.joints.iter().map(move |of| (place, of.joint)));
-    all.map(|(place, joint)| Alarm {
-        kind: AnomalyKind::Drift,
-        joint: Some(joint),
-        first: place,
-        last: place,
-        severity: Severity::Warning,
-        odds: 0.0,
-    })
-    .collect()
+    all.map(|(place, joint)| Alarm::simple(joint, place)).collect()
 }
 
 /// Alarms of a rule on the friction index of each joint. Joints begin anew with each epoch.
@@ -136,14 +150,7 @@ fn episodes(runs: &[(usize, f64)], out: &[bool], joint: JointIndex) -> Vec<Alarm
         }
         match found.last_mut().filter(|_| quiet < QUIET_RUNS) {
             Some(open) => open.last = place,
-            None => found.push(Alarm {
-                kind: AnomalyKind::Drift,
-                joint: Some(joint),
-                first: place,
-                last: place,
-                severity: Severity::Warning,
-                odds: 0.0,
-            }),
+            None => found.push(Alarm::simple(joint, place)),
         }
         quiet = 0;
     }

@@ -34,19 +34,27 @@ pub(super) struct Event {
 
 impl Event {
     /// Draws the event of a scenario over `runs` runs; changes the program of the robot where the scenario says so.
-    pub(super) fn draw(scenario: Scenario, arm: &mut Arm<'_>, runs: usize, draws: &mut Draws) -> Self {
+    /// `given` takes the place of the drawn size.
+    pub(super) fn draw(
+        scenario: Scenario,
+        given: Option<f64>,
+        arm: &mut Arm<'_>,
+        runs: usize,
+        draws: &mut Draws,
+    ) -> Self {
         use Scenario as S;
         let n = arm.joints.len();
         let joint = draws.whole(0, n - 1);
         let earliest = RUNS_BEFORE.max(runs / 6).min(runs.saturating_sub(2));
         let onset = draws.whole(earliest, (runs * 6 / 10).max(earliest));
         let jump = |draws: &mut Draws| draws.sign(0.25) * draws.log_between(0.04, 0.4);
-        let size = match scenario {
+        let drawn = match scenario {
             S::Healthy | S::Weekend | S::ShortTests | S::LongTests => 0.0,
             S::Hall => draws.between(2.0, 6.0),
             S::Season => draws.between(3.0, 8.0),
             S::Repair => draws.between(0.85, 1.15),
             S::Wear => draws.log_between(0.05, 0.5),
+            S::WearByTest => draws.log_between(0.003, 0.05),
             S::StepBetween | S::StepInside | S::StepInBaseline => jump(draws),
             S::Payload => draws.sign(0.3) * draws.log_between(0.1, 5.0),
             S::Jitter => draws.log_between(0.02, 0.2),
@@ -57,6 +65,8 @@ impl Event {
             S::TorqueNoise => draws.log_between(1.5, 8.0),
             S::ZeroPosition => draws.sign(0.5) * draws.log_between(0.005, 0.08),
         };
+        // all is drawn in any case: robots are the same but for the size
+        let size = given.unwrap_or(drawn);
         match scenario {
             S::ShortTests => arm.program.cycles = draws.whole(3, 7),
             S::LongTests => arm.program.cycles = draws.whole(18, 24),

@@ -28,6 +28,8 @@ pub struct FleetSettings {
     pub seed: u64,
     /// What happens.
     pub scenarios: Vec<Scenario>,
+    /// Sizes of events that are not drawn, in the unit of [`Scenario::size`].
+    pub sizes: Vec<(Scenario, f64)>,
     /// Threads.
     pub threads: usize,
 }
@@ -117,5 +119,6 @@ pub(super) fn drawn(settings: &FleetSettings, designs: &[Design], number: usize)
     let stream = FIRST_ROBOT * (1 + own as u64) + unit as u64;
     let mut draws = Draws::new(settings.seed, stream);
     let arm = Arm::draw(&designs[unit % designs.len()], &mut draws);
-    history(arm, scenario, settings.years, &mut draws)
+    let size = settings.sizes.iter().find(|(of, _)| *of == scenario).map(|(_, size)| *size);
+    history(arm, scenario, size, settings.years, &mut draws)
 }

@@ -21,6 +21,8 @@ const LEFT_OUT: f64 = 0.05;
 const REST_ERROR: f64 = 0.1;
 /// Friction rises by this fraction for each kilogram, relative to the square root of the joint's torque, Nm.
 const FRICTION_OF_LOAD: f64 = 0.004;
+/// Wear by the test ends at this rise of friction.
+const MOST_WEAR: f64 = 0.6;
 /// Share of a joint's torque that its friction is, by which swinging friction swings the RMSD.
 const SWING_SHARE: f64 = 0.02;
 
@@ -40,11 +42,18 @@ struct Moment {
     cycles: usize,
 }
 
-/// Draws a robot of this design, what happens to it, and the tests of `years` years.
-pub(super) fn history(mut arm: Arm<'_>, scenario: Scenario, years: f64, draws: &mut Draws) -> History {
+/// Draws a robot of this design, what happens to it, and the tests of `years` years. `size` takes the place of the
+/// event's drawn one.
+pub(super) fn history(
+    mut arm: Arm<'_>,
+    scenario: Scenario,
+    size: Option<f64>,
+    years: f64,
+    draws: &mut Draws,
+) -> History {
     let weeks = years * YEAR_DAYS / 7.0;
     let planned = (weeks * arm.program.tests_a_week as f64) as usize;
-    let event = Event::draw(scenario, &mut arm, planned.max(BASELINE_RUNS + 2), draws);
+    let event = Event::draw(scenario, size, &mut arm, planned.max(BASELINE_RUNS + 2), draws);
     let moments = moments(&arm, &event, years, draws);
     let tests: Vec<TestFriction> = frictions(&arm, &event, &moments, draws);
     let indices = friction_indices(&tests, &arm.joints, arm.hall.levels_k);
@@ -149,6 +158,9 @@ impl Event {
             Scenario::Wear if joint == self.joint => {
                 let part = (run + 1 - self.onset) as f64 / (last.saturating_sub(self.onset)).max(1) as f64;
                 (self.size * part.powf(self.bend)).ln_1p()
+            }
+            Scenario::WearByTest if joint == self.joint => {
+                (self.size * (run + 1 - self.onset) as f64).min(MOST_WEAR).ln_1p()
             }
             Scenario::Repair if joint == self.joint => self.size.ln(),
             // torque that reads more has more friction in it

@@ -19,7 +19,7 @@ fn fleet(scenario: Scenario, robots: u64, years: f64) -> Vec<History> {
         .map(|robot| {
             let mut draws = Draws::new(9, 1000 + robot);
             let arm = Arm::draw(&designs[usize::try_from(robot % DESIGNS).expect("few")], &mut draws);
-            history(arm, scenario, years, &mut draws)
+            history(arm, scenario, None, years, &mut draws)
         })
         .collect()
 }

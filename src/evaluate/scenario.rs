@@ -21,6 +21,8 @@ pub enum Scenario {
     Repair,
     /// Friction of a joint grows from test to test.
     Wear,
+    /// The same by a fraction of itself with every test, until it has risen by 60 %.
+    WearByTest,
     /// Friction of a joint jumps between two tests.
     StepBetween,
     /// Friction of a joint jumps inside a test.
@@ -51,7 +53,7 @@ struct Row {
     size: &'static str,
 }
 
-const ROWS: [Row; 18] = {
+const ROWS: [Row; 19] = {
     const fn row(
         scenario: Scenario,
         name: &'static str,
@@ -70,6 +72,7 @@ const ROWS: [Row; 18] = {
         row(Scenario::LongTests, "long-tests", None, ""),
         row(Scenario::Repair, "repair", None, "friction of the new gearbox, fraction of the old"),
         row(Scenario::Wear, "wear", Some(Drift), "rise of friction at the end, fraction"),
+        row(Scenario::WearByTest, "wear-by-test", Some(Drift), "rise of friction with every test, fraction"),
         row(Scenario::StepBetween, "step-between", Some(Step), "jump of friction, fraction"),
         row(Scenario::StepInside, "step-inside", Some(Step), "jump of friction, fraction"),
         row(Scenario::StepInBaseline, "step-in-baseline", Some(Step), "jump of friction, fraction"),
@@ -90,8 +93,8 @@ const ROWS: [Row; 18] = {
 
 impl Scenario {
     /// All of them, those of healthy robots first.
-    pub const ALL: [Self; 18] = {
-        let mut all = [Self::Healthy; 18];
+    pub const ALL: [Self; 19] = {
+        let mut all = [Self::Healthy; 19];
         let mut at = 0;
         while at < all.len() {
             all[at] = ROWS[at].scenario;

@@ -3,11 +3,17 @@
 use std::collections::BTreeMap;
 
 use super::detectors::Alarm;
+use super::event::Event;
 use super::history::History;
 use super::scenario::Scenario;
 use crate::anomaly::AnomalyKind;
 use crate::numerics::statistics::descriptive::median;
 use crate::numerics::statistics::distributions::{chi_square_tail, normal_quantile};
+
+/// Error of a mass that counts as right, as a fraction.
+const MASS_ERROR: f64 = 0.15;
+/// Share of the robots of [`ScenarioScore::most_delay_runs`].
+const MOST: f64 = 0.95;
 
 /// What became of one robot under one detector.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,6 +45,9 @@ pub struct Found {
     pub first_kind: Option<AnomalyKind>,
     /// Whether it names the right joint, or the whole arm where that is right.
     pub is_right_joint: bool,
+    /// Whether its figure is right: the mass of a load to 15 %, the onset of a step to one cycle. `None` for alarms of
+    /// another kind and events without such a figure.
+    pub is_right_figure: Option<bool>,
 }
 
 /// Judges the alarms of a history. `first_said` gives the alarms of the tests up to a place.
@@ -75,8 +84,25 @@ pub(super) fn outcome(
         kind: first.kind,
         first_kind: said.map(|alarm| alarm.kind),
         is_right_joint: first.joint == event.named_joint(),
+        is_right_figure: is_right_figure(event, first),
     });
     found
+}
+
+/// See [`Found::is_right_figure`].
+fn is_right_figure(event: &Event, alarm: &Alarm) -> Option<bool> {
+    if Some(alarm.kind) != event.scenario.kind() {
+        return None;
+    }
+    match event.scenario {
+        Scenario::Payload => Some((alarm.value - event.size).abs() <= MASS_ERROR * event.size.abs()),
+        Scenario::StepInside | Scenario::StepInBaseline => {
+            let (run, cycle) = alarm.onset;
+            let cycle = cycle.map_or(0, |cycle| cycle.saturating_sub(1)) as usize;
+            Some(run == event.onset && cycle.abs_diff(event.cycle) <= 1)
+        }
+        _ => None,
+    }
 }
 
 /// The alarm that a person would read first: of the earliest test, then the most severe, then the one with the best
@@ -108,6 +134,10 @@ pub struct ScenarioScore {
     pub right_kind: usize,
     /// See [`Self::right_joint`].
     pub right_first_kind: usize,
+    /// Of those with an alarm that has a figure to be right in, see [`Found::is_right_figure`]: right ones and all.
+    pub right_figure: (usize, usize),
+    /// Delay in tests within which 95 % of all robots have an alarm; infinite where fewer ever have one.
+    pub most_delay_runs: f64,
     /// Median delay, tests and days; not a number without a detection.
     pub delay_runs: f64,
     /// See [`Self::delay_runs`].
@@ -165,6 +195,11 @@ impl ScenarioScore {
             right_joint: count(&|found| found.is_right_joint),
             right_kind: count(&|found| Some(found.kind) == scenario.kind()),
             right_first_kind: count(&|found| found.first_kind == scenario.kind()),
+            right_figure: (
+                count(&|found| found.is_right_figure == Some(true)),
+                count(&|found| found.is_right_figure.is_some()),
+            ),
+            most_delay_runs: most_delay(outcomes),
             delay_runs: delays(|found| found.delay_runs as f64),
             delay_days: delays(|found| found.delay_days),
             beside: outcomes.iter().map(|of| of.beside).sum::<usize>() as f64 / robots.max(1) as f64,
@@ -178,6 +213,14 @@ impl ScenarioScore {
     pub fn rate(&self) -> (f64, [f64; 2]) {
         rate(self.false_alarms, self.years)
     }
+}
+
+fn most_delay(outcomes: &[&Outcome]) -> f64 {
+    let delay = |of: &&Outcome| of.found.map_or(f64::INFINITY, |found| found.delay_runs as f64);
+    let mut delays: Vec<f64> = outcomes.iter().map(delay).collect();
+    delays.sort_by(f64::total_cmp);
+    let place = (MOST * delays.len() as f64).ceil() as usize;
+    delays.get(place.saturating_sub(1)).copied().unwrap_or(f64::NAN)
 }
 
 fn by_size(scenario: Scenario, outcomes: &[&Outcome]) -> Vec<SizeBin> {
@@ -275,6 +318,22 @@ mod tests {
         assert!(share_95(0, 10)[0].abs() < 1e-12 && share_95(10, 10)[1] > 0.999);
     }
 
+    #[test]
+    fn the_delay_of_most_counts_missed_robots() {
+        let found = |delay_runs| {
+            let mut of = robot(Scenario::Wear, Some(AnomalyKind::Drift));
+            of.found.iter_mut().for_each(|found| found.delay_runs = delay_runs);
+            of
+        };
+        let mut all: Vec<Outcome> = (0..20).map(found).collect();
+        let delay = |all: &[Outcome]| most_delay(&all.iter().collect::<Vec<_>>());
+        assert!((delay(&all) - 18.0).abs() < 1e-12);
+        all[0] = robot(Scenario::Wear, None);
+        assert!((delay(&all) - 19.0).abs() < 1e-12);
+        all[1] = robot(Scenario::Wear, None);
+        assert_eq!(delay(&all), f64::INFINITY);
+    }
+
     fn robot(scenario: Scenario, said: Option<AnomalyKind>) -> Outcome {
         let found = said.map(|kind| Found {
             delay_runs: 1,
@@ -282,6 +341,7 @@ mod tests {
             kind,
             first_kind: Some(kind),
             is_right_joint: true,
+            is_right_figure: None,
         });
         let found = found.filter(|_| scenario.kind().is_some());
         let false_alarms = if scenario.kind().is_none() { said.into_iter().collect() } else { Vec::new() };

@@ -13,7 +13,7 @@ fn designs(count: u64) -> Vec<Design> {
 }
 
 fn settings(robots: usize, scenarios: Vec<Scenario>) -> FleetSettings {
-    FleetSettings { robots, years: 1.0, seed: 5, scenarios, threads: 2 }
+    FleetSettings { robots, years: 1.0, seed: 5, scenarios, sizes: Vec::new(), threads: 2 }
 }
 
 fn histories(robots: usize, scenario: Scenario) -> Vec<History> {
@@ -39,7 +39,7 @@ fn gains_of_all_torques_together_are_a_gain_of_all_parameters() {
     let mut sum = arm.theta.clone() * 0.0;
     for joint in 0..arm.joints.len() {
         let mut event = loop {
-            let event = Event::draw(Scenario::TorqueGain, &mut arm, 60, &mut draws);
+            let event = Event::draw(Scenario::TorqueGain, None, &mut arm, 60, &mut draws);
             if event.joint == joint {
                 break event;
             }
@@ -58,7 +58,7 @@ fn a_load_moves_only_parameters_that_have_terms_of_the_last_link() {
     for (number, design) in designs.iter().enumerate() {
         let mut draws = Draws::new(5, 100 + number as u64);
         let mut arm = Arm::draw(design, &mut draws);
-        let event = Event::draw(Scenario::Payload, &mut arm, 60, &mut draws);
+        let event = Event::draw(Scenario::Payload, None, &mut arm, 60, &mut draws);
         let last = arm.joints.len() - 1;
         let base = &design.base;
         let mut moved = 0;

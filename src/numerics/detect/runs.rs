@@ -20,6 +20,7 @@ mod warm_up;
 mod arm_change;
 mod oscillation;
 mod accuracy;
+mod unlike_peers;
 mod without_result;
 mod health;
 mod next_test;
@@ -42,21 +43,37 @@ use self::health::health;
 use self::next_test::expected_by;
 use self::oscillation::Oscillation;
 use self::series::{JointSeries, RunDetector, friction_history};
+use self::unlike_peers::UnlikePeers;
 use self::warm_up::WarmUp;
 use self::without_result::without_result;
 use super::episodes::anomalies;
 use super::verdict::DetectSettings;
+use crate::anomaly::peer::Peer;
 use crate::anomaly::{Findings, RunSummary};
 use crate::robot::JointIndex;
 
 /// All detectors of a joint. Anomalies of a joint are found in this order.
-const DETECTORS: &[&RunDetector] =
-    &[&FrictionStep, &FrictionDrift, &FrictionSwing, &WarmUp, &Oscillation, &Accuracy];
+const DETECTORS: &[&RunDetector] = &[
+    &FrictionStep,
+    &FrictionDrift,
+    &FrictionSwing,
+    &WarmUp,
+    &Oscillation,
+    &Accuracy,
+    &UnlikePeers::Friction,
+    &UnlikePeers::Accuracy,
+];
 
-/// Looks at the complete runs of one robot, oldest first. Runs of two epochs of a joint are not compared
-/// ([`crate::anomaly::epoch`]): each epoch has its own baseline, and anomalies of an earlier one have ended.
+/// [`detect_among`] for a robot of whose model there is no other.
 #[must_use]
 pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
+    detect_among(history, &[], settings)
+}
+
+/// Looks at the complete runs of one robot, oldest first. `peers` are the other robots of its model. Runs of two epochs of a joint are not compared
+/// ([`crate::anomaly::epoch`]): each epoch has its own baseline, and anomalies of an earlier one have ended.
+#[must_use]
+pub fn detect_among(history: &[RunSummary], peers: &[Peer], settings: &DetectSettings) -> Findings {
     let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
     let mut findings = Findings::default();
     let Some(latest) = history.last() else { return findings };
@@ -67,7 +84,8 @@ pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
             let is_latest = places.last().is_some_and(|place| place + 1 == history.len());
             let part = part(&mut parts, history, places, joints, settings);
             let (friction, causes) = (&part.friction[joint.index()], &part.causes[joint.index()]);
-            let series = JointSeries::new(&part.runs, joint, friction, causes, &part.arm, settings);
+            let series =
+                JointSeries::new(&part.runs, joint, friction, causes, &part.arm, settings).among(peers);
             let mut found = anomalies(DETECTORS, &series, joint, &part.moments);
             if is_latest {
                 findings.health.push(health(&part.runs, &series, &found));

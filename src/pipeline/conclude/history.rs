@@ -15,7 +15,7 @@ use std::collections::HashSet;
 use crate::anomaly::RunSummary;
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::detect::production::detect_production;
-use crate::numerics::detect::runs::detect;
+use crate::numerics::detect::runs::detect_among;
 use crate::numerics::friction::level_means::nearest_level;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::friction::friction_conclusion;
@@ -48,8 +48,11 @@ impl Pipeline {
     /// Those of the store.
     pub async fn conclude(&self) -> Result<Vec<Concluded>, PipelineError> {
         let mut concluded = Vec::new();
-        for robot in self.store.stale_robots().await? {
-            concluded.extend(self.conclude_robot(&robot).await?);
+        // conclusions of one robot may be news for others of its model, and these for no one
+        for _ in 0..2 {
+            for robot in self.store.stale_robots().await? {
+                concluded.extend(self.conclude_robot(&robot).await?);
+            }
         }
         Ok(concluded)
     }
@@ -105,6 +108,7 @@ impl Pipeline {
         for remark in &friction.remarks {
             tracing::debug!(robot = robot.name, "{remark}");
         }
+        let peers = self.store.peers(robot.robot_id, baseline_runs).await?;
         let settled = production::settle(&self.store, robot.robot_id, self.config.analysis.estimator).await?;
         let mut conclusion = self.store.conclude(robot.robot_id).await?;
         let now = conclusion.history().await?;
@@ -126,9 +130,10 @@ impl Pipeline {
         let mut summaries = conclusion.run_summaries().await?;
         let known: HashSet<i64> = friction.run_ids.iter().copied().collect();
         summaries.retain(|run| known.contains(&run.run_id));
-        let mut findings = detect(&summaries, &self.config.detect);
+        let mut findings = detect_among(&summaries, &peers, &self.config.detect);
         findings.anomalies.extend(detect_production(&conclusion.production_summaries().await?));
         let reconciled = conclusion.reconcile(&findings).await?;
+        conclusion.compared_with(peers.len(), baseline_runs).await?;
         conclusion.commit(history).await?;
         for of in &replaced {
             tracing::info!(

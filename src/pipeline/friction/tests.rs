@@ -11,6 +11,7 @@ use crate::analysis::{
     CycleAnalysis, CycleFactors, CycleTemperatures, Estimator, FrictionPoint, GravityRemoval, JointSummary,
     RunAnalysis,
 };
+use crate::anomaly::Severity;
 use crate::config::Config;
 use crate::pipeline::context::Pipeline;
 use crate::robot::{JointIndex, Robot};
@@ -161,6 +162,19 @@ impl Fleet {
         of_joint.map(|row| (row.started_at.duration_since(at(0)).as_hours() / 24, row.index.value)).collect()
     }
 
+    /// Kind, joint and days of the first and the latest test of each warning.
+    async fn alarms(&self) -> Vec<(String, Option<usize>, i64, i64)> {
+        let rows = self.store().anomalies_after(0).await.expect("anomalies");
+        let day = |of: Timestamp| of.duration_since(at(0)).as_hours() / 24;
+        let warnings = rows.into_iter().filter(|row| row.severity >= Severity::Warning);
+        warnings
+            .map(|row| {
+                let joint = row.joint.map(|joint| joint.index());
+                (row.kind, joint, day(row.first_seen_at), day(row.last_seen_at))
+            })
+            .collect()
+    }
+
     /// Days of the baselines of a joint by epoch, with the cause of each.
     async fn baselines(&self, joint: usize) -> Vec<(String, Vec<i64>)> {
         let rows = self.store().baselines(ROBOT).await.expect("baselines");
@@ -227,6 +241,12 @@ async fn a_year_of_short_checks_and_full_tests_has_baselines_that_stay() {
         let due = factor(day) / baseline;
         assert!((worn[&day] - due).abs() < TOLERANCE, "day {day}: {} instead of {due}", worn[&day]);
     }
+    let found = fleet.alarms().await;
+    let is_wear = |(kind, joint, first, last): &(String, Option<usize>, i64, i64)| {
+        // at most 8 % and still there
+        kind == "drift" && *joint == Some(WORN) && (42..170).contains(first) && *last == REPAIR - 1
+    };
+    assert!(found.len() == 1 && is_wear(&found[0]), "{found:?}");
     fleet.repair(WORN, REPAIR).await;
     fleet.conclude().await;
     assert_eq!(fleet.indices(WORN).await, worn, "a repair changes nothing before it");
@@ -259,6 +279,7 @@ async fn a_year_of_short_checks_and_full_tests_has_baselines_that_stay() {
         assert!((last[&day] - 1.0).abs() < TOLERANCE, "day {day}: {}", last[&day]);
     }
     assert!(after.iter().all(|(day, index)| last[day] == *index), "a correction changes nothing before it");
+    assert_eq!(fleet.alarms().await, found, "no alarm after the repair and the corrected description");
     // the only robot of the database
     let robot_id = 1;
     let summaries = fleet.store().run_summaries(robot_id).await.expect("summaries");

@@ -377,7 +377,7 @@ fn friction_point(row: &SqliteRow) -> Result<FrictionPoint, sqlx::Error> {
     })
 }
 
-fn joint_summary(row: &SqliteRow) -> Result<JointSummary, sqlx::Error> {
+pub(super) fn joint_summary(row: &SqliteRow) -> Result<JointSummary, sqlx::Error> {
     let warm = ["warm_friction_nm", "warm_friction_std_error_nm", "warm_minute", "warm_speed_fraction"];
     let excitation = [
         "excitation_friction_nm",

@@ -14,4 +14,5 @@ pub(super) mod health;
 pub(super) mod alarm_state;
 pub(super) mod alarm_life;
 pub(super) mod open_test;
+pub(super) mod peers;
 mod episodes;

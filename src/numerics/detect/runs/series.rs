@@ -8,8 +8,10 @@ use super::curve::run_cause::RunCause;
 use super::friction_history::FrictionHistory;
 use crate::analysis::JointSummary;
 use crate::anomaly::RunSummary;
+use crate::anomaly::peer::Peer;
 use crate::numerics::detect::detector::Detector;
 use crate::numerics::detect::verdict::DetectSettings;
+use crate::numerics::statistics::descriptive::median;
 use crate::robot::JointIndex;
 
 /// A detector of a joint's tests.
@@ -31,6 +33,8 @@ pub(super) struct JointSeries<'a> {
     /// What each run says of the whole arm.
     pub(super) arm: &'a [Option<ArmEvidence>],
     pub(super) settings: &'a DetectSettings,
+    /// Other robots of the model.
+    peers: &'a [Peer],
 }
 
 impl<'a> JointSeries<'a> {
@@ -44,7 +48,34 @@ impl<'a> JointSeries<'a> {
     ) -> Self {
         let starts = history.iter().map(|run| run.started_at).collect();
         let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
-        Self { joint, runs: summaries(history, joint), starts, joints, friction, causes, arm, settings }
+        Self {
+            joint,
+            runs: summaries(history, joint),
+            starts,
+            joints,
+            friction,
+            causes,
+            arm,
+            settings,
+            peers: &[],
+        }
+    }
+
+    /// The same with other robots of the model to compare with.
+    pub(super) fn among(self, peers: &'a [Peer]) -> Self {
+        Self { peers, ..self }
+    }
+
+    /// A figure of this joint in each of the other robots of the model: the median of its first tests. Robots without it
+    /// in most of these are left out.
+    pub(super) fn of_peers(&self, figure: impl Fn(&JointSummary) -> Option<f64>) -> Vec<f64> {
+        let usual = |peer: &Peer| {
+            let of_joint = |test: &Vec<JointSummary>| test.iter().find(|of| of.joint == self.joint).copied();
+            let known: Vec<f64> =
+                peer.tests.iter().filter_map(of_joint).filter_map(|of| figure(&of)).collect();
+            median(&known).filter(|_| 2 * known.len() > peer.tests.len())
+        };
+        self.peers.iter().filter_map(usual).collect()
     }
 
     /// A figure of each run, `None` where it was not measured.
