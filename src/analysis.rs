@@ -5,12 +5,14 @@ pub mod finding;
 pub mod friction;
 pub mod measurements;
 pub mod refusal;
+pub mod response;
 
 use std::sync::Arc;
 
 use finding::{Finding, FindingSeverity};
 
 use self::refusal::RefusalCause;
+use self::response::ChannelResponse;
 use crate::robot::{JointIndex, ParameterId};
 use crate::run::{RunKind, Stage};
 
@@ -50,6 +52,8 @@ pub struct CycleAnalysis {
     pub friction_points: Vec<FrictionPoint>,
     /// All that later identification and verification need of the rows.
     pub factors: CycleFactors,
+    /// How the parameters answer to channels that read wrong; of the first cycles of a test with parameters.
+    pub response: Option<ChannelResponse>,
     /// What a user should know of the data, in sentences.
     pub remarks: Vec<String>,
     /// What was found of channels and model; those of severity refuse are why there are no parameters.

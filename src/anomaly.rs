@@ -1,12 +1,14 @@
 //! What is concluded from a robot's history: anomalies, and where each joint's baseline stands.
 
 use std::fmt;
+use std::sync::Arc;
 
 use jiff::Timestamp;
 
 use self::forecast::Forecast;
 use crate::analysis::friction::CycleFriction;
 use crate::analysis::refusal::RefusalCause;
+use crate::analysis::response::ChannelResponse;
 use crate::analysis::{JointSummary, ProductionJoint};
 use crate::robot::{JointIndex, ParameterId};
 
@@ -121,6 +123,8 @@ pub struct RunSummary {
     pub cycle_friction: Vec<CycleSeries>,
     /// Means over the cycles of the inertial base parameters, in natural order.
     pub parameters: Vec<RunParameter>,
+    /// How its parameters answer to channels that read wrong, where that was read.
+    pub response: Option<Arc<ChannelResponse>>,
     /// Ordinal of the epoch of each joint that the test belongs to, by position of the joint; see [`epoch`]. Tests of
     /// two epochs of a joint do not compare. Joints beyond its end are in their first one.
     pub epochs: Vec<u32>,

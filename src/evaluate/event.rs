@@ -96,7 +96,7 @@ impl Event {
     pub(super) fn named_joint(&self) -> Option<JointIndex> {
         use Scenario as S;
         match self.scenario {
-            S::Payload | S::ZeroPosition => None,
+            S::Payload => None,
             of if of.kind().is_none() => None,
             _ => Some(JointIndex::new(self.joint)),
         }

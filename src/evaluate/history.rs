@@ -1,5 +1,7 @@
 //! The history of one robot: summaries of its tests, as the store would hand them to the detectors.
 
+use std::sync::Arc;
+
 use jiff::{SignedDuration, Timestamp};
 use nalgebra::DVector;
 
@@ -9,6 +11,7 @@ use super::event::{BASELINE_RUNS, Event};
 use super::friction_index::{TestFriction, friction_indices};
 use super::scenario::Scenario;
 use crate::analysis::friction::CycleFriction;
+use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
 use crate::analysis::{Estimate, JointSummary, RmsdSwing, WarmFriction};
 use crate::anomaly::{CycleSeries, RunParameter, RunSummary};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
@@ -21,6 +24,10 @@ const LEFT_OUT: f64 = 0.05;
 const REST_ERROR: f64 = 0.1;
 /// Friction rises by this fraction for each kilogram, relative to the square root of the joint's torque, Nm.
 const FRICTION_OF_LOAD: f64 = 0.004;
+/// Step of the derivative by a position, rad.
+const POSITION_STEP: f64 = 1e-4;
+/// Relative error of what a test tells of the answers of parameters.
+const RESPONSE_ERROR: f64 = 0.05;
 /// Wear by the test ends at this rise of friction.
 const MOST_WEAR: f64 = 0.6;
 /// Share of a joint's torque that its friction is, by which swinging friction swings the RMSD.
@@ -58,7 +65,8 @@ pub(super) fn history(
     let tests: Vec<TestFriction> = frictions(&arm, &event, &moments, draws);
     let indices = friction_indices(&tests, &arm.joints, arm.hall.levels_k);
     let base = ids(&arm);
-    let ids = Identified { terms: base, changed: changed_covariance(&arm, &event) };
+    let response = Arc::new(response(&arm, draws));
+    let ids = Identified { terms: base, changed: changed_covariance(&arm, &event), response };
     let runs = moments
         .iter()
         .zip(&tests)
@@ -196,6 +204,56 @@ type Terms = (usize, ParameterId, Vec<(f64, ParameterId)>);
 struct Identified {
     terms: Vec<Terms>,
     changed: Option<nalgebra::DMatrix<f64>>,
+    /// What a test tells of the answers of parameters to faults of channels.
+    response: Arc<ChannelResponse>,
+}
+
+/// Answers of the parameters to faults of channels, as the least squares of [`Event`] have them, each number wrong by some
+/// percent: a program takes them from recorded positions and identified parameters.
+fn response(arm: &Arm<'_>, draws: &mut Draws) -> ChannelResponse {
+    let design = arm.design;
+    let n = arm.joints.len();
+    let deviations: Vec<f64> = arm.joints.iter().map(residual_nm).collect();
+    let covariance = covariance(design, &deviations);
+    let rows = design.rows();
+    let mut faults = Vec::new();
+    for fault in ChannelFault::ALL {
+        for j in 0..n {
+            let torque: Vec<DVector<f64>> = match fault {
+                ChannelFault::TorqueGain => only(&rows, j, &rows[j] * &arm.theta),
+                ChannelFault::TorqueOffset => only(&rows, j, DVector::from_element(rows[j].nrows(), 1.0)),
+                // the recorded position is more than the true one
+                ChannelFault::PositionOffset => design
+                    .misread(&arm.theta, j, -POSITION_STEP)
+                    .into_iter()
+                    .map(|of| of / POSITION_STEP)
+                    .collect(),
+            };
+            let mut right = DVector::zeros(arm.theta.len());
+            for i in 0..n {
+                right += deviations[i].powi(-2) * rows[i].transpose() * &torque[i];
+            }
+            let change = &covariance * right;
+            let left = |i: usize| {
+                let rest = &rows[i] * &change - &torque[i];
+                rest.norm() / (rest.len() as f64).sqrt() / arm.joints[i].torque_nm
+            };
+            faults.push(FaultResponse {
+                joint: JointIndex::new(j),
+                fault,
+                unexplained: (0..n).map(left).collect(),
+                change: change.iter().map(|of| of * (1.0 + RESPONSE_ERROR * draws.normal())).collect(),
+            });
+        }
+    }
+    ChannelResponse { parameters: arm.design.base.kept.clone(), faults }
+}
+
+/// A torque of one joint's rows, and none of the others.
+fn only(rows: &[nalgebra::DMatrix<f64>], joint: usize, torque: DVector<f64>) -> Vec<DVector<f64>> {
+    let mut all: Vec<DVector<f64>> = rows.iter().map(|of| DVector::zeros(of.nrows())).collect();
+    all[joint] = torque;
+    all
 }
 
 fn ids(arm: &Arm<'_>) -> Vec<Terms> {
@@ -274,6 +332,7 @@ fn summary(
         joints: (0..n).map(|j| joint_summary(arm, event, has, j, test, indices[j], draws)).collect(),
         cycle_friction,
         parameters: parameters(arm, event, has, test, identified, draws),
+        response: Some(Arc::clone(&identified.response)),
         epochs: test.epochs.clone(),
     }
 }

@@ -41,7 +41,7 @@ pub enum Scenario {
     TorqueGain,
     /// A torque channel gets more noise.
     TorqueNoise,
-    /// The zero position of a joint is lost by some degrees: no named cause.
+    /// The zero position of a joint is lost by some degrees.
     ZeroPosition,
 }
 
@@ -62,7 +62,7 @@ const ROWS: [Row; 19] = {
     ) -> Row {
         Row { scenario, name, kind, size }
     }
-    use AnomalyKind::{Accuracy, Drift, Oscillation, Payload, Sensor, Step, Thermal};
+    use AnomalyKind::{Drift, Oscillation, Payload, Sensor, Step, Thermal};
     [
         row(Scenario::Healthy, "healthy", None, ""),
         row(Scenario::Hall, "hall", None, "largest change, K"),
@@ -87,7 +87,7 @@ const ROWS: [Row; 19] = {
         ),
         row(Scenario::TorqueGain, "torque-gain", Some(Sensor), "change of gain, fraction"),
         row(Scenario::TorqueNoise, "torque-noise", Some(Sensor), "noise, multiple of the old"),
-        row(Scenario::ZeroPosition, "zero-position", Some(Accuracy), "error, rad"),
+        row(Scenario::ZeroPosition, "zero-position", Some(Sensor), "error, rad"),
     ]
 };
 

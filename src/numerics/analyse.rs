@@ -14,6 +14,7 @@ use super::diagnose::refusal;
 use super::friction::level_means::{SAME_PASS_S, at_level, direction_difference, nearest_level};
 use super::friction::plateaus::friction_points;
 use super::friction::warm_up::{WarmUpPoint, fit_warm_up, warm_up_rmsd};
+use super::identify::channel_response::{ObservedCycle, channel_response};
 use super::identify::cycle::{identify_rows, noise_errors};
 use super::identify::cycle_rows::CycleRows;
 use super::identify::filtered_columns::{FilteredColumn, filtered_coulomb_columns};
@@ -87,6 +88,10 @@ impl Method {
     }
 }
 
+/// First cycles of a test whose response is computed: it follows from the motion, which all cycles share, and the first
+/// one may be refused.
+const CYCLES_WITH_RESPONSE: u32 = 2;
+
 /// Analyses one cycle. Never fails: what could not be had says why in the result.
 #[must_use]
 pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
@@ -139,6 +144,17 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         let theta: Vec<f64> = found.parameters.iter().map(|p| p.value).collect();
         analysis.verification = torque_rmsd(&method.columns, &factored.factors, &theta);
         analysis.warming_contrast = warming_contrast(&method.columns, &factored, &theta);
+        if cycle.number <= CYCLES_WITH_RESPONSE {
+            let columns = KeptColumns::new(kept);
+            let observed = ObservedCycle {
+                robot: &method.robot,
+                columns: &columns,
+                filtered: &filtered,
+                filtered_coulomb_columns: &filtered_coulomb_columns,
+                samples,
+            };
+            analysis.response = channel_response(&observed, found, method.settings.estimator);
+        }
     }
     let friction = friction_points(&method.robot, samples, &filtered, model.as_ref());
     analysis.friction_points = friction.points;
@@ -194,6 +210,7 @@ pub(super) fn unanalysed(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         temperatures,
         friction_points: Vec::new(),
         factors: CycleFactors::default(),
+        response: None,
         remarks,
         findings: Vec::new(),
         kind: RunKind::Test,

@@ -66,6 +66,7 @@ pub fn first_cycles(run: &RunSummary, measurements: &RunMeasurements, last_cycle
         joints: (0..last.map_or(0, |last| last.index() + 1)).map(JointIndex::new).map(joint).collect(),
         cycle_friction,
         parameters,
+        response: run.response.clone(),
         epochs: run.epochs.clone(),
         ..RunSummary::default()
     }

@@ -94,6 +94,20 @@ pub(super) fn parameter(
         .ok_or_else(|| unknown(name_column, text))
 }
 
+/// A parameter as [`ParameterId`] writes it: `J2_mPx`.
+pub(super) fn standard_parameter(word: &str) -> Option<ParameterId> {
+    let (number, name) = word.strip_prefix('J')?.split_once('_')?;
+    let joint = JointIndex::from_number(number.parse().ok()?)?;
+    ParameterKind::all().map(|kind| ParameterId { joint, kind }).find(|id| id.name() == name)
+}
+
+/// A row whose content no program of this version has written.
+pub(super) fn unreadable(table: &str, key: i64) -> sqlx::Error {
+    sqlx::Error::Decode(
+        format!("row {key} of table {table} has a content that this program does not know").into(),
+    )
+}
+
 fn unknown(column: &str, value: impl std::fmt::Debug) -> sqlx::Error {
     sqlx::Error::Decode(format!("column {column} holds {value:?}, which this program does not know").into())
 }

@@ -6,3 +6,4 @@ pub mod joint_factors;
 pub mod filtered_columns;
 pub mod verify;
 pub mod torque_series;
+pub mod channel_response;

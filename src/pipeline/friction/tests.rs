@@ -95,6 +95,7 @@ fn cycle(test: Test, number: u32) -> CycleAnalysis {
         warming_contrast: Vec::new(),
         friction_points: points(test, number),
         factors: CycleFactors::default(),
+        response: None,
         kind: RunKind::Test,
         production: None,
         remarks: Vec::new(),

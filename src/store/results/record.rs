@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use sqlx::sqlite::SqliteExecutor;
 use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
-use super::{factors, production, temperatures};
+use super::{channel_response, factors, production, temperatures};
 use crate::analysis::refusal::RefusalCause;
 use crate::analysis::{
     CycleAnalysis, Estimator, FrictionPoint, Identification, IdentifiedParameter, JointResidual, TorqueRmsd,
@@ -96,6 +96,9 @@ pub(in crate::store) async fn record_cycle(
     }
     factors::record_contrast(&mut *connection, cycle_id, &analysis.warming_contrast).await?;
     factors::record(&mut *connection, cycle_id, model, &keys, &analysis.factors).await?;
+    if let Some(response) = &analysis.response {
+        channel_response::record(&mut *connection, run_id, response).await?;
+    }
     temperatures::record(&mut *connection, cycle_id, &analysis.temperatures).await?;
     let numbered: Vec<(i64, FrictionPoint)> = (1..).zip(analysis.friction_points.iter().copied()).collect();
     for rows in numbered.chunks(ROWS_PER_STATEMENT) {

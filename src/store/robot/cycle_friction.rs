@@ -8,8 +8,8 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use crate::analysis::friction::CycleFriction;
 use crate::anomaly::{CycleSeries, RunParameter};
-use crate::robot::{JointIndex, ParameterId, ParameterKind};
-use crate::store::values::{joint, parameter, size};
+use crate::robot::{ParameterId, ParameterKind};
+use crate::store::values::{joint, parameter, size, standard_parameter};
 
 /// Friction of each cycle and joint of the robot's complete tests, by run, in the order of cycles and joints.
 pub(in crate::store) async fn by_run(
@@ -96,13 +96,6 @@ fn terms(grouping: &str) -> Vec<(f64, ParameterId)> {
         }
     }
     found
-}
-
-/// A parameter as [`ParameterId`] writes it: `J2_mPx`.
-fn standard_parameter(word: &str) -> Option<ParameterId> {
-    let (number, name) = word.strip_prefix('J')?.split_once('_')?;
-    let joint = JointIndex::from_number(number.parse().ok()?)?;
-    ParameterKind::all().map(|kind| ParameterId { joint, kind }).find(|id| id.name() == name)
 }
 
 #[cfg(test)]

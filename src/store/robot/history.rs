@@ -1,6 +1,6 @@
 //! What detection and fits read back: one run's measurements, one robot's history.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
@@ -15,6 +15,7 @@ use crate::anomaly::{RunRefusal, RunSummary};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
+use crate::store::results::channel_response;
 use crate::store::values::{identified, joint, named, size, time};
 
 const GRAVITY_REMOVALS: [GravityRemoval; 3] =
@@ -248,6 +249,7 @@ pub(in crate::store) async fn run_summaries(
             joints: Vec::new(),
             cycle_friction: Vec::new(),
             parameters: Vec::new(),
+            response: None,
             epochs: Vec::new(),
         };
         let has_summary = row.try_get::<Option<i64>, _>("joint")?.is_some();
@@ -277,11 +279,30 @@ pub(in crate::store) async fn run_summaries(
         (run.refused_cycles, run.refusals) = refused.remove(&run.run_id).unwrap_or_default();
     }
     let joints = runs.iter().flat_map(|run| &run.joints).map(|of| of.joint.number()).max().unwrap_or(0);
-    let mut epochs = maintenance::epoch_ordinals(connection, robot_id, joints, None).await?;
+    let mut epochs = maintenance::epoch_ordinals(&mut *connection, robot_id, joints, None).await?;
     for run in &mut runs {
         run.epochs = epochs.remove(&run.run_id).unwrap_or_default();
     }
+    read_responses(connection, robot_id, &mut runs).await?;
     Ok(runs)
+}
+
+/// Reads the response of the latest run with one, of the runs that are compared with each other. Those of the others
+/// are the same but for the motion's own scatter.
+async fn read_responses(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+    runs: &mut [RunSummary],
+) -> Result<(), sqlx::Error> {
+    let stored: HashSet<i64> = channel_response::run_ids(&mut *connection, robot_id).await?;
+    let mut known: Vec<Vec<u32>> = Vec::new();
+    for run in runs.iter_mut().rev().filter(|run| stored.contains(&run.run_id)) {
+        if !known.contains(&run.epochs) {
+            run.response = channel_response::of_run(&mut *connection, run.run_id).await?;
+            known.push(run.epochs.clone());
+        }
+    }
+    Ok(())
 }
 
 /// Refused cycles of a robot's complete tests, and why they were refused, the cause of most cycles first, by run.

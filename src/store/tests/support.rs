@@ -106,6 +106,7 @@ pub(in crate::store) fn cycle(number: u32) -> CycleAnalysis {
         warming_contrast: Vec::new(),
         friction_points: friction_points(start),
         factors: CycleFactors::default(),
+        response: None,
         kind: RunKind::Test,
         production: None,
         remarks: vec!["velocity is derived".into(), "joint 4 starts late".into()],

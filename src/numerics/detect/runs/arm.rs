@@ -3,11 +3,13 @@
 //!
 //! Inertial parameters do not depend on warmth. A body at the last link changes them along known directions, its mass
 //! and first moments in the first place; a torque channel that reads wrong changes those of its own joint, turns
-//! friction over unevenly or leaves more unexplained. Every cause has a price for its parameters, and the cause with
+//! friction over unevenly or leaves more unexplained. What a gain or offset of a torque and an offset of a position do to
+//! the parameters is known from the test motion ([`ChannelResponse`]), so that each has one unknown, its size. Every cause has a price for its parameters, and the cause with
 //! the least unexplained rest wins (likelihood ratio with the Schwarz price).
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
 use crate::anomaly::{RunParameter, RunSummary};
 use crate::numerics::statistics::descriptive::{mean, median, robust_deviation};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
@@ -30,6 +32,8 @@ const SIGNAL_DEVIATIONS: f64 = 8.0;
 const LEAST_OFFSET: f64 = 0.03;
 /// Least change of a gain.
 const LEAST_GAIN: f64 = 0.02;
+/// Least offset of a position, rad (m).
+const LEAST_POSITION_OFFSET: f64 = 0.003;
 /// Least ratio of the unexplained rest to the usual one.
 const LEAST_RMSD_RATIO: f64 = 1.6;
 /// Least standard deviation of the logarithm of the unexplained rest from run to run.
@@ -45,6 +49,8 @@ const LEAST_ADVANTAGE: f64 = 60.0;
 const PARAMETER_PRICE: f64 = 4.0;
 /// Further price of a torque signal that shows in parameters alone: a load does that too.
 const SILENT_SIGNAL_PRICE: f64 = 60.0;
+/// Further price of a channel whose fault is known but for its size.
+const CHANNEL_PRICE: f64 = 20.0;
 /// Price of a cause that is not known: it explains anything.
 const UNKNOWN_PRICE: f64 = 150.0;
 
@@ -57,6 +63,8 @@ pub(super) enum ArmCause {
     Load(Load),
     /// The torque signal of a joint.
     TorqueSignal { joint: JointIndex, fault: SignalFault },
+    /// The position signal of a joint reads too much by so many rad (m).
+    PositionSignal { joint: JointIndex, offset: f64 },
     /// Parameters changed in another way.
     Unknown,
 }
@@ -90,6 +98,7 @@ impl ArmCause {
             Self::None => "no change of the arm".into(),
             Self::Load(load) => format!("a load of {:+.2} kg", load.mass),
             Self::TorqueSignal { joint, .. } => format!("the torque signal of joint {joint}"),
+            Self::PositionSignal { joint, .. } => format!("the position signal of joint {joint}"),
             Self::Unknown => "a change of the arm that is not known".into(),
         }
     }
@@ -116,6 +125,7 @@ impl ArmEvidence {
         let is_clear = |cause: &ArmCause| match cause {
             ArmCause::Load(load) => load.mass.abs() >= LEAST_MASS.max(mass_errors * load.std_error),
             ArmCause::TorqueSignal { fault: SignalFault::Gain(part), .. } => part.abs() >= LEAST_GAIN,
+            ArmCause::PositionSignal { offset, .. } => offset.abs() >= LEAST_POSITION_OFFSET,
             _ => true,
         };
         match self.causes.first().filter(|_| self.advantage() >= advantage) {
@@ -186,6 +196,18 @@ struct Baseline {
     inflation: f64,
     offsets: Vec<Option<Usual>>,
     rmsd: Vec<Option<Usual>>,
+    /// What faults of channels do to the parameters; empty where no test says it.
+    directions: Vec<Direction>,
+}
+
+/// What one fault of a channel does, by its size.
+struct Direction {
+    joint: JointIndex,
+    fault: ChannelFault,
+    /// Change of the parameters, in their standard deviations.
+    change: DVector<f64>,
+    /// Unexplained torque of each joint, as a fraction of its torque.
+    unexplained: Vec<f64>,
 }
 
 impl Baseline {
@@ -220,6 +242,7 @@ impl Baseline {
             inflation: 1.0,
             offsets: (0..joints).map(|j| Usual::of_offsets(history, JointIndex::new(j), count)).collect(),
             rmsd: (0..joints).map(|j| Usual::of_rmsd(history, JointIndex::new(j), count)).collect(),
+            directions: Vec::new(),
         };
         let own: Vec<f64> = history
             .iter()
@@ -230,7 +253,29 @@ impl Baseline {
         // the median was taken from these runs, and a run may be odd
         let freedom = (count as f64 - 1.0) / count as f64;
         found.inflation = own.iter().copied().fold(1.0, f64::max) / freedom;
+        let response = history.iter().rev().find_map(|run| run.response.as_deref());
+        found.directions = response.map(|of| found.directions(of)).unwrap_or_default();
         found
+    }
+
+    /// Empty where the response lacks a parameter, as that of another description does.
+    fn directions(&self, response: &ChannelResponse) -> Vec<Direction> {
+        let place =
+            |(id, ..): &(ParameterId, Usual, [f64; 10])| response.parameters.iter().position(|of| of == id);
+        let places: Option<Vec<usize>> = self.parameters.iter().map(place).collect();
+        let Some(places) = places.filter(|places| !places.is_empty()) else { return Vec::new() };
+        let scaled = |of: &FaultResponse| Direction {
+            joint: of.joint,
+            fault: of.fault,
+            change: DVector::from_fn(places.len(), |row, _| of.change[places[row]] / self.deviation(row)),
+            unexplained: of.unexplained.clone(),
+        };
+        response.faults.iter().map(scaled).collect()
+    }
+
+    /// Standard deviation of a parameter of a run.
+    fn deviation(&self, row: usize) -> f64 {
+        self.parameters[row].1.deviation * self.inflation.sqrt()
     }
 
     /// Deviations of the inertial parameters of a run, in standard deviations; `None` where it lacks one.
@@ -347,12 +392,70 @@ fn evidence(run: &RunSummary, baseline: &Baseline, joints: usize) -> Option<ArmE
         let others = signals.iter().enumerate().filter(|(j, _)| *j != joint.index());
         let others: f64 = others.map(|(j, of)| of.offset.1 + part(j) * of.unexplained.1).sum();
         let fault = fault(&signals[joint.index()], run, baseline, joint);
+        // where it is known what a gain does, that is looked for below
+        if matches!(fault, SignalFault::Gain(_)) && !baseline.directions.is_empty() {
+            continue;
+        }
         causes
             .push((ArmCause::TorqueSignal { joint, fault }, rest + others + silent + 4.0 * PARAMETER_PRICE));
+    }
+    if let (Some(change), true) = (&change, inertial > 0.0) {
+        let of_channels = baseline.directions.iter();
+        causes.extend(of_channels.filter_map(|of| channel(of, change, inertial, &signals, run, baseline)));
     }
     causes.push((ArmCause::Unknown, UNKNOWN_PRICE));
     causes.sort_by(|a, b| a.1.total_cmp(&b.1));
     Some(ArmEvidence { causes })
+}
+
+/// A fault of one channel with the size that explains most of a change of parameters, and its cost.
+fn channel(
+    direction: &Direction,
+    change: &DVector<f64>,
+    inertial: f64,
+    signals: &[Signal],
+    run: &RunSummary,
+    baseline: &Baseline,
+) -> Option<(ArmCause, f64)> {
+    let own = direction.change.norm_squared();
+    let size = direction.change.dot(change) / own;
+    if !size.is_finite() {
+        return None;
+    }
+    let left = (change - &direction.change * size).norm_squared() / change.norm_squared();
+    let rest = (left - PATTERN_ERROR).max(0.0) * inertial;
+    let joint = direction.joint;
+    let cause = match direction.fault {
+        ChannelFault::TorqueGain => ArmCause::TorqueSignal { joint, fault: SignalFault::Gain(size) },
+        ChannelFault::TorqueOffset => ArmCause::TorqueSignal { joint, fault: SignalFault::Offset(size) },
+        ChannelFault::PositionOffset => ArmCause::PositionSignal { joint, offset: size },
+    };
+    let mut cost = rest + CHANNEL_PRICE + PARAMETER_PRICE;
+    for (other, signal) in signals.iter().enumerate() {
+        // gravity in another posture than is believed is an offset of every joint that carries it
+        cost += match direction.fault {
+            ChannelFault::PositionOffset => 0.0,
+            ChannelFault::TorqueOffset if other == joint.index() => 0.0,
+            _ => signal.offset.1,
+        };
+        cost += match (baseline.rmsd[other], rmsd(run, JointIndex::new(other))) {
+            (Some(usual), Some(now)) => {
+                let expected = usual.value.exp().hypot(size * direction.unexplained[other]);
+                Usual { value: expected.ln(), ..usual }.excess_of_rmsd(now).1
+            }
+            _ => 0.0,
+        };
+    }
+    Some((cause, cost))
+}
+
+impl Usual {
+    /// Ratio of a relative RMSD to this one, whose logarithm this is, and chi² of it where it counts.
+    fn excess_of_rmsd(&self, rmsd: f64) -> (f64, f64) {
+        let (ratio, deviations) = ((rmsd.ln() - self.value).exp(), self.deviations(rmsd.ln()));
+        let counts = deviations >= SIGNAL_DEVIATIONS && ratio >= LEAST_RMSD_RATIO;
+        (ratio, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 })
+    }
 }
 
 /// Whether the parameters of `of` are among those that a wrong torque signal of `joint` changes: its own, and those of
@@ -370,10 +473,7 @@ fn signal(run: &RunSummary, baseline: &Baseline, joint: JointIndex) -> Signal {
         found.offset = (beyond, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 });
     }
     if let (Some(usual), Some(rmsd)) = (baseline.rmsd[joint.index()], rmsd(run, joint)) {
-        let (ratio, deviations) = ((rmsd.ln() - usual.value).exp(), usual.deviations(rmsd.ln()));
-        let counts = deviations >= SIGNAL_DEVIATIONS && ratio >= LEAST_RMSD_RATIO;
-        found.unexplained =
-            (ratio, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 });
+        found.unexplained = usual.excess_of_rmsd(rmsd);
     }
     found
 }
@@ -401,8 +501,7 @@ fn fault(signal: &Signal, run: &RunSummary, baseline: &Baseline, joint: JointInd
 /// The body at the last link that explains most of a change, and what it leaves; generalised least squares with a wide
 /// prior.
 fn load(change: &DVector<f64>, baseline: &Baseline) -> Option<(Load, DVector<f64>)> {
-    let deviation = |row: usize| baseline.parameters[row].1.deviation * baseline.inflation.sqrt();
-    let x = DMatrix::from_fn(change.len(), 10, |i, k| baseline.parameters[i].2[k] / deviation(i));
+    let x = DMatrix::from_fn(change.len(), 10, |i, k| baseline.parameters[i].2[k] / baseline.deviation(i));
     let prior = DMatrix::from_diagonal(&DVector::from_fn(10, |k, _| LOAD_PRIOR[k].powi(-2)));
     let covariance = (x.transpose() * &x + prior).try_inverse()?;
     let found = &covariance * (x.transpose() * change);

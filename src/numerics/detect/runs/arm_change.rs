@@ -53,6 +53,11 @@ pub(super) fn arm_changes(
             _ => None,
         });
         found.extend(episodes(runs, Some(joint), AnomalyKind::Sensor, "torque_signal", signal));
+        let position = verdicts(0.0, &|cause| match cause {
+            ArmCause::PositionSignal { joint: of, offset } if of == joint => Some(of_position(offset)),
+            _ => None,
+        });
+        found.extend(episodes(runs, Some(joint), AnomalyKind::Sensor, "position_offset_rad", position));
     }
     let unknown = verdicts(LEAST_UNKNOWN, &|cause| (cause == ArmCause::Unknown).then(of_unknown));
     found.extend(episodes(runs, None, AnomalyKind::Accuracy, "inertial_parameters", unknown));
@@ -141,6 +146,20 @@ fn of_signal(fault: SignalFault) -> Figure {
                 100.0 * part
             ),
         },
+    }
+}
+
+fn of_position(offset: f64) -> Figure {
+    Figure {
+        score: offset.abs(),
+        threshold: 0.0,
+        value: offset,
+        baseline: 0.0,
+        message: format!(
+            "the position reads {:+.2} degrees more than in the first tests: gravity and inertia fit an arm that stands \
+             otherwise than it says; check the zero position (mastering) and the encoder's coupling",
+            offset.to_degrees()
+        ),
     }
 }
 

@@ -50,6 +50,7 @@ pub(super) fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSumm
         refusals: vec![],
         cycle_friction: vec![],
         parameters: vec![],
+        response: None,
         joints: vec![quiet(0), quiet(1), joint],
         epochs: Vec::new(),
     }
@@ -87,6 +88,7 @@ pub(super) fn indexed(day: i64, index: Option<f64>) -> RunSummary {
         refusals: vec![],
         cycle_friction: vec![],
         parameters: vec![],
+        response: None,
         joints: (0..JOINTS).map(joint).collect(),
         epochs: Vec::new(),
     }

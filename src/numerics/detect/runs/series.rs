@@ -95,10 +95,10 @@ impl<'a> JointSeries<'a> {
             || self.is_signal_at_fault(run) == Some(self.joint)
     }
 
-    /// The joint whose torque signal reads wrong in a run.
+    /// The joint one of whose signals reads wrong in a run.
     pub(super) fn is_signal_at_fault(&self, run: usize) -> Option<JointIndex> {
         match self.arm.get(run)?.as_ref()?.clear() {
-            ArmCause::TorqueSignal { joint, .. } => Some(joint),
+            ArmCause::TorqueSignal { joint, .. } | ArmCause::PositionSignal { joint, .. } => Some(joint),
             _ => None,
         }
     }

@@ -45,6 +45,7 @@ fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
             refusals: vec![],
             cycle_friction: Vec::new(),
             parameters: Vec::new(),
+            response: None,
             joints: (0..JOINTS).map(|j| summary(i, j)).collect(),
             epochs: Vec::new(),
         })

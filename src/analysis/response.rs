@@ -1,0 +1,42 @@
+//! How identified parameters answer to a channel that reads wrong.
+
+use crate::robot::{JointIndex, ParameterId};
+
+/// What is wrong with a channel of a joint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ChannelFault {
+    /// The torque reads in proportion too much; of size 1 it reads twice as much.
+    TorqueGain,
+    /// The torque reads too much by a constant, Nm (N).
+    TorqueOffset,
+    /// The position reads too much by a constant, rad (m).
+    PositionOffset,
+}
+
+impl ChannelFault {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::TorqueGain, Self::TorqueOffset, Self::PositionOffset];
+}
+
+/// What one fault of size 1 does to the parameters of a cycle, to first order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FaultResponse {
+    /// The joint whose channel it is.
+    pub joint: JointIndex,
+    /// The fault.
+    pub fault: ChannelFault,
+    /// Change of the parameters, `[b]`, in their SI units.
+    pub change: Vec<f64>,
+    /// Torque of each joint that no parameters explain, `[n]`, root mean square as a fraction of that of the joint's torque.
+    pub unexplained: Vec<f64>,
+}
+
+/// How the parameters that a motion shows answer to each fault of each channel. It follows from the motion and hardly
+/// from the arm's present state, so that one cycle of a test speaks for all.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ChannelResponse {
+    /// The parameters, `[b]`.
+    pub parameters: Vec<ParameterId>,
+    /// One entry a fault and joint.
+    pub faults: Vec<FaultResponse>,
+}

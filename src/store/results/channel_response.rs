@@ -1,0 +1,106 @@
+//! How parameters of a test answer to channels that read wrong.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use sqlx::sqlite::SqliteExecutor;
+
+use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
+use crate::robot::{JointIndex, ParameterId};
+use crate::store::values::{standard_parameter, unreadable};
+
+/// Writes the response of a cycle, in place of that of an earlier cycle of the run.
+pub(in crate::store) async fn record(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+    response: &ChannelResponse,
+) -> Result<(), sqlx::Error> {
+    let parameters: Vec<String> = response.parameters.iter().map(ToString::to_string).collect();
+    sqlx::query("INSERT OR REPLACE INTO channel_response (run_id, parameters, numbers) VALUES (?, ?, ?)")
+        .bind(run_id)
+        .bind(parameters.join(" "))
+        .bind(packed(response))
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// The runs of a robot that have a response.
+pub(in crate::store) async fn run_ids(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+) -> Result<HashSet<i64>, sqlx::Error> {
+    let found: Vec<i64> =
+        sqlx::query_scalar("SELECT run_id FROM channel_response JOIN run USING (run_id) WHERE robot_id = ?")
+            .bind(robot_id)
+            .fetch_all(executor)
+            .await?;
+    Ok(found.into_iter().collect())
+}
+
+/// The response of a run; `None` for one that was stored before responses were, and without parameters.
+pub(in crate::store) async fn of_run(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<Option<Arc<ChannelResponse>>, sqlx::Error> {
+    let row: Option<(String, Vec<u8>)> =
+        sqlx::query_as("SELECT parameters, numbers FROM channel_response WHERE run_id = ?")
+            .bind(run_id)
+            .fetch_optional(executor)
+            .await?;
+    row.map(|(parameters, numbers)| {
+        let ids: Option<Vec<ParameterId>> = parameters.split_whitespace().map(standard_parameter).collect();
+        ids.and_then(|ids| unpacked(ids, &numbers))
+            .map(Arc::new)
+            .ok_or_else(|| unreadable("channel_response", run_id))
+    })
+    .transpose()
+}
+
+/// Numbers of four bytes: a response is a model and needs no more digits.
+fn packed(response: &ChannelResponse) -> Vec<u8> {
+    let numbers = response.faults.iter().flat_map(|of| of.change.iter().chain(&of.unexplained));
+    numbers.flat_map(|number| (*number as f32).to_le_bytes()).collect()
+}
+
+fn unpacked(parameters: Vec<ParameterId>, bytes: &[u8]) -> Option<ChannelResponse> {
+    let (numbers, rest) = bytes.as_chunks::<4>();
+    let numbers: Vec<f64> = numbers.iter().map(|of| f64::from(f32::from_le_bytes(*of))).collect();
+    let (b, kinds) = (parameters.len(), ChannelFault::ALL.len());
+    // kinds * n faults of b + n numbers each
+    let n = (1..=crate::robot::MAX_JOINTS).find(|n| kinds * n * (b + n) == numbers.len())?;
+    let fault = |(place, numbers): (usize, &[f64])| FaultResponse {
+        joint: JointIndex::new(place % n),
+        fault: ChannelFault::ALL[place / n],
+        change: numbers[..b].to_vec(),
+        unexplained: numbers[b..].to_vec(),
+    };
+    let faults = numbers.chunks_exact(b + n).enumerate().map(fault).collect();
+    rest.is_empty().then_some(ChannelResponse { parameters, faults })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::ParameterKind;
+
+    #[test]
+    fn a_response_comes_back() {
+        let joint = JointIndex::new(1);
+        let parameters: Vec<ParameterId> =
+            (0..5).map(|k| ParameterId { joint, kind: ParameterKind::Inertial(k) }).collect();
+        let fault = |kind: ChannelFault, joint: usize| FaultResponse {
+            joint: JointIndex::new(joint),
+            fault: kind,
+            change: (0..5).map(|k| f64::from(k) * 0.25 - joint as f64).collect(),
+            unexplained: vec![0.5, 0.125, joint as f64],
+        };
+        let faults = ChannelFault::ALL.into_iter().flat_map(|kind| (0..3).map(move |j| fault(kind, j)));
+        let response = ChannelResponse { parameters: parameters.clone(), faults: faults.collect() };
+        let bytes = packed(&response);
+        assert_eq!(bytes.len(), 4 * 3 * 3 * (5 + 3));
+        assert_eq!(unpacked(parameters.clone(), &bytes), Some(response));
+        assert_eq!(unpacked(parameters.clone(), &bytes[1..]), None);
+        assert_eq!(unpacked(parameters, &[]), None);
+    }
+}
