@@ -241,6 +241,8 @@ fn response(arm: &Arm<'_>, draws: &mut Draws) -> ChannelResponse {
             faults.push(FaultResponse {
                 joint: JointIndex::new(j),
                 fault,
+                // the drawn weights do not answer to faults
+                strength: 0,
                 unexplained: (0..n).map(left).collect(),
                 change: change.iter().map(|of| of * (1.0 + RESPONSE_ERROR * draws.normal())).collect(),
             });

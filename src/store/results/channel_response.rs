@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use sqlx::sqlite::SqliteExecutor;
 
-use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
+use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
 use crate::robot::{JointIndex, ParameterId};
 use crate::store::values::{standard_parameter, unreadable};
 
@@ -66,12 +66,13 @@ fn packed(response: &ChannelResponse) -> Vec<u8> {
 fn unpacked(parameters: Vec<ParameterId>, bytes: &[u8]) -> Option<ChannelResponse> {
     let (numbers, rest) = bytes.as_chunks::<4>();
     let numbers: Vec<f64> = numbers.iter().map(|of| f64::from(f32::from_le_bytes(*of))).collect();
-    let (b, kinds) = (parameters.len(), ChannelFault::ALL.len());
+    let (b, kinds) = (parameters.len(), ChannelFault::ALL.len() * STRENGTHS.len());
     // kinds * n faults of b + n numbers each
     let n = (1..=crate::robot::MAX_JOINTS).find(|n| kinds * n * (b + n) == numbers.len())?;
     let fault = |(place, numbers): (usize, &[f64])| FaultResponse {
         joint: JointIndex::new(place % n),
-        fault: ChannelFault::ALL[place / n],
+        strength: place / n % STRENGTHS.len(),
+        fault: ChannelFault::ALL[place / n / STRENGTHS.len()],
         change: numbers[..b].to_vec(),
         unexplained: numbers[b..].to_vec(),
     };
@@ -89,16 +90,18 @@ mod tests {
         let joint = JointIndex::new(1);
         let parameters: Vec<ParameterId> =
             (0..5).map(|k| ParameterId { joint, kind: ParameterKind::Inertial(k) }).collect();
-        let fault = |kind: ChannelFault, joint: usize| FaultResponse {
-            joint: JointIndex::new(joint),
+        let fault = |kind: ChannelFault, place: usize| FaultResponse {
+            joint: JointIndex::new(place % 3),
+            strength: place / 3,
             fault: kind,
-            change: (0..5).map(|k| f64::from(k) * 0.25 - joint as f64).collect(),
-            unexplained: vec![0.5, 0.125, joint as f64],
+            change: (0..5).map(|k| f64::from(k) * 0.25 - place as f64).collect(),
+            unexplained: vec![0.5, 0.125, place as f64],
         };
-        let faults = ChannelFault::ALL.into_iter().flat_map(|kind| (0..3).map(move |j| fault(kind, j)));
+        let faults =
+            ChannelFault::ALL.into_iter().flat_map(|kind| (0..9).map(move |place| fault(kind, place)));
         let response = ChannelResponse { parameters: parameters.clone(), faults: faults.collect() };
         let bytes = packed(&response);
-        assert_eq!(bytes.len(), 4 * 3 * 3 * (5 + 3));
+        assert_eq!(bytes.len(), 4 * 9 * 3 * (5 + 3));
         assert_eq!(unpacked(parameters.clone(), &bytes), Some(response));
         assert_eq!(unpacked(parameters.clone(), &bytes[1..]), None);
         assert_eq!(unpacked(parameters, &[]), None);
