@@ -43,6 +43,9 @@ const MOST_CHI_SQUARE: f64 = 2000.0;
 /// Mean square of the deviations of all parameters from which on they have changed: a baseline of a few runs knows the
 /// deviations badly, and nothing of a season.
 const LEAST_MEAN_SQUARE: f64 = 25.0;
+/// F ratio of the fault of a channel from which on a smaller change of parameters is looked at: what a cause needs to be
+/// clear.
+const LEAST_RATIO: f64 = LEAST_ADVANTAGE + CHANNEL_PRICE + PARAMETER_PRICE;
 /// Least advantage of a cause over none, in units of chi².
 const LEAST_ADVANTAGE: f64 = 60.0;
 /// Price of one parameter, in units of chi².
@@ -358,7 +361,10 @@ fn evidence(run: &RunSummary, baseline: &Baseline, joints: usize) -> Option<ArmE
         if of > LEAST_MEAN_SQUARE * count { of } else { 0.0 }
     };
     let count = baseline.parameters.len();
-    let inertial = change.as_ref().map_or(0.0, |change| beyond_chance(chi_square(change), count));
+    let mut inertial = change.as_ref().map_or(0.0, |change| beyond_chance(chi_square(change), count));
+    if let (Some(change), true) = (&change, inertial == 0.0) {
+        inertial = along_one_direction(change, &baseline.directions);
+    }
     let signal_cost = |of: &Signal| of.offset.1 + of.unexplained.1;
     let all_signals: f64 = signals.iter().map(signal_cost).sum();
     let mut causes = vec![(ArmCause::None, inertial + all_signals)];
@@ -406,6 +412,20 @@ fn evidence(run: &RunSummary, baseline: &Baseline, joints: usize) -> Option<ArmE
     causes.push((ArmCause::Unknown, UNKNOWN_PRICE));
     causes.sort_by(|a, b| a.1.total_cmp(&b.1));
     Some(ArmEvidence { causes })
+}
+
+/// Square of a change that is small but points where one fault of a channel moves the parameters, in the variance of what
+/// that fault leaves; zero for any other. A season moves the parameters more than their errors say, but in no such direction,
+/// so the statistic is an F ratio, for which the scale of the errors does not matter.
+fn along_one_direction(change: &DVector<f64>, directions: &[Direction]) -> f64 {
+    let rest = |of: &Direction| {
+        let along = of.change.dot(change);
+        change.norm_squared() - along * along / of.change.norm_squared().max(f64::MIN_POSITIVE)
+    };
+    let Some(least) = directions.iter().map(rest).min_by(f64::total_cmp) else { return 0.0 };
+    let variance = (least / (change.len() as f64 - 1.0).max(1.0)).max(1.0);
+    let ratio = (change.norm_squared() - least) / variance;
+    if ratio >= LEAST_RATIO { change.norm_squared() / variance } else { 0.0 }
 }
 
 /// A fault of one channel with the size that explains most of a change of parameters, and its cost.
