@@ -46,6 +46,8 @@ const LEAST_MEAN_SQUARE: f64 = 25.0;
 /// F ratio of the fault of a channel from which on a smaller change of parameters is looked at: what a cause needs to be
 /// clear.
 const LEAST_RATIO: f64 = LEAST_ADVANTAGE + CHANNEL_PRICE + PARAMETER_PRICE;
+/// Latest runs in whose mean a change is looked for that one run does not show.
+const MOST_TOGETHER: usize = 8;
 /// Least advantage of a cause over none, in units of chi².
 const LEAST_ADVANTAGE: f64 = 60.0;
 /// Price of one parameter, in units of chi².
@@ -188,7 +190,52 @@ pub(super) fn arm_evidence(
     baseline_runs: usize,
 ) -> Vec<Option<ArmEvidence>> {
     let baseline = Baseline::of(history, joints, baseline_runs);
-    history.iter().map(|run| evidence(run, &baseline, joints)).collect()
+    let changes: Vec<Option<DVector<f64>>> = history.iter().map(|run| baseline.change(run)).collect();
+    let own_variance = std::f64::consts::FRAC_PI_2 / baseline_runs.max(2) as f64;
+    let one = |(place, run): (usize, &RunSummary)| {
+        let change = Change::of(&changes[..=place], &baseline.directions, own_variance);
+        evidence(run, change.as_ref(), &baseline, joints)
+    };
+    history.iter().enumerate().map(one).collect()
+}
+
+/// How the inertial parameters differ from those of the first runs.
+struct Change {
+    /// In their standard deviations.
+    deviations: DVector<f64>,
+    /// These are as many times as large as those of one run, since they are of the mean of several.
+    scale: f64,
+    /// What of the square counts: zero where it is no change.
+    square: f64,
+}
+
+impl Change {
+    /// Of the latest run, whose change is the last of `changes`; `None` where it has no parameters. What one run does not
+    /// show is looked for in the mean of the latest runs. `own_variance` is that of the baseline in the variances of a run.
+    fn of(changes: &[Option<DVector<f64>>], directions: &[Direction], own_variance: f64) -> Option<Self> {
+        let latest = changes.last()?.clone()?;
+        let chi_square: f64 = latest.iter().map(|x| (x * x).min(MOST_CHI_SQUARE)).sum();
+        // what chance makes of so many parameters is no change
+        if chi_square > LEAST_MEAN_SQUARE * latest.len() as f64 {
+            return Some(Self { deviations: latest, scale: 1.0, square: chi_square });
+        }
+        let mut sum = DVector::zeros(latest.len());
+        for (runs, change) in (1..).zip(changes.iter().rev().flatten().take(MOST_TOGETHER)) {
+            sum += change;
+            if !usize::is_power_of_two(runs) {
+                continue;
+            }
+            // the baseline is the same for all runs
+            let variance = ((runs as f64).recip() + own_variance) / (1.0 + own_variance);
+            let scale = variance.sqrt().recip();
+            let deviations = &sum * (scale / runs as f64);
+            let square = along_one_direction(&deviations, directions);
+            if square > 0.0 {
+                return Some(Self { deviations, scale, square });
+            }
+        }
+        Some(Self { deviations: latest, scale: 1.0, square: 0.0 })
+    }
 }
 
 /// The first runs of an arm.
@@ -347,43 +394,33 @@ struct Signal {
     unexplained: (f64, f64),
 }
 
-fn evidence(run: &RunSummary, baseline: &Baseline, joints: usize) -> Option<ArmEvidence> {
-    let change = baseline.change(run);
+fn evidence(
+    run: &RunSummary,
+    change: Option<&Change>,
+    baseline: &Baseline,
+    joints: usize,
+) -> Option<ArmEvidence> {
     let signals: Vec<Signal> = (0..joints).map(|j| signal(run, baseline, JointIndex::new(j))).collect();
     // an unexplained rest alone has many causes
     if change.is_none() && run.cycle_friction.is_empty() {
         return None;
     }
-    // what chance makes of so many parameters is no change
-    let chi_square = |of: &DVector<f64>| of.iter().map(|x| (x * x).min(MOST_CHI_SQUARE)).sum::<f64>();
-    let beyond_chance = |of: f64, count: usize| {
-        let count = count as f64;
-        if of > LEAST_MEAN_SQUARE * count { of } else { 0.0 }
-    };
-    let count = baseline.parameters.len();
-    let mut inertial = change.as_ref().map_or(0.0, |change| beyond_chance(chi_square(change), count));
-    if let (Some(change), true) = (&change, inertial == 0.0) {
-        inertial = along_one_direction(change, &baseline.directions);
-    }
+    let inertial = change.map_or(0.0, |change| change.square);
     let signal_cost = |of: &Signal| of.offset.1 + of.unexplained.1;
     let all_signals: f64 = signals.iter().map(signal_cost).sum();
     let mut causes = vec![(ArmCause::None, inertial + all_signals)];
-    if let (Some(change), true) = (&change, inertial > 0.0)
-        && let Some((load, rest)) = load(change, baseline)
+    if let Some(change) = change.filter(|_| inertial > 0.0)
+        && let Some((load, left)) = load(change, baseline)
         && load.mass.abs() >= LEAST_MASS.max(MASS_ERRORS_STILL * load.std_error)
     {
-        let left = rest.norm_squared() / change.norm_squared();
         let rest = (left - PATTERN_ERROR).max(0.0) * inertial;
         causes.push((ArmCause::Load(load), rest + all_signals + 10.0 * PARAMETER_PRICE));
     }
     for joint in (0..joints).map(JointIndex::new) {
-        let elsewhere = change.as_ref().map_or(0.0, |change| {
-            let far = baseline
-                .parameters
-                .iter()
-                .zip(change.iter())
-                .filter(|((id, ..), _)| !is_near(id.joint, joint));
-            far.map(|(_, x)| x * x).sum::<f64>() / change.norm_squared()
+        let elsewhere = change.map_or(0.0, |Change { deviations, .. }| {
+            let all = baseline.parameters.iter().zip(deviations.iter());
+            let far = all.filter(|((id, ..), _)| !is_near(id.joint, joint));
+            far.map(|(_, x)| x * x).sum::<f64>() / deviations.norm_squared()
         });
         let own = &signals[joint.index()];
         // a constant torque goes into whatever parameters it fits: it is seen in the friction stage, not in these
@@ -405,9 +442,20 @@ fn evidence(run: &RunSummary, baseline: &Baseline, joints: usize) -> Option<ArmE
         causes
             .push((ArmCause::TorqueSignal { joint, fault }, rest + others + silent + 4.0 * PARAMETER_PRICE));
     }
-    if let (Some(change), true) = (&change, inertial > 0.0) {
-        let of_channels = baseline.directions.iter();
-        causes.extend(of_channels.filter_map(|of| channel(of, change, inertial, &signals, run, baseline)));
+    if let Some(change) = change.filter(|_| inertial > 0.0) {
+        // of the strengths of a fault the one that explains most
+        let mut best: Vec<(&Direction, (ArmCause, f64))> = Vec::new();
+        for of in &baseline.directions {
+            let Some(found) = channel(of, change, &signals, run, baseline) else { continue };
+            let is_same =
+                |(known, _): &&mut (&Direction, _)| (known.joint, known.fault) == (of.joint, of.fault);
+            match best.iter_mut().find(is_same) {
+                Some((_, known)) if known.1 > found.1 => *known = found,
+                Some(_) => {}
+                None => best.push((of, found)),
+            }
+        }
+        causes.extend(best.into_iter().map(|(_, found)| found));
     }
     causes.push((ArmCause::Unknown, UNKNOWN_PRICE));
     causes.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -431,19 +479,19 @@ fn along_one_direction(change: &DVector<f64>, directions: &[Direction]) -> f64 {
 /// A fault of one channel with the size that explains most of a change of parameters, and its cost.
 fn channel(
     direction: &Direction,
-    change: &DVector<f64>,
-    inertial: f64,
+    change: &Change,
     signals: &[Signal],
     run: &RunSummary,
     baseline: &Baseline,
 ) -> Option<(ArmCause, f64)> {
-    let own = direction.change.norm_squared();
-    let size = direction.change.dot(change) / own;
-    if !size.is_finite() {
+    let Change { deviations, scale, square } = change;
+    let along = direction.change.dot(deviations) / direction.change.norm_squared();
+    if !along.is_finite() {
         return None;
     }
-    let left = (change - &direction.change * size).norm_squared() / change.norm_squared();
-    let rest = (left - PATTERN_ERROR).max(0.0) * inertial;
+    let left = (deviations - &direction.change * along).norm_squared() / deviations.norm_squared();
+    let rest = (left - PATTERN_ERROR).max(0.0) * square;
+    let size = along / scale;
     let joint = direction.joint;
     let cause = match direction.fault {
         ChannelFault::TorqueGain => ArmCause::TorqueSignal { joint, fault: SignalFault::Gain(size) },
@@ -518,16 +566,18 @@ fn fault(signal: &Signal, run: &RunSummary, baseline: &Baseline, joint: JointInd
     SignalFault::Gain(if own > 0.0 { with / own } else { 0.0 })
 }
 
-/// The body at the last link that explains most of a change, and what it leaves; generalised least squares with a wide
-/// prior.
-fn load(change: &DVector<f64>, baseline: &Baseline) -> Option<(Load, DVector<f64>)> {
-    let x = DMatrix::from_fn(change.len(), 10, |i, k| baseline.parameters[i].2[k] / baseline.deviation(i));
+/// The body at the last link that explains most of a change, and the part of its square that it leaves; generalised least
+/// squares with a wide prior.
+fn load(change: &Change, baseline: &Baseline) -> Option<(Load, f64)> {
+    let Change { deviations, scale, .. } = change;
+    let of_load = |i: usize, k: usize| baseline.parameters[i].2[k] * scale / baseline.deviation(i);
+    let x = DMatrix::from_fn(deviations.len(), 10, of_load);
     let prior = DMatrix::from_diagonal(&DVector::from_fn(10, |k, _| LOAD_PRIOR[k].powi(-2)));
     let covariance = (x.transpose() * &x + prior).try_inverse()?;
-    let found = &covariance * (x.transpose() * change);
-    let rest = change - &x * &found;
+    let found = &covariance * (x.transpose() * deviations);
+    let left = (deviations - &x * &found).norm_squared() / deviations.norm_squared();
     let mass = found[0];
     let centre = [1, 2, 3].map(|k| found[k] / mass);
     let std_error = covariance[(0, 0)].sqrt();
-    (mass.is_finite() && mass != 0.0).then_some((Load { mass, std_error, centre }, rest))
+    (mass.is_finite() && mass != 0.0).then_some((Load { mass, std_error, centre }, left))
 }

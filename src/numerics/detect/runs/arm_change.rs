@@ -141,9 +141,10 @@ fn of_signal(fault: SignalFault) -> Figure {
             value: 1.0 + part,
             baseline: 1.0,
             message: format!(
-                "the torque signal reads {:+.1} % of what it did: parameters of this joint alone have changed \
-                 together; check the torque sensor's calibration or the motor's torque constant",
-                100.0 * part
+                "the torque signal reads {:.1} % {} than in the first tests: the arm's parameters have changed as that \
+                 would change them; check the torque sensor's calibration or the motor's torque constant",
+                100.0 * part.abs(),
+                if part > 0.0 { "more" } else { "less" }
             ),
         },
     }
