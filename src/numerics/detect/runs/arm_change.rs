@@ -157,9 +157,10 @@ fn of_position(offset: f64) -> Figure {
         value: offset,
         baseline: 0.0,
         message: format!(
-            "the position reads {:+.2} degrees more than in the first tests: gravity and inertia fit an arm that stands \
+            "the position reads {:.2} degrees {} than in the first tests: gravity and inertia fit an arm that stands \
              otherwise than it says; check the zero position (mastering) and the encoder's coupling",
-            offset.to_degrees()
+            offset.to_degrees().abs(),
+            if offset > 0.0 { "more" } else { "less" }
         ),
     }
 }
