@@ -85,16 +85,25 @@ fn facts(row: &AnomalyRow) -> Vec<String> {
         ),
     );
     match row.odds {
-        Some(odds) => fact(
-            "cause",
-            format!("{}, odds {} to 1 against all others together", row.kind, figure(Some(odds))),
-        ),
+        Some(odds) => {
+            fact("cause", format!("{}, odds {} against all others together", row.kind, odds_text(odds)))
+        }
         None => fact("cause", format!("{}; other causes were not compared", row.kind)),
     }
     for rejected in &row.alternatives {
-        fact("rather than", format!("{}, odds {} to 1", rejected.cause, figure(Some(rejected.odds))));
+        fact("rather than", format!("{}, odds {}", rejected.cause, odds_text(rejected.odds)));
     }
     lines
+}
+
+/// Odds as people say them. Beyond a million nobody tells one from another, and no model is so good.
+fn odds_text(odds: f64) -> String {
+    match odds {
+        1e6.. => "more than a million to 1".into(),
+        1.0.. => format!("{odds:.0} to 1"),
+        1e-6.. => format!("1 to {:.0}", odds.recip()),
+        _ => "less than 1 to a million".into(),
+    }
 }
 
 /// The forecast of the joint, of an anomaly of its friction that the latest test still shows.
@@ -247,6 +256,21 @@ mod tests {
     use jiff::civil::date;
 
     use super::*;
+
+    #[test]
+    fn odds_are_said_as_people_say_them() {
+        let said = [28_089.7, 1.4, 0.5, 1e-3, 1e9, 1e-30, 0.0].map(odds_text);
+        let expected = [
+            "28090 to 1",
+            "1 to 1",
+            "1 to 2",
+            "1 to 1000",
+            "more than a million to 1",
+            "less than 1 to a million",
+            "less than 1 to a million",
+        ];
+        assert_eq!(said, expected);
+    }
 
     #[test]
     fn a_forecast_names_the_limits_that_are_ahead() {

@@ -31,9 +31,9 @@ const SIGNAL_DEVIATIONS: f64 = 8.0;
 /// Least offset of a torque signal, as a fraction of the joint's friction.
 const LEAST_OFFSET: f64 = 0.03;
 /// Least change of a gain.
-const LEAST_GAIN: f64 = 0.02;
+pub(super) const LEAST_GAIN: f64 = 0.02;
 /// Least offset of a position, rad (m).
-const LEAST_POSITION_OFFSET: f64 = 0.003;
+pub(super) const LEAST_POSITION_OFFSET: f64 = 0.003;
 /// Least ratio of the unexplained rest to the usual one.
 const LEAST_RMSD_RATIO: f64 = 1.6;
 /// Least standard deviation of the logarithm of the unexplained rest from run to run.
@@ -102,8 +102,18 @@ impl ArmCause {
         match self {
             Self::None => "no change of the arm".into(),
             Self::Load(load) => format!("a load of {:+.2} kg", load.mass),
-            Self::TorqueSignal { joint, .. } => format!("the torque signal of joint {joint}"),
-            Self::PositionSignal { joint, .. } => format!("the position signal of joint {joint}"),
+            Self::TorqueSignal { joint, fault: SignalFault::Offset(_) } => {
+                format!("an offset of the torque signal of joint {joint}")
+            }
+            Self::TorqueSignal { joint, fault: SignalFault::Gain(part) } => {
+                format!("a gain of {:+.1} % of the torque signal of joint {joint}", 100.0 * part)
+            }
+            Self::TorqueSignal { joint, fault: SignalFault::Unexplained(_) } => {
+                format!("noise of the torque signal of joint {joint}")
+            }
+            Self::PositionSignal { joint, offset } => {
+                format!("an offset of {offset:+.4} rad (m) of the position of joint {joint}")
+            }
             Self::Unknown => "a change of the arm that is not known".into(),
         }
     }

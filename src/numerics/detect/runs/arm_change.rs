@@ -6,7 +6,7 @@
 
 use jiff::Timestamp;
 
-use super::arm::{ArmCause, ArmEvidence, Load, SignalFault};
+use super::arm::{ArmCause, ArmEvidence, LEAST_GAIN, LEAST_POSITION_OFFSET, Load, SignalFault};
 use crate::anomaly::{Alternative, Anomaly, AnomalyKind, Severity};
 use crate::numerics::detect::episodes::episodes;
 use crate::numerics::detect::verdict::{MOST_ODDS, Verdict, Why};
@@ -137,7 +137,7 @@ fn of_signal(fault: SignalFault) -> Figure {
         },
         SignalFault::Gain(part) => Figure {
             score: part.abs(),
-            threshold: 0.0,
+            threshold: LEAST_GAIN,
             value: 1.0 + part,
             baseline: 1.0,
             message: format!(
@@ -153,13 +153,13 @@ fn of_signal(fault: SignalFault) -> Figure {
 fn of_position(offset: f64) -> Figure {
     Figure {
         score: offset.abs(),
-        threshold: 0.0,
+        threshold: LEAST_POSITION_OFFSET,
         value: offset,
         baseline: 0.0,
         message: format!(
-            "the position reads {:.2} degrees {} than in the first tests: gravity and inertia fit an arm that stands \
+            "the position reads {:.4} rad (m) {} than in the first tests: gravity and inertia fit an arm that stands \
              otherwise than it says; check the zero position (mastering) and the encoder's coupling",
-            offset.to_degrees().abs(),
+            offset.abs(),
             if offset > 0.0 { "more" } else { "less" }
         ),
     }
