@@ -85,6 +85,9 @@ pub(in crate::store) async fn forget(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::anomaly::{Findings, Knowledge};
+    use crate::robot::JointIndex;
+    use crate::store::HealthStatus;
     use crate::store::tests::support::*;
 
     #[tokio::test]
@@ -105,5 +108,23 @@ mod tests {
         let conclusion = store.conclude(robot.robot_id).await.expect("a transaction");
         conclusion.commit(robot.history).await.expect("committed");
         assert_eq!(store.conclusion_faults().await.expect("faults"), []);
+    }
+
+    #[tokio::test]
+    async fn a_robot_is_unknown_while_nothing_is_concluded_of_it() {
+        let (_folder, store) = fresh().await;
+        let run_id = streaming_run(&store, "R00", 0, 1).await;
+        let joint = JointIndex::new(0);
+        let findings = Findings { health: vec![health(joint, Knowledge::Compared)], ..Findings::default() };
+        finish(&store, run_id, 1, &findings).await;
+        let status = async || {
+            let all = store.fleet_health().await.expect("rows");
+            let of_joint = all.into_iter().find(|row| row.joint == joint).expect("the joint");
+            (of_joint.status, of_joint.reason)
+        };
+        assert_eq!(status().await.0, HealthStatus::Ok);
+        store.note_conclusion_fault("R00", "no inverse").await.expect("noted");
+        let reason = "nothing is concluded of the latest tests: no inverse".to_owned();
+        assert_eq!(status().await, (HealthStatus::Unknown, Some(reason)));
     }
 }
