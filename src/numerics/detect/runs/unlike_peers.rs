@@ -3,9 +3,10 @@
 //! Compared are the medians of first tests, of this arm and of each other one, so that a change of later tests is no
 //! matter of this detector: friction of the warm joint at the same speed and about the same warmth, and the relative
 //! RMSD of the excitation stage. Arms of one model differ much when they are healthy: two of the thesis have friction
-//! that differs by half (Appendix H). The limit is four standard deviations of the logarithm, of this arm and of the
-//! median of the others together. The standard deviation is that of the other arms, and at least 0.25 for friction and
-//! 0.2 for the RMSD. With fewer than four other arms a difference is worth knowing and no warning.
+//! that differs by half (Appendix H). The limit is the quantile of Student's distribution that one healthy joint in ten
+//! thousand exceeds, for the logarithm of this arm's figure less the median of the others. The variance between arms is
+//! that of the others, shrunk towards 0.25² for friction and 0.2² for the RMSD, which count as eight arms. With fewer than
+//! four other arms a difference is worth knowing and no warning.
 
 use super::series::JointSeries;
 use crate::analysis::JointSummary;
@@ -14,16 +15,18 @@ use crate::numerics::detect::control_chart::median_variance;
 use crate::numerics::detect::detector::Detector;
 use crate::numerics::detect::verdict::{Verdict, Why};
 use crate::numerics::statistics::descriptive::{median, robust_deviation};
+use crate::numerics::statistics::distributions::student_quantile;
 
 /// First tests without which an arm is not judged.
 const FEWEST_TESTS: usize = 3;
 /// Other arms from which on a difference is a warning.
 const PEERS_OF_WARNING: usize = 4;
-/// Standard deviations of a difference that could be chance.
-const SIGMA: f64 = 4.0;
-/// Least standard deviations of logarithms between healthy arms.
+/// Probability that a healthy joint is beyond the limit, once in its life.
+const CHANCE: f64 = 1e-4;
+/// Usual standard deviations of logarithms between healthy arms, and how many arms this counts for.
 const FRICTION_SPREAD: f64 = 0.25;
 const RMSD_SPREAD: f64 = 0.2;
+const PRIOR_ARMS: f64 = 8.0;
 /// Relative RMSD below which a fit is good, whatever others have.
 const GOOD_RMSD: f64 = 0.05;
 /// Tests compare if their points are within this fraction of the time of this arm's.
@@ -53,7 +56,7 @@ impl UnlikePeers {
         self.figure(of, of).is_some()
     }
 
-    fn least_spread(&self) -> f64 {
+    fn usual_spread(&self) -> f64 {
         match self {
             Self::Friction => FRICTION_SPREAD,
             Self::Accuracy => RMSD_SPREAD,
@@ -105,8 +108,7 @@ impl Detector<JointSeries<'_>> for UnlikePeers {
         };
         let peers: Vec<f64> = series.of_peers(|of| self.figure(of, like)).into_iter().map(f64::ln).collect();
         let Some(usual) = median(&peers) else { return unknown() };
-        let spread = robust_deviation(&peers).unwrap_or(0.0).max(self.least_spread());
-        let limit = SIGMA * (spread * spread + median_variance(spread, peers.len())).sqrt();
+        let limit = limit(&peers, self.usual_spread());
         let count = series.settings.baseline_runs.max(FEWEST_TESTS);
         let mut first: Vec<f64> = Vec::new();
         let verdict = |of: &Option<&JointSummary>| {
@@ -137,8 +139,20 @@ impl Detector<JointSeries<'_>> for UnlikePeers {
     }
 }
 
+/// Limit of the difference from the median of `peers`, logarithms.
+fn limit(peers: &[f64], usual_spread: f64) -> f64 {
+    let (arms, own) = (peers.len() as f64, robust_deviation(peers).unwrap_or(0.0));
+    let variance = (PRIOR_ARMS * usual_spread.powi(2) + arms * own * own) / (PRIOR_ARMS + arms);
+    let of_difference = variance + median_variance(variance.sqrt(), peers.len());
+    student_quantile(1.0 - CHANCE, PRIOR_ARMS + arms - 1.0) * of_difference.sqrt()
+}
+
 #[cfg(test)]
 mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
     use super::*;
     use crate::anomaly::Anomaly;
     use crate::anomaly::peer::Peer;
@@ -165,28 +179,44 @@ mod tests {
     #[test]
     fn an_arm_of_much_more_friction_than_its_peers_is_told_from_its_third_test_on() {
         let others = [10.0, 12.0, 14.0, 11.0, 9.0];
-        assert_eq!(found(2, 40.0, 0.03, &others), vec![]);
-        let of = &found(12, 40.0, 0.03, &others)[0];
+        assert_eq!(found(2, 60.0, 0.03, &others), vec![]);
+        let of = &found(12, 60.0, 0.03, &others)[0];
         assert_eq!((of.joint, of.severity, of.first_run_id), (Some(JOINT), Severity::Warning, 3));
-        assert!((of.baseline - 11.0).abs() < 0.2 && (of.value - 40.0).abs() < 0.5, "{of:?}");
+        assert!((of.baseline - 11.0).abs() < 0.2 && (of.value - 60.0).abs() < 0.8, "{of:?}");
         assert!(!of.ended && of.last_run_id == 12, "it stays until somebody settles it");
+    }
+
+    /// Arms drawn with a spread of their own, wider than usual: few of them are beyond the limit.
+    #[test]
+    fn healthy_arms_of_an_uneven_model_are_seldom_unlike_it() {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        for spread in [0.15, 0.3, 0.45] {
+            let (mut beyond, count) = (0, 20_000);
+            for arms in 0..count {
+                let mut draw = || spread * rng.sample::<f64, _>(StandardNormal);
+                let peers: Vec<f64> = (0..4 + arms % 8).map(|_| draw()).collect();
+                beyond += usize::from(draw() - median(&peers).unwrap() > limit(&peers, FRICTION_SPREAD));
+            }
+            println!("spread {spread}: {beyond} of {count} healthy joints beyond the limit");
+            assert!(beyond * 200 <= count, "spread {spread}: {beyond} of {count}");
+        }
     }
 
     #[test]
     fn half_more_friction_is_usual_and_one_twin_gives_no_warning() {
         assert_eq!(found(12, 17.0, 0.03, &[11.0]), vec![]);
         assert_eq!(found(12, 17.0, 0.03, &[10.0, 12.0, 14.0, 11.0, 9.0]), vec![]);
-        assert_eq!(found(12, 4.0, 0.03, &[10.0, 12.0, 14.0, 11.0, 9.0]), vec![], "less needs no look");
-        let of_one = found(12, 60.0, 0.03, &[11.0]);
+        assert_eq!(found(12, 2.0, 0.03, &[10.0, 12.0, 14.0, 11.0, 9.0]), vec![], "less needs no look");
+        let of_one = found(12, 160.0, 0.03, &[11.0]);
         assert_eq!(of_one[0].severity, Severity::Info);
-        assert_eq!(found(12, 60.0, 0.03, &[]), vec![]);
+        assert_eq!(found(12, 160.0, 0.03, &[]), vec![]);
     }
 
     #[test]
     fn a_bad_fit_among_good_ones_is_told() {
         let others = [10.0, 12.0, 14.0, 11.0, 9.0];
-        let of = found(8, 11.0, 0.09, &others);
-        assert_eq!(of.len(), 1);
+        let of = found(8, 11.0, 0.11, &others);
+        assert_eq!(of.len(), 1, "{of:?}");
         assert_eq!((of[0].quantity, of[0].severity), ("rmsd_of_model", Severity::Warning));
         assert_eq!(found(8, 11.0, 0.045, &others), vec![]);
     }
