@@ -103,4 +103,19 @@ SELECT judged.robot,
            )
            WHEN judged.status = 'overdue'
                THEN 'no test since that of ' || strftime('%Y-%m-%dT%H:%M:%fZ', judged.started_at / 1000000.0, 'unixepoch')
-                    || ';
+                    || '; the next was expected by ' || judged.expected_by
+           ELSE judged.reason
+       END AS reason,
+       judged.expected_by,
+       judged.friction_quantity,
+       judged.trend,
+       judged.warning_by,
+       judged.warning_by_lower,
+       judged.warning_by_upper,
+       judged.critical_by,
+       judged.critical_by_lower,
+       judged.critical_by_upper
+FROM judged
+LEFT JOIN run_joint_summary
+       ON run_joint_summary.run_id = judged.run_id AND run_joint_summary.joint = judged.joint
+LEFT JOIN run AS result ON result.run_id = judged.last_result_run_id;
