@@ -21,6 +21,9 @@ const LOAD_PRIOR: [f64; 10] = [20.0, 5.0, 5.0, 5.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0
 const LEAST_DEVIATION: f64 = 1e-3;
 /// Part of a change that a pattern may miss: patterns are models.
 const PATTERN_ERROR: f64 = 0.05;
+/// The same of the direction of a known fault, which is computed from the motion: a load, which has more unknowns, must not
+/// be taken for it.
+const DIRECTION_ERROR: f64 = 0.015;
 /// Least mass that is called a load, kg, and how many of its standard errors.
 const LEAST_MASS: f64 = 0.1;
 const MASS_ERRORS: f64 = 5.0;
@@ -500,7 +503,7 @@ fn channel(
         return None;
     }
     let left = (deviations - &direction.change * along).norm_squared() / deviations.norm_squared();
-    let rest = (left - PATTERN_ERROR).max(0.0) * square;
+    let rest = (left - DIRECTION_ERROR).max(0.0) * square;
     let size = along / scale;
     let joint = direction.joint;
     let cause = match direction.fault {
