@@ -107,7 +107,7 @@ impl<'i> Cutting<'i> {
         for (place, cycle) in cycles.into_iter().enumerate() {
             let point = if place == last { self.positions.at_cut(&self.cutter) } else { None };
             let point = point.and_then(|point| resume::encoded(&point, &self.intake.made_with));
-            if self.stop.is_cancelled() || !self.send(cycle, point) {
+            if self.stop.is_cancelled() || !self.send(cycle, point, false) {
                 return Ok(false);
             }
         }
@@ -125,7 +125,7 @@ impl<'i> Cutting<'i> {
         let mut cycles = Vec::new();
         let fault = self.cutter.finish(&mut cycles);
         for cycle in cycles {
-            if !self.send(cycle, None) {
+            if !self.send(cycle, None, true) {
                 return Ok(ReadEnd::Interrupted);
             }
         }
@@ -141,12 +141,12 @@ impl<'i> Cutting<'i> {
         }))
     }
 
-    fn send(&mut self, cycle: Cycle, resume: Option<StoredPoint>) -> bool {
+    fn send(&mut self, cycle: Cycle, resume: Option<StoredPoint>, cut_by_end: bool) -> bool {
         self.cycle_count += 1;
         if self.cycle_count <= self.intake.cycles_stored {
             return true;
         }
-        let read = ReadSoFar { prefix: self.hash.prefix(), resume };
+        let read = ReadSoFar { prefix: self.hash.prefix(), resume, cut_by_end };
         self.cycles.blocking_send(CutCycle { cycle, read }).is_ok()
     }
 }

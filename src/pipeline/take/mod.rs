@@ -9,3 +9,6 @@ pub mod cutting;
 pub mod record;
 pub mod intake;
 pub mod follow;
+
+#[cfg(test)]
+mod cut_by_end_tests;

@@ -26,6 +26,8 @@ pub struct ReadSoFar {
     pub prefix: ContentPrefix,
     /// Where reading goes on; `None` leaves the place that is stored.
     pub resume: Option<StoredPoint>,
+    /// Whether the end of the file has cut the cycle, so that it is another one where the file goes on.
+    pub cut_by_end: bool,
 }
 
 impl Store {

@@ -44,9 +44,8 @@ pub enum Identity {
 /// How the run of an export begins, given what its file held before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RunStart {
-    /// As this run, whose stored cycles come from the first bytes of the same content. A complete run is
-    /// opened again without its last cycle, which the end of the file had cut; a quarantined or superseded
-    /// one begins afresh. `None`: as a new run.
+    /// As this run, whose stored cycles come from the first bytes of the same content. It goes on without cycles that
+    /// the end of the file had cut; a quarantined or superseded one begins afresh. `None`: as a new run.
     pub continues: Option<i64>,
     /// In the place of this run, whose file was rewritten.
     pub replaces: Option<i64>,
@@ -202,7 +201,7 @@ pub(in crate::store) async fn begin(
             afresh_instead = true;
             afresh(&mut *connection, run_id, header).await?
         }
-        (Some(run_id), _) => continues(&mut *connection, run_id, header).await?,
+        (Some(run_id), _) => continues(&mut *connection, run_id, header, identity).await?,
         (None, _) => insert_new(&mut *connection, header).await?,
     };
     let run_id = run.run_id;
@@ -242,22 +241,48 @@ async fn afresh(
     Ok(begun(run_id))
 }
 
-/// Goes on with a run whose content has become longer.
+/// Goes on with a run whose content may have become longer.
 async fn continues(
     connection: &mut SqliteConnection,
     run_id: i64,
     header: &RunHeader,
+    identity: Identity,
 ) -> Result<KnownRun, sqlx::Error> {
     let known = run_by_key(&mut *connection, run_id).await?;
     match known.status {
-        RunStatus::Streaming => Ok(known),
         RunStatus::Quarantined | RunStatus::Superseded => afresh(connection, run_id, header).await,
+        RunStatus::Streaming if is_read_to_end(&mut *connection, run_id, header, identity).await? => {
+            Ok(known)
+        }
+        RunStatus::Streaming => {
+            if delete_cycles_cut_by_end(&mut *connection, run_id).await? {
+                count_cycles(&mut *connection, run_id).await?;
+            }
+            run_by_key(connection, run_id).await
+        }
         RunStatus::Complete => {
-            delete_last_cycle(&mut *connection, run_id).await?;
+            if !delete_cycles_cut_by_end(&mut *connection, run_id).await? {
+                delete_last_cycle(&mut *connection, run_id).await?;
+            }
             open_again(&mut *connection, run_id).await?;
+            count_cycles(&mut *connection, run_id).await?;
             run_by_key(connection, run_id).await
         }
     }
+}
+
+/// Whether the stored cycles of a run were read from the whole of a content that does not grow.
+async fn is_read_to_end(
+    connection: &mut SqliteConnection,
+    run_id: i64,
+    header: &RunHeader,
+    identity: Identity,
+) -> Result<bool, sqlx::Error> {
+    let read: Option<i64> = sqlx::query_scalar("SELECT prefix_bytes FROM run WHERE run_id = ?")
+        .bind(run_id)
+        .fetch_one(connection)
+        .await?;
+    Ok(matches!(identity, Identity::Content(_)) && read == Some(count(header.source_bytes)))
 }
 
 /// Lets `run_id` take the place of `old`: at its end if that one is complete, at once if its file changed
@@ -393,13 +418,11 @@ async fn reopen_run(
     Ok(())
 }
 
-/// Opens a complete run for further cycles. What is stored of the run as a whole is replaced at its next
-/// end.
+/// Opens a complete run for further cycles. A trigger takes away what is stored of the run as a whole.
 async fn open_again(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
          SET status = 'streaming', rows = NULL, rows_skipped = NULL, sample_rate_hz = NULL, cycles_total = NULL,
-             cycles_stored = (SELECT count(*) FROM cycle WHERE cycle.run_id = run.run_id),
              prefix_bytes = source_bytes, prefix_hash = content_hash
          WHERE run_id = ?",
     )
@@ -443,6 +466,31 @@ async fn identify_growing(
     Ok(())
 }
 
+/// Takes away cycles that the end of the file has cut. Returns whether there were any.
+async fn delete_cycles_cut_by_end(
+    executor: impl SqliteExecutor<'_>,
+    run_id: i64,
+) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query("DELETE FROM cycle WHERE run_id = ? AND cut_by_end = 1")
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(done.rows_affected() > 0)
+}
+
+/// Sets the mark of progress to the cycles that are stored.
+async fn count_cycles(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run SET cycles_stored = (SELECT count(*) FROM cycle WHERE cycle.run_id = run.run_id)
+         WHERE run_id = ?",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Takes away the last cycle of a complete run that was stored before cycles said whether the end had cut them.
 async fn delete_last_cycle(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "DELETE FROM cycle

@@ -77,7 +77,9 @@ pub(in crate::store) async fn record_cycle(
     let Some(run_start) = runs::open_run_start(&mut *connection, run_id).await? else {
         return Ok(Recorded::RunNotOpen);
     };
-    let Some(cycle_id) = insert_cycle(&mut *connection, run_id, run_start, analysis).await? else {
+    let cut_by_end = read.is_some_and(|read| read.cut_by_end);
+    let Some(cycle_id) = insert_cycle(&mut *connection, run_id, run_start, analysis, cut_by_end).await?
+    else {
         return Ok(Recorded::Known);
     };
     let parameters = analysis.identification.as_ref().map_or(&[][..], |i| &i.parameters[..]);
@@ -141,14 +143,15 @@ async fn insert_cycle(
     run_id: i64,
     run_start: i64,
     analysis: &CycleAnalysis,
+    cut_by_end: bool,
 ) -> Result<Option<i64>, sqlx::Error> {
     let (identification, refusal) = (analysis.identification.as_ref(), analysis.refusal());
     let remarks = (!analysis.remarks.is_empty()).then(|| analysis.remarks.join("\n"));
     sqlx::query_scalar(
         "INSERT INTO cycle (run_id, number, started_at, duration_s, rows, sample_rate_hz, cutoff_hz, status, reason,
                             remarks, samples, condition_number, scaled_condition_number, residual_std_nm,
-                            estimator, mean_speeds_rad_s, doubtful, error_basis)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+                            estimator, mean_speeds_rad_s, doubtful, error_basis, cut_by_end)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
          ON CONFLICT (run_id, number) DO NOTHING
          RETURNING cycle_id",
     )
@@ -170,6 +173,7 @@ async fn insert_cycle(
     .bind((!analysis.mean_speeds.is_empty()).then(|| json_numbers(&analysis.mean_speeds)))
     .bind(analysis.is_doubtful())
     .bind(identification.is_ok().then_some("blocks"))
+    .bind(cut_by_end)
     .fetch_optional(executor)
     .await
 }

@@ -57,6 +57,33 @@ async fn cycles_that_were_made_with_something_else_are_made_anew() {
     assert_eq!(begun(&store, &header, identity, with(Some(run), Some(content(5)))).await, (run, 0, true));
 }
 
+/// A run that ends too early goes on, and may end in quarantine: nothing is left of its first end.
+#[tokio::test]
+async fn a_run_that_is_opened_again_says_nothing_as_a_whole() {
+    let (_folder, store) = fresh().await;
+    let run = streaming_run(&store, "R00", 0, 2).await;
+    let mut end = store.finish_run(run).await.expect("a transaction");
+    end.store_analysis(&run_analysis(10.0)).await.expect("an analysis");
+    end.complete(totals(2)).await.expect("completion");
+    end.commit().await.expect("a commit");
+    sqlx::query(
+        "INSERT INTO cycle_friction_level (cycle_id, joint, minute, ln_torque, offset_nm, levels, speed_fraction)
+         SELECT cycle_id, 1, 1.0, 2.0, 0.0, 3, 0.5 FROM cycle",
+    )
+    .execute(&store.writer)
+    .await
+    .expect("rows as conclusions write them");
+    let rows = "SELECT (SELECT count(*) FROM parameter_statistics) + (SELECT count(*) FROM warmup_fits)
+                       + (SELECT count(*) FROM run_joint_summary) + (SELECT count(*) FROM cycle_friction)";
+    assert!(number(&store, rows).await > Some(3.0));
+
+    let goes_on = RunStart { continues: Some(run), ..RunStart::default() };
+    let identity = Identity::Growing(ContentPrefix { bytes: 9, hash: content(9) });
+    assert_eq!(begun(&store, &header("R00", 0), identity, goes_on).await, (run, 1, false));
+    assert_eq!(number(&store, rows).await, Some(0.0));
+    assert_sound(&store).await;
+}
+
 /// A content that comes back in another way takes over what its run had superseded.
 #[tokio::test]
 async fn what_a_run_has_superseded_stays_so_when_that_run_gives_way() {
