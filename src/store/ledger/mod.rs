@@ -1,6 +1,7 @@
 //! Which exports there are and how far each is: runs, their files, faults and resume points.
 
 pub(super) mod supersession;
+pub(super) mod stored_cycles;
 pub(super) mod runs;
 pub(super) mod identity;
 pub(super) mod sources;

@@ -7,7 +7,7 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
 use super::identity::{is_made_otherwise, set_made_with};
-use super::resume;
+use super::{resume, stored_cycles};
 use crate::run::{ContentHash, ContentPrefix, RunHeader, RunKind, RunStatus};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
@@ -234,7 +234,7 @@ async fn afresh(
     run_id: i64,
     header: &RunHeader,
 ) -> Result<KnownRun, sqlx::Error> {
-    delete_cycles(&mut *connection, run_id).await?;
+    stored_cycles::delete_all(&mut *connection, run_id).await?;
     resume::forget(&mut *connection, run_id).await?;
     let robot_id = robot_id(&mut *connection, &header.robot).await?;
     reopen_run(connection, run_id, robot_id, header).await?;
@@ -249,40 +249,30 @@ async fn continues(
     identity: Identity,
 ) -> Result<KnownRun, sqlx::Error> {
     let known = run_by_key(&mut *connection, run_id).await?;
+    let is_whole = matches!(identity, Identity::Content(_));
     match known.status {
         RunStatus::Quarantined | RunStatus::Superseded => afresh(connection, run_id, header).await,
-        RunStatus::Streaming if is_read_to_end(&mut *connection, run_id, header, identity).await? => {
+        RunStatus::Streaming
+            if is_whole
+                && stored_cycles::are_of_first(&mut *connection, run_id, header.source_bytes).await? =>
+        {
             Ok(known)
         }
         RunStatus::Streaming => {
-            if delete_cycles_cut_by_end(&mut *connection, run_id).await? {
-                count_cycles(&mut *connection, run_id).await?;
+            if stored_cycles::delete_cut_by_end(&mut *connection, run_id).await? {
+                stored_cycles::count_again(&mut *connection, run_id).await?;
             }
             run_by_key(connection, run_id).await
         }
         RunStatus::Complete => {
-            if !delete_cycles_cut_by_end(&mut *connection, run_id).await? {
-                delete_last_cycle(&mut *connection, run_id).await?;
+            if !stored_cycles::delete_cut_by_end(&mut *connection, run_id).await? {
+                stored_cycles::delete_last(&mut *connection, run_id).await?;
             }
             open_again(&mut *connection, run_id).await?;
-            count_cycles(&mut *connection, run_id).await?;
+            stored_cycles::count_again(&mut *connection, run_id).await?;
             run_by_key(connection, run_id).await
         }
     }
-}
-
-/// Whether the stored cycles of a run were read from the whole of a content that does not grow.
-async fn is_read_to_end(
-    connection: &mut SqliteConnection,
-    run_id: i64,
-    header: &RunHeader,
-    identity: Identity,
-) -> Result<bool, sqlx::Error> {
-    let read: Option<i64> = sqlx::query_scalar("SELECT prefix_bytes FROM run WHERE run_id = ?")
-        .bind(run_id)
-        .fetch_one(connection)
-        .await?;
-    Ok(matches!(identity, Identity::Content(_)) && read == Some(count(header.source_bytes)))
 }
 
 /// Lets `run_id` take the place of `old`: at its end if that one is complete, at once if its file changed
@@ -463,47 +453,6 @@ async fn identify_growing(
     .bind(run_id)
     .execute(executor)
     .await?;
-    Ok(())
-}
-
-/// Takes away cycles that the end of the file has cut. Returns whether there were any.
-async fn delete_cycles_cut_by_end(
-    executor: impl SqliteExecutor<'_>,
-    run_id: i64,
-) -> Result<bool, sqlx::Error> {
-    let done = sqlx::query("DELETE FROM cycle WHERE run_id = ? AND cut_by_end = 1")
-        .bind(run_id)
-        .execute(executor)
-        .await?;
-    Ok(done.rows_affected() > 0)
-}
-
-/// Sets the mark of progress to the cycles that are stored.
-async fn count_cycles(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "UPDATE run SET cycles_stored = (SELECT count(*) FROM cycle WHERE cycle.run_id = run.run_id)
-         WHERE run_id = ?",
-    )
-    .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
-}
-
-/// Takes away the last cycle of a complete run that was stored before cycles said whether the end had cut them.
-async fn delete_last_cycle(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "DELETE FROM cycle
-         WHERE run_id = ?1 AND number = (SELECT max(last.number) FROM cycle AS last WHERE last.run_id = ?1)",
-    )
-    .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
-}
-
-async fn delete_cycles(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM cycle WHERE run_id = ?").bind(run_id).execute(executor).await?;
     Ok(())
 }
 
