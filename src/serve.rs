@@ -1,10 +1,12 @@
-//! HTTP: exports come in, and what became of them can be asked.
+//! HTTP: exports come in, and what became of them and of the fleet can be asked and looked at.
 //!
 //! Uploads go to a folder that is watched like any other (`spool`), so that they come through the same door
-//! as files on disk; nothing here reads an export or writes to the database.
+//! as files on disk; nothing here reads an export. The database is changed only by what people do with alarms.
 //!
 //! | request | does |
 //! |---|---|
+//! | `GET /` | the dashboard, a page that asks what follows (`page`) |
+//! | `/v1/fleet`, `/v1/views/VIEW`, `/v1/events`, ... | what is stored, and what people do with alarms (`api`) |
 //! | `PUT /v1/exports/NAME` | takes an export, whole or from where an earlier attempt was cut (`upload`) |
 //! | `HEAD /v1/exports/NAME` | says in `Upload-Offset` how much of it is there |
 //! | `GET /v1/exports/HASH` | says what became of a content (`status`) |
@@ -14,6 +16,8 @@
 
 mod access;
 mod answer;
+mod api;
+mod page;
 mod part;
 mod receive;
 mod shared;
@@ -37,7 +41,7 @@ use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::{OnceCell, Semaphore, watch};
 use tokio::task::{JoinHandle, JoinSet};
 use tokio_util::sync::CancellationToken;
 
@@ -163,11 +167,13 @@ pub async fn start(
         uploads,
         stop: stop.clone(),
         readiness: tokio::sync::Mutex::default(),
+        looking: OnceCell::new(),
+        changes: watch::channel(0).0,
     });
     let cleaning = Arc::clone(&shared);
     let task = tokio::spawn(async move {
         let accepting = accept(listener, router(shared), stop);
-        tokio::join!(accepting, upload::clean(&cleaning));
+        tokio::join!(accepting, upload::clean(&cleaning), api::watch(&cleaning));
     });
     Ok(Server { address, task })
 }
@@ -175,6 +181,8 @@ pub async fn start(
 fn router(shared: Arc<Shared>) -> Router {
     let exports = head(upload::offset).put(upload::put).get(status::of_content);
     Router::new()
+        .merge(page::routes())
+        .merge(api::routes())
         .route("/v1/exports/{name}", exports)
         .route("/health", get(status::health))
         .route("/ready", get(status::ready))

@@ -2,22 +2,27 @@
 
 use std::collections::HashSet;
 use std::fs::File;
-use std::io::Write;
+use std::io::{Read, Write};
+use std::net::{Ipv4Addr, SocketAddr};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
 use jiff::Timestamp;
+use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use super::context::{CliError, EXIT_DONE, EXIT_STOPPED, Global, open_store, runtime, shared};
 use super::shared::output;
-use crate::config::Config;
+use crate::config::{Config, ServeSettings};
 use crate::daemon::{self, Event};
 use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::context::{Outcome, Pipeline};
 use crate::robot::{JointIndex, Robot};
+use crate::serve::{self, ServeError, Server};
 use crate::simulate::error::SimulateError;
 use crate::simulate::fault::Fault;
 use crate::simulate::{SimulationSettings, simulate_run};
@@ -29,6 +34,8 @@ const RUNS: u32 = 11;
 const CYCLES: u32 = 3;
 /// First of the demo's test days.
 const FIRST_START: &str = "2026-01-05T08:47:00Z";
+/// Where the dashboard listens, unless another program does.
+const PORT: u16 = 8650;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -38,8 +45,9 @@ Examples:
 
 Three ER3A arms are tested once a day for eleven days; the gearbox of one joint of one arm wears. The
 exports are written into a watched folder while the daemon takes them: those of the first day bit by
-bit, so that their cycles are stored while the run is still 'streaming'. The database stays, to be
-opened with any SQLite program.")]
+bit, so that their cycles are stored while the run is still 'streaming'. The dashboard is served to this
+machine at the address that is printed first. Folder and database stay; `armwatch status --db FILE` and any
+SQLite program open them.")]
 pub(super) struct DemoArgs {
     /// End after the last result instead of watching on
     #[arg(long)]
@@ -72,15 +80,61 @@ pub(super) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliError> {
     runtime()?.block_on(async {
         let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
         let store = open_store(&config).await?;
-        let pipeline = Pipeline::new(shared(config), store);
+        let config = shared(config);
+        let (_in_force, configs) = watch::channel(Arc::clone(&config));
+        let pipeline = Pipeline::new(config, store.clone());
+        let serving = stop.child_token();
+        let server = if args.once { None } else { dashboard(&folder, configs, store, &serving).await? };
         let writer = write_fleet(robot, folder.join("made"), inbox, args.seed, stop.clone());
         let watched = watch_fleet(&pipeline, args.once, &stop, writer).await;
+        serving.cancel();
+        if let Some(server) = server {
+            server.ended().await;
+        }
         let shown = show_findings(pipeline.store(), &database).await;
         watched?;
         shown?;
         pipeline.close().await?;
         Ok(if args.once && stop.is_cancelled() { EXIT_STOPPED } else { EXIT_DONE })
     })
+}
+
+/// Serves the dashboard to this machine and prints its address. Its token, with which alarms can be answered, is made
+/// for this demo and stands behind `#`, which a browser does not send.
+async fn dashboard(
+    folder: &Path,
+    configs: watch::Receiver<Arc<Config>>,
+    store: Store,
+    stop: &CancellationToken,
+) -> Result<Option<Server>, CliError> {
+    let failed = |path: &Path, error: std::io::Error| CliError::Io(format!("{}: {error}", path.display()));
+    let token_file = folder.join("token");
+    let token = random_token().map_err(|error| failed(&token_file, error))?;
+    let mut file = File::options().write(true).create_new(true).mode(0o600).open(&token_file);
+    file.as_mut()
+        .map_or(Ok(()), |file| file.write_all(token.as_bytes()))
+        .map_err(|error| failed(&token_file, error))?;
+    file.map_err(|error| failed(&token_file, error))?;
+    for port in [PORT, 0] {
+        let listen = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+        let settings = ServeSettings { listen, token_file: Some(token_file.clone()), upload: None };
+        match serve::start(&settings, configs.clone(), store.clone(), stop.clone()).await {
+            Ok(server) => {
+                output::print_hint(&format!("dashboard http://{}/#token={token}", server.address));
+                return Ok(Some(server));
+            }
+            // another program has the usual port
+            Err(ServeError::Listen { .. }) if port != 0 => {}
+            Err(error) => return Err(CliError::Io(error.to_string())),
+        }
+    }
+    Ok(None)
+}
+
+fn random_token() -> std::io::Result<String> {
+    let mut bytes = [0; 24];
+    File::open("/dev/urandom")?.read_exact(&mut bytes)?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
 fn no_robot() -> CliError {
@@ -200,7 +254,7 @@ async fn watch_fleet(
             if once {
                 done.cancel();
             } else {
-                output::print_hint("every export is stored; watching on, Ctrl-C ends");
+                output::print_hint("every export is stored; the dashboard stays until Ctrl-C");
             }
             Ok(())
         }

@@ -7,7 +7,7 @@ use jiff::civil::{Date, DateTime};
 use jiff::tz::TimeZone;
 use serde_json::json;
 
-use super::context::{CliError, EXIT_DONE, Global, open_store, runtime, shared};
+use super::context::{CliError, EXIT_DONE, Global, open_store, open_to_read, runtime, shared};
 use super::shared::output;
 use super::shared::user::user;
 use crate::anomaly::epoch::Maintenance;
@@ -70,7 +70,7 @@ fn moment(text: &str) -> Result<Timestamp, String> {
 pub(super) fn maintenance(global: &Global, args: &MaintenanceArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     runtime()?.block_on(async {
-        let store = open_store(&config).await?;
+        let store = if args.list { open_to_read(&config).await? } else { open_store(&config).await? };
         let done = match (args.list, args.remove) {
             (true, _) => list(global, &store, args.robot.as_deref()).await,
             (_, Some(number)) => remove(global, config, &store, number).await,

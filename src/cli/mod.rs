@@ -19,6 +19,9 @@ mod maintenance;
 mod parameters;
 mod rmsd;
 mod run;
+mod lists;
+mod sql;
+mod status;
 mod explain;
 mod torque;
 mod verify;
@@ -27,7 +30,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::cli::context::{Global, LogFormat};
+use crate::cli::context::{EXIT_IO, Global, LogFormat};
 use crate::telemetry;
 
 const EXIT_CODES_HELP: &str = "\
@@ -60,6 +63,16 @@ enum Command {
     Run(run::RunArgs),
     /// Take files or folders through the pipeline once
     Ingest(ingest::IngestArgs),
+    /// The fleet at a glance: every joint, open alarms, quarantine, what is being read
+    Status(status::StatusArgs),
+    /// Robots, with their tests and where they stand
+    Robots(lists::RobotsArgs),
+    /// Runs, the newest first
+    Runs(lists::RunsArgs),
+    /// Cycles, the newest first
+    Cycles(lists::CyclesArgs),
+    /// Ask the database in SQL, for reading only
+    Sql(sql::SqlArgs),
     /// Exports that were not understood: list and explain them, have them read again
     Quarantine(quarantine::command::QuarantineArgs),
     /// Enter work on a robot, which begins a new baseline; list and remove such entries
@@ -165,6 +178,11 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Demo(args) => demo::demo(&cli.global, &args),
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
+        Command::Status(args) => status::status(&cli.global, &args),
+        Command::Robots(args) => lists::robots(&cli.global, &args),
+        Command::Runs(args) => lists::runs(&cli.global, &args),
+        Command::Cycles(args) => lists::cycles(&cli.global, &args),
+        Command::Sql(args) => sql::sql(&cli.global, &args),
         Command::Quarantine(args) => quarantine::command::quarantine(&cli.global, &args),
         Command::Maintenance(args) => maintenance::maintenance(&cli.global, &args),
         Command::Alerts(args) => alerts::command::alerts(&cli.global, &args),
@@ -195,8 +213,17 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Calibrate(args) => calibrate::calibrate(&cli.global, &args),
         Command::Config { command: ConfigCommand::Check } => config::check::check(&cli.global),
     };
-    ExitCode::from(done.unwrap_or_else(|error| {
+    let status = done.unwrap_or_else(|error| {
         shared::output::print_error(&error);
         error.exit_code()
-    }))
+    });
+    ExitCode::from(match shared::output::failure() {
+        Some(detail) => {
+            let text =
+                format!("standard output cannot be written: {detail}; free space there, or print elsewhere");
+            shared::output::print_error(&text);
+            EXIT_IO
+        }
+        None => status,
+    })
 }

@@ -3,7 +3,7 @@
 use clap::{Args, Subcommand};
 use serde_json::json;
 
-use super::context::{CliError, EXIT_DONE, Global, open_store, runtime};
+use super::context::{CliError, EXIT_DONE, Global, open_store, open_to_read, runtime};
 use super::shared::output;
 use crate::store::{KeptEstimate, KeptKind, ParameterSet, Store};
 
@@ -51,7 +51,10 @@ Examples:
 pub(super) fn parameters(global: &Global, args: &ParametersArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     runtime()?.block_on(async {
-        let store = open_store(&config).await?;
+        let store = match args.command {
+            ParametersCommand::Delete { .. } => open_store(&config).await?,
+            _ => open_to_read(&config).await?,
+        };
         let done = match &args.command {
             ParametersCommand::List => list(global, &store).await,
             ParametersCommand::Show { name } => show(global, &store, name).await,

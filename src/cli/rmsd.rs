@@ -4,7 +4,7 @@
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::context::{CliError, EXIT_DONE, Global, open_store, runtime};
+use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::identify::output::rmsd_value;
 use super::shared::output;
 use super::shared::plot::PlotFile;
@@ -66,7 +66,7 @@ const SCOPES: [RmsdScope; 4] = [
 pub(super) fn rmsd(global: &Global, args: &RmsdArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     let (run, cycles) = runtime()?.block_on(async {
-        let store = open_store(&config).await?;
+        let store = open_to_read(&config).await?;
         let done = verified_cycles(args, &store).await;
         store.close().await?;
         done

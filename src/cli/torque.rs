@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::context::{CliError, EXIT_DONE, Global, open_store, runtime};
+use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::output;
 use super::shared::plot::{PlotFile, refuse_export, write_lines};
 use super::shared::selection::NamedCandidate;
@@ -119,7 +119,7 @@ struct Replayed {
 pub(super) fn torque(global: &Global, args: &TorqueArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     let replayed = runtime()?.block_on(async {
-        let store = open_store(&config).await?;
+        let store = open_to_read(&config).await?;
         let done = replay(args, &config, &store).await;
         store.close().await?;
         done

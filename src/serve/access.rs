@@ -5,7 +5,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use axum::http::HeaderMap;
-use axum::http::header::{AUTHORIZATION, HOST};
+use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
 use subtle::ConstantTimeEq;
 
 use super::answer::Refusal;
@@ -89,12 +89,29 @@ impl Access {
     /// 401 without the token. Where there is none, 403 unless the request names this machine: a page in a
     /// browser could otherwise ask in its user's place.
     pub fn check(&self, headers: &HeaderMap) -> Result<(), Refusal> {
+        if !is_of_own_page(headers) {
+            return Err(Refusal::of_other_page());
+        }
         match &self.token {
             Some(token) if bearer(headers).is_some_and(|given| is_same(token, &of_bytes(given))) => Ok(()),
             Some(_) => Err(Refusal::unauthorized()),
             None if names_this_machine(headers) => Ok(()),
             None => Err(Refusal::forbidden()),
         }
+    }
+
+    /// Whether a request may change something: only with the token, also from this machine.
+    ///
+    /// # Errors
+    /// 401 without the token, 403 where the daemon has none.
+    pub fn check_action(&self, headers: &HeaderMap) -> Result<(), Refusal> {
+        self.check(headers)?;
+        if self.needs_token() { Ok(()) } else { Err(Refusal::needs_token()) }
+    }
+
+    /// Whether a request needs the token.
+    pub fn needs_token(&self) -> bool {
+        self.token.is_some()
     }
 }
 
@@ -126,6 +143,14 @@ fn bearer(headers: &HeaderMap) -> Option<&[u8]> {
 /// Whether two hashes are equal, in a time that does not depend on where they differ.
 fn is_same(a: &ContentHash, b: &ContentHash) -> bool {
     a.0.ct_eq(&b.0).into()
+}
+
+/// Whether a request comes from no page, or from one of this server: a browser says where its page is from.
+fn is_of_own_page(headers: &HeaderMap) -> bool {
+    let Some(origin) = headers.get(ORIGIN) else { return true };
+    let host = headers.get(HOST).and_then(|host| host.to_str().ok());
+    let origin = origin.to_str().ok().and_then(|origin| origin.split_once("://"));
+    origin.is_some_and(|(_, place)| host.is_some_and(|host| host.eq_ignore_ascii_case(place)))
 }
 
 fn names_this_machine(headers: &HeaderMap) -> bool {
@@ -182,6 +207,25 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         let refused = Access::new(&settings("127.0.0.1:0", Some(path)));
         assert!(matches!(refused, Err(AccessError::File { .. })));
+    }
+
+    #[test]
+    fn what_changes_something_needs_a_token_and_no_other_page_asks() {
+        let open = Access { token: None };
+        let mut own = headers("host", "127.0.0.1:8650");
+        assert!(open.check(&own).is_ok() && open.check_action(&own).is_err());
+        own.insert("origin", "http://127.0.0.1:8650".parse().unwrap());
+        assert!(open.check(&own).is_ok());
+        for other in ["http://evil.example", "http://127.0.0.1:3000", "null"] {
+            own.insert("origin", other.parse().unwrap());
+            assert!(open.check(&own).is_err(), "{other}");
+        }
+        let closed = Access { token: Some(of_bytes(b"0123456789abcdef")) };
+        let mut told = headers("authorization", "Bearer 0123456789abcdef");
+        assert!(closed.check_action(&told).is_ok());
+        told.insert("host", "arm.example".parse().unwrap());
+        told.insert("origin", "https://evil.example".parse().unwrap());
+        assert!(closed.check_action(&told).is_err());
     }
 
     #[test]

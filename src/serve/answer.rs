@@ -6,6 +6,8 @@ use axum::http::{HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde_json::json;
 
+use crate::store::AskError;
+
 /// How much of an upload is there, bytes.
 pub const UPLOAD_OFFSET: HeaderName = HeaderName::from_static("upload-offset");
 
@@ -55,6 +57,28 @@ impl Refusal {
         Self::new(
             StatusCode::FORBIDDEN,
             "without a token, only requests to localhost or 127.0.0.1 are answered",
+        )
+    }
+
+    /// A question of the database that has no answer.
+    pub fn unanswered(error: AskError) -> Self {
+        match error {
+            AskError::Statement(text) => Self::new(StatusCode::BAD_REQUEST, text),
+            AskError::Store(error) => Self::internal(&error),
+        }
+    }
+
+    /// A page of another server.
+    pub fn of_other_page() -> Self {
+        Self::new(StatusCode::FORBIDDEN, "requests of pages from another address are not answered")
+    }
+
+    /// The daemon has no token, and the request would change something.
+    pub fn needs_token() -> Self {
+        Self::new(
+            StatusCode::FORBIDDEN,
+            "the daemon has no token, and without one nothing is changed over HTTP: set serve.token_file or the \
+             environment variable ARMWATCH_TOKEN, or use the command line on its machine",
         )
     }
 

@@ -4,10 +4,11 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::{OnceCell, Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 
 use super::access::Access;
+use super::answer::Refusal;
 use super::spool::Spool;
 use crate::config::{Config, UploadSettings};
 use crate::run::ContentHash;
@@ -22,6 +23,25 @@ pub(super) struct Shared {
     pub(super) stop: CancellationToken,
     /// What `/ready` said last.
     pub(super) readiness: tokio::sync::Mutex<Option<Readiness>>,
+    /// The handle of those who only look, opened by the first of them.
+    pub(super) looking: OnceCell<Store>,
+    /// Counts changes of the database while anybody listens.
+    pub(super) changes: watch::Sender<u64>,
+}
+
+impl Shared {
+    /// The handle of those who only look.
+    ///
+    /// # Errors
+    /// 500 where the database cannot be opened.
+    pub async fn looking(&self) -> Result<&Store, Refusal> {
+        let open = async || match self.store.open_for_looking().await {
+            Ok(Some(store)) => Ok(store),
+            Ok(None) => Err(Refusal::internal(&"the database file is gone")),
+            Err(error) => Err(Refusal::internal(&error)),
+        };
+        self.looking.get_or_try_init(open).await
+    }
 }
 
 /// What the last look said, and when it was.

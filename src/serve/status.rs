@@ -73,12 +73,18 @@ async fn readiness(shared: &Shared) -> Readiness {
 
 /// Any other address.
 pub async fn nothing() -> Refusal {
-    Refusal::new(StatusCode::NOT_FOUND, "there is /v1/exports/NAME, /v1/exports/HASH, /health and /ready")
+    Refusal::new(
+        StatusCode::NOT_FOUND,
+        "there is the dashboard at /, the API under /v1/ (docs/api.md), /health and /ready",
+    )
 }
 
 /// Any other method.
 pub async fn no_method() -> Refusal {
-    Refusal::new(StatusCode::METHOD_NOT_ALLOWED, "exports are sent with PUT; HEAD and GET ask for them")
+    Refusal::new(
+        StatusCode::METHOD_NOT_ALLOWED,
+        "GET asks, PUT sends an export, POST does something with an alarm (docs/api.md)",
+    )
 }
 
 /// A hash of 64 hexadecimal digits.

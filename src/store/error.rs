@@ -36,6 +36,18 @@ pub enum StoreError {
         /// What the system or SQLite said.
         detail: String,
     },
+    /// The file, or what a program has left beside it, cannot be read.
+    #[error(
+        "cannot read database {} ({detail}); check that this user may read it and the files beside it that end with -wal \
+         and -shm, or read a copy of all three",
+        .path.display()
+    )]
+    NotReadable {
+        /// Database file.
+        path: PathBuf,
+        /// What the system or SQLite said.
+        detail: String,
+    },
     /// The file is something else.
     #[error("{} is not an armwatch database ({detail}); name another file, or move this one away", .path.display())]
     NotADatabase {

@@ -15,6 +15,8 @@ pub struct Store {
     pub(super) readers: SqlitePool,
     /// A reader for questions about the database's health: it takes no turn of the others.
     pub(super) probe: SqlitePool,
+    /// Whether it was opened to look into it.
+    pub(super) is_read_only: bool,
 }
 
 impl Store {
@@ -26,6 +28,9 @@ impl Store {
         // Readers first: a checkpoint cannot empty the log while they look at it.
         self.probe.close().await;
         self.readers.close().await;
+        if self.is_read_only {
+            return Ok(());
+        }
         let checkpoint = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&self.writer).await;
         self.writer.close().await;
         self.checked(checkpoint).map(|_| ())

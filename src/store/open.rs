@@ -54,9 +54,26 @@ impl Store {
     /// there is none.
     ///
     /// # Errors
-    /// As [`Store::open`], and [`StoreError::Older`] for a schema that is not up to date.
+    /// As [`Store::open`], [`StoreError::NotReadable`], and [`StoreError::Older`] for a schema that is not up to date.
     pub async fn open_existing(path: &Path) -> Result<Option<Self>, StoreError> {
         open_existing(path).await
+    }
+
+    /// A handle of its own for those who only look: its readers take no turn of this one's. `None` if the file is gone.
+    ///
+    /// # Errors
+    /// As [`Store::open_existing`].
+    pub async fn open_for_looking(&self) -> Result<Option<Self>, StoreError> {
+        open_existing(&self.path).await
+    }
+
+    /// A number that changes when another connection has committed. Only for comparison with what the same handle said
+    /// before.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn data_version(&self) -> Result<i64, StoreError> {
+        self.checked(sqlx::query_scalar("PRAGMA data_version").fetch_one(&self.probe).await)
     }
 
     /// Makes what was committed so far outlast a loss of power too: a commit alone is written into the log and, for
@@ -104,28 +121,51 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
     let readers = pool(READERS, options.read_only(true), busy_timeout)
         .await
         .map_err(|e| StoreError::from_sqlx(&path, &e))?;
-    Ok(Store { path, writer, readers, probe })
+    Ok(Store { path, writer, readers, probe, is_read_only: false })
 }
 
 /// Opens what is there for reading only; see [`Store::open_existing`].
 pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreError> {
-    if std::fs::metadata(path).map_or(true, |metadata| metadata.len() == 0) {
+    if std::fs::metadata(path).map_or(true, |metadata| metadata.is_file() && metadata.len() == 0) {
         return Ok(None);
     }
     let path: Arc<Path> = std::path::absolute(path).map_err(|e| not_writable(path, &e))?.into();
-    let options = SqliteConnectOptions::new()
-        .filename(&path)
-        .busy_timeout(BUSY_TIMEOUT)
-        .read_only(true)
-        .disable_statement_logging();
+    let mut options = reading(&path);
     let known = latest_schema();
-    let found = inspect(&path, &options).await?;
+    let found = match inspect(&path, &options).await {
+        // SQLite makes files beside a database even to read it. Where that is not allowed and no program has it open,
+        // the file is all there is.
+        Err(StoreError::NotWritable { .. }) if !has_log(&path) => {
+            options = options.immutable(true);
+            inspect(&path, &options).await
+        }
+        found => found,
+    };
+    let found = found.map_err(|error| match error {
+        StoreError::NotWritable { path, detail } => StoreError::NotReadable { path, detail },
+        error => error,
+    })?;
     if found < known {
         return Err(StoreError::Older { path: path.to_path_buf(), found, known });
     }
     let probe = probe(options.clone());
     let readers = pool(READERS, options, BUSY_TIMEOUT).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
-    Ok(Some(Store { path, writer: readers.clone(), readers, probe }))
+    Ok(Some(Store { path, writer: readers.clone(), readers, probe, is_read_only: true }))
+}
+
+fn reading(path: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(path)
+        .busy_timeout(BUSY_TIMEOUT)
+        .read_only(true)
+        .disable_statement_logging()
+}
+
+/// Whether commits may stand in a write-ahead log beside the file.
+fn has_log(path: &Path) -> bool {
+    let mut log = path.as_os_str().to_owned();
+    log.push("-wal");
+    std::fs::metadata(log).is_ok_and(|metadata| metadata.len() > 0)
 }
 
 /// Syncs the write-ahead log, and the folder that names it. Commits that are not in it any more were moved into the

@@ -3,6 +3,7 @@
 //! `support` starts things; every other module is named after what it looks at. Tests of one
 //! function stand beside the function.
 
+mod http;
 mod support;
 
 mod archive;
@@ -52,5 +53,7 @@ mod open_tests;
 #[cfg(unix)]
 mod writers;
 mod upload;
+mod reading;
+mod api;
 mod sound_recordings;
 mod wrong_recordings;

@@ -1,12 +1,11 @@
 //! Exports over HTTP: sent to the real daemon over real connections, cut, repeated, refused.
 
 use std::fs;
-use std::io::{Read, Write};
+use std::io::Write;
 use std::net::TcpStream;
 use std::time::Duration;
 
-use serde_json::Value;
-
+use crate::http::{self, Answer, answer};
 use crate::support::{Daemon, REFERENCE_NAME, Workshop, reference, text, wait_until};
 
 const TOKEN: &str = "a-token-of-this-test-0123456789";
@@ -19,29 +18,10 @@ struct Receiver {
     port: u16,
 }
 
-struct Answer {
-    status: u16,
-    head: String,
-    body: String,
-}
-
-impl Answer {
-    fn json(&self) -> Value {
-        serde_json::from_str(&self.body).unwrap_or_else(|error| panic!("{error}: {}{}", self.head, self.body))
-    }
-
-    fn header(&self, name: &str) -> Option<&str> {
-        let of = |line: &'_ str| line.split_once(": ").is_some_and(|(n, _)| n.eq_ignore_ascii_case(name));
-        self.head.lines().find(|line| of(line)).and_then(|line| Some(line.split_once(": ")?.1))
-    }
-}
-
 impl Receiver {
     fn new(upload: &str) -> Self {
         let workshop = Workshop::new();
-        // a port that was free a moment ago
-        let port =
-            std::net::TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("it").port();
+        let port = http::free_port();
         let path = workshop.path("armwatch.toml");
         let config = fs::read_to_string(&path).expect("the configuration");
         let serve = format!(
@@ -96,18 +76,7 @@ impl Receiver {
     }
 
     fn try_send(&self, line: &str, headers: &str, body: &[u8]) -> Option<Answer> {
-        let mut stream = TcpStream::connect(("127.0.0.1", self.port)).ok()?;
-        stream.set_read_timeout(Some(Duration::from_secs(60))).ok()?;
-        let length = match headers.contains("chunked") {
-            true => String::new(),
-            false => format!("Content-Length: {}\r\n", body.len()),
-        };
-        let head =
-            format!("{line} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n{headers}{length}\r\n");
-        stream.write_all(head.as_bytes()).ok()?;
-        // an answer may come before all is sent
-        let _ = stream.write_all(body);
-        answer(&mut stream)
+        http::try_send(self.port, line, headers, body)
     }
 
     fn put(&self, name: &str, headers: &str, body: &[u8]) -> Answer {
@@ -124,16 +93,6 @@ impl Receiver {
     fn partials(&self) -> usize {
         fs::read_dir(self.workshop.path("spool/.partial")).expect("the folder").count()
     }
-}
-
-fn answer(stream: &mut TcpStream) -> Option<Answer> {
-    let mut bytes = Vec::new();
-    // a closed connection after the answer is as good as its end
-    let _ = stream.read_to_end(&mut bytes);
-    let all = text(&bytes);
-    let (head, body) = all.split_once("\r\n\r\n")?;
-    let status = head.split(' ').nth(1)?.parse().ok()?;
-    Some(Answer { status, head: head.to_owned(), body: body.to_owned() })
 }
 
 fn export() -> Vec<u8> {
@@ -286,7 +245,7 @@ fn what_is_not_an_upload_is_refused_with_a_sentence() {
     refused(receiver.send(&format!("POST /v1/exports/{name}"), "", small), 405, "PUT");
     refused(receiver.send("GET /v1/exports/12", "", b""), 400, "64");
     refused(receiver.send(&format!("GET /v1/exports/{}", "0".repeat(64)), "", b""), 404, "known");
-    refused(receiver.send("GET /", "", b""), 404, "/v1/exports");
+    refused(receiver.send("GET /exports", "", b""), 404, "/v1/");
 
     // next to nothing, for longer than allowed
     let mut slow = receiver.connect();

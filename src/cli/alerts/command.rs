@@ -12,7 +12,7 @@ use super::severity::severity;
 use super::show;
 use super::test::{self, TestArgs};
 use crate::anomaly::{AnomalyKind, Severity};
-use crate::cli::context::{CliError, Global, open_store, runtime};
+use crate::cli::context::{CliError, Global, open_store, open_to_read, runtime};
 use crate::cli::shared::plot::PlotFile;
 use crate::store::AlarmState;
 
@@ -155,9 +155,15 @@ fn moment(text: &str) -> Result<Timestamp, String> {
 pub(in crate::cli) fn alerts(global: &Global, args: &AlertsArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     runtime()?.block_on(async {
-        let store = open_store(&config).await?;
         let now = Timestamp::now();
-        store.end_shelving(now).await?;
+        let store = match args.command {
+            AlertsCommand::List(_) | AlertsCommand::Show(_) => open_to_read(&config).await?,
+            _ => {
+                let store = open_store(&config).await?;
+                store.end_shelving(now).await?;
+                store
+            }
+        };
         let done = match &args.command {
             AlertsCommand::List(ListArgs { robot, state, severity, kind, all }) => {
                 let wanted = Wanted {
@@ -167,10 +173,10 @@ pub(in crate::cli) fn alerts(global: &Global, args: &AlertsArgs) -> Result<u8, C
                     kinds: kind,
                     all: *all,
                 };
-                list::list(global, &store, &wanted).await
+                list::list(global, &store, &wanted, now).await
             }
             AlertsCommand::Test(args) => test::test(global, &store, &config.alerts, args).await,
-            AlertsCommand::Show(args) => show::show(global, &store, args.id, args.plot.as_ref()).await,
+            AlertsCommand::Show(args) => show::show(global, &store, args.id, args.plot.as_ref(), now).await,
             AlertsCommand::Ack(args) => act::act(global, &store, &deed(args), act::ACKNOWLEDGE).await,
             AlertsCommand::Resolve(args) => act::act(global, &store, &deed(args), act::RESOLVE).await,
             AlertsCommand::FalseAlarm(args) => act::act(global, &store, &deed(args), act::FALSE_ALARM).await,

@@ -2,6 +2,8 @@
 
 use std::cmp::Reverse;
 
+use jiff::Timestamp;
+
 use super::words;
 use crate::anomaly::Severity;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
@@ -34,8 +36,13 @@ fn is_closed(row: &AnomalyRow) -> bool {
     AlarmState::ALL.iter().any(|state| state.name() == row.state && state.is_closed())
 }
 
-pub(super) async fn list(global: &Global, store: &Store, wanted: &Wanted<'_>) -> Result<u8, CliError> {
-    let known = store.anomalies_after(0).await?;
+pub(super) async fn list(
+    global: &Global,
+    store: &Store,
+    wanted: &Wanted<'_>,
+    now: Timestamp,
+) -> Result<u8, CliError> {
+    let known = words::all(store, now).await?;
     let mut rows: Vec<&AnomalyRow> = known.iter().filter(|row| wanted.includes(row)).collect();
     rows.sort_by_key(|row| {
         (is_closed(row), Reverse(row.severity), Reverse(row.last_seen_at), row.anomaly_id)

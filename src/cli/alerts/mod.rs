@@ -6,4 +6,4 @@ mod list;
 mod severity;
 mod show;
 mod test;
-mod words;
+pub(super) mod words;

@@ -21,8 +21,9 @@ pub(super) async fn show(
     store: &Store,
     id: i64,
     plot: Option<&PlotFile>,
+    now: Timestamp,
 ) -> Result<u8, CliError> {
-    let row = find(store, id).await?;
+    let row = find(store, id, now).await?;
     let mut tests = store.evidence(&row.robot).await?;
     tests.retain(|test| row.joint.is_none_or(|joint| joint == test.joint));
     let history = store.anomaly_history(id).await?;

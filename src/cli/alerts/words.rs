@@ -5,14 +5,25 @@ use serde_json::{Value, json};
 
 use crate::anomaly::Alternative;
 use crate::cli::context::CliError;
-use crate::store::{AnomalyRow, Store};
+use crate::store::{AlarmState, AnomalyRow, Store};
 
 /// Most numbers that are proposed in place of one that does not exist.
 const PROPOSED: usize = 3;
 
-/// The anomaly of this number.
-pub(super) async fn find(store: &Store, id: i64) -> Result<AnomalyRow, CliError> {
+/// All anomalies as they stand at `now`: one whose shelving is over is open, also before a program that writes has
+/// noted it.
+pub(in crate::cli) async fn all(store: &Store, now: Timestamp) -> Result<Vec<AnomalyRow>, CliError> {
     let mut rows = store.anomalies_after(0).await?;
+    for row in rows.iter_mut().filter(|row| row.shelved_until.is_some_and(|until| until <= now)) {
+        row.state = AlarmState::Open.name().to_owned();
+        row.shelved_until = None;
+    }
+    Ok(rows)
+}
+
+/// The anomaly of this number.
+pub(super) async fn find(store: &Store, id: i64, now: Timestamp) -> Result<AnomalyRow, CliError> {
+    let mut rows = all(store, now).await?;
     if let Some(place) = rows.iter().position(|row| row.anomaly_id == id) {
         return Ok(rows.swap_remove(place));
     }
@@ -47,7 +58,7 @@ pub(super) fn unknown(id: i64, rows: &[AnomalyRow]) -> String {
 }
 
 /// A time to the minute, UTC.
-pub(super) fn minute(time: Timestamp) -> String {
+pub(in crate::cli) fn minute(time: Timestamp) -> String {
     time.strftime("%Y-%m-%d %H:%MZ").to_string()
 }
 
@@ -57,7 +68,7 @@ pub(super) fn place(row: &AnomalyRow) -> String {
 }
 
 /// `drift on R07, joint 3`.
-pub(super) fn name(row: &AnomalyRow) -> String {
+pub(in crate::cli) fn name(row: &AnomalyRow) -> String {
     format!("{} on {}, {}", row.kind, row.robot, place(row))
 }
 
@@ -81,7 +92,7 @@ pub(super) fn figure(value: Option<f64>) -> String {
 }
 
 /// Columns of the view `anomalies`.
-pub(super) fn as_value(row: &AnomalyRow) -> Value {
+pub(in crate::cli) fn as_value(row: &AnomalyRow) -> Value {
     let time = |time: Option<Timestamp>| time.map(|time| time.to_string());
     let one = |of: &Alternative| json!({"cause": of.cause, "odds": of.odds.is_finite().then_some(of.odds)});
     json!({

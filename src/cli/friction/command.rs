@@ -8,7 +8,7 @@ use serde_json::json;
 use super::index;
 use super::index::JointIndexSeries;
 use crate::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
-use crate::cli::context::{CliError, EXIT_DONE, Global, open_store, runtime};
+use crate::cli::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use crate::cli::shared::output;
 use crate::cli::shared::plot::{PlotFile, write_lines};
 use crate::cli::shared::selection::{named_runs, runs_of};
@@ -101,7 +101,7 @@ pub(in crate::cli) fn friction(global: &Global, args: &FrictionArgs) -> Result<u
     let config = global.read_config()?;
     if args.index {
         let series = runtime()?.block_on(async {
-            let store = open_store(&config).await?;
+            let store = open_to_read(&config).await?;
             let done = index_series(args, &store).await;
             store.close().await?;
             done
@@ -113,7 +113,7 @@ pub(in crate::cli) fn friction(global: &Global, args: &FrictionArgs) -> Result<u
         return Ok(EXIT_DONE);
     }
     let (names, points) = runtime()?.block_on(async {
-        let store = open_store(&config).await?;
+        let store = open_to_read(&config).await?;
         let done = chosen_points(args, &store).await;
         store.close().await?;
         done

@@ -5,7 +5,7 @@ use super::each_cycle;
 use super::output::{Report, print};
 use super::prior_choice::{prior_choice, sources_overlap};
 use crate::analysis::{Estimator, TorqueRmsd};
-use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_store, runtime};
+use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_store, open_to_read, runtime};
 use crate::cli::shared::output;
 use crate::cli::shared::selection::{cycle_numbers, note_passed_over, runs_of};
 use crate::config::Config;
@@ -25,7 +25,10 @@ pub(in crate::cli) fn identify(global: &Global, args: &IdentifyArgs) -> Result<u
     let estimator = args.estimator.map_or_else(|| configured(&config), |of| of.0);
     check(args, estimator)?;
     runtime()?.block_on(async {
-        let store = open_store(&config).await?;
+        let store = match args.save {
+            Some(_) => open_store(&config).await?,
+            None => open_to_read(&config).await?,
+        };
         let done = identify_stored(global, args, (estimator, cycles), &config, &store).await;
         store.close().await?;
         done

@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::story;
 use crate::cli::context::{
-    CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, runtime, shared,
+    CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, open_to_read, runtime, shared,
 };
 use crate::cli::ingest;
 use crate::cli::quarantine::story::ExportState;
@@ -119,7 +119,14 @@ file stays where it is.")]
 pub(in crate::cli) fn quarantine(global: &Global, args: &QuarantineArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     runtime()?.block_on(async {
-        let store = open_store(&config).await?;
+        let store = match args.command {
+            QuarantineCommand::List { .. } | QuarantineCommand::Explain { .. } => {
+                open_to_read(&config).await?
+            }
+            QuarantineCommand::Retry { .. } | QuarantineCommand::Dismiss { .. } => {
+                open_store(&config).await?
+            }
+        };
         let done = match &args.command {
             QuarantineCommand::List { robot, all } => list(global, &store, robot.as_deref(), *all).await,
             QuarantineCommand::Explain { which } => explain(global, &config, &store, which).await,

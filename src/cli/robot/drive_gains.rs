@@ -3,7 +3,7 @@
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_store, runtime};
+use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_read, runtime};
 use crate::cli::shared::load::LoadArgs;
 use crate::cli::shared::output;
 use crate::cli::shared::selection::cycle_numbers;
@@ -52,7 +52,7 @@ pub(in crate::cli) fn drive_gains(global: &Global, args: &DriveGainsArgs) -> Res
         return Err(CliError::Usage(format!("run {run} cannot be both without and with the load")));
     }
     runtime()?.block_on(async {
-        let store = open_store(&config).await?;
+        let store = open_to_read(&config).await?;
         let done = from_store(global, args, &config, load, cycles, &store).await;
         store.close().await?;
         done

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_store, runtime};
+use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_read, runtime};
 use crate::cli::shared::output;
 use crate::cli::shared::selection::{cycle_numbers, note_passed_over};
 use crate::config::{Config, read_robot, straight_friction, urdf_text};
@@ -62,7 +62,7 @@ pub(in crate::cli) fn urdf(global: &Global, args: &RobotUrdfArgs) -> Result<u8, 
     let config = global.read_config()?;
     let cycles = args.cycles.as_deref().map(cycle_numbers).transpose().map_err(CliError::Usage)?;
     let fitted = runtime()?.block_on(async {
-        let store = open_store(&config).await?;
+        let store = open_to_read(&config).await?;
         let done = fit_stored(&config, args, cycles, &store).await;
         store.close().await?;
         done

@@ -1,21 +1,49 @@
 //! The one place that prints: results on standard output, words on standard error.
 
-use std::io::Write;
+use std::io::{ErrorKind, IsTerminal, Write};
+use std::sync::OnceLock;
 
-/// Prints a line of results. A reader that went away, as in `armwatch ... | head`, is not an error.
+use anstyle::Style;
+
+/// Why results could not be printed, the first time that happened.
+static FAILED: OnceLock<String> = OnceLock::new();
+
+/// Prints a line of results. A reader that went away, as in `armwatch ... | head`, is not an error; of any other
+/// failure [`failure`] tells at the end.
 pub fn line(text: &str) {
-    let _ = writeln!(std::io::stdout().lock(), "{text}");
+    note(writeln!(std::io::stdout().lock(), "{text}"));
 }
 
-/// Prints lines of results as they come; ends when the reader went away.
+/// Prints lines of results as they come; ends where they cannot be printed.
 pub fn lines(lines: impl Iterator<Item = String>) {
     let mut stdout = std::io::BufWriter::new(std::io::stdout().lock());
     for line in lines {
-        if writeln!(stdout, "{line}").is_err() {
-            return;
+        if let Err(error) = writeln!(stdout, "{line}") {
+            return note(Err(error));
         }
     }
-    let _ = stdout.flush();
+    note(stdout.flush());
+}
+
+/// Why results could not be printed, such as a full disk; `None` where all were.
+pub fn failure() -> Option<String> {
+    note(std::io::stdout().lock().flush());
+    FAILED.get().cloned()
+}
+
+fn note(printed: std::io::Result<()>) {
+    if let Err(error) = printed
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        let _ = FAILED.set(error.to_string());
+    }
+}
+
+/// The text in a style on a terminal, plain elsewhere and where `NO_COLOR` is set.
+pub fn styled(text: &str, style: Style) -> String {
+    let plain =
+        !std::io::stdout().is_terminal() || std::env::var_os("NO_COLOR").is_some_and(|set| !set.is_empty());
+    if plain { text.to_owned() } else { format!("{style}{text}{style:#}") }
 }
 
 /// Prints a line of words.

@@ -281,7 +281,30 @@ async fn migrations_keep_the_data_of_earlier_versions() {
         "SELECT count(*) FROM cycle_parameters WHERE degrees_of_freedom IS NULL AND interval_low IS NOT NULL";
     assert_eq!(number(&store, none).await, Some(0.0));
     assert_eq!(number(&store, "SELECT count(*) FROM interval_fill").await, Some(0.0));
+    assert_times_are_text_too(&store).await;
     assert_sound(&store).await;
+}
+
+/// Beside each time of the views stands its text, whoever wrote the time.
+async fn assert_times_are_text_too(store: &Store) {
+    let times: Vec<(String, String)> = sqlx::query_as(
+        "SELECT tables.name, substr(text.name, 1, length(text.name) - 5)
+         FROM sqlite_schema AS tables JOIN pragma_table_info(tables.name) AS text
+         WHERE tables.type = 'table' AND text.name LIKE '%~_text' ESCAPE '~'",
+    )
+    .fetch_all(&store.writer)
+    .await
+    .expect("columns");
+    assert!(times.len() >= 21, "{times:?}");
+    for (table, column) in times {
+        let other = format!(
+            "SELECT count(*) FROM {table}
+             WHERE {column}_text IS NOT strftime('%Y-%m-%dT%H:%M:%fZ', {column} / 1000000.0, 'unixepoch')"
+        );
+        let other: i64 =
+            sqlx::query_scalar(AssertSqlSafe(other)).fetch_one(&store.writer).await.expect("a count");
+        assert_eq!(other, 0, "{table}.{column}");
+    }
 }
 
 #[test]

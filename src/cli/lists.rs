@@ -1,0 +1,132 @@
+//! `armwatch robots`, `runs`, `cycles`: what is stored, as lists.
+
+use clap::Args;
+use clap::builder::PossibleValuesParser;
+
+use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
+use super::shared::output;
+use super::shared::rows::{self, RowArgs};
+use crate::run::{RunKind, RunStatus};
+use crate::store::{AskError, ListFilter, Store, Table};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch robots
+  armwatch robots --csv > robots.csv
+  armwatch robots --json | jq 'select(.status != \"ok\") | .robot'")]
+pub(super) struct RobotsArgs {
+    #[command(flatten)]
+    rows: RowArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch runs
+  armwatch runs --robot R07 --limit 50
+  armwatch runs --status quarantined
+  armwatch runs --kind production --csv
+
+The newest run comes first. The number in the first column is what --run of other commands takes.")]
+pub(super) struct RunsArgs {
+    /// Only runs of this robot
+    #[arg(long, value_name = "NAME")]
+    robot: Option<String>,
+    /// Only runs with this status
+    #[arg(long, value_name = "STATUS", value_parser = PossibleValuesParser::new(STATUSES.map(RunStatus::name)))]
+    status: Option<String>,
+    /// Only tests, or only logs of ordinary work
+    #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new([RunKind::Test, RunKind::Production].map(RunKind::name)))]
+    kind: Option<String>,
+    /// So many at most
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
+    limit: u32,
+    #[command(flatten)]
+    rows: RowArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch cycles --run 12
+  armwatch cycles --robot R07 --status refused
+  armwatch cycles --run 12 --json | jq .residual_std_nm")]
+pub(super) struct CyclesArgs {
+    /// Only cycles of this run
+    #[arg(long, value_name = "RUN_ID")]
+    run: Option<i64>,
+    /// Only cycles of this robot
+    #[arg(long, value_name = "NAME")]
+    robot: Option<String>,
+    /// Only cycles with this status
+    #[arg(long, value_name = "STATUS", value_parser = ["complete", "doubtful", "refused"])]
+    status: Option<String>,
+    /// So many at most, the newest
+    #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..))]
+    limit: u32,
+    #[command(flatten)]
+    rows: RowArgs,
+}
+
+const STATUSES: [RunStatus; 4] =
+    [RunStatus::Streaming, RunStatus::Complete, RunStatus::Quarantined, RunStatus::Superseded];
+
+const NO_RUN: &str =
+    "no run is stored yet: `armwatch ingest FILE` takes an export, `armwatch run` watches folders";
+
+pub(super) fn robots(global: &Global, args: &RobotsArgs) -> Result<u8, CliError> {
+    let table = asked(global, async |store| store.robot_list().await)?;
+    rows::print(&table, args.rows, global.json, NO_RUN)?;
+    Ok(EXIT_DONE)
+}
+
+pub(super) fn runs(global: &Global, args: &RunsArgs) -> Result<u8, CliError> {
+    let wanted = ListFilter {
+        robot: args.robot.as_deref(),
+        run_id: None,
+        status: args.status.as_deref(),
+        kind: args.kind.as_deref(),
+        most: args.limit,
+    };
+    let table = asked(global, async |store| store.run_list(&wanted).await)?;
+    let is_asked = args.robot.is_some() || args.status.is_some() || args.kind.is_some();
+    rows::print(&table, args.rows, global.json, if is_asked { "no run is as asked for" } else { NO_RUN })?;
+    say_limit(&table, args.limit);
+    Ok(EXIT_DONE)
+}
+
+pub(super) fn cycles(global: &Global, args: &CyclesArgs) -> Result<u8, CliError> {
+    let wanted = ListFilter {
+        robot: args.robot.as_deref(),
+        run_id: args.run,
+        status: args.status.as_deref(),
+        kind: None,
+        most: args.limit,
+    };
+    let table = asked(global, async |store| store.cycle_list(&wanted).await)?;
+    let is_asked = args.robot.is_some() || args.status.is_some() || args.run.is_some();
+    rows::print(&table, args.rows, global.json, if is_asked { "no cycle is as asked for" } else { NO_RUN })?;
+    say_limit(&table, args.limit);
+    Ok(EXIT_DONE)
+}
+
+/// A list that may go on says so.
+fn say_limit(table: &Table, limit: u32) {
+    if table.rows.len() == usize::try_from(limit).unwrap_or(usize::MAX) {
+        output::print_hint(&format!("the newest {limit}; --limit shows more"));
+    }
+}
+
+fn asked(
+    global: &Global,
+    ask: impl AsyncFnOnce(&Store) -> Result<Table, AskError>,
+) -> Result<Table, CliError> {
+    let config = global.read_config()?;
+    runtime()?.block_on(async {
+        let store = open_to_read(&config).await?;
+        let table = ask(&store).await.map_err(rows::as_cli_error);
+        store.close().await?;
+        table
+    })
+}

@@ -1,0 +1,254 @@
+//! `armwatch status`: the fleet at a glance.
+
+use std::cmp::Reverse;
+
+use anstyle::{AnsiColor, Style};
+use clap::Args;
+use jiff::Timestamp;
+use serde_json::{Value, json};
+
+use super::alerts::words;
+use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
+use super::shared::output;
+use crate::anomaly::Severity;
+use crate::run::{RunKind, RunStatus};
+use crate::store::{
+    AnomalyRow, Counts, FaultState, FleetHealthRow, HealthStatus, QuarantineRow, RunRow, Store,
+};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch status
+  armwatch status --db /var/lib/armwatch/armwatch.db
+  armwatch status --json | jq '.robots[] | select(.status == \"critical\") | .robot'
+
+One line a robot, the worst first: its status is that of its worst joint, then comes the friction index of each joint as
+a change in percent against the joint's own first tests (`?` without a figure, `!` with an open alarm). Reads only, and
+works while the daemon runs and for users who may not write the database.")]
+pub(super) struct StatusArgs {}
+
+/// What the glance shows.
+struct Fleet {
+    counts: Counts,
+    health: Vec<FleetHealthRow>,
+    /// Alarms that somebody has to answer, the worst first.
+    open: Vec<AnomalyRow>,
+    quarantine: Vec<QuarantineRow>,
+    runs: Vec<RunRow>,
+}
+
+pub(super) fn status(global: &Global, _args: &StatusArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    let fleet = runtime()?.block_on(async {
+        let store = open_to_read(&config).await?;
+        let fleet = Fleet::read(&store, Timestamp::now()).await;
+        store.close().await?;
+        fleet
+    })?;
+    if global.json {
+        output::json(&fleet.as_value());
+    } else {
+        fleet.print();
+    }
+    Ok(EXIT_DONE)
+}
+
+impl Fleet {
+    async fn read(store: &Store, now: Timestamp) -> Result<Self, CliError> {
+        let mut open = words::all(store, now).await?;
+        open.retain(|row| row.state == "open");
+        open.sort_by_key(|row| (Reverse(row.severity), Reverse(row.last_seen_at), row.anomaly_id));
+        let mut quarantine = store.faults().await?;
+        quarantine.retain(|fault| fault.state == FaultState::Open);
+        Ok(Self {
+            counts: store.counts().await?,
+            health: store.fleet_health().await?,
+            open,
+            quarantine,
+            runs: store.runs().await?,
+        })
+    }
+
+    /// Robots with their joints, the worst first.
+    fn robots(&self) -> Vec<(&str, HealthStatus, Vec<&FleetHealthRow>)> {
+        let mut robots: Vec<(&str, HealthStatus, Vec<&FleetHealthRow>)> = Vec::new();
+        for row in &self.health {
+            match robots.last_mut().filter(|(robot, ..)| *robot == row.robot) {
+                Some((_, worst, joints)) => {
+                    *worst = if rank(row.status) < rank(*worst) { row.status } else { *worst };
+                    joints.push(row);
+                }
+                None => robots.push((&row.robot, row.status, vec![row])),
+            }
+        }
+        robots.sort_by_key(|(robot, status, _)| (rank(*status), robot.to_owned()));
+        robots
+    }
+
+    /// Exports that are being stored.
+    fn live(&self) -> impl Iterator<Item = &RunRow> {
+        self.runs.iter().filter(|run| run.status == RunStatus::Streaming)
+    }
+
+    fn print(&self) {
+        let last = self.health.iter().filter_map(|row| row.last_result_at).max();
+        let last = last.map_or_else(|| "none yet".to_owned(), words::minute);
+        let tests =
+            self.runs.iter().filter(|run| run.kind == RunKind::Test && run.status == RunStatus::Complete);
+        let Counts { cycles, .. } = self.counts;
+        let robots = self.robots();
+        let counted = |count: usize, one: &str| format!("{count} {one}{}", if count == 1 { "" } else { "s" });
+        output::line(&format!(
+            "fleet       {}, {}, {cycles} cycles; last result {last}",
+            counted(robots.len(), "robot"),
+            counted(tests.count(), "complete test"),
+        ));
+        output::line(&format!("alarms      {}", self.alarms_in_words()));
+        if !self.quarantine.is_empty() {
+            let count = counted(self.quarantine.len(), "export");
+            output::line(&format!("quarantine  {count}: `armwatch quarantine list` says why"));
+        }
+        for run in self.live() {
+            let (robot, cycles) = (&run.robot, counted(run.cycles as usize, "cycle"));
+            output::line(&format!("being read  {robot}: {}, {cycles} stored", run.source_name));
+        }
+        if robots.is_empty() {
+            output::line(
+                "\nno test is stored yet: `armwatch ingest FILE` takes an export, `armwatch run` watches folders, \
+                 `armwatch demo` shows a simulated fleet",
+            );
+            return;
+        }
+        self.print_robots(&robots);
+        for row in &self.open {
+            let severity = output::styled(row.severity.name(), of_severity(row.severity));
+            let since = words::minute(row.onset_at.unwrap_or(row.first_seen_at));
+            output::line(&format!(
+                "\n{severity} {}, since {since} (`armwatch alerts show {}`)\n  {}",
+                words::name(row),
+                row.anomaly_id,
+                row.message
+            ));
+        }
+    }
+
+    fn print_robots(&self, robots: &[(&str, HealthStatus, Vec<&FleetHealthRow>)]) {
+        let cells = |(robot, status, joints): &(&str, HealthStatus, Vec<&FleetHealthRow>)| {
+            let last = joints.iter().filter_map(|row| row.last_result_at).max();
+            let changes: Vec<String> = joints.iter().map(|row| change(row)).collect();
+            vec![
+                (*robot).to_owned(),
+                status.name().to_owned(),
+                changes.join(" "),
+                last.map_or_else(|| "-".to_owned(), words::minute),
+            ]
+        };
+        let rows: Vec<Vec<String>> = robots.iter().map(cells).collect();
+        let table = output::table(&["robot", "status", "friction by joint, %", "last result"], &rows);
+        output::line("");
+        for (place, line) in table.lines().enumerate() {
+            let status =
+                place.checked_sub(1).and_then(|place| robots.get(place)).map(|(_, status, _)| *status);
+            match status {
+                Some(status) => {
+                    let styled = output::styled(status.name(), of_status(status));
+                    output::line(&line.replacen(&format!("  {}", status.name()), &format!("  {styled}"), 1));
+                }
+                None => output::line(line),
+            }
+        }
+        for (robot, _, joints) in robots {
+            let mut reasons: Vec<&str> = joints
+                .iter()
+                .filter(|row| matches!(row.status, HealthStatus::Unknown | HealthStatus::Overdue))
+                .filter_map(|row| row.reason.as_deref())
+                .collect();
+            reasons.dedup();
+            for reason in reasons {
+                output::line(&format!("{robot}: {reason}"));
+            }
+        }
+    }
+
+    fn alarms_in_words(&self) -> String {
+        let of = |severity: Severity| self.open.iter().filter(|row| row.severity == severity).count();
+        let counts =
+            [Severity::Critical, Severity::Warning, Severity::Info].map(|of_one| (of(of_one), of_one));
+        let words: Vec<String> = counts
+            .iter()
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, severity)| {
+                format!("{count} {}", output::styled(severity.name(), of_severity(*severity)))
+            })
+            .collect();
+        if words.is_empty() { "none open".into() } else { format!("{} open", words.join(", ")) }
+    }
+
+    fn as_value(&self) -> Value {
+        let joint = |row: &&FleetHealthRow| {
+            json!({
+                "joint": row.joint.number(), "status": row.status.name(), "reason": row.reason,
+                "friction_index": row.friction_index, "moving_relative_rmsd": row.moving_relative_rmsd,
+                "open_anomalies": row.open_anomalies, "last_run_at": row.last_run_at.to_string(),
+                "last_result_at": row.last_result_at.map(|at| at.to_string()),
+                "expected_by": row.expected_by.map(|at| at.to_string()),
+            })
+        };
+        let robots: Vec<Value> = self
+            .robots()
+            .iter()
+            .map(|(robot, status, joints)| {
+                json!({"robot": robot, "status": status.name(), "joints": joints.iter().map(joint).collect::<Vec<_>>()})
+            })
+            .collect();
+        let live: Vec<Value> = self
+            .live()
+            .map(|run| json!({"robot": run.robot, "run_id": run.run_id, "source_name": run.source_name, "cycles": run.cycles}))
+            .collect();
+        let Counts { complete_runs, cycles, .. } = self.counts;
+        json!({
+            "robots": robots,
+            "anomalies": self.open.iter().map(words::as_value).collect::<Vec<_>>(),
+            "quarantined": self.quarantine.len(), "live": live, "complete_runs": complete_runs, "cycles": cycles,
+        })
+    }
+}
+
+/// From the worst, 0, to the best.
+fn rank(status: HealthStatus) -> u8 {
+    match status {
+        HealthStatus::Critical => 0,
+        HealthStatus::Warning => 1,
+        HealthStatus::Overdue => 2,
+        HealthStatus::Unknown => 3,
+        HealthStatus::Learning => 4,
+        HealthStatus::Ok => 5,
+    }
+}
+
+/// Friction of a joint against its baseline, in a width of its own.
+fn change(row: &FleetHealthRow) -> String {
+    let change =
+        row.friction_index.map_or_else(|| "?".to_owned(), |index| format!("{:+.0}", 100.0 * (index - 1.0)));
+    let mark = if row.open_anomalies > 0 { "!" } else { " " };
+    format!("{change:>4}{mark}")
+}
+
+fn of_severity(severity: Severity) -> Style {
+    match severity {
+        Severity::Critical => AnsiColor::Red.on_default().bold(),
+        Severity::Warning => AnsiColor::Yellow.on_default().bold(),
+        Severity::Info => AnsiColor::Blue.on_default(),
+    }
+}
+
+fn of_status(status: HealthStatus) -> Style {
+    match status {
+        HealthStatus::Critical => of_severity(Severity::Critical),
+        HealthStatus::Warning => of_severity(Severity::Warning),
+        HealthStatus::Overdue | HealthStatus::Unknown => AnsiColor::Magenta.on_default(),
+        HealthStatus::Learning => AnsiColor::Cyan.on_default(),
+        HealthStatus::Ok => AnsiColor::Green.on_default(),
+    }
+}

@@ -1,0 +1,69 @@
+//! `GET /v1/events`: a page hears that the database has changed, and asks for what it shows.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Sse;
+use axum::response::sse::{Event, KeepAlive};
+use futures_util::Stream;
+use futures_util::stream::unfold;
+use serde_json::json;
+
+use crate::serve::answer::Refusal;
+use crate::serve::shared::Shared;
+
+/// Time between two looks at the database: a page asks at most so often.
+const LOOK_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Time after which a silent stream says that it lives.
+const ALIVE_INTERVAL: Duration = Duration::from_secs(15);
+
+/// Server-sent events: `changed` with a number that grows, and a comment now and then.
+pub async fn events(
+    State(shared): State<Arc<Shared>>,
+    headers: HeaderMap,
+) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Refusal> {
+    shared.access.check(&headers)?;
+    shared.looking().await?;
+    let (changes, stop) = (shared.changes.subscribe(), shared.stop.clone());
+    let stream = unfold((changes, stop), async |(mut changes, stop)| {
+        let changed = tokio::select! {
+            () = stop.cancelled() => return None,
+            changed = changes.changed() => changed,
+        };
+        changed.ok()?;
+        let version = *changes.borrow_and_update();
+        let event = Event::default().event("changed").data(json!({"version": version}).to_string());
+        Some((Ok(event), (changes, stop)))
+    });
+    Ok(Sse::new(stream).keep_alive(
+        KeepAlive::new().interval(ALIVE_INTERVAL).event(Event::default().event("alive").data("{}")),
+    ))
+}
+
+/// Looks whether the database has changed, while anybody listens, until the program stops.
+pub async fn watch(shared: &Shared) {
+    let mut seen = None;
+    loop {
+        tokio::select! {
+            () = shared.stop.cancelled() => return,
+            () = tokio::time::sleep(LOOK_INTERVAL) => {}
+        }
+        if shared.changes.receiver_count() == 0 {
+            continue;
+        }
+        let Some(store) = shared.looking.get() else { continue };
+        match store.data_version().await {
+            Ok(version) if seen != Some(version) => {
+                if seen.replace(version).is_some() {
+                    shared.changes.send_modify(|changes| *changes += 1);
+                }
+            }
+            Ok(_) => {}
+            Err(error) => tracing::debug!(%error, "no look at the database"),
+        }
+    }
+}

@@ -1,0 +1,91 @@
+import { askToken } from "./dialog.js";
+
+const KEY = "armwatch.token";
+let refused = false;
+let asking = null;
+
+function token() {
+  try { return sessionStorage.getItem(KEY); } catch { return token.kept ?? null; }
+}
+
+function keep(text) {
+  token.kept = text;
+  try { sessionStorage.setItem(KEY, text); } catch { /* Without storage the token holds until the page is left. */ }
+}
+
+/** An answer that is not what was asked for, with the server's sentence. */
+export class Failure extends Error {
+  constructor(sentence, status) {
+    super(sentence);
+    this.status = status;
+  }
+}
+
+export function headers() {
+  const held = token();
+  return held ? { Authorization: `Bearer ${held}` } : {};
+}
+
+async function failure(answer) {
+  let sentence = "";
+  try { sentence = (await answer.json()).error; } catch { /* Not JSON: the sentence below. */ }
+  return new Failure(sentence || `The daemon answered ${answer.status} ${answer.statusText}.`, answer.status);
+}
+
+async function send(path, options) {
+  try {
+    const { early } = globalThis;
+    if (early?.path === path) {
+      globalThis.early = null;
+      return await early.answer;
+    }
+    return await fetch(new URL(path, document.baseURI), { ...options, headers: { ...options.headers, ...headers() } });
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw new Failure("The daemon does not answer. Check that armwatch runs and that this device reaches it.", 0);
+  }
+}
+
+async function request(path, options = {}) {
+  const wrong = () => token() !== null;
+  let answer = await send(path, options);
+  while (answer.status === 401) {
+    const sentence = (await failure(answer)).message;
+    if (refused) throw new Failure(`A token is needed: ${sentence}`, 401);
+    asking ??= askToken(wrong()).finally(() => { asking = null; });
+    const entered = await asking;
+    if (!entered) {
+      refused = true;
+      throw new Failure("The daemon needs a token. Press “Try again” to enter it.", 401);
+    }
+    keep(entered);
+    dispatchEvent(new Event("tokenentered"));
+    answer = await send(path, options);
+  }
+  if (!answer.ok) throw await failure(answer);
+  return answer.status === 204 ? null : answer.json();
+}
+
+export function mayAskAgain() {
+  refused = false;
+}
+
+export const get = (path, signal) => request(path, { signal });
+
+/** Rows of an SQL view. A view that an older daemon does not have gives no rows. */
+export async function view(name, query = {}, signal) {
+  const wanted = new URLSearchParams();
+  for (const [key, value] of Object.entries(query)) wanted.set(key, value === null ? "null" : value);
+  const text = wanted.toString();
+  try {
+    return await get(`v1/views/${name}${text ? `?${text}` : ""}`, signal);
+  } catch (error) {
+    if (error.status !== 404) throw error;
+    return { view: name, rows: [], truncated: false, missing: true };
+  }
+}
+
+export function post(path, body) {
+  mayAskAgain();
+  return request(path, { method: "POST", body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
+}

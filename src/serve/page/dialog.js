@@ -1,0 +1,79 @@
+import { h, remember, remembered } from "./dom.js";
+
+let number = 0;
+
+function field(one) {
+  const id = `f${++number}`;
+  const hint = one.hint ? h("p", { class: "hint", id: `${id}h` }, one.hint) : null;
+  const props = { id, name: one.name, required: one.required, "aria-describedby": hint ? `${id}h` : null, autocomplete: one.autocomplete ?? "off" };
+  let input;
+  if (one.options) {
+    input = h("select", props, one.options.map(([value, text]) => h("option", { value, selected: String(value) === String(one.value) }, text)));
+  } else {
+    input = h("input", { ...props, type: one.type ?? "text", value: one.value ?? "", maxlength: one.type ? null : 500 });
+  }
+  const suggestions = (one.suggest ?? []).map(([text, value]) => h("button", {
+    type: "button", class: "chip",
+    onclick: () => { input.value = value ?? text; input.dispatchEvent(new Event("input", { bubbles: true })); },
+  }, text));
+  return h("div", { class: "field" },
+    h("label", { for: id }, one.label, one.required || one.chosen ? null : h("span", { class: "muted" }, " (optional)")),
+    suggestions.length ? h("div", { class: "chips", role: "group", "aria-label": `Suggestions for: ${one.label}` }, suggestions) : null,
+    input, hint);
+}
+
+/** A form that stays as it is while its work runs, and that shows the server's sentence if the work fails. */
+export function form({ fields, submit, onsubmit, cancel }) {
+  const problem = h("p", { class: "problem", role: "alert", hidden: true });
+  const send = h("button", { class: "primary", type: "submit" }, submit);
+  const node = h("form", {
+    onsubmit: async (event) => {
+      event.preventDefault();
+      send.disabled = true;
+      problem.hidden = true;
+      try {
+        const values = Object.fromEntries(new FormData(node));
+        if (values.who) remember("who", values.who);
+        await onsubmit(values);
+      } catch (error) {
+        problem.textContent = error.message;
+        problem.hidden = false;
+      } finally {
+        send.disabled = false;
+      }
+    },
+  }, fields.map(field), problem, h("div", { class: "actions" }, send,
+    cancel ? h("button", { type: "button", class: "quiet", onclick: cancel }, "Cancel") : null));
+  return node;
+}
+
+export const whoField = () => ({ name: "who", label: "Your name", required: true, value: remembered("who"), autocomplete: "name" });
+
+/** Opens a dialog with a form; gives true when its work is done. */
+export function ask({ title, intro, ...rest }) {
+  return new Promise((resolve) => {
+    let done = false;
+    const heading = `d${++number}`;
+    const close = () => dialog.close();
+    const dialog = h("dialog", { "aria-labelledby": heading, onclose: () => { dialog.remove(); resolve(done); } },
+      h("h2", { id: heading }, title), intro ? h("p", { class: "muted" }, intro) : null,
+      form({ ...rest, cancel: close, onsubmit: async (values) => { await rest.onsubmit(values); done = true; close(); } }));
+    document.body.append(dialog);
+    dialog.showModal();
+    const first = [...dialog.querySelectorAll("input, select")].find((one) => !one.value) ?? dialog.querySelector(".primary");
+    first.focus();
+  });
+}
+
+export async function askToken(wrong) {
+  let entered = null;
+  await ask({
+    title: "Token",
+    intro: wrong ? "The daemon does not accept the token that was entered. Enter the token in the file that serve.token_file names."
+      : "The daemon asks for its token. It is in the file that serve.token_file names.",
+    fields: [{ name: "token", label: "Token", type: "password", required: true, hint: "This browser tab keeps it until it is closed." }],
+    submit: "Use this token",
+    onsubmit: async (values) => { entered = values.token.trim(); },
+  });
+  return entered;
+}

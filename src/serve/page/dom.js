@@ -1,0 +1,86 @@
+const SVG = "http://www.w3.org/2000/svg";
+
+function append(node, children) {
+  for (const child of children.flat(Infinity)) {
+    if (child === null || child === undefined || child === false) continue;
+    node.append(child instanceof Node ? child : String(child));
+  }
+  return node;
+}
+
+/** An element. Text always becomes a text node, so nothing from the server is read as markup. */
+export function h(tag, props, ...children) {
+  const node = document.createElement(tag);
+  for (const [name, value] of Object.entries(props ?? {})) {
+    if (value === null || value === undefined || value === false) continue;
+    if (name.startsWith("on")) node.addEventListener(name.slice(2), value);
+    else if (name === "class") node.className = value;
+    else if (name === "value") node.value = value;
+    else node.setAttribute(name, value === true ? "" : value);
+  }
+  return append(node, children);
+}
+
+export function svg(tag, props, ...children) {
+  const node = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(props ?? {})) node.setAttribute(name, value);
+  return append(node, children);
+}
+
+export function icon(name) {
+  const node = svg("svg", { class: `icon i-${name}`, "aria-hidden": "true" });
+  node.append(svg("use", { href: `#i-${name}` }));
+  return node;
+}
+
+export function hidden(text) {
+  return h("span", { class: "hidden" }, text);
+}
+
+/** Replaces the children of a node; the focus stays on the element of the same key, and the page does not jump. */
+export function replace(node, ...children) {
+  const active = document.activeElement;
+  const key = node.contains(active) ? active.closest("[data-key]")?.dataset.key : null;
+  const open = new Set([...node.querySelectorAll("details[data-key][open]")].map((one) => one.dataset.key));
+  node.style.minHeight = `${node.offsetHeight}px`;
+  node.replaceChildren(append(document.createDocumentFragment(), children));
+  for (const one of node.querySelectorAll("details[data-key]")) if (open.has(one.dataset.key)) one.open = true;
+  node.style.minHeight = "";
+  if (key) node.querySelector(`[data-key="${CSS.escape(key)}"]`)?.focus({ preventScroll: true });
+}
+
+/** A table in a box of its own that scrolls sideways on narrow screens. */
+export function table({ caption, showCaption, columns, rows, key }) {
+  const head = h("tr", null, columns.map((one) => h("th", { scope: "col", class: one.number ? "number" : null }, one.title)));
+  const body = rows.map((row) => h("tr", null, columns.map((one, index) => {
+    const content = one.cell(row);
+    const props = { class: [one.number && "number", one.wide && "wide"].filter(Boolean).join(" ") || null };
+    return index === 0 ? h("th", { scope: "row", ...props }, content) : h("td", props, content);
+  })));
+  return h("div", { class: "scroll", tabindex: 0, role: "group", "aria-label": caption, "data-key": key ?? caption },
+    h("table", null, h("caption", { class: showCaption ? null : "hidden" }, caption), h("thead", null, head), h("tbody", null, body)));
+}
+
+let announcing;
+export function announce(text) {
+  const node = document.getElementById("announce");
+  clearTimeout(announcing);
+  node.textContent = "";
+  announcing = setTimeout(() => { node.textContent = text; }, 60);
+}
+
+/** A short note at the screen's edge that a screen reader hears too. */
+export function toast(text) {
+  const node = h("p", { class: "toast" }, text);
+  document.getElementById("toasts").append(node);
+  announce(text);
+  setTimeout(() => node.remove(), 6000);
+}
+
+export function remembered(key, fallback = "") {
+  try { return localStorage.getItem(`armwatch.${key}`) ?? fallback; } catch { return fallback; }
+}
+
+export function remember(key, value) {
+  try { localStorage.setItem(`armwatch.${key}`, value); } catch { /* Without storage nothing is remembered. */ }
+}

@@ -1,0 +1,14 @@
+// A classic script in the head: it runs before the first paint and before the modules are there.
+try {
+  const kept = localStorage.getItem("armwatch.theme");
+  if (kept === "light" || kept === "dark") document.documentElement.dataset.theme = kept;
+} catch {
+  // Without storage the system's setting holds.
+}
+// The fleet is asked for while the modules are still on their way. api.js takes the answer.
+if (/^(#\/?(\?.*)?)?$/.test(location.hash)) {
+  let token = null;
+  try { token = sessionStorage.getItem("armwatch.token"); } catch { /* Without storage the page asks for the token. */ }
+  globalThis.early = { path: "v1/fleet", answer: fetch("v1/fleet", token ? { headers: { Authorization: `Bearer ${token}` } } : {}) };
+  globalThis.early.answer.catch(() => {});
+}

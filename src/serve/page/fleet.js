@@ -1,0 +1,225 @@
+import { get } from "./api.js";
+import { h, hidden, icon, replace } from "./dom.js";
+import { ago, change, count, finding, moment, plural } from "./format.js";
+import { empty, failed, loading } from "./part.js";
+import { spark, sparkRange } from "./spark.js";
+import { badge, jointName, known, rank, STATUSES, stateName } from "./status.js";
+
+const FIRST_ALARMS = 6;
+const AT_ONCE = 16;
+const CHUNK = 24;
+const names = new Intl.Collator("en", { numeric: true });
+const worstFirst = (a, b) => rank(a.status) - rank(b.status) || b.open_anomalies - a.open_anomalies || furthest(b) - furthest(a)
+  || names.compare(a.robot, b.robot);
+const ORDERS = {
+  worst: ["Worst first", worstFirst],
+  name: ["Name", (a, b) => names.compare(a.robot, b.robot)],
+  test: ["Longest without a test", (a, b) => (a.last_run_at ?? "").localeCompare(b.last_run_at ?? "") || worstFirst(a, b)],
+};
+
+function furthest(robot) {
+  return Math.max(0, ...robot.joints.map((one) => Math.abs((one.friction_index ?? 1) - 1)));
+}
+
+export const robotLink = (robot, joint) => `#/robot/${encodeURIComponent(robot)}${joint ? `?joint=${joint}` : ""}`;
+
+/** A joint at a glance, as a link to its figures. */
+export function jointCell(robot, joint, range) {
+  const status = known(joint.status);
+  const value = change(joint.friction_index);
+  const words = [`joint ${joint.joint}: ${joint.status}`, joint.friction_index === null ? "no friction index" : `friction index ${value}`, joint.reason].filter(Boolean);
+  const cell = h("a", {
+    class: `cell s-${status}`, href: robotLink(robot, joint.joint), title: words.join("\n"), "data-key": `${robot}/${joint.joint}`,
+  }, h("span", { class: "cell-head" }, icon(status), h("span", { class: "cell-joint" }, `J${joint.joint}`),
+    status === "ok" ? hidden(", ok, ") : h("span", { class: "cell-word" }, hidden(", "), joint.status, hidden(", "))),
+  h("span", { class: "cell-value" }, value));
+  cell.append(spark(joint.history, range));
+  return cell;
+}
+
+export function alarmRow(one, now) {
+  const onset = one.onset_at ?? one.first_seen_at;
+  return h("li", { class: "alarm-row" },
+    h("a", { class: "row-link", href: `#/alarm/${one.anomaly_id}`, "data-key": `alarm${one.anomaly_id}` },
+      h("span", { class: "alarm-severity" }, badge(one.severity)),
+      h("span", { class: "alarm-where" }, h("b", null, one.robot), h("span", null, ` ${jointName(one.joint)}`)),
+      h("span", { class: "alarm-text" }, finding(one.message),
+        one.state === "open" ? null : h("span", { class: "tag" }, stateName(one.state)),
+        one.provisional ? h("span", { class: "tag" }, "test still being written") : null),
+      h("span", { class: "alarm-since" }, "since ", moment(onset, "day"), h("span", { class: "muted" }, ` ${ago(onset, now)}`))));
+}
+
+function robotRow(robot, range, now) {
+  const late = robot.joints.some((one) => one.status === "overdue") || robot.status === "overdue";
+  const test = robot.last_run_at
+    ? h("p", null, "Last test ", moment(robot.last_run_at, "day"), h("span", { class: "muted" }, `, ${ago(robot.last_run_at, now)}`))
+    : h("p", null, "No complete test yet");
+  return h("li", { class: "robot-row" },
+    h("div", { class: "robot-head" },
+      h("h3", null, h("a", { href: robotLink(robot.robot), "data-key": `robot/${robot.robot}` }, robot.robot)),
+      h("p", { class: "robot-status" }, badge(robot.status), h("span", { class: "muted" }, robot.model || "model not recognised"),
+        robot.open_anomalies ? h("span", null, plural(robot.open_anomalies, "open alarm")) : null),
+      test,
+      late ? h("p", { class: "late" }, "Test overdue: expected by ", moment(robot.expected_by, "day")) : null),
+    robot.joints.length
+      ? h("div", { class: "cells" }, robot.joints.map((joint) => jointCell(robot.robot, joint, range)))
+      : h("p", { class: "muted" }, "No joint has a figure yet. The first complete test gives them."));
+}
+
+export function mount({ main, query, choose, title }) {
+  title("Fleet");
+  let data = null;
+  let gone = false;
+  let status = query.get("status") ?? "";
+  let words = query.get("search") ?? "";
+  let order = ORDERS[query.get("order")] ? query.get("order") : "worst";
+  let allAlarms = false;
+  let pending = 0;
+  const rows = new Map();
+
+  const totals = h("dl", { class: "totals" });
+  const alarms = h("div");
+  const live = h("div");
+  const chips = h("div", { class: "chips", role: "group", "aria-label": "Show robots of a status" });
+  const found = h("p", { class: "muted found", role: "status" });
+  const list = h("ul", { class: "robots" });
+  const search = h("input", { id: "search", type: "search", value: words, placeholder: "Name or model", oninput: () => {
+    words = search.value;
+    choose({ search: words });
+    drawRobots();
+  } });
+  const sort = h("select", { id: "order", onchange: () => {
+    order = sort.value;
+    choose({ order: order === "worst" ? null : order });
+    drawRobots();
+  } }, Object.entries(ORDERS).map(([key, [text]]) => h("option", { value: key, selected: key === order }, text)));
+  const body = h("div", null, loading());
+  const content = [
+    h("div", { class: "fleet-head" }, h("h1", { tabindex: -1 }, "Fleet"), totals),
+    alarms, live,
+    h("section", { class: "part flush", "aria-labelledby": "robots-title" },
+      h("div", { class: "part-head" }, h("h2", { id: "robots-title" }, "Robots"),
+        h("div", { class: "tools" }, h("label", { for: "search" }, "Search"), search, h("label", { for: "order" }, "Sort by"), sort)),
+      chips, found, list,
+      h("p", { class: "part-note" }, "Each cell is a joint: friction at equal speed and warmth against the joint's own baseline, with its latest tests. All curves have one scale.")),
+  ];
+  main.replaceChildren(body);
+
+  function total(name, value, href, strong) {
+    const number = href ? h("a", { href, "data-key": `total/${name}` }, count(value)) : count(value);
+    return h("div", { class: strong ? "total strong" : "total" }, h("dt", null, name), h("dd", null, number));
+  }
+
+  function drawHead() {
+    const of = data.counts;
+    replace(totals, total("Robots", of.robots), total("Open alarms", of.open_anomalies, null, of.open_anomalies > 0),
+      total("In quarantine", of.quarantined_runs, "#/ingest", of.quarantined_runs > 0), total("Live tests", of.streaming_runs, "#/ingest"));
+    const now = Date.parse(data.now);
+    const open = data.anomalies.filter((one) => one.state === "open" && one.severity !== "info");
+    const rest = data.anomalies.filter((one) => !open.includes(one));
+    const shown = allAlarms ? open : open.slice(0, FIRST_ALARMS);
+    const none = data.robots.length ? h("p", { class: "calm" }, icon("ok"), "No open alarm.") : null;
+    const late = data.robots.filter((one) => one.status === "overdue" || one.joints.some((joint) => joint.status === "overdue"));
+    replace(alarms, data.robots.length || data.anomalies.length ? h("section", { class: "part flush", "aria-labelledby": "alarms-title" },
+      h("div", { class: "part-head" }, h("h2", { id: "alarms-title" }, "Open alarms")),
+      open.length ? h("ol", { class: "alarms" }, shown.map((one) => alarmRow(one, now))) : none,
+      open.length > FIRST_ALARMS ? h("button", { class: "quiet more", type: "button", "data-key": "all-alarms", "aria-expanded": String(allAlarms), onclick: () => {
+        allAlarms = !allAlarms;
+        drawHead();
+      } }, allAlarms ? "Show the first only" : `Show all ${open.length} alarms`) : null,
+      rest.length ? h("details", { class: "more", "data-key": "rest" }, h("summary", { "data-key": "rest-summary" },
+        `${plural(rest.length, "anomaly", "anomalies")} that somebody deals with, or for information`),
+      h("ol", { class: "alarms" }, rest.map((one) => alarmRow(one, now)))) : null,
+      late.length ? h("p", { class: "late-note" }, icon("overdue"), late.length === 1 ? "1 robot is overdue for its test: " : `${late.length} robots are overdue for their test: `,
+        late.slice(0, 4).map((one, index) => [index ? ", " : "", h("a", { href: robotLink(one.robot), "data-key": `late/${one.robot}` }, one.robot)]),
+        late.length > 4 ? ` and ${late.length - 4} more (filter by overdue).` : ".") : null) : null);
+    replace(live, data.live.length ? h("section", { class: "part flush", "aria-labelledby": "live-title" },
+      h("div", { class: "part-head" }, h("h2", { id: "live-title" }, "Live tests")),
+      h("ul", { class: "lives" }, data.live.map((one) => h("li", null, h("a", { class: "row-link live-row", href: `#/run/${one.run_id}`, "data-key": `live${one.run_id}` },
+        h("span", { class: "badge s-live" }, icon("live"), one.robot),
+        h("span", null, `${plural(one.cycles, "cycle")} so far`),
+        h("span", { class: "muted file" }, one.source_name),
+        h("span", { class: "muted" }, "began ", ago(one.started_at, now))))))) : null);
+  }
+
+  function drawChips() {
+    const of = (name) => data.robots.filter((one) => one.status === name).length;
+    const chip = (name, text, number) => h("button", { type: "button", class: `chip ${name ? `s-${name}` : ""}`, "aria-pressed": String(status === name), "data-key": `chip/${name}`, onclick: () => {
+      status = status === name ? "" : name;
+      choose({ status });
+      drawChips();
+      drawRobots();
+    } }, name ? icon(name) : null, `${text} `, h("b", null, count(number)));
+    replace(chips, chip("", "All", data.robots.length), STATUSES.filter((one) => of(one) || one === status).map((one) => chip(one, one, of(one))));
+  }
+
+  function drawRobots() {
+    const asked = words.trim().toLowerCase();
+    const shown = data.robots.filter((one) => (!status || one.status === status)
+      && (!asked || one.robot.toLowerCase().includes(asked) || (one.model ?? "").toLowerCase().includes(asked))).sort(ORDERS[order][1]);
+    const range = sparkRange(data.robots);
+    const now = Date.parse(data.now);
+    const own = ++pending;
+    const active = document.activeElement;
+    const key = list.contains(active) ? active.dataset.key : null;
+    const wanted = [];
+    const build = (robot) => {
+      const text = `${JSON.stringify(robot)}${range}`;
+      let kept = rows.get(robot.robot);
+      if (kept?.text !== text) {
+        kept = { text, node: robotRow(robot, range, now) };
+        rows.set(robot.robot, kept);
+      }
+      wanted.push(kept.node);
+    };
+    // The list is changed in place: a row that stays where it was keeps its focus.
+    const place = (whole) => {
+      wanted.forEach((node, index) => { if (list.children[index] !== node) list.insertBefore(node, list.children[index] ?? null); });
+      if (whole) while (list.children.length > wanted.length) list.lastChild.remove();
+      if (key && !list.contains(document.activeElement)) list.querySelector(`[data-key="${CSS.escape(key)}"]`)?.focus({ preventScroll: true });
+    };
+    const ready = (robot) => rows.has(robot.robot);
+    let next = 0;
+    const step = (size) => {
+      for (let made = 0; next < shown.length && made < size; next += 1) {
+        if (!ready(shown[next])) made += 1;
+        build(shown[next]);
+      }
+      place(next >= shown.length);
+      if (next < shown.length) setTimeout(() => { if (own === pending && !gone) step(CHUNK); }, 0);
+    };
+    step(AT_ONCE);
+    found.textContent = shown.length === data.robots.length ? "" : shown.length
+      ? `${count(shown.length)} of ${plural(data.robots.length, "robot")}` : "No robot matches. Clear the search or choose “All”.";
+  }
+
+  function draw() {
+    if (!data.robots.length && !data.live.length && !data.anomalies.length) {
+      drawHead();
+      replace(body, h("h1", { tabindex: -1 }, "Fleet"), totals, empty(h("h2", null, "No test yet"),
+        h("p", null, "Copy an export of a test into a watched folder: ", h("code", null, "[watch] folders"), " of the configuration names them."),
+        h("p", null, h("code", null, "armwatch demo"), " shows the program with made-up robots."),
+        data.counts.quarantined_runs ? h("p", null, h("a", { href: "#/ingest" }, `${plural(data.counts.quarantined_runs, "export")} in quarantine: see why`)) : null));
+      return;
+    }
+    if (body.firstChild !== content[0]) body.replaceChildren(...content);
+    drawHead();
+    drawChips();
+    drawRobots();
+    for (const name of [...rows.keys()]) if (!data.robots.some((one) => one.robot === name)) rows.delete(name);
+  }
+
+  async function refresh() {
+    try {
+      const fresh = await get("v1/fleet");
+      if (gone) return;
+      data = fresh;
+      draw();
+    } catch (error) {
+      if (!gone && (data === null || error.status === 401)) replace(body, h("h1", { tabindex: -1 }, "Fleet"), failed(error, () => refresh().catch(() => {})));
+      throw error;
+    }
+  }
+
+  return { refresh, destroy() { gone = true; } };
+}

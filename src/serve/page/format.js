@@ -1,0 +1,107 @@
+import { h } from "./dom.js";
+
+const MINUS = "\u2212";
+const THIN = "\u202f";
+const NONE = "\u2013";
+const LOCALE = "en-GB";
+const dayAndTime = new Intl.DateTimeFormat(LOCALE, { day: "numeric", month: "short", year: "numeric", hour: "2-digit", minute: "2-digit" });
+const dayOnly = new Intl.DateTimeFormat(LOCALE, { day: "numeric", month: "short", year: "numeric" });
+const timeOnly = new Intl.DateTimeFormat(LOCALE, { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+
+export const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
+const sign = (text) => text.replace("-", MINUS);
+
+/** A number with so many significant digits. */
+export function digits(value, significant = 3) {
+  if (!isNumber(value)) return NONE;
+  if (value === 0) return "0";
+  const size = Math.abs(value);
+  if (size >= 1e6 || size < 1e-4) {
+    const [mantissa, exponent] = value.toExponential(Math.max(0, significant - 1)).split("e");
+    const raised = [...String(Number(exponent))].map((one) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(one)]).join("");
+    return `${sign(mantissa)}${THIN}×${THIN}10${raised}`;
+  }
+  const places = Math.max(0, Math.min(8, significant - 1 - Math.floor(Math.log10(size))));
+  return sign(value.toFixed(places));
+}
+
+export function fixed(value, places) {
+  return isNumber(value) ? sign(value.toFixed(places)) : NONE;
+}
+
+export function count(value) {
+  return isNumber(value) ? new Intl.NumberFormat("en", { useGrouping: "always" }).format(value).replaceAll(",", THIN) : NONE;
+}
+
+/** A friction index as its change: 1.28 is +28.0 %. */
+export function change(index, places = 1) {
+  if (!isNumber(index)) return NONE;
+  const percent = (index - 1) * 100;
+  const text = Math.abs(percent).toFixed(places);
+  const none = Number(text) === 0;
+  return `${none ? "±" : percent > 0 ? "+" : MINUS}${text}${THIN}%`;
+}
+
+export function percent(fraction, places = 1) {
+  return isNumber(fraction) ? `${sign((fraction * 100).toFixed(places))}${THIN}%` : NONE;
+}
+
+export function unit(text) {
+  return (text ?? "").replace(/\^2/g, "²").replace(/\^3/g, "³").replaceAll(" ", "\u00a0");
+}
+
+export function plural(number, one, many = `${one}s`) {
+  return `${count(number)} ${number === 1 ? one : many}`;
+}
+
+export function sentence(text) {
+  return text ? text[0].toUpperCase() + text.slice(1) : "";
+}
+
+/** The finding of an alarm, without the joint, which stands beside it, and without figures and advice that follow. */
+export function finding(message) {
+  return sentence((message ?? "").replace(/^joint \d+: /, "").split("; ")[0]);
+}
+
+function utcTitle(text) {
+  return `${text.replace("T", " ").replace(/\.000Z$/, "Z").replace("Z", "")} UTC`;
+}
+
+/** A moment in the browser's time zone, with UTC in its title. */
+export function moment(text, style = "time") {
+  const at = Date.parse(text ?? "");
+  if (Number.isNaN(at)) return document.createTextNode(NONE);
+  const form = style === "day" ? dayOnly : dayAndTime;
+  return h("time", { datetime: text, title: utcTitle(text) }, form.format(at));
+}
+
+export const clock = (at) => timeOnly.format(at);
+export const dayText = (at) => dayOnly.format(at);
+export const momentText = (at) => dayAndTime.format(at);
+
+/** How long ago, in one rounded unit. */
+export function ago(text, now = Date.now()) {
+  const seconds = (now - Date.parse(text ?? "")) / 1000;
+  if (!Number.isFinite(seconds)) return "";
+  if (seconds < 0) return `in ${span(-seconds)}`;
+  return seconds < 45 ? "just now" : `${span(seconds)} ago`;
+}
+
+export function span(seconds) {
+  for (const [size, name] of [[31557600, "year"], [2629800, "month"], [86400, "day"], [3600, "hour"], [60, "minute"]]) {
+    if (seconds >= size * (size >= 86400 ? 2 : 1)) return plural(Math.floor(seconds / size), name);
+  }
+  if (seconds >= 86400) return plural(Math.floor(seconds / 3600), "hour");
+  return plural(Math.max(1, Math.round(seconds)), "second");
+}
+
+/** Odds as a likelihood in words, with the figure. */
+export function likelihood(odds) {
+  if (!isNumber(odds) || odds < 0) return "not known";
+  const share = odds / (1 + odds);
+  const word = share > 0.999 ? "almost certain" : share > 0.95 ? "very likely" : share > 0.66 ? "likely"
+    : share > 0.33 ? "as likely as not" : share > 0.05 ? "unlikely" : share > 0.001 ? "very unlikely" : "almost excluded";
+  const figure = odds >= 1e6 ? "more than a million to 1" : odds >= 1 ? `${digits(odds, 2)} to 1`
+    : odds > 1e-6 ? `1 to ${digits(1 / odds, 2)}` : "1 to more than a million";
+  return `${word} (${figure})`;
+}

@@ -1,0 +1,70 @@
+import { retryButton } from "./actions.js";
+import { get, view } from "./api.js";
+import { h, icon } from "./dom.js";
+
+import { ago, count, moment, plural, sentence } from "./format.js";
+import { empty, part } from "./part.js";
+import { runTable } from "./robot.js";
+
+const STATES = {
+  open: "open", dismissed: "dismissed", earlier: "another fault was found later", reading: "being read again", stored: "stored since", superseded: "replaced by a corrected export",
+};
+
+function fact(name, value) {
+  return value === null || value === undefined || value === "" ? null : h("div", null, h("dt", null, name), h("dd", null, value));
+}
+
+function fault(one, soon) {
+  return h("li", { class: "fault" },
+    h("div", { class: "fault-head" },
+      h("h3", null, one.source_name),
+      one.state === "open" ? retryButton(one, soon) : h("span", { class: "tag" }, STATES[one.state] ?? one.state)),
+    h("p", { class: "lead" }, sentence(one.problem), "."),
+    one.remedy ? h("p", null, h("b", null, "What to do: "), one.remedy, ".") : null,
+    one.retry_asked_at ? h("p", { class: "muted" }, "Another attempt was asked for ", ago(one.retry_asked_at), ".") : null,
+    one.dismissal_reason ? h("p", { class: "muted" }, `Dismissed by ${one.dismissed_by ?? "somebody"}: ${one.dismissal_reason}`) : null,
+    h("dl", { class: "facts" },
+      fact("Robot", one.robot), fact("Line", one.line === null ? null : count(one.line)), fact("Column", one.column_name),
+      fact("Value", one.value === null ? null : h("code", null, one.value)), fact("Cycles stored before it", one.cycles_stored ? count(one.cycles_stored) : null),
+      fact("Found", [moment(one.last_at), one.tries > 1 ? h("small", null, `${plural(one.tries, "attempt")}, the first ${ago(one.first_at)}`) : null]),
+      fact("Run", h("a", { href: `#/run/${one.run_id}`, "data-key": `fault/${one.fault_id}` }, `run ${one.run_id}`))));
+}
+
+export function mount({ main, title }) {
+  title("Ingest");
+  const refresh = () => Promise.all(parts.map((one) => one.refresh()));
+  const soon = () => { refresh().catch(() => {}); };
+
+  const live = part({
+    title: "Live files", className: "flush",
+    load: async (signal) => (await get("v1/fleet", signal)).live,
+    draw: (rows) => (rows.length ? h("ul", { class: "lives" }, rows.map((one) => h("li", null,
+      h("a", { class: "row-link live-row", href: `#/run/${one.run_id}`, "data-key": `live${one.run_id}` }, h("span", { class: "badge s-live" }, icon("live"), one.robot),
+        h("span", null, `${plural(one.cycles, "cycle")} so far`), h("span", { class: "muted file" }, one.source_name), h("span", { class: "muted" }, "began ", ago(one.started_at))))))
+      : h("p", { class: "page-note" }, "No file is being read now.")),
+  });
+
+  const quarantine = part({
+    title: "In quarantine", note: "Exports that were not understood. Correct the export or the layout, then retry.",
+    load: async (signal) => (await view("quarantine", { order: "-last_at", limit: 300 }, signal)).rows,
+    draw: (rows) => {
+      const open = rows.filter((one) => one.state === "open" || one.state === "reading");
+      const settled = rows.filter((one) => !open.includes(one));
+      return [
+        open.length ? h("ul", { class: "faults" }, open.map((one) => fault(one, soon))) : h("p", { class: "calm bare-calm" }, icon("ok"), "No export is in quarantine."),
+        settled.length ? h("details", { "data-key": "settled" }, h("summary", { "data-key": "settled-summary" }, plural(settled.length, "settled fault")), h("ul", { class: "faults" }, settled.map((one) => fault(one, soon)))) : null,
+      ];
+    },
+  });
+
+  const runs = part({
+    title: "Latest runs",
+    load: async (signal) => (await view("runs", { order: "-run_id", limit: 30 }, signal)).rows,
+    draw: (rows) => (rows.length ? runTable(rows, "The latest 30 runs", true)
+      : empty(h("p", null, "No export was read yet. Copy one into a watched folder: ", h("code", null, "[watch] folders"), " of the configuration names them."), h("p", null, h("code", null, "armwatch demo"), " shows the program with made-up robots."))),
+  });
+
+  const parts = [live, quarantine, runs];
+  main.replaceChildren(h("h1", { tabindex: -1 }, "Ingest"), ...parts.map((one) => one.element));
+  return { refresh, destroy() { for (const one of parts) one.destroy(); } };
+}

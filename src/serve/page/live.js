@@ -1,0 +1,115 @@
+import { headers } from "./api.js";
+import { announce } from "./dom.js";
+import { plural } from "./format.js";
+
+// A server says "alive" every 15 s; after three of them the connection is taken for lost.
+const SILENCE_MS = 45_000;
+const PAUSE_MS = 1000;
+
+/** Follows the daemon's events, and calls `changed` at most once a second and never twice at a time. */
+export function follow({ changed, note }) {
+  let stream = null;
+  let retry = 0;
+  let timer = null;
+  let heard = 0;
+  let connected = null;
+  let fresh = Date.now();
+  let due = false;
+  let busy = false;
+  let began = 0;
+
+  function tell(now) {
+    if (connected === now) return;
+    if (connected !== null || !now) announce(now ? "Connected again." : "The connection to the daemon is lost. Trying again.");
+    connected = now;
+    words();
+  }
+
+  function words() {
+    if (document.hidden) return;
+    if (connected === null) note("", "");
+    else if (connected) note("live", "Live");
+    else note("lost", `Reconnecting; data is ${plural(Math.round((Date.now() - fresh) / 1000), "second")} old`);
+  }
+
+  async function run() {
+    if (busy || !due || document.hidden) return;
+    busy = true;
+    due = false;
+    began = Date.now();
+    try {
+      await changed();
+      fresh = Date.now();
+    } catch { /* The page shows it. */ }
+    setTimeout(() => { busy = false; run(); }, Math.max(0, began + PAUSE_MS - Date.now()));
+  }
+
+  function take(block) {
+    const kind = /^event: ?(.*)$/m.exec(block)?.[1];
+    if (kind === "changed") {
+      due = true;
+      run();
+    }
+  }
+
+  async function connect() {
+    clearTimeout(timer);
+    const own = new AbortController();
+    const old = stream;
+    stream = own;
+    old?.abort();
+    try {
+      const answer = await fetch(new URL("v1/events", document.baseURI), {
+        headers: { Accept: "text/event-stream", ...headers() }, signal: own.signal, cache: "no-store",
+      });
+      if (!answer.ok || !answer.body) throw new Error(String(answer.status));
+      const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+      heard = Date.now();
+      if (connected === false) {
+        due = true;
+        run();
+      }
+      tell(true);
+      retry = 0;
+      let text = "";
+      for (;;) {
+        const { value, done } = await reader.read();
+        if (done) break;
+        heard = Date.now();
+        if (connected) fresh = busy ? fresh : Date.now();
+        text += value.replaceAll("\r\n", "\n");
+        const blocks = text.split("\n\n");
+        text = blocks.pop();
+        for (const block of blocks) take(block);
+      }
+      throw new Error("ended");
+    } catch {
+      if (own !== stream) return;
+      tell(false);
+      retry = Math.min(retry + 1, 5);
+      timer = setTimeout(connect, Math.min(15_000, 500 * 2 ** retry));
+    }
+  }
+
+  function pause() {
+    const old = stream;
+    stream = null;
+    clearTimeout(timer);
+    old?.abort();
+  }
+
+  setInterval(() => {
+    if (stream && connected && Date.now() - heard > SILENCE_MS) stream.abort();
+    if (connected === false) words();
+  }, 1000);
+  // A hidden tab would hold one of the few connections that a browser opens to a host.
+  document.addEventListener("visibilitychange", () => {
+    if (document.hidden) pause();
+    else if (stream === null) {
+      due = true;
+      run();
+      connect();
+    }
+  });
+  return { start: connect, reached() { fresh = Date.now(); }, reconnect() { pause(); connect(); } };
+}

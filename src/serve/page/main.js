@@ -1,0 +1,110 @@
+import { get } from "./api.js";
+import { h, remember } from "./dom.js";
+import { follow } from "./live.js";
+import { failed, loading } from "./part.js";
+
+
+const PAGES = { "": "fleet", robot: "robot", alarm: "alarm", run: "run", ingest: "ingest" };
+const main = document.getElementById("main");
+const scrolled = new Map();
+let page = null;
+let here = null;
+let first = true;
+
+function parse(hash) {
+  const [path, query] = hash.replace(/^#\/?/, "").split("?");
+  const [name, ...rest] = path.split("/");
+  let argument = rest.join("/");
+  try { argument = decodeURIComponent(argument); } catch { /* A stray % is taken as it stands. */ }
+  return { name, argument, query: new URLSearchParams(query ?? "") };
+}
+
+/** Keeps choices of a page in the address, so that a link shows the same. */
+function choose(changes) {
+  const [path, query] = location.hash.split("?");
+  const kept = new URLSearchParams(query ?? "");
+  for (const [key, value] of Object.entries(changes)) {
+    if (value === null || value === undefined || value === "") kept.delete(key);
+    else kept.set(key, value);
+  }
+  const text = kept.toString();
+  history.replaceState(history.state, "", `${path || "#/"}${text ? `?${text}` : ""}`);
+  here = location.hash;
+}
+
+async function show() {
+  if (location.hash !== "" && !location.hash.startsWith("#/")) return;
+  const { name, argument, query } = parse(location.hash);
+  const file = PAGES[name];
+  page?.destroy();
+  page = null;
+  here = location.hash;
+  for (const link of document.querySelectorAll(".bar nav a")) {
+    if (link.dataset.page === file) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  if (!file) {
+    document.title = "No such page \u2013 armwatch";
+    main.replaceChildren(h("h1", { tabindex: -1 }, "There is no such page"), h("p", null, h("a", { href: "#/" }, "Show the fleet")));
+    return;
+  }
+  const at = here;
+  const back = history.state?.seen === true;
+  history.replaceState({ seen: true }, "");
+  if (!first) main.replaceChildren(loading());
+  try {
+    const { mount } = await import(`./${file}.js`);
+    if (at !== here) return;
+    page = mount({ main, argument, query, choose, title: (text) => { document.title = `${text} \u2013 armwatch`; } });
+    const own = page;
+    await own.refresh().then(() => stream.reached(), () => {});
+    if (own !== page) return;
+    if (back) scrollTo(0, scrolled.get(at) ?? 0);
+    else if (!own.placed?.()) scrollTo(0, 0);
+    if (!first) main.querySelector("h1")?.focus({ preventScroll: true });
+  } catch (error) {
+    main.replaceChildren(failed(error, () => location.reload()));
+  }
+  first = false;
+}
+
+history.scrollRestoration = "manual";
+addEventListener("scroll", () => { if (here !== null) scrolled.set(here, scrollY); }, { passive: true });
+addEventListener("hashchange", show);
+document.querySelector(".skip").addEventListener("click", (event) => {
+  event.preventDefault();
+  main.focus();
+});
+
+const note = document.getElementById("connection");
+const stream = follow({
+  changed: async () => { await page?.refresh(); },
+  note: (kind, text) => {
+    if (note.textContent !== text) note.textContent = text;
+    note.className = `connection ${kind}`;
+  },
+});
+
+const theme = document.getElementById("theme");
+const systemDark = matchMedia("(prefers-color-scheme: dark)");
+const isDark = () => (document.documentElement.dataset.theme ?? (systemDark.matches ? "dark" : "light")) === "dark";
+function nameTheme() {
+  theme.textContent = isDark() ? "Light" : "Dark";
+  theme.setAttribute("aria-label", isDark() ? "Light colours" : "Dark colours");
+  dispatchEvent(new Event("themechange"));
+}
+theme.addEventListener("click", () => {
+  const next = isDark() ? "light" : "dark";
+  document.documentElement.dataset.theme = next;
+  remember("theme", next);
+  nameTheme();
+});
+systemDark.addEventListener("change", nameTheme);
+nameTheme();
+
+addEventListener("tokenentered", () => stream.reconnect());
+get("v1/session").then((session) => {
+  document.getElementById("about").textContent = `armwatch ${session.version} · database ${session.database} · times in ${Intl.DateTimeFormat().resolvedOptions().timeZone}`;
+}, () => {});
+// The first page comes before the stream, which would share its connections.
+show().finally(stream.start);

@@ -1,0 +1,98 @@
+import { h, replace } from "./dom.js";
+import { mayAskAgain } from "./api.js";
+
+let number = 0;
+
+export function loading(text = "Loading") {
+  return h("p", { class: "page-note" }, text);
+}
+
+export function failed(error, retry) {
+  return h("div", { class: "failure", role: "alert" }, h("p", null, error.message),
+    h("button", { type: "button", "data-key": "retry", onclick: () => { mayAskAgain(); retry(); } }, "Try again"));
+}
+
+export function empty(...children) {
+  return h("div", { class: "empty" }, ...children.map((one) => (one instanceof Node ? one : h("p", null, one))));
+}
+
+/**
+ * A part of a page with data of its own. It draws again only when its data have changed, so that focus, open menus and
+ * scroll positions stay. `draw` gives the content, and puts what must be destroyed into `owned`.
+ */
+export function part({ title, note, tools, load, draw, lazy = false, quiet = 0, level = 2, className = "" }) {
+  const id = `p${++number}`;
+  const body = h("div", { class: "part-body" }, loading());
+  const element = h("section", { class: `part ${className}`, "aria-labelledby": title ? id : null },
+    title ? h("div", { class: "part-head" }, h(`h${level}`, { id }, title), tools) : null,
+    note ? h("p", { class: "part-note" }, note) : null, body);
+  let seen = null;
+  let owned = [];
+  let running = null;
+  let wanted = !lazy;
+  let gone = false;
+  let last = 0;
+  let later = null;
+
+  function show(content, fresh) {
+    for (const one of owned) one.destroy();
+    owned = fresh;
+    replace(body, content);
+  }
+
+  async function refresh(now = false) {
+    if (!wanted || gone) return;
+    const wait = last + quiet - Date.now();
+    if (!now && wait > 0) {
+      later ??= setTimeout(() => { later = null; refresh(true); }, wait);
+      return;
+    }
+    last = Date.now();
+    running?.abort();
+    const own = new AbortController();
+    running = own;
+    try {
+      const data = await load(own.signal);
+      if (gone || own !== running) return;
+      const text = JSON.stringify(data);
+      if (text === seen) return;
+      seen = text;
+      const fresh = [];
+      show(draw(data, fresh), fresh);
+    } catch (error) {
+      if (gone || error.name === "AbortError") return;
+      // Data that are shown stay: the note beside the page's name says how old they are.
+      if (seen !== null && error.status === 0) throw error;
+      seen = null;
+      show(failed(error, () => refresh(true)), []);
+      throw error;
+    }
+  }
+
+  let watcher = null;
+  if (lazy) {
+    watcher = new IntersectionObserver((entries) => {
+      if (!entries.some((one) => one.isIntersecting)) return;
+      watcher.disconnect();
+      wanted = true;
+      refresh(true).catch(() => {});
+    }, { rootMargin: "400px" });
+    watcher.observe(element);
+  }
+  return {
+    element,
+    refresh,
+    /** After another choice: what is shown no longer holds. */
+    again() {
+      seen = null;
+      return refresh(true).catch(() => {});
+    },
+    destroy() {
+      gone = true;
+      running?.abort();
+      clearTimeout(later);
+      watcher?.disconnect();
+      for (const one of owned) one.destroy();
+    },
+  };
+}

@@ -1,0 +1,123 @@
+//! Lists that people ask for by name: robots, runs, cycles.
+
+use super::handle::Store;
+use super::table::{AskError, Table};
+
+/// Which runs, or cycles of them, are listed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ListFilter<'a> {
+    /// Only of this robot.
+    pub robot: Option<&'a str>,
+    /// Only of this run.
+    pub run_id: Option<i64>,
+    /// Only with this status.
+    pub status: Option<&'a str>,
+    /// Only runs of this kind: `test` or `production`.
+    pub kind: Option<&'a str>,
+    /// The newest so many.
+    pub most: u32,
+}
+
+impl Store {
+    /// Robots by name: how many tests they have, when, and where they stand.
+    ///
+    /// # Errors
+    /// [`AskError`] of the database.
+    pub async fn robot_list(&self) -> Result<Table, AskError> {
+        self.asked(
+            "WITH
+                 of_runs AS (
+                     SELECT robot, sum(kind = 'test' AND status = 'complete') AS tests,
+                            sum(kind = 'production' AND status = 'complete') AS logs,
+                            sum(CASE WHEN status = 'complete' THEN cycles ELSE 0 END) AS cycles,
+                            min(CASE WHEN kind = 'test' AND status = 'complete' THEN started_at END) AS first_test_at,
+                            max(CASE WHEN kind = 'test' AND status = 'complete' THEN started_at END) AS last_test_at
+                     FROM runs GROUP BY robot
+                 ),
+                 of_joints AS (
+                     SELECT robot, count(*) AS joints, max(last_result_at) AS last_result_at,
+                            max(CASE status WHEN 'critical' THEN 6 WHEN 'warning' THEN 5 WHEN 'overdue' THEN 4
+                                            WHEN 'unknown' THEN 3 WHEN 'learning' THEN 2 ELSE 1 END) AS worst
+                     FROM fleet_health GROUP BY robot
+                 )
+             SELECT robot,
+                    CASE worst WHEN 6 THEN 'critical' WHEN 5 THEN 'warning' WHEN 4 THEN 'overdue'
+                               WHEN 2 THEN 'learning' WHEN 1 THEN 'ok' ELSE 'unknown' END AS status,
+                    (SELECT latest.model FROM runs AS latest
+                     WHERE latest.robot = of_runs.robot AND latest.status IN ('complete', 'streaming')
+                     ORDER BY latest.started_at DESC LIMIT 1) AS model,
+                    joints, tests, logs, cycles, first_test_at, last_test_at, last_result_at,
+                    (SELECT count(*) FROM anomalies
+                     WHERE anomalies.robot = of_runs.robot AND anomalies.state = 'open') AS open_anomalies
+             FROM of_runs LEFT JOIN of_joints USING (robot)
+             WHERE tests + logs > 0 OR EXISTS (
+                 SELECT 1 FROM runs WHERE runs.robot = of_runs.robot AND runs.status = 'streaming')
+             ORDER BY robot",
+            |query| query,
+        )
+        .await
+    }
+
+    /// The latest `most` friction indices of each joint, by robot and joint, the oldest first.
+    ///
+    /// # Errors
+    /// [`AskError`] of the database.
+    pub async fn recent_indices(&self, most: u32) -> Result<Table, AskError> {
+        self.asked(
+            "SELECT robot, joint, friction_index
+             FROM (SELECT robot, joint, friction_index, started_at, run_id,
+                          row_number() OVER (PARTITION BY robot, joint ORDER BY started_at DESC, run_id DESC) AS place
+                   FROM friction_index)
+             WHERE place <= ?
+             ORDER BY robot, joint, started_at, run_id",
+            |query| query.bind(most),
+        )
+        .await
+    }
+
+    /// Runs, the newest first.
+    ///
+    /// # Errors
+    /// [`AskError`] of the database.
+    pub async fn run_list(&self, wanted: &ListFilter<'_>) -> Result<Table, AskError> {
+        self.asked(
+            "SELECT run_id, robot, started_at, kind, status, cycles, rows, source_name, reason
+             FROM runs
+             WHERE (?1 IS NULL OR robot = ?1) AND (?2 IS NULL OR run_id = ?2) AND (?3 IS NULL OR status = ?3)
+                   AND (?4 IS NULL OR kind = ?4)
+             ORDER BY started_at DESC, run_id DESC
+             LIMIT ?5",
+            |query| {
+                query
+                    .bind(wanted.robot.map(str::to_owned))
+                    .bind(wanted.run_id)
+                    .bind(wanted.status.map(str::to_owned))
+                    .bind(wanted.kind.map(str::to_owned))
+                    .bind(wanted.most)
+            },
+        )
+        .await
+    }
+
+    /// Cycles, the newest first.
+    ///
+    /// # Errors
+    /// [`AskError`] of the database.
+    pub async fn cycle_list(&self, wanted: &ListFilter<'_>) -> Result<Table, AskError> {
+        self.asked(
+            "SELECT run_id, robot, cycle, started_at, duration_s, rows, status, condition_number, residual_std_nm, reason
+             FROM cycles
+             WHERE (?1 IS NULL OR robot = ?1) AND (?2 IS NULL OR run_id = ?2) AND (?3 IS NULL OR status = ?3)
+             ORDER BY started_at DESC, run_id DESC, cycle DESC
+             LIMIT ?4",
+            |query| {
+                query
+                    .bind(wanted.robot.map(str::to_owned))
+                    .bind(wanted.run_id)
+                    .bind(wanted.status.map(str::to_owned))
+                    .bind(wanted.most)
+            },
+        )
+        .await
+    }
+}

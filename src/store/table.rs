@@ -1,0 +1,192 @@
+//! Rows of any statement, for people and programs that ask in SQL.
+
+use serde_json::Value;
+use sqlx::query::Query;
+use sqlx::sqlite::{SqliteArguments, SqliteRow};
+use sqlx::{AssertSqlSafe, Column, Executor, Row, SqlSafeStr, Sqlite, Statement, TypeInfo, ValueRef};
+
+use super::error::StoreError;
+use super::handle::Store;
+
+/// What a statement gave.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Table {
+    /// Names of the columns.
+    pub columns: Vec<String>,
+    /// Rows, each with a value a column: null, a number or a text. Bytes are text of hexadecimal digits.
+    pub rows: Vec<Vec<Value>>,
+}
+
+impl Table {
+    /// The rows as JSON objects.
+    pub fn objects(&self) -> impl Iterator<Item = Value> {
+        let object =
+            |row: &Vec<Value>| Value::Object(self.columns.iter().cloned().zip(row.iter().cloned()).collect());
+        self.rows.iter().map(object)
+    }
+}
+
+/// Why a question in SQL has no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum AskError {
+    /// The statement cannot be carried out.
+    #[error("{0}")]
+    Statement(String),
+    /// The database failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+/// Which rows of a view are asked for.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct ViewRows {
+    /// Columns with the value that they must have; `null` asks for NULL.
+    pub filters: Vec<(String, String)>,
+    /// The column that rows are ordered by, and whether from its highest value down.
+    pub order: Option<(String, bool)>,
+    /// Rows at most.
+    pub limit: usize,
+}
+
+impl Store {
+    /// The answer to a statement, which can change nothing.
+    ///
+    /// # Errors
+    /// [`AskError::Statement`] with the words of SQLite.
+    pub async fn ask(&self, statement: &str) -> Result<Table, AskError> {
+        self.asked(statement, |query| query).await
+    }
+
+    /// Views of the database by name, each with its columns in order.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn views(&self) -> Result<Vec<(String, Vec<String>)>, StoreError> {
+        let rows: Result<Vec<(String, String)>, _> = sqlx::query_as(
+            "SELECT view.name, of.name
+             FROM sqlite_schema AS view JOIN pragma_table_info(view.name) AS of
+             WHERE view.type = 'view'
+             ORDER BY view.name, of.cid",
+        )
+        .fetch_all(&self.readers)
+        .await;
+        let mut views: Vec<(String, Vec<String>)> = Vec::new();
+        for (view, column) in self.checked(rows)? {
+            match views.last_mut().filter(|(last, _)| *last == view) {
+                Some((_, columns)) => columns.push(column),
+                None => views.push((view, vec![column])),
+            }
+        }
+        Ok(views)
+    }
+
+    /// Rows of a view.
+    ///
+    /// # Errors
+    /// [`AskError::Statement`] for a view or column that is not there.
+    pub async fn rows_of_view(&self, view: &str, wanted: &ViewRows) -> Result<Table, AskError> {
+        let views = self.views().await?;
+        let Some((_, columns)) = views.iter().find(|(name, _)| name == view) else {
+            let names: Vec<&str> = views.iter().map(|(name, _)| name.as_str()).collect();
+            return Err(AskError::Statement(format!(
+                "there is no view {view}; there are {}",
+                names.join(", ")
+            )));
+        };
+        let asked = wanted.filters.iter().map(|(column, _)| column);
+        for column in asked.chain(wanted.order.iter().map(|(column, _)| column)) {
+            if !columns.contains(column) {
+                return Err(AskError::Statement(format!(
+                    "the view {view} has no column {column}; it has {}",
+                    columns.join(", ")
+                )));
+            }
+        }
+        self.asked(&select(view, wanted), |mut query| {
+            for (_, value) in wanted.filters.iter().filter(|(_, value)| value != NULL) {
+                query = query.bind(value);
+                query = match value.parse::<f64>() {
+                    Ok(number) => query.bind(number),
+                    Err(_) => query.bind(value),
+                };
+            }
+            query
+        })
+        .await
+    }
+
+    /// The answer to a statement of this program, with its values bound.
+    pub(in crate::store) async fn asked<'q>(
+        &self,
+        statement: &str,
+        bound: impl FnOnce(Query<'q, Sqlite, SqliteArguments>) -> Query<'q, Sqlite, SqliteArguments>,
+    ) -> Result<Table, AskError> {
+        let mut connection = self.readers.acquire().await.map_err(|error| self.asking(&error))?;
+        let text = || AssertSqlSafe(statement.to_owned()).into_sql_str();
+        let prepared = connection.prepare(text()).await.map_err(|error| self.asking(&error))?;
+        let columns = prepared.columns().iter().map(|column| column.name().to_owned()).collect();
+        let rows = bound(sqlx::query(text())).fetch_all(&mut *connection).await;
+        let rows = rows.map_err(|error| self.asking(&error))?;
+        let rows = rows.iter().map(cells).collect::<Result<_, _>>().map_err(|error| self.asking(&error))?;
+        Ok(Table { columns, rows })
+    }
+
+    fn asking(&self, error: &sqlx::Error) -> AskError {
+        const READ_ONLY: &str = "8";
+        match error {
+            sqlx::Error::Database(of) if of.code().as_deref() == Some(READ_ONLY) => AskError::Statement(
+                "the database is opened for reading only; the commands of armwatch change it".into(),
+            ),
+            // what SQLite says of a statement, such as a name that is not there
+            sqlx::Error::Database(of) if of.code().as_deref() == Some("1") => {
+                AskError::Statement(of.message().to_owned())
+            }
+            error => AskError::Store(StoreError::from_sqlx(&self.path, error)),
+        }
+    }
+}
+
+/// How a filter asks for NULL.
+const NULL: &str = "null";
+
+/// A text equals a text, and a number a number, whatever affinity a column has.
+fn select(view: &str, wanted: &ViewRows) -> String {
+    let condition = |(column, value): &(String, String)| match value.as_str() {
+        NULL => format!("\"{column}\" IS NULL"),
+        _ => format!("(\"{column}\" = ? OR \"{column}\" = ?)"),
+    };
+    let conditions: Vec<String> = wanted.filters.iter().map(condition).collect();
+    let filter =
+        if conditions.is_empty() { String::new() } else { format!(" WHERE {}", conditions.join(" AND ")) };
+    let order = wanted.order.as_ref().map_or_else(String::new, |(column, falling)| {
+        format!(" ORDER BY \"{column}\"{}", if *falling { " DESC" } else { "" })
+    });
+    format!("SELECT * FROM \"{view}\"{filter}{order} LIMIT {}", wanted.limit)
+}
+
+fn cells(row: &SqliteRow) -> Result<Vec<Value>, sqlx::Error> {
+    (0..row.len()).map(|column| cell(row, column)).collect()
+}
+
+fn cell(row: &SqliteRow, column: usize) -> Result<Value, sqlx::Error> {
+    let value = row.try_get_raw(column)?;
+    if value.is_null() {
+        return Ok(Value::Null);
+    }
+    Ok(match value.type_info().name() {
+        "INTEGER" | "BOOLEAN" => Value::from(row.try_get_unchecked::<i64, _>(column)?),
+        "REAL" => Value::from(row.try_get_unchecked::<f64, _>(column)?),
+        "BLOB" => Value::from(hexadecimal(&row.try_get_unchecked::<Vec<u8>, _>(column)?)),
+        _ => Value::from(row.try_get_unchecked::<String, _>(column)?),
+    })
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    use std::fmt::Write;
+    let mut text = String::with_capacity(2 * bytes.len());
+    for byte in bytes {
+        // writing to a text does not fail
+        let _ = write!(text, "{byte:02x}");
+    }
+    text
+}

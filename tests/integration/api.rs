@@ -1,0 +1,259 @@
+//! What a daemon tells and takes over HTTP beside exports: the dashboard, rows of the views, events, actions.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpStream;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use crate::http::{self, Answer};
+use crate::small::{self, export};
+use crate::support::{Daemon, Workshop, wait_until};
+
+const TOKEN: &str = "a-token-of-this-test-0123456789";
+
+/// A daemon that serves, on a database with one alarm of robot A.
+struct Served {
+    workshop: Workshop,
+    daemon: Daemon,
+    port: u16,
+}
+
+impl Served {
+    fn new(token: bool) -> Self {
+        let workshop = small::workshop();
+        let port = http::free_port();
+        let path = workshop.path("armwatch.toml");
+        let config = fs::read_to_string(&path).expect("the configuration");
+        let token_file = if token { "token_file = \"token\"\n" } else { "" };
+        fs::write(&path, format!("[serve]\nlisten = \"127.0.0.1:{port}\"\n{token_file}\n{config}"))
+            .expect("written");
+        fs::write(workshop.path("token"), TOKEN).expect("a token");
+        let export = export("A", 1, 5);
+        fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+        workshop.stdout(&["ingest", "inbox"], 0);
+        let daemon = workshop.daemon();
+        let served = Self { workshop, daemon, port };
+        let is_ready =
+            || http::try_send(port, "GET /ready", "", b"").is_some_and(|answer| answer.status == 200);
+        wait_until(is_ready, || "the daemon does not listen".to_owned());
+        served
+    }
+
+    fn ask(&self, line: &str, headers: &str, body: &[u8]) -> Answer {
+        http::try_send(self.port, line, headers, body).unwrap_or_else(|| panic!("no answer to {line}"))
+    }
+
+    fn get(&self, address: &str) -> Answer {
+        self.ask(&format!("GET {address}"), &format!("Authorization: Bearer {TOKEN}\r\n"), b"")
+    }
+
+    fn post(&self, address: &str, body: &Value) -> Answer {
+        let headers = format!("Authorization: Bearer {TOKEN}\r\nContent-Type: application/json\r\n");
+        self.ask(&format!("POST {address}"), &headers, body.to_string().as_bytes())
+    }
+
+    fn end(self) {
+        self.daemon.signal("TERM");
+        assert_eq!(self.daemon.end(), Some(0));
+    }
+}
+
+#[test]
+fn rows_of_the_views_are_those_of_the_database() {
+    let served = Served::new(false);
+    let views = served.get("/v1/views").json();
+    let listed = views["views"].as_array().expect("views").len();
+    let known = served.workshop.number("SELECT count(*) FROM sqlite_schema WHERE type = 'view'");
+    assert_eq!(i64::try_from(listed).expect("a count"), known);
+
+    let rows = served.get("/v1/views/cycle_parameters?run_id=1&cycle=2&parameter=f1&order=-joint");
+    let stored = served.workshop.query(
+        "SELECT value FROM cycle_parameters WHERE run_id = 1 AND cycle = 2 AND parameter = 'f1' ORDER BY joint DESC",
+    );
+    // with every digit, in the order that was asked for
+    let places: Vec<Option<usize>> =
+        stored.iter().map(|value| rows.body.find(&format!("\"value\":{value},"))).collect();
+    assert!(!places.is_empty() && places.iter().all(Option::is_some) && places.is_sorted(), "{}", rows.body);
+
+    let cut = served.get("/v1/views/cycles?limit=2").json();
+    assert_eq!((cut["rows"].as_array().map(Vec::len), cut["truncated"].as_bool()), (Some(2), Some(true)));
+    let none = served.get("/v1/views/runs?superseded_by_run_id=null&robot=nobody").json();
+    assert_eq!((none["rows"].as_array().map(Vec::len), none["truncated"].as_bool()), (Some(0), Some(false)));
+    for (address, said) in [
+        ("/v1/views/run", "there is no view run"),
+        ("/v1/views/runs?robots=A", "no column robots"),
+        ("/v1/views/runs?order=x%22;--", "no column"),
+        ("/v1/views/runs?limit=0", "from 1 to"),
+    ] {
+        let refused = served.get(address);
+        assert_eq!(refused.status, 400, "{address}");
+        assert!(refused.json()["error"].as_str().is_some_and(|text| text.contains(said)), "{}", refused.body);
+    }
+    served.end();
+}
+
+#[test]
+fn the_fleet_is_told_as_the_views_have_it() {
+    let served = Served::new(false);
+    let fleet = served.get("/v1/fleet").json();
+    assert_eq!(fleet["counts"]["complete_runs"], 1);
+    let robot = &fleet["robots"][0];
+    assert_eq!((robot["robot"].as_str(), robot["status"].as_str()), (Some("A"), Some("learning")));
+    assert_eq!(robot["last_result_at"], "2026-01-05T08:47:00.000Z");
+    let joints = robot["joints"].as_array().expect("joints");
+    assert_eq!(
+        joints.len(),
+        usize::try_from(served.workshop.number("SELECT count(*) FROM fleet_health")).expect("a count")
+    );
+    assert!(joints.iter().all(|joint| joint["status"] == "learning" && joint["history"].is_array()));
+    served.end();
+}
+
+#[test]
+fn the_dashboard_is_served_whole_and_asks_nobody_else() {
+    let served = Served::new(true);
+    let page = served.ask("GET /", "", b"");
+    assert_eq!((page.status, page.header("content-type")), (200, Some("text/html; charset=utf-8")));
+    let policy = page.header("content-security-policy").expect("a policy");
+    assert!(policy.contains("default-src 'self'"), "{policy}");
+    let files: Vec<&str> = page.body.split('"').filter_map(|part| part.strip_prefix("assets/")).collect();
+    assert!(!files.is_empty(), "{}", page.body);
+    for file in files {
+        let asset = served.ask(&format!("GET /assets/{file}"), "", b"");
+        assert_eq!(asset.status, 200, "{file}");
+        let tag = asset.header("etag").expect("a tag").to_owned();
+        let again = served.ask(&format!("GET /assets/{file}"), &format!("If-None-Match: {tag}\r\n"), b"");
+        assert_eq!((again.status, again.body.len()), (304, 0), "{file}");
+    }
+    assert_eq!(served.ask("GET /assets/..%2Fapi.rs", "", b"").status, 404);
+    served.end();
+}
+
+#[test]
+fn a_token_opens_reading_and_acting_and_without_one_nothing_is_changed() {
+    let closed = Served::new(true);
+    for address in ["/v1/fleet", "/v1/views", "/v1/views/runs", "/v1/events"] {
+        assert_eq!(closed.ask(&format!("GET {address}"), "", b"").status, 401, "{address}");
+    }
+    let session = closed.ask("GET /v1/session", "", b"").json();
+    assert_eq!(
+        (&session["needs_token"], &session["may_read"], &session["may_act"]),
+        (&json!(true), &json!(false), &json!(false))
+    );
+    assert_eq!(closed.get("/v1/session").json()["may_act"], true);
+    let other_page = format!("Authorization: Bearer {TOKEN}\r\nOrigin: https://evil.example\r\n");
+    assert_eq!(closed.ask("GET /v1/fleet", &other_page, b"").status, 403);
+    closed.end();
+
+    let open = Served::new(false);
+    assert_eq!(open.ask("GET /v1/fleet", "", b"").status, 200);
+    assert_eq!(open.ask("GET /v1/fleet", "Host: evil.example\r\n", b"").status, 403);
+    let refused = open.ask("POST /v1/robots/A/maintenance", "Content-Type: application/json\r\n", b"{}");
+    assert_eq!(refused.status, 403);
+    assert!(refused.body.contains("token_file"), "{}", refused.body);
+    open.end();
+}
+
+#[test]
+fn work_on_a_robot_is_entered_and_wrong_requests_say_what_is_wrong() {
+    let served = Served::new(true);
+    let entered = served
+        .post("/v1/robots/A/maintenance", &json!({"who": "Lena", "what": "gearbox changed", "joint": 2}));
+    assert_eq!(entered.status, 201, "{}", entered.body);
+    let row = served.workshop.query("SELECT robot, joint, what, who FROM maintenance_log");
+    assert_eq!(row, ["A|2|gearbox changed|Lena"]);
+    for (address, body, status, said) in [
+        ("/v1/robots/B/maintenance", json!({"who": "Lena", "what": "x"}), 404, "no export of a robot"),
+        ("/v1/robots/A/maintenance", json!({"who": "Lena", "what": "x", "joint": 9}), 400, "no joint 9"),
+        ("/v1/robots/A/maintenance", json!({"who": " ", "what": "x"}), 400, "give who"),
+        (
+            "/v1/robots/A/maintenance",
+            json!({"who": "Lena", "what": "x", "at": "2999-01-01T00:00:00Z"}),
+            400,
+            "lies ahead",
+        ),
+        ("/v1/robots/A/maintenance", json!({"who": "Lena", "waht": "x"}), 422, "waht"),
+        ("/v1/anomalies/7/acknowledge", json!({"who": "Lena"}), 404, "no anomaly 7"),
+        ("/v1/anomalies/7/shelve", json!({"who": "Lena"}), 400, "until"),
+        ("/v1/anomalies/7/forget", json!({"who": "Lena"}), 404, "no action forget"),
+        ("/v1/quarantine/1/retry", json!({}), 409, "not in quarantine"),
+    ] {
+        let refused = served.post(address, &body);
+        assert_eq!(refused.status, status, "{address} {body}: {}", refused.body);
+        assert!(refused.json()["error"].as_str().is_some_and(|text| text.contains(said)), "{}", refused.body);
+    }
+    served.end();
+}
+
+#[test]
+fn an_alarm_is_answered_and_its_history_says_who_did_it() {
+    let served = Served::new(true);
+    // as conclusions write one
+    small_alarm(&served.workshop);
+    let answered =
+        served.post("/v1/anomalies/1/acknowledge", &json!({"who": "Lena", "why": "spare part ordered"}));
+    assert_eq!(
+        (answered.status, answered.json()["state"].as_str()),
+        (200, Some("acknowledged")),
+        "{}",
+        answered.body
+    );
+    let fleet = served.get("/v1/fleet").json();
+    assert_eq!(fleet["anomalies"][0]["anomaly_id"], 1, "{fleet}");
+    let history = served.get("/v1/views/anomaly_history?anomaly_id=1&order=-anomaly_event_id").json();
+    assert_eq!(
+        (history["rows"][0]["who"].as_str(), history["rows"][0]["why"].as_str()),
+        (Some("Lena"), Some("spare part ordered"))
+    );
+    let again = served.post("/v1/anomalies/1/acknowledge", &json!({"who": "Lena"}));
+    assert_eq!(again.status, 409, "{}", again.body);
+    let shelved =
+        served.post("/v1/anomalies/1/shelve", &json!({"who": "Lena", "until": "2999-01-01T00:00:00Z"}));
+    assert_eq!(shelved.json()["state"].as_str(), Some("shelved"), "{}", shelved.body);
+    served.end();
+}
+
+fn small_alarm(workshop: &Workshop) {
+    use sqlx::Connection;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+    runtime.block_on(async {
+        let url = format!("sqlite://{}", workshop.path("armwatch.db").display());
+        let mut connection = sqlx::SqliteConnection::connect(&url).await.expect("a connection");
+        sqlx::raw_sql(
+            "INSERT INTO anomaly (robot_id, joint, kind, quantity, severity, score, threshold, value, baseline, first_run_id,
+                                  last_run_id, first_seen_at, last_seen_at, state, message)
+             SELECT robot_id, 1, 'drift', 'friction_index', 'warning', 0.1, 0.05, 1.1, 1.0, run_id, run_id, started_at,
+                    started_at, 'open', 'joint 1: friction is 10 % above its baseline'
+             FROM run LIMIT 1",
+        )
+        .execute(&mut connection)
+        .await
+        .expect("an alarm");
+    });
+}
+
+#[test]
+fn a_page_hears_of_a_change_and_the_stream_ends_with_the_daemon() {
+    let served = Served::new(false);
+    let mut stream = TcpStream::connect(("127.0.0.1", served.port)).expect("a connection");
+    stream.set_read_timeout(Some(Duration::from_secs(60))).expect("a timeout");
+    stream.write_all(b"GET /v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n").expect("sent");
+    let mut lines = BufReader::new(stream).lines();
+    let mut heard = |wanted: &str| lines.by_ref().map_while(Result::ok).any(|line| line.contains(wanted));
+    assert!(heard("text/event-stream"));
+    // the first look only learns where the database stands
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            for day in 6..20 {
+                let export = export("A", day, day);
+                fs::write(served.workshop.inbox(&export.name), &export.bytes).expect("written");
+                crate::support::pass(Duration::from_millis(300));
+            }
+        });
+        assert!(heard("event: changed"));
+    });
+    served.daemon.signal("TERM");
+    assert_eq!(served.daemon.end(), Some(0));
+}

@@ -1,0 +1,203 @@
+//! Commands that only read: for users who may not write, beside a daemon, on what is not there, and into a full disk.
+
+use std::fs::{self, File};
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use crate::small::{self, export};
+use crate::support::{Workshop, query, text};
+
+/// Commands that read a database with at least two tests of robot A, its first of number 1.
+const READING: [&[&str]; 13] = [
+    &["status"],
+    &["robots"],
+    &["runs"],
+    &["cycles", "--run", "1"],
+    &["sql", "SELECT count(*) FROM runs"],
+    &["rmsd", "--run", "1"],
+    &["friction", "--run", "1"],
+    &["identify", "--run", "1"],
+    &["parameters", "list"],
+    &["alerts", "list"],
+    &["quarantine", "list"],
+    &["maintenance", "--list"],
+    &["calibrate"],
+];
+
+/// A database of two tests.
+fn stored() -> Workshop {
+    let workshop = small::workshop();
+    for day in [5, 6] {
+        let export = export("A", day, day);
+        fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    }
+    workshop.stdout(&["ingest", "inbox"], 0);
+    workshop
+}
+
+/// The command as a user who may read the folder and write nothing.
+fn as_another_user(workshop: &Workshop, arguments: &[&str]) -> Output {
+    let armwatch = env!("CARGO_BIN_EXE_armwatch");
+    let is_root = fs::metadata("/proc/self").is_ok_and(|process| process.uid() == 0);
+    let mut command = match is_root {
+        true => {
+            let mut command = Command::new("setpriv");
+            command.args(["--reuid=65534", "--regid=65534", "--clear-groups", armwatch]);
+            command
+        }
+        // the folder is not writable for its owner either
+        false => Command::new(armwatch),
+    };
+    command.args(arguments).current_dir(workshop.path("")).stdin(Stdio::null());
+    command.output().expect("it runs")
+}
+
+fn set_mode(path: &Path, mode: u32) {
+    fs::set_permissions(path, fs::Permissions::from_mode(mode)).expect("permissions");
+}
+
+#[test]
+fn a_user_who_may_not_write_can_ask_while_the_daemon_runs_and_when_it_does_not() {
+    let workshop = stored();
+    let can_run = Command::new("setpriv").arg("--version").output().is_ok();
+    if !can_run {
+        println!("skipped: setpriv of util-linux is not installed");
+        return;
+    }
+    let ask_all = |when: &str| {
+        for arguments in READING {
+            let output = as_another_user(&workshop, arguments);
+            let said = text(&output.stderr);
+            assert_eq!(output.status.code(), Some(0), "{when}: armwatch {arguments:?}\n{said}");
+        }
+    };
+    set_mode(&workshop.path(""), 0o555);
+    ask_all("nobody has it open");
+    assert!(!workshop.path("armwatch.db-wal").exists() && !workshop.path("armwatch.db-shm").exists());
+    set_mode(&workshop.path(""), 0o755);
+    let daemon = workshop.daemon();
+    workshop.wait_until_idle();
+    ask_all("the daemon runs");
+    let refused = as_another_user(&workshop, &["sql", "DELETE FROM run"]);
+    assert_eq!(refused.status.code(), Some(2), "{}", text(&refused.stderr));
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+    assert_eq!(workshop.number("SELECT count(*) FROM runs"), 2);
+}
+
+#[test]
+fn nothing_is_made_or_brought_up_to_date_by_reading() {
+    let workshop = stored();
+    for arguments in READING.iter().filter(|of| of[0] != "calibrate") {
+        let missing = workshop.run(&[arguments, &["--db", "typo.db"][..]].concat());
+        let said = text(&missing.stderr);
+        assert_eq!(missing.status.code(), Some(74), "armwatch {arguments:?}\n{said}");
+        assert!(said.contains("there is no database typo.db"), "{said}");
+        assert!(!workshop.path("typo.db").exists(), "armwatch {arguments:?}");
+    }
+
+    // as an older program left it
+    let older = workshop.path("older.db");
+    fs::copy(workshop.path("armwatch.db"), &older).expect("a copy");
+    let newest = query(&older, "SELECT max(version) FROM _sqlx_migrations").remove(0);
+    small_change(&older, &format!("DELETE FROM _sqlx_migrations WHERE version = {newest}"));
+    let before = fs::read(&older).expect("the file");
+    for arguments in READING {
+        let refused = workshop.run(&[arguments, &["--db", "older.db"][..]].concat());
+        let said = text(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(74), "armwatch {arguments:?}\n{said}");
+        assert!(said.contains("bring it up to date"), "{said}");
+    }
+    assert!(fs::read(&older).expect("the file") == before);
+}
+
+fn small_change(database: &Path, statement: &str) {
+    use sqlx::Connection;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+    runtime.block_on(async {
+        let url = format!("sqlite://{}", database.display());
+        let mut connection = sqlx::SqliteConnection::connect(&url).await.expect("a connection");
+        let statement = sqlx::AssertSqlSafe(statement.to_owned());
+        sqlx::raw_sql(statement).execute(&mut connection).await.expect("done");
+        connection.close().await.expect("closed");
+    });
+}
+
+#[test]
+fn results_that_cannot_be_written_are_an_error() {
+    if !Path::new("/dev/full").exists() {
+        println!("skipped: there is no /dev/full");
+        return;
+    }
+    let workshop = stored();
+    for arguments in READING {
+        let mut command = workshop.command(arguments);
+        command.stdin(Stdio::null()).stdout(File::options().write(true).open("/dev/full").expect("a file"));
+        let output = command.output().expect("it runs");
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(74), "armwatch {arguments:?}\n{said}");
+        assert!(said.contains("standard output cannot be written"), "{said}");
+    }
+}
+
+#[test]
+fn lists_and_answers_come_as_table_csv_and_json() {
+    let workshop = stored();
+    let table = workshop.stdout(&["runs"], 0);
+    let lines: Vec<&str> = table.lines().collect();
+    assert!(lines[0].starts_with("run_id  robot") && lines.len() == 3, "{table}");
+    assert!(lines[1].contains("2026-01-06T08:47:00.000Z"), "the newest comes first\n{table}");
+    let csv = workshop.stdout(&["cycles", "--run", "1", "--csv"], 0);
+    assert_eq!(csv.lines().count(), 4, "{csv}");
+    assert!(csv.starts_with("run_id,robot,cycle,started_at,"), "{csv}");
+    let json = workshop.stdout(&["robots", "--json"], 0);
+    let robot: serde_json::Value = serde_json::from_str(json.trim()).expect("one object");
+    assert_eq!(
+        (robot["robot"].as_str(), robot["tests"].as_i64(), robot["cycles"].as_i64()),
+        (Some("A"), Some(2), Some(6))
+    );
+
+    // every digit of a stored number comes back
+    let exact = workshop.stdout(
+        &["sql", "SELECT value FROM cycle_parameters WHERE run_id = 1 AND cycle = 1 ORDER BY joint, parameter LIMIT 1", "--csv"],
+        0,
+    );
+    let stored =
+        "SELECT value FROM cycle_parameters WHERE run_id = 1 AND cycle = 1 ORDER BY joint, parameter LIMIT 1";
+    let number = |text: &str| text.parse::<f64>().expect("a number");
+    assert_eq!(number(exact.lines().last().expect("a row")), number(&workshop.query(stored)[0]));
+
+    for (statement, said) in [
+        ("SELECT missing FROM runs", "no such column"),
+        ("DELETE FROM run", "reading only"),
+        ("CREATE TABLE x (y)", "reading only"),
+        ("SELEC", "syntax error"),
+    ] {
+        let refused = workshop.run(&["sql", statement]);
+        assert_eq!(refused.status.code(), Some(2), "{statement}: {}", text(&refused.stderr));
+        assert!(text(&refused.stderr).contains(said), "{statement}: {}", text(&refused.stderr));
+    }
+}
+
+#[test]
+fn the_status_says_what_is_wrong_and_where_nothing_is_known() {
+    let workshop = small::workshop();
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let empty = workshop.stdout(&["status"], 0);
+    assert!(empty.contains("no test is stored yet"), "{empty}");
+
+    let (healthy, broken) = (export("A", 1, 5), export("B", 2, 5).spoiled());
+    for export in [&healthy, &broken] {
+        fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    }
+    workshop.stdout(&["ingest", "inbox"], 1);
+    let said = workshop.stdout(&["status"], 0);
+    assert!(said.contains("1 robot, 1 complete test, 5 cycles"), "{said}");
+    assert!(said.contains("quarantine  1 export"), "{said}");
+    assert!(said.contains("alarms      none open"), "{said}");
+    let told: serde_json::Value =
+        serde_json::from_str(workshop.stdout(&["status", "--json"], 0).trim()).expect("one object");
+    assert_eq!(told["robots"][0]["status"], "learning", "{told}");
+    assert_eq!(told["quarantined"], 1, "{told}");
+}
