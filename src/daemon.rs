@@ -15,6 +15,7 @@ mod tests;
 mod places;
 pub mod preflight;
 mod signals;
+pub mod snapshots;
 mod stale;
 mod start;
 mod vanished;

@@ -21,6 +21,7 @@ mod rmsd;
 mod run;
 mod lists;
 mod sql;
+mod snapshot;
 mod status;
 mod explain;
 mod torque;
@@ -73,6 +74,8 @@ enum Command {
     Cycles(lists::CyclesArgs),
     /// Ask the database in SQL, for reading only
     Sql(sql::SqlArgs),
+    /// Write a copy of what is stored that any user and machine can read
+    Snapshot(snapshot::SnapshotArgs),
     /// Exports that were not understood: list and explain them, have them read again
     Quarantine(quarantine::command::QuarantineArgs),
     /// Enter work on a robot, which begins a new baseline; list and remove such entries
@@ -183,6 +186,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Runs(args) => lists::runs(&cli.global, &args),
         Command::Cycles(args) => lists::cycles(&cli.global, &args),
         Command::Sql(args) => sql::sql(&cli.global, &args),
+        Command::Snapshot(args) => snapshot::snapshot(&cli.global, &args),
         Command::Quarantine(args) => quarantine::command::quarantine(&cli.global, &args),
         Command::Maintenance(args) => maintenance::maintenance(&cli.global, &args),
         Command::Alerts(args) => alerts::command::alerts(&cli.global, &args),

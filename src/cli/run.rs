@@ -8,9 +8,10 @@ use tokio::sync::watch;
 use super::context::{CliError, EXIT_DONE, Global, open_store, runtime, shared};
 use crate::alert::dispatcher::Dispatcher;
 use crate::config::{Config, ConfigErrors};
-use crate::daemon::Control;
 use crate::daemon::overdue::OverdueWatch;
 use crate::daemon::preflight::preflight;
+use crate::daemon::snapshots::Snapshots;
+use crate::daemon::{Control, Event};
 use crate::pipeline::context::Pipeline;
 use crate::serve::ServeError;
 use crate::{daemon, serve};
@@ -59,14 +60,24 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
             Some(config)
         };
         let overdue = OverdueWatch::start(pipeline.store().clone(), serving.clone());
+        let snapshots = config
+            .snapshot
+            .clone()
+            .map(|settings| Snapshots::start(pipeline.store().clone(), settings, serving.clone()));
         let control = Control { claim, stop, reload, reread: &reread };
         let watched = daemon::watch(&pipeline, control, |event| {
             overdue.note(&event);
             dispatcher.nudge();
+            if let (Some(snapshots), Event::Concluded(_)) = (&snapshots, &event) {
+                snapshots.note();
+            }
         });
         let watched = watched.await;
         serving.cancel();
         overdue.ended().await;
+        if let Some(snapshots) = snapshots {
+            snapshots.ended().await;
+        }
         dispatcher.ended().await;
         if let Some(server) = server {
             server.ended().await;
@@ -110,6 +121,10 @@ fn keep_what_runs(mut config: Config, running: &Config) -> Config {
     if config.database != running.database {
         tracing::warn!("`database` has changed; that takes effect at the next start");
         config.database.clone_from(&running.database);
+    }
+    if config.snapshot != running.snapshot {
+        tracing::warn!("[snapshot] has changed; that takes effect at the next start");
+        config.snapshot.clone_from(&running.snapshot);
     }
     if config.serve != running.serve {
         tracing::warn!("[serve] has changed; that takes effect at the next start");

@@ -9,6 +9,7 @@ use super::date_format::DateFormats;
 use super::layout::channels::Layout;
 use super::pattern::{self, FilePatterns};
 use super::serve::ServeSettings;
+use super::snapshot::SnapshotSettings;
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::Robot;
@@ -24,6 +25,8 @@ pub struct Config {
     pub limits: WorkLimits,
     /// What is served over HTTP; `None`: nothing.
     pub serve: Option<ServeSettings>,
+    /// Where copies for readers are written; `None`: nowhere.
+    pub snapshot: Option<SnapshotSettings>,
     /// Who is told of alarms.
     pub alerts: AlertSettings,
     /// How a file name gives robot and start time.

@@ -8,6 +8,7 @@ use crate::config::alerts::settings::Route;
 use crate::config::layout::channels::{JointDelays, Layout};
 use crate::config::serve::ServeSettings;
 use crate::config::settings::{Config, FleetEntry};
+use crate::config::snapshot::SnapshotSettings;
 use crate::robot::{JointKind, Robot, TorqueSensors};
 
 /// What was read and which settings are in force, with units, one topic a paragraph.
@@ -35,6 +36,7 @@ pub fn summary(config: &Config) -> String {
     );
     line("longest export", format!("{} bytes after decompression", limits.export_bytes));
     line("longest cycle", format!("{} rows", limits.cycle_rows));
+    line("snapshot", config.snapshot.as_ref().map_or_else(|| "off".to_owned(), snapshot));
     line("HTTP", config.serve.as_ref().map_or_else(|| "off".to_owned(), serve));
     for route in &config.alerts.routes {
         line(&format!("alarms, route {}", route.name), alert_route(route));
@@ -71,6 +73,10 @@ pub fn summary(config: &Config) -> String {
     line("overdue", format!("after {} usual intervals without a test", detect.overdue_factor));
     line("relative RMSD", levels(detect.accuracy_warning, detect.accuracy_critical));
     out
+}
+
+fn snapshot(snapshot: &SnapshotSettings) -> String {
+    format!("{}, at most every {}", snapshot.file.display(), seconds(snapshot.interval))
 }
 
 fn serve(serve: &ServeSettings) -> String {

@@ -19,6 +19,7 @@ mod handle;
 mod models;
 mod open;
 mod table;
+mod snapshot;
 mod lists;
 mod values;
 

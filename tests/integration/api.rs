@@ -74,7 +74,7 @@ fn rows_of_the_views_are_those_of_the_database() {
     );
     // with every digit, in the order that was asked for
     let places: Vec<Option<usize>> =
-        stored.iter().map(|value| rows.body.find(&format!("\"value\":{value},"))).collect();
+        stored.iter().map(|value| rows.body.find(&format!("\"value\":{value}}}"))).collect();
     assert!(!places.is_empty() && places.iter().all(Option::is_some) && places.is_sorted(), "{}", rows.body);
 
     let cut = served.get("/v1/views/cycles?limit=2").json();

@@ -284,3 +284,20 @@ fn a_corrected_export_is_told_from_an_open_one(workshop: &Workshop) {
     assert_eq!(told, ["R00|3", "Bad|"]);
     assert_eq!(quarantine.ask(workshop, "robot", &[("unresolved", "1")], "NULL"), ["Bad"]);
 }
+
+/// Every statement of the cookbook, as `armwatch sql` takes it.
+#[test]
+fn every_question_of_the_cookbook_is_answered() {
+    let workshop = fleet();
+    let cookbook = std::fs::read_to_string(repository("docs/cookbook.md")).expect("the cookbook");
+    let statements: Vec<&str> =
+        cookbook.split("```sql\n").skip(1).filter_map(|part| Some(part.split_once("```")?.0)).collect();
+    assert!(statements.len() >= 20, "{} statements", statements.len());
+    let mut answered = 0;
+    for statement in statements {
+        let rows = workshop.stdout(&["sql", statement, "--json"], 0);
+        answered += usize::from(!rows.trim().is_empty());
+    }
+    // a small fleet has no repairs and no logs of work
+    assert!(answered >= 10, "{answered} have rows");
+}

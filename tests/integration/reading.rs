@@ -5,8 +5,9 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
+use crate::canon;
 use crate::small::{self, export};
-use crate::support::{Workshop, query, text};
+use crate::support::{Workshop, query, text, wait_until};
 
 /// Commands that read a database with at least two tests of robot A, its first of number 1.
 const READING: [&[&str]; 13] = [
@@ -122,6 +123,52 @@ fn small_change(database: &Path, statement: &str) {
         sqlx::raw_sql(statement).execute(&mut connection).await.expect("done");
         connection.close().await.expect("closed");
     });
+}
+
+#[test]
+fn a_snapshot_says_what_the_database_says_and_needs_no_other_file() {
+    let workshop = stored();
+    let said = workshop.stdout(&["snapshot", "out/copy.db"], 0);
+    assert!(said.starts_with("out/copy.db: "), "{said}");
+    let copy = workshop.path("out/copy.db");
+    assert!(canon::dump(&copy) == workshop.dump(), "views of the copy differ");
+    let size = |path: &Path| fs::metadata(path).expect("a file").len();
+    assert!(size(&copy) < size(&workshop.path("armwatch.db")));
+    assert_eq!(query(&copy, "SELECT count(*) FROM torque_factor"), ["0"], "factors are left out");
+    let files = |folder: &str| fs::read_dir(workshop.path(folder)).expect("a folder").count();
+    assert_eq!(files("out"), 1);
+    set_mode(&workshop.path("out"), 0o555);
+    let output = as_another_user(&workshop, &["status", "--db", "out/copy.db"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    set_mode(&workshop.path("out"), 0o755);
+
+    let itself = workshop.run(&["snapshot", "armwatch.db"]);
+    assert_eq!(itself.status.code(), Some(2), "{}", text(&itself.stderr));
+    // what cannot be written leaves the earlier copy
+    fs::create_dir(workshop.path("out/copy.db.partial")).expect("something in its way");
+    let before = fs::read(&copy).expect("the copy");
+    assert_eq!(workshop.run(&["snapshot", "out/copy.db"]).status.code(), Some(74));
+    assert!(fs::read(&copy).expect("the copy") == before);
+}
+
+#[test]
+fn the_daemon_keeps_a_snapshot_up_to_date() {
+    let workshop = small::workshop();
+    let path = workshop.path("armwatch.toml");
+    let config = fs::read_to_string(&path).expect("the configuration");
+    fs::write(&path, format!("[snapshot]\nfile = \"copy.db\"\ninterval_min = 0.1\n\n{config}"))
+        .expect("written");
+    let daemon = workshop.daemon();
+    let copy = workshop.path("copy.db");
+    for (tests, day) in [(1, 5), (2, 6)] {
+        let export = export("A", day, day);
+        fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+        let counted = || copy.exists() && query(&copy, "SELECT count(*) FROM runs") == [tests.to_string()];
+        wait_until(counted, || workshop.log());
+    }
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+    assert!(canon::dump(&copy) == workshop.dump());
 }
 
 #[test]

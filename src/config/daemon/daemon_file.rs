@@ -17,6 +17,7 @@ use crate::config::pattern::FilePatterns;
 use crate::config::robot::robot_file::parse_robot_with;
 use crate::config::serve::{ServeSettings, read_serve};
 use crate::config::settings::{Config, FleetEntry, Recognition, RewritePolicy, WatchSettings, WorkLimits};
+use crate::config::snapshot::read_snapshot;
 use crate::config::toml::files::ReadText;
 use crate::config::toml::problem::ConfigErrors;
 use crate::config::toml::range::Limits;
@@ -57,6 +58,7 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
     let watch = read_watch(root.table("watch").as_ref());
     let limits = root.table("limits").map_or(Some(WorkLimits::default()), |t| read_work_limits(&t));
     let serve = read_serve(root.table("serve").as_ref());
+    let snapshot = read_snapshot(root.table("snapshot").as_ref());
     let alerts = root.table("alerts").map_or_else(|| Some(AlertSettings::default()), |t| read_alerts(&t));
     let recognition = read_recognition(root.table("recognition").as_ref());
     let fleet = read_fleet(root, references);
@@ -68,6 +70,7 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
         watch: with_spool(watch?, serve.as_ref()?.as_ref()),
         limits: limits?,
         serve: serve?,
+        snapshot: snapshot?,
         alerts: alerts?,
         recognition: recognition?,
         fleet: fleet?,

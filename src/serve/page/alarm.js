@@ -122,7 +122,7 @@ export function mount({ main, argument, title }) {
         shown === "index" ? get("v1/fleet", signal).catch(() => null) : null,
         view("maintenance_log", { robot: one.robot }, signal),
         shown === "rmsd" ? view("cycle_rmsd", { robot: one.robot, joint, stage: "excitation", verification: "self", order: "-run_id", limit: 10000 }, signal)
-          : joint === null ? null : view("friction_index", { robot: one.robot, joint, order: "started_at", limit: 10000 }, signal),
+          : joint === null ? null : view("friction_index", { robot: one.robot, joint, order: "-started_at", limit: 10000 }, signal).then((answer) => ({ rows: answer.rows.reverse() })),
       ]);
       const runs = shown === "rmsd" ? (await view("runs", { robot: one.robot, kind: "test", limit: 10000 }, signal)).rows.map((run) => [run.run_id, run.started_at]) : null;
       return { one, shown, limits: fleet?.limits, works: works.rows, rows: rows?.rows ?? [], runs };

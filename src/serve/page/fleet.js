@@ -1,13 +1,15 @@
 import { get } from "./api.js";
-import { h, hidden, icon, replace } from "./dom.js";
+import { announce, h, hidden, icon, replace } from "./dom.js";
 import { ago, change, count, finding, moment, plural } from "./format.js";
 import { empty, failed, loading } from "./part.js";
 import { spark, sparkRange } from "./spark.js";
 import { badge, jointName, known, rank, STATUSES, stateName } from "./status.js";
 
 const FIRST_ALARMS = 6;
-const AT_ONCE = 16;
+const AT_ONCE = 8;
 const CHUNK = 24;
+// Browsers need not lay out far rows of a long list.
+const MANY = 40;
 const names = new Intl.Collator("en", { numeric: true });
 const worstFirst = (a, b) => rank(a.status) - rank(b.status) || b.open_anomalies - a.open_anomalies || furthest(b) - furthest(a)
   || names.compare(a.robot, b.robot);
@@ -76,6 +78,14 @@ export function mount({ main, query, choose, title }) {
   let allAlarms = false;
   let pending = 0;
   const rows = new Map();
+  const drawn = new Map();
+  // A part that says the same is left alone, so that nothing moves under a finger or the focus.
+  const differs = (name, ...what) => {
+    const text = JSON.stringify(what);
+    if (drawn.get(name) === text) return false;
+    drawn.set(name, text);
+    return true;
+  };
 
   const totals = h("dl", { class: "totals" });
   const alarms = h("div");
@@ -99,7 +109,7 @@ export function mount({ main, query, choose, title }) {
     alarms, live,
     h("section", { class: "part flush", "aria-labelledby": "robots-title" },
       h("div", { class: "part-head" }, h("h2", { id: "robots-title" }, "Robots"),
-        h("div", { class: "tools" }, h("label", { for: "search" }, "Search"), search, h("label", { for: "order" }, "Sort by"), sort)),
+        h("div", { class: "tools" }, h("span", { class: "pair" }, h("label", { for: "search" }, "Search"), search), h("span", { class: "pair" }, h("label", { for: "order" }, "Sort by"), sort))),
       chips, found, list,
       h("p", { class: "part-note" }, "Each cell is a joint: friction at equal speed and warmth against the joint's own baseline, with its latest tests. All curves have one scale.")),
   ];
@@ -112,15 +122,16 @@ export function mount({ main, query, choose, title }) {
 
   function drawHead() {
     const of = data.counts;
-    replace(totals, total("Robots", of.robots), total("Open alarms", of.open_anomalies, null, of.open_anomalies > 0),
+    if (differs("totals", of)) replace(totals, total("Robots", of.robots), total("Open alarms", of.open_anomalies, null, of.open_anomalies > 0),
       total("In quarantine", of.quarantined_runs, "#/ingest", of.quarantined_runs > 0), total("Live tests", of.streaming_runs, "#/ingest"));
     const now = Date.parse(data.now);
+    const minute = Math.floor(now / 60_000);
     const open = data.anomalies.filter((one) => one.state === "open" && one.severity !== "info");
     const rest = data.anomalies.filter((one) => !open.includes(one));
     const shown = allAlarms ? open : open.slice(0, FIRST_ALARMS);
     const none = data.robots.length ? h("p", { class: "calm" }, icon("ok"), "No open alarm.") : null;
     const late = data.robots.filter((one) => one.status === "overdue" || one.joints.some((joint) => joint.status === "overdue"));
-    replace(alarms, data.robots.length || data.anomalies.length ? h("section", { class: "part flush", "aria-labelledby": "alarms-title" },
+    if (differs("alarms", data.anomalies, allAlarms, late.map((one) => one.robot), data.robots.length, minute)) replace(alarms, data.robots.length || data.anomalies.length ? h("section", { class: "part flush", "aria-labelledby": "alarms-title" },
       h("div", { class: "part-head" }, h("h2", { id: "alarms-title" }, "Open alarms")),
       open.length ? h("ol", { class: "alarms" }, shown.map((one) => alarmRow(one, now))) : none,
       open.length > FIRST_ALARMS ? h("button", { class: "quiet more", type: "button", "data-key": "all-alarms", "aria-expanded": String(allAlarms), onclick: () => {
@@ -130,10 +141,10 @@ export function mount({ main, query, choose, title }) {
       rest.length ? h("details", { class: "more", "data-key": "rest" }, h("summary", { "data-key": "rest-summary" },
         `${plural(rest.length, "anomaly", "anomalies")} that somebody deals with, or for information`),
       h("ol", { class: "alarms" }, rest.map((one) => alarmRow(one, now)))) : null,
-      late.length ? h("p", { class: "late-note" }, icon("overdue"), late.length === 1 ? "1 robot is overdue for its test: " : `${late.length} robots are overdue for their test: `,
+      late.length ? h("p", { class: "late-note" }, icon("overdue"), h("span", null, late.length === 1 ? "1 robot is overdue for its test: " : `${late.length} robots are overdue for their test: `,
         late.slice(0, 4).map((one, index) => [index ? ", " : "", h("a", { href: robotLink(one.robot), "data-key": `late/${one.robot}` }, one.robot)]),
-        late.length > 4 ? ` and ${late.length - 4} more (filter by overdue).` : ".") : null) : null);
-    replace(live, data.live.length ? h("section", { class: "part flush", "aria-labelledby": "live-title" },
+        late.length > 4 ? ` and ${late.length - 4} more (filter by overdue).` : ".")) : null) : null);
+    if (differs("live", data.live, minute)) replace(live, data.live.length ? h("section", { class: "part flush", "aria-labelledby": "live-title" },
       h("div", { class: "part-head" }, h("h2", { id: "live-title" }, "Live tests")),
       h("ul", { class: "lives" }, data.live.map((one) => h("li", null, h("a", { class: "row-link live-row", href: `#/run/${one.run_id}`, "data-key": `live${one.run_id}` },
         h("span", { class: "badge s-live" }, icon("live"), one.robot),
@@ -150,7 +161,7 @@ export function mount({ main, query, choose, title }) {
       drawChips();
       drawRobots();
     } }, name ? icon(name) : null, `${text} `, h("b", null, count(number)));
-    replace(chips, chip("", "All", data.robots.length), STATUSES.filter((one) => of(one) || one === status).map((one) => chip(one, one, of(one))));
+    if (differs("chips", status, data.robots.length, STATUSES.map(of))) replace(chips, chip("", "All", data.robots.length), STATUSES.filter((one) => of(one) || one === status).map((one) => chip(one, one, of(one))));
   }
 
   function drawRobots() {
@@ -164,7 +175,7 @@ export function mount({ main, query, choose, title }) {
     const key = list.contains(active) ? active.dataset.key : null;
     const wanted = [];
     const build = (robot) => {
-      const text = `${JSON.stringify(robot)}${range}`;
+      const text = `${JSON.stringify(robot)}${range}${Math.floor(now / 3_600_000)}`;
       let kept = rows.get(robot.robot);
       if (kept?.text !== text) {
         kept = { text, node: robotRow(robot, range, now) };
@@ -188,6 +199,7 @@ export function mount({ main, query, choose, title }) {
       place(next >= shown.length);
       if (next < shown.length) setTimeout(() => { if (own === pending && !gone) step(CHUNK); }, 0);
     };
+    list.classList.toggle("many", shown.length > MANY);
     step(AT_ONCE);
     found.textContent = shown.length === data.robots.length ? "" : shown.length
       ? `${count(shown.length)} of ${plural(data.robots.length, "robot")}` : "No robot matches. Clear the search or choose “All”.";
@@ -196,13 +208,13 @@ export function mount({ main, query, choose, title }) {
   function draw() {
     if (!data.robots.length && !data.live.length && !data.anomalies.length) {
       drawHead();
-      replace(body, h("h1", { tabindex: -1 }, "Fleet"), totals, empty(h("h2", null, "No test yet"),
+      replace(body, content[0], empty(h("h2", null, "No test yet"),
         h("p", null, "Copy an export of a test into a watched folder: ", h("code", null, "[watch] folders"), " of the configuration names them."),
         h("p", null, h("code", null, "armwatch demo"), " shows the program with made-up robots."),
         data.counts.quarantined_runs ? h("p", null, h("a", { href: "#/ingest" }, `${plural(data.counts.quarantined_runs, "export")} in quarantine: see why`)) : null));
       return;
     }
-    if (body.firstChild !== content[0]) body.replaceChildren(...content);
+    if (body.children.length !== content.length) body.replaceChildren(...content);
     drawHead();
     drawChips();
     drawRobots();
@@ -213,6 +225,7 @@ export function mount({ main, query, choose, title }) {
     try {
       const fresh = await get("v1/fleet");
       if (gone) return;
+      if (data && fresh.counts.open_anomalies > data.counts.open_anomalies) announce(`A new alarm. ${plural(fresh.counts.open_anomalies, "open alarm")}.`);
       data = fresh;
       draw();
     } catch (error) {

@@ -1,7 +1,6 @@
 import { retryButton } from "./actions.js";
 import { get, view } from "./api.js";
 import { h, icon } from "./dom.js";
-
 import { ago, count, moment, plural, sentence } from "./format.js";
 import { empty, part } from "./part.js";
 import { runTable } from "./robot.js";

@@ -60,7 +60,7 @@ async function show() {
     await own.refresh().then(() => stream.reached(), () => {});
     if (own !== page) return;
     if (back) scrollTo(0, scrolled.get(at) ?? 0);
-    else if (!own.placed?.()) scrollTo(0, 0);
+    else scrollTo(0, 0);
     if (!first) main.querySelector("h1")?.focus({ preventScroll: true });
   } catch (error) {
     main.replaceChildren(failed(error, () => location.reload()));

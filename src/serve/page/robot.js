@@ -24,11 +24,6 @@ const by = (rows, key) => {
   return groups;
 };
 
-function choice(id, label, options, value, onchange) {
-  const node = h("select", { id, onchange: () => onchange(node.value) }, options.map(([key, text]) => h("option", { value: key, selected: String(key) === String(value) }, text)));
-  return [h("label", { for: id }, label), node];
-}
-
 function fill(node, options, value) {
   const text = JSON.stringify(options);
   if (node.dataset.options !== text) {
@@ -57,8 +52,12 @@ export function mount({ main, argument: robot, query, choose, title }) {
   const jointsOf = () => whole?.joints.map((one) => one.joint) ?? [];
 
   const head = h("div");
+  let headText = null;
   function drawHead(data) {
     whole = data.robots.find((one) => one.robot === robot) ?? null;
+    const text = JSON.stringify([whole, Math.floor(Date.now() / 60_000)]);
+    if (text === headText) return;
+    headText = text;
     const crumb = h("p", { class: "crumb" }, h("a", { href: "#/", "data-key": "fleet" }, "Fleet"), ` / ${robot}`);
     if (!whole) {
       replace(head, crumb, h("h1", { tabindex: -1 }, robot), empty(h("p", null, "This robot has no complete test. Its runs and exports are below, if there are any."), h("p", null, h("a", { href: "#/ingest", "data-key": "ingest" }, "Show exports and quarantine"))));
@@ -84,9 +83,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
         });
         return cell;
       })));
-
   }
-
 
   const jointSelect = h("select", { id: "joint", onchange: () => setJoint(Number(jointSelect.value)) });
   const runSelect = h("select", { id: "run", onchange: () => {
@@ -96,7 +93,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
     warmUp.again();
   } });
   const detailHead = h("div", { class: "detail-head" }, h("h2", { id: "detail" }, "One joint"),
-    h("div", { class: "tools" }, h("label", { for: "joint" }, "Joint"), jointSelect, h("label", { for: "run" }, "Run"), runSelect));
+    h("div", { class: "tools" }, h("span", { class: "pair" }, h("label", { for: "joint" }, "Joint"), jointSelect), h("span", { class: "pair" }, h("label", { for: "run" }, "Run"), runSelect)));
 
   function setJoint(next) {
     joint = next;
@@ -133,9 +130,9 @@ export function mount({ main, argument: robot, query, choose, title }) {
     tools: h("div", { class: "tools" }, h("label", { class: "check" }, scale, "A scale of its own for each joint")),
     load: async (signal) => {
       const [rows, anomalies, works, data] = await Promise.all([
-        view("friction_index", { robot, order: "started_at", limit: 10000 }, signal), view("anomalies", { robot, limit: 500 }, signal),
+        view("friction_index", { robot, order: "-started_at", limit: 10000 }, signal), view("anomalies", { robot, limit: 500 }, signal),
         view("maintenance_log", { robot, limit: 500 }, signal), fleet()]);
-      return { rows: rows.rows, truncated: rows.truncated, anomalies: anomalies.rows, works: works.rows, limits: data.limits,
+      return { rows: rows.rows.reverse(), truncated: rows.truncated, anomalies: anomalies.rows, works: works.rows, limits: data.limits,
         joints: data.robots.find((one) => one.robot === robot)?.joints.map((one) => [one.joint, one.status, one.friction_index]) ?? [] };
     },
     draw: ({ rows, truncated, anomalies, works, limits, joints }, owned) => {
@@ -158,7 +155,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
         })),
         legend(legendOf([...groups.keys()].flatMap(lines), [...groups.keys()].flatMap((one) => marksOf(anomalies, works, one)))),
         limits ? null : h("p", { class: "part-note" }, anyLimit ? "A limit is drawn where an alarm tells it. The daemon does not tell the limits of the other joints." : "No limit is drawn: the daemon does not tell the limits of these joints."),
-        truncated ? h("p", { class: "part-note" }, "The history is longer than 10 000 points; the first of them are shown.") : null,
+        truncated ? h("p", { class: "part-note" }, "The history is longer than 10 000 points; the latest of them are shown.") : null,
       ];
     },
   });

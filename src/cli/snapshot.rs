@@ -1,0 +1,47 @@
+//! `armwatch snapshot`: a copy of what is stored, for readers.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+
+use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
+use super::shared::output;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch snapshot /srv/share/armwatch.db
+  armwatch snapshot fleet.db --db /var/lib/armwatch/armwatch.db
+
+One file that nothing writes to: any user, mount or machine can read it, with armwatch and with other programs. The
+daemon may run meanwhile. All views say what those of the database say; what is left out is the factors of cycles, with
+which `identify` and `verify` work. The daemon writes such a file by itself with [snapshot] in the configuration.")]
+pub(super) struct SnapshotArgs {
+    /// File to write; one that is there is replaced
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+}
+
+pub(super) fn snapshot(global: &Global, args: &SnapshotArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    let file = args.file.display();
+    let is_same = |a: &std::path::Path, b: &std::path::Path| {
+        std::fs::canonicalize(a).is_ok_and(|a| std::fs::canonicalize(b).is_ok_and(|b| a == b))
+    };
+    if is_same(&args.file, &config.database) {
+        return Err(CliError::Usage(format!("{file} is the database itself; name another file")));
+    }
+    let bytes = runtime()?.block_on(async {
+        let store = open_to_read(&config).await?;
+        let bytes = store.snapshot(&args.file).await;
+        store.close().await?;
+        bytes.map_err(CliError::from)
+    })?;
+    if global.json {
+        output::json(&json!({"file": file.to_string(), "bytes": bytes}));
+    } else {
+        output::line(&format!("{file}: {:.1} MB", bytes as f64 / 1e6));
+    }
+    Ok(EXIT_DONE)
+}

@@ -1,0 +1,116 @@
+//! A copy of what is stored, in one file that nothing writes to: any user, mount or machine can read it, whatever the
+//! daemon does.
+//!
+//! It leaves out what only going on with the work needs: the factors of cycles, which are most of a database, and where
+//! reading goes on. Views say the same as those of the database at one moment.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode};
+use sqlx::{AssertSqlSafe, ConnectOptions, Connection, SqliteConnection};
+
+use super::error::StoreError;
+use super::handle::Store;
+use super::open::APPLICATION_ID;
+
+/// Tables whose rows are left out.
+const LEFT_OUT: [&str; 5] =
+    ["torque_factor", "cycle_factor_layout", "resume_point", "source_file", "channel_response"];
+
+/// What a copy is called until it is whole.
+const PARTIAL: &str = ".partial";
+
+impl Store {
+    /// Writes a copy of what is stored to `target`, in place of one that is there, and says how many bytes it has.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database or of the copy; an earlier copy then stays.
+    pub async fn snapshot(&self, target: &Path) -> Result<u64, StoreError> {
+        let mut partial = target.as_os_str().to_owned();
+        partial.push(PARTIAL);
+        let partial = PathBuf::from(partial);
+        let failed = |error: std::io::Error| StoreError::from_sqlx(target, &sqlx::Error::Io(error));
+        if let Some(folder) = target.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).map_err(failed)?;
+        }
+        remove(&partial).map_err(failed)?;
+        let copied = copy(&self.path, &partial).await;
+        if let Err(error) = copied {
+            // what is half is of no use
+            let _ = remove(&partial);
+            return Err(StoreError::from_sqlx(target, &error));
+        }
+        let (partial, target) = (partial.clone(), target.to_owned());
+        let placed = tokio::task::spawn_blocking(move || place(&partial, &target)).await;
+        placed.unwrap_or_else(|error| Err(std::io::Error::other(error))).map_err(failed)
+    }
+}
+
+fn remove(path: &Path) -> std::io::Result<()> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
+/// Gives a whole copy its name, so that a reader sees the earlier one or this one.
+fn place(partial: &Path, target: &Path) -> std::io::Result<u64> {
+    let file = std::fs::File::open(partial)?;
+    file.sync_all()?;
+    let bytes = file.metadata()?.len();
+    std::fs::rename(partial, target)?;
+    let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    std::fs::File::open(folder)?.sync_all()?;
+    Ok(bytes)
+}
+
+async fn copy(source: &Arc<Path>, partial: &Path) -> Result<(), sqlx::Error> {
+    let mut connection = SqliteConnectOptions::new()
+        .filename(partial)
+        .create_if_missing(true)
+        .foreign_keys(false)
+        // the file is synced as a whole before it gets its name
+        .journal_mode(SqliteJournalMode::Off)
+        .pragma("synchronous", "OFF")
+        .disable_statement_logging()
+        .connect()
+        .await?;
+    let copied = copy_into(&mut connection, source).await;
+    connection.close().await.and(copied)
+}
+
+async fn copy_into(connection: &mut SqliteConnection, source: &Path) -> Result<(), sqlx::Error> {
+    sqlx::query("ATTACH ? AS source").bind(source.to_string_lossy()).execute(&mut *connection).await?;
+    run(connection, &format!("PRAGMA main.application_id = {APPLICATION_ID}")).await?;
+    // one moment of the database, whatever is written to it meanwhile
+    run(connection, "BEGIN").await?;
+    for (kind, name, statement) in schema(connection, "'table'").await? {
+        run(connection, &statement).await?;
+        if kind == "table" && !LEFT_OUT.contains(&name.as_str()) {
+            run(connection, &format!("INSERT INTO main.\"{name}\" SELECT * FROM source.\"{name}\"")).await?;
+        }
+    }
+    for (_, _, statement) in schema(connection, "'index', 'view'").await? {
+        run(connection, &statement).await?;
+    }
+    run(connection, "COMMIT").await
+}
+
+/// Kind, name and statement of what the database consists of, in the order in which it was made. Tables of SQLite itself
+/// come by themselves.
+async fn schema(
+    connection: &mut SqliteConnection,
+    kinds: &str,
+) -> Result<Vec<(String, String, String)>, sqlx::Error> {
+    let statement = format!(
+        "SELECT type, name, sql FROM source.sqlite_schema
+         WHERE type IN ({kinds}) AND sql IS NOT NULL AND name NOT LIKE 'sqlite~_%' ESCAPE '~'
+         ORDER BY rowid"
+    );
+    sqlx::query_as(AssertSqlSafe(statement)).fetch_all(connection).await
+}
+
+async fn run(connection: &mut SqliteConnection, statement: &str) -> Result<(), sqlx::Error> {
+    sqlx::raw_sql(AssertSqlSafe(statement.to_owned())).execute(connection).await.map(|_| ())
+}
