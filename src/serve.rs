@@ -152,7 +152,7 @@ pub async fn start(
                 folder: upload.spool.display().to_string(),
                 detail: error.to_string(),
             })?;
-            Some(Uploads::new(upload.clone(), spool, config))
+            Some(Uploads::new(upload.clone(), spool, config.clone()))
         }
         None => None,
     };
@@ -167,6 +167,7 @@ pub async fn start(
         uploads,
         stop: stop.clone(),
         readiness: tokio::sync::Mutex::default(),
+        config,
         looking: OnceCell::new(),
         changes: watch::channel(0).0,
     });

@@ -12,6 +12,7 @@ mod simulate;
 mod benchmark;
 mod evaluate;
 mod calibrate;
+mod completions;
 mod context;
 mod demo;
 mod ingest;
@@ -29,7 +30,7 @@ mod verify;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::cli::context::{EXIT_IO, Global, LogFormat};
 use crate::telemetry;
@@ -117,7 +118,9 @@ enum Command {
     Evaluate(evaluate::EvaluateArgs),
     /// From which change on friction is an alarm at the rate of false alarms that is asked for, and how soon
     Calibrate(calibrate::CalibrateArgs),
-    /// Look at a configuration
+    /// Print completions of commands and options for a shell
+    Completions(completions::CompletionsArgs),
+    /// Look at a configuration, or write one to edit
     Config {
         #[command(subcommand)]
         command: ConfigCommand,
@@ -159,6 +162,14 @@ Examples:
   armwatch config check
   armwatch config check --config /etc/armwatch/armwatch.toml")]
     Check,
+    /// The settings in force, and where they come from
+    #[command(after_help = "\
+Examples:
+  armwatch config show
+  armwatch config show --config /etc/armwatch/armwatch.toml")]
+    Show,
+    /// Write the shipped configuration as files to edit
+    Init(config::init::InitArgs),
 }
 
 /// Runs a command and returns the exit status of the process.
@@ -216,6 +227,9 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Evaluate(args) => evaluate::evaluate(&cli.global, &args),
         Command::Calibrate(args) => calibrate::calibrate(&cli.global, &args),
         Command::Config { command: ConfigCommand::Check } => config::check::check(&cli.global),
+        Command::Config { command: ConfigCommand::Show } => config::show::show(&cli.global),
+        Command::Config { command: ConfigCommand::Init(args) } => config::init::init(&cli.global, &args),
+        Command::Completions(args) => completions::completions(&args, &mut Cli::command()),
     };
     let status = done.unwrap_or_else(|error| {
         shared::output::print_error(&error);

@@ -39,7 +39,7 @@ pub use self::robot::robot_file::{parse_robot, read_robot};
 pub use self::serve::{ServeSettings, UploadSettings};
 pub use self::settings::{Config, FleetEntry, Recognition, RewritePolicy, WatchSettings, WorkLimits};
 pub use self::snapshot::SnapshotSettings;
-pub use self::source::ConfigSource;
+pub use self::source::{ConfigSource, shipped_files};
 pub use self::summary::summary;
 pub use self::toml::problem::{ConfigErrors, ConfigProblem};
 pub use self::urdf_writer::{UrdfFriction, straight_friction, urdf_text};

@@ -26,6 +26,18 @@ const SHIPPED: [(&str, &str); 6] = [
     ("config/exports/native.toml", include_str!("../../config/exports/native.toml")),
 ];
 
+/// The shipped files by their names below `config/`: a configuration, descriptions of arms, layouts.
+pub fn shipped_files() -> impl Iterator<Item = (&'static str, &'static str)> {
+    SHIPPED.iter().chain(&EXAMPLES).map(|(name, text)| (name.strip_prefix("config/").unwrap_or(name), *text))
+}
+
+/// Layouts that the shipped configuration does not name.
+const EXAMPLES: [(&str, &str); 3] = [
+    ("config/exports/motor_side.toml", include_str!("../../config/exports/motor_side.toml")),
+    ("config/exports/production.toml", include_str!("../../config/exports/production.toml")),
+    ("config/exports/ur10e_current.toml", include_str!("../../config/exports/ur10e_current.toml")),
+];
+
 /// Where a configuration was found. Shown to people as `config/armwatch.toml (working directory)`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ConfigSource {

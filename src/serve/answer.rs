@@ -63,6 +63,7 @@ impl Refusal {
     /// A question of the database that has no answer.
     pub fn unanswered(error: AskError) -> Self {
         match error {
+            AskError::NoView(text) => Self::new(StatusCode::NOT_FOUND, text),
             AskError::Statement(text) => Self::new(StatusCode::BAD_REQUEST, text),
             AskError::Store(error) => Self::internal(&error),
         }

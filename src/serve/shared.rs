@@ -23,6 +23,8 @@ pub(super) struct Shared {
     pub(super) stop: CancellationToken,
     /// What `/ready` said last.
     pub(super) readiness: tokio::sync::Mutex<Option<Readiness>>,
+    /// As it is in force now.
+    pub(super) config: watch::Receiver<Arc<Config>>,
     /// The handle of those who only look, opened by the first of them.
     pub(super) looking: OnceCell<Store>,
     /// Counts changes of the database while anybody listens.

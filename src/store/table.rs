@@ -29,6 +29,9 @@ impl Table {
 /// Why a question in SQL has no answer.
 #[derive(Debug, thiserror::Error)]
 pub enum AskError {
+    /// There is no view of this name; the sentence lists those that there are.
+    #[error("{0}")]
+    NoView(String),
     /// The statement cannot be carried out.
     #[error("{0}")]
     Statement(String),
@@ -83,15 +86,12 @@ impl Store {
     /// Rows of a view.
     ///
     /// # Errors
-    /// [`AskError::Statement`] for a view or column that is not there.
+    /// [`AskError::NoView`], and [`AskError::Statement`] for a column that is not there.
     pub async fn rows_of_view(&self, view: &str, wanted: &ViewRows) -> Result<Table, AskError> {
         let views = self.views().await?;
         let Some((_, columns)) = views.iter().find(|(name, _)| name == view) else {
             let names: Vec<&str> = views.iter().map(|(name, _)| name.as_str()).collect();
-            return Err(AskError::Statement(format!(
-                "there is no view {view}; there are {}",
-                names.join(", ")
-            )));
+            return Err(AskError::NoView(format!("there is no view {view}; there are {}", names.join(", "))));
         };
         let asked = wanted.filters.iter().map(|(column, _)| column);
         for column in asked.chain(wanted.order.iter().map(|(column, _)| column)) {

@@ -24,7 +24,7 @@ fn examples(help: &str) -> Vec<String> {
     let after = help.split_once("Examples:\n").map_or("", |(_, after)| after);
     let joined = after.replace("\\\n", " ");
     let lines = joined.lines().take_while(|line| line.starts_with("  "));
-    lines.map(|line| line.split(['|', '>']).next().unwrap_or_default().trim().to_owned()).collect()
+    lines.map(|line| line.split(['|', '>', '<']).next().unwrap_or_default().trim().to_owned()).collect()
 }
 
 /// Words of a command line as a shell gives them; what stands between double quotes is one word.
@@ -185,4 +185,37 @@ fn the_ingest_benchmark_measures_two_programs_on_the_same_rows() {
         value["series"].as_array().expect("a series").iter().map(|entry| &entry["files"]).collect();
     assert_eq!(counts, [2, 8], "{out}");
     workshop.stdout(&["benchmark", "ingest", "--file", "not-there.csv"], 74);
+}
+
+#[test]
+fn the_shipped_configuration_becomes_files_to_edit_and_none_is_written_over() {
+    let workshop = Workshop::new();
+    std::fs::create_dir_all(workshop.path("etc/robots")).expect("a folder");
+    std::fs::write(workshop.path("etc/robots/scara.toml"), "# mine\n").expect("a file");
+    let said = workshop.stdout(&["config", "init", "etc"], 0);
+    assert!(
+        said.contains("written  etc/armwatch.toml") && said.contains("kept     etc/robots/scara.toml"),
+        "{said}"
+    );
+    assert_eq!(std::fs::read_to_string(workshop.path("etc/robots/scara.toml")).expect("it"), "# mine\n");
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/config");
+    for folder in ["robots", "exports"] {
+        for entry in std::fs::read_dir(format!("{shipped}/{folder}")).expect("a folder") {
+            let name = entry.expect("a file").file_name();
+            assert!(workshop.path("etc").join(folder).join(&name).is_file(), "{name:?}");
+        }
+    }
+    let config = ["--config", "etc/armwatch.toml"];
+    workshop.stdout(&[&["config", "check"], &config[..]].concat(), 0);
+    let shown = workshop.stdout(&[&["config", "show"], &config[..]].concat(), 0);
+    assert!(shown.contains("etc/armwatch.toml") && shown.contains("armwatch.db"), "{shown}");
+}
+
+#[test]
+fn completions_name_the_commands() {
+    let workshop = Workshop::new();
+    for shell in ["bash", "zsh", "fish"] {
+        let script = workshop.stdout(&["completions", shell], 0);
+        assert!(["status", "quarantine", "snapshot"].iter().all(|word| script.contains(word)), "{shell}");
+    }
 }

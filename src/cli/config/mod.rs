@@ -1,3 +1,5 @@
 //! `armwatch config`.
 
 pub(super) mod check;
+pub(super) mod init;
+pub(super) mod show;

@@ -41,7 +41,7 @@ pub fn print(table: &Table, args: RowArgs, json: bool, nothing: &str) -> Result<
 /// The error of a question in SQL as that of a command.
 pub fn as_cli_error(error: AskError) -> CliError {
     match error {
-        AskError::Statement(text) => CliError::Usage(text),
+        AskError::Statement(text) | AskError::NoView(text) => CliError::Usage(text),
         AskError::Store(error) => CliError::Store(error),
     }
 }

@@ -28,7 +28,9 @@ pub async fn events(
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Refusal> {
     shared.access.check(&headers)?;
     shared.looking().await?;
-    let (changes, stop) = (shared.changes.subscribe(), shared.stop.clone());
+    let (mut changes, stop) = (shared.changes.subscribe(), shared.stop.clone());
+    // what a page has asked for before may be older than the stream
+    changes.mark_changed();
     let stream = unfold((changes, stop), async |(mut changes, stop)| {
         let changed = tokio::select! {
             () = stop.cancelled() => return None,

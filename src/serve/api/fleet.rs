@@ -46,16 +46,24 @@ const OF_JOINT: [&str; 9] = [
 pub async fn fleet(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Result<Json<Value>, Refusal> {
     shared.access.check(&headers)?;
     let store = shared.looking().await?;
-    let Counts { robots, streaming_runs, complete_runs, quarantined_runs, cycles, open_anomalies } =
+    let Counts { streaming_runs, complete_runs, quarantined_runs, cycles, .. } =
         store.counts().await.map_err(|error| Refusal::internal(&error))?;
+    let robots = robots_with_joints(store).await?;
+    let anomalies = anomalies(store).await?;
+    let alarms = anomalies.iter().filter(|row| row["state"] == "open" && row["severity"] != "info").count();
+    let (warning, critical) = {
+        let config = shared.config.borrow();
+        (config.detect.drift_warning, config.detect.drift_critical)
+    };
     Ok(Json(json!({
         "now": Timestamp::now().to_string(),
         "counts": {
-            "robots": robots, "streaming_runs": streaming_runs, "complete_runs": complete_runs,
-            "quarantined_runs": quarantined_runs, "cycles": cycles, "open_anomalies": open_anomalies,
+            "robots": robots.len(), "streaming_runs": streaming_runs, "complete_runs": complete_runs,
+            "quarantined_runs": quarantined_runs, "cycles": cycles, "open_anomalies": alarms,
         },
-        "robots": robots_with_joints(store).await?,
-        "anomalies": anomalies(store).await?,
+        "limits": {"drift_warning_fraction": warning, "drift_critical_fraction": critical},
+        "robots": robots,
+        "anomalies": anomalies,
         "live": live(store).await?,
     })))
 }
@@ -97,9 +105,14 @@ fn histories(table: &Table) -> HashMap<(String, i64), Vec<Value>> {
     for row in table.objects() {
         let of =
             (row["robot"].as_str().unwrap_or_default().to_owned(), row["joint"].as_i64().unwrap_or_default());
-        histories.entry(of).or_default().push(row["friction_index"].clone());
+        histories.entry(of).or_default().push(row["friction_index"].as_f64().map_or(Value::Null, shown));
     }
     histories
+}
+
+/// A figure of a history with the digits that a line of some pixels shows.
+fn shown(index: f64) -> Value {
+    json!((index * 1e4).round() / 1e4)
 }
 
 /// Anomalies that are not settled, the worst first, then the newest.

@@ -14,6 +14,7 @@ use crate::serve::shared::Shared;
 pub async fn session(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Json<Value> {
     Json(json!({
         "version": env!("CARGO_PKG_VERSION"),
+        "database": shared.config.borrow().database.file_name().map(|name| name.to_string_lossy().into_owned()),
         "now": Timestamp::now().to_string(),
         "needs_token": shared.access.needs_token(),
         "may_read": shared.access.check(&headers).is_ok(),

@@ -5,6 +5,12 @@ try {
 } catch {
   // Without storage the system's setting holds.
 }
+// A link may carry the token behind "#", which is not sent to any server. It leaves the address at once.
+const carried = /^#token=([!-~]+)$/.exec(location.hash);
+if (carried) {
+  try { sessionStorage.setItem("armwatch.token", carried[1]); } catch { /* Without storage the page asks for it. */ }
+  history.replaceState(null, "", `${location.pathname}#/`);
+}
 // The fleet is asked for while the modules are still on their way. api.js takes the answer.
 if (/^(#\/?(\?.*)?)?$/.test(location.hash)) {
   let token = null;

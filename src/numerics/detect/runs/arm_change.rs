@@ -96,7 +96,8 @@ impl Figure {
 }
 
 fn of_load(load: &Load) -> Figure {
-    let [x, y, z] = load.centre;
+    // to the millimetre, without the sign of a zero
+    let [x, y, z] = load.centre.map(|part| (1e3 * part).round() / 1e3 + 0.0);
     let (amount, verb) = (load.mass.abs(), if load.mass > 0.0 { "more" } else { "less" });
     Figure {
         score: amount / load.std_error,

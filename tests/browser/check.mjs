@@ -1,0 +1,254 @@
+// Browser test of the dashboard: node check.mjs BASE_URL OUT_FOLDER [--token TOKEN] [--act] [--budget MS] [--only NAME]
+// Looks at every page in light, dark and at phone width. --act also enters things, so it changes the database.
+import { mkdir, readFile } from "node:fs/promises";
+import { createRequire } from "node:module";
+import { parseArgs } from "node:util";
+import puppeteer from "puppeteer-core";
+
+const { values: options, positionals: [base = "http://127.0.0.1:8750/", out = "shots"] } = parseArgs({
+  allowPositionals: true,
+  options: { token: { type: "string" }, act: { type: "boolean" }, budget: { type: "string" }, only: { type: "string" } },
+});
+const AXE = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+const LOOKS = [["light", 1280, "light"], ["dark", 1280, "dark"], ["phone", 390, "light"], ["phone-dark", 360, "dark"]];
+const SETTLE_MS = 15_000;
+
+let failures = 0;
+function check(holds, what, detail = "") {
+  if (!holds) failures += 1;
+  console.log(`${holds ? "ok  " : "FAIL"} ${what}${detail === "" ? "" : `: ${detail}`}`);
+}
+
+const ask = async (path) => {
+  const answer = await fetch(new URL(path, base), { headers: options.token ? { Authorization: `Bearer ${options.token}` } : {} });
+  if (!answer.ok) throw new Error(`${path}: ${answer.status} ${await answer.text()}`);
+  return answer.json();
+};
+const fleet = await ask("v1/fleet");
+const run = (await ask("v1/views/runs?status=complete&order=-run_id&limit=1")).rows[0];
+const alarm = fleet.anomalies[0];
+const pages = [["fleet", "#/"], ["ingest", "#/ingest"]];
+if (fleet.robots.length) pages.push(["robot", `#/robot/${encodeURIComponent(alarm?.robot ?? fleet.robots[0].robot)}`]);
+if (alarm) pages.push(["alarm", `#/alarm/${alarm.anomaly_id}`]);
+const whole = fleet.anomalies.find((one) => one.joint === null);
+if (whole) pages.push(["alarm-of-the-arm", `#/alarm/${whole.anomaly_id}`]);
+if (run) pages.push(["run", `#/run/${run.run_id}`]);
+pages.push(["robot-unknown", "#/robot/nobody"], ["run-unknown", "#/run/999999"], ["alarm-unknown", "#/alarm/999999"], ["no-page", "#/nothing"]);
+
+const browser = await puppeteer.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: ["--no-sandbox"] });
+
+async function open(hash, { width = 1280, scheme = "light", token = options.token } = {}) {
+  const context = await browser.createBrowserContext();
+  const page = await context.newPage();
+  page.problems = [];
+  page.on("console", (message) => {
+    if (["error", "warn"].includes(message.type())) page.problems.push(`${message.text()} ${message.location()?.url ?? ""}`);
+  });
+  page.on("pageerror", (error) => page.problems.push(error.message));
+  page.on("request", (request) => { if (!/^(data|blob):/.test(request.url()) && !request.url().startsWith(new URL(base).origin)) page.problems.push(`external request ${request.url()}`); });
+  await page.setViewport({ width, height: 900 });
+  await page.emulateMediaFeatures([{ name: "prefers-color-scheme", value: scheme }, { name: "prefers-reduced-motion", value: "reduce" }]);
+  await page.evaluateOnNewDocument((text) => {
+    if (text) sessionStorage.setItem("armwatch.token", text);
+    new MutationObserver((_, observer) => {
+      if (!document.querySelector(".robot-row, .empty")) return;
+      observer.disconnect();
+      requestAnimationFrame(() => setTimeout(() => { globalThis.usefulAt = performance.now(); }));
+    }).observe(document, { childList: true, subtree: true });
+  }, token ?? null);
+  await page.goto(new URL(hash, base).href);
+  return { page, context };
+}
+
+/** Waits until every part has its data; lazy parts are scrolled to. */
+async function settle(page) {
+  const idle = () => page.waitForFunction(() => ![...document.querySelectorAll(".page-note")].some((one) => one.textContent === "Loading"), { timeout: SETTLE_MS, polling: 50 }).catch(() => {});
+  await page.waitForSelector("main h1", { timeout: SETTLE_MS, polling: 50 });
+  for (let y = 0, last = -1; y !== last;) {
+    last = y;
+    y = await page.evaluate(() => { scrollBy(0, innerHeight); return scrollY; });
+    await new Promise((resolve) => setTimeout(resolve, 120));
+  }
+  await idle();
+  await page.evaluate(() => scrollTo(0, 0));
+  await new Promise((resolve) => setTimeout(resolve, 250));
+}
+
+/** Hides the page and shows it again: it reads its data anew and follows the events anew. */
+async function wake(page) {
+  await page.evaluate(() => {
+    Object.defineProperty(document, "hidden", { value: true, configurable: true });
+    document.dispatchEvent(new Event("visibilitychange"));
+    delete document.hidden;
+    document.dispatchEvent(new Event("visibilitychange"));
+  });
+}
+
+async function looksRight(name, hash) {
+  for (const [look, width, scheme] of LOOKS) {
+    const { page, context } = await open(hash, { width, scheme });
+    await settle(page);
+    await page.screenshot({ path: `${out}/${name}-${look}.png`, fullPage: true });
+    const tooWide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+    check(tooWide <= 0, `${name} ${look} fits the width`, tooWide > 0 ? `${tooWide} px too wide` : "");
+    await page.evaluate(AXE);
+    const found = await page.evaluate(() => globalThis.axe.run({ resultTypes: ["violations"] }).then((result) => result.violations.map((one) => `${one.id} x${one.nodes.length} (${one.nodes[0].target.join(" ")} ${one.nodes[0].failureSummary?.split("\n")[1] ?? ""})`)));
+    check(found.length === 0, `${name} ${look} has no violations of axe`, found.join("; "));
+    check(page.problems.length === 0, `${name} ${look} has a clean console`, page.problems.join("; "));
+    await context.close();
+  }
+}
+
+async function paintsSoon() {
+  const times = [];
+  for (let turn = 0; turn < 5; turn += 1) {
+    const { page, context } = await open("#/");
+    await page.waitForFunction(() => globalThis.usefulAt !== undefined, { timeout: SETTLE_MS, polling: 50 });
+    times.push(await page.evaluate(() => globalThis.usefulAt));
+    await context.close();
+  }
+  times.sort((a, b) => a - b);
+  const text = `median ${times[2].toFixed(0)} ms of ${times.map((one) => one.toFixed(0)).join(", ")}`;
+  check(!options.budget || times[2] <= Number(options.budget), `first useful paint of ${fleet.robots.length} robots`, text);
+}
+
+async function keyboard() {
+  const { page, context } = await open("#/");
+  await settle(page);
+  await page.keyboard.press("Tab");
+  check(await page.evaluate(() => document.activeElement.classList.contains("skip")), "the first stop of the keyboard is the skip link");
+  await page.keyboard.press("Enter");
+  check(await page.evaluate(() => document.activeElement.id === "main"), "the skip link leads to the content");
+  const visible = await page.evaluate(() => {
+    const link = document.querySelector("main a, main input");
+    if (!link) return true;
+    link.focus({ focusVisible: true });
+    return getComputedStyle(link).outlineStyle !== "none";
+  });
+  check(visible, "the focus is visible");
+  await page.click("#theme");
+  const theme = await page.evaluate(() => document.documentElement.dataset.theme);
+  await page.reload();
+  check(theme === "dark" && await page.evaluate(() => document.documentElement.dataset.theme) === "dark", "the theme is remembered");
+  await context.close();
+}
+
+async function noLeaks() {
+  if (!alarm) return;
+  const { page, context } = await open("#/");
+  const sizes = [];
+  for (let turn = 0; turn < 9; turn += 1) {
+    for (const hash of [`#/robot/${encodeURIComponent(alarm.robot)}`, "#/"]) {
+      await page.evaluate((to) => { location.hash = to; }, hash);
+      for (let step = 0; step < 8; step += 1) {
+        await page.evaluate(() => scrollBy(0, innerHeight));
+        await new Promise((resolve) => setTimeout(resolve, 120));
+      }
+    }
+    const client = await page.createCDPSession();
+    await client.send("HeapProfiler.collectGarbage");
+    await client.detach();
+    const { JSHeapUsedSize, JSEventListeners, Nodes } = await page.metrics();
+    sizes.push([JSHeapUsedSize / 1e6, JSEventListeners, Nodes]);
+  }
+  const [first, last] = [sizes[3], sizes.at(-1)];
+  check(last[0] < first[0] * 1.15 + 0.5 && last[1] <= first[1] * 1.1 + 20, "pages leave nothing behind", `heap ${first[0].toFixed(1)} to ${last[0].toFixed(1)} MB, listeners ${first[1]} to ${last[1]}, nodes ${first[2]} to ${last[2]}`);
+  await context.close();
+}
+
+async function connectionLost() {
+  const { page, context } = await open("#/");
+  await page.waitForFunction(() => document.querySelector(".connection")?.textContent === "Live", { timeout: SETTLE_MS, polling: 50 }).catch(() => {});
+  check(await page.$eval(".connection", (one) => one.textContent) === "Live", "the page follows the daemon's events");
+  const client = await page.createCDPSession();
+  await client.send("Fetch.enable", { patterns: [{ urlPattern: "*/v1/*" }] });
+  client.on("Fetch.requestPaused", ({ requestId }) => client.send("Fetch.failRequest", { requestId, errorReason: "ConnectionRefused" }).catch(() => {}));
+  await wake(page);
+  await new Promise((resolve) => setTimeout(resolve, 2500));
+  const lost = await page.$eval(".connection", (one) => one.textContent);
+  check(/^Reconnecting; data is \d+ seconds? old$/.test(lost), "a lost connection is said", lost);
+  check(await page.$(".robot-row, .empty") !== null, "what was shown stays");
+  await page.screenshot({ path: `${out}/lost.png` });
+  await client.send("Fetch.disable");
+  await page.waitForFunction(() => document.querySelector(".connection")?.textContent === "Live", { timeout: 20_000, polling: 50 }).catch(() => {});
+  check(await page.$eval(".connection", (one) => one.textContent) === "Live", "the page connects again");
+  await context.close();
+}
+
+async function staysOnChange() {
+  if (!alarm) return;
+  const { page, context } = await open(`#/alarm/${alarm.anomaly_id}`);
+  await settle(page);
+  await page.click('[data-key="shelve"]');
+  await page.waitForSelector("dialog[open]");
+  await page.type('dialog input[name="who"]', "A. Tester");
+  await wake(page);
+  await new Promise((resolve) => setTimeout(resolve, 1500));
+  check(await page.$eval('dialog input[name="who"]', (one) => one.value) === "A. Tester", "an open dialog stays while the page is read again");
+  await page.evaluate(AXE);
+  const found = await page.evaluate(() => globalThis.axe.run({ resultTypes: ["violations"] }).then((result) => result.violations.map((one) => `${one.id} ${one.nodes[0].target.join(" ")}`)));
+  check(found.length === 0, "dialog has no violations of axe", found.join("; "));
+  await page.screenshot({ path: `${out}/dialog.png` });
+  await page.keyboard.press("Escape");
+  check(await page.$("dialog") === null, "Escape closes the dialog");
+  await context.close();
+}
+
+async function acts() {
+  const open_ = fleet.anomalies.find((one) => one.state === "open" && one.joint !== null);
+  if (!open_) return;
+  const { page, context } = await open("#/");
+  await page.evaluate(() => localStorage.setItem("armwatch.who", "A. Tester"));
+  let clicks = 0;
+  const click = async (selector) => {
+    await page.locator(selector).setTimeout(SETTLE_MS).click();
+    clicks += 1;
+  };
+  await click(`[data-key="alarm${open_.anomaly_id}"]`);
+  await click('[data-key="work"]');
+  await click("dialog .chip");
+  await click('dialog button[type="submit"]');
+  await page.waitForFunction(() => document.querySelector("dialog") === null, { timeout: SETTLE_MS, polling: 50 });
+  const log = (await ask(`v1/views/maintenance_log?robot=${encodeURIComponent(open_.robot)}&order=-maintenance_id&limit=1`)).rows[0];
+  check(log?.what === "gearbox changed" && log.joint === open_.joint, `a gearbox change is entered with ${clicks} clicks`, JSON.stringify(log));
+  for (const name of ["acknowledge", "shelve", "resolve", "false-alarm"]) {
+    await click(`[data-key="${name}"]`);
+    await click('dialog button[type="submit"]');
+    await page.waitForFunction(() => document.querySelector("dialog") === null, { timeout: SETTLE_MS, polling: 50 });
+    const state = (await ask(`v1/views/anomalies?anomaly_id=${open_.anomaly_id}`)).rows[0]?.state;
+    check(state === { acknowledge: "acknowledged", shelve: "shelved", resolve: "resolved", "false-alarm": "false_alarm" }[name], `${name} is done`, state);
+  }
+  await new Promise((resolve) => setTimeout(resolve, 1500));
+  await page.screenshot({ path: `${out}/acted.png`, fullPage: true });
+  check(page.problems.length === 0, "actions leave a clean console", page.problems.join("; "));
+  await context.close();
+}
+
+async function tokenIsAsked() {
+  if (!options.token) return;
+  const { page, context } = await open("#/", { token: null });
+  await page.waitForSelector("dialog input[name=token]", { timeout: SETTLE_MS, polling: 50 });
+  await page.screenshot({ path: `${out}/token.png` });
+  await page.type("dialog input[name=token]", "wrong");
+  await page.keyboard.press("Enter");
+  await page.waitForFunction(() => document.querySelector("dialog")?.textContent.includes("does not accept"), { timeout: SETTLE_MS, polling: 50 }).catch(() => {});
+  check(await page.$eval("dialog", (one) => one.textContent.includes("does not accept")).catch(() => false), "a wrong token is told");
+  await page.type("dialog input[name=token]", options.token);
+  await page.keyboard.press("Enter");
+  await page.waitForSelector(".robot-row, .empty", { timeout: SETTLE_MS, polling: 50 });
+  check(true, "the token opens the page");
+  await context.close();
+}
+
+await mkdir(out, { recursive: true });
+try {
+  const checks = {
+    looks: async () => { for (const [name, hash] of pages) await looksRight(name, hash); },
+    paint: paintsSoon, keyboard, lost: connectionLost, change: staysOnChange, leaks: noLeaks, token: tokenIsAsked, act: options.act ? acts : () => {},
+  };
+  for (const [name, run_] of Object.entries(checks)) if (!options.only || options.only === name) await run_();
+} finally {
+  await browser.close();
+}
+console.log(failures ? `${failures} checks failed` : "all checks hold");
+process.exitCode = failures ? 1 : 0;
