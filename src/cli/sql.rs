@@ -11,7 +11,7 @@ use super::shared::rows::{self, RowArgs};
 #[command(after_help = "\
 Examples:
   armwatch sql \"SELECT robot, joint, status FROM fleet_health\"
-  armwatch sql \"SELECT * FROM cycle_parameters WHERE run_id = 12 AND parameter = 'f1'\" --csv > f1.csv
+  armwatch sql \"SELECT * FROM cycles WHERE run_id = 12\" --csv > cycles.csv
   armwatch sql --json < dashboards/open_anomalies.sql
 
 The database is opened for reading only: no statement changes anything, and the daemon may run. docs/schema.md

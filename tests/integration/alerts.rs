@@ -41,6 +41,7 @@ fn history(workshop: &Workshop, id: &str) -> Vec<String> {
 #[test]
 fn people_list_show_and_settle_an_alarm_and_it_keeps_its_number() {
     let workshop = Workshop::new();
+    workshop.stdout(&["ingest", "inbox"], 0);
     assert_eq!(workshop.stdout(&["alerts", "list"], 0), "no anomaly has been found in 0 complete runs\n");
     assert_eq!(workshop.stdout(&["alerts", "list", "--json"], 0), "");
     assert!(refused(&workshop, &["alerts", "show", "1"]).contains("there are none at all"));

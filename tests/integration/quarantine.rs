@@ -45,6 +45,7 @@ fn write_layout(workshop: &Workshop, stage_column: &str) {
 #[test]
 fn nothing_quarantined_is_said_so() {
     let workshop = Workshop::new();
+    workshop.stdout(&["ingest", "inbox"], 0);
     assert_eq!(workshop.stdout(&["quarantine", "list"], 0), "nothing is quarantined\n");
     assert_eq!(workshop.stdout(&["quarantine", "list", "--json"], 0), "");
     assert_eq!(workshop.stdout(&["quarantine", "retry", "--all"], 0), "nothing is quarantined\n");
