@@ -10,6 +10,7 @@
 //! | `PUT /v1/exports/NAME` | takes an export, whole or from where an earlier attempt was cut (`upload`) |
 //! | `HEAD /v1/exports/NAME` | says in `Upload-Offset` how much of it is there |
 //! | `GET /v1/exports/HASH` | says what became of a content (`status`) |
+//! | `GET /metrics` | figures for Prometheus (`metrics`) |
 //! | `GET /health`, `/ready` | whether the process lives, and whether it can work |
 //!
 //! Everything that a client can make large is bounded: connections, uploads, headers, bytes, time.
@@ -17,6 +18,7 @@
 mod access;
 mod answer;
 mod api;
+mod metrics;
 mod page;
 mod part;
 mod receive;
@@ -185,6 +187,7 @@ fn router(shared: Arc<Shared>) -> Router {
         .merge(page::routes())
         .merge(api::routes())
         .route("/v1/exports/{name}", exports)
+        .route("/metrics", get(metrics::metrics))
         .route("/health", get(status::health))
         .route("/ready", get(status::ready))
         .fallback(status::nothing)

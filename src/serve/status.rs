@@ -75,7 +75,7 @@ async fn readiness(shared: &Shared) -> Readiness {
 pub async fn nothing() -> Refusal {
     Refusal::new(
         StatusCode::NOT_FOUND,
-        "there is the dashboard at /, the API under /v1/ (docs/api.md), /health and /ready",
+        "there is the dashboard at /, the API under /v1/ (docs/api.md), /metrics, /health and /ready",
     )
 }
 

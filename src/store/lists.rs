@@ -24,7 +24,7 @@ impl Store {
     /// # Errors
     /// [`AskError`] of the database.
     pub async fn robot_list(&self) -> Result<Table, AskError> {
-        self.asked(
+        self.answer(
             "WITH
                  of_runs AS (
                      SELECT robot, sum(kind = 'test' AND status = 'complete') AS tests,
@@ -63,7 +63,7 @@ impl Store {
     /// # Errors
     /// [`AskError`] of the database.
     pub async fn recent_indices(&self, most: u32) -> Result<Table, AskError> {
-        self.asked(
+        self.answer(
             "SELECT robot, joint, friction_index
              FROM (SELECT robot, joint, friction_index, started_at, run_id,
                           row_number() OVER (PARTITION BY robot, joint ORDER BY started_at DESC, run_id DESC) AS place
@@ -80,7 +80,7 @@ impl Store {
     /// # Errors
     /// [`AskError`] of the database.
     pub async fn run_list(&self, wanted: &ListFilter<'_>) -> Result<Table, AskError> {
-        self.asked(
+        self.answer(
             "SELECT run_id, robot, started_at, kind, status, cycles, rows, source_name, reason
              FROM runs
              WHERE (?1 IS NULL OR robot = ?1) AND (?2 IS NULL OR run_id = ?2) AND (?3 IS NULL OR status = ?3)
@@ -104,7 +104,7 @@ impl Store {
     /// # Errors
     /// [`AskError`] of the database.
     pub async fn cycle_list(&self, wanted: &ListFilter<'_>) -> Result<Table, AskError> {
-        self.asked(
+        self.answer(
             "SELECT run_id, robot, cycle, started_at, duration_s, rows, status, condition_number, residual_std_nm, reason
              FROM cycles
              WHERE (?1 IS NULL OR robot = ?1) AND (?2 IS NULL OR run_id = ?2) AND (?3 IS NULL OR status = ?3)

@@ -57,7 +57,7 @@ impl Store {
     /// # Errors
     /// [`AskError::Statement`] with the words of SQLite.
     pub async fn ask(&self, statement: &str) -> Result<Table, AskError> {
-        self.asked(statement, |query| query).await
+        self.answer(statement, |query| query).await
     }
 
     /// Views of the database by name, each with its columns in order.
@@ -102,7 +102,7 @@ impl Store {
                 )));
             }
         }
-        self.asked(&select(view, wanted), |mut query| {
+        self.answer(&select(view, wanted), |mut query| {
             for (_, value) in wanted.filters.iter().filter(|(_, value)| value != NULL) {
                 query = query.bind(value);
                 query = match value.parse::<f64>() {
@@ -116,22 +116,23 @@ impl Store {
     }
 
     /// The answer to a statement of this program, with its values bound.
-    pub(in crate::store) async fn asked<'q>(
+    pub(in crate::store) async fn answer<'q>(
         &self,
         statement: &str,
         bound: impl FnOnce(Query<'q, Sqlite, SqliteArguments>) -> Query<'q, Sqlite, SqliteArguments>,
     ) -> Result<Table, AskError> {
-        let mut connection = self.readers.acquire().await.map_err(|error| self.asking(&error))?;
+        let mut connection = self.readers.acquire().await.map_err(|error| self.ask_error(&error))?;
         let text = || AssertSqlSafe(statement.to_owned()).into_sql_str();
-        let prepared = connection.prepare(text()).await.map_err(|error| self.asking(&error))?;
+        let prepared = connection.prepare(text()).await.map_err(|error| self.ask_error(&error))?;
         let columns = prepared.columns().iter().map(|column| column.name().to_owned()).collect();
         let rows = bound(sqlx::query(text())).fetch_all(&mut *connection).await;
-        let rows = rows.map_err(|error| self.asking(&error))?;
-        let rows = rows.iter().map(cells).collect::<Result<_, _>>().map_err(|error| self.asking(&error))?;
+        let rows = rows.map_err(|error| self.ask_error(&error))?;
+        let rows =
+            rows.iter().map(cells).collect::<Result<_, _>>().map_err(|error| self.ask_error(&error))?;
         Ok(Table { columns, rows })
     }
 
-    fn asking(&self, error: &sqlx::Error) -> AskError {
+    fn ask_error(&self, error: &sqlx::Error) -> AskError {
         const READ_ONLY: &str = "8";
         match error {
             sqlx::Error::Database(of) if of.code().as_deref() == Some(READ_ONLY) => AskError::Statement(

@@ -89,6 +89,10 @@ pub enum HealthStatus {
 }
 
 impl HealthStatus {
+    /// Every status.
+    pub const ALL: [Self; 6] =
+        [Self::Ok, Self::Learning, Self::Warning, Self::Critical, Self::Unknown, Self::Overdue];
+
     /// Name as in the view `fleet_health`.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -251,14 +255,6 @@ pub(in crate::store) async fn runs(executor: impl SqliteExecutor<'_>) -> Result<
 pub(in crate::store) async fn fleet_health(
     executor: impl SqliteExecutor<'_>,
 ) -> Result<Vec<FleetHealthRow>, sqlx::Error> {
-    const ALL: [HealthStatus; 6] = [
-        HealthStatus::Ok,
-        HealthStatus::Learning,
-        HealthStatus::Warning,
-        HealthStatus::Critical,
-        HealthStatus::Unknown,
-        HealthStatus::Overdue,
-    ];
     sqlx::query(
         "SELECT robot, joint, last_run_at, moving_relative_rmsd, friction_index, open_anomalies, status,
                 last_result_at, reason, expected_by, friction_quantity, trend, warning_by, warning_by_lower,
@@ -274,7 +270,7 @@ pub(in crate::store) async fn fleet_health(
             moving_relative_rmsd: row.try_get("moving_relative_rmsd")?,
             friction_index: row.try_get("friction_index")?,
             open_anomalies: size(&row, "open_anomalies")?,
-            status: named(&row, "status", &ALL, HealthStatus::name)?,
+            status: named(&row, "status", &HealthStatus::ALL, HealthStatus::name)?,
             last_result_at: optional_time(&row, "last_result_at")?,
             reason: row.try_get("reason")?,
             expected_by: optional_time(&row, "expected_by")?,

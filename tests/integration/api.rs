@@ -257,3 +257,45 @@ fn a_page_hears_of_a_change_and_the_stream_ends_with_the_daemon() {
     served.daemon.signal("TERM");
     assert_eq!(served.daemon.end(), Some(0));
 }
+
+#[test]
+fn figures_for_prometheus_are_those_of_the_views_and_promtool_has_nothing_to_say() {
+    let served = Served::new(true);
+    assert_eq!(served.ask("GET /metrics", "", b"").status, 401);
+    let metrics = served.get("/metrics");
+    assert_eq!(metrics.header("content-type"), Some("text/plain; version=0.0.4; charset=utf-8"));
+    for sample in [
+        "armwatch_runs{status=\"complete\"} 1",
+        "armwatch_cycles 3",
+        "armwatch_joint_status{robot=\"A\",joint=\"1\",status=\"learning\"} 1",
+        "armwatch_joint_status{robot=\"A\",joint=\"1\",status=\"critical\"} 0",
+        "armwatch_robot_last_result_timestamp_seconds{robot=\"A\"} 1767602820",
+        "armwatch_anomalies{severity=\"critical\",state=\"open\"} 0",
+    ] {
+        assert!(metrics.body.lines().any(|line| line == sample), "{sample} is not in\n{}", metrics.body);
+    }
+    served.end();
+
+    let rules = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("dashboards/prometheus");
+    for arguments in [["check", "metrics"], ["check", "rules"], ["test", "rules"]] {
+        let mut promtool = std::process::Command::new("promtool");
+        promtool.args(arguments).current_dir(&rules).stdin(std::process::Stdio::piped());
+        match arguments {
+            ["check", "metrics"] => {}
+            ["check", _] => drop(promtool.arg("armwatch.rules.yml")),
+            _ => drop(promtool.arg("armwatch.test.yml")),
+        }
+        promtool.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+        let Ok(mut child) = promtool.spawn() else {
+            println!("skipped: promtool of Debian's package prometheus is not installed");
+            return;
+        };
+        let mut stdin = child.stdin.take().expect("its input");
+        // it may have ended without reading
+        let _ = stdin.write_all(metrics.body.as_bytes());
+        drop(stdin);
+        let output = child.wait_with_output().expect("an end");
+        let said = crate::support::text(&[output.stdout, output.stderr].concat());
+        assert!(output.status.success(), "promtool {arguments:?}: {said}");
+    }
+}
