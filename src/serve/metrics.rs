@@ -104,7 +104,7 @@ fn of_robots(out: &mut Exposition, health: &[FleetHealthRow]) {
 async fn of_anomalies(out: &mut Exposition, store: &Store) -> Result<(), crate::store::StoreError> {
     let mut counts: BTreeMap<(&str, &str), u32> = BTreeMap::new();
     for severity in ["critical", "info", "warning"] {
-        STATES.iter().for_each(|state| drop(counts.insert((severity, state), 0)));
+        counts.extend(STATES.map(|state| ((severity, state), 0)));
     }
     let rows = store.anomalies_after(0).await?;
     for row in &rows {
