@@ -53,6 +53,9 @@ async fn written(store: &Store) -> Result<String, crate::store::StoreError> {
     Ok(out.text)
 }
 
+/// Name and help of a family with a figure of each joint, and where the figure stands.
+type Figure = (&'static str, &'static str, fn(&FleetHealthRow) -> Option<f64>);
+
 fn of_joints(out: &mut Exposition, health: &[FleetHealthRow]) {
     out.family("armwatch_joint_status", "1 for the status that a joint has, 0 for the others.");
     for row in health {
@@ -62,7 +65,7 @@ fn of_joints(out: &mut Exposition, health: &[FleetHealthRow]) {
             out.sample(&labels, f64::from(u8::from(row.status == status)));
         }
     }
-    let figures: [(&str, &str, fn(&FleetHealthRow) -> Option<f64>); 2] = [
+    let figures: [Figure; 2] = [
         (
             "armwatch_joint_friction_index_ratio",
             "Friction of the latest test at equal speed and warmth against the joint's baseline, 1 is unchanged.",
