@@ -345,7 +345,7 @@ async fn show_findings(store: &Store, database: &Path) -> Result<(), CliError> {
         ));
     }
     output::line(&format!(
-        "\nthe database stays; ask it with any SQLite program:\n  sqlite3 {} \"SELECT * FROM fleet_health\"",
+        "\nthe database stays:\n  armwatch status --db {0}\n  armwatch sql \"SELECT * FROM fleet_health\" --db {0}",
         database.display()
     ));
     Ok(())

@@ -251,11 +251,20 @@ async function tokenIsAsked() {
   await context.close();
 }
 
+/** A link may carry the token behind "#", as that of the demo does. */
+async function linkCarriesToken() {
+  if (!options.token) return;
+  const { page, context } = await open(`#token=${options.token}`, { token: null });
+  await page.waitForSelector(".robot-row, .empty", { timeout: SETTLE_MS, polling: 50 });
+  check(await page.evaluate(() => location.hash) === "#/", "a token in the link opens the page and leaves the address");
+  await context.close();
+}
+
 await mkdir(out, { recursive: true });
 try {
   const checks = {
     looks: async () => { for (const [name, hash] of pages) await looksRight(name, hash); },
-    paint: paintsSoon, keyboard, lost: connectionLost, change: staysOnChange, leaks: noLeaks, token: tokenIsAsked,
+    paint: paintsSoon, keyboard, lost: connectionLost, change: staysOnChange, leaks: noLeaks, token: tokenIsAsked, link: linkCarriesToken,
     work: options.act ? enters : () => {}, answers: options.act ? answers : () => {},
   };
   const only = options.only?.split(",");
