@@ -110,11 +110,8 @@ async fn dashboard(
     let failed = |path: &Path, error: std::io::Error| CliError::Io(format!("{}: {error}", path.display()));
     let token_file = folder.join("token");
     let token = random_token().map_err(|error| failed(&token_file, error))?;
-    let mut file = File::options().write(true).create_new(true).mode(0o600).open(&token_file);
-    file.as_mut()
-        .map_or(Ok(()), |file| file.write_all(token.as_bytes()))
-        .map_err(|error| failed(&token_file, error))?;
-    file.map_err(|error| failed(&token_file, error))?;
+    let file = File::options().write(true).create_new(true).mode(0o600).open(&token_file);
+    file.and_then(|mut file| file.write_all(token.as_bytes())).map_err(|error| failed(&token_file, error))?;
     for port in [PORT, 0] {
         let listen = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
         let settings = ServeSettings { listen, token_file: Some(token_file.clone()), upload: None };

@@ -7,6 +7,7 @@ use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::output;
+use crate::store::StoreError;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -26,17 +27,14 @@ pub(super) struct SnapshotArgs {
 pub(super) fn snapshot(global: &Global, args: &SnapshotArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     let file = args.file.display();
-    let is_same = |a: &std::path::Path, b: &std::path::Path| {
-        std::fs::canonicalize(a).is_ok_and(|a| std::fs::canonicalize(b).is_ok_and(|b| a == b))
-    };
-    if is_same(&args.file, &config.database) {
-        return Err(CliError::Usage(format!("{file} is the database itself; name another file")));
-    }
     let bytes = runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
         let bytes = store.snapshot(&args.file).await;
         store.close().await?;
-        bytes.map_err(CliError::from)
+        bytes.map_err(|error| match error {
+            StoreError::NotASnapshot { .. } => CliError::Usage(error.to_string()),
+            error => CliError::Store(error),
+        })
     })?;
     if global.json {
         output::json(&json!({"file": file.to_string(), "bytes": bytes}));

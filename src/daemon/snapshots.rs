@@ -1,13 +1,12 @@
 //! Copies of the database for readers, beside the daemon: when conclusions were drawn, and not too often.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::Notify;
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
-
-use std::sync::Arc;
 
 use crate::config::SnapshotSettings;
 use crate::store::Store;

@@ -73,7 +73,7 @@ fn tests_of_healthy_robots_raise_nothing_while_they_are_written() {
 
 /// The figures of docs/detection.md.
 #[test]
-#[ignore = "two minutes"]
+#[ignore = "fleets of tests that are still written, judged after each cycle: two minutes"]
 fn all_tests_of_healthy_robots_raise_nothing_while_they_are_written() {
     false_alarms(1);
 }

@@ -48,6 +48,18 @@ pub enum StoreError {
         /// What the system or SQLite said.
         detail: String,
     },
+    /// A copy for readers would be written over something else.
+    #[error("{} is there and no snapshot; name another file, or move this one away", .path.display())]
+    NotASnapshot {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A copy for readers, which nothing may write to.
+    #[error("{} is a snapshot, which can only be read; name the database that it was made of", .path.display())]
+    Snapshot {
+        /// The file.
+        path: PathBuf,
+    },
     /// The file is something else.
     #[error("{} is not an armwatch database ({detail}); name another file, or move this one away", .path.display())]
     NotADatabase {

@@ -37,6 +37,10 @@ const LOG_LIMIT_BYTES: &str = "67108864";
 /// Set in the header of the file by the first migration.
 pub(super) const APPLICATION_ID: i64 = 0x4177_6462;
 
+/// `PRAGMA user_version` of a copy. It has no triggers, so that nothing may write to it; and only a copy is replaced by
+/// another one.
+pub(super) const SNAPSHOT: i64 = 0x736e_6170;
+
 pub(super) static MIGRATOR: Migrator = sqlx::migrate!("./migrations");
 
 impl Store {
@@ -99,6 +103,9 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
         .foreign_keys(true)
         .disable_statement_logging();
     let found = inspect(&path, &options).await?;
+    if is_snapshot(&path, &options).await? {
+        return Err(StoreError::Snapshot { path: path.to_path_buf() });
+    }
 
     let writing = options
         .clone()
@@ -289,6 +296,18 @@ async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<i64, Sto
             detail: "it is the SQLite database of another program".into(),
         }),
     }
+}
+
+/// Whether a file that is there is a copy for readers.
+async fn is_snapshot(path: &Path, options: &SqliteConnectOptions) -> Result<bool, StoreError> {
+    if std::fs::metadata(path).map_or(true, |metadata| metadata.len() == 0) {
+        return Ok(false);
+    }
+    let broken = |error: sqlx::Error| StoreError::from_sqlx(path, &error);
+    let mut connection = options.connect().await.map_err(broken)?;
+    let version: Result<i64, _> = sqlx::query_scalar("PRAGMA user_version").fetch_one(&mut connection).await;
+    connection.close().await.map_err(broken)?;
+    Ok(version.map_err(broken)? == SNAPSHOT)
 }
 
 enum FileIdentity {

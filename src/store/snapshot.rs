@@ -12,7 +12,7 @@ use sqlx::{AssertSqlSafe, ConnectOptions, Connection, SqliteConnection};
 
 use super::error::StoreError;
 use super::handle::Store;
-use super::open::APPLICATION_ID;
+use super::open::{APPLICATION_ID, SNAPSHOT};
 
 /// Tables whose rows are left out.
 const LEFT_OUT: [&str; 5] =
@@ -25,12 +25,16 @@ impl Store {
     /// Writes a copy of what is stored to `target`, in place of one that is there, and says how many bytes it has.
     ///
     /// # Errors
-    /// [`StoreError`] of the database or of the copy; an earlier copy then stays.
+    /// [`StoreError::NotASnapshot`] where something else lies at `target`, such as the database itself; [`StoreError`] of
+    /// the database or of the copy. What is there then stays.
     pub async fn snapshot(&self, target: &Path) -> Result<u64, StoreError> {
         let mut partial = target.as_os_str().to_owned();
         partial.push(PARTIAL);
         let partial = PathBuf::from(partial);
         let failed = |error: std::io::Error| StoreError::from_sqlx(target, &sqlx::Error::Io(error));
+        if !is_free(target).map_err(failed)? {
+            return Err(StoreError::NotASnapshot { path: target.to_owned() });
+        }
         if let Some(folder) = target.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder).map_err(failed)?;
         }
@@ -45,6 +49,23 @@ impl Store {
         let placed = tokio::task::spawn_blocking(move || place(&partial, &target)).await;
         placed.unwrap_or_else(|error| Err(std::io::Error::other(error))).map_err(failed)
     }
+}
+
+/// Whether nothing lies at `target` but an earlier copy, by the header of the file (SQLite, "Database File Format").
+fn is_free(target: &Path) -> std::io::Result<bool> {
+    const HEADER: usize = 72;
+    let mut file = match std::fs::File::open(target) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(true),
+        file => file?,
+    };
+    if !file.metadata()?.is_file() {
+        return Ok(false);
+    }
+    let mut header = Vec::new();
+    std::io::Read::read_to_end(&mut std::io::Read::take(&mut file, HEADER as u64), &mut header)?;
+    let number =
+        |at: usize| header.get(at..at + 4).and_then(|bytes| bytes.try_into().ok()).map(u32::from_be_bytes);
+    Ok(number(60).map(i64::from) == Some(SNAPSHOT) && number(68).map(i64::from) == Some(APPLICATION_ID))
 }
 
 fn remove(path: &Path) -> std::io::Result<()> {
@@ -83,6 +104,7 @@ async fn copy(source: &Arc<Path>, partial: &Path) -> Result<(), sqlx::Error> {
 async fn copy_into(connection: &mut SqliteConnection, source: &Path) -> Result<(), sqlx::Error> {
     sqlx::query("ATTACH ? AS source").bind(source.to_string_lossy()).execute(&mut *connection).await?;
     run(connection, &format!("PRAGMA main.application_id = {APPLICATION_ID}")).await?;
+    run(connection, &format!("PRAGMA main.user_version = {SNAPSHOT}")).await?;
     // one moment of the database, whatever is written to it meanwhile
     run(connection, "BEGIN").await?;
     for (kind, name, statement) in schema(connection, "'table'").await? {

@@ -156,8 +156,22 @@ fn a_snapshot_says_what_the_database_says_and_needs_no_other_file() {
         set_mode(&workshop.path("out"), 0o755);
     }
 
-    let itself = workshop.run(&["snapshot", "armwatch.db"]);
-    assert_eq!(itself.status.code(), Some(2), "{}", text(&itself.stderr));
+    // what is no snapshot is not written over, and nothing writes to one
+    let export =
+        fs::read_dir(workshop.path("inbox")).expect("a folder").next().expect("one").expect("a file").path();
+    for other in [workshop.path("armwatch.db"), export] {
+        let before = fs::read(&other).expect("it");
+        let refused = workshop.run(&["snapshot", other.to_str().expect("text")]);
+        assert_eq!(refused.status.code(), Some(2), "{}", text(&refused.stderr));
+        assert!(fs::read(&other).expect("it") == before);
+    }
+    for arguments in [&["ingest", "inbox"][..], &["maintenance", "A", "--what", "grease"]] {
+        let refused = workshop.run(&[arguments, &["--db", "out/copy.db"]].concat());
+        assert_eq!(refused.status.code(), Some(74), "{}", text(&refused.stderr));
+        assert!(text(&refused.stderr).contains("is a snapshot"), "{}", text(&refused.stderr));
+    }
+    workshop.stdout(&["snapshot", "out/copy.db"], 0);
+
     // what cannot be written leaves the earlier copy
     fs::create_dir(workshop.path("out/copy.db.partial")).expect("something in its way");
     let before = fs::read(&copy).expect("the copy");

@@ -23,9 +23,6 @@ const ANOMALIES: usize = 200;
 /// Most rows of one kind that are read for it.
 const MOST: usize = 100_000;
 
-/// From the worst, as a robot takes the status of its worst joint.
-const STATUSES: [&str; 6] = ["critical", "warning", "overdue", "unknown", "learning", "ok"];
-
 /// States of anomalies that are not settled.
 const UNSETTLED: [&str; 4] = ["open", "acknowledged", "shelved", "maintenance"];
 
@@ -85,12 +82,10 @@ async fn robots_with_joints(store: &Store) -> Result<Vec<Value>, Refusal> {
             told.insert("history".into(), json!(history.map_or(&[][..], |of| of)));
             told
         };
-        let status =
-            STATUSES.into_iter().find(|status| joints.iter().any(|of| text(of, "status") == *status));
         let latest =
             |column: &str| joints.iter().map(|of| text(of, column)).filter(|of| !of.is_empty()).max();
         json!({
-            "robot": name, "model": row["model"], "status": status.unwrap_or("unknown"),
+            "robot": name, "model": row["model"], "status": row["status"],
             "last_run_at": latest("last_run_at"), "last_result_at": latest("last_result_at"),
             "expected_by": latest("expected_by"), "open_anomalies": row["open_anomalies"],
             "joints": joints.iter().map(of_joint).collect::<Vec<_>>(),
@@ -137,9 +132,11 @@ async fn anomalies(store: &Store) -> Result<Vec<Value>, Refusal> {
 /// Exports of which cycles are being stored.
 async fn live(store: &Store) -> Result<Vec<Value>, Refusal> {
     let found = rows(store, "runs", &[("status", "streaming")], Some("started_at")).await?;
-    let told = ["run_id", "robot", "source_name", "started_at", "cycles"];
     let of = |row: Map<String, Value>| {
-        json!(told.map(|column| (column, row[column].clone())).into_iter().collect::<HashMap<_, _>>())
+        json!({
+            "run_id": row["run_id"], "robot": row["robot"], "source_name": row["source_name"],
+            "started_at": row["started_at"], "cycles": row["cycles"],
+        })
     };
     Ok(found.into_iter().map(of).collect())
 }

@@ -48,7 +48,7 @@ fn estimates(fit: &WarmUpFit) -> Option<[Estimate; 5]> {
 }
 
 #[test]
-#[ignore = "histories of many arms, seconds each"]
+#[ignore = "statistics over histories of many simulated arms: some seconds a test"]
 fn table_5_6_lies_inside_its_intervals_as_often_as_they_say() {
     for (j, truth) in TABLE_5_6.iter().enumerate() {
         // cycles as dense as the joint's fast part asks: a five-minute cycle cannot show 20 s
@@ -72,7 +72,7 @@ fn table_5_6_lies_inside_its_intervals_as_often_as_they_say() {
 }
 
 #[test]
-#[ignore = "histories of many arms, seconds each"]
+#[ignore = "statistics over histories of many simulated arms: some seconds a test"]
 fn single_and_constant_are_chosen_when_true() {
     for (truth, model) in [
         ([10.0, 5.0, 25.0, 0.0, 1.0], WarmUpModel::Single),
@@ -89,7 +89,7 @@ fn single_and_constant_are_chosen_when_true() {
 }
 
 #[test]
-#[ignore = "histories of many arms, seconds each"]
+#[ignore = "statistics over histories of many simulated arms: some seconds a test"]
 fn no_curve_promises_what_its_record_cannot_hold() {
     // every joint of the table over records of all lengths, and trends that are none
     for seed in 0..SEEDS {
@@ -144,7 +144,7 @@ fn scattered_runs(truth: &[f64; 5], runs: usize, scatter: f64, seed: u64) -> Vec
 }
 
 #[test]
-#[ignore = "histories of many arms, seconds each"]
+#[ignore = "statistics over histories of many simulated arms: some seconds a test"]
 fn mixed_fits_are_as_certain_as_their_runs_agree() {
     for (runs, scatter) in [(8, 0.0), (8, 0.05), (4, 0.05), (20, 0.03)] {
         let (mut held, mut count) = ([0_u32; 5], 0_u32);
