@@ -16,6 +16,7 @@ pub mod config;
 pub mod telemetry;
 pub mod ingest;
 pub mod store;
+pub mod export;
 pub mod pipeline;
 pub mod alert;
 pub mod report;

@@ -23,6 +23,7 @@ mod run;
 mod lists;
 mod sql;
 mod snapshot;
+mod export;
 mod status;
 mod explain;
 mod torque;
@@ -77,6 +78,8 @@ enum Command {
     Sql(sql::SqlArgs),
     /// Write a copy of what is stored that any user and machine can read
     Snapshot(snapshot::SnapshotArgs),
+    /// Write the public views as CSV or Parquet files
+    Export(export::ExportArgs),
     /// Exports that were not understood: list and explain them, have them read again
     Quarantine(quarantine::command::QuarantineArgs),
     /// Enter work on a robot, which begins a new baseline; list and remove such entries
@@ -198,6 +201,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Cycles(args) => lists::cycles(&cli.global, &args),
         Command::Sql(args) => sql::sql(&cli.global, &args),
         Command::Snapshot(args) => snapshot::snapshot(&cli.global, &args),
+        Command::Export(args) => export::export(&cli.global, &args),
         Command::Quarantine(args) => quarantine::command::quarantine(&cli.global, &args),
         Command::Maintenance(args) => maintenance::maintenance(&cli.global, &args),
         Command::Alerts(args) => alerts::command::alerts(&cli.global, &args),

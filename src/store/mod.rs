@@ -22,6 +22,8 @@ mod table;
 mod snapshot;
 mod lists;
 mod values;
+mod view_columns;
+mod view_reader;
 
 pub use claim::DaemonClaim;
 pub use delivery::alarm::AlarmEvent;
@@ -60,4 +62,6 @@ pub use robot::health::{OverdueRobot, RunResult};
 pub use robot::maintenance::{DescriptionKey, MaintenanceRow, NewMaintenance};
 pub use robot::open_test::OpenTest;
 pub use table::{AskError, Table, ViewRows};
+pub use view_columns::{PublicView, ViewColumn, public_views};
+pub use view_reader::{RowFilter, ViewReader};
 pub use views::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};

@@ -165,7 +165,7 @@ fn select(view: &str, wanted: &ViewRows) -> String {
     format!("SELECT * FROM \"{view}\"{filter}{order} LIMIT {}", wanted.limit)
 }
 
-fn cells(row: &SqliteRow) -> Result<Vec<Value>, sqlx::Error> {
+pub(in crate::store) fn cells(row: &SqliteRow) -> Result<Vec<Value>, sqlx::Error> {
     (0..row.len()).map(|column| cell(row, column)).collect()
 }
 

@@ -31,6 +31,7 @@ mod no_result;
 mod overdue;
 mod excitation_only;
 mod explain;
+mod export;
 mod fairness;
 mod isolation;
 mod exports;

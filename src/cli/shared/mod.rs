@@ -1,5 +1,6 @@
 //! What several commands use: output, plots, chosen cycles, loads.
 
+pub(super) mod moment;
 pub(super) mod output;
 pub(super) mod rows;
 pub(super) mod plot;
@@ -7,3 +8,4 @@ pub(super) mod selection;
 pub(super) mod load;
 pub(super) mod reweight;
 pub(super) mod user;
+pub(super) mod views;

@@ -18,6 +18,13 @@ pub struct RowArgs {
     csv: bool,
 }
 
+impl RowArgs {
+    /// Whether rows are printed as CSV.
+    pub fn is_csv(self) -> bool {
+        self.csv
+    }
+}
+
 /// Prints rows as they are asked for; `nothing` stands for none in a table.
 ///
 /// # Errors
