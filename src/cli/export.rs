@@ -96,7 +96,10 @@ fn wanted(args: &ExportArgs) -> Result<Export, CliError> {
                 .into_iter()
                 .find(|format| path.extension().is_some_and(|suffix| suffix == format.suffix()));
             let format = format.ok_or_else(|| {
-                CliError::Usage(format!("the name of {} ends neither with .csv nor with .parquet", path.display()))
+                CliError::Usage(format!(
+                    "the name of {} ends neither with .csv nor with .parquet",
+                    path.display()
+                ))
             })?;
             let destinations: Vec<_> = views.map(|view| Destination { view, path: path.clone() }).collect();
             if destinations.len() > 1 {
@@ -137,7 +140,9 @@ fn print(global: &Global, files: &[Written]) {
 fn as_cli_error(error: ExportError) -> CliError {
     match error {
         ExportError::Store(error) => CliError::Store(error),
-        error @ (ExportError::NoRobot { .. } | ExportError::Foreign { .. }) => CliError::Usage(error.to_string()),
+        error @ (ExportError::NoRobot { .. } | ExportError::Foreign { .. }) => {
+            CliError::Usage(error.to_string())
+        }
         error @ ExportError::Value { .. } => CliError::Internal(error.to_string()),
         error @ (ExportError::File { .. } | ExportError::Taken { .. } | ExportError::Stopped) => {
             CliError::Io(error.to_string())

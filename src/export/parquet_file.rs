@@ -9,7 +9,7 @@ use arrow_array::builder::{
     Date32Builder, Float64Builder, Int64Builder, StringBuilder, TimestampMillisecondBuilder,
 };
 use arrow_array::{ArrayRef, RecordBatch};
-use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef, TimeUnit};
+use arrow_schema::{DataType, Field, Schema, SchemaRef, TimeUnit};
 use jiff::civil::Date;
 use jiff::{Timestamp, Unit};
 use parquet::arrow::ArrowWriter;

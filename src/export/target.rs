@@ -32,7 +32,8 @@ impl Target {
         let partial = folder.join(format!(".{name}.partial"));
         loop {
             // what a killed export has left is written over
-            let file = OpenOptions::new().create(true).truncate(false).write(true).open(&partial).map_err(failed)?;
+            let file =
+                OpenOptions::new().create(true).truncate(false).write(true).open(&partial).map_err(failed)?;
             match file.try_lock() {
                 Err(TryLockError::WouldBlock) => return Err(ExportError::Taken { path: path.to_path_buf() }),
                 locked => locked.map_err(|error| failed(error.into()))?,
@@ -68,6 +69,9 @@ impl Target {
         let Some(partial) = self.partial.take() else { return Ok(()) };
         let placed = std::fs::rename(&partial, &self.path)
             .and_then(|()| File::open(folder_of(&self.path))?.sync_all());
+        if placed.is_err() {
+            self.partial = Some(partial);
+        }
         placed.map_err(|error| ExportError::of_file(&self.path, &error))
     }
 }

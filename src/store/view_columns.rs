@@ -54,18 +54,16 @@ pub(super) async fn fill(writer: &SqlitePool) -> Result<(), sqlx::Error> {
         .iter()
         .flat_map(|view| (1..).zip(&view.columns).map(|(place, column)| (view.name.as_str(), place, column)))
         .collect();
-    let mut transaction = writer.begin().await?;
     let stored: Vec<Stored> = sqlx::query_as(
         "SELECT view_name, position, column_name, type, unit, null_when, meaning FROM view_column ORDER BY rowid",
     )
-    .fetch_all(&mut *transaction)
+    .fetch_all(writer)
     .await?;
     let is_same = stored.iter().map(|row| (row.view_name.as_str(), row.position, &row.column));
     if is_same.eq(described.iter().copied()) {
         return Ok(());
     }
-    drop(transaction);
-    transaction = writer.begin_with("BEGIN IMMEDIATE").await?;
+    let mut transaction = writer.begin_with("BEGIN IMMEDIATE").await?;
     sqlx::query("DELETE FROM view_column").execute(&mut *transaction).await?;
     for rows in described.chunks(ROWS_PER_STATEMENT) {
         let mut insert = QueryBuilder::<Sqlite>::new(
@@ -74,7 +72,7 @@ pub(super) async fn fill(writer: &SqlitePool) -> Result<(), sqlx::Error> {
         insert.push_values(rows, |mut values, (view, position, column)| {
             values
                 .push_bind(*view)
-                .push_bind(position)
+                .push_bind(*position)
                 .push_bind(&column.name)
                 .push_bind(&column.kind)
                 .push_bind(&column.unit)
@@ -206,7 +204,11 @@ mod tests {
             for column in &view.columns {
                 assert!(["integer", "real", "text"].contains(&column.kind.as_str()), "{column:?}");
                 assert!(!column.meaning.is_empty(), "{}: {column:?}", view.name);
-                assert!(column.kind != "real" || column.unit.is_some(), "{}: {column:?} has no unit", view.name);
+                assert!(
+                    column.kind != "real" || column.unit.is_some(),
+                    "{}: {column:?} has no unit",
+                    view.name
+                );
                 assert!(!column.meaning.contains(['`', '|']), "{column:?}");
             }
         }
@@ -231,8 +233,10 @@ mod tests {
         read.close().await.expect("closed");
         let store = Store::open(&path).await.expect("a store");
         let found: i64 = sqlx::query_scalar(older).fetch_one(&store.readers).await.expect("a number");
-        let columns: i64 =
-            sqlx::query_scalar("SELECT count(*) FROM view_columns").fetch_one(&store.readers).await.expect("a number");
+        let columns: i64 = sqlx::query_scalar("SELECT count(*) FROM view_columns")
+            .fetch_one(&store.readers)
+            .await
+            .expect("a number");
         let described: usize = public_views().iter().map(|view| view.columns.len()).sum();
         assert_eq!((found, columns), (0, i64::try_from(described).expect("few")));
     }

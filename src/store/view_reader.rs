@@ -4,7 +4,6 @@ use std::future::poll_fn;
 use std::path::Path;
 use std::sync::Arc;
 
-use futures_util::Stream;
 use jiff::Timestamp;
 use serde_json::Value;
 use sqlx::{AssertSqlSafe, Sqlite, Transaction};
@@ -76,7 +75,7 @@ impl ViewReader {
     ) -> Result<u64, E> {
         let (statement, values) = select(view, filter);
         let failed = |error: &sqlx::Error| E::from(StoreError::from_sqlx(&self.path, error));
-        let mut query = sqlx::query(AssertSqlSafe(statement));
+        let mut query = sqlx::query::<Sqlite>(AssertSqlSafe(statement));
         for value in &values {
             query = query.bind(value);
         }

@@ -25,7 +25,8 @@ fn stored() -> Workshop {
     }
     fs::write(workshop.inbox("Bad_20260101_0000.csv"), "").expect("an empty export");
     workshop.stdout(&["ingest", "inbox"], 1);
-    workshop.stdout(&["maintenance", "A", "--what", "greased, \"all\" joints\nby hand", "--at", "2026-01-06"], 0);
+    workshop
+        .stdout(&["maintenance", "A", "--what", "greased, \"all\" joints\nby hand", "--at", "2026-01-06"], 0);
     workshop
 }
 
@@ -34,7 +35,8 @@ fn views(database: &Path) -> BTreeMap<String, Vec<[String; 2]>> {
     let rows = query(database, "SELECT view_name, type, unit FROM view_columns ORDER BY view_name, position");
     let mut views: BTreeMap<String, Vec<[String; 2]>> = BTreeMap::new();
     for row in rows {
-        let [view, kind, unit] = row.split('|').map(str::to_owned).collect::<Vec<_>>().try_into().expect("cells");
+        let [view, kind, unit] =
+            row.split('|').map(str::to_owned).collect::<Vec<_>>().try_into().expect("cells");
         views.entry(view).or_default().push([kind, unit]);
     }
     views
@@ -65,7 +67,8 @@ fn csv_has_every_value_of_every_view() {
     assert!(views.len() > 30 && views.keys().eq(canon_views(&database).iter()), "{:?}", views.keys());
     let mut with_rows = 0;
     for (view, columns) in &views {
-        let mut reader = csv::Reader::from_path(workshop.path(&format!("out/all/{view}.csv"))).expect("a file");
+        let mut reader =
+            csv::Reader::from_path(workshop.path(&format!("out/all/{view}.csv"))).expect("a file");
         let names = query(&database, &format!("SELECT name FROM pragma_table_info('{view}') ORDER BY cid"));
         assert!(reader.headers().expect("a header").iter().eq(names.iter()), "{view}");
         let shown = |cell: &str, kind: &str| match kind {
@@ -74,7 +77,12 @@ fn csv_has_every_value_of_every_view() {
             _ => cell.to_owned(),
         };
         let row = |record: csv::StringRecord| -> String {
-            record.iter().zip(columns).map(|(cell, [kind, _])| shown(cell, kind)).collect::<Vec<_>>().join("|")
+            record
+                .iter()
+                .zip(columns)
+                .map(|(cell, [kind, _])| shown(cell, kind))
+                .collect::<Vec<_>>()
+                .join("|")
         };
         let rows: Vec<String> = reader.records().map(|record| row(record.expect("a row"))).collect();
         assert!(told.contains(&format!("out/all/{view}.csv ")), "{told}");
@@ -113,7 +121,9 @@ fn parquet_has_every_value_with_its_type_and_says_what_it_means() {
         assert_eq!(told("armwatch.version").as_deref(), Some(env!("CARGO_PKG_VERSION")));
         let described = query(
             &database,
-            &format!("SELECT column_name, unit, meaning FROM view_columns WHERE view_name = '{view}' ORDER BY position"),
+            &format!(
+                "SELECT column_name, unit, meaning FROM view_columns WHERE view_name = '{view}' ORDER BY position"
+            ),
         );
         let schema = ParquetRecordBatchReaderBuilder::try_new(open()).expect("Parquet").schema().clone();
         let fields = schema.fields().iter().map(|field| {
@@ -148,7 +158,9 @@ fn robots_and_times_choose_rows() {
         let told = workshop.stdout(&[&["export", "--json", "--force"], arguments].concat(), 0);
         let objects = told.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).expect("JSON"));
         objects
-            .map(|of| (of["view"].as_str().expect("a name").to_owned(), of["rows"].as_u64().expect("a number")))
+            .map(|of| {
+                (of["view"].as_str().expect("a name").to_owned(), of["rows"].as_u64().expect("a number"))
+            })
             .collect()
     };
     let number = |sql: &str| u64::try_from(workshop.number(sql)).expect("a count");
@@ -161,7 +173,8 @@ fn robots_and_times_choose_rows() {
     assert_eq!(both["cycles"], number("SELECT count(*) FROM cycles WHERE robot IN ('A', 'B')"));
 
     // a test belongs to one side of a moment with all its rows, also where the moment lies within it
-    let parts = [&["--until", "2026-01-06"][..], &["--since", "2026-01-06", "--until", "2026-01-07T00:00:00Z"]];
+    let parts =
+        [&["--until", "2026-01-06"][..], &["--since", "2026-01-06", "--until", "2026-01-07T00:00:00Z"]];
     let [before, after] = parts.map(|times| rows(&[&["--parquet", "part"], times].concat()));
     for view in ["runs", "cycles", "cycle_rmsd", "friction_points", "maintenance_log"] {
         assert_eq!(before[view] + after[view], number(&format!("SELECT count(*) FROM {view}")), "{view}");
@@ -318,7 +331,8 @@ fn all_files_are_of_one_moment() {
     workshop.stdout(&["ingest", &format!("inbox/{}", later.name)], 0);
     let cycles = fs::read_to_string(out.join("cycles.csv")).expect("what comes through the pipe");
     assert!(running.wait().expect("an end").success());
-    let rows = |name: &str| csv::Reader::from_path(out.join(name)).expect("a file").into_records().count() as i64;
+    let rows =
+        |name: &str| csv::Reader::from_path(out.join(name)).expect("a file").into_records().count() as i64;
     assert!(!cycles.contains("2026-01-07"), "{cycles}");
     assert_eq!(rows("cycle_parameters.csv"), before);
     assert!(workshop.number("SELECT count(*) FROM cycle_parameters") > before, "the test is stored");
@@ -330,7 +344,10 @@ fn the_schema_is_told_without_a_database() {
     let views = workshop.stdout(&["sql", "--schema"], 0);
     assert!(views.lines().any(|line| line.starts_with("fleet_health  ")), "{views}");
     let index = workshop.stdout(&["sql", "--schema", "friction_index"], 0);
-    assert!(index.starts_with("friction_index: a row is ") && index.contains("friction_index_std_error"), "{index}");
+    assert!(
+        index.starts_with("friction_index: a row is ") && index.contains("friction_index_std_error"),
+        "{index}"
+    );
     assert!(index.lines().all(|line| line.chars().count() <= 110), "{index}");
     let unknown = workshop.run(&["sql", "--schema", "friction_indices"]);
     assert_eq!(unknown.status.code(), Some(2));

@@ -22,7 +22,10 @@ pub(in crate::cli) fn view(name: &str) -> Option<&'static PublicView> {
 /// All views, each with what a row of it is.
 pub(in crate::cli) fn list() -> Table {
     let row = |view: &PublicView| [&view.name, &view.row_is].map(|text| Value::from(text.as_str())).into();
-    Table { columns: ["view_name", "row_is"].map(str::to_owned).into(), rows: public_views().iter().map(row).collect() }
+    Table {
+        columns: ["view_name", "row_is"].map(str::to_owned).into(),
+        rows: public_views().iter().map(row).collect(),
+    }
 }
 
 /// The columns of a view, as the view `view_columns` has them.
@@ -55,7 +58,8 @@ pub(in crate::cli) fn columns_told(view: &PublicView) -> String {
     let head = |column: &ViewColumn| {
         vec![column.name.clone(), column.kind.clone(), column.unit.clone().unwrap_or_else(|| "-".into())]
     };
-    let table = output::table(&["column", "type", "unit"], &view.columns.iter().map(head).collect::<Vec<_>>());
+    let table =
+        output::table(&["column", "type", "unit"], &view.columns.iter().map(head).collect::<Vec<_>>());
     let width = table.lines().map(|line| line.chars().count()).max().unwrap_or(0);
     let meaning = |column: &ViewColumn| match &column.null_when {
         Some(when) => format!("{}; NULL {when}", column.meaning),
