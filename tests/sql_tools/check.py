@@ -290,9 +290,9 @@ def check_parquet(database, schema, folder):
         try:
             table = pq.read_table(path)
             rows = {
-                "pyarrow": zip(*(column.to_pylist() for column in table.columns)) if len(table) else [],
+                "pyarrow": as_rows(table),
                 "polars": pl.read_parquet(path).rows(),
-                "duckdb": db.execute("SELECT * FROM read_parquet(?)", [path]).fetchall(),
+                "duckdb": as_rows(db.execute("SELECT * FROM read_parquet(?)", [path]).to_arrow_table()),
             }
         except Exception as error:
             wrong("parquet", f"{path} cannot be read: {brief(error)}")
@@ -305,7 +305,7 @@ def check_parquet(database, schema, folder):
                 wrong("parquet", f"{view}.{column} is {arrow} and arrives as {field.name} {field.type}")
             if (told.get("unit"), told.get("description")) != (unit, meaning):
                 wrong("parquet", f"{view}.{column} has other metadata: {told}")
-        of_file = json.loads(table.schema.metadata[b"armwatch.columns"])
+        of_file = json.loads(pq.read_metadata(path).metadata[b"armwatch.columns"])
         if {of["name"]: (of["unit"], of["description"]) for of in of_file} != described[view]:
             wrong("parquet", f"{view} has other metadata of the file than view_columns")
         for tool, found in rows.items():
@@ -313,6 +313,10 @@ def check_parquet(database, schema, folder):
                 wrong("parquet", f"{view} has other values in {tool} than in SQLite")
     db.close()
     connection.close()
+
+
+def as_rows(table):
+    return list(zip(*(column.to_pylist() for column in table.columns), strict=True))
 
 
 def as_in_sqlite(value):
