@@ -14,6 +14,7 @@ pub mod anomaly;
 pub mod numerics;
 pub mod config;
 pub mod telemetry;
+pub mod metrics;
 pub mod ingest;
 pub mod store;
 pub mod pipeline;

@@ -22,6 +22,7 @@ mod metrics;
 mod page;
 mod part;
 mod receive;
+mod requests;
 mod shared;
 mod spool;
 mod status;
@@ -38,6 +39,7 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
+use axum::middleware;
 use axum::routing::{get, head};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
@@ -48,6 +50,7 @@ use tokio::task::{JoinHandle, JoinSet};
 use tokio_util::sync::CancellationToken;
 
 use crate::config::{Config, ServeSettings};
+use crate::metrics::Metrics;
 use crate::store::Store;
 pub use access::TOKEN_VARIABLE;
 use access::{Access, AccessError};
@@ -135,7 +138,7 @@ pub fn check_access(settings: &ServeSettings) -> Result<(), ServeError> {
     Ok(Access::new(settings).map(|_| ())?)
 }
 
-/// Listens as `settings` say until `stop` is cancelled. Requests in hand are then finished, uploads cut where
+/// Listens as `settings` say until `stop` is cancelled, and counts requests in `metrics`. Requests in hand are then finished, uploads cut where
 /// they can go on.
 ///
 /// # Errors
@@ -144,6 +147,7 @@ pub async fn start(
     settings: &ServeSettings,
     config: watch::Receiver<Arc<Config>>,
     store: Store,
+    metrics: Metrics,
     stop: CancellationToken,
 ) -> Result<Server, ServeError> {
     let access = Access::new(settings)?;
@@ -171,6 +175,7 @@ pub async fn start(
         readiness: tokio::sync::Mutex::default(),
         config,
         looking: OnceCell::new(),
+        metrics,
         changes: watch::channel(0).0,
     });
     let cleaning = Arc::clone(&shared);
@@ -194,6 +199,7 @@ fn router(shared: Arc<Shared>) -> Router {
         .method_not_allowed_fallback(status::no_method)
         // uploads are counted where they are taken
         .layer(DefaultBodyLimit::disable())
+        .layer(middleware::from_fn_with_state(Arc::clone(&shared), requests::count))
         .with_state(shared)
 }
 

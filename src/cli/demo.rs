@@ -19,6 +19,7 @@ use super::context::{CliError, EXIT_DONE, EXIT_STOPPED, Global, open_store, runt
 use super::shared::output;
 use crate::config::{Config, ServeSettings};
 use crate::daemon::{self, Event};
+use crate::metrics::Metrics;
 use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::context::{Outcome, Pipeline};
 use crate::robot::{JointIndex, Robot};
@@ -82,9 +83,13 @@ pub(super) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliError> {
         let store = open_store(&config).await?;
         let config = shared(config);
         let (_in_force, configs) = watch::channel(Arc::clone(&config));
-        let pipeline = Pipeline::new(config, store.clone());
+        let metrics = Metrics::counting().map_err(|error| CliError::Internal(error.to_string()))?;
+        let pipeline = Pipeline::new(config, store.clone()).counting(metrics.clone());
         let serving = stop.child_token();
-        let server = if args.once { None } else { dashboard(&folder, configs, store, &serving).await? };
+        let server = match args.once {
+            true => None,
+            false => dashboard(&folder, configs, store, metrics, &serving).await?,
+        };
         let writer = write_fleet(robot, folder.join("made"), inbox, args.seed, stop.clone());
         let watched = watch_fleet(&pipeline, args.once, &stop, writer).await;
         serving.cancel();
@@ -105,6 +110,7 @@ async fn dashboard(
     folder: &Path,
     configs: watch::Receiver<Arc<Config>>,
     store: Store,
+    metrics: Metrics,
     stop: &CancellationToken,
 ) -> Result<Option<Server>, CliError> {
     let failed = |path: &Path, error: std::io::Error| CliError::Io(format!("{}: {error}", path.display()));
@@ -115,7 +121,9 @@ async fn dashboard(
     for port in [PORT, 0] {
         let listen = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
         let settings = ServeSettings { listen, token_file: Some(token_file.clone()), upload: None };
-        match serve::start(&settings, configs.clone(), store.clone(), stop.clone()).await {
+        let started =
+            serve::start(&settings, configs.clone(), store.clone(), metrics.clone(), stop.clone()).await;
+        match started {
             Ok(server) => {
                 output::print_hint(&format!("dashboard http://{}/#token={token}", server.address));
                 return Ok(Some(server));

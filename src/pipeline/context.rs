@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::SystemTime;
 
 use tokio::sync::Semaphore;
 use tokio::task::{JoinError, JoinHandle};
@@ -11,6 +12,7 @@ use crate::analysis::measurements::RunMeasurements;
 use crate::anomaly::RunSummary;
 use crate::config::Config;
 use crate::ingest::rejection::Rejection;
+use crate::metrics::Metrics;
 use crate::numerics::analyse::Method;
 use crate::numerics::detect::runs::open_run::UsualTests;
 use crate::numerics::detect::verdict::DetectSettings;
@@ -41,6 +43,8 @@ pub struct Pipeline {
     pub(super) open: OpenRuns,
     /// What robots' complete tests say of those that are being written.
     pub(super) usual: UsualByRobot,
+    /// Figures of the work.
+    pub(super) metrics: Metrics,
 }
 
 /// What the complete tests of a robot say of the one that is being written.
@@ -176,5 +180,13 @@ pub enum Retry {
     Complete,
 }
 
-/// A cycle under analysis, and what it and those before it were read from.
-pub(super) type InAnalysis = (JoinHandle<CycleAnalysis>, ReadSoFar);
+/// A cycle under analysis.
+#[derive(Debug)]
+pub(super) struct InAnalysis {
+    /// What it will say.
+    pub(super) analysis: JoinHandle<CycleAnalysis>,
+    /// What it and the cycles before it were read from.
+    pub(super) read: ReadSoFar,
+    /// When the row that ended it was written, where that is known.
+    pub(super) written: Option<SystemTime>,
+}

@@ -11,6 +11,7 @@ use super::access::Access;
 use super::answer::Refusal;
 use super::spool::Spool;
 use crate::config::{Config, UploadSettings};
+use crate::metrics::Metrics;
 use crate::run::ContentHash;
 use crate::store::Store;
 
@@ -27,6 +28,8 @@ pub(super) struct Shared {
     pub(super) config: watch::Receiver<Arc<Config>>,
     /// The handle of those who only look, opened by the first of them.
     pub(super) looking: OnceCell<Store>,
+    /// Figures of the process.
+    pub(super) metrics: Metrics,
     /// Counts changes of the database while anybody listens.
     pub(super) changes: watch::Sender<u64>,
 }

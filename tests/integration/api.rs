@@ -267,8 +267,8 @@ fn figures_for_prometheus_are_those_of_the_views_and_promtool_has_nothing_to_say
     for sample in [
         "armwatch_runs{status=\"complete\"} 1",
         "armwatch_cycles 3",
-        "armwatch_joint_status{robot=\"A\",joint=\"1\",status=\"learning\"} 1",
-        "armwatch_joint_status{robot=\"A\",joint=\"1\",status=\"critical\"} 0",
+        "armwatch_joint_status{joint=\"1\",robot=\"A\",status=\"learning\"} 1",
+        "armwatch_joint_status{joint=\"1\",robot=\"A\",status=\"critical\"} 0",
         "armwatch_robot_last_result_timestamp_seconds{robot=\"A\"} 1767602820",
         "armwatch_anomalies{severity=\"critical\",state=\"open\"} 0",
     ] {
