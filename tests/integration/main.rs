@@ -19,6 +19,7 @@ mod crash;
 mod daemon;
 mod delivery;
 mod docs;
+mod grafana;
 #[cfg(target_os = "linux")]
 mod faults;
 mod quarantine;
