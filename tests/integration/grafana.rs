@@ -350,15 +350,15 @@ const MORE: &str = "
     INSERT INTO cycle_temperature (cycle_id, joint, temperature_degc)
         SELECT cycle_id, joint, 30.0 + joint FROM cycle, (SELECT 0 AS joint UNION SELECT 3)
         WHERE run_id IN (SELECT run_id FROM runs WHERE robot = 'Worn');
-    INSERT INTO friction_baseline (robot_id, joint, epoch, cause, begins_at, basis)
-        SELECT robot_id, 3, 1, 'maintenance', 1767700000000000, zeroblob(32) FROM robot WHERE name = 'Worn';
+    INSERT INTO friction_baseline (robot_id, joint, epoch, cause, begins_at, formed_at, basis, levels)
+        SELECT robot_id, 3, 1, 'maintenance', 1767700000000000, 1767700000000000, zeroblob(32), '[]' FROM robot WHERE name = 'Worn';
     INSERT INTO friction_baseline_run SELECT max(friction_baseline_id), 7 FROM friction_baseline;
     INSERT INTO delivery_route (name, seen_event_id) VALUES ('shift', 0);
     INSERT INTO delivery (delivery_route_id, anomaly_event_id, state, created_at, due_at, error)
         SELECT 1, min(anomaly_event_id), 'pending', 1767700000000000, 1767700000000000, 'no answer' FROM anomaly_event;
-    UPDATE anomaly SET onset_run_id = run_id WHERE onset_run_id IS NULL;
-    INSERT INTO run (robot_id, model, started_at, source_name, source_path, source_bytes, content_hash, status)
-        SELECT robot_id, 'er3a', 1767700000000000, 'Worn_20260106_1146.csv', '/inbox/Worn_20260106_1146.csv', 0, randomblob(32), 'streaming'
+    UPDATE anomaly SET onset_at = coalesce(onset_at, first_seen_at);
+    INSERT INTO run (robot_id, model, started_at, source_name, source_path, source_bytes, content_hash, status, ingested_at)
+        SELECT robot_id, 'er3a', 1767700000000000, 'Worn_20260106_1146.csv', '/inbox/Worn_20260106_1146.csv', 0, randomblob(32), 'streaming', 1767700000000000
         FROM robot WHERE name = 'Worn';
     UPDATE cycle SET status = 'refused', reason = 'the torque of joint 2 stands still' WHERE cycle_id = (SELECT max(cycle_id) FROM cycle);
 ";
