@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 
 use serde_json::Value;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
-use sqlx::{Connection, Executor, Row, TypeInfo, ValueRef};
+use sqlx::{Column, Connection, Row, TypeInfo, ValueRef};
 
 use crate::http;
 use crate::small::{self, export};
@@ -264,8 +264,7 @@ struct Rows {
 
 async fn ask(connection: &mut SqliteConnection, sql: &str) -> Result<Rows, sqlx::Error> {
     let rows = sqlx::query(sqlx::AssertSqlSafe(sql)).fetch_all(&mut *connection).await?;
-    let columns =
-        rows.first().map(|row| row.columns().iter().map(|c| sqlx::Column::name(c).to_owned()).collect());
+    let columns = rows.first().map(|row| row.columns().iter().map(|c| c.name().to_owned()).collect());
     let cell = |row: &sqlx::sqlite::SqliteRow, place: usize| {
         let raw = row.try_get_raw(place).expect("a cell");
         match raw.type_info().name() {
@@ -370,7 +369,7 @@ fn every_sqlite_panel_has_rows_of_a_fleet() {
     runtime.block_on(async {
         let options = SqliteConnectOptions::new().filename(workshop.path("armwatch.db"));
         let mut database = SqliteConnection::connect_with(&options).await.expect("the database");
-        database.execute(MORE).await.expect("more rows");
+        sqlx::raw_sql(MORE).execute(&mut database).await.expect("more rows");
         database.close().await.expect("closed");
         let mut database =
             SqliteConnection::connect_with(&options.read_only(true)).await.expect("the database");
