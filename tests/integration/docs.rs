@@ -159,7 +159,7 @@ fn every_query_says_what_it_answers_and_what_it_takes() {
 /// The reference arm `R00` with one run, after a first export of that name was faulty; an arm `Worn`
 /// whose joint 3 wears in the last of four runs; and an arm `Bad` whose only export is empty. A
 /// baseline of three runs keeps the history short.
-pub fn fleet() -> Workshop {
+fn fleet() -> Workshop {
     let workshop = Workshop::new();
     let config = fs::read_to_string(workshop.path("armwatch.toml")).expect("the configuration");
     fs::write(workshop.path("armwatch.toml"), config + "\n[detect]\nbaseline_runs = 3\n").expect("written");
