@@ -214,7 +214,7 @@ fn figure(own: &DetectorScore, settings: &FleetSettings) -> Figure {
         &faults.map(curve).collect::<Vec<_>>(),
         "Detection of faults on simulated fleets".into(),
         format!(
-            "{} robots a fault, each watched for {}, seed {}; thin lines: 95 % interval",
+            "{} robots a fault, each watched for {}, seed {}",
             settings.robots,
             if settings.years == 1.0 { "one year".into() } else { format!("{} years", settings.years) },
             settings.seed

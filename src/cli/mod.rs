@@ -18,6 +18,7 @@ mod demo;
 mod ingest;
 mod maintenance;
 mod parameters;
+mod report;
 mod rmsd;
 mod run;
 mod lists;
@@ -97,6 +98,8 @@ enum Command {
     Rmsd(rmsd::RmsdArgs),
     /// Friction of runs over time, with warm-up curves fitted to it
     Friction(friction::command::FrictionArgs),
+    /// A run or a robot on one page, in words, figures and tables
+    Report(report::command::ReportArgs),
     /// Write exports of a described arm, with chosen faults and a truth file
     Simulate(simulate::command::SimulateArgs),
     /// Look at a robot description
@@ -208,6 +211,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Torque(args) => torque::torque(&cli.global, &args),
         Command::Rmsd(args) => rmsd::rmsd(&cli.global, &args),
         Command::Friction(args) => friction::command::friction(&cli.global, &args),
+        Command::Report(args) => report::command::report(&cli.global, &args),
         Command::Simulate(args) => simulate::command::simulate(&cli.global, &args),
         Command::Robot { command: RobotCommand::Check(args) } => robot::check::check(&cli.global, &args),
         Command::Robot { command: RobotCommand::DriveGains(args) } => {

@@ -7,7 +7,8 @@ use serde_json::json;
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::identify::output::rmsd_value;
 use super::shared::output;
-use super::shared::plot::PlotFile;
+use super::shared::plot::{PlotFile, rmsd_limits};
+use super::shared::verification::verified_cycles;
 use crate::analysis::{Rmsd, RmsdPair, RmsdScope, WarmingContrast};
 use crate::numerics::statistics::descriptive::{mean, standard_deviation};
 use crate::report::rmsd::{CycleVerification, rmsd_figure};
@@ -67,7 +68,7 @@ pub(super) fn rmsd(global: &Global, args: &RmsdArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     let (run, cycles) = runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
-        let done = verified_cycles(args, &store).await;
+        let done = run_and_cycles(args, &store).await;
         store.close().await?;
         done
     })?;
@@ -75,8 +76,8 @@ pub(super) fn rmsd(global: &Global, args: &RmsdArgs) -> Result<u8, CliError> {
     if let Some(plot) = &args.plot {
         let title = format!("{}, run {}: RMSD by cycle", run.robot, run.run_id);
         let subtitle = "estimated against measured torque with each cycle's own parameters, rows in which the \
-                        joint moves, as a fraction of the measured torque's RMS";
-        plot.write(&rmsd_figure(&of_joints(&cycles, &shown), title, subtitle.into()))?;
+                        joint moves, as a fraction of the measured torque's RMS; logarithmic scale";
+        plot.write(&rmsd_figure(&of_joints(&cycles, &shown), rmsd_limits(&config), title, subtitle.into()))?;
     }
     if global.json {
         cycles.iter().for_each(|of| output::json(&as_value(&run, of, &shown)));
@@ -86,22 +87,13 @@ pub(super) fn rmsd(global: &Global, args: &RmsdArgs) -> Result<u8, CliError> {
     Ok(EXIT_DONE)
 }
 
-async fn verified_cycles(
+async fn run_and_cycles(
     args: &RmsdArgs,
     store: &Store,
 ) -> Result<(RunSource, Vec<CycleVerification>), CliError> {
     let run = store.run_source(args.run).await?;
     let run = run.ok_or_else(|| CliError::Usage(format!("there is no run {}", args.run)))?;
-    let rmsd = store.self_rmsd(args.run).await?;
-    let contrasts = store.warming_contrasts(args.run).await?;
-    let states = store.cycle_states(args.run).await?;
-    let cycles = states.into_iter().map(|state| CycleVerification {
-        cycle: state.cycle,
-        rmsd: rmsd.iter().filter(|of| of.cycle == state.cycle).map(|of| of.value).collect(),
-        contrast: contrasts.iter().filter(|of| of.cycle == state.cycle).map(|of| of.value).collect(),
-        reason: state.reason,
-    });
-    Ok((run, cycles.collect()))
+    Ok((run, verified_cycles(store, args.run).await?))
 }
 
 fn shown_joints(

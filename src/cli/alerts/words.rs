@@ -63,7 +63,7 @@ pub(in crate::cli) fn minute(time: Timestamp) -> String {
 }
 
 /// `joint 3`, or `whole arm`.
-pub(super) fn place(row: &AnomalyRow) -> String {
+pub(in crate::cli) fn place(row: &AnomalyRow) -> String {
     row.joint_number().map_or_else(|| "whole arm".to_owned(), |number| format!("joint {number}"))
 }
 
@@ -73,7 +73,7 @@ pub(in crate::cli) fn name(row: &AnomalyRow) -> String {
 }
 
 /// The state with what is to be known of it.
-pub(super) fn state(row: &AnomalyRow) -> String {
+pub(in crate::cli) fn state(row: &AnomalyRow) -> String {
     match row.shelved_until {
         Some(until) => format!("shelved until {}", minute(until)),
         None => row.state.replace('_', " "),

@@ -10,7 +10,8 @@ use super::index::JointIndexSeries;
 use crate::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
 use crate::cli::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use crate::cli::shared::output;
-use crate::cli::shared::plot::{PlotFile, write_lines};
+use crate::cli::shared::plot::{PlotFile, index_limits, write_lines};
+use crate::cli::shared::life::RobotLife;
 use crate::cli::shared::selection::{named_runs, runs_of};
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::friction::warm_up::warm_up_torque;
@@ -38,6 +39,8 @@ own start. model says how many parts the points support: double, single or const
 the standard error. A fast part that only the first cycle sees has none: what is known of it is its value at the
 first point and the longest time constant that it may have (--json: c_first_nm, t2_max_min). Nothing is stored; the fits of each run, and of all runs of a robot at the reference
 speed, stand in the view warmup_fits.
+
+A picture of several runs shows each in a colour of its own at one speed; of a single run it shows all speeds.
 
 --index shows the friction index of each run instead: friction against the joint's own baseline at equal speed
 and thermal state, with its 95 % interval, beside friction as measured. Then, of the index about its mean over
@@ -71,14 +74,14 @@ pub(in crate::cli) struct FrictionArgs {
     /// Friction index by run, and whether it is white from run to run
     #[arg(long, requires = "robots", conflicts_with_all = ["runs", "speed", "output"])]
     index: bool,
-    /// What the picture shows friction over
-    #[arg(long, value_enum, default_value_t = OverArg::Time, requires = "plot")]
-    over: OverArg,
+    /// What the picture shows friction over [default: time for one run, runs for several]
+    #[arg(long, value_enum, requires = "plot")]
+    over: Option<OverArg>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum OverArg {
-    /// Minutes since the start of the run, with the fitted curves
+    /// Minutes since the start of the run, all speeds, with the curves fitted to all chosen runs together
     Time,
     /// Speed, some cycles from cold to warm
     Speed,
@@ -93,6 +96,8 @@ const COMPARED_SPEED: f64 = 0.6;
 struct Sourced {
     robot: String,
     run_id: i64,
+    /// Day of the run's start.
+    day: String,
     cycle: u32,
     point: FrictionPoint,
 }
@@ -107,7 +112,7 @@ pub(in crate::cli) fn friction(global: &Global, args: &FrictionArgs) -> Result<u
             done
         })?;
         if let Some(plot) = &args.plot {
-            plot.write(&index::figure(&series, &args.robots.join(", ")))?;
+            plot.write(&index::figure(&series, index_limits(&config), &args.robots.join(", ")))?;
         }
         index::print(&series, global.json);
         return Ok(EXIT_DONE);
@@ -141,7 +146,8 @@ async fn index_series(args: &FrictionArgs, store: &Store) -> Result<Vec<JointInd
         runs_of(&known, robot)?;
         let mut rows = store.friction_indices(robot).await?;
         rows.retain(|row| args.joint.is_none_or(|joint| row.joint.number() == usize::from(joint)));
-        series.extend(JointIndexSeries::of(robot, &rows, &store.thermal_sources(robot).await?));
+        let life = RobotLife::read(store, robot).await?;
+        series.extend(JointIndexSeries::of(robot, &rows, &store.thermal_sources(robot).await?, &life));
     }
     if series.is_empty() {
         return Err(CliError::Usage(format!(
@@ -170,6 +176,7 @@ async fn chosen_points(args: &FrictionArgs, store: &Store) -> Result<(String, Ve
         points.extend(of_run.into_iter().map(|of| Sourced {
             robot: run.robot.clone(),
             run_id: run.run_id,
+            day: run.started_at.strftime("%Y-%m-%d").to_string(),
             cycle: of.cycle,
             point: of.point,
         }));
@@ -257,9 +264,16 @@ fn figure(
     fits: &[WarmUpFit],
 ) -> Figure {
     const POINTS: &str = "mean friction on constant-speed plateaus, gravity removed";
-    match args.over {
+    let runs = points.chunk_by(|a, b| a.run_id == b.run_id).count();
+    // points of several runs in one colour would make wear look like scatter
+    match args.over.unwrap_or(if runs > 1 { OverArg::Runs } else { OverArg::Time }) {
         OverArg::Time => {
-            let curves = "curves a + b exp(-t/t1) + c exp(-t/t2) as far as the points support them";
+            let mixed = match runs {
+                1 => String::new(),
+                _ => format!(" to {runs} runs together"),
+            };
+            let curves =
+                format!("curves a + b exp(-t/t1) + c exp(-t/t2) fitted{mixed} as far as the points support them");
             friction_figure(bare, fits, format!("{names}: friction over time"), format!("{POINTS}; {curves}"))
         }
         OverArg::Runs => {
@@ -269,7 +283,6 @@ fn figure(
             run_comparison_figure(&run_curves(points), title, format!("{POINTS}, {curves}"))
         }
         OverArg::Speed => {
-            let runs = points.chunk_by(|a, b| a.run_id == b.run_id).count();
             let cycles = points.chunk_by(|a, b| (a.run_id, a.cycle) == (b.run_id, b.cycle));
             let cycles: Vec<CycleFriction> = cycles
                 .map(|of| CycleFriction {
@@ -289,6 +302,7 @@ fn figure(
 
 /// Points of each run at the level nearest to [`COMPARED_SPEED`], if `--speed` has not chosen one.
 fn run_curves(points: &[Sourced]) -> Vec<RunCurves> {
+    let one_robot = points.windows(2).all(|pair| pair[0].robot == pair[1].robot);
     let distance = |of: &Sourced| (of.point.speed_fraction - COMPARED_SPEED).abs();
     points
         .chunk_by(|a, b| a.run_id == b.run_id)
@@ -297,7 +311,9 @@ fn run_curves(points: &[Sourced]) -> Vec<RunCurves> {
             let at_level = |of: &&Sourced| distance(of) <= nearest;
             let points: Vec<FrictionPoint> = of_run.iter().filter(at_level).map(|of| of.point).collect();
             let fits = warm_up_fits(&points);
-            RunCurves { label: format!("{}, run {}", of_run[0].robot, of_run[0].run_id), points, fits }
+            let Sourced { robot, run_id, day, .. } = &of_run[0];
+            let label = if one_robot { format!("run {run_id}, {day}") } else { format!("{robot}, run {run_id}, {day}") };
+            RunCurves { label, points, fits }
         })
         .collect()
 }
@@ -305,7 +321,7 @@ fn run_curves(points: &[Sourced]) -> Vec<RunCurves> {
 fn csv_lines<'a>(points: &'a [Sourced], fits: &'a [WarmUpFit]) -> impl Iterator<Item = String> + use<'a> {
     const HEADER: &str = "robot,run_id,cycle,minute,joint,speed_fraction,speed_rad_s,direction,torque_nm,std_nm,\
                           samples,gravity,fit_nm";
-    let line = move |Sourced { robot, run_id, cycle, point }: &Sourced| {
+    let line = move |Sourced { robot, run_id, cycle, point, .. }: &Sourced| {
         let minute = point.time / 60.0;
         let fit = fit_of(fits, (point.joint.number(), point.speed_fraction));
         let fit = fit.map_or_else(String::new, |fit| warm_up_torque(fit, minute).to_string());
@@ -331,7 +347,7 @@ fn csv_lines<'a>(points: &'a [Sourced], fits: &'a [WarmUpFit]) -> impl Iterator<
 fn as_value(level: (usize, f64), points: &[Sourced], fits: &[WarmUpFit]) -> serde_json::Value {
     let of_level = points.iter().filter(|of| is_of(level, of.point.joint.number(), of.point.speed_fraction));
     let points: Vec<serde_json::Value> = of_level
-        .map(|Sourced { robot, run_id, cycle, point }| {
+        .map(|Sourced { robot, run_id, cycle, point, .. }| {
             json!({
                 "robot": robot, "run_id": run_id, "cycle": cycle, "minute": point.time / 60.0,
                 "speed_rad_s": point.speed, "direction": point.direction, "torque_nm": point.torque,

@@ -4,6 +4,8 @@ pub(super) mod output;
 pub(super) mod rows;
 pub(super) mod plot;
 pub(super) mod selection;
+pub(super) mod life;
 pub(super) mod load;
 pub(super) mod reweight;
 pub(super) mod user;
+pub(super) mod verification;
