@@ -46,7 +46,8 @@ pub fn anomaly_figure(tests: &[EvidencePoint], seen: [f64; 2], title: String, su
     let mut areas = Vec::new();
     let mut rmsd = Vec::new();
     for &joint in &joints {
-        let series = |mark, points| Series { name: format!("joint {joint}"), colour: colour(joint), mark, points };
+        let series =
+            |mark, points| Series { name: format!("joint {joint}"), colour: colour(joint), mark, points };
         if joints.len() == 1 && indexed {
             let (low, high) = (along(joint, &|test| end(test, -1.0)), along(joint, &|test| end(test, 1.0)));
             let points = low.iter().zip(&high).map(|(low, high)| [low[0], low[1], high[1]]).collect();

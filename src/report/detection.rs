@@ -36,9 +36,8 @@ pub fn detection_figure(curves: &[DetectionCurve], title: String, subtitle: Stri
             mark: Mark::LineWithDots,
             points: curve.points.iter().map(|point| [point.size, of(point)]).collect(),
         };
-        let interval = |point: &DetectionPoint| {
-            [point.size, 100.0 * point.detected_95[0], 100.0 * point.detected_95[1]]
-        };
+        let interval =
+            |point: &DetectionPoint| [point.size, 100.0 * point.detected_95[0], 100.0 * point.detected_95[1]];
         let panel = |what: &str, y_label: &str, areas, series| Panel {
             title: format!("{}: {what}", curve.fault),
             x_label: curve.size.clone(),
@@ -55,11 +54,19 @@ pub fn detection_figure(curves: &[DetectionCurve], title: String, subtitle: Stri
                 vec![Area { colour: ESTIMATED, points: curve.points.iter().map(interval).collect() }],
                 line("robots with an alarm", &|point| 100.0 * point.detected),
             ),
-            panel("delay", "median delay, tests", Vec::new(), line("median delay", &|point| point.delay_tests)),
+            panel(
+                "delay",
+                "median delay, tests",
+                Vec::new(),
+                line("median delay", &|point| point.delay_tests),
+            ),
         ]
     });
     let legend = vec![
-        Key { label: "of the robots, or median delay".into(), look: Look::Series(ESTIMATED, Mark::LineWithDots) },
+        Key {
+            label: "of the robots, or median delay".into(),
+            look: Look::Series(ESTIMATED, Mark::LineWithDots),
+        },
         Key { label: "95 % interval".into(), look: Look::Area(ESTIMATED) },
     ];
     Figure { title, subtitle, legend, panels: panels.collect(), columns: 2 }

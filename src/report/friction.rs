@@ -146,7 +146,9 @@ fn left_out<'a, T>(all: &'a [T], shown: &[&T], label: impl Fn(&'a T) -> &'a str)
     let names: Vec<&str> = all.iter().filter(|one| !is_shown(one)).map(label).collect();
     match names.len() {
         0 => String::new(),
-        count if count <= MAX_NAMED => format!("; {} of {} shown, left out: {}", shown.len(), all.len(), names.join(", ")),
+        count if count <= MAX_NAMED => {
+            format!("; {} of {} shown, left out: {}", shown.len(), all.len(), names.join(", "))
+        }
         count => format!("; {} of {} shown, {count} between them left out", shown.len(), all.len()),
     }
 }
@@ -156,7 +158,8 @@ const MAX_NAMED: usize = 8;
 
 /// Mean speed and mean magnitude of friction at each level of a joint.
 fn over_speed(cycle: &CycleFriction, joint: JointIndex, colour: usize) -> Series {
-    let of_joint: Vec<FrictionPoint> = cycle.points.iter().filter(|point| point.joint == joint).copied().collect();
+    let of_joint: Vec<FrictionPoint> =
+        cycle.points.iter().filter(|point| point.joint == joint).copied().collect();
     let mean = |level: f64| {
         let of_level: Vec<&FrictionPoint> =
             of_joint.iter().filter(|point| point.speed_fraction.total_cmp(&level).is_eq()).collect();

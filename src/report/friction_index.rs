@@ -2,8 +2,8 @@
 //! joint, all with the same scale.
 
 use super::figure::{
-    Area, Band, ESTIMATED, Event, Figure, Key, Level, Limit, Look, MEASURED, Mark, Panel, Series, Standing, XAxis,
-    extent,
+    Area, Band, ESTIMATED, Event, Figure, Key, Level, Limit, Look, MEASURED, Mark, Panel, Series, Standing,
+    XAxis, extent,
 };
 use super::rmsd::event_keys;
 
@@ -51,7 +51,8 @@ pub struct IndexLimits {
 #[must_use]
 pub fn index_figure(joints: &[IndexPanel], limits: IndexLimits, title: String, subtitle: String) -> Figure {
     let runs = || joints.iter().flat_map(|joint| &joint.runs);
-    let values = runs().flat_map(|run| [run.index, run.interval[0], run.interval[1], run.raw.unwrap_or(run.index)]);
+    let values =
+        runs().flat_map(|run| [run.index, run.interval[0], run.interval[1], run.raw.unwrap_or(run.index)]);
     // both limits are seen also where nothing comes near
     let marked = [1.0 - limits.warning, 1.0 + limits.critical];
     let range = extent(values.chain(marked)).map(|(low, high)| [low, high]);
@@ -73,7 +74,8 @@ pub fn index_figure(joints: &[IndexPanel], limits: IndexLimits, title: String, s
     if joints.iter().any(|joint| !joint.alarms.is_empty()) {
         legend.push(key("an alarm was seen".into(), Look::Band(SEEN)));
     }
-    let events: Vec<_> = joints.iter().flat_map(|joint| &joint.events).map(|event| (None, event.clone())).collect();
+    let events: Vec<_> =
+        joints.iter().flat_map(|joint| &joint.events).map(|event| (None, event.clone())).collect();
     legend.extend(event_keys(&events));
     Figure { title, subtitle, legend, panels, columns: 2 }
 }
@@ -153,7 +155,13 @@ mod tests {
         let ranges: Vec<_> = figure.panels.iter().map(|panel| panel.y_range).collect();
         assert_eq!(ranges, [Some([0.95, 1.32]); 2]);
         let labels: Vec<&str> = figure.legend.iter().map(|key| key.label.as_str()).collect();
-        let expected = ["friction index", "its 95 % interval", "baseline", "warning from +5 %", "critical from \u{b1}15 %"];
+        let expected = [
+            "friction index",
+            "its 95 % interval",
+            "baseline",
+            "warning from +5 %",
+            "critical from \u{b1}15 %",
+        ];
         assert_eq!(labels[..5], expected);
         assert_eq!(labels[5..], ["an alarm was seen", "an alarm began"]);
         let alone = index_figure(&[quiet], LIMITS, "R01".into(), String::new());

@@ -155,9 +155,8 @@ fn write_table(body: &mut String, table: &PageTable) {
         "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\">\n<table>\n<caption>{caption}</caption>\n\
          <thead>\n<tr>"
     );
-    let is_number = |column: usize| {
-        table.rows.iter().any(|row| matches!(row.get(column), Some(Cell::Number(_))))
-    };
+    let is_number =
+        |column: usize| table.rows.iter().any(|row| matches!(row.get(column), Some(Cell::Number(_))));
     for (column, name) in table.header.iter().enumerate() {
         let class = if is_number(column) { " class=\"number\"" } else { "" };
         let _ = write!(body, "<th scope=\"col\"{class}>{}</th>", escaped(name));
@@ -270,7 +269,8 @@ mod tests {
     use crate::report::figure::{Key, Look, Mark, Panel, Series};
 
     fn figure(panels: usize) -> Figure {
-        let series = Series { name: "a & b".into(), colour: 0, mark: Mark::LineWithDots, points: vec![[0.0, 1.0]] };
+        let series =
+            Series { name: "a & b".into(), colour: 0, mark: Mark::LineWithDots, points: vec![[0.0, 1.0]] };
         let panel = Panel { title: "<one>".into(), series: vec![series], ..Panel::default() };
         Figure {
             title: "fig <1>".into(),

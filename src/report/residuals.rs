@@ -46,8 +46,10 @@ mod tests {
 
     #[test]
     fn a_panel_a_joint_over_its_cycles() {
-        let of = |cycle, joint, residual_nm| CycleResidual { cycle, joint: JointIndex::new(joint), residual_nm };
-        let figure = residual_figure(&[of(1, 0, 0.5), of(2, 0, 0.4), of(1, 5, 0.1)], "t".into(), String::new());
+        let of =
+            |cycle, joint, residual_nm| CycleResidual { cycle, joint: JointIndex::new(joint), residual_nm };
+        let figure =
+            residual_figure(&[of(1, 0, 0.5), of(2, 0, 0.4), of(1, 5, 0.1)], "t".into(), String::new());
         assert_eq!(figure.panels.len(), 2);
         assert_eq!(figure.panels[0].series[0].points, [[1.0, 0.5], [2.0, 0.4]]);
         assert_eq!(figure.panels[1].title, "joint 6");

@@ -52,7 +52,8 @@ pub fn rmsd_figure(
 ) -> Figure {
     let joints: BTreeSet<JointIndex> = cycles.iter().flat_map(|of| &of.rmsd).map(|rmsd| rmsd.joint).collect();
     let mut panels: Vec<Panel> = joints.into_iter().map(|joint| panel(cycles, joint, limits)).collect();
-    let points = panels.iter().flat_map(|panel| &panel.series).flat_map(|of| &of.points).map(|point| point[1]);
+    let points =
+        panels.iter().flat_map(|panel| &panel.series).flat_map(|of| &of.points).map(|point| point[1]);
     let marked = [100.0 * limits.warning, 100.0 * limits.critical];
     let range = extent(points.filter(|value| *value > 0.0).chain(marked)).map(|(low, high)| [low, high]);
     panels.iter_mut().for_each(|panel| panel.y_range = range);
@@ -71,10 +72,7 @@ fn limit_keys(limits: RmsdLimits) -> [Key; 2] {
         label: format!("{word} from {} %", 100.0 * value),
         look: Look::Limit(level),
     };
-    [
-        key("warning", limits.warning, Level::Warning),
-        key("critical", limits.critical, Level::Critical),
-    ]
+    [key("warning", limits.warning, Level::Warning), key("critical", limits.critical, Level::Critical)]
 }
 
 /// The limits as lines of a panel in per cent.
@@ -99,7 +97,9 @@ fn panel(cycles: &[CycleVerification], joint: JointIndex, limits: RmsdLimits) ->
         line("first third of warming", START, Mark::Dashed, &|of| {
             contrast(of).map(|found| found.start.moving_rows)
         }),
-        line("last third of warming", END, Mark::Dashed, &|of| contrast(of).map(|found| found.end.moving_rows)),
+        line("last third of warming", END, Mark::Dashed, &|of| {
+            contrast(of).map(|found| found.end.moving_rows)
+        }),
     ];
     for (name, scope, colour) in LINES {
         series.push(line(name, colour, Mark::LineWithDots, &|of| {
@@ -231,7 +231,8 @@ mod tests {
             reason: Some("poor".into()),
             ..cycle(2, 0.0)
         };
-        let figure = rmsd_figure(&[cycle(1, 0.05), refused, cycle(3, 0.12)], LIMITS, "run".into(), String::new());
+        let figure =
+            rmsd_figure(&[cycle(1, 0.05), refused, cycle(3, 0.12)], LIMITS, "run".into(), String::new());
         let panel = &figure.panels[0];
         assert_eq!((figure.panels.len(), panel.series.len(), figure.legend.len()), (1, 6, 8));
         assert!(panel.title.contains("of 1 cycle"), "{}", panel.title);

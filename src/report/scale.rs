@@ -92,7 +92,8 @@ impl Scale {
     fn logarithmic_ticks(&self, wanted: usize) -> Vec<Tick> {
         let decades = self.from.log10().floor() as i32..=self.to.log10().floor() as i32;
         let ticks = |steps: &[f64]| -> Vec<Tick> {
-            let values = decades.clone().flat_map(|power| steps.iter().map(move |step| step * 10f64.powi(power)));
+            let values =
+                decades.clone().flat_map(|power| steps.iter().map(move |step| step * 10f64.powi(power)));
             values
                 .filter(|value| self.holds(*value))
                 .map(|value| {
@@ -143,7 +144,9 @@ impl Scale {
     /// Years of an axis of days, such as `2026` or `2025 to 2026`.
     pub(super) fn years(&self) -> String {
         match date(self.from).zip(date(self.to)) {
-            Some((first, last)) if first.year() != last.year() => format!("{} to {}", first.year(), last.year()),
+            Some((first, last)) if first.year() != last.year() => {
+                format!("{} to {}", first.year(), last.year())
+            }
             Some((first, _)) => first.year().to_string(),
             None => String::new(),
         }

@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use super::figure::{
-    Area, Band, COLOURS, Event, EventKind, Figure, Key, Level, Look, Mark, Panel, RAMP, Series, Standing, TINTS,
-    XAxis, YAxis, extent,
+    Area, Band, COLOURS, Event, EventKind, Figure, Key, Level, Look, Mark, Panel, RAMP, Series, Standing,
+    TINTS, XAxis, YAxis, extent,
 };
 use super::scale::{Scale, Tick, moment};
 
@@ -84,7 +84,8 @@ fn document(figure: &Figure) -> String {
         style(),
     );
     let squeeze = squeezed(&figure.title, 1.35);
-    let _ = writeln!(svg, "<text class=\"title\" x=\"16\" y=\"27\"{squeeze}>{}</text>", escaped(&figure.title));
+    let _ =
+        writeln!(svg, "<text class=\"title\" x=\"16\" y=\"27\"{squeeze}>{}</text>", escaped(&figure.title));
     for (i, line) in subtitle.iter().enumerate() {
         text(&mut svg, 16.0, HEAD + 12.0 + SUBTITLE_LINE * i as f64, "soft", line);
     }
@@ -301,7 +302,8 @@ fn x_scale<'a>(panel: &Panel, series: impl Iterator<Item = &'a Series>, left: f6
 
 fn y_scale(panel: &Panel, below: f64, above: f64) -> Scale {
     let points = panel.series.iter().flat_map(|of| &of.points).filter(|point| is_shown(point, panel.y_axis));
-    let areas = panel.areas.iter().flat_map(|of| &of.points).filter(|p| p.iter().all(|value| value.is_finite()));
+    let areas =
+        panel.areas.iter().flat_map(|of| &of.points).filter(|p| p.iter().all(|value| value.is_finite()));
     let zero = (panel.with_zero && panel.y_axis == YAxis::Linear).then_some(0.0);
     let own = points.map(|point| point[1]).chain(areas.flat_map(|point| [point[1], point[2]])).chain(zero);
     let extent = match panel.y_range {
@@ -458,7 +460,9 @@ fn pointed_at(series: &Series, axes: &Axes<'_>, [x, y]: [f64; 2]) -> String {
     let (panel, y_label) = (axes.panel, axes.y_label);
     let at = match panel.x_axis {
         XAxis::Number => format!("{}: {}", panel.x_label, significant(x)),
-        XAxis::Date => moment(x).map_or_else(String::new, |time| time.strftime("%Y-%m-%d %H:%MZ").to_string()),
+        XAxis::Date => {
+            moment(x).map_or_else(String::new, |time| time.strftime("%Y-%m-%d %H:%MZ").to_string())
+        }
     };
     let name = if series.name.is_empty() { String::new() } else { format!("{}\n", series.name) };
     format!("{name}{at}\n{y_label}: {}", significant(y))
@@ -602,13 +606,21 @@ mod tests {
             x_label: "time, s".into(),
             y_label: "torque, Nm".into(),
             bands: vec![Band { from: 0.0, to: 5.0, tint: 1 }],
-            areas: vec![Area { colour: 1, points: points.iter().map(|[x, y]| [*x, y - 1.0, y + 1.0]).collect() }],
+            areas: vec![Area {
+                colour: 1,
+                points: points.iter().map(|[x, y]| [*x, y - 1.0, y + 1.0]).collect(),
+            }],
             limits: vec![Limit { value: 1.5, level: Level::Warning }],
             events: vec![Event { at: 1.0, kind: EventKind::Repair, label: "a <gear> & oil".into() }],
             standing: Some(Standing { word: "ok".into(), level: Level::Usual }),
             strip: Some(Strip {
                 y_label: "residual".into(),
-                series: vec![Series { name: String::new(), colour: 2, mark: Mark::Thin, points: points.clone() }],
+                series: vec![Series {
+                    name: String::new(),
+                    colour: 2,
+                    mark: Mark::Thin,
+                    points: points.clone(),
+                }],
             }),
             series: vec![Series { name: "a \"line\"".into(), colour: 1, mark, points }],
             ..Panel::default()
@@ -623,15 +635,8 @@ mod tests {
         }
     }
 
-    const MARKS: [Mark; 7] = [
-        Mark::Line,
-        Mark::Dashed,
-        Mark::Thin,
-        Mark::Pale,
-        Mark::Dots,
-        Mark::Rings,
-        Mark::LineWithDots,
-    ];
+    const MARKS: [Mark; 7] =
+        [Mark::Line, Mark::Dashed, Mark::Thin, Mark::Pale, Mark::Dots, Mark::Rings, Mark::LineWithDots];
 
     fn assert_well_formed(svg: &str) {
         for event in xml::EventReader::from_str(svg) {
@@ -689,7 +694,10 @@ mod tests {
             figure
         };
         let svg = alone(wide.clone()).svg();
-        assert!(svg.contains("<rect class=\"frame\" x=\"66.0\" y=\"32.0\" width=\"880.0\" height=\"420.0\"/>"), "{svg}");
+        assert!(
+            svg.contains("<rect class=\"frame\" x=\"66.0\" y=\"32.0\" width=\"880.0\" height=\"420.0\"/>"),
+            "{svg}"
+        );
         let mut two = alone(wide);
         two.panels.push(two.panels[0].clone());
         assert!(two.svg().contains("width=\"400.0\" height=\"210.0\"/>"));

@@ -40,23 +40,24 @@ pub fn torque_figure(
     let rows = series.rows_of(view.scope);
     let bands = stage_bands(series, &rows);
     let joints = robot.joint_indices().zip(&series.joints);
-    let panels = joints.filter(|(joint, _)| view.joint.is_none_or(|only| only == *joint)).map(|(joint, of_joint)| {
-        let (torque, residual) = match robot.joints[joint.index()].kind {
-            JointKind::Revolute => ("torque, Nm", "residual, Nm"),
-            JointKind::Prismatic => ("force, N", "residual, N"),
-        };
-        let (lines, difference) = joint_lines(series, of_joint, &rows, view);
-        Panel {
-            title: panel_title(series, joint, view.scope),
-            x_label: "time since the start of the recording, s".into(),
-            y_label: torque.into(),
-            with_zero: true,
-            bands: bands.clone(),
-            series: lines,
-            strip: Some(Strip { y_label: residual.into(), series: difference }),
-            ..Panel::default()
-        }
-    });
+    let panels =
+        joints.filter(|(joint, _)| view.joint.is_none_or(|only| only == *joint)).map(|(joint, of_joint)| {
+            let (torque, residual) = match robot.joints[joint.index()].kind {
+                JointKind::Revolute => ("torque, Nm", "residual, Nm"),
+                JointKind::Prismatic => ("force, N", "residual, N"),
+            };
+            let (lines, difference) = joint_lines(series, of_joint, &rows, view);
+            Panel {
+                title: panel_title(series, joint, view.scope),
+                x_label: "time since the start of the recording, s".into(),
+                y_label: torque.into(),
+                with_zero: true,
+                bands: bands.clone(),
+                series: lines,
+                strip: Some(Strip { y_label: residual.into(), series: difference }),
+                ..Panel::default()
+            }
+        });
     Figure { title, subtitle, legend: legend(&bands, view.slow), panels: panels.collect(), columns: 1 }
 }
 
@@ -100,8 +101,7 @@ fn joint_lines(
         estimated.end();
         residual.end();
     }
-    let line =
-        |name: &str, colour, mark, points| Series { name: name.into(), colour, mark, points };
+    let line = |name: &str, colour, mark, points| Series { name: name.into(), colour, mark, points };
     let mut torques = vec![line("measured", MEASURED, Mark::Line, measured)];
     let mut difference = Vec::new();
     if view.slow {

@@ -54,6 +54,7 @@ mod open_tests;
 mod writers;
 mod upload;
 mod reading;
+mod report;
 mod api;
 mod sound_recordings;
 mod wrong_recordings;

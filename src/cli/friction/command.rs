@@ -9,9 +9,9 @@ use super::index;
 use super::index::JointIndexSeries;
 use crate::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
 use crate::cli::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
+use crate::cli::shared::life::RobotLife;
 use crate::cli::shared::output;
 use crate::cli::shared::plot::{PlotFile, index_limits, write_lines};
-use crate::cli::shared::life::RobotLife;
 use crate::cli::shared::selection::{named_runs, runs_of};
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::friction::warm_up::warm_up_torque;
@@ -272,8 +272,9 @@ fn figure(
                 1 => String::new(),
                 _ => format!(" to {runs} runs together"),
             };
-            let curves =
-                format!("curves a + b exp(-t/t1) + c exp(-t/t2) fitted{mixed} as far as the points support them");
+            let curves = format!(
+                "curves a + b exp(-t/t1) + c exp(-t/t2) fitted{mixed} as far as the points support them"
+            );
             friction_figure(bare, fits, format!("{names}: friction over time"), format!("{POINTS}; {curves}"))
         }
         OverArg::Runs => {
@@ -312,7 +313,11 @@ fn run_curves(points: &[Sourced]) -> Vec<RunCurves> {
             let points: Vec<FrictionPoint> = of_run.iter().filter(at_level).map(|of| of.point).collect();
             let fits = warm_up_fits(&points);
             let Sourced { robot, run_id, day, .. } = &of_run[0];
-            let label = if one_robot { format!("run {run_id}, {day}") } else { format!("{robot}, run {run_id}, {day}") };
+            let label = if one_robot {
+                format!("run {run_id}, {day}")
+            } else {
+                format!("{robot}, run {run_id}, {day}")
+            };
             RunCurves { label, points, fits }
         })
         .collect()

@@ -57,7 +57,10 @@ pub(super) async fn print(html: &str, path: &Path, browser: Option<&Path>) -> Re
         if std::fs::metadata(&printed).is_ok_and(|file| file.len() > 0) {
             // another file system cannot be renamed onto
             std::fs::copy(&printed, path).map_err(|error| {
-                CliError::Io(format!("cannot write {}: {error}; name a file in a folder that is there", path.display()))
+                CliError::Io(format!(
+                    "cannot write {}: {error}; name a file in a folder that is there",
+                    path.display()
+                ))
             })?;
             output::print_hint(&format!("wrote {}", path.display()));
             return Ok(());

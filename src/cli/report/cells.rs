@@ -109,7 +109,10 @@ mod tests {
         let shown = [1.19312, 0.05, -20.6666, 12_345.6, 0.0, 3.2e-7].map(|value| figure(Some(value)));
         assert_eq!(shown, ["1.193", "0.05000", "-20.67", "12346", "0", "3.200e-7"]);
         assert_eq!((figure(None), figure(Some(f64::NAN))), ("-".into(), "-".into()));
-        assert_eq!((percent(Some(0.1234)), change(Some(0.0)), change(None)), ("12.3 %".into(), "+0.0 %".into(), "-".into()));
+        assert_eq!(
+            (percent(Some(0.1234)), change(Some(0.0)), change(None)),
+            ("12.3 %".into(), "+0.0 %".into(), "-".into())
+        );
     }
 
     #[test]

@@ -96,8 +96,12 @@ async fn page(store: &Store, config: &Config, subject: &str, now: Timestamp) -> 
 
 fn no_run(run_id: i64, runs: &[RunRow]) -> String {
     match runs.iter().map(|run| run.run_id).min_by_key(|known| known.abs_diff(run_id)) {
-        Some(near) => format!("there is no run {run_id}; the nearest is {near}, and `armwatch runs` lists all"),
-        None => format!("there is no run {run_id}: no run is stored yet; `armwatch ingest FILE` takes an export"),
+        Some(near) => {
+            format!("there is no run {run_id}; the nearest is {near}, and `armwatch runs` lists all")
+        }
+        None => {
+            format!("there is no run {run_id}: no run is stored yet; `armwatch ingest FILE` takes an export")
+        }
     }
 }
 
@@ -108,7 +112,9 @@ fn no_robot(name: &str, runs: &[RunRow]) -> String {
     let mut known: Vec<&str> = runs.iter().map(|run| run.robot.as_str()).collect();
     known.dedup();
     if known.is_empty() {
-        return format!("there is no robot {name}: no run is stored yet; `armwatch ingest FILE` takes an export");
+        return format!(
+            "there is no robot {name}: no run is stored yet; `armwatch ingest FILE` takes an export"
+        );
     }
     let distance = |of: &&str| strsim::osa_distance(&of.to_lowercase(), &name.to_lowercase());
     known.sort_by_key(|of| (distance(of), (*of).to_owned()));

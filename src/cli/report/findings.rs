@@ -28,7 +28,10 @@ pub(super) fn of_health(row: &FleetHealthRow) -> Finding {
             Some("excitation_friction_nm") => "Friction of the excitation stage",
             _ => "Friction at equal speed and warmth",
         };
-        words.push(format!("{quantity}: {} against the baseline (ratio {index:.3}).", change(Some(index - 1.0))));
+        words.push(format!(
+            "{quantity}: {} against the baseline (ratio {index:.3}).",
+            change(Some(index - 1.0))
+        ));
     }
     if let Some(relative) = row.moving_relative_rmsd {
         words.push(format!("The model explains its torque in motion to {}.", percent(Some(relative))));
@@ -128,7 +131,8 @@ fn forecast(of: &Forecast) -> Option<String> {
     };
     let ahead: Vec<String> =
         [at("warning", &of.warning_at), at("critical", &of.critical_at)].into_iter().flatten().collect();
-    (!ahead.is_empty()).then(|| format!("At this rate of use friction, {trend}, is expected to be {}.", ahead.join(", ")))
+    (!ahead.is_empty())
+        .then(|| format!("At this rate of use friction, {trend}, is expected to be {}.", ahead.join(", ")))
 }
 
 /// A message as a sentence of its own.

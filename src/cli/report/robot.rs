@@ -56,7 +56,12 @@ struct Twin {
 }
 
 impl<'a> Stored<'a> {
-    async fn read(store: &Store, robot: &'a str, runs: &'a [RunRow], now: Timestamp) -> Result<Self, CliError> {
+    async fn read(
+        store: &Store,
+        robot: &'a str,
+        runs: &'a [RunRow],
+        now: Timestamp,
+    ) -> Result<Self, CliError> {
         let life = RobotLife::read(store, robot).await?;
         let mut anomalies = alerts::words::all(store, now).await?;
         anomalies.retain(|row| row.robot == robot);
@@ -94,8 +99,7 @@ impl<'a> Stored<'a> {
     /// Statistics of the latest test and of those of the baselines in force.
     async fn read_parameters(&mut self, store: &Store) -> Result<(), CliError> {
         let Some(latest) = self.tests().last().map(|run| run.run_id) else { return Ok(()) };
-        let wanted: BTreeSet<i64> =
-            self.in_force().values().flatten().copied().chain([latest]).collect();
+        let wanted: BTreeSet<i64> = self.in_force().values().flatten().copied().chain([latest]).collect();
         for run in wanted {
             let of_run = [("run_id", run.to_string())];
             let of_run = of_run.each_ref().map(|(column, value)| (*column, value.as_str()));
@@ -180,7 +184,9 @@ pub(super) async fn page(
 fn conclusions(of: &Stored<'_>) -> Section {
     let tests = of.tests();
     let fact = |name: &str, words: String| (name.to_owned(), words);
-    let date = |run: Option<&&RunRow>| run.map_or_else(|| "none".into(), |run| alerts::words::minute(run.started_at));
+    let date = |run: Option<&&RunRow>| {
+        run.map_or_else(|| "none".into(), |run| alerts::words::minute(run.started_at))
+    };
     let result = of.life.health.iter().filter_map(|row| row.last_result_at).max();
     let cycles: u32 = tests.iter().map(|run| run.cycles).sum();
     let mut blocks = vec![Block::Facts(vec![
@@ -295,17 +301,17 @@ fn tests_table(of: &Stored<'_>) -> Block {
     let joints: BTreeSet<JointIndex> = of.evidence.iter().map(|run| run.joint).collect();
     let tests = of.tests();
     let row = |run: &&RunRow| {
-        let ours = |joint: JointIndex| of.evidence.iter().find(|of| of.run_id == run.run_id && of.joint == joint);
-        let mut cells = vec![
-            whole(run.run_id),
-            words(alerts::words::minute(run.started_at)),
-            whole(run.cycles),
-        ];
+        let ours =
+            |joint: JointIndex| of.evidence.iter().find(|of| of.run_id == run.run_id && of.joint == joint);
+        let mut cells =
+            vec![whole(run.run_id), words(alerts::words::minute(run.started_at)), whole(run.cycles)];
         cells.extend(joints.iter().map(|joint| {
             let found = ours(*joint);
             Cell::Number(match found.and_then(|of| of.friction_index) {
                 Some(index) => change(Some(index - 1.0)),
-                None => found.and_then(|of| of.warm_friction_nm).map_or_else(|| "-".into(), |warm| format!("{warm:.2} Nm")),
+                None => found
+                    .and_then(|of| of.warm_friction_nm)
+                    .map_or_else(|| "-".into(), |warm| format!("{warm:.2} Nm")),
             })
         }));
         let relative: Vec<f64> =
@@ -318,8 +324,12 @@ fn tests_table(of: &Stored<'_>) -> Block {
     header.push("largest RMSD".into());
     let header: Vec<&str> = header.iter().map(String::as_str).collect();
     let caption = match tests.len() {
-        few if few <= TESTS_LISTED => "Tests: change of friction against the baseline, or warm friction".to_owned(),
-        many => format!("The latest {TESTS_LISTED} of {many} tests: change of friction against the baseline, or warm friction"),
+        few if few <= TESTS_LISTED => {
+            "Tests: change of friction against the baseline, or warm friction".to_owned()
+        }
+        many => format!(
+            "The latest {TESTS_LISTED} of {many} tests: change of friction against the baseline, or warm friction"
+        ),
     };
     table(
         &caption,
@@ -333,7 +343,9 @@ fn tests_table(of: &Stored<'_>) -> Block {
 fn statistic<'s>(statistics: &'s [Value], joint: i64, parameter: &str) -> Option<&'s Value> {
     let of_window = |window: &str| {
         statistics.iter().find(|row| {
-            text(row, "window") == window && count(row, "joint") == joint && text(row, "parameter") == parameter
+            text(row, "window") == window
+                && count(row, "joint") == joint
+                && text(row, "parameter") == parameter
         })
     };
     of_window("after_5").or_else(|| of_window("all"))
@@ -358,11 +370,17 @@ fn parameters(of: &Stored<'_>) -> Section {
             let statistics = of.statistics.get(run)?;
             statistic(statistics, joint, parameter)?["mean"].as_f64()
         };
-        let before: Vec<f64> =
-            in_force.get(&joint).into_iter().flatten().filter(|run| **run != latest).filter_map(mean_of).collect();
+        let before: Vec<f64> = in_force
+            .get(&joint)
+            .into_iter()
+            .flatten()
+            .filter(|run| **run != latest)
+            .filter_map(mean_of)
+            .collect();
         let (now, usual, spread) = (mean_of(&latest), mean(&before), standard_deviation(&before));
         let difference = now.zip(usual).map(|(now, usual)| now - usual);
-        let spreads = difference.zip(spread.filter(|spread| *spread > 0.0)).map(|(change, spread)| change / spread);
+        let spreads =
+            difference.zip(spread.filter(|spread| *spread > 0.0)).map(|(change, spread)| change / spread);
         let is_marked = spreads.is_some_and(|spreads| spreads.abs() > MARKED_SPREADS);
         changed += usize::from(is_marked);
         cells.push(vec![
@@ -373,12 +391,19 @@ fn parameters(of: &Stored<'_>) -> Section {
             number(now),
             number(difference),
             number(spread),
-            Cell::Number(spreads.map_or_else(|| "-".into(), |of| format!("{of:+.1}{}", if is_marked { " *" } else { "" }))),
+            Cell::Number(
+                spreads.map_or_else(
+                    || "-".into(),
+                    |of| format!("{of:+.1}{}", if is_marked { " *" } else { "" }),
+                ),
+            ),
         ]);
     }
     let compared = format!("{changed} of {} parameters", cells.len());
-    let header = ["joint", "parameter", "unit", "baseline", "latest test", "change", "spread", "change in spreads"];
-    let caption = format!("Means over the cycles of run {latest} against those of the runs of each joint's baseline");
+    let header =
+        ["joint", "parameter", "unit", "baseline", "latest test", "change", "spread", "change in spreads"];
+    let caption =
+        format!("Means over the cycles of run {latest} against those of the runs of each joint's baseline");
     let mut blocks = Vec::new();
     if cells.iter().any(|row| row[3] != number(None)) {
         blocks.push(Block::Text(format!(
@@ -388,7 +413,8 @@ fn parameters(of: &Stored<'_>) -> Section {
         )));
     } else {
         blocks.push(Block::Text(
-            "There is no baseline of earlier tests to compare with yet: the table has the latest test alone.".into(),
+            "There is no baseline of earlier tests to compare with yet: the table has the latest test alone."
+                .into(),
         ));
     }
     blocks.push(table(&caption, &header, cells, "The latest test has no parameters."));
@@ -415,9 +441,13 @@ fn twins(of: &Stored<'_>) -> Section {
         (middle, low.zip(others.iter().copied().reduce(f64::max)), change(ratio))
     };
     let row = |(joint, own): (&JointIndex, &SeriesRun)| {
-        let (warm, warm_range, warm_change) = compared(*joint, own.warm_friction_nm, |of| of.warm_friction_nm);
+        let (warm, warm_range, warm_change) =
+            compared(*joint, own.warm_friction_nm, |of| of.warm_friction_nm);
         let (rmsd, _, _) = compared(*joint, own.moving_relative_rmsd, |of| of.moving_relative_rmsd);
-        let range = warm_range.map_or_else(|| "-".into(), |(low, high)| format!("{} to {}", figure(Some(low)), figure(Some(high))));
+        let range = warm_range.map_or_else(
+            || "-".into(),
+            |(low, high)| format!("{} to {}", figure(Some(low)), figure(Some(high))),
+        );
         vec![
             whole(joint),
             number(own.warm_friction_nm),
@@ -447,7 +477,8 @@ fn twins(of: &Stored<'_>) -> Section {
         names.join(", ")
     );
     let rows = own.iter().map(row).collect();
-    let table = table("Latest test beside those of the others", &header, rows, "No test of this robot has figures.");
+    let table =
+        table("Latest test beside those of the others", &header, rows, "No test of this robot has figures.");
     Section { heading, blocks: vec![Block::Text(text), table] }
 }
 
@@ -468,7 +499,12 @@ fn alarms(of: &Stored<'_>) -> Section {
     let rows = of.anomalies.iter().rev().map(row).collect();
     Section {
         heading: "Alarms".into(),
-        blocks: vec![table("Every alarm of this robot, the newest first", &header, rows, "There never was an alarm.")],
+        blocks: vec![table(
+            "Every alarm of this robot, the newest first",
+            &header,
+            rows,
+            "There never was an alarm.",
+        )],
     }
 }
 
@@ -482,10 +518,15 @@ fn maintenance(of: &Stored<'_>) -> Section {
         ]
     };
     let rows = of.life.work.iter().rev().map(row).collect();
-    let nothing = "No work was entered; `armwatch maintenance add` enters it, and begins a new baseline.";
+    let nothing = "No work was entered; `armwatch maintenance` enters it, and begins a new baseline.";
     Section {
         heading: "Maintenance".into(),
-        blocks: vec![table("Work on this robot, the newest first", &["when", "where", "what", "who"], rows, nothing)],
+        blocks: vec![table(
+            "Work on this robot, the newest first",
+            &["when", "where", "what", "who"],
+            rows,
+            nothing,
+        )],
     }
 }
 
@@ -509,7 +550,10 @@ fn unknowns(of: &Stored<'_>) -> Section {
         .collect();
     for row in of.life.health.iter().filter(|row| !mapped.contains(&row.joint)) {
         let number = i64::try_from(row.joint.number()).unwrap_or_default();
-        let why = remarks.get(&number).copied().unwrap_or("too few tests of six cycles or more with friction stages");
+        let why = remarks
+            .get(&number)
+            .copied()
+            .unwrap_or("too few tests of six cycles or more with friction stages");
         say(format!("joint {}: friction at equal warmth", row.joint), why.to_owned());
     }
     for source in &of.sources {

@@ -86,7 +86,11 @@ pub(super) async fn page(
         parameters(&stored),
         fit(&stored, config, &name),
         friction(&stored, &name),
-        unknowns(run, &stored, evidence.iter().any(|of| of.run_id == run.run_id && of.friction_index.is_some())),
+        unknowns(
+            run,
+            &stored,
+            evidence.iter().any(|of| of.run_id == run.run_id && of.friction_index.is_some()),
+        ),
     ];
     Ok(Page {
         title: format!("{name}: {}", run.started_at.strftime("%-d %B %Y")),
@@ -132,8 +136,8 @@ fn conclusions(
     }
     if run.kind == RunKind::Production {
         blocks.push(Block::Text(
-            "The run is a log of ordinary work: it has no parameters of its own. `armwatch production` and the view \
-             production_checks compare it with tests."
+            "The run is a log of ordinary work: it has no parameters of its own. The views production_checks and \
+             production_trend compare it with tests."
                 .into(),
         ));
     } else if findings.is_empty() {
@@ -172,7 +176,10 @@ fn facts(run: &RunRow, stored: &Stored) -> Block {
         fact("kind, status", format!("{}, {}", run.kind.name(), run.status.name())),
         fact("cycles", format!("{}, {usable} with parameters", stored.cycles.len())),
         fact("length of the cycles", format!("{:.0} min", seconds / 60.0)),
-        fact("rows", run.rows.map_or_else(|| "not known until the run is complete".into(), |rows| rows.to_string())),
+        fact(
+            "rows",
+            run.rows.map_or_else(|| "not known until the run is complete".into(), |rows| rows.to_string()),
+        ),
         fact("sample rate", format!("{} Hz", figure(stored.run["sample_rate_hz"].as_f64()))),
     ])
 }
@@ -190,8 +197,16 @@ fn recorded(stored: &Stored) -> Section {
             words(if text(of, "reason").is_empty() { "" } else { text(of, "reason") }),
         ]
     };
-    let header =
-        ["cycle", "start", "length, s", "rows", "status", "condition number", "residual, Nm", "why it has no parameters"];
+    let header = [
+        "cycle",
+        "start",
+        "length, s",
+        "rows",
+        "status",
+        "condition number",
+        "residual, Nm",
+        "why it has no parameters",
+    ];
     let rows = stored.cycles.iter().map(row).collect();
     Section {
         heading: "What was recorded".into(),
@@ -201,7 +216,8 @@ fn recorded(stored: &Stored) -> Section {
 
 fn parameters(stored: &Stored) -> Section {
     // after warm-up where there are cycles enough
-    let window = if stored.statistics.iter().any(|row| text(row, "window") == "after_5") { "after_5" } else { "all" };
+    let window =
+        if stored.statistics.iter().any(|row| text(row, "window") == "after_5") { "after_5" } else { "all" };
     let mean = |of: &Value| {
         let same = |row: &&Value| {
             text(row, "window") == window
@@ -232,10 +248,20 @@ fn parameters(stored: &Stored) -> Section {
     };
     let over = if window == "after_5" { "mean, cycles from 6" } else { "mean, all cycles" };
     let header = [
-        "joint", "parameter", "stands for", "unit", "value", "std. error", "95 % interval", "relative error", over, "spread",
+        "joint",
+        "parameter",
+        "stands for",
+        "unit",
+        "value",
+        "std. error",
+        "95 % interval",
+        "relative error",
+        over,
+        "spread",
     ];
     let rows: Vec<Vec<Cell>> = stored.parameters.iter().map(row).collect();
-    let caption = format!("Base parameters of cycle {}, the last with parameters", last_cycle(&stored.cycles));
+    let caption =
+        format!("Base parameters of cycle {}, the last with parameters", last_cycle(&stored.cycles));
     Section {
         heading: "Base parameters".into(),
         blocks: vec![
@@ -278,11 +304,14 @@ fn fit(stored: &Stored, config: &Config, name: &str) -> Section {
     let left = residual_figure(
         &residuals,
         format!("{name}: residual of the identification by cycle"),
-        "torque that identification leaves unexplained: excitation stage, rows in which the joint moves".into(),
+        "torque that identification leaves unexplained: excitation stage, rows in which the joint moves"
+            .into(),
     );
     let mut blocks = Vec::new();
     if rmsd.panels.is_empty() {
-        blocks.push(Block::Text("No cycle of the run has parameters that could be compared with its torques.".into()));
+        blocks.push(Block::Text(
+            "No cycle of the run has parameters that could be compared with its torques.".into(),
+        ));
     } else {
         blocks.push(Block::Figure(Box::new(rmsd)));
         blocks.push(rmsd_table(&stored.verified));
@@ -311,7 +340,8 @@ fn rmsd_table(cycles: &[CycleVerification]) -> Block {
                 cycle.rmsd.iter().find(|of| of.joint == joint && of.scope == scope).map(|of| of.moving_rows)
             }));
         }
-        let contrast = |cycle: &CycleVerification, joint| cycle.contrast.iter().find(|of| of.joint == joint).copied();
+        let contrast =
+            |cycle: &CycleVerification, joint| cycle.contrast.iter().find(|of| of.joint == joint).copied();
         cells.push(mean(joint, &|cycle, joint| contrast(cycle, joint).map(|of| of.start.moving_rows)));
         cells.push(mean(joint, &|cycle, joint| contrast(cycle, joint).map(|of| of.end.moving_rows)));
         cells
@@ -347,7 +377,9 @@ fn friction(stored: &Stored, name: &str) -> Section {
         &bare,
         &fits,
         format!("{name}: friction over time"),
-        format!("{plateaus}; curves a + b exp(-t/t1) + c exp(-t/t2) fitted as far as the points support them"),
+        format!(
+            "{plateaus}; curves a + b exp(-t/t1) + c exp(-t/t2) fitted as far as the points support them"
+        ),
     );
     let over_speed = friction_speed_figure(
         &cycles,
@@ -378,14 +410,16 @@ fn warm_up_table(fits: &[WarmUpFit]) -> Block {
         cells.extend([number(Some(fit.rmsd)), whole(fit.samples)]);
         cells
     };
-    let header = ["joint", "speed", "form", "a, Nm", "b, Nm", "t1, min", "c, Nm", "t2, min", "RMSD, Nm", "points"];
+    let header =
+        ["joint", "speed", "form", "a, Nm", "b, Nm", "t1, min", "c, Nm", "t2, min", "RMSD, Nm", "points"];
     let caption = "Warm-up curves a + b exp(-t/t1) + c exp(-t/t2), standard errors in brackets";
     table(caption, &header, fits.iter().map(row).collect(), "Too few friction points for warm-up curves.")
 }
 
 /// Friction of the first and the last cycle by speed.
 fn speed_table(by_cycle: &BTreeMap<u32, Vec<FrictionPoint>>) -> Block {
-    let (Some((first, cold)), Some((last, warm))) = (by_cycle.first_key_value(), by_cycle.last_key_value()) else {
+    let (Some((first, cold)), Some((last, warm))) = (by_cycle.first_key_value(), by_cycle.last_key_value())
+    else {
         return Block::Note("No friction points.".into());
     };
     let levels: BTreeSet<(usize, u64)> = by_cycle
@@ -393,8 +427,12 @@ fn speed_table(by_cycle: &BTreeMap<u32, Vec<FrictionPoint>>) -> Block {
         .flatten()
         .map(|point| (point.joint.number(), point.speed_fraction.to_bits()))
         .collect();
-    let mean = |points: &[FrictionPoint], level: (usize, u64), direction: Option<i8>, of: fn(&FrictionPoint) -> f64| {
-        let ours = points.iter().filter(|point| (point.joint.number(), point.speed_fraction.to_bits()) == level);
+    let mean = |points: &[FrictionPoint],
+                level: (usize, u64),
+                direction: Option<i8>,
+                of: fn(&FrictionPoint) -> f64| {
+        let ours =
+            points.iter().filter(|point| (point.joint.number(), point.speed_fraction.to_bits()) == level);
         let values: Vec<f64> =
             ours.filter(|point| direction.is_none_or(|wanted| wanted == point.direction)).map(of).collect();
         (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
@@ -425,7 +463,8 @@ fn speed_fit_table(fits: &[Value], cycle: i64) -> Block {
     }
     let row = |((joint, direction), rows): ((i64, i64), Vec<&Value>)| {
         let coefficient = |row: &&Value| {
-            let error = if count(row, "at_bound") == 1 { "held".into() } else { figure(row["std_error"].as_f64()) };
+            let error =
+                if count(row, "at_bound") == 1 { "held".into() } else { figure(row["std_error"].as_f64()) };
             format!("{} = {} ({error})", text(row, "coefficient"), figure(row["value"].as_f64()))
         };
         let first = rows[0];
@@ -442,7 +481,14 @@ fn speed_fit_table(fits: &[Value], cycle: i64) -> Block {
             number(first["rmsd_nm"].as_f64()),
         ]
     };
-    let header = ["joint", "direction", "form", "coefficients (standard errors), Nm and rad/s", "speeds, rad/s", "RMSD, Nm"];
+    let header = [
+        "joint",
+        "direction",
+        "form",
+        "coefficients (standard errors), Nm and rad/s",
+        "speeds, rad/s",
+        "RMSD, Nm",
+    ];
     let caption = format!("Friction over speed of cycle {cycle}");
     let nothing = "Friction over speed was not fitted: too few speeds, or conclusions are not drawn yet.";
     table(&caption, &header, by_fit.into_iter().map(row).collect(), nothing)

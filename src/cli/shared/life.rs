@@ -45,7 +45,13 @@ impl RobotLife {
     pub(in crate::cli) fn events(&self) -> Vec<(Option<JointIndex>, Event)> {
         let alarm = |row: &AnomalyRow| {
             let at = row.onset_at.unwrap_or(row.first_seen_at);
-            let label = format!("{} {} from {}: {}", row.severity.name(), row.kind, at.strftime("%Y-%m-%d"), row.message);
+            let label = format!(
+                "{} {} from {}: {}",
+                row.severity.name(),
+                row.kind,
+                at.strftime("%Y-%m-%d"),
+                row.message
+            );
             (row.joint, Event { at: day(at), kind: EventKind::Alarm, label })
         };
         let repair = |row: &MaintenanceRow| {
