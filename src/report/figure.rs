@@ -65,6 +65,8 @@ pub enum XAxis {
     /// Numbers.
     #[default]
     Number,
+    /// Whole numbers, such as those of cycles.
+    Count,
     /// Calendar dates, UTC: values are days since the start of 1970.
     Date,
 }

@@ -2,8 +2,8 @@
 //! joint, all with the same scale.
 
 use super::figure::{
-    Area, Band, ESTIMATED, Event, Figure, Key, Level, Limit, Look, MEASURED, Mark, Panel, Series, Standing,
-    XAxis, extent,
+    Area, Band, ESTIMATED, Event, EventKind, Figure, Key, Level, Limit, Look, MEASURED, Mark, Panel, Series,
+    Standing, XAxis, extent,
 };
 use super::rmsd::event_keys;
 
@@ -81,9 +81,14 @@ pub fn index_figure(joints: &[IndexPanel], limits: IndexLimits, title: String, s
 }
 
 fn panel(joint: &IndexPanel, limits: IndexLimits, y_range: Option<[f64; 2]>) -> Panel {
-    let along = |of: &dyn Fn(&IndexPoint) -> Option<f64>| -> Vec<[f64; 2]> {
-        joint.runs.iter().filter_map(|run| Some([run.day, of(run)?])).collect()
-    };
+    // an index before work on the arm is of another baseline than one after it
+    let repairs: Vec<f64> =
+        joint.events.iter().filter(|of| of.kind == EventKind::Repair).map(|of| of.at).collect();
+    let stretches =
+        || joint.runs.chunk_by(|a, b| !repairs.iter().any(|repair| a.day < *repair && *repair <= b.day));
+    let interval = |run: &IndexPoint| [run.day, run.interval[0], run.interval[1]];
+    let intervals = stretches().map(|runs| runs.iter().map(interval).collect::<Vec<_>>());
+    let indices = stretches().map(|runs| runs.iter().map(|run| [run.day, run.index]).collect::<Vec<_>>());
     let series = |name: &str, colour, mark, points| Series { name: name.into(), colour, mark, points };
     let limit = |value, level| Limit { value, level };
     Panel {
@@ -100,13 +105,20 @@ fn panel(joint: &IndexPanel, limits: IndexLimits, y_range: Option<[f64; 2]>) -> 
             limit(1.0 - limits.critical, Level::Critical),
         ],
         bands: joint.alarms.iter().map(|[from, to]| Band { from: *from, to: *to, tint: SEEN }).collect(),
-        areas: vec![Area {
-            colour: ESTIMATED,
-            points: joint.runs.iter().map(|run| [run.day, run.interval[0], run.interval[1]]).collect(),
-        }],
+        areas: vec![Area { colour: ESTIMATED, points: intervals.collect::<Vec<_>>().join(&[f64::NAN; 3]) }],
         series: vec![
-            series("friction as measured", MEASURED, Mark::Rings, along(&|run| run.raw)),
-            series("friction index", ESTIMATED, Mark::LineWithDots, along(&|run| Some(run.index))),
+            series(
+                "friction as measured",
+                MEASURED,
+                Mark::Rings,
+                joint.runs.iter().filter_map(|run| Some([run.day, run.raw?])).collect(),
+            ),
+            series(
+                "friction index",
+                ESTIMATED,
+                Mark::LineWithDots,
+                indices.collect::<Vec<_>>().join(&[f64::NAN; 2]),
+            ),
         ],
         events: joint.events.clone(),
         ..Panel::default()
@@ -116,7 +128,6 @@ fn panel(joint: &IndexPanel, limits: IndexLimits, y_range: Option<[f64; 2]>) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::figure::EventKind;
 
     const LIMITS: IndexLimits = IndexLimits { warning: 0.05, critical: 0.15 };
 
@@ -167,5 +178,16 @@ mod tests {
         let alone = index_figure(&[quiet], LIMITS, "R01".into(), String::new());
         assert_eq!(alone.panels[0].y_range, Some([0.95, 1.15]));
         assert_eq!(alone.legend.len(), 5);
+    }
+
+    #[test]
+    fn the_line_breaks_where_work_began_a_new_baseline() {
+        let mut repaired =
+            joint("joint 3", &[(20_000.0, 1.3, None), (20_001.0, 1.0, None), (20_002.0, 1.0, None)]);
+        repaired.events.push(Event { at: 20_001.0, kind: EventKind::Repair, label: "gearbox".into() });
+        let figure = index_figure(&[repaired], LIMITS, "R01".into(), String::new());
+        let points = &figure.panels[0].series[1].points;
+        assert_eq!((points.len(), points[1][0].is_nan(), points[2]), (4, true, [20_001.0, 1.0]));
+        assert!(figure.panels[0].areas[0].points[1][0].is_nan());
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::figure::{Figure, Key, Look, Mark, Panel, RESIDUAL, Series};
+use super::figure::{Figure, Key, Look, Mark, Panel, RESIDUAL, Series, XAxis};
 use crate::robot::JointIndex;
 
 /// What identification leaves of a joint in a cycle.
@@ -23,6 +23,7 @@ pub fn residual_figure(residuals: &[CycleResidual], title: String, subtitle: Str
     let panel = |joint: JointIndex| Panel {
         title: format!("joint {joint}"),
         x_label: "cycle".into(),
+        x_axis: XAxis::Count,
         y_label: "residual, Nm".into(),
         with_zero: true,
         series: vec![Series {

@@ -110,6 +110,7 @@ fn panel(cycles: &[CycleVerification], joint: JointIndex, limits: RmsdLimits) ->
     Panel {
         title: format!("joint {joint}{}", marked(cycles, joint, limits)),
         x_label: "cycle".into(),
+        x_axis: XAxis::Count,
         y_label: "relative RMSD, %".into(),
         y_axis: YAxis::Logarithmic,
         limits: limit_lines(limits),

@@ -246,6 +246,9 @@ fn draw_panel(svg: &mut String, panel: &Panel, width: f64, height: f64) {
     let wanted = ((right - left) / X_TICK_ROOM) as usize;
     let ticks = match panel.x_axis {
         XAxis::Number => x.ticks(wanted),
+        XAxis::Count => {
+            x.ticks(wanted.min((x.to - x.from).ceil() as usize)).into_iter().filter(is_whole).collect()
+        }
         XAxis::Date => x.date_ticks(wanted),
     };
     draw_axes(svg, &panel.y_label, &x, &y, &ticks);
@@ -286,6 +289,11 @@ fn draw_panel(svg: &mut String, panel: &Panel, width: f64, height: f64) {
     draw_x_labels(svg, panel, &x, &ticks, bottom);
 }
 
+/// Whether a tick stands at a whole number; one of a whole number is written without decimals.
+fn is_whole(tick: &Tick) -> bool {
+    tick.value.fract() == 0.0 && !tick.label.contains('.')
+}
+
 fn x_scale<'a>(panel: &Panel, series: impl Iterator<Item = &'a Series>, left: f64, right: f64) -> Scale {
     let points = series.flat_map(|of| &of.points).filter(|point| is_finite(point)).map(|point| point[0]);
     let ends = panel.bands.iter().flat_map(|band| [band.from, band.to]);
@@ -294,7 +302,7 @@ fn x_scale<'a>(panel: &Panel, series: impl Iterator<Item = &'a Series>, left: f6
     match panel.x_axis {
         XAxis::Date => Scale::days(extent, X_MARGIN, left, right),
         // bands fill the axis; single points are not cut in two by its frame
-        XAxis::Number => {
+        XAxis::Number | XAxis::Count => {
             Scale::over(extent, if panel.bands.is_empty() { X_MARGIN } else { 0.0 }, left, right)
         }
     }
@@ -347,7 +355,7 @@ fn draw_band(svg: &mut String, band: &Band, x: &Scale, above: f64, below: f64) {
 
 fn draw_axes(svg: &mut String, y_label: &str, x: &Scale, y: &Scale, x_ticks: &[Tick]) {
     let (left, right, below, above) = (x.start, x.end, y.start, y.end);
-    for tick in y.ticks(((below - above) / Y_TICK_ROOM).max(2.0) as usize) {
+    for tick in y.ticks(((below - above) / Y_TICK_ROOM).max(3.0) as usize) {
         let at = y.at(tick.value);
         let class = if tick.value == 0.0 { "zero" } else { "grid" };
         let _ = writeln!(
@@ -392,7 +400,7 @@ fn draw_x_labels(svg: &mut String, panel: &Panel, x: &Scale, ticks: &[Tick], bot
         );
     }
     let label = match panel.x_axis {
-        XAxis::Number => panel.x_label.clone(),
+        XAxis::Number | XAxis::Count => panel.x_label.clone(),
         XAxis::Date => format!("{}, {}", panel.x_label, x.years()),
     };
     let _ = writeln!(
@@ -459,7 +467,7 @@ fn draw_series(svg: &mut String, series: &Series, axes: &Axes<'_>) {
 fn pointed_at(series: &Series, axes: &Axes<'_>, [x, y]: [f64; 2]) -> String {
     let (panel, y_label) = (axes.panel, axes.y_label);
     let at = match panel.x_axis {
-        XAxis::Number => format!("{}: {}", panel.x_label, significant(x)),
+        XAxis::Number | XAxis::Count => format!("{}: {}", panel.x_label, significant(x)),
         XAxis::Date => {
             moment(x).map_or_else(String::new, |time| time.strftime("%Y-%m-%d %H:%MZ").to_string())
         }

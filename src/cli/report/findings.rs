@@ -34,7 +34,10 @@ pub(super) fn of_health(row: &FleetHealthRow) -> Finding {
         ));
     }
     if let Some(relative) = row.moving_relative_rmsd {
-        words.push(format!("The model explains its torque in motion to {}.", percent(Some(relative))));
+        words.push(format!(
+            "The model leaves {} of its torque in motion unexplained (relative RMSD).",
+            percent(Some(relative))
+        ));
     }
     words.extend(row.reason.as_deref().map(sentence));
     words.extend(row.forecast.as_ref().and_then(forecast));
@@ -57,7 +60,10 @@ pub(super) fn of_run(run: &SeriesRun, alarms: &[&AnomalyRow]) -> Finding {
         }),
     }
     words.push(match run.moving_relative_rmsd {
-        Some(relative) => format!("The model explains its torque in motion to {}.", percent(Some(relative))),
+        Some(relative) => format!(
+            "The model leaves {} of its torque in motion unexplained (relative RMSD).",
+            percent(Some(relative))
+        ),
         None => "No cycle of the run says how well the model explains its torque.".into(),
     });
     words.extend(of_joint.iter().map(|row| sentence(&row.message)));

@@ -168,6 +168,10 @@ fn facts(run: &RunRow, stored: &Stored) -> Block {
     let seconds: f64 = stored.cycles.iter().filter_map(|row| row["duration_s"].as_f64()).sum();
     let fact = |name: &str, words: String| (name.to_owned(), words);
     let model = text(&stored.run, "model");
+    let unknown = || "not known until the run is complete".to_owned();
+    let rate = stored.run["sample_rate_hz"]
+        .as_f64()
+        .map_or_else(unknown, |rate| format!("{} Hz", figure(Some(rate))));
     Block::Facts(vec![
         fact("robot", run.robot.clone()),
         fact("model", if model.is_empty() { "not recognised".into() } else { model.to_owned() }),
@@ -176,11 +180,8 @@ fn facts(run: &RunRow, stored: &Stored) -> Block {
         fact("kind, status", format!("{}, {}", run.kind.name(), run.status.name())),
         fact("cycles", format!("{}, {usable} with parameters", stored.cycles.len())),
         fact("length of the cycles", format!("{:.0} min", seconds / 60.0)),
-        fact(
-            "rows",
-            run.rows.map_or_else(|| "not known until the run is complete".into(), |rows| rows.to_string()),
-        ),
-        fact("sample rate", format!("{} Hz", figure(stored.run["sample_rate_hz"].as_f64()))),
+        fact("rows", run.rows.map_or_else(unknown, |rows| rows.to_string())),
+        fact("sample rate", rate),
     ])
 }
 
