@@ -188,6 +188,8 @@ pub enum Mark {
     Thin,
     /// A pale thin line, for what should stay in the background.
     Pale,
+    /// A broad pale line, on which a thin one can be followed.
+    Broad,
     /// A small dot at each point.
     Dots,
     /// A small ring at each point.

@@ -119,7 +119,7 @@ pub(super) fn panel_svg(figure: &Figure, panel: &Panel) -> String {
 }
 
 fn plot_height(figure: &Figure) -> f64 {
-    if figure.panels.len() == 1 && figure.panels[0].strip.is_none() { ALONE_HEIGHT } else { PLOT_HEIGHT }
+    if figure.panels.len() == 1 { ALONE_HEIGHT } else { PLOT_HEIGHT }
 }
 
 fn panel_height(figure: &Figure, panel: &Panel) -> f64 {
@@ -137,7 +137,7 @@ pub(super) fn style() -> String {
          .plot .zero { stroke: #9aa2ae }\n\
          .plot .line { fill: none; stroke-width: 1.5; stroke-linejoin: round } .plot .dashed { fill: none; \
          stroke-width: 1.5; stroke-dasharray: 5 3 } .plot .thin { fill: none; stroke-width: 1 } .plot .pale { fill: \
-         none; stroke-width: 0.9; opacity: 0.35 } .plot .ring { fill: none } .plot .area { opacity: 0.2; stroke: none } \
+         none; stroke-width: 0.9; opacity: 0.35 } .plot .broad { fill: none; stroke-width: 3.4; opacity: 0.4; stroke-linejoin: round } .plot .ring { fill: none } .plot .area { opacity: 0.2; stroke: none } \
          .plot .hit { fill: none; pointer-events: all }\n\
          .plot path.usual { stroke: #68707c; stroke-width: 1.2 } .plot path.warning { stroke: #b86e00; stroke-width: 1.4; \
          stroke-dasharray: 7 4 } .plot path.critical { stroke: #c0262d; stroke-width: 1.4; stroke-dasharray: 7 4 } \
@@ -522,6 +522,7 @@ fn draw_marks(svg: &mut String, places: &[[f64; 2]], colour: usize, mark: Mark, 
         Mark::Dashed => "dashed",
         Mark::Thin => "thin",
         Mark::Pale => "pale",
+        Mark::Broad => "broad",
         Mark::Dots | Mark::Rings => "",
     };
     if !class.is_empty() && places.len() > 1 {
@@ -643,7 +644,7 @@ mod tests {
         }
     }
 
-    const MARKS: [Mark; 7] =
+    const MARKS: [Mark; 8] =
         [Mark::Line, Mark::Dashed, Mark::Thin, Mark::Pale, Mark::Dots, Mark::Rings, Mark::LineWithDots];
 
     fn assert_well_formed(svg: &str) {

@@ -102,14 +102,14 @@ fn joint_lines(
         residual.end();
     }
     let line = |name: &str, colour, mark, points| Series { name: name.into(), colour, mark, points };
-    let mut torques = vec![line("measured", MEASURED, Mark::Line, measured)];
+    let mut torques = vec![line("measured", MEASURED, Mark::Broad, measured)];
     let mut difference = Vec::new();
     if view.slow {
         torques.push(line("estimated, joint slow", ESTIMATED, Mark::Pale, estimated.slow));
         difference.push(line("residual, joint slow", RESIDUAL, Mark::Pale, residual.slow));
     }
-    // a thin bright line on a dark one: where they part, both are seen
-    torques.push(line("estimated", ESTIMATED, Mark::Thin, estimated.moving));
+    // a thin line on a broad pale one: both can be followed where they agree and where they part
+    torques.push(line("estimated", ESTIMATED, Mark::Line, estimated.moving));
     difference.push(line("residual", RESIDUAL, Mark::Thin, residual.moving));
     (torques, difference)
 }
@@ -151,8 +151,8 @@ fn stage_bands(series: &TorqueSeries, rows: &[usize]) -> Vec<Band> {
 fn legend(bands: &[Band], slow: bool) -> Vec<Key> {
     let key = |label: &str, look| Key { label: label.into(), look };
     let mut keys = vec![
-        key("measured, low-passed", Look::Series(MEASURED, Mark::Line)),
-        key("estimated", Look::Series(ESTIMATED, Mark::Thin)),
+        key("measured, low-passed", Look::Series(MEASURED, Mark::Broad)),
+        key("estimated", Look::Series(ESTIMATED, Mark::Line)),
         key("residual", Look::Series(RESIDUAL, Mark::Thin)),
     ];
     if slow {
