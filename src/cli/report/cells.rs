@@ -63,7 +63,8 @@ pub(super) fn percent(fraction: Option<f64>) -> String {
 /// A change in per cent, with its sign.
 pub(super) fn change(fraction: Option<f64>) -> String {
     match fraction.filter(|fraction| fraction.is_finite()) {
-        Some(fraction) => format!("{:+.1} %", 100.0 * fraction),
+        // rounded first, and with 0.0 added: what is nothing has no minus
+        Some(fraction) => format!("{:+.1} %", (1000.0 * fraction).round() / 10.0 + 0.0),
         None => "-".into(),
     }
 }

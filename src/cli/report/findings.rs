@@ -44,6 +44,17 @@ pub(super) fn of_health(row: &FleetHealthRow) -> Finding {
     Finding { standing: standing(row.status), title: format!("Joint {}", row.joint), words }
 }
 
+/// Findings in the order in which one should look at them; those alike stay as they are.
+pub(super) fn worst_first(mut findings: Vec<Finding>) -> Vec<Finding> {
+    findings.sort_by_key(|of| match of.standing.level {
+        Level::Critical => 0,
+        Level::Warning => 1,
+        Level::Unknown => 2,
+        Level::Usual => 3,
+    });
+    findings
+}
+
 /// A joint as one run shows it, without a conclusion of the present.
 pub(super) fn of_run(run: &SeriesRun, alarms: &[&AnomalyRow]) -> Finding {
     let of_joint: Vec<&&AnomalyRow> = alarms.iter().filter(|row| row.joint == Some(run.joint)).collect();
@@ -183,6 +194,9 @@ mod tests {
         assert!(known.words[0].contains("+2.1 % against the baseline"), "{:?}", known.words);
         let unknown = of_run(&run(None, None), &[]);
         assert_eq!(unknown.standing, Standing::new("not known", Level::Unknown));
+        let levels: Vec<Level> =
+            worst_first(vec![known, unknown]).into_iter().map(|of| of.standing.level).collect();
+        assert_eq!(levels, [Level::Unknown, Level::Usual]);
     }
 
     #[test]

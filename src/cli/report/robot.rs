@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use serde_json::Value;
 
 use super::cells::{change, count, figure, minute, number, percent, rows, table, text, whole, words};
-use super::findings::{is_unsettled, made, of_health, open_alarms, sentence};
+use super::findings::{is_unsettled, made, of_health, open_alarms, sentence, worst_first};
 use crate::cli::alerts;
 use crate::cli::context::CliError;
 use crate::cli::shared::life::{RobotLife, index_points};
@@ -199,7 +199,7 @@ fn conclusions(of: &Stored<'_>) -> Section {
     ])];
     blocks.push(Block::Text(in_words(of)));
     if !of.life.health.is_empty() {
-        blocks.push(Block::Findings(of.life.health.iter().map(of_health).collect()));
+        blocks.push(Block::Findings(worst_first(of.life.health.iter().map(of_health).collect())));
     }
     let open: Vec<&AnomalyRow> = of.anomalies.iter().filter(|row| is_unsettled(row)).collect();
     if !open.is_empty() {

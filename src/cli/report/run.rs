@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use serde_json::Value;
 
 use super::cells::{count, figure, minute, number, percent, rows, table, text, whole, words};
-use super::findings::{is_unsettled, made, of_health, of_run, open_alarms, sentence};
+use super::findings::{is_unsettled, made, of_health, of_run, open_alarms, sentence, worst_first};
 use crate::analysis::measurements::CyclePoint;
 use crate::analysis::{Decay, Estimate, FrictionPoint, Rmsd, RmsdScope, WarmUpFit};
 use crate::cli::alerts;
@@ -154,7 +154,7 @@ fn conclusions(
                       the robot says where its joints stand now."
                 .to_owned(),
         }));
-        blocks.push(Block::Findings(findings));
+        blocks.push(Block::Findings(worst_first(findings)));
     }
     let open: Vec<&AnomalyRow> = seen.iter().copied().filter(|row| is_unsettled(row)).collect();
     if run.status == RunStatus::Complete {
