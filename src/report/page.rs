@@ -256,10 +256,10 @@ figcaption p { font-size: .875rem }
 @media screen and (prefers-color-scheme: dark) { :root { --page: #12151a; --text: #e3e6eb; --soft: #a7b0bd; --line: #323944;
   --head: #1c2129; --usual: #55d08d; --warning: #f5b94d; --critical: #ff7b72; --unknown: #a7b0bd } }
 @media print { @page { size: A4; margin: 14mm 13mm } :root { color-scheme: light }
-  body { padding: 0; max-width: none; font-size: 10.5px } h1 { font-size: 20px } h2 { font-size: 15px; break-after: avoid }
+  html { font-size: 10.5px } body { padding: 0; max-width: none; font-size: 1rem } h1 { font-size: 2rem } h2 { break-after: avoid }
   .panels { grid-template-columns: 1fr 1fr } .panels.wide { grid-template-columns: 1fr } .wide .plot { min-width: 0 }
   .panel, tr, figcaption { break-inside: avoid } figcaption, caption { break-after: avoid } .scroll, .wide .panel { overflow: visible }
-  section:first-child { break-after: page } section:first-child h2 { border-top: 0 } table { font-size: 9px }
+  section:first-child { break-after: page } section:first-child h2 { border-top: 0 } table { font-size: .85rem } th, td { padding-right: .5rem }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact } }
 ";
 
