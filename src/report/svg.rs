@@ -644,8 +644,16 @@ mod tests {
         }
     }
 
-    const MARKS: [Mark; 8] =
-        [Mark::Line, Mark::Dashed, Mark::Thin, Mark::Pale, Mark::Dots, Mark::Rings, Mark::LineWithDots];
+    const MARKS: [Mark; 8] = [
+        Mark::Line,
+        Mark::Dashed,
+        Mark::Thin,
+        Mark::Pale,
+        Mark::Broad,
+        Mark::Dots,
+        Mark::Rings,
+        Mark::LineWithDots,
+    ];
 
     fn assert_well_formed(svg: &str) {
         for event in xml::EventReader::from_str(svg) {
