@@ -22,7 +22,8 @@ use crate::store::{MaintenanceRow, NewMaintenance, Store, StoreError};
 Examples:
   armwatch maintenance Left --joint 3 --what \"gearbox changed\"
   armwatch maintenance Left --what \"all joints greased\" --at 2026-03-01
-  armwatch maintenance Left --joint 5 --what \"brake changed\" --at 2026-03-01T14:30:00Z --by mueller
+  armwatch maintenance Left --joint 5 --what \"brake changed\" \\
+      --at 2026-03-01T14:30:00Z --by mueller
   armwatch maintenance --list
   armwatch maintenance --list Left --json
   armwatch maintenance --remove 7
@@ -107,7 +108,7 @@ async fn list(global: &Global, store: &Store, robot: Option<&str>) -> Result<u8,
             ]
         };
         let rows: Vec<Vec<String>> = rows.iter().map(cells).collect();
-        output::line(&output::table(&["number", "robot", "joint", "at (UTC)", "what", "by"], &rows));
+        output::print_table(&["number", "robot", "joint", "at (UTC)", "what", "by"], &rows, &[]);
     }
     Ok(EXIT_DONE)
 }

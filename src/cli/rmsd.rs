@@ -28,9 +28,9 @@ Examples:
 
 For each joint a line a cycle: RMSD of estimated against measured torque with the cycle's own parameters,
 which were identified on its excitation stage, over the excitation, friction and warming stages and the whole
-cycle, and over the first and the last third of warming; over all rows and (moving_) without those in which
-the joint is slower than its low-speed threshold. relative divides by the RMS of the measured torque over the
-same rows; figures above 10 % are marked with *. Friction falls inside a cycle, so the start of warming and
+cycle, and over the first and the last third of warming; without the rows in which the joint is slower than its
+low-speed threshold (moving_), and over all rows. relative divides by the RMS of the measured torque over the
+same rows; figures of moving rows above 10 % are marked with *. Friction falls inside a cycle, so the start of warming and
 its end differ most in cold cycles. The same stands in the views cycle_rmsd and warming_contrast.")]
 pub(super) struct RmsdArgs {
     /// The run
@@ -134,7 +134,7 @@ fn of_joints(cycles: &[CycleVerification], shown: &[JointIndex]) -> Vec<CycleVer
 
 fn as_text(args: &RmsdArgs, run: &RunSource, cycles: &[CycleVerification], shown: &[JointIndex]) -> String {
     let mut header = vec!["cycle".to_string()];
-    for prefix in ["", "moving_"] {
+    for prefix in ["moving_", ""] {
         let columns = SCOPES.iter().map(|scope| scope.name()).chain(["warming_start", "warming_end"]);
         header.extend(columns.map(|name| format!("{prefix}{name}")));
     }
@@ -164,13 +164,13 @@ fn as_text(args: &RmsdArgs, run: &RunSource, cycles: &[CycleVerification], shown
         }
     }
     let unit = match args.figure {
-        FigureArg::Relative => "relative RMSD of the torque; * above 10 %",
+        FigureArg::Relative => "relative RMSD of the torque; * moving rows above 10 %",
         FigureArg::Nm => "RMSD of the torque, Nm",
     };
     format!("{text}{}, run {}: {unit}", run.robot, run.run_id)
 }
 
-/// Figures of one line of the table, in the order of its columns.
+/// Figures of one line of the table, in the order of its columns: moving rows first, then all rows.
 fn figures(of: &CycleVerification, joint: JointIndex, figure: FigureArg) -> Vec<Option<f64>> {
     let contrast = of.contrast.iter().find(|found| found.joint == joint);
     let pairs: Vec<Option<RmsdPair>> = SCOPES
@@ -187,20 +187,21 @@ fn figures(of: &CycleVerification, joint: JointIndex, figure: FigureArg) -> Vec<
     };
     let all = pairs.iter().map(|pair| pair.and_then(|pair| value(pair.all_rows)));
     let moving = pairs.iter().map(|pair| pair.and_then(|pair| value(pair.moving_rows)));
-    all.chain(moving).collect()
+    moving.chain(all).collect()
 }
 
 fn cells(name: &str, figures: &[Option<f64>], figure: FigureArg) -> Vec<String> {
-    let cell = |value: &Option<f64>| {
+    // of rows at rest the model says little, so that figures of all rows are high in sound recordings too
+    let is_marked = |place: usize, value: f64| {
+        figure == FigureArg::Relative && place < figures.len() / 2 && value > MARKED_ABOVE
+    };
+    let cell = |(place, value): (usize, &Option<f64>)| {
         value.map_or_else(
             || "-".to_string(),
-            |value| {
-                let mark = if figure == FigureArg::Relative && value > MARKED_ABOVE { "*" } else { "" };
-                format!("{value:.4}{mark}")
-            },
+            |value| format!("{value:.4}{}", if is_marked(place, value) { "*" } else { "" }),
         )
     };
-    std::iter::once(name.to_string()).chain(figures.iter().map(cell)).collect()
+    std::iter::once(name.to_string()).chain(figures.iter().enumerate().map(cell)).collect()
 }
 
 fn as_value(run: &RunSource, of: &CycleVerification, shown: &[JointIndex]) -> serde_json::Value {

@@ -28,7 +28,8 @@ Examples:
   armwatch torque --run 3 --cycle 12 --plot cycle12.svg
   armwatch torque --run 3 --cycle 12 --stage friction --points 600 --json
   armwatch torque --run 3 --cycle 12 --parameters 2:10-20 -o cross.csv
-  armwatch torque --run 3 --cycle 12 --source /archive/Left_20260105_0847.csv.gz
+  armwatch torque --run 3 --cycle 12 \\
+      --source /archive/Left_20260105_0847.csv.gz
 
 Samples are not kept in the database, so the run's export is read again, up to the end of the cycle, and
 filtered as it was. It is looked for where it was seen last and in the watched folders, and taken only if
@@ -43,31 +44,31 @@ thins each joint's rows by buckets, of which smallest and largest torques and re
 for sums. --json gives the same by columns, one object a joint.")]
 pub(super) struct TorqueArgs {
     /// Run of the cycle
-    #[arg(long, value_name = "RUN")]
+    #[arg(help_heading = "What is taken", long, value_name = "RUN")]
     run: i64,
     /// Number of the cycle
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(help_heading = "What is taken", long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     cycle: u32,
     /// Parameters of the estimate: RUN, RUN:CYCLES, or the name of a saved set [default: the cycle's own]
-    #[arg(long, value_name = "RUN[:CYCLES]|SET")]
+    #[arg(help_heading = "What is taken", long, value_name = "RUN[:CYCLES]|SET")]
     parameters: Option<String>,
     /// The run's export, where it is no longer where it was
-    #[arg(long, value_name = "FILE")]
+    #[arg(help_heading = "What is taken", long, value_name = "FILE")]
     source: Option<PathBuf>,
     /// Rows of one stage, or of the whole cycle
-    #[arg(long, value_enum, default_value_t = StageArg::All)]
+    #[arg(help_heading = "Rows", long, value_enum, default_value_t = StageArg::All)]
     stage: StageArg,
     /// Rows that do not count in verification too
-    #[arg(long)]
+    #[arg(help_heading = "Rows", long)]
     all_rows: bool,
     /// About how many rows to keep of each joint, peaks among them
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..))]
+    #[arg(help_heading = "Rows", long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..))]
     points: Option<u32>,
     /// Write the rows as CSV into this file
-    #[arg(short, long, value_name = "FILE", conflicts_with = "json")]
+    #[arg(help_heading = "Files", short, long, value_name = "FILE", conflicts_with = "json")]
     output: Option<PathBuf>,
     /// Draw the torques into this file, .svg or .html
-    #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
+    #[arg(help_heading = "Files", long, value_name = "FILE", value_parser = PlotFile::parse)]
     plot: Option<PlotFile>,
 }
 

@@ -125,6 +125,20 @@ pub struct StoredRun {
     pub rows: u64,
 }
 
+impl StoredRun {
+    /// Cycles without parameters in words, such as `cycles 1 to 8`, with their reason: what is wrong with a channel is
+    /// mostly wrong in every cycle.
+    pub fn refusals(&self) -> impl Iterator<Item = (String, &str)> {
+        self.refused.chunk_by(|a, b| a.1 == b.1 && a.0 + 1 == b.0).map(|alike| {
+            let (first, reason) = &alike[0];
+            let last = alike[alike.len() - 1].0;
+            let cycles =
+                if last == *first { format!("cycle {first}") } else { format!("cycles {first} to {last}") };
+            (cycles, reason.as_str())
+        })
+    }
+}
+
 impl Outcome {
     /// The run that holds the export, where its fate is decided.
     #[must_use]

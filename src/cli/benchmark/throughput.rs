@@ -35,7 +35,8 @@ Examples:
   armwatch benchmark ingest
   armwatch benchmark ingest --cycles 1
   armwatch benchmark ingest --small-files 1000
-  armwatch benchmark ingest --file R00_20260105_0847_Col23_180s_cycle24.csv --json")]
+  armwatch benchmark ingest --file R00_20260105_0847_Col23_180s_cycle24.csv \\
+      --json")]
 pub(in crate::cli) struct IngestBenchmarkArgs {
     /// Cycles of the simulated export, five minutes each; 24 are a whole test
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=200))]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::json;
 
 use super::index;
@@ -49,31 +49,44 @@ state says what it is taken from: motion, motor_temperature or ambient_and_motio
 -o writes the points as CSV: robot, run_id, cycle, minute, joint, speed_fraction, speed_rad_s, direction,
 torque_nm, std_nm, samples, gravity, fit_nm. --json prints one object a joint and speed, with its fit and its
 points.")]
+#[command(group(ArgGroup::new("recordings").args(["runs", "robots"]).required(true).multiple(true)))]
 pub(in crate::cli) struct FrictionArgs {
     /// Run whose points are taken; may be given several times
-    #[arg(long = "run", value_name = "RUN", required_unless_present = "robots")]
+    #[arg(help_heading = "What is taken", long = "run", value_name = "RUN")]
     runs: Vec<i64>,
     /// Robot of which all complete runs are taken; may be given several times
-    #[arg(long = "robot", value_name = "NAME")]
+    #[arg(help_heading = "What is taken", long = "robot", value_name = "NAME")]
     robots: Vec<String>,
     /// Only this joint, from 1
-    #[arg(long, value_name = "JOINT", value_parser = clap::value_parser!(u8).range(1..))]
+    #[arg(help_heading = "What is taken", long, value_name = "JOINT", value_parser = clap::value_parser!(u8).range(1..))]
     joint: Option<u8>,
-    /// Only the speed level nearest to this fraction of the largest speed
-    #[arg(long, value_name = "FRACTION")]
+    /// Only the speed level nearest to this fraction of the largest speed, above 0 and at most 1
+    #[arg(help_heading = "What is taken", long, value_name = "FRACTION", value_parser = fraction)]
     speed: Option<f64>,
     /// Write the points as CSV into this file
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(help_heading = "Files", short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Draw points and curves into this file, .svg or .html
-    #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
+    #[arg(help_heading = "Files", long, value_name = "FILE", value_parser = PlotFile::parse)]
     plot: Option<PlotFile>,
     /// Friction index by run, and whether it is white from run to run
-    #[arg(long, requires = "robots", conflicts_with_all = ["runs", "speed", "output"])]
+    #[arg(help_heading = "What is shown", long, requires = "robots", conflicts_with_all = ["runs", "speed", "output"])]
     index: bool,
     /// What the picture shows friction over
-    #[arg(long, value_enum, default_value_t = OverArg::Time, requires = "plot")]
+    #[arg(help_heading = "What is shown", long, value_enum, default_value_t = OverArg::Time, requires = "plot")]
     over: OverArg,
+}
+
+/// Reads a fraction of the largest speed.
+fn fraction(text: &str) -> Result<f64, String> {
+    match text.trim_end_matches([' ', '%']).parse::<f64>() {
+        Ok(value) if value > 0.0 && value <= 1.0 && !text.contains('%') => Ok(value),
+        Ok(percent) if percent > 0.0 && percent <= 100.0 => Err(format!(
+            "a fraction of the largest speed is above 0 and at most 1; did you mean {}?",
+            percent / 100.0
+        )),
+        _ => Err("a fraction of the largest speed is above 0 and at most 1, such as 0.6".into()),
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

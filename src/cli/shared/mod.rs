@@ -1,6 +1,7 @@
 //! What several commands use: output, plots, chosen cycles, loads.
 
 pub(super) mod output;
+pub(super) mod paths;
 pub(super) mod rows;
 pub(super) mod plot;
 pub(super) mod selection;

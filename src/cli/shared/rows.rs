@@ -33,7 +33,7 @@ pub fn print(table: &Table, args: RowArgs, json: bool, nothing: &str) -> Result<
     } else {
         let header: Vec<&str> = table.columns.iter().map(String::as_str).collect();
         let rows: Vec<Vec<String>> = table.rows.iter().map(|row| row.iter().map(shown).collect()).collect();
-        output::line(&output::table(&header, &rows));
+        output::print_table(&header, &rows, &["status", "severity", "health"]);
     }
     Ok(())
 }
