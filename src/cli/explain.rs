@@ -86,6 +86,7 @@ fn as_text(config: &Config, of: &Explanation) -> String {
     if problems.is_empty() {
         lines.push(topic("problems", "none"));
     }
+    lines.extend(remarks(of).iter().map(|remark| topic("remark", remark)));
     lines.push(topic("ledger", &ledger_text(&of.ledger)));
     lines.push(topic("next", &next_text(config, of)));
     lines.join("\n")
@@ -287,23 +288,35 @@ fn problems(of: &Explanation) -> Vec<String> {
     if reading.passed_over.rows > 0 {
         problems.push(passed_over_text(&reading.passed_over, of));
     }
-    // what is said of several cycles is said once
+    problems.extend(said_of_cycles(reading, |analysis| {
+        analysis.refusal().map(|reason| format!("no parameters: {reason}")).into_iter().collect()
+    }));
+    problems
+}
+
+/// What the analysis remarks of cycles that it takes.
+fn remarks(of: &Explanation) -> Vec<String> {
+    of.reading
+        .as_ref()
+        .map_or_else(Vec::new, |reading| said_of_cycles(reading, |analysis| analysis.remarks.clone()))
+}
+
+/// What is said of cycles; what is said of several is said once, with their numbers.
+fn said_of_cycles(reading: &ExportReading, of: impl Fn(&CycleAnalysis) -> Vec<String>) -> Vec<String> {
     let mut said: Vec<(String, Vec<u32>)> = Vec::new();
     for cycle in &reading.cycles {
-        let Some(analysis) = &cycle.analysis else { continue };
-        let refused = analysis.refusal().map(|reason| format!("no parameters: {reason}"));
-        for text in refused.into_iter().chain(analysis.remarks.iter().cloned()) {
+        for text in cycle.analysis.as_ref().map(&of).unwrap_or_default() {
             match said.iter_mut().find(|(known, _)| *known == text) {
                 Some((_, cycles)) => cycles.push(cycle.cycle),
                 None => said.push((text, vec![cycle.cycle])),
             }
         }
     }
-    problems.extend(said.into_iter().map(|(text, cycles)| {
+    let numbered = |(text, cycles): (String, Vec<u32>)| {
         let numbers: Vec<String> = cycles.iter().map(u32::to_string).collect();
         format!("cycle {}: {text}", numbers.join(", "))
-    }));
-    problems
+    };
+    said.into_iter().map(numbered).collect()
 }
 
 fn passed_over_text(passed_over: &PassedOver, of: &Explanation) -> String {
@@ -380,6 +393,7 @@ fn as_value(of: &Explanation) -> serde_json::Value {
         "supersedes_run_id": supersedes,
         "ledger": ledger_text(&of.ledger),
         "problems": problems(of),
+        "remarks": remarks(of),
         "rejection": of.rejection.as_ref().map(|rejection| json!({
             "line": rejection.line, "column": rejection.column, "value": rejection.value,
             "reason": rejection.reason, "remedy": rejection.remedy,

@@ -241,7 +241,7 @@ fn as_value(row: &MaintenanceRow) -> serde_json::Value {
 }
 
 fn minute(time: Timestamp) -> String {
-    time.strftime("%Y-%m-%d %H:%M").to_string()
+    time.strftime("%Y-%m-%d %H:%MZ").to_string()
 }
 
 #[cfg(test)]

@@ -207,7 +207,7 @@ fn history_text(history: &[AnomalyHistoryRow]) -> String {
         vec![
             minute(event.at),
             event.what.name().replace('_', " "),
-            event.severity.to_string(),
+            output::coloured(event.severity.name()),
             figure(event.score),
             event.run_id.map_or_else(|| "-".into(), |id| id.to_string()),
             event.who.clone().unwrap_or_else(|| "armwatch".into()),

@@ -123,7 +123,7 @@ fn robot_text(series: &[JointIndexSeries]) -> String {
         vec![
             of_joint.rows[0].joint.to_string(),
             row.run_id.to_string(),
-            row.started_at.strftime("%Y-%m-%d %H:%M").to_string(),
+            row.started_at.strftime("%Y-%m-%d %H:%MZ").to_string(),
             format!("{:.4}", row.index.value),
             format!("{low:.4} .. {high:.4}"),
             row.raw.map_or_else(|| "-".into(), |raw| format!("{raw:.3}")),
