@@ -60,7 +60,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Simulate a small fleet, ingest it while it is being written, and print what is found
-    Demo(demo::DemoArgs),
+    Demo(demo::command::DemoArgs),
     /// Watch the configured folders until stopped
     Run(run::RunArgs),
     /// Take files or folders through the pipeline once
@@ -189,7 +189,7 @@ pub fn run(cli: Cli) -> ExitCode {
     };
     telemetry::start(format, verbosity.saturating_add(usual));
     let done = match cli.command {
-        Command::Demo(args) => demo::demo(&cli.global, &args),
+        Command::Demo(args) => demo::command::demo(&cli.global, &args),
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
         Command::Status(args) => status::status(&cli.global, &args),
