@@ -18,6 +18,7 @@ mod control;
 mod crash;
 mod daemon;
 mod delivery;
+mod demo;
 mod docs;
 #[cfg(target_os = "linux")]
 mod faults;

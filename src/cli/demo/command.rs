@@ -18,7 +18,7 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use super::fleet::{self, Arm, CYCLES, Folders};
-use super::verdict::{Verdict, alarm_value, day, is_alarm, planted_in};
+use super::verdict::{Alarm, Verdict, day, planted_in};
 use crate::cli::context::{
     CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, runtime, shared,
 };
@@ -30,7 +30,7 @@ use crate::pipeline::context::{Outcome, Pipeline};
 use crate::robot::{JointIndex, Robot};
 use crate::run::{RunKind, RunStatus};
 use crate::serve::{self, ServeError, Server};
-use crate::store::{AnomalyRow, Store, StoreError};
+use crate::store::{Store, StoreError};
 
 /// Where the dashboard listens, unless another program does.
 const PORT: u16 = 8650;
@@ -44,7 +44,7 @@ Examples:
   armwatch demo --once --dir /tmp/fleet
   armwatch demo --once --json | jq 'select(.event == \"verdict\")'
 
-Five ER3A arms are tested on eight days, 31 tests of eight cycles. Four faults are planted: wear of a joint, a
+Five ER3A arms are tested on eight days, 30 tests of eight cycles. Four faults are planted: wear of a joint, a
 payload, a step of friction inside a test, and a joint that jitters. What is planted is printed first, then each
 test and each alarm, and at the end what was found and how many tests later. The simulated exports are written into
 a watched folder while the daemon takes them, the first one bit by bit; detectors run with the shipped settings. The
@@ -317,7 +317,7 @@ impl Demo {
     }
 
     async fn verdict(&self, store: &Store) -> Result<Verdict, StoreError> {
-        let anomalies = store.anomalies_after(0).await?;
+        let anomalies: Vec<Alarm> = store.anomalies_after(0).await?.iter().map(Alarm::from).collect();
         Ok(Verdict::new(&self.fleet, &anomalies, &tests_stored(store).await?))
     }
 
@@ -362,22 +362,22 @@ impl Demo {
     }
 
     fn show_conclusions(&self, concluded: &Concluded) {
-        for anomaly in &concluded.new_anomalies {
+        for alarm in concluded.new_anomalies.iter().map(Alarm::from) {
             if self.as_json {
-                let mut value = alarm_value(anomaly);
+                let mut value = alarm.as_value();
                 value["event"] = "alarm".into();
                 output::json(&value);
             } else {
-                self.show_anomaly(anomaly);
+                self.show_alarm(&alarm);
             }
         }
     }
 
-    fn show_anomaly(&self, anomaly: &AnomalyRow) {
-        let day = day(anomaly.first_seen_at);
-        let place = match planted_in(&self.fleet, anomaly) {
+    fn show_alarm(&self, alarm: &Alarm) {
+        let day = day(alarm.first_seen_at);
+        let place = match planted_in(&self.fleet, alarm) {
             Some((arm, planted)) => {
-                let test = arm.test_at(anomaly.first_seen_at);
+                let test = arm.test_at(alarm.first_seen_at);
                 let later = test.map_or(0, |test| test - planted.test());
                 let number = test.map_or_else(String::new, |test| format!("test {test}, "));
                 match later {
@@ -388,14 +388,14 @@ impl Demo {
             None => "nothing was planted there".to_owned(),
         };
         let style = Style::new().bold().fg_color(Some(AnsiColor::Yellow.into()));
-        let word = output::styled(if is_alarm(anomaly) { "ALARM " } else { "noted " }, style);
+        let word = output::styled(if alarm.is_alarm() { "ALARM " } else { "noted " }, style);
         output::line(&format!(
             "{word}  {day}  {:7} {} of {}: {place}\n        {}: {}",
-            anomaly.robot,
-            anomaly.kind,
-            anomaly.joint.map_or_else(|| "the arm".into(), |joint| format!("joint {joint}")),
-            anomaly.severity,
-            anomaly.message
+            alarm.robot,
+            alarm.kind,
+            alarm.joint.map_or_else(|| "the arm".into(), |joint| format!("joint {joint}")),
+            alarm.severity,
+            alarm.message
         ));
     }
 

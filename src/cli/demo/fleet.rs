@@ -23,7 +23,7 @@ pub(super) const CYCLES: u32 = 8;
 /// The day before the first one, 2026-01-04T00:00:00Z.
 const DAY_ZERO: Timestamp = Timestamp::constant(1_767_484_800, 0);
 /// Rows a second, Hz: a short test programme at a low rate, so that the demo is soon over.
-const SAMPLE_RATE_HZ: f64 = 25.0;
+const SAMPLE_RATE_HZ: f64 = 20.0;
 /// Warming in each cycle, s.
 const WARMING_S: f64 = 5.0;
 /// Exports that lie in the folder before the daemon has taken them, at most: about a day's.
@@ -126,7 +126,7 @@ pub(super) fn fleet() -> Vec<Arm> {
     let jitter = FaultKind::Jitter { size: 0.12 };
     let load = FaultKind::Load { mass: 0.8, centre: [0.0; 3] };
     vec![
-        arm("Left", 0, &[1, 2, 4, 5, 7, 8], None),
+        arm("Left", 0, &[1, 2, 4, 6, 8], None),
         arm("Middle", 20, &[1, 2, 3, 4, 5, 6, 7, 8], planted(wear, joint(3), 6, AnomalyKind::Drift)),
         arm("Right", 40, &[1, 2, 3, 5, 6, 8], planted(load, None, 6, AnomalyKind::Payload)),
         arm("Front", 60, &[1, 3, 4, 6, 7], planted(step, joint(2), 4, AnomalyKind::Step)),
