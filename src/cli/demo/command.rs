@@ -44,7 +44,7 @@ Examples:
   armwatch demo --once --dir /tmp/fleet
   armwatch demo --once --json | jq 'select(.event == \"verdict\")'
 
-Five ER3A arms are tested on eight days, 30 tests of eight cycles. Four faults are planted: wear of a joint, a
+Five ER3A arms are tested on eight days, 31 tests of eight cycles. Four faults are planted: wear of a joint, a
 payload, a step of friction inside a test, and a joint that jitters. What is planted is printed first, then each
 test and each alarm, and at the end what was found and how many tests later. The simulated exports are written into
 a watched folder while the daemon takes them, the first one bit by bit; detectors run with the shipped settings. The
@@ -117,8 +117,7 @@ pub(in crate::cli) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliEr
         let server = if args.once { None } else { dashboard(&demo.folder, configs, store, &serving).await? };
         demo.introduce();
         let room = fleet::room();
-        let writer =
-            fleet::write_exports(robot, demo.tests.clone(), folders, args.seed, Arc::clone(&room));
+        let writer = fleet::write_exports(robot, demo.tests.clone(), folders, args.seed, Arc::clone(&room));
         let watched = demo.watch(&pipeline, &stop, &room, writer).await;
         serving.cancel();
         if let Some(server) = server {
@@ -208,7 +207,8 @@ impl Demo {
             }
             return;
         }
-        let (first, last) = (days.first().cloned().unwrap_or_default(), days.last().cloned().unwrap_or_default());
+        let (first, last) =
+            (days.first().cloned().unwrap_or_default(), days.last().cloned().unwrap_or_default());
         output::line(&format!(
             "{} arms, {} tests of {CYCLES} cycles, {first} to {last}; simulated now, and read as the daemon reads them",
             self.fleet.len(),
@@ -265,9 +265,17 @@ impl Demo {
                 judged
             }
         });
+        // the daemon finishes the cycles in hand; nothing is written for it any more
+        let closing = tokio::spawn({
+            let (room, done) = (Arc::clone(room), done.clone());
+            async move {
+                done.cancelled().await;
+                room.close();
+            }
+        });
         let watched = self.run_daemon(pipeline, &done, room).await;
-        room.close();
         done.cancel();
+        closing.await.map_err(|error| CliError::Internal(error.to_string()))?;
         let (written, judged) = (writing.await, judging.await);
         watched?;
         written.map_err(|error| CliError::Internal(error.to_string()))??;
@@ -287,10 +295,8 @@ impl Demo {
         daemon::watch(pipeline, control, |event| match event {
             Event::Export(path, outcome) => {
                 self.show_outcome(path, outcome);
-                let is_last_word = !matches!(
-                    outcome,
-                    Outcome::Interrupted | Outcome::Changed | Outcome::InWork { .. }
-                );
+                let is_last_word =
+                    !matches!(outcome, Outcome::Interrupted | Outcome::Changed | Outcome::InWork { .. });
                 if is_last_word && seen.insert(path.to_path_buf()) {
                     self.ended.fetch_add(1, Ordering::Relaxed);
                     room.add_permits(1);
@@ -305,7 +311,8 @@ impl Demo {
     /// Waits until every export has its outcome and conclusions are drawn, and says what was found; `None` if `done` comes
     /// before.
     async fn judge(&self, store: &Store, done: &CancellationToken) -> Result<Option<Verdict>, CliError> {
-        while self.ended.load(Ordering::Relaxed) < self.tests.len() || !store.stale_robots().await?.is_empty() {
+        while self.ended.load(Ordering::Relaxed) < self.tests.len() || !store.stale_robots().await?.is_empty()
+        {
             tokio::select! {
                 () = done.cancelled() => return Ok(None),
                 () = tokio::time::sleep(LOOK) => {}
@@ -349,7 +356,9 @@ impl Demo {
             }
             Outcome::Quarantined { rejection, .. } | Outcome::Unreadable { rejection } => {
                 if self.as_json {
-                    output::json(&json!({"event": "not stored", "file": name, "reason": rejection.sentence()}));
+                    output::json(
+                        &json!({"event": "not stored", "file": name, "reason": rejection.sentence()}),
+                    );
                 } else {
                     output::line(&format!("NOT STORED  {rejection}"));
                 }

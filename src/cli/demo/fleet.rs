@@ -126,7 +126,7 @@ pub(super) fn fleet() -> Vec<Arm> {
     let jitter = FaultKind::Jitter { size: 0.12 };
     let load = FaultKind::Load { mass: 0.8, centre: [0.0; 3] };
     vec![
-        arm("Left", 0, &[1, 2, 4, 6, 8], None),
+        arm("Left", 0, &[1, 2, 4, 5, 7, 8], None),
         arm("Middle", 20, &[1, 2, 3, 4, 5, 6, 7, 8], planted(wear, joint(3), 6, AnomalyKind::Drift)),
         arm("Right", 40, &[1, 2, 3, 5, 6, 8], planted(load, None, 6, AnomalyKind::Payload)),
         arm("Front", 60, &[1, 3, 4, 6, 7], planted(step, joint(2), 4, AnomalyKind::Step)),
@@ -227,7 +227,10 @@ mod tests {
             assert!(arm.days.is_sorted_by(|a, b| a < b) && arm.days.first() >= Some(&1), "{arm:?}");
             if let Some(planted) = arm.planted {
                 assert!(planted.test() <= arm.tests(), "{arm:?}");
-                assert!(planted.test() > 5 || matches!(planted.fault.kind, FaultKind::Step { .. }), "{arm:?}");
+                assert!(
+                    planted.test() > 5 || matches!(planted.fault.kind, FaultKind::Step { .. }),
+                    "{arm:?}"
+                );
             }
         }
         assert!(fleet().iter().any(|arm| arm.planted.is_none()));

@@ -91,7 +91,8 @@ impl Verdict {
                 row.robot == arm.name && planted_in(fleet, row).is_some_and(|(_, of)| *of == planted)
             });
             let alarm = of_arm.min_by_key(|row| (row.kind != planted.kind.name(), row.first_seen_at));
-            let tests_with_it = stored.get(arm.name).map_or(0, |count| (count + 1).saturating_sub(planted.test()));
+            let tests_with_it =
+                stored.get(arm.name).map_or(0, |count| (count + 1).saturating_sub(planted.test()));
             Some(Answer { arm: arm.clone(), planted, tests_with_it, alarm: alarm.copied().cloned() })
         };
         let answers: Vec<Answer> = fleet.iter().filter_map(answer).collect();
@@ -115,7 +116,8 @@ impl Verdict {
     }
 
     pub(super) fn print(&self) {
-        let header = ["robot", "joint", "planted", "from test", "found", "joint", "severity", "test", "tests later"];
+        let header =
+            ["robot", "joint", "planted", "from test", "found", "joint", "severity", "test", "tests later"];
         let rows: Vec<Vec<String>> = self.answers.iter().map(Answer::cells).collect();
         output::line(&format!("\n{}\n", output::table(&header, &rows)));
         for answer in self.answers.iter().filter(|answer| !answer.is_right()) {
@@ -134,7 +136,9 @@ impl Verdict {
         let (found, planted) =
             (self.answers.iter().filter(|answer| answer.is_right()).count(), self.answers.len());
         output::line(&match self.is_right() {
-            true => format!("{found} of {planted} faults were found, each with its joint and kind; no false alarm"),
+            true => format!(
+                "{found} of {planted} faults were found, each with its joint and kind; no false alarm"
+            ),
             false => format!(
                 "{found} of {planted} faults were found with joint and kind; false alarms: {}",
                 self.further.len()
@@ -190,12 +194,18 @@ impl Answer {
         let (name, planted_kind) = (arm.name, planted.kind);
         match alarm {
             Some(alarm) => {
-                format!("{name}: the alarm says {}, which should be {planted_kind}: {}", alarm.kind, alarm.message)
+                format!(
+                    "{name}: the alarm says {}, which should be {planted_kind}: {}",
+                    alarm.kind, alarm.message
+                )
             }
             None if *tests_with_it == 0 => {
                 format!("{name}: no test with the fault is stored yet, so nothing can be said of it")
             }
-            None => format!("{name}: no alarm of joint {} in {tests_with_it} tests with the fault", joint(planted.fault.joint)),
+            None => format!(
+                "{name}: no alarm of joint {} in {tests_with_it} tests with the fault",
+                joint(planted.fault.joint)
+            ),
         }
     }
 
