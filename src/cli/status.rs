@@ -76,13 +76,13 @@ impl Fleet {
         for row in &self.health {
             match robots.last_mut().filter(|(robot, ..)| *robot == row.robot) {
                 Some((_, worst, joints)) => {
-                    *worst = if rank(row.status) < rank(*worst) { row.status } else { *worst };
+                    *worst = if row.status.rank() < worst.rank() { row.status } else { *worst };
                     joints.push(row);
                 }
                 None => robots.push((&row.robot, row.status, vec![row])),
             }
         }
-        robots.sort_by_key(|(robot, status, _)| (rank(*status), robot.to_owned()));
+        robots.sort_by_key(|(robot, status, _)| (status.rank(), robot.to_owned()));
         robots
     }
 
@@ -212,18 +212,6 @@ impl Fleet {
             "anomalies": self.open.iter().map(words::as_value).collect::<Vec<_>>(),
             "quarantined": self.quarantine.len(), "live": live, "complete_runs": complete_runs, "cycles": cycles,
         })
-    }
-}
-
-/// From the worst, 0, to the best.
-fn rank(status: HealthStatus) -> u8 {
-    match status {
-        HealthStatus::Critical => 0,
-        HealthStatus::Warning => 1,
-        HealthStatus::Overdue => 2,
-        HealthStatus::Unknown => 3,
-        HealthStatus::Learning => 4,
-        HealthStatus::Ok => 5,
     }
 }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::analysis::finding::FindingKind;
 use crate::config::alerts::settings::Route;
 use crate::config::layout::channels::{JointDelays, Layout};
-use crate::config::serve::ServeSettings;
+use crate::config::serve::{ClientSettings, Scope, ServeSettings};
 use crate::config::settings::{Config, FleetEntry};
 use crate::config::snapshot::SnapshotSettings;
 use crate::robot::{JointKind, Robot, TorqueSensors};
@@ -38,6 +38,9 @@ pub fn summary(config: &Config) -> String {
     line("longest cycle", format!("{} rows", limits.cycle_rows));
     line("snapshot", config.snapshot.as_ref().map_or_else(|| "off".to_owned(), snapshot));
     line("HTTP", config.serve.as_ref().map_or_else(|| "off".to_owned(), serve));
+    if config.serve.is_some() {
+        line("HTTP clients", clients(&config.clients));
+    }
     for route in &config.alerts.routes {
         line(&format!("alarms, route {}", route.name), alert_route(route));
     }
@@ -86,15 +89,28 @@ fn serve(serve: &ServeSettings) -> String {
     };
     let upload = match &serve.upload {
         Some(upload) => format!(
-            "uploads to {}, {} bytes at most, {} at once, {} idle",
+            "uploads to {}, {} bytes at most, {} at once, {} idle, {} in all",
             upload.spool.display(),
             upload.max_bytes,
             upload.at_once,
-            seconds(upload.idle_timeout)
+            seconds(upload.idle_timeout),
+            seconds(upload.total_timeout)
         ),
         None => "no uploads".to_owned(),
     };
     format!("{}; {token}; {upload}", serve.listen)
+}
+
+fn clients(clients: &ClientSettings) -> String {
+    let scopes = |of: &[Scope]| of.iter().map(|scope| scope.name()).collect::<Vec<_>>().join(", ");
+    let requests = match clients.requests_per_s {
+        0.0 => "any number of requests".to_owned(),
+        most => format!("{most} requests a second of one address"),
+    };
+    let token = |token: &crate::config::serve::TokenSettings| {
+        format!("; token {} in {} may {}", token.name, token.file.display(), scopes(&token.scopes))
+    };
+    format!("{requests}{}", clients.tokens.iter().map(token).collect::<String>())
 }
 
 fn alert_route(route: &Route) -> String {
