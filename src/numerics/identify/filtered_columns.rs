@@ -3,8 +3,10 @@
 //! filtered alike (Gautier 1997, Dynamic identification of robots with power model). The other
 //! columns are smooth functions of channels that were filtered before.
 
+use crate::numerics::lanes::{LANES, Lanes};
 use crate::numerics::model::actuator::coupling_columns;
 use crate::numerics::model::regressor::Regressor;
+use crate::numerics::model::regressor_lanes::RegressorLanes;
 use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{CouplingTerm, JointIndex, ParameterId, ParameterKind, Robot};
 
@@ -59,6 +61,13 @@ pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Ve
 pub fn write_filtered_columns(columns: &[FilteredColumn], row: usize, y: &mut Regressor) {
     for of in columns {
         y.set(of.joint.index(), of.column, of.values[row]);
+    }
+}
+
+/// Puts the low-passed values of several rows, a lane each, into their regressor.
+pub fn write_filtered_lanes(columns: &[FilteredColumn], rows: &[usize; LANES], y: &mut RegressorLanes) {
+    for of in columns {
+        y.set(of.joint.index(), of.column, Lanes(rows.map(|row| of.values[row])));
     }
 }
 
