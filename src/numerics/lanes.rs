@@ -167,6 +167,41 @@ impl Mul<Lanes> for LaneVector {
     }
 }
 
+/// Numbers that sums and comparisons of long series take at once, so that none waits for the one before.
+const ABREAST: usize = 16;
+
+/// Sum of products of two series of one length.
+#[must_use]
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a, b) = (a.as_chunks::<ABREAST>(), b.as_chunks::<ABREAST>());
+    let mut sums = [0.0; ABREAST];
+    for (a, b) in a.0.iter().zip(b.0) {
+        for k in 0..ABREAST {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    let rest: f64 = a.1.iter().zip(b.1).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f64>() + rest
+}
+
+/// Smallest and largest of a series; infinite, the wrong way round, of none. What is not a number does not count.
+#[must_use]
+pub fn extent(series: &[f64]) -> [f64; 2] {
+    // comparisons in place of `f64::min`, which no register has
+    let lower = |low: f64, x: f64| if x < low { x } else { low };
+    let higher = |high: f64, x: f64| if x > high { x } else { high };
+    let (whole, rest) = series.as_chunks::<ABREAST>();
+    let (mut low, mut high) = ([f64::INFINITY; ABREAST], [f64::NEG_INFINITY; ABREAST]);
+    for of in whole {
+        for k in 0..ABREAST {
+            low[k] = lower(low[k], of[k]);
+            high[k] = higher(high[k], of[k]);
+        }
+    }
+    let all = |of: [f64; ABREAST]| of.into_iter().chain(rest.iter().copied());
+    [all(low).fold(f64::INFINITY, lower), all(high).fold(f64::NEG_INFINITY, higher)]
+}
+
 /// Work that [`wide`] compiles for wide registers: `run` and all that it calls must be `#[inline(always)]`.
 pub trait Kernel {
     /// Does the work.
@@ -209,6 +244,21 @@ mod tests {
             assert!((dot.0[lane] - u.dot(&v)).abs() < 1e-15);
             assert_eq!((at(&sum), at(&less)), (u + v, u - v));
             assert_eq!(at(&scaled), u * b.x.0[lane]);
+        }
+    }
+
+    #[test]
+    fn series_of_any_length_have_their_sum_and_ends() {
+        for length in [0, 1, 15, 16, 17, 100] {
+            let a: Vec<f64> = (0..length).map(|k| (k * 7919 % 101) as f64 - 50.0).collect();
+            let b: Vec<f64> = (0..length).map(|k| (k * 31 % 17) as f64).collect();
+            // whole numbers: sums in any order are the same
+            assert_eq!(dot(&a, &b), a.iter().zip(&b).map(|(a, b)| a * b).sum::<f64>());
+            let expected =
+                a.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], x| [l.min(*x), h.max(*x)]);
+            assert_eq!(extent(&a), expected);
+            let with_nan: Vec<f64> = a.iter().flat_map(|x| [f64::NAN, *x]).collect();
+            assert_eq!(extent(&with_nan), expected);
         }
     }
 

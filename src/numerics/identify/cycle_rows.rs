@@ -50,6 +50,13 @@ impl RowSource for CycleRows<'_> {
         self.robot.joint_count()
     }
 
+    fn record_length(&self) -> usize {
+        match (self.rows.first(), self.rows.last()) {
+            (Some(first), Some(last)) => last / self.step - first / self.step + 1,
+            _ => 0,
+        }
+    }
+
     fn each(&self, visit: &mut dyn FnMut(&SampleRows<'_>)) {
         let (n, b) = (self.joint_count(), self.columns());
         let (mut w, mut tau, mut used) = (vec![0.0; n * b], vec![0.0; n], vec![false; n]);

@@ -476,8 +476,9 @@ mod tests {
             assert!(i <= j || r[(i, j)] == 0.0);
         }
         let last = r.ncols() - 1;
-        let residual = expected[(last, last)].abs();
-        assert!((r[(last, last)].abs() - residual).abs() <= EQUAL * residual, "{residual}");
+        // few rows leave nearly nothing of a torque, and that is known as well as the torque is
+        let (residual, torque) = (expected[(last, last)].abs(), dense_gram[(last, last)].sqrt());
+        assert!((r[(last, last)].abs() - residual).abs() <= EQUAL * torque, "{residual} {torque}");
     }
 
     #[test]
