@@ -11,7 +11,8 @@ use pulp::{Arch, Simd, WithSimd};
 /// Numbers in a [`Lanes`].
 pub const LANES: usize = 4;
 
-/// A number of each of several instants or rows.
+/// A number of each of several instants or rows. Operations are written out: a closure or an iterator in each of them
+/// would be a call in a kernel too large for the compiler to inline more.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lanes(pub [f64; LANES]);
 
@@ -33,11 +34,6 @@ impl Lanes {
         let Self([a, b, c, d]) = self;
         (a + c) + (b + d)
     }
-
-    #[inline(always)]
-    fn with(self, other: Self, of: impl Fn(f64, f64) -> f64) -> Self {
-        Self(std::array::from_fn(|lane| of(self.0[lane], other.0[lane])))
-    }
 }
 
 impl Add for Lanes {
@@ -45,7 +41,8 @@ impl Add for Lanes {
 
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        self.with(other, |a, b| a + b)
+        let (Self([a, b, c, d]), Self([e, f, g, h])) = (self, other);
+        Self([a + e, b + f, c + g, d + h])
     }
 }
 
@@ -54,7 +51,8 @@ impl Sub for Lanes {
 
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        self.with(other, |a, b| a - b)
+        let (Self([a, b, c, d]), Self([e, f, g, h])) = (self, other);
+        Self([a - e, b - f, c - g, d - h])
     }
 }
 
@@ -63,7 +61,8 @@ impl Mul for Lanes {
 
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        self.with(other, |a, b| a * b)
+        let (Self([a, b, c, d]), Self([e, f, g, h])) = (self, other);
+        Self([a * e, b * f, c * g, d * h])
     }
 }
 
@@ -81,7 +80,8 @@ impl Neg for Lanes {
 
     #[inline(always)]
     fn neg(self) -> Self {
-        Self(self.0.map(|a| -a))
+        let Self([a, b, c, d]) = self;
+        Self([-a, -b, -c, -d])
     }
 }
 

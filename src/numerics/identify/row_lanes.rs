@@ -38,8 +38,12 @@ impl RowLanes {
                 *at = row;
                 count += 1;
             }
+            let [a, b, c, d] = at;
             for j in 0..robot.joint_count() {
-                let lanes = |channel: &[Vec<f64>]| Lanes(at.map(|row| channel[j][row]));
+                let lanes = |channels: &[Vec<f64>]| {
+                    let channel = &channels[j];
+                    Lanes([channel[a], channel[b], channel[c], channel[d]])
+                };
                 self.states.q[j] = lanes(&filtered.q);
                 self.states.qd[j] = lanes(&filtered.qd);
                 self.states.qdd[j] = lanes(&filtered.qdd);

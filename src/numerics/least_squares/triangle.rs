@@ -129,16 +129,19 @@ fn dot(x: &[Lanes], y: &[Lanes]) -> f64 {
 fn dots(x: &[Lanes], z: &[Lanes], columns: &[Lanes], stride: usize) -> ([f64; COLUMNS], [f64; COLUMNS]) {
     let height = x.len();
     let z = &z[..height];
-    let of: [&[Lanes]; COLUMNS] = std::array::from_fn(|k| &columns[k * stride..][..height]);
+    let (c0, c1) = (&columns[..height], &columns[stride..][..height]);
+    let (c2, c3) = (&columns[2 * stride..][..height], &columns[3 * stride..][..height]);
     let (mut of_x, mut of_z) = ([Lanes::ZERO; COLUMNS], [Lanes::ZERO; COLUMNS]);
     for row in 0..height {
         let (x, z) = (x[row], z[row]);
+        let of = [c0[row], c1[row], c2[row], c3[row]];
         for k in 0..COLUMNS {
-            of_x[k] += x * of[k][row];
-            of_z[k] += z * of[k][row];
+            of_x[k] += x * of[k];
+            of_z[k] += z * of[k];
         }
     }
-    (of_x.map(Lanes::sum), of_z.map(Lanes::sum))
+    let sums = |of: [Lanes; COLUMNS]| [of[0].sum(), of[1].sum(), of[2].sum(), of[3].sum()];
+    (sums(of_x), sums(of_z))
 }
 
 /// Takes `f` times `x` and `g` times `z` off each of [`COLUMNS`] columns.
@@ -159,9 +162,10 @@ fn subtract(
     let (c0, c1, c2, c3) = (&mut c0[..height], &mut c1[..height], &mut c2[..height], &mut c3[..height]);
     for row in 0..height {
         let (x, z) = (x[row], z[row]);
-        for (k, column) in [&mut c0[row], &mut c1[row], &mut c2[row], &mut c3[row]].into_iter().enumerate() {
-            *column -= x * f[k] + z * g[k];
-        }
+        c0[row] -= x * f[0] + z * g[0];
+        c1[row] -= x * f[1] + z * g[1];
+        c2[row] -= x * f[2] + z * g[2];
+        c3[row] -= x * f[3] + z * g[3];
     }
 }
 

@@ -99,8 +99,9 @@ impl Kernel for Links<'_> {
             partials[i] = PartialVelocity::of_own_joint(joint.kind);
             let of_link = &mut y.values[StandardParameters::COUNT * i * n..][..StandardParameters::COUNT * n];
             for (j, partial) in partials[..=i].iter().enumerate() {
-                for (k, value) in partial.link_columns(&motion).into_iter().enumerate() {
-                    of_link[k * n + j] = value;
+                let columns = partial.link_columns(&motion);
+                for k in 0..StandardParameters::COUNT {
+                    of_link[k * n + j] = columns[k];
                 }
             }
         }

@@ -83,9 +83,10 @@ impl Kernel for ThereAndBack<'_> {
         let Self { sections, channels, rows } = self;
         for (group, channels) in channels.iter().enumerate() {
             let inner = rows.len() - 2 * EDGE;
-            let channels = channels.map(|channel| &channel[..inner]);
+            let [a, b, c, d] = channels;
+            let (a, b, c, d) = (&a[..inner], &b[..inner], &c[..inner], &d[..inner]);
             for (row, out) in rows[EDGE..].iter_mut().take(inner).enumerate() {
-                out[group] = Lanes(std::array::from_fn(|lane| channels[lane][row]));
+                out[group] = Lanes([a[row], b[row], c[row], d[row]]);
             }
         }
         let last = rows.len() - 1;
@@ -111,8 +112,9 @@ fn filter<'r>(sections: &[Sos<f64>; SECTIONS], first: Rows, rows: impl Iterator<
     for row in rows {
         for group in 0..GROUPS {
             let mut x = row[group];
-            for (section, [near, far]) in sections.iter().zip(&mut states) {
-                let (b, a) = (&section.b, &section.a);
+            for k in 0..SECTIONS {
+                let (b, a) = (&sections[k].b, &sections[k].a);
+                let [near, far] = &mut states[k];
                 let y = x * b[0] + near[group];
                 near[group] = x * b[1] - y * a[1] + far[group];
                 far[group] = x * b[2] - y * a[2];
