@@ -334,7 +334,7 @@ fn summary(
         refusals: Vec::new(),
         joints: (0..n).map(|j| joint_summary(arm, event, has, j, test, indices[j], draws)).collect(),
         cycle_friction,
-        whole_cycle_rmsd: whole_cycles(arm, event, run, test, draws.aside()),
+        whole_cycle_rmsd: whole_cycles(arm, event, run, moment, test, draws.aside()),
         parameters: parameters(arm, event, has, test, identified, draws),
         response: Some(Arc::clone(&identified.response)),
         epochs: test.epochs.clone(),
@@ -345,11 +345,13 @@ fn summary(
 const LEFT_OF_WARMING: [f64; 2] = [0.3, 1.5];
 
 /// RMSD of each cycle as a whole. A cycle has one set of parameters, so that the faster its friction changes while it
-/// lasts, the worse it is fitted: a cold joint most of all. A push adds to one cycle.
+/// lasts, the worse it is fitted: a cold joint most of all. Friction that varies from one cycle to the next is in the
+/// parameters of each. A push adds to one cycle.
 fn whole_cycles(
     arm: &Arm<'_>,
     event: &Event,
     run: usize,
+    moment: &Moment,
     test: &TestFriction,
     mut draws: Draws,
 ) -> Vec<CycleRmsd> {
@@ -359,7 +361,8 @@ fn whole_cycles(
         let is_pushed = event.scenario == Scenario::Contact && j == event.joint && run == event.onset;
         let left =
             draws.log_between(LEFT_OF_WARMING[0], LEFT_OF_WARMING[1]) * joint.warm_nm / joint.torque_nm;
-        let friction = |k: usize| test.ln_ratio[j][k].exp();
+        let cold = joint.coldness(moment.rest_h);
+        let friction = |k: usize| joint.ln_friction(moment.hall_k, &cold, 1.0, test.minutes[k]).exp();
         let level = joint.unexplained * (joint.unexplained_walk * draws.normal()).exp();
         for k in 0..=last {
             let warming = left * (friction(k.min(last.saturating_sub(1))) - friction((k + 1).min(last)));

@@ -3,9 +3,8 @@
 //! The quantity is the moving relative RMSD of a joint over a whole cycle, all stages, under the cycle's own parameters: a
 //! push of seconds is in it wherever in the cycle it comes, and in no other cycle. How far a cycle stands out is the
 //! logarithm of its RMSD over the larger one of the cycles before and after. A cold arm fits badly in its first cycle,
-//! better in the second, and so on: that is no peak. The first cycle of a test is never judged, nor one without accepted
-//! neighbours or after a pause. Of the second, whose cold neighbour hides much, the mean of both neighbours' logarithms
-//! takes the place of the first cycle's own; the cycle must then be above all second cycles of earlier tests as well.
+//! better in the second, and so on: that is no peak. So the first cycle of a test is never judged, the second only if it
+//! is worse than the cold first one, and none without accepted neighbours or after a pause.
 //!
 //! A cycle is out if it stands out by a half at least, by more than chance at the rate of false alarms that is asked for
 //! (Student's distribution with the joint's own scatter about its neighbours), and by half as much again as any cycle
@@ -35,7 +34,7 @@ const BEYOND_EARLIER: f64 = 1.5;
 /// Least standard deviation of a cycle about its neighbours, in logarithms.
 const LEAST_SPREAD: f64 = 0.05;
 /// Fewest cycles that say what is usual, and the latest that do.
-const FEWEST_CYCLES: usize = 12;
+const FEWEST_CYCLES: usize = 24;
 const MOST_CYCLES: usize = 400;
 /// Interval between two cycles that is a pause, as a multiple of the usual one.
 const PAUSE: f64 = 1.5;
@@ -47,16 +46,12 @@ struct UsualPeaks {
     distances: Vec<f64>,
     /// How far a cycle stood out at most.
     furthest: f64,
-    /// Largest RMSD of a second cycle, and the tests that it is of.
-    second: f64,
-    tests: usize,
 }
 
 /// How cycles of all joints usually stand out, in the tests so far.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct UsualContacts {
     joints: Vec<UsualPeaks>,
-    baseline_runs: usize,
 }
 
 /// A cycle that stands out, in one joint.
@@ -71,13 +66,13 @@ struct Peak {
 
 impl UsualContacts {
     /// Before any test of a robot of so many joints.
-    pub(super) fn new(joints: usize, settings: &DetectSettings) -> Self {
-        Self { joints: vec![UsualPeaks::default(); joints], baseline_runs: settings.baseline_runs.max(1) }
+    pub(super) fn new(joints: usize) -> Self {
+        Self { joints: vec![UsualPeaks::default(); joints] }
     }
 
     /// Of these tests, oldest first.
-    pub(super) fn of(runs: &[RunSummary], joints: usize, settings: &DetectSettings) -> Self {
-        let mut usual = Self::new(joints, settings);
+    pub(super) fn of(runs: &[RunSummary], joints: usize) -> Self {
+        let mut usual = Self::new(joints);
         runs.iter().for_each(|run| usual.learn(run));
         usual
     }
@@ -90,10 +85,6 @@ impl UsualContacts {
                 let Some((distance, by)) = cycles.distances(place) else { continue };
                 usual.distances.push(distance);
                 usual.furthest = usual.furthest.max(by);
-            }
-            if let Some((_, value)) = cycles.0.iter().find(|(cycle, _)| *cycle == 2) {
-                usual.second = usual.second.max(*value);
-                usual.tests += 1;
             }
             let too_many = usual.distances.len().saturating_sub(MOST_CYCLES);
             usual.distances.drain(..too_many);
@@ -108,7 +99,7 @@ impl UsualContacts {
             if cycles.0.len() < 3 {
                 return None;
             }
-            let peak = usual.peak(&cycles, &pauses, alpha / self.joints.len() as f64, self.baseline_runs);
+            let peak = usual.peak(&cycles, &pauses, alpha / self.joints.len() as f64);
             Some((JointIndex::new(joint), peak))
         };
         self.joints.iter().enumerate().filter_map(of).collect()
@@ -116,7 +107,7 @@ impl UsualContacts {
 }
 
 impl UsualPeaks {
-    fn peak(&self, cycles: &Cycles, pauses: &[u32], alpha: f64, baseline_runs: usize) -> Option<Peak> {
+    fn peak(&self, cycles: &Cycles, pauses: &[u32], alpha: f64) -> Option<Peak> {
         let inner = 1..cycles.0.len() - 1;
         let tried = inner.len() as f64;
         let of = |place: usize| {
@@ -125,8 +116,7 @@ impl UsualPeaks {
                 return None;
             }
             let (cycle, value) = cycles.0[place];
-            let is_new = cycle > 2 || (self.tests >= baseline_runs && value > LEAST_RATIO * self.second);
-            if pauses.contains(&cycle) || !is_new {
+            if pauses.contains(&cycle) {
                 return None;
             }
             // the cycles beside this one have it in their own distances
@@ -168,9 +158,7 @@ impl Cycles {
             return None;
         }
         let [a, value, b] = [a, value, b].map(f64::ln);
-        let distance = value - 0.5 * (a + b);
-        let by = if before == 1 { distance.min(value - b) } else { value - a.max(b) };
-        Some((distance, by))
+        Some((value - 0.5 * (a + b), value - a.max(b)))
     }
 }
 
@@ -269,7 +257,7 @@ pub(super) fn contacts(
 ) -> Vec<Anomaly> {
     let joints = causes.len();
     let alpha = alpha(history, joints, settings);
-    let mut usual = UsualContacts::new(joints, settings);
+    let mut usual = UsualContacts::new(joints);
     let mut found: Vec<Option<Contact>> = Vec::with_capacity(history.len());
     for (place, run) in history.iter().enumerate() {
         let likeliest: Vec<Option<Cause>> =

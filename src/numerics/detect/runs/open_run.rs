@@ -67,7 +67,7 @@ impl UsualTests {
             (0..joints).all(|joint| ordinal(&run.epochs, joint) == ordinal(epochs, joint))
         };
         let compared: Vec<RunSummary> = history.iter().filter(of_epochs).cloned().collect();
-        let contacts = (UsualContacts::of(&compared, joints, settings), alpha(history, joints, settings));
+        let contacts = (UsualContacts::of(&compared, joints), alpha(history, joints, settings));
         let first = history.iter().filter(of_arm).take(settings.baseline_runs.max(2));
         Self { curves, joints: of_joints, contacts, arm_run_ids: first.map(|run| run.run_id).collect() }
     }
