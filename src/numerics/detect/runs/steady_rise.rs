@@ -110,7 +110,7 @@ pub(super) fn steady_rise(
 fn is_higher(tests: &[Observed], least: f64) -> bool {
     let means = || tests.windows(FEWEST).map(|of| of.iter().map(|of| of.ratio).sum::<f64>() / FEWEST as f64);
     let lowest = means().fold(f64::INFINITY, f64::min);
-    means().last().is_some_and(|latest| latest - lowest >= 0.5 * least)
+    means().next_back().is_some_and(|latest| latest - lowest >= 0.5 * least)
 }
 
 /// Values of which each is independent of those before, each with its weight.
