@@ -7,6 +7,7 @@ use jiff::Timestamp;
 
 use self::forecast::Forecast;
 use crate::analysis::friction::CycleFriction;
+use crate::analysis::measurements::CycleRmsd;
 use crate::analysis::refusal::RefusalCause;
 use crate::analysis::response::ChannelResponse;
 use crate::analysis::{JointSummary, ProductionJoint};
@@ -121,6 +122,9 @@ pub struct RunSummary {
     pub joints: Vec<JointSummary>,
     /// Friction of each cycle and joint with friction points, in the order of cycles and joints.
     pub cycle_friction: Vec<CycleSeries>,
+    /// Moving relative RMSD of each cycle as a whole under its own parameters, in the order of cycles and joints; cycles that
+    /// do not count are left out.
+    pub whole_cycle_rmsd: Vec<CycleRmsd>,
     /// Means over the cycles of the inertial base parameters, in natural order.
     pub parameters: Vec<RunParameter>,
     /// How its parameters answer to channels that read wrong, where that was read.

@@ -22,6 +22,7 @@ mod vanished;
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use book::{Begun, Closing, FileSchedule, NextAttempt};
@@ -33,6 +34,7 @@ use tokio_util::sync::CancellationToken;
 use crate::config::{Config, WatchSettings};
 use crate::ingest::find::watch::{Complaints, Scan};
 use crate::ingest::find::{tail, watch};
+use crate::metrics::{ExportEnd, LiveFile, Queue, Stage};
 use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
@@ -271,6 +273,7 @@ impl<'r> Work<'r> {
             }
             self.take_what_is_due();
             self.conclude_what_is_due();
+            self.count_queues();
             self.open_tests.begin(&self.pipeline);
             let next_look = self.next_look();
             tokio::select! {
@@ -301,8 +304,9 @@ impl<'r> Work<'r> {
     }
 
     async fn scan(&mut self, folders: &[PathBuf], complaints: &mut Complaints) -> Result<(), PipelineError> {
-        let owned = folders.to_vec();
+        let (owned, began) = (folders.to_vec(), Instant::now());
         let scan = tokio::task::spawn_blocking(move || watch::scan(&owned)).await?;
+        self.pipeline.metrics().scanned(scan.files.len(), began.elapsed());
         complaints.warn(&scan);
         let retries = self.note_retries().await;
         let lane_of = |path: &Path| robot_of(self.pipeline.config(), path);
@@ -396,6 +400,16 @@ impl<'r> Work<'r> {
         starting.into_iter().for_each(|(due, robot, class)| self.take(due, robot, class));
     }
 
+    /// Tells how many files wait and are being read.
+    fn count_queues(&self) {
+        let (metrics, config) = (self.pipeline.metrics(), self.pipeline.config());
+        metrics.queue(Queue::Growing, self.book.growing_waiting(), self.places.count());
+        for (class, queue) in [(Class::Small, Queue::Small), (Class::Large, Queue::Large)] {
+            let waiting = self.book.settled_waiting(|bytes| Class::of(bytes, config) == class);
+            metrics.queue(queue, waiting, self.settled[class as usize]);
+        }
+    }
+
     fn progressed(&mut self, file: FileId, progress: Progress) {
         match progress {
             Progress::Begun => self.admitted(file),
@@ -426,10 +440,16 @@ impl<'r> Work<'r> {
         let Place { sign, give_way } = self.places.give(due.file, &due.path, &self.stop, now);
         let (pipeline, sender) = (self.pipeline.clone(), self.progress.0.clone());
         let (ends, file) = (Ends { stop: self.stop.clone(), give_way }, due.file);
+        let live = named_robot(pipeline.config(), &due.path).map(|robot| pipeline.metrics().live(&robot));
+        let live = Arc::new(live);
         let progress = move |progress| {
             match progress {
                 Progress::Reading => sign.reads(Instant::now()),
-                Progress::Read(bytes) => sign.has_read(bytes),
+                Progress::Read(bytes) => {
+                    if sign.has_read(bytes) {
+                        live.iter().for_each(LiveFile::read);
+                    }
+                }
                 Progress::Begun | Progress::CaughtUp => {
                     sign.waits_for_others();
                     // nobody listens any more when the daemon ends
@@ -438,7 +458,7 @@ impl<'r> Work<'r> {
                 Progress::Grown(_) => {
                     let _ = sender.send((file, progress));
                 }
-                Progress::Cycle(_) => {}
+                Progress::Cycle(_) => live.iter().for_each(LiveFile::stored),
             }
         };
         self.tasks.spawn(async move {
@@ -493,7 +513,11 @@ impl<'r> Work<'r> {
         self.concluded_robot = Some(robot.clone());
         let pipeline = self.pipeline.clone();
         self.concluding.spawn(async move {
+            let began = Instant::now();
             let concluded = pipeline.conclude_isolated(&robot).await;
+            if matches!(concluded, Ok(Conclusion::Drawn(_))) {
+                pipeline.metrics().stage(Stage::Conclude, began.elapsed());
+            }
             (robot, concluded)
         });
     }
@@ -513,7 +537,10 @@ impl<'r> Work<'r> {
                 return Ok(());
             }
             Err(error) => return Err(error),
-            Ok(Conclusion::Faulty(_)) => self.stale.failed(robot, Instant::now()),
+            Ok(Conclusion::Faulty(_)) => {
+                self.pipeline.metrics().conclusion_failed();
+                self.stale.failed(robot, Instant::now());
+            }
             Ok(Conclusion::UpToDate) => self.stale.concluded(&robot),
             Ok(Conclusion::Drawn(concluded)) => {
                 self.stale.concluded(&robot);
@@ -544,6 +571,7 @@ impl<'r> Work<'r> {
             }
             Err(PipelineError::Task(error)) if error.is_panic() => {
                 tracing::error!(file = %due.path.display(), %error, "internal error; other exports go on");
+                self.pipeline.metrics().export(ExportEnd::Failed);
                 let is_growing = way == ReadMode::Growing;
                 self.book.close(&due, if is_growing { Closing::UntilSettled } else { Closing::Unreadable });
                 return Ok(());
@@ -553,6 +581,7 @@ impl<'r> Work<'r> {
         self.book.close(&due, closing(&followed, &way, read));
         if let Followed::Outcome(outcome) = &followed {
             log_outcome(&due.path, outcome);
+            self.pipeline.metrics().export(end_of(outcome));
             if let Outcome::Stored(run) = outcome {
                 self.stale.completed(&run.robot, Instant::now());
             }
@@ -585,12 +614,26 @@ async fn until(moment: Option<Instant>) {
     }
 }
 
+/// How what became of an export is counted.
+fn end_of(outcome: &Outcome) -> ExportEnd {
+    match outcome {
+        Outcome::Stored(_) => ExportEnd::Stored,
+        Outcome::AlreadyStored { .. } | Outcome::Quarantined { known: true, .. } => ExportEnd::Known,
+        Outcome::Quarantined { .. } => ExportEnd::Quarantined,
+        Outcome::Interrupted | Outcome::Changed | Outcome::Unreadable { .. } | Outcome::InWork { .. } => {
+            ExportEnd::Later
+        }
+    }
+}
+
 /// The robot that an export's name says, or the path of one that says none: such files do not wait for each
 /// other.
 fn robot_of(config: &Config, path: &Path) -> String {
+    named_robot(config, path).unwrap_or_else(|| path.display().to_string())
+}
+
+/// The robot that an export's name says.
+fn named_robot(config: &Config, path: &Path) -> Option<String> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    match config.recognition.recognise(&name) {
-        Ok(recognised) => recognised.robot,
-        Err(_) => path.display().to_string(),
-    }
+    config.recognition.recognise(&name).ok().map(|recognised| recognised.robot)
 }

@@ -2,8 +2,6 @@
 
 use std::process::ExitCode;
 
-use clap::Parser;
-
 fn main() -> ExitCode {
-    armwatch::cli::run(armwatch::cli::Cli::parse())
+    armwatch::cli::run(armwatch::cli::Cli::of_process())
 }

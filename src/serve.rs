@@ -6,10 +6,11 @@
 //! | request | does |
 //! |---|---|
 //! | `GET /` | the dashboard, a page that asks what follows (`page`) |
-//! | `/v1/fleet`, `/v1/views/VIEW`, `/v1/events`, ... | what is stored, and what people do with alarms (`api`) |
+//! | `/v1/fleet`, `/v1/views/VIEW`, `/v1/sql`, `/v1/events`, ... | what is stored, and what people do with alarms (`api`) |
 //! | `PUT /v1/exports/NAME` | takes an export, whole or from where an earlier attempt was cut (`upload`) |
 //! | `HEAD /v1/exports/NAME` | says in `Upload-Offset` how much of it is there |
-//! | `GET /v1/exports/HASH` | says what became of a content (`status`) |
+//! | `GET /v1/exports/HASH`, `/NAME` | says what became of an export (`status`) |
+//! | `GET /v1/openapi.json` | the description of all this (`openapi`) |
 //! | `GET /metrics` | figures for Prometheus (`metrics`) |
 //! | `GET /health`, `/ready` | whether the process lives, and whether it can work |
 //!
@@ -19,9 +20,12 @@ mod access;
 mod answer;
 mod api;
 mod metrics;
+mod openapi;
 mod page;
 mod part;
+mod rates;
 mod receive;
+mod requests;
 mod shared;
 mod spool;
 mod status;
@@ -33,25 +37,37 @@ use std::collections::hash_map::Entry;
 use std::future::Future;
 use std::net::{IpAddr, SocketAddr};
 use std::pin::pin;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
 
 use axum::Router;
-use axum::extract::DefaultBodyLimit;
-use axum::routing::{get, head};
+use axum::body::to_bytes;
+use axum::extract::{DefaultBodyLimit, Request, State};
+use axum::http::header::CONTENT_TYPE;
+use axum::http::{Method, StatusCode};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use hyper::body::Incoming;
 use hyper::server::conn::http1;
+use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OnceCell, Semaphore, watch};
 use tokio::task::{JoinHandle, JoinSet};
 use tokio_util::sync::CancellationToken;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
 
-use crate::config::{Config, ServeSettings};
+use crate::config::{ClientSettings, Config, ServeSettings};
+use crate::metrics::Metrics;
 use crate::store::Store;
 pub use access::TOKEN_VARIABLE;
 use access::{Access, AccessError};
-use shared::Uploads;
+use answer::Refusal;
+use rates::{Peer, Rates};
+use shared::{STATEMENTS, Uploads};
 use spool::Spool;
 
 /// Connections at once; each holds a socket and at most [`HEADER_BYTES`] before its request is understood.
@@ -65,6 +81,12 @@ const HEADERS: usize = 64;
 
 /// How long a client may take over the headers of a request, and stay connected without one.
 const HEADER_TIME: Duration = Duration::from_secs(15);
+
+/// Most bytes of a body that is no upload.
+const BODY_BYTES: usize = 256 << 10;
+
+/// How long a request may take until its answer begins; one that is no upload.
+const REQUEST_TIME: Duration = Duration::from_secs(60);
 
 /// How long requests in hand may take when the program stops. Uploads are cut sooner, and resumed later.
 const STOP_TIME: Duration = Duration::from_secs(5);
@@ -131,12 +153,12 @@ impl Server {
 ///
 /// # Errors
 /// [`ServeError::Access`].
-pub fn check_access(settings: &ServeSettings) -> Result<(), ServeError> {
-    Ok(Access::new(settings).map(|_| ())?)
+pub fn check_access(settings: &ServeSettings, clients: &ClientSettings) -> Result<(), ServeError> {
+    Ok(Access::new(settings, clients).map(|_| ())?)
 }
 
-/// Listens as `settings` say until `stop` is cancelled. Requests in hand are then finished, uploads cut where
-/// they can go on.
+/// Listens as `settings` say until `stop` is cancelled, and counts requests in `metrics`. Requests in hand are then
+/// finished, uploads cut where they can go on.
 ///
 /// # Errors
 /// [`ServeError`]; nothing listens then.
@@ -144,10 +166,12 @@ pub async fn start(
     settings: &ServeSettings,
     config: watch::Receiver<Arc<Config>>,
     store: Store,
+    metrics: Metrics,
     stop: CancellationToken,
 ) -> Result<Server, ServeError> {
-    let access = Access::new(settings)?;
-    access::warn_if_open(settings);
+    let clients = config.borrow().clients.clone();
+    let access = Access::new(settings, &clients)?;
+    access::warn_if_open(settings, &clients);
     let uploads = match &settings.upload {
         Some(upload) => {
             let spool = Spool::open(&upload.spool).map_err(|error| ServeError::Spool {
@@ -167,10 +191,15 @@ pub async fn start(
         store,
         access,
         uploads,
+        rates: Rates::new(clients.requests_per_s),
+        statements: Arc::new(Semaphore::new(STATEMENTS)),
+        replays: Semaphore::new(1),
+        description: OnceLock::new(),
         stop: stop.clone(),
         readiness: tokio::sync::Mutex::default(),
         config,
         looking: OnceCell::new(),
+        metrics,
         changes: watch::channel(0).0,
     });
     let cleaning = Arc::clone(&shared);
@@ -182,19 +211,64 @@ pub async fn start(
 }
 
 fn router(shared: Arc<Shared>) -> Router {
-    let exports = head(upload::offset).put(upload::put).get(status::of_content);
-    Router::new()
-        .merge(page::routes())
+    let described = OpenApiRouter::with_openapi(openapi::general())
         .merge(api::routes())
-        .route("/v1/exports/{name}", exports)
+        .routes(routes!(upload::offset, upload::put, status::of_export))
+        .routes(routes!(openapi::openapi))
+        .routes(routes!(status::health))
+        .routes(routes!(status::ready));
+    let (router, description) = described.split_for_parts();
+    match description.to_json() {
+        // a router is made once a server
+        Ok(text) => drop(shared.description.set(text)),
+        Err(error) => tracing::error!(%error, "the API has no description"),
+    }
+    router
+        .merge(page::routes())
         .route("/metrics", get(metrics::metrics))
-        .route("/health", get(status::health))
-        .route("/ready", get(status::ready))
         .fallback(status::nothing)
         .method_not_allowed_fallback(status::no_method)
         // uploads are counted where they are taken
-        .layer(DefaultBodyLimit::disable())
+        .layer(DefaultBodyLimit::max(BODY_BYTES))
+        .layer(from_fn_with_state(Arc::clone(&shared), bounded))
+        .layer(from_fn_with_state(Arc::clone(&shared), requests::count))
         .with_state(shared)
+}
+
+/// Answers a request within its bounds: how many the address may send, and how long one may take.
+async fn bounded(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
+    let path = request.uri().path();
+    let costs = path.starts_with("/v1/") || path == "/metrics";
+    if costs
+        && let Some(peer) = request.extensions().get::<Peer>()
+        && let Err(wait) = shared.rates.count(*peer, Instant::now())
+    {
+        return Refusal::too_many(wait.as_secs() + 1).into_response();
+    }
+    if *request.method() == Method::PUT {
+        // an upload has bounds of its own
+        return next.run(request).await;
+    }
+    match tokio::time::timeout(REQUEST_TIME, next.run(request)).await {
+        Ok(answer) => explained(answer).await,
+        Err(_) => Refusal::new(StatusCode::REQUEST_TIMEOUT, "the request took too long; send it again")
+            .into_response(),
+    }
+}
+
+/// A refusal of the library, such as that of a number that is none, in the form of all others.
+async fn explained(answer: Response) -> Response {
+    const LONGEST: usize = 4 << 10;
+    let is_text =
+        answer.headers().get(CONTENT_TYPE).is_some_and(|media| media.as_bytes().starts_with(b"text/plain"));
+    if !(answer.status().is_client_error() && is_text) {
+        return answer;
+    }
+    let status = answer.status();
+    match to_bytes(answer.into_body(), LONGEST).await {
+        Ok(text) => Refusal::new(status, String::from_utf8_lossy(&text)).into_response(),
+        Err(_) => Refusal::new(status, "the request is not understood").into_response(),
+    }
 }
 
 async fn accept(listener: TcpListener, router: Router, stop: CancellationToken) {
@@ -216,7 +290,7 @@ async fn accept(listener: TcpListener, router: Router, stop: CancellationToken) 
                 if let Some(client) = clients.enter(from.ip()) {
                     let (router, stop) = (router.clone(), stop.clone());
                     connections.spawn(async move {
-                        serve(stream, router, stop).await;
+                        serve(stream, Peer(from.ip()), router, stop).await;
                         drop((place, client));
                     });
                 } else {
@@ -270,14 +344,19 @@ impl Drop for Client {
     }
 }
 
-async fn serve(stream: TcpStream, router: Router, stop: CancellationToken) {
+async fn serve(stream: TcpStream, peer: Peer, router: Router, stop: CancellationToken) {
     let mut builder = http1::Builder::new();
     builder
         .timer(TokioTimer::new())
         .header_read_timeout(HEADER_TIME)
         .max_buf_size(HEADER_BYTES)
         .max_headers(HEADERS);
-    let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+    let router = TowerToHyperService::new(router);
+    let service = service_fn(move |mut request: hyper::Request<Incoming>| {
+        request.extensions_mut().insert(peer);
+        router.call(request)
+    });
+    let connection = builder.serve_connection(TokioIo::new(stream), service);
     let mut connection = pin!(connection);
     let ended = until_stop(&mut connection, &stop).await;
     let ended = match ended {

@@ -12,6 +12,8 @@ pub struct RunMeasurements {
     pub parameters: Vec<CycleParameters>,
     /// Moving relative RMSD of the excitation stage, by cycle and joint, where it is known.
     pub relative_rmsd: Vec<CycleRmsd>,
+    /// The same of the whole cycle, all stages.
+    pub whole_cycle_rmsd: Vec<CycleRmsd>,
 }
 
 /// A friction point and its cycle.
@@ -36,7 +38,7 @@ pub struct CycleParameters {
     pub parameters: Vec<IdentifiedParameter>,
 }
 
-/// Moving relative RMSD of the excitation stage of one joint in one cycle.
+/// Moving relative RMSD of one joint in one cycle, under the cycle's own parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CycleRmsd {
     /// Number of the cycle, from 1.

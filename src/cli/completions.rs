@@ -9,7 +9,8 @@ use super::shared::output;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  armwatch completions bash > ~/.local/share/bash-completion/completions/armwatch
+  armwatch completions bash \\
+      > ~/.local/share/bash-completion/completions/armwatch
   armwatch completions zsh > ~/.zfunc/_armwatch
   armwatch completions fish > ~/.config/fish/completions/armwatch.fish")]
 pub(super) struct CompletionsArgs {

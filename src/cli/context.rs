@@ -27,28 +27,32 @@ pub const EXIT_IO: u8 = 74;
 /// Stopped by a signal before everything was done; what is stored stays.
 pub const EXIT_STOPPED: u8 = 130;
 
+/// Heading of the options of every command.
+pub(super) const GLOBAL_HEADING: &str = "Global options";
+
 /// Options of every command.
 #[derive(Debug, Args)]
+#[command(next_help_heading = GLOBAL_HEADING)]
 pub(super) struct Global {
+    /// Database file, instead of the configuration's
+    #[arg(long, global = true, value_name = "FILE")]
+    pub(super) db: Option<PathBuf>,
     /// Configuration file [default: $ARMWATCH_CONFIG, else config/armwatch.toml, else
     /// armwatch.toml, else the shipped settings]
     #[arg(long, global = true, value_name = "FILE")]
     pub(super) config: Option<PathBuf>,
-    /// Database file, instead of the configuration's
-    #[arg(long, global = true, value_name = "FILE")]
-    pub(super) db: Option<PathBuf>,
-    /// How log lines look
-    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
-    pub(super) log_format: LogFormat,
+    /// Print results as JSON, one object a line
+    #[arg(long, global = true)]
+    pub(super) json: bool,
     /// More log lines; twice for all
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub(super) verbose: u8,
     /// Fewer log lines; twice for errors only
     #[arg(short, long, global = true, action = clap::ArgAction::Count, conflicts_with = "verbose")]
     pub(super) quiet: u8,
-    /// Print results as JSON, one object a line
-    #[arg(long, global = true)]
-    pub(super) json: bool,
+    /// How log lines look: for people, or one JSON object a line
+    #[arg(long, global = true, value_name = "FORMAT", value_enum, default_value_t = LogFormat::Text)]
+    pub(super) log_format: LogFormat,
 }
 
 impl Global {
@@ -64,9 +68,8 @@ impl Global {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum LogFormat {
-    /// Lines for people
+    // without texts of their own: these would stand in the help of each command
     Text,
-    /// One JSON object a line
     Json,
 }
 

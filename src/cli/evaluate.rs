@@ -36,26 +36,26 @@ Examples:
   armwatch evaluate --json")]
 pub(in crate::cli) struct EvaluateArgs {
     /// Robots of each scenario; with --rates, series of each kind
-    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(help_heading = "What is simulated", long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     robots: u32,
     /// Years that each robot is watched
-    #[arg(long, default_value_t = 1.0, value_parser = years)]
+    #[arg(help_heading = "What is simulated", long, default_value_t = 1.0, value_parser = years)]
     years: f64,
     /// Seed of all that is drawn; the same seed gives the same figures
-    #[arg(long, default_value_t = 1)]
+    #[arg(help_heading = "What is simulated", long, default_value_t = 1)]
     seed: u64,
     /// One scenario, several times for more; all of them unless one is given here or with --size
-    #[arg(long, value_name = "NAME", value_parser = scenario)]
+    #[arg(help_heading = "What is simulated", long, value_name = "NAME", value_parser = scenario)]
     scenario: Vec<Scenario>,
     /// Size that every event of a scenario has, instead of drawn ones, in the unit that `--json` tells;
     /// several times for more
-    #[arg(long, value_name = "NAME=SIZE", value_parser = size)]
+    #[arg(help_heading = "What is simulated", long, value_name = "NAME=SIZE", value_parser = size)]
     size: Vec<(Scenario, f64)>,
     /// Writes probability and delay of detection over size as a picture, .svg or .html
-    #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
+    #[arg(help_heading = "Results", long, value_name = "FILE", value_parser = PlotFile::parse)]
     plot: Option<PlotFile>,
     /// Realised rates and delays of single series
-    #[arg(long, conflicts_with_all = ["scenario", "size", "years", "plot"])]
+    #[arg(help_heading = "Results", long, conflicts_with_all = ["scenario", "size", "years", "plot"])]
     rates: bool,
 }
 
@@ -214,7 +214,7 @@ fn figure(own: &DetectorScore, settings: &FleetSettings) -> Figure {
         &faults.map(curve).collect::<Vec<_>>(),
         "Detection of faults on simulated fleets".into(),
         format!(
-            "{} robots a fault, each watched for {}, seed {}; thin lines: 95 % interval",
+            "{} robots a fault, each watched for {}, seed {}",
             settings.robots,
             if settings.years == 1.0 { "one year".into() } else { format!("{} years", settings.years) },
             settings.seed

@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use jiff::Unit;
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, runtime};
-use super::shared::output;
+use super::shared::{output, paths};
 use crate::analysis::CycleAnalysis;
 use crate::config::{Config, Layout, layout_units};
 use crate::ingest::table::cell_reader::PassedOver;
@@ -28,7 +29,8 @@ const LISTED_COLUMNS: usize = 12;
 Examples:
   armwatch explain R00_20260105_0847_Col23_20s_cycle5.csv.gz
   armwatch explain new.csv --config trial.toml --quick
-  armwatch explain inbox/*.csv --json | jq 'select(.next != \"nothing\") | .problems'
+  armwatch explain inbox/*.csv --json | \\
+      jq 'select(.next != \"nothing\") | .problems'
 
 Says of each export whose it is and why, how its columns are read, which stages and cycles it has, what the
 analysis has to say of it, whether its content is stored already, and what `armwatch run` would do with it. It is
@@ -49,8 +51,11 @@ pub(super) fn explain(global: &Global, args: &ExplainArgs) -> Result<u8, CliErro
         let mut explainer = Explainer::new(Arc::clone(&config)).await;
         let mut code = EXIT_DONE;
         for (number, path) in args.files.iter().enumerate() {
-            if !path.is_file() {
-                return Err(CliError::Usage(format!("{}: no such file", path.display())));
+            if paths::metadata(path)?.is_dir() {
+                return Err(CliError::Usage(format!(
+                    "{0}: is a folder; name exports, such as {0}/*.csv",
+                    path.display()
+                )));
             }
             let explanation = explainer.explain(path, args.quick).await?;
             if explanation.next == Next::Quarantine {
@@ -81,6 +86,7 @@ fn as_text(config: &Config, of: &Explanation) -> String {
     if problems.is_empty() {
         lines.push(topic("problems", "none"));
     }
+    lines.extend(remarks(of).iter().map(|remark| topic("remark", remark)));
     lines.push(topic("ledger", &ledger_text(&of.ledger)));
     lines.push(topic("next", &next_text(config, of)));
     lines.join("\n")
@@ -96,13 +102,19 @@ fn recognised_lines(of: &RecognisedAs) -> Vec<String> {
         None if of.named_start => "from the file's name".to_owned(),
         None => "the file's time, as its name has none".to_owned(),
     };
+    let by = match &of.pattern {
+        Some(pattern) => format!("by recognition.file_name '{pattern}'"),
+        None => "the name of the file: recognition.file_name does not match it".to_owned(),
+    };
+    // the time of a file has digits that say nothing
+    let started_at = of.started_at.round(Unit::Millisecond).unwrap_or(of.started_at);
     vec![
-        topic("robot", &format!("{}, by recognition.file_name '{}'", of.robot, of.pattern)),
+        topic("robot", &format!("{}, {by}", of.robot)),
         topic(
             "description",
             &format!("{}, of the entry [[robot]] name = \"{}\"", of.entry.description.model, of.entry.robots),
         ),
-        topic("start", &format!("{}, {from}", of.started_at)),
+        topic("start", &format!("{started_at}, {from}")),
     ]
 }
 
@@ -276,23 +288,35 @@ fn problems(of: &Explanation) -> Vec<String> {
     if reading.passed_over.rows > 0 {
         problems.push(passed_over_text(&reading.passed_over, of));
     }
-    // what is said of several cycles is said once
+    problems.extend(said_of_cycles(reading, |analysis| {
+        analysis.refusal().map(|reason| format!("no parameters: {reason}")).into_iter().collect()
+    }));
+    problems
+}
+
+/// What the analysis remarks of cycles that it takes.
+fn remarks(of: &Explanation) -> Vec<String> {
+    of.reading
+        .as_ref()
+        .map_or_else(Vec::new, |reading| said_of_cycles(reading, |analysis| analysis.remarks.clone()))
+}
+
+/// What is said of cycles; what is said of several is said once, with their numbers.
+fn said_of_cycles(reading: &ExportReading, of: impl Fn(&CycleAnalysis) -> Vec<String>) -> Vec<String> {
     let mut said: Vec<(String, Vec<u32>)> = Vec::new();
     for cycle in &reading.cycles {
-        let Some(analysis) = &cycle.analysis else { continue };
-        let refused = analysis.refusal().map(|reason| format!("no parameters: {reason}"));
-        for text in refused.into_iter().chain(analysis.remarks.iter().cloned()) {
+        for text in cycle.analysis.as_ref().map(&of).unwrap_or_default() {
             match said.iter_mut().find(|(known, _)| *known == text) {
                 Some((_, cycles)) => cycles.push(cycle.cycle),
                 None => said.push((text, vec![cycle.cycle])),
             }
         }
     }
-    problems.extend(said.into_iter().map(|(text, cycles)| {
+    let numbered = |(text, cycles): (String, Vec<u32>)| {
         let numbers: Vec<String> = cycles.iter().map(u32::to_string).collect();
         format!("cycle {}: {text}", numbers.join(", "))
-    }));
-    problems
+    };
+    said.into_iter().map(numbered).collect()
 }
 
 fn passed_over_text(passed_over: &PassedOver, of: &Explanation) -> String {
@@ -369,6 +393,7 @@ fn as_value(of: &Explanation) -> serde_json::Value {
         "supersedes_run_id": supersedes,
         "ledger": ledger_text(&of.ledger),
         "problems": problems(of),
+        "remarks": remarks(of),
         "rejection": of.rejection.as_ref().map(|rejection| json!({
             "line": rejection.line, "column": rejection.column, "value": rejection.value,
             "reason": rejection.reason, "remedy": rejection.remedy,

@@ -3,11 +3,10 @@
 use clap::Args;
 use clap::builder::NonEmptyStringValueParser;
 use jiff::Timestamp;
-use jiff::civil::{Date, DateTime};
-use jiff::tz::TimeZone;
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store, open_to_read, runtime, shared};
+use super::shared::moment::moment;
 use super::shared::output;
 use super::shared::user::user;
 use crate::anomaly::epoch::Maintenance;
@@ -22,7 +21,8 @@ use crate::store::{MaintenanceRow, NewMaintenance, Store, StoreError};
 Examples:
   armwatch maintenance Left --joint 3 --what \"gearbox changed\"
   armwatch maintenance Left --what \"all joints greased\" --at 2026-03-01
-  armwatch maintenance Left --joint 5 --what \"brake changed\" --at 2026-03-01T14:30:00Z --by mueller
+  armwatch maintenance Left --joint 5 --what \"brake changed\" \\
+      --at 2026-03-01T14:30:00Z --by mueller
   armwatch maintenance --list
   armwatch maintenance --list Left --json
   armwatch maintenance --remove 7
@@ -54,17 +54,6 @@ pub(super) struct MaintenanceArgs {
     /// Remove the entry of this number, as --list shows it
     #[arg(long, value_name = "NUMBER", conflicts_with_all = ["robot", "what", "joint", "at", "by"])]
     remove: Option<i64>,
-}
-
-/// Reads a time: RFC 3339, or a date with or without a time of day, which are UTC.
-fn moment(text: &str) -> Result<Timestamp, String> {
-    let utc = |civil: DateTime| civil.to_zoned(TimeZone::UTC).ok().map(|zoned| zoned.timestamp());
-    let found = text
-        .parse::<Timestamp>()
-        .ok()
-        .or_else(|| text.parse::<DateTime>().ok().and_then(utc))
-        .or_else(|| text.parse::<Date>().ok().and_then(|date| utc(date.at(0, 0, 0, 0))));
-    found.ok_or_else(|| "give 2026-03-01, 2026-03-01T14:30 (both UTC) or 2026-03-01T14:30:00+01:00".into())
 }
 
 pub(super) fn maintenance(global: &Global, args: &MaintenanceArgs) -> Result<u8, CliError> {
@@ -107,7 +96,7 @@ async fn list(global: &Global, store: &Store, robot: Option<&str>) -> Result<u8,
             ]
         };
         let rows: Vec<Vec<String>> = rows.iter().map(cells).collect();
-        output::line(&output::table(&["number", "robot", "joint", "at (UTC)", "what", "by"], &rows));
+        output::print_table(&["number", "robot", "joint", "at (UTC)", "what", "by"], &rows, &[]);
     }
     Ok(EXIT_DONE)
 }
@@ -240,26 +229,5 @@ fn as_value(row: &MaintenanceRow) -> serde_json::Value {
 }
 
 fn minute(time: Timestamp) -> String {
-    time.strftime("%Y-%m-%d %H:%M").to_string()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn times_are_utc_unless_they_say_otherwise() {
-        let expected = |text: &str| text.parse::<Timestamp>().expect("a time");
-        for (text, time) in [
-            ("2026-03-01", "2026-03-01T00:00:00Z"),
-            ("2026-03-01T14:30", "2026-03-01T14:30:00Z"),
-            ("2026-03-01 14:30:05", "2026-03-01T14:30:05Z"),
-            ("2026-03-01T14:30:00+01:00", "2026-03-01T13:30:00Z"),
-        ] {
-            assert_eq!(moment(text), Ok(expected(time)), "{text}");
-        }
-        for text in ["yesterday", "01.03.2026", "", "2026-13-01"] {
-            assert!(moment(text).is_err_and(|words| words.contains("2026-03-01")), "{text}");
-        }
-    }
+    time.strftime("%Y-%m-%d %H:%MZ").to_string()
 }

@@ -14,15 +14,19 @@ mod evaluate;
 mod calibrate;
 mod completions;
 mod context;
+mod help;
+mod man;
 mod demo;
 mod ingest;
 mod maintenance;
 mod parameters;
+mod report;
 mod rmsd;
 mod run;
 mod lists;
 mod sql;
 mod snapshot;
+mod export;
 mod status;
 mod explain;
 mod torque;
@@ -30,12 +34,18 @@ mod verify;
 
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::cli::context::{EXIT_IO, Global, LogFormat};
 use crate::telemetry;
 
 const EXIT_CODES_HELP: &str = "\
+Examples:
+  armwatch demo
+  armwatch ingest exports/ --db fleet.db
+  armwatch status --db fleet.db
+  armwatch alerts list --help
+
 Exit status:
   0    done
   1    done, but an export was quarantined or a check found a difference
@@ -44,12 +54,12 @@ Exit status:
   74   database or file could not be read or written
   130  stopped by a signal; run again to continue
 
-Times are UTC, units SI. Results go to standard output, progress and logs to standard error.";
+Times are UTC, units SI. Results go to standard output, progress and logs to standard error. Output is coloured on a
+terminal; NO_COLOR=1 in the environment turns that off. Each command has examples and texts of its own in --help.";
 
-/// Watches robot arms' test exports, identifies dynamics and friction per cycle, stores them in
-/// SQLite and flags drift and oscillation.
+/// Watch exports of robot arms for drift of friction and dynamics
 #[derive(Debug, Parser)]
-#[command(name = "armwatch", version, about, max_term_width = 100, after_help = EXIT_CODES_HELP)]
+#[command(name = "armwatch", version, long_about = env!("CARGO_PKG_DESCRIPTION"), after_help = EXIT_CODES_HELP)]
 pub struct Cli {
     #[command(flatten)]
     global: Global,
@@ -57,15 +67,33 @@ pub struct Cli {
     command: Command,
 }
 
+impl Cli {
+    /// The command line of this process; ends it where that is wrong, or asks for help.
+    #[must_use]
+    pub fn of_process() -> Self {
+        let mut command = Self::dressed_command();
+        let matches = command
+            .try_get_matches_from_mut(std::env::args_os())
+            .unwrap_or_else(|error| help::with_what_is_meant(error, &command).exit());
+        Self::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut command).exit())
+    }
+
+    /// All commands with their help as people see it.
+    #[must_use]
+    pub fn dressed_command() -> clap::Command {
+        help::dressed(Self::command())
+    }
+}
+
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Simulate a small fleet, ingest it while it is being written, and print what is found
-    Demo(demo::DemoArgs),
+    /// Show a small simulated fleet at work, with its dashboard
+    Demo(demo::command::DemoArgs),
     /// Watch the configured folders until stopped
     Run(run::RunArgs),
     /// Take files or folders through the pipeline once
     Ingest(ingest::IngestArgs),
-    /// The fleet at a glance: every joint, open alarms, quarantine, what is being read
+    /// The fleet at a glance: joints, alarms, quarantine, live exports
     Status(status::StatusArgs),
     /// Robots, with their tests and where they stand
     Robots(lists::RobotsArgs),
@@ -75,52 +103,58 @@ enum Command {
     Cycles(lists::CyclesArgs),
     /// Ask the database in SQL, for reading only
     Sql(sql::SqlArgs),
-    /// Write a copy of what is stored that any user and machine can read
+    /// Write a copy of the database that any user can read
     Snapshot(snapshot::SnapshotArgs),
-    /// Exports that were not understood: list and explain them, have them read again
+    /// Write the public views as CSV or Parquet files
+    Export(export::ExportArgs),
+    /// Exports that were not understood: list, explain, retry, dismiss
     Quarantine(quarantine::command::QuarantineArgs),
-    /// Enter work on a robot, which begins a new baseline; list and remove such entries
+    /// Enter work on a robot, which begins a new baseline
     Maintenance(maintenance::MaintenanceArgs),
     /// Anomalies: list and show them, say what is done about them
     Alerts(alerts::command::AlertsArgs),
-    /// Say what would become of an export, without storing anything
+    /// What would become of an export; nothing is stored
     Explain(explain::ExplainArgs),
-    /// Identify one parameter set on chosen cycles from what is stored of them
+    /// Identify one parameter set on chosen cycles
     Identify(identify::args::IdentifyArgs),
     /// List, show or delete what `identify --save` keeps
     Parameters(parameters::ParametersArgs),
-    /// Verify parameters against other runs from what is stored of them
+    /// Verify parameters against other runs
     Verify(verify::VerifyArgs),
-    /// Measured and estimated torque of one cycle, as rows or as a picture
+    /// Measured and estimated torque of one cycle
     Torque(torque::TorqueArgs),
-    /// RMSD of a run by cycle: each stage, the whole cycle, start and end of warming
+    /// RMSD of a run by cycle and stage
     Rmsd(rmsd::RmsdArgs),
-    /// Friction of runs over time, with warm-up curves fitted to it
+    /// Friction over time, speed and runs; the friction index
     Friction(friction::command::FrictionArgs),
-    /// Write exports of a described arm, with chosen faults and a truth file
+    /// A run or a robot on one page, in words, figures and tables
+    Report(report::command::ReportArgs),
+    /// Write exports of an arm, with chosen faults and a truth file
     Simulate(simulate::command::SimulateArgs),
-    /// Look at a robot description
+    /// Robot descriptions: check one, drive gains, URDF
     Robot {
         #[command(subcommand)]
         command: RobotCommand,
     },
-    /// Layouts of exports
+    /// Layouts of exports: propose one for an unknown export
     Layout {
         #[command(subcommand)]
         command: LayoutCommand,
     },
-    /// Measure how good and how fast the program is, on simulated exports
+    /// Measure coverage of intervals, speed and memory
     Benchmark {
         #[command(subcommand)]
         command: BenchmarkCommand,
     },
-    /// Measure the detectors on simulated fleets: false alarms, detection, delay, cause
+    /// Measure the detectors on simulated fleets
     Evaluate(evaluate::EvaluateArgs),
-    /// From which change on friction is an alarm at the rate of false alarms that is asked for, and how soon
+    /// From which change of friction on there is an alarm, and how soon
     Calibrate(calibrate::CalibrateArgs),
-    /// Print completions of commands and options for a shell
+    /// Completions of commands and options for a shell
     Completions(completions::CompletionsArgs),
-    /// Look at a configuration, or write one to edit
+    /// Manual pages, one a command
+    Man(man::ManArgs),
+    /// The configuration: check it, show it, write one to edit
     Config {
         #[command(subcommand)]
         command: ConfigCommand,
@@ -189,7 +223,7 @@ pub fn run(cli: Cli) -> ExitCode {
     };
     telemetry::start(format, verbosity.saturating_add(usual));
     let done = match cli.command {
-        Command::Demo(args) => demo::demo(&cli.global, &args),
+        Command::Demo(args) => demo::command::demo(&cli.global, &args),
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
         Command::Status(args) => status::status(&cli.global, &args),
@@ -198,6 +232,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Cycles(args) => lists::cycles(&cli.global, &args),
         Command::Sql(args) => sql::sql(&cli.global, &args),
         Command::Snapshot(args) => snapshot::snapshot(&cli.global, &args),
+        Command::Export(args) => export::export(&cli.global, &args),
         Command::Quarantine(args) => quarantine::command::quarantine(&cli.global, &args),
         Command::Maintenance(args) => maintenance::maintenance(&cli.global, &args),
         Command::Alerts(args) => alerts::command::alerts(&cli.global, &args),
@@ -208,6 +243,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Torque(args) => torque::torque(&cli.global, &args),
         Command::Rmsd(args) => rmsd::rmsd(&cli.global, &args),
         Command::Friction(args) => friction::command::friction(&cli.global, &args),
+        Command::Report(args) => report::command::report(&cli.global, &args),
         Command::Simulate(args) => simulate::command::simulate(&cli.global, &args),
         Command::Robot { command: RobotCommand::Check(args) } => robot::check::check(&cli.global, &args),
         Command::Robot { command: RobotCommand::DriveGains(args) } => {
@@ -229,7 +265,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Config { command: ConfigCommand::Check } => config::check::check(&cli.global),
         Command::Config { command: ConfigCommand::Show } => config::show::show(&cli.global),
         Command::Config { command: ConfigCommand::Init(args) } => config::init::init(&cli.global, &args),
-        Command::Completions(args) => completions::completions(&args, &mut Cli::command()),
+        Command::Completions(args) => completions::completions(&args, &mut Cli::dressed_command()),
+        Command::Man(args) => man::man(&cli.global, &args, Cli::dressed_command()),
     };
     let status = done.unwrap_or_else(|error| {
         shared::output::print_error(&error);

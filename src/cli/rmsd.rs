@@ -7,7 +7,8 @@ use serde_json::json;
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::identify::output::rmsd_value;
 use super::shared::output;
-use super::shared::plot::PlotFile;
+use super::shared::plot::{PlotFile, rmsd_limits};
+use super::shared::verification::verified_cycles;
 use crate::analysis::{Rmsd, RmsdPair, RmsdScope, WarmingContrast};
 use crate::numerics::statistics::descriptive::{mean, standard_deviation};
 use crate::report::rmsd::{CycleVerification, rmsd_figure};
@@ -28,9 +29,9 @@ Examples:
 
 For each joint a line a cycle: RMSD of estimated against measured torque with the cycle's own parameters,
 which were identified on its excitation stage, over the excitation, friction and warming stages and the whole
-cycle, and over the first and the last third of warming; over all rows and (moving_) without those in which
-the joint is slower than its low-speed threshold. relative divides by the RMS of the measured torque over the
-same rows; figures above 10 % are marked with *. Friction falls inside a cycle, so the start of warming and
+cycle, and over the first and the last third of warming; without the rows in which the joint is slower than its
+low-speed threshold (moving_), and over all rows. relative divides by the RMS of the measured torque over the
+same rows; figures of moving rows above 10 % are marked with *. Friction falls inside a cycle, so the start of warming and
 its end differ most in cold cycles. The same stands in the views cycle_rmsd and warming_contrast.")]
 pub(super) struct RmsdArgs {
     /// The run
@@ -67,7 +68,7 @@ pub(super) fn rmsd(global: &Global, args: &RmsdArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     let (run, cycles) = runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
-        let done = verified_cycles(args, &store).await;
+        let done = run_and_cycles(args, &store).await;
         store.close().await?;
         done
     })?;
@@ -75,8 +76,8 @@ pub(super) fn rmsd(global: &Global, args: &RmsdArgs) -> Result<u8, CliError> {
     if let Some(plot) = &args.plot {
         let title = format!("{}, run {}: RMSD by cycle", run.robot, run.run_id);
         let subtitle = "estimated against measured torque with each cycle's own parameters, rows in which the \
-                        joint moves, as a fraction of the measured torque's RMS";
-        plot.write(&rmsd_figure(&of_joints(&cycles, &shown), title, subtitle.into()))?;
+                        joint moves, as a fraction of the measured torque's RMS; logarithmic scale";
+        plot.write(&rmsd_figure(&of_joints(&cycles, &shown), rmsd_limits(&config), title, subtitle.into()))?;
     }
     if global.json {
         cycles.iter().for_each(|of| output::json(&as_value(&run, of, &shown)));
@@ -86,22 +87,13 @@ pub(super) fn rmsd(global: &Global, args: &RmsdArgs) -> Result<u8, CliError> {
     Ok(EXIT_DONE)
 }
 
-async fn verified_cycles(
+async fn run_and_cycles(
     args: &RmsdArgs,
     store: &Store,
 ) -> Result<(RunSource, Vec<CycleVerification>), CliError> {
     let run = store.run_source(args.run).await?;
     let run = run.ok_or_else(|| CliError::Usage(format!("there is no run {}", args.run)))?;
-    let rmsd = store.self_rmsd(args.run).await?;
-    let contrasts = store.warming_contrasts(args.run).await?;
-    let states = store.cycle_states(args.run).await?;
-    let cycles = states.into_iter().map(|state| CycleVerification {
-        cycle: state.cycle,
-        rmsd: rmsd.iter().filter(|of| of.cycle == state.cycle).map(|of| of.value).collect(),
-        contrast: contrasts.iter().filter(|of| of.cycle == state.cycle).map(|of| of.value).collect(),
-        reason: state.reason,
-    });
-    Ok((run, cycles.collect()))
+    Ok((run, verified_cycles(store, args.run).await?))
 }
 
 fn shown_joints(
@@ -134,7 +126,7 @@ fn of_joints(cycles: &[CycleVerification], shown: &[JointIndex]) -> Vec<CycleVer
 
 fn as_text(args: &RmsdArgs, run: &RunSource, cycles: &[CycleVerification], shown: &[JointIndex]) -> String {
     let mut header = vec!["cycle".to_string()];
-    for prefix in ["", "moving_"] {
+    for prefix in ["moving_", ""] {
         let columns = SCOPES.iter().map(|scope| scope.name()).chain(["warming_start", "warming_end"]);
         header.extend(columns.map(|name| format!("{prefix}{name}")));
     }
@@ -164,13 +156,13 @@ fn as_text(args: &RmsdArgs, run: &RunSource, cycles: &[CycleVerification], shown
         }
     }
     let unit = match args.figure {
-        FigureArg::Relative => "relative RMSD of the torque; * above 10 %",
+        FigureArg::Relative => "relative RMSD of the torque; * moving rows above 10 %",
         FigureArg::Nm => "RMSD of the torque, Nm",
     };
     format!("{text}{}, run {}: {unit}", run.robot, run.run_id)
 }
 
-/// Figures of one line of the table, in the order of its columns.
+/// Figures of one line of the table, in the order of its columns: moving rows first, then all rows.
 fn figures(of: &CycleVerification, joint: JointIndex, figure: FigureArg) -> Vec<Option<f64>> {
     let contrast = of.contrast.iter().find(|found| found.joint == joint);
     let pairs: Vec<Option<RmsdPair>> = SCOPES
@@ -187,20 +179,21 @@ fn figures(of: &CycleVerification, joint: JointIndex, figure: FigureArg) -> Vec<
     };
     let all = pairs.iter().map(|pair| pair.and_then(|pair| value(pair.all_rows)));
     let moving = pairs.iter().map(|pair| pair.and_then(|pair| value(pair.moving_rows)));
-    all.chain(moving).collect()
+    moving.chain(all).collect()
 }
 
 fn cells(name: &str, figures: &[Option<f64>], figure: FigureArg) -> Vec<String> {
-    let cell = |value: &Option<f64>| {
+    // of rows at rest the model says little, so that figures of all rows are high in sound recordings too
+    let is_marked = |place: usize, value: f64| {
+        figure == FigureArg::Relative && place < figures.len() / 2 && value > MARKED_ABOVE
+    };
+    let cell = |(place, value): (usize, &Option<f64>)| {
         value.map_or_else(
             || "-".to_string(),
-            |value| {
-                let mark = if figure == FigureArg::Relative && value > MARKED_ABOVE { "*" } else { "" };
-                format!("{value:.4}{mark}")
-            },
+            |value| format!("{value:.4}{}", if is_marked(place, value) { "*" } else { "" }),
         )
     };
-    std::iter::once(name.to_string()).chain(figures.iter().map(cell)).collect()
+    std::iter::once(name.to_string()).chain(figures.iter().enumerate().map(cell)).collect()
 }
 
 fn as_value(run: &RunSource, of: &CycleVerification, shown: &[JointIndex]) -> serde_json::Value {

@@ -12,6 +12,7 @@ use crate::daemon::overdue::OverdueWatch;
 use crate::daemon::preflight::preflight;
 use crate::daemon::snapshots::Snapshots;
 use crate::daemon::{Control, Event};
+use crate::metrics::Metrics;
 use crate::pipeline::context::Pipeline;
 use crate::serve::ServeError;
 use crate::{daemon, serve};
@@ -44,13 +45,15 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
         tracing::info!(database = %config.database.display(), folders = folders.join(", "), "watching");
         let config = shared(config);
         let (in_force, configs) = watch::channel(Arc::clone(&config));
-        let pipeline = Pipeline::new(Arc::clone(&config), store.clone());
+        let metrics = Metrics::counting().map_err(|error| CliError::Internal(error.to_string()))?;
+        let pipeline = Pipeline::new(Arc::clone(&config), store.clone()).counting(metrics.clone());
         // the server ends with the daemon, whatever ends that
         let serving = stop.child_token();
         let dispatcher = Dispatcher::start(store.clone(), configs.clone(), serving.clone());
         let server = match &config.serve {
             Some(settings) => {
-                Some(serve::start(settings, configs, store, serving.clone()).await.map_err(refused)?)
+                let started = serve::start(settings, configs, store, metrics.clone(), serving.clone());
+                Some(started.await.map_err(refused)?)
             }
             None => None,
         };
@@ -60,10 +63,9 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
             Some(config)
         };
         let overdue = OverdueWatch::start(pipeline.store().clone(), serving.clone());
-        let snapshots = config
-            .snapshot
-            .clone()
-            .map(|settings| Snapshots::start(pipeline.store().clone(), settings, serving.clone()));
+        let snapshots = config.snapshot.clone().map(|settings| {
+            Snapshots::start(pipeline.store().clone(), settings, metrics.clone(), serving.clone())
+        });
         let control = Control { claim, stop, reload, reread: &reread };
         let watched = daemon::watch(&pipeline, control, |event| {
             overdue.note(&event);

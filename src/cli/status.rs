@@ -2,7 +2,6 @@
 
 use std::cmp::Reverse;
 
-use anstyle::{AnsiColor, Style};
 use clap::Args;
 use jiff::Timestamp;
 use serde_json::{Value, json};
@@ -21,7 +20,8 @@ use crate::store::{
 Examples:
   armwatch status
   armwatch status --db /var/lib/armwatch/armwatch.db
-  armwatch status --json | jq '.robots[] | select(.status == \"critical\") | .robot'
+  armwatch status --json | \\
+      jq '.robots[] | select(.status == \"critical\") | .robot'
 
 One line a robot, the worst first: its status is that of its worst joint, then comes the friction index of each joint as
 a change in percent against the joint's own first tests (`?` without a figure, `!` with an open alarm). Reads only, and
@@ -76,13 +76,13 @@ impl Fleet {
         for row in &self.health {
             match robots.last_mut().filter(|(robot, ..)| *robot == row.robot) {
                 Some((_, worst, joints)) => {
-                    *worst = if rank(row.status) < rank(*worst) { row.status } else { *worst };
+                    *worst = if row.status.rank() < worst.rank() { row.status } else { *worst };
                     joints.push(row);
                 }
                 None => robots.push((&row.robot, row.status, vec![row])),
             }
         }
-        robots.sort_by_key(|(robot, status, _)| (rank(*status), robot.to_owned()));
+        robots.sort_by_key(|(robot, status, _)| (status.rank(), robot.to_owned()));
         robots
     }
 
@@ -122,7 +122,7 @@ impl Fleet {
         }
         self.print_robots(&robots);
         for row in &self.open {
-            let severity = output::styled(row.severity.name(), of_severity(row.severity));
+            let severity = output::coloured(row.severity.name());
             let since = words::minute(row.onset_at.unwrap_or(row.first_seen_at));
             output::line(&format!(
                 "\n{severity} {}, since {since} (`armwatch alerts show {}`)\n  {}",
@@ -139,7 +139,7 @@ impl Fleet {
             let changes: Vec<String> = joints.iter().map(|row| change(row)).collect();
             vec![
                 (*robot).to_owned(),
-                status.name().to_owned(),
+                output::coloured(status.name()),
                 changes.join(" "),
                 last.map_or_else(|| "-".to_owned(), words::minute),
             ]
@@ -147,17 +147,7 @@ impl Fleet {
         let rows: Vec<Vec<String>> = robots.iter().map(cells).collect();
         let table = output::table(&["robot", "status", "friction by joint, %", "last result"], &rows);
         output::line("");
-        for (place, line) in table.lines().enumerate() {
-            let status =
-                place.checked_sub(1).and_then(|place| robots.get(place)).map(|(_, status, _)| *status);
-            match status {
-                Some(status) => {
-                    let styled = output::styled(status.name(), of_status(status));
-                    output::line(&line.replacen(&format!("  {}", status.name()), &format!("  {styled}"), 1));
-                }
-                None => output::line(line),
-            }
-        }
+        output::line(&table);
         for (robot, _, joints) in robots {
             let mut reasons: Vec<&str> = joints
                 .iter()
@@ -178,9 +168,7 @@ impl Fleet {
         let words: Vec<String> = counts
             .iter()
             .filter(|(count, _)| *count > 0)
-            .map(|(count, severity)| {
-                format!("{count} {}", output::styled(severity.name(), of_severity(*severity)))
-            })
+            .map(|(count, severity)| format!("{count} {}", output::coloured(severity.name())))
             .collect();
         if words.is_empty() { "none open".into() } else { format!("{} open", words.join(", ")) }
     }
@@ -215,40 +203,10 @@ impl Fleet {
     }
 }
 
-/// From the worst, 0, to the best.
-fn rank(status: HealthStatus) -> u8 {
-    match status {
-        HealthStatus::Critical => 0,
-        HealthStatus::Warning => 1,
-        HealthStatus::Overdue => 2,
-        HealthStatus::Unknown => 3,
-        HealthStatus::Learning => 4,
-        HealthStatus::Ok => 5,
-    }
-}
-
 /// Friction of a joint against its baseline, in a width of its own.
 fn change(row: &FleetHealthRow) -> String {
     let change =
         row.friction_index.map_or_else(|| "?".to_owned(), |index| format!("{:+.0}", 100.0 * (index - 1.0)));
     let mark = if row.open_anomalies > 0 { "!" } else { " " };
     format!("{change:>4}{mark}")
-}
-
-fn of_severity(severity: Severity) -> Style {
-    match severity {
-        Severity::Critical => AnsiColor::Red.on_default().bold(),
-        Severity::Warning => AnsiColor::Yellow.on_default().bold(),
-        Severity::Info => AnsiColor::Blue.on_default(),
-    }
-}
-
-fn of_status(status: HealthStatus) -> Style {
-    match status {
-        HealthStatus::Critical => of_severity(Severity::Critical),
-        HealthStatus::Warning => of_severity(Severity::Warning),
-        HealthStatus::Overdue | HealthStatus::Unknown => AnsiColor::Magenta.on_default(),
-        HealthStatus::Learning => AnsiColor::Cyan.on_default(),
-        HealthStatus::Ok => AnsiColor::Green.on_default(),
-    }
 }

@@ -13,7 +13,7 @@ use crate::analysis::{RmsdScope, TorqueRmsd};
 use crate::config::Config;
 use crate::numerics::identify::torque_series::{SeriesRows, TorqueSeries, peaks};
 use crate::pipeline::look::replay::{Replay, ReplayError};
-use crate::report::torque::torque_figure;
+use crate::report::torque::{TorqueView, torque_figure};
 use crate::robot::{JointIndex, ParameterId};
 use crate::run::Stage;
 use crate::store::{OfCycle, Store};
@@ -26,9 +26,11 @@ const SAME_FIGURE: f64 = 1e-6;
 Examples:
   armwatch torque --run 3 --cycle 12 > cycle12.csv
   armwatch torque --run 3 --cycle 12 --plot cycle12.svg
+  armwatch torque --run 3 --cycle 12 --joint 3 --stage excitation --plot joint3.svg
   armwatch torque --run 3 --cycle 12 --stage friction --points 600 --json
   armwatch torque --run 3 --cycle 12 --parameters 2:10-20 -o cross.csv
-  armwatch torque --run 3 --cycle 12 --source /archive/Left_20260105_0847.csv.gz
+  armwatch torque --run 3 --cycle 12 \\
+      --source /archive/Left_20260105_0847.csv.gz
 
 Samples are not kept in the database, so the run's export is read again, up to the end of the cycle, and
 filtered as it was. It is looked for where it was seen last and in the watched folders, and taken only if
@@ -40,34 +42,43 @@ low-pass), estimated_nm, residual_nm (measured less estimated), moving (1 at the
 or faster), counted. Rows that count are those of the view cycle_rmsd: its rmsd_nm is the root of the mean
 squared residual_nm. --all-rows adds the rows between them and near gaps in time, with counted = 0. --points
 thins each joint's rows by buckets, of which smallest and largest torques and residuals stay: for plots, not
-for sums. --json gives the same by columns, one object a joint.")]
+for sums. --json gives the same by columns, one object a joint.
+
+A picture shows measured and estimated torque, and the residual below them on a scale of its own. Where a joint is
+slow or at rest it holds any torque up to breakaway: the estimate is drawn there only with --slow.")]
 pub(super) struct TorqueArgs {
     /// Run of the cycle
-    #[arg(long, value_name = "RUN")]
+    #[arg(help_heading = "What is taken", long, value_name = "RUN")]
     run: i64,
     /// Number of the cycle
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(help_heading = "What is taken", long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     cycle: u32,
     /// Parameters of the estimate: RUN, RUN:CYCLES, or the name of a saved set [default: the cycle's own]
-    #[arg(long, value_name = "RUN[:CYCLES]|SET")]
+    #[arg(help_heading = "What is taken", long, value_name = "RUN[:CYCLES]|SET")]
     parameters: Option<String>,
     /// The run's export, where it is no longer where it was
-    #[arg(long, value_name = "FILE")]
+    #[arg(help_heading = "What is taken", long, value_name = "FILE")]
     source: Option<PathBuf>,
     /// Rows of one stage, or of the whole cycle
-    #[arg(long, value_enum, default_value_t = StageArg::All)]
+    #[arg(help_heading = "Rows", long, value_enum, default_value_t = StageArg::All)]
     stage: StageArg,
     /// Rows that do not count in verification too
-    #[arg(long)]
+    #[arg(help_heading = "Rows", long)]
     all_rows: bool,
     /// About how many rows to keep of each joint, peaks among them
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..))]
+    #[arg(help_heading = "Rows", long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..))]
     points: Option<u32>,
     /// Write the rows as CSV into this file
-    #[arg(short, long, value_name = "FILE", conflicts_with = "json")]
+    #[arg(help_heading = "Files", short, long, value_name = "FILE", conflicts_with = "json")]
     output: Option<PathBuf>,
+    /// Draw only this joint, from 1
+    #[arg(long, value_name = "JOINT", requires = "plot", value_parser = clap::value_parser!(u8).range(1..))]
+    joint: Option<u8>,
+    /// Draw the estimate where the joint is slow or at rest too
+    #[arg(long, requires = "plot")]
+    slow: bool,
     /// Draw the torques into this file, .svg or .html
-    #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
+    #[arg(help_heading = "Files", long, value_name = "FILE", value_parser = PlotFile::parse)]
     plot: Option<PlotFile>,
 }
 
@@ -124,6 +135,11 @@ pub(super) fn torque(global: &Global, args: &TorqueArgs) -> Result<u8, CliError>
         store.close().await?;
         done
     })?;
+    let joints = replayed.series.joints.len();
+    if let Some(joint) = args.joint.filter(|joint| usize::from(*joint) > joints) {
+        let robot = &replayed.replay.run.robot;
+        return Err(CliError::Usage(format!("{robot} has {joints} joints, there is no joint {joint}")));
+    }
     if let Some(plot) = &args.plot {
         plot.write(&figure(args, &replayed))?;
     }
@@ -332,11 +348,16 @@ fn figure(args: &TorqueArgs, replayed: &Replayed) -> crate::report::figure::Figu
     let Replayed { replay, export, series, .. } = replayed;
     let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
     let subtitle = format!(
-        "{}; low-pass {} Hz on both sides; RMSD in per cent of the RMS of the measured torque, all rows and moving \
-         rows",
+        "{}; low-pass {} Hz on both sides; RMSD in per cent of the RMS of the measured torque over the same rows{}",
         name(export).unwrap_or_default(),
-        replay.cutoff
+        replay.cutoff,
+        if args.slow { "" } else { "; the estimate is drawn where the joint moves" }
     );
-    let (scope, points) = (args.stage.scope(), args.points.map(|points| points as usize));
-    torque_figure(&replay.robot, series, scope, points, heading(args, replayed), subtitle)
+    let view = TorqueView {
+        scope: args.stage.scope(),
+        points: args.points.map(|points| points as usize),
+        joint: args.joint.map(usize::from).and_then(JointIndex::from_number),
+        slow: args.slow,
+    };
+    torque_figure(&replay.robot, series, view, heading(args, replayed), subtitle)
 }

@@ -1,6 +1,6 @@
 //! `armwatch verify`: parameters of one recording against others, without their exports.
 
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store, open_to_read, runtime};
@@ -23,10 +23,11 @@ Examples:
   armwatch verify --robot Left
   armwatch verify --robot Left --stage friction --rows all --store
   armwatch verify --parameters 3 --against Left
-  armwatch verify --parameters 3:20 --parameters left-warm --against 4 --against 5 --json
+  armwatch verify --parameters 3:20 --parameters left-warm --against 4 \\
+      --against 5 --json
 
 For each joint a matrix: a row is a parameter set, a column the run that it is verified against, over all
-cycles of the run; figures are the relative RMSD of the torque, and those above 10 % are marked with *.
+cycles of the run; figures are the relative RMSD of the torque. Those of moving rows above 10 % are marked with *.
 RUN stands for the parameters identified on all cycles of the run together by the configured estimator,
 RUN:CYCLES for those of some of its cycles (3:20, 3:10,15,20), any other word for a set kept by
 `armwatch identify --save`. Cycles that were refused when they were read are passed over and named on standard error. With
@@ -34,9 +35,10 @@ RUN:CYCLES for those of some of its cycles (3:20, 3:10,15,20), any other word fo
 
 --store writes them by cycle into the view cycle_rmsd with verification = 'cross'; it takes the parameters
 of whole runs only. --json prints all stages, with and without slow rows, one object for each set and run.")]
+#[command(group(ArgGroup::new("sets").args(["parameters", "robot"]).required(true)))]
 pub(super) struct VerifyArgs {
     /// Parameters: RUN, RUN:CYCLES, or the name of a saved set; may be given several times
-    #[arg(long, value_name = "RUN[:CYCLES]|SET", required_unless_present = "robot", requires = "against")]
+    #[arg(long, value_name = "RUN[:CYCLES]|SET", requires = "against")]
     parameters: Vec<String>,
     /// What they are verified against: a run, or all complete runs of a robot
     #[arg(long, value_name = "RUN|ROBOT", requires = "parameters")]
@@ -189,23 +191,24 @@ fn as_text(
             for &run in runs {
                 let found = verified.iter().find(|of| of.candidate == candidate && of.run_id == run);
                 let relative = found.and_then(|of| relative(args, &of.rmsd, joint));
-                marked += usize::from(relative.is_some_and(is_marked));
-                row.push(cell(relative));
+                let mark = args.rows == RowsArg::Moving && relative.is_some_and(is_marked);
+                marked += usize::from(mark);
+                row.push(cell(relative, mark));
             }
             rows.push(row);
         }
         text.push_str(&format!("joint {joint}\n{}\n\n", output::table(&header, &rows)));
     }
     let stage = scope(args.stage).name();
-    let of_rows = if args.rows == RowsArg::Moving { "moving rows" } else { "all rows" };
-    format!("{text}relative RMSD of the torque, stage {stage}, {of_rows}; * above 10 %: {marked}")
+    let unit = format!("{text}relative RMSD of the torque, stage {stage}");
+    match args.rows {
+        RowsArg::Moving => format!("{unit}, moving rows; * above 10 %: {marked}"),
+        RowsArg::All => format!("{unit}, all rows"),
+    }
 }
 
-fn cell(relative: Option<f64>) -> String {
-    relative.map_or_else(
-        || "-".to_string(),
-        |value| format!("{value:.4}{}", if is_marked(value) { "*" } else { "" }),
-    )
+fn cell(relative: Option<f64>, mark: bool) -> String {
+    relative.map_or_else(|| "-".to_string(), |value| format!("{value:.4}{}", if mark { "*" } else { "" }))
 }
 
 fn is_marked(relative: f64) -> bool {

@@ -146,6 +146,19 @@ const DAEMON: &[Expectation] = &[
     ),
     ("deviations_overrule_the_rate", &[]),
     ("syntax_broken", &[(5, "", "not valid TOML")]),
+    ("tokens_with_scopes", &[]),
+    (
+        "tokens_mistakes",
+        &[
+            (2, "serve.requests_per_s", "must be between 0 and 100000 1/s"),
+            (6, "serve.token[1].scopes[1]", "write \"read\", \"act\" or \"upload\""),
+            (7, "serve.token[2]", "there are two tokens \"screen\""),
+            (10, "serve.token[2].scopes", "has no scope"),
+            (11, "serve.token[3].file", "is missing"),
+            (11, "serve.token[3].scopes", "is missing"),
+            (14, "serve.upload.total_timeout_min", "must be between 1 and 14400 min"),
+        ],
+    ),
     ("alerts", &[]),
     (
         "alerts_site_unknown",

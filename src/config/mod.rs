@@ -36,7 +36,7 @@ pub use self::layout::temperature::{AmbientTemperature, MotorTemperature, Temper
 pub use self::layout::text_format::{DecimalMark, TextEncoding, TextFormat};
 pub use self::pattern::FilePatterns;
 pub use self::robot::robot_file::{parse_robot, read_robot};
-pub use self::serve::{ServeSettings, UploadSettings};
+pub use self::serve::{ClientSettings, Scope, ServeSettings, TokenSettings, UploadSettings};
 pub use self::settings::{Config, FleetEntry, Recognition, RewritePolicy, WatchSettings, WorkLimits};
 pub use self::snapshot::SnapshotSettings;
 pub use self::source::{ConfigSource, shipped_files};

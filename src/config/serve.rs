@@ -19,6 +19,64 @@ const MAX_UPLOADS_AT_ONCE: i64 = 256;
 /// Largest upload that may be allowed, 1 TiB: a bound against a mistyped number.
 const MAX_MAX_BYTES: i64 = 1 << 40;
 
+/// Requests a second of one address, where the configuration does not say.
+const DEFAULT_REQUESTS_PER_S: f64 = 50.0;
+
+/// How long an upload may take in all, where the configuration does not say, min.
+const DEFAULT_TOTAL_TIMEOUT_MIN: f64 = 720.0;
+
+/// What a token may do. Each also lets a client read its own session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Scope {
+    /// Read what is stored.
+    Read,
+    /// Answer alarms, enter work, have exports read again.
+    Act,
+    /// Send exports, and ask what became of them.
+    Upload,
+}
+
+impl Scope {
+    /// All scopes: those of `token_file`.
+    pub const ALL: [Self; 3] = [Self::Read, Self::Act, Self::Upload];
+
+    /// As the configuration has it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Read => "read",
+            Self::Act => "act",
+            Self::Upload => "upload",
+        }
+    }
+}
+
+/// A token beside that of `token_file`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TokenSettings {
+    /// What it is called in refusals and in the log.
+    pub name: String,
+    /// File that holds it.
+    pub file: PathBuf,
+    /// What it may do, each once.
+    pub scopes: Vec<Scope>,
+}
+
+/// Who may ask, and how much.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ClientSettings {
+    /// Tokens with scopes; that of `token_file` may do everything.
+    pub tokens: Vec<TokenSettings>,
+    /// Requests a second of one address; 0 is no bound.
+    pub requests_per_s: f64,
+}
+
+impl Default for ClientSettings {
+    fn default() -> Self {
+        Self { tokens: Vec::new(), requests_per_s: DEFAULT_REQUESTS_PER_S }
+    }
+}
+
 /// What the daemon serves over HTTP.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ServeSettings {
@@ -41,13 +99,21 @@ pub struct UploadSettings {
     pub at_once: usize,
     /// How long a client may send next to nothing.
     pub idle_timeout: Duration,
+    /// How long one request may take over what it sends, however fast.
+    pub total_timeout: Duration,
     /// Whether exports are taken whose name says no robot of the configuration.
     pub unknown_robots: bool,
 }
 
-/// Reads `[serve]`; outer `None` after a problem, inner without the section.
-pub(super) fn read_serve(table: Option<&Table<'_>>) -> Option<Option<ServeSettings>> {
-    let Some(table) = table else { return Some(None) };
+/// Reads `[serve]`; outer `None` after a problem, the server's part `None` without the section.
+pub(super) fn read_serve(table: Option<&Table<'_>>) -> Option<(Option<ServeSettings>, ClientSettings)> {
+    let Some(table) = table else { return Some((None, ClientSettings::default())) };
+    let requests = Limits::between(0.0, 100_000.0, "1/s");
+    let requests_per_s = table.number_or("requests_per_s", &requests, DEFAULT_REQUESTS_PER_S);
+    let tokens = match table.optional("token") {
+        Some(value) => read_tokens(&value),
+        None => Some(Vec::new()),
+    };
     let listen = match table.optional("listen") {
         Some(value) => read_address(&value),
         None => DEFAULT_LISTEN.parse().ok(),
@@ -59,7 +125,56 @@ pub(super) fn read_serve(table: Option<&Table<'_>>) -> Option<Option<ServeSettin
     };
     let token_file = token_file?;
     let token_file = (!token_file.is_empty()).then(|| PathBuf::from(token_file));
-    Some(Some(ServeSettings { listen: listen?, token_file, upload: upload? }))
+    let serve = ServeSettings { listen: listen?, token_file, upload: upload? };
+    Some((Some(serve), ClientSettings { tokens: tokens?, requests_per_s: requests_per_s? }))
+}
+
+fn read_tokens(value: &Value<'_>) -> Option<Vec<TokenSettings>> {
+    let mut names: Vec<String> = Vec::new();
+    let read = |section: Value<'_>| {
+        let table = section.table()?;
+        let name = table.text("name").map(str::to_owned);
+        let file = table.text("file").map(PathBuf::from);
+        let scopes = table.required("scopes").and_then(|value| read_scopes(&value));
+        if let Some(name) = &name {
+            if names.contains(name) {
+                section.refuse(
+                    format!("there are two tokens \"{name}\""),
+                    Some("give each a name of its own".into()),
+                );
+                return None;
+            }
+            names.push(name.clone());
+        }
+        Some(TokenSettings { name: name?, file: file?, scopes: scopes? })
+    };
+    // all of them, so that every problem is told
+    value.sections()?.into_iter().map(read).collect::<Vec<_>>().into_iter().collect()
+}
+
+fn read_scopes(value: &Value<'_>) -> Option<Vec<Scope>> {
+    let items = value.items()?;
+    if items.is_empty() {
+        value.refuse(
+            "has no scope".into(),
+            Some("write one or more of \"read\", \"act\" and \"upload\"".into()),
+        );
+        return None;
+    }
+    let read = |item: Value<'_>| {
+        let text = item.text()?;
+        let scope = Scope::ALL.into_iter().find(|scope| scope.name() == text);
+        if scope.is_none() {
+            item.refuse("is no scope".into(), Some("write \"read\", \"act\" or \"upload\"".into()));
+        }
+        scope
+    };
+    let scopes: Option<Vec<Scope>> = items.into_iter().map(read).collect::<Vec<_>>().into_iter().collect();
+    scopes.map(|mut scopes| {
+        scopes.sort_unstable();
+        scopes.dedup();
+        scopes
+    })
 }
 
 fn read_address(value: &Value<'_>) -> Option<SocketAddr> {
@@ -82,6 +197,8 @@ fn read_upload(table: &Table<'_>) -> Option<UploadSettings> {
         None => Some(DEFAULT_UPLOADS_AT_ONCE),
     };
     let idle = table.number_or("idle_timeout_s", &Limits::between(1.0, 3600.0, "s"), DEFAULT_IDLE_TIMEOUT_S);
+    let total = Limits::between(1.0, 14_400.0, "min");
+    let total = table.number_or("total_timeout_min", &total, DEFAULT_TOTAL_TIMEOUT_MIN);
     let unknown_robots = match table.optional("unknown_robots") {
         Some(value) => read_choice(&value),
         None => Some(false),
@@ -91,6 +208,7 @@ fn read_upload(table: &Table<'_>) -> Option<UploadSettings> {
         max_bytes: max_bytes?,
         at_once: at_once?,
         idle_timeout: Duration::try_from_secs_f64(idle?).ok()?,
+        total_timeout: Duration::try_from_secs_f64(60.0 * total?).ok()?,
         unknown_robots: unknown_robots?,
     })
 }

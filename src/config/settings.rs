@@ -8,7 +8,7 @@ use super::alerts::settings::AlertSettings;
 use super::date_format::DateFormats;
 use super::layout::channels::Layout;
 use super::pattern::{self, FilePatterns};
-use super::serve::ServeSettings;
+use super::serve::{ClientSettings, ServeSettings};
 use super::snapshot::SnapshotSettings;
 use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::detect::verdict::DetectSettings;
@@ -25,6 +25,8 @@ pub struct Config {
     pub limits: WorkLimits,
     /// What is served over HTTP; `None`: nothing.
     pub serve: Option<ServeSettings>,
+    /// Who may ask over HTTP, and how much.
+    pub clients: ClientSettings,
     /// Where copies for readers are written; `None`: nowhere.
     pub snapshot: Option<SnapshotSettings>,
     /// Who is told of alarms.

@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::analysis::finding::FindingKind;
 use crate::config::alerts::settings::Route;
 use crate::config::layout::channels::{JointDelays, Layout};
-use crate::config::serve::ServeSettings;
+use crate::config::serve::{ClientSettings, Scope, ServeSettings};
 use crate::config::settings::{Config, FleetEntry};
 use crate::config::snapshot::SnapshotSettings;
 use crate::robot::{JointKind, Robot, TorqueSensors};
@@ -32,12 +32,15 @@ pub fn summary(config: &Config) -> String {
     let limits = &config.limits;
     line(
         "exports at once",
-        format!("{0} small and {0} large, from {1} bytes", limits.backlog_files, limits.large_file_bytes),
+        format!("{0} small and {0} large, from {1}", limits.backlog_files, size(limits.large_file_bytes)),
     );
-    line("longest export", format!("{} bytes after decompression", limits.export_bytes));
+    line("longest export", format!("{} after decompression", size(limits.export_bytes)));
     line("longest cycle", format!("{} rows", limits.cycle_rows));
     line("snapshot", config.snapshot.as_ref().map_or_else(|| "off".to_owned(), snapshot));
     line("HTTP", config.serve.as_ref().map_or_else(|| "off".to_owned(), serve));
+    if config.serve.is_some() {
+        line("HTTP clients", clients(&config.clients));
+    }
     for route in &config.alerts.routes {
         line(&format!("alarms, route {}", route.name), alert_route(route));
     }
@@ -79,6 +82,16 @@ fn snapshot(snapshot: &SnapshotSettings) -> String {
     format!("{}, at most every {}", snapshot.file.display(), seconds(snapshot.interval))
 }
 
+/// A size as people write it: `64 MiB`, `1.5 GiB`, `1000 bytes`.
+fn size(bytes: u64) -> String {
+    let units = [(1_u64 << 40, "TiB"), (1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")];
+    match units.into_iter().find(|(unit, _)| bytes >= *unit) {
+        Some((unit, name)) if bytes.is_multiple_of(unit) => format!("{} {name}", bytes / unit),
+        Some((unit, name)) => format!("{:.1} {name}", bytes as f64 / unit as f64),
+        None => format!("{bytes} bytes"),
+    }
+}
+
 fn serve(serve: &ServeSettings) -> String {
     let token = match &serve.token_file {
         Some(file) => format!("token in {}", file.display()),
@@ -86,15 +99,28 @@ fn serve(serve: &ServeSettings) -> String {
     };
     let upload = match &serve.upload {
         Some(upload) => format!(
-            "uploads to {}, {} bytes at most, {} at once, {} idle",
+            "uploads to {}, {} at most, {} at once, {} idle, {} in all",
             upload.spool.display(),
-            upload.max_bytes,
+            size(upload.max_bytes),
             upload.at_once,
-            seconds(upload.idle_timeout)
+            seconds(upload.idle_timeout),
+            seconds(upload.total_timeout)
         ),
         None => "no uploads".to_owned(),
     };
     format!("{}; {token}; {upload}", serve.listen)
+}
+
+fn clients(clients: &ClientSettings) -> String {
+    let scopes = |of: &[Scope]| of.iter().map(|scope| scope.name()).collect::<Vec<_>>().join(", ");
+    let requests = match clients.requests_per_s {
+        0.0 => "any number of requests".to_owned(),
+        most => format!("{most} requests a second of one address"),
+    };
+    let token = |token: &crate::config::serve::TokenSettings| {
+        format!("; token {} in {} may {}", token.name, token.file.display(), scopes(&token.scopes))
+    };
+    format!("{requests}{}", clients.tokens.iter().map(token).collect::<String>())
 }
 
 fn alert_route(route: &Route) -> String {
@@ -177,8 +203,8 @@ mod tests {
             "growing files at once     16",
             "rewritten files           supersede",
             "archive                   off, exports stay",
-            "exports at once           2 small and 2 large, from 67108864 bytes",
-            "longest export            68719476736 bytes after decompression",
+            "exports at once           2 small and 2 large, from 64 MiB",
+            "longest export            64 GiB after decompression",
             "longest cycle             1000000 rows",
             "HTTP                      off",
             "alarms, route log         log to the log, from info on",

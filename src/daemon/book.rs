@@ -194,6 +194,13 @@ impl FileSchedule {
         self.growing.len()
     }
 
+    /// Number of settled files of a wanted size, bytes, that wait to be read.
+    #[must_use]
+    pub fn settled_waiting(&self, is_wanted: impl Fn(u64) -> bool) -> usize {
+        let waiting = self.settled.values().flatten().filter_map(|(_, path)| self.entries.get(path));
+        waiting.filter(|entry| is_wanted(entry.seen.size)).count()
+    }
+
     /// The next settled file of a lane that is not busy, with its lane: of those that are first by name in their
     /// lane and of a wanted size, bytes, that of the lane that has waited longest. It counts as open from now on.
     pub fn next_settled(

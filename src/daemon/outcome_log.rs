@@ -10,8 +10,8 @@ pub(super) fn log_outcome(path: &Path, outcome: &Outcome) {
     match outcome {
         Outcome::Stored(run) => {
             tracing::info!(%file, robot = %run.robot, run_id = run.run_id, cycles = run.cycles, rows = run.rows, "stored");
-            for (cycle, reason) in &run.refused {
-                tracing::warn!(%file, cycle, "no parameters: {reason}");
+            for (cycles, reason) in run.refusals() {
+                tracing::warn!(%file, robot = %run.robot, run_id = run.run_id, cycles, reason, "no parameters");
             }
         }
         Outcome::AlreadyStored { run_id } => tracing::debug!(%file, run_id, "already stored"),
@@ -19,11 +19,20 @@ pub(super) fn log_outcome(path: &Path, outcome: &Outcome) {
         Outcome::Quarantined { rejection, known: true, .. } => {
             tracing::debug!("quarantined before: {rejection}");
         }
-        Outcome::Quarantined { rejection, .. } => tracing::warn!("quarantined: {rejection}"),
+        Outcome::Quarantined { run_id, rejection, cycles, .. } => tracing::warn!(
+            %file,
+            run_id,
+            line = rejection.line,
+            column = rejection.column.as_deref(),
+            cycles,
+            "quarantined: {rejection}"
+        ),
         Outcome::Interrupted => {
             tracing::info!(%file, "stopped at a cycle; the rest follows at the next start")
         }
-        Outcome::Unreadable { rejection } => tracing::warn!("cannot be read now, trying again: {rejection}"),
+        Outcome::Unreadable { rejection } => {
+            tracing::warn!(%file, "cannot be read now, trying again: {rejection}");
+        }
         Outcome::Changed => tracing::info!(%file, "changed while being read; looking again"),
         Outcome::InWork { run_id } => {
             tracing::debug!(%file, run_id, "the same content is being read under another name");

@@ -51,10 +51,11 @@ impl Sign {
         *self.reading_since.lock().unwrap_or_else(PoisonError::into_inner) = Some(now);
     }
 
-    /// A read has returned, after so many bytes of the file.
-    pub fn has_read(&self, bytes: u64) {
-        self.bytes.store(bytes, Ordering::Relaxed);
+    /// A read has returned, after so many bytes of the file. Says whether these are more than before.
+    pub fn has_read(&self, bytes: u64) -> bool {
+        let before = self.bytes.swap(bytes, Ordering::Relaxed);
         self.waits_for_others();
+        bytes > before
     }
 
     /// The reader waits for something else than the file.
@@ -103,6 +104,12 @@ impl Places {
         let catching_up = self.reading(now).filter(|holder| holder.caught_up_after.is_none()).count();
         let hanging = self.holders.len() - self.reading(now).count();
         !self.are_taken(most, now) && catching_up < CATCHING_UP && hanging <= MOST_HANGING
+    }
+
+    /// Files that have a place.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.holders.len()
     }
 
     /// Whether all of `most` places are taken.

@@ -32,7 +32,7 @@ pub fn preflight(config: &Config) -> Preflight {
         found.refusals.push(ConfigProblem { key, problem: unusable.to_string(), ..empty() });
     }
     if let Some(settings) = &config.serve {
-        if let Err(error) = serve::check_access(settings) {
+        if let Err(error) = serve::check_access(settings, &config.clients) {
             found.refusals.push(ConfigProblem { problem: error.to_string(), ..empty() });
         }
         if let Some(upload) = &settings.upload

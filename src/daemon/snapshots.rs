@@ -9,6 +9,7 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 use crate::config::SnapshotSettings;
+use crate::metrics::Metrics;
 use crate::store::Store;
 
 /// Writes copies beside the daemon.
@@ -22,10 +23,15 @@ impl Snapshots {
     /// Writes a copy now, and one each time something was concluded since the last, until `stop` is cancelled; then a
     /// last one where it is due.
     #[must_use]
-    pub fn start(store: Store, settings: SnapshotSettings, stop: CancellationToken) -> Self {
+    pub fn start(
+        store: Store,
+        settings: SnapshotSettings,
+        metrics: Metrics,
+        stop: CancellationToken,
+    ) -> Self {
         let concluded = Arc::new(Notify::new());
         concluded.notify_one();
-        let task = tokio::spawn(write(store, settings, stop, Arc::clone(&concluded)));
+        let task = tokio::spawn(write(store, settings, metrics, stop, Arc::clone(&concluded)));
         Self { concluded, task }
     }
 
@@ -42,7 +48,13 @@ impl Snapshots {
     }
 }
 
-async fn write(store: Store, settings: SnapshotSettings, stop: CancellationToken, concluded: Arc<Notify>) {
+async fn write(
+    store: Store,
+    settings: SnapshotSettings,
+    metrics: Metrics,
+    stop: CancellationToken,
+    concluded: Arc<Notify>,
+) {
     let mut earliest = Instant::now();
     loop {
         tokio::select! {
@@ -56,12 +68,17 @@ async fn write(store: Store, settings: SnapshotSettings, stop: CancellationToken
         let began = Instant::now();
         match store.snapshot(&settings.file).await {
             Ok(bytes) => {
+                metrics.snapshot(bytes, began.elapsed());
                 let took = milliseconds(began.elapsed());
                 tracing::debug!(file = %settings.file.display(), bytes, took_ms = took, "snapshot");
             }
-            Err(error) => tracing::warn!(
-                file = %settings.file.display(), %error, "no snapshot; the earlier one stays, trying again later"
-            ),
+            Err(error) => {
+                metrics.snapshot_failed();
+                tracing::warn!(
+                    file = %settings.file.display(), %error,
+                    "no snapshot; the earlier one stays, trying again later"
+                );
+            }
         }
         if is_ending {
             return;

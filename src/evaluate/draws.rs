@@ -4,6 +4,9 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal, StudentT};
 
+/// What tells the streams of [`Draws::aside`] from all others.
+const ASIDE: u64 = 1 << 62;
+
 /// A stream of random numbers.
 #[derive(Debug, Clone)]
 pub(super) struct Draws(ChaCha8Rng);
@@ -13,6 +16,13 @@ impl Draws {
     pub(super) fn new(seed: u64, stream: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(stream);
+        Self(rng)
+    }
+
+    /// Other numbers, which take none from this stream.
+    pub(super) fn aside(&self) -> Self {
+        let mut rng = self.0.clone();
+        rng.set_stream(rng.get_stream() ^ ASIDE);
         Self(rng)
     }
 

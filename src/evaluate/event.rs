@@ -64,6 +64,7 @@ impl Event {
             S::TorqueGain => draws.sign(0.5) * draws.log_between(0.02, 0.2),
             S::TorqueNoise => draws.log_between(1.5, 8.0),
             S::ZeroPosition => draws.sign(0.5) * draws.log_between(0.005, 0.08),
+            S::Contact => draws.log_between(0.01, 0.3),
         };
         // all is drawn in any case: robots are the same but for the size
         let size = given.unwrap_or(drawn);
@@ -81,6 +82,7 @@ impl Event {
             onset: if scenario == S::StepInBaseline { draws.whole(1, BASELINE_RUNS - 1) } else { onset },
             cycle: match scenario {
                 S::StepInside | S::StepInBaseline => draws.whole(2, cycles.saturating_sub(2)),
+                S::Contact => draws.whole(1, cycles.saturating_sub(2)),
                 _ => 0,
             },
             size,

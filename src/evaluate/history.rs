@@ -11,6 +11,7 @@ use super::event::{BASELINE_RUNS, Event};
 use super::friction_index::{TestFriction, friction_indices};
 use super::scenario::Scenario;
 use crate::analysis::friction::CycleFriction;
+use crate::analysis::measurements::CycleRmsd;
 use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
 use crate::analysis::{Estimate, JointSummary, RmsdSwing, WarmFriction};
 use crate::anomaly::{CycleSeries, RunParameter, RunSummary};
@@ -333,10 +334,49 @@ fn summary(
         refusals: Vec::new(),
         joints: (0..n).map(|j| joint_summary(arm, event, has, j, test, indices[j], draws)).collect(),
         cycle_friction,
+        whole_cycle_rmsd: whole_cycles(arm, event, run, moment, test, draws.aside()),
         parameters: parameters(arm, event, has, test, identified, draws),
         response: Some(Arc::clone(&identified.response)),
         epochs: test.epochs.clone(),
     }
+}
+
+/// Share of a change of friction within a cycle that the cycle's own parameters leave, at most and at least.
+const LEFT_OF_WARMING: [f64; 2] = [0.3, 1.5];
+
+/// RMSD of each cycle as a whole. A cycle has one set of parameters, so that the faster its friction changes while it
+/// lasts, the worse it is fitted: a cold joint most of all. Friction that varies from one cycle to the next is in the
+/// parameters of each. A push adds to one cycle.
+fn whole_cycles(
+    arm: &Arm<'_>,
+    event: &Event,
+    run: usize,
+    moment: &Moment,
+    test: &TestFriction,
+    mut draws: Draws,
+) -> Vec<CycleRmsd> {
+    let last = test.minutes.len().saturating_sub(1);
+    let mut found = Vec::with_capacity(arm.joints.len() * test.minutes.len());
+    for (j, joint) in arm.joints.iter().enumerate() {
+        let is_pushed = event.scenario == Scenario::Contact && j == event.joint && run == event.onset;
+        let left =
+            draws.log_between(LEFT_OF_WARMING[0], LEFT_OF_WARMING[1]) * joint.warm_nm / joint.torque_nm;
+        let cold = joint.coldness(moment.rest_h);
+        let friction = |k: usize| joint.ln_friction(moment.hall_k, &cold, 1.0, test.minutes[k]).exp();
+        let level = joint.unexplained * (joint.unexplained_walk * draws.normal()).exp();
+        for k in 0..=last {
+            let warming = left * (friction(k.min(last.saturating_sub(1))) - friction((k + 1).min(last)));
+            let own = (level + joint.swing * draws.noise(arm.tails)).max(0.2 * level);
+            let push = if is_pushed && k == event.cycle { event.size } else { 0.0 };
+            found.push(CycleRmsd {
+                cycle: u32::try_from(k + 1).unwrap_or(u32::MAX),
+                joint: JointIndex::new(j),
+                relative_rmsd: own.hypot(warming).hypot(push),
+            });
+        }
+    }
+    found.sort_by_key(|of| (of.cycle, of.joint));
+    found
 }
 
 fn joint_summary(

@@ -32,6 +32,7 @@ fn by_cycle(runs: &[RunSummary], place: usize, settings: &DetectSettings) -> Vec
         .map(|cycles| {
             let mut open = RunSummary { cycles, parameters: vec![], joints: vec![], ..run.clone() };
             open.cycle_friction.retain(|of| of.cycle <= cycles);
+            open.whole_cycle_rmsd.retain(|of| of.cycle <= cycles);
             (cycles, detect_open(&usual, &[], &open, settings))
         })
         .collect()

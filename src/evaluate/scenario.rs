@@ -43,6 +43,8 @@ pub enum Scenario {
     TorqueNoise,
     /// The zero position of a joint is lost by some degrees.
     ZeroPosition,
+    /// Something pushes a joint for some seconds of one cycle.
+    Contact,
 }
 
 /// One row of the table of scenarios.
@@ -53,7 +55,7 @@ struct Row {
     size: &'static str,
 }
 
-const ROWS: [Row; 19] = {
+const ROWS: [Row; 20] = {
     const fn row(
         scenario: Scenario,
         name: &'static str,
@@ -62,7 +64,7 @@ const ROWS: [Row; 19] = {
     ) -> Row {
         Row { scenario, name, kind, size }
     }
-    use AnomalyKind::{Drift, Oscillation, Payload, Sensor, Step, Thermal};
+    use AnomalyKind::{Accuracy, Drift, Oscillation, Payload, Sensor, Step, Thermal};
     [
         row(Scenario::Healthy, "healthy", None, ""),
         row(Scenario::Hall, "hall", None, "largest change, K"),
@@ -88,13 +90,19 @@ const ROWS: [Row; 19] = {
         row(Scenario::TorqueGain, "torque-gain", Some(Sensor), "change of gain, fraction"),
         row(Scenario::TorqueNoise, "torque-noise", Some(Sensor), "noise, multiple of the old"),
         row(Scenario::ZeroPosition, "zero-position", Some(Sensor), "error, rad"),
+        row(
+            Scenario::Contact,
+            "contact",
+            Some(Accuracy),
+            "push over the cycle, RMS, fraction of the joint's torque",
+        ),
     ]
 };
 
 impl Scenario {
     /// All of them, those of healthy robots first.
-    pub const ALL: [Self; 19] = {
-        let mut all = [Self::Healthy; 19];
+    pub const ALL: [Self; 20] = {
+        let mut all = [Self::Healthy; 20];
         let mut at = 0;
         while at < all.len() {
             all[at] = ROWS[at].scenario;

@@ -45,7 +45,8 @@ pub struct Found {
     pub first_kind: Option<AnomalyKind>,
     /// Whether it names the right joint, or the whole arm where that is right.
     pub is_right_joint: bool,
-    /// Whether its figure is right: the mass of a load to 15 %, the onset of a step to one cycle. `None` for alarms of
+    /// Whether its figure is right: the mass of a load to 15 %, the onset of a step to one cycle, the cycle of a
+    /// contact. `None` for alarms of
     /// another kind and events without such a figure.
     pub is_right_figure: Option<bool>,
 }
@@ -100,6 +101,10 @@ fn is_right_figure(event: &Event, alarm: &Alarm) -> Option<bool> {
             let (run, cycle) = alarm.onset;
             let cycle = cycle.map_or(0, |cycle| cycle.saturating_sub(1)) as usize;
             Some(run == event.onset && cycle.abs_diff(event.cycle) <= 1)
+        }
+        Scenario::Contact => {
+            let (run, cycle) = alarm.onset;
+            Some(run == event.onset && cycle.is_some_and(|cycle| cycle as usize == event.cycle + 1))
         }
         _ => None,
     }

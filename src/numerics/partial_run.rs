@@ -18,6 +18,7 @@ pub fn first_cycles(run: &RunSummary, measurements: &RunMeasurements, last_cycle
         friction_points: kept(&measurements.friction_points, |of| of.cycle <= last_cycle),
         parameters: kept(&measurements.parameters, |of| of.cycle <= last_cycle),
         relative_rmsd: kept(&measurements.relative_rmsd, |of| of.cycle <= last_cycle),
+        whole_cycle_rmsd: kept(&measurements.whole_cycle_rmsd, |of| of.cycle <= last_cycle),
     };
     let cycle_friction: Vec<CycleSeries> = measured
         .friction_points
@@ -65,6 +66,7 @@ pub fn first_cycles(run: &RunSummary, measurements: &RunMeasurements, last_cycle
         cycles: last_cycle,
         joints: (0..last.map_or(0, |last| last.index() + 1)).map(JointIndex::new).map(joint).collect(),
         cycle_friction,
+        whole_cycle_rmsd: measured.whole_cycle_rmsd,
         parameters,
         response: run.response.clone(),
         epochs: run.epochs.clone(),
@@ -115,6 +117,7 @@ mod tests {
                 parameters: vec![identified(id, f64::from(cycle)), identified(friction, 7.0)],
             });
             found.relative_rmsd.push(CycleRmsd { cycle, joint, relative_rmsd: 0.01 * f64::from(cycle) });
+            found.whole_cycle_rmsd.push(CycleRmsd { cycle, joint, relative_rmsd: 0.02 });
         }
         found
     }
@@ -136,6 +139,7 @@ mod tests {
         let [parameter] = &found.parameters[..] else { panic!("inertial ones alone: {found:?}") };
         assert_eq!((parameter.mean, parameter.std_dev, parameter.cycles), (2.0, 1.0, 3));
         assert_eq!(found.joints.len(), 2);
+        assert_eq!(found.whole_cycle_rmsd.len(), 3);
         assert_eq!((found.joints[0].relative_rmsd, found.joints[1].relative_rmsd), (None, Some(0.02)));
     }
 

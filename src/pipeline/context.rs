@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::SystemTime;
 
 use tokio::sync::Semaphore;
 use tokio::task::{JoinError, JoinHandle};
@@ -11,6 +12,7 @@ use crate::analysis::measurements::RunMeasurements;
 use crate::anomaly::RunSummary;
 use crate::config::Config;
 use crate::ingest::rejection::Rejection;
+use crate::metrics::Metrics;
 use crate::numerics::analyse::Method;
 use crate::numerics::detect::runs::open_run::UsualTests;
 use crate::numerics::detect::verdict::DetectSettings;
@@ -41,6 +43,8 @@ pub struct Pipeline {
     pub(super) open: OpenRuns,
     /// What robots' complete tests say of those that are being written.
     pub(super) usual: UsualByRobot,
+    /// Figures of the work.
+    pub(super) metrics: Metrics,
 }
 
 /// What the complete tests of a robot say of the one that is being written.
@@ -125,6 +129,20 @@ pub struct StoredRun {
     pub rows: u64,
 }
 
+impl StoredRun {
+    /// Cycles without parameters in words, such as `cycles 1 to 8`, with their reason: what is wrong with a channel is
+    /// mostly wrong in every cycle.
+    pub fn refusals(&self) -> impl Iterator<Item = (String, &str)> {
+        self.refused.chunk_by(|a, b| a.1 == b.1 && a.0 + 1 == b.0).map(|alike| {
+            let (first, reason) = &alike[0];
+            let last = alike[alike.len() - 1].0;
+            let cycles =
+                if last == *first { format!("cycle {first}") } else { format!("cycles {first} to {last}") };
+            (cycles, reason.as_str())
+        })
+    }
+}
+
 impl Outcome {
     /// The run that holds the export, where its fate is decided.
     #[must_use]
@@ -176,5 +194,13 @@ pub enum Retry {
     Complete,
 }
 
-/// A cycle under analysis, and what it and those before it were read from.
-pub(super) type InAnalysis = (JoinHandle<CycleAnalysis>, ReadSoFar);
+/// A cycle under analysis.
+#[derive(Debug)]
+pub(super) struct InAnalysis {
+    /// What it will say.
+    pub(super) analysis: JoinHandle<CycleAnalysis>,
+    /// What it and the cycles before it were read from.
+    pub(super) read: ReadSoFar,
+    /// When the row that ended it was written, where that is known.
+    pub(super) written: Option<SystemTime>,
+}

@@ -19,6 +19,7 @@ mod tests;
 
 use std::path::Path;
 use std::sync::{Arc, PoisonError};
+use std::time::Instant;
 
 use tokio::sync::{Semaphore, mpsc};
 use tokio_util::sync::CancellationToken;
@@ -26,6 +27,7 @@ use tokio_util::sync::CancellationToken;
 use crate::config::Config;
 use crate::ingest::bytes::source;
 use crate::ingest::rejection::Rejection;
+use crate::metrics::{Metrics, Stage};
 use crate::numerics::analyse::Method;
 use crate::robot::Robot;
 use crate::store::{Store, StoreError};
@@ -56,7 +58,20 @@ impl Pipeline {
             concluding: Arc::default(),
             open: Arc::default(),
             usual: Arc::default(),
+            metrics: Metrics::default(),
         }
+    }
+
+    /// The same pipeline, which counts its work in `metrics`.
+    #[must_use]
+    pub fn counting(self, metrics: Metrics) -> Self {
+        Self { metrics, ..self }
+    }
+
+    /// Where the pipeline counts its work.
+    #[must_use]
+    pub fn metrics(&self) -> &Metrics {
+        &self.metrics
     }
 
     /// The same pipeline under another configuration, for exports that are taken from now on.
@@ -197,9 +212,8 @@ impl Pipeline {
 
         let reader = tokio::task::spawn_blocking(move || read(to_analysis));
         let places = Arc::clone(&self.places[lane as usize]);
-        let analyser = tokio::spawn(analyse_in_order(work, places, cycles, to_record));
-        let recorded =
-            take::record::cycles(&self.store, intake, analyses, |n| progress(Progress::Cycle(n))).await;
+        let analyser = tokio::spawn(analyse_in_order(work, places, cycles, to_record, self.metrics.clone()));
+        let recorded = take::record::cycles(self, intake, analyses, |n| progress(Progress::Cycle(n))).await;
         // a recorder that ended early has dropped its end of the channel, so both others end too
         let recorded = recorded?;
         analyser.await?;
@@ -268,17 +282,25 @@ async fn analyse_in_order(
     places: Arc<Semaphore>,
     mut cycles: mpsc::Receiver<CutCycle>,
     to_record: mpsc::Sender<InAnalysis>,
+    metrics: Metrics,
 ) {
+    let mut bytes = 0;
     // a cycle is not taken over before it is its turn: those that wait fill the memory
     while let Ok(turn) = to_record.reserve().await {
-        let Some(CutCycle { cycle, read }) = cycles.recv().await else { return };
+        let Some(CutCycle { cycle, read, took, written }) = cycles.recv().await else { return };
+        metrics.stage(Stage::Read, took);
+        let until = read.prefix.bytes;
+        metrics.cycle_read(cycle.samples.rows(), until.saturating_sub(bytes));
+        bytes = until;
         let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
-        let work = work.clone();
+        let (work, metrics) = (work.clone(), metrics.clone());
         let analysis = tokio::task::spawn_blocking(move || {
+            let began = Instant::now();
             let analysis = work.analyse(&cycle);
+            metrics.stage(Stage::Analyse, began.elapsed());
             drop(place);
             analysis
         });
-        turn.send((analysis, read));
+        turn.send(InAnalysis { analysis, read, written });
     }
 }

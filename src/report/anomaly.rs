@@ -1,6 +1,6 @@
 //! The tests before and since an anomaly: friction against the baseline, and RMSD.
 
-use super::figure::{Band, ESTIMATED, Figure, Key, Look, Mark, Panel, Series};
+use super::figure::{Area, Band, ESTIMATED, Figure, Key, Level, Limit, Look, Mark, Panel, Series, XAxis};
 use crate::numerics::statistics::distributions::normal_quantile;
 use crate::robot::JointIndex;
 
@@ -10,7 +10,7 @@ const SEEN: usize = 2;
 /// What one test says of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EvidencePoint {
-    /// Start of the test, days since the first one.
+    /// Start of the test, as [`day`](super::figure::day) has it.
     pub day: f64,
     /// The joint.
     pub joint: JointIndex,
@@ -43,32 +43,39 @@ pub fn anomaly_figure(tests: &[EvidencePoint], seen: [f64; 2], title: String, su
         Some(test.friction_index? + sign * half * test.friction_index_std_error?)
     };
     let mut friction = Vec::new();
+    let mut areas = Vec::new();
     let mut rmsd = Vec::new();
     for &joint in &joints {
-        let series = |mark, points| Series { colour: colour(joint), mark, points };
+        let series =
+            |mark, points| Series { name: format!("joint {joint}"), colour: colour(joint), mark, points };
         if joints.len() == 1 && indexed {
-            friction.push(series(Mark::Thin, along(joint, &|test| end(test, -1.0))));
-            friction.push(series(Mark::Thin, along(joint, &|test| end(test, 1.0))));
+            let (low, high) = (along(joint, &|test| end(test, -1.0)), along(joint, &|test| end(test, 1.0)));
+            let points = low.iter().zip(&high).map(|(low, high)| [low[0], low[1], high[1]]).collect();
+            areas.push(Area { colour: colour(joint), points });
         }
         let of = |test: &EvidencePoint| if indexed { test.friction_index } else { test.warm_friction_nm };
         friction.push(series(Mark::LineWithDots, along(joint, &of)));
         rmsd.push(series(Mark::LineWithDots, along(joint, &|test| Some(100.0 * test.relative_rmsd?))));
     }
-    let panel = |title: &str, y_label: &str, guide, with_zero, series| Panel {
+    let panel = |title: &str, y_label: &str, limits, with_zero, areas, series| Panel {
         title: title.into(),
-        x_label: "days since the first test".into(),
+        x_label: "start of the test, UTC".into(),
+        x_axis: XAxis::Date,
         y_label: y_label.into(),
         with_zero,
-        guide,
+        limits,
         bands: vec![Band { from: seen[0], to: seen[1], tint: SEEN }],
+        areas,
         series,
+        ..Panel::default()
     };
+    let baseline = vec![Limit { value: 1.0, level: Level::Usual }];
     let panels = vec![
         match indexed {
-            true => panel("friction index", "friction against the baseline", Some(1.0), false, friction),
-            false => panel("warm friction", "warm friction, Nm", None, false, friction),
+            true => panel("friction index", "friction index", baseline, false, areas, friction),
+            false => panel("warm friction", "warm friction, Nm", Vec::new(), false, Vec::new(), friction),
         },
-        panel("fit of the model", "relative RMSD, %", None, true, rmsd),
+        panel("fit of the model", "relative RMSD, %", Vec::new(), true, Vec::new(), rmsd),
     ];
     let key = |label: String, look| Key { label, look };
     let mut legend: Vec<Key> = joints
@@ -76,7 +83,8 @@ pub fn anomaly_figure(tests: &[EvidencePoint], seen: [f64; 2], title: String, su
         .map(|&joint| key(format!("joint {joint}"), Look::Series(colour(joint), Mark::LineWithDots)))
         .collect();
     if joints.len() == 1 && indexed {
-        legend.push(key("95 % interval".into(), Look::Series(ESTIMATED, Mark::Thin)));
+        legend.push(key("95 % interval".into(), Look::Area(ESTIMATED)));
+        legend.push(key("baseline".into(), Look::Limit(Level::Usual)));
     }
     legend.push(key("from onset to last seen".into(), Look::Band(SEEN)));
     Figure { title, subtitle, legend, panels, columns: 1 }
@@ -101,8 +109,10 @@ mod tests {
     fn one_joint_has_its_interval_and_several_a_colour_each() {
         let one = [test(0.0, 2, Some(1.0)), test(1.0, 2, None), test(2.0, 2, Some(1.2))];
         let figure = anomaly_figure(&one, [1.5, 2.0], "anomaly 4".into(), String::new());
-        let [low, high, index] = &figure.panels[0].series[..] else { panic!("{:?}", figure.panels[0]) };
-        assert!((high.points[2][1] - low.points[2][1] - 2.0 * 0.0196).abs() < 1e-4);
+        let ([index], [interval]) = (&figure.panels[0].series[..], &figure.panels[0].areas[..]) else {
+            panic!("{:?}", figure.panels[0])
+        };
+        assert!((interval.points[2][2] - interval.points[2][1] - 2.0 * 0.0196).abs() < 1e-4);
         assert!(index.points[1][1].is_nan());
         assert!((figure.panels[1].series[0].points[0][1] - 5.0).abs() < 1e-12);
         let several = [test(0.0, 0, None), test(0.0, 1, None)];

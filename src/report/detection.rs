@@ -1,6 +1,6 @@
 //! Probability and delay of detection over the size of what happened: two panels a fault.
 
-use super::figure::{ESTIMATED, Figure, MEASURED, Mark, Panel, Series};
+use super::figure::{Area, ESTIMATED, Figure, Key, Look, Mark, Panel, Series};
 
 /// What is known of one fault.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,38 +30,46 @@ pub struct DetectionPoint {
 #[must_use]
 pub fn detection_figure(curves: &[DetectionCurve], title: String, subtitle: String) -> Figure {
     let panels = curves.iter().flat_map(|curve| {
-        let line = |colour, mark, of: &dyn Fn(&DetectionPoint) -> f64| Series {
-            colour,
-            mark,
+        let line = |name: &str, of: &dyn Fn(&DetectionPoint) -> f64| Series {
+            name: name.into(),
+            colour: ESTIMATED,
+            mark: Mark::LineWithDots,
             points: curve.points.iter().map(|point| [point.size, of(point)]).collect(),
         };
-        let panel = |what: &str, y_label: &str, series| Panel {
+        let interval =
+            |point: &DetectionPoint| [point.size, 100.0 * point.detected_95[0], 100.0 * point.detected_95[1]];
+        let panel = |what: &str, y_label: &str, areas, series| Panel {
             title: format!("{}: {what}", curve.fault),
             x_label: curve.size.clone(),
             y_label: y_label.into(),
             with_zero: true,
-            guide: None,
-            bands: Vec::new(),
-            series,
+            areas,
+            series: vec![series],
+            ..Panel::default()
         };
         [
             panel(
                 "detection",
                 "robots with an alarm, %",
-                vec![
-                    line(MEASURED, Mark::Thin, &|point| 100.0 * point.detected_95[0]),
-                    line(MEASURED, Mark::Thin, &|point| 100.0 * point.detected_95[1]),
-                    line(ESTIMATED, Mark::LineWithDots, &|point| 100.0 * point.detected),
-                ],
+                vec![Area { colour: ESTIMATED, points: curve.points.iter().map(interval).collect() }],
+                line("robots with an alarm", &|point| 100.0 * point.detected),
             ),
             panel(
                 "delay",
                 "median delay, tests",
-                vec![line(ESTIMATED, Mark::LineWithDots, &|point| point.delay_tests)],
+                Vec::new(),
+                line("median delay", &|point| point.delay_tests),
             ),
         ]
     });
-    Figure { title, subtitle, legend: Vec::new(), panels: panels.collect(), columns: 2 }
+    let legend = vec![
+        Key {
+            label: "of the robots, or median delay".into(),
+            look: Look::Series(ESTIMATED, Mark::LineWithDots),
+        },
+        Key { label: "95 % interval".into(), look: Look::Area(ESTIMATED) },
+    ];
+    Figure { title, subtitle, legend, panels: panels.collect(), columns: 2 }
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! What a picture is made of: panels with axes, shaded stretches, lines and points, and one legend.
 
+use jiff::Timestamp;
+
 /// A picture of one or more panels.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Figure {
@@ -20,18 +22,135 @@ pub struct Figure {
 pub struct Panel {
     /// What it shows.
     pub title: String,
+    /// Where its subject stands, beside the title.
+    pub standing: Option<Standing>,
     /// Quantity and unit of the horizontal axis.
     pub x_label: String,
+    /// What its values are.
+    pub x_axis: XAxis,
     /// Quantity and unit of the vertical axis.
     pub y_label: String,
-    /// Whether the vertical axis shows zero whatever the data.
+    /// How its values are spaced.
+    pub y_axis: YAxis,
+    /// Ends of the vertical axis, where panels share one; else those of the data.
+    pub y_range: Option<[f64; 2]>,
+    /// Whether a linear vertical axis shows zero whatever the data.
     pub with_zero: bool,
-    /// A value of the vertical axis that is marked by a line, where the data come so far.
-    pub guide: Option<f64>,
+    /// Values of the vertical axis that are marked by a line, where the axis comes so far.
+    pub limits: Vec<Limit>,
     /// Shaded stretches of the horizontal axis.
     pub bands: Vec<Band>,
+    /// Shaded stretches of the vertical axis along the horizontal one, below all lines.
+    pub areas: Vec<Area>,
     /// Lines and points, later ones on top.
     pub series: Vec<Series>,
+    /// What happened at a value of the horizontal axis.
+    pub events: Vec<Event>,
+    /// A second, lower pair of axes on the same horizontal axis.
+    pub strip: Option<Strip>,
+}
+
+/// A low pair of axes below a panel, with a vertical axis of its own that shows zero.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Strip {
+    /// Quantity and unit of the vertical axis.
+    pub y_label: String,
+    /// Lines and points, later ones on top.
+    pub series: Vec<Series>,
+}
+
+/// What a horizontal axis shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum XAxis {
+    /// Numbers.
+    #[default]
+    Number,
+    /// Whole numbers, such as those of cycles.
+    Count,
+    /// Calendar dates, UTC: values are days since the start of 1970.
+    Date,
+}
+
+/// How the values of a vertical axis are spaced.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum YAxis {
+    /// Evenly.
+    #[default]
+    Linear,
+    /// By their logarithm; values that are not positive are not drawn.
+    Logarithmic,
+}
+
+/// A marked value of the vertical axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limit {
+    /// The value.
+    pub value: f64,
+    /// What it means.
+    pub level: Level,
+}
+
+/// How things stand, or what a limit is a limit of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    /// Nothing to see; as a limit: what is usual.
+    Usual,
+    /// Plan a look.
+    Warning,
+    /// Look before the next shift.
+    Critical,
+    /// Not known.
+    Unknown,
+}
+
+impl Level {
+    /// Class of its colours in a picture and on a page.
+    pub(super) fn class(self) -> &'static str {
+        match self {
+            Self::Usual => "usual",
+            Self::Warning => "warning",
+            Self::Critical => "critical",
+            Self::Unknown => "unknown",
+        }
+    }
+}
+
+/// A word on how the subject of a panel stands.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Standing {
+    /// The word.
+    pub word: String,
+    /// Its colour.
+    pub level: Level,
+}
+
+/// Something that happened at a value of the horizontal axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Event {
+    /// When, in values of the axis.
+    pub at: f64,
+    /// What it was.
+    pub kind: EventKind,
+    /// What is shown of it to a reader who points at it.
+    pub label: String,
+}
+
+/// What kind of thing happened.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EventKind {
+    /// An alarm began.
+    Alarm,
+    /// Somebody worked on the arm.
+    Repair,
+}
+
+/// A stretch between two values along the horizontal axis, such as an interval.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Area {
+    /// Which of the colours.
+    pub colour: usize,
+    /// Horizontal value, lower and upper end; broken at a point that is not finite.
+    pub points: Vec<[f64; 3]>,
 }
 
 /// A shaded stretch.
@@ -48,7 +167,9 @@ pub struct Band {
 /// Data of one kind in a panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// Which of the [`COLOURS`].
+    /// What it is, shown to a reader who points at it.
+    pub name: String,
+    /// Which of the [`COLOURS`], or one of [`ramp`].
     pub colour: usize,
     /// How it is drawn.
     pub mark: Mark,
@@ -67,7 +188,7 @@ pub enum Mark {
     Thin,
     /// A pale thin line, for what should stay in the background.
     Pale,
-    /// A broad line, for what another line runs on.
+    /// A broad pale line, on which a thin one can be followed.
     Broad,
     /// A small dot at each point.
     Dots,
@@ -93,6 +214,12 @@ pub enum Look {
     Series(usize, Mark),
     /// As a band of this tint.
     Band(usize),
+    /// As an area of this colour.
+    Area(usize),
+    /// As a limit of this level.
+    Limit(Level),
+    /// As an event of this kind.
+    Event(EventKind),
 }
 
 /// Colours of series as light and dark pages have them, from the palette of Okabe and Ito (2008), which
@@ -107,6 +234,27 @@ pub const COLOURS: [(&str, &str); 7] = [
     ("#7a5c3e", "#c9a27a"),
 ];
 
+/// Colours of ordered things, the first to the last, as light and dark pages have them. Their lightness rises or falls
+/// along the order, so that it is seen without colours too.
+pub const RAMP: [(&str, &str); 9] = [
+    ("#1b0c8f", "#5a6cff"),
+    ("#4b03a1", "#7f66ff"),
+    ("#7301a8", "#a566f5"),
+    ("#9511a1", "#c566e0"),
+    ("#b42e8d", "#e06ec0"),
+    ("#cb4679", "#f07ca0"),
+    ("#dd5e5c", "#fb9180"),
+    ("#e0733a", "#ffac66"),
+    ("#c98a00", "#ffd25c"),
+];
+
+/// Colour of the thing at `place` of `count` ordered ones, from 0.
+#[must_use]
+pub fn ramp(place: usize, count: usize) -> usize {
+    let last = RAMP.len() - 1;
+    COLOURS.len() + if count > 1 { (place * last / (count - 1)).min(last) } else { last / 2 }
+}
+
 /// Tints of bands as light and dark pages have them.
 pub const TINTS: [(&str, &str); 4] =
     [("#f3f4f6", "#1c2026"), ("#e6effa", "#172437"), ("#fdf0dc", "#292114"), ("#e7f4e8", "#16281a")];
@@ -117,6 +265,12 @@ pub const MEASURED: usize = 0;
 pub const ESTIMATED: usize = 1;
 /// Colour of the difference.
 pub const RESIDUAL: usize = 2;
+
+/// A time as a value of an axis of dates: days since the start of 1970.
+#[must_use]
+pub fn day(time: Timestamp) -> f64 {
+    time.as_second() as f64 / 86_400.0
+}
 
 /// Smallest and largest finite value; `None` without any.
 #[must_use]

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::figure::{COLOURS, Figure, Key, Look, Mark, Panel, Series, extent};
+use super::figure::{Figure, Key, Look, MEASURED, Mark, Panel, RAMP, Series, extent, ramp};
 use crate::analysis::{FrictionPoint, WarmUpFit};
 use crate::numerics::friction::level_means::friction_means;
 use crate::numerics::friction::warm_up::warm_up_torque;
@@ -16,7 +16,7 @@ const MAX_POINTS: usize = 1000;
 const CURVE_POINTS: usize = 120;
 
 /// Draws the magnitude of friction over the minutes of a run, and the curves fitted to it. Levels have
-/// the same colour in all panels.
+/// the same colour in all panels, from the slowest to the fastest.
 #[must_use]
 pub fn friction_figure(
     points: &[FrictionPoint],
@@ -34,11 +34,11 @@ pub fn friction_figure(
         .enumerate()
         .map(|(place, level)| Key {
             label: format!("{:.0} % of the largest speed", 100.0 * level),
-            look: Look::Series(place, Mark::LineWithDots),
+            look: Look::Series(ramp(place, levels.len()), Mark::LineWithDots),
         })
         .collect();
-    legend.push(Key { label: "forwards".into(), look: Look::Series(0, Mark::Dots) });
-    legend.push(Key { label: "backwards".into(), look: Look::Series(0, Mark::Rings) });
+    legend.push(Key { label: "forwards".into(), look: Look::Series(MEASURED, Mark::Dots) });
+    legend.push(Key { label: "backwards".into(), look: Look::Series(MEASURED, Mark::Rings) });
     Figure { title, subtitle, legend, panels, columns: 2 }
 }
 
@@ -52,10 +52,11 @@ pub struct CycleFriction {
 }
 
 /// Draws the magnitude of friction over speed, mean of both directions, for some of the cycles: the first, the
-/// last and others evenly between them, as many as there are colours.
+/// last and others evenly between them, as many as there are colours. The subtitle says which are left out.
 #[must_use]
 pub fn friction_speed_figure(cycles: &[CycleFriction], title: String, subtitle: String) -> Figure {
-    let shown = evenly(cycles, COLOURS.len());
+    let shown = evenly(cycles, RAMP.len());
+    let subtitle = subtitle + &left_out(cycles, &shown, |cycle| &cycle.label);
     let joints: BTreeSet<JointIndex> =
         cycles.iter().flat_map(|cycle| &cycle.points).map(|point| point.joint).collect();
     let panel = |joint: JointIndex| Panel {
@@ -64,13 +65,13 @@ pub fn friction_speed_figure(cycles: &[CycleFriction], title: String, subtitle: 
         y_label: "friction, Nm".into(),
         with_zero: true,
         series: (shown.iter().enumerate())
-            .map(|(colour, cycle)| over_speed(&cycle.points, joint, colour))
+            .map(|(place, cycle)| over_speed(cycle, joint, ramp(place, shown.len())))
             .collect(),
         ..Panel::default()
     };
-    let key = |(colour, cycle): (usize, &&CycleFriction)| Key {
+    let key = |(place, cycle): (usize, &&CycleFriction)| Key {
         label: cycle.label.clone(),
-        look: Look::Series(colour, Mark::LineWithDots),
+        look: Look::Series(ramp(place, shown.len()), Mark::LineWithDots),
     };
     let legend = shown.iter().enumerate().map(key).collect();
     Figure { title, subtitle, legend, panels: joints.into_iter().map(panel).collect(), columns: 2 }
@@ -89,10 +90,11 @@ pub struct RunCurves {
 
 /// Draws friction over time of several runs in one picture, each with its own curve, as thesis figure 5.23 does
 /// with the four tests of a robot: a panel a joint, a colour a run. Of more runs than there are colours the first,
-/// the last and others evenly between them. Points are means of both directions.
+/// the last and others evenly between them; the subtitle says which are left out. Points are means of both directions.
 #[must_use]
 pub fn run_comparison_figure(runs: &[RunCurves], title: String, subtitle: String) -> Figure {
-    let shown = evenly(runs, COLOURS.len());
+    let shown = evenly(runs, RAMP.len());
+    let subtitle = subtitle + &left_out(runs, &shown, |run| &run.label);
     let levels: BTreeSet<(JointIndex, u64)> = runs
         .iter()
         .flat_map(|run| &run.points)
@@ -106,14 +108,14 @@ pub fn run_comparison_figure(runs: &[RunCurves], title: String, subtitle: String
             y_label: "friction, Nm".into(),
             with_zero: false,
             series: (shown.iter().enumerate())
-                .flat_map(|(colour, run)| of_run(run, joint, level, colour))
+                .flat_map(|(place, run)| of_run(run, joint, level, ramp(place, shown.len())))
                 .collect(),
             ..Panel::default()
         }
     };
-    let key = |(colour, run): (usize, &&RunCurves)| Key {
+    let key = |(place, run): (usize, &&RunCurves)| Key {
         label: run.label.clone(),
-        look: Look::Series(colour, Mark::LineWithDots),
+        look: Look::Series(ramp(place, shown.len()), Mark::LineWithDots),
     };
     let legend = shown.iter().enumerate().map(key).collect();
     Figure { title, subtitle, legend, panels: levels.into_iter().map(panel).collect(), columns: 2 }
@@ -125,8 +127,8 @@ fn of_run(run: &RunCurves, joint: JointIndex, level: f64, colour: usize) -> Vec<
     let dots = means.iter().step_by(stride).map(|mean| [mean.time / 60.0, mean.torque]).collect();
     let points: Vec<&FrictionPoint> = run.points.iter().filter(|point| point.joint == joint).collect();
     let fit = run.fits.iter().find(|fit| fit.joint == joint && fit.speed_fraction.total_cmp(&level).is_eq());
-    let mut series = vec![Series { colour, mark: Mark::Dots, points: dots }];
-    series.extend(fit.and_then(|fit| curve(fit, &points, colour)));
+    let mut series = vec![Series { name: run.label.clone(), colour, mark: Mark::Dots, points: dots }];
+    series.extend(fit.and_then(|fit| curve(fit, &points, &run.label, colour)));
     series
 }
 
@@ -138,9 +140,26 @@ fn evenly<T>(all: &[T], most: usize) -> Vec<&T> {
     (0..most).map(|i| &all[i * (all.len() - 1) / (most - 1)]).collect()
 }
 
+/// Words on those that are not among the shown, nothing where all are.
+fn left_out<'a, T>(all: &'a [T], shown: &[&T], label: impl Fn(&'a T) -> &'a str) -> String {
+    let is_shown = |one: &&T| shown.iter().any(|of| std::ptr::eq(*of, *one));
+    let names: Vec<&str> = all.iter().filter(|one| !is_shown(one)).map(label).collect();
+    match names.len() {
+        0 => String::new(),
+        count if count <= MAX_NAMED => {
+            format!("; {} of {} shown, left out: {}", shown.len(), all.len(), names.join(", "))
+        }
+        count => format!("; {} of {} shown, {count} between them left out", shown.len(), all.len()),
+    }
+}
+
+/// Most that are named one by one where they are left out.
+const MAX_NAMED: usize = 8;
+
 /// Mean speed and mean magnitude of friction at each level of a joint.
-fn over_speed(points: &[FrictionPoint], joint: JointIndex, colour: usize) -> Series {
-    let of_joint: Vec<FrictionPoint> = points.iter().filter(|point| point.joint == joint).copied().collect();
+fn over_speed(cycle: &CycleFriction, joint: JointIndex, colour: usize) -> Series {
+    let of_joint: Vec<FrictionPoint> =
+        cycle.points.iter().filter(|point| point.joint == joint).copied().collect();
     let mean = |level: f64| {
         let of_level: Vec<&FrictionPoint> =
             of_joint.iter().filter(|point| point.speed_fraction.total_cmp(&level).is_eq()).collect();
@@ -148,7 +167,12 @@ fn over_speed(points: &[FrictionPoint], joint: JointIndex, colour: usize) -> Ser
         let sum = |value: fn(&FrictionPoint) -> f64| of_level.iter().map(|point| value(point)).sum::<f64>();
         [sum(|point| point.speed) / count, sum(|point| point.torque.abs()) / count]
     };
-    Series { colour, mark: Mark::LineWithDots, points: levels(&of_joint).into_iter().map(mean).collect() }
+    Series {
+        name: cycle.label.clone(),
+        colour,
+        mark: Mark::LineWithDots,
+        points: levels(&of_joint).into_iter().map(mean).collect(),
+    }
 }
 
 /// Speed levels, slowest first.
@@ -162,37 +186,39 @@ fn levels(points: &[FrictionPoint]) -> Vec<f64> {
 fn panel(points: &[FrictionPoint], fits: &[WarmUpFit], joint: JointIndex, levels: &[f64]) -> Panel {
     let mut series = Vec::new();
     let of_joint: Vec<&FrictionPoint> = points.iter().filter(|point| point.joint == joint).collect();
-    for (colour, level) in levels.iter().enumerate() {
+    for (place, level) in levels.iter().enumerate() {
+        let colour = ramp(place, levels.len());
+        let name = format!("{:.0} % of the largest speed", 100.0 * level);
         let of_level: Vec<&FrictionPoint> =
             of_joint.iter().copied().filter(|point| point.speed_fraction.total_cmp(level).is_eq()).collect();
-        for (direction, mark) in [(1, Mark::Dots), (-1, Mark::Rings)] {
+        for (direction, mark, word) in [(1, Mark::Dots, "forwards"), (-1, Mark::Rings, "backwards")] {
             let ours: Vec<[f64; 2]> = (of_level.iter())
                 .filter(|point| point.direction == direction)
                 .map(|point| [point.time / 60.0, point.torque.abs()])
                 .collect();
             let stride = ours.len().div_ceil(MAX_POINTS).max(1);
-            series.push(Series { colour, mark, points: ours.into_iter().step_by(stride).collect() });
+            let points = ours.into_iter().step_by(stride).collect();
+            series.push(Series { name: format!("{name}, {word}"), colour, mark, points });
         }
         let fit = fits.iter().find(|fit| fit.joint == joint && fit.speed_fraction.total_cmp(level).is_eq());
-        series.extend(fit.and_then(|fit| curve(fit, &of_level, colour)));
+        series.extend(fit.and_then(|fit| curve(fit, &of_level, &name, colour)));
     }
     Panel {
         title: format!("joint {joint}"),
         x_label: "time since the start of the run, min".into(),
         y_label: "friction, Nm".into(),
         with_zero: true,
-        guide: None,
-        bands: Vec::new(),
         series,
+        ..Panel::default()
     }
 }
 
 /// The fitted curve over the time of its points: not beyond, where it would be an extrapolation.
-fn curve(fit: &WarmUpFit, points: &[&FrictionPoint], colour: usize) -> Option<Series> {
+fn curve(fit: &WarmUpFit, points: &[&FrictionPoint], name: &str, colour: usize) -> Option<Series> {
     let (first, last) = extent(points.iter().map(|point| point.time / 60.0))?;
     let at = |i: usize| first + (last - first) * i as f64 / (CURVE_POINTS - 1) as f64;
     let points = (0..CURVE_POINTS).map(|i| [at(i), warm_up_torque(fit, at(i))]).collect();
-    Some(Series { colour, mark: Mark::Line, points })
+    Some(Series { name: format!("{name}, fitted"), colour, mark: Mark::Line, points })
 }
 
 #[cfg(test)]
@@ -275,7 +301,11 @@ mod tests {
         assert_eq!((figure.legend.len(), figure.panels.len()), (4, 1));
         let series = &figure.panels[0].series;
         assert_eq!(series.len(), 8, "dots and a curve of each run");
-        assert_eq!((series[6].mark, series[6].colour, series[6].points.len()), (Mark::Dots, 3, 2));
+        assert_eq!((series[6].mark, series[6].colour, series[6].points.len()), (Mark::Dots, ramp(3, 4), 2));
+        assert_eq!(figure.subtitle, "");
+        let many: Vec<RunCurves> = (1..=12).map(run).collect();
+        let figure = run_comparison_figure(&many, "R01".into(), "means".into());
+        assert_eq!(figure.subtitle, "means; 9 of 12 shown, left out: run 5, run 8, run 11");
         assert!((series[6].points[1][1] - 10.6).abs() < 1e-9);
         assert!((series[7].points[5][1] - 14.0).abs() < 1e-9);
     }
@@ -293,7 +323,8 @@ mod tests {
         let cycles: Vec<CycleFriction> = (1..=24).map(cycle).collect();
         let figure = friction_speed_figure(&cycles, "R01".into(), String::new());
         let labels: Vec<&str> = figure.legend.iter().map(|key| key.label.as_str()).collect();
-        assert_eq!((labels.len(), labels[0], labels[6]), (7, "cycle 1", "cycle 24"));
+        assert_eq!((labels.len(), labels[0], labels[8]), (9, "cycle 1", "cycle 24"));
+        assert_eq!(figure.subtitle, "; 9 of 24 shown, 15 between them left out");
         let points = &figure.panels[0].series[3].points;
         for (found, expected) in points.iter().zip([[0.2, 11.2], [0.6, 10.6]]) {
             assert!(

@@ -1,63 +1,84 @@
-//! Measured and estimated torque of a cycle over time: a panel a joint.
+//! Measured and estimated torque of a cycle over time, and their difference on a strip of its own: a panel a joint.
 
-use super::figure::{Band, ESTIMATED, Figure, Key, Look, MEASURED, Mark, Panel, RESIDUAL, Series};
+use super::figure::{Band, ESTIMATED, Figure, Key, Look, MEASURED, Mark, Panel, RESIDUAL, Series, Strip};
 use crate::analysis::{Rmsd, RmsdScope};
 use crate::numerics::identify::torque_series::{JointTorqueSeries, TorqueSeries, peaks};
 use crate::numerics::signal::time_grid::median_step;
 use crate::robot::{JointIndex, JointKind, Robot};
 use crate::run::Stage;
 
-/// Most points of a line: a bucket for about every second pixel of a panel, of which [`peaks`] keeps six
+/// Most points of a line: a bucket for about every third pixel of a panel, of which [`peaks`] keeps six
 /// rows.
 const POINTS_PER_LINE: usize = 1800;
 
 /// A longer step than this many usual ones is a gap, over which no line is drawn.
 const GAP_STEPS: f64 = 2.5;
 
-/// Draws `rows` of a cycle's torques, those of `scope`; `points` per joint if fewer are wanted than a panel
-/// shows. RMSD in the titles are over all rows of the scope that count.
+/// What of a cycle's torques is drawn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TorqueView {
+    /// Stage, or the whole cycle.
+    pub scope: RmsdScope,
+    /// Points of a line, if fewer are wanted than a panel shows.
+    pub points: Option<usize>,
+    /// Only this joint.
+    pub joint: Option<JointIndex>,
+    /// Whether the estimate is drawn where the joint is slow or at rest too: no friction column holds there, and its
+    /// sign changes with the noise of the velocity.
+    pub slow: bool,
+}
+
+/// Draws what `view` says of a cycle's torques. RMSD in the titles are over all rows of the scope that count.
 #[must_use]
 pub fn torque_figure(
     robot: &Robot,
     series: &TorqueSeries,
-    scope: RmsdScope,
-    points: Option<usize>,
+    view: TorqueView,
     title: String,
     subtitle: String,
 ) -> Figure {
-    let rows = series.rows_of(scope);
-    let most = points.unwrap_or(POINTS_PER_LINE).min(POINTS_PER_LINE);
+    let rows = series.rows_of(view.scope);
     let bands = stage_bands(series, &rows);
-    let panels = robot.joint_indices().zip(&series.joints).map(|(joint, of_joint)| {
-        let unit = match robot.joints[joint.index()].kind {
-            JointKind::Revolute => "torque, Nm",
-            JointKind::Prismatic => "force, N",
-        };
-        Panel {
-            title: panel_title(series, joint, scope),
-            x_label: "time since the start of the recording, s".into(),
-            y_label: unit.into(),
-            with_zero: true,
-            guide: None,
-            bands: bands.clone(),
-            series: joint_lines(series, of_joint, &rows, most),
-        }
-    });
-    Figure { title, subtitle, legend: legend(&bands), panels: panels.collect(), columns: 2 }
+    let joints = robot.joint_indices().zip(&series.joints);
+    let panels =
+        joints.filter(|(joint, _)| view.joint.is_none_or(|only| only == *joint)).map(|(joint, of_joint)| {
+            let (torque, residual) = match robot.joints[joint.index()].kind {
+                JointKind::Revolute => ("torque, Nm", "residual, Nm"),
+                JointKind::Prismatic => ("force, N", "residual, N"),
+            };
+            let (lines, difference) = joint_lines(series, of_joint, &rows, view);
+            Panel {
+                title: panel_title(series, joint, view.scope),
+                x_label: "time since the start of the recording, s".into(),
+                y_label: torque.into(),
+                with_zero: true,
+                bands: bands.clone(),
+                series: lines,
+                strip: Some(Strip { y_label: residual.into(), series: difference }),
+                ..Panel::default()
+            }
+        });
+    Figure { title, subtitle, legend: legend(&bands, view.slow), panels: panels.collect(), columns: 1 }
 }
 
+/// The RMSD of the moving rows first: at rest a joint holds any torque up to breakaway, which no model tells.
 fn panel_title(series: &TorqueSeries, joint: JointIndex, scope: RmsdScope) -> String {
     let rmsd = series.rmsd(joint, scope);
     let shown = |of: Rmsd| match of.samples {
         0 => "no rows".to_string(),
         _ => format!("{:.3} Nm = {:.2} %", of.value, 100.0 * of.relative),
     };
-    format!("joint {joint}: RMSD {}, moving {}", shown(rmsd.all_rows), shown(rmsd.moving_rows))
+    format!("joint {joint}: RMSD in motion {}, with rest {}", shown(rmsd.moving_rows), shown(rmsd.all_rows))
 }
 
-/// Lines of one joint, those below first. Where the joint is slow or at rest no friction column holds, so
-/// the estimate and the residual are pale there.
-fn joint_lines(series: &TorqueSeries, joint: &JointTorqueSeries, rows: &[usize], most: usize) -> Vec<Series> {
+/// Lines of the torques of one joint, those below first, and those of the residual.
+fn joint_lines(
+    series: &TorqueSeries,
+    joint: &JointTorqueSeries,
+    rows: &[usize],
+    view: TorqueView,
+) -> (Vec<Series>, Vec<Series>) {
+    let most = view.points.unwrap_or(POINTS_PER_LINE).min(POINTS_PER_LINE);
     let times: Vec<f64> = rows.iter().map(|&row| series.time[row]).collect();
     let step = median_step(&times).unwrap_or(f64::INFINITY);
     let mut measured = Vec::new();
@@ -73,21 +94,24 @@ fn joint_lines(series: &TorqueSeries, joint: &JointTorqueSeries, rows: &[usize],
                 || beside(kept.get(place + 1));
             let time = series.time[row];
             measured.push([time, joint.measured[row]]);
-            estimated.push([time, joint.estimated[row]], moving, border);
-            residual.push([time, joint.residual(row)], moving, border);
+            estimated.push([time, joint.estimated[row]], moving, border && view.slow);
+            residual.push([time, joint.residual(row)], moving, border && view.slow);
         }
         measured.push(BREAK);
         estimated.end();
         residual.end();
     }
-    let line = |colour, mark, points| Series { colour, mark, points };
-    vec![
-        line(ESTIMATED, Mark::Pale, estimated.slow),
-        line(RESIDUAL, Mark::Pale, residual.slow),
-        line(ESTIMATED, Mark::Broad, estimated.moving),
-        line(MEASURED, Mark::Line, measured),
-        line(RESIDUAL, Mark::Thin, residual.moving),
-    ]
+    let line = |name: &str, colour, mark, points| Series { name: name.into(), colour, mark, points };
+    let mut torques = vec![line("measured", MEASURED, Mark::Broad, measured)];
+    let mut difference = Vec::new();
+    if view.slow {
+        torques.push(line("estimated, joint slow", ESTIMATED, Mark::Pale, estimated.slow));
+        difference.push(line("residual, joint slow", RESIDUAL, Mark::Pale, residual.slow));
+    }
+    // a thin line on a broad pale one: both can be followed where they agree and where they part
+    torques.push(line("estimated", ESTIMATED, Mark::Line, estimated.moving));
+    difference.push(line("residual", RESIDUAL, Mark::Thin, residual.moving));
+    (torques, difference)
 }
 
 /// Where a line breaks.
@@ -124,14 +148,17 @@ fn stage_bands(series: &TorqueSeries, rows: &[usize]) -> Vec<Band> {
         .collect()
 }
 
-fn legend(bands: &[Band]) -> Vec<Key> {
+fn legend(bands: &[Band], slow: bool) -> Vec<Key> {
     let key = |label: &str, look| Key { label: label.into(), look };
     let mut keys = vec![
-        key("measured, low-passed", Look::Series(MEASURED, Mark::Line)),
-        key("estimated", Look::Series(ESTIMATED, Mark::Broad)),
+        key("measured, low-passed", Look::Series(MEASURED, Mark::Broad)),
+        key("estimated", Look::Series(ESTIMATED, Mark::Line)),
         key("residual", Look::Series(RESIDUAL, Mark::Thin)),
-        key("both where the joint is slow", Look::Series(ESTIMATED, Mark::Pale)),
     ];
+    if slow {
+        keys.push(key("estimated where the joint is slow", Look::Series(ESTIMATED, Mark::Pale)));
+        keys.push(key("residual there", Look::Series(RESIDUAL, Mark::Pale)));
+    }
     let stages = Stage::ANALYSED.iter().enumerate().map(|(place, stage)| (place + 1, stage.name()));
     keys.extend(
         stages
@@ -166,25 +193,54 @@ mod tests {
         series
     }
 
+    fn view(scope: RmsdScope) -> TorqueView {
+        TorqueView { scope, points: None, joint: None, slow: false }
+    }
+
+    fn drawn(view: TorqueView) -> Figure {
+        torque_figure(&er3a(), &series(), view, "run 1".into(), String::new())
+    }
+
+    fn times(series: &Series) -> impl Iterator<Item = f64> {
+        series.points.iter().map(|point| point[0]).filter(|time| time.is_finite())
+    }
+
     #[test]
     fn a_panel_a_joint_with_stages_peaks_and_gaps() {
-        let of = |scope| torque_figure(&er3a(), &series(), scope, None, "run 1".into(), String::new());
+        let of = |scope| drawn(view(scope));
         let figure = of(RmsdScope::WholeCycle);
         assert_eq!(figure.panels.len(), 6);
         assert_eq!(figure.panels[0].bands.len(), 2);
-        assert_eq!(figure.legend.len(), 6);
-        let measured = &figure.panels[2].series[3].points;
+        assert_eq!(figure.legend.len(), 5);
+        let measured = &figure.panels[2].series[0].points;
         assert!(measured.len() < POINTS_PER_LINE + 20, "{}", measured.len());
         assert!(measured.iter().any(|point| point[1] > 40.0), "the peak is lost");
         assert_eq!(measured.iter().filter(|point| point[0].is_nan()).count(), 2);
-        let slow: Vec<f64> = figure.panels[2].series[0].points.iter().map(|point| point[0]).collect();
-        assert!(slow.iter().filter(|time| time.is_finite()).all(|time| (10.0..11.0).contains(time)));
-        assert!(slow.iter().any(|time| time.is_finite()));
         // one row of 2000 is off by 40, of 4000 in the whole cycle
-        assert!(figure.panels[0].title.contains("RMSD 0.632 Nm"), "{}", figure.panels[0].title);
+        assert!(figure.panels[0].title.contains("with rest 0.632 Nm"), "{}", figure.panels[0].title);
         let excitation = of(RmsdScope::Stage(Stage::Excitation));
-        assert!(excitation.panels[0].title.contains("RMSD 0.894 Nm"), "{}", excitation.panels[0].title);
-        assert_eq!(excitation.legend.len(), 5);
+        assert!(excitation.panels[0].title.contains("with rest 0.894 Nm"), "{}", excitation.panels[0].title);
+        assert_eq!(excitation.legend.len(), 4);
         assert!(of(RmsdScope::Stage(Stage::Friction)).svg().contains("no data"));
+    }
+
+    #[test]
+    fn the_estimate_is_left_out_where_the_joint_is_slow_unless_it_is_asked_for() {
+        let without = drawn(view(RmsdScope::WholeCycle));
+        let panel = &without.panels[2];
+        let strip = panel.strip.as_ref().expect("a strip");
+        assert_eq!((panel.series.len(), strip.series.len()), (2, 1));
+        assert!(times(&panel.series[0]).any(|time| (10.0..11.0).contains(&time)), "measured all the same");
+        for line in [&panel.series[1], &strip.series[0]] {
+            assert!(times(line).all(|time| !(10.0..10.99).contains(&time)));
+        }
+        let slow = drawn(TorqueView { slow: true, ..view(RmsdScope::WholeCycle) });
+        let panel = &slow.panels[2];
+        assert_eq!(panel.series.len(), 3);
+        assert!(times(&panel.series[1]).all(|time| (10.0..11.0).contains(&time)));
+        assert!(times(&panel.series[1]).count() > 10);
+        let alone = drawn(TorqueView { joint: JointIndex::from_number(3), ..view(RmsdScope::WholeCycle) });
+        assert_eq!(alone.panels.len(), 1);
+        assert!(alone.panels[0].title.starts_with("joint 3"));
     }
 }

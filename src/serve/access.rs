@@ -9,7 +9,8 @@ use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
 use subtle::ConstantTimeEq;
 
 use super::answer::Refusal;
-use crate::config::ServeSettings;
+pub use crate::config::Scope;
+use crate::config::{ClientSettings, ServeSettings};
 use crate::ingest::bytes::fingerprint::of_bytes;
 use crate::run::ContentHash;
 
@@ -32,8 +33,10 @@ pub enum AccessError {
     )]
     Open(std::net::SocketAddr),
     /// The file cannot be read.
-    #[error("serve.token_file: {file}: {detail}", file = path.display())]
+    #[error("{key}: {file}: {detail}", file = path.display())]
     File {
+        /// Where the configuration names it.
+        key: String,
         /// The file.
         path: PathBuf,
         /// What the system says.
@@ -45,78 +48,120 @@ pub enum AccessError {
          blanks; `openssl rand -hex 24` makes one"
     )]
     Token(String),
+    /// Two names, one token: which scopes hold would depend on their order.
+    #[error("{0} and {1} hold the same token; `openssl rand -hex 24` makes another")]
+    Same(String, String),
 }
 
 /// What a request must know.
+#[derive(Debug)]
 pub struct Access {
-    /// The token's hash: hashes are compared, so that time says nothing of a token, not even its length.
-    token: Option<ContentHash>,
+    tokens: Vec<Token>,
 }
 
-impl std::fmt::Debug for Access {
+struct Token {
+    name: String,
+    /// Hashes are compared, so that time says nothing of a token, not even its length.
+    hash: ContentHash,
+    scopes: Vec<Scope>,
+}
+
+impl std::fmt::Debug for Token {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Access").field("token", &self.token.map(|_| "..")).finish()
+        f.debug_struct("Token")
+            .field("name", &self.name)
+            .field("scopes", &self.scopes)
+            .finish_non_exhaustive()
     }
 }
 
 impl Access {
-    /// Reads the token.
+    /// Reads the tokens.
     ///
     /// # Errors
     /// [`AccessError`].
-    pub fn new(settings: &ServeSettings) -> Result<Self, AccessError> {
-        let (token, place) = match &settings.token_file {
-            Some(path) => (Some(read(path)?), path.display().to_string()),
-            None => (std::env::var(TOKEN_VARIABLE).ok().filter(|t| !t.is_empty()), TOKEN_VARIABLE.to_owned()),
+    pub fn new(settings: &ServeSettings, clients: &ClientSettings) -> Result<Self, AccessError> {
+        let mut tokens: Vec<Token> = Vec::new();
+        let general = match &settings.token_file {
+            Some(path) => Some((read(path, "serve.token_file")?, path.display().to_string())),
+            None => std::env::var(TOKEN_VARIABLE)
+                .ok()
+                .filter(|text| !text.is_empty())
+                .map(|text| (text, TOKEN_VARIABLE.to_owned())),
         };
-        let Some(token) = token else {
-            if settings.listen.ip().is_loopback() {
-                return Ok(Self { token: None });
+        let general = general.map(|(text, place)| (place.clone(), text, place, Scope::ALL.to_vec()));
+        let scoped = clients.tokens.iter().map(|token| {
+            let text = read(&token.file, &format!("serve.token {}", token.name))?;
+            Ok((token.name.clone(), text, token.file.display().to_string(), token.scopes.clone()))
+        });
+        for found in general.into_iter().map(Ok).chain(scoped) {
+            let (name, text, place, scopes) = found?;
+            let hash = hash_of(&text).ok_or(AccessError::Token(place))?;
+            if let Some(other) = tokens.iter().find(|other| other.hash == hash) {
+                return Err(AccessError::Same(other.name.clone(), name));
             }
-            return Err(AccessError::Open(settings.listen));
-        };
-        let token = token.trim();
-        let length = SHORTEST_TOKEN..=LONGEST_TOKEN;
-        if !length.contains(&token.len()) || !token.bytes().all(|byte| byte.is_ascii_graphic()) {
-            return Err(AccessError::Token(place));
+            tokens.push(Token { name, hash, scopes });
         }
-        Ok(Self { token: Some(of_bytes(token.as_bytes())) })
+        if tokens.is_empty() && !settings.listen.ip().is_loopback() {
+            return Err(AccessError::Open(settings.listen));
+        }
+        Ok(Self { tokens })
     }
 
-    /// Whether a request may be answered.
+    /// Whether a request may do what `scope` allows. Without a token, requests that name this machine may read and
+    /// upload: a page in a browser could otherwise ask in its user's place. What changes something needs a token always.
     ///
     /// # Errors
-    /// 401 without the token. Where there is none, 403 unless the request names this machine: a page in a
-    /// browser could otherwise ask in its user's place.
-    pub fn check(&self, headers: &HeaderMap) -> Result<(), Refusal> {
+    /// 401 without a token or with one that is none, 403 with one of other scopes, from a page of another address, and
+    /// where there is no token at all.
+    pub fn check_for(&self, scope: Scope, headers: &HeaderMap) -> Result<(), Refusal> {
         if !is_of_own_page(headers) {
             return Err(Refusal::of_other_page());
         }
-        match &self.token {
-            Some(token) if bearer(headers).is_some_and(|given| is_same(token, &of_bytes(given))) => Ok(()),
-            Some(_) => Err(Refusal::unauthorized()),
-            None if names_this_machine(headers) => Ok(()),
-            None => Err(Refusal::forbidden()),
+        if self.tokens.is_empty() {
+            return match scope {
+                _ if !names_this_machine(headers) => Err(Refusal::forbidden()),
+                Scope::Act => Err(Refusal::needs_token()),
+                Scope::Read | Scope::Upload => Ok(()),
+            };
         }
+        let given = bearer(headers).filter(|given| !given.is_empty()).ok_or_else(Refusal::unauthorized)?;
+        let given = of_bytes(given);
+        // all are compared, so that the time says nothing of which it is
+        let mut held = None;
+        for token in &self.tokens {
+            if is_same(&token.hash, &given) {
+                held = Some(token);
+            }
+        }
+        let held = held.ok_or_else(Refusal::wrong_token)?;
+        if held.scopes.contains(&scope) { Ok(()) } else { Err(Refusal::out_of_scope(&held.name, scope)) }
     }
 
-    /// Whether a request may change something: only with the token, also from this machine.
+    /// Whether a request may read what is stored.
     ///
     /// # Errors
-    /// 401 without the token, 403 where the daemon has none.
-    pub fn check_action(&self, headers: &HeaderMap) -> Result<(), Refusal> {
-        self.check(headers)?;
-        if self.needs_token() { Ok(()) } else { Err(Refusal::needs_token()) }
+    /// As [`Access::check_for`].
+    pub fn check(&self, headers: &HeaderMap) -> Result<(), Refusal> {
+        self.check_for(Scope::Read, headers)
     }
 
-    /// Whether a request needs the token.
+    /// Whether a request needs a token.
     pub fn needs_token(&self) -> bool {
-        self.token.is_some()
+        !self.tokens.is_empty()
     }
 }
 
-fn read(path: &Path) -> Result<String, AccessError> {
-    let failed = |detail: String| AccessError::File { path: path.to_owned(), detail };
+/// The hash of a token, unless it is easily guessed or cannot be sent.
+fn hash_of(text: &str) -> Option<ContentHash> {
+    let token = text.trim();
+    let is_usable = (SHORTEST_TOKEN..=LONGEST_TOKEN).contains(&token.len())
+        && token.bytes().all(|byte| byte.is_ascii_graphic());
+    is_usable.then(|| of_bytes(token.as_bytes()))
+}
+
+fn read(path: &Path, key: &str) -> Result<String, AccessError> {
+    let failed = |detail: String| AccessError::File { key: key.to_owned(), path: path.to_owned(), detail };
     let file = File::open(path).map_err(|error| failed(error.to_string()))?;
     let mut text = String::new();
     let limit = LONGEST_TOKEN as u64 + 2;
@@ -125,12 +170,13 @@ fn read(path: &Path) -> Result<String, AccessError> {
 }
 
 /// Warns of a token that other users of the machine may read.
-pub fn warn_if_open(settings: &ServeSettings) {
+pub fn warn_if_open(settings: &ServeSettings, clients: &ClientSettings) {
     use std::os::unix::fs::PermissionsExt;
     const OTHERS: u32 = 0o077;
-    let Some(path) = &settings.token_file else { return };
-    if path.metadata().is_ok_and(|metadata| metadata.permissions().mode() & OTHERS != 0) {
-        tracing::warn!(path = %path.display(), "other users may read the token; chmod 600 it");
+    for path in settings.token_file.iter().chain(clients.tokens.iter().map(|token| &token.file)) {
+        if path.metadata().is_ok_and(|metadata| metadata.permissions().mode() & OTHERS != 0) {
+            tracing::warn!(path = %path.display(), "other users may read the token; chmod 600 it");
+        }
     }
 }
 
@@ -182,17 +228,17 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("token");
         std::fs::write(&path, "0123456789abcdef0123\n").unwrap();
-        let access = Access::new(&settings("0.0.0.0:0", Some(path))).unwrap();
+        let access = Access::new(&settings("0.0.0.0:0", Some(path)), &ClientSettings::default()).unwrap();
         assert!(!format!("{access:?}").contains("0123"), "{access:?}");
         for good in ["Bearer 0123456789abcdef0123", "bearer  0123456789abcdef0123"] {
-            assert!(access.check(&headers("authorization", good)).is_ok(), "{good}");
+            assert!(access.check_for(Scope::Act, &headers("authorization", good)).is_ok(), "{good}");
         }
         for bad in
             ["Bearer 0123456789abcdef012", "Bearer ", "Basic 0123456789abcdef0123", "0123456789abcdef0123"]
         {
-            assert!(access.check(&headers("authorization", bad)).is_err(), "{bad}");
+            assert!(access.check_for(Scope::Read, &headers("authorization", bad)).is_err(), "{bad}");
         }
-        assert!(access.check(&headers("host", "localhost")).is_err());
+        assert!(access.check_for(Scope::Read, &headers("host", "localhost")).is_err());
     }
 
     #[test]
@@ -201,42 +247,94 @@ mod tests {
         let path = folder.path().join("token");
         for text in ["short", "0123456789abcdef 0123", "0123456789abcdef\nx", ""] {
             std::fs::write(&path, text).unwrap();
-            let refused = Access::new(&settings("127.0.0.1:0", Some(path.clone())));
+            let refused =
+                Access::new(&settings("127.0.0.1:0", Some(path.clone())), &ClientSettings::default());
             assert!(matches!(refused, Err(AccessError::Token(_))), "{text:?}");
         }
         std::fs::remove_file(&path).unwrap();
-        let refused = Access::new(&settings("127.0.0.1:0", Some(path)));
+        let refused = Access::new(&settings("127.0.0.1:0", Some(path)), &ClientSettings::default());
         assert!(matches!(refused, Err(AccessError::File { .. })));
     }
 
     #[test]
     fn what_changes_something_needs_a_token_and_no_other_page_asks() {
-        let open = Access { token: None };
+        let open = Access { tokens: Vec::new() };
         let mut own = headers("host", "127.0.0.1:8650");
-        assert!(open.check(&own).is_ok() && open.check_action(&own).is_err());
+        assert!(open.check_for(Scope::Read, &own).is_ok() && open.check_for(Scope::Act, &own).is_err());
         own.insert("origin", "http://127.0.0.1:8650".parse().unwrap());
-        assert!(open.check(&own).is_ok());
+        assert!(open.check_for(Scope::Upload, &own).is_ok());
         for other in ["http://evil.example", "http://127.0.0.1:3000", "null"] {
             own.insert("origin", other.parse().unwrap());
-            assert!(open.check(&own).is_err(), "{other}");
+            assert!(open.check_for(Scope::Read, &own).is_err(), "{other}");
         }
-        let closed = Access { token: Some(of_bytes(b"0123456789abcdef")) };
+        let closed = Access { tokens: vec![token("all", b"0123456789abcdef", &Scope::ALL)] };
         let mut told = headers("authorization", "Bearer 0123456789abcdef");
-        assert!(closed.check_action(&told).is_ok());
+        assert!(closed.check_for(Scope::Act, &told).is_ok());
         told.insert("host", "arm.example".parse().unwrap());
         told.insert("origin", "https://evil.example".parse().unwrap());
-        assert!(closed.check_action(&told).is_err());
+        assert!(closed.check_for(Scope::Act, &told).is_err());
+    }
+
+    fn token(name: &str, text: &[u8], scopes: &[Scope]) -> Token {
+        Token { name: name.into(), hash: of_bytes(text), scopes: scopes.to_vec() }
+    }
+
+    #[test]
+    fn a_token_does_what_its_scopes_say_and_each_refusal_says_why() {
+        let access = Access {
+            tokens: vec![
+                token("all", b"0123456789abcdef", &Scope::ALL),
+                token("cell 3", b"fedcba9876543210", &[Scope::Upload]),
+            ],
+        };
+        let said = |given: &str, scope| {
+            let answer = access.check_for(scope, &headers("authorization", given));
+            answer.map_err(|refusal| (refusal.status.as_u16(), refusal.sentence))
+        };
+        assert!(Scope::ALL.iter().all(|scope| said("Bearer 0123456789abcdef", *scope).is_ok()));
+        assert_eq!(said("Bearer fedcba9876543210", Scope::Upload), Ok(()));
+        let (status, sentence) = said("Bearer fedcba9876543210", Scope::Act).unwrap_err();
+        assert!(status == 403 && sentence.contains("cell 3") && sentence.contains("act"), "{sentence}");
+        let (status, wrong) = said("Bearer another-token-0123", Scope::Read).unwrap_err();
+        let (other, missing) = said("Bearer ", Scope::Read).unwrap_err();
+        assert!((status, other) == (401, 401) && wrong != missing, "{wrong}, {missing}");
+    }
+
+    #[test]
+    fn tokens_of_the_configuration_are_read_and_two_are_not_the_same() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = ["a", "b"].map(|name| folder.path().join(name));
+        let clients = |scopes: &[Scope]| ClientSettings {
+            tokens: vec![crate::config::TokenSettings {
+                name: "b".into(),
+                file: files[1].clone(),
+                scopes: scopes.to_vec(),
+            }],
+            ..ClientSettings::default()
+        };
+        std::fs::write(&files[0], "0123456789abcdef").unwrap();
+        std::fs::write(&files[1], "fedcba9876543210\n").unwrap();
+        let general = settings("0.0.0.0:0", Some(files[0].clone()));
+        let access = Access::new(&general, &clients(&[Scope::Read])).unwrap();
+        assert!(access.check_for(Scope::Read, &headers("authorization", "Bearer fedcba9876543210")).is_ok());
+        assert!(Access::new(&settings("0.0.0.0:0", None), &clients(&[Scope::Read])).is_ok());
+        std::fs::write(&files[1], "0123456789abcdef").unwrap();
+        let same = Access::new(&general, &clients(&[Scope::Read]));
+        assert!(matches!(same, Err(AccessError::Same(..))), "{same:?}");
+        std::fs::remove_file(&files[1]).unwrap();
+        let gone = Access::new(&general, &clients(&[Scope::Read])).unwrap_err().to_string();
+        assert!(gone.starts_with("serve.token b: "), "{gone}");
     }
 
     #[test]
     fn without_a_token_only_this_machine_is_named() {
-        let access = Access { token: None };
+        let access = Access { tokens: Vec::new() };
         for host in ["localhost", "localhost:8650", "127.0.0.1:8650", "[::1]:8650", "[::1]"] {
-            assert!(access.check(&headers("host", host)).is_ok(), "{host}");
+            assert!(access.check_for(Scope::Read, &headers("host", host)).is_ok(), "{host}");
         }
         for host in ["evil.example", "127.0.0.1.evil.example:8650", "10.0.0.1"] {
-            assert!(access.check(&headers("host", host)).is_err(), "{host}");
+            assert!(access.check_for(Scope::Read, &headers("host", host)).is_err(), "{host}");
         }
-        assert!(access.check(&HeaderMap::new()).is_err());
+        assert!(access.check_for(Scope::Read, &HeaderMap::new()).is_err());
     }
 }

@@ -4,8 +4,10 @@ use axum::Json;
 use axum::http::header::{CONNECTION, RETRY_AFTER, WWW_AUTHENTICATE};
 use axum::http::{HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
-use serde_json::json;
+use serde::Serialize;
+use utoipa::{IntoResponses, ToSchema};
 
+use crate::config::Scope;
 use crate::store::AskError;
 
 /// How much of an upload is there, bytes.
@@ -13,6 +15,31 @@ pub const UPLOAD_OFFSET: HeaderName = HeaderName::from_static("upload-offset");
 
 /// Whether an upload is whole: `?1` or `?0`.
 pub const UPLOAD_COMPLETE: HeaderName = HeaderName::from_static("upload-complete");
+
+/// Why a request is refused
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Problem {
+    /// What is wrong and what to do
+    pub error: String,
+}
+
+/// Refusals that any request may meet, for the description of the API.
+#[derive(IntoResponses)]
+#[expect(dead_code, reason = "only its description is used")]
+pub enum Refused {
+    /// The token is missing or not one of the daemon
+    #[response(status = 401)]
+    Unauthorized(Problem),
+    /// The token may not do this, or the daemon has none; or the request is one of another page
+    #[response(status = 403)]
+    Forbidden(Problem),
+    /// Too many requests of one address; try again after Retry-After
+    #[response(status = 429)]
+    TooMany(Problem),
+    /// A fault of the program or its machine
+    #[response(status = 500)]
+    Internal(Problem),
+}
 
 /// A request that is not answered as its sender hoped.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -47,9 +74,30 @@ impl Refusal {
         self
     }
 
-    /// Without the token.
+    /// Without a token.
     pub fn unauthorized() -> Self {
-        Self::new(StatusCode::UNAUTHORIZED, "send the token as \"Authorization: Bearer TOKEN\"")
+        Self::new(StatusCode::UNAUTHORIZED, "send a token as \"Authorization: Bearer TOKEN\"")
+    }
+
+    /// With a token that is none of the daemon's.
+    pub fn wrong_token() -> Self {
+        let sentence =
+            "this token is none of the daemon's; its files are named by serve.token_file and serve.token";
+        Self::new(StatusCode::UNAUTHORIZED, sentence)
+    }
+
+    /// With a token that may do other things.
+    pub fn out_of_scope(token: &str, wanted: Scope) -> Self {
+        let sentence =
+            format!("the token {token} lacks the scope \"{}\"; serve.token gives scopes", wanted.name());
+        Self::new(StatusCode::FORBIDDEN, sentence)
+    }
+
+    /// More requests than one address may send.
+    pub fn too_many(seconds: u64) -> Self {
+        let sentence =
+            "too many requests of this address; send fewer a second, or raise serve.requests_per_s";
+        Self::new(StatusCode::TOO_MANY_REQUESTS, sentence).after(seconds)
     }
 
     /// Not of this machine.
@@ -92,7 +140,7 @@ impl Refusal {
 
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
-        let mut response = (self.status, Json(json!({"error": self.sentence}))).into_response();
+        let mut response = (self.status, Json(Problem { error: self.sentence })).into_response();
         let headers = response.headers_mut();
         if let Some(offset) = self.offset {
             headers.insert(UPLOAD_OFFSET, offset.into());

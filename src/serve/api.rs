@@ -7,26 +7,33 @@
 mod act;
 mod events;
 mod fleet;
+mod row;
 mod rows;
 mod session;
+mod sql;
+mod torque;
 
 use std::sync::Arc;
 
-use axum::Router;
-use axum::routing::{get, post};
+use axum::Extension;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
 
 use super::shared::Shared;
 pub(super) use events::watch;
 
 /// The addresses under `/v1/` besides those of exports.
-pub(super) fn routes() -> Router<Arc<Shared>> {
-    Router::new()
-        .route("/v1/session", get(session::session))
-        .route("/v1/fleet", get(fleet::fleet))
-        .route("/v1/views", get(rows::views))
-        .route("/v1/views/{view}", get(rows::of_view))
-        .route("/v1/events", get(events::events))
-        .route("/v1/anomalies/{id}/{action}", post(act::on_anomaly))
-        .route("/v1/robots/{robot}/maintenance", post(act::maintenance))
-        .route("/v1/quarantine/{run_id}/retry", post(act::retry))
+pub(super) fn routes() -> OpenApiRouter<Arc<Shared>> {
+    OpenApiRouter::new()
+        .routes(routes!(session::session))
+        .routes(routes!(fleet::fleet))
+        .routes(routes!(rows::views))
+        .routes(routes!(rows::of_view))
+        .routes(routes!(sql::sql))
+        .routes(routes!(torque::of_cycle))
+        .routes(routes!(events::events))
+        .routes(routes!(act::on_anomaly))
+        .routes(routes!(act::maintenance))
+        .routes(routes!(act::retry))
+        .layer(Extension(Arc::<fleet::Kept>::default()))
 }

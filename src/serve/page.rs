@@ -1,16 +1,19 @@
 //! `GET /`: the dashboard. Its files are part of the program; it asks nothing of any other server.
 
-use std::sync::Arc;
+use std::io::Write;
+use std::sync::{Arc, LazyLock};
 
 use axum::Router;
 use axum::extract::Path;
 use axum::http::header::{
-    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH, REFERRER_POLICY,
-    X_CONTENT_TYPE_OPTIONS, X_FRAME_OPTIONS,
+    ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG,
+    IF_NONE_MATCH, REFERRER_POLICY, VARY, X_CONTENT_TYPE_OPTIONS, X_FRAME_OPTIONS,
 };
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use flate2::Compression;
+use flate2::write::GzEncoder;
 
 use super::answer::Refusal;
 use super::shared::Shared;
@@ -37,6 +40,7 @@ static ASSETS: &[Asset] = &assets![
     "actions.js",
     "alarm.js",
     "api.js",
+    "cycle.js",
     "dialog.js",
     "dom.js",
     "early.js",
@@ -74,24 +78,58 @@ async fn asset(Path(name): Path<String>, headers: HeaderMap) -> Response {
     answer(&name, &headers)
 }
 
+/// A file as it is sent.
+struct Sent {
+    tag: String,
+    /// Compressed, where that is shorter.
+    short: Option<Vec<u8>>,
+}
+
+/// All files, made ready when the first one is asked for.
+static SENT: LazyLock<Vec<Sent>> = LazyLock::new(|| {
+    let sent = |asset: &Asset| Sent {
+        // weak: the same for both forms
+        tag: format!("W/\"{}\"", of_bytes(asset.content)),
+        short: compressed(asset.content).filter(|short| short.len() < asset.content.len()),
+    };
+    ASSETS.iter().map(sent).collect()
+});
+
+fn compressed(content: &[u8]) -> Option<Vec<u8>> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+    encoder.write_all(content).and_then(|()| encoder.finish()).ok()
+}
+
 fn answer(name: &str, headers: &HeaderMap) -> Response {
-    let Some(asset) = ASSETS.iter().find(|asset| asset.name == name) else {
+    let found = ASSETS.iter().zip(SENT.iter()).find(|(asset, _)| asset.name == name);
+    let Some((asset, Sent { tag, short })) = found else {
         return Refusal::new(StatusCode::NOT_FOUND, format!("the dashboard has no file {name}"))
             .into_response();
     };
     // a newer program has newer files: a browser asks each time, and mostly hears that nothing has changed
-    let tag = format!("\"{}\"", of_bytes(asset.content));
     let fixed = [
         (CACHE_CONTROL, "no-cache"),
         (CONTENT_SECURITY_POLICY, POLICY),
         (REFERRER_POLICY, "no-referrer"),
+        (VARY, "accept-encoding"),
         (X_CONTENT_TYPE_OPTIONS, "nosniff"),
         (X_FRAME_OPTIONS, "DENY"),
     ];
-    if headers.get(IF_NONE_MATCH).is_some_and(|known| known.as_bytes() == tag.as_bytes()) {
-        return (StatusCode::NOT_MODIFIED, [(ETAG, tag)], fixed).into_response();
+    let tag = [(ETAG, tag.as_str())];
+    if headers.get(IF_NONE_MATCH).is_some_and(|known| known.as_bytes() == tag[0].1.as_bytes()) {
+        return (StatusCode::NOT_MODIFIED, tag, fixed).into_response();
     }
-    ([(ETAG, tag)], [(CONTENT_TYPE, content_type(asset.name))], fixed, asset.content).into_response()
+    let kind = [(CONTENT_TYPE, content_type(asset.name))];
+    match short.as_ref().filter(|_| takes_gzip(headers)) {
+        Some(short) => (tag, kind, fixed, [(CONTENT_ENCODING, "gzip")], short.clone()).into_response(),
+        None => (tag, kind, fixed, asset.content).into_response(),
+    }
+}
+
+/// Whether a client takes compressed files; one that says how much it likes them is not asked for more.
+fn takes_gzip(headers: &HeaderMap) -> bool {
+    let taken = headers.get(ACCEPT_ENCODING).and_then(|taken| taken.to_str().ok()).unwrap_or_default();
+    taken.split(',').any(|one| one.trim().eq_ignore_ascii_case("gzip"))
 }
 
 fn content_type(name: &str) -> &'static str {
@@ -107,6 +145,26 @@ fn content_type(name: &str) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn files_are_sent_compressed_to_who_takes_that() {
+        use std::io::Read;
+        let mut headers = HeaderMap::new();
+        let plain = answer("fleet.js", &headers);
+        assert!(plain.headers().get(CONTENT_ENCODING).is_none());
+        headers.insert(ACCEPT_ENCODING, "br, gzip".parse().expect("a header"));
+        let short = answer("fleet.js", &headers);
+        assert_eq!(short.headers().get(CONTENT_ENCODING).expect("an encoding"), "gzip");
+        assert_eq!(short.headers().get(ETAG), plain.headers().get(ETAG));
+        for (asset, sent) in ASSETS.iter().zip(SENT.iter()) {
+            let Some(short) = &sent.short else { continue };
+            let mut text = Vec::new();
+            flate2::read::GzDecoder::new(short.as_slice()).read_to_end(&mut text).expect("gzip");
+            assert!(text == asset.content, "{}", asset.name);
+        }
+        headers.insert(ACCEPT_ENCODING, "identity".parse().expect("a header"));
+        assert!(answer("fleet.js", &headers).headers().get(CONTENT_ENCODING).is_none());
+    }
 
     #[test]
     fn every_file_of_the_folder_is_served() {

@@ -37,6 +37,8 @@ pub struct Bounds {
     pub idle: Duration,
     /// How long it may be slower than [`LEAST_RATE`].
     pub slow_start: Duration,
+    /// How long it may take, however fast.
+    pub total: Duration,
 }
 
 /// Writes a body to the upload, from its start or behind what is there, and gives back the claim. What arrived
@@ -122,7 +124,10 @@ async fn hand_on(
         };
         let piece = match frame {
             Err(_) => {
-                return Err(Refusal::new(StatusCode::REQUEST_TIMEOUT, "too slow; go on from where it is"));
+                return Err(Refusal::new(
+                    StatusCode::REQUEST_TIMEOUT,
+                    "too slow, or over its time; go on from where it is",
+                ));
             }
             Ok(None) => return Ok(()),
             Ok(Some(Err(_))) => {
@@ -149,9 +154,9 @@ async fn hand_on(
 }
 
 impl Bounds {
-    /// How long after its begin an upload of so many bytes must have gone on.
+    /// How long after its begin an upload of so many bytes must have gone on, or ended.
     fn time_for(&self, received: u64) -> Duration {
-        self.slow_start.max(Duration::from_secs(received / LEAST_RATE))
+        self.slow_start.max(Duration::from_secs(received / LEAST_RATE)).min(self.total)
     }
 }
 
@@ -168,7 +173,12 @@ mod tests {
     use super::*;
     use crate::serve::spool::Spool;
 
-    const BOUNDS: Bounds = Bounds { bytes: 10, idle: Duration::from_secs(5), slow_start: SLOW_START };
+    const BOUNDS: Bounds = Bounds {
+        bytes: 10,
+        idle: Duration::from_secs(5),
+        slow_start: SLOW_START,
+        total: Duration::from_secs(3600),
+    };
 
     fn upload() -> (tempfile::TempDir, Spool, Claim) {
         let folder = tempfile::tempdir().unwrap();
@@ -220,8 +230,19 @@ mod tests {
     async fn a_client_that_drips_is_cut_and_can_go_on() {
         let (_folder, _spool, claim) = upload();
         let drips = Body::new(Drips(tokio::time::interval(Duration::from_millis(10))));
-        let bounds =
-            Bounds { bytes: 1 << 30, idle: Duration::from_secs(600), slow_start: Duration::from_millis(300) };
+        let (short, long) = (Duration::from_millis(300), Duration::from_secs(600));
+        let bounds = Bounds { bytes: 1 << 30, idle: long, slow_start: short, total: long };
+        let refusal = receive(claim, true, drips, bounds, &CancellationToken::new()).await.unwrap_err();
+        assert_eq!(refusal.status, StatusCode::REQUEST_TIMEOUT);
+        assert!(refusal.offset.is_some_and(|offset| offset > 0), "{:?}", refusal.offset);
+    }
+
+    #[tokio::test]
+    async fn an_upload_ends_after_its_total_time() {
+        let (_folder, _spool, claim) = upload();
+        let drips = Body::new(Drips(tokio::time::interval(Duration::from_millis(10))));
+        let (short, long) = (Duration::from_millis(300), Duration::from_secs(600));
+        let bounds = Bounds { bytes: 1 << 30, idle: long, slow_start: long, total: short };
         let refusal = receive(claim, true, drips, bounds, &CancellationToken::new()).await.unwrap_err();
         assert_eq!(refusal.status, StatusCode::REQUEST_TIMEOUT);
         assert!(refusal.offset.is_some_and(|offset| offset > 0), "{:?}", refusal.offset);

@@ -1,7 +1,7 @@
 //! What requests share.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use tokio::sync::{OnceCell, Semaphore, watch};
@@ -9,8 +9,10 @@ use tokio_util::sync::CancellationToken;
 
 use super::access::Access;
 use super::answer::Refusal;
+use super::rates::Rates;
 use super::spool::Spool;
 use crate::config::{Config, UploadSettings};
+use crate::metrics::Metrics;
 use crate::run::ContentHash;
 use crate::store::Store;
 
@@ -20,13 +22,23 @@ pub(super) struct Shared {
     pub(super) store: Store,
     pub(super) access: Access,
     pub(super) uploads: Option<Uploads>,
+    /// Requests by address.
+    pub(super) rates: Rates,
+    /// Turns of statements of people and programs: their work takes cores from the pipeline.
+    pub(super) statements: Arc<Semaphore>,
+    /// The turn of requests that read an export again: one at a time.
+    pub(super) replays: Semaphore,
     pub(super) stop: CancellationToken,
     /// What `/ready` said last.
     pub(super) readiness: tokio::sync::Mutex<Option<Readiness>>,
     /// As it is in force now.
     pub(super) config: watch::Receiver<Arc<Config>>,
+    /// What `/v1/openapi.json` says, once the routes are known.
+    pub(super) description: OnceLock<String>,
     /// The handle of those who only look, opened by the first of them.
     pub(super) looking: OnceCell<Store>,
+    /// Figures of the process.
+    pub(super) metrics: Metrics,
     /// Counts changes of the database while anybody listens.
     pub(super) changes: watch::Sender<u64>,
 }
@@ -45,6 +57,9 @@ impl Shared {
         self.looking.get_or_try_init(open).await
     }
 }
+
+/// Statements of people and programs at once.
+pub(super) const STATEMENTS: usize = 2;
 
 /// What the last look said, and when it was.
 #[derive(Debug, Clone, Copy)]

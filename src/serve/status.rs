@@ -7,54 +7,140 @@ use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
-use serde_json::{Value, json};
+use serde::Serialize;
+use utoipa::ToSchema;
 
-use super::answer::Refusal;
+use super::access::Scope;
+use super::answer::{Problem, Refusal, Refused};
 use super::shared::Shared;
 use crate::run::ContentHash;
 use crate::serve::shared::Readiness;
+use crate::store::ViewRows;
 
-/// `GET /v1/exports/HASH`: status, cycles and, where there is one, the reason.
-pub async fn of_content(
+/// What became of an export
+#[derive(Debug, Serialize, ToSchema)]
+pub struct ExportStatus {
+    /// BLAKE3 of its content, 64 hexadecimal digits; null while the file grows
+    hash: Option<String>,
+    /// Its run; null while it waits
+    run_id: Option<i64>,
+    /// waiting, or the status of its run, such as complete or quarantined
+    status: String,
+    /// Cycles that are stored
+    cycles: u64,
+    /// Why it is in quarantine
+    reason: Option<String>,
+}
+
+/// The process lives
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Health {
+    /// ok
+    status: &'static str,
+}
+
+/// Whether the daemon can work
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Ready {
+    /// Whether it can
+    ready: bool,
+    /// Whether the database answers
+    database: bool,
+    /// Whether the spool can be written, where uploads are on
+    spool: bool,
+    /// Whether it is about to stop
+    stopping: bool,
+}
+
+/// What became of an export
+#[utoipa::path(
+    get, path = "/v1/exports/{name}", tag = "Exports", operation_id = "exportStatus",
+    params(("name" = String, Path, description = "BLAKE3 of its content, 64 hexadecimal digits, or the name of its file")),
+    responses(
+        (status = 200, description = "Where it stands", body = ExportStatus),
+        (status = 404, description = "No such export is known", body = Problem),
+        Refused,
+    ),
+    security(("token" = ["read"]), ("token" = ["upload"]), ()),
+)]
+pub async fn of_export(
     State(shared): State<Arc<Shared>>,
-    Path(hash): Path<String>,
+    Path(name): Path<String>,
     headers: HeaderMap,
-) -> Result<Json<Value>, Refusal> {
-    shared.access.check(&headers)?;
-    let hash = content_hash(&hash).ok_or_else(|| {
-        Refusal::new(StatusCode::BAD_REQUEST, "give the BLAKE3 hash of the export, 64 hexadecimal digits")
-    })?;
+) -> Result<Json<ExportStatus>, Refusal> {
+    // who sends an export may ask what became of it
+    if shared.access.check_for(Scope::Upload, &headers).is_err() {
+        shared.access.check(&headers)?;
+    }
+    let Some(hash) = content_hash(&name) else { return of_name(&shared, name).await };
     let known = shared.store.lookup(&hash).await.map_err(|error| Refusal::internal(&error))?;
+    let hash_told = Some(hash.to_string());
     if let Some(run) = known {
-        return Ok(Json(json!({
-            "hash": hash.to_string(), "run_id": run.run_id, "status": run.status.name(),
-            "cycles": run.cycles_stored, "reason": run.reason,
-        })));
+        return Ok(Json(ExportStatus {
+            hash: hash_told,
+            run_id: Some(run.run_id),
+            status: run.status.name().to_owned(),
+            cycles: run.cycles_stored.into(),
+            reason: run.reason,
+        }));
     }
     if shared.uploads.as_ref().is_some_and(|uploads| uploads.is_waiting(&hash)) {
-        return Ok(Json(json!({
-            "hash": hash.to_string(), "run_id": null, "status": "waiting", "cycles": 0, "reason": null,
-        })));
+        let status = "waiting".to_owned();
+        return Ok(Json(ExportStatus { hash: hash_told, run_id: None, status, cycles: 0, reason: None }));
     }
     Err(Refusal::new(StatusCode::NOT_FOUND, "no export of this content is known"))
 }
 
-/// `GET /health`: the process lives.
-pub async fn health() -> Json<Value> {
-    Json(json!({"status": "ok"}))
+/// What became of the latest export of a name.
+async fn of_name(shared: &Shared, name: String) -> Result<Json<ExportStatus>, Refusal> {
+    let wanted = ViewRows {
+        filters: vec![("source_name".into(), name.clone())],
+        order: Some(("run_id".into(), true)),
+        limit: 1,
+    };
+    let runs = shared.looking().await?.rows_of_view("runs", &wanted).await.map_err(Refusal::unanswered)?;
+    let run = runs.objects().next().ok_or_else(|| {
+        let wanted = "give the name of a file or the BLAKE3 hash of its content, 64 hexadecimal digits";
+        Refusal::new(StatusCode::NOT_FOUND, format!("no export {name} is known; {wanted}"))
+    })?;
+    let text = |column: &str| run[column].as_str().map(str::to_owned);
+    Ok(Json(ExportStatus {
+        hash: text("content_hash"),
+        run_id: run["run_id"].as_i64(),
+        status: text("status").unwrap_or_default(),
+        cycles: run["cycles"].as_u64().unwrap_or_default(),
+        reason: text("reason"),
+    }))
+}
+
+/// Whether the process lives
+#[utoipa::path(
+    get, path = "/health", tag = "Daemon", operation_id = "health",
+    responses((status = 200, description = "It lives", body = Health)),
+)]
+pub async fn health() -> Json<Health> {
+    Json(Health { status: "ok" })
 }
 
 /// How long an answer to [`ready`] holds: who asks in a loop, without a token, costs next to nothing.
 const READY_HOLDS: Duration = Duration::from_secs(1);
 
-/// `GET /ready`: the database answers and uploads can be written.
+/// Whether the daemon can work
+///
+/// The database answers, and uploads can be written. The answer holds for a second.
+#[utoipa::path(
+    get, path = "/ready", tag = "Daemon", operation_id = "ready",
+    responses(
+        (status = 200, description = "It can", body = Ready),
+        (status = 503, description = "It cannot", body = Ready),
+    ),
+)]
 pub async fn ready(State(shared): State<Arc<Shared>>) -> Response {
     let stopping = shared.stop.is_cancelled();
     let Readiness { database, spool, .. } = readiness(&shared).await;
     let is_ready = database && spool && !stopping;
     let status = if is_ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
-    let told = json!({"ready": is_ready, "database": database, "spool": spool, "stopping": stopping});
-    (status, Json(told)).into_response()
+    (status, Json(Ready { ready: is_ready, database, spool, stopping })).into_response()
 }
 
 async fn readiness(shared: &Shared) -> Readiness {

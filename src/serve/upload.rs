@@ -13,9 +13,11 @@ use axum::extract::{Path, Query, State};
 use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
-use serde_json::json;
+use serde::Serialize;
+use utoipa::ToSchema;
 
-use super::answer::{Refusal, UPLOAD_COMPLETE, UPLOAD_OFFSET};
+use super::access::Scope;
+use super::answer::{Problem, Refusal, Refused, UPLOAD_COMPLETE, UPLOAD_OFFSET};
 use super::part::Part;
 use super::receive::{Bounds, SLOW_START, of_disk, receive};
 use super::shared::{Shared, Uploads};
@@ -24,7 +26,7 @@ use super::status::content_hash;
 use crate::ingest::bytes::source::is_export;
 use crate::run::{ContentHash, RunStatus};
 use crate::serve::shared::CLEANING_INTERVAL;
-use crate::store::Store;
+use crate::store::{KnownRun, Store};
 
 /// The content that the client means to send, 64 hexadecimal digits.
 const CONTENT_BLAKE3: HeaderName = HeaderName::from_static("x-content-blake3");
@@ -52,13 +54,32 @@ pub struct Wishes {
     supersede: bool,
 }
 
-/// `HEAD`: how much of an upload is there, in `Upload-Offset`.
+/// How much of an upload is there
+///
+/// In the headers `Upload-Offset` and `Upload-Complete`.
+#[utoipa::path(
+    head, path = "/v1/exports/{name}", tag = "Exports", operation_id = "uploadOffset",
+    params(
+        ("name" = String, Path, description = "Name of the file"),
+        ("X-Content-BLAKE3" = Option<String>, Header, description = "Hash of the content that is meant, 64 hexadecimal digits"),
+    ),
+    responses(
+        (status = 200, description = "So many bytes are there", headers(
+            ("Upload-Offset" = u64, description = "Bytes that are there"),
+            ("Upload-Complete" = String, description = "?1 where the export is whole, ?0 else"),
+        )),
+        (status = 404, description = "Nothing of this name is here"),
+        (status = 401, description = "The token is missing or not one of the daemon"),
+        (status = 403, description = "The token may not do this"),
+    ),
+    security(("token" = ["upload"]), ()),
+)]
 pub async fn offset(
     State(shared): State<Arc<Shared>>,
     Path(name): Path<String>,
     headers: HeaderMap,
 ) -> Result<Response, Refusal> {
-    shared.access.check(&headers)?;
+    shared.access.check_for(Scope::Upload, &headers)?;
     let uploads = uploads(&shared)?;
     check_name(&name)?;
     let (content, spool) = (declared_content(&headers)?, uploads.spool.clone());
@@ -70,7 +91,35 @@ pub async fn offset(
     }
 }
 
-/// `PUT`: takes an export, or a part of one.
+/// Send an export, or a part of one
+///
+/// 201 says that all bytes are on disk. A part has `Content-Range`, and the answer to it says where the next one begins.
+#[utoipa::path(
+    put, path = "/v1/exports/{name}", tag = "Exports", operation_id = "upload",
+    params(
+        ("name" = String, Path, description = "Name of the file, which says robot, date and time; ends in .csv, .csv.gz or .csv.zst"),
+        ("supersede" = Option<bool>, Query, description = "Whether the content takes the place of another one under this name"),
+        ("Content-Range" = Option<String>, Header, description = "bytes FIRST-LAST/TOTAL, or bytes */TOTAL to end an upload"),
+        ("X-Content-BLAKE3" = Option<String>, Header, description = "Hash of the content, 64 hexadecimal digits"),
+    ),
+    request_body(description = "The bytes of the export", content((Vec<u8> = "application/octet-stream"), (String = "text/csv"))),
+    responses(
+        (status = 200, description = "The content is here or stored already", body = Taken),
+        (status = 201, description = "The export is taken", body = Taken),
+        (status = 202, description = "The part is here; more is wanted from Upload-Offset on"),
+        (status = 400, description = "Name, range or hash is wrong, the body broke off, or the export is empty", body = Problem),
+        (status = 404, description = "Uploads are off", body = Problem),
+        (status = 408, description = "Too slow; go on from Upload-Offset", body = Problem),
+        (status = 409, description = "The name has another content, or the part does not begin at Upload-Offset", body = Problem),
+        (status = 413, description = "Larger than allowed", body = Problem),
+        (status = 415, description = "No export by name, media type or encoding", body = Problem),
+        (status = 422, description = "The name says no robot of the configuration", body = Problem),
+        (status = 503, description = "Other uploads are under way; try again after Retry-After", body = Problem),
+        (status = 507, description = "No space left", body = Problem),
+        Refused,
+    ),
+    security(("token" = ["upload"]), ()),
+)]
 pub async fn put(
     State(shared): State<Arc<Shared>>,
     Path(name): Path<String>,
@@ -78,7 +127,7 @@ pub async fn put(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Refusal> {
-    shared.access.check(&headers)?;
+    shared.access.check_for(Scope::Upload, &headers)?;
     let uploads = uploads(&shared)?;
     let Query(wishes) = wishes.map_err(|_| {
         Refusal::new(StatusCode::BAD_REQUEST, "the only parameter is supersede, true or false")
@@ -89,11 +138,9 @@ pub async fn put(
     let content = declared_content(&headers)?;
     let part = Part::of(&headers, uploads.settings.max_bytes)?;
     if let Some(content) = &content
-        && let Some(run_id) = stored(&shared.store, content).await?
+        && let Some(run) = stored(&shared.store, content).await?
     {
-        return Ok(
-            Taken { name, content: *content, bytes: None, run_id: Some(run_id), is_new: false }.answer()
-        );
+        return Ok(Taken::new(name, content, None, Some(&run), false).answer());
     }
     let _place = uploads.places.try_acquire().map_err(|_| {
         let most = uploads.settings.at_once;
@@ -105,6 +152,7 @@ pub async fn put(
         bytes: part.most(uploads.settings.max_bytes),
         idle: uploads.settings.idle_timeout,
         slow_start: SLOW_START,
+        total: uploads.settings.total_timeout,
     };
     let claim = receive(claim, part.is_from_start(), body, bounds, &shared.stop).await?;
     let length = claim.length().map_err(|error| Refusal::internal(&error))?;
@@ -215,9 +263,9 @@ fn declared_content(headers: &HeaderMap) -> Result<Option<ContentHash>, Refusal>
 }
 
 /// The run that holds a content for good.
-async fn stored(store: &Store, content: &ContentHash) -> Result<Option<i64>, Refusal> {
+async fn stored(store: &Store, content: &ContentHash) -> Result<Option<KnownRun>, Refusal> {
     let known = store.lookup(content).await.map_err(|error| Refusal::internal(&error))?;
-    Ok(known.filter(|run| run.status == RunStatus::Complete).map(|run| run.run_id))
+    Ok(known.filter(|run| run.status == RunStatus::Complete))
 }
 
 /// Claims the upload, and sees that the part goes on where it ends.
@@ -260,24 +308,49 @@ struct Upload {
     supersede: bool,
 }
 
-/// An upload that is done with.
+/// An upload that is done with
+#[derive(Debug, Serialize, ToSchema)]
 struct Taken {
+    /// Name of the file
     name: String,
-    content: ContentHash,
+    /// BLAKE3 of the content, 64 hexadecimal digits
+    hash: String,
+    /// Bytes of the content; null where it was stored before
     bytes: Option<u64>,
+    /// Whether the content was not here before
+    new: bool,
+    /// The run that holds it, where there is one
     run_id: Option<i64>,
-    is_new: bool,
+    /// Where that run stands, such as complete or quarantined
+    status: Option<String>,
+    /// Address that says what becomes of it
+    status_at: String,
 }
 
 impl Taken {
+    fn new(
+        name: String,
+        content: &ContentHash,
+        bytes: Option<u64>,
+        run: Option<&KnownRun>,
+        new: bool,
+    ) -> Self {
+        Self {
+            name,
+            hash: content.to_string(),
+            bytes,
+            new,
+            run_id: run.map(|run| run.run_id),
+            status: run.map(|run| run.status.name().to_owned()),
+            status_at: format!("/v1/exports/{content}"),
+        }
+    }
+
     fn answer(self) -> Response {
-        let status = if self.is_new { StatusCode::CREATED } else { StatusCode::OK };
-        let told = json!({
-            "name": self.name, "hash": self.content.to_string(), "bytes": self.bytes, "new": self.is_new,
-            "run_id": self.run_id, "status_at": format!("/v1/exports/{}", self.content),
-        });
-        let mut response = (status, Json(told)).into_response();
-        if let Some(bytes) = self.bytes {
+        let status = if self.new { StatusCode::CREATED } else { StatusCode::OK };
+        let bytes = self.bytes;
+        let mut response = (status, Json(self)).into_response();
+        if let Some(bytes) = bytes {
             response.headers_mut().extend(offset_headers(bytes, true));
         }
         response
@@ -308,9 +381,8 @@ async fn place(shared: &Shared, upload: Upload) -> Result<Taken, Refusal> {
     let there = tokio::task::spawn_blocking(move || spool.content(&of)).await;
     let there = there.map_err(|e| Refusal::internal(&e))?.map_err(|e| Refusal::internal(&e))?;
     let known = shared.store.lookup(&content).await.map_err(|error| Refusal::internal(&error))?;
-    let run_id = known.as_ref().map(|run| run.run_id);
     let is_new = there != Some(content) && known.is_none();
-    let taken = Taken { name: name.clone(), content, bytes: Some(length), run_id, is_new };
+    let taken = Taken::new(name.clone(), &content, Some(length), known.as_ref(), is_new);
     // the bytes of a faulty or unfinished one may be gone from where they were, and are wanted
     if there == Some(content) || known.is_some_and(|run| run.status == RunStatus::Complete) {
         claim.remove();

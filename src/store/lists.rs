@@ -2,6 +2,7 @@
 
 use super::handle::Store;
 use super::table::{AskError, Table};
+use super::views::HealthStatus;
 
 /// Which runs, or cycles of them, are listed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -24,7 +25,14 @@ impl Store {
     /// # Errors
     /// [`AskError`] of the database.
     pub async fn robot_list(&self) -> Result<Table, AskError> {
-        self.answer(
+        let place =
+            |(place, status): (usize, &HealthStatus)| format!(" WHEN '{}' THEN {place}", status.name());
+        let name =
+            |(place, status): (usize, &HealthStatus)| format!(" WHEN {place} THEN '{}'", status.name());
+        let all = || HealthStatus::WORST_FIRST.iter().enumerate();
+        let (places, names) = (all().map(place).collect::<String>(), all().map(name).collect::<String>());
+        let unknown = HealthStatus::Unknown.name();
+        let statement = format!(
             "WITH
                  of_runs AS (
                      SELECT robot, sum(kind = 'test' AND status = 'complete') AS tests,
@@ -36,13 +44,11 @@ impl Store {
                  ),
                  of_joints AS (
                      SELECT robot, count(*) AS joints, max(last_result_at) AS last_result_at,
-                            max(CASE status WHEN 'critical' THEN 6 WHEN 'warning' THEN 5 WHEN 'overdue' THEN 4
-                                            WHEN 'unknown' THEN 3 WHEN 'learning' THEN 2 ELSE 1 END) AS worst
+                            min(CASE status {places} END) AS worst
                      FROM fleet_health GROUP BY robot
                  )
              SELECT robot,
-                    CASE worst WHEN 6 THEN 'critical' WHEN 5 THEN 'warning' WHEN 4 THEN 'overdue'
-                               WHEN 2 THEN 'learning' WHEN 1 THEN 'ok' ELSE 'unknown' END AS status,
+                    CASE worst {names} ELSE '{unknown}' END AS status,
                     (SELECT latest.model FROM runs AS latest
                      WHERE latest.robot = of_runs.robot AND latest.status IN ('complete', 'streaming')
                      ORDER BY latest.started_at DESC LIMIT 1) AS model,
@@ -52,10 +58,9 @@ impl Store {
              FROM of_runs LEFT JOIN of_joints USING (robot)
              WHERE tests + logs > 0 OR EXISTS (
                  SELECT 1 FROM runs WHERE runs.robot = of_runs.robot AND runs.status = 'streaming')
-             ORDER BY robot",
-            |query| query,
-        )
-        .await
+             ORDER BY robot"
+        );
+        self.answer(&statement, |query| query).await
     }
 
     /// The latest `most` friction indices of each joint, by robot and joint, the oldest first.

@@ -13,6 +13,7 @@ use sqlx::{ConnectOptions, Connection, SqliteConnection, SqlitePool};
 use super::error::StoreError;
 use super::handle::Store;
 use super::results::intervals;
+use super::view_columns;
 
 /// How long a write waits for another process. Longer than any transaction of this program, shorter
 /// than a person waits for an answer.
@@ -121,6 +122,7 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
     }
     migrate(&path, &writer).await?;
     intervals::fill(&writer).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
+    view_columns::fill(&writer).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
     if is_older {
         tracing::info!(path = %path.display(), schema = known, "the schema of the database is up to date");
     }

@@ -88,11 +88,12 @@ impl Store {
     /// # Errors
     /// [`AskError::NoView`], and [`AskError::Statement`] for a column that is not there.
     pub async fn rows_of_view(&self, view: &str, wanted: &ViewRows) -> Result<Table, AskError> {
-        let views = self.views().await?;
-        let Some((_, columns)) = views.iter().find(|(name, _)| name == view) else {
+        let columns = self.columns_of_view(view).await?;
+        if columns.is_empty() {
+            let views = self.views().await?;
             let names: Vec<&str> = views.iter().map(|(name, _)| name.as_str()).collect();
             return Err(AskError::NoView(format!("there is no view {view}; there are {}", names.join(", "))));
-        };
+        }
         let asked = wanted.filters.iter().map(|(column, _)| column);
         for column in asked.chain(wanted.order.iter().map(|(column, _)| column)) {
             if !columns.contains(column) {
@@ -113,6 +114,17 @@ impl Store {
             query
         })
         .await
+    }
+
+    /// Columns of one view, which SQLite works out from its statement; none where there is no such view.
+    async fn columns_of_view(&self, view: &str) -> Result<Vec<String>, StoreError> {
+        let columns = sqlx::query_scalar(
+            "SELECT of.name
+             FROM sqlite_schema AS view JOIN pragma_table_info(view.name) AS of
+             WHERE view.type = 'view' AND view.name = ?
+             ORDER BY of.cid",
+        );
+        self.checked(columns.bind(view).fetch_all(&self.readers).await)
     }
 
     /// The answer to a statement of this program, with its values bound.
@@ -165,7 +177,7 @@ fn select(view: &str, wanted: &ViewRows) -> String {
     format!("SELECT * FROM \"{view}\"{filter}{order} LIMIT {}", wanted.limit)
 }
 
-fn cells(row: &SqliteRow) -> Result<Vec<Value>, sqlx::Error> {
+pub(in crate::store) fn cells(row: &SqliteRow) -> Result<Vec<Value>, sqlx::Error> {
     (0..row.len()).map(|column| cell(row, column)).collect()
 }
 
@@ -182,7 +194,8 @@ fn cell(row: &SqliteRow, column: usize) -> Result<Value, sqlx::Error> {
     })
 }
 
-fn hexadecimal(bytes: &[u8]) -> String {
+/// Bytes as two digits each.
+pub(super) fn hexadecimal(bytes: &[u8]) -> String {
     use std::fmt::Write;
     let mut text = String::with_capacity(2 * bytes.len());
     for byte in bytes {

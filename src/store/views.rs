@@ -93,6 +93,16 @@ impl HealthStatus {
     pub const ALL: [Self; 6] =
         [Self::Ok, Self::Learning, Self::Warning, Self::Critical, Self::Unknown, Self::Overdue];
 
+    /// Every status, the worst first: a robot stands where the worst of its joints does.
+    pub const WORST_FIRST: [Self; 6] =
+        [Self::Critical, Self::Warning, Self::Overdue, Self::Unknown, Self::Learning, Self::Ok];
+
+    /// Its place among all: 0 is the worst.
+    #[must_use]
+    pub fn rank(self) -> usize {
+        Self::WORST_FIRST.iter().position(|status| *status == self).unwrap_or(Self::WORST_FIRST.len())
+    }
+
     /// Name as in the view `fleet_health`.
     #[must_use]
     pub fn name(self) -> &'static str {

@@ -1,6 +1,6 @@
-// Browser test of the dashboard: node check.mjs BASE_URL OUT_FOLDER [--token TOKEN] [--act] [--budget MS] [--only NAME,...]
+// Browser test of the dashboard: node check.mjs BASE_URL OUT_FOLDER [--token TOKEN] [--act] [--budget MS] [--only NAME,...] [--pages NAME,...]
 // Looks at every page in light, dark and at phone width. --act also enters things, so it changes the database. A first
-// paint that takes longer than --budget is a fault.
+// paint that takes longer than --budget is a fault. --pages are those that are looked at.
 import { mkdir, readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import { parseArgs } from "node:util";
@@ -8,7 +8,7 @@ import puppeteer from "puppeteer-core";
 
 const { values: options, positionals: [base = "http://127.0.0.1:8750/", out = "shots"] } = parseArgs({
   allowPositionals: true,
-  options: { token: { type: "string" }, act: { type: "boolean" }, budget: { type: "string" }, only: { type: "string" } },
+  options: { token: { type: "string" }, act: { type: "boolean" }, budget: { type: "string" }, only: { type: "string" }, pages: { type: "string" } },
 });
 const AXE = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 const LOOKS = [["light", 1280, "light"], ["dark", 1280, "dark"], ["phone", 390, "light"], ["phone-dark", 360, "dark"]];
@@ -33,8 +33,8 @@ if (fleet.robots.length) pages.push(["robot", `#/robot/${encodeURIComponent(alar
 if (alarm) pages.push(["alarm", `#/alarm/${alarm.anomaly_id}`]);
 const whole = fleet.anomalies.find((one) => one.joint === null);
 if (whole) pages.push(["alarm-of-the-arm", `#/alarm/${whole.anomaly_id}`]);
-if (run) pages.push(["run", `#/run/${run.run_id}`]);
-pages.push(["robot-unknown", "#/robot/nobody"], ["run-unknown", "#/run/999999"], ["alarm-unknown", "#/alarm/999999"], ["no-page", "#/nothing"]);
+if (run) pages.push(["run", `#/run/${run.run_id}`], ["cycle", `#/cycle/${run.run_id}/1`]);
+pages.push(["robot-unknown", "#/robot/nobody"], ["run-unknown", "#/run/999999"], ["cycle-unknown", "#/cycle/999999/1"], ["alarm-unknown", "#/alarm/999999"], ["no-page", "#/nothing"]);
 
 const browser = await puppeteer.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: ["--no-sandbox"] });
 
@@ -131,6 +131,25 @@ async function keyboard() {
   const theme = await page.evaluate(() => document.documentElement.dataset.theme);
   await page.reload();
   check(theme === "dark" && await page.evaluate(() => document.documentElement.dataset.theme) === "dark", "the theme is remembered");
+  await context.close();
+}
+
+/** Two torques that one can follow, their difference and the velocity, of the joint that is chosen. */
+async function cycleTorque() {
+  if (!run) return;
+  const { page, context } = await open(`#/run/${run.run_id}`);
+  await settle(page);
+  await page.locator('[data-key="cycle1"]').setTimeout(SETTLE_MS).click();
+  await page.waitForSelector(".plot canvas, .empty", { timeout: SETTLE_MS, polling: 50 });
+  await settle(page);
+  const plots = await page.$$eval(".plot-box", (all) => all.map((one) => one.getAttribute("aria-label").split(".")[0]));
+  check(plots.length === 3 && /^Torque, joint 1/.test(plots[0]) && /^Residual/.test(plots[1]) && /^Velocity/.test(plots[2]), "a cycle shows torque, residual and velocity", plots.join("; "));
+  if (plots.length === 3) {
+    await page.select("#joint", "2");
+    await page.waitForFunction(() => document.querySelector(".plot-box")?.getAttribute("aria-label").includes("joint 2"), { timeout: SETTLE_MS, polling: 50 });
+    check(await page.evaluate(() => location.hash.includes("joint=2")), "the address keeps the joint");
+  }
+  check(page.problems.length === 0, "a cycle leaves a clean console", page.problems.join("; "));
   await context.close();
 }
 
@@ -263,8 +282,8 @@ async function linkCarriesToken() {
 await mkdir(out, { recursive: true });
 try {
   const checks = {
-    looks: async () => { for (const [name, hash] of pages) await looksRight(name, hash); },
-    paint: paintsSoon, keyboard, lost: connectionLost, change: staysOnChange, leaks: noLeaks, token: tokenIsAsked, link: linkCarriesToken,
+    looks: async () => { for (const [name, hash] of pages) if (!options.pages || options.pages.split(",").includes(name)) await looksRight(name, hash); },
+    paint: paintsSoon, keyboard, lost: connectionLost, change: staysOnChange, cycle: cycleTorque, leaks: noLeaks, token: tokenIsAsked, link: linkCarriesToken,
     work: options.act ? enters : () => {}, answers: options.act ? answers : () => {},
   };
   const only = options.only?.split(",");

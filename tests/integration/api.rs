@@ -1,4 +1,5 @@
-//! What a daemon tells and takes over HTTP beside exports: the dashboard, rows of the views, events, actions.
+//! What a daemon tells and takes over HTTP beside exports: the dashboard, rows of the views, events, actions, and the
+//! description of all this.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -22,14 +23,20 @@ struct Served {
 
 impl Served {
     fn new(token: bool) -> Self {
+        Self::with(token, "")
+    }
+
+    /// With more in `[serve]`.
+    fn with(token: bool, more: &str) -> Self {
         let workshop = small::workshop();
         let port = http::free_port();
         let path = workshop.path("armwatch.toml");
         let config = fs::read_to_string(&path).expect("the configuration");
         let token_file = if token { "token_file = \"token\"\n" } else { "" };
-        fs::write(&path, format!("[serve]\nlisten = \"127.0.0.1:{port}\"\n{token_file}\n{config}"))
+        fs::write(&path, format!("[serve]\nlisten = \"127.0.0.1:{port}\"\n{token_file}{more}\n{config}"))
             .expect("written");
         fs::write(workshop.path("token"), TOKEN).expect("a token");
+        fs::write(workshop.path("screen"), "token-of-a-screen-0123").expect("a token");
         let export = export("A", 1, 5);
         fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
         workshop.stdout(&["ingest", "inbox"], 0);
@@ -267,8 +274,8 @@ fn figures_for_prometheus_are_those_of_the_views_and_promtool_has_nothing_to_say
     for sample in [
         "armwatch_runs{status=\"complete\"} 1",
         "armwatch_cycles 3",
-        "armwatch_joint_status{robot=\"A\",joint=\"1\",status=\"learning\"} 1",
-        "armwatch_joint_status{robot=\"A\",joint=\"1\",status=\"critical\"} 0",
+        "armwatch_joint_status{joint=\"1\",robot=\"A\",status=\"learning\"} 1",
+        "armwatch_joint_status{joint=\"1\",robot=\"A\",status=\"critical\"} 0",
         "armwatch_robot_last_result_timestamp_seconds{robot=\"A\"} 1767602820",
         "armwatch_anomalies{severity=\"critical\",state=\"open\"} 0",
     ] {
@@ -298,4 +305,233 @@ fn figures_for_prometheus_are_those_of_the_views_and_promtool_has_nothing_to_say
         let said = crate::support::text(&[output.stdout, output.stderr].concat());
         assert!(output.status.success(), "promtool {arguments:?}: {said}");
     }
+}
+
+#[test]
+fn statements_read_the_views_and_nothing_else() {
+    let served = Served::new(false);
+    let ask = |body: &Value| {
+        served.ask("POST /v1/sql", "Content-Type: application/json\r\n", body.to_string().as_bytes())
+    };
+    let statement = "SELECT joint, value FROM cycle_parameters WHERE run_id = ?1 AND parameter = ?2 ORDER BY joint, cycle";
+    let answer = ask(&json!({"sql": statement, "parameters": [1, "f1"], "limit": 3}));
+    let told = answer.json();
+    assert_eq!((&told["columns"], &told["truncated"]), (&json!(["joint", "value"]), &json!(true)));
+    let stored = served.workshop.query("SELECT joint, value FROM cycle_parameters WHERE run_id = 1 AND parameter = 'f1' ORDER BY joint, cycle LIMIT 3");
+    let rows: Vec<String> =
+        told["rows"].as_array().expect("rows").iter().map(|row| format!("{}|{}", row[0], row[1])).collect();
+    assert_eq!(rows, stored);
+
+    let csv = "Content-Type: application/sql\r\nAccept: text/csv\r\n";
+    let csv = served.ask(
+        "POST /v1/sql",
+        csv,
+        b"SELECT 'a, \"b\"' AS text, NULL AS nothing, 0.1 AS number, x'00ff' AS bytes",
+    );
+    assert_eq!(csv.header("content-type"), Some("text/csv; charset=utf-8"));
+    assert_eq!(csv.body, "text,nothing,number,bytes\n\"a, \"\"b\"\"\",,0.1,00ff\n");
+    for (statement, status, said) in [
+        ("SELECT robo\nFROM runs", 400, "line 1, column 8: no such column: robo"),
+        ("SELECT * FROM run", 403, "run is not public"),
+        ("DELETE FROM run", 403, "begins with SELECT"),
+        ("SELECT 1; SELECT 2", 400, "more than one statement"),
+        ("SELECT printf('%.*c', 1000000, 'x') FROM cycle_parameters", 422, "larger than"),
+    ] {
+        let refused = ask(&json!({"sql": statement}));
+        assert_eq!(refused.status, status, "{statement}: {}", refused.body);
+        assert!(refused.json()["error"].as_str().is_some_and(|text| text.contains(said)), "{}", refused.body);
+    }
+    assert_eq!(ask(&json!({"sql": "SELECT 1", "limit": 0})).status, 400);
+    assert_eq!(ask(&json!({"sql": "SELECT 1", "x": 0})).status, 400);
+    assert_eq!(served.ask("POST /v1/sql", "", b"SELECT 1").status, 415);
+    assert_eq!(served.ask("POST /v1/sql", "Content-Type: application/sql\r\n", &[b' '; 300_000]).status, 413);
+    served.end();
+}
+
+/// The description of the API, and what it says of one answer.
+struct Description(Value);
+
+impl Description {
+    /// Panics unless an answer is as described.
+    fn check(&self, line: &str, template: &str, answer: &Answer) {
+        let method = line.split(' ').next().expect("a method").to_lowercase();
+        let operation = &self.0["paths"][template][&method];
+        assert!(operation.is_object(), "{method} {template} is not described");
+        let told = &operation["responses"][answer.status.to_string()];
+        assert!(told.is_object(), "{line}: {} is not described; it was {}", answer.status, answer.body);
+        let media =
+            answer.header("content-type").map(|media| media.split(';').next().unwrap_or_default().to_owned());
+        let Some(schema) = told["content"].as_object() else { return };
+        let media = media.unwrap_or_default();
+        let schema = schema.get(&media).unwrap_or_else(|| panic!("{line}: {media} is not described"));
+        if media != "application/json" {
+            return;
+        }
+        let mut whole = schema["schema"].clone();
+        whole["components"] = self.0["components"].clone();
+        closed(&mut whole);
+        let validator = jsonschema::draft202012::new(&whole).expect("a schema");
+        let wrong: Vec<String> = validator
+            .iter_errors(&answer.json())
+            .map(|error| format!("{}: {error}", error.instance_path()))
+            .collect();
+        assert!(wrong.is_empty(), "{line}: {wrong:?} in {}", answer.body);
+    }
+}
+
+/// Lets no object have a property that is not described.
+fn closed(schema: &mut Value) {
+    if let Some(object) = schema.as_object_mut() {
+        if object.get("properties").is_some_and(Value::is_object)
+            && object.get("type") == Some(&json!("object"))
+        {
+            object.entry("additionalProperties").or_insert(json!(false));
+        }
+        object.values_mut().for_each(closed);
+    } else if let Some(items) = schema.as_array_mut() {
+        items.iter_mut().for_each(closed);
+    }
+}
+
+#[test]
+fn answers_are_as_the_description_of_the_api_says() {
+    let served = Served::with(true, "[serve.upload]\nspool = \"spool\"\n");
+    small_alarm(&served.workshop);
+    let description = Description(served.get("/v1/openapi.json").json());
+    assert!(description.0["openapi"].as_str().is_some_and(|version| version.starts_with("3.1")));
+    assert_eq!(description.0["info"]["version"], env!("CARGO_PKG_VERSION"));
+    let token = format!("Authorization: Bearer {TOKEN}\r\n");
+    let json_body = format!("{token}Content-Type: application/json\r\n");
+    let export = export("A", 2, 6);
+    let put = format!("PUT /v1/exports/{}", export.name);
+    let hash = "0".repeat(64);
+    let deed: &[u8] = br#"{"who": "Lena"}"#;
+    let work: &[u8] = br#"{"who": "Lena", "what": "gearbox changed", "joint": 2}"#;
+    let (view, name) = ("/v1/views/{view}", "/v1/exports/{name}");
+    let answer = "/v1/anomalies/{id}/{action}";
+    let torque = "/v1/runs/{run_id}/cycles/{cycle}/torque";
+    let requests: &[(&str, &str, &str, &[u8], u16)] = &[
+        ("GET /v1/session", "/v1/session", "", b"", 200),
+        ("GET /v1/session", "/v1/session", &token, b"", 200),
+        ("GET /v1/openapi.json", "/v1/openapi.json", &token, b"", 200),
+        ("GET /v1/fleet", "/v1/fleet", &token, b"", 200),
+        ("GET /v1/fleet", "/v1/fleet", "", b"", 401),
+        ("GET /v1/fleet", "/v1/fleet", "Authorization: Bearer another-token-012345\r\n", b"", 401),
+        ("GET /v1/views", "/v1/views", &token, b"", 200),
+        ("GET /v1/views/runs", view, &token, b"", 200),
+        ("GET /v1/views/fleet_health?joint=1", view, &token, b"", 200),
+        ("GET /v1/views/anomalies", view, &token, b"", 200),
+        ("GET /v1/views/nothing", view, &token, b"", 404),
+        ("GET /v1/views/runs?x=1", view, &token, b"", 400),
+        ("POST /v1/sql", "/v1/sql", &json_body, br#"{"sql": "SELECT * FROM fleet_health"}"#, 200),
+        ("POST /v1/sql", "/v1/sql", &json_body, br#"{"sql": "SELECT * FROM run"}"#, 403),
+        ("GET /v1/runs/1/cycles/1/torque?points=100", torque, &token, b"", 200),
+        ("GET /v1/runs/1/cycles/99/torque", torque, &token, b"", 404),
+        ("GET /v1/runs/1/cycles/1/torque?points=1", torque, &token, b"", 400),
+        ("GET /v1/runs/1/cycles/one/torque", torque, &token, b"", 400),
+        ("POST /v1/anomalies/1/acknowledge", answer, &json_body, deed, 200),
+        ("POST /v1/anomalies/1/acknowledge", answer, &json_body, deed, 409),
+        ("POST /v1/anomalies/9/acknowledge", answer, &json_body, deed, 404),
+        ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, work, 201),
+        ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, b"{}", 422),
+        ("POST /v1/quarantine/1/retry", "/v1/quarantine/{run_id}/retry", &token, b"", 409),
+        (&put, name, &token, &export.bytes, 201),
+        (&put, name, &token, &export.bytes, 200),
+        (&put, name, &token, b"", 400),
+        ("PUT /v1/exports/x.txt", name, &token, b"1", 415),
+        ("HEAD /v1/exports/none.csv", name, &token, b"", 404),
+        (&format!("GET /v1/exports/{hash}"), name, &token, b"", 404),
+        ("GET /health", "/health", "", b"", 200),
+        ("GET /ready", "/ready", "", b"", 200),
+        ("GET /metrics", "/metrics", &token, b"", 200),
+    ];
+    let mut asked = std::collections::BTreeSet::new();
+    for (line, template, headers, body, status) in requests {
+        let answer = served.ask(line, headers, body);
+        assert_eq!(answer.status, *status, "{line}: {}", answer.body);
+        description.check(line, template, &answer);
+        asked.insert((line.split(' ').next().expect("a method").to_lowercase(), (*template).to_owned()));
+    }
+    let first = served.workshop.query("SELECT source_name FROM runs WHERE run_id = 1");
+    let by_name = served.get(&format!("/v1/exports/{}", first[0]));
+    description.check("GET /v1/exports/NAME", name, &by_name);
+    assert_eq!(by_name.json()["run_id"], 1, "{}", by_name.body);
+
+    // nothing is described that is not asked above, but the stream without an end
+    for (template, operations) in description.0["paths"].as_object().expect("paths") {
+        for method in operations.as_object().expect("operations").keys() {
+            let is_asked = asked.contains(&(method.clone(), template.clone())) || template == "/v1/events";
+            assert!(is_asked, "{method} {template} is described and not asked here");
+        }
+    }
+    let page = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/api.md")).expect("docs/api.md");
+    for template in description.0["paths"].as_object().expect("paths").keys() {
+        let place = template.split('{').next().expect("a beginning");
+        assert!(page.contains(place), "docs/api.md says nothing of {template}");
+    }
+    served.end();
+}
+
+#[test]
+fn tokens_have_scopes_and_an_address_a_rate() {
+    let more = "requests_per_s = 0.001\n[[serve.token]]\nname = \"screen\"\nfile = \"screen\"\nscopes = [\"read\"]\n";
+    let served = Served::with(true, more);
+    let screen = "Authorization: Bearer token-of-a-screen-0123\r\n";
+    assert_eq!(served.ask("GET /v1/fleet", screen, b"").status, 200);
+    let refused = served.ask("POST /v1/quarantine/1/retry", screen, b"");
+    assert_eq!(refused.status, 403);
+    assert!(refused.body.contains("screen") && refused.body.contains("act"), "{}", refused.body);
+    assert_eq!(served.ask("GET /v1/exports/1", screen, b"").status, 404);
+    let session = served.ask("GET /v1/session", screen, b"").json();
+    assert_eq!(
+        (&session["may_read"], &session["may_act"], &session["may_upload"]),
+        (&json!(true), &json!(false), &json!(false))
+    );
+    let wrong = served.ask("GET /v1/fleet", "Authorization: Bearer another-token-012345\r\n", b"");
+    assert!(wrong.status == 401 && wrong.body.contains("none of the daemon's"), "{}", wrong.body);
+
+    // twenty at once, and one more each 1000 s
+    let answers: Vec<Answer> = (0..40).map(|_| served.ask("GET /v1/session", "", b"")).collect();
+    let late = answers.iter().find(|answer| answer.status == 429);
+    assert!(
+        late.is_some_and(|answer| answer.header("retry-after").is_some_and(|after| after.len() >= 3)),
+        "no request was refused"
+    );
+    assert_eq!(served.ask("GET /ready", "", b"").status, 200);
+    served.end();
+}
+
+#[test]
+fn torques_of_a_cycle_are_those_of_the_command_and_a_missing_export_is_said() {
+    let served = Served::new(false);
+    let (run, cycle) = (1, 2);
+    let told = served.get(&format!("/v1/runs/{run}/cycles/{cycle}/torque?points=200")).json();
+    let joints = told["joints"].as_array().expect("joints");
+    let line = ["torque", "--run", "1", "--cycle", "2", "--all-rows", "--points", "200", "--json"];
+    let printed = served.workshop.stdout(&line, 0);
+    let printed: Vec<Value> = printed.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    assert_eq!(joints.len(), printed.len());
+    for (of_page, of_command) in joints.iter().zip(&printed) {
+        for column in ["time_s", "measured_nm", "estimated_nm", "residual_nm"] {
+            let (here, there) = (&of_page[column], &of_command["rows"][column]);
+            let pairs = here.as_array().expect("numbers").iter().zip(there.as_array().expect("numbers"));
+            assert_eq!(here.as_array().map(Vec::len), there.as_array().map(Vec::len), "{column}");
+            for (here, there) in pairs {
+                let (here, there) = (here.as_f64().expect("a number"), there.as_f64().expect("a number"));
+                assert!((here - there).abs() <= 1e-5 * there.abs().max(1.0), "{column}: {here}, {there}");
+            }
+        }
+    }
+    let stored = served.workshop.query(
+        "SELECT rmsd_nm FROM cycle_rmsd WHERE run_id = 1 AND cycle = 2 AND joint = 1 AND stage = 'all' AND verification = 'self'",
+    );
+    let stored: f64 = stored[0].parse().expect("a number");
+    assert!((joints[0]["rmsd_nm"].as_f64().expect("a number") - stored).abs() < 1e-9 * stored, "{stored}");
+
+    let name = &served.workshop.query("SELECT source_name FROM runs WHERE run_id = 1")[0];
+    fs::remove_file(served.workshop.inbox(name)).expect("removed");
+    let gone = served.get("/v1/runs/1/cycles/2/torque");
+    assert_eq!(gone.status, 410, "{}", gone.body);
+    assert!(gone.body.contains("is not at hand"), "{}", gone.body);
+    served.end();
 }

@@ -1,7 +1,7 @@
 //! The command line: results on standard output, words on standard error, exit status a contract.
 
 use armwatch::cli::Cli;
-use clap::{Command, CommandFactory};
+use clap::Command;
 
 use crate::support::{Workshop, reference, text};
 
@@ -42,7 +42,7 @@ fn words_of(line: &str) -> Vec<String> {
 #[test]
 fn every_command_has_help_with_examples() {
     let mut found = Vec::new();
-    let mut cli = Cli::command();
+    let mut cli = Cli::dressed_command();
     // options of every command come into each of them
     cli.build();
     commands(&cli, &["armwatch".to_owned()], &mut found);
@@ -53,13 +53,103 @@ fn every_command_has_help_with_examples() {
         assert!(!examples.is_empty(), "no examples in the help of {line}:\n{help}");
         for example in examples {
             assert!(example == line || example.starts_with(&format!("{line} ")), "of {line}: {example}");
-            let parsed = Cli::command().try_get_matches_from(words_of(&example));
+            let parsed = Cli::dressed_command().try_get_matches_from(words_of(&example));
             assert!(parsed.is_ok(), "{example}\n{}", parsed.expect_err("a fault"));
         }
     }
     let workshop = Workshop::new();
     assert!(workshop.stdout(&["--help"], 0).contains("Exit status:"));
     assert!(workshop.stdout(&["ingest", "--help"], 0).contains("Examples:\n  armwatch ingest "));
+}
+
+/// Whether a line of a paragraph ends before the width asks for it, as text does that was wrapped by hand.
+fn orphan(help: &str, width: usize) -> Option<String> {
+    let lines: Vec<&str> = help.lines().collect();
+    let is_prose = |line: &str| !line.is_empty() && !line.starts_with(' ') && !line.ends_with(':');
+    lines.windows(2).find_map(|pair| {
+        let (line, next) = (pair[0], pair[1]);
+        let word = next.split(' ').next().unwrap_or_default();
+        let had_room = line.chars().count() + 1 + word.chars().count() <= width;
+        (is_prose(line) && is_prose(next) && had_room).then(|| format!("{line}\n{next}"))
+    })
+}
+
+#[test]
+fn help_fits_any_terminal_without_orphans() {
+    assert!(orphan("a line that was\nwrapped", 80).is_some() && orphan("a\n\nb\n  c", 80).is_none());
+    let mut found = Vec::new();
+    let mut cli = Cli::dressed_command();
+    cli.build();
+    commands(&cli, &["armwatch".to_owned()], &mut found);
+    found.push((vec!["armwatch".to_owned()], cli));
+    for (words, command) in found {
+        for width in [80, 100] {
+            let mut command = command.clone().term_width(width);
+            for help in [command.render_long_help().to_string(), command.render_help().to_string()] {
+                let line = words.join(" ");
+                if let Some(wide) = help.lines().find(|line| line.chars().count() > width) {
+                    panic!("{line} at {width}: {wide}");
+                }
+                if let Some(orphan) = orphan(&help, width) {
+                    panic!("{line} at {width}:\n{orphan}");
+                }
+            }
+        }
+        let own = |arg: &&clap::Arg| arg.get_help_heading().is_none() && !arg.is_positional();
+        let ungrouped = command.get_arguments().filter(own).count();
+        assert!(ungrouped <= 6, "{}: {ungrouped} options without a heading", words.join(" "));
+    }
+}
+
+#[test]
+fn a_mistyped_command_gets_one_that_makes_sense() {
+    let workshop = Workshop::new();
+    for (typed, meant) in [
+        ("init", "`armwatch config init`"),
+        ("version", "`armwatch --version`"),
+        ("fleet", "`armwatch status`"),
+        ("stauts", "`armwatch status`"),
+        ("completion", "`armwatch completions`"),
+    ] {
+        let output = workshop.run(&[typed]);
+        assert_eq!(output.status.code(), Some(2));
+        let said = text(&output.stderr);
+        assert!(said.contains(&format!("did you mean {meant}?")), "{typed}: {said}");
+    }
+    let said = text(&workshop.run(&["no-such-command"]).stderr);
+    assert!(said.contains("unrecognized") && !said.contains("did you mean"), "{said}");
+}
+
+/// The programs that read manual pages, with which each is looked at.
+#[test]
+fn manual_pages_have_no_warnings() {
+    let workshop = Workshop::new();
+    let said = workshop.stdout(&["man", "pages/man1"], 0);
+    let pages: Vec<std::path::PathBuf> = std::fs::read_dir(workshop.path("pages/man1"))
+        .expect("a folder")
+        .map(|entry| entry.expect("a file").path())
+        .collect();
+    assert!(pages.len() >= 35 && said.starts_with(&format!("{} pages", pages.len())), "{said}");
+    let ingest = std::fs::read_to_string(workshop.path("pages/man1/armwatch-ingest.1")).expect("a page");
+    for part in
+        [".TH ARMWATCH-INGEST 1", ".SH EXAMPLES", ".SH \"GLOBAL OPTIONS\"", "armwatch ingest exports/"]
+    {
+        assert!(ingest.contains(part), "{part} is not in\n{ingest}");
+    }
+    let checks: [(&str, &[&str]); 2] = [
+        ("groff", &["-man", "-ww", "-b", "-z", "-Tutf8", "-K", "utf8"]),
+        ("mandoc", &["-T", "lint", "-W", "error"]),
+    ];
+    for (program, arguments) in checks {
+        let mut checked = std::process::Command::new(program);
+        match checked.args(arguments).args(&pages).output() {
+            Ok(output) => {
+                let said = text(&output.stderr) + &text(&output.stdout);
+                assert!(output.status.success() && said.is_empty(), "{program}: {said}");
+            }
+            Err(_) => eprintln!("{program} is not here: pages are not checked with it"),
+        }
+    }
 }
 
 #[test]
@@ -77,6 +167,26 @@ fn a_wrong_command_line_or_configuration_is_2() {
     let output = workshop.run(&["ingest", "inbox", "--config", "bad.toml"]);
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).contains("bad.toml:1:"), "{}", text(&output.stderr));
+}
+
+#[test]
+fn commands_say_alike_what_is_missing_on_their_line() {
+    let workshop = Workshop::new();
+    let said = |arguments: &[&str]| {
+        let output = workshop.run(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        text(&output.stderr)
+    };
+    let missing = said(&["ingest", "not-there.csv"]);
+    assert_eq!(missing, "armwatch: not-there.csv: there is no such file or folder; check the name\n");
+    assert_eq!(said(&["explain", "not-there.csv"]), missing);
+    assert!(said(&["explain", "inbox"]).contains("is a folder; name exports, such as inbox/*.csv"));
+    for command in ["friction", "identify", "verify"] {
+        let said = said(&[command]);
+        assert!(said.contains("--robot <NAME>"), "{command}: {said}");
+    }
+    let speed = said(&["friction", "--run", "1", "--speed", "60"]);
+    assert!(speed.contains("did you mean 0.6?"), "{speed}");
 }
 
 #[test]
@@ -128,7 +238,13 @@ fn json_is_one_object_a_line() {
     let out = workshop.stdout(&["ingest", "inbox", "--json"], 1);
     let objects: Vec<serde_json::Value> =
         out.lines().map(|line| serde_json::from_str(line).expect("an object")).collect();
-    assert_eq!(objects.len(), 2);
+    assert_eq!(objects.len(), 3);
+    let summary = &objects[2];
+    assert_eq!(
+        ["outcome", "stored", "known", "quarantined", "cycles"].map(|key| summary[key].to_string()),
+        ["\"summary\"", "1", "0", "1", "5"]
+    );
+    assert!(summary["took_s"].as_f64().is_some_and(|took| took > 0.0), "{summary}");
     assert_eq!((&objects[0]["outcome"], &objects[1]["outcome"]), (&"quarantined".into(), &"stored".into()));
     assert_eq!(objects[1]["cycles"], 5);
     let robot: serde_json::Value = serde_json::from_str(&workshop.stdout(

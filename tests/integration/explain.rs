@@ -36,6 +36,13 @@ fn an_export_is_explained_as_it_is_then_stored() {
         })
         .collect();
     assert_eq!(said, stored);
+    assert_eq!(
+        before["problems"],
+        serde_json::json!([]),
+        "a remark on a sound cycle is no problem: {before}"
+    );
+    assert!(before["remarks"][0].as_str().is_some_and(|text| text.starts_with("cycle 1")), "{before}");
+    assert!(text.contains("  problems    none\n  remark "), "{text}");
     let remarks = workshop.query("SELECT remarks FROM cycles WHERE cycle = 1");
     let said: Vec<&str> = before["cycles"][0]["remarks"]
         .as_array()

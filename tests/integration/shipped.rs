@@ -31,24 +31,6 @@ fn the_shipped_configuration_has_no_problems() {
 }
 
 #[test]
-fn the_demo_finds_the_wear_and_only_that() {
-    let workshop = Workshop::new();
-    let out = workshop.stdout(&["demo", "--once", "--dir", "show"], 0);
-    assert!(out.contains("drift on Middle") && out.contains("joint 3"), "{out}");
-    let database = workshop.path("show/armwatch.db");
-    let found = crate::support::query(&database, "SELECT DISTINCT robot, joint, kind FROM anomalies");
-    assert_eq!(found, ["Middle|3|drift"]);
-    assert_eq!(
-        crate::support::query(&database, "SELECT COUNT(*) FROM runs WHERE status = 'complete'"),
-        ["33"]
-    );
-    assert_eq!(
-        crate::support::query(&database, "SELECT COUNT(*) FROM fleet_health WHERE status = 'ok'"),
-        ["17"]
-    );
-}
-
-#[test]
 fn the_readme_names_the_two_commands_and_every_view() {
     let readme =
         fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).expect("a README");

@@ -329,7 +329,7 @@ fn pictures_show_six_panels_and_need_no_other_file() {
         assert!(found >= circles && counts["path"] > 6 * 8, "{arguments:?}: {counts:?}");
         assert!(svg.len() < 1 << 20, "{arguments:?}: {} bytes", svg.len());
         let html = picture(&workshop, arguments, "a.html");
-        assert!(html.starts_with("<!doctype html>") && html.contains("</svg>"), "{arguments:?}");
+        assert!(html.starts_with("<!DOCTYPE html>") && html.contains("</svg>"), "{arguments:?}");
     }
     let svg = picture(&workshop, &["torque", "--run", "1", "--cycle", "1"], "a.svg");
     for said in ["excitation stage", "friction stage", "warming stage", "torque, Nm", "RMSD"] {

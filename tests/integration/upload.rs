@@ -243,7 +243,7 @@ fn what_is_not_an_upload_is_refused_with_a_sentence() {
     refused(receiver.put(name, "Content-Range: bytes 5-2/9\r\n", small), 400, "FIRST-LAST");
     refused(receiver.put(name, "", b""), 400, "empty");
     refused(receiver.send(&format!("POST /v1/exports/{name}"), "", small), 405, "PUT");
-    refused(receiver.send("GET /v1/exports/12", "", b""), 400, "64");
+    refused(receiver.send("GET /v1/exports/12", "", b""), 404, "64");
     refused(receiver.send(&format!("GET /v1/exports/{}", "0".repeat(64)), "", b""), 404, "known");
     refused(receiver.send("GET /exports", "", b""), 404, "/v1/");
 

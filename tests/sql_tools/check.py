@@ -1,10 +1,13 @@
 """Checks the views of a database with the tools that people read them with.
 
-    python3 sql_tools.py DATABASE [--docs FOLDER] [--tool NAME]...
+    python3 check.py DATABASE [--parquet FOLDER] [--docs FOLDER] [--tool NAME]...
 
 Every view opens in every tool; its columns are those of schema.md, numbers arrive as numbers, and times as text in one
 form whose order is that of time. Every statement of cookbook.md and every block of python.md runs. Both pages and
 schema.md are looked for in FOLDER, else in docs beside or above this file. The database is only read.
+
+With --parquet, a folder that `armwatch export --parquet` has made of the same database: pyarrow, polars and DuckDB find
+in each file the values of the view, with the types and units of schema.md. Blocks of python.md that read PARQUET run.
 
 Ends with 0, with 1 and a sentence for each thing that is wrong, or with 2 where nothing could be checked.
 requirements.txt has the tools.
@@ -14,7 +17,9 @@ import argparse
 import asyncio
 import collections
 import contextlib
+import datetime
 import io
+import json
 import os
 import pathlib
 import re
@@ -22,7 +27,7 @@ import sqlite3
 import sys
 import time
 
-TOOLS = ("sqlite3", "pandas", "polars", "connectorx", "duckdb", "datasette", "cookbook", "python")
+TOOLS = ("sqlite3", "pandas", "polars", "connectorx", "duckdb", "datasette", "parquet", "cookbook", "python")
 TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z")
 # Columns of text that hold a time, by their names.
 TIME_COLUMN = re.compile(r"(.*_)?at$|shelved_until$|expected_by$")
@@ -260,6 +265,68 @@ def check_datasette(database, schema):
     asyncio.run(ask())
 
 
+ARROW_TYPES = {"integer": "int64", "real": "double", "text": "string"}
+ARROW_TIMES = {"UTC": "timestamp[ms, tz=UTC]", "UTC day": "date32[day]"}
+EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.timezone.utc)
+
+
+def check_parquet(database, schema, folder):
+    """Each file in pyarrow, polars and DuckDB: fields with types and units, and the values that SQLite has."""
+    import duckdb
+    import polars as pl
+    import pyarrow.parquet as pq
+
+    connection = connect(database)
+    described = collections.defaultdict(dict)
+    for view, column, unit, meaning in connection.execute(
+        "SELECT view_name, column_name, unit, meaning FROM view_columns ORDER BY view_name, position"
+    ):
+        described[view][column] = (unit, meaning)
+    db = duckdb.connect()
+    db.execute("SET TimeZone = 'UTC'")
+    for view, columns in schema.items():
+        path = os.path.join(folder, f"{view}.parquet")
+        expected = counted(connection.execute(f'SELECT * FROM "{view}"').fetchall())
+        try:
+            table = pq.read_table(path)
+            rows = {
+                "pyarrow": as_rows(table),
+                "polars": pl.read_parquet(path).rows(),
+                "duckdb": as_rows(db.execute("SELECT * FROM read_parquet(?)", [path]).to_arrow_table()),
+            }
+        except Exception as error:
+            wrong("parquet", f"{path} cannot be read: {brief(error)}")
+            continue
+        for field, (column, kind) in zip(table.schema, columns.items(), strict=True):
+            unit, meaning = described[view][column]
+            arrow = ARROW_TIMES.get(unit, ARROW_TYPES[kind])
+            told = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
+            if (field.name, str(field.type)) != (column, arrow):
+                wrong("parquet", f"{view}.{column} is {arrow} and arrives as {field.name} {field.type}")
+            if (told.get("unit"), told.get("description")) != (unit, meaning):
+                wrong("parquet", f"{view}.{column} has other metadata: {told}")
+        of_file = json.loads(pq.read_metadata(path).metadata[b"armwatch.columns"])
+        if {of["name"]: (of["unit"], of["description"]) for of in of_file} != described[view]:
+            wrong("parquet", f"{view} has other metadata of the file than view_columns")
+        for tool, found in rows.items():
+            if counted(tuple(as_in_sqlite(value) for value in row) for row in found) != expected:
+                wrong("parquet", f"{view} has other values in {tool} than in SQLite")
+    db.close()
+    connection.close()
+
+
+def as_rows(table):
+    return list(zip(*(column.to_pylist() for column in table.columns), strict=True))
+
+
+def as_in_sqlite(value):
+    """Times and days as the text that SQLite holds."""
+    if isinstance(value, datetime.datetime):
+        milliseconds = (value - EPOCH) // datetime.timedelta(milliseconds=1)
+        return (EPOCH + datetime.timedelta(milliseconds=milliseconds)).isoformat(timespec="milliseconds")[:23] + "Z"
+    return value.isoformat() if isinstance(value, datetime.date) else value
+
+
 def check_cookbook(database, page):
     connection = connect(database)
     public = set(views_of(connection))
@@ -281,19 +348,20 @@ def check_cookbook(database, page):
     connection.close()
 
 
-def check_python(database, page):
+def check_python(database, page, folder):
     import duckdb
 
     if not load_sqlite_of_duckdb(duckdb):
         return
+    given = {"DATABASE": database} | ({"PARQUET": folder} if folder else {})
     text = page.read_text(encoding="utf-8")
     for block in re.finditer(r"^```python$\n(.+?)^```$", text, flags=re.M | re.S):
-        if block[1].startswith("DATABASE ="):
+        if block[1].startswith(("DATABASE =", "PARQUET =")) or ("PARQUET" in block[1] and not folder):
             continue
         line = text.count("\n", 0, block.start()) + 1
         try:
             with contextlib.redirect_stdout(io.StringIO()):
-                exec(compile(block[1], page.name, "exec"), {"DATABASE": database})
+                exec(compile(block[1], page.name, "exec"), dict(given))
         except Exception as error:
             wrong("python", f"the block at line {line} of {page.name} fails: {type(error).__name__}: {brief(error)}")
 
@@ -307,6 +375,7 @@ def documentation(asked):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("database")
+    parser.add_argument("--parquet", help="folder of an export of this database as Parquet")
     parser.add_argument("--docs", help="folder of schema.md, cookbook.md and python.md")
     parser.add_argument("--tool", action="append", choices=TOOLS, help="only this one; may be repeated")
     arguments = parser.parse_args()
@@ -316,17 +385,25 @@ def main():
         return f"there is no database {database}"
     if page("schema.md") is None:
         return "schema.md is not to be found; name its folder with --docs"
+    if arguments.parquet and not os.path.isdir(arguments.parquet):
+        return f"there is no folder {arguments.parquet}"
+    if not arguments.parquet and "parquet" in (arguments.tool or []):
+        return "name the folder of an export with --parquet"
     schema = read_schema(page("schema.md"))
     if not schema:
         return f"{page('schema.md')} states no columns"
-    for tool in arguments.tool or TOOLS:
+    for tool in arguments.tool or [tool for tool in TOOLS if tool != "parquet" or arguments.parquet]:
         before = len(problems)
         try:
             if tool in ("cookbook", "python"):
                 if (found := page(f"{tool}.md")) is None:
                     wrong(tool, f"{tool}.md is not to be found; name its folder with --docs")
+                elif tool == "cookbook":
+                    check_cookbook(database, found)
                 else:
-                    globals()[f"check_{tool}"](database, found)
+                    check_python(database, found, arguments.parquet)
+            elif tool == "parquet":
+                check_parquet(database, schema, arguments.parquet)
             else:
                 globals()[f"check_{tool}"](database, schema)
         except ModuleNotFoundError as error:

@@ -7,7 +7,7 @@ use super::words;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::user::user;
-use crate::store::{AlarmAction, AlarmState, NotDone, Store};
+use crate::store::{AlarmAction, NotDone, Store};
 
 pub(super) const ACKNOWLEDGE: AlarmAction = AlarmAction::Acknowledge;
 pub(super) const RESOLVE: AlarmAction = AlarmAction::Resolve;
@@ -59,8 +59,11 @@ pub(super) async fn act(
         Err(NotDone::Unknown(id)) => {
             return Err(CliError::Usage(words::unknown(id, &store.anomalies_after(0).await?)));
         }
-        Err(NotDone::NotFrom { anomaly_id, state, ended }) => {
-            return Err(CliError::Usage(not_from(anomaly_id, state, ended, ids.len() > 1)));
+        Err(reason @ NotDone::NotFrom { anomaly_id, .. }) => {
+            let others = if ids.len() > 1 { "; the others were left as they are too" } else { "" };
+            return Err(CliError::Usage(format!(
+                "{reason}{others}; `armwatch alerts show {anomaly_id}` says who did it and when"
+            )));
         }
     }
     for row in store.anomalies_after(0).await?.iter().filter(|row| ids.contains(&row.anomaly_id)) {
@@ -81,17 +84,4 @@ pub(super) async fn act(
         }
     }
     Ok(EXIT_DONE)
-}
-
-fn not_from(id: i64, state: AlarmState, ended: bool, others: bool) -> String {
-    let name = state.name().replace('_', " ");
-    let remedy = match state {
-        _ if ended => "later tests no longer show it, so that nothing is to be done",
-        AlarmState::Resolved | AlarmState::FalseAlarm => "`armwatch alerts ack` takes that back",
-        _ => "nothing was changed",
-    };
-    let others = if others { "; the others were left as they are too" } else { "" };
-    format!(
-        "anomaly {id} is {name} already: {remedy}{others}; `armwatch alerts show {id}` says who did it and when"
-    )
 }

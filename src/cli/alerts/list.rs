@@ -58,7 +58,7 @@ pub(super) async fn list(
     let cells = |row: &&AnomalyRow| {
         vec![
             row.anomaly_id.to_string(),
-            row.severity.to_string(),
+            output::coloured(row.severity.name()),
             words::state(row),
             row.robot.clone(),
             row.joint_number().map_or_else(|| "arm".into(), |number| number.to_string()),

@@ -10,6 +10,7 @@ use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::plot::PlotFile;
 use crate::report::anomaly::{EvidencePoint, anomaly_figure};
+use crate::report::figure::day;
 use crate::robot::JointIndex;
 use crate::store::{AnomalyHistoryRow, AnomalyRow, SeriesRun, Store};
 
@@ -207,7 +208,7 @@ fn history_text(history: &[AnomalyHistoryRow]) -> String {
         vec![
             minute(event.at),
             event.what.name().replace('_', " "),
-            event.severity.to_string(),
+            output::coloured(event.severity.name()),
             figure(event.score),
             event.run_id.map_or_else(|| "-".into(), |id| id.to_string()),
             event.who.clone().unwrap_or_else(|| "armwatch".into()),
@@ -236,8 +237,6 @@ fn event_value(event: &AnomalyHistoryRow) -> Value {
 }
 
 fn picture(row: &AnomalyRow, tests: &[SeriesRun]) -> crate::report::figure::Figure {
-    let first = tests.first().map_or(row.first_seen_at, |test| test.started_at);
-    let day = |time: Timestamp| time.duration_since(first).as_secs_f64() / 86_400.0;
     let point = |test: &SeriesRun| EvidencePoint {
         day: day(test.started_at),
         joint: test.joint,

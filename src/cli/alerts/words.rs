@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use crate::anomaly::Alternative;
 use crate::cli::context::CliError;
-use crate::store::{AlarmState, AnomalyRow, Store};
+use crate::store::{AlarmState, AnomalyRow, NotDone, Store};
 
 /// Most numbers that are proposed in place of one that does not exist.
 const PROPOSED: usize = 3;
@@ -36,8 +36,8 @@ pub(super) async fn find(store: &Store, id: i64, now: Timestamp) -> Result<Anoma
 /// What is said of an anomaly that the history has no longer.
 pub(super) fn withdrawn(id: i64) -> CliError {
     CliError::Usage(format!(
-        "anomaly {id} was withdrawn: with more of the history known, it is none; \
-         `SELECT * FROM anomaly_history WHERE anomaly_id = {id}` says what happened to it"
+        "{}; `SELECT * FROM anomaly_history WHERE anomaly_id = {id}` says what happened to it",
+        NotDone::Withdrawn(id)
     ))
 }
 
@@ -45,14 +45,15 @@ pub(super) fn withdrawn(id: i64) -> CliError {
 pub(super) fn unknown(id: i64, rows: &[AnomalyRow]) -> String {
     let mut numbers: Vec<i64> = rows.iter().map(|row| row.anomaly_id).collect();
     if numbers.is_empty() {
-        return format!("there is no anomaly {id}; there are none at all");
+        return format!("{}; there are none at all", NotDone::Unknown(id));
     }
     numbers.sort_by_key(|number| (number.abs_diff(id), *number));
     numbers.truncate(PROPOSED);
     numbers.sort_unstable();
     let numbers: Vec<String> = numbers.iter().map(i64::to_string).collect();
     format!(
-        "there is no anomaly {id}; did you mean {}? `armwatch alerts list --all` shows all",
+        "{}; did you mean {}? `armwatch alerts list --all` shows all",
+        NotDone::Unknown(id),
         numbers.join(" or ")
     )
 }
@@ -63,7 +64,7 @@ pub(in crate::cli) fn minute(time: Timestamp) -> String {
 }
 
 /// `joint 3`, or `whole arm`.
-pub(super) fn place(row: &AnomalyRow) -> String {
+pub(in crate::cli) fn place(row: &AnomalyRow) -> String {
     row.joint_number().map_or_else(|| "whole arm".to_owned(), |number| format!("joint {number}"))
 }
 
@@ -73,7 +74,7 @@ pub(in crate::cli) fn name(row: &AnomalyRow) -> String {
 }
 
 /// The state with what is to be known of it.
-pub(super) fn state(row: &AnomalyRow) -> String {
+pub(in crate::cli) fn state(row: &AnomalyRow) -> String {
     match row.shelved_until {
         Some(until) => format!("shelved until {}", minute(until)),
         None => row.state.replace('_', " "),

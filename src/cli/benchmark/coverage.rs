@@ -38,34 +38,36 @@ analysed, and counts how often the 95 % intervals hold the truth. Exit status 1 
 Examples:
   armwatch benchmark coverage config/robots/er3a.toml
   armwatch benchmark coverage config/robots/er3a.toml --correlation 0.9
-  armwatch benchmark coverage config/robots/scara.toml --estimator ordinary --json
+  armwatch benchmark coverage config/robots/scara.toml --estimator ordinary \\
+      --json
   armwatch benchmark coverage config/robots/er3a.toml --exports
-  armwatch benchmark coverage config/robots/er3a.toml --exports --gearbox --seeds 30")]
+  armwatch benchmark coverage config/robots/er3a.toml --exports --gearbox \\
+      --seeds 30")]
 pub(in crate::cli) struct CoverageArgs {
     /// Robot description with nominal parameters
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Simulated excitation stages
-    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(help_heading = "What is simulated", long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
     /// Rows a second, Hz
-    #[arg(long, default_value_t = 100.0)]
+    #[arg(help_heading = "What is simulated", long, default_value_t = 100.0)]
     rate_hz: f64,
     /// Correlation of the torque noise from row to row, 0 to below 1; 0 is white noise
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(help_heading = "What is simulated", long, default_value_t = 0.0)]
     correlation: f64,
     /// How rows become parameters: ordinary, weighted or huber
-    #[arg(long, default_value = "weighted", value_parser = estimator)]
+    #[arg(help_heading = "Estimator", long, default_value = "weighted", value_parser = estimator)]
     estimator: Estimator,
     /// Whole exports, written and read as CSV, instead of excitation stages alone
-    #[arg(long, conflicts_with_all = ["correlation", "noise"])]
+    #[arg(help_heading = "What is simulated", long, conflicts_with_all = ["correlation", "noise"])]
     exports: bool,
     /// Exports of an arm whose friction has a bump at low speed and a ripple, which the model has not: what
     /// intervals are worth where the model is wrong
-    #[arg(long, requires = "exports")]
+    #[arg(help_heading = "What is simulated", long, requires = "exports")]
     gearbox: bool,
     /// Torque noise relative to the description's
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(help_heading = "What is simulated", long, default_value_t = 1.0)]
     noise: f64,
 }
 

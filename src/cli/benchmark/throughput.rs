@@ -28,14 +28,16 @@ const SHIFT_S: f64 = 0.001;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Simulates an export, reads it with polars alone, takes it with `ingest` into a new database, each in a process
-of its own and in turns, and prints the best time of each, their ratio and the peak memory. The first read of all
-warms the file cache and does not count. Other programs that run meanwhile change the figures, less so the ratio.
+of its own and in turns, and prints the best time of each, the least processor time, their ratios and the peak
+memory. The first read of all warms the file cache and does not count. Other programs that run meanwhile lengthen the
+times; the ratio of processor times (cpu_s) changes least.
 
 Examples:
   armwatch benchmark ingest
   armwatch benchmark ingest --cycles 1
   armwatch benchmark ingest --small-files 1000
-  armwatch benchmark ingest --file R00_20260105_0847_Col23_180s_cycle24.csv --json")]
+  armwatch benchmark ingest --file R00_20260105_0847_Col23_180s_cycle24.csv \\
+      --json")]
 pub(in crate::cli) struct IngestBenchmarkArgs {
     /// Cycles of the simulated export, five minutes each; 24 are a whole test
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=200))]
@@ -64,6 +66,8 @@ pub(in crate::cli) struct PlainReadArgs {
 #[derive(Debug, Clone, Copy)]
 struct Cost {
     wall_s: f64,
+    /// Processor time of all threads, user and system, s; zero where the system does not tell.
+    cpu_s: f64,
     /// Largest resident memory, MB; zero where the system does not tell.
     peak_mb: f64,
 }
@@ -100,11 +104,12 @@ fn one_export(global: &Global, args: &IngestBenchmarkArgs, folder: &Path) -> Res
     let rows: u64 = rows.trim().parse().unwrap_or(0);
     let (plain, ingest) = (best(&plain), best(&ingest));
     let ratio = ingest.wall_s / plain.wall_s;
+    let cpu_ratio = Some(ingest.cpu_s / plain.cpu_s).filter(|ratio| ratio.is_finite());
     if global.json {
-        let cost = |cost: Cost| json!({"wall_s": cost.wall_s, "rows_per_s": rows as f64 / cost.wall_s, "peak_mb": cost.peak_mb});
+        let cost = |cost: Cost| json!({"wall_s": cost.wall_s, "cpu_s": cost.cpu_s, "rows_per_s": rows as f64 / cost.wall_s, "peak_mb": cost.peak_mb});
         output::json(&json!({
-            "rows": rows, "bytes": bytes, "rounds": args.rounds, "ratio": ratio, "polars": cost(plain),
-            "ingest": cost(ingest),
+            "rows": rows, "bytes": bytes, "rounds": args.rounds, "ratio": ratio, "cpu_ratio": cpu_ratio,
+            "polars": cost(plain), "ingest": cost(ingest),
         }));
         return Ok(EXIT_DONE);
     }
@@ -113,14 +118,16 @@ fn one_export(global: &Global, args: &IngestBenchmarkArgs, folder: &Path) -> Res
         vec![
             what.into(),
             format!("{:.2}", cost.wall_s),
+            format!("{:.2}", cost.cpu_s),
             format!("{rows_per_s:.0}"),
             format!("{:.0}", cost.peak_mb),
         ]
     };
     output::line(&format!("{rows} rows, {:.1} MB, best of {} turns", bytes as f64 / 1e6, args.rounds));
     let lines = [line("polars, plain read", plain), line("armwatch ingest", ingest)];
-    output::line(&output::table(&["", "wall_s", "rows_per_s", "peak_mb"], &lines));
-    output::line(&format!("ratio {ratio:.2}"));
+    output::line(&output::table(&["", "wall_s", "cpu_s", "rows_per_s", "peak_mb"], &lines));
+    let cpu_ratio = cpu_ratio.map_or_else(String::new, |ratio| format!(", of processor times {ratio:.2}"));
+    output::line(&format!("ratio of times {ratio:.2}{cpu_ratio}"));
     Ok(EXIT_DONE)
 }
 
@@ -183,7 +190,7 @@ fn run(setting: &Setting<'_>, arguments: &[PathBuf]) -> Result<(Cost, String), C
             command.env_remove("ARMWATCH_CONFIG").current_dir(folder);
         }
     }
-    let started = Instant::now();
+    let (started, cpu_before) = (Instant::now(), children_cpu_s());
     let mut child = command.spawn().map_err(|error| CliError::Io(error.to_string()))?;
     let status = PathBuf::from(format!("/proc/{}/status", child.id()));
     let mut printed = child.stdout.take().map(BufReader::new);
@@ -203,13 +210,22 @@ fn run(setting: &Setting<'_>, arguments: &[PathBuf]) -> Result<(Cost, String), C
         }
         std::thread::sleep(LOOK);
     };
-    let wall_s = started.elapsed().as_secs_f64();
+    let (wall_s, cpu_s) = (started.elapsed().as_secs_f64(), children_cpu_s() - cpu_before);
     let text = reader.join().unwrap_or_default();
     if !ended.success() {
         let what: Vec<String> = arguments.iter().map(|part| part.display().to_string()).collect();
         return Err(CliError::Io(format!("armwatch {}: {ended}\n{text}", what.join(" "))));
     }
-    Ok((Cost { wall_s, peak_mb }, text))
+    Ok((Cost { wall_s, cpu_s, peak_mb }, text))
+}
+
+/// Processor time of the children that ended, s, where the system tells: fields 16 and 17 of `/proc/self/stat`, in
+/// hundredths of a second (proc(5), `USER_HZ`). The name before them may hold spaces, and ends with a bracket.
+fn children_cpu_s() -> f64 {
+    const TICKS_A_SECOND: f64 = 100.0;
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let fields = text.rsplit(')').next().unwrap_or_default().split_whitespace();
+    fields.skip(13).take(2).filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / TICKS_A_SECOND
 }
 
 /// Largest resident memory of a process so far, MB, where the system tells.
@@ -220,10 +236,11 @@ fn peak_memory_mb(status: &Path) -> f64 {
     kilobytes.unwrap_or(0.0) * 1024.0 / 1e6
 }
 
-/// The shortest time, and the largest memory of all turns.
+/// The shortest times, and the largest memory of all turns.
 fn best(costs: &[Cost]) -> Cost {
-    costs.iter().fold(Cost { wall_s: f64::INFINITY, peak_mb: 0.0 }, |best, cost| Cost {
+    costs.iter().fold(Cost { wall_s: f64::INFINITY, cpu_s: f64::INFINITY, peak_mb: 0.0 }, |best, cost| Cost {
         wall_s: best.wall_s.min(cost.wall_s),
+        cpu_s: best.cpu_s.min(cost.cpu_s),
         peak_mb: best.peak_mb.max(cost.peak_mb),
     })
 }

@@ -2,15 +2,16 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::json;
 
 use super::index;
 use super::index::JointIndexSeries;
 use crate::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
 use crate::cli::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
+use crate::cli::shared::life::RobotLife;
 use crate::cli::shared::output;
-use crate::cli::shared::plot::{PlotFile, write_lines};
+use crate::cli::shared::plot::{PlotFile, index_limits, write_lines};
 use crate::cli::shared::selection::{named_runs, runs_of};
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::friction::warm_up::warm_up_torque;
@@ -39,6 +40,8 @@ the standard error. A fast part that only the first cycle sees has none: what is
 first point and the longest time constant that it may have (--json: c_first_nm, t2_max_min). Nothing is stored; the fits of each run, and of all runs of a robot at the reference
 speed, stand in the view warmup_fits.
 
+A picture of several runs shows each in a colour of its own at one speed; of a single run it shows all speeds.
+
 --index shows the friction index of each run instead: friction against the joint's own baseline at equal speed
 and thermal state, with its 95 % interval, beside friction as measured. Then, of the index about its mean over
 the runs: lag-1 autocorrelation (its standard error in brackets), the probability that white noise has as much
@@ -49,36 +52,49 @@ state says what it is taken from: motion, motor_temperature or ambient_and_motio
 -o writes the points as CSV: robot, run_id, cycle, minute, joint, speed_fraction, speed_rad_s, direction,
 torque_nm, std_nm, samples, gravity, fit_nm. --json prints one object a joint and speed, with its fit and its
 points.")]
+#[command(group(ArgGroup::new("recordings").args(["runs", "robots"]).required(true).multiple(true)))]
 pub(in crate::cli) struct FrictionArgs {
     /// Run whose points are taken; may be given several times
-    #[arg(long = "run", value_name = "RUN", required_unless_present = "robots")]
+    #[arg(help_heading = "What is taken", long = "run", value_name = "RUN")]
     runs: Vec<i64>,
     /// Robot of which all complete runs are taken; may be given several times
-    #[arg(long = "robot", value_name = "NAME")]
+    #[arg(help_heading = "What is taken", long = "robot", value_name = "NAME")]
     robots: Vec<String>,
     /// Only this joint, from 1
-    #[arg(long, value_name = "JOINT", value_parser = clap::value_parser!(u8).range(1..))]
+    #[arg(help_heading = "What is taken", long, value_name = "JOINT", value_parser = clap::value_parser!(u8).range(1..))]
     joint: Option<u8>,
-    /// Only the speed level nearest to this fraction of the largest speed
-    #[arg(long, value_name = "FRACTION")]
+    /// Only the speed level nearest to this fraction of the largest speed, above 0 and at most 1
+    #[arg(help_heading = "What is taken", long, value_name = "FRACTION", value_parser = fraction)]
     speed: Option<f64>,
     /// Write the points as CSV into this file
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(help_heading = "Files", short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Draw points and curves into this file, .svg or .html
-    #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
+    #[arg(help_heading = "Files", long, value_name = "FILE", value_parser = PlotFile::parse)]
     plot: Option<PlotFile>,
     /// Friction index by run, and whether it is white from run to run
-    #[arg(long, requires = "robots", conflicts_with_all = ["runs", "speed", "output"])]
+    #[arg(help_heading = "What is shown", long, requires = "robots", conflicts_with_all = ["runs", "speed", "output"])]
     index: bool,
-    /// What the picture shows friction over
-    #[arg(long, value_enum, default_value_t = OverArg::Time, requires = "plot")]
-    over: OverArg,
+    /// What the picture shows friction over [default: time for one run, runs for several]
+    #[arg(help_heading = "What is shown", long, value_enum, requires = "plot")]
+    over: Option<OverArg>,
+}
+
+/// Reads a fraction of the largest speed.
+fn fraction(text: &str) -> Result<f64, String> {
+    match text.trim_end_matches([' ', '%']).parse::<f64>() {
+        Ok(value) if value > 0.0 && value <= 1.0 && !text.contains('%') => Ok(value),
+        Ok(percent) if percent > 0.0 && percent <= 100.0 => Err(format!(
+            "a fraction of the largest speed is above 0 and at most 1; did you mean {}?",
+            percent / 100.0
+        )),
+        _ => Err("a fraction of the largest speed is above 0 and at most 1, such as 0.6".into()),
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum OverArg {
-    /// Minutes since the start of the run, with the fitted curves
+    /// Minutes since the start of the run, all speeds, with the curves fitted to all chosen runs together
     Time,
     /// Speed, some cycles from cold to warm
     Speed,
@@ -93,6 +109,8 @@ const COMPARED_SPEED: f64 = 0.6;
 struct Sourced {
     robot: String,
     run_id: i64,
+    /// Day of the run's start.
+    day: String,
     cycle: u32,
     point: FrictionPoint,
 }
@@ -107,7 +125,7 @@ pub(in crate::cli) fn friction(global: &Global, args: &FrictionArgs) -> Result<u
             done
         })?;
         if let Some(plot) = &args.plot {
-            plot.write(&index::figure(&series, &args.robots.join(", ")))?;
+            plot.write(&index::figure(&series, index_limits(&config), &args.robots.join(", ")))?;
         }
         index::print(&series, global.json);
         return Ok(EXIT_DONE);
@@ -141,7 +159,8 @@ async fn index_series(args: &FrictionArgs, store: &Store) -> Result<Vec<JointInd
         runs_of(&known, robot)?;
         let mut rows = store.friction_indices(robot).await?;
         rows.retain(|row| args.joint.is_none_or(|joint| row.joint.number() == usize::from(joint)));
-        series.extend(JointIndexSeries::of(robot, &rows, &store.thermal_sources(robot).await?));
+        let life = RobotLife::read(store, robot).await?;
+        series.extend(JointIndexSeries::of(robot, &rows, &store.thermal_sources(robot).await?, &life));
     }
     if series.is_empty() {
         return Err(CliError::Usage(format!(
@@ -170,6 +189,7 @@ async fn chosen_points(args: &FrictionArgs, store: &Store) -> Result<(String, Ve
         points.extend(of_run.into_iter().map(|of| Sourced {
             robot: run.robot.clone(),
             run_id: run.run_id,
+            day: run.started_at.strftime("%Y-%m-%d").to_string(),
             cycle: of.cycle,
             point: of.point,
         }));
@@ -257,9 +277,17 @@ fn figure(
     fits: &[WarmUpFit],
 ) -> Figure {
     const POINTS: &str = "mean friction on constant-speed plateaus, gravity removed";
-    match args.over {
+    let runs = points.chunk_by(|a, b| a.run_id == b.run_id).count();
+    // points of several runs in one colour would make wear look like scatter
+    match args.over.unwrap_or(if runs > 1 { OverArg::Runs } else { OverArg::Time }) {
         OverArg::Time => {
-            let curves = "curves a + b exp(-t/t1) + c exp(-t/t2) as far as the points support them";
+            let mixed = match runs {
+                1 => String::new(),
+                _ => format!(" to {runs} runs together"),
+            };
+            let curves = format!(
+                "curves a + b exp(-t/t1) + c exp(-t/t2) fitted{mixed} as far as the points support them"
+            );
             friction_figure(bare, fits, format!("{names}: friction over time"), format!("{POINTS}; {curves}"))
         }
         OverArg::Runs => {
@@ -269,7 +297,6 @@ fn figure(
             run_comparison_figure(&run_curves(points), title, format!("{POINTS}, {curves}"))
         }
         OverArg::Speed => {
-            let runs = points.chunk_by(|a, b| a.run_id == b.run_id).count();
             let cycles = points.chunk_by(|a, b| (a.run_id, a.cycle) == (b.run_id, b.cycle));
             let cycles: Vec<CycleFriction> = cycles
                 .map(|of| CycleFriction {
@@ -289,6 +316,7 @@ fn figure(
 
 /// Points of each run at the level nearest to [`COMPARED_SPEED`], if `--speed` has not chosen one.
 fn run_curves(points: &[Sourced]) -> Vec<RunCurves> {
+    let one_robot = points.windows(2).all(|pair| pair[0].robot == pair[1].robot);
     let distance = |of: &Sourced| (of.point.speed_fraction - COMPARED_SPEED).abs();
     points
         .chunk_by(|a, b| a.run_id == b.run_id)
@@ -297,7 +325,13 @@ fn run_curves(points: &[Sourced]) -> Vec<RunCurves> {
             let at_level = |of: &&Sourced| distance(of) <= nearest;
             let points: Vec<FrictionPoint> = of_run.iter().filter(at_level).map(|of| of.point).collect();
             let fits = warm_up_fits(&points);
-            RunCurves { label: format!("{}, run {}", of_run[0].robot, of_run[0].run_id), points, fits }
+            let Sourced { robot, run_id, day, .. } = &of_run[0];
+            let label = if one_robot {
+                format!("run {run_id}, {day}")
+            } else {
+                format!("{robot}, run {run_id}, {day}")
+            };
+            RunCurves { label, points, fits }
         })
         .collect()
 }
@@ -305,7 +339,7 @@ fn run_curves(points: &[Sourced]) -> Vec<RunCurves> {
 fn csv_lines<'a>(points: &'a [Sourced], fits: &'a [WarmUpFit]) -> impl Iterator<Item = String> + use<'a> {
     const HEADER: &str = "robot,run_id,cycle,minute,joint,speed_fraction,speed_rad_s,direction,torque_nm,std_nm,\
                           samples,gravity,fit_nm";
-    let line = move |Sourced { robot, run_id, cycle, point }: &Sourced| {
+    let line = move |Sourced { robot, run_id, cycle, point, .. }: &Sourced| {
         let minute = point.time / 60.0;
         let fit = fit_of(fits, (point.joint.number(), point.speed_fraction));
         let fit = fit.map_or_else(String::new, |fit| warm_up_torque(fit, minute).to_string());
@@ -331,7 +365,7 @@ fn csv_lines<'a>(points: &'a [Sourced], fits: &'a [WarmUpFit]) -> impl Iterator<
 fn as_value(level: (usize, f64), points: &[Sourced], fits: &[WarmUpFit]) -> serde_json::Value {
     let of_level = points.iter().filter(|of| is_of(level, of.point.joint.number(), of.point.speed_fraction));
     let points: Vec<serde_json::Value> = of_level
-        .map(|Sourced { robot, run_id, cycle, point }| {
+        .map(|Sourced { robot, run_id, cycle, point, .. }| {
             json!({
                 "robot": robot, "run_id": run_id, "cycle": cycle, "minute": point.time / 60.0,
                 "speed_rad_s": point.speed, "direction": point.direction, "torque_nm": point.torque,

@@ -2,31 +2,46 @@
 
 use serde_json::json;
 
+use crate::cli::shared::life::{RobotLife, index_points};
 use crate::cli::shared::output;
 use crate::numerics::statistics::descriptive::standard_deviation;
 use crate::numerics::statistics::distributions::normal_quantile;
 use crate::numerics::statistics::whiteness::{LARGEST_LAG, MIN_VALUES, Whiteness, common_lag_1, whiteness};
-use crate::report::figure::Figure;
-use crate::report::friction_index::{IndexPoint, index_figure};
+use crate::report::figure::{Event, Figure, Standing};
+use crate::report::friction_index::{IndexLimits, IndexPanel, index_figure};
 use crate::store::{IndexRow, ThermalSourceRow};
 
 /// Indices of one joint of one robot, oldest run first.
 pub(in crate::cli) struct JointIndexSeries {
     robot: String,
     rows: Vec<IndexRow>,
+    /// Where the joint stands.
+    standing: Option<Standing>,
+    /// What happened to it.
+    events: Vec<Event>,
+    /// Days between which an alarm on its friction was seen.
+    alarms: Vec<[f64; 2]>,
     /// What the thermal state is taken from, where there is a map now.
     source: Option<ThermalSourceRow>,
 }
 
 impl JointIndexSeries {
     /// Splits rows of a robot, ordered by joint.
-    pub(in crate::cli) fn of(robot: &str, rows: &[IndexRow], sources: &[ThermalSourceRow]) -> Vec<Self> {
+    pub(in crate::cli) fn of(
+        robot: &str,
+        rows: &[IndexRow],
+        sources: &[ThermalSourceRow],
+        life: &RobotLife,
+    ) -> Vec<Self> {
         let source = |joint| sources.iter().find(|source| source.joint == joint).cloned();
         let by_joint = rows.chunk_by(|a, b| a.joint == b.joint);
         by_joint
             .map(|rows| Self {
                 robot: robot.to_owned(),
                 rows: rows.to_vec(),
+                standing: rows.first().and_then(|row| life.standing(row.joint)),
+                events: rows.first().map_or_else(Vec::new, |row| life.events_of(row.joint)),
+                alarms: rows.first().map_or_else(Vec::new, |row| life.alarms_of(row.joint)),
                 source: rows.first().and_then(|row| source(row.joint)),
             })
             .collect()
@@ -89,29 +104,22 @@ pub(in crate::cli) fn print(series: &[JointIndexSeries], json: bool) {
     output::line(&verdict);
 }
 
-/// Picture of all series, days counted from the first run of all.
-pub(in crate::cli) fn figure(series: &[JointIndexSeries], names: &str) -> Figure {
-    const SECONDS_A_DAY: f64 = 86_400.0;
-    let half = normal_quantile(0.975);
-    let seconds = |row: &IndexRow| row.started_at.as_second() as f64;
-    let rows = series.iter().flat_map(|of| &of.rows);
-    let first = rows.map(seconds).fold(f64::INFINITY, f64::min);
+/// Picture of all series.
+pub(in crate::cli) fn figure(series: &[JointIndexSeries], limits: IndexLimits, names: &str) -> Figure {
     let robots = series.chunk_by(|a, b| a.robot == b.robot).count();
     let panel = |of: &JointIndexSeries| {
         let joint = of.rows[0].joint;
-        let title =
-            if robots > 1 { format!("{}, joint {joint}", of.robot) } else { format!("joint {joint}") };
-        let point = |row: &IndexRow| IndexPoint {
-            day: (seconds(row) - first) / SECONDS_A_DAY,
-            index: row.index.value,
-            interval: [-half, half].map(|by| row.index.value + by * row.index.std_error),
-            raw: row.raw,
-        };
-        (title, of.rows.iter().map(point).collect())
+        IndexPanel {
+            title: if robots > 1 { format!("{}, joint {joint}", of.robot) } else { format!("joint {joint}") },
+            standing: of.standing.clone(),
+            runs: index_points(&of.rows),
+            events: of.events.clone(),
+            alarms: of.alarms.clone(),
+        }
     };
-    let panels: Vec<(String, Vec<IndexPoint>)> = series.iter().map(panel).collect();
+    let panels: Vec<IndexPanel> = series.iter().map(panel).collect();
     let subtitle = "friction against the joint's own baseline at equal speed and thermal state";
-    index_figure(&panels, format!("{names}: friction index by run"), subtitle.into())
+    index_figure(&panels, limits, format!("{names}: friction index by run"), subtitle.into())
 }
 
 fn robot_text(series: &[JointIndexSeries]) -> String {
@@ -123,7 +131,7 @@ fn robot_text(series: &[JointIndexSeries]) -> String {
         vec![
             of_joint.rows[0].joint.to_string(),
             row.run_id.to_string(),
-            row.started_at.strftime("%Y-%m-%d %H:%M").to_string(),
+            row.started_at.strftime("%Y-%m-%d %H:%MZ").to_string(),
             format!("{:.4}", row.index.value),
             format!("{low:.4} .. {high:.4}"),
             row.raw.map_or_else(|| "-".into(), |raw| format!("{raw:.3}")),
@@ -224,14 +232,15 @@ mod tests {
             source: "motor_temperature".into(),
             remarks: Some("joint 1: the fast time constant is assumed".into()),
         };
-        let series = JointIndexSeries::of("R01", &all, &[source]);
+        let series = JointIndexSeries::of("R01", &all, &[source], &RobotLife::default());
         assert_eq!(series.len(), 2);
         let text = robot_text(&series);
         assert!(text.contains("too few runs") && text.contains("  no  "), "{text}");
         // measured friction scatters ten times as much
         assert!((series[0].explained().expect("enough runs") - 0.99).abs() < 1e-9);
         assert_eq!(series[1].explained(), None);
-        assert_eq!(figure(&series, "R01").panels.len(), 2);
+        let limits = IndexLimits { warning: 0.05, critical: 0.15 };
+        assert_eq!(figure(&series, limits, "R01").panels.len(), 2);
         let value = as_value(&series[0]);
         assert_eq!((value["joint"].as_u64(), value["white_enough"].as_str()), (Some(1), Some("no")));
         assert_eq!(value["runs"].as_array().map(Vec::len), Some(20));

@@ -1,7 +1,7 @@
 //! Options of `armwatch identify`.
 
 use clap::builder::PossibleValue;
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum};
 
 use crate::cli::context::CliError;
 use crate::numerics::pooled::estimate::EstimatorKind;
@@ -11,12 +11,16 @@ use crate::numerics::pooled::estimate::EstimatorKind;
 Examples:
   armwatch identify --run 3
   armwatch identify --run 3 --cycles 10,15,20
-  armwatch identify --robot Left --cycles 6-24 --estimator weighted --save left-warm
-  armwatch identify --run 3 --run 4 --json | jq '.parameters[] | select(.joint == 1)'
+  armwatch identify --robot Left --cycles 6-24 --estimator weighted \\
+      --save left-warm
+  armwatch identify --run 3 --run 4 --json | \\
+      jq '.parameters[] | select(.joint == 1)'
   armwatch identify --run 3 --estimator prior --prior description
-  armwatch identify --run 9 --cycles 1 --estimator prior --prior left-warm --prior-std-fraction 0.1
+  armwatch identify --run 9 --cycles 1 --estimator prior --prior left-warm \\
+      --prior-std-fraction 0.1
   armwatch identify --run 3 --essential
-  armwatch identify --robot Left --each-cycle --estimator weighted --save left-weighted
+  armwatch identify --robot Left --each-cycle --estimator weighted \\
+      --save left-weighted
 
 One set of base parameters is identified on the excitation stages of all chosen cycles together, rows of
 slow joints left out. What is needed of the rows was stored with the cycles: no export is read, and the
@@ -44,38 +48,44 @@ motion does not show every parameter (they are named), or with --each-cycle if a
 cycle, and the statistics of each run as in the view parameter_statistics. --save keeps it for the views
 reestimated_parameters, reestimated_cycles and reestimated_statistics. `armwatch parameters` lists and
 deletes what is kept.")]
+#[command(group(ArgGroup::new("recordings").args(["runs", "robots"]).required(true).multiple(true)))]
 pub(in crate::cli) struct IdentifyArgs {
     /// Run whose cycles are taken; may be given several times
-    #[arg(long = "run", value_name = "RUN", required_unless_present = "robots")]
+    #[arg(help_heading = "What is taken", long = "run", value_name = "RUN")]
     pub(in crate::cli) runs: Vec<i64>,
     /// Robot of which all complete runs are taken; may be given several times
-    #[arg(long = "robot", value_name = "NAME")]
+    #[arg(help_heading = "What is taken", long = "robot", value_name = "NAME")]
     pub(in crate::cli) robots: Vec<String>,
     /// Cycles of each run, such as 10,15,20 or 6-24 [default: all]
-    #[arg(long, value_name = "CYCLES")]
+    #[arg(help_heading = "What is taken", long, value_name = "CYCLES")]
     pub(in crate::cli) cycles: Option<String>,
     /// How rows become parameters [default: `[analysis] estimator` of the configuration]
-    #[arg(long, value_enum)]
+    #[arg(help_heading = "Estimator", long, value_enum)]
     pub(in crate::cli) estimator: Option<EstimatorArg>,
     /// What is known beforehand: parameters of a run, of some of its cycles, of a saved set, or the
     /// nominal ones of the robot's description
-    #[arg(long, value_name = "RUN[:CYCLES]|SET|description", required_if_eq("estimator", "prior"))]
+    #[arg(
+        help_heading = "Estimator",
+        long,
+        value_name = "RUN[:CYCLES]|SET|description",
+        required_if_eq("estimator", "prior")
+    )]
     pub(in crate::cli) prior: Option<String>,
     /// Standard deviation of the prior as a part of its values, above 0 [default: chosen by
     /// cross-validation]
-    #[arg(long, value_name = "FRACTION", requires = "prior")]
+    #[arg(help_heading = "Estimator", long, value_name = "FRACTION", requires = "prior")]
     pub(in crate::cli) prior_std_fraction: Option<f64>,
     /// Leave out parameters that are not worth their uncertainty
-    #[arg(long)]
+    #[arg(help_heading = "Estimator", long)]
     pub(in crate::cli) essential: bool,
     /// Identify each cycle alone
-    #[arg(long, conflicts_with = "essential")]
+    #[arg(help_heading = "Estimator", long, conflicts_with = "essential")]
     pub(in crate::cli) each_cycle: bool,
     /// Print the sum of link parameters that each parameter stands for
-    #[arg(long)]
+    #[arg(help_heading = "Results", long)]
     pub(in crate::cli) groupings: bool,
     /// Keep the parameters under this name
-    #[arg(long, value_name = "NAME")]
+    #[arg(help_heading = "Results", long, value_name = "NAME")]
     pub(in crate::cli) save: Option<String>,
 }
 

@@ -21,7 +21,8 @@ const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;
 Examples:
   armwatch layout infer R01_20260301_0800.csv -o config/exports/cell4.toml
   armwatch layout infer log.csv.gz --robot R01 --name cell4
-  armwatch layout infer motors.csv --description config/robots/tx40.toml --sample-rate-hz 5000
+  armwatch layout infer motors.csv --description config/robots/tx40.toml \\
+      --sample-rate-hz 5000
 
 Reads the first rows of an export, of any encoding, delimiter and decimal mark, and writes a layout file to
 standard output or, whole or not at all, to --output; each choice has its reason above it. What cannot be decided stays

@@ -166,7 +166,7 @@ async fn list(global: &Global, store: &Store, robot: Option<&str>, all: bool) ->
             ]
         };
         let rows: Vec<_> = faults.iter().map(row).collect();
-        output::line(&output::table(&["run", "robot", "file", "since", "state", "problem"], &rows));
+        output::print_table(&["run", "robot", "file", "since", "state", "problem"], &rows, &[]);
     }
     Ok(EXIT_DONE)
 }

@@ -194,7 +194,7 @@ pub fn what_retry_does(fault: &QuarantineRow, place: &ExportState) -> String {
 
 /// A time to the minute.
 pub fn minute(at: Timestamp) -> String {
-    at.strftime("%Y-%m-%d %H:%M").to_string()
+    at.strftime("%Y-%m-%d %H:%MZ").to_string()
 }
 
 /// The lines with their numbers and a mark under the place.

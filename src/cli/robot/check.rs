@@ -27,7 +27,8 @@ const DIFFERENCE_TOLERANCE: f64 = 1e-4;
 #[command(after_help = "\
 Examples:
   armwatch robot check config/robots/er3a.toml
-  armwatch robot check config/robots/er3a.toml --reference tests/reference/er3a_inverse_dynamics.csv
+  armwatch robot check config/robots/er3a.toml \\
+      --reference tests/reference/er3a_inverse_dynamics.csv
 
 The reference is a CSV table with the columns q_1.., qd_1.., qdd_1.., tau_nm_1.. and the pose of the last
 frame in the base, px,py,pz,r11,r12,r13,r21,r22,r23,r31,r32,r33; torques are those of the rigid links with

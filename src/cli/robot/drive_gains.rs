@@ -17,9 +17,11 @@ use crate::store::Store;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  armwatch robot drive-gains --without 1 --with 2 --load-mass-kg 5 --load-centre-m 0,0,0.08
+  armwatch robot drive-gains --without 1 --with 2 --load-mass-kg 5 \\
+      --load-centre-m 0,0,0.08
   armwatch robot drive-gains --without 1 --with 2 --cycles 3-8 --json \\
-    --load-mass-kg 5 --load-centre-m 0,0,0.08 --load-inertia-kg-m2 0.02,0,0,0.02,0,0.01
+      --load-mass-kg 5 --load-centre-m 0,0,0.08 \\
+      --load-inertia-kg-m2 0.02,0,0,0.02,0,0.01
 
 Record the same test twice, without and with a load whose mass and centre are known, and ingest both with one
 configuration. What is needed was stored with the cycles: no export is read. The true gain of a joint is the

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use clap::Args;
+use clap::{ArgGroup, Args};
 use serde_json::json;
 
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_read, runtime};
@@ -24,16 +24,18 @@ use crate::store::{SourceCycle, Store, StoredModel};
 Examples:
   armwatch robot urdf --run 3 -o arm.urdf
   armwatch robot urdf --run 3 --cycles 6-24 -o warm.urdf --json
-  armwatch robot urdf --parameters left-warm --description config/robots/er3a.toml -o left.urdf
+  armwatch robot urdf --parameters left-warm \\
+      --description config/robots/er3a.toml -o left.urdf
 
 Mass, centre of mass and inertia of every link are fitted to the stored excitation rows of the chosen
 cycles such that each is a body of positive density. What torques do not show stays near the description's
 nominal inertia or, without one, near cylinders along the links; a ~ marks numbers that data do not decide.
 Motors' inertia and friction are fitted beside and are not in the inertial tags. Positions of the file are
 q: recorded position plus position offset. Exit status 1 if the fit did not settle: nothing is written.")]
+#[command(group(ArgGroup::new("recordings").args(["runs", "parameters"]).required(true)))]
 pub(in crate::cli) struct RobotUrdfArgs {
     /// Run whose cycles are taken; may be given several times
-    #[arg(long = "run", value_name = "RUN", required_unless_present = "parameters")]
+    #[arg(long = "run", value_name = "RUN")]
     runs: Vec<i64>,
     /// Saved parameter set whose cycles are taken
     #[arg(long, value_name = "SET", conflicts_with_all = ["runs", "cycles"])]

@@ -12,13 +12,25 @@ const MAX_MASS_KG: f64 = 1e4;
 #[derive(Debug, Args)]
 pub(in crate::cli) struct LoadArgs {
     /// Mass of the load at the tool frame, kg
-    #[arg(long, value_name = "KG", requires = "load_centre_m")]
+    #[arg(help_heading = "Load", long, value_name = "KG", requires = "load_centre_m")]
     load_mass_kg: Option<f64>,
     /// Its centre of mass in the tool frame (without a tool, the last joint's frame), m
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, requires = "load_mass_kg")]
+    #[arg(
+        help_heading = "Load",
+        long,
+        value_name = "X,Y,Z",
+        allow_hyphen_values = true,
+        requires = "load_mass_kg"
+    )]
     load_centre_m: Option<String>,
     /// Its inertia about its centre of mass, axes of the tool frame, kg m² [default: a point mass]
-    #[arg(long, value_name = "XX,XY,XZ,YY,YZ,ZZ", allow_hyphen_values = true, requires = "load_mass_kg")]
+    #[arg(
+        help_heading = "Load",
+        long,
+        value_name = "XX,XY,XZ,YY,YZ,ZZ",
+        allow_hyphen_values = true,
+        requires = "load_mass_kg"
+    )]
     load_inertia_kg_m2: Option<String>,
 }
 

@@ -1,9 +1,14 @@
 //! What several commands use: output, plots, chosen cycles, loads.
 
+pub(super) mod moment;
 pub(super) mod output;
+pub(super) mod paths;
 pub(super) mod rows;
 pub(super) mod plot;
 pub(super) mod selection;
+pub(super) mod life;
 pub(super) mod load;
 pub(super) mod reweight;
 pub(super) mod user;
+pub(super) mod views;
+pub(super) mod verification;

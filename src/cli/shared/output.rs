@@ -3,7 +3,9 @@
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::sync::OnceLock;
 
-use anstyle::Style;
+use anstream::adapter::strip_str;
+use anstream::{AutoStream, ColorChoice};
+use anstyle::{AnsiColor, Style};
 
 /// Why results could not be printed, the first time that happened.
 static FAILED: OnceLock<String> = OnceLock::new();
@@ -39,11 +41,39 @@ fn note(printed: std::io::Result<()>) {
     }
 }
 
-/// The text in a style on a terminal, plain elsewhere and where `NO_COLOR` is set.
+/// The text in a style where standard output shows it: on a terminal, and not where `NO_COLOR` is set.
 pub fn styled(text: &str, style: Style) -> String {
-    let plain =
-        !std::io::stdout().is_terminal() || std::env::var_os("NO_COLOR").is_some_and(|set| !set.is_empty());
+    let plain = AutoStream::choice(&std::io::stdout()) == ColorChoice::Never;
     if plain { text.to_owned() } else { format!("{style}{text}{style:#}") }
+}
+
+/// A word for a severity, a status or an outcome in its colour; other words as they are.
+pub fn coloured(word: &str) -> String {
+    style_of(word).map_or_else(|| word.to_owned(), |style| styled(word, style))
+}
+
+/// How urgent what a word says is.
+fn style_of(word: &str) -> Option<Style> {
+    Some(match word {
+        "critical" => AnsiColor::Red.on_default().bold(),
+        "warning" => AnsiColor::Yellow.on_default().bold(),
+        "quarantined" | "unreadable" | "refused" => AnsiColor::Red.on_default(),
+        "doubtful" => AnsiColor::Yellow.on_default(),
+        "overdue" | "unknown" => AnsiColor::Magenta.on_default(),
+        "info" => AnsiColor::Blue.on_default(),
+        "learning" | "streaming" => AnsiColor::Cyan.on_default(),
+        "ok" | "resolved" => AnsiColor::Green.on_default(),
+        _ => return None,
+    })
+}
+
+/// The text with spaces up to a width; colours take none.
+pub fn padded(text: &str, width: usize) -> String {
+    format!("{text}{}", " ".repeat(width.saturating_sub(shown_width(text))))
+}
+
+fn shown_width(text: &str) -> usize {
+    strip_str(text).to_string().chars().count()
 }
 
 /// Prints a line of words.
@@ -61,22 +91,97 @@ pub fn json(value: &serde_json::Value) {
     line(&value.to_string());
 }
 
-/// A table with a header, columns padded to their widest cell.
+/// Narrowest width that a column of long text is cut to.
+const NARROWEST: usize = 16;
+
+/// Prints a table of which long text is cut to the width of a terminal; elsewhere it is whole. Names of `coloured`
+/// columns hold words for a status.
+pub fn print_table(header: &[&str], rows: &[Vec<String>], in_colour: &[&str]) {
+    let width = std::io::stdout().is_terminal().then(terminal_size::terminal_size).flatten();
+    let mut rows = match width {
+        Some((terminal_size::Width(width), _)) => fitted(header, rows, usize::from(width)),
+        None => rows.to_vec(),
+    };
+    let is_cut = rows.iter().flatten().any(|cell| cell.ends_with(ELLIPSIS));
+    for (column, _) in header.iter().enumerate().filter(|(_, name)| in_colour.contains(name)) {
+        for cell in rows.iter_mut().filter_map(|row| row.get_mut(column)) {
+            *cell = coloured(cell);
+        }
+    }
+    line(&table(header, &rows));
+    if is_cut {
+        print_hint("long text is cut to this terminal; --json, or a file or pipe as output, has all of it");
+    }
+}
+
+/// Stands for the rest of a text.
+const ELLIPSIS: char = '\u{2026}';
+
+/// Rows whose columns of text are cut, the widest first, until the table has this width or nothing can be cut.
+fn fitted(header: &[&str], rows: &[Vec<String>], width: usize) -> Vec<Vec<String>> {
+    let is_text = |cell: &String| cell.contains(' ') || cell.chars().count() > 2 * NARROWEST;
+    let widest = |column: usize| {
+        let cells = rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count());
+        cells.chain([header[column].chars().count()]).max().unwrap_or(0)
+    };
+    let mut widths: Vec<usize> = (0..header.len()).map(widest).collect();
+    let can_cut: Vec<bool> =
+        (0..header.len()).map(|column| rows.iter().any(|row| row.get(column).is_some_and(is_text))).collect();
+    let gaps = 2 * header.len().saturating_sub(1);
+    while widths.iter().sum::<usize>() + gaps > width {
+        let widest = (0..widths.len()).filter(|&of| can_cut[of] && widths[of] > NARROWEST);
+        let Some(widest) = widest.max_by_key(|&of| widths[of]) else { break };
+        widths[widest] -= 1;
+    }
+    let cut = |(cell, width): (&String, &usize)| match cell.chars().count() > *width {
+        true => cell.chars().take(width - 1).chain([ELLIPSIS]).collect(),
+        false => cell.clone(),
+    };
+    rows.iter().map(|row| row.iter().zip(&widths).map(cut).collect()).collect()
+}
+
+/// A table with a header, columns padded to their widest cell; colours take no width.
 pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
     let width = |column: usize| {
-        let cells = rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count());
+        let cells = rows.iter().filter_map(|row| row.get(column)).map(|cell| shown_width(cell));
         cells.chain([header[column].chars().count()]).max().unwrap_or(0)
     };
     let widths: Vec<usize> = (0..header.len()).map(width).collect();
     let render = |cells: Vec<&str>| -> String {
-        let padded: Vec<String> = cells
-            .iter()
-            .zip(&widths)
-            .map(|(cell, width)| format!("{cell}{}", " ".repeat(width - cell.chars().count().min(*width))))
-            .collect();
-        padded.join("  ").trim_end().to_owned()
+        let cells: Vec<String> =
+            cells.iter().zip(&widths).map(|(cell, width)| padded(cell, *width)).collect();
+        cells.join("  ").trim_end().to_owned()
     };
     let mut lines = vec![render(header.to_vec())];
     lines.extend(rows.iter().map(|row| render(row.iter().map(String::as_str).collect())));
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_text_is_cut_to_the_terminal_and_figures_are_not() {
+        let header = ["run", "value", "reason"];
+        let row = |reason: &str| vec!["12".to_owned(), "0.123456".to_owned(), reason.to_owned()];
+        let rows = [row("joint 4: the torque signal stands at 0 while the joint moves"), row("-")];
+        let cut = fitted(&header, &rows, 40);
+        assert_eq!(cut[0], ["12", "0.123456", "joint 4: the torque sign\u{2026}"]);
+        assert_eq!(table(&header, &cut).lines().map(|line| line.chars().count()).max(), Some(40));
+        assert_eq!(cut[1], rows[1]);
+        assert_eq!(fitted(&header, &rows, 200), rows);
+        let narrow = fitted(&header, &rows, 5);
+        assert_eq!(narrow[0][2].chars().count(), NARROWEST, "{narrow:?}");
+    }
+
+    #[test]
+    fn colours_take_no_width() {
+        let red = AnsiColor::Red.on_default();
+        let row = |word: String| vec![word, "x".to_owned()];
+        let text = table(&["status", ""], &[row(format!("{red}ok{red:#}")), row("critical".into())]);
+        let plain = strip_str(&text).to_string();
+        assert_eq!(plain, "status\nok        x\ncritical  x");
+        assert_eq!((style_of("critical").is_some(), style_of("R07")), (true, None));
+    }
 }

@@ -6,7 +6,10 @@ use std::path::{Path, PathBuf};
 
 use super::output;
 use crate::cli::context::CliError;
+use crate::config::Config;
 use crate::report::figure::Figure;
+use crate::report::friction_index::IndexLimits;
+use crate::report::rmsd::RmsdLimits;
 
 /// A picture's file, whose ending says what it is written as.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -37,6 +40,16 @@ impl PlotFile {
         let text = if self.as_page { figure.html() } else { figure.svg() };
         write_lines(&self.path, text.lines().map(str::to_owned))
     }
+}
+
+/// Limits of the relative RMSD as the configuration has them.
+pub(in crate::cli) fn rmsd_limits(config: &Config) -> RmsdLimits {
+    RmsdLimits { warning: config.detect.accuracy_warning, critical: config.detect.accuracy_critical }
+}
+
+/// Limits of the friction index as the configuration has them.
+pub(in crate::cli) fn index_limits(config: &Config) -> IndexLimits {
+    IndexLimits { warning: config.detect.drift_warning, critical: config.detect.drift_critical }
 }
 
 /// Writes a file of these lines and says so.

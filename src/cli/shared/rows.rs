@@ -18,6 +18,13 @@ pub struct RowArgs {
     csv: bool,
 }
 
+impl RowArgs {
+    /// Whether rows are printed as CSV.
+    pub fn is_csv(self) -> bool {
+        self.csv
+    }
+}
+
 /// Prints rows as they are asked for; `nothing` stands for none in a table.
 ///
 /// # Errors
@@ -33,7 +40,7 @@ pub fn print(table: &Table, args: RowArgs, json: bool, nothing: &str) -> Result<
     } else {
         let header: Vec<&str> = table.columns.iter().map(String::as_str).collect();
         let rows: Vec<Vec<String>> = table.rows.iter().map(|row| row.iter().map(shown).collect()).collect();
-        output::line(&output::table(&header, &rows));
+        output::print_table(&header, &rows, &["status", "severity", "health"]);
     }
     Ok(())
 }

@@ -27,104 +27,133 @@ use crate::simulate::{SimulationSettings, simulate_run};
 #[command(after_help = "\
 Examples:
   armwatch simulate -o exports
-  armwatch simulate -o exports --name R07 --runs 12 --cycles 8 --fault wear:joint=3,from=6,rate=0.03
-  armwatch simulate -o exports --runs 6 --cycles 8 --fault step:joint=2,from=4,cycle=5,size=0.25
-  armwatch simulate -o exports --cycles 8 --fault jitter:joint=5,from=1,size=0.12
+  armwatch simulate -o exports --name R07 --runs 12 --cycles 8 \\
+      --fault wear:joint=3,from=6,rate=0.03
+  armwatch simulate -o exports --runs 6 --cycles 8 \\
+      --fault step:joint=2,from=4,cycle=5,size=0.25
+  armwatch simulate -o exports --cycles 8 \\
+      --fault jitter:joint=5,from=1,size=0.12
   armwatch simulate -o exports --full-test --gzip
   armwatch simulate -o exports --robot config/robots/scara.toml
   armwatch simulate -o exports --layout config/exports/motor_side.toml
   armwatch simulate -o exports --stage-signal analogue
-  armwatch simulate -o exports --runs 12 --cycles 8 --temperatures --ambient-std-k 3
-  armwatch simulate -o exports --clock alternating --friction-shape late-turn-over
+  armwatch simulate -o exports --runs 12 --cycles 8 --temperatures \\
+      --ambient-std-k 3
+  armwatch simulate -o exports --clock alternating \\
+      --friction-shape late-turn-over
   armwatch simulate -o exports --load-mass-kg 3 --load-centre-m 0,0,0.08
 
 Faults, each with from= (first run) and perhaps to= (last run):
-  wear:joint=,rate=[,cap=]    friction grows by a fraction a run     step:joint=,size=[,cycle=]  friction at once
-  jitter:joint=,size=         friction varies from cycle to cycle    warm-up:[joint=,]factor=    slow time constant
-  load:kg=[,centre=X/Y/Z]     a point mass at the tool frame         offset:joint=,nm=           of the torque signal
-  gain:joint=,size=           of the torque signal, a fraction       noise:joint=,factor=        of the torque signal
-  zero:joint=,rad=            offset of the position signal          saturation:joint=,nm=       of the torque signal
-  stuck:joint=                the torque signal keeps its value      contact:joint=,nm=[,cycle=] a push from outside
+  wear:joint=,rate=[,cap=]     friction grows by a fraction a run
+  step:joint=,size=[,cycle=]   friction grows at once
+  jitter:joint=,size=          friction varies from cycle to cycle
+  warm-up:[joint=,]factor=     slow time constant of the warm-up
+  load:kg=[,centre=X/Y/Z]      a point mass at the tool frame
+  offset:joint=,nm=            of the torque signal
+  gain:joint=,size=            of the torque signal, a fraction
+  noise:joint=,factor=         of the torque signal
+  zero:joint=,rad=             offset of the position signal
+  saturation:joint=,nm=        of the torque signal
+  stuck:joint=                 the torque signal keeps its value
+  contact:joint=,nm=[,cycle=]  a push from outside
 
 Each run is one export in the native layout or the one given, with a truth file NAME.truth.json beside it that holds
 the parameters, friction and faults behind the numbers. The same seed gives the same bytes.")]
 pub(in crate::cli) struct SimulateArgs {
     /// Folder for exports and truth files; made if missing
-    #[arg(short, long, value_name = "DIR")]
+    #[arg(help_heading = "Exports", short, long, value_name = "DIR")]
     output: PathBuf,
     /// Robot description with nominal parameters [default: the shipped ER3A]
-    #[arg(long, value_name = "FILE")]
+    #[arg(help_heading = "Arm and faults", long, value_name = "FILE")]
     robot: Option<PathBuf>,
     /// Name of the individual robot; begins the file names
-    #[arg(long, default_value = "R01")]
+    #[arg(help_heading = "Exports", long, default_value = "R01")]
     name: String,
     /// Everything random follows from it
-    #[arg(long, default_value_t = 1)]
+    #[arg(help_heading = "Exports", long, default_value_t = 1)]
     seed: u64,
     /// Number of runs, one export each
-    #[arg(long, default_value_t = 1)]
+    #[arg(help_heading = "Exports", long, default_value_t = 1)]
     runs: u32,
     /// Cycles of a run [default: 5, with --full-test 24]
-    #[arg(long)]
+    #[arg(help_heading = "Recording", long)]
     cycles: Option<u32>,
     /// Rows a second, Hz [default: 50, with --full-test 250]
-    #[arg(long, value_name = "HZ")]
+    #[arg(help_heading = "Recording", long, value_name = "HZ")]
     rate_hz: Option<f64>,
     /// Duration of each warming stage, s [default: 20, with --full-test 180]
-    #[arg(long, value_name = "S")]
+    #[arg(help_heading = "Recording", long, value_name = "S")]
     warming_s: Option<f64>,
     /// The whole two-hour test: 24 cycles at 250 Hz with 180 s of warming
-    #[arg(long)]
+    #[arg(help_heading = "Recording", long)]
     full_test: bool,
     /// Start of the first run, UTC, RFC 3339
-    #[arg(long, default_value = "2026-01-05T08:47:00Z", value_name = "TIME")]
+    #[arg(help_heading = "Exports", long, default_value = "2026-01-05T08:47:00Z", value_name = "TIME")]
     start: jiff::Timestamp,
     /// Time from the start of a run to the start of the next, h
-    #[arg(long, default_value_t = 24.0, value_name = "H")]
+    #[arg(help_heading = "Exports", long, default_value_t = 24.0, value_name = "H")]
     interval_h: f64,
     /// Fault to develop, such as wear:joint=3,from=6,rate=0.03 (friction of joint 3 grows by 3 % of
     /// its healthy value a run from run 6 on); may be repeated
-    #[arg(long = "fault", value_name = "FAULT")]
+    #[arg(help_heading = "Arm and faults", long = "fault", value_name = "FAULT")]
     faults: Vec<Fault>,
     /// Standard deviation of the hall's temperature from run to run, K
-    #[arg(long, default_value_t = 1.0, value_name = "K")]
+    #[arg(help_heading = "Temperatures", long, default_value_t = 1.0, value_name = "K")]
     ambient_std_k: f64,
     /// Time between the cold start and the first row, s
-    #[arg(long, default_value_t = 0.0, value_name = "S")]
+    #[arg(help_heading = "Temperatures", long, default_value_t = 0.0, value_name = "S")]
     initial_warm_s: f64,
     /// Write .csv.gz instead of .csv
-    #[arg(long)]
+    #[arg(help_heading = "Exports", long)]
     gzip: bool,
     /// Layout of the exports: its columns, units, signs and side of the gears, every digit written
     /// [default: native, rounded as a controller does]
-    #[arg(long, value_name = "FILE")]
+    #[arg(help_heading = "Recording", long, value_name = "FILE")]
     layout: Option<PathBuf>,
     /// How the export tells its stages; other columns as in the native layout, every digit written
-    #[arg(long, value_enum, conflicts_with = "layout")]
+    #[arg(help_heading = "Recording", long, value_enum, conflicts_with = "layout")]
     stage_signal: Option<StageSignalArg>,
     /// Friction is exactly f1 to f4 of the description, always warm: no bump at low speed, no ripple, no
     /// warm-up. The true base parameters are then those of the description
-    #[arg(long)]
+    #[arg(help_heading = "Arm and faults", long)]
     plain_friction: bool,
     /// How friction turns over where a motion turns round, and breaks away
-    #[arg(long, value_enum, default_value = "gearbox", conflicts_with = "plain_friction")]
+    #[arg(
+        help_heading = "Arm and faults",
+        long,
+        value_enum,
+        default_value = "gearbox",
+        conflicts_with = "plain_friction"
+    )]
     friction_shape: FrictionShapeArg,
     /// How the instants of rows follow each other; the mean step stays that of the rate
-    #[arg(long, value_enum, default_value = "even")]
+    #[arg(help_heading = "Recording", long, value_enum, default_value = "even")]
     clock: ClockArg,
     /// Record temperatures as drives do: of each motor, of the hall, or both
-    #[arg(long, value_enum, value_name = "WHICH", num_args = 0..=1, default_missing_value = "both")]
+    #[arg(help_heading = "Temperatures", long, value_enum, value_name = "WHICH", num_args = 0..=1, default_missing_value = "both")]
     temperatures: Option<TemperaturesArg>,
     /// Step of recorded temperatures, K
-    #[arg(long, default_value_t = 0.1, value_name = "K", requires = "temperatures")]
+    #[arg(
+        help_heading = "Temperatures",
+        long,
+        default_value_t = 0.1,
+        value_name = "K",
+        requires = "temperatures"
+    )]
     temperature_step_k: f64,
     /// How far a motor's temperature is behind that of its housing, s
-    #[arg(long, default_value_t = 600.0, value_name = "S", requires = "temperatures")]
+    #[arg(
+        help_heading = "Temperatures",
+        long,
+        default_value_t = 600.0,
+        value_name = "S",
+        requires = "temperatures"
+    )]
     temperature_lag_s: f64,
     #[command(flatten)]
     load: LoadArgs,
     /// Folder for truth files, instead of beside the exports
-    #[arg(long, value_name = "DIR")]
+    #[arg(help_heading = "Exports", long, value_name = "DIR")]
     truth: Option<PathBuf>,
 }
 

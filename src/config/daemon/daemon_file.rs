@@ -67,9 +67,10 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
     let detect = root.table("detect").map_or_else(|| Some(DetectSettings::default()), |t| read_detect(&t));
     Some(Config {
         database: PathBuf::from(database?),
-        watch: with_spool(watch?, serve.as_ref()?.as_ref()),
+        watch: with_spool(watch?, serve.as_ref()?.0.as_ref()),
         limits: limits?,
-        serve: serve?,
+        clients: serve.as_ref()?.1.clone(),
+        serve: serve?.0,
         snapshot: snapshot?,
         alerts: alerts?,
         recognition: recognition?,

@@ -63,6 +63,12 @@ impl Recognition {
         time_zone(&self.time_zone)
     }
 
+    /// Whether the pattern matches the file name; [`Recognition::recognise`] may make a robot of one that it does not.
+    #[must_use]
+    pub fn fits(&self, file_name: &str) -> bool {
+        forms(file_name).into_iter().any(|form| self.file_name.is_match(form))
+    }
+
     /// Robot and start time from the file name `file_name`, given without folder.
     ///
     /// The pattern is tried on the name without the endings `.csv`, `.gz` and `.zst`, then with
@@ -77,7 +83,7 @@ impl Recognition {
             file_name: file_name.to_owned(),
             pattern: self.file_name.as_str().to_owned(),
         };
-        let forms = [strip(file_name, &ENDINGS), strip(file_name, &ENDINGS[..2]), file_name];
+        let forms = forms(file_name);
         let Some(captures) = forms.iter().find_map(|form| self.file_name.captures(form)) else {
             let plain = plain_robot(forms[0]).ok_or_else(no_match)?;
             return Ok(Recognised { robot: plain.to_owned(), started_at: None, is_definite: false });
@@ -105,6 +111,11 @@ impl Recognition {
 /// The IANA time zone `name`. UTC is known on every machine, the others where its database is.
 pub(in crate::config) fn time_zone(name: &str) -> Option<TimeZone> {
     if name == "UTC" { Some(TimeZone::UTC) } else { TimeZone::get(name).ok() }
+}
+
+/// The name as the pattern is tried on it: without endings, with `.csv`, and whole.
+fn forms(file_name: &str) -> [&str; 3] {
+    [strip(file_name, &ENDINGS), strip(file_name, &ENDINGS[..2]), file_name]
 }
 
 /// The robot in a name without date and time. Seven digits in a row could be a mistyped date, which

@@ -13,11 +13,13 @@ mod common_change;
 mod friction_change;
 mod forecast;
 mod level_limit;
+mod steady_rise;
 mod friction_drift;
 mod friction_step;
 mod friction_swing;
 mod warm_up;
 mod arm_change;
+mod contact;
 mod oscillation;
 mod accuracy;
 mod unlike_peers;
@@ -33,6 +35,7 @@ use self::accuracy::Accuracy;
 use self::arm::{ArmEvidence, arm_evidence};
 use self::arm_change::arm_changes;
 use self::common_change::{common_changes, common_parts};
+use self::contact::contacts;
 use self::curve::causes::causes;
 use self::curve::run_cause::{RunCause, least_advantage};
 use self::friction_drift::FrictionDrift;
@@ -99,6 +102,7 @@ pub fn detect_among(history: &[RunSummary], peers: &[Peer], settings: &DetectSet
         let part = part(&mut parts, history, places, joints, settings);
         let mut found = arm_changes(&part.arm, joints, &part.moments);
         found.extend(common_changes(&part.friction, &part.arm, &part.moments));
+        found.extend(contacts(&part.runs, &part.causes, &part.moments, settings));
         if part.runs.last().is_some_and(|run| run.run_id != latest.run_id) {
             found.iter_mut().for_each(|anomaly| anomaly.ended = true);
         }

@@ -56,8 +56,8 @@ pub struct RecognisedAs {
     /// Whether the file's name says the start; otherwise it lies the recording's duration before the file was last
     /// written.
     pub named_start: bool,
-    /// Pattern of file names that was used.
-    pub pattern: String,
+    /// Pattern of file names that matched; `None` where the name as a whole is the robot's.
+    pub pattern: Option<String>,
     /// The configuration's entry.
     pub entry: FleetEntry,
 }
@@ -170,7 +170,7 @@ impl Explainer {
     pub async fn explain(&mut self, path: &Path, quick: bool) -> Result<Explanation, PipelineError> {
         let recognised = intake::recognise(&self.config, path, intake::file_time(path));
         let (mut recognised, mut rejection) = match recognised {
-            Ok(recognised) => (Some(self.recognised_as(&recognised)), None),
+            Ok(recognised) => (Some(self.recognised_as(&recognised, path)), None),
             Err(rejection) => (None, Some(rejection)),
         };
         let mut reading = None;
@@ -200,12 +200,14 @@ impl Explainer {
         })
     }
 
-    fn recognised_as(&self, of: &Recognised<'_>) -> RecognisedAs {
+    fn recognised_as(&self, of: &Recognised<'_>, path: &Path) -> RecognisedAs {
+        let recognition = &self.config.recognition;
+        let fits = path.file_name().is_some_and(|name| recognition.fits(&name.to_string_lossy()));
         RecognisedAs {
             robot: of.robot.clone(),
             started_at: of.started_at,
             named_start: of.named_start,
-            pattern: self.config.recognition.file_name.to_string(),
+            pattern: fits.then(|| recognition.file_name.to_string()),
             entry: of.entry.clone(),
         }
     }

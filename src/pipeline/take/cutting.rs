@@ -1,5 +1,7 @@
 //! Rows to cycles on their way to analysis, the same for files that have settled and files that grow.
 
+use std::time::{Duration, Instant, SystemTime};
+
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
@@ -19,6 +21,10 @@ pub struct CutCycle {
     pub cycle: Cycle,
     /// At least all bytes of its rows, and where reading goes on behind them.
     pub read: ReadSoFar,
+    /// Work of reading and cutting since the cycle before it, without waiting.
+    pub took: Duration,
+    /// When the row that ended it was written, where that is known.
+    pub written: Option<SystemTime>,
 }
 
 /// How the reading of an export ended.
@@ -63,6 +69,8 @@ pub struct Cutting<'i> {
     cutter: RowCutter,
     cycle_count: u32,
     positions: ReadPositions,
+    took: Duration,
+    written: Option<SystemTime>,
 }
 
 impl<'i> Cutting<'i> {
@@ -84,7 +92,18 @@ impl<'i> Cutting<'i> {
             cutter = cutter.at(point);
             cycle_count = point.cutter.cycles_cut;
         }
-        Ok(Self { intake, cycles, stop, hash, cutter, cycle_count, positions: ReadPositions::default() })
+        let positions = ReadPositions::default();
+        Ok(Self {
+            intake,
+            cycles,
+            stop,
+            hash,
+            cutter,
+            cycle_count,
+            positions,
+            took: Duration::ZERO,
+            written: None,
+        })
     }
 
     /// Cycles cut so far, those stored by an earlier attempt included.
@@ -93,15 +112,24 @@ impl<'i> Cutting<'i> {
         self.cycle_count
     }
 
+    /// Notes how long it took to read the rows that are pushed next, and when the last of them was written, where
+    /// that is known.
+    pub fn note_read(&mut self, took: Duration, written: Option<SystemTime>) {
+        self.took += took;
+        self.written = written;
+    }
+
     /// Takes the next rows and sends the cycles that they end. `false` if reading is to end, because a stop
     /// was asked for or nobody takes cycles any more.
     ///
     /// # Errors
     /// A rejection of rows that make no cycle, after the cycles before them.
     pub fn push(&mut self, chunk: Chunk) -> Result<bool, Rejection> {
+        let began = Instant::now();
         self.positions.note(chunk.position, &self.cutter);
         let mut cycles = Vec::new();
         let fault = self.cutter.push(chunk.samples, &mut cycles);
+        self.took += began.elapsed();
         // the last cut has the point: those before it in one block would read the same rows again
         let last = cycles.len().saturating_sub(1);
         for (place, cycle) in cycles.into_iter().enumerate() {
@@ -122,8 +150,12 @@ impl<'i> Cutting<'i> {
     /// # Errors
     /// A rejection of an export without stages.
     pub fn end(mut self, rows: u64, rows_skipped: u64) -> Result<ReadEnd, Rejection> {
+        let began = Instant::now();
         let mut cycles = Vec::new();
         let fault = self.cutter.finish(&mut cycles);
+        self.took += began.elapsed();
+        // the end of the file ended it
+        self.written = None;
         for cycle in cycles {
             if !self.send(cycle, None, true) {
                 return Ok(ReadEnd::Interrupted);
@@ -147,6 +179,7 @@ impl<'i> Cutting<'i> {
             return true;
         }
         let read = ReadSoFar { prefix: self.hash.prefix(), resume, cut_by_end };
-        self.cycles.blocking_send(CutCycle { cycle, read }).is_ok()
+        let took = std::mem::take(&mut self.took);
+        self.cycles.blocking_send(CutCycle { cycle, read, took, written: self.written }).is_ok()
     }
 }

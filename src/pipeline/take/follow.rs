@@ -239,12 +239,17 @@ fn read(
         Passed::Going => return Ok(ReadEnd::Interrupted),
     }
     let mut cutting = Cutting::new(intake, cycles, stop, growth.hash().clone())?;
+    // whether all that was written was read at the last look: then what is read next was written just now
+    let mut is_up = false;
     loop {
         progress(Progress::Reading);
+        let (began, written) = (Instant::now(), if is_up { growth.written_at().ok() } else { None });
         let step = export.step()?;
         progress(Progress::Read(growth.hash().bytes()));
+        is_up = matches!(step, Step::Waiting);
         match step {
             Step::Rows(chunk) => {
+                cutting.note_read(began.elapsed(), written);
                 let known = cutting.cycle_count().max(intake.cycles_stored);
                 if !cutting.push(*chunk)? || (give_way.is_cancelled() && cutting.cycle_count() > known) {
                     return Ok(ReadEnd::Interrupted);

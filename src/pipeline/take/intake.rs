@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Instant;
 
 use jiff::Timestamp;
 use jiff::tz::TimeZone;
@@ -291,11 +292,14 @@ pub(in crate::pipeline) fn read(
         Passed::Going => return Ok(ReadEnd::Interrupted),
     }
     let mut cutting = Cutting::new(intake, cycles, stop, hash.clone())?;
+    let mut began = Instant::now();
     for chunk in export.by_ref() {
         progress(hash.bytes());
+        cutting.note_read(began.elapsed(), None);
         if !cutting.push(chunk?)? {
             return Ok(ReadEnd::Interrupted);
         }
+        began = Instant::now();
     }
     if hash.so_far().0 != intake.header.content_hash {
         return Ok(ReadEnd::Changed);

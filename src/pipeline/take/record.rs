@@ -1,6 +1,6 @@
 //! From analyses to the database: one transaction a cycle, one for the end of a run.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
 use tokio::sync::mpsc;
@@ -10,12 +10,13 @@ use super::cutting::ReadTotals;
 use crate::analysis::RunAnalysis;
 use crate::ingest::excerpt;
 use crate::ingest::rejection::Rejection;
+use crate::metrics::Stage;
 use crate::numerics::analyse::{Method, analyse_run};
 use crate::numerics::friction::excitation::excitation_friction;
 use crate::pipeline::context::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun};
 use crate::pipeline::friction;
 use crate::run::{RunHeader, RunKind};
-use crate::store::{CycleSpeedFits, ExportFault, Owner, Replaced, RunTotals, Store};
+use crate::store::{CycleSpeedFits, ExportFault, Owner, Replaced, RunTotals};
 
 /// What recording the cycles of an export came to.
 #[derive(Debug, Default)]
@@ -31,14 +32,15 @@ pub struct Recorded {
 /// # Errors
 /// Those of the store. A panic of an analysis is a rejection of this run; other runs go on.
 pub(in crate::pipeline) async fn cycles(
-    store: &Store,
+    pipeline: &Pipeline,
     intake: &AdmittedExport,
     mut analyses: mpsc::Receiver<InAnalysis>,
     stored: impl Fn(u32),
 ) -> Result<Recorded, PipelineError> {
     let mut recorded = Recorded::default();
-    while let Some((handle, read)) = analyses.recv().await {
-        let analysis = match handle.await {
+    let (store, metrics) = (pipeline.store(), pipeline.metrics());
+    while let Some(InAnalysis { analysis, read, written }) = analyses.recv().await {
+        let analysis = match analysis.await {
             Ok(analysis) => analysis,
             Err(error) => {
                 tracing::error!(file = %intake.path.display(), %error, "an analysis panicked");
@@ -51,7 +53,10 @@ pub(in crate::pipeline) async fn cycles(
         for remark in &analysis.remarks {
             tracing::debug!(robot = %intake.header.robot, cycle = analysis.cycle, "{remark}");
         }
+        let began = Instant::now();
         store.record_cycle_read(intake.run_id, &analysis, &intake.robot, Some(&read)).await?;
+        metrics.stage(Stage::Record, began.elapsed());
+        metrics.cycle_stored(written);
         stored(analysis.cycle);
         if let Some(reason) = analysis.refusal() {
             recorded.refused.push((analysis.cycle, reason.to_owned()));
@@ -75,6 +80,7 @@ pub async fn finish(
     refused: Vec<(u32, String)>,
     written_at: Option<Timestamp>,
 ) -> Result<Outcome, PipelineError> {
+    let began = Instant::now();
     let of_test = match intake.layout.stage.kind().run_kind() {
         RunKind::Test => Some(analyse_test(pipeline, intake, method).await?),
         RunKind::Production => None,
@@ -101,6 +107,7 @@ pub async fn finish(
     ending.complete(figures).await?;
     let replaced = ending.replaced();
     ending.commit().await?;
+    pipeline.metrics().stage(Stage::Finish, began.elapsed());
     if let Some(Replaced { run_id: old, begins_otherwise: true }) = replaced {
         tracing::warn!(
             file = %intake.path.display(), run_id = intake.run_id,

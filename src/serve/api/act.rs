@@ -7,44 +7,105 @@ use axum::extract::rejection::JsonRejection;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use jiff::Timestamp;
-use serde::Deserialize;
-use serde_json::{Value, json};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
+use super::row::Row;
 use crate::robot::JointIndex;
-use crate::serve::answer::Refusal;
+use crate::serve::access::Scope;
+use crate::serve::answer::{Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
-use crate::store::{AlarmAction, AlarmState, NewMaintenance, NotDone, ViewRows};
+use crate::store::{AlarmAction, NewMaintenance, NotDone, ViewRows};
 
 /// Most characters of a name or a reason.
 const LONGEST: usize = 1000;
 
-/// Who does something with an alarm, and why.
-#[derive(Debug, Deserialize)]
+/// Who does something with an alarm, and why
+#[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Deed {
+    /// The person, for those who read the history later
+    #[schema(min_length = 1, max_length = 1000)]
     who: String,
+    /// A reason
+    #[schema(max_length = 1000)]
     why: Option<String>,
+    /// End of shelve, which lies ahead
     until: Option<Timestamp>,
 }
 
-/// Work that was done on a robot.
-#[derive(Debug, Deserialize)]
+/// Work that was done on a robot
+#[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Work {
+    /// The person, for those who read the history later
+    #[schema(min_length = 1, max_length = 1000)]
     who: String,
+    /// What was done
+    #[schema(min_length = 1, max_length = 1000, example = "gearbox changed")]
     what: String,
+    /// Its joint, from 1; absent: the whole arm
+    #[schema(minimum = 1)]
     joint: Option<usize>,
+    /// When it was done; absent: now
     at: Option<Timestamp>,
 }
 
-/// `POST /v1/anomalies/ID/acknowledge`, `/shelve`, `/resolve`, `/false-alarm`: the anomaly as it stands then.
+/// Work as it is entered
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Entered {
+    /// Its number
+    maintenance_id: i64,
+    /// The robot
+    robot: String,
+    /// Its joint, from 1; null: the whole arm
+    joint: Option<usize>,
+    /// When it was done, UTC
+    #[schema(format = DateTime)]
+    at: String,
+    /// What was done
+    what: String,
+    /// The person
+    who: Option<String>,
+}
+
+/// A retry as it is noted
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Noted {
+    /// The run in quarantine
+    run_id: i64,
+    /// What becomes of it
+    outcome: &'static str,
+}
+
+/// Answer an anomaly
+///
+/// `shelve` needs `until`. The answer is the anomaly as it stands then, a row of the view `anomalies`.
+#[utoipa::path(
+    post, path = "/v1/anomalies/{id}/{action}", tag = "Actions", operation_id = "answerAnomaly",
+    params(
+        ("id" = i64, Path, description = "Its anomaly_id"),
+        ("action" = String, Path, description = "acknowledge, shelve, resolve or false-alarm", pattern = "^(acknowledge|shelve|resolve|false-alarm)$"),
+    ),
+    request_body = Deed,
+    responses(
+        (status = 200, description = "The anomaly as it stands then", body = Row),
+        (status = 400, description = "Who, why or until is wrong", body = Problem),
+        (status = 404, description = "No such anomaly or action", body = Problem),
+        (status = 409, description = "The anomaly stands so already", body = Problem),
+        (status = 415, description = "The body is not JSON", body = Problem),
+        (status = 422, description = "The body has a wrong or unknown field", body = Problem),
+        Refused,
+    ),
+    security(("token" = ["act"])),
+)]
 pub async fn on_anomaly(
     State(shared): State<Arc<Shared>>,
     Path((id, action)): Path<(i64, String)>,
     headers: HeaderMap,
     deed: Result<Json<Deed>, JsonRejection>,
-) -> Result<Json<Value>, Refusal> {
-    shared.access.check_action(&headers)?;
+) -> Result<Json<Option<Row>>, Refusal> {
+    shared.access.check_for(Scope::Act, &headers)?;
     let Deed { who, why, until } = body(deed)?;
     let who = named(&who)?;
     let why = why.map(|why| bounded(&why, "why")).transpose()?.filter(|why| !why.is_empty());
@@ -67,17 +128,33 @@ pub async fn on_anomaly(
     let wanted =
         ViewRows { filters: vec![("anomaly_id".into(), id.to_string())], limit: 1, ..ViewRows::default() };
     let rows = shared.store.rows_of_view("anomalies", &wanted).await.map_err(Refusal::unanswered)?;
-    Ok(Json(rows.objects().next().unwrap_or(Value::Null)))
+    Ok(Json(rows.objects().find_map(Row::of)))
 }
 
-/// `POST /v1/robots/ROBOT/maintenance`: the number under which the work is entered.
+/// Enter work on a robot
+///
+/// A new baseline begins.
+#[utoipa::path(
+    post, path = "/v1/robots/{robot}/maintenance", tag = "Actions", operation_id = "enterWork",
+    params(("robot" = String, Path, description = "Name of the robot")),
+    request_body = Work,
+    responses(
+        (status = 201, description = "The work is entered", body = Entered),
+        (status = 400, description = "Who, what, joint or time is wrong", body = Problem),
+        (status = 404, description = "No such robot", body = Problem),
+        (status = 415, description = "The body is not JSON", body = Problem),
+        (status = 422, description = "The body has a wrong or unknown field", body = Problem),
+        Refused,
+    ),
+    security(("token" = ["act"])),
+)]
 pub async fn maintenance(
     State(shared): State<Arc<Shared>>,
     Path(robot): Path<String>,
     headers: HeaderMap,
     work: Result<Json<Work>, JsonRejection>,
-) -> Result<(StatusCode, Json<Value>), Refusal> {
-    shared.access.check_action(&headers)?;
+) -> Result<(StatusCode, Json<Entered>), Refusal> {
+    shared.access.check_for(Scope::Act, &headers)?;
     let Work { who, what, joint, at } = body(work)?;
     let (who, what) = (named(&who)?, bounded(&what, "what")?);
     if what.is_empty() {
@@ -102,27 +179,33 @@ pub async fn maintenance(
     };
     let new = NewMaintenance { robot: robot.clone(), joint: place, at, what, who: Some(who) };
     let number = shared.store.enter_maintenance(&new).await.map_err(failed)?.ok_or_else(unknown)?;
-    let told = json!({
-        "maintenance_id": number, "robot": robot, "joint": joint, "at": at.to_string(), "what": new.what, "who": new.who,
-    });
-    Ok((StatusCode::CREATED, Json(told)))
+    let NewMaintenance { what, who, .. } = new;
+    let entered = Entered { maintenance_id: number, robot, joint, at: at.to_string(), what, who };
+    Ok((StatusCode::CREATED, Json(entered)))
 }
 
-/// `POST /v1/quarantine/RUN_ID/retry`: the export is read again at the next scan.
+/// Have an export in quarantine read again
+#[utoipa::path(
+    post, path = "/v1/quarantine/{run_id}/retry", tag = "Actions", operation_id = "retry",
+    params(("run_id" = i64, Path, description = "Its run")),
+    responses(
+        (status = 202, description = "It is read again at the next scan", body = Noted),
+        (status = 409, description = "The run is not in quarantine", body = Problem),
+        Refused,
+    ),
+    security(("token" = ["act"])),
+)]
 pub async fn retry(
     State(shared): State<Arc<Shared>>,
     Path(run_id): Path<i64>,
     headers: HeaderMap,
-) -> Result<(StatusCode, Json<Value>), Refusal> {
-    shared.access.check_action(&headers)?;
+) -> Result<(StatusCode, Json<Noted>), Refusal> {
+    shared.access.check_for(Scope::Act, &headers)?;
     if !shared.store.ask_retry(run_id).await.map_err(|error| Refusal::internal(&error))? {
         let sentence = format!("run {run_id} is not in quarantine");
         return Err(Refusal::new(StatusCode::CONFLICT, sentence));
     }
-    Ok((
-        StatusCode::ACCEPTED,
-        Json(json!({"run_id": run_id, "outcome": "it is read again at the next scan"})),
-    ))
+    Ok((StatusCode::ACCEPTED, Json(Noted { run_id, outcome: "it is read again at the next scan" })))
 }
 
 fn body<T>(sent: Result<Json<T>, JsonRejection>) -> Result<T, Refusal> {
@@ -147,20 +230,9 @@ fn bad(sentence: &str) -> Refusal {
 }
 
 fn not_done(reason: &NotDone) -> Refusal {
-    match reason {
-        NotDone::Unknown(id) => Refusal::new(StatusCode::NOT_FOUND, format!("there is no anomaly {id}")),
-        NotDone::Withdrawn(id) => Refusal::new(
-            StatusCode::NOT_FOUND,
-            format!("anomaly {id} was withdrawn: with more of the history known, it is none"),
-        ),
-        NotDone::NotFrom { anomaly_id, state, ended } => {
-            let remedy = match state {
-                _ if *ended => "later tests no longer show it",
-                AlarmState::Resolved | AlarmState::FalseAlarm => "acknowledging it takes that back",
-                _ => "nothing was changed",
-            };
-            let name = state.name().replace('_', " ");
-            Refusal::new(StatusCode::CONFLICT, format!("anomaly {anomaly_id} is {name} already: {remedy}"))
-        }
-    }
+    let status = match reason {
+        NotDone::Unknown(_) | NotDone::Withdrawn(_) => StatusCode::NOT_FOUND,
+        NotDone::NotFrom { .. } => StatusCode::CONFLICT,
+    };
+    Refusal::new(status, reason.to_string())
 }

@@ -12,7 +12,7 @@ use futures_util::Stream;
 use futures_util::stream::unfold;
 use serde_json::json;
 
-use crate::serve::answer::Refusal;
+use crate::serve::answer::{Refusal, Refused};
 use crate::serve::shared::Shared;
 
 /// Time between two looks at the database: a page asks at most so often.
@@ -21,7 +21,14 @@ const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 /// Time after which a silent stream says that it lives.
 const ALIVE_INTERVAL: Duration = Duration::from_secs(15);
 
-/// Server-sent events: `changed` with a number that grows, and a comment now and then.
+/// Hear of changes
+///
+/// Server-sent events: `changed` when the database has changed, at most once a second; `alive` every 15 s.
+#[utoipa::path(
+    get, path = "/v1/events", tag = "Rows", operation_id = "events",
+    responses((status = 200, description = "Events without an end", body = String, content_type = "text/event-stream"), Refused),
+    security(("token" = ["read"]), ()),
+)]
 pub async fn events(
     State(shared): State<Arc<Shared>>,
     headers: HeaderMap,

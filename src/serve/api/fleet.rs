@@ -4,13 +4,15 @@ use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use axum::Json;
 use axum::extract::State;
 use axum::http::HeaderMap;
+use axum::{Extension, Json};
 use jiff::Timestamp;
-use serde_json::{Map, Value, json};
+use serde::Serialize;
+use utoipa::ToSchema;
 
-use crate::serve::answer::Refusal;
+use super::row::Row;
+use crate::serve::answer::{Refusal, Refused};
 use crate::serve::shared::Shared;
 use crate::store::{Counts, Store, Table, ViewRows};
 
@@ -26,117 +28,257 @@ const MOST: usize = 100_000;
 /// States of anomalies that are not settled.
 const UNSETTLED: [&str; 4] = ["open", "acknowledged", "shelved", "maintenance"];
 
-/// Columns of `fleet_health` that a joint is told with.
-const OF_JOINT: [&str; 9] = [
-    "joint",
-    "status",
-    "reason",
-    "friction_index",
-    "moving_relative_rmsd",
-    "trend",
-    "warning_by",
-    "critical_by",
-    "open_anomalies",
-];
-
-/// Robots with their joints, alarms that are not settled, exports that are being read, and counts.
-pub async fn fleet(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Result<Json<Value>, Refusal> {
-    shared.access.check(&headers)?;
-    let store = shared.looking().await?;
-    let Counts { streaming_runs, complete_runs, quarantined_runs, cycles, .. } =
-        store.counts().await.map_err(|error| Refusal::internal(&error))?;
-    let robots = robots_with_joints(store).await?;
-    let anomalies = anomalies(store).await?;
-    let alarms = anomalies.iter().filter(|row| row["state"] == "open" && row["severity"] != "info").count();
-    let (warning, critical) = {
-        let config = shared.config.borrow();
-        (config.detect.drift_warning, config.detect.drift_critical)
-    };
-    Ok(Json(json!({
-        "now": Timestamp::now().to_string(),
-        "counts": {
-            "robots": robots.len(), "streaming_runs": streaming_runs, "complete_runs": complete_runs,
-            "quarantined_runs": quarantined_runs, "cycles": cycles, "open_anomalies": alarms,
-        },
-        "limits": {"drift_warning_fraction": warning, "drift_critical_fraction": critical},
-        "robots": robots,
-        "anomalies": anomalies,
-        "live": live(store).await?,
-    })))
+/// The fleet at a glance
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct Fleet {
+    /// Time of the daemon's machine, UTC
+    #[schema(format = DateTime)]
+    now: String,
+    /// How many there are
+    counts: FleetCounts,
+    /// From which change of friction on a joint is in alarm
+    limits: FleetLimits,
+    /// Robots by name
+    robots: Vec<FleetRobot>,
+    /// Anomalies that are not settled, the worst first, 200 at most: rows of the view anomalies
+    anomalies: Vec<Row>,
+    /// Exports that are being read
+    live: Vec<LiveExport>,
 }
 
-async fn robots_with_joints(store: &Store) -> Result<Vec<Value>, Refusal> {
-    let histories = histories(&store.recent_indices(TESTS).await.map_err(Refusal::unanswered)?);
-    let mut joints: HashMap<String, Vec<Map<String, Value>>> = HashMap::new();
-    for row in rows(store, "fleet_health", &[], Some("joint")).await? {
-        joints.entry(text(&row, "robot").to_owned()).or_default().push(row);
-    }
-    let robots = store.robot_list().await.map_err(Refusal::unanswered)?;
-    let robot = |row: Value| {
-        let name = row["robot"].as_str().unwrap_or_default().to_owned();
-        let joints = joints.get(&name).map_or(&[][..], |of| of);
-        let of_joint = |row: &Map<String, Value>| {
-            let told = OF_JOINT.iter().map(|column| ((*column).to_owned(), row[*column].clone()));
-            let mut told: Map<String, Value> = told.collect();
-            let history = histories.get(&(name.clone(), row["joint"].as_i64().unwrap_or_default()));
-            told.insert("history".into(), json!(history.map_or(&[][..], |of| of)));
-            told
-        };
-        let latest =
-            |column: &str| joints.iter().map(|of| text(of, column)).filter(|of| !of.is_empty()).max();
-        json!({
-            "robot": name, "model": row["model"], "status": row["status"],
-            "last_run_at": latest("last_run_at"), "last_result_at": latest("last_result_at"),
-            "expected_by": latest("expected_by"), "open_anomalies": row["open_anomalies"],
-            "joints": joints.iter().map(of_joint).collect::<Vec<_>>(),
-        })
+/// How many there are
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct FleetCounts {
+    /// Robots
+    robots: usize,
+    /// Exports that are being read
+    streaming_runs: u64,
+    /// Complete runs
+    complete_runs: u64,
+    /// Exports in quarantine
+    quarantined_runs: u64,
+    /// Cycles
+    cycles: u64,
+    /// Open alarms of severity warning or critical
+    open_anomalies: usize,
+}
+
+/// From which change of friction on a joint is in alarm
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct FleetLimits {
+    /// Of a warning, as a fraction
+    drift_warning_fraction: f64,
+    /// Of a critical alarm, as a fraction
+    drift_critical_fraction: f64,
+}
+
+/// Where a robot stands
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct FleetRobot {
+    /// Its name
+    robot: String,
+    /// Its model
+    model: Option<String>,
+    /// The worst of its joints': critical, warning, overdue, unknown, learning or ok
+    status: String,
+    /// Start of its latest test, UTC
+    last_run_at: Option<String>,
+    /// Start of its latest test with a result, UTC
+    last_result_at: Option<String>,
+    /// When the next test is overdue, UTC
+    expected_by: Option<String>,
+    /// Open anomalies
+    open_anomalies: i64,
+    /// Its joints
+    joints: Vec<FleetJoint>,
+}
+
+/// Where a joint stands, as the view fleet_health has it
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct FleetJoint {
+    /// Its number, from 1
+    joint: i64,
+    /// critical, warning, overdue, unknown, learning or ok
+    status: String,
+    /// Why it is unknown or overdue
+    reason: Option<String>,
+    /// Friction against the joint's first tests, 1 is unchanged
+    friction_index: Option<f64>,
+    /// RMSD over the RMS of the measured torque while the joint moves
+    moving_relative_rmsd: Option<f64>,
+    /// Where friction goes: rising, falling or none
+    trend: Option<String>,
+    /// Day by which the limit of a warning is expected
+    warning_by: Option<String>,
+    /// Day by which the limit of a critical alarm is expected
+    critical_by: Option<String>,
+    /// Open anomalies
+    open_anomalies: i64,
+    /// Friction indices of its latest 30 tests, the oldest first
+    history: Vec<Option<f64>>,
+}
+
+/// An export that is being read
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct LiveExport {
+    /// Its run
+    run_id: i64,
+    /// The robot
+    robot: String,
+    /// Name of the file
+    source_name: String,
+    /// Start of the recording, UTC
+    started_at: Option<String>,
+    /// Cycles stored so far
+    cycles: u64,
+}
+
+/// What was told last, and of which version of the database.
+#[derive(Debug, Default)]
+pub struct Kept(tokio::sync::Mutex<Option<(i64, Fleet)>>);
+
+/// The fleet at a glance
+///
+/// Every robot with its joints, alarms that are not settled, and exports that are being read.
+#[utoipa::path(
+    get, path = "/v1/fleet", tag = "Rows", operation_id = "fleet",
+    responses((status = 200, description = "The fleet", body = Fleet), Refused),
+    security(("token" = ["read"]), ()),
+)]
+pub async fn fleet(
+    State(shared): State<Arc<Shared>>,
+    Extension(kept): Extension<Arc<Kept>>,
+    headers: HeaderMap,
+) -> Result<Json<Fleet>, Refusal> {
+    shared.access.check(&headers)?;
+    let store = shared.looking().await?;
+    // pages that ask meanwhile wait for this answer, and share it until the database changes
+    let mut kept = kept.0.lock().await;
+    let version = store.data_version().await.map_err(|error| Refusal::internal(&error))?;
+    let mut fleet = match kept.as_ref().filter(|(of, _)| *of == version) {
+        Some((_, fleet)) => fleet.clone(),
+        None => kept.insert((version, of_store(store).await?)).1.clone(),
     };
-    Ok(robots.objects().map(robot).collect())
+    drop(kept);
+    let config = Arc::clone(&shared.config.borrow());
+    fleet.limits = FleetLimits {
+        drift_warning_fraction: config.detect.drift_warning,
+        drift_critical_fraction: config.detect.drift_critical,
+    };
+    fleet.now = Timestamp::now().to_string();
+    Ok(Json(fleet))
+}
+
+/// The fleet as it is stored; time and limits are left open.
+async fn of_store(store: &Store) -> Result<Fleet, Refusal> {
+    let counts = async { store.counts().await.map_err(|error| Refusal::internal(&error)) };
+    let (counts, robots, anomalies, live) =
+        tokio::try_join!(counts, robots_with_joints(store), anomalies(store), live(store))?;
+    let alarms =
+        anomalies.iter().filter(|row| row.text("state") == "open" && row.text("severity") != "info").count();
+    let Counts { streaming_runs, complete_runs, quarantined_runs, cycles, .. } = counts;
+    Ok(Fleet {
+        now: String::new(),
+        counts: FleetCounts {
+            robots: robots.len(),
+            streaming_runs,
+            complete_runs,
+            quarantined_runs,
+            cycles,
+            open_anomalies: alarms,
+        },
+        limits: FleetLimits { drift_warning_fraction: 0.0, drift_critical_fraction: 0.0 },
+        robots,
+        anomalies,
+        live,
+    })
+}
+
+async fn robots_with_joints(store: &Store) -> Result<Vec<FleetRobot>, Refusal> {
+    let indices = async { store.recent_indices(TESTS).await.map_err(Refusal::unanswered) };
+    let listed = async { store.robot_list().await.map_err(Refusal::unanswered) };
+    let (indices, health, listed) =
+        tokio::try_join!(indices, rows(store, "fleet_health", &[], Some("joint")), listed)?;
+    let mut histories = histories(&indices);
+    let mut joints: HashMap<String, Vec<Row>> = HashMap::new();
+    for row in health {
+        joints.entry(row.text("robot").to_owned()).or_default().push(row);
+    }
+    let robot = |row: Row| {
+        let name = row.text("robot").to_owned();
+        let joints = joints.remove(&name).unwrap_or_default();
+        let latest = |column: &str| {
+            let found = joints.iter().map(|of| of.text(column)).filter(|of| !of.is_empty()).max();
+            found.map(str::to_owned)
+        };
+        let of_joint = |row: &Row| {
+            let joint = row.whole("joint");
+            FleetJoint {
+                joint,
+                status: row.text("status").to_owned(),
+                reason: row.maybe("reason"),
+                friction_index: row.number("friction_index"),
+                moving_relative_rmsd: row.number("moving_relative_rmsd"),
+                trend: row.maybe("trend"),
+                warning_by: row.maybe("warning_by"),
+                critical_by: row.maybe("critical_by"),
+                open_anomalies: row.whole("open_anomalies"),
+                history: histories.remove(&(name.clone(), joint)).unwrap_or_default(),
+            }
+        };
+        FleetRobot {
+            model: row.maybe("model"),
+            status: row.text("status").to_owned(),
+            last_run_at: latest("last_run_at"),
+            last_result_at: latest("last_result_at"),
+            expected_by: latest("expected_by"),
+            open_anomalies: row.whole("open_anomalies"),
+            joints: joints.iter().map(of_joint).collect(),
+            robot: name,
+        }
+    };
+    Ok(listed.objects().filter_map(Row::of).map(robot).collect())
 }
 
 /// Friction indices by robot and joint, the oldest first.
-fn histories(table: &Table) -> HashMap<(String, i64), Vec<Value>> {
-    let mut histories: HashMap<(String, i64), Vec<Value>> = HashMap::new();
-    for row in table.objects() {
-        let of =
-            (row["robot"].as_str().unwrap_or_default().to_owned(), row["joint"].as_i64().unwrap_or_default());
-        histories.entry(of).or_default().push(row["friction_index"].as_f64().map_or(Value::Null, shown));
+fn histories(table: &Table) -> HashMap<(String, i64), Vec<Option<f64>>> {
+    let mut histories: HashMap<(String, i64), Vec<Option<f64>>> = HashMap::new();
+    for row in table.objects().filter_map(Row::of) {
+        let of = (row.text("robot").to_owned(), row.whole("joint"));
+        histories.entry(of).or_default().push(row.number("friction_index").map(shown));
     }
     histories
 }
 
 /// A figure of a history with the digits that a line of some pixels shows.
-fn shown(index: f64) -> Value {
-    json!((index * 1e4).round() / 1e4)
+fn shown(index: f64) -> f64 {
+    (index * 1e4).round() / 1e4
 }
 
 /// Anomalies that are not settled, the worst first, then the newest.
-async fn anomalies(store: &Store) -> Result<Vec<Value>, Refusal> {
+async fn anomalies(store: &Store) -> Result<Vec<Row>, Refusal> {
     let severity =
-        |row: &Map<String, Value>| ["critical", "warning"].iter().position(|of| text(row, "severity") == *of);
+        |row: &Row| ["critical", "warning"].iter().position(|of| row.text("severity") == *of).unwrap_or(2);
     let mut found = Vec::new();
     for state in UNSETTLED {
         found.extend(rows(store, "anomalies", &[("state", state)], None).await?);
     }
     found.sort_by_key(|row| {
-        (
-            severity(row).unwrap_or(2),
-            Reverse(text(row, "last_seen_at").to_owned()),
-            row["anomaly_id"].as_i64(),
-        )
+        (severity(row), Reverse(row.text("last_seen_at").to_owned()), row.whole("anomaly_id"))
     });
     found.truncate(ANOMALIES);
-    Ok(found.into_iter().map(Value::Object).collect())
+    Ok(found)
 }
 
 /// Exports of which cycles are being stored.
-async fn live(store: &Store) -> Result<Vec<Value>, Refusal> {
+async fn live(store: &Store) -> Result<Vec<LiveExport>, Refusal> {
     let found = rows(store, "runs", &[("status", "streaming")], Some("started_at")).await?;
-    let of = |row: Map<String, Value>| {
-        json!({
-            "run_id": row["run_id"], "robot": row["robot"], "source_name": row["source_name"],
-            "started_at": row["started_at"], "cycles": row["cycles"],
-        })
+    let of = |row: Row| LiveExport {
+        run_id: row.whole("run_id"),
+        robot: row.text("robot").to_owned(),
+        source_name: row.text("source_name").to_owned(),
+        started_at: row.maybe("started_at"),
+        cycles: row.whole("cycles").unsigned_abs(),
     };
     Ok(found.into_iter().map(of).collect())
 }
@@ -146,20 +288,12 @@ async fn rows(
     view: &str,
     filters: &[(&str, &str)],
     order: Option<&str>,
-) -> Result<Vec<Map<String, Value>>, Refusal> {
+) -> Result<Vec<Row>, Refusal> {
     let wanted = ViewRows {
         filters: filters.iter().map(|(column, value)| ((*column).to_owned(), (*value).to_owned())).collect(),
         order: order.map(|column| (column.to_owned(), false)),
         limit: MOST,
     };
     let table = store.rows_of_view(view, &wanted).await.map_err(Refusal::unanswered)?;
-    let object = |row: Value| match row {
-        Value::Object(columns) => Some(columns),
-        _ => None,
-    };
-    Ok(table.objects().filter_map(object).collect())
-}
-
-fn text<'r>(row: &'r Map<String, Value>, column: &str) -> &'r str {
-    row.get(column).and_then(Value::as_str).unwrap_or_default()
+    Ok(table.objects().filter_map(Row::of).collect())
 }

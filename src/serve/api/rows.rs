@@ -5,9 +5,11 @@ use std::sync::Arc;
 use axum::Json;
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, StatusCode};
-use serde_json::{Value, json};
+use serde::Serialize;
+use utoipa::ToSchema;
 
-use crate::serve::answer::Refusal;
+use super::row::Row;
+use crate::serve::answer::{Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 use crate::store::ViewRows;
 
@@ -17,22 +19,69 @@ const USUAL_LIMIT: usize = 1000;
 /// Most rows of an answer.
 const MOST: usize = 10_000;
 
-/// Names of the views with their columns.
-pub async fn views(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Result<Json<Value>, Refusal> {
-    shared.access.check(&headers)?;
-    let views = shared.looking().await?.views().await.map_err(|error| Refusal::internal(&error))?;
-    let views: Vec<Value> =
-        views.iter().map(|(view, columns)| json!({"view": view, "columns": columns})).collect();
-    Ok(Json(json!({"views": views})))
+/// The views of the database
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Views {
+    /// Views by name
+    views: Vec<View>,
 }
 
-/// Rows of a view: any column is a filter, `order` sorts (`-` in front from the highest down), `limit` bounds.
+/// A view of the database
+#[derive(Debug, Serialize, ToSchema)]
+pub struct View {
+    /// Its name
+    view: String,
+    /// Names of its columns in order
+    columns: Vec<String>,
+}
+
+/// Rows of a view
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Rows {
+    /// Name of the view
+    view: String,
+    /// The rows
+    rows: Vec<Row>,
+    /// Whether there are more rows than the limit
+    truncated: bool,
+}
+
+/// The views and their columns
+#[utoipa::path(
+    get, path = "/v1/views", tag = "Rows", operation_id = "views",
+    responses((status = 200, description = "Views by name", body = Views), Refused),
+    security(("token" = ["read"]), ()),
+)]
+pub async fn views(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Result<Json<Views>, Refusal> {
+    shared.access.check(&headers)?;
+    let views = shared.looking().await?.views().await.map_err(|error| Refusal::internal(&error))?;
+    Ok(Json(Views { views: views.into_iter().map(|(view, columns)| View { view, columns }).collect() }))
+}
+
+/// Rows of a view
+///
+/// Any column is a filter too: `?robot=Left&joint=3`; `null` asks for NULL.
+#[utoipa::path(
+    get, path = "/v1/views/{view}", tag = "Rows", operation_id = "rowsOfView",
+    params(
+        ("view" = String, Path, description = "Name of the view"),
+        ("limit" = Option<usize>, Query, description = "Most rows; 1000 where it is not given", minimum = 1, maximum = 10_000),
+        ("order" = Option<String>, Query, description = "Column to sort by, with - in front from its highest value down"),
+    ),
+    responses(
+        (status = 200, description = "The rows", body = Rows),
+        (status = 400, description = "No such column, or a wrong limit", body = Problem),
+        (status = 404, description = "No such view", body = Problem),
+        Refused,
+    ),
+    security(("token" = ["read"]), ()),
+)]
 pub async fn of_view(
     State(shared): State<Arc<Shared>>,
     Path(view): Path<String>,
     Query(asked): Query<Vec<(String, String)>>,
     headers: HeaderMap,
-) -> Result<Json<Value>, Refusal> {
+) -> Result<Json<Rows>, Refusal> {
     shared.access.check(&headers)?;
     let mut wanted = ViewRows { limit: USUAL_LIMIT, ..ViewRows::default() };
     for (name, value) in asked {
@@ -54,8 +103,8 @@ pub async fn of_view(
         shared.looking().await?.rows_of_view(&view, &wanted).await.map_err(Refusal::unanswered)?;
     let truncated = table.rows.len() > most;
     table.rows.truncate(most);
-    let rows: Vec<Value> = table.objects().collect();
-    Ok(Json(json!({"view": view, "rows": rows, "truncated": truncated})))
+    let rows = table.objects().filter_map(Row::of).collect();
+    Ok(Json(Rows { view, rows, truncated }))
 }
 
 fn limit(text: &str) -> Result<usize, Refusal> {

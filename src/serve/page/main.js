@@ -4,7 +4,7 @@ import { follow } from "./live.js";
 import { failed, loading } from "./part.js";
 
 
-const PAGES = { "": "fleet", robot: "robot", alarm: "alarm", run: "run", ingest: "ingest" };
+const PAGES = { "": "fleet", robot: "robot", alarm: "alarm", run: "run", cycle: "cycle", ingest: "ingest" };
 const main = document.getElementById("main");
 const scrolled = new Map();
 let page = null;
@@ -103,8 +103,8 @@ systemDark.addEventListener("change", nameTheme);
 nameTheme();
 
 addEventListener("tokenentered", () => stream.reconnect());
-get("v1/session").then((session) => {
+const about = () => get("v1/session").then((session) => {
   document.getElementById("about").textContent = `armwatch ${session.version} · database ${session.database} · times in ${Intl.DateTimeFormat().resolvedOptions().timeZone}`;
 }, () => {});
-// The first page comes before the stream, which would share its connections.
-show().finally(stream.start);
+// The first page comes before all else that would share its connections.
+show().finally(() => { stream.start(); about(); });

@@ -1,4 +1,5 @@
 import { view } from "./api.js";
+import { cycleLink } from "./cycle.js";
 import { h, table } from "./dom.js";
 import { robotLink } from "./fleet.js";
 import { count, digits, fixed, isNumber, moment, percent, unit } from "./format.js";
@@ -85,7 +86,7 @@ export function mount({ main, argument, query, choose, title }) {
       const box = table({
         caption: `Cycles of run ${id}`, rows,
         columns: [
-          { title: "Cycle", cell: (one) => one.cycle }, { title: "Status", cell: cycleStatus }, { title: "Started", cell: (one) => moment(one.started_at) },
+          { title: "Cycle", cell: (one) => h("a", { href: cycleLink(id, one.cycle), "data-key": `cycle${one.cycle}` }, `cycle ${one.cycle}`) }, { title: "Status", cell: cycleStatus }, { title: "Started", cell: (one) => moment(one.started_at) },
           { title: "Duration", number: true, cell: (one) => (isNumber(one.duration_s) ? `${fixed(one.duration_s, 1)} s` : "–") },
           { title: "Rows", number: true, cell: (one) => count(one.rows) },
           { title: "Condition number, scaled", number: true, cell: (one) => digits(one.scaled_condition_number, 3) },

@@ -64,13 +64,16 @@ impl AlarmAction {
 }
 
 /// Why an action was not done; none of the anomalies that were named with it was changed.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NotDone {
     /// There is no anomaly of this number.
+    #[error("there is no anomaly {0}")]
     Unknown(i64),
     /// The history has it no longer.
+    #[error("anomaly {0} was withdrawn: with more of the history known, it is none")]
     Withdrawn(i64),
     /// It cannot be done to an anomaly in this state.
+    #[error("anomaly {anomaly_id} is {} already: {}", state.name().replace('_', " "), remedy(*state, *ended))]
     NotFrom {
         /// The anomaly.
         anomaly_id: i64,
@@ -79,6 +82,14 @@ pub enum NotDone {
         /// Whether later runs no longer show it.
         ended: bool,
     },
+}
+
+fn remedy(state: AlarmState, ended: bool) -> &'static str {
+    match state {
+        _ if ended => "later tests no longer show it, so that nothing is to be done",
+        AlarmState::Resolved | AlarmState::FalseAlarm => "acknowledging it takes that back",
+        _ => "nothing was changed",
+    }
 }
 
 /// A row of the view `anomaly_history`.

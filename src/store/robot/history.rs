@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
-use super::{cycle_friction, maintenance};
+use super::{cycle_friction, cycle_rmsd, maintenance};
 use crate::analysis::measurements::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{
@@ -89,7 +89,8 @@ pub(in crate::store) async fn run_measurements(
     Ok(RunMeasurements {
         friction_points: friction_points(&mut *connection, run_id).await?,
         parameters: parameters_by_cycle(&mut *connection, run_id).await?,
-        relative_rmsd: excitation_rmsd(connection, run_id).await?,
+        relative_rmsd: excitation_rmsd(&mut *connection, run_id).await?,
+        whole_cycle_rmsd: cycle_rmsd::of_run(connection, run_id).await?,
     })
 }
 
@@ -102,6 +103,7 @@ pub(in crate::store) async fn of_parameters(
         friction_points: Vec::new(),
         parameters: parameters_by_cycle(&mut *connection, run_id).await?,
         relative_rmsd: excitation_rmsd(connection, run_id).await?,
+        whole_cycle_rmsd: Vec::new(),
     })
 }
 
@@ -248,6 +250,7 @@ pub(in crate::store) async fn run_summaries(
             refusals: Vec::new(),
             joints: Vec::new(),
             cycle_friction: Vec::new(),
+            whole_cycle_rmsd: Vec::new(),
             parameters: Vec::new(),
             response: None,
             epochs: Vec::new(),
@@ -272,9 +275,11 @@ pub(in crate::store) async fn run_summaries(
         }
     }
     let mut friction = cycle_friction::by_run(&mut *connection, robot_id).await?;
+    let mut whole_cycles = cycle_rmsd::by_run(&mut *connection, robot_id).await?;
     let mut parameters = cycle_friction::parameters_by_run(&mut *connection, robot_id).await?;
     for run in &mut runs {
         run.cycle_friction = friction.remove(&run.run_id).unwrap_or_default();
+        run.whole_cycle_rmsd = whole_cycles.remove(&run.run_id).unwrap_or_default();
         run.parameters = parameters.remove(&run.run_id).unwrap_or_default();
         (run.refused_cycles, run.refusals) = refused.remove(&run.run_id).unwrap_or_default();
     }

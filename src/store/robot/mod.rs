@@ -8,6 +8,7 @@ pub(super) mod baseline_plan;
 pub(super) mod history;
 pub(super) mod cycle_friction;
 pub(super) mod cycle_friction_rows;
+pub(super) mod cycle_rmsd;
 pub(super) mod friction;
 pub(super) mod anomalies;
 pub(super) mod health;

@@ -1,8 +1,8 @@
 //! The one rate of false alarms, shared among all that is watched.
 //!
-//! A robot of `n` joints has `C = 7 n + 2` channels: of each joint the level of friction, a step inside a test, scatter,
-//! the warm-up, the swing and the size of the RMSD, and the torque signal; of the arm a load and other changes of its
-//! parameters. With `T` tests a year and the rate `r`, each test and channel has the probability `alpha = r / (C T)`. That
+//! A robot of `n` joints has `C = 7 n + 3` channels: of each joint the level of friction, a step inside a test, scatter,
+//! the warm-up, the swing and the size of the RMSD, and the torque signal; of the arm a load, other changes of its
+//! parameters and a contact. With `T` tests a year and the rate `r`, each test and channel has the probability `alpha = r / (C T)`. That
 //! the probabilities of all add up to the rate holds whatever depends on whatever (Bonferroni); what goes together makes
 //! the rate lower.
 
@@ -11,16 +11,20 @@ use jiff::Timestamp;
 use crate::anomaly::RunSummary;
 use crate::numerics::detect::verdict::DetectSettings;
 use crate::numerics::statistics::descriptive::median;
+use crate::numerics::statistics::distributions::{normal_quantile, student_quantile};
 
 /// Channels of a joint.
 const CHANNELS_OF_JOINT: usize = 7;
 /// Channels of the arm.
-const CHANNELS_OF_ARM: usize = 2;
+const CHANNELS_OF_ARM: usize = 3;
 
 /// Intervals between tests that the usual one is taken from: the latest ones, so that a changed habit is learnt.
 const INTERVALS: usize = 20;
 /// Fewest intervals that are a habit.
 const FEWEST_INTERVALS: usize = 3;
+
+/// Degrees of freedom from which on Student's distribution is taken for the normal one.
+const NEARLY_NORMAL: f64 = 300.0;
 
 const SECONDS_PER_YEAR: f64 = 365.25 * 86_400.0;
 /// Tests of a robot whose habit is not known: daily ones.
@@ -83,6 +87,19 @@ impl Budget {
     }
 }
 
+/// Standard deviations that a value exceeds with this probability by chance, where its standard deviation stands on
+/// `freedom` values.
+#[must_use]
+pub fn beyond_chance(probability: f64, freedom: f64) -> f64 {
+    // far out the search for Student's quantile needs a probability that is not too small
+    let probability = probability.clamp(1e-12, 0.5);
+    if freedom < NEARLY_NORMAL {
+        -student_quantile(probability, freedom)
+    } else {
+        -normal_quantile(probability)
+    }
+}
+
 /// Log-likelihood by which a cause of what one test shows must exceed that of no change: `ln(1 / alpha)`, by which chance
 /// alone exceeds it with the probability `alpha` at most (Ville 1939), and a margin of 3 for the model of the noise.
 /// `history` are the robot's tests until then, oldest first.
@@ -122,7 +139,7 @@ mod tests {
         };
         assert!((of(0.2) - of(20.0) - 100.0_f64.ln()).abs() < 1e-9);
         // one joint, daily tests
-        assert!((of(1.0) - (9.0_f64 * 365.25).ln() - MODEL_MARGIN).abs() < 1e-9);
+        assert!((of(1.0) - (10.0_f64 * 365.25).ln() - MODEL_MARGIN).abs() < 1e-9);
     }
 
     #[test]

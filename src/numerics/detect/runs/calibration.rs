@@ -80,7 +80,7 @@ pub fn calibration(history: &[RunSummary], settings: &DetectSettings) -> Calibra
 
 fn level(series: &JointSeries<'_>) -> LevelCalibration {
     let friction = series.friction;
-    let (_, limit) = judged(series);
+    let limit = judged(series).limit;
     let is_judged = friction.runs.iter().any(|of| !friction.is_learnt_from(of))
         || limit.learnt >= series.settings.baseline_runs.max(1);
     let figures = || {

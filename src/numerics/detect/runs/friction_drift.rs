@@ -6,13 +6,15 @@
 //! `drift_warning` (a fraction, 0.05 unless configured), or by as much as chance moves it at the rate of false alarms that
 //! is asked for, if that is more ([`LevelLimit`]). It is critical from `drift_critical` (0.15) on; friction that has fallen
 //! by less is worth knowing, since gears are run in and greased. Two tests in a row that are each beyond chance on one side
-//! of the average move it to their level. A change is over below three quarters of its limit.
+//! of the average move it to their level. A change is over below three quarters of its limit. A smaller change is a warning
+//! too where it grows with every test ([`super::steady_rise`]).
 
 use super::forecast::{Test, forecast};
 use super::friction_change::{Shape, shape};
 use super::friction_history::{FrictionHistory, Observed, Source};
 use super::level_limit::LevelLimit;
 use super::series::JointSeries;
+use super::steady_rise::{Rise, steady_rise};
 use crate::anomaly::forecast::{Forecast, Trend};
 use crate::anomaly::{AnomalyKind, Severity};
 use crate::numerics::detect::control_chart::{Limits, UnequalEwma, steady_variance};
@@ -37,9 +39,9 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
     }
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
-        let mut verdicts = friction_verdicts(series);
+        let Judged { mut verdicts, rises, .. } = judged(series);
         for (first, last) in episodes(&verdicts) {
-            match shape(series.friction, series.causes, first, last) {
+            match episode_shape(series, &rises, first, last) {
                 // another detector's affair
                 Shape::Step { .. } => verdicts[first..=last].fill(Verdict::Quiet),
                 Shape::Drift { run } => {
@@ -64,12 +66,12 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
 /// runs before the last one are left out.
 pub(super) fn outlook(series: &JointSeries<'_>) -> Option<Forecast> {
     let friction = series.friction;
-    let last_jump = |(first, last)| match shape(friction, series.causes, first, last) {
+    let Judged { verdicts, limit, rises } = judged(series);
+    let last_jump = |(first, last)| match episode_shape(series, &rises, first, last) {
         // the run in which friction jumped is of both levels
         Shape::Step { run, cycle, .. } => Some(run + usize::from(cycle.is_some())),
         Shape::Drift { .. } => None,
     };
-    let (verdicts, limit) = judged(series);
     let begin = episodes(&verdicts).into_iter().rev().find_map(last_jump).unwrap_or(0);
     let tests: Vec<Test> = friction
         .runs
@@ -115,13 +117,31 @@ pub(super) fn episodes(verdicts: &[Verdict]) -> Vec<(usize, usize)> {
     found
 }
 
-/// Which runs have friction away from the baseline, whatever the shape.
-pub(super) fn friction_verdicts(series: &JointSeries<'_>) -> Vec<Verdict> {
-    judged(series).0
+/// The shape of an episode of [`judged`]: a drift where it began with a steady rise.
+pub(super) fn episode_shape(
+    series: &JointSeries<'_>,
+    rises: &[Option<usize>],
+    first: usize,
+    last: usize,
+) -> Shape {
+    match rises[first] {
+        Some(run) => Shape::Drift { run },
+        None => shape(series.friction, series.causes, first, last),
+    }
 }
 
-/// The same, and the limit as it is after the latest run.
-pub(super) fn judged(series: &JointSeries<'_>) -> (Vec<Verdict>, LevelLimit) {
+/// What the level of friction says.
+pub(super) struct Judged {
+    /// Which runs have friction away from the baseline, whatever the shape.
+    pub(super) verdicts: Vec<Verdict>,
+    /// The limit as it is after the latest run.
+    pub(super) limit: LevelLimit,
+    /// Of each run that is out by a steady rise alone, the place of the run in which it began.
+    pub(super) rises: Vec<Option<usize>>,
+}
+
+/// Looks at the level of friction.
+pub(super) fn judged(series: &JointSeries<'_>) -> Judged {
     let friction = series.friction;
     let mut limit = LevelLimit::new(series);
     let baseline = friction.baseline(friction.source).map_or(1.0, |baseline| baseline.torque);
@@ -130,9 +150,13 @@ pub(super) fn judged(series: &JointSeries<'_>) -> (Vec<Verdict>, LevelLimit) {
     let mut was_out = false;
     // how far the test before was from the average, if beyond chance
     let mut jump: Option<f64> = None;
+    let mut rises = vec![None; series.runs.len()];
+    let mut rise: Option<Rise> = None;
+    let mut compared: Vec<Observed> = Vec::new();
     for observed in &friction.runs {
         if friction.is_learnt_from(observed) {
             limit.learn(observed);
+            compared.push(*observed);
             verdicts[observed.run] = Verdict::Quiet;
             continue;
         }
@@ -140,6 +164,7 @@ pub(super) fn judged(series: &JointSeries<'_>) -> (Vec<Verdict>, LevelLimit) {
         if series.is_explained(observed.run) {
             continue;
         }
+        compared.push(*observed);
         let average = chart.average();
         let mut change = chart.add(observed.ratio, friction.variance(observed)) - 1.0;
         // a test that is uncertain moves the average little: two that agree on another level say where it is
@@ -158,8 +183,18 @@ pub(super) fn judged(series: &JointSeries<'_>) -> (Vec<Verdict>, LevelLimit) {
         let threshold = if was_out { CLOSING * opening } else { opening };
         let Some(severity) = limit.limits().severity(change.abs(), threshold) else {
             was_out = false;
-            limit.quiet(observed);
-            verdicts[observed.run] = Verdict::Quiet;
+            rise = rising(friction, &compared, &limit, rise, 1.0 + change);
+            match rise {
+                Some(of) => {
+                    limit.out();
+                    rises[observed.run] = Some(of.run);
+                    verdicts[observed.run] = of_rise(&of, observed, baseline, opening);
+                }
+                None => {
+                    limit.quiet(observed);
+                    verdicts[observed.run] = Verdict::Quiet;
+                }
+            }
             continue;
         };
         was_out = true;
@@ -175,7 +210,53 @@ pub(super) fn judged(series: &JointSeries<'_>) -> (Vec<Verdict>, LevelLimit) {
             why: Why::default(),
         };
     }
-    (verdicts, limit)
+    Judged { verdicts, limit, rises }
+}
+
+/// The rise that goes on after the latest of the tests `compared`, whose smoothed friction is `average`: one that is found,
+/// or the one `before` until it is over.
+fn rising(
+    friction: &FrictionHistory,
+    compared: &[Observed],
+    limit: &LevelLimit,
+    before: Option<Rise>,
+    average: f64,
+) -> Option<Rise> {
+    let alpha = limit.alpha()?;
+    let found = steady_rise(friction, compared, &limit.known_scatter(), alpha, limit.limits().warning);
+    let goes_on = |of: Rise| Rise { size: average - of.level, tests: of.tests + 1, ..of };
+    let going_on = before.map(goes_on).filter(|of| of.size >= CLOSING * of.least);
+    match (found, going_on) {
+        // the same one is known better, but it keeps its beginning
+        (Some(found), Some(known)) => Some(Rise { run: known.run.min(found.run), ..found }),
+        (found, known) => found.or(known),
+    }
+}
+
+/// The verdict of a steady rise; `limit` is the change that would be a warning without it.
+fn of_rise(rise: &Rise, observed: &Observed, baseline: f64, limit: f64) -> Verdict {
+    let [size, least] = apart(100.0 * rise.size, 100.0 * rise.least);
+    Verdict::Out {
+        severity: Severity::Warning,
+        score: rise.size,
+        threshold: rise.least,
+        value: observed.measured_ratio() * baseline,
+        baseline: rise.level * baseline,
+        message: format!(
+            "friction at equal speed and warmth has risen by {size} % (limit {least} %) over {} tests, {:.2} % a test, from \
+             a friction index of {:.3}; the rise is steadier than chance, while a single change needs {:.1} % of the \
+             baseline to be a warning; latest test: friction index {:.3}, standard error {:.3}{}; check lubrication, \
+             gearbox and brake",
+            rise.tests,
+            100.0 * rise.rate,
+            rise.level,
+            100.0 * limit,
+            observed.measured_ratio(),
+            observed.std_error,
+            observed.common_words(),
+        ),
+        why: Why::default(),
+    }
 }
 
 /// Says first what decides, the smoothed change, then what this run alone gave.

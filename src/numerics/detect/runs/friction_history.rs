@@ -98,6 +98,11 @@ impl Observed {
         self.std_error.hypot(COMMON_SPREAD * self.common * self.ratio)
     }
 
+    /// What all joints share, in logarithms.
+    pub(super) fn common(&self) -> f64 {
+        self.common
+    }
+
     /// What all joints share, for a message; empty below one percent.
     pub(super) fn common_words(&self) -> String {
         let percent = 100.0 * self.common.exp_m1();

@@ -7,8 +7,8 @@
 //! from `drift_critical` on.
 
 use super::curve::hypothesis::Cause;
-use super::friction_change::{Shape, shape};
-use super::friction_drift::{episodes, friction_verdicts};
+use super::friction_change::Shape;
+use super::friction_drift::{Judged, episode_shape, episodes, judged};
 use super::series::JointSeries;
 use crate::anomaly::{Alternative, AnomalyKind, Severity};
 use crate::numerics::detect::detector::Detector;
@@ -26,9 +26,9 @@ impl Detector<JointSeries<'_>> for FrictionStep {
     }
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
-        let mut verdicts = friction_verdicts(series);
+        let Judged { mut verdicts, rises, .. } = judged(series);
         for (first, last) in episodes(&verdicts) {
-            match shape(series.friction, series.causes, first, last) {
+            match episode_shape(series, &rises, first, last) {
                 Shape::Drift { .. } => verdicts[first..=last].fill(Verdict::Quiet),
                 Shape::Step { run, cycle, size } => {
                     let odds = series.causes.get(run).and_then(Option::as_ref).map(|of| of.odds());

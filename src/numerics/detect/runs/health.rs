@@ -98,7 +98,7 @@ fn single_run_limit(series: &JointSeries<'_>, latest: &Observed) -> f64 {
     let usual_scatter = robust_deviation(&before).unwrap_or(0.0).max(friction.spread);
     let own = friction.variance(latest).max(latest.uncertainty().powi(2));
     let variance = own.max(usual_scatter * usual_scatter) + friction.baseline_variance;
-    friction_drift::judged(series).1.limits().threshold(variance.sqrt())
+    friction_drift::judged(series).limit.limits().threshold(variance.sqrt())
 }
 
 /// Whether the latest run shows a drift of friction. The drift is an anomaly then, and needs no confirmation.

@@ -11,6 +11,7 @@ use std::collections::VecDeque;
 
 use super::friction_history::{Observed, Source};
 use super::series::JointSeries;
+use super::steady_rise::Scatter;
 use crate::analysis::Estimate;
 use crate::numerics::detect::control_chart::{EWMA_WEIGHT, Limits};
 use crate::numerics::detect::rate::average;
@@ -34,6 +35,7 @@ pub(super) struct LevelLimit {
     limits: Limits,
     /// Whether `drift_sigma` says how many standard deviations count.
     overruled: bool,
+    alpha: f64,
     whitener: Whitener,
     waiting: VecDeque<(f64, f64)>,
     /// Tests learnt.
@@ -59,6 +61,7 @@ impl LevelLimit {
         Self {
             limits: Limits { warning: settings.drift_warning, critical: settings.drift_critical, sigma },
             overruled: settings.drift_sigma.is_some(),
+            alpha: budget.alpha(),
             whitener: Whitener::new(Prior { scale: least, worth: WORTH, correlation: CORRELATION }),
             waiting: VecDeque::new(),
             learnt: 0,
@@ -126,6 +129,21 @@ impl LevelLimit {
         if self.overruled { self.stated } else { self.spread(&self.whitener.likeness()) }
     }
 
+    /// The same with its autocorrelation and what both stand on.
+    pub(super) fn known_scatter(&self) -> Scatter {
+        let likeness = self.whitener.likeness();
+        Scatter {
+            deviation: if self.overruled { self.stated } else { self.spread(&likeness) },
+            correlation: likeness.correlation,
+            freedom: likeness.freedom,
+        }
+    }
+
+    /// Probability of a false alarm that the level has with each test; `None` where `drift_sigma` overrules the rate.
+    pub(super) fn alpha(&self) -> Option<f64> {
+        (!self.overruled).then_some(self.alpha)
+    }
+
     /// The baseline's own scatter is a floor until the joint has a history.
     fn spread(&self, likeness: &Likeness) -> f64 {
         let floor = if self.learnt < OWN_FROM { self.stated } else { self.least };
@@ -182,7 +200,7 @@ mod tests {
         };
         assert!(of(1.0, 5) > of(1.0, 40) && of(1.0, 40) > of(1.0, 400));
         assert!(of(0.1, 400) > of(1.0, 400) && of(1.0, 400) > of(20.0, 400));
-        // one in 23 channels and daily tests: a probability of 1.2e-4 for each
+        // one in 24 channels and daily tests: a probability of 1.2e-4 for each
         assert!((3.5..4.2).contains(&of(1.0, 4000)), "{}", of(1.0, 4000));
     }
 

@@ -2,15 +2,17 @@
 //! tests.
 //!
 //! Looked for is what a part of a test can show: a step of friction, friction that varies from cycle to cycle, a load,
-//! a torque signal that reads wrong. A step needs one cycle before it and two of the new level, so it is found one cycle
+//! a torque signal that reads wrong, a contact in one cycle. A contact is found one cycle after it. A step needs one cycle before it and two of the new level, so it is found one cycle
 //! after the one with which it came. Scatter needs seven cycles. The arm is compared with the same number of first cycles of the complete tests, as
 //! parameters move while an arm warms. What needs the whole test (the friction index, drift, warm-up, the swing of the
 //! RMSD) is left to the time when it is complete. Only warnings and critical findings are given.
 
 use super::arm::arm_evidence;
 use super::arm_change::arm_changes;
+use super::contact::{UsualContacts, alpha, open_contact};
 use super::curve::causes::open_run::UsualCurves;
-use super::curve::run_cause::least_advantage;
+use super::curve::hypothesis::Cause;
+use super::curve::run_cause::{RunCause, least_advantage};
 use super::friction_step::FrictionStep;
 use super::friction_swing::FrictionSwing;
 use super::series::{JointSeries, RunDetector, friction_history};
@@ -30,6 +32,8 @@ pub struct UsualTests {
     curves: Vec<(Vec<usize>, UsualCurves)>,
     /// By joint: the entry of `curves`, and the quantity that watches the level of friction.
     joints: Vec<(usize, &'static str)>,
+    /// How cycles stand out of their neighbours, in the tests of all joints' epochs, and the probability of a false alarm.
+    contacts: (UsualContacts, f64),
     /// The first tests, with whose first cycles the arm is compared.
     arm_run_ids: Vec<i64>,
 }
@@ -59,8 +63,13 @@ impl UsualTests {
             (0..joints).all(|joint| ordinal(&run.epochs, joint) == ordinal(epochs, joint))
                 && !(run.parameters.is_empty() && run.cycle_friction.is_empty())
         };
+        let of_epochs = |run: &&RunSummary| {
+            (0..joints).all(|joint| ordinal(&run.epochs, joint) == ordinal(epochs, joint))
+        };
+        let compared: Vec<RunSummary> = history.iter().filter(of_epochs).cloned().collect();
+        let contacts = (UsualContacts::of(&compared, joints), alpha(history, joints, settings));
         let first = history.iter().filter(of_arm).take(settings.baseline_runs.max(2));
-        Self { curves, joints: of_joints, arm_run_ids: first.map(|run| run.run_id).collect() }
+        Self { curves, joints: of_joints, contacts, arm_run_ids: first.map(|run| run.run_id).collect() }
     }
 
     /// Keys of the tests whose first cycles [`detect_open`] wants, oldest first.
@@ -104,6 +113,12 @@ pub fn detect_open(
         found.extend(of_joint);
     }
     found.extend(arm_changes(&arm, joints, &moment));
+    let likeliest = |(joint, &(curves, _)): (usize, &(usize, &str))| {
+        causes[curves][joint].as_ref().map(RunCause::likeliest)
+    };
+    let likeliest: Vec<Option<Cause>> = usual.joints.iter().enumerate().map(likeliest).collect();
+    let (usual_contacts, alpha) = &usual.contacts;
+    found.extend(open_contact(usual_contacts, *alpha, open, &likeliest, moment[0]));
     found.retain(|of| of.severity > Severity::Info);
     for of in &mut found {
         of.message =

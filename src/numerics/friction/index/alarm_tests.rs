@@ -44,6 +44,7 @@ fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
             refused_cycles: 0,
             refusals: vec![],
             cycle_friction: Vec::new(),
+            whole_cycle_rmsd: Vec::new(),
             parameters: Vec::new(),
             response: None,
             joints: (0..JOINTS).map(|j| summary(i, j)).collect(),

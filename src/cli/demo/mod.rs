@@ -1,0 +1,5 @@
+//! `armwatch demo`: a small fleet, from simulated exports to findings.
+
+pub(super) mod command;
+mod fleet;
+mod verdict;

@@ -1,0 +1,318 @@
+//! What was planted against what was found.
+
+use std::collections::HashMap;
+
+use jiff::Timestamp;
+use serde_json::{Value, json};
+
+use super::fleet::{Arm, Planted};
+use crate::anomaly::Severity;
+use crate::cli::shared::output;
+use crate::robot::JointIndex;
+use crate::store::AnomalyRow;
+
+/// An anomaly, as far as the comparison needs it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Alarm {
+    pub(super) anomaly_id: i64,
+    pub(super) robot: String,
+    /// `None` where the cause is the whole arm's.
+    pub(super) joint: Option<JointIndex>,
+    pub(super) kind: String,
+    pub(super) severity: Severity,
+    /// Start of the first test that showed it.
+    pub(super) first_seen_at: Timestamp,
+    pub(super) message: String,
+}
+
+impl From<&AnomalyRow> for Alarm {
+    fn from(row: &AnomalyRow) -> Self {
+        Self {
+            anomaly_id: row.anomaly_id,
+            robot: row.robot.clone(),
+            joint: row.joint,
+            kind: row.kind.clone(),
+            severity: row.severity,
+            first_seen_at: row.first_seen_at,
+            message: row.message.clone(),
+        }
+    }
+}
+
+impl Alarm {
+    /// Whether somebody has to look: `info` is worth knowing only.
+    pub(super) fn is_alarm(&self) -> bool {
+        self.severity >= Severity::Warning
+    }
+
+    pub(super) fn as_value(&self) -> Value {
+        json!({
+            "anomaly_id": self.anomaly_id, "robot": self.robot, "joint": self.joint.map(JointIndex::number),
+            "kind": self.kind, "severity": self.severity.name(), "first_seen_at": text(self.first_seen_at),
+            "message": self.message,
+        })
+    }
+}
+
+/// What became of a planted fault.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Answer {
+    arm: Arm,
+    planted: Planted,
+    /// Tests with the fault that are stored.
+    tests_with_it: u32,
+    /// The alarm on its arm and joint since it was planted: of the right kind, else the first one.
+    alarm: Option<Alarm>,
+}
+
+/// All planted faults and all alarms.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Verdict {
+    answers: Vec<Answer>,
+    /// Alarms where nothing was planted.
+    further: Vec<Alarm>,
+}
+
+/// The fault that an anomaly can come from: planted in its arm and joint, and not after it.
+pub(super) fn planted_in<'f>(fleet: &'f [Arm], row: &Alarm) -> Option<(&'f Arm, &'f Planted)> {
+    let arm = fleet.iter().find(|arm| arm.name == row.robot)?;
+    let planted = arm.planted.as_ref()?;
+    let since = arm.start(planted.test())?;
+    (planted.fault.joint == row.joint && row.first_seen_at >= since).then_some((arm, planted))
+}
+
+impl Verdict {
+    /// Compares `fleet` with `anomalies`; `stored` counts the stored tests of each arm.
+    pub(super) fn new(fleet: &[Arm], anomalies: &[Alarm], stored: &HashMap<String, u32>) -> Self {
+        let alarms: Vec<&Alarm> = anomalies.iter().filter(|alarm| alarm.is_alarm()).collect();
+        let answer = |arm: &Arm| {
+            let planted = arm.planted?;
+            let of_arm = alarms.iter().filter(|row| {
+                row.robot == arm.name && planted_in(fleet, row).is_some_and(|(_, of)| *of == planted)
+            });
+            let alarm = of_arm.min_by_key(|row| (row.kind != planted.kind.name(), row.first_seen_at));
+            let tests_with_it =
+                stored.get(arm.name).map_or(0, |count| (count + 1).saturating_sub(planted.test()));
+            Some(Answer { arm: arm.clone(), planted, tests_with_it, alarm: alarm.copied().cloned() })
+        };
+        let answers: Vec<Answer> = fleet.iter().filter_map(answer).collect();
+        let known = |row: &Alarm| {
+            answers
+                .iter()
+                .any(|answer| answer.alarm.as_ref().is_some_and(|alarm| alarm.anomaly_id == row.anomaly_id))
+        };
+        let further = alarms.iter().filter(|row| !known(row)).map(|row| (*row).clone()).collect();
+        Self { answers, further }
+    }
+
+    /// Whether every fault was found with its joint and kind, and nothing else.
+    pub(super) fn is_right(&self) -> bool {
+        self.further.is_empty() && self.answers.iter().all(Answer::is_right)
+    }
+
+    /// Number of an alarm to look at.
+    pub(super) fn example(&self) -> Option<i64> {
+        self.answers.iter().find_map(|answer| Some(answer.alarm.as_ref()?.anomaly_id))
+    }
+
+    pub(super) fn print(&self) {
+        let header =
+            ["robot", "joint", "planted", "from test", "found", "joint", "severity", "test", "tests later"];
+        let rows: Vec<Vec<String>> = self.answers.iter().map(Answer::cells).collect();
+        output::line(&format!("\n{}\n", output::table(&header, &rows)));
+        for answer in self.answers.iter().filter(|answer| !answer.is_right()) {
+            output::line(&answer.excuse());
+        }
+        for row in &self.further {
+            output::line(&format!(
+                "nothing was planted there, a false alarm: {} {} on {}, since {}: {}",
+                row.severity,
+                row.kind,
+                row.robot,
+                day(row.first_seen_at),
+                row.message
+            ));
+        }
+        let (found, planted) =
+            (self.answers.iter().filter(|answer| answer.is_right()).count(), self.answers.len());
+        output::line(&match self.is_right() {
+            true => format!(
+                "{found} of {planted} faults were found, each with its joint and kind; no false alarm"
+            ),
+            false => format!(
+                "{found} of {planted} faults were found with joint and kind; false alarms: {}",
+                self.further.len()
+            ),
+        });
+    }
+
+    pub(super) fn as_value(&self) -> Value {
+        let answers: Vec<Value> = self.answers.iter().map(Answer::as_value).collect();
+        let further: Vec<Value> = self.further.iter().map(Alarm::as_value).collect();
+        json!({"event": "verdict", "as_planted": self.is_right(), "faults": answers, "false_alarms": further})
+    }
+}
+
+impl Answer {
+    fn is_right(&self) -> bool {
+        self.alarm.as_ref().is_some_and(|alarm| alarm.kind == self.planted.kind.name())
+    }
+
+    /// The test with which the alarm began.
+    fn found_in(&self) -> Option<u32> {
+        self.arm.test_at(self.alarm.as_ref()?.first_seen_at)
+    }
+
+    fn cells(&self) -> Vec<String> {
+        let test = |test: u32| match self.arm.start(test) {
+            Some(start) => format!("{test}, {}", day(start)),
+            None => test.to_string(),
+        };
+        let planted = [
+            self.arm.name.to_owned(),
+            joint(self.planted.fault.joint),
+            self.planted.words(),
+            test(self.planted.test()),
+        ];
+        let found = match &self.alarm {
+            Some(alarm) => [
+                alarm.kind.clone(),
+                joint(alarm.joint),
+                alarm.severity.name().to_owned(),
+                self.found_in().map_or_else(|| day(alarm.first_seen_at), test),
+                self.found_in().map_or_else(|| "?".into(), |found| (found - self.planted.test()).to_string()),
+            ],
+            None if self.tests_with_it == 0 => ["not tested yet", "", "", "", ""].map(str::to_owned),
+            None => ["NOT FOUND", "", "", "", ""].map(str::to_owned),
+        };
+        planted.into_iter().chain(found).collect()
+    }
+
+    /// Why it does not count as found.
+    fn excuse(&self) -> String {
+        let Self { arm, planted, tests_with_it, alarm } = self;
+        let (name, planted_kind) = (arm.name, planted.kind);
+        match alarm {
+            Some(alarm) => {
+                format!(
+                    "{name}: the alarm says {}, which should be {planted_kind}: {}",
+                    alarm.kind, alarm.message
+                )
+            }
+            None if *tests_with_it == 0 => {
+                format!("{name}: no test with the fault is stored yet, so nothing can be said of it")
+            }
+            None => format!(
+                "{name}: no alarm of joint {} in {tests_with_it} tests with the fault",
+                joint(planted.fault.joint)
+            ),
+        }
+    }
+
+    fn as_value(&self) -> Value {
+        let Self { arm, planted, tests_with_it, alarm } = self;
+        json!({
+            "robot": arm.name, "joint": planted.fault.joint.map(JointIndex::number), "fault": planted.fault.to_string(),
+            "kind": planted.kind.name(), "test": planted.test(), "started_at": arm.start(planted.test()).map(text),
+            "tests_with_fault": tests_with_it, "as_planted": self.is_right(),
+            "alarm": alarm.as_ref().map(Alarm::as_value), "found_in_test": self.found_in(),
+            "tests_later": self.found_in().map(|found| found - planted.test()),
+        })
+    }
+}
+
+/// A joint's number, or `arm` for the whole arm.
+pub(super) fn joint(joint: Option<JointIndex>) -> String {
+    joint.map_or_else(|| "arm".into(), |joint| joint.to_string())
+}
+
+pub(super) fn day(at: Timestamp) -> String {
+    at.strftime("%Y-%m-%d").to_string()
+}
+
+fn text(at: Timestamp) -> String {
+    at.to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fleet::fleet;
+    use super::*;
+
+    /// An alarm of an arm, first seen in its test `test`.
+    fn alarm(robot: &str, joint: Option<usize>, kind: &str, test: u32) -> Alarm {
+        let fleet = fleet();
+        let arm = fleet.iter().find(|arm| arm.name == robot).unwrap();
+        Alarm {
+            anomaly_id: 1 + i64::from(test),
+            robot: robot.into(),
+            joint: joint.and_then(JointIndex::from_number),
+            kind: kind.into(),
+            severity: Severity::Warning,
+            first_seen_at: arm.start(test).unwrap(),
+            message: "said".into(),
+        }
+    }
+
+    fn found() -> Vec<Alarm> {
+        vec![
+            alarm("Middle", Some(3), "drift", 7),
+            alarm("Right", None, "payload", 6),
+            alarm("Front", Some(2), "step", 4),
+            alarm("Rear", Some(5), "oscillation", 6),
+        ]
+    }
+
+    fn verdict(alarms: &[Alarm]) -> Verdict {
+        let stored = fleet().iter().map(|arm| (arm.name.to_owned(), arm.tests())).collect();
+        Verdict::new(&fleet(), alarms, &stored)
+    }
+
+    #[test]
+    fn all_found_and_nothing_else_is_right() {
+        let verdict = verdict(&found());
+        assert!(verdict.is_right(), "{verdict:?}");
+        let wear = &verdict.answers[0];
+        assert_eq!(wear.cells()[3..], ["6, 2026-01-10", "drift", "3", "warning", "7, 2026-01-11", "1"]);
+        assert_eq!(wear.as_value()["tests_later"], 1);
+        assert_eq!(verdict.answers.iter().filter_map(Answer::found_in).collect::<Vec<_>>(), [7, 6, 4, 6]);
+    }
+
+    #[test]
+    fn a_fault_that_was_missed_is_said() {
+        let verdict = verdict(&found()[1..]);
+        assert!(!verdict.is_right() && verdict.further.is_empty());
+        assert_eq!(verdict.answers[0].cells()[4], "NOT FOUND");
+        assert_eq!(verdict.answers[0].excuse(), "Middle: no alarm of joint 3 in 3 tests with the fault");
+    }
+
+    #[test]
+    fn a_fault_that_was_not_tested_is_not_called_missed() {
+        let stored = HashMap::from([("Middle".to_owned(), 5)]);
+        let verdict = Verdict::new(&fleet(), &[], &stored);
+        assert!(verdict.answers.iter().all(|answer| answer.cells()[4] == "not tested yet"), "{verdict:?}");
+        assert!(!verdict.is_right());
+    }
+
+    #[test]
+    fn another_kind_another_joint_or_an_earlier_test_is_not_found() {
+        let mut alarms = found();
+        alarms[0].kind = "step".into();
+        assert!(!verdict(&alarms).is_right());
+        assert!(verdict(&alarms).answers[0].excuse().contains("says step, which should be drift"));
+        for wrong in [alarm("Middle", Some(2), "drift", 7), alarm("Middle", Some(3), "drift", 5)] {
+            alarms[0] = wrong.clone();
+            let verdict = verdict(&alarms);
+            assert_eq!((verdict.is_right(), &verdict.further), (false, &vec![wrong]));
+        }
+    }
+
+    #[test]
+    fn what_is_worth_knowing_is_no_alarm_and_a_second_alarm_is() {
+        let mut alarms = found();
+        alarms.push(Alarm { severity: Severity::Info, anomaly_id: 90, ..alarm("Left", Some(1), "fleet", 6) });
+        assert!(verdict(&alarms).is_right());
+        alarms.push(Alarm { anomaly_id: 91, ..alarm("Left", Some(1), "fleet", 6) });
+        assert_eq!(verdict(&alarms).further.len(), 1);
+    }
+}

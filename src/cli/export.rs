@@ -1,0 +1,167 @@
+//! `armwatch export`: public views as CSV or Parquet files.
+
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use indicatif::{HumanCount, ProgressBar, ProgressStyle};
+use jiff::Timestamp;
+use serde_json::json;
+
+use super::context::{CliError, EXIT_DONE, EXIT_STOPPED, Global, open_to_read, runtime};
+use super::shared::moment::moment;
+use super::shared::output;
+use super::shared::views::view_names;
+use crate::daemon;
+use crate::export::{Destination, Export, ExportError, Format, Progress, Written};
+use crate::store::{PublicView, RowFilter, public_views};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch export --parquet fleet
+  armwatch export --csv fleet --robot R01 --robot R02 --since 2026-01-01
+  armwatch export friction_index fleet_health --parquet fleet
+  armwatch export cycle_parameters -o parameters.parquet
+
+Without VIEW, every public view is written, each to a file of its name: fleet/runs.parquet. Parquet has times as
+timestamps (UTC), and in the metadata of each field its unit and what it means; CSV has every digit, and nothing for
+NULL. The file of the view view_columns says the same of all columns: `armwatch sql --schema` shows it.
+
+All files are of one moment; the daemon may run. They get their names together once all are whole, in place of those of
+an earlier export. A file that is no export of its view is replaced with --force only.")]
+pub(super) struct ExportArgs {
+    /// Views to write [default: all]
+    #[arg(value_name = "VIEW", value_parser = view_names(), hide_possible_values = true)]
+    views: Vec<String>,
+    /// Write VIEW.csv into this folder, which is made where there is none
+    #[arg(long, value_name = "DIR", required_unless_present_any = ["parquet", "output"], conflicts_with_all = ["parquet", "output"])]
+    csv: Option<PathBuf>,
+    /// Write VIEW.parquet into this folder
+    #[arg(long, value_name = "DIR", conflicts_with = "output")]
+    parquet: Option<PathBuf>,
+    /// Write one view to this file; its name ends with .csv or .parquet
+    #[arg(short, long, value_name = "FILE", requires = "views")]
+    output: Option<PathBuf>,
+    /// Only rows of this robot; may be repeated
+    #[arg(long, value_name = "NAME")]
+    robot: Vec<String>,
+    /// Only runs that began at this time or later, UTC: a date, a date with time, or RFC 3339 with an offset
+    #[arg(long, value_name = "TIME", value_parser = moment)]
+    since: Option<Timestamp>,
+    /// Only runs that began before this time
+    #[arg(long, value_name = "TIME", value_parser = moment)]
+    until: Option<Timestamp>,
+    /// Replace files that are no exports
+    #[arg(long)]
+    force: bool,
+}
+
+pub(super) fn export(global: &Global, args: &ExportArgs) -> Result<u8, CliError> {
+    let export = wanted(args)?;
+    let config = global.read_config()?;
+    let bar = progress_bar(export.destinations.len());
+    let written = runtime()?.block_on(async {
+        let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
+        let store = open_to_read(&config).await?;
+        let written = export.write(&store, &stop, |at| show(&bar, at)).await;
+        store.close().await?;
+        Ok::<_, CliError>(written)
+    })?;
+    bar.finish_and_clear();
+    match written {
+        Ok(files) => print(global, &files),
+        Err(ExportError::Stopped) => {
+            output::print_hint(&ExportError::Stopped.to_string());
+            return Ok(EXIT_STOPPED);
+        }
+        Err(error) => return Err(as_cli_error(error)),
+    }
+    Ok(EXIT_DONE)
+}
+
+fn wanted(args: &ExportArgs) -> Result<Export, CliError> {
+    if let (Some(since), Some(until)) = (args.since, args.until)
+        && since >= until
+    {
+        return Err(CliError::Usage(format!("--until {until} is not after --since {since}")));
+    }
+    let is_asked = |name: &str| args.views.is_empty() || args.views.iter().any(|view| view == name);
+    let views = public_views().iter().filter(|view| is_asked(&view.name));
+    let (format, destinations) = match (&args.csv, &args.parquet, &args.output) {
+        (Some(folder), _, _) => (Format::Csv, in_folder(views, folder, Format::Csv)),
+        (_, Some(folder), _) => (Format::Parquet, in_folder(views, folder, Format::Parquet)),
+        (_, _, Some(path)) => {
+            let format = [Format::Csv, Format::Parquet]
+                .into_iter()
+                .find(|format| path.extension().is_some_and(|suffix| suffix == format.suffix()));
+            let format = format.ok_or_else(|| {
+                CliError::Usage(format!(
+                    "the name of {} ends neither with .csv nor with .parquet",
+                    path.display()
+                ))
+            })?;
+            let destinations: Vec<_> = views.map(|view| Destination { view, path: path.clone() }).collect();
+            if destinations.len() > 1 {
+                return Err(CliError::Usage(
+                    "--output takes one view; several go to a folder with --csv or --parquet".into(),
+                ));
+            }
+            (format, destinations)
+        }
+        (None, None, None) => {
+            return Err(CliError::Usage("say where to: --csv DIR, --parquet DIR or --output FILE".into()));
+        }
+    };
+    let filter = RowFilter { robots: args.robot.clone(), since: args.since, until: args.until };
+    Ok(Export { destinations, format, filter, force: args.force })
+}
+
+fn in_folder(
+    views: impl Iterator<Item = &'static PublicView>,
+    folder: &Path,
+    format: Format,
+) -> Vec<Destination> {
+    views
+        .map(|view| Destination { view, path: folder.join(format!("{}.{}", view.name, format.suffix())) })
+        .collect()
+}
+
+fn print(global: &Global, files: &[Written]) {
+    if global.json {
+        let object = |of: &Written| json!({"view": of.view, "file": of.path.display().to_string(), "rows": of.rows, "bytes": of.bytes});
+        output::lines(files.iter().map(|of| object(of).to_string()));
+        return;
+    }
+    let row = |of: &Written| vec![of.path.display().to_string(), of.rows.to_string(), of.bytes.to_string()];
+    output::line(&output::table(&["file", "rows", "bytes"], &files.iter().map(row).collect::<Vec<_>>()));
+}
+
+fn as_cli_error(error: ExportError) -> CliError {
+    match error {
+        ExportError::Store(error) => CliError::Store(error),
+        error @ (ExportError::NoRobot { .. } | ExportError::Foreign { .. }) => {
+            CliError::Usage(error.to_string())
+        }
+        error @ ExportError::Value { .. } => CliError::Internal(error.to_string()),
+        error @ (ExportError::File { .. } | ExportError::Taken { .. } | ExportError::Stopped) => {
+            CliError::Io(error.to_string())
+        }
+    }
+}
+
+fn progress_bar(views: usize) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::new(views as u64);
+    if let Ok(style) = ProgressStyle::with_template("views [{bar:30}] {pos}/{len} {elapsed} {wide_msg}") {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar
+}
+
+fn show(bar: &ProgressBar, at: Progress<'_>) {
+    bar.set_position(at.views_done as u64);
+    bar.set_message(format!("{}: {} rows", at.view, HumanCount(at.rows)));
+}

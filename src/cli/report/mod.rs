@@ -1,0 +1,8 @@
+//! `armwatch report`: a run or a robot on one page, from what is stored.
+
+mod browser;
+mod cells;
+pub(super) mod command;
+mod findings;
+mod robot;
+mod run;

@@ -1,0 +1,110 @@
+//! The life of a robot as pictures mark it: where its joints stand, alarms, work that was done on it.
+
+use jiff::Timestamp;
+
+use crate::anomaly::Severity;
+use crate::cli::context::CliError;
+use crate::numerics::statistics::distributions::normal_quantile;
+use crate::report::figure::{Event, EventKind, Level, Standing, day};
+use crate::report::friction_index::IndexPoint;
+use crate::robot::JointIndex;
+use crate::store::{AnomalyRow, FleetHealthRow, HealthStatus, IndexRow, MaintenanceRow, Store};
+
+/// What is known of the life of a robot.
+#[derive(Debug, Default)]
+pub(in crate::cli) struct RobotLife {
+    /// Its joints.
+    pub(in crate::cli) health: Vec<FleetHealthRow>,
+    /// Its anomalies, the oldest first.
+    pub(in crate::cli) anomalies: Vec<AnomalyRow>,
+    /// Work that was done on it, in order of time.
+    pub(in crate::cli) work: Vec<MaintenanceRow>,
+    /// Start of its latest run.
+    last_run: Option<Timestamp>,
+}
+
+impl RobotLife {
+    /// Of the robot with this name.
+    pub(in crate::cli) async fn read(store: &Store, robot: &str) -> Result<Self, CliError> {
+        let mut health = store.fleet_health().await?;
+        health.retain(|row| row.robot == robot);
+        let mut anomalies = store.anomalies_after(0).await?;
+        anomalies.retain(|row| row.robot == robot);
+        let mut work = store.maintenance(Some(robot)).await?;
+        work.sort_by_key(|row| row.work.at);
+        let last_run = health.iter().map(|row| row.last_run_at).max();
+        Ok(Self { health, anomalies, work, last_run })
+    }
+
+    /// Where a joint stands.
+    pub(in crate::cli) fn standing(&self, joint: JointIndex) -> Option<Standing> {
+        self.health.iter().find(|row| row.joint == joint).map(|row| standing(row.status))
+    }
+
+    /// What happened to the robot, by joint; of the whole arm without.
+    pub(in crate::cli) fn events(&self) -> Vec<(Option<JointIndex>, Event)> {
+        let alarm = |row: &AnomalyRow| {
+            let at = row.onset_at.unwrap_or(row.first_seen_at);
+            let label = format!(
+                "{} {} from {}: {}",
+                row.severity.name(),
+                row.kind,
+                at.strftime("%Y-%m-%d"),
+                row.message
+            );
+            (row.joint, Event { at: day(at), kind: EventKind::Alarm, label })
+        };
+        let repair = |row: &MaintenanceRow| {
+            let label = format!("maintenance on {}: {}", row.work.at.strftime("%Y-%m-%d"), row.work.what);
+            (row.work.joint, Event { at: day(row.work.at), kind: EventKind::Repair, label })
+        };
+        let alarms = self.anomalies.iter().filter(|row| is_alarm(row)).map(alarm);
+        alarms.chain(self.work.iter().map(repair)).collect()
+    }
+
+    /// What happened to a joint, what concerns the whole arm included.
+    pub(in crate::cli) fn events_of(&self, joint: JointIndex) -> Vec<Event> {
+        let events = self.events().into_iter();
+        events.filter(|(of, _)| of.is_none_or(|of| of == joint)).map(|(_, event)| event).collect()
+    }
+
+    /// Days between which an alarm of a joint was seen; one that is open lasts to the latest run.
+    pub(in crate::cli) fn alarms_of(&self, joint: JointIndex) -> Vec<[f64; 2]> {
+        let of_joint = self.anomalies.iter().filter(|row| row.joint == Some(joint) && is_alarm(row));
+        of_joint
+            .map(|row| {
+                let last = if row.ended { None } else { self.last_run };
+                let end = last.unwrap_or(row.last_seen_at).max(row.last_seen_at);
+                [day(row.onset_at.unwrap_or(row.first_seen_at)), day(end)]
+            })
+            .collect()
+    }
+}
+
+/// Whether somebody has to look at it; what people called a false alarm is none.
+fn is_alarm(row: &AnomalyRow) -> bool {
+    row.severity != Severity::Info && row.state != "false_alarm"
+}
+
+/// The status of a joint as a word with its colour.
+pub(in crate::cli) fn standing(status: HealthStatus) -> Standing {
+    let level = match status {
+        HealthStatus::Ok => Level::Usual,
+        HealthStatus::Warning | HealthStatus::Overdue => Level::Warning,
+        HealthStatus::Critical => Level::Critical,
+        HealthStatus::Learning | HealthStatus::Unknown => Level::Unknown,
+    };
+    Standing::new(status.name(), level)
+}
+
+/// Indices of a joint with their 95 % intervals as a picture has them.
+pub(in crate::cli) fn index_points(rows: &[IndexRow]) -> Vec<IndexPoint> {
+    let half = normal_quantile(0.975);
+    let point = |row: &IndexRow| IndexPoint {
+        day: day(row.started_at),
+        index: row.index.value,
+        interval: [-half, half].map(|by| row.index.value + by * row.index.std_error),
+        raw: row.raw,
+    };
+    rows.iter().map(point).collect()
+}

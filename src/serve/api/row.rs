@@ -1,0 +1,56 @@
+//! A row of a view in an answer.
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{AdditionalProperties, Object, ObjectBuilder, Schema, SchemaType, Type};
+use utoipa::{PartialSchema, ToSchema};
+
+/// A value for each column of the view, by its name.
+#[derive(Debug, Clone, Serialize)]
+#[serde(transparent)]
+pub struct Row(pub Map<String, Value>);
+
+impl Row {
+    /// An object as a row; `None` for any other value.
+    pub fn of(value: Value) -> Option<Self> {
+        match value {
+            Value::Object(columns) => Some(Self(columns)),
+            _ => None,
+        }
+    }
+
+    /// The text of a column, where it has one.
+    pub fn maybe(&self, column: &str) -> Option<String> {
+        self.0.get(column)?.as_str().map(str::to_owned)
+    }
+
+    /// The number of a column, where it has one.
+    pub fn number(&self, column: &str) -> Option<f64> {
+        self.0.get(column)?.as_f64()
+    }
+
+    /// The whole number of a column, 0 where it has none.
+    pub fn whole(&self, column: &str) -> i64 {
+        self.0.get(column).and_then(Value::as_i64).unwrap_or_default()
+    }
+
+    /// The text of a column, empty where it has none.
+    pub fn text(&self, column: &str) -> &str {
+        self.0.get(column).and_then(Value::as_str).unwrap_or_default()
+    }
+}
+
+impl PartialSchema for Row {
+    fn schema() -> RefOr<Schema> {
+        let cell = Object::builder()
+            .schema_type(SchemaType::from_iter([Type::Null, Type::Number, Type::String]))
+            .description(Some("null, a number or a text; bytes are hexadecimal digits"));
+        ObjectBuilder::new()
+            .description(Some("A value for each column of the view, by its name (docs/schema.md)"))
+            .additional_properties(Some(AdditionalProperties::RefOr(RefOr::T(Schema::Object(cell.build())))))
+            .into()
+    }
+}
+
+impl ToSchema for Row {}

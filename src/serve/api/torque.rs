@@ -1,0 +1,185 @@
+//! `GET /v1/runs/RUN/cycles/CYCLE/torque`: measured and estimated torque of a cycle, read again from its export.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Json;
+use axum::extract::{Path, Query, State};
+use axum::http::{HeaderMap, StatusCode};
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use crate::pipeline::look::replay::ReplayError;
+use crate::pipeline::look::torque::{CycleTorque, JointTorque, cycle_torque};
+use crate::serve::answer::{Problem, Refusal, Refused};
+use crate::serve::shared::Shared;
+
+/// Rows of a joint, where the request does not say: more than the pixels of a plot.
+const USUAL_POINTS: usize = 1200;
+
+/// How long a request waits until another cycle has been read.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// Significant digits of a figure that is drawn.
+const DIGITS: i32 = 6;
+
+/// How much is asked for
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct Asked {
+    /// Most rows of each joint; 1200 where it is not given
+    #[param(minimum = 8, maximum = 10_000)]
+    points: Option<usize>,
+}
+
+/// Measured and estimated torque of a cycle
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Torque {
+    /// The run
+    run_id: i64,
+    /// The cycle
+    cycle: u32,
+    /// The robot
+    robot: String,
+    /// Name of the export
+    source_name: String,
+    /// Cut-off of the low-pass on both torques, Hz
+    cutoff_hz: f64,
+    /// Stages in their order
+    stages: Vec<Stage>,
+    /// One entry a joint
+    joints: Vec<Joint>,
+}
+
+/// A stage of a cycle
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Stage {
+    /// excitation, friction, warming, or between them
+    stage: &'static str,
+    /// Its first row, s since the start of the recording
+    from_s: f64,
+    /// Its last row, s since the start of the recording
+    to_s: f64,
+}
+
+/// Torque of a joint; all lists have the same length
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Joint {
+    /// Its number, from 1
+    joint: usize,
+    /// RMSD of the whole cycle, Nm; null without rows that count
+    rmsd_nm: Option<f64>,
+    /// The same while the joint moves, over the RMS of the measured torque
+    moving_relative_rmsd: Option<f64>,
+    /// Time since the start of the recording, s
+    time_s: Vec<f64>,
+    /// Measured torque after the low-pass, Nm
+    measured_nm: Vec<f64>,
+    /// Torque that the cycle's own parameters give for its motion, Nm
+    estimated_nm: Vec<f64>,
+    /// Measured less estimated torque, Nm
+    residual_nm: Vec<f64>,
+    /// Velocity, rad/s
+    velocity_rad_s: Vec<f64>,
+    /// Whether the joint moves; at rest the sign of its friction is not known, and the estimate says little
+    moving: Vec<bool>,
+}
+
+/// Torques of a cycle
+///
+/// The export is read again, so it must still be there. Each joint's rows are thinned: the smallest and largest torques and
+/// residuals of each stretch stay.
+#[utoipa::path(
+    get, path = "/v1/runs/{run_id}/cycles/{cycle}/torque", tag = "Rows", operation_id = "cycleTorque",
+    params(
+        ("run_id" = i64, Path, description = "The run"),
+        ("cycle" = u32, Path, description = "The cycle, from 1"),
+        Asked,
+    ),
+    responses(
+        (status = 200, description = "The torques", body = Torque),
+        (status = 400, description = "Run, cycle or points are no such numbers", body = Problem),
+        (status = 404, description = "No such run or cycle, or one without torques or parameters", body = Problem),
+        (status = 410, description = "The export is not at hand any more, or another one", body = Problem),
+        (status = 503, description = "Other cycles are being read; try again after Retry-After", body = Problem),
+        Refused,
+    ),
+    security(("token" = ["read"]), ()),
+)]
+pub async fn of_cycle(
+    State(shared): State<Arc<Shared>>,
+    Path((run_id, cycle)): Path<(i64, u32)>,
+    Query(Asked { points }): Query<Asked>,
+    headers: HeaderMap,
+) -> Result<Json<Torque>, Refusal> {
+    const POINTS: std::ops::RangeInclusive<usize> = 8..=10_000;
+    shared.access.check(&headers)?;
+    let points = points.unwrap_or(USUAL_POINTS);
+    if !POINTS.contains(&points) {
+        let sentence =
+            format!("points = {points}: give a whole number from {} to {}", POINTS.start(), POINTS.end());
+        return Err(Refusal::new(StatusCode::BAD_REQUEST, sentence));
+    }
+    let Ok(Ok(_turn)) = tokio::time::timeout(PATIENCE, shared.replays.acquire()).await else {
+        let sentence = "other cycles are being read; try again";
+        return Err(Refusal::new(StatusCode::SERVICE_UNAVAILABLE, sentence).after(5));
+    };
+    let config = Arc::clone(&shared.config.borrow());
+    let store = shared.looking().await?;
+    let found = cycle_torque(&config, store, run_id, cycle, points).await.map_err(|error| refused(&error))?;
+    let CycleTorque { robot, source_name, cutoff_hz, stages, joints } = found;
+    let stage = |span: crate::pipeline::look::torque::StageSpan| Stage {
+        stage: span.stage.name(),
+        from_s: span.from_s,
+        to_s: span.to_s,
+    };
+    Ok(Json(Torque {
+        run_id,
+        cycle,
+        robot,
+        source_name,
+        cutoff_hz,
+        stages: stages.into_iter().map(stage).collect(),
+        joints: joints.iter().map(told).collect(),
+    }))
+}
+
+fn told(of: &JointTorque) -> Joint {
+    let column = |of: &[f64]| of.iter().map(|value| rounded(*value)).collect();
+    let residual =
+        of.measured_nm.iter().zip(&of.estimated_nm).map(|(measured, estimated)| measured - estimated);
+    Joint {
+        joint: of.joint.number(),
+        rmsd_nm: (of.rmsd.all_rows.samples > 0).then_some(of.rmsd.all_rows.value),
+        moving_relative_rmsd: (of.rmsd.moving_rows.samples > 0).then_some(of.rmsd.moving_rows.relative),
+        time_s: column(&of.time_s),
+        measured_nm: column(&of.measured_nm),
+        estimated_nm: column(&of.estimated_nm),
+        residual_nm: residual.map(rounded).collect(),
+        velocity_rad_s: column(&of.velocity_rad_s),
+        moving: of.moving.clone(),
+    }
+}
+
+/// A figure with the digits that a plot shows; a time keeps its milliseconds.
+fn rounded(value: f64) -> f64 {
+    if value == 0.0 || !value.is_finite() {
+        return value;
+    }
+    // a whole number of places, small whatever the value
+    let places = DIGITS - 1 - value.abs().log10().floor() as i32;
+    let scale = 10_f64.powi(places.max(3));
+    (value * scale).round() / scale
+}
+
+fn refused(error: &ReplayError) -> Refusal {
+    match error {
+        ReplayError::Refused(_) => Refusal::new(StatusCode::NOT_FOUND, error.to_string()),
+        ReplayError::Source(_) | ReplayError::Rejected(_) => {
+            Refusal::new(StatusCode::GONE, error.to_string())
+        }
+        ReplayError::Numerics(_) => Refusal::new(StatusCode::NOT_FOUND, error.to_string()),
+        ReplayError::Store(_) | ReplayError::Task(_) => Refusal::internal(error),
+    }
+}

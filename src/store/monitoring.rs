@@ -1,0 +1,114 @@
+//! What monitoring asks for besides the views: counts with few labels, and sizes.
+
+use std::sync::Arc;
+
+use jiff::Timestamp;
+use sqlx::Row;
+use sqlx::sqlite::{SqliteExecutor, SqliteRow};
+
+use super::error::StoreError;
+use super::handle::Store;
+use super::values::{size, time};
+
+/// Where the deliveries of a route stand.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RouteCounts {
+    /// Name of the route in the configuration.
+    pub route: String,
+    /// Messages that wait, also for a quiet time's end or a digest.
+    pub pending: u64,
+    /// Messages that the receiver has had.
+    pub sent: u64,
+    /// Messages that are given up.
+    pub failed: u64,
+    /// Messages that were not to be sent.
+    pub suppressed: u64,
+    /// Attempts in a row that did not reach the receiver.
+    pub failures: u64,
+    /// Since when the oldest of the waiting ones could have been sent.
+    pub oldest_due_at: Option<Timestamp>,
+}
+
+/// Sizes of the files of a database, bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DatabaseSize {
+    /// The database.
+    pub database: u64,
+    /// Its write-ahead log; 0 where there is none.
+    pub log: u64,
+}
+
+impl Store {
+    /// Exports of each robot that are in quarantine and that somebody has to look at, by robot; robots that the name
+    /// of an export does not say are `unknown`.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn quarantined_by_robot(&self) -> Result<Vec<(String, u64)>, StoreError> {
+        self.checked(quarantined_by_robot(&self.readers).await)
+    }
+
+    /// Where the deliveries of each route of the configuration stand, by name.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn deliveries_by_route(&self) -> Result<Vec<RouteCounts>, StoreError> {
+        self.checked(deliveries_by_route(&self.readers).await)
+    }
+
+    /// Sizes of the files of the database; `None` where the system does not tell.
+    pub async fn size(&self) -> Option<DatabaseSize> {
+        let path = Arc::clone(&self.path);
+        let sizes = tokio::task::spawn_blocking(move || {
+            let database = std::fs::metadata(&path).ok()?.len();
+            let mut log = path.as_os_str().to_owned();
+            log.push("-wal");
+            // a log that is not there is empty
+            let log = std::fs::metadata(&log).map_or(0, |metadata| metadata.len());
+            Some(DatabaseSize { database, log })
+        });
+        sizes.await.ok().flatten()
+    }
+}
+
+async fn quarantined_by_robot(executor: impl SqliteExecutor<'_>) -> Result<Vec<(String, u64)>, sqlx::Error> {
+    sqlx::query(
+        "SELECT robot, count(DISTINCT run_id) AS exports FROM quarantine WHERE state = 'open' GROUP BY robot \
+         ORDER BY robot",
+    )
+    .try_map(|row: SqliteRow| Ok((row.try_get("robot")?, size(&row, "exports")?)))
+    .fetch_all(executor)
+    .await
+}
+
+async fn deliveries_by_route(executor: impl SqliteExecutor<'_>) -> Result<Vec<RouteCounts>, sqlx::Error> {
+    sqlx::query(
+        "SELECT r.name AS route, r.failures,
+                count(*) FILTER (WHERE d.state = 'pending') AS pending,
+                count(*) FILTER (WHERE d.state = 'sent') AS sent,
+                count(*) FILTER (WHERE d.state = 'failed') AS failed,
+                count(*) FILTER (WHERE d.state = 'suppressed') AS suppressed,
+                min(d.due_at) FILTER (WHERE d.state = 'pending') AS oldest_due_at
+         FROM delivery_route AS r
+         LEFT JOIN delivery AS d ON d.delivery_route_id = r.delivery_route_id
+         WHERE NOT r.retired
+         GROUP BY r.delivery_route_id
+         ORDER BY r.name",
+    )
+    .try_map(|row: SqliteRow| {
+        Ok(RouteCounts {
+            route: row.try_get("route")?,
+            pending: size(&row, "pending")?,
+            sent: size(&row, "sent")?,
+            failed: size(&row, "failed")?,
+            suppressed: size(&row, "suppressed")?,
+            failures: size(&row, "failures")?,
+            oldest_due_at: match row.try_get::<Option<i64>, _>("oldest_due_at")? {
+                Some(_) => Some(time(&row, "oldest_due_at")?),
+                None => None,
+            },
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
