@@ -150,7 +150,7 @@ impl Export {
 
 /// A file in one of the formats.
 enum Sheet<'a> {
-    Csv(CsvFile<'a>),
+    Csv(Box<CsvFile<'a>>),
     Parquet(Box<ParquetFile<'a>>),
 }
 
@@ -158,7 +158,7 @@ impl<'a> Sheet<'a> {
     fn new(format: Format, view: &'a PublicView, target: &'a Target) -> Result<Self, ExportError> {
         let (path, file) = (target.path(), target.file()?);
         Ok(match format {
-            Format::Csv => Self::Csv(CsvFile::new(view, path, file)?),
+            Format::Csv => Self::Csv(Box::new(CsvFile::new(view, path, file)?)),
             Format::Parquet => Self::Parquet(Box::new(ParquetFile::new(view, path, file)?)),
         })
     }

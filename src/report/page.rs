@@ -198,7 +198,7 @@ fn write_figure(body: &mut String, figure: &Figure, words: &str) {
     }
     let _ = writeln!(body, "</figcaption>\n<div class=\"panels{across}\">");
     for panel in &figure.panels {
-        let _ = write!(body, "<div class=\"panel\">{}</div>\n", panel_svg(figure, panel));
+        let _ = writeln!(body, "<div class=\"panel\">{}</div>", panel_svg(figure, panel));
     }
     if figure.panels.is_empty() {
         body.push_str("<p class=\"soft\">no data</p>\n");
