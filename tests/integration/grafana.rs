@@ -202,6 +202,9 @@ fn dashboards_keep_the_rules_of_the_linter() {
 }
 
 /// A linter that finds nothing is of no use.
+/// Breaks a dashboard.
+type Change<'a> = dyn Fn(&mut Value) + 'a;
+
 #[test]
 fn the_rules_find_what_breaks_them() {
     let find = |change: &dyn Fn(&mut Value)| {
@@ -213,7 +216,7 @@ fn the_rules_find_what_breaks_them() {
     let panel = |json: &mut Value| -> usize {
         array(&json["panels"]).iter().position(|panel| panel["title"] == "Cycles stored").expect("a panel")
     };
-    let cases: [(&str, &dyn Fn(&mut Value)); 7] = [
+    let cases: [(&str, &Change<'_>); 7] = [
         ("no unit", &|json| {
             let at = panel(json);
             json["panels"][at]["fieldConfig"]["defaults"]["unit"] = "".into();
