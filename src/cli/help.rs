@@ -253,7 +253,11 @@ mod tests {
             let refused = dressed(Cli::command()).try_get_matches_from(line).err().map(|error| error.kind());
             let is_known = matches!(
                 refused,
-                None | Some(ErrorKind::MissingRequiredArgument | ErrorKind::DisplayVersion)
+                None | Some(
+                    ErrorKind::MissingRequiredArgument
+                        | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
+                        | ErrorKind::DisplayVersion
+                )
             );
             assert!(is_known, "{words:?} -> {meant}: {refused:?}");
         }

@@ -305,7 +305,7 @@ mod tests {
         assert_eq!(figure.subtitle, "");
         let many: Vec<RunCurves> = (1..=12).map(run).collect();
         let figure = run_comparison_figure(&many, "R01".into(), "means".into());
-        assert_eq!(figure.subtitle, "means; 9 of 12 shown, left out: run 5, run 8, run 11");
+        assert_eq!(figure.subtitle, "means; 9 of 12 shown, left out: run 4, run 8, run 11");
         assert!((series[6].points[1][1] - 10.6).abs() < 1e-9);
         assert!((series[7].points[5][1] - 14.0).abs() < 1e-9);
     }

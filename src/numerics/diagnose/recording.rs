@@ -136,11 +136,13 @@ fn longest_run(
     longest
 }
 
-/// Stretches of at least `least` equal values in their order, none of which could be longer. So long a run holds two
-/// neighbours of any grid that is half as wide, and only from such a pair are rows looked at one by one.
+/// Stretches of at least `least` equal values (two, where `least` is less) in their order, none of which could be longer.
+/// So long a run holds two neighbours of any grid that is half as wide, and only from such a pair are rows looked at one
+/// by one.
 fn runs(values: &[f64], least: usize) -> Vec<(usize, usize)> {
+    let least = least.max(2);
     let equal = |a: f64, b: f64| (a - b).abs() <= 0.0;
-    let step = (least / 2).max(1);
+    let step = least / 2;
     let mut found: Vec<(usize, usize)> = Vec::new();
     for place in (0..values.len()).step_by(step) {
         let value = values[place];

@@ -511,6 +511,12 @@ pub(crate) mod tests {
                     RmsdScope::Stage(stage) => self.cycle.samples.stage[row] == stage,
                 };
                 let low_speed = self.method.robot.joints[j].low_speed;
+                let counted = self.c.observed_rows().filter(|row| inside(*row)).count();
+                assert_eq!(
+                    found.all_rows.samples, counted,
+                    "rows of joint {} in {:?}",
+                    found.joint, found.scope
+                );
                 self.assert_rmsd(j, found.all_rows, inside);
                 self.assert_rmsd(j, found.moving_rows, |row| {
                     inside(row) && self.c.qd[j][row].abs() >= low_speed

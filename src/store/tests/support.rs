@@ -368,7 +368,8 @@ const CLOCK: [(&str, &str); 6] = [
 /// Everything that users see but times of the machine's clock, a line a row; rows of a view are sorted.
 pub(in crate::store) async fn dump(store: &Store) -> Vec<String> {
     let mut lines = Vec::new();
-    for view in views(store).await {
+    // what columns mean is the program's, whatever is stored
+    for view in views(store).await.into_iter().filter(|view| view != "view_columns") {
         let columns = columns(store, &view).await;
         let compared = columns.iter().filter(|column| !CLOCK.contains(&(view.as_str(), column.as_str())));
         let cells: Vec<String> = compared.map(|column| format!("quote(\"{column}\")")).collect();
