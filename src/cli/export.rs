@@ -35,25 +35,25 @@ pub(super) struct ExportArgs {
     #[arg(value_name = "VIEW", value_parser = view_names(), hide_possible_values = true)]
     views: Vec<String>,
     /// Write VIEW.csv into this folder, which is made where there is none
-    #[arg(long, value_name = "DIR", required_unless_present_any = ["parquet", "output"], conflicts_with_all = ["parquet", "output"])]
+    #[arg(help_heading = "Where to", long, value_name = "DIR", required_unless_present_any = ["parquet", "output"], conflicts_with_all = ["parquet", "output"])]
     csv: Option<PathBuf>,
     /// Write VIEW.parquet into this folder
-    #[arg(long, value_name = "DIR", conflicts_with = "output")]
+    #[arg(help_heading = "Where to", long, value_name = "DIR", conflicts_with = "output")]
     parquet: Option<PathBuf>,
     /// Write one view to this file; its name ends with .csv or .parquet
-    #[arg(short, long, value_name = "FILE", requires = "views")]
+    #[arg(help_heading = "Where to", short, long, value_name = "FILE", requires = "views")]
     output: Option<PathBuf>,
     /// Only rows of this robot; may be repeated
-    #[arg(long, value_name = "NAME")]
+    #[arg(help_heading = "Which rows", long, value_name = "NAME")]
     robot: Vec<String>,
     /// Only runs that began at this time or later, UTC: a date, a date with time, or RFC 3339 with an offset
-    #[arg(long, value_name = "TIME", value_parser = moment)]
+    #[arg(help_heading = "Which rows", long, value_name = "TIME", value_parser = moment)]
     since: Option<Timestamp>,
     /// Only runs that began before this time
-    #[arg(long, value_name = "TIME", value_parser = moment)]
+    #[arg(help_heading = "Which rows", long, value_name = "TIME", value_parser = moment)]
     until: Option<Timestamp>,
     /// Replace files that are no exports
-    #[arg(long)]
+    #[arg(help_heading = "Where to", long)]
     force: bool,
 }
 

@@ -308,12 +308,13 @@ fn replaced(statement: &str, chosen: &BTreeMap<String, Vec<String>>) -> String {
 }
 
 /// Time of a cell as the plugin takes it, s: a number of seconds, or text of RFC 3339.
-fn seconds(cell: &Cell) -> Option<f64> {
+fn seconds(title: &str, cell: &Cell) -> Option<f64> {
     match cell {
         Cell::Null => None,
         Cell::Number(seconds) => Some(*seconds),
         Cell::Text(text) => {
-            let at: jiff::Timestamp = text.parse().unwrap_or_else(|error| panic!("{text}: {error}"));
+            let at: jiff::Timestamp =
+                text.parse().unwrap_or_else(|error| panic!("{title}: {text:?}: {error}"));
             Some(at.as_millisecond() as f64 / 1e3)
         }
     }
@@ -326,7 +327,7 @@ fn check_rows(title: &str, target: &Value, answer: &Rows) {
     for name in times {
         let place = answer.columns.iter().position(|column| column == text(name));
         let place = place.unwrap_or_else(|| panic!("{title}: no column {name} in {:?}", answer.columns));
-        let at: Vec<Option<f64>> = answer.rows.iter().map(|row| seconds(&row[place])).collect();
+        let at: Vec<Option<f64>> = answer.rows.iter().map(|row| seconds(title, &row[place])).collect();
         if target["queryType"] == "time series" {
             assert!(at.iter().all(Option::is_some), "{title}: a row without time");
             assert!(at.is_sorted(), "{title}: times do not rise");

@@ -149,7 +149,8 @@ fn a_run_has_its_parameters_and_figures_and_a_robot_its_history_and_twins() {
         let read = read(&page(&workshop, subject));
         assert!(
             read.words.to_lowercase().contains("line ") && read.words.contains("is not a number"),
-            "{subject}"
+            "{subject}: {}",
+            read.words
         );
         // nothing is said of how a joint is
         assert!(!read.elements.contains(&"li".to_owned()) || !read.words.contains("Joint 1 "), "{subject}");

@@ -225,7 +225,7 @@ fn what_is_not_an_upload_is_refused_with_a_sentence() {
     let line = format!("PUT /v1/exports/{name}");
     refused(receiver.try_send(&line, "", small).expect("an answer"), 401, "Bearer");
     let wrong = "Authorization: Bearer a-token-of-this-test-0123456780\r\n";
-    refused(receiver.try_send(&line, wrong, small).expect("an answer"), 401, "Bearer");
+    refused(receiver.try_send(&line, wrong, small).expect("an answer"), 401, "none of the daemon's");
     refused(receiver.put("..%2Finbox%2FR00.csv", "", small), 400, "without folders");
     refused(receiver.put(".R00.csv", "", small), 400, "hidden");
     refused(receiver.put("R00%00.csv", "", small), 400, "control");

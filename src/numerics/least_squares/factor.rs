@@ -4,20 +4,25 @@
 //! `[w | tau] = q r` holds all that least squares needs: `r = [r11 r12; 0 r22]` gives
 //! `theta = r11⁻¹ r12`, the residual sum of squares `r22²`, and the singular values of `w`.
 //! New rows are folded in by factoring `[r; rows]` again (Golub & Van Loan, Matrix Computations,
-//! 6.5; the sequential form of TSQR, Demmel et al. 2012), a block at a time ([`super::triangle`]).
+//! 6.5; the sequential form of TSQR, Demmel et al. 2012).
 
-use faer::{Mat, MatRef, Par};
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::qr::no_pivoting::factor::{qr_in_place, qr_in_place_scratch};
+use faer::{Mat, MatMut, MatRef, Par};
 
-use super::triangle::Fold;
 use crate::numerics::NumericsError;
-use crate::numerics::lanes::{LANES, Lanes};
 use crate::numerics::least_squares::solution::{LeastSquares, rank_deficient, weak_columns};
 
 /// A column shorter than this, relative to the longest, shows nothing: it is zero but for rounding.
 pub const ZERO_COLUMN_THRESHOLD: f64 = 1e-12;
 
-/// Rows that a [`FactorBuilder`] collects before it folds them: forty columns of them lie in a core's first cache.
-pub const BLOCK_ROWS: usize = 128;
+/// Rows that a [`FactorBuilder`] collects before it folds them: enough to make factoring the triangle
+/// above them a small part of the work, little enough to stay in a core's cache with forty columns (0.7 MB).
+pub const BLOCK_ROWS: usize = 2048;
+
+/// Columns that a reflection block of the QR takes at once. A factor is some forty columns wide:
+/// wider blocks spend more on building the block than its product saves.
+const REFLECTOR_BLOCK: usize = 8;
 
 /// Triangular factor of all rows of `[w | tau]` seen so far; `(b+1) x (b+1)`.
 #[derive(Debug, Clone, PartialEq)]
@@ -126,15 +131,12 @@ impl TriangularFactor {
     /// Folds in `block`, rows of `[w | tau]`, `[any x (b+1)]`.
     pub fn fold(&mut self, block: MatRef<'_, f64>) {
         let k = self.r.ncols();
-        let mut builder = FactorBuilder::with_block(self.columns(), block.nrows().min(BLOCK_ROWS));
-        for i in 0..k {
-            (i..k).for_each(|j| builder.r[i * k + j] = self.r[(i, j)]);
-        }
-        for i in 0..block.nrows() {
-            builder.push(block.row(i).iter().copied());
-        }
+        let mut stacked = Mat::zeros(k + block.nrows(), k);
+        stacked.as_mut().subrows_mut(0, k).copy_from(self.r.as_ref());
+        stacked.as_mut().subrows_mut(k, block.nrows()).copy_from(block);
+        QrScratch::new(k).triangularise(stacked.as_mut());
+        self.r = stacked.as_ref().subrows(0, k).to_owned();
         self.rows += block.nrows();
-        self.r = builder.take().r;
     }
 
     /// Joins the rows of `other`, as if they had been folded in here.
@@ -247,30 +249,27 @@ impl TriangularFactor {
     }
 }
 
-/// Takes rows of `[w | tau]` and folds them, a block at a time, into a triangular factor. Nothing is copied or
-/// allocated while rows come in.
+/// Takes rows of `[w | tau]` one by one and folds them, a block at a time, into a triangular factor.
+/// The factor lies above the block in one piece of memory and is factored in place with it, so that
+/// nothing is copied or allocated while rows come in.
 pub struct FactorBuilder {
-    /// The factor, `[width x width]` row after row.
-    r: Vec<f64>,
-    /// Rows that are not folded yet: `width` columns of `stride` lanes. What lies behind the rows is left over.
-    block: Vec<Lanes>,
-    stride: usize,
+    /// Column-major, `height` rows a column: the factor, then the block.
+    stacked: Vec<f64>,
+    height: usize,
     width: usize,
     filled: usize,
     rows: usize,
+    scratch: QrScratch,
 }
 
 impl FactorBuilder {
     /// Of no rows yet, for `columns` columns of `w`.
     #[must_use]
     pub fn new(columns: usize) -> Self {
-        Self::with_block(columns, BLOCK_ROWS)
-    }
-
-    fn with_block(columns: usize, rows: usize) -> Self {
-        let (width, stride) = (columns + 1, rows.div_ceil(LANES).max(1));
-        let block = vec![Lanes::ZERO; stride * width];
-        Self { r: vec![0.0; width * width], block, stride, width, filled: 0, rows: 0 }
+        let width = columns + 1;
+        let height = odd_lines(width + BLOCK_ROWS);
+        let stacked = vec![0.0; height * width];
+        Self { stacked, height, width, filled: 0, rows: 0, scratch: QrScratch::new(width) }
     }
 
     /// Takes one row: its `b` entries of `w`, then its torque.
@@ -279,101 +278,77 @@ impl FactorBuilder {
     /// If there are more than `b + 1` numbers; missing ones count as zero.
     #[inline]
     pub fn push(&mut self, row: impl Iterator<Item = f64>) {
-        let (lane, at) = (self.filled % LANES, self.filled / LANES);
-        let mut columns = 0;
-        for value in row {
-            self.block[columns * self.stride + at].0[lane] = value;
-            columns += 1;
-        }
-        for column in columns..self.width {
-            self.block[column * self.stride + at].0[lane] = 0.0;
-        }
-        self.took(1);
+        self.push_at(row.enumerate());
     }
 
     /// Takes one row by its places and numbers; all other places are zero, that of the torque is `b`.
-    fn push_at(&mut self, entries: impl Iterator<Item = (usize, f64)>) {
-        let (lane, at) = (self.filled % LANES, self.filled / LANES);
-        (0..self.width).for_each(|column| self.block[column * self.stride + at].0[lane] = 0.0);
-        for (column, value) in entries {
-            self.block[column * self.stride + at].0[lane] = value;
-        }
-        self.took(1);
-    }
-
-    /// Takes the rows of several instants: for each column in its order the numbers of all, of which those chosen
-    /// count.
-    ///
-    /// # Panics
-    /// If there are more than `b + 1` columns; fewer are an error of the caller.
     #[inline]
-    pub fn push_lanes(&mut self, row: impl Iterator<Item = Lanes>, chosen: [bool; LANES]) {
-        let count = chosen.iter().filter(|chosen| **chosen).count();
-        if count == 0 {
-            return;
+    fn push_at(&mut self, entries: impl Iterator<Item = (usize, f64)>) {
+        let at = self.width + self.filled;
+        for (column, value) in entries {
+            self.stacked[column * self.height + at] = value;
         }
-        if count == LANES && self.filled.is_multiple_of(LANES) {
-            let at = self.filled / LANES;
-            for (column, value) in row.enumerate() {
-                self.block[column * self.stride + at] = value;
-            }
-            self.took(LANES);
-            return;
-        }
-        let mut places = [0; LANES];
-        let mut place = self.filled;
-        for (of, _) in places.iter_mut().zip(chosen).filter(|(_, chosen)| *chosen) {
-            *of = place;
-            place += 1;
-        }
-        // a block has room for all or is folded first, so that rows of one instant stay together
-        if place > self.stride * LANES {
+        self.filled += 1;
+        self.rows += 1;
+        if at + 1 == self.height {
             self.fold();
-            return self.push_lanes(row, chosen);
         }
-        for (column, value) in row.enumerate() {
-            let column = &mut self.block[column * self.stride..][..self.stride];
-            for lane in (0..LANES).filter(|lane| chosen[*lane]) {
-                column[places[lane] / LANES].0[places[lane] % LANES] = value.0[lane];
-            }
-        }
-        self.took(count);
     }
 
-    /// The factor of all rows so far; the builder is empty afterwards and can be used again.
+    /// The factor of all rows so far; the folder is empty afterwards and can be used again.
     #[must_use]
     pub fn take(&mut self) -> TriangularFactor {
-        self.fold();
-        let width = self.width;
-        let r = Mat::from_fn(width, width, |i, j| self.r[i * width + j]);
-        self.r.fill(0.0);
+        if self.filled > 0 {
+            self.fold();
+        }
+        let (width, height) = (self.width, self.height);
+        let r = Mat::from_fn(width, width, |i, j| self.stacked[j * height + i]);
+        self.stacked.fill(0.0);
         TriangularFactor { r, rows: std::mem::take(&mut self.rows) }
     }
 
-    #[inline]
-    fn took(&mut self, rows: usize) {
-        self.filled += rows;
-        self.rows += rows;
-        if self.filled == self.stride * LANES {
-            self.fold();
+    fn fold(&mut self) {
+        let rows = self.width + self.filled;
+        let whole = MatMut::from_column_major_slice_mut(&mut self.stacked, self.height, self.width);
+        self.scratch.triangularise(whole.subrows_mut(0, rows));
+        for column in self.stacked.chunks_exact_mut(self.height) {
+            column[self.width..].fill(0.0);
         }
+        self.filled = 0;
+    }
+}
+
+/// The next number of rows that makes a column an odd number of cache lines: with an even one, the
+/// same row of all columns falls on few places of the cache.
+fn odd_lines(rows: usize) -> usize {
+    /// Numbers in a cache line of 64 bytes.
+    const LINE: usize = 8;
+    (rows.div_ceil(LINE) | 1) * LINE
+}
+
+/// Memory of a QR that is done again and again at one width.
+struct QrScratch {
+    reflectors: Mat<f64>,
+    memory: MemBuffer,
+}
+
+impl QrScratch {
+    fn new(width: usize) -> Self {
+        let block = REFLECTOR_BLOCK.min(width);
+        let needed = qr_in_place_scratch::<f64>(width, width, block, Par::Seq, Default::default());
+        Self { reflectors: Mat::zeros(block, width), memory: MemBuffer::new(needed) }
     }
 
-    #[inline(never)]
-    fn fold(&mut self) {
-        if self.filled == 0 {
-            return;
+    /// Leaves the triangular factor of `stacked` in its upper triangle and zeros below it in the
+    /// first rows; the rows after the triangle hold nothing of use. At least as many rows as columns.
+    fn triangularise(&mut self, mut stacked: MatMut<'_, f64>) {
+        let stack = MemStack::new(&mut self.memory);
+        qr_in_place(stacked.as_mut(), self.reflectors.as_mut(), Par::Seq, stack, Default::default());
+        for j in 0..stacked.ncols() {
+            for i in j + 1..stacked.ncols() {
+                stacked[(i, j)] = 0.0;
+            }
         }
-        let Self { r, block, stride, width, filled, .. } = self;
-        let (stride, width) = (*stride, *width);
-        let height = filled.div_ceil(LANES);
-        let in_last = *filled % LANES;
-        if in_last > 0 {
-            let last = block.iter_mut().skip(height - 1).step_by(stride);
-            last.for_each(|lanes| lanes.0[in_last..].fill(0.0));
-        }
-        Fold { r, block, width, stride, height }.fold();
-        *filled = 0;
     }
 }
 
@@ -458,67 +433,6 @@ mod tests {
         let (a, b) = (a.expect("solves"), b.expect("solves"));
         for i in 0..4 {
             assert!((a.theta[i] - b.theta[i]).abs() < ROUNDING * a.theta[i].abs());
-        }
-    }
-
-    /// The dense form that the block-wise one must equal: one QR of all rows.
-    fn dense(all: &Mat<f64>) -> Mat<f64> {
-        all.qr().thin_R().to_owned()
-    }
-
-    fn assert_factor_of(found: &TriangularFactor, all: &Mat<f64>) {
-        const EQUAL: f64 = 1e-12;
-        let (r, expected) = (found.upper(), dense(all));
-        let (gram, dense_gram) = (r.transpose() * r, expected.transpose() * &expected);
-        for (i, j) in (0..r.ncols()).flat_map(|i| (0..r.ncols()).map(move |j| (i, j))) {
-            let scale = (dense_gram[(i, i)] * dense_gram[(j, j)]).sqrt();
-            assert!((gram[(i, j)] - dense_gram[(i, j)]).abs() <= EQUAL * scale, "{i} {j}");
-            assert!(i <= j || r[(i, j)] == 0.0);
-        }
-        let last = r.ncols() - 1;
-        // few rows leave nearly nothing of a torque, and that is known as well as the torque is
-        let (residual, torque) = (expected[(last, last)].abs(), dense_gram[(last, last)].sqrt());
-        assert!((r[(last, last)].abs() - residual).abs() <= EQUAL * torque, "{residual} {torque}");
-    }
-
-    #[test]
-    fn the_factor_is_that_of_a_dense_qr() {
-        for rows in [5, 127, 128, 129, 1000, 5000] {
-            let all = problem(rows);
-            let (mut one_by_one, mut in_lanes) = (FactorBuilder::new(4), FactorBuilder::new(4));
-            (0..rows).for_each(|i| one_by_one.push((0..5).map(|j| all[(i, j)])));
-            for first in (0..rows).step_by(LANES) {
-                let at = |lane: usize, j: usize| {
-                    if first + lane < rows { all[(first + lane, j)] } else { f64::NAN }
-                };
-                let row = (0..5).map(|j| Lanes(std::array::from_fn(|lane| at(lane, j))));
-                in_lanes.push_lanes(row, std::array::from_fn(|lane| first + lane < rows));
-            }
-            let mut whole = TriangularFactor::new(4);
-            whole.fold(all.as_ref());
-            for found in [one_by_one.take(), in_lanes.take(), whole] {
-                assert_eq!(found.rows(), rows);
-                assert_factor_of(&found, &all);
-            }
-        }
-    }
-
-    /// Rows of lanes that go to two builders in turn are those that were chosen, in any pattern.
-    #[test]
-    fn lanes_that_are_not_chosen_leave_nothing() {
-        let all = problem(1500);
-        let mut builders = [FactorBuilder::new(4), FactorBuilder::new(4)];
-        let side = |i: usize| usize::from(i * 7919 % 11 < 4 + i / 300);
-        for first in (0..1500).step_by(LANES) {
-            for (of, builder) in builders.iter_mut().enumerate() {
-                let row = (0..5).map(|j| Lanes(std::array::from_fn(|lane| all[(first + lane, j)])));
-                builder.push_lanes(row, std::array::from_fn(|lane| side(first + lane) == of));
-            }
-        }
-        for (of, builder) in builders.iter_mut().enumerate() {
-            let rows: Vec<usize> = (0..1500).filter(|i| side(*i) == of).collect();
-            let chosen = Mat::from_fn(rows.len(), 5, |i, j| all[(rows[i], j)]);
-            assert_factor_of(&builder.take(), &chosen);
         }
     }
 

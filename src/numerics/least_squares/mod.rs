@@ -2,7 +2,6 @@
 
 pub mod orthonormal;
 pub mod solution;
-mod triangle;
 pub mod factor;
 pub mod weighted;
 pub mod huber;
