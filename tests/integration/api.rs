@@ -326,10 +326,10 @@ fn statements_read_the_views_and_nothing_else() {
     let csv = served.ask(
         "POST /v1/sql",
         csv,
-        b"SELECT 'a, \"b\"' AS text, NULL AS nothing, 0.1 AS number, x'00ff' AS bytes",
+        b"SELECT 'a, \"b\"' AS text, NULL AS missing, 0.1 AS number, x'00ff' AS bytes",
     );
     assert_eq!(csv.header("content-type"), Some("text/csv; charset=utf-8"), "{}", csv.body);
-    assert_eq!(csv.body, "text,nothing,number,bytes\n\"a, \"\"b\"\"\",,0.1,00ff\n");
+    assert_eq!(csv.body, "text,missing,number,bytes\n\"a, \"\"b\"\"\",,0.1,00ff\n");
     for (statement, status, said) in [
         ("SELECT robo\nFROM runs", 400, "line 1, column 8: no such column: robo"),
         ("SELECT * FROM run", 403, "run is not public"),

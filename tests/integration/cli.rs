@@ -87,7 +87,9 @@ fn help_fits_any_terminal_without_orphans() {
             let mut command = command.clone().term_width(width);
             for help in [command.render_long_help().to_string(), command.render_help().to_string()] {
                 let line = words.join(" ");
-                if let Some(wide) = help.lines().find(|line| line.chars().count() > width) {
+                // clap does not wrap the usage
+                let mut lines = help.lines().filter(|line| !line.starts_with("Usage: "));
+                if let Some(wide) = lines.find(|line| line.chars().count() > width) {
                     panic!("{line} at {width}: {wide}");
                 }
                 if let Some(orphan) = orphan(&help, width) {

@@ -270,8 +270,9 @@ async fn ask(connection: &mut SqliteConnection, sql: &str) -> Result<Rows, sqlx:
     let columns = rows.first().map(|row| row.columns().iter().map(|c| c.name().to_owned()).collect());
     let cell = |row: &sqlx::sqlite::SqliteRow, place: usize| {
         let raw = row.try_get_raw(place).expect("a cell");
+        // NULL has the type of its column
         match raw.type_info().name() {
-            "NULL" => Cell::Null,
+            _ if raw.is_null() => Cell::Null,
             "TEXT" => Cell::Text(row.get_unchecked(place)),
             "INTEGER" => Cell::Number(row.get_unchecked::<i64, _>(place) as f64),
             "REAL" => Cell::Number(row.get_unchecked(place)),
