@@ -61,18 +61,17 @@ async function open(hash, { width = 1280, scheme = "light", token = options.toke
   return { page, context };
 }
 
-/** Waits until every part has its data; lazy parts are scrolled to. */
+/** Waits until every part has its data. Parts that wait until they are seen are scrolled to, also where the page grows. */
 async function settle(page) {
-  const idle = () => page.waitForFunction(() => ![...document.querySelectorAll(".page-note")].some((one) => one.textContent === "Loading"), { timeout: SETTLE_MS, polling: 50 }).catch(() => {});
   await page.waitForSelector("main h1", { timeout: SETTLE_MS, polling: 50 });
-  for (let y = 0, last = -1; y !== last;) {
-    last = y;
-    y = await page.evaluate(() => { scrollBy(0, innerHeight); return scrollY; });
-    await new Promise((resolve) => setTimeout(resolve, 120));
-  }
-  await idle();
+  const loaded = await page.waitForFunction(() => {
+    const waiting = [...document.querySelectorAll(".page-note")].find((one) => one.textContent === "Loading");
+    waiting?.scrollIntoView({ block: "center" });
+    return !waiting;
+  }, { timeout: SETTLE_MS, polling: 50 }).catch(() => null);
+  if (!loaded) check(false, `${page.url()} has its data after ${SETTLE_MS / 1000} s`);
   await page.evaluate(() => scrollTo(0, 0));
-  await new Promise((resolve) => setTimeout(resolve, 250));
+  await new Promise((resolve) => setTimeout(resolve, 150));
 }
 
 /** Hides the page and shows it again: it reads its data anew and follows the events anew. */
