@@ -4,7 +4,7 @@ use super::replay::{Replay, ReplayError};
 use crate::analysis::{RmsdScope, TorqueRmsd};
 use crate::config::Config;
 use crate::numerics::identify::torque_series::{SeriesRows, TorqueSeries, peaks};
-use crate::robot::JointIndex;
+use crate::robot::{JointIndex, JointKind};
 use crate::run::Stage;
 use crate::store::Store;
 
@@ -39,6 +39,8 @@ pub struct StageSpan {
 pub struct JointTorque {
     /// The joint.
     pub joint: JointIndex,
+    /// Whether it turns or slides, and so the units of its figures.
+    pub kind: JointKind,
     /// RMSD over the rows of the whole cycle that count in verification.
     pub rmsd: TorqueRmsd,
     /// Time since the start of the recording, s.
@@ -76,14 +78,14 @@ pub async fn cycle_torque(
     let export = replay.export(config, None).await?;
     let parameters = parameters.iter().map(|parameter| (parameter.id, parameter.value)).collect();
     let series = replay.torque(&export, parameters, SeriesRows::Filtered).await?;
-    let Replay { run, cutoff, .. } = replay;
+    let Replay { run, robot, cutoff, .. } = replay;
     Ok(CycleTorque {
         robot: run.robot,
         source_name: run.source_name,
         cutoff_hz: cutoff,
         stages: stages(&series),
         joints: (0..series.joints.len())
-            .map(|joint| thinned(&series, JointIndex::new(joint), points))
+            .map(|joint| thinned(&series, JointIndex::new(joint), robot.joints[joint].kind, points))
             .collect(),
     })
 }
@@ -99,12 +101,13 @@ fn stages(series: &TorqueSeries) -> Vec<StageSpan> {
     spans
 }
 
-fn thinned(series: &TorqueSeries, joint: JointIndex, points: usize) -> JointTorque {
+fn thinned(series: &TorqueSeries, joint: JointIndex, kind: JointKind, points: usize) -> JointTorque {
     let of_joint = &series.joints[joint.index()];
     let rows = peaks(of_joint, &series.rows_of(RmsdScope::WholeCycle), points);
     let column = |of: &[f64]| rows.iter().map(|&row| of[row]).collect();
     JointTorque {
         joint,
+        kind,
         rmsd: series.rmsd(joint, RmsdScope::WholeCycle),
         time_s: column(&series.time),
         velocity_rad_s: column(&of_joint.qd),
@@ -138,7 +141,7 @@ mod tests {
             counted: vec![true; ROWS],
             joints: vec![joint],
         };
-        let shown = thinned(&series, JointIndex::new(0), 200);
+        let shown = thinned(&series, JointIndex::new(0), JointKind::Revolute, 200);
         assert!(shown.time_s.len() <= 200 && shown.measured_nm.contains(&9.0), "{}", shown.time_s.len());
         assert!(shown.time_s.is_sorted() && shown.time_s.last() == series.time.last());
         // one of 10,000 rows is off by 6.5, the others by 0.5

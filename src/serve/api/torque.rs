@@ -11,6 +11,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use crate::pipeline::look::replay::ReplayError;
 use crate::pipeline::look::torque::{CycleTorque, JointTorque, cycle_torque};
+use crate::robot::JointKind;
 use crate::serve::answer::{Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 
@@ -68,19 +69,23 @@ pub struct Stage {
 pub struct Joint {
     /// Its number, from 1
     joint: usize,
-    /// RMSD of the whole cycle, Nm; null without rows that count
+    /// revolute, or prismatic: then torques are forces in N, and the velocity is in m/s
+    kind: &'static str,
+    /// RMSD of the whole cycle, rows at rest included, Nm (N); null without rows that count
     rmsd_nm: Option<f64>,
-    /// The same while the joint moves, over the RMS of the measured torque
+    /// RMSD while the joint moves, Nm (N)
+    moving_rmsd_nm: Option<f64>,
+    /// The same over the RMS of the measured torque
     moving_relative_rmsd: Option<f64>,
     /// Time since the start of the recording, s
     time_s: Vec<f64>,
-    /// Measured torque after the low-pass, Nm
+    /// Measured torque after the low-pass, Nm (N)
     measured_nm: Vec<f64>,
-    /// Torque that the cycle's own parameters give for its motion, Nm
+    /// Torque that the cycle's own parameters give for its motion, Nm (N)
     estimated_nm: Vec<f64>,
-    /// Measured less estimated torque, Nm
+    /// Measured less estimated torque, Nm (N)
     residual_nm: Vec<f64>,
-    /// Velocity, rad/s
+    /// Velocity, rad/s (m/s)
     velocity_rad_s: Vec<f64>,
     /// Whether the joint moves; at rest the sign of its friction is not known, and the estimate says little
     moving: Vec<bool>,
@@ -151,7 +156,12 @@ fn told(of: &JointTorque) -> Joint {
         of.measured_nm.iter().zip(&of.estimated_nm).map(|(measured, estimated)| measured - estimated);
     Joint {
         joint: of.joint.number(),
+        kind: match of.kind {
+            JointKind::Revolute => "revolute",
+            JointKind::Prismatic => "prismatic",
+        },
         rmsd_nm: (of.rmsd.all_rows.samples > 0).then_some(of.rmsd.all_rows.value),
+        moving_rmsd_nm: (of.rmsd.moving_rows.samples > 0).then_some(of.rmsd.moving_rows.value),
         moving_relative_rmsd: (of.rmsd.moving_rows.samples > 0).then_some(of.rmsd.moving_rows.relative),
         time_s: column(&of.time_s),
         measured_nm: column(&of.measured_nm),

@@ -37,7 +37,7 @@ function figure(one, value) {
 function threshold(one) {
   if (!isNumber(one.threshold)) return ["not known", ""];
   const fraction = ["drift", "step", "accuracy"].includes(one.kind) || one.quantity === "friction_swing" || one.quantity === "common_friction_ratio" || one.quantity === "moving_relative_rmsd";
-  const form = (value) => (fraction ? percent(value) : digits(value, 3));
+  const form = (value) => (fraction ? percent(value) : `${digits(value, 3)}${one.quantity === "load_kg" ? " standard errors" : ""}`);
   return [form(one.threshold), isNumber(one.score) ? `score ${form(one.score)}${one.kind === "drift" || one.kind === "step" ? ", smoothed over the tests" : ""}` : ""];
 }
 

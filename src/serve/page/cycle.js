@@ -5,7 +5,6 @@ import { digits, fixed, isNumber, percent } from "./format.js";
 import { empty, part } from "./part.js";
 import { plot } from "./plot.js";
 
-const torque = (value) => `${digits(value, 3)} Nm`;
 const tick = (value) => digits(value, 3).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
 const at = (value) => `${fixed(value, 2)} s`;
 
@@ -68,19 +67,21 @@ export function mount({ main, argument, query, choose, title }) {
       select.value = String(joint);
       const one = data.joints.find((of) => of.joint === joint);
       const x = one.time_s;
+      const [force, unit, speed] = one.kind === "prismatic" ? ["Force", "N", "m/s"] : ["Torque", "Nm", "rad/s"];
+      const torque = (value) => `${digits(value, 3)} ${unit}`;
       const common = { xLabel: "s since the start of the recording", formatX: at, formatTick: tick, sync: `cycle/${run}/${cycle}`, xRange: [x[0], x.at(-1)] };
       const analysed = data.stages.filter((stage) => stage.stage !== "between");
       const stages = analysed.filter((stage, index) => stage.stage !== analysed[index - 1]?.stage);
       const moving = (values) => values.map((value, index) => (one.moving[index] ? value : null));
       const shares = [
-        isNumber(one.rmsd_nm) ? `RMSD of the cycle ${torque(one.rmsd_nm)}` : "no row counts in verification",
-        isNumber(one.moving_relative_rmsd) ? `${percent(one.moving_relative_rmsd, 1)} of the measured torque while the joint moves` : null,
+        isNumber(one.moving_rmsd_nm) ? `RMSD while the joint moves ${torque(one.moving_rmsd_nm)}, ${percent(one.moving_relative_rmsd, 1)} of the measured ${force.toLowerCase()}` : "no row in which the joint moves counts in verification",
+        isNumber(one.rmsd_nm) ? `with the rows at rest ${torque(one.rmsd_nm)}` : null,
         `low-pass ${digits(data.cutoff_hz, 3)} Hz`, data.source_name,
       ];
       return [
         h("p", { class: "part-note" }, shares.filter(Boolean).join("; ")),
         plot({
-          ...common, title: `Torque, joint ${joint}`, head: `Joint ${joint}, torque in Nm over s`, yLabel: "torque in Nm", height: 300, format: torque,
+          ...common, title: `${force}, joint ${joint}`, head: `Joint ${joint}, ${force.toLowerCase()} in ${unit} over s`, yLabel: `${force.toLowerCase()} in ${unit}`, height: 300, format: torque,
           marks: stages.slice(1).map((stage) => ({ x: stage.from_s, color: "--muted", dash: [4, 4] })),
           series: [
             { label: "measured", x, y: one.measured_nm, color: "--c1", width: 2.5 },
@@ -90,11 +91,11 @@ export function mount({ main, argument, query, choose, title }) {
             stages.length > 1 ? { label: `a stage begins: ${stages.map((stage) => stage.stage).join(", ")}`, color: "--muted", dash: [4, 4], upright: true } : null].filter(Boolean),
         }, owned),
         plot({
-          ...common, title: `Residual, joint ${joint}`, head: "Residual in Nm: measured less estimated", yLabel: "residual in Nm", height: 180, format: torque, limits: [{ value: 0 }],
+          ...common, title: `Residual, joint ${joint}`, head: `Residual in ${unit}: measured less estimated`, yLabel: `residual in ${unit}`, height: 180, format: torque, limits: [{ value: 0 }],
           series: [{ label: "residual", x, y: moving(one.residual_nm), color: "--c4", width: 1.25 }],
         }, owned),
         plot({
-          ...common, title: `Velocity, joint ${joint}`, head: "Velocity in rad/s", yLabel: "velocity in rad/s", height: 180, format: (value) => `${digits(value, 3)} rad/s`, limits: [{ value: 0 }],
+          ...common, title: `Velocity, joint ${joint}`, head: `Velocity in ${speed}`, yLabel: `velocity in ${speed}`, height: 180, format: (value) => `${digits(value, 3)} ${speed}`, limits: [{ value: 0 }],
           series: [{ label: "velocity", x, y: one.velocity_rad_s, color: "--c3", width: 1.25 }],
         }, owned),
       ];

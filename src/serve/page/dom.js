@@ -42,7 +42,8 @@ export function replace(node, ...children) {
   const active = document.activeElement;
   const key = node.contains(active) ? active.closest("[data-key]")?.dataset.key : null;
   const open = new Set([...node.querySelectorAll("details[data-key][open]")].map((one) => one.dataset.key));
-  node.style.minHeight = `${node.offsetHeight}px`;
+  // Asking for the height makes the browser lay the page out, which an empty node does not need.
+  if (node.firstChild) node.style.minHeight = `${node.offsetHeight}px`;
   node.replaceChildren(append(document.createDocumentFragment(), children));
   for (const one of node.querySelectorAll("details[data-key]")) if (open.has(one.dataset.key)) one.open = true;
   node.style.minHeight = "";

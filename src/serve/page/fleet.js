@@ -6,8 +6,10 @@ import { spark, sparkRange } from "./spark.js";
 import { badge, jointName, known, rank, STATUSES, stateName } from "./status.js";
 
 const FIRST_ALARMS = 6;
-const AT_ONCE = 8;
+// Rows that a first screen shows; the others are made when the browser has painted them.
+const AT_ONCE = 6;
 const CHUNK = 24;
+const idle = globalThis.requestIdleCallback ? (work) => requestIdleCallback(work, { timeout: 100 }) : (work) => setTimeout(work, 20);
 // Browsers need not lay out far rows of a long list.
 const MANY = 40;
 const names = new Intl.Collator("en", { numeric: true });
@@ -197,7 +199,7 @@ export function mount({ main, query, choose, title }) {
         build(shown[next]);
       }
       place(next >= shown.length);
-      if (next < shown.length) setTimeout(() => { if (own === pending && !gone) step(CHUNK); }, 0);
+      if (next < shown.length) idle(() => { if (own === pending && !gone) step(CHUNK); });
     };
     list.classList.toggle("many", shown.length > MANY);
     step(AT_ONCE);

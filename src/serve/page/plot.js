@@ -254,7 +254,7 @@ export function plot(given, owned) {
         y: { distr: spec.log ? 3 : 1, range: () => [low, high] },
       },
       axes: [
-        { ...axis, size: spec.time ? 44 : 28, space: spec.time ? 72 : 48, incrs: spec.whole ? [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] : undefined, values: spec.time ? (u, at) => timeTicks(at, u.scales.x) : (u, at) => at.map((value) => digits(value, 3).replace(/\.0+$/, "").replace(/(\.\d*[1-9])0+$/, "$1")) },
+        { ...axis, size: spec.time ? 44 : 28, space: spec.time ? 72 : 48, incrs: spec.whole ? [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] : spec.time ? (u, axis, from, to) => (to - from < SHORT_S ? MINUTES : DAYS) : undefined, values: spec.time ? (u, at) => timeTicks(at, u.scales.x) : (u, at) => at.map((value) => digits(value, 3).replace(/\.0+$/, "").replace(/(\.\d*[1-9])0+$/, "$1")) },
         { ...axis, size: (u, values) => Math.max(40, ...(values ?? []).map((one) => one.length * 7 + 12)), space: 32, splits: spec.log ? () => logTicks(low, high) : undefined, filter: spec.log ? (u, at) => at : undefined, values: (u, at) => at.map((value) => (spec.formatTick ?? spec.format)(value)) },
       ],
       series: [{}, ...lines],
@@ -295,8 +295,13 @@ export function plot(given, owned) {
 }
 
 const month = new Intl.DateTimeFormat("en-GB", { month: "short" });
+// Axes of less than this show the time of day, others days: a day is named once.
+const SHORT_S = 2 * 86400;
+const MINUTES = [1, 2, 5, 10, 15, 30, 60, 120, 180, 360, 720].map((minutes) => 60 * minutes);
+const DAYS = [1, 2, 3, 5, 7, 10, 15, 30, 60, 90, 180, 365, 730, 1825].map((days) => 86400 * days);
+
 function timeTicks(at, scale) {
-  const short = scale.max - scale.min < 86400 * 2;
+  const short = scale.max - scale.min < SHORT_S;
   let year = null;
   return at.map((value) => {
     const day = new Date(value * 1000);

@@ -8,10 +8,23 @@ import { JOINT_COLORS, JOINT_DASHES, plot } from "./plot.js";
 import { badge } from "./status.js";
 import { runStatus } from "./robot.js";
 
+// Longer tables scroll inside their frame.
+const ROWS_SHOWN = 80;
 const STAGES = [["excitation", "Excitation"], ["friction", "Friction"], ["warming", "Warming"], ["all", "Whole cycle"]];
 
 function fact(name, value, more) {
   return h("div", null, h("dt", null, name), h("dd", null, value, more ? h("small", null, more) : null));
+}
+
+const sentences = (one) => [one.reason, one.remarks].filter(Boolean).flatMap((text) => text.split("\n"));
+// What is said of several cycles differs in its figures at most.
+const plain = (text) => text.replace(/[\d.]+/g, "#");
+
+/** What is said of every cycle, once. */
+function saidOfAll(rows) {
+  if (rows.length < 2) return [];
+  const others = rows.slice(1).map((one) => new Set(sentences(one).map(plain)));
+  return sentences(rows[0]).filter((text) => others.every((of) => of.has(plain(text))));
 }
 
 function cycleStatus(one) {
@@ -83,6 +96,8 @@ export function mount({ main, argument, query, choose, title }) {
       cycles = rows.filter((one) => one.status !== "refused").map((one) => one.cycle);
       fillCycles();
       if (!rows.length) return empty("No cycle is stored yet. A cycle is stored when the first row of the next one is written.");
+      const shared = saidOfAll(rows);
+      const known = new Set(shared.map(plain));
       const box = table({
         caption: `Cycles of run ${id}`, rows,
         columns: [
@@ -91,11 +106,11 @@ export function mount({ main, argument, query, choose, title }) {
           { title: "Rows", number: true, cell: (one) => count(one.rows) },
           { title: "Condition number, scaled", number: true, cell: (one) => digits(one.scaled_condition_number, 3) },
           { title: "Residual", number: true, cell: (one) => (isNumber(one.residual_std_nm) ? `${digits(one.residual_std_nm, 3)} Nm` : "–") },
-          { title: "Reason and remarks", wide: true, cell: (one) => [one.reason, one.remarks].filter(Boolean).flatMap((text) => text.split("\n")).map((text) => h("p", null, text)) },
+          { title: "Reason and remarks", wide: true, cell: (one) => sentences(one).filter((text) => !known.has(plain(text))).map((text) => h("p", null, text)) },
         ],
       });
-      box.classList.add("tall");
-      return box;
+      if (rows.length > ROWS_SHOWN) box.classList.add("tall");
+      return [...shared.map((text) => h("p", { class: "part-note" }, `All cycles, with the figures of the first: ${text}`)), box];
     },
   });
 
@@ -131,7 +146,7 @@ export function mount({ main, argument, query, choose, title }) {
           { title: "Stands for", wide: true, cell: (one) => one.grouping ?? "" },
         ],
       });
-      box.classList.add("tall");
+      if (rows.length > ROWS_SHOWN) box.classList.add("tall");
       return box;
     },
   });
