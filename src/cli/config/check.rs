@@ -20,7 +20,11 @@ pub(in crate::cli) fn check(global: &Global) -> Result<u8, CliError> {
             let remarks: Vec<_> = found.missing.iter().chain(&found.remarks).collect();
             if global.json {
                 let remarks: Vec<_> = remarks.into_iter().map(as_value).collect();
-                output::json(&json!({"origin": origin.to_string(), "problems": [], "warnings": remarks}));
+                let settings = summary(&config);
+                output::json(&json!({
+                    "origin": origin.to_string(), "problems": [], "warnings": remarks,
+                    "settings": settings.lines().collect::<Vec<_>>(),
+                }));
             } else {
                 output::line(&format!("{origin}: no problems\n\n{}", summary(&config)));
                 remarks.into_iter().for_each(|remark| output::line(&format!("warning: {remark}")));

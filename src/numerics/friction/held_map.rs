@@ -27,15 +27,23 @@ pub struct HeldMap {
     pub(super) usual: Vec<Option<f64>>,
 }
 
-/// Mean effects over the runs of a baseline, from which those of all runs are counted.
+/// Least change of friction between runs of a baseline, as a fraction, that ends the part that is counted from.
+const LEAST_CHANGE: f64 = 0.08;
+/// How many standard deviations of the runs within the two parts the change must be.
+const STANDS_OUT: f64 = 4.0;
+/// Least standard deviation from run to run that two or three runs are believed to have.
+const LEAST_DEVIATION: f64 = 0.005;
+
+/// Mean effects over the runs of a baseline, from which those of all runs are counted; over those before the change
+/// where friction jumped from one to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Zero {
     wear: f64,
     ambient: f64,
     /// Variance of `wear`.
     variance: f64,
-    /// Number of runs.
-    runs: f64,
+    /// Twice the share that each run of the baseline has in the mean; zero where some have none.
+    own_share: f64,
 }
 
 /// Effects of a run relative to the baseline.
@@ -48,7 +56,9 @@ pub(super) struct Relative {
 
 impl Zero {
     pub(super) fn of(effects: &[RunEffect]) -> Self {
-        let baseline = identified(effects);
+        let all = identified(effects);
+        let change = change_between(&all);
+        let baseline = &all[..change.unwrap_or(all.len())];
         let of = |what: &dyn Fn(&RunEffect) -> f64| {
             mean(&baseline.iter().map(|run| what(run)).collect::<Vec<f64>>()).unwrap_or(0.0)
         };
@@ -57,7 +67,7 @@ impl Zero {
             wear: of(&|e| e.wear),
             ambient: of(&|e| e.ambient.value),
             variance: of(&|e| e.variance) / runs.max(1.0),
-            runs,
+            own_share: if change.is_some() || baseline.is_empty() { 0.0 } else { 2.0 / runs },
         }
     }
 
@@ -71,13 +81,33 @@ impl Zero {
     /// The variance `v` becomes `v + mean v / n` for a baseline of `n` runs, and `(1 - 2 / n) v + mean v / n` for a run
     /// that is one of them, because its own effect is the `n`th part of the mean.
     pub(super) fn relative(&self, effect: &RunEffect, in_baseline: bool) -> Relative {
-        let own = if in_baseline { 1.0 - 2.0 / self.runs } else { 1.0 };
+        let own = if in_baseline { 1.0 - self.own_share } else { 1.0 };
         Relative {
             wear: (1.0 + effect.wear) / (1.0 + self.wear) - 1.0,
             variance: (own * effect.variance + self.variance).max(0.0),
             ambient: Estimate { value: effect.ambient.value - self.ambient, ..effect.ambient },
         }
     }
+}
+
+/// Place of the first run after a jump of friction from one run to the next: two runs or more before it, and a change that
+/// stands out of the scatter on both sides. `None` without one.
+fn change_between(runs: &[&RunEffect]) -> Option<usize> {
+    let level = |of: &[&RunEffect]| mean(&of.iter().map(|run| run.wear.ln_1p()).collect::<Vec<f64>>());
+    let stands_out = |at: &usize| {
+        let (before, after) = runs.split_at(*at);
+        let (from, to) = (level(before)?, level(after)?);
+        let squares = |of: &[&RunEffect], level: f64| {
+            of.iter().map(|run| (run.wear.ln_1p() - level).powi(2)).sum::<f64>()
+        };
+        let freedom = runs.len().saturating_sub(2).max(1) as f64;
+        let deviation =
+            ((squares(before, from) + squares(after, to)) / freedom).sqrt().max(LEAST_DEVIATION);
+        let change = (to - from).abs();
+        (change >= LEAST_CHANGE && change >= STANDS_OUT * deviation).then_some((*at, change / deviation))
+    };
+    let found = (2..runs.len()).filter_map(|at| stands_out(&at)).max_by(|a, b| a.1.total_cmp(&b.1));
+    found.map(|(at, _)| at)
 }
 
 /// Runs whose wear the data determine; all runs if there is none.

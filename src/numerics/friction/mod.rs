@@ -17,6 +17,7 @@ pub mod map;
 mod effect_layout;
 mod run_effects;
 pub mod record;
+mod jump;
 pub mod run_record;
 pub mod held_map;
 pub mod baseline;

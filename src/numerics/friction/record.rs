@@ -52,8 +52,10 @@ pub(super) struct RecordPoint {
     pub time: f64,
     /// Index into [`JointRecord::levels`].
     pub level: usize,
-    /// Mean of the magnitudes of both directions, Nm.
+    /// Mean of the magnitudes of both directions, scaled by `jump`, Nm.
     pub torque: f64,
+    /// What a jump of friction later in the run has done to it, as a factor; one without a jump.
+    pub jump: f64,
     /// Whether the run is long enough for its points to enter the map.
     pub in_map: bool,
     /// Thermal deficit of the run beyond the law's at this time, from the run's random effects.

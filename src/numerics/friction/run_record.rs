@@ -1,6 +1,7 @@
 //! What a run tells of the friction of one joint: points by level, motion with its activity, and whether there is enough
 //! of it for a baseline or an index.
 
+use super::jump::jump;
 use super::level_means::friction_means;
 use super::record::{CycleMotion, JointRecord, MapRun, RecordPoint};
 use super::thermal_state::MotionSpan;
@@ -36,7 +37,8 @@ pub(super) fn timeline(runs: &[&MapRun]) -> (Vec<CycleMotion>, Vec<f64>) {
     (spans, runs.iter().map(|run| run.started_at - epoch).collect())
 }
 
-/// Points of a joint at one speed, which has the index `level`, from the runs with enough of them.
+/// Points of a joint at one speed, which has the index `level`, from the runs with enough of them. Points before a jump
+/// inside a run are scaled to the friction after it.
 pub(super) fn level_points(
     joint: JointIndex,
     speed_fraction: f64,
@@ -51,14 +53,19 @@ pub(super) fn level_points(
             continue;
         }
         let in_map = means.len() >= FULL_RUN_POINTS;
-        points.extend(means.into_iter().map(|(time, torque)| RecordPoint {
-            run,
-            time: start + time,
-            level,
-            torque,
-            in_map,
-            offset: 0.0,
-            factor: 1.0,
+        let jump = jump(of_run, joint, &run_levels(of_run, joint));
+        points.extend(means.into_iter().map(|(time, torque)| {
+            let jump = jump.map_or(1.0, |jump| jump.factor(time));
+            RecordPoint {
+                run,
+                time: start + time,
+                level,
+                torque: torque * jump,
+                jump,
+                in_map,
+                offset: 0.0,
+                factor: 1.0,
+            }
         }));
     }
     points
@@ -76,15 +83,18 @@ fn usable_means(run: &MapRun, joint: JointIndex, speed_fraction: f64) -> Vec<(f6
 #[must_use]
 pub fn coverage(run: &MapRun) -> Vec<(JointIndex, usize)> {
     let of_joint = |joint: JointIndex| {
-        let levels =
-            speed_fractions(run.points.iter().filter(|p| p.joint == joint).map(|p| p.speed_fraction));
-        let counts = levels.into_iter().map(|level| usable_means(run, joint, level).len());
+        let counts = run_levels(run, joint).into_iter().map(|level| usable_means(run, joint, level).len());
         (joint, counts.max().unwrap_or(0))
     };
     let mut joints: Vec<JointIndex> = run.points.iter().map(|p| p.joint).collect();
     joints.sort_unstable();
     joints.dedup();
     joints.into_iter().map(of_joint).collect()
+}
+
+/// Speeds of a joint in a run, rising, as fractions of its largest.
+fn run_levels(run: &MapRun, joint: JointIndex) -> Vec<f64> {
+    speed_fractions(run.points.iter().filter(|p| p.joint == joint).map(|p| p.speed_fraction))
 }
 
 /// Speeds, rising and each once.
@@ -115,8 +125,8 @@ pub(super) fn known_speed(joint: JointIndex, span: &CycleMotion) -> Option<f64> 
     span.speeds.get(joint.index()).copied().filter(|speed| speed.is_finite())
 }
 
-/// Mean friction of a level in one run of a record, Nm; `None` without points.
+/// Mean friction of a level in one run of a record, as measured, Nm; `None` without points.
 pub(super) fn level_mean(record: &JointRecord, run: usize, level: usize) -> Option<f64> {
     let of_level = record.points.iter().filter(|p| p.run == run && p.level == level);
-    mean(&of_level.map(|p| p.torque).collect::<Vec<f64>>())
+    mean(&of_level.map(|p| p.torque / p.jump).collect::<Vec<f64>>())
 }

@@ -567,3 +567,30 @@ fn too_few_runs_and_friction_that_does_not_fall_are_said() {
     assert!(found.remarks.iter().all(|r| r.contains("does not fall")), "{:?}", found.remarks);
     assert_eq!(robot_friction(&[], BASELINE), RobotFriction::default());
 }
+
+/// Friction that jumps in a cycle of a run, as `step` of the simulator: the run has points of before and after.
+#[test]
+fn a_jump_inside_a_run_of_the_baseline_has_its_own_size() {
+    const JUMP: f64 = 0.25;
+    let mut arm = Arm::new(11);
+    let mut worn = [0.0; JOINTS];
+    worn[1] = JUMP;
+    arm.go_on(3, 3.0, [0.0; JOINTS]);
+    arm.go_on(1, 3.0, [0.0; JOINTS]);
+    for point in arm.runs[3].points.iter_mut().filter(|p| p.joint.index() == 1) {
+        point.torque *= if point.time < 5.0 * CYCLE_S { 1.0 } else { 1.0 + JUMP };
+    }
+    arm.go_on(1, 3.0, worn);
+    let found = arm.friction();
+    let index = |run: usize, joint: usize| found.indices[run][joint].index.value;
+    for run in 0..3 {
+        assert!((index(run, 1) - 1.0).abs() < 0.02, "run {run}: {}", index(run, 1));
+    }
+    for run in [3, 4] {
+        let change = index(run, 1) - 1.0;
+        assert!((change - JUMP).abs() < 0.04, "run {run}: {change:+.3}");
+    }
+    for (run, joint) in (0..5).flat_map(|run| [0, 2, 3, 4, 5].map(|joint| (run, joint))) {
+        assert!((index(run, joint) - 1.0).abs() < 0.03, "run {run}, joint {}", joint + 1);
+    }
+}
