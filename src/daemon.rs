@@ -18,6 +18,7 @@ mod signals;
 pub mod snapshots;
 mod stale;
 mod start;
+mod turn;
 mod vanished;
 
 use std::collections::{HashMap, HashSet};
@@ -46,6 +47,7 @@ use outcome_log::log_outcome;
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
 use start::{begun_before, reweight};
+use turn::{Class, ReadMode, named_robot, robot_of};
 use vanished::Missing;
 
 /// Hints that arrive within this time cause one scan: a copy of a large file makes thousands.
@@ -54,24 +56,6 @@ const HINT_PAUSE: Duration = Duration::from_millis(100);
 /// Between two scans that hints cause, so many times what the last one took passes: files that grow
 /// all day must not make the daemon look at thousands of others all day.
 const SCAN_SHARE: u32 = 10;
-
-/// Settled files, by what they ask of the machine. Each class has places of its own, so that no number of large
-/// or slow files holds up small ones.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Class {
-    /// Read within seconds.
-    Small,
-    /// Read within minutes or more.
-    Large,
-}
-
-impl Class {
-    const ALL: [Self; 2] = [Self::Small, Self::Large];
-
-    fn of(bytes: u64, config: &Config) -> Self {
-        if bytes < config.limits.large_file_bytes { Self::Small } else { Self::Large }
-    }
-}
 
 /// Conclusions that still wait when the daemon is to stop are drawn for this long, the others at the next start: a
 /// fleet's backlog takes minutes, and who stops a service waits for seconds.
@@ -85,17 +69,9 @@ pub enum Event<'a> {
     /// What a robot's history says.
     Concluded(&'a Concluded),
 }
+
 /// Why a run ends whose file is gone.
 const VANISHED: &str = "the file vanished before it was read to its end; put it back, or export it again";
-
-/// Which way a file is taken.
-#[derive(Debug, Clone, PartialEq, Eq)]
-enum ReadMode {
-    /// As it grows.
-    Growing,
-    /// As it has settled, in the turn of its robot.
-    Settled(String, Class),
-}
 
 /// A file whose task has ended.
 struct Closed {
@@ -624,16 +600,4 @@ fn end_of(outcome: &Outcome) -> ExportEnd {
             ExportEnd::Later
         }
     }
-}
-
-/// The robot that an export's name says, or the path of one that says none: such files do not wait for each
-/// other.
-fn robot_of(config: &Config, path: &Path) -> String {
-    named_robot(config, path).unwrap_or_else(|| path.display().to_string())
-}
-
-/// The robot that an export's name says.
-fn named_robot(config: &Config, path: &Path) -> Option<String> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    config.recognition.recognise(&name).ok().map(|recognised| recognised.robot)
 }

@@ -3,7 +3,7 @@
 use armwatch::cli::Cli;
 use clap::Command;
 
-use crate::support::{Workshop, reference, text};
+use crate::support::{self, Workshop, reference, text};
 
 /// Words that lead to each command that does something and is not hidden, with the command.
 fn commands(of: &Command, words: &[String], found: &mut Vec<(Vec<String>, Command)>) {
@@ -27,18 +27,6 @@ fn examples(help: &str) -> Vec<String> {
     lines.map(|line| line.split(['|', '>', '<']).next().unwrap_or_default().trim().to_owned()).collect()
 }
 
-/// Words of a command line as a shell gives them; what stands between double quotes is one word.
-fn words_of(line: &str) -> Vec<String> {
-    let mut words = Vec::new();
-    for (place, part) in line.split('"').enumerate() {
-        match place % 2 {
-            0 => words.extend(part.split_whitespace().map(str::to_owned)),
-            _ => words.push(part.to_owned()),
-        }
-    }
-    words
-}
-
 #[test]
 fn every_command_has_help_with_examples() {
     let mut found = Vec::new();
@@ -53,7 +41,7 @@ fn every_command_has_help_with_examples() {
         assert!(!examples.is_empty(), "no examples in the help of {line}:\n{help}");
         for example in examples {
             assert!(example == line || example.starts_with(&format!("{line} ")), "of {line}: {example}");
-            let parsed = Cli::dressed_command().try_get_matches_from(words_of(&example));
+            let parsed = Cli::dressed_command().try_get_matches_from(support::words(&example));
             assert!(parsed.is_ok(), "{example}\n{}", parsed.expect_err("a fault"));
         }
     }

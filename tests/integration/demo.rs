@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 
 use serde_json::Value;
 
-use crate::support::{Workshop, end_of, text};
+use crate::support::{Workshop, end_of, text, words};
 
 /// Folder of a demo that has ended, for the tests on its database.
 const FOLDER: &str = "ARMWATCH_DEMO";
@@ -88,18 +88,6 @@ fn commands(page: &str) -> Vec<Vec<String>> {
     let text = blocks(page, "console").concat().replace("\\\n", " ");
     let lines = text.lines().filter_map(|line| line.strip_prefix("$ armwatch "));
     lines.map(|line| words(line.split_once(" #").map_or(line, |(command, _)| command))).collect()
-}
-
-/// Words as a shell gives them; what stands between double quotes is one word.
-fn words(line: &str) -> Vec<String> {
-    let mut words = Vec::new();
-    for (place, part) in line.split('"').enumerate() {
-        match place % 2 {
-            0 => words.extend(part.split_whitespace().map(str::to_owned)),
-            _ => words.push(part.to_owned()),
-        }
-    }
-    words
 }
 
 /// Statements of SQL blocks.

@@ -358,3 +358,15 @@ pub fn assert_alike(found: &str, expected: &str, of: &str) {
     let lines = [found, expected].map(|dump| dump.lines().count());
     assert!(found == expected, "{of}: {lines:?} lines\n{}", differing.join("\n"));
 }
+
+/// Words of a command line as a shell gives them; what stands between double quotes is one word.
+pub fn words(line: &str) -> Vec<String> {
+    let mut words = Vec::new();
+    for (place, part) in line.split('"').enumerate() {
+        match place % 2 {
+            0 => words.extend(part.split_whitespace().map(str::to_owned)),
+            _ => words.push(part.to_owned()),
+        }
+    }
+    words
+}

@@ -101,8 +101,7 @@ fn change_between(runs: &[&RunEffect]) -> Option<usize> {
             of.iter().map(|run| (run.wear.ln_1p() - level).powi(2)).sum::<f64>()
         };
         let freedom = runs.len().saturating_sub(2).max(1) as f64;
-        let deviation =
-            ((squares(before, from) + squares(after, to)) / freedom).sqrt().max(LEAST_DEVIATION);
+        let deviation = ((squares(before, from) + squares(after, to)) / freedom).sqrt().max(LEAST_DEVIATION);
         let change = (to - from).abs();
         (change >= LEAST_CHANGE && change >= STANDS_OUT * deviation).then_some((*at, change / deviation))
     };

@@ -23,8 +23,11 @@ const STANDS_OUT: f64 = 3.0;
 /// Longest time between the cycles of a jump, as a multiple of the usual time. A longer rest cools the joint.
 const LONGEST_REST: f64 = 1.5;
 
-/// Cycles on each side whose changes tell what warming would have done.
-const NEIGHBOURS: usize = 2;
+/// How much of the first change counts among the others: a cold joint warms fastest there.
+const FIRST_CHANGE: f64 = 0.5;
+
+/// Nearest other changes, whose median tells what warming would have done. A jump among so many does not move it far.
+const NEIGHBOURS: usize = 4;
 
 /// A jump of a joint's friction inside a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,10 +62,11 @@ pub(super) fn jump(run: &MapRun, joint: JointIndex, levels: &[f64]) -> Option<Ju
     let rests: Vec<f64> = means.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
     let changes: Vec<f64> = means.windows(2).map(|pair| pair[1].1 - pair[0].1).collect();
     let beyond = beyond_neighbours(&changes)?;
-    // the first change is that of a cold joint, steeper than all others
     let at = (LEAST_CYCLES - 1..beyond.len().checked_sub(LEAST_CYCLES - 1)?)
         .max_by(|a, b| beyond[*a].abs().total_cmp(&beyond[*b].abs()))?;
-    let others = (1..beyond.len()).filter(|other| *other != at).map(|other| beyond[other].abs());
+    let share = |other: usize| if other == 0 { FIRST_CHANGE } else { 1.0 };
+    let others =
+        (0..beyond.len()).filter(|other| *other != at).map(|other| share(other) * beyond[other].abs());
     let least = (STANDS_OUT * others.fold(0.0, f64::max)).max(LEAST_JUMP);
     let rested = rests[at] > LONGEST_REST * median(&rests)?;
     (beyond[at].abs() >= least && !rested).then(|| Jump { at: means[at + 1].2, factor: beyond[at].exp() })
@@ -74,13 +78,12 @@ fn logarithms(run: &MapRun, joint: JointIndex, level: f64) -> Vec<(f64, f64)> {
     means.into_iter().filter(|mean| mean.torque > 0.0).map(|mean| (mean.time, mean.torque.ln())).collect()
 }
 
-/// Each change less the median of those up to [`NEIGHBOURS`] places away.
+/// Each change less the median of the [`NEIGHBOURS`] others that are nearest.
 fn beyond_neighbours(changes: &[f64]) -> Option<Vec<f64>> {
     let beyond = |at: usize| {
-        let from = at.saturating_sub(NEIGHBOURS);
-        let to = (at + NEIGHBOURS + 1).min(changes.len());
-        let neighbours: Vec<f64> =
-            (from..to).filter(|other| *other != at).map(|other| changes[other]).collect();
+        let mut others: Vec<usize> = (0..changes.len()).filter(|other| *other != at).collect();
+        others.sort_by_key(|other| other.abs_diff(at));
+        let neighbours: Vec<f64> = others.iter().take(NEIGHBOURS).map(|other| changes[*other]).collect();
         Some(changes[at] - median(&neighbours)?)
     };
     (0..changes.len()).map(beyond).collect()

@@ -54,7 +54,8 @@ pub(in crate::store) async fn of_run(
     .await
 }
 
-fn of_row(row: &SqliteRow) -> Result<CycleRmsd, sqlx::Error> {
+/// A row with the columns `cycle`, `joint` and `moving_relative_rmsd`.
+pub(super) fn of_row(row: &SqliteRow) -> Result<CycleRmsd, sqlx::Error> {
     Ok(CycleRmsd {
         cycle: size(row, "cycle")?,
         joint: joint(row, "joint")?,

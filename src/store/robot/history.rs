@@ -208,13 +208,7 @@ async fn excitation_rmsd(
          ORDER BY cycle.number, joint",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
-        Ok(CycleRmsd {
-            cycle: size(&row, "cycle")?,
-            joint: joint(&row, "joint")?,
-            relative_rmsd: row.try_get("moving_relative_rmsd")?,
-        })
-    })
+    .try_map(|row: SqliteRow| cycle_rmsd::of_row(&row))
     .fetch_all(executor)
     .await
 }

@@ -1,0 +1,135 @@
+//! What is said of an export and of what its robot's history says with it.
+
+use std::path::Path;
+use std::time::Duration;
+
+use serde_json::json;
+
+use crate::cli::shared::output;
+use crate::pipeline::conclude::history::Concluded;
+use crate::pipeline::context::Outcome;
+use crate::robot::JointIndex;
+use crate::store::{EventKind, RunResult};
+
+/// `34 s`, `2 min 5 s`, `1 h 12 min`.
+pub(super) fn lasting(time: Duration) -> String {
+    match time.as_secs() {
+        seconds @ 0..60 => format!("{seconds} s"),
+        seconds @ 60..3600 => format!("{} min {} s", seconds / 60, seconds % 60),
+        seconds => format!("{} h {} min", seconds / 3600, seconds % 3600 / 60),
+    }
+}
+
+pub(super) fn print(path: &Path, outcome: &Outcome, empty: Option<&RunResult>, as_json: bool) {
+    if as_json {
+        let mut value = as_value(path, outcome);
+        if matches!(outcome, Outcome::Stored(_) | Outcome::AlreadyStored { .. }) {
+            value["without_result"] = empty.is_some().into();
+        }
+        output::json(&value);
+        return;
+    }
+    let text = as_text(path, outcome);
+    let (said, rest) = text.split_once(' ').unwrap_or((&text, ""));
+    output::line(&format!("{} {rest}", output::coloured(said)));
+    if let Some(result) = empty {
+        output::line(&format!("             {}", no_result(result, matches!(outcome, Outcome::Stored(_)))));
+    }
+}
+
+/// Why an export gave no result; the reason itself stands above where the export was read just now.
+fn no_result(result: &RunResult, is_read_now: bool) -> String {
+    let reason = result.reason.as_deref().filter(|_| !is_read_now);
+    match (result.refused, reason) {
+        (0, _) => "no result: it holds no cycle that could be measured".into(),
+        (refused, reason) => format!(
+            "no result: {refused} of {} were refused{}",
+            counted(result.cycles),
+            reason.map_or_else(String::new, |reason| format!(": {reason}"))
+        ),
+    }
+}
+
+/// What a robot's history says with the new runs: nothing is printed where it says nothing new.
+pub(super) fn print_conclusions(concluded: &Concluded, as_json: bool) {
+    for event in &concluded.events {
+        let what = event.what.name();
+        if as_json {
+            // only what calls for a look counts as an anomaly
+            let outcome = if event.what.calls() { "anomaly" } else { "anomaly_event" };
+            output::json(&json!({
+                "outcome": outcome, "event": what, "robot": concluded.robot,
+                "joint": event.joint.map(JointIndex::number), "anomaly_id": event.anomaly_id, "kind": event.kind,
+                "severity": event.severity.name(), "message": event.message,
+            }));
+        } else {
+            let (said, more) = match event.what {
+                EventKind::Opened => (event.severity.name(), String::new()),
+                _ if event.what.calls() => (event.severity.name(), format!(" ({what})")),
+                _ => (what, String::new()),
+            };
+            let said = output::padded(&output::coloured(said), 12);
+            output::line(&format!("{said} {} {}{more}: {}", concluded.robot, event.kind, event.message));
+        }
+    }
+}
+
+fn as_text(path: &Path, outcome: &Outcome) -> String {
+    let file = path.display();
+    match outcome {
+        Outcome::Stored(run) => {
+            let mut text = format!(
+                "stored       {file}: robot {}, run {}, {}, {} rows",
+                run.robot,
+                run.run_id,
+                counted(run.cycles),
+                run.rows
+            );
+            // what is wrong with a channel is mostly wrong in every cycle
+            for (cycles, reason) in run.refusals() {
+                text.push_str(&format!("\n             {cycles} without parameters: {reason}"));
+            }
+            text
+        }
+        Outcome::AlreadyStored { run_id } => format!("known        {file}: stored as run {run_id}"),
+        Outcome::Quarantined { rejection, cycles, .. } => {
+            let kept = match cycles {
+                0 => String::new(),
+                1 => " (1 cycle before it is stored)".into(),
+                _ => format!(" ({cycles} cycles before it are stored)"),
+            };
+            format!("quarantined  {rejection}{kept}")
+        }
+        Outcome::Unreadable { rejection } => format!("unreadable   {rejection}; then run again"),
+        Outcome::Interrupted => format!("interrupted  {file}: run again to continue"),
+        Outcome::InWork { run_id } => format!("in work      {file}: being read as run {run_id}; run again"),
+        Outcome::Changed => format!("changed      {file}: changed or vanished while it was read; run again"),
+    }
+}
+
+fn counted(cycles: u32) -> String {
+    if cycles == 1 { "1 cycle".into() } else { format!("{cycles} cycles") }
+}
+
+fn as_value(path: &Path, outcome: &Outcome) -> serde_json::Value {
+    let file = path.display().to_string();
+    match outcome {
+        Outcome::Stored(run) => json!({
+            "file": file, "outcome": "stored", "run_id": run.run_id, "robot": run.robot,
+            "cycles": run.cycles, "rows": run.rows,
+            "refused": run.refused.iter().map(|(cycle, reason)| json!({"cycle": cycle, "reason": reason})).collect::<Vec<_>>(),
+        }),
+        Outcome::AlreadyStored { run_id } => json!({"file": file, "outcome": "known", "run_id": run_id}),
+        Outcome::Quarantined { run_id, rejection, cycles, .. } => json!({
+            "file": file, "outcome": "quarantined", "run_id": run_id, "reason": rejection.sentence(),
+            "line": rejection.line, "column": rejection.column, "value": rejection.value,
+            "remedy": rejection.remedy, "cycles": cycles,
+        }),
+        Outcome::Unreadable { rejection } => json!({
+            "file": file, "outcome": "unreadable", "reason": rejection.sentence(), "remedy": rejection.remedy,
+        }),
+        Outcome::Interrupted => json!({"file": file, "outcome": "interrupted"}),
+        Outcome::Changed => json!({"file": file, "outcome": "changed"}),
+        Outcome::InWork { run_id } => json!({"file": file, "outcome": "in_work", "run_id": run_id}),
+    }
+}

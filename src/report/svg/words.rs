@@ -1,0 +1,51 @@
+//! Words in a picture: escaped, broken into lines, and squeezed where they are too long.
+
+use std::fmt::Write;
+
+use super::{LETTER, WIDTH};
+
+pub(super) fn text(svg: &mut String, x: f64, y: f64, class: &str, words: &str) {
+    let _ = writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>", escaped(words));
+}
+
+/// Words in lines that the picture has room for.
+pub(super) fn lines_of(words: &str) -> Vec<String> {
+    let most = ((WIDTH - 32.0) / LETTER) as usize;
+    let mut lines: Vec<String> = Vec::new();
+    for word in words.split_whitespace() {
+        match lines.last_mut().filter(|line| line.chars().count() + 1 + word.chars().count() <= most) {
+            Some(line) => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            None => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+/// Makes a line of text that would leave the page as narrow as the page is; its letters are `size` times the usual.
+pub(super) fn squeezed(words: &str, size: f64) -> String {
+    let room = WIDTH - 32.0;
+    if LETTER * size * words.chars().count() as f64 <= room {
+        return String::new();
+    }
+    format!(" textLength=\"{room}\" lengthAdjust=\"spacingAndGlyphs\"")
+}
+
+/// Text as XML holds it; what XML 1.0 has no place for is left out.
+pub(in crate::report) fn escaped(words: &str) -> String {
+    let mut safe = String::with_capacity(words.len());
+    for c in words.chars() {
+        match c {
+            '&' => safe.push_str("&amp;"),
+            '<' => safe.push_str("&lt;"),
+            '>' => safe.push_str("&gt;"),
+            '"' => safe.push_str("&quot;"),
+            '\n' | '\t' => safe.push(c),
+            c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => {}
+            c => safe.push(c),
+        }
+    }
+    safe
+}
