@@ -139,3 +139,52 @@ pub(super) fn held_record(
         remarks: Vec::new(),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn effects(wears: &[f64]) -> Vec<RunEffect> {
+        let effect = |wear: &f64| RunEffect {
+            points: 48,
+            in_map: true,
+            identified: true,
+            wear: *wear,
+            variance: 1e-5,
+            ambient: Estimate { value: 0.0, std_error: 0.01 },
+            start: [0.0; 2],
+        };
+        wears.iter().map(effect).collect()
+    }
+
+    #[test]
+    fn indices_are_counted_from_the_runs_before_a_jump() {
+        for (wears, before) in [
+            ([-0.10, -0.09, -0.10, 0.14, 0.15], -0.29 / 3.0),
+            ([0.1, 0.1, -0.1, -0.1, -0.1], 0.1),
+            ([0.0, 0.01, 0.0, 0.01, 0.2], 0.005),
+        ] {
+            let effects = effects(&wears);
+            let zero = Zero::of(&effects);
+            assert!((zero.wear - before).abs() < 1e-12, "{wears:?}: {zero:?}");
+            let last = zero.relative(&effects[4], true);
+            assert!((last.wear - ((1.0 + wears[4]) / (1.0 + before) - 1.0)).abs() < 1e-12);
+            assert!(last.variance >= effects[4].variance, "a run after the jump has no part in the mean");
+        }
+    }
+
+    #[test]
+    fn wear_scatter_and_a_single_first_run_are_no_jump() {
+        for wears in [
+            [0.0, 0.04, 0.08, 0.12, 0.16],
+            [0.03, -0.04, 0.05, -0.02, 0.04],
+            [0.2, 0.0, 0.01, 0.0, 0.01],
+            [0.0, 0.01, 0.0, 0.01, 0.06],
+        ] {
+            let zero = Zero::of(&effects(&wears));
+            let mean = wears.iter().sum::<f64>() / 5.0;
+            assert!((zero.wear - mean).abs() < 1e-12, "{wears:?}: {zero:?}");
+            assert_eq!(zero.own_share, 0.4);
+        }
+    }
+}
