@@ -28,7 +28,7 @@ use crate::numerics::statistics::descriptive::{median, robust_deviation};
 use crate::robot::JointIndex;
 
 /// Least factor by which a cycle stands out of its neighbours.
-const LEAST_RATIO: f64 = 2.0;
+const LEAST_RATIO: f64 = 1.5;
 /// The same as a multiple of how far any earlier cycle stood out, in logarithms.
 const BEYOND_EARLIER: f64 = 1.5;
 /// Least standard deviation of a cycle about its neighbours, in logarithms.
