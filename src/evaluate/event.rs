@@ -30,6 +30,8 @@ pub(super) struct Event {
     pub(super) unexplained_nm: Vec<f64>,
     /// Exponent of wear over time, 1 for a line.
     pub(super) bend: f64,
+    /// Another joint that has it too, where a scenario is of two, and by how many times as much.
+    pub(super) other: (usize, f64),
 }
 
 impl Event {
@@ -57,7 +59,7 @@ impl Event {
             S::WearByTest => draws.log_between(0.003, 0.05),
             S::StepBetween | S::StepInside | S::StepInBaseline => jump(draws),
             S::Payload => draws.sign(0.3) * draws.log_between(0.1, 5.0),
-            S::Jitter => draws.log_between(0.02, 0.2),
+            S::Jitter | S::CoupledJitter => draws.log_between(0.02, 0.2),
             S::WarmUp if draws.happens(0.3) => draws.log_between(0.35, 0.75),
             S::WarmUp => draws.log_between(1.3, 3.0),
             S::TorqueOffset => draws.sign(0.5) * draws.log_between(2.0, 16.0),
@@ -89,7 +91,13 @@ impl Event {
             parameters: DVector::zeros(arm.theta.len()),
             unexplained_nm: vec![0.0; n],
             bend: draws.between(0.7, 2.0),
+            other: (joint, 0.0),
         };
+        if scenario == S::CoupledJitter {
+            // the neighbour swings by as much, or by half as much, with it or against it
+            let neighbour = if joint + 1 < n { joint + 1 } else { joint - 1 };
+            event.other = (neighbour, draws.sign(0.5) * draws.between(0.5, 1.0));
+        }
         event.change_parameters(arm, draws);
         event
     }
@@ -98,7 +106,7 @@ impl Event {
     pub(super) fn named_joint(&self) -> Option<JointIndex> {
         use Scenario as S;
         match self.scenario {
-            S::Payload => None,
+            S::Payload | S::CoupledJitter => None,
             of if of.kind().is_none() => None,
             _ => Some(JointIndex::new(self.joint)),
         }

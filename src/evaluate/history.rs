@@ -119,6 +119,8 @@ fn frictions(arm: &Arm<'_>, event: &Event, moments: &[Moment], draws: &mut Draws
         let minutes: Vec<f64> =
             (0..moment.cycles).map(|k| (k as f64 + 0.5) * arm.program.cycle_min).collect();
         let repaired = event.scenario == Scenario::Repair && run >= event.onset;
+        let mut apart = draws.aside();
+        let swing: Vec<f64> = minutes.iter().map(|_| event.size * apart.normal()).collect();
         let mut ln_ratio = Vec::with_capacity(n);
         for (j, joint) in arm.joints.iter().enumerate() {
             let correlation = joint.walk_correlation;
@@ -141,6 +143,7 @@ fn frictions(arm: &Arm<'_>, event: &Event, moments: &[Moment], draws: &mut Draws
                 joint.ln_friction(moment.hall_k, &cold, slow, minutes[k])
                     + level
                     + step
+                    + event.share_of_swing(j, run) * swing[k]
                     + scatter * draws.noise(arm.tails)
             };
             ln_ratio.push((0..minutes.len()).map(|k| of(k, draws)).collect());
@@ -177,6 +180,15 @@ impl Event {
             Scenario::Payload => {
                 FRICTION_OF_LOAD * self.size * arm.joints[joint].torque_nm.max(1.0).sqrt().recip()
             }
+            _ => 0.0,
+        }
+    }
+
+    /// How much of a swing that joints have together is a joint's.
+    fn share_of_swing(&self, joint: usize, run: usize) -> f64 {
+        match self.scenario {
+            Scenario::CoupledJitter if run >= self.onset && joint == self.joint => 1.0,
+            Scenario::CoupledJitter if run >= self.onset && joint == self.other.0 => self.other.1,
             _ => 0.0,
         }
     }

@@ -45,6 +45,8 @@ pub enum Scenario {
     ZeroPosition,
     /// Something pushes a joint for some seconds of one cycle.
     Contact,
+    /// Friction of two joints varies from cycle to cycle, in the same cycles.
+    CoupledJitter,
 }
 
 /// One row of the table of scenarios.
@@ -55,7 +57,7 @@ struct Row {
     size: &'static str,
 }
 
-const ROWS: [Row; 20] = {
+const ROWS: [Row; 21] = {
     const fn row(
         scenario: Scenario,
         name: &'static str,
@@ -96,13 +98,19 @@ const ROWS: [Row; 20] = {
             Some(Accuracy),
             "push over the cycle, RMS, fraction of the joint's torque",
         ),
+        row(
+            Scenario::CoupledJitter,
+            "coupled-jitter",
+            Some(Oscillation),
+            "standard deviation of the first joint, fraction of friction",
+        ),
     ]
 };
 
 impl Scenario {
     /// All of them, those of healthy robots first.
-    pub const ALL: [Self; 20] = {
-        let mut all = [Self::Healthy; 20];
+    pub const ALL: [Self; 21] = {
+        let mut all = [Self::Healthy; 21];
         let mut at = 0;
         while at < all.len() {
             all[at] = ROWS[at].scenario;

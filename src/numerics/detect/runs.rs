@@ -20,6 +20,7 @@ mod friction_swing;
 mod warm_up;
 mod arm_change;
 mod contact;
+mod coupled_swing;
 mod oscillation;
 mod accuracy;
 mod unlike_peers;
@@ -36,6 +37,7 @@ use self::arm::{ArmEvidence, arm_evidence};
 use self::arm_change::arm_changes;
 use self::common_change::{common_changes, common_parts};
 use self::contact::contacts;
+use self::coupled_swing::joined;
 use self::curve::causes::causes;
 use self::curve::run_cause::{RunCause, least_advantage};
 use self::friction_drift::FrictionDrift;
@@ -108,6 +110,7 @@ pub fn detect_among(history: &[RunSummary], peers: &[Peer], settings: &DetectSet
         }
         findings.anomalies.extend(found);
     }
+    findings.anomalies = joined(findings.anomalies, history, joints);
     findings.anomalies.extend(without_result(history));
     findings.expected_by = expected_by(history, settings.overdue_factor);
     findings

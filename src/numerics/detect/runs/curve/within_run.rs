@@ -27,6 +27,14 @@ pub(super) fn scatter(curve: &Curve) -> Option<f64> {
     Some((best.1 / freedom(curve)).sqrt())
 }
 
+/// Parameters of a smooth course; its time constants count as one.
+pub(in crate::numerics::detect::runs) const COURSE_PARAMETERS: f64 = 4.0;
+
+/// What a smooth course leaves of each cycle; `None` with too few cycles.
+pub(in crate::numerics::detect::runs) fn residuals(curve: &Curve) -> Option<Vec<f64>> {
+    (curve.len() >= FEWEST_CYCLES).then(|| course(curve, &|_| 0.0).2)
+}
+
 /// Causes of one run by itself, the likeliest first. `usual` is the scatter of a cycle that a quiet joint has.
 pub(super) fn judge(curve: &Curve, usual: f64, prior: f64) -> Vec<Judged> {
     let n = curve.len() as f64;
@@ -62,6 +70,12 @@ pub(super) fn judge(curve: &Curve, usual: f64, prior: f64) -> Vec<Judged> {
 /// Size of a pattern, and the sum of squares that a smooth curve with it leaves. A pattern
 /// that is 0 everywhere has the size 0.
 fn smooth(curve: &Curve, pattern: &dyn Fn(usize) -> f64) -> (f64, f64) {
+    let (size, sum, _) = course(curve, pattern);
+    (size, sum)
+}
+
+/// As [`smooth`], with what is left of each cycle.
+fn course(curve: &Curve, pattern: &dyn Fn(usize) -> f64) -> (f64, f64, Vec<f64>) {
     let start = curve.first().map_or(0.0, |point| point.minute);
     let length = curve.last().map_or(1.0, |point| point.minute) - start;
     let y = DVector::from_fn(curve.len(), |i, _| curve[i].ln_torque);
@@ -73,7 +87,8 @@ fn smooth(curve: &Curve, pattern: &dyn Fn(usize) -> f64) -> (f64, f64) {
             _ => decay(constants[k - 2], i),
         });
         let solved = x.clone().svd(true, true).solve(&y, 1e-9).ok()?;
-        Some((solved[1], (&y - &x * &solved).norm_squared()))
+        let left = &y - &x * &solved;
+        Some((solved[1], left.norm_squared(), left.iter().copied().collect()))
     };
     let tried: Vec<Vec<f64>> = match curve.len() >= FEWEST_FOR_TWO {
         false => CONSTANTS.iter().map(|&of| vec![of]).collect(),
@@ -88,10 +103,10 @@ fn smooth(curve: &Curve, pattern: &dyn Fn(usize) -> f64) -> (f64, f64) {
         .iter()
         .filter_map(|constants| fit(constants))
         .min_by(|a, b| a.1.total_cmp(&b.1))
-        .unwrap_or((0.0, f64::INFINITY))
+        .unwrap_or_else(|| (0.0, f64::INFINITY, vec![0.0; curve.len()]))
 }
 
 /// Degrees of freedom that a smooth curve leaves; its time constants count as one.
 fn freedom(curve: &Curve) -> f64 {
-    curve.len() as f64 - if curve.len() >= FEWEST_FOR_TWO { 4.0 } else { 3.0 }
+    curve.len() as f64 - if curve.len() >= FEWEST_FOR_TWO { COURSE_PARAMETERS } else { 3.0 }
 }
