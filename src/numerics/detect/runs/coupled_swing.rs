@@ -1,7 +1,7 @@
 //! Joints that oscillate together: one alarm of the arm that names them.
 //!
-//! A belt, a coupled wrist or a supply that swings moves the friction, or the fit, of several joints in the same cycles.
-//! Joints with an oscillation in the same tests belong together if what their cycles differ by from a smooth course of the
+//! A belt, a coupled wrist or a supply that swings moves the friction of several joints in the same cycles.
+//! Joints whose friction oscillates in the same tests belong together if what their cycles differ by from a smooth course of the
 //! test is correlated: by [`LEAST_CORRELATION`] or more, and beyond what chance does to two joints that swing by
 //! themselves (Fisher's z over all tests that both oscillate in). The sign does not matter: what gives to one joint may
 //! take from the other.
@@ -12,6 +12,8 @@ use crate::anomaly::{Anomaly, AnomalyKind, RunSummary};
 use crate::numerics::statistics::distributions::normal_quantile;
 use crate::robot::JointIndex;
 
+/// The quantity of oscillations that are compared.
+const FRICTION_SWING: &str = "friction_swing";
 /// Least correlation: half of what one joint does is what the other does.
 const LEAST_CORRELATION: f64 = 0.7;
 /// Probability with which a pair of joints that swing by themselves may be taken for a coupled one.
@@ -76,7 +78,7 @@ pub(super) fn joined(mut found: Vec<Anomaly>, runs: &[RunSummary], joints: usize
     found
 }
 
-/// How two oscillations of the same quantity hang together, where they do.
+/// How two oscillations of friction hang together, where they do.
 fn coupled(
     one: &Anomaly,
     other: &Anomaly,
@@ -86,13 +88,13 @@ fn coupled(
     let (a, b) = (one.joint?, other.joint?);
     let ((from, to), (from_other, to_other)) = (span(one), span(other));
     let (first, last) = (from.max(from_other), to.min(to_other));
-    if a == b || one.quantity != other.quantity || first > last {
+    if a == b || [one, other].iter().any(|of| of.quantity != FRICTION_SWING) || first > last {
         return None;
     }
     let [mut own, mut others, mut products] = [0.0; 3];
     let (mut cycles, mut tests, mut freedom) = (0, 0, 0.0);
-    for run in first..=last {
-        let (of_a, of_b) = (&residuals[a.index()][run], &residuals[b.index()][run]);
+    let both = residuals[a.index()].iter().zip(&residuals[b.index()]);
+    for (of_a, of_b) in both.take(last + 1).skip(first) {
         let pairs: Vec<(f64, f64)> = of_a
             .iter()
             .filter_map(|(cycle, x)| of_b.iter().find(|(of, _)| of == cycle).map(|(_, y)| (*x, *y)))
