@@ -6,7 +6,8 @@
 //! |---|---|---|
 //! | `block` | one block of an export to channels in SI | polars alone on the same bytes |
 //! | `cycle` | one cycle: filter, identification, verification, friction | a QR of as many rows x 64 |
-//! | `sample` | rigid-body torque and regressor, state by state | |
+//! | `sample` | rigid-body torque and regressor, state by state | the regressor of four states at once |
+//! | `kernel` | low-pass of all channels, findings about them, triangular factors of all joints | |
 //! | `store` | one cycle into a database, a transaction each | |
 //!
 //! The input is one cycle of the full test of the ER3A (250 Hz, 180 s of warming), simulated.
@@ -22,8 +23,15 @@ use armwatch::ingest::bytes::blocks::{BLOCK_BYTES, Block, Blocks, Next};
 use armwatch::ingest::table::column_map::map_columns;
 use armwatch::ingest::table::polars_reader::Parser;
 use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use armwatch::numerics::diagnose::recording::diagnose_samples;
+use armwatch::numerics::diagnose::recording::view::DiagnoseSettings;
+use armwatch::numerics::identify::filtered_columns::filtered_coulomb_columns;
+use armwatch::numerics::identify::joint_factors::factor_cycle;
+use armwatch::numerics::lanes::{LANES, Lanes};
 use armwatch::numerics::model::dynamics::inverse_dynamics;
 use armwatch::numerics::model::regressor::{Regressor, joint_torque_regressor};
+use armwatch::numerics::model::regressor_lanes::{LaneStates, RegressorLanes, joint_torque_regressors};
+use armwatch::numerics::signal::filter::filter_signals;
 use armwatch::robot::{Robot, StandardParameters};
 use armwatch::run::{ContentHash, Cycle, RunHeader, Samples};
 use armwatch::simulate::export::ExportWriter;
@@ -56,6 +64,7 @@ fn main() {
     read_block(&mut criterion, arm, &rows);
     analyse(&mut criterion, &method, &cycle, &analysis);
     evaluate_samples(&mut criterion, &arm.description, &rows);
+    kernels(&mut criterion, &method, &cycle.samples);
     store_cycle(&mut criterion, &arm.description, &analysis);
     criterion.final_summary();
 }
@@ -131,6 +140,8 @@ fn evaluate_samples(criterion: &mut Criterion, robot: &Robot, rows: &[Row]) {
     let states: Vec<&Row> = rows.iter().step_by((rows.len() / STATES).max(1)).take(STATES).collect();
     let mut tau = vec![0.0; n];
     let mut y = Regressor::new(robot);
+    let lane_states: Vec<LaneStates> = states.chunks_exact(LANES).map(|rows| in_lanes(rows, n)).collect();
+    let mut lanes = RegressorLanes::new(robot);
 
     let mut group = criterion.benchmark_group("sample");
     group.throughput(Throughput::Elements(states.len() as u64));
@@ -151,6 +162,50 @@ fn evaluate_samples(criterion: &mut Criterion, robot: &Robot, rows: &[Row]) {
                 black_box(&y);
             }
         });
+    });
+    group.bench_function("regressor, a lane each", |b| {
+        b.iter(|| {
+            for states in &lane_states {
+                joint_torque_regressors(robot, black_box(states), &mut lanes);
+                black_box(&lanes);
+            }
+        });
+    });
+    group.finish();
+}
+
+fn in_lanes(rows: &[&Row], n: usize) -> LaneStates {
+    let mut states = LaneStates::default();
+    for j in 0..n {
+        let lanes = |of: fn(&Row, usize) -> f64| Lanes(std::array::from_fn(|lane| of(rows[lane], j)));
+        states.q[j] = lanes(|row, j| row.position[j]);
+        states.qd[j] = lanes(|row, j| row.velocity[j]);
+        states.qdd[j] = lanes(|row, j| row.torque[j]);
+    }
+    states
+}
+
+/// The passes over all rows of a cycle, one by one.
+fn kernels(criterion: &mut Criterion, method: &Method, samples: &Samples) {
+    let cutoff = AnalysisSettings::default().cutoff;
+    let filtered = filter_signals(samples, cutoff).expect("long enough");
+    let jumps = filtered_coulomb_columns(&method.robot, &filtered);
+    let mut group = criterion.benchmark_group("kernel");
+    group.throughput(Throughput::Elements(samples.rows() as u64)).sample_size(FEW_SAMPLES);
+    group.bench_function("low-pass and derivatives", |b| {
+        b.iter(|| filter_signals(black_box(samples), cutoff));
+    });
+    group.bench_function("low-pass of columns that jump", |b| {
+        b.iter(|| filtered_coulomb_columns(&method.robot, black_box(&filtered)));
+    });
+    group.bench_function("findings about the recording", |b| {
+        b.iter(|| {
+            diagnose_samples(&method.robot, samples, black_box(&filtered), &DiagnoseSettings::default())
+        });
+    });
+    group.bench_function("factors", |b| {
+        let kept = &method.base.kept_columns;
+        b.iter(|| factor_cycle(&method.robot, &method.columns, kept, black_box(&filtered), &jumps, samples));
     });
     group.finish();
 }

@@ -1,5 +1,5 @@
-//! Any bytes are rows or a rejection, the same whatever the blocks; what polars reads, the reader of cells reads
-//! with the same numbers.
+//! Any bytes are rows or a rejection, the same whatever the blocks; what the plain reader and polars read, the
+//! reader of cells reads with the same numbers.
 //!
 //! The first byte of an input chooses a layout and whether its header stands before the other bytes.
 
@@ -73,7 +73,7 @@ fn read(bytes: &[u8], layout: &Layout, robot: &Robot, block_bytes: usize) -> (Ra
     (rows, None)
 }
 
-/// One block by both readers.
+/// One block by the plain reader or, where it is not plain, by polars, and by the reader of cells.
 fn agree(bytes: &[u8], layout: &Layout, robot: &Robot) {
     let path = Path::new("fuzz.csv");
     let mut blocks = Blocks::new(bytes, 1 << 20, layout.text.encoding);

@@ -6,6 +6,8 @@ pub mod cell;
 pub mod column_map;
 pub mod channels;
 pub mod start;
+mod plain_number;
+mod plain_reader;
 pub mod polars_reader;
 pub mod cell_reader;
 pub mod reader;

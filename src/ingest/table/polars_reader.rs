@@ -1,4 +1,5 @@
-//! Reading blocks with polars, and with [`super::cell_reader`] whatever polars would guess at.
+//! Reading blocks: plain ones with [`super::plain_reader`], others with polars, and with [`super::cell_reader`] whatever
+//! polars would guess at.
 //!
 //! polars takes a line that is too short, ignores the header once it has a schema and reads a
 //! number cut in half; so the schema here comes from the file's own header, and a block counts as
@@ -18,9 +19,10 @@ use super::cell_reader::{PassedOver, PreviousTime};
 use super::channels::RawColumns;
 use super::column_map::{ColumnMap, Role, TimeColumn};
 use super::fields::fields;
+use super::plain_reader::PlainReader;
 use super::{cell, cell_reader, channels};
 use crate::config::DecimalMark;
-use crate::ingest::bytes::blocks::{Block, line_count};
+use crate::ingest::bytes::blocks::{Block, count, line_count};
 use crate::ingest::bytes::encoding::without_bom;
 use crate::ingest::rejection::Rejection;
 use crate::run::RawSamples;
@@ -30,6 +32,7 @@ use crate::run::RawSamples;
 pub struct Parser {
     map: ColumnMap,
     schema: SchemaRef,
+    plain: Option<PlainReader>,
     threads: usize,
 }
 
@@ -38,7 +41,8 @@ impl Parser {
     #[must_use]
     pub fn new(map: ColumnMap, threads: usize) -> Self {
         let schema = schema(&map, map.names.len());
-        Self { map, schema, threads }
+        let plain = PlainReader::new(&map);
+        Self { map, schema, plain, threads }
     }
 
     /// Lets times count from the first of them that is understood in this block, which the export begins with.
@@ -68,6 +72,7 @@ impl Parser {
     pub(in crate::ingest) fn count_from_number(&mut self, number: Option<cell::Decimal>) {
         self.map.time_origin = number;
         self.schema = schema(&self.map, self.map.names.len());
+        self.plain = PlainReader::new(&self.map);
     }
 
     /// Moment that dates and times count from, ns from 1970, where they do.
@@ -124,13 +129,19 @@ impl Parser {
         &self.map
     }
 
-    /// The needed columns as polars reads them, or `None` if anything is out of the ordinary.
+    /// The needed columns, or `None` if anything is out of the ordinary.
     fn columns(&self, bytes: &[u8]) -> Option<RawColumns> {
-        let map = &self.map;
         let rows = usize::try_from(line_count(bytes)).ok().filter(|rows| *rows > 0)?;
+        let plain = self.plain.as_ref().and_then(|plain| plain.columns(bytes, rows));
+        plain.or_else(|| self.columns_by_polars(bytes, rows))
+    }
+
+    /// The needed columns of a block of `rows` lines as polars reads them.
+    fn columns_by_polars(&self, bytes: &[u8], rows: usize) -> Option<RawColumns> {
+        let map = &self.map;
         // Without quotes a delimiter is a delimiter: with as many as there must be, and polars
         // refusing lines with more, no line has fewer.
-        let delimiters = bytes.iter().filter(|byte| **byte == map.delimiter).count();
+        let delimiters = usize::try_from(count(bytes, map.delimiter)).ok()?;
         let fields = delimiters / rows + 1;
         let regular = delimiters % rows == 0
             && (map.least_fields..=map.names.len() + 1).contains(&fields)
@@ -339,7 +350,9 @@ mod tests {
     fn polars_itself_reads_the_ordinary_export() {
         let (samples, text) = made_recording(500);
         let parser = parser(text.lines().next().unwrap());
-        let columns = parser.columns(&body(&text).bytes).expect("nothing is odd");
+        let columns = parser.columns_by_polars(&body(&text).bytes, 500).expect("nothing is odd");
+        let plain = parser.plain.as_ref().and_then(|plain| plain.columns(&body(&text).bytes, 500));
+        assert_eq!(plain.as_ref(), Some(&columns), "nor for the plain reader");
         assert_eq!(channels::samples(columns, &parser.map, None), Some(samples));
     }
 

@@ -126,20 +126,37 @@ fn longest_run(
 ) -> Option<(usize, usize)> {
     let mut longest: Option<(usize, usize)> = None;
     for stretch in &view.filtered.usable {
-        let mut start = stretch.start;
-        for row in stretch.clone() {
-            let last = row + 1 == stretch.end;
-            if last || (channel[row + 1] - channel[start]).abs() > 0.0 {
-                let length = row + 1 - start;
-                let longer = longest.is_none_or(|(s, e)| length > e - s);
-                if length >= least && longer && counts(start, row + 1) {
-                    longest = Some((start, row + 1));
-                }
-                start = row + 1;
+        for (start, end) in runs(&channel[stretch.clone()], least) {
+            let (start, end) = (stretch.start + start, stretch.start + end);
+            if longest.is_none_or(|(s, e)| end - start > e - s) && counts(start, end) {
+                longest = Some((start, end));
             }
         }
     }
     longest
+}
+
+/// Stretches of at least `least` equal values (two, where `least` is less) in their order, none of which could be longer.
+/// So long a run holds two neighbours of any grid that is half as wide, and only from such a pair are rows looked at one
+/// by one.
+fn runs(values: &[f64], least: usize) -> Vec<(usize, usize)> {
+    let least = least.max(2);
+    let equal = |a: f64, b: f64| (a - b).abs() <= 0.0;
+    let step = least / 2;
+    let mut found: Vec<(usize, usize)> = Vec::new();
+    for place in (0..values.len()).step_by(step) {
+        let value = values[place];
+        let covered = found.last().is_some_and(|(_, end)| place < *end);
+        if covered || !values.get(place + step).is_some_and(|next| equal(*next, value)) {
+            continue;
+        }
+        let before = values[..place].iter().rev().take_while(|x| equal(**x, value)).count();
+        let behind = values[place..].iter().take_while(|x| equal(**x, value)).count();
+        if before + behind >= least {
+            found.push((place - before, place + behind));
+        }
+    }
+    found
 }
 
 /// An excitation stage that is hardly there.
@@ -209,17 +226,25 @@ fn saturation(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -
         if !(peak > 0.0 && high > low) {
             continue;
         }
-        let count = |rows: &[usize], from: f64, to: f64| {
-            let within = |&&row: &&usize| (from * peak..=to * peak).contains(&(sign * torque[row]));
-            rows.iter().filter(within).count()
+        let within = |torque: f64, from: f64, to: f64| {
+            let along = sign * torque;
+            (along >= from * peak) & (along <= to * peak)
         };
-        let at = count(&view.rows, 1.0 - 1e-6, 1.0);
-        let below = count(&view.rows, 0.97, 1.0 - 1e-6);
+        let count = |from: f64, to: f64| -> usize {
+            let of_piece =
+                |piece: &[f64]| piece.iter().map(|x| u64::from(within(*x, from, to))).sum::<u64>() as usize;
+            view.pieces(torque).map(of_piece).sum()
+        };
+        let at = count(1.0 - 1e-6, 1.0);
+        if at <= count(0.97, 1.0 - 1e-6) {
+            continue;
+        }
         let run = longest_run(view, torque, 4, |start, _| sign * torque[start] >= peak * (1.0 - 1e-6));
         // parameters come from the excitation alone, which may be a small part of the cycle
-        let excited = count(&view.excitation, 1.0 - 1e-6, 1.0) as f64 / view.excitation.len() as f64;
+        let excited = view.excitation.iter().filter(|row| within(torque[**row], 1.0 - 1e-6, 1.0)).count();
+        let excited = excited as f64 / view.excitation.len() as f64;
         let share = excited.max(at as f64 / view.rows.len() as f64);
-        if run.is_some() && at > below && worst.is_none_or(|(_, before)| share > before) {
+        if run.is_some() && worst.is_none_or(|(_, before)| share > before) {
             worst = Some((sign * peak, share));
         }
     }

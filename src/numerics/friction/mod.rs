@@ -8,6 +8,7 @@ pub mod over_speed;
 pub mod level_means;
 pub mod excitation;
 pub mod warm_up;
+mod separable;
 mod warm_up_curve;
 mod warm_up_early;
 pub mod thermal_state;

@@ -7,6 +7,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::separable::{Terms, on_gradient};
 use crate::analysis::friction::{Asymmetry, JointSpeedFits, SpeedCoefficient, SpeedFit, SpeedModel};
 use crate::analysis::{Estimate, FrictionPoint};
 use crate::numerics::NumericsError;
@@ -373,7 +374,40 @@ fn fit(side: &Side, model: SpeedModel) -> Option<Raw> {
         return None;
     }
     let log = golden(cost, low + step * (best as f64 - 1.0), low + step * (best as f64 + 1.0));
-    finished(side, model, Some(log))
+    finished(side, model, Some(finished_log(side, model, log)))
+}
+
+/// The nonlinear parameter near `log` at which the sum of squares has no slope, with the same coefficients held at
+/// zero.
+fn finished_log(side: &Side, model: SpeedModel, log: f64) -> f64 {
+    let bent = linear_count(model) - 1;
+    let free = match linear(side, model, log) {
+        Some((_, free, _)) if free[bent] => free,
+        _ => return log,
+    };
+    let places: Vec<usize> = (0..=bent).filter(|k| free[*k]).collect();
+    let root: Vec<f64> = side.weight.iter().map(|w| w.sqrt()).collect();
+    let n = side.u.len();
+    let target = DVector::from_fn(n, |i, _| root[i] * side.tau[i]);
+    let at_log = |log: &[f64]| {
+        let term = |i: usize, k: usize| root[i] * columns(model, log[0], side.u[i])[places[k]];
+        let slope = DVector::from_fn(n, |i, _| root[i] * column_slope(model, log[0], side.u[i]));
+        let terms = DMatrix::from_fn(n, places.len(), term);
+        Some(Terms { terms, slopes: vec![(places.len() - 1, slope)] })
+    };
+    on_gradient(&[log], &target, at_log)[0]
+}
+
+/// Slope of the column that bends with the logarithm of its nonlinear parameter.
+fn column_slope(model: SpeedModel, log: f64, u: f64) -> f64 {
+    match model {
+        SpeedModel::PowerLaw => log.exp() * u.powf(log.exp()) * u.ln(),
+        SpeedModel::Stribeck => {
+            let square = (u / log.exp()).powi(2);
+            2.0 * square * (-square).exp()
+        }
+        SpeedModel::Coulomb | SpeedModel::CoulombViscous | SpeedModel::Polynomial => 0.0,
+    }
 }
 
 /// Golden-section search of a minimum between `low` and `high`.
@@ -419,7 +453,10 @@ fn solve(side: &Side, model: SpeedModel, log: f64, free: &[bool; 4]) -> Option<(
     let design =
         DMatrix::from_fn(n, places.len(), |i, k| root[i] * columns(model, log, side.u[i])[places[k]]);
     let target = DVector::from_fn(n, |i, _| root[i] * side.tau[i]);
-    let found = inverse_normal(&design)? * design.transpose() * &target;
+    let inverse = inverse_normal(&design)?;
+    let mut found = &inverse * design.transpose() * &target;
+    // normal equations lose digits, which the residual brings back
+    found += &inverse * design.transpose() * (&target - &design * &found);
     let chi = (&design * &found - target).norm_squared();
     let mut x = [0.0; 4];
     places.iter().zip(found.iter()).for_each(|(place, value)| x[*place] = *value);
@@ -445,14 +482,11 @@ fn finished(side: &Side, model: SpeedModel, log: Option<f64>) -> Option<Raw> {
     if last_needed && !free[n - 1] || model == SpeedModel::Polynomial && drives(&x) {
         return None;
     }
-    let value = |log: f64, u: f64| -> f64 { columns(model, log, u).iter().zip(&x).map(|(c, x)| c * x).sum() };
     let mut places: Vec<usize> = (0..n).filter(|k| free[*k]).collect();
     places.extend(log.map(|_| n));
-    // a step of the logarithm that is small against any curve and large against rounding
-    const STEP: f64 = 1e-5;
     let design = DMatrix::from_fn(side.u.len(), places.len(), |i, k| {
         let slope = match places[k] {
-            k if k == n => (value(at + STEP, side.u[i]) - value(at - STEP, side.u[i])) / (2.0 * STEP),
+            k if k == n => x[n - 1] * column_slope(model, at, side.u[i]),
             k => columns(model, at, side.u[i])[k],
         };
         side.weight[i].sqrt() * slope
@@ -465,7 +499,8 @@ fn finished(side: &Side, model: SpeedModel, log: Option<f64>) -> Option<Raw> {
             covariance[(row, column)] = small[(i, k)];
         }
     }
-    let squares = side.u.iter().zip(&side.tau).map(|(u, tau)| (value(at, *u) - tau).powi(2)).sum();
+    let value = |u: f64| -> f64 { columns(model, at, u).iter().zip(&x).map(|(c, x)| c * x).sum() };
+    let squares = side.u.iter().zip(&side.tau).map(|(u, tau)| (value(*u) - tau).powi(2)).sum();
     Some(Raw {
         model,
         x: x[..n].iter().copied().chain(log).collect(),

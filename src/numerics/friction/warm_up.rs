@@ -5,8 +5,9 @@
 //! negative. Of a constant, one and two exponentials the one is kept that the data support.
 
 use nalgebra::{DMatrix, DVector};
+use varpro::fit::FitResult;
 use varpro::prelude::*;
-use varpro::problem::SeparableProblemBuilder;
+use varpro::problem::{SeparableProblemBuilder, SingleRhs};
 use varpro::solvers::levmar::LevMarSolver;
 use varpro::statistics::FitStatistics;
 
@@ -14,7 +15,7 @@ use super::warm_up_early::early_fit;
 use crate::analysis::{Decay, Estimate, FastShown, WarmUpFit, WarmUpModel};
 use crate::numerics::NumericsError;
 use crate::numerics::friction::warm_up_curve::{
-    CandidateFit, Mean, decay, decay_slope, extent, single_starts,
+    CandidateFit, Mean, decay, decay_slope, extent, finished_log_times, single_starts,
 };
 use crate::numerics::statistics::distributions::{normal_quantile, student_quantile};
 use crate::numerics::statistics::information::corrected_akaike;
@@ -45,6 +46,8 @@ const MIN_RATIO: f64 = 2.0;
 
 /// A part counts as supported if it and its time constant exceed their standard errors this often.
 const MIN_SIGNIFICANCE: f64 = 2.0;
+
+type ExponentialFit = FitResult<varpro::model::SeparableModel<f64>, SingleRhs>;
 
 /// A point of a warm-up curve: time since the run's start in minutes, torque magnitude in Nm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -329,10 +332,17 @@ fn best_fit(points: &[Mean], starts: &[Vec<f64>], parts: usize) -> Option<Candid
 }
 
 fn exponential_fit(points: &[Mean], start: &[f64], parts: usize) -> Option<CandidateFit> {
-    let names = &["log_t1", "log_t2"][..parts];
     if points.len() <= 1 + 2 * parts {
         return None;
     }
+    let fit = exponentials(points, start)?;
+    let finished = finished_log_times(points, &[], fit.nonlinear_parameters().as_slice());
+    candidate(points, &exponentials(points, &finished).unwrap_or(fit))
+}
+
+/// `a` and one exponential for each logarithm of a time constant, sought from `start`.
+fn exponentials(points: &[Mean], start: &[f64]) -> Option<ExponentialFit> {
+    let names = &["log_t1", "log_t2"][..start.len()];
     let minutes = DVector::from_iterator(points.len(), points.iter().map(|p| p.minute));
     let torques = DVector::from_iterator(points.len(), points.iter().map(|p| p.torque));
     let roots = DVector::from_iterator(points.len(), points.iter().map(|p| p.weight.sqrt()));
@@ -342,13 +352,15 @@ fn exponential_fit(points: &[Mean], start: &[f64], parts: usize) -> Option<Candi
         builder = builder.function([*name], decay).partial_deriv(*name, decay_slope);
     }
     let model = builder.independent_variable(minutes).initial_parameters(start.to_vec()).build().ok()?;
-    let problem = SeparableProblemBuilder::new(model)
-        .observations(torques.clone())
-        .weights(roots.clone())
-        .build()
-        .ok()?;
-    let fit = LevMarSolver::default().solve(problem).ok()?;
-    let statistics = FitStatistics::try_from(&fit).ok()?;
+    let problem = SeparableProblemBuilder::new(model).observations(torques).weights(roots).build().ok()?;
+    LevMarSolver::default().solve(problem).ok()
+}
+
+fn candidate(points: &[Mean], fit: &ExponentialFit) -> Option<CandidateFit> {
+    let parts = fit.nonlinear_parameters().len();
+    let torques = DVector::from_iterator(points.len(), points.iter().map(|p| p.torque));
+    let roots = DVector::from_iterator(points.len(), points.iter().map(|p| p.weight.sqrt()));
+    let statistics = FitStatistics::try_from(fit).ok()?;
     let coefficients = fit.linear_coefficients()?;
     let linear_variance = statistics.linear_coefficients_variance();
     let log_times = fit.nonlinear_parameters();

@@ -1,7 +1,8 @@
 //! Exponentials over the minutes of a run: means that they are fitted to, candidates, their terms and starting points.
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 
+use super::separable::{Terms, on_gradient};
 use crate::analysis::{Decay, Estimate, FastShown};
 
 /// A point, or the mean of neighbours in time with their share of all points.
@@ -41,5 +42,31 @@ pub(super) fn decay_slope(minute: &DVector<f64>, log_time: f64) -> DVector<f64> 
     minute.map(|t| {
         let x = t / log_time.exp();
         x * (-x).exp()
+    })
+}
+
+/// Logarithms of time constants near `log_times` at which the sum of squares of `a`, the terms `held` and one decay for
+/// each time constant has no slope.
+pub(super) fn finished_log_times(
+    points: &[Mean],
+    held: &[&dyn Fn(f64) -> f64],
+    log_times: &[f64],
+) -> Vec<f64> {
+    let roots = DVector::from_iterator(points.len(), points.iter().map(|p| p.weight.sqrt()));
+    let minutes = DVector::from_iterator(points.len(), points.iter().map(|p| p.minute));
+    let right = DVector::from_iterator(points.len(), points.iter().map(|p| p.torque)).component_mul(&roots);
+    let first = 1 + held.len();
+    on_gradient(log_times, &right, |log_times| {
+        let mut terms = DMatrix::from_element(points.len(), first + log_times.len(), 1.0);
+        for (k, of) in held.iter().enumerate() {
+            terms.set_column(1 + k, &minutes.map(of));
+        }
+        for (k, log_time) in log_times.iter().enumerate() {
+            terms.set_column(first + k, &decay(&minutes, *log_time));
+        }
+        terms.column_iter_mut().for_each(|mut column| column.component_mul_assign(&roots));
+        let slope = |log_time: &f64| decay_slope(&minutes, *log_time).component_mul(&roots);
+        let slopes = log_times.iter().enumerate().map(|(k, log_time)| (first + k, slope(log_time))).collect();
+        Some(Terms { terms, slopes })
     })
 }

@@ -6,12 +6,15 @@
 //! fitted but gone through, and the others are fitted for each (profile likelihood, Venzon & Moolgavkar 1988).
 
 use nalgebra::DVector;
+use varpro::fit::FitResult;
 use varpro::prelude::*;
-use varpro::problem::SeparableProblemBuilder;
+use varpro::problem::{SeparableProblemBuilder, SingleRhs};
 use varpro::solvers::levmar::LevMarSolver;
 use varpro::statistics::FitStatistics;
 
-use super::warm_up_curve::{CandidateFit, Mean, decay, decay_slope, extent, single_starts};
+use super::warm_up_curve::{
+    CandidateFit, Mean, decay, decay_slope, extent, finished_log_times, single_starts,
+};
 use crate::analysis::{Decay, Estimate, FastShown};
 use crate::numerics::statistics::distributions::f_quantile;
 
@@ -86,23 +89,13 @@ fn fixed(points: &[Mean], first: f64, time: f64) -> Option<Fixed> {
 }
 
 fn fixed_from(points: &[Mean], first: f64, time: f64, start: &[f64]) -> Option<Fixed> {
+    let sought = sought_from(points, first, time, start)?;
+    let log_times = sought.nonlinear_parameters();
+    let fast = |minute: f64| (-(minute - first) / time).exp();
+    let finished = finished_log_times(points, &[&fast], log_times.as_slice());
+    let fit = sought_from(points, first, time, &finished).unwrap_or(sought);
     let column = |of: &dyn Fn(&Mean) -> f64| DVector::from_iterator(points.len(), points.iter().map(of));
     let (torques, roots) = (column(&|p| p.torque), column(&|p| p.weight.sqrt()));
-    let model = SeparableModelBuilder::<f64>::new(["log_t1"])
-        .invariant_function(|t: &DVector<f64>| DVector::from_element(t.len(), 1.0))
-        .invariant_function(move |t: &DVector<f64>| t.map(|t| (-(t - first) / time).exp()))
-        .function(["log_t1"], decay)
-        .partial_deriv("log_t1", decay_slope)
-        .independent_variable(column(&|p| p.minute))
-        .initial_parameters(start.to_vec())
-        .build()
-        .ok()?;
-    let problem = SeparableProblemBuilder::new(model)
-        .observations(torques.clone())
-        .weights(roots.clone())
-        .build()
-        .ok()?;
-    let fit = LevMarSolver::default().solve(problem).ok()?;
     let statistics = FitStatistics::try_from(&fit).ok()?;
     let (values, variances) = (fit.linear_coefficients()?, statistics.linear_coefficients_variance());
     let log_variance = statistics.nonlinear_parameters_variance();
@@ -116,4 +109,26 @@ fn fixed_from(points: &[Mean], first: f64, time: f64, start: &[f64]) -> Option<F
         slow: Decay { amplitude: estimate(2), time_constant },
         squares,
     })
+}
+
+/// `a`, a decay of the given time constant and one whose logarithm is sought from `start`.
+fn sought_from(
+    points: &[Mean],
+    first: f64,
+    time: f64,
+    start: &[f64],
+) -> Option<FitResult<varpro::model::SeparableModel<f64>, SingleRhs>> {
+    let column = |of: &dyn Fn(&Mean) -> f64| DVector::from_iterator(points.len(), points.iter().map(of));
+    let (torques, roots) = (column(&|p| p.torque), column(&|p| p.weight.sqrt()));
+    let model = SeparableModelBuilder::<f64>::new(["log_t1"])
+        .invariant_function(|t: &DVector<f64>| DVector::from_element(t.len(), 1.0))
+        .invariant_function(move |t: &DVector<f64>| t.map(|t| (-(t - first) / time).exp()))
+        .function(["log_t1"], decay)
+        .partial_deriv("log_t1", decay_slope)
+        .independent_variable(column(&|p| p.minute))
+        .initial_parameters(start.to_vec())
+        .build()
+        .ok()?;
+    let problem = SeparableProblemBuilder::new(model).observations(torques).weights(roots).build().ok()?;
+    LevMarSolver::default().solve(problem).ok()
 }

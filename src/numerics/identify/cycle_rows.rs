@@ -1,10 +1,11 @@
 //! The rows of a cycle that its parameters are identified on.
 
-use super::filtered_columns::{FilteredColumn, write_filtered_columns};
+use super::filtered_columns::FilteredColumn;
+use super::row_lanes::RowLanes;
 use crate::analysis::Motion;
 use crate::numerics::least_squares::rows::{RowSource, SampleRows};
-use crate::numerics::model::regressor::{KeptColumns, Regressor, joint_torque_regressor};
-use crate::numerics::signal::filter::{FilteredSignals, row_step, state};
+use crate::numerics::model::regressor::KeptColumns;
+use crate::numerics::signal::filter::{FilteredSignals, row_step};
 use crate::robot::Robot;
 use crate::run::{Samples, Stage};
 
@@ -49,24 +50,29 @@ impl RowSource for CycleRows<'_> {
         self.robot.joint_count()
     }
 
+    fn record_length(&self) -> usize {
+        match (self.rows.first(), self.rows.last()) {
+            (Some(first), Some(last)) => last / self.step - first / self.step + 1,
+            _ => 0,
+        }
+    }
+
     fn each(&self, visit: &mut dyn FnMut(&SampleRows<'_>)) {
         let (n, b) = (self.joint_count(), self.columns());
-        let mut y = Regressor::new(self.robot);
-        let (mut q, mut qd, mut qdd, mut tau) = state();
-        let (mut block, mut w) = (vec![0.0; n * b], vec![0.0; n * b]);
-        let mut used = vec![false; n];
-        for &row in &self.rows {
-            self.filtered.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
-            joint_torque_regressor(self.robot, &q[..n], &qd[..n], &qdd[..n], &mut y);
-            write_filtered_columns(self.filtered_coulomb_columns, row, &mut y);
-            self.columns.write(&y, &mut block, n, 0);
-            for (j, joint) in self.robot.joints.iter().enumerate() {
-                used[j] = Motion::of(qd[j], joint.low_speed) == Motion::Moving;
-                for k in 0..b {
-                    w[j * b + k] = block[k * n + j];
+        let (mut w, mut tau, mut used) = (vec![0.0; n * b], vec![0.0; n], vec![false; n]);
+        let rows = self.rows.iter().copied();
+        let mut lanes = RowLanes::new(self.robot);
+        lanes.each(self.robot, self.filtered, self.filtered_coulomb_columns, rows, |at, taken| {
+            for (lane, row) in taken.iter().enumerate() {
+                for (j, joint) in self.robot.joints.iter().enumerate() {
+                    tau[j] = at.tau[j].0[lane];
+                    used[j] = Motion::of(at.states.qd[j].0[lane], joint.low_speed) == Motion::Moving;
+                    for (w, &column) in w[j * b..][..b].iter_mut().zip(self.columns.columns()) {
+                        *w = at.y.get(j, column).0[lane];
+                    }
                 }
+                visit(&SampleRows { row: row / self.step, w: &w, tau: &tau, used: &used });
             }
-            visit(&SampleRows { row: row / self.step, w: &w, tau: &tau[..n], used: &used });
-        }
+        });
     }
 }

@@ -3,8 +3,10 @@
 //! filtered alike (Gautier 1997, Dynamic identification of robots with power model). The other
 //! columns are smooth functions of channels that were filtered before.
 
+use crate::numerics::lanes::{LANES, Lanes};
 use crate::numerics::model::actuator::coupling_columns;
 use crate::numerics::model::regressor::Regressor;
+use crate::numerics::model::regressor_lanes::RegressorLanes;
 use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{CouplingTerm, JointIndex, ParameterId, ParameterKind, Robot};
 
@@ -26,19 +28,25 @@ pub struct FilteredColumn {
 pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Vec<FilteredColumn> {
     let order = ParameterId::natural_order(robot);
     let column_of = |id: ParameterId| order.iter().position(|of| *of == id);
-    let mut found = Vec::new();
+    let rows = 0..filtered.rows();
+    let (mut found, mut raw): (Vec<FilteredColumn>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
+    let mut add = |id: ParameterId, joint: JointIndex, series: Vec<f64>| {
+        if let Some(column) = column_of(id) {
+            found.push(FilteredColumn { id, column, joint, values: Vec::new() });
+            raw.push(series);
+        }
+    };
     for joint in robot.joint_indices() {
         let model = robot.friction_of(joint);
+        let qd = &filtered.qd[joint.index()];
         for (place, &term) in model.terms().iter().enumerate().filter(|(_, term)| term.jumps()) {
             let id = ParameterId { joint, kind: ParameterKind::Friction(term) };
-            let raw = |row: usize| model.columns(filtered.qd[joint.index()][row])[place];
-            found.extend(column_of(id).map(|column| filtered_column(filtered, id, column, joint, raw)));
+            add(id, joint, qd.iter().map(|&qd| model.columns(qd)[place]).collect());
         }
     }
     for coupling in &robot.couplings {
         let id =
             ParameterId { joint: coupling.motor_joint, kind: ParameterKind::Coupling(CouplingTerm::Coulomb) };
-        let Some(column) = column_of(id) else { continue };
         let at = |row: usize| {
             let of =
                 |channels: &[Vec<f64>]| channels.iter().map(|channel| channel[row]).collect::<Vec<f64>>();
@@ -49,8 +57,11 @@ pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Ve
                 &of(&filtered.qdd),
             )
         };
-        found.push(filtered_column(filtered, id, column, coupling.joint, |row| at(row).joint[2]));
-        found.push(filtered_column(filtered, id, column, coupling.motor_joint, |row| at(row).motor_joint[2]));
+        add(id, coupling.joint, rows.clone().map(|row| at(row).joint[2]).collect());
+        add(id, coupling.motor_joint, rows.clone().map(|row| at(row).motor_joint[2]).collect());
+    }
+    for (column, values) in found.iter_mut().zip(filtered.low_passed(raw)) {
+        column.values = values;
     }
     found
 }
@@ -62,13 +73,9 @@ pub fn write_filtered_columns(columns: &[FilteredColumn], row: usize, y: &mut Re
     }
 }
 
-fn filtered_column(
-    filtered: &FilteredSignals,
-    id: ParameterId,
-    column: usize,
-    joint: JointIndex,
-    raw: impl Fn(usize) -> f64,
-) -> FilteredColumn {
-    let series: Vec<f64> = (0..filtered.rows()).map(raw).collect();
-    FilteredColumn { id, column, joint, values: filtered.low_passed(&series) }
+/// Puts the low-passed values of several rows, a lane each, into their regressor.
+pub fn write_filtered_lanes(columns: &[FilteredColumn], rows: &[usize; LANES], y: &mut RegressorLanes) {
+    for of in columns {
+        y.set(of.joint.index(), of.column, Lanes(rows.map(|row| of.values[row])));
+    }
 }

@@ -8,13 +8,14 @@
 
 use std::sync::Arc;
 
-use super::filtered_columns::{FilteredColumn, write_filtered_columns};
+use super::filtered_columns::FilteredColumn;
+use super::row_lanes::RowLanes;
 use crate::analysis::{CycleFactors, Motion, TorqueFactor};
 use crate::numerics::NumericsError;
 use crate::numerics::least_squares::factor::{FactorBuilder, TriangularFactor, ZERO_COLUMN_THRESHOLD};
 use crate::numerics::model::base_parameters::{BaseParameters, PROBE_STATES, probe_state};
 use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
-use crate::numerics::signal::filter::{FilteredSignals, state};
+use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{JointIndex, ParameterId, Robot};
 use crate::run::{Samples, Stage};
 
@@ -195,7 +196,7 @@ struct JointFactorBuilders<'a> {
     /// Columns of the regressor that each joint's rows are made of.
     regressor_columns: Vec<Vec<usize>>,
     filtered_coulomb_columns: &'a [FilteredColumn],
-    y: Regressor,
+    lanes: RowLanes,
     by_joint: Vec<[FactorBuilder; 2]>,
 }
 
@@ -210,7 +211,7 @@ impl<'a> JointFactorBuilders<'a> {
         let regressor_columns: Vec<Vec<usize>> = columns.places.iter().map(of_joint).collect();
         let by_joint =
             regressor_columns.iter().map(|of| Motion::BOTH.map(|_| FactorBuilder::new(of.len()))).collect();
-        Self { robot, regressor_columns, filtered_coulomb_columns, y: Regressor::new(robot), by_joint }
+        Self { robot, regressor_columns, filtered_coulomb_columns, lanes: RowLanes::new(robot), by_joint }
     }
 
     fn factor(
@@ -219,18 +220,18 @@ impl<'a> JointFactorBuilders<'a> {
         filtered: &FilteredSignals,
         rows: impl Iterator<Item = usize>,
     ) -> Vec<JointFactor> {
-        let n = self.robot.joint_count();
-        let (mut q, mut qd, mut qdd, mut tau) = state();
-        for row in rows {
-            filtered.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
-            joint_torque_regressor(self.robot, &q[..n], &qd[..n], &qdd[..n], &mut self.y);
-            write_filtered_columns(self.filtered_coulomb_columns, row, &mut self.y);
-            for (j, (folders, columns)) in self.by_joint.iter_mut().zip(&self.regressor_columns).enumerate() {
-                let motion = Motion::of(qd[j], self.robot.joints[j].low_speed);
-                let entries = columns.iter().map(|&column| self.y.column(column)[j]);
-                folders[motion as usize].push(entries.chain([tau[j]]));
+        let Self { robot, regressor_columns, filtered_coulomb_columns, lanes, by_joint } = self;
+        lanes.each(robot, filtered, filtered_coulomb_columns, rows, |at, taken| {
+            for (j, (folders, columns)) in by_joint.iter_mut().zip(&*regressor_columns).enumerate() {
+                let low_speed = robot.joints[j].low_speed;
+                let motions = at.states.qd[j].0.map(|qd| Motion::of(qd, low_speed));
+                for motion in Motion::BOTH {
+                    let chosen = std::array::from_fn(|lane| lane < taken.len() && motions[lane] == motion);
+                    let entries = columns.iter().map(|&column| at.y.get(j, column));
+                    folders[motion as usize].push_lanes(entries.chain([at.tau[j]]), chosen);
+                }
             }
-        }
+        });
         let mut factors = Vec::new();
         for (joint, folders) in self.robot.joint_indices().zip(&mut self.by_joint) {
             for (motion, folder) in Motion::BOTH.into_iter().zip(folders) {
@@ -309,7 +310,7 @@ pub(crate) mod tests {
     use crate::analysis::{Estimator, RmsdScope, TorqueRmsd};
     use crate::numerics::analyse::{AnalysisSettings, Method};
     use crate::numerics::identify::cycle::identify_factors;
-    use crate::numerics::identify::filtered_columns::filtered_coulomb_columns;
+    use crate::numerics::identify::filtered_columns::{filtered_coulomb_columns, write_filtered_columns};
     use crate::numerics::identify::verify::{torque_rmsd, warming_contrast};
     use crate::numerics::model::dynamics::DynamicModel;
     use crate::numerics::pooled::pool::PooledFactors;
@@ -510,6 +511,12 @@ pub(crate) mod tests {
                     RmsdScope::Stage(stage) => self.cycle.samples.stage[row] == stage,
                 };
                 let low_speed = self.method.robot.joints[j].low_speed;
+                let counted = self.c.observed_rows().filter(|row| inside(*row)).count();
+                assert_eq!(
+                    found.all_rows.samples, counted,
+                    "rows of joint {} in {:?}",
+                    found.joint, found.scope
+                );
                 self.assert_rmsd(j, found.all_rows, inside);
                 self.assert_rmsd(j, found.moving_rows, |row| {
                     inside(row) && self.c.qd[j][row].abs() >= low_speed

@@ -100,7 +100,7 @@ pub fn clustered(
     rule: &WeightRule,
     settings: &ClusterSettings,
 ) -> Result<ClusteredCovariance, NumericsError> {
-    let half_rows = record_length(source).div_ceil(2 * settings.lengths.max(1)).max(1);
+    let half_rows = source.record_length().div_ceil(2 * settings.lengths.max(1)).max(1);
     let sums = BlockSums::over(source, theta, rule, half_rows);
     let (b, blocks) = (source.columns(), sums.blocks.len());
     if sums.rows <= b {
@@ -137,13 +137,6 @@ pub fn clustered(
         half_rows,
         blocks,
     })
-}
-
-/// Observations from the first to the last.
-fn record_length(source: &dyn RowSource) -> usize {
-    let mut ends = None;
-    source.each(&mut |sample| ends = Some((ends.map_or(sample.row, |(first, _)| first), sample.row)));
-    ends.map_or(0, |(first, last)| last - first + 1)
 }
 
 /// Sums over one block.

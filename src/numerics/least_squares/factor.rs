@@ -4,25 +4,20 @@
 //! `[w | tau] = q r` holds all that least squares needs: `r = [r11 r12; 0 r22]` gives
 //! `theta = r11⁻¹ r12`, the residual sum of squares `r22²`, and the singular values of `w`.
 //! New rows are folded in by factoring `[r; rows]` again (Golub & Van Loan, Matrix Computations,
-//! 6.5; the sequential form of TSQR, Demmel et al. 2012).
+//! 6.5; the sequential form of TSQR, Demmel et al. 2012), a block at a time ([`super::triangle`]).
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::qr::no_pivoting::factor::{qr_in_place, qr_in_place_scratch};
-use faer::{Mat, MatMut, MatRef, Par};
+use faer::{Mat, MatRef, Par};
 
+use super::triangle::Fold;
 use crate::numerics::NumericsError;
+use crate::numerics::lanes::{LANES, Lanes};
 use crate::numerics::least_squares::solution::{LeastSquares, rank_deficient, weak_columns};
 
 /// A column shorter than this, relative to the longest, shows nothing: it is zero but for rounding.
 pub const ZERO_COLUMN_THRESHOLD: f64 = 1e-12;
 
-/// Rows that a [`FactorBuilder`] collects before it folds them: enough to make factoring the triangle
-/// above them a small part of the work, little enough to stay in a core's cache with forty columns (0.7 MB).
-pub const BLOCK_ROWS: usize = 2048;
-
-/// Columns that a reflection block of the QR takes at once. A factor is some forty columns wide:
-/// wider blocks spend more on building the block than its product saves.
-const REFLECTOR_BLOCK: usize = 8;
+/// Rows that a [`FactorBuilder`] collects before it folds them: forty columns of them lie in a core's first cache.
+pub const BLOCK_ROWS: usize = 128;
 
 /// Triangular factor of all rows of `[w | tau]` seen so far; `(b+1) x (b+1)`.
 #[derive(Debug, Clone, PartialEq)]
@@ -131,12 +126,15 @@ impl TriangularFactor {
     /// Folds in `block`, rows of `[w | tau]`, `[any x (b+1)]`.
     pub fn fold(&mut self, block: MatRef<'_, f64>) {
         let k = self.r.ncols();
-        let mut stacked = Mat::zeros(k + block.nrows(), k);
-        stacked.as_mut().subrows_mut(0, k).copy_from(self.r.as_ref());
-        stacked.as_mut().subrows_mut(k, block.nrows()).copy_from(block);
-        QrScratch::new(k).triangularise(stacked.as_mut());
-        self.r = stacked.as_ref().subrows(0, k).to_owned();
+        let mut builder = FactorBuilder::with_block(self.columns(), block.nrows().min(BLOCK_ROWS));
+        for i in 0..k {
+            (i..k).for_each(|j| builder.r[i * k + j] = self.r[(i, j)]);
+        }
+        for i in 0..block.nrows() {
+            builder.push(block.row(i).iter().copied());
+        }
         self.rows += block.nrows();
+        self.r = builder.take().r;
     }
 
     /// Joins the rows of `other`, as if they had been folded in here.
@@ -249,27 +247,30 @@ impl TriangularFactor {
     }
 }
 
-/// Takes rows of `[w | tau]` one by one and folds them, a block at a time, into a triangular factor.
-/// The factor lies above the block in one piece of memory and is factored in place with it, so that
-/// nothing is copied or allocated while rows come in.
+/// Takes rows of `[w | tau]` and folds them, a block at a time, into a triangular factor. Nothing is copied or
+/// allocated while rows come in.
 pub struct FactorBuilder {
-    /// Column-major, `height` rows a column: the factor, then the block.
-    stacked: Vec<f64>,
-    height: usize,
+    /// The factor, `[width x width]` row after row.
+    r: Vec<f64>,
+    /// Rows that are not folded yet: `width` columns of `stride` lanes. What lies behind the rows is left over.
+    block: Vec<Lanes>,
+    stride: usize,
     width: usize,
     filled: usize,
     rows: usize,
-    scratch: QrScratch,
 }
 
 impl FactorBuilder {
     /// Of no rows yet, for `columns` columns of `w`.
     #[must_use]
     pub fn new(columns: usize) -> Self {
-        let width = columns + 1;
-        let height = odd_lines(width + BLOCK_ROWS);
-        let stacked = vec![0.0; height * width];
-        Self { stacked, height, width, filled: 0, rows: 0, scratch: QrScratch::new(width) }
+        Self::with_block(columns, BLOCK_ROWS)
+    }
+
+    fn with_block(columns: usize, rows: usize) -> Self {
+        let (width, stride) = (columns + 1, rows.div_ceil(LANES).max(1));
+        let block = vec![Lanes::ZERO; stride * width];
+        Self { r: vec![0.0; width * width], block, stride, width, filled: 0, rows: 0 }
     }
 
     /// Takes one row: its `b` entries of `w`, then its torque.
@@ -278,77 +279,101 @@ impl FactorBuilder {
     /// If there are more than `b + 1` numbers; missing ones count as zero.
     #[inline]
     pub fn push(&mut self, row: impl Iterator<Item = f64>) {
-        self.push_at(row.enumerate());
+        let (lane, at) = (self.filled % LANES, self.filled / LANES);
+        let mut columns = 0;
+        for value in row {
+            self.block[columns * self.stride + at].0[lane] = value;
+            columns += 1;
+        }
+        for column in columns..self.width {
+            self.block[column * self.stride + at].0[lane] = 0.0;
+        }
+        self.took(1);
     }
 
     /// Takes one row by its places and numbers; all other places are zero, that of the torque is `b`.
-    #[inline]
     fn push_at(&mut self, entries: impl Iterator<Item = (usize, f64)>) {
-        let at = self.width + self.filled;
+        let (lane, at) = (self.filled % LANES, self.filled / LANES);
+        (0..self.width).for_each(|column| self.block[column * self.stride + at].0[lane] = 0.0);
         for (column, value) in entries {
-            self.stacked[column * self.height + at] = value;
+            self.block[column * self.stride + at].0[lane] = value;
         }
-        self.filled += 1;
-        self.rows += 1;
-        if at + 1 == self.height {
-            self.fold();
-        }
+        self.took(1);
     }
 
-    /// The factor of all rows so far; the folder is empty afterwards and can be used again.
+    /// Takes the rows of several instants: for each column in its order the numbers of all, of which those chosen
+    /// count.
+    ///
+    /// # Panics
+    /// If there are more than `b + 1` columns; fewer are an error of the caller.
+    #[inline]
+    pub fn push_lanes(&mut self, row: impl Iterator<Item = Lanes>, chosen: [bool; LANES]) {
+        let count = chosen.iter().filter(|chosen| **chosen).count();
+        if count == 0 {
+            return;
+        }
+        if count == LANES && self.filled.is_multiple_of(LANES) {
+            let at = self.filled / LANES;
+            for (column, value) in row.enumerate() {
+                self.block[column * self.stride + at] = value;
+            }
+            self.took(LANES);
+            return;
+        }
+        let mut places = [0; LANES];
+        let mut place = self.filled;
+        for (of, _) in places.iter_mut().zip(chosen).filter(|(_, chosen)| *chosen) {
+            *of = place;
+            place += 1;
+        }
+        // a block has room for all or is folded first, so that rows of one instant stay together
+        if place > self.stride * LANES {
+            self.fold();
+            return self.push_lanes(row, chosen);
+        }
+        for (column, value) in row.enumerate() {
+            let column = &mut self.block[column * self.stride..][..self.stride];
+            for lane in (0..LANES).filter(|lane| chosen[*lane]) {
+                column[places[lane] / LANES].0[places[lane] % LANES] = value.0[lane];
+            }
+        }
+        self.took(count);
+    }
+
+    /// The factor of all rows so far; the builder is empty afterwards and can be used again.
     #[must_use]
     pub fn take(&mut self) -> TriangularFactor {
-        if self.filled > 0 {
-            self.fold();
-        }
-        let (width, height) = (self.width, self.height);
-        let r = Mat::from_fn(width, width, |i, j| self.stacked[j * height + i]);
-        self.stacked.fill(0.0);
+        self.fold();
+        let width = self.width;
+        let r = Mat::from_fn(width, width, |i, j| self.r[i * width + j]);
+        self.r.fill(0.0);
         TriangularFactor { r, rows: std::mem::take(&mut self.rows) }
     }
 
+    #[inline]
+    fn took(&mut self, rows: usize) {
+        self.filled += rows;
+        self.rows += rows;
+        if self.filled == self.stride * LANES {
+            self.fold();
+        }
+    }
+
+    #[inline(never)]
     fn fold(&mut self) {
-        let rows = self.width + self.filled;
-        let whole = MatMut::from_column_major_slice_mut(&mut self.stacked, self.height, self.width);
-        self.scratch.triangularise(whole.subrows_mut(0, rows));
-        for column in self.stacked.chunks_exact_mut(self.height) {
-            column[self.width..].fill(0.0);
+        if self.filled == 0 {
+            return;
         }
-        self.filled = 0;
-    }
-}
-
-/// The next number of rows that makes a column an odd number of cache lines: with an even one, the
-/// same row of all columns falls on few places of the cache.
-fn odd_lines(rows: usize) -> usize {
-    /// Numbers in a cache line of 64 bytes.
-    const LINE: usize = 8;
-    (rows.div_ceil(LINE) | 1) * LINE
-}
-
-/// Memory of a QR that is done again and again at one width.
-struct QrScratch {
-    reflectors: Mat<f64>,
-    memory: MemBuffer,
-}
-
-impl QrScratch {
-    fn new(width: usize) -> Self {
-        let block = REFLECTOR_BLOCK.min(width);
-        let needed = qr_in_place_scratch::<f64>(width, width, block, Par::Seq, Default::default());
-        Self { reflectors: Mat::zeros(block, width), memory: MemBuffer::new(needed) }
-    }
-
-    /// Leaves the triangular factor of `stacked` in its upper triangle and zeros below it in the
-    /// first rows; the rows after the triangle hold nothing of use. At least as many rows as columns.
-    fn triangularise(&mut self, mut stacked: MatMut<'_, f64>) {
-        let stack = MemStack::new(&mut self.memory);
-        qr_in_place(stacked.as_mut(), self.reflectors.as_mut(), Par::Seq, stack, Default::default());
-        for j in 0..stacked.ncols() {
-            for i in j + 1..stacked.ncols() {
-                stacked[(i, j)] = 0.0;
-            }
+        let Self { r, block, stride, width, filled, .. } = self;
+        let (stride, width) = (*stride, *width);
+        let height = filled.div_ceil(LANES);
+        let in_last = *filled % LANES;
+        if in_last > 0 {
+            let last = block.iter_mut().skip(height - 1).step_by(stride);
+            last.for_each(|lanes| lanes.0[in_last..].fill(0.0));
         }
+        Fold { r, block, width, stride, height }.fold();
+        *filled = 0;
     }
 }
 
@@ -357,190 +382,4 @@ fn solve_upper(upper: MatRef<'_, f64>, right: &mut Mat<f64>) {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Rounding of a QR of a few thousand rows.
-    const ROUNDING: f64 = 1e-10;
-
-    fn value(i: usize, j: usize) -> f64 {
-        // badly scaled on purpose: columns differ by five decades
-        let x = (i as f64) * 0.01;
-        [x.sin(), (1.7 * x).cos(), x, 1.0][j] * decade(j)
-    }
-
-    fn decade(j: usize) -> f64 {
-        10f64.powi(2 * i32::try_from(j).expect("small") - 3)
-    }
-
-    fn problem(rows: usize) -> Mat<f64> {
-        let theta = [3.0, -2.0, 0.5, 7.0];
-        Mat::from_fn(rows, 5, |i, j| {
-            if j < 4 {
-                value(i, j)
-            } else {
-                (0..4).map(|k| value(i, k) * theta[k] / decade(k)).sum::<f64>()
-                    + 1e-3 * ((i * 7919 % 101) as f64 - 50.0)
-            }
-        })
-    }
-
-    /// The same problem by another road: normal equations of the columns brought to one scale.
-    fn by_normal_equations(all: &Mat<f64>) -> Vec<f64> {
-        use faer::linalg::solvers::Solve;
-        let whole = Mat::from_fn(all.nrows(), 4, |i, j| all[(i, j)] / decade(j));
-        let rhs = all.as_ref().subcols(4, 1);
-        let normal = whole.transpose() * &whole;
-        let solved = normal.llt(faer::Side::Lower).expect("positive definite").solve(whole.transpose() * rhs);
-        (0..4).map(|j| solved[(j, 0)] / decade(j)).collect()
-    }
-
-    #[test]
-    fn blocks_in_any_size_give_the_solution_of_the_whole() {
-        let all = problem(5000);
-        let expected = by_normal_equations(&all);
-        for block in [1, 7, 100, 5000] {
-            let mut factor = TriangularFactor::new(4);
-            let mut at = 0;
-            while at < 5000 {
-                let n = block.min(5000 - at);
-                factor.fold(all.as_ref().subrows(at, n));
-                at += n;
-            }
-            let solved = factor.solve(1e8, |i| i.to_string()).expect("solves");
-            for (found, expected) in solved.theta.iter().zip(&expected) {
-                assert!((found - expected).abs() < ROUNDING * expected.abs());
-            }
-            let residual: f64 = (0..5000)
-                .map(|i| ((0..4).map(|k| all[(i, k)] * solved.theta[k]).sum::<f64>() - all[(i, 4)]).powi(2))
-                .sum();
-            assert!((solved.residual_sum_of_squares - residual).abs() < ROUNDING * residual);
-        }
-    }
-
-    #[test]
-    fn joining_two_factors_equals_folding_all_rows() {
-        let all = problem(2000);
-        let mut one = TriangularFactor::new(4);
-        one.fold(all.as_ref());
-        let mut left = TriangularFactor::new(4);
-        left.fold(all.as_ref().subrows(0, 700));
-        let mut right = TriangularFactor::new(4);
-        right.fold(all.as_ref().subrows(700, 1300));
-        left.join(&right);
-        assert_eq!(left.rows(), 2000);
-        let (a, b) = (one.solve(1e8, |i| i.to_string()), left.solve(1e8, |i| i.to_string()));
-        let (a, b) = (a.expect("solves"), b.expect("solves"));
-        for i in 0..4 {
-            assert!((a.theta[i] - b.theta[i]).abs() < ROUNDING * a.theta[i].abs());
-        }
-    }
-
-    #[test]
-    fn rows_pushed_one_by_one_make_the_factor_of_the_blocks() {
-        let all = problem(5000);
-        let mut expected = TriangularFactor::new(4);
-        expected.fold(all.as_ref());
-        let mut folder = FactorBuilder::new(4);
-        for _twice in 0..2 {
-            (0..5000).for_each(|i| folder.push((0..5).map(|j| all[(i, j)])));
-            let found = folder.take();
-            assert_eq!(found.rows(), 5000);
-            // reflections leave the sign of a row open
-            for (a, b) in found.packed().iter().zip(expected.packed()) {
-                assert!((a.abs() - b.abs()).abs() < ROUNDING * all.norm_max() * 5000.0_f64.sqrt(), "{a} {b}");
-            }
-            let again = TriangularFactor::from_packed(4, 5000, &found.packed()).expect("a triangle");
-            assert_eq!(again, found);
-        }
-        assert_eq!(folder.take(), TriangularFactor::new(4));
-    }
-
-    #[test]
-    fn a_factor_gives_the_sums_of_squares_of_its_rows() {
-        let all = problem(3000);
-        let mut factor = TriangularFactor::new(4);
-        factor.fold(all.as_ref());
-        // any parameters, not only those that fit best
-        for theta in [[0.0; 4], [100.0, -3.0, 0.25, 0.001]] {
-            let deviation = |i: usize| (0..4).map(|k| all[(i, k)] * theta[k]).sum::<f64>() - all[(i, 4)];
-            let expected: f64 = (0..3000).map(|i| deviation(i).powi(2)).sum();
-            let found = factor.residual_sum_of_squares(&theta);
-            assert!((found - expected).abs() < ROUNDING * expected, "{found} {expected}");
-        }
-        let measured: f64 = (0..3000).map(|i| all[(i, 4)].powi(2)).sum();
-        assert!((factor.torque_sum_of_squares() - measured).abs() < ROUNDING * measured);
-    }
-
-    #[test]
-    fn columns_that_are_zero_at_first_lose_nothing() {
-        // the last columns come to life after the first block, as for a joint that rests at first
-        let all = Mat::from_fn(3000, 5, |i, j| match j {
-            0 if i < 2500 => 0.0,
-            _ => problem_entry(i, j),
-        });
-        let mut factor = TriangularFactor::new(4);
-        for at in [0, 3, 1000, 2000] {
-            let end = [3, 1000, 2000, 3000].into_iter().find(|&end| end > at).expect("a block");
-            factor.fold(all.as_ref().subrows(at, end - at));
-        }
-        let theta = [2.0 / decade(0), 1.0 / decade(1), -1.0 / decade(2), 3.0 / decade(3)];
-        let deviation = |i: usize| (0..4).map(|k| all[(i, k)] * theta[k]).sum::<f64>() - all[(i, 4)];
-        let expected: f64 = (0..3000).map(|i| deviation(i).powi(2)).sum();
-        let found = factor.residual_sum_of_squares(&theta);
-        assert!((found - expected).abs() < ROUNDING * expected, "{found} {expected}");
-    }
-
-    fn problem_entry(i: usize, j: usize) -> f64 {
-        if j < 4 { value(i, j) } else { (i * 7919 % 101) as f64 - 50.0 }
-    }
-
-    #[test]
-    fn what_is_no_triangle_is_refused() {
-        assert!(matches!(
-            TriangularFactor::from_packed(2, 10, &[1.0; 5]),
-            Err(NumericsError::NotATriangle { numbers: 5, columns: 2 })
-        ));
-        let error = TriangularFactor::from_packed(1, 10, &[1.0, f64::NAN, 1.0]).expect_err("not finite");
-        assert!(matches!(error, NumericsError::NotFinite(_)));
-    }
-
-    #[test]
-    fn a_column_that_repeats_another_is_named() {
-        let all = Mat::from_fn(500, 4, |i, j| match j {
-            2 => 2.0 * value(i, 0) - value(i, 1),
-            3 => 1.0,
-            _ => value(i, j),
-        });
-        let mut factor = TriangularFactor::new(3);
-        factor.fold(all.as_ref());
-        let error = factor.solve(1e8, |i| format!("p{i}")).expect_err("rank two of three");
-        assert!(matches!(error, NumericsError::RankDeficient { count: 1, columns: 3, .. }), "{error}");
-    }
-
-    #[test]
-    fn all_that_a_motion_hides_is_named_and_nothing_else() {
-        // two columns of zeros, one that repeats another, and one that stands alone
-        let all = Mat::from_fn(500, 6, |i, j| match j {
-            1 | 3 => 0.0,
-            4 => 3.0 * value(i, 0),
-            _ => value(i, j.min(2)),
-        });
-        let mut factor = TriangularFactor::new(5);
-        factor.fold(all.as_ref());
-        let error = factor.solve(1e8, |i| format!("p{i}")).expect_err("rank two of five");
-        let NumericsError::RankDeficient { count, columns, names } = error else { panic!("{error}") };
-        assert_eq!((count, columns), (3, 5));
-        // of p0 and p4 either may stand for the pair
-        assert!(["p0, p1, p3", "p1, p3, p4"].contains(&names.as_str()), "{names}");
-    }
-
-    #[test]
-    fn a_column_of_zeros_is_named() {
-        let all = Mat::from_fn(500, 3, |i, j| if j == 1 { 0.0 } else { value(i, j) });
-        let mut factor = TriangularFactor::new(2);
-        factor.fold(all.as_ref());
-        let error = factor.solve(1e8, |i| format!("p{i}")).expect_err("rank one of two");
-        assert!(error.to_string().contains("p1"), "{error}");
-    }
-}
+mod tests;

@@ -2,6 +2,7 @@
 
 pub mod orthonormal;
 pub mod solution;
+mod triangle;
 pub mod factor;
 pub mod weighted;
 pub mod huber;

@@ -39,6 +39,12 @@ pub trait RowSource {
     fn joint_count(&self) -> usize;
     /// Hands every sample to `visit`, in order of time.
     fn each(&self, visit: &mut dyn FnMut(&SampleRows<'_>));
+    /// Observations from the first to the last.
+    fn record_length(&self) -> usize {
+        let mut ends = None;
+        self.each(&mut |sample| ends = Some((ends.map_or(sample.row, |(first, _)| first), sample.row)));
+        ends.map_or(0, |(first, last)| last - first + 1)
+    }
 }
 
 /// Triangular factor of each joint's rows, `[n]`.

@@ -4,6 +4,7 @@ pub mod kinematics;
 pub mod actuator;
 pub mod dynamics;
 pub mod regressor;
+pub mod regressor_lanes;
 pub mod base_parameters;
 pub mod robot_check;
 mod robot_text;

@@ -152,6 +152,12 @@ impl KeptColumns {
         self.columns.is_empty()
     }
 
+    /// The columns in their order.
+    #[must_use]
+    pub fn columns(&self) -> &[usize] {
+        &self.columns
+    }
+
     /// Writes the kept columns of one sample into a block of the observation matrix.
     ///
     /// `block` is column-major with `block_rows` rows and at least `b` columns: the element at

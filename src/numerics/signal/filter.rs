@@ -2,17 +2,11 @@
 
 use std::ops::Range;
 
-use sci_rs::signal::filter::design::{DigitalFilter, FilterBandType, FilterOutputType, Sos, butter_dyn};
-use sci_rs::signal::filter::sosfiltfilt_dyn;
-
+use super::low_pass::LowPass;
 use super::time_grid::{EvenGrid, is_even, longest_step, median_step, sample_rate};
 use crate::numerics::NumericsError;
 use crate::robot::MAX_JOINTS;
 use crate::run::Samples;
-
-/// Order of the Butterworth low-pass. Forward and backward passes double the roll-off and cancel
-/// the phase.
-const FILTER_ORDER: usize = 4;
 
 /// Shortest stretch between gaps that is filtered. The odd extension at either end needs 15 rows;
 /// shorter stretches have no inner part.
@@ -85,17 +79,14 @@ impl FilteredSignals {
         (self.stretches.len(), self.stretches.iter().map(|stretch| stretch.rows.len()).sum())
     }
 
-    /// `series` `[rows]` through the low-pass that the channels went through; zero in unusable rows.
+    /// Each of `series` `[rows]` through the low-pass that the channels went through; zero in unusable rows.
     #[must_use]
-    pub fn low_passed(&self, series: &[f64]) -> Vec<f64> {
+    pub fn low_passed(&self, series: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
         // a cut-off that made this recording fits its sample rate
-        let low_pass = LowPass::new(self.cutoff, self.sample_rate);
-        low_pass.map_or_else(
-            |_| series.to_vec(),
-            |low_pass| {
-                spread(series, &self.stretches, |stretch, series| stretch.low_passed(&low_pass, series))
-            },
-        )
+        let Ok(low_pass) = LowPass::new(self.cutoff, self.sample_rate) else { return series };
+        let channels: Vec<&[f64]> = series.iter().map(Vec::as_slice).collect();
+        let pieces = low_passed(&channels, &self.stretches, &low_pass);
+        pieces.into_iter().map(|pieces| joined(pieces, &self.stretches, self.rows())).collect()
     }
 
     /// Derivative over true times of a channel that went through the low-pass, per second; zero in rows that did
@@ -150,23 +141,24 @@ pub fn filter_signals(samples: &Samples, cutoff: f64) -> Result<FilteredSignals,
     let low_pass = LowPass::new(cutoff, sample_rate)?;
     let stretches = stretches(&samples.time, longest_step(step, cutoff), sample_rate);
 
-    let low_passed = |channel: &Vec<f64>| -> Vec<Vec<f64>> {
-        stretches.iter().map(|stretch| stretch.low_passed(&low_pass, channel)).collect()
+    let channels = |of: &[Vec<f64>]| {
+        let channels: Vec<&[f64]> = of.iter().map(Vec::as_slice).collect();
+        low_passed(&channels, &stretches, &low_pass)
     };
     let derivative = |pieces: &Vec<Vec<f64>>| -> Vec<Vec<f64>> {
         pieces.iter().zip(&stretches).map(|(piece, stretch)| differentiate(piece, stretch.step)).collect()
     };
-    let at_rows = |channels: &[Vec<Vec<f64>>]| -> Vec<Vec<f64>> {
-        channels.iter().map(|pieces| joined(pieces, &stretches, rows)).collect()
+    let at_rows = |channels: Vec<Vec<Vec<f64>>>| -> Vec<Vec<f64>> {
+        channels.into_iter().map(|pieces| joined(pieces, &stretches, rows)).collect()
     };
-    let q: Vec<Vec<Vec<f64>>> = samples.position.iter().map(low_passed).collect();
+    let q = channels(&samples.position);
     let qd: Vec<Vec<Vec<f64>>> = match &samples.velocity {
-        Some(velocity) => velocity.iter().map(low_passed).collect(),
+        Some(velocity) => channels(velocity),
         None => q.iter().map(derivative).collect(),
     };
     let qdd: Vec<Vec<Vec<f64>>> = qd.iter().map(derivative).collect();
-    let tau: Vec<Vec<Vec<f64>>> = samples.torque.iter().map(low_passed).collect();
-    let [q, qd, qdd, tau] = [q, qd, qdd, tau].map(|channels| at_rows(&channels));
+    let tau = channels(&samples.torque);
+    let [q, qd, qdd, tau] = [q, qd, qdd, tau].map(at_rows);
     let edge = (EDGE_PERIODS * sample_rate / cutoff).ceil() as usize;
     let usable = stretches.iter().map(|s| s.rows.start + edge..s.rows.end.saturating_sub(edge));
     let usable = usable.filter(|s| !s.is_empty()).collect();
@@ -195,47 +187,16 @@ pub fn differentiate(values: &[f64], step: f64) -> Vec<f64> {
     if n < 2 {
         return out;
     }
-    for i in 1..n - 1 {
-        let difference = |rows: usize| values[i + rows] - values[i - rows];
-        out[i] = match (3..n.saturating_sub(3)).contains(&i) {
-            true => (45.0 * difference(1) - 9.0 * difference(2) + difference(3)) / (60.0 * step),
-            false => difference(1) / (2.0 * step),
-        };
+    for i in (1..n - 1).filter(|i| *i < 3 || i + 3 >= n) {
+        out[i] = (values[i + 1] - values[i - 1]) / (2.0 * step);
+    }
+    // without a question in each row, so that the compiler takes several rows at once
+    for (out, at) in out.iter_mut().skip(3).zip(values.array_windows::<7>()) {
+        *out = (45.0 * (at[4] - at[2]) - 9.0 * (at[5] - at[1]) + (at[6] - at[0])) / (60.0 * step);
     }
     out[0] = (values[1] - values[0]) / step;
     out[n - 1] = (values[n - 1] - values[n - 2]) / step;
     out
-}
-
-/// A zero-phase low-pass in second-order sections; the transfer-function form loses all digits at
-/// low cut-offs.
-struct LowPass {
-    sections: Vec<Sos<f64>>,
-}
-
-impl LowPass {
-    fn new(cutoff: f64, sample_rate: f64) -> Result<Self, NumericsError> {
-        let too_high = NumericsError::CutoffTooHigh { sample_rate_hz: sample_rate, cutoff_hz: cutoff };
-        if !(cutoff > 0.0 && cutoff < 0.5 * sample_rate) {
-            return Err(too_high);
-        }
-        let design = butter_dyn(
-            FILTER_ORDER,
-            vec![cutoff],
-            Some(FilterBandType::Lowpass),
-            Some(false),
-            Some(FilterOutputType::Sos),
-            Some(sample_rate),
-        );
-        match design {
-            DigitalFilter::Sos(sos) => Ok(Self { sections: sos.sos }),
-            _ => Err(too_high),
-        }
-    }
-
-    fn over(&self, values: &[f64]) -> Vec<f64> {
-        sosfiltfilt_dyn(values.iter(), &self.sections)
-    }
 }
 
 /// Rows without a gap in time among them.
@@ -256,19 +217,44 @@ impl Stretch {
         self.grid.as_ref().map_or_else(|| own.to_vec(), |grid| grid.to_grid(own))
     }
 
-    fn low_passed(&self, low_pass: &LowPass, channel: &[f64]) -> Vec<f64> {
-        low_pass.over(&self.to_grid(channel))
+    /// Channels of the whole recording through a low-pass, on the stretch's grid.
+    fn low_passed(&self, low_pass: &LowPass, channels: &[&[f64]]) -> Vec<Vec<f64>> {
+        match &self.grid {
+            None => {
+                let own: Vec<&[f64]> = channels.iter().map(|channel| &channel[self.rows.clone()]).collect();
+                low_pass.over(&own)
+            }
+            Some(_) => {
+                let own: Vec<Vec<f64>> = channels.iter().map(|channel| self.to_grid(channel)).collect();
+                low_pass.over(&own.iter().map(Vec::as_slice).collect::<Vec<_>>())
+            }
+        }
     }
 }
 
 /// Makes a channel from another one, stretch by stretch on their grids; zero between them.
 fn spread(channel: &[f64], stretches: &[Stretch], made: impl Fn(&Stretch, &[f64]) -> Vec<f64>) -> Vec<f64> {
     let pieces: Vec<Vec<f64>> = stretches.iter().map(|stretch| made(stretch, channel)).collect();
-    joined(&pieces, stretches, channel.len())
+    joined(pieces, stretches, channel.len())
+}
+
+/// Channels of the whole recording through a low-pass, each as its pieces on the grids of the stretches.
+fn low_passed(channels: &[&[f64]], stretches: &[Stretch], low_pass: &LowPass) -> Vec<Vec<Vec<f64>>> {
+    let mut of_channels = vec![Vec::with_capacity(stretches.len()); channels.len()];
+    for stretch in stretches {
+        let pieces = stretch.low_passed(low_pass, channels);
+        of_channels.iter_mut().zip(pieces).for_each(|(of, piece)| of.push(piece));
+    }
+    of_channels
 }
 
 /// Pieces on the grids of the stretches as one channel of the recording; zero between them.
-fn joined(pieces: &[Vec<f64>], stretches: &[Stretch], rows: usize) -> Vec<f64> {
+fn joined(mut pieces: Vec<Vec<f64>>, stretches: &[Stretch], rows: usize) -> Vec<f64> {
+    if let ([Stretch { rows: whole, grid: None, .. }], 1) = (stretches, pieces.len())
+        && *whole == (0..rows)
+    {
+        return pieces.swap_remove(0);
+    }
     let mut out = vec![0.0; rows];
     for (piece, stretch) in pieces.iter().zip(stretches) {
         let at_rows = stretch.grid.as_ref().map(|grid| grid.to_rows(piece));

@@ -1,5 +1,6 @@
 //! Channels of a recording: time grid, low-pass and derivatives, temperatures, delays.
 
+mod low_pass;
 pub mod filter;
 pub mod temperature;
 pub mod time_grid;

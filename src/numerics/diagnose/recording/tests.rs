@@ -2,8 +2,8 @@
 
 use std::convert::Infallible;
 
-use super::diagnose_samples;
 use super::view::DiagnoseSettings;
+use super::{diagnose_samples, runs};
 use crate::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use crate::config::parse_robot;
 use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
@@ -15,6 +15,43 @@ use crate::run::{Cycle, Samples, Stage};
 use crate::simulate::record::record;
 use crate::simulate::{SimulationSettings, recording_of_run};
 use crate::testing::er3a;
+
+/// Against every row looked at, for runs of all lengths at all places.
+#[test]
+fn runs_are_found_wherever_they_lie() {
+    let every_row = |values: &[f64], least: usize| {
+        let mut found = Vec::new();
+        let mut start = 0;
+        for row in 0..values.len() {
+            if row + 1 == values.len() || values[row + 1] != values[start] {
+                if row + 1 - start >= least {
+                    found.push((start, row + 1));
+                }
+                start = row + 1;
+            }
+        }
+        found
+    };
+    let mut state = 1_u32;
+    let mut next = move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        state >> 16
+    };
+    for round in 0..400 {
+        let mut values = Vec::new();
+        while values.len() < 300 {
+            let length = if next() % 4 == 0 { next() % 40 } else { next() % 3 };
+            let value = f64::from(next() % 3) - 1.0;
+            values.extend((0..length).map(|_| value));
+        }
+        values.truncate(250 + round % 50);
+        for least in [2, 3, 4, 7, 20, 60] {
+            assert_eq!(runs(&values, least), every_row(&values, least), "{least} {values:?}");
+        }
+    }
+    assert_eq!(runs(&[], 4), []);
+    assert_eq!(runs(&[0.0, -0.0, 0.0, -0.0], 4), [(0, 4)]);
+}
 
 fn scara() -> Robot {
     let text = include_str!("../../../../config/robots/scara.toml");

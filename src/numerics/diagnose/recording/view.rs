@@ -1,6 +1,7 @@
 //! Channels with what several checks need, and from where on a check speaks.
 
 use crate::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
+use crate::numerics::lanes::{dot, extent};
 use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{Joint, JointIndex, Robot};
 use crate::run::{Samples, Stage};
@@ -102,14 +103,14 @@ impl<'a> View<'a> {
     }
 
     pub(super) fn product(&self, a: &[f64], b: &[f64]) -> f64 {
-        let of_piece = |(a, b): (&[f64], &[f64])| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let of_piece = |(a, b): (&[f64], &[f64])| dot(a, b);
         self.pieces(a).zip(self.pieces(b)).map(of_piece).sum::<f64>() / self.rows.len() as f64
     }
 
     pub(super) fn extent(&self, channel: &[f64]) -> [f64; 2] {
         self.pieces(channel)
-            .flatten()
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &x| [low.min(x), high.max(x)])
+            .map(extent)
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [l, h]| [low.min(l), high.max(h)])
     }
 }
 

@@ -1,0 +1,207 @@
+//! Numbers of plain text, several bytes at once.
+//!
+//! Up to fifteen digits make a whole number that a double holds exactly, and so is ten to the power of their decimals:
+//! one division rounds once, which gives the nearest double (Clinger 1990, How to read floating point numbers
+//! accurately). Longer numbers go to the standard library, which gives the nearest double too.
+
+/// Bytes of a word.
+const WORD: usize = 8;
+
+/// Most bytes of a number.
+const LONGEST: usize = 64;
+
+/// Ten to the power of the decimals of two words.
+const POWERS: [f64; 2 * WORD] =
+    [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
+
+/// The number that begins at `start`, digits with a decimal mark `point` or without and a minus or no sign, and where
+/// it ends; `None` for anything else. What follows it is not looked at, but must follow: text ends with a line end.
+#[inline(always)]
+pub(super) fn number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, usize)> {
+    let negative = *text.get(start)? == b'-';
+    let digits = start + usize::from(negative);
+    let Some(bytes) = text.get(digits..digits + 2 * WORD) else { return long_number_at(text, start, point) };
+    let (low, high) = bytes.split_at(WORD);
+    let [low, high] =
+        [low, high].map(|word| u64::from_le_bytes(word.try_into().unwrap_or_default()) ^ repeated(b'0'));
+    let others = [non_digits(low), non_digits(high)];
+    if others[0] == 0 {
+        return long_number_at(text, start, point);
+    }
+    let first = place(others[0]);
+    let (end, joined) = if bytes[first] == point {
+        let behind = others[0] & (others[0] - 1);
+        let end = if behind == 0 { WORD + place(others[1]) } else { place(behind) };
+        // what stands behind the mark moves into its place
+        let before = (1_u64 << (8 * first)) - 1;
+        (end, (low & before) | (((low >> 8) | (high << 56)) & !before))
+    } else {
+        (first, low)
+    };
+    let with_point = usize::from(end > first);
+    let count = end - with_point;
+    let value = match count {
+        0 => return None,
+        1..=WORD => eight_digits(joined << (8 * (WORD - count))),
+        // no more than fifteen, for the line does not end within the words otherwise
+        _ if others[1] != 0 => {
+            let rest = (high >> 8) << (8 * (2 * WORD - count));
+            eight_digits(joined) * POWERS[count - WORD] as u64 + eight_digits(rest)
+        }
+        _ => return long_number_at(text, start, point),
+    };
+    let size = value as f64 / POWERS[end - first - with_point];
+    Some((if negative { -size } else { size }, digits + end))
+}
+
+const fn repeated(byte: u8) -> u64 {
+    u64::from_le_bytes([byte; WORD])
+}
+
+/// The high bit of each byte that is no digit, of a word from whose bytes `0` was taken.
+#[inline(always)]
+fn non_digits(word: u64) -> u64 {
+    (((word & repeated(0x7f)) + repeated(0x76)) | word) & repeated(0x80)
+}
+
+/// The byte of the lowest bit; [`WORD`] where there is none.
+#[inline(always)]
+fn place(of: u64) -> usize {
+    (of.trailing_zeros() / 8) as usize
+}
+
+/// The number of eight digits, 0 to 9 each, the first in the lowest byte: pairs, then fours, then all.
+#[inline(always)]
+fn eight_digits(digits: u64) -> u64 {
+    let pairs = digits.wrapping_mul(10).wrapping_add(digits >> 8);
+    let every_other = 0x0000_00ff_0000_00ff;
+    let upper = (pairs & every_other).wrapping_mul(100 + (1_000_000 << 32));
+    let lower = ((pairs >> 16) & every_other).wrapping_mul(1 + (10_000 << 32));
+    upper.wrapping_add(lower) >> 32
+}
+
+#[cold]
+#[inline(never)]
+fn long_number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, usize)> {
+    let rest = &text[start..];
+    let digits = usize::from(rest.first() == Some(&b'-'));
+    let is_part = |byte: &u8| byte.is_ascii_digit() || *byte == point;
+    let length = rest[digits..].iter().take(LONGEST).take_while(|byte| is_part(byte)).count();
+    let end = digits + length;
+    let mut written = [0; LONGEST + 1];
+    let written = &mut written[..end];
+    written.copy_from_slice(rest.get(..end)?);
+    let points = written.iter_mut().filter(|byte| **byte == point).map(|byte| *byte = b'.').count();
+    if length == points || points > 1 || length == LONGEST {
+        return None;
+    }
+    Some((std::str::from_utf8(written).ok()?.parse().ok()?, start + end))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// The number by another road: fast-float2, which polars reads with.
+    fn expected(cell: &str) -> Option<f64> {
+        let digits = cell.strip_prefix('-').unwrap_or(cell);
+        let plain =
+            digits.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.') && digits.len() < LONGEST;
+        (plain && digits.bytes().any(|byte| byte.is_ascii_digit()))
+            .then(|| fast_float2::parse::<f64, _>(cell).ok())
+            .flatten()
+    }
+
+    fn assert_number(cell: &str) {
+        for (behind, before) in [(",", ""), ("\n", ",1."), ("\r\n", "9"), (",123456789012345678\n", "")] {
+            for point in [b'.', b','] {
+                if point == b',' && behind.starts_with(',') {
+                    continue;
+                }
+                let written = if point == b',' { cell.replace('.', ",") } else { cell.to_owned() };
+                let text = format!("{before}{written}{behind}");
+                let found = number_at(text.as_bytes(), before.len(), point);
+                // what is no number may be one with something behind it, which its reader refuses
+                let whole =
+                    found.filter(|(_, end)| *end == before.len() + cell.len()).map(|(number, _)| number);
+                assert_eq!(whole.map(f64::to_bits), expected(cell).map(f64::to_bits), "{text:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn corners() {
+        for cell in [
+            "0",
+            "-0",
+            "0.0",
+            "-0.000000",
+            "7",
+            "-7.",
+            ".5",
+            "-.5",
+            ".",
+            "-",
+            "",
+            "--1",
+            "1-",
+            "+1",
+            "1e5",
+            "1.2.3",
+            "9007199254740992",
+            "9007199254740993",
+            "900719925474099.3",
+            "-123456789012345",
+            "1234567890123456",
+            "12345678901234567890",
+            "0.1234567890123456789",
+            "0.000000000000000000000000000001",
+            "99999999.99999999",
+            "00000000000000000001.5",
+            "1 ",
+            " 1",
+            "nan",
+            "inf",
+            "1:2",
+            "1/2",
+            "\u{b9}",
+            "3.141592653589793",
+        ] {
+            assert_number(cell);
+        }
+        assert_eq!(number_at(b"5", 0, b'.'), Some((5.0, 1)));
+        assert_eq!(number_at(b"", 0, b'.'), None);
+        assert_eq!(number_at(&[b'1'; 80], 0, b'.'), None);
+    }
+
+    #[test]
+    fn all_short_decimals_of_an_encoder() {
+        for k in -120_000..120_000 {
+            let number = f64::from(k);
+            assert_number(&format!("{:.4}", number * 1e-4));
+            assert_number(&format!("{:.6}", number * 7.3e-5));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_bits_of_fast_float(cell in "-?[0-9]{0,22}(\\.[0-9]{0,22})?") {
+            assert_number(&cell);
+        }
+
+        #[test]
+        fn the_bits_of_the_shortest_text(number in any::<f64>(), decimals in 0..20_usize) {
+            assert_number(&format!("{:.decimals$}", number % 1e6));
+            assert_number(&format!("{}", number % 1e6));
+        }
+
+        #[test]
+        fn no_text_is_taken_for_a_number(cell in "[-+.0-9eE, \"a\u{e4}]{0,20}") {
+            if !cell.contains(',') {
+                assert_number(&cell);
+            }
+        }
+    }
+}

@@ -1,0 +1,280 @@
+//! Several numbers worked on at once: a lane each, in plain arrays that the compiler puts into vector registers.
+//!
+//! Kernels are functions that are inlined into [`wide`], which compiles them once for any processor and once for
+//! those with 256-bit registers (AVX2) and chooses while the program runs. No operation is fused or reordered, so
+//! both give the same bits.
+
+use std::ops::{Add, AddAssign, Mul, Neg, Sub, SubAssign};
+
+use pulp::{Arch, Simd, WithSimd};
+
+/// Numbers in a [`Lanes`].
+pub const LANES: usize = 4;
+
+/// A number of each of several instants or rows. Operations are written out: a closure or an iterator in each of them
+/// would be a call in a kernel too large for the compiler to inline more.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lanes(pub [f64; LANES]);
+
+impl Lanes {
+    /// Zero in each lane.
+    pub const ZERO: Self = Self([0.0; LANES]);
+
+    /// The same number in each lane.
+    #[inline(always)]
+    #[must_use]
+    pub fn splat(value: f64) -> Self {
+        Self([value; LANES])
+    }
+
+    /// The sum of the lanes.
+    #[inline(always)]
+    #[must_use]
+    pub fn sum(self) -> f64 {
+        let Self([a, b, c, d]) = self;
+        (a + c) + (b + d)
+    }
+}
+
+impl Add for Lanes {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        let (Self([a, b, c, d]), Self([e, f, g, h])) = (self, other);
+        Self([a + e, b + f, c + g, d + h])
+    }
+}
+
+impl Sub for Lanes {
+    type Output = Self;
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        let (Self([a, b, c, d]), Self([e, f, g, h])) = (self, other);
+        Self([a - e, b - f, c - g, d - h])
+    }
+}
+
+impl Mul for Lanes {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        let (Self([a, b, c, d]), Self([e, f, g, h])) = (self, other);
+        Self([a * e, b * f, c * g, d * h])
+    }
+}
+
+impl Mul<f64> for Lanes {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(self, by: f64) -> Self {
+        self * Self::splat(by)
+    }
+}
+
+impl Neg for Lanes {
+    type Output = Self;
+
+    #[inline(always)]
+    fn neg(self) -> Self {
+        let Self([a, b, c, d]) = self;
+        Self([-a, -b, -c, -d])
+    }
+}
+
+impl AddAssign for Lanes {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl SubAssign for Lanes {
+    #[inline(always)]
+    fn sub_assign(&mut self, other: Self) {
+        *self = *self - other;
+    }
+}
+
+/// A vector of space at each of several instants.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LaneVector {
+    /// Along x.
+    pub x: Lanes,
+    /// Along y.
+    pub y: Lanes,
+    /// Along z.
+    pub z: Lanes,
+}
+
+impl LaneVector {
+    /// Zero at each instant.
+    pub const ZERO: Self = Self { x: Lanes::ZERO, y: Lanes::ZERO, z: Lanes::ZERO };
+
+    /// The same vector at each instant.
+    #[inline(always)]
+    #[must_use]
+    pub fn splat(x: f64, y: f64, z: f64) -> Self {
+        Self { x: Lanes::splat(x), y: Lanes::splat(y), z: Lanes::splat(z) }
+    }
+
+    /// Scalar product.
+    #[inline(always)]
+    #[must_use]
+    pub fn dot(&self, other: &Self) -> Lanes {
+        self.x * other.x + self.y * other.y + self.z * other.z
+    }
+
+    /// Vector product.
+    #[inline(always)]
+    #[must_use]
+    pub fn cross(&self, other: &Self) -> Self {
+        Self {
+            x: self.y * other.z - self.z * other.y,
+            y: self.z * other.x - self.x * other.z,
+            z: self.x * other.y - self.y * other.x,
+        }
+    }
+}
+
+impl Add for LaneVector {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self { x: self.x + other.x, y: self.y + other.y, z: self.z + other.z }
+    }
+}
+
+impl Sub for LaneVector {
+    type Output = Self;
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self { x: self.x - other.x, y: self.y - other.y, z: self.z - other.z }
+    }
+}
+
+impl Mul<Lanes> for LaneVector {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(self, by: Lanes) -> Self {
+        Self { x: self.x * by, y: self.y * by, z: self.z * by }
+    }
+}
+
+/// Numbers that sums and comparisons of long series take at once, so that none waits for the one before.
+const ABREAST: usize = 16;
+
+/// Sum of products of two series of one length.
+#[must_use]
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a, b) = (a.as_chunks::<ABREAST>(), b.as_chunks::<ABREAST>());
+    let mut sums = [0.0; ABREAST];
+    for (a, b) in a.0.iter().zip(b.0) {
+        for k in 0..ABREAST {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    let rest: f64 = a.1.iter().zip(b.1).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f64>() + rest
+}
+
+/// Smallest and largest of a series; infinite, the wrong way round, of none. What is not a number does not count.
+#[must_use]
+pub fn extent(series: &[f64]) -> [f64; 2] {
+    // comparisons in place of `f64::min`, which no register has
+    let lower = |low: f64, x: f64| if x < low { x } else { low };
+    let higher = |high: f64, x: f64| if x > high { x } else { high };
+    let (whole, rest) = series.as_chunks::<ABREAST>();
+    let (mut low, mut high) = ([f64::INFINITY; ABREAST], [f64::NEG_INFINITY; ABREAST]);
+    for of in whole {
+        for k in 0..ABREAST {
+            low[k] = lower(low[k], of[k]);
+            high[k] = higher(high[k], of[k]);
+        }
+    }
+    let all = |of: [f64; ABREAST]| of.into_iter().chain(rest.iter().copied());
+    [all(low).fold(f64::INFINITY, lower), all(high).fold(f64::NEG_INFINITY, higher)]
+}
+
+/// Work that [`wide`] compiles for wide registers: `run` and all that it calls must be `#[inline(always)]`.
+pub trait Kernel {
+    /// Does the work.
+    fn run(self);
+}
+
+/// Runs a kernel with the widest registers that the processor has.
+#[inline]
+pub fn wide(kernel: impl Kernel) {
+    struct Dispatched<K>(K);
+
+    impl<K: Kernel> WithSimd for Dispatched<K> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) {
+            self.0.run();
+        }
+    }
+
+    Arch::new().dispatch(Dispatched(kernel));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vectors_in_lanes_are_vectors_of_each_instant() {
+        let number = |k: usize| std::array::from_fn(|lane| (0.37 * (k * LANES + lane + 1) as f64).sin());
+        let vector =
+            |k: usize| LaneVector { x: Lanes(number(k)), y: Lanes(number(k + 1)), z: Lanes(number(k + 2)) };
+        let (a, b) = (vector(0), vector(5));
+        let (cross, dot) = (a.cross(&b), a.dot(&b));
+        let (sum, less, scaled) = (a + b, a - b, a * b.x);
+        for lane in 0..LANES {
+            let at = |of: &LaneVector| nalgebra::Vector3::new(of.x.0[lane], of.y.0[lane], of.z.0[lane]);
+            let (u, v) = (at(&a), at(&b));
+            assert!((at(&cross) - u.cross(&v)).norm() < 1e-15);
+            assert!((dot.0[lane] - u.dot(&v)).abs() < 1e-15);
+            assert_eq!((at(&sum), at(&less)), (u + v, u - v));
+            assert_eq!(at(&scaled), u * b.x.0[lane]);
+        }
+    }
+
+    #[test]
+    fn series_of_any_length_have_their_sum_and_ends() {
+        for length in [0, 1, 15, 16, 17, 100] {
+            let a: Vec<f64> = (0..length).map(|k| (k * 7919 % 101) as f64 - 50.0).collect();
+            let b: Vec<f64> = (0..length).map(|k| (k * 31 % 17) as f64).collect();
+            // whole numbers: sums in any order are the same
+            assert_eq!(dot(&a, &b), a.iter().zip(&b).map(|(a, b)| a * b).sum::<f64>());
+            let expected =
+                a.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], x| [l.min(*x), h.max(*x)]);
+            assert_eq!(extent(&a), expected);
+            let with_nan: Vec<f64> = a.iter().flat_map(|x| [f64::NAN, *x]).collect();
+            assert_eq!(extent(&with_nan), expected);
+        }
+    }
+
+    #[test]
+    fn a_kernel_runs_once_whatever_the_processor() {
+        struct Sum<'a>(&'a [Lanes], &'a mut f64);
+        impl Kernel for Sum<'_> {
+            #[inline(always)]
+            fn run(self) {
+                *self.1 += self.0.iter().fold(Lanes::ZERO, |sum, of| sum + *of).sum();
+            }
+        }
+        let numbers = [Lanes([1.0, 2.0, 3.0, 4.0]), Lanes([10.0, 20.0, 30.0, 40.0])];
+        let (mut by_lanes, mut plainly) = (0.0, 0.0);
+        wide(Sum(&numbers, &mut by_lanes));
+        Sum(&numbers, &mut plainly).run();
+        assert_eq!((by_lanes, plainly), (110.0, 110.0));
+    }
+}
