@@ -183,6 +183,8 @@ enum BenchmarkCommand {
     Coverage(benchmark::coverage::CoverageArgs),
     /// Time and memory of `ingest` beside a plain read of the same export
     Ingest(benchmark::throughput::IngestBenchmarkArgs),
+    /// Processor time of each stage of taking a cycle
+    Stages(benchmark::stages::StagesArgs),
     /// Read a file with polars alone and print its rows
     #[command(hide = true)]
     PlainRead(benchmark::throughput::PlainReadArgs),
@@ -256,6 +258,9 @@ pub fn run(cli: Cli) -> ExitCode {
         }
         Command::Benchmark { command: BenchmarkCommand::Ingest(args) } => {
             benchmark::throughput::throughput(&cli.global, &args)
+        }
+        Command::Benchmark { command: BenchmarkCommand::Stages(args) } => {
+            benchmark::stages::stages(&cli.global, &args)
         }
         Command::Benchmark { command: BenchmarkCommand::PlainRead(args) } => {
             benchmark::throughput::plain_read(&args)

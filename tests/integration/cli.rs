@@ -293,6 +293,26 @@ fn the_ingest_benchmark_measures_two_programs_on_the_same_rows() {
     workshop.stdout(&["benchmark", "ingest", "--file", "not-there.csv"], 74);
 }
 
+/// Which stages it prints, and that their figures are of one kind.
+#[test]
+fn the_stages_of_a_cycle_are_measured_one_by_one() {
+    let workshop = Workshop::new();
+    let out = workshop.stdout(&["benchmark", "stages", "--rate-hz", "20", "--rounds", "1", "--json"], 0);
+    let value: serde_json::Value = serde_json::from_str(&out).expect("one object");
+    // 20 Hz over the five minutes of a cycle
+    assert!((4000..8000).contains(&value["rows"].as_u64().expect("rows")), "{out}");
+    let stages = value["stages"].as_array().expect("stages");
+    assert!(stages.iter().all(|of| of["cpu_s"].as_f64().is_some_and(|cpu_s| cpu_s > 0.0)), "{out}");
+    for of in stages.iter().filter(|of| !of["mflop"].is_null()) {
+        let figure = |what: &str| of[what].as_f64().expect("a figure");
+        let rate = figure("mflop") / 1e3 / figure("cpu_s");
+        assert!((figure("gflop_per_s") / rate - 1.0).abs() < 1e-9, "{out}");
+    }
+    let names: Vec<&str> = stages.iter().filter_map(|of| of["stage"].as_str()).collect();
+    assert!(names.contains(&"triangular factors, with the regressor"), "{out}");
+    assert!(stages.iter().filter(|of| !of["reference_cpu_s"].is_null()).count() >= 3, "{out}");
+}
+
 #[test]
 fn the_shipped_configuration_becomes_files_to_edit_and_none_is_written_over() {
     let workshop = Workshop::new();

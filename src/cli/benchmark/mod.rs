@@ -1,4 +1,5 @@
 //! `armwatch benchmark`.
 
 pub(super) mod coverage;
+pub(super) mod stages;
 pub(super) mod throughput;

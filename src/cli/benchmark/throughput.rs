@@ -245,7 +245,7 @@ fn best(costs: &[Cost]) -> Cost {
     })
 }
 
-fn simulated(folder: &Path, cycles: u32, rate_hz: f64) -> Result<PathBuf, CliError> {
+pub(super) fn simulated(folder: &Path, cycles: u32, rate_hz: f64) -> Result<PathBuf, CliError> {
     output::print_hint(&format!("simulating {cycles} cycles at {rate_hz} Hz"));
     let settings = SimulationSettings {
         cycles,

@@ -4,6 +4,7 @@ pub mod orthonormal;
 pub mod solution;
 mod triangle;
 pub mod factor;
+pub mod dense;
 pub mod weighted;
 pub mod huber;
 pub mod clustered;
