@@ -3,6 +3,7 @@
 mod look;
 mod panel;
 mod series;
+mod sizes;
 mod words;
 
 use std::fmt::Write;
@@ -10,37 +11,21 @@ use std::fmt::Write;
 use self::look::legend;
 pub(super) use self::look::{style, swatch};
 use self::panel::draw_panel;
+use self::sizes::{ABOVE, STRIP_GAP, STRIP_HEIGHT, WIDTH};
 pub(super) use self::words::escaped;
 use self::words::{lines_of, squeezed, text};
-use super::figure::{COLOURS, Figure, Panel, RAMP};
+use super::figure::{Figure, Panel};
 
-/// Width of a picture, px. Text is of one size whatever the width at which a picture is shown, so a picture of this
-/// width can still be read at half of it.
-const WIDTH: f64 = 960.0;
 /// Height of a panel's plotting area, px.
 const PLOT_HEIGHT: f64 = 210.0;
 /// The same of a panel that stands alone.
 const ALONE_HEIGHT: f64 = 420.0;
-/// Height of the plotting area of a strip, px.
-const STRIP_HEIGHT: f64 = 84.0;
-/// Space between a plotting area and its strip, px.
-const STRIP_GAP: f64 = 10.0;
-/// Space right of it, px.
-const RIGHT: f64 = 14.0;
-/// Space above it for the panel's title, px.
-const ABOVE: f64 = 32.0;
-/// Space below it for the horizontal axis, px.
+/// Space below a plotting area for the horizontal axis, px.
 const BELOW: f64 = 48.0;
 /// Space for the title, px.
 const HEAD: f64 = 36.0;
 /// Height of a line of the subtitle, px.
 const SUBTITLE_LINE: f64 = 18.0;
-/// Width of a letter, px; wide enough for common fonts.
-const LETTER: f64 = 7.4;
-/// Radius of a dot, px; less where dots would cover each other.
-const DOT: f64 = 2.6;
-/// How far from a point a reader points at it, px.
-const REACH: f64 = 9.0;
 
 impl Figure {
     /// The picture as an SVG file that needs no other file and follows the reader's light or dark setting.
@@ -117,11 +102,6 @@ fn plot_height(figure: &Figure) -> f64 {
 fn panel_height(figure: &Figure, panel: &Panel) -> f64 {
     let strip = if panel.strip.is_some() { STRIP_GAP + STRIP_HEIGHT } else { 0.0 };
     ABOVE + plot_height(figure) + strip + BELOW
-}
-
-/// How many colours there are.
-fn colours() -> usize {
-    COLOURS.len() + RAMP.len()
 }
 
 #[cfg(test)]

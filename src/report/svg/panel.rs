@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use super::series::{Axes, draw_area, draw_series, is_finite, is_shown, significant};
+use super::sizes::{ABOVE, LETTER, REACH, RIGHT, STRIP_GAP, STRIP_HEIGHT};
 use super::words::{escaped, text};
-use super::{ABOVE, LETTER, REACH, RIGHT, STRIP_GAP, STRIP_HEIGHT};
 use crate::report::figure::{
     Band, Event, EventKind, Level, Panel, Series, Standing, TINTS, XAxis, YAxis, extent,
 };

@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
+use super::sizes::{DOT, REACH, colours};
 use super::words::escaped;
-use super::{DOT, REACH, colours};
 use crate::report::figure::{Area, Mark, Panel, Series, XAxis, YAxis};
 use crate::report::scale::{Scale, moment};
 

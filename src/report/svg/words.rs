@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{LETTER, WIDTH};
+use super::sizes::{LETTER, WIDTH};
 
 pub(super) fn text(svg: &mut String, x: f64, y: f64, class: &str, words: &str) {
     let _ = writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>", escaped(words));
