@@ -14,6 +14,7 @@ pub mod overdue;
 mod tests;
 mod places;
 pub mod preflight;
+pub mod retention;
 mod signals;
 pub mod snapshots;
 mod stale;

@@ -16,7 +16,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Answer alarms", &["alerts", "maintenance", "calibrate"]),
     ("Take exports", &["run", "ingest", "explain", "quarantine"]),
     ("Identify, verify, plot", &["identify", "parameters", "verify", "torque", "rmsd", "friction", "report"]),
-    ("Set up", &["config", "robot", "layout", "completions", "man"]),
+    ("Set up", &["config", "robot", "layout", "backup", "prune", "completions", "man"]),
     ("Try and measure", &["demo", "simulate", "evaluate", "benchmark"]),
 ];
 
@@ -24,7 +24,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
 const UNGROUPED: &str = "More commands";
 
 /// Words that people type for a command of another name, and what they mean.
-const MEANT: [(&[&str], &str); 17] = [
+const MEANT: [(&[&str], &str); 19] = [
     (&["init", "setup", "configure", "new"], "config init"),
     (&["check", "validate", "lint", "test"], "config check"),
     (&["settings"], "config show"),
@@ -36,12 +36,14 @@ const MEANT: [(&[&str], &str); 17] = [
     (&["ack", "acknowledge"], "alerts ack"),
     (&["shelve", "snooze", "mute"], "alerts shelve"),
     (&["query", "select", "db", "database", "export", "csv"], "sql"),
-    (&["backup", "copy", "dump"], "snapshot"),
+    (&["copy"], "snapshot"),
+    (&["dump", "save"], "backup"),
     (&["repair", "service", "repaired"], "maintenance"),
     (&["errors", "failed", "rejected", "retry", "dismiss"], "quarantine"),
     (&["report", "plot", "graph", "picture"], "friction --robot NAME --index --plot index.html"),
     (&["generate", "fake", "sim"], "simulate"),
     (&["infer"], "layout infer"),
+    (&["clean", "cleanup", "vacuum", "purge", "shrink", "retention", "compact"], "prune"),
 ];
 
 /// Most letters that differ between a mistyped command and the one that is proposed.

@@ -26,6 +26,8 @@ mod run;
 mod lists;
 mod sql;
 mod snapshot;
+mod prune;
+mod backup;
 mod export;
 mod status;
 mod explain;
@@ -105,6 +107,10 @@ enum Command {
     Sql(sql::SqlArgs),
     /// Write a copy of the database that any user can read
     Snapshot(snapshot::SnapshotArgs),
+    /// Write a copy of everything that is stored, looked through
+    Backup(backup::BackupArgs),
+    /// Take away factors that have had their time; results stay
+    Prune(prune::PruneArgs),
     /// Write the public views as CSV or Parquet files
     Export(export::ExportArgs),
     /// Exports that were not understood: list, explain, retry, dismiss
@@ -234,6 +240,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Cycles(args) => lists::cycles(&cli.global, &args),
         Command::Sql(args) => sql::sql(&cli.global, &args),
         Command::Snapshot(args) => snapshot::snapshot(&cli.global, &args),
+        Command::Backup(args) => backup::backup(&cli.global, &args),
+        Command::Prune(args) => prune::prune(&cli.global, &args),
         Command::Export(args) => export::export(&cli.global, &args),
         Command::Quarantine(args) => quarantine::command::quarantine(&cli.global, &args),
         Command::Maintenance(args) => maintenance::maintenance(&cli.global, &args),

@@ -10,6 +10,7 @@ use crate::alert::dispatcher::Dispatcher;
 use crate::config::{Config, ConfigErrors};
 use crate::daemon::overdue::OverdueWatch;
 use crate::daemon::preflight::preflight;
+use crate::daemon::retention::Pruning;
 use crate::daemon::snapshots::Snapshots;
 use crate::daemon::{Control, Event};
 use crate::metrics::Metrics;
@@ -49,6 +50,7 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
         let pipeline = Pipeline::new(Arc::clone(&config), store.clone()).counting(metrics.clone());
         // the server ends with the daemon, whatever ends that
         let serving = stop.child_token();
+        let pruning = Pruning::start(store.clone(), configs.clone(), serving.clone());
         let dispatcher = Dispatcher::start(store.clone(), configs.clone(), serving.clone());
         let server = match &config.serve {
             Some(settings) => {
@@ -77,6 +79,7 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
         let watched = watched.await;
         serving.cancel();
         overdue.ended().await;
+        pruning.ended().await;
         if let Some(snapshots) = snapshots {
             snapshots.ended().await;
         }

@@ -110,10 +110,18 @@ async fn verify_stored(
     passed_over.sort_by_key(|of| (of.run_id, of.cycle));
     passed_over.dedup();
     note_passed_over(&passed_over);
-    if verified.iter().all(|of| of.by_cycle.is_empty()) && !passed_over.is_empty() {
+    if verified.iter().all(|of| of.by_cycle.is_empty() && of.joined_windows == 0) && !passed_over.is_empty() {
         return Err(StoredError::PassedOver(passed_over).into());
     }
     if args.store {
+        if let Some(of) = verified.iter().find(|of| of.joined_windows > 0) {
+            return Err(CliError::Usage(format!(
+                "--store writes figures by cycle, and {} windows of run {} have their factors together since their time \
+                 was over ([retention] in the configuration); leave --store out, or read its export again with \
+                 `armwatch ingest --again {}`",
+                of.joined_windows, of.run_id, of.run_id
+            )));
+        }
         for of in &verified {
             if let Some(reference) = named[of.candidate].run_id {
                 let estimator = estimator.of_factors();
@@ -246,7 +254,7 @@ fn as_value(named: &NamedCandidate, verified: &CrossVerification) -> serde_json:
         "parameters": named.name,
         "reference_run_id": named.run_id,
         "run_id": verified.run_id,
-        "cycles": verified.by_cycle.len(),
+        "cycles": verified.by_cycle.len() + verified.joined_windows,
         "passed_over": passed_over,
         "rmsd": rmsd,
     })

@@ -110,6 +110,15 @@ const LAYOUTS: &[Expectation] = &[
 const DAEMON: &[Expectation] = &[
     ("sound", &[]),
     ("settle_negative", &[(6, "watch.settle_s", "= -1: must be between 0 and 3600 s")]),
+    (
+        "retention_mistakes",
+        &[
+            (9, "retention.factors_of_tests_days", "must be between 0 and 36500 days"),
+            (10, "retention.factors_of_production_days", "write a number of days, or \"forever\""),
+            (11, "retention.factors_of_test_days", "known here: factors_of_tests_days"),
+        ],
+    ),
+    ("retention_forever", &[]),
     ("estimator_unknown", &[(19, "analysis.estimator", "must be \"ordinary\", \"weighted\" or \"huber\"")]),
     ("finding_misspelt", &[(19, "analysis.accept[2]", "did you mean late_torque?")]),
     ("key_misspelt", &[(5, "watch.scan_intervall_s", "did you mean scan_interval_s?")]),

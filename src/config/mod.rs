@@ -10,6 +10,7 @@ mod date_format;
 #[cfg(test)]
 mod fixtures;
 mod pattern;
+mod retention;
 mod serve;
 mod snapshot;
 mod source;
@@ -35,6 +36,7 @@ pub use self::layout::stage_source::{
 pub use self::layout::temperature::{AmbientTemperature, MotorTemperature, TemperatureUnit};
 pub use self::layout::text_format::{DecimalMark, TextEncoding, TextFormat};
 pub use self::pattern::FilePatterns;
+pub use self::retention::RetentionSettings;
 pub use self::robot::robot_file::{parse_robot, read_robot};
 pub use self::serve::{ClientSettings, Scope, ServeSettings, TokenSettings, UploadSettings};
 pub use self::settings::{Config, FleetEntry, Recognition, RewritePolicy, WatchSettings, WorkLimits};

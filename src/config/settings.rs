@@ -8,6 +8,7 @@ use super::alerts::settings::AlertSettings;
 use super::date_format::DateFormats;
 use super::layout::channels::Layout;
 use super::pattern::{self, FilePatterns};
+use super::retention::RetentionSettings;
 use super::serve::{ClientSettings, ServeSettings};
 use super::snapshot::SnapshotSettings;
 use crate::numerics::analyse::AnalysisSettings;
@@ -29,6 +30,8 @@ pub struct Config {
     pub clients: ClientSettings,
     /// Where copies for readers are written; `None`: nowhere.
     pub snapshot: Option<SnapshotSettings>,
+    /// How long factors of single cycles are kept.
+    pub retention: RetentionSettings,
     /// Who is told of alarms.
     pub alerts: AlertSettings,
     /// How a file name gives robot and start time.

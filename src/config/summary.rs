@@ -37,6 +37,8 @@ pub fn summary(config: &Config) -> String {
     line("longest export", format!("{} after decompression", size(limits.export_bytes)));
     line("longest cycle", format!("{} rows", limits.cycle_rows));
     line("snapshot", config.snapshot.as_ref().map_or_else(|| "off".to_owned(), snapshot));
+    line("factors of tests", kept(config.retention.tests_days, "then removed"));
+    line("factors of ordinary work", kept(config.retention.production_days, "then joined, one a log"));
     line("HTTP", config.serve.as_ref().map_or_else(|| "off".to_owned(), serve));
     if config.serve.is_some() {
         line("HTTP clients", clients(&config.clients));
@@ -80,6 +82,14 @@ pub fn summary(config: &Config) -> String {
 
 fn snapshot(snapshot: &SnapshotSettings) -> String {
     format!("{}, at most every {}", snapshot.file.display(), seconds(snapshot.interval))
+}
+
+fn kept(days: Option<f64>, then: &str) -> String {
+    match days {
+        Some(1.0) => format!("kept for 1 day, {then}"),
+        Some(days) => format!("kept for {days} days, {then}"),
+        None => "kept for ever".to_owned(),
+    }
 }
 
 /// A size as people write it: `64 MiB`, `1.5 GiB`, `1000 bytes`.
@@ -206,6 +216,8 @@ mod tests {
             "exports at once           2 small and 2 large, from 64 MiB",
             "longest export            64 GiB after decompression",
             "longest cycle             1000000 rows",
+            "factors of tests          kept for 120 days, then removed",
+            "factors of ordinary work  kept for 7 days, then joined, one a log",
             "HTTP                      off",
             "alarms, route log         log to the log, from info on",
             "time zone of file names   UTC",

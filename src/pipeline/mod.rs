@@ -14,6 +14,7 @@ pub mod context;
 mod friction;
 mod production;
 pub mod reweight;
+pub mod retention;
 #[cfg(test)]
 mod tests;
 

@@ -13,13 +13,10 @@ use crate::numerics::analyse::{Method, analyse_cycle};
 use crate::numerics::identify::joint_factors::{FactorColumns, unpack};
 use crate::numerics::production::{Reference, analyse_window, check_window};
 use crate::run::{Cycle, RunKind};
-use crate::store::{ProductionWindow, ReferenceTest, Store, StoredCycle};
+use crate::store::{MOST_REFERENCES, ProductionWindow, ReferenceTest, Store, StoredCycle};
 
 /// Windows whose factors are held at once: 50 kB each for a six-joint arm, 3 MB.
 const WINDOWS_AT_ONCE: usize = 64;
-
-/// Tests that are looked at for a window until one has parameters.
-const MOST_REFERENCES: usize = 8;
 
 /// What is done with each cycle of an export.
 #[derive(Debug, Clone)]

@@ -54,6 +54,14 @@ pub enum StoreError {
         /// The file.
         path: PathBuf,
     },
+    /// A backup would be written over something else.
+    #[error("{} is left alone ({detail}); name another file, or move this one away", .path.display())]
+    NotABackup {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        detail: String,
+    },
     /// A copy for readers, which nothing may write to.
     #[error("{} is a snapshot, which can only be read; name the database that it was made of", .path.display())]
     Snapshot {

@@ -15,8 +15,8 @@ use super::handle::Store;
 use super::open::{APPLICATION_ID, SNAPSHOT};
 
 /// Tables whose rows are left out.
-const LEFT_OUT: [&str; 5] =
-    ["torque_factor", "cycle_factor_layout", "resume_point", "source_file", "channel_response"];
+const LEFT_OUT: [&str; 6] =
+    ["torque_factor", "log_factor", "cycle_factor_layout", "resume_point", "source_file", "channel_response"];
 
 /// What a copy is called until it is whole.
 const PARTIAL: &str = ".partial";
@@ -28,9 +28,7 @@ impl Store {
     /// [`StoreError::NotASnapshot`] where something else lies at `target`, such as the database itself; [`StoreError`] of
     /// the database or of the copy. What is there then stays.
     pub async fn snapshot(&self, target: &Path) -> Result<u64, StoreError> {
-        let mut partial = target.as_os_str().to_owned();
-        partial.push(PARTIAL);
-        let partial = PathBuf::from(partial);
+        let partial = partial_of(target);
         let failed = |error: std::io::Error| StoreError::from_sqlx(target, &sqlx::Error::Io(error));
         if !is_free(target).map_err(failed)? {
             return Err(StoreError::NotASnapshot { path: target.to_owned() });
@@ -51,24 +49,46 @@ impl Store {
     }
 }
 
-/// Whether nothing lies at `target` but an earlier copy, by the header of the file (SQLite, "Database File Format").
+/// Name of a copy until it is whole.
+pub(super) fn partial_of(target: &Path) -> PathBuf {
+    let mut partial = target.as_os_str().to_owned();
+    partial.push(PARTIAL);
+    PathBuf::from(partial)
+}
+
+/// Whether nothing lies at `target` but an earlier copy.
 fn is_free(target: &Path) -> std::io::Result<bool> {
+    let found = header_of(target)?;
+    Ok(found.is_none_or(|found| found == Some([SNAPSHOT, APPLICATION_ID])))
+}
+
+/// Whether the file at `target` is a database of this program; `None` if there is none.
+pub(super) fn is_ours(target: &Path) -> std::io::Result<Option<bool>> {
+    let found = header_of(target)?;
+    Ok(found.map(|found| found.is_some_and(|[_, application_id]| application_id == APPLICATION_ID)))
+}
+
+/// The numbers that tell what a database is, of its user and of its application, by the header of the file (SQLite,
+/// "Database File Format"); inner `None` of what is too short or no file, outer of nothing.
+fn header_of(target: &Path) -> std::io::Result<Option<Option<[i64; 2]>>> {
     const HEADER: usize = 72;
     let mut file = match std::fs::File::open(target) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(true),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         file => file?,
     };
     if !file.metadata()?.is_file() {
-        return Ok(false);
+        return Ok(Some(None));
     }
     let mut header = Vec::new();
     std::io::Read::read_to_end(&mut std::io::Read::take(&mut file, HEADER as u64), &mut header)?;
-    let number =
-        |at: usize| header.get(at..at + 4).and_then(|bytes| bytes.try_into().ok()).map(u32::from_be_bytes);
-    Ok(number(60).map(i64::from) == Some(SNAPSHOT) && number(68).map(i64::from) == Some(APPLICATION_ID))
+    let number = |at: usize| {
+        let bytes = header.get(at..at + 4)?.try_into().ok()?;
+        Some(i64::from(u32::from_be_bytes(bytes)))
+    };
+    Ok(Some(number(60).zip(number(68)).map(|(user, application)| [user, application])))
 }
 
-fn remove(path: &Path) -> std::io::Result<()> {
+pub(super) fn remove(path: &Path) -> std::io::Result<()> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
         _ => Ok(()),
@@ -76,7 +96,7 @@ fn remove(path: &Path) -> std::io::Result<()> {
 }
 
 /// Gives a whole copy its name, so that a reader sees the earlier one or this one.
-fn place(partial: &Path, target: &Path) -> std::io::Result<u64> {
+pub(super) fn place(partial: &Path, target: &Path) -> std::io::Result<u64> {
     let file = std::fs::File::open(partial)?;
     file.sync_all()?;
     let bytes = file.metadata()?.len();

@@ -57,6 +57,7 @@ mod open_tests;
 mod writers;
 mod upload;
 mod reading;
+mod retention;
 mod report;
 mod api;
 mod sound_recordings;

@@ -14,6 +14,7 @@ use crate::config::alerts::settings::AlertSettings;
 use crate::config::layout::channels::{Channel, Layout, TorqueQuantity};
 use crate::config::layout::layout_file::parse_layout;
 use crate::config::pattern::FilePatterns;
+use crate::config::retention::read_retention;
 use crate::config::robot::robot_file::parse_robot_with;
 use crate::config::serve::{ServeSettings, read_serve};
 use crate::config::settings::{Config, FleetEntry, Recognition, RewritePolicy, WatchSettings, WorkLimits};
@@ -59,6 +60,7 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
     let limits = root.table("limits").map_or(Some(WorkLimits::default()), |t| read_work_limits(&t));
     let serve = read_serve(root.table("serve").as_ref());
     let snapshot = read_snapshot(root.table("snapshot").as_ref());
+    let retention = read_retention(root.table("retention").as_ref());
     let alerts = root.table("alerts").map_or_else(|| Some(AlertSettings::default()), |t| read_alerts(&t));
     let recognition = read_recognition(root.table("recognition").as_ref());
     let fleet = read_fleet(root, references);
@@ -72,6 +74,7 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
         clients: serve.as_ref()?.1.clone(),
         serve: serve?.0,
         snapshot: snapshot?,
+        retention: retention?,
         alerts: alerts?,
         recognition: recognition?,
         fleet: fleet?,

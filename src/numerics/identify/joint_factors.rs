@@ -6,6 +6,7 @@
 //! factoring all of them over all columns. Any union of rows is a join of factors, and no sum of
 //! squares needs the recording again.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::filtered_columns::FilteredColumn;
@@ -264,6 +265,24 @@ pub fn embedded<'a>(
 #[must_use]
 pub fn used_for_identification(stage: Stage, motion: Motion) -> bool {
     stage == Stage::Excitation && motion == Motion::Moving
+}
+
+/// Joins factors of cycles with the same columns: one a joint, stage and motion, that of all their rows. What is asked of
+/// single cycles cannot be asked of it any more, sums of squares over all of them can. They come by joint, stage and
+/// motion.
+#[must_use]
+pub fn joined(columns: &FactorColumns, factors: &[JointFactor]) -> Vec<JointFactor> {
+    let mut groups: BTreeMap<(JointIndex, usize, usize), Vec<&JointFactor>> = BTreeMap::new();
+    for of in factors {
+        groups.entry((of.joint, of.stage as usize, of.motion as usize)).or_default().push(of);
+    }
+    let whole = |of: Vec<&JointFactor>| {
+        let JointFactor { joint, stage, motion, .. } = *of[0];
+        let places: Vec<usize> = (0..columns.places(joint).len()).collect();
+        let parts = of.iter().map(|part| (&part.factor, &places[..]));
+        JointFactor { joint, stage, motion, factor: TriangularFactor::embedded(places.len(), parts) }
+    };
+    groups.into_values().map(whole).collect()
 }
 
 /// Factors as they are stored. Those of rows with numbers beyond any measure are left out: they say
@@ -539,6 +558,37 @@ pub(crate) mod tests {
             let j = found.joint.index();
             direct.assert_rmsd(j, found.start.all_rows, |row| (1400..1598).contains(&row));
             direct.assert_rmsd(j, found.end.all_rows, |row| row >= 1796);
+        }
+    }
+
+    #[test]
+    fn joined_factors_are_those_of_all_rows_of_their_cycles() {
+        let method = method();
+        let cycles = [cycle(1, 1500), cycle(2, 1000), cycle(3, 700)];
+        let of_each: Vec<Vec<JointFactor>> =
+            cycles.iter().map(|cycle| unjudged(&method, cycle).0.factors).collect();
+        let (_, theta) = unjudged(&method, &cycles[0]);
+        // two at once and then the third, as a log is joined part by part
+        let first = joined(&method.columns, &of_each[..2].concat());
+        let all = joined(&method.columns, &[first, of_each[2].clone()].concat());
+        let parts = (all.iter()).map(|of| (of.joint, of.stage as usize, of.motion as usize));
+        assert!(parts.is_sorted(), "one of each, in order");
+        assert_eq!(
+            all.iter().map(|of| of.factor.rows()).sum::<usize>(),
+            of_each.iter().flatten().map(|of| of.factor.rows()).sum::<usize>()
+        );
+        // the other road: sums over the cycles, whose factors are held against their rows above
+        let mut sums = crate::numerics::identify::verify::StageSums::default();
+        of_each.iter().for_each(|factors| sums.add(&method.columns, factors, &theta));
+        for (found, expected) in torque_rmsd(&method.columns, &all, &theta).iter().zip(sums.rmsd()) {
+            assert_eq!((found.joint, found.scope), (expected.joint, expected.scope));
+            for (found, expected) in
+                [(found.all_rows, expected.all_rows), (found.moving_rows, expected.moving_rows)]
+            {
+                assert_eq!(found.samples, expected.samples);
+                assert!((found.value - expected.value).abs() <= EQUAL * expected.value);
+                assert!((found.relative - expected.relative).abs() <= EQUAL * expected.relative);
+            }
         }
     }
 

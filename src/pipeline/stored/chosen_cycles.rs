@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use tokio::task::JoinError;
 
-use crate::analysis::{self, IdentifiedParameter, TorqueRmsd};
+use crate::analysis::{self, CycleFactors, IdentifiedParameter, TorqueRmsd};
 use crate::numerics::NumericsError;
 use crate::numerics::identify::joint_factors::{FactorColumns, JointFactor, unpack};
 use crate::numerics::identify::verify::{StageSums, torque_rmsd};
@@ -14,7 +14,8 @@ use crate::numerics::pooled::pool::PooledFactors;
 use crate::numerics::signal::filter::independent_fraction;
 use crate::robot::JointIndex;
 use crate::store::{
-    CycleState, FactorsWanted, ParameterSet, SourceCycle, Store, StoreError, StoredCycle, StoredModel,
+    CycleState, FactorsGone, FactorsWanted, JoinedFactors, ParameterSet, SourceCycle, Store, StoreError,
+    StoredCycle, StoredModel,
 };
 
 /// Cycles of one run.
@@ -44,8 +45,10 @@ pub struct CrossVerification {
     pub run_id: i64,
     /// By joint and stage, over all cycles of the run together.
     pub rmsd: Vec<TorqueRmsd>,
-    /// The same for each cycle.
+    /// The same for each cycle that has factors of its own.
     pub by_cycle: Vec<(u32, Vec<TorqueRmsd>)>,
+    /// Windows of a log whose factors were joined: they are in `rmsd` and not in `by_cycle`.
+    pub joined_windows: usize,
     /// Cycles of the run that take no part.
     pub passed_over: Vec<PassedOverCycle>,
 }
@@ -107,7 +110,7 @@ pub async fn take(store: &Store, chosen: &[RunCycles]) -> Result<PooledCycles, S
     let mut taken: Option<(PooledCycles, i64)> = None;
     let mut passed_over = Vec::new();
     for of_run in merged(chosen) {
-        let ChosenCycles { cycles, passed_over: of_run } =
+        let ChosenCycles { cycles, passed_over: of_run, .. } =
             chosen_cycles(store, &of_run, FactorsWanted::Identification).await?;
         passed_over.extend(of_run);
         for cycle in cycles {
@@ -185,10 +188,11 @@ pub async fn rmsd_on(
 ) -> Result<Vec<TorqueRmsd>, StoredError> {
     let mut sums = StageSums::default();
     for of_run in merged(chosen) {
-        for cycle in chosen_cycles(store, &of_run, FactorsWanted::All).await?.cycles {
-            same_model(&candidate.model, of_run.run_id, &cycle)?;
-            let columns = FactorColumns::of_stored(&cycle.factors.columns);
-            sums.add(&columns, &unpack(&cycle.factors)?, &theta(&columns, candidate)?);
+        let of_run = chosen_cycles(store, &of_run, FactorsWanted::All).await?;
+        for (run_id, model, factors) in of_run.all_factors() {
+            same_model_of_run(&candidate.model, run_id, run_id, model)?;
+            let columns = FactorColumns::of_stored(&factors.columns);
+            sums.add(&columns, &unpack(factors)?, &theta(&columns, candidate)?);
         }
     }
     Ok(sums.rmsd())
@@ -206,9 +210,9 @@ pub async fn rmsd_of_views(
 ) -> Result<Vec<TorqueRmsd>, StoredError> {
     let mut sums = StageSums::default();
     for of_run in merged(chosen) {
-        for cycle in chosen_cycles(store, &of_run, FactorsWanted::All).await?.cycles {
-            let columns = FactorColumns::of_stored(&cycle.factors.columns);
-            let factors = unpack(&cycle.factors)?;
+        for (_, _, factors) in chosen_cycles(store, &of_run, FactorsWanted::All).await?.all_factors() {
+            let columns = FactorColumns::of_stored(&factors.columns);
+            let factors = unpack(factors)?;
             for (joint, parameters) in views {
                 let value = |id| parameters.iter().find(|p| p.id == id).map_or(0.0, |p| p.value);
                 let theta: Vec<f64> = columns.kept().iter().map(|&id| value(id)).collect();
@@ -245,11 +249,11 @@ pub async fn cross_verification(
 fn verify_run(
     candidates: &[Candidate],
     run_id: i64,
-    ChosenCycles { cycles, passed_over }: ChosenCycles,
+    ChosenCycles { cycles, joined, joined_windows, passed_over }: ChosenCycles,
 ) -> Result<Vec<CrossVerification>, StoredError> {
     let empty = |candidate| {
         let (rmsd, by_cycle, passed_over) = (Vec::new(), Vec::new(), passed_over.clone());
-        CrossVerification { candidate, run_id, rmsd, by_cycle, passed_over }
+        CrossVerification { candidate, run_id, rmsd, by_cycle, joined_windows, passed_over }
     };
     let mut verified: Vec<CrossVerification> = (0..candidates.len()).map(empty).collect();
     let mut sums = vec![StageSums::default(); candidates.len()];
@@ -261,6 +265,14 @@ fn verify_run(
             let theta = theta(&columns, candidate)?;
             sums.add(&columns, &factors, &theta);
             verified.by_cycle.push((cycle.cycle, torque_rmsd(&columns, &factors, &theta)));
+        }
+    }
+    for JoinedFactors { model, factors, .. } in &joined {
+        let columns = FactorColumns::of_stored(&factors.columns);
+        let factors = unpack(factors)?;
+        for (candidate, sums) in candidates.iter().zip(&mut sums) {
+            same_model_of_run(&candidate.model, run_id, run_id, model)?;
+            sums.add(&columns, &factors, &theta(&columns, candidate)?);
         }
     }
     for (verified, sums) in verified.iter_mut().zip(sums) {
@@ -283,7 +295,19 @@ pub(in crate::pipeline) fn merged(chosen: &[RunCycles]) -> Vec<RunCycles> {
 #[derive(Debug, Clone)]
 pub(in crate::pipeline) struct ChosenCycles {
     pub(in crate::pipeline) cycles: Vec<StoredCycle>,
+    /// What windows of a whole log were joined into, where all rows are asked for.
+    pub(in crate::pipeline) joined: Vec<JoinedFactors>,
+    /// How many windows that are.
+    pub(in crate::pipeline) joined_windows: usize,
     pub(in crate::pipeline) passed_over: Vec<PassedOverCycle>,
+}
+
+impl ChosenCycles {
+    /// The run, the description and the factors of each cycle, then of joined windows.
+    fn all_factors(&self) -> impl Iterator<Item = (i64, &StoredModel, &CycleFactors)> {
+        let own = self.cycles.iter().map(|of| (of.run_id, &of.model, &of.factors));
+        own.chain(self.joined.iter().map(|of| (of.run_id, &of.model, &of.factors)))
+    }
 }
 
 /// Cycles with factors that a choice names. Of a whole run, refused and doubtful ones are passed over; one that is
@@ -306,6 +330,14 @@ pub(in crate::pipeline) async fn chosen_cycles(
     let with_factors: Vec<u32> = cycles.iter().map(|cycle| cycle.cycle).collect();
     let why = |number: u32| match states.iter().find(|state| state.cycle == number) {
         Some(CycleState { reason: Some(reason), .. }) => format!("refused when it was read: {reason}"),
+        Some(CycleState { factors_gone: Some(FactorsGone::Joined), .. }) => format!(
+            "they were joined with those of the other windows when their time was over ([retention] in the configuration); \
+             the log as a whole can still be verified against, and `armwatch ingest --again {run_id}` reads its export again"
+        ),
+        Some(CycleState { factors_gone: Some(FactorsGone::Removed), .. }) => format!(
+            "they were removed when their time was over ([retention] in the configuration); its results stay, and \
+             `armwatch ingest --again {run_id}` reads its export again"
+        ),
         Some(_) if with_factors.contains(&number) => "doubtful, as its remarks say".to_owned(),
         _ => "no factors are stored: it was stored by an older program".to_owned(),
     };
@@ -317,12 +349,21 @@ pub(in crate::pipeline) async fn chosen_cycles(
             }));
         }
         cycles.retain(|cycle| numbers.contains(&cycle.cycle));
-        return Ok(ChosenCycles { cycles, passed_over: Vec::new() });
+        let (joined, passed_over) = (Vec::new(), Vec::new());
+        return Ok(ChosenCycles { cycles, joined, joined_windows: 0, passed_over });
     }
     cycles.retain(|cycle| cycle.counts);
-    let without = states.iter().map(|state| state.cycle).filter(|number| !has_factors(&cycles, *number));
+    let joined = match wanted {
+        FactorsWanted::All => store.joined_factors(run_id).await?,
+        FactorsWanted::Identification => Vec::new(),
+    };
+    let is_joined =
+        |state: &CycleState| !joined.is_empty() && state.factors_gone == Some(FactorsGone::Joined);
+    let joined_windows = states.iter().filter(|state| is_joined(state)).count();
+    let without = states.iter().filter(|state| !is_joined(state)).map(|state| state.cycle);
+    let without = without.filter(|number| !has_factors(&cycles, *number));
     let passed_over = without.map(|cycle| PassedOverCycle { run_id, cycle, reason: why(cycle) }).collect();
-    Ok(ChosenCycles { cycles, passed_over })
+    Ok(ChosenCycles { cycles, joined, joined_windows, passed_over })
 }
 
 /// What was passed over, in one sentence: cycles of a run in a row with one reason are told together.
@@ -348,18 +389,26 @@ pub(in crate::pipeline) fn same_model(
     of: i64,
     cycle: &StoredCycle,
 ) -> Result<(), StoredError> {
-    if *model == cycle.model {
+    same_model_of_run(model, of, cycle.run_id, &cycle.model)
+}
+
+fn same_model_of_run(
+    model: &StoredModel,
+    of: i64,
+    run_id: i64,
+    of_run: &StoredModel,
+) -> Result<(), StoredError> {
+    if model == of_run {
         return Ok(());
     }
     let shown = |model: &StoredModel| {
         let hash: String = model.description_hash.iter().take(4).map(|byte| format!("{byte:02x}")).collect();
         format!("{} ({hash})", model.name)
     };
-    let (ours, theirs) = (shown(model), shown(&cycle.model));
+    let (ours, theirs) = (shown(model), shown(of_run));
     Err(StoredError::Refused(format!(
-        "run {} was analysed with the description {theirs}, run {of} or the parameters with {ours}: base \
-         parameters of different descriptions mean different things; choose runs of one description",
-        cycle.run_id
+        "run {run_id} was analysed with the description {theirs}, run {of} or the parameters with {ours}: base \
+         parameters of different descriptions mean different things; choose runs of one description"
     )))
 }
 

@@ -67,7 +67,7 @@ fn gains(
 
 async fn read(store: &Store, robot: &Robot, chosen: &RunCycles) -> Result<Vec<StoredCycle>, StoredError> {
     let run_id = chosen.run_id;
-    let ChosenCycles { cycles, passed_over } =
+    let ChosenCycles { cycles, passed_over, .. } =
         chosen_cycles(store, chosen, FactorsWanted::Identification).await?;
     if cycles.is_empty() {
         return Err(StoredError::PassedOver(passed_over));

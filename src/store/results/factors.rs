@@ -16,7 +16,7 @@ use crate::store::models;
 use crate::store::models::StoredModel;
 use crate::store::values::{ROWS_PER_STATEMENT, count, joint, joint_number, named, of_some_rows, size};
 
-const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
+pub(super) const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
 
 /// What is stored of a cycle for identification and verification.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,7 +43,7 @@ pub struct StoredCycle {
 }
 
 /// A description and the parameters of each joint's columns.
-type FactorLayout = (StoredModel, Arc<[Vec<ParameterId>]>);
+pub(super) type FactorLayout = (StoredModel, Arc<[Vec<ParameterId>]>);
 
 /// Which factors of a run are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -193,17 +193,17 @@ async fn read(
 }
 
 /// A cycle with factors.
-struct Head {
-    cycle_id: i64,
+pub(super) struct Head {
+    pub(super) cycle_id: i64,
     robot: String,
-    cycle: u32,
+    pub(super) cycle: u32,
     cutoff: f64,
     sample_rate: f64,
     counts: bool,
-    layout: i64,
+    pub(super) layout: i64,
 }
 
-async fn heads(
+pub(super) async fn heads(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
     range: &RangeInclusive<u32>,
@@ -236,7 +236,7 @@ async fn heads(
     .await
 }
 
-async fn factors_by_cycle(
+pub(super) async fn factors_by_cycle(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
     wanted: FactorsWanted,
@@ -294,7 +294,7 @@ async fn shares_by_cycle(
     Ok(by_cycle)
 }
 
-async fn layout(
+pub(super) async fn layout(
     connection: &mut SqliteConnection,
     factor_layout_id: i64,
 ) -> Result<FactorLayout, sqlx::Error> {
@@ -402,11 +402,11 @@ fn columns_text(
     serde_json::to_string(&listed?).map_err(|error| sqlx::Error::Encode(error.into()))
 }
 
-fn bytes(numbers: &[f64]) -> Vec<u8> {
+pub(super) fn bytes(numbers: &[f64]) -> Vec<u8> {
     numbers.iter().flat_map(|x| x.to_le_bytes()).collect()
 }
 
-fn numbers(bytes: &[u8]) -> Result<Vec<f64>, sqlx::Error> {
+pub(super) fn numbers(bytes: &[u8]) -> Result<Vec<f64>, sqlx::Error> {
     let (numbers, rest) = bytes.as_chunks::<8>();
     if rest.is_empty() {
         Ok(numbers.iter().map(|of| f64::from_le_bytes(*of)).collect())

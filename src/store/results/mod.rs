@@ -2,6 +2,7 @@
 
 pub(super) mod record;
 pub(super) mod factors;
+pub(super) mod joined_factors;
 pub(super) mod channel_response;
 pub(super) mod intervals;
 pub(super) mod temperatures;

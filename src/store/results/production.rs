@@ -153,16 +153,21 @@ pub(in crate::store) async fn reference_tests(
     robot_id: i64,
 ) -> Result<Vec<ReferenceTest>, sqlx::Error> {
     sqlx::query_as(
-        "SELECT run.run_id, run.started_at, max(factor_layout.robot_model_id) AS robot_model_id
+        "SELECT run.run_id, run.started_at,
+                max(ifnull(factor_layout.robot_model_id, run.robot_model_id)) AS robot_model_id
          FROM run
          JOIN cycle USING (run_id)
-         JOIN cycle_factor_layout USING (cycle_id)
-         JOIN factor_layout USING (factor_layout_id)
+         LEFT JOIN cycle_factor_layout USING (cycle_id)
+         LEFT JOIN factor_layout USING (factor_layout_id)
          WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'complete'
                AND NOT cycle.doubtful
+               -- a test whose factors were removed is among them: windows stay with the test that they were held against
+               AND (factor_layout.factor_layout_id IS NOT NULL
+                    OR cycle.factors_gone IS NOT NULL AND run.robot_model_id IS NOT NULL)
          GROUP BY run.run_id
          -- cycles of two descriptions cannot be taken together
-         HAVING min(factor_layout.robot_model_id) = max(factor_layout.robot_model_id)
+         HAVING min(ifnull(factor_layout.robot_model_id, run.robot_model_id))
+                = max(ifnull(factor_layout.robot_model_id, run.robot_model_id))
          ORDER BY run.started_at, run.content_hash",
     )
     .bind(robot_id)

@@ -20,6 +20,28 @@ pub struct CycleState {
     pub cutoff: Option<f64>,
     /// Why the cycle has no parameters, where it has none.
     pub reason: Option<String>,
+    /// What became of its factors, if it had any and has none of its own any more.
+    pub factors_gone: Option<FactorsGone>,
+}
+
+/// What became of the factors of a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FactorsGone {
+    /// They are part of the factors of its log.
+    Joined,
+    /// They had had their time.
+    Removed,
+}
+
+impl FactorsGone {
+    const ALL: [Self; 2] = [Self::Joined, Self::Removed];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Joined => "joined",
+            Self::Removed => "removed",
+        }
+    }
 }
 
 /// A deviation that is known by its cycle.
@@ -62,18 +84,24 @@ pub(in crate::store) async fn cycle_states(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<CycleState>, sqlx::Error> {
-    sqlx::query("SELECT number, rows, cutoff_hz, reason FROM cycle WHERE run_id = ? ORDER BY number")
-        .bind(run_id)
-        .try_map(|row: SqliteRow| {
-            Ok(CycleState {
-                cycle: size(&row, "number")?,
-                rows: size(&row, "rows")?,
-                cutoff: row.try_get("cutoff_hz")?,
-                reason: row.try_get("reason")?,
-            })
+    sqlx::query(
+        "SELECT number, rows, cutoff_hz, reason, factors_gone FROM cycle WHERE run_id = ? ORDER BY number",
+    )
+    .bind(run_id)
+    .try_map(|row: SqliteRow| {
+        Ok(CycleState {
+            cycle: size(&row, "number")?,
+            rows: size(&row, "rows")?,
+            cutoff: row.try_get("cutoff_hz")?,
+            reason: row.try_get("reason")?,
+            factors_gone: match row.try_get::<Option<&str>, _>("factors_gone")? {
+                Some(_) => Some(named(&row, "factors_gone", &FactorsGone::ALL, FactorsGone::name)?),
+                None => None,
+            },
         })
-        .fetch_all(executor)
-        .await
+    })
+    .fetch_all(executor)
+    .await
 }
 
 /// RMSD of a run's cycles with their own parameters, by cycle, joint and stage.

@@ -2,6 +2,7 @@
 
 mod anomalies;
 mod factors;
+mod retention;
 mod finish;
 mod identity;
 mod open;

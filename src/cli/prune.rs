@@ -1,0 +1,218 @@
+//! `armwatch prune`: takes away factors that have had their time.
+
+use std::collections::BTreeMap;
+
+use clap::Args;
+use jiff::Timestamp;
+use serde_json::json;
+use tokio_util::sync::CancellationToken;
+
+use super::context::{CliError, EXIT_DONE, Global, open_store, open_to_read, runtime};
+use super::shared::output;
+use crate::config::{Config, RetentionSettings};
+use crate::pipeline::retention::{kept_since, prune as take_away};
+use crate::run::RunKind;
+use crate::store::{DueRun, FreeSpace, Store};
+
+/// Pages that are given back in one transaction: 8 MB.
+const PAGES_AT_ONCE: u32 = 2000;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch prune --dry-run
+  armwatch prune
+  armwatch prune --older-than 30 --json
+
+Results are kept for ever: parameters, friction, checks of ordinary work, alarms. What goes are factors of cycles, which
+only `identify`, `verify` and a changed estimator need; [retention] in the configuration says after how many days. Those
+of tests are removed. Those of ordinary work are joined, so that a whole log can still be verified against. Never
+touched are runs that are being read, robots of which conclusions are still to be drawn, a robot's last eight tests, and
+the tests of its baselines.
+
+The age of a run counts from its last cycle, or from when it was stored if that was later. The daemon does the same
+once a day and may run meanwhile. Ended at any moment, the command leaves a whole database and goes on the next time.
+Free room is given back to the file system where the database can do that, see docs/operations.md.")]
+pub(super) struct PruneArgs {
+    /// Only show what would go; nothing is changed
+    #[arg(long)]
+    dry_run: bool,
+    /// Days that factors are kept, in place of those of the configuration, for tests and ordinary work
+    #[arg(long, value_name = "DAYS", value_parser = days)]
+    older_than: Option<f64>,
+}
+
+fn days(text: &str) -> Result<f64, String> {
+    let wrong = || "a number of days from 0 to 36500 is wanted".to_owned();
+    text.parse().ok().filter(|days| (0.0..=36_500.0).contains(days)).ok_or_else(wrong)
+}
+
+pub(super) fn prune(global: &Global, args: &PruneArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    let settings = match args.older_than {
+        Some(days) => RetentionSettings { tests_days: Some(days), production_days: Some(days) },
+        None => config.retention,
+    };
+    runtime()?.block_on(async {
+        let store = open(&config, args).await?;
+        let done = work(global, args, &config, &settings, &store).await;
+        store.close().await?;
+        done
+    })
+}
+
+async fn open(config: &Config, args: &PruneArgs) -> Result<Store, CliError> {
+    if args.dry_run || !config.database.exists() {
+        return open_to_read(config).await;
+    }
+    open_store(config).await
+}
+
+async fn work(
+    global: &Global,
+    args: &PruneArgs,
+    config: &Config,
+    settings: &RetentionSettings,
+    store: &Store,
+) -> Result<u8, CliError> {
+    let kept = kept_since(settings, Timestamp::now());
+    let before = store.free_space().await?;
+    let runs = match args.dry_run {
+        true => store.due_runs(&kept).await?,
+        false => take_away(store, &kept, &CancellationToken::new()).await?,
+    };
+    let emptied = store.free_space().await?;
+    if !args.dry_run {
+        give_back(store, emptied).await?;
+    }
+    let after = store.free_space().await?;
+    let sums = by_robot(&runs);
+    if global.json {
+        sums.iter().for_each(|sum| output::json(&sum.as_value(args.dry_run)));
+        output::json(&json!({
+            "dry_run": args.dry_run,
+            "bytes": sums.iter().map(Sum::freed).sum::<u64>(),
+            "freed_bytes": emptied.bytes().saturating_sub(before.bytes()),
+            "given_back_bytes": emptied.page_bytes * emptied.pages.saturating_sub(after.pages),
+            "free_bytes": after.bytes(),
+            "database_bytes": after.page_bytes * after.pages,
+        }));
+        return Ok(EXIT_DONE);
+    }
+    if sums.is_empty() {
+        output::line(&format!(
+            "no factors have had their time: those of tests are kept {}, those of ordinary work {}",
+            shown_days(settings.tests_days),
+            shown_days(settings.production_days)
+        ));
+    } else {
+        let rows: Vec<Vec<String>> = sums.iter().map(|sum| sum.as_row(args.dry_run)).collect();
+        output::print_table(&["robot", "kind", "runs", "cycles", "frees", "factors"], &rows, &[]);
+    }
+    let database = config.database.display();
+    if args.dry_run {
+        output::line(&format!(
+            "nothing is changed; {} of {database} would be free with the {} that are free now",
+            megabytes(sums.iter().map(Sum::freed).sum::<u64>() + before.bytes()),
+            megabytes(before.bytes())
+        ));
+        return Ok(EXIT_DONE);
+    }
+    output::line(&format!(
+        "{} given back, {} free inside {database}, which has {}",
+        megabytes(emptied.page_bytes * emptied.pages.saturating_sub(after.pages)),
+        megabytes(after.bytes()),
+        megabytes(after.page_bytes * after.pages)
+    ));
+    if !after.can_shrink && after.free_pages > 0 {
+        output::print_hint(
+            "what is free is used for what comes next; this database was made by an earlier build and does not shrink \
+             by itself: docs/operations.md says how to make it",
+        );
+    }
+    Ok(EXIT_DONE)
+}
+
+/// Gives all free pages back, a few at a time, so that others have their turn.
+async fn give_back(store: &Store, space: FreeSpace) -> Result<(), CliError> {
+    let mut left = space.free_pages;
+    while space.can_shrink && left > 0 {
+        store.give_back(PAGES_AT_ONCE).await?;
+        let now = store.free_space().await?.free_pages;
+        // others may free pages meanwhile; where nothing gets less, it is enough
+        if now >= left {
+            break;
+        }
+        left = now;
+    }
+    Ok(())
+}
+
+/// What goes of one robot and kind.
+struct Sum {
+    robot: String,
+    kind: RunKind,
+    runs: u64,
+    cycles: u64,
+    bytes: u64,
+    /// Of logs, the part that stays: one factor in place of those of all windows.
+    stays: u64,
+}
+
+impl Sum {
+    fn freed(&self) -> u64 {
+        self.bytes - self.stays
+    }
+
+    fn what(&self, dry_run: bool) -> &'static str {
+        match (self.kind, dry_run) {
+            (RunKind::Test, true) => "would be removed",
+            (RunKind::Test, false) => "removed",
+            (RunKind::Production, true) => "would be joined",
+            (RunKind::Production, false) => "joined",
+        }
+    }
+
+    fn as_row(&self, dry_run: bool) -> Vec<String> {
+        let counts = [self.runs, self.cycles].map(|count| count.to_string());
+        let [runs, cycles] = counts;
+        let (kind, what) = (self.kind.name().to_owned(), self.what(dry_run).to_owned());
+        vec![self.robot.clone(), kind, runs, cycles, megabytes(self.freed()), what]
+    }
+
+    fn as_value(&self, dry_run: bool) -> serde_json::Value {
+        json!({
+            "robot": self.robot, "kind": self.kind.name(), "runs": self.runs, "cycles": self.cycles,
+            "bytes": self.freed(), "factors": self.what(dry_run),
+        })
+    }
+}
+
+fn by_robot(runs: &[DueRun]) -> Vec<Sum> {
+    let mut sums: BTreeMap<(&str, &str), Sum> = BTreeMap::new();
+    for run in runs {
+        let sum = sums.entry((&run.robot, run.kind.name())).or_insert_with(|| Sum {
+            robot: run.robot.clone(),
+            kind: run.kind,
+            runs: 0,
+            cycles: 0,
+            bytes: 0,
+            stays: 0,
+        });
+        sum.runs += 1;
+        sum.cycles += run.cycles;
+        sum.bytes += run.bytes;
+        if run.kind == RunKind::Production {
+            sum.stays += run.bytes / run.cycles.max(1);
+        }
+    }
+    sums.into_values().collect()
+}
+
+fn shown_days(days: Option<f64>) -> String {
+    days.map_or_else(|| "for ever".to_owned(), |days| format!("for {days} days"))
+}
+
+fn megabytes(bytes: u64) -> String {
+    format!("{:.1} MB", bytes as f64 / 1e6)
+}

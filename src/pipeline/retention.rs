@@ -1,0 +1,104 @@
+//! Factors that have had their time: those of tests are removed, those of ordinary work joined into one factor a joint
+//! and motion of their log.
+//!
+//! It works beside everything else: each transaction is short, and between two of them others have their turn. It may be
+//! ended at any moment and goes on where it was, since each transaction leaves the database whole.
+
+use std::time::Duration;
+
+use jiff::{SignedDuration, Timestamp};
+use tokio_util::sync::CancellationToken;
+
+use super::context::PipelineError;
+use crate::analysis::CycleFactors;
+use crate::config::RetentionSettings;
+use crate::numerics::NumericsError;
+use crate::numerics::identify::joint_factors::{FactorColumns, joined, pack, unpack};
+use crate::run::RunKind;
+use crate::store::{DueRun, KeptSince, Store, WindowsToJoin};
+
+/// Cycles of a transaction: some 10 MB of factors.
+const CYCLES_AT_ONCE: usize = 200;
+
+/// Pause after a transaction: another program that waits for its turn asks again within this time.
+const PAUSE: Duration = Duration::from_millis(10);
+
+/// From when on factors are kept at the moment `now`.
+#[must_use]
+pub fn kept_since(settings: &RetentionSettings, now: Timestamp) -> KeptSince {
+    const DAY_S: f64 = 86_400.0;
+    let before = |days: f64| {
+        let age = SignedDuration::try_from_secs_f64(DAY_S * days).ok()?;
+        now.checked_sub(age).ok()
+    };
+    KeptSince {
+        tests: settings.tests_days.and_then(before),
+        production: settings.production_days.and_then(before),
+    }
+}
+
+/// Takes away what [`Store::due_runs`] names, until a `stop` is asked for. Returns the runs that are done.
+///
+/// # Errors
+/// Those of the store.
+pub async fn prune(
+    store: &Store,
+    kept: &KeptSince,
+    stop: &CancellationToken,
+) -> Result<Vec<DueRun>, PipelineError> {
+    let mut done = Vec::new();
+    for run in store.due_runs(kept).await? {
+        let pruned = match run.kind {
+            RunKind::Test => remove(store, run.run_id, stop).await?,
+            RunKind::Production => join(store, run.run_id, stop).await?,
+        };
+        if stop.is_cancelled() {
+            break;
+        }
+        if pruned {
+            done.push(run);
+        }
+    }
+    Ok(done)
+}
+
+/// Removes the factors of a run; whether there are none left.
+async fn remove(store: &Store, run_id: i64, stop: &CancellationToken) -> Result<bool, PipelineError> {
+    while !stop.is_cancelled() {
+        if store.remove_factors(run_id, CYCLES_AT_ONCE).await? == 0 {
+            return Ok(true);
+        }
+        tokio::time::sleep(PAUSE).await;
+    }
+    Ok(false)
+}
+
+/// Joins the windows of a log; whether none has a factor of its own any more.
+async fn join(store: &Store, run_id: i64, stop: &CancellationToken) -> Result<bool, PipelineError> {
+    while !stop.is_cancelled() {
+        let Some(windows) = store.windows_to_join(run_id, CYCLES_AT_ONCE).await? else { return Ok(true) };
+        let of_windows = windows.clone();
+        let joined = tokio::task::spawn_blocking(move || join_factors(&of_windows)).await?;
+        let stored = match joined {
+            Ok(factors) => store.join_windows(&windows, &factors).await?,
+            Err(error) => {
+                tracing::warn!(run_id, %error, "windows keep their factors, which cannot be joined");
+                false
+            }
+        };
+        if !stored {
+            // somebody else is at it, or reads the log again: it is looked at another time
+            return Ok(false);
+        }
+        tokio::time::sleep(PAUSE).await;
+    }
+    Ok(false)
+}
+
+fn join_factors(windows: &WindowsToJoin) -> Result<CycleFactors, NumericsError> {
+    let columns = FactorColumns::of_stored(&windows.columns);
+    let (of_columns, factors) = (windows.columns.clone(), windows.factors.clone());
+    let factors = unpack(&CycleFactors { columns: of_columns, factors })?;
+    let (packed, is_whole) = pack(&columns, &joined(&columns, &factors));
+    if is_whole { Ok(packed) } else { Err(NumericsError::NotFinite("the joined factors")) }
+}
