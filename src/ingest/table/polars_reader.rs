@@ -1,4 +1,4 @@
-//! Reading blocks: plain ones with [`super::plain_reader`], others with polars, and with [`super::cell_reader`] whatever
+//! Reading blocks: plain ones with `plain_reader.rs`, others with polars, and with [`super::cell_reader`] whatever
 //! polars would guess at.
 //!
 //! polars takes a line that is too short, ignores the header once it has a schema and reads a

@@ -4,7 +4,7 @@
 //! `[w | tau] = q r` holds all that least squares needs: `r = [r11 r12; 0 r22]` gives
 //! `theta = r11⁻¹ r12`, the residual sum of squares `r22²`, and the singular values of `w`.
 //! New rows are folded in by factoring `[r; rows]` again (Golub & Van Loan, Matrix Computations,
-//! 6.5; the sequential form of TSQR, Demmel et al. 2012), a block at a time ([`super::triangle`]).
+//! 6.5; the sequential form of TSQR, Demmel et al. 2012), a block at a time (`triangle.rs`).
 
 use faer::{Mat, MatRef, Par};
 
