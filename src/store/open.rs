@@ -110,11 +110,13 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
         return Err(StoreError::Snapshot { path: path.to_path_buf() });
     }
 
-    let writing = options
-        .clone()
-        .create_if_missing(true)
-        // of a new file only: so that `armwatch prune` can give room back while others work
-        .auto_vacuum(SqliteAutoVacuum::Incremental)
+    let mut writing = options.clone().create_if_missing(true);
+    if found == 0 {
+        // `armwatch prune` can then give room back while others work; in a file that has tables it would change nothing
+        // and be written at every opening
+        writing = writing.auto_vacuum(SqliteAutoVacuum::Incremental);
+    }
+    let writing = writing
         .journal_mode(SqliteJournalMode::Wal)
         .synchronous(SqliteSynchronous::Normal)
         .pragma("journal_size_limit", LOG_LIMIT_BYTES);
