@@ -31,19 +31,23 @@ pub enum Detector {
 
 /// An anomaly of severity warning or critical.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Alarm {
-    pub(super) kind: AnomalyKind,
-    pub(super) joint: Option<JointIndex>,
-    /// Places of the first and the latest run that showed it.
-    pub(super) first: usize,
-    pub(super) last: usize,
-    pub(super) severity: Severity,
+pub struct Alarm {
+    /// Its kind.
+    pub kind: AnomalyKind,
+    /// The joint that it names; `None` where it is the whole arm's.
+    pub joint: Option<JointIndex>,
+    /// Place of the first run that showed it.
+    pub first: usize,
+    /// Place of the latest run that showed it.
+    pub last: usize,
+    /// How soon a person should look.
+    pub severity: Severity,
     /// Odds of its cause; 0 where causes were not compared.
-    pub(super) odds: f64,
+    pub odds: f64,
     /// Place of the run in which the change began by what the alarm says, and the cycle, from 1.
-    pub(super) onset: (usize, Option<u32>),
+    pub onset: (usize, Option<u32>),
     /// Its value; not a number for the simple detectors.
-    pub(super) value: f64,
+    pub value: f64,
 }
 
 impl Alarm {

@@ -34,6 +34,42 @@ pub(super) struct Event {
     pub(super) other: (usize, f64),
 }
 
+/// The joint that the right alarm names; `None` where it is the arm's or there is none.
+pub(super) fn named_joint(scenario: Scenario, joint: usize) -> Option<JointIndex> {
+    use Scenario as S;
+    match scenario {
+        S::Payload | S::CoupledJitter => None,
+        of if of.kind().is_none() => None,
+        _ => Some(JointIndex::new(joint)),
+    }
+}
+
+/// A size in the unit of [`Scenario::size`], from ones that nobody could see to ones that nobody could miss.
+pub(super) fn drawn_size(scenario: Scenario, draws: &mut Draws) -> f64 {
+    use Scenario as S;
+    match scenario {
+        S::Healthy | S::Weekend | S::ShortTests | S::LongTests | S::StuckTorque => 0.0,
+        S::Hall => draws.between(2.0, 6.0),
+        S::Season => draws.between(3.0, 8.0),
+        S::Repair => draws.between(0.85, 1.15),
+        S::Wear => draws.log_between(0.05, 0.5),
+        S::WearByTest => draws.log_between(0.003, 0.05),
+        S::StepBetween | S::StepInside | S::StepInBaseline => draws.sign(0.25) * draws.log_between(0.04, 0.4),
+        S::Payload => draws.sign(0.3) * draws.log_between(0.1, 5.0),
+        S::Jitter | S::CoupledJitter => draws.log_between(0.02, 0.2),
+        S::WarmUp if draws.happens(0.3) => draws.log_between(0.35, 0.75),
+        S::WarmUp => draws.log_between(1.3, 3.0),
+        S::TorqueOffset => draws.sign(0.5) * draws.log_between(2.0, 16.0),
+        S::TorqueGain => draws.sign(0.5) * draws.log_between(0.02, 0.2),
+        S::TorqueNoise => draws.log_between(1.5, 8.0),
+        S::ZeroPosition => draws.sign(0.5) * draws.log_between(0.005, 0.08),
+        S::Contact => draws.log_between(0.01, 0.3),
+        S::Backlash => draws.log_between(0.0003, 0.01),
+        S::SaturatedTorque => draws.between(0.3, 0.95),
+        S::LateTorque => draws.log_between(0.002, 0.05),
+    }
+}
+
 impl Event {
     /// Draws the event of a scenario over `runs` runs; changes the program of the robot where the scenario says so.
     /// `given` takes the place of the drawn size.
@@ -49,25 +85,7 @@ impl Event {
         let joint = draws.whole(0, n - 1);
         let earliest = RUNS_BEFORE.max(runs / 6).min(runs.saturating_sub(2));
         let onset = draws.whole(earliest, (runs * 6 / 10).max(earliest));
-        let jump = |draws: &mut Draws| draws.sign(0.25) * draws.log_between(0.04, 0.4);
-        let drawn = match scenario {
-            S::Healthy | S::Weekend | S::ShortTests | S::LongTests => 0.0,
-            S::Hall => draws.between(2.0, 6.0),
-            S::Season => draws.between(3.0, 8.0),
-            S::Repair => draws.between(0.85, 1.15),
-            S::Wear => draws.log_between(0.05, 0.5),
-            S::WearByTest => draws.log_between(0.003, 0.05),
-            S::StepBetween | S::StepInside | S::StepInBaseline => jump(draws),
-            S::Payload => draws.sign(0.3) * draws.log_between(0.1, 5.0),
-            S::Jitter | S::CoupledJitter => draws.log_between(0.02, 0.2),
-            S::WarmUp if draws.happens(0.3) => draws.log_between(0.35, 0.75),
-            S::WarmUp => draws.log_between(1.3, 3.0),
-            S::TorqueOffset => draws.sign(0.5) * draws.log_between(2.0, 16.0),
-            S::TorqueGain => draws.sign(0.5) * draws.log_between(0.02, 0.2),
-            S::TorqueNoise => draws.log_between(1.5, 8.0),
-            S::ZeroPosition => draws.sign(0.5) * draws.log_between(0.005, 0.08),
-            S::Contact => draws.log_between(0.01, 0.3),
-        };
+        let drawn = drawn_size(scenario, draws);
         // all is drawn in any case: robots are the same but for the size
         let size = given.unwrap_or(drawn);
         match scenario {
@@ -100,16 +118,6 @@ impl Event {
         }
         event.change_parameters(arm, draws);
         event
-    }
-
-    /// The joint that the right alarm names; `None` where it is the arm's or there is none.
-    pub(super) fn named_joint(&self) -> Option<JointIndex> {
-        use Scenario as S;
-        match self.scenario {
-            S::Payload | S::CoupledJitter => None,
-            of if of.kind().is_none() => None,
-            _ => Some(JointIndex::new(self.joint)),
-        }
     }
 
     /// Whether a cycle of a run has it.

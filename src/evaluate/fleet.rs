@@ -9,7 +9,7 @@ use super::detectors::Detector;
 use super::draws::Draws;
 use super::history::{History, history};
 use super::scenario::Scenario;
-use super::score::{Outcome, ScenarioScore, macro_f1, outcome};
+use super::score::{Outcome, ScenarioScore, Truth, macro_f1, outcome};
 use crate::numerics::NumericsError;
 
 /// Designs of arms in a fleet; robots of one design differ by their unit.
@@ -83,28 +83,34 @@ pub fn evaluate(
         .enumerate()
         .map(|(place, detector)| {
             let all: Vec<&Outcome> = done.iter().map(|(_, of)| &of[place]).collect();
-            let of = |scenario: Scenario| -> Vec<&Outcome> {
-                all.iter().copied().filter(|of| of.scenario == scenario).collect()
-            };
-            DetectorScore {
-                detector,
-                scenarios: settings
-                    .scenarios
-                    .iter()
-                    .map(|&scenario| ScenarioScore::of(scenario, &of(scenario)))
-                    .collect(),
-                macro_f1: macro_f1(&all),
-            }
+            DetectorScore::of(detector, &settings.scenarios, &all)
         })
         .collect())
+}
+
+impl DetectorScore {
+    /// Of the outcomes of robots to which any of `scenarios` happened.
+    #[must_use]
+    pub fn of(detector: Detector, scenarios: &[Scenario], all: &[&Outcome]) -> Self {
+        let of = |scenario: Scenario| {
+            let own: Vec<&Outcome> = all.iter().copied().filter(|of| of.scenario == scenario).collect();
+            ScenarioScore::of(scenario, &own)
+        };
+        Self {
+            detector,
+            scenarios: scenarios.iter().map(|scenario| of(*scenario)).collect(),
+            macro_f1: macro_f1(all),
+        }
+    }
 }
 
 /// One robot under all detectors.
 fn robot(settings: &FleetSettings, designs: &[Design], number: usize) -> Vec<Outcome> {
     let history = drawn(settings, designs, number);
+    let truth = Truth::from(&history);
     let of = |detector: Detector| {
         let first_said = |place: usize| detector.alarms(&history.runs[..=place]);
-        outcome(&history, &detector.alarms(&history.runs), first_said)
+        outcome(&truth, &detector.alarms(&history.runs), first_said)
     };
     Detector::ALL.map(of).to_vec()
 }

@@ -15,6 +15,7 @@ pub mod fleet;
 mod friction_index;
 mod history;
 pub mod rates;
+pub mod recorded;
 pub mod scenario;
 pub mod score;
 #[cfg(test)]

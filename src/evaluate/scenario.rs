@@ -47,6 +47,25 @@ pub enum Scenario {
     Contact,
     /// Friction of two joints varies from cycle to cycle, in the same cycles.
     CoupledJitter,
+    /// A gear has play.
+    Backlash,
+    /// A torque channel keeps the first value of each recording.
+    StuckTorque,
+    /// A torque channel goes no further than a part of what it should show.
+    SaturatedTorque,
+    /// A torque channel is late.
+    LateTorque,
+}
+
+/// The roads on which a scenario can be simulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Roads {
+    /// As figures of tests.
+    Figures,
+    /// As exports.
+    Exports,
+    /// As either.
+    Both,
 }
 
 /// One row of the table of scenarios.
@@ -55,62 +74,84 @@ struct Row {
     name: &'static str,
     kind: Option<AnomalyKind>,
     size: &'static str,
+    roads: Roads,
 }
 
-const ROWS: [Row; 21] = {
+const ROWS: [Row; 25] = {
     const fn row(
         scenario: Scenario,
         name: &'static str,
         kind: Option<AnomalyKind>,
         size: &'static str,
+        roads: Roads,
     ) -> Row {
-        Row { scenario, name, kind, size }
+        Row { scenario, name, kind, size, roads }
     }
     use AnomalyKind::{Accuracy, Drift, Oscillation, Payload, Sensor, Step, Thermal};
+    use Roads::{Both, Exports, Figures};
     [
-        row(Scenario::Healthy, "healthy", None, ""),
-        row(Scenario::Hall, "hall", None, "largest change, K"),
-        row(Scenario::Season, "season", None, "amplitude, K"),
-        row(Scenario::Weekend, "weekend", None, ""),
-        row(Scenario::ShortTests, "short-tests", None, ""),
-        row(Scenario::LongTests, "long-tests", None, ""),
-        row(Scenario::Repair, "repair", None, "friction of the new gearbox, fraction of the old"),
-        row(Scenario::Wear, "wear", Some(Drift), "rise of friction at the end, fraction"),
-        row(Scenario::WearByTest, "wear-by-test", Some(Drift), "rise of friction with every test, fraction"),
-        row(Scenario::StepBetween, "step-between", Some(Step), "jump of friction, fraction"),
-        row(Scenario::StepInside, "step-inside", Some(Step), "jump of friction, fraction"),
-        row(Scenario::StepInBaseline, "step-in-baseline", Some(Step), "jump of friction, fraction"),
-        row(Scenario::Payload, "payload", Some(Payload), "mass, kg"),
-        row(Scenario::Jitter, "jitter", Some(Oscillation), "standard deviation, fraction of friction"),
-        row(Scenario::WarmUp, "warm-up", Some(Thermal), "slow time constant, fraction of the old"),
+        row(Scenario::Healthy, "healthy", None, "", Both),
+        row(Scenario::Hall, "hall", None, "largest change, K", Both),
+        row(Scenario::Season, "season", None, "amplitude, K", Figures),
+        row(Scenario::Weekend, "weekend", None, "", Figures),
+        row(Scenario::ShortTests, "short-tests", None, "", Both),
+        row(Scenario::LongTests, "long-tests", None, "", Both),
+        row(Scenario::Repair, "repair", None, "friction of the new gearbox, fraction of the old", Figures),
+        row(Scenario::Wear, "wear", Some(Drift), "rise of friction at the end, fraction", Figures),
+        row(
+            Scenario::WearByTest,
+            "wear-by-test",
+            Some(Drift),
+            "rise of friction with every test, fraction",
+            Both,
+        ),
+        row(Scenario::StepBetween, "step-between", Some(Step), "jump of friction, fraction", Both),
+        row(Scenario::StepInside, "step-inside", Some(Step), "jump of friction, fraction", Both),
+        row(Scenario::StepInBaseline, "step-in-baseline", Some(Step), "jump of friction, fraction", Both),
+        row(Scenario::Payload, "payload", Some(Payload), "mass, kg", Both),
+        row(Scenario::Jitter, "jitter", Some(Oscillation), "standard deviation, fraction of friction", Both),
+        row(Scenario::WarmUp, "warm-up", Some(Thermal), "slow time constant, fraction of the old", Both),
         row(
             Scenario::TorqueOffset,
             "torque-offset",
             Some(Sensor),
             "offset, standard deviations of the channel's noise",
+            Both,
         ),
-        row(Scenario::TorqueGain, "torque-gain", Some(Sensor), "change of gain, fraction"),
-        row(Scenario::TorqueNoise, "torque-noise", Some(Sensor), "noise, multiple of the old"),
-        row(Scenario::ZeroPosition, "zero-position", Some(Sensor), "error, rad"),
+        row(Scenario::TorqueGain, "torque-gain", Some(Sensor), "change of gain, fraction", Both),
+        row(Scenario::TorqueNoise, "torque-noise", Some(Sensor), "noise, multiple of the old", Both),
+        row(Scenario::ZeroPosition, "zero-position", Some(Sensor), "error, rad", Both),
         row(
             Scenario::Contact,
             "contact",
             Some(Accuracy),
             "push over the cycle, RMS, fraction of the joint's torque",
+            Both,
         ),
         row(
             Scenario::CoupledJitter,
             "coupled-jitter",
             Some(Oscillation),
             "standard deviation of the first joint, fraction of friction",
+            Figures,
         ),
+        row(Scenario::Backlash, "backlash", Some(Accuracy), "play at the joint, rad", Exports),
+        row(Scenario::StuckTorque, "stuck-torque", Some(Sensor), "", Exports),
+        row(
+            Scenario::SaturatedTorque,
+            "saturated-torque",
+            Some(Sensor),
+            "largest value, fraction of the largest torque",
+            Exports,
+        ),
+        row(Scenario::LateTorque, "late-torque", Some(Sensor), "delay, s", Exports),
     ]
 };
 
 impl Scenario {
     /// All of them, those of healthy robots first.
-    pub const ALL: [Self; 21] = {
-        let mut all = [Self::Healthy; 21];
+    pub const ALL: [Self; 25] = {
+        let mut all = [Self::Healthy; 25];
         let mut at = 0;
         while at < all.len() {
             all[at] = ROWS[at].scenario;
@@ -134,6 +175,18 @@ impl Scenario {
     #[must_use]
     pub fn kind(self) -> Option<AnomalyKind> {
         self.row().kind
+    }
+
+    /// Whether it can be simulated as figures of tests.
+    #[must_use]
+    pub fn has_figures(self) -> bool {
+        self.row().roads != Roads::Exports
+    }
+
+    /// Whether it can be simulated as exports.
+    #[must_use]
+    pub fn has_exports(self) -> bool {
+        self.row().roads != Roads::Figures
     }
 
     /// What the drawn size of the event is, with its unit; empty where there is none.

@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use jiff::Timestamp;
+
 use super::detectors::Alarm;
-use super::event::Event;
+use super::event::{Event, named_joint};
 use super::history::History;
 use super::scenario::Scenario;
 use crate::anomaly::AnomalyKind;
@@ -51,60 +53,83 @@ pub struct Found {
     pub is_right_figure: Option<bool>,
 }
 
+/// What happened to a robot, and when it was tested.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Truth {
+    /// What happened.
+    pub scenario: Scenario,
+    /// Index of the joint, where it is one's.
+    pub joint: usize,
+    /// Place of the first test that has it.
+    pub onset: usize,
+    /// First cycle of that test that has it, from 0.
+    pub cycle: usize,
+    /// Size, in the unit of [`Scenario::size`].
+    pub size: f64,
+    /// Starts of its tests.
+    pub starts: Vec<Timestamp>,
+    /// Years that it was watched.
+    pub years: f64,
+}
+
+impl From<&History> for Truth {
+    fn from(history: &History) -> Self {
+        let Event { scenario, joint, onset, cycle, size, .. } = history.event;
+        let starts = history.runs.iter().map(|run| run.started_at).collect();
+        Self { scenario, joint, onset, cycle, size, starts, years: history.years }
+    }
+}
+
 /// Judges the alarms of a history. `first_said` gives the alarms of the tests up to a place.
-pub(super) fn outcome(
-    history: &History,
-    alarms: &[Alarm],
-    first_said: impl Fn(usize) -> Vec<Alarm>,
-) -> Outcome {
-    let event = &history.event;
+pub fn outcome(truth: &Truth, alarms: &[Alarm], first_said: impl Fn(usize) -> Vec<Alarm>) -> Outcome {
     let mut found = Outcome {
-        scenario: event.scenario,
-        years: history.years,
+        scenario: truth.scenario,
+        years: truth.years,
         false_alarms: Vec::new(),
         found: None,
         beside: 0,
-        size: event.size,
+        size: truth.size,
     };
-    let Some(kind) = event.scenario.kind() else {
+    let Some(kind) = truth.scenario.kind() else {
         found.false_alarms = alarms.iter().map(|alarm| alarm.kind).collect();
         return found;
     };
-    let before = alarms.iter().filter(|alarm| alarm.first < event.onset);
+    let joint = named_joint(truth.scenario, truth.joint);
+    let before = alarms.iter().filter(|alarm| alarm.first < truth.onset);
     found.false_alarms = before.map(|alarm| alarm.kind).collect();
-    let since: Vec<&Alarm> = alarms.iter().filter(|alarm| alarm.first >= event.onset).collect();
-    let is_right = |alarm: &Alarm| alarm.kind == kind && alarm.joint == event.named_joint();
+    let since: Vec<&Alarm> = alarms.iter().filter(|alarm| alarm.first >= truth.onset).collect();
+    let is_right = |alarm: &Alarm| alarm.kind == kind && alarm.joint == joint;
     found.beside = since.iter().filter(|alarm| !is_right(alarm)).count();
     let Some(first) = foremost(since.iter().copied()) else { return found };
     let said = first_said(first.first);
-    let said = foremost(said.iter().filter(|alarm| alarm.first >= event.onset && alarm.last == first.first));
-    let start = |place: usize| history.runs[place].started_at;
+    let said = foremost(said.iter().filter(|alarm| alarm.first >= truth.onset && alarm.last == first.first));
+    let start = |place: usize| truth.starts[place];
     found.found = Some(Found {
-        delay_runs: first.first - event.onset,
-        delay_days: start(first.first).duration_since(start(event.onset)).as_secs_f64() / 86_400.0,
+        delay_runs: first.first - truth.onset,
+        delay_days: start(first.first).duration_since(start(truth.onset)).as_secs_f64() / 86_400.0,
         kind: first.kind,
         first_kind: said.map(|alarm| alarm.kind),
-        is_right_joint: first.joint == event.named_joint(),
-        is_right_figure: is_right_figure(event, first),
+        is_right_joint: first.joint == joint,
+        is_right_figure: is_right_figure(truth, first),
     });
     found
 }
 
 /// See [`Found::is_right_figure`].
-fn is_right_figure(event: &Event, alarm: &Alarm) -> Option<bool> {
-    if Some(alarm.kind) != event.scenario.kind() {
+fn is_right_figure(truth: &Truth, alarm: &Alarm) -> Option<bool> {
+    if Some(alarm.kind) != truth.scenario.kind() {
         return None;
     }
-    match event.scenario {
-        Scenario::Payload => Some((alarm.value - event.size).abs() <= MASS_ERROR * event.size.abs()),
+    match truth.scenario {
+        Scenario::Payload => Some((alarm.value - truth.size).abs() <= MASS_ERROR * truth.size.abs()),
         Scenario::StepInside | Scenario::StepInBaseline => {
             let (run, cycle) = alarm.onset;
             let cycle = cycle.map_or(0, |cycle| cycle.saturating_sub(1)) as usize;
-            Some(run == event.onset && cycle.abs_diff(event.cycle) <= 1)
+            Some(run == truth.onset && cycle.abs_diff(truth.cycle) <= 1)
         }
         Scenario::Contact => {
             let (run, cycle) = alarm.onset;
-            Some(run == event.onset && cycle.is_some_and(|cycle| cycle as usize == event.cycle + 1))
+            Some(run == truth.onset && cycle.is_some_and(|cycle| cycle as usize == truth.cycle + 1))
         }
         _ => None,
     }
@@ -173,7 +198,8 @@ const SIZE_BINS: usize = 6;
 
 impl ScenarioScore {
     /// Of the outcomes of one scenario.
-    pub(super) fn of(scenario: Scenario, outcomes: &[&Outcome]) -> Self {
+    #[must_use]
+    pub fn of(scenario: Scenario, outcomes: &[&Outcome]) -> Self {
         let found: Vec<&Found> = outcomes.iter().filter_map(|of| of.found.as_ref()).collect();
         let count = |of: &dyn Fn(&Found) -> bool| found.iter().filter(|found| of(found)).count();
         let delays = |of: fn(&Found) -> f64| {

@@ -58,6 +58,12 @@ pub fn rigid_chain(robot: &Robot) -> Result<RigidChain, SimulateError> {
 }
 
 impl RigidChain {
+    /// Inertia of a joint's motor seen at the joint, kg m² (kg for a sliding joint); zero of a joint that is not there.
+    #[must_use]
+    pub fn motor_inertia(&self, joint: JointIndex) -> f64 {
+        self.links.get(joint.index()).map_or(0.0, |link| link.motor_inertia)
+    }
+
     /// The chain with `load` at the tool frame, which has the pose `tool` in the frame of the last link.
     #[must_use]
     pub fn carrying(mut self, load: &Load, tool: &Transform) -> Self {

@@ -59,9 +59,10 @@ pub fn record<E>(
             let turned = gears.turn(recording, &state);
             let (mut torque, lost) =
                 true_torque(recording, faults.friction(), (&state, &turned), time, segment, t, &mut tally);
+            faults.loosen(&recording.chain, &state, time, &mut torque);
             faults.push(t / recording.plan.duration, &mut torque);
             let mut row = measured(recording, &mut rng, time, cycle, segment, &state, torque);
-            faults.distort(&mut row.position, &mut row.torque);
+            faults.distort(time, &mut row.position, &mut row.torque);
             let reading = heat
                 .as_mut()
                 .map(|heat| heat.step(time, dt, &torque, &friction_power(&lost, &state.velocity)));

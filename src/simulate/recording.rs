@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use super::dynamics::RigidChain;
-use super::fault::RunFaults;
+use super::fault::in_run::RunFaults;
 use super::friction::{JointFriction, ThermalState};
 use super::motion::PerJoint;
 use super::temperatures::TemperatureSettings;

@@ -54,7 +54,9 @@ Faults, each with from= (first run) and perhaps to= (last run):
   noise:joint=,factor=         of the torque signal
   zero:joint=,rad=             offset of the position signal
   saturation:joint=,nm=        of the torque signal
+  delay:joint=,s=              the torque signal is late
   stuck:joint=                 the torque signal keeps its value
+  backlash:joint=,rad=         play in the gear
   contact:joint=,nm=[,cycle=]  a push from outside
 
 Each run is one export in the native layout or the one given, with a truth file NAME.truth.json beside it that holds
