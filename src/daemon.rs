@@ -15,6 +15,7 @@ mod tests;
 mod places;
 pub mod preflight;
 pub mod retention;
+mod service;
 mod signals;
 pub mod snapshots;
 mod stale;
@@ -45,6 +46,7 @@ use crate::run::FileId;
 use crate::store::{Counts, DaemonClaim};
 use judging::OpenTests;
 use outcome_log::log_outcome;
+use service::ServiceManager;
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
 use start::{begun_before, reweight};
@@ -248,6 +250,7 @@ impl<'r> Work<'r> {
         let mut next_scan = Instant::now();
         let mut earliest = next_scan;
         self.take_over_stale().await?;
+        let mut manager = ServiceManager::ready(Instant::now());
         while !self.stop.is_cancelled() {
             if std::mem::take(&mut self.is_reloaded) {
                 let new = self.watch_settings();
@@ -271,6 +274,7 @@ impl<'r> Work<'r> {
                 Some(()) = hints.recv(), if next_scan > earliest => next_scan = earliest,
                 Some(()) = reload.recv() => self.reload(),
                 () = until(next_look) => {}
+                () = until(manager.next_beat()) => manager.beat(Instant::now()),
                 () = tokio::time::sleep_until(next_scan.into()) => {
                     watcher.watch_missing();
                     let started = Instant::now();
@@ -280,13 +284,25 @@ impl<'r> Work<'r> {
                         }
                         scanned => scanned?,
                     }
+                    manager.status(self.at_work());
                     let ended = Instant::now();
                     next_scan = ended + settings.scan_interval;
                     earliest = ended + HINT_PAUSE.max(SCAN_SHARE * (ended - started));
                 }
             }
         }
+        manager.stopping();
         Ok(())
+    }
+
+    /// What the daemon is at, for people who ask the service manager.
+    fn at_work(&self) -> String {
+        format!(
+            "{} exports being read, {} wait, {} robots to conclude",
+            self.tasks.len(),
+            self.book.waiting(Instant::now()).saturating_sub(self.tasks.len()),
+            self.stale.count() + self.concluding.len()
+        )
     }
 
     async fn scan(&mut self, folders: &[PathBuf], complaints: &mut Complaints) -> Result<(), PipelineError> {
