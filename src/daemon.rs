@@ -15,6 +15,7 @@ mod tests;
 mod places;
 pub mod preflight;
 pub mod retention;
+mod service;
 mod signals;
 pub mod snapshots;
 mod stale;
@@ -34,7 +35,7 @@ use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
 use crate::config::{Config, WatchSettings};
-use crate::ingest::find::watch::{Complaints, Scan};
+use crate::ingest::find::watch::{Complaints, FoundFile, Scan};
 use crate::ingest::find::{tail, watch};
 use crate::metrics::{ExportEnd, LiveFile, Queue, Stage};
 use crate::pipeline::conclude::history::Concluded;
@@ -45,6 +46,7 @@ use crate::run::FileId;
 use crate::store::{Counts, DaemonClaim};
 use judging::OpenTests;
 use outcome_log::log_outcome;
+use service::ServiceManager;
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
 use start::{begun_before, reweight};
@@ -61,6 +63,12 @@ const SCAN_SHARE: u32 = 10;
 /// Conclusions that still wait when the daemon is to stop are drawn for this long, the others at the next start: a
 /// fleet's backlog takes minutes, and who stops a service waits for seconds.
 const CONCLUDE_AT_STOP: Duration = Duration::from_secs(5);
+
+/// Files about which the database is asked in one statement.
+const FILES_ASKED_AT_ONCE: usize = 500;
+
+/// Counting the files that wait may take at most one part in so many of the daemon's time.
+const COUNTING_SHARE: u32 = 100;
 
 /// What the daemon has to say.
 #[derive(Debug)]
@@ -101,6 +109,8 @@ struct Work<'r> {
     is_reloaded: bool,
     /// Files that were to be read again at the last look.
     asked: HashSet<PathBuf>,
+    /// When the files that wait are counted again at the earliest.
+    next_count: Instant,
     /// Robots with a settled file being read.
     robots: HashSet<String>,
     /// Settled files being read, of each class.
@@ -209,6 +219,7 @@ impl<'r> Work<'r> {
             places: Places::default(),
             is_reloaded: false,
             asked: HashSet::new(),
+            next_count: Instant::now(),
             robots: HashSet::new(),
             settled: [0; Class::ALL.len()],
             admitting: [None; Class::ALL.len()],
@@ -239,6 +250,7 @@ impl<'r> Work<'r> {
         let mut next_scan = Instant::now();
         let mut earliest = next_scan;
         self.take_over_stale().await?;
+        let mut manager = ServiceManager::ready(Instant::now());
         while !self.stop.is_cancelled() {
             if std::mem::take(&mut self.is_reloaded) {
                 let new = self.watch_settings();
@@ -262,6 +274,7 @@ impl<'r> Work<'r> {
                 Some(()) = hints.recv(), if next_scan > earliest => next_scan = earliest,
                 Some(()) = reload.recv() => self.reload(),
                 () = until(next_look) => {}
+                () = until(manager.next_beat()) => manager.beat(Instant::now()),
                 () = tokio::time::sleep_until(next_scan.into()) => {
                     watcher.watch_missing();
                     let started = Instant::now();
@@ -271,13 +284,25 @@ impl<'r> Work<'r> {
                         }
                         scanned => scanned?,
                     }
+                    manager.status(self.at_work());
                     let ended = Instant::now();
                     next_scan = ended + settings.scan_interval;
                     earliest = ended + HINT_PAUSE.max(SCAN_SHARE * (ended - started));
                 }
             }
         }
+        manager.stopping();
         Ok(())
+    }
+
+    /// What the daemon is at, for people who ask the service manager.
+    fn at_work(&self) -> String {
+        format!(
+            "{} exports being read, {} wait, {} robots to conclude",
+            self.tasks.len(),
+            self.book.waiting(Instant::now()).saturating_sub(self.tasks.len()),
+            self.stale.count() + self.concluding.len()
+        )
     }
 
     async fn scan(&mut self, folders: &[PathBuf], complaints: &mut Complaints) -> Result<(), PipelineError> {
@@ -286,6 +311,7 @@ impl<'r> Work<'r> {
         self.pipeline.metrics().scanned(scan.files.len(), began.elapsed());
         complaints.warn(&scan);
         let retries = self.note_retries().await;
+        self.leave_known(&scan).await?;
         let lane_of = |path: &Path| robot_of(self.pipeline.config(), path);
         self.book.note(&scan.files, Instant::now(), tail::is_marked, lane_of);
         // files are taken also while the database is busy
@@ -300,6 +326,25 @@ impl<'r> Work<'r> {
             to_conclude = stale.len() + self.concluding.len(),
             "looked at the watched folders"
         );
+        Ok(())
+    }
+
+    /// Leaves files alone that are seen for the first time and whose fate was decided as they lie there: a start with a
+    /// hundred thousand of them asks the database a few hundred times. With an archive, each is looked at, since it
+    /// may have to be moved there.
+    async fn leave_known(&mut self, scan: &Scan) -> Result<(), PipelineError> {
+        if self.pipeline.config().watch.archive.is_some() {
+            return Ok(());
+        }
+        let unseen: Vec<&FoundFile> = self.book.unseen(&scan.files).collect();
+        for some in unseen.chunks(FILES_ASKED_AT_ONCE) {
+            let known = self.pipeline.known_as_they_are(some).await?;
+            for path in &known {
+                tracing::debug!(file = %path.display(), "known as it lies there");
+                self.pipeline.metrics().export(ExportEnd::Known);
+            }
+            self.book.taken_before(known.into_iter());
+        }
         Ok(())
     }
 
@@ -377,14 +422,20 @@ impl<'r> Work<'r> {
         starting.into_iter().for_each(|(due, robot, class)| self.take(due, robot, class));
     }
 
-    /// Tells how many files wait and are being read.
-    fn count_queues(&self) {
+    /// Tells how many files wait and are being read. Each file that waits is looked at, so that of a long queue it is
+    /// not told with every event.
+    fn count_queues(&mut self) {
+        let began = Instant::now();
+        if began < self.next_count {
+            return;
+        }
         let (metrics, config) = (self.pipeline.metrics(), self.pipeline.config());
         metrics.queue(Queue::Growing, self.book.growing_waiting(), self.places.count());
         for (class, queue) in [(Class::Small, Queue::Small), (Class::Large, Queue::Large)] {
             let waiting = self.book.settled_waiting(|bytes| Class::of(bytes, config) == class);
             metrics.queue(queue, waiting, self.settled[class as usize]);
         }
+        self.next_count = Instant::now() + COUNTING_SHARE * began.elapsed();
     }
 
     fn progressed(&mut self, file: FileId, progress: Progress) {

@@ -28,6 +28,7 @@ mod sql;
 mod snapshot;
 mod prune;
 mod backup;
+mod doctor;
 mod export;
 mod status;
 mod explain;
@@ -109,6 +110,8 @@ enum Command {
     Snapshot(snapshot::SnapshotArgs),
     /// Write a copy of everything that is stored, looked through
     Backup(backup::BackupArgs),
+    /// Whether machine, configuration and database are fit for the daemon
+    Doctor(doctor::DoctorArgs),
     /// Take away factors that have had their time; results stay
     Prune(prune::PruneArgs),
     /// Write the public views as CSV or Parquet files
@@ -187,6 +190,8 @@ enum LayoutCommand {
 enum BenchmarkCommand {
     /// How often 95 % intervals of the parameters hold the truth
     Coverage(benchmark::coverage::CoverageArgs),
+    /// Time of questions about a long history
+    History(benchmark::history::HistoryArgs),
     /// Time and memory of `ingest` beside a plain read of the same export
     Ingest(benchmark::throughput::IngestBenchmarkArgs),
     /// Processor time of each stage of taking a cycle
@@ -241,6 +246,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Sql(args) => sql::sql(&cli.global, &args),
         Command::Snapshot(args) => snapshot::snapshot(&cli.global, &args),
         Command::Backup(args) => backup::backup(&cli.global, &args),
+        Command::Doctor(args) => doctor::doctor(&cli.global, &args),
         Command::Prune(args) => prune::prune(&cli.global, &args),
         Command::Export(args) => export::export(&cli.global, &args),
         Command::Quarantine(args) => quarantine::command::quarantine(&cli.global, &args),
@@ -263,6 +269,9 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Layout { command: LayoutCommand::Infer(args) } => layout::infer::infer(&cli.global, &args),
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {
             benchmark::coverage::coverage(&cli.global, &args)
+        }
+        Command::Benchmark { command: BenchmarkCommand::History(args) } => {
+            benchmark::history::history(&cli.global, &args)
         }
         Command::Benchmark { command: BenchmarkCommand::Ingest(args) } => {
             benchmark::throughput::throughput(&cli.global, &args)

@@ -18,7 +18,7 @@ const LONGEST_PATIENCE: Duration = Duration::from_secs(600);
 /// Longest time between two attempts at a file that the system refuses to read.
 const LONGEST_REST: Duration = Duration::from_secs(60);
 
-/// How a file that was begun before the daemon started is taken up again.
+/// How a file that the database knows is taken up when it is seen for the first time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Begun {
     /// It was read while it grew: it is read on at once.
@@ -26,6 +26,8 @@ pub enum Begun {
     /// It had settled, with this size in bytes and this time of modification in microseconds: as long as it is
     /// like that, it is read on at once.
     Settled(u64, i64),
+    /// It lies there as it was when its fate was decided: it is left alone until it changes.
+    Taken,
 }
 
 /// A file to be taken.
@@ -92,7 +94,7 @@ type Turn<'e> = (u64, u64, SystemTime, Option<&'e OsStr>, &'e Path);
 pub struct FileSchedule {
     settle: Duration,
     entries: BTreeMap<PathBuf, Entry>,
-    /// Files that were begun before the daemon started and not seen yet.
+    /// Files that the database knows and that are not seen yet.
     begun: HashMap<PathBuf, Begun>,
     /// Growing files that are not read yet.
     growing: BTreeSet<PathBuf>,
@@ -128,6 +130,16 @@ impl FileSchedule {
         for entry in self.entries.values_mut().filter(|entry| entry.patience <= before.max(settle)) {
             entry.patience = settle;
         }
+    }
+
+    /// Files of a look that no earlier look has found.
+    pub fn unseen<'f>(&self, files: &'f [FoundFile]) -> impl Iterator<Item = &'f FoundFile> {
+        files.iter().filter(|file| !self.entries.contains_key(&file.path))
+    }
+
+    /// Notes that the fate of files is decided as they lie there. Call it before the look that finds them is noted.
+    pub fn taken_before(&mut self, paths: impl Iterator<Item = PathBuf>) {
+        self.begun.extend(paths.map(|path| (path, Begun::Taken)));
     }
 
     /// Notes what a look at the folders found at `now`. `is_marked` says whether the writer has marked a file
@@ -310,6 +322,7 @@ impl Entry {
     fn begun(mut self, begun: Option<Begun>) -> Self {
         match begun {
             Some(Begun::Growing) => self.grown = true,
+            Some(Begun::Taken) => self.taken = true,
             Some(Begun::Settled(size, modified)) => {
                 let seen = Timestamp::try_from(self.seen.modified).map(Timestamp::as_microsecond);
                 if size == self.seen.size && seen.is_ok_and(|seen| seen == modified) {

@@ -120,6 +120,12 @@ impl Stale {
         self.waiting.entry(robot).or_insert(Waiting { since: now, runs: 0, rests_until });
     }
 
+    /// How many robots wait for conclusions.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.waiting.len()
+    }
+
     /// When a rest ends, or a wait has been long enough.
     #[must_use]
     pub fn next_look(&self, now: Instant) -> Option<Instant> {

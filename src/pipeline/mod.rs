@@ -18,15 +18,17 @@ pub mod retention;
 #[cfg(test)]
 mod tests;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError};
 use std::time::Instant;
 
+use jiff::Timestamp;
 use tokio::sync::{Semaphore, mpsc};
 use tokio_util::sync::CancellationToken;
 
 use crate::config::Config;
 use crate::ingest::bytes::source;
+use crate::ingest::find::watch::FoundFile;
 use crate::ingest::rejection::Rejection;
 use crate::metrics::{Metrics, Stage};
 use crate::numerics::analyse::Method;
@@ -130,6 +132,24 @@ impl Pipeline {
             self.store.remember_source(&name, state, run_id).await?;
         }
         Ok(outcome)
+    }
+
+    /// Those of `files` whose fate was decided when they were as they lie there now, which [`process`](Self::process)
+    /// would only say again.
+    ///
+    /// # Errors
+    /// Those of the store.
+    pub async fn known_as_they_are(&self, files: &[&FoundFile]) -> Result<Vec<PathBuf>, PipelineError> {
+        let names: Vec<String> = files.iter().map(|file| source::path_text(&file.path)).collect();
+        let known = self.store.known_sources(&names).await?;
+        let is_known = |(file, name): &(&&FoundFile, &String)| {
+            known.get(*name).is_some_and(|(bytes, modified, run)| {
+                *bytes == file.size
+                    && Timestamp::try_from(file.modified).is_ok_and(|seen| seen.as_microsecond() == *modified)
+                    && take::decide::is_decided(run, Retry::Never)
+            })
+        };
+        Ok(files.iter().zip(&names).filter(is_known).map(|(file, _)| file.path.clone()).collect())
     }
 
     async fn take(

@@ -15,8 +15,15 @@ use super::handle::Store;
 use super::open::{APPLICATION_ID, SNAPSHOT};
 
 /// Tables whose rows are left out.
-const LEFT_OUT: [&str; 6] =
-    ["torque_factor", "log_factor", "cycle_factor_layout", "resume_point", "source_file", "channel_response"];
+const LEFT_OUT: [&str; 7] = [
+    "torque_factor",
+    "log_factor",
+    "cycle_factor_layout",
+    "resume_point",
+    "source_file",
+    "channel_response",
+    "run_series",
+];
 
 /// What a copy is called until it is whole.
 const PARTIAL: &str = ".partial";

@@ -19,6 +19,8 @@ mod crash;
 mod daemon;
 mod delivery;
 mod demo;
+#[cfg(target_os = "linux")]
+mod doctor;
 mod docs;
 mod grafana;
 #[cfg(target_os = "linux")]

@@ -125,7 +125,7 @@ fn nothing_is_made_or_brought_up_to_date_by_reading() {
     assert!(fs::read(&older).expect("the file") == before);
 }
 
-fn small_change(database: &Path, statement: &str) {
+pub fn small_change(database: &Path, statement: &str) {
     use sqlx::Connection;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
     runtime.block_on(async {

@@ -92,6 +92,23 @@ fn what_was_begun_before_is_taken_at_once_if_it_is_as_it_was() {
 }
 
 #[test]
+fn what_was_decided_before_is_left_alone_until_it_changes() {
+    let mut desk = Desk::new();
+    ["a1", "a2"].into_iter().for_each(|name| desk.write(name, 10));
+    let unseen: Vec<&Path> = desk.book.unseen(&desk.files).map(|file| file.path.as_path()).collect();
+    assert_eq!(unseen, [Path::new("a1"), Path::new("a2")]);
+    desk.book.taken_before(["a1".into()].into_iter());
+    [0, 3].into_iter().for_each(|at| desk.look(at));
+    assert_eq!(desk.book.unseen(&desk.files).count(), 0);
+    assert_eq!(desk.book.waiting(desk.start), 1);
+    assert_eq!(name(desk.settled(&[]).as_ref()), Some("a2"));
+    assert_eq!(name(desk.settled(&[]).as_ref()), None);
+    desk.write("a1", 11);
+    desk.look(4);
+    assert_eq!(name(desk.growing().as_ref()), Some("a1"));
+}
+
+#[test]
 fn a_file_that_cannot_be_read_is_tried_less_and_less_often_until_it_changes() {
     let mut desk = Desk::new();
     desk.write("a1", 10);

@@ -12,7 +12,6 @@
 
 use std::collections::HashSet;
 
-use crate::anomaly::RunSummary;
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::detect::production::detect_production;
 use crate::numerics::detect::runs::detect_among;
@@ -99,8 +98,10 @@ impl Pipeline {
             true => self.store.conclude(robot.robot_id).await?.history().await?,
             false => history,
         };
-        let summaries = self.store.run_summaries(robot.robot_id).await?;
-        let level = reference_level(&summaries, self.config.analysis.reference_speed_fraction);
+        let levels = self.store.latest_warm_levels(robot.robot_id).await?;
+        let reference = self.config.analysis.reference_speed_fraction;
+        // that of the latest warm friction, the reference itself without one
+        let level = nearest_level(levels.into_iter(), reference).unwrap_or(reference);
         let points = self.store.friction_history(robot.robot_id, level).await?;
         let mixed = tokio::task::spawn_blocking(move || warm_up_fits(&points)).await?;
         let baseline_runs = self.config.detect.baseline_runs;
@@ -162,14 +163,4 @@ enum Reading {
     Done(Option<Concluded>),
     /// The history has changed meanwhile, so many times in all.
     Overtaken(i64),
-}
-
-/// The speed level that the latest run's warm friction was taken at, the reference itself without one.
-fn reference_level(summaries: &[RunSummary], reference: f64) -> f64 {
-    let latest = summaries.iter().rev().find_map(|run| {
-        let levels =
-            run.joints.iter().filter_map(|joint| joint.warm_friction).map(|warm| warm.speed_fraction);
-        nearest_level(levels, reference)
-    });
-    latest.unwrap_or(reference)
 }

@@ -1,5 +1,6 @@
 //! Files as they were last seen.
 
+use std::collections::HashMap;
 use std::path::PathBuf;
 
 use jiff::Timestamp;
@@ -123,6 +124,18 @@ impl Store {
         self.checked(find(&self.readers, path, state).await)
     }
 
+    /// What the ledger knows of the exports that lay at `paths` when they were last taken, by path: size, bytes, time of
+    /// the last modification, microseconds UTC, and run. Unknown paths are left out.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn known_sources(
+        &self,
+        paths: &[String],
+    ) -> Result<HashMap<String, (u64, i64, KnownRun)>, StoreError> {
+        self.checked(find_all(&self.readers, paths).await)
+    }
+
     /// Writes down that the file at `path`, in this state, holds the export of a run.
     ///
     /// # Errors
@@ -202,6 +215,29 @@ pub(in crate::store) async fn find(
     .try_map(|row| known_run(&row))
     .fetch_optional(executor)
     .await
+}
+
+/// What was last taken at each of `paths`.
+async fn find_all(
+    executor: impl SqliteExecutor<'_>,
+    paths: &[String],
+) -> Result<HashMap<String, (u64, i64, KnownRun)>, sqlx::Error> {
+    let asked = serde_json::Value::from(paths.to_vec()).to_string();
+    let rows = sqlx::query(
+        "SELECT source_file.path, source_file.bytes, source_file.modified, run.run_id,
+                iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, run.reason, run.cycles_stored,
+                retry_asked_at IS NOT NULL AS retry_asked
+         FROM json_each(?) AS asked
+         CROSS JOIN source_file ON source_file.path = asked.value
+         JOIN run USING (run_id)",
+    )
+    .bind(asked)
+    .try_map(|row: SqliteRow| {
+        Ok((row.try_get("path")?, (size(&row, "bytes")?, row.try_get("modified")?, known_run(&row)?)))
+    })
+    .fetch_all(executor)
+    .await?;
+    Ok(rows.into_iter().collect())
 }
 
 /// Farthest that two time zones lie apart, in microseconds: a start that was read by another one is within.

@@ -192,7 +192,7 @@ pub(in crate::store) async fn windows(
          JOIN cycle_factor_layout USING (cycle_id)
          JOIN factor_layout USING (factor_layout_id)
          WHERE run.robot_id = ?1 AND run.kind = 'production' AND run.superseded_by_run_id IS NULL
-               AND cycle.status = 'complete'
+               AND cycle.status = 'complete' AND cycle.factors_gone IS NULL
          ORDER BY run.run_id, cycle.number",
     )
     .bind(robot_id)

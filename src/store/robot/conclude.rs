@@ -9,7 +9,7 @@ use sqlx::sqlite::SqliteExecutor;
 use sqlx::{Sqlite, Transaction};
 
 use super::anomalies::Reconciled;
-use super::{anomalies, conclusion_faults, cycle_friction_rows, history};
+use super::{anomalies, conclusion_faults, cycle_friction_rows, history, run_series};
 use crate::analysis::{ProductionCheck, WarmUpFit};
 use crate::anomaly::{Findings, ProductionSummary, RunSummary};
 use crate::store::error::StoreError;
@@ -95,6 +95,8 @@ impl ConclusionTransaction {
     /// [`StoreError`] of the database.
     pub async fn run_summaries(&mut self) -> Result<Vec<RunSummary>, StoreError> {
         let completed = cycle_friction_rows::complete(&mut self.transaction, self.robot_id).await;
+        self.checked(completed)?;
+        let completed = run_series::complete(&mut self.transaction, self.robot_id).await;
         self.checked(completed)?;
         let result = history::run_summaries(&mut self.transaction, self.robot_id).await;
         self.checked(result)

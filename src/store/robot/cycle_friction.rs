@@ -1,5 +1,4 @@
-//! Friction of each joint in each cycle as one number, and mean parameters of a run: what detectors compare over cycles
-//! and runs.
+//! Friction of each joint in each cycle as one number, and what mean parameters of a run stand for.
 
 use std::collections::HashMap;
 
@@ -11,21 +10,20 @@ use crate::anomaly::{CycleSeries, RunParameter};
 use crate::robot::{ParameterId, ParameterKind};
 use crate::store::values::{joint, parameter, size, standard_parameter};
 
-/// Friction of each cycle and joint of the robot's complete tests, by run, in the order of cycles and joints.
-pub(in crate::store) async fn by_run(
+/// Friction of each cycle and joint of a run, in the order of cycles and joints.
+pub(super) async fn of_run(
     executor: impl SqliteExecutor<'_>,
-    robot_id: i64,
-) -> Result<HashMap<i64, Vec<CycleSeries>>, sqlx::Error> {
-    let rows = sqlx::query(
-        "SELECT run.run_id, cycle.number AS cycle, level.joint, level.minute, level.ln_torque, level.offset_nm,
-                level.levels, level.speed_fraction
-         FROM run
-         JOIN cycle USING (run_id)
+    run_id: i64,
+) -> Result<Vec<CycleSeries>, sqlx::Error> {
+    sqlx::query(
+        "SELECT cycle.number AS cycle, level.joint, level.minute, level.ln_torque, level.offset_nm, level.levels,
+                level.speed_fraction
+         FROM cycle
          JOIN cycle_friction_level AS level USING (cycle_id)
-         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete'
-         ORDER BY run.run_id, cycle.number, level.joint",
+         WHERE cycle.run_id = ?
+         ORDER BY cycle.number, level.joint",
     )
-    .bind(robot_id)
+    .bind(run_id)
     .try_map(|row: SqliteRow| {
         let friction = CycleFriction {
             joint: joint(&row, "joint")?,
@@ -35,50 +33,54 @@ pub(in crate::store) async fn by_run(
             levels: size(&row, "levels")?,
             speed_fraction: row.try_get("speed_fraction")?,
         };
-        Ok((row.try_get("run_id")?, CycleSeries { cycle: size(&row, "cycle")?, friction }))
+        Ok(CycleSeries { cycle: size(&row, "cycle")?, friction })
     })
     .fetch_all(executor)
-    .await?;
-    let mut runs: HashMap<i64, Vec<CycleSeries>> = HashMap::new();
-    for (run_id, of) in rows {
-        runs.entry(run_id).or_default().push(of);
-    }
-    Ok(runs)
+    .await
 }
 
-/// Mean inertial parameters of the robot's complete tests, by run, in natural order.
-pub(in crate::store) async fn parameters_by_run(
-    executor: impl SqliteExecutor<'_>,
-    robot_id: i64,
-) -> Result<HashMap<i64, Vec<RunParameter>>, sqlx::Error> {
-    let rows = sqlx::query(
-        "SELECT run.run_id, of.mean, of.sdv, of.cycles, model_parameter.joint, model_parameter.name,
-                model_parameter.grouping
-         FROM run
-         JOIN parameter_statistic AS of USING (run_id)
-         JOIN model_parameter USING (model_parameter_id)
-         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete' AND of.\"window\" = 'all'",
-    )
-    .bind(robot_id)
-    .try_map(|row: SqliteRow| {
-        let grouping: Option<String> = row.try_get("grouping")?;
-        let of = RunParameter {
-            id: parameter(&row, "joint", "name")?,
-            mean: row.try_get("mean")?,
-            std_dev: row.try_get::<Option<f64>, _>("sdv")?.unwrap_or(f64::NAN),
-            cycles: size(&row, "cycles")?,
-            terms: grouping.map(|text| terms(&text)).unwrap_or_default(),
+/// The mean of a parameter over the cycles of a test.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct MeanParameter {
+    /// Key of the parameter.
+    pub(super) model_parameter_id: i64,
+    /// Mean, in its SI unit.
+    pub(super) mean: f64,
+    /// Standard deviation of one cycle; not a number with one cycle.
+    pub(super) std_dev: f64,
+    /// Cycles.
+    pub(super) cycles: u32,
+}
+
+/// What the inertial parameters of all descriptions stand for, by key.
+pub(super) struct Inertial(HashMap<i64, (ParameterId, Vec<(f64, ParameterId)>)>);
+
+/// Reads what the inertial parameters of all descriptions stand for.
+pub(super) async fn inertial(executor: impl SqliteExecutor<'_>) -> Result<Inertial, sqlx::Error> {
+    let rows = sqlx::query("SELECT model_parameter_id, joint, name, grouping FROM model_parameter")
+        .try_map(|row: SqliteRow| {
+            let grouping: Option<String> = row.try_get("grouping")?;
+            let terms = grouping.map(|text| terms(&text)).unwrap_or_default();
+            Ok((row.try_get::<i64, _>("model_parameter_id")?, (parameter(&row, "joint", "name")?, terms)))
+        })
+        .fetch_all(executor)
+        .await?;
+    let is_inertial = |(_, (id, _)): &(i64, (ParameterId, _))| matches!(id.kind, ParameterKind::Inertial(_));
+    Ok(Inertial(rows.into_iter().filter(is_inertial).collect()))
+}
+
+impl Inertial {
+    /// Means of those parameters of a run that are inertial, in natural order.
+    pub(super) fn of_run(&self, means: &[MeanParameter]) -> Vec<RunParameter> {
+        let of = |mean: &MeanParameter| {
+            let (id, terms) = self.0.get(&mean.model_parameter_id)?;
+            let MeanParameter { mean, std_dev, cycles, .. } = *mean;
+            Some(RunParameter { id: *id, mean, std_dev, cycles, terms: terms.clone() })
         };
-        Ok((row.try_get::<i64, _>("run_id")?, of))
-    })
-    .fetch_all(executor)
-    .await?;
-    let mut runs: HashMap<i64, Vec<RunParameter>> = HashMap::new();
-    for (run_id, of) in rows.into_iter().filter(|(_, of)| matches!(of.id.kind, ParameterKind::Inertial(_))) {
-        runs.entry(run_id).or_default().push(of);
+        let mut found: Vec<RunParameter> = means.iter().filter_map(of).collect();
+        found.sort_by_key(|parameter| parameter.id);
+        found
     }
-    runs.values_mut().for_each(|of| of.sort_by_key(|parameter| parameter.id));
-    Ok(runs)
 }
 
 /// The terms of a grouping such as `J2_mPx + 0.27 J3_m - J4_mPz`; those that are not understood are left out.

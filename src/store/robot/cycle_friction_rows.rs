@@ -2,37 +2,41 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use sqlx::sqlite::SqliteExecutor;
 use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
-use super::history;
+use super::{history, run_series};
 use crate::analysis::FrictionPoint;
 use crate::analysis::friction::CycleFriction;
 use crate::numerics::friction::composite::cycle_friction;
 use crate::store::values::{ROWS_PER_STATEMENT, joint_number};
 
-/// Makes the rows of the robot's complete tests with a cycle that has none yet: a complete run may have grown.
+/// Makes the rows of the robot's complete tests with a cycle that has none yet: a complete run may have grown. Those with
+/// a series have all.
 pub(in crate::store) async fn complete(
     connection: &mut SqliteConnection,
     robot_id: i64,
 ) -> Result<(), sqlx::Error> {
-    let runs: Vec<i64> = sqlx::query_scalar(
-        "SELECT run.run_id FROM run
-         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete'
-               AND EXISTS (
-                   SELECT 1 FROM cycle
-                   WHERE cycle.run_id = run.run_id
-                         AND EXISTS (SELECT 1 FROM friction_point WHERE friction_point.cycle_id = cycle.cycle_id)
-                         AND NOT EXISTS (SELECT 1 FROM cycle_friction_level AS level
-                                         WHERE level.cycle_id = cycle.cycle_id)
-               )",
-    )
-    .bind(robot_id)
-    .fetch_all(&mut *connection)
-    .await?;
-    for run_id in runs {
-        complete_run(connection, run_id).await?;
+    for run_id in run_series::without(&mut *connection, robot_id).await? {
+        if has_cycle_without(&mut *connection, run_id).await? {
+            complete_run(connection, run_id).await?;
+        }
     }
     Ok(())
+}
+
+async fn has_cycle_without(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT EXISTS (
+             SELECT 1 FROM cycle
+             WHERE cycle.run_id = ?
+                   AND EXISTS (SELECT 1 FROM friction_point WHERE friction_point.cycle_id = cycle.cycle_id)
+                   AND NOT EXISTS (SELECT 1 FROM cycle_friction_level AS level
+                                   WHERE level.cycle_id = cycle.cycle_id))",
+    )
+    .bind(run_id)
+    .fetch_one(executor)
+    .await
 }
 
 async fn complete_run(connection: &mut SqliteConnection, run_id: i64) -> Result<(), sqlx::Error> {

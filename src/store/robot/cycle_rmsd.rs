@@ -1,41 +1,12 @@
 //! How well the model of each cycle explains the cycle as a whole: what a contact shows in.
 
-use std::collections::HashMap;
-
 use sqlx::Row;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use crate::analysis::measurements::CycleRmsd;
 use crate::store::values::{joint, size};
 
-/// The moving relative RMSD of every cycle that counts of the robot's complete tests, by run, in the order of cycles and
-/// joints.
-pub(in crate::store) async fn by_run(
-    executor: impl SqliteExecutor<'_>,
-    robot_id: i64,
-) -> Result<HashMap<i64, Vec<CycleRmsd>>, sqlx::Error> {
-    let rows = sqlx::query(
-        "SELECT run.run_id, cycle.number AS cycle, joint, moving_relative_rmsd
-         FROM run
-         JOIN cycle USING (run_id)
-         JOIN torque_rmsd USING (cycle_id)
-         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete'
-               AND cycle.status = 'complete' AND NOT cycle.doubtful
-               AND stage = 'all' AND verification = 'self' AND moving_relative_rmsd IS NOT NULL
-         ORDER BY run.run_id, cycle.number, joint",
-    )
-    .bind(robot_id)
-    .try_map(|row: SqliteRow| Ok((row.try_get("run_id")?, of_row(&row)?)))
-    .fetch_all(executor)
-    .await?;
-    let mut runs: HashMap<i64, Vec<CycleRmsd>> = HashMap::new();
-    for (run_id, of) in rows {
-        runs.entry(run_id).or_default().push(of);
-    }
-    Ok(runs)
-}
-
-/// The same of one run, complete or not.
+/// The moving relative RMSD of every cycle that counts of a run, complete or not, in the order of cycles and joints.
 pub(in crate::store) async fn of_run(
     executor: impl SqliteExecutor<'_>,
     run_id: i64,

@@ -23,8 +23,8 @@ use crate::store::values::{
 
 /// Runs that warm-up fits over runs are made of, of a longer history: the first and the latest ones. That bounds the
 /// work of a conclusion.
-const FIRST_RUNS: usize = 12;
-const LATEST_RUNS: usize = 24;
+const FIRST_RUNS: i64 = 12;
+const LATEST_RUNS: i64 = 24;
 
 /// Microseconds of a second.
 pub(super) const MICROSECONDS: f64 = 1e6;
@@ -98,18 +98,23 @@ async fn first_and_latest_runs(
     executor: impl SqliteExecutor<'_>,
     robot_id: i64,
 ) -> Result<Vec<(i64, i64)>, sqlx::Error> {
-    let mut starts: Vec<(i64, i64)> = sqlx::query_as(
-        "SELECT run_id, started_at FROM run
-         WHERE robot_id = ? AND kind = 'test' AND status = 'complete'
+    sqlx::query_as(
+        "SELECT run_id, started_at FROM (
+             SELECT run_id, started_at FROM run
+             WHERE robot_id = ?1 AND kind = 'test' AND status = 'complete'
+             ORDER BY started_at, run_id LIMIT ?2)
+         UNION
+         SELECT run_id, started_at FROM (
+             SELECT run_id, started_at FROM run
+             WHERE robot_id = ?1 AND kind = 'test' AND status = 'complete'
+             ORDER BY started_at DESC, run_id DESC LIMIT ?3)
          ORDER BY started_at, run_id",
     )
     .bind(robot_id)
+    .bind(FIRST_RUNS)
+    .bind(LATEST_RUNS)
     .fetch_all(executor)
-    .await?;
-    if starts.len() > FIRST_RUNS + LATEST_RUNS {
-        starts.drain(FIRST_RUNS..starts.len() - LATEST_RUNS);
-    }
-    Ok(starts)
+    .await
 }
 
 /// The cycles of a run as stretches of motion: a test moves from its first row to its last. `temperatures` are

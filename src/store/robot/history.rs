@@ -5,7 +5,8 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
-use super::{cycle_friction, cycle_rmsd, maintenance};
+use super::run_series::RunSeries;
+use super::{cycle_friction, cycle_rmsd, maintenance, run_series};
 use crate::analysis::measurements::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{
@@ -62,6 +63,15 @@ impl Store {
         self.checked(run_summaries(&mut connection, robot_id).await)
     }
 
+    /// Speed levels, as fractions of the largest, at which joints of the robot's latest complete test have warm friction;
+    /// of tests without, of the one before.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn latest_warm_levels(&self, robot_id: i64) -> Result<Vec<f64>, StoreError> {
+        self.checked(latest_warm_levels(&self.readers, robot_id).await)
+    }
+
     /// Key and name of every robot with a complete test, by name.
     ///
     /// # Errors
@@ -69,6 +79,25 @@ impl Store {
     pub async fn tested_robots(&self) -> Result<Vec<(i64, String)>, StoreError> {
         self.checked(tested_robots(&self.readers).await)
     }
+}
+
+async fn latest_warm_levels(
+    executor: impl SqliteExecutor<'_>,
+    robot_id: i64,
+) -> Result<Vec<f64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT warm_speed_fraction FROM run_joint_summary
+         WHERE warm_friction_nm IS NOT NULL AND warm_minute IS NOT NULL AND warm_speed_fraction IS NOT NULL
+               AND run_id = (SELECT run.run_id FROM run CROSS JOIN run_joint_summary AS summary USING (run_id)
+                             WHERE robot_id = ? AND kind = 'test' AND status = 'complete'
+                                   AND warm_friction_nm IS NOT NULL AND warm_minute IS NOT NULL
+                                   AND warm_speed_fraction IS NOT NULL
+                             ORDER BY started_at DESC, run.run_id DESC LIMIT 1)
+         ORDER BY joint",
+    )
+    .bind(robot_id)
+    .fetch_all(executor)
+    .await
 }
 
 async fn tested_robots(executor: impl SqliteExecutor<'_>) -> Result<Vec<(i64, String)>, sqlx::Error> {
@@ -268,13 +297,13 @@ pub(in crate::store) async fn run_summaries(
             _ => runs.push(RunSummary { joints: joint.into_iter().collect(), ..run }),
         }
     }
-    let mut friction = cycle_friction::by_run(&mut *connection, robot_id).await?;
-    let mut whole_cycles = cycle_rmsd::by_run(&mut *connection, robot_id).await?;
-    let mut parameters = cycle_friction::parameters_by_run(&mut *connection, robot_id).await?;
+    let mut series = run_series::by_run(&mut *connection, robot_id).await?;
+    let inertial = cycle_friction::inertial(&mut *connection).await?;
     for run in &mut runs {
-        run.cycle_friction = friction.remove(&run.run_id).unwrap_or_default();
-        run.whole_cycle_rmsd = whole_cycles.remove(&run.run_id).unwrap_or_default();
-        run.parameters = parameters.remove(&run.run_id).unwrap_or_default();
+        let RunSeries { friction, rmsd, parameters } = series.remove(&run.run_id).unwrap_or_default();
+        run.cycle_friction = friction;
+        run.whole_cycle_rmsd = rmsd;
+        run.parameters = inertial.of_run(&parameters);
         (run.refused_cycles, run.refusals) = refused.remove(&run.run_id).unwrap_or_default();
     }
     let joints = runs.iter().flat_map(|run| &run.joints).map(|of| of.joint.number()).max().unwrap_or(0);

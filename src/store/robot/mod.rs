@@ -9,6 +9,7 @@ pub(super) mod history;
 pub(super) mod cycle_friction;
 pub(super) mod cycle_friction_rows;
 pub(super) mod cycle_rmsd;
+mod run_series;
 pub(super) mod friction;
 pub(super) mod anomalies;
 pub(super) mod health;

@@ -98,16 +98,16 @@ async fn first_tests(
     tests: i64,
 ) -> Result<Vec<Vec<JointSummary>>, sqlx::Error> {
     let rows = sqlx::query(
-        "SELECT run.run_id, summary.joint, summary.warm_friction_nm, summary.warm_friction_std_error_nm,
+        "SELECT early.run_id, summary.joint, summary.warm_friction_nm, summary.warm_friction_std_error_nm,
                 summary.warm_minute, summary.warm_speed_fraction, summary.excitation_friction_nm,
                 summary.excitation_friction_std_error_nm, summary.excitation_minute,
                 summary.excitation_speed_fraction, summary.relative_rmsd, summary.rmsd_swing,
                 summary.rmsd_swing_cycles, NULL AS friction_index, NULL AS friction_index_std_error
          FROM (SELECT run_id, started_at FROM run
                WHERE robot_id = ?1 AND status = 'complete' AND kind = 'test'
-               ORDER BY started_at, run_id LIMIT ?2) AS run
+               ORDER BY started_at, run_id LIMIT ?2) AS early
          JOIN run_joint_summary AS summary USING (run_id)
-         ORDER BY run.started_at, run.run_id, summary.joint",
+         ORDER BY early.started_at, early.run_id, summary.joint",
     )
     .bind(robot_id)
     .bind(tests)

@@ -2,7 +2,9 @@
 
 mod anomalies;
 mod factors;
+mod plans;
 mod retention;
+mod series;
 mod finish;
 mod identity;
 mod open;

@@ -1,0 +1,61 @@
+//! The clock of the machine: rests between tests, silence and retention are counted by it.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use super::finding::Finding;
+use super::machine::Machine;
+use crate::config::Config;
+
+const CHECK: &str = "clock";
+
+/// Written by systemd-timesyncd once the clock was set.
+const SYNCHRONISED: &str = "/run/systemd/timesync/synchronized";
+
+pub(super) fn check(_config: &Config, _machine: &Machine) -> Vec<Finding> {
+    vec![judged(is_synchronised())]
+}
+
+fn judged(synchronised: Option<bool>) -> Finding {
+    match synchronised {
+        Some(true) => Finding::ok(CHECK, "set by the network (NTP)"),
+        Some(false) => Finding::warning(
+            CHECK,
+            "not set by the network (NTP)",
+            "`timedatectl set-ntp true`, with systemd-timesyncd or chrony installed",
+        ),
+        None => Finding::warning(
+            CHECK,
+            "whether the network sets it (NTP) is unknown: this system has no timedatectl that says so",
+            "see that it is right",
+        ),
+    }
+}
+
+fn is_synchronised() -> Option<bool> {
+    if Path::new(SYNCHRONISED).exists() {
+        return Some(true);
+    }
+    let mut timedatectl = Command::new("timedatectl");
+    timedatectl
+        .args(["show", "--property=NTPSynchronized", "--value"])
+        .stdin(Stdio::null())
+        .stderr(Stdio::null());
+    match String::from_utf8_lossy(&timedatectl.output().ok()?.stdout).trim() {
+        "yes" => Some(true),
+        "no" => Some(false),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::finding::Level;
+    use super::*;
+
+    #[test]
+    fn what_is_not_known_is_not_ok() {
+        let levels = [Some(true), Some(false), None].map(|of| judged(of).level);
+        assert_eq!(levels, [Level::Ok, Level::Warning, Level::Warning]);
+    }
+}

@@ -1,0 +1,53 @@
+//! The copy for readers: whether it is there and new enough.
+
+use std::time::{Duration, SystemTime};
+
+use super::finding::Finding;
+use super::machine::Machine;
+use crate::config::Config;
+
+const CHECK: &str = "copies";
+
+/// Older than this, and than the database, a copy is stale.
+const STALE: Duration = Duration::from_secs(24 * 3600);
+
+pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<Finding> {
+    let backup =
+        Finding::ok(CHECK, "backups are written where you say (`armwatch backup`), and not looked for");
+    let Some(snapshot) = &config.snapshot else { return vec![backup] };
+    let written = |path: &std::path::Path| std::fs::metadata(path).and_then(|of| of.modified()).ok();
+    let age = written(&snapshot.file).and_then(|at| SystemTime::now().duration_since(at).ok());
+    let is_behind = written(&snapshot.file) < written(&config.database);
+    vec![judged(&snapshot.file.display().to_string(), age, is_behind), backup]
+}
+
+fn judged(file: &str, age: Option<Duration>, is_behind: bool) -> Finding {
+    let Some(age) = age else {
+        return Finding::warning(
+            CHECK,
+            format!("the copy for readers, {file}, is not there"),
+            "start the daemon, or `armwatch snapshot FILE`; the daemon's log says why it cannot be written",
+        );
+    };
+    let said = format!("the copy for readers, {file}, is {:.1} hours old", age.as_secs_f64() / 3600.0);
+    match is_behind && age > STALE {
+        true => Finding::warning(CHECK, said, "see that the daemon runs and may write there"),
+        false => Finding::ok(CHECK, said),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::finding::Level;
+    use super::*;
+
+    #[test]
+    fn a_copy_that_is_behind_for_long_is_told() {
+        let hours = |hours: u64| Some(Duration::from_secs(3600 * hours));
+        let level = |age, is_behind| judged("/srv/fleet.db", age, is_behind).level;
+        assert_eq!(level(None, false), Level::Warning);
+        assert_eq!(level(hours(1), true), Level::Ok);
+        assert_eq!(level(hours(48), false), Level::Ok);
+        assert_eq!(level(hours(48), true), Level::Warning);
+    }
+}

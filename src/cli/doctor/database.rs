@@ -1,0 +1,68 @@
+//! The database: whether it can be read, is of this program's version, and is whole.
+
+use jiff::Timestamp;
+
+use super::finding::Finding;
+use crate::config::Config;
+use crate::store::{Store, StoreError};
+
+const CHECK: &str = "database";
+
+pub(super) async fn check(config: &Config, quick: bool) -> Vec<Finding> {
+    let path = config.database.display();
+    let store = match Store::open_existing(&config.database).await {
+        Ok(Some(store)) => store,
+        Ok(None) => return vec![Finding::ok(CHECK, format!("{path} is not there yet; the daemon makes it"))],
+        Err(error @ StoreError::Older { .. }) => {
+            return vec![Finding::warning(
+                CHECK,
+                error,
+                "the next start brings it up to date: back up first",
+            )];
+        }
+        Err(error) => return vec![Finding::problem(CHECK, error, "docs/operations.md, Full disk")],
+    };
+    let mut found = vec![Finding::ok(CHECK, format!("{path} is of this program's schema"))];
+    found.extend(entered(store.last_entered_at().await));
+    if !quick {
+        found.extend(looked_through(&store).await);
+    }
+    if let Err(error) = store.close().await {
+        found.push(Finding::warning(CHECK, error, "look again"));
+    }
+    found
+}
+
+async fn looked_through(store: &Store) -> Vec<Finding> {
+    let remedy =
+        "move it away and restore a backup, or start without: exports that are still there are read again";
+    let damages = match store.damages().await {
+        Ok(damages) => damages,
+        Err(error) => return vec![Finding::problem("integrity", error, remedy)],
+    };
+    if !damages.is_empty() {
+        return damages.iter().map(|damage| Finding::problem("integrity", damage.trim(), remedy)).collect();
+    }
+    match store.broken_references().await {
+        Ok(tables) if tables.is_empty() => vec![Finding::ok("integrity", "pages and references are whole")],
+        Ok(tables) => {
+            let said = format!("rows of {} refer to rows that are not there", tables.join(", "));
+            vec![Finding::problem("integrity", said, remedy)]
+        }
+        Err(error) => vec![Finding::problem("integrity", error, remedy)],
+    }
+}
+
+/// The clock against what was entered last.
+fn entered(latest: Result<Option<Timestamp>, StoreError>) -> Vec<Finding> {
+    match latest {
+        Ok(Some(at)) if at > Timestamp::now() => vec![Finding::problem(
+            "clock",
+            format!("the last run was entered at {at}, which is later than now"),
+            "set the clock; until then it stood before",
+        )],
+        Ok(Some(at)) => vec![Finding::ok("clock", format!("the last run was entered at {at}"))],
+        Ok(None) => Vec::new(),
+        Err(error) => vec![Finding::problem("clock", error, "look at the database")],
+    }
+}

@@ -1,0 +1,118 @@
+//! `armwatch doctor`: whether machine, configuration and database are fit for the daemon.
+
+mod clock;
+mod copies;
+mod database;
+mod disk;
+mod finding;
+mod folders;
+mod limits;
+mod machine;
+mod permissions;
+mod unit;
+
+use clap::Args;
+use serde_json::json;
+
+use super::context::{CliError, EXIT_DONE, EXIT_FOUND, EXIT_USAGE, Global, runtime};
+use super::shared::output;
+use crate::config::Config;
+use crate::daemon::preflight::preflight;
+use finding::{Finding, Level};
+use machine::Machine;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch doctor --config /etc/armwatch/armwatch.toml
+  sudo -u armwatch armwatch doctor --config /etc/armwatch/armwatch.toml --json
+
+Looks at the configuration, the disks and folders that it names, the clock, limits of the system, the systemd unit and
+the database, and changes nothing. Permissions are those of the user who asks: ask as the user of the service. The
+database is read from end to end, some seconds a gigabyte.
+
+Exit status: 0 without a problem, also with warnings; 1 with a problem; 2 where the configuration cannot be used, when
+nothing else is looked at. docs/operations.md has what is checked.")]
+pub(super) struct DoctorArgs {
+    /// Leave out reading the whole database
+    #[arg(long)]
+    quick: bool,
+    /// Show what is fit, too
+    #[arg(long)]
+    all: bool,
+}
+
+/// Everything that is looked at, in the order in which it is told. Each gives a finding for whatever it looked at.
+const CHECKS: [fn(&Config, &Machine) -> Vec<Finding>; 7] = [
+    disk::check,
+    folders::check,
+    permissions::check,
+    limits::check,
+    clock::check,
+    unit::check,
+    copies::check,
+];
+
+pub(super) fn doctor(global: &Global, args: &DoctorArgs) -> Result<u8, CliError> {
+    let config = match global.read_config() {
+        Ok(config) => config,
+        Err(CliError::Config(errors)) => {
+            let found =
+                errors.0.iter().map(|problem| Finding::problem("configuration", problem, "correct it"));
+            report(global, &found.collect::<Vec<_>>(), true);
+            return Ok(EXIT_USAGE);
+        }
+        Err(error) => return Err(error),
+    };
+    let machine = Machine::here();
+    let mut found = of_configuration(&config);
+    for check in CHECKS {
+        found.extend(check(&config, &machine));
+    }
+    found.extend(runtime()?.block_on(database::check(&config, args.quick)));
+    report(global, &found, args.all);
+    let is_fit = found.iter().all(|finding| finding.level != Level::Problem);
+    Ok(if is_fit { EXIT_DONE } else { EXIT_FOUND })
+}
+
+/// What `armwatch run` would refuse or warn of.
+fn of_configuration(config: &Config) -> Vec<Finding> {
+    let found = preflight(config);
+    let mut findings: Vec<Finding> = Vec::new();
+    let add =
+        |problems: &[crate::config::ConfigProblem], make: fn(_, &str, &str) -> Finding| -> Vec<Finding> {
+            let finding = |problem: &crate::config::ConfigProblem| {
+                make("configuration", &problem.to_string(), "correct the configuration")
+            };
+            problems.iter().map(finding).collect()
+        };
+    findings.extend(add(&found.refusals, |check, said, remedy| Finding::problem(check, said, remedy)));
+    let odd = [&found.missing[..], &found.remarks[..]].concat();
+    findings.extend(add(&odd, |check, said, remedy| Finding::warning(check, said, remedy)));
+    if findings.is_empty() {
+        findings.push(Finding::ok("configuration", "no problems"));
+    }
+    let zone = &config.recognition.time_zone;
+    findings.push(Finding::ok("time zone", format!("times in file names are of {zone}")));
+    findings
+}
+
+fn report(global: &Global, found: &[Finding], all: bool) {
+    if global.json {
+        for Finding { check, level, said, remedy } in found {
+            output::json(&json!({"check": check, "level": level.name(), "said": said, "remedy": remedy}));
+        }
+        return;
+    }
+    for finding in found.iter().filter(|finding| all || finding.level != Level::Ok) {
+        output::line(&finding.line());
+    }
+    let count = |level: Level| found.iter().filter(|finding| finding.level == level).count();
+    output::line(&format!(
+        "{} looked at: {} ok, {} warnings, {} problems",
+        found.len(),
+        count(Level::Ok),
+        count(Level::Warning),
+        count(Level::Problem)
+    ));
+}

@@ -1,0 +1,60 @@
+//! Whether the user who asks may read and write what the daemon reads and writes.
+
+use std::path::Path;
+
+use rustix::fs::{Access, access};
+
+use super::finding::Finding;
+use super::machine::{Machine, nearest};
+use crate::config::Config;
+
+const CHECK: &str = "permissions";
+
+pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let database = &config.database;
+    let beside = database.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    found.extend(written(beside, "the folder of the database"));
+    if database.exists() {
+        found.extend(written(database, "the database"));
+    }
+    for folder in &config.watch.folders {
+        // one that is not there is told with the configuration
+        if folder.exists() && access(folder, Access::READ_OK | Access::EXEC_OK).is_err() {
+            let said = format!("the watched folder {} may not be looked into", folder.display());
+            found.push(Finding::problem(CHECK, said, "let the user of the service read it"));
+        }
+        if config.watch.archive.is_some() && folder.exists() {
+            found.extend(written(folder, "the watched folder that exports leave for the archive"));
+        }
+    }
+    let others = [
+        ("the archive", config.watch.archive.as_deref()),
+        (
+            "the spool of uploads",
+            config.serve.as_ref().and_then(|serve| Some(serve.upload.as_ref()?.spool.as_path())),
+        ),
+        ("the folder of the copy for readers", config.snapshot.as_ref().and_then(|of| of.file.parent())),
+    ];
+    found.extend(others.into_iter().filter_map(|(what, path)| written(path?, what)));
+    if found.is_empty() {
+        found.push(Finding::ok(CHECK, "all that is read and written may be"));
+    }
+    if machine.user == 0 {
+        found.push(Finding::warning(
+            CHECK,
+            "root asks, who may do more than the user of the service",
+            "ask as that user: `sudo -u armwatch armwatch doctor`",
+        ));
+    }
+    found
+}
+
+/// What keeps a place from being written to; one that is not there is made in the nearest folder above it.
+fn written(path: &Path, what: &str) -> Option<Finding> {
+    let place = nearest(path);
+    let error = access(&place, Access::WRITE_OK).err()?;
+    let said = format!("{what}, {}, may not be written to ({error})", place.display());
+    let remedy = "let the user of the service write there; under systemd, ReadWritePaths= must name it";
+    Some(Finding::problem(CHECK, said, remedy))
+}

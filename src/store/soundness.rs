@@ -1,0 +1,43 @@
+//! Whether a database is sound, for those who look after it.
+
+use jiff::Timestamp;
+
+use super::error::StoreError;
+use super::handle::Store;
+use super::values::time;
+
+/// Most faults that are listed.
+const MOST_FAULTS: usize = 5;
+
+impl Store {
+    /// What SQLite finds wrong with the pages of the database, at most some sentences; empty for a sound one. Every page is
+    /// read.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database, also for one that is damaged so much that it cannot be looked through.
+    pub async fn damages(&self) -> Result<Vec<String>, StoreError> {
+        let check = format!("PRAGMA quick_check({MOST_FAULTS})");
+        let found = sqlx::query_scalar(sqlx::AssertSqlSafe(check)).fetch_all(&self.readers).await;
+        let found: Vec<String> = self.checked(found)?;
+        Ok(found.into_iter().filter(|line| line != "ok").collect())
+    }
+
+    /// Tables with rows that refer to rows which are not there, each once.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn broken_references(&self) -> Result<Vec<String>, StoreError> {
+        let found = sqlx::query_scalar("SELECT DISTINCT \"table\" FROM pragma_foreign_key_check");
+        self.checked(found.fetch_all(&self.readers).await)
+    }
+
+    /// When the latest run was entered, by the clock of the machine that did.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn last_entered_at(&self) -> Result<Option<Timestamp>, StoreError> {
+        let latest = sqlx::query("SELECT ingested_at FROM run ORDER BY run_id DESC LIMIT 1");
+        let row = self.checked(latest.fetch_optional(&self.readers).await)?;
+        self.checked(row.map(|row| time(&row, "ingested_at")).transpose())
+    }
+}

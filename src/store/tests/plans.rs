@@ -1,0 +1,100 @@
+//! Statements that are asked again and again find their rows by keys and indices: none looks through a table that grows
+//! with the history.
+
+use sqlx::{AssertSqlSafe, Row};
+use syn::visit::Visit;
+
+use super::support::*;
+
+/// Sources whose statements are asked with each conclusion or each look at the folders.
+const SOURCES: [&str; 14] = [
+    "robot/anomalies.rs",
+    "robot/baselines.rs",
+    "robot/conclude.rs",
+    "robot/cycle_friction.rs",
+    "robot/cycle_friction_rows.rs",
+    "robot/cycle_rmsd.rs",
+    "robot/friction.rs",
+    "robot/history.rs",
+    "robot/maintenance.rs",
+    "robot/open_test.rs",
+    "robot/peers.rs",
+    "robot/run_series.rs",
+    "results/production.rs",
+    "ledger/sources.rs",
+];
+
+/// Tables with a row or more a run, and their names in statements.
+const GROWING: [&str; 20] = [
+    "run",
+    "test",
+    "cycle",
+    "last",
+    "torque_rmsd",
+    "friction_point",
+    "cycle_parameter",
+    "cycle_friction_level",
+    "level",
+    "cycle_refusal",
+    "why",
+    "parameter_statistic",
+    "run_joint_summary",
+    "summary",
+    "run_friction_index",
+    "run_friction",
+    "run_friction_points",
+    "run_series",
+    "source_file",
+    "production_check",
+];
+
+#[derive(Default)]
+struct Statements(Vec<String>);
+
+impl Visit<'_> for Statements {
+    fn visit_lit_str(&mut self, text: &syn::LitStr) {
+        let text = text.value();
+        if ["SELECT", "WITH", "UPDATE", "DELETE", "INSERT"].iter().any(|verb| text.starts_with(verb)) {
+            self.0.push(text);
+        }
+    }
+}
+
+/// Whether a line of a plan looks through a growing table without an index.
+fn looks_through(step: &str) -> bool {
+    let Some(rest) = step.strip_prefix("SCAN ") else { return false };
+    let name = rest.split(' ').next().unwrap_or_default();
+    GROWING.contains(&name) && !rest.contains("USING INDEX run_unfinished")
+}
+
+#[tokio::test]
+async fn no_statement_of_a_conclusion_looks_through_a_table_that_grows() {
+    let (_folder, store) = fresh().await;
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/store");
+    let mut planned = 0;
+    for source in SOURCES {
+        let text = std::fs::read_to_string(root.join(source)).expect(source);
+        let mut statements = Statements::default();
+        statements.visit_file(&syn::parse_file(&text).expect(source));
+        for statement in statements.0 {
+            let plan = sqlx::query(AssertSqlSafe(format!("EXPLAIN QUERY PLAN {statement}")));
+            // beginnings of statements that are put together are no statements
+            let Ok(steps) = plan.fetch_all(&store.writer).await else { continue };
+            planned += 1;
+            for step in steps {
+                let step: String = step.get("detail");
+                assert!(!looks_through(&step), "{source}: {step}, of:\n{statement}");
+            }
+        }
+    }
+    assert!(planned > 60, "{planned} statements were understood");
+}
+
+#[test]
+fn a_look_through_a_growing_table_is_seen() {
+    assert!(looks_through("SCAN run"));
+    assert!(looks_through("SCAN cycle USING INDEX cycle_by_estimator"));
+    assert!(!looks_through("SCAN run USING INDEX run_unfinished"));
+    assert!(!looks_through("SCAN robot"));
+    assert!(!looks_through("SEARCH run USING INDEX run_by_robot (robot_id=?)"));
+}

@@ -1,0 +1,81 @@
+//! The series of a test says what the tables say that it follows from.
+
+use super::support::*;
+use crate::store::handle::Store;
+
+async fn summaries(store: &Store) -> String {
+    format!("{:?}", store.run_summaries(1).await.expect("summaries"))
+}
+
+async fn change(store: &Store, statement: &'static str) -> u64 {
+    sqlx::query(statement).execute(&store.writer).await.expect("a change").rows_affected()
+}
+
+async fn series(store: &Store) -> i64 {
+    let count = sqlx::query_scalar("SELECT count(*) FROM run_series");
+    count.fetch_one(&store.readers).await.expect("a count")
+}
+
+/// Draws conclusions that store the series of all complete tests.
+async fn conclude(store: &Store) {
+    let mut conclusion = store.conclude(1).await.expect("a transaction");
+    let history = conclusion.history().await.expect("a history");
+    conclusion.run_summaries().await.expect("summaries");
+    conclusion.commit(history).await.expect("a commit");
+}
+
+#[tokio::test]
+async fn summaries_are_those_of_the_tables_whatever_changes() {
+    let (_folder, store) = fresh().await;
+    for day in 0..3 {
+        let run_id = streaming_run(&store, "R00", day, 2).await;
+        finish(&store, run_id, 2, &findings(vec![])).await;
+        assert_eq!(run_id, day + 1);
+    }
+    conclude(&store).await;
+    assert_eq!(series(&store).await, 3);
+    let of_series = summaries(&store).await;
+    change(&store, "DELETE FROM run_series").await;
+    assert_eq!(summaries(&store).await, of_series, "the tables say the same");
+    assert!(of_series.contains("cycle_friction: [CycleSeries"), "{of_series}");
+
+    // each takes away the series of the run that it changes, and of no other
+    let changes = [
+        "UPDATE torque_rmsd SET moving_relative_rmsd = 0.5 WHERE stage = 'all' AND cycle_id = 3 AND joint = 1",
+        "DELETE FROM torque_rmsd WHERE stage = 'all' AND verification = 'self' AND cycle_id = 3 AND joint = 2",
+        "UPDATE cycle_friction_level SET ln_torque = 0.25 WHERE cycle_id = 3 AND joint = 1",
+        "DELETE FROM cycle_friction_level WHERE cycle_id = 3 AND joint = 1",
+        "UPDATE parameter_statistic SET mean = mean + 1 WHERE run_id = 2",
+        "DELETE FROM parameter_statistic WHERE run_id = 2 AND \"window\" = 'all'",
+        "UPDATE cycle SET doubtful = 1 WHERE cycle_id = 3",
+        "DELETE FROM cycle WHERE cycle_id = 4",
+        "UPDATE run SET status = 'streaming' WHERE run_id = 2",
+        "DELETE FROM run WHERE run_id = 3",
+    ];
+    for (place, statement) in changes.into_iter().enumerate() {
+        conclude(&store).await;
+        let before = summaries(&store).await;
+        let complete = series(&store).await;
+        assert!(change(&store, statement).await > 0, "{statement}");
+        assert_eq!(series(&store).await, complete - 1, "{statement}");
+        let read = summaries(&store).await;
+        change(&store, "DELETE FROM run_series").await;
+        assert_eq!(summaries(&store).await, read, "{statement}");
+        // one level more or less is made again by the next conclusion, and the mean of a parameter without inertia is none
+        assert!(read != before || place == 4 || place == 5, "{statement} changes nothing");
+    }
+}
+
+#[tokio::test]
+async fn a_synthetic_history_is_read_as_one_that_was_recorded() {
+    let (_folder, store) = fresh().await;
+    let size = crate::store::SyntheticSize { robots: 2, runs: 3, cycles: 2 };
+    store.fill_synthetic(size).await.expect("a history");
+    conclude(&store).await;
+    let runs = store.run_summaries(2).await.expect("summaries");
+    assert_eq!(runs.len(), 3);
+    assert!(runs.iter().all(|run| run.joints.len() == 6 && run.cycles == 2 && run.parameters.len() == 24));
+    assert!(runs.iter().all(|run| run.cycle_friction.len() == 12 && run.whole_cycle_rmsd.len() == 12));
+    assert!(store.fill_synthetic(size).await.is_err(), "there are runs");
+    assert_sound(&store).await;
+}
