@@ -1,0 +1,207 @@
+//! Global search for a series: many random starts, each improved by L-BFGS (Liu & Nocedal 1989) on the smooth problem
+//! of [`SearchProblem`], in stages that come closer to the true condition number and to the limits.
+//!
+//! A start depends on the seed and its own number, neither on other starts nor on threads. So the first `k` starts give
+//! the same series on any number of threads, also where it was time that ended the search after `k`.
+
+use std::convert::Infallible;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+use basin::{CostFunction, Executor, FirstOrderState, Gradient, Lbfgs};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+use crate::numerics::trajectory::problem::{SearchProblem, Strictness};
+use crate::robot::FourierExcitation;
+
+/// Stages of a start: how strict, and most iterations. Early ones see all singular values and cross limits, so that
+/// they are smooth; the last is the condition number to 1 % and limits to 1e-5.
+const STAGES: [(Strictness, u64); 5] = [
+    (Strictness { power: 3.0, penalty: 10.0 }, 120),
+    (Strictness { power: 8.0, penalty: 1e2 }, 120),
+    (Strictness { power: 20.0, penalty: 1e3 }, 150),
+    (Strictness { power: 60.0, penalty: 1e4 }, 200),
+    (Strictness { power: 200.0, penalty: 1e5 }, 250),
+];
+
+/// Slopes smaller than this end a stage.
+const SLOPE_TOLERANCE: f64 = 1e-6;
+
+/// Steps that L-BFGS remembers: more than its usual ten, since an evaluation costs a thousand times a step.
+const MEMORY: usize = 20;
+
+/// Standard deviation of amplitudes at the start, in units of the largest velocity, and of centres in units of half
+/// the range.
+const START_AMPLITUDE: f64 = 0.2;
+const START_CENTRE: f64 = 0.3;
+
+/// Cost of numbers whose motion hides a parameter.
+const HOPELESS: f64 = 1e3;
+
+/// How long is searched.
+#[derive(Debug, Clone, Copy)]
+pub enum Budget {
+    /// So many starts.
+    Starts(u64),
+    /// Starts are begun until then.
+    Until(Instant),
+}
+
+/// How a search stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// Starts that are done.
+    pub starts: u64,
+    /// The best value so far.
+    pub best: f64,
+}
+
+/// What a search found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// The best series, inside all limits of the motion.
+    pub series: FourierExcitation,
+    /// Its start, from 0.
+    pub best_start: u64,
+    /// What each start came to, in its order: the objective, greater where limits that cannot be kept by making the
+    /// motion smaller are missed.
+    pub values: Vec<f64>,
+    /// Evaluations of cost and slope, of all starts.
+    pub evaluations: u64,
+}
+
+/// What one start came to.
+struct Outcome {
+    start: u64,
+    value: f64,
+    series: FourierExcitation,
+}
+
+/// Searches on `threads` threads; `None` where no start gave a motion that shows every parameter.
+pub fn search(
+    problem: &SearchProblem<'_>,
+    seed: u64,
+    budget: Budget,
+    threads: usize,
+    progress: &(dyn Fn(Progress) + Sync),
+) -> Option<Found> {
+    let (next, evaluations) = (AtomicU64::new(0), AtomicU64::new(0));
+    let done: Mutex<Vec<Outcome>> = Mutex::new(Vec::new());
+    let goes_on = |start: u64| match budget {
+        Budget::Starts(starts) => start < starts,
+        // the first is finished whatever it takes: nothing is no answer
+        Budget::Until(end) => start == 0 || Instant::now() < end,
+    };
+    let work = || {
+        loop {
+            let start = next.fetch_add(1, Ordering::Relaxed);
+            if !goes_on(start) {
+                return;
+            }
+            let outcome = improved(problem, seed, start, &evaluations);
+            let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+            done.push(outcome);
+            let best = done.iter().map(|outcome| outcome.value).fold(f64::INFINITY, f64::min);
+            progress(Progress { starts: done.len() as u64, best });
+        }
+    };
+    std::thread::scope(|scope| {
+        (1..threads.max(1)).for_each(|_| {
+            scope.spawn(work);
+        });
+        work();
+    });
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.sort_by_key(|outcome| outcome.start);
+    let values = done.iter().map(|outcome| outcome.value).collect();
+    let best = done.into_iter().min_by(|a, b| a.value.total_cmp(&b.value))?;
+    best.value.is_finite().then_some(Found {
+        series: best.series,
+        best_start: best.start,
+        values,
+        evaluations: evaluations.into_inner(),
+    })
+}
+
+/// One start through all stages.
+fn improved(problem: &SearchProblem<'_>, seed: u64, start: u64, evaluations: &AtomicU64) -> Outcome {
+    let mut numbers = random_numbers(problem, seed, start);
+    for (strictness, iterations) in STAGES {
+        let smooth = Smooth { problem, strictness, evaluations };
+        let solver = Lbfgs::new()
+            .unbounded()
+            .with_m_capacity(MEMORY)
+            .with_absolute_gradient_tolerance(SLOPE_TOLERANCE);
+        let state = FirstOrderState::new(numbers.clone());
+        // a line search that finds no better point ends a stage; the next one is smoother or begins anew
+        let Ok(result) = Executor::new(smooth, solver, state).max_iter(iterations).run();
+        numbers.clone_from(result.best_param());
+    }
+    let series = problem.within_limits(problem.series(&numbers));
+    let value = problem.value(&series).map_or(f64::INFINITY, f64::exp);
+    Outcome { start, value, series }
+}
+
+/// Numbers that stand for a random series.
+fn random_numbers(problem: &SearchProblem<'_>, seed: u64, start: u64) -> Vec<f64> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(start);
+    let per_joint = problem.dimension() / problem.robot().joint_count();
+    let scale = |k: usize| if (k + 1).is_multiple_of(per_joint) { START_CENTRE } else { START_AMPLITUDE };
+    (0..problem.dimension())
+        .map(|k| {
+            let normal: f64 = rng.sample(StandardNormal);
+            scale(k) * normal
+        })
+        .collect()
+}
+
+/// The problem at one strictness, as the optimiser asks for it.
+struct Smooth<'a, 'b> {
+    problem: &'b SearchProblem<'a>,
+    strictness: Strictness,
+    evaluations: &'b AtomicU64,
+}
+
+impl Smooth<'_, '_> {
+    fn both(&self, numbers: &[f64]) -> (f64, Vec<f64>) {
+        self.evaluations.fetch_add(1, Ordering::Relaxed);
+        match self.problem.cost(numbers, self.strictness) {
+            Ok((cost, slope)) if cost.is_finite() && slope.iter().all(|of| of.is_finite()) => (cost, slope),
+            _ => (HOPELESS, vec![0.0; numbers.len()]),
+        }
+    }
+}
+
+impl basin::Constraints for Smooth<'_, '_> {
+    type Set = basin::NoConstraints;
+
+    fn constraints(&self) -> <Self::Set as basin::ConstraintDescription>::Borrowed<'_> {
+        basin::ConstraintSet::new()
+    }
+}
+
+impl CostFunction for Smooth<'_, '_> {
+    type Param = Vec<f64>;
+    type Output = f64;
+    type Error = Infallible;
+
+    fn cost(&self, numbers: &Vec<f64>) -> Result<f64, Infallible> {
+        Ok(self.both(numbers).0)
+    }
+}
+
+impl Gradient for Smooth<'_, '_> {
+    type Gradient = Vec<f64>;
+
+    fn gradient(&self, numbers: &Vec<f64>) -> Result<Vec<f64>, Infallible> {
+        Ok(self.both(numbers).1)
+    }
+
+    fn cost_and_gradient(&self, numbers: &Vec<f64>) -> Result<(f64, Vec<f64>), Infallible> {
+        Ok(self.both(numbers))
+    }
+}
