@@ -181,3 +181,47 @@ impl Programme {
         ))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::er3a;
+
+    fn programme() -> Programme {
+        let robot = er3a();
+        Programme {
+            model: robot.model.clone(),
+            kinds: vec![JointKind::Revolute; 6],
+            series: robot.excitation.expect("Table 4.1"),
+            search: None,
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read_with_every_digit() {
+        let mut programme = programme();
+        programme.series.centre[2] = 0.1 + 0.2;
+        programme.kinds[3] = JointKind::Prismatic;
+        let text = programme.json().expect("JSON");
+        assert!(text.contains("\"centre_m\"") && text.contains("\"a_rad_s\""), "{text}");
+        assert_eq!(Programme::parse(&text), Ok(programme.clone()));
+        assert!(programme.fits(&er3a()).expect_err("a sliding joint").contains("er3a"));
+    }
+
+    #[test]
+    fn what_is_no_programme_is_refused_with_the_reason() {
+        let text = programme().json().expect("JSON");
+        for (changed, said) in [
+            (text.replace("armwatch-trajectory", "other"), "its key format is \"other\""),
+            (text.replace("\"version\": 1", "\"version\": 2"), "reads version 1"),
+            (text.replace("\"base_frequency_hz\": 0.1", "\"base_frequency_hz\": 0"), "above 0 to 100 Hz"),
+            (text.replacen("0.2428,", "", 1), "joint 1 has 4 and 5 amplitudes"),
+            (text.replace("\"robot\"", "\"robo\""), "robo"),
+            ("{}".to_owned(), "its key format is missing"),
+            ("[1".to_owned(), "not JSON"),
+        ] {
+            let error = Programme::parse(&changed).expect_err(said);
+            assert!(error.contains(said), "{error}");
+        }
+    }
+}

@@ -205,3 +205,53 @@ impl Gradient for Smooth<'_, '_> {
         Ok(self.both(numbers))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::model::base_parameters::base_parameters;
+    use crate::numerics::trajectory::limits::{MotionLimits, Shares, broken_by_series, extremes};
+    use crate::numerics::trajectory::objective::Objective;
+    use crate::numerics::trajectory::prediction::conditioning;
+    use crate::numerics::trajectory::problem::SearchSettings;
+    use crate::testing::er3a_of;
+
+    #[test]
+    fn a_search_is_the_same_on_any_number_of_threads_and_its_value_that_of_the_whole_matrix() {
+        let robot = er3a_of(1);
+        let base = base_parameters(&robot).expect("base parameters");
+        let shares = Shares { position: 0.9, velocity: 0.95, acceleration: 1.0 };
+        let settings = SearchSettings {
+            period: 4.0,
+            harmonics: 2,
+            objective: Objective::ScaledCondition,
+            parameters: (0..base.kept.len()).collect(),
+            row_scales: vec![1.0],
+            scales: vec![1.0; base.kept.len()],
+            limits: vec![MotionLimits::of(&robot.joints[0], &shares)],
+            torque: None,
+            reached_speed: 0.9,
+        };
+        let problem = SearchProblem::new(&robot, &base, settings).expect("a problem");
+        let run = |seed: u64, starts: u64, threads: usize| {
+            search(&problem, seed, Budget::Starts(starts), threads, &|_| ()).expect("a series")
+        };
+        let one = run(5, 2, 1);
+        assert_eq!(one, run(5, 2, 2));
+        assert_ne!(one.series, run(6, 2, 1).series);
+        assert_eq!(one.values.len(), 2);
+        let best = one.values.iter().copied().fold(f64::INFINITY, f64::min);
+        assert_eq!(one.values[one.best_start as usize], best);
+        // the same instants as the search has
+        let all: Vec<usize> = (0..base.kept.len()).collect();
+        let found = conditioning(&robot, &base, &all, &one.series, 25.0).expect("condition numbers");
+        assert!((best / found.scaled_condition_number - 1.0).abs() < 0.01, "{best} {found:?}");
+        assert!(broken_by_series(&robot, &one.series).is_empty());
+        let speed = extremes(&one.series, 0).speed.value.abs() / robot.joints[0].limits.velocity;
+        assert!((0.89..=0.95).contains(&speed), "{speed}");
+        // time that has passed still gives one start
+        let past = search(&problem, 5, Budget::Until(Instant::now()), 2, &|_| ()).expect("a series");
+        assert_eq!(past.values.len(), 1);
+        assert_eq!(past.values[0], one.values[0]);
+    }
+}

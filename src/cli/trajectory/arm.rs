@@ -1,10 +1,9 @@
-//! The arm that a trajectory is for, and programmes from files.
+//! The arm that a trajectory is for.
 
 use std::path::Path;
 
 use crate::cli::context::{CliError, Global};
 use crate::config::read_robot;
-use crate::design::programme::Programme;
 use crate::robot::Robot;
 
 /// The arm called `name`: a description's file, or a robot or model of the configuration.
@@ -28,19 +27,4 @@ pub(super) fn arm(global: &Global, name: &str) -> Result<Robot, CliError> {
             if models.is_empty() { "none".to_owned() } else { models.join(", ") }
         ))
     })
-}
-
-/// Reads a programme that fits the arm.
-pub(super) fn programme(path: &Path, robot: &Robot) -> Result<Programme, CliError> {
-    let text = read(path)?;
-    let problem = |problem: String| CliError::Usage(format!("{}: {problem}", path.display()));
-    let programme = Programme::parse(&text).map_err(problem)?;
-    programme.fits(robot).map_err(problem)?;
-    Ok(programme)
-}
-
-/// The text of a file.
-pub(super) fn read(path: &Path) -> Result<String, CliError> {
-    std::fs::read_to_string(path)
-        .map_err(|error| CliError::Io(format!("cannot read {}: {error}", path.display())))
 }

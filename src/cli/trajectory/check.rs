@@ -5,11 +5,12 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::arm::{arm, programme, read};
+use super::arm::arm;
 use super::samples::samples;
 use super::words::{as_value, nearness, print_nearness, sentence};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
+use crate::cli::shared::programme::{programme, read};
 use crate::numerics::trajectory::limits::{Limited, SampleCheck, broken_by_samples, broken_by_series};
 use crate::robot::{JointIndex, Robot};
 

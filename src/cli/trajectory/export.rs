@@ -5,11 +5,12 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use super::arm::{arm, programme};
+use super::arm::arm;
 use super::words::sentence;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::plot::write_lines;
+use crate::cli::shared::programme::programme;
 use crate::numerics::trajectory::limits::broken_by_series;
 use crate::numerics::trajectory::series::state_at;
 use crate::robot::{FourierExcitation, JointKind, Robot};

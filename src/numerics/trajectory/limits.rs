@@ -377,3 +377,104 @@ fn second_differences(times: &[f64], values: &[f64], step: f64, limit: f64) -> O
     };
     Some((rows..times.len().saturating_sub(rows)).map(curvature).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{er3a, er3a_of};
+
+    #[test]
+    fn the_published_series_keeps_the_limits_at_the_stated_speeds() {
+        let robot = er3a();
+        let series = robot.excitation.clone().expect("Table 4.1");
+        assert!(broken_by_series(&robot, &series).is_empty());
+        let percent: Vec<f64> = (0..6)
+            .map(|j| {
+                let speed = extremes(&series, j).speed.value.abs();
+                (100.0 * speed / robot.joints[j].limits.velocity).round()
+            })
+            .collect();
+        assert_eq!(percent, [66.0, 61.0, 59.0, 52.0, 46.0, 39.0]);
+    }
+
+    #[test]
+    fn each_broken_limit_is_named_once_with_its_worst_moment() {
+        let robot = er3a();
+        let series = robot.excitation.clone().expect("Table 4.1");
+        let mut tight = robot.clone();
+        tight.joints[2].limits.velocity = 1.0;
+        tight.joints[4].limits.acceleration = 0.5;
+        tight.joints[0].limits.position_min = -0.5;
+        let found = broken_by_series(&tight, &series);
+        let what: Vec<(usize, Limited)> = found.iter().map(|b| (b.joint.number(), b.quantity)).collect();
+        assert_eq!(what, [(1, Limited::LowestPosition), (3, Limited::Speed), (5, Limited::Acceleration)]);
+        let speed = &found[1];
+        assert!((state_at(&series, speed.time)[2][1] / speed.value - 1.0).abs() < 2e-4);
+        assert_eq!(speed.limit.signum(), speed.value.signum());
+        assert!((speed.excess() - (speed.value.abs() - 1.0)).abs() < 1e-12);
+    }
+
+    /// Samples of the published series, rounded to a number of decimals.
+    fn sampled(rate_hz: f64, decimals: i32, with_velocities: bool) -> SampledMotion {
+        let series = er3a().excitation.expect("Table 4.1");
+        let times: Vec<f64> = (0..=(10.0 * rate_hz) as usize).map(|k| k as f64 / rate_hz).collect();
+        let step = 10_f64.powi(-decimals);
+        let rounded = |value: f64| (value / step).round() * step;
+        let of = |quantity: usize| -> Vec<Vec<f64>> {
+            (0..6)
+                .map(|j| times.iter().map(|&t| rounded(state_at(&series, t)[j][quantity])).collect())
+                .collect()
+        };
+        SampledMotion {
+            positions: of(0),
+            velocities: with_velocities.then(|| of(1)),
+            accelerations: None,
+            times,
+            position_step: step,
+            velocity_step: step,
+        }
+    }
+
+    #[test]
+    fn samples_show_the_limits_that_the_series_breaks_and_no_other() {
+        let mut robot = er3a();
+        assert!(broken_by_samples(&robot, &sampled(250.0, 12, false)).breaches.is_empty());
+        let series = robot.excitation.clone().expect("Table 4.1");
+        robot.joints[2].limits.velocity = 1.0;
+        robot.joints[4].limits.acceleration = 0.5;
+        robot.joints[0].limits.position_max = 0.3;
+        let exact = broken_by_series(&robot, &series);
+        for (decimals, with_velocities) in [(12, false), (4, false), (4, true)] {
+            let motion = sampled(250.0, decimals, with_velocities);
+            let found = broken_by_samples(&robot, &motion);
+            assert!(found.unjudged.is_empty(), "{:?}", found.unjudged);
+            assert_eq!(found.breaches.len(), exact.len(), "{decimals} {:?}", found.breaches);
+            for (found, exact) in found.breaches.iter().zip(&exact) {
+                assert_eq!((found.joint, found.quantity), (exact.joint, exact.quantity));
+                // rounding may add its share of the limit, a difference over 0.1 s takes a little off
+                let slack = 2.0 * ROUNDING_SHARE * exact.limit.abs();
+                assert!((found.value - exact.value).abs() < slack, "{found:?} {exact:?}");
+                assert!(found.since <= found.time);
+            }
+        }
+    }
+
+    #[test]
+    fn positions_that_are_too_coarse_for_accelerations_are_not_judged() {
+        let robot = er3a();
+        let found = broken_by_samples(&robot, &sampled(250.0, 1, false));
+        assert_eq!(found.unjudged.len(), 12, "{:?}", found.unjudged);
+        assert_eq!(found.used[0][1..], [None, None]);
+    }
+
+    #[test]
+    fn uneven_times_give_the_same_accelerations() {
+        let robot = er3a_of(1);
+        let times: Vec<f64> = (0..200).map(|k| 0.01 * f64::from(k) + 0.002 * f64::from(k % 3)).collect();
+        let acceleration = 2.0;
+        let positions = vec![times.iter().map(|t| 0.5 * acceleration * (t - 1.0) * (t - 1.0)).collect()];
+        let motion = SampledMotion { times, positions, ..SampledMotion::default() };
+        let used = broken_by_samples(&robot, &motion).used[0][2].expect("judged");
+        assert!((used * robot.joints[0].limits.acceleration - acceleration).abs() < 1e-6);
+    }
+}

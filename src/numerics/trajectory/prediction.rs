@@ -131,3 +131,128 @@ fn stacked(columns: usize, factors: &[TriangularFactor]) -> TriangularFactor {
     let places: Vec<usize> = (0..columns).collect();
     TriangularFactor::embedded(columns, factors.iter().map(|factor| (factor, &places[..])))
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{DMatrix, DVector};
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    use super::super::series::state_at;
+    use super::*;
+    use crate::numerics::model::base_parameters::base_parameters;
+    use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
+    use crate::testing::{er3a, er3a_of};
+
+    /// The observation matrix by the regressor of single instants and states of the closed form.
+    fn dense(robot: &Robot, columns: &[usize], series: &FourierExcitation, rate_hz: f64) -> DMatrix<f64> {
+        let n = robot.joint_count();
+        let instants = (rate_hz / series.base_frequency).round() as usize;
+        let mut w = DMatrix::zeros(n * instants, columns.len());
+        let mut y = Regressor::new(robot);
+        for k in 0..instants {
+            let states = state_at(series, k as f64 / rate_hz);
+            let of = |quantity: usize| states.iter().map(|state| state[quantity]).collect::<Vec<f64>>();
+            joint_torque_regressor(robot, &of(0), &of(1), &of(2), &mut y);
+            for (c, &column) in columns.iter().enumerate() {
+                for (j, value) in y.column(column).iter().enumerate() {
+                    w[(n * k + j, c)] = *value;
+                }
+            }
+        }
+        w
+    }
+
+    fn inertial(base: &BaseParameters) -> Vec<usize> {
+        let is_friction = |k: &usize| matches!(base.kept[*k].kind, ParameterKind::Friction(_));
+        (0..base.kept.len()).filter(|k| !is_friction(k)).collect()
+    }
+
+    /// The condition numbers that are stated for the published series, and those by singular values of the whole
+    /// matrix.
+    #[test]
+    fn the_published_series_has_the_published_condition_numbers() {
+        let robot = er3a();
+        let series = robot.excitation.clone().expect("Table 4.1");
+        let base = base_parameters(&robot).expect("base parameters");
+        let chosen = inertial(&base);
+        let found = conditioning(&robot, &base, &chosen, &series, 25.0).expect("condition numbers");
+        assert_eq!(chosen.len(), 40);
+        assert!((found.condition_number - 29.6).abs() < 0.05, "{found:?}");
+        assert!((found.scaled_condition_number - 9.1).abs() < 0.05, "{found:?}");
+        let columns: Vec<usize> = chosen.iter().map(|&k| base.kept_columns[k]).collect();
+        let mut w = dense(&robot, &columns, &series, 25.0);
+        let ratio = |w: &DMatrix<f64>| {
+            let values = w.singular_values();
+            values[0] / values[values.len() - 1]
+        };
+        assert_eq!(w.rank(1e-6), 40);
+        assert!((found.condition_number / ratio(&w) - 1.0).abs() < 1e-9);
+        w.column_iter_mut().for_each(|mut column| {
+            let length = column.norm();
+            column /= length;
+        });
+        assert!((found.scaled_condition_number / ratio(&w) - 1.0).abs() < 1e-9);
+    }
+
+    /// 200 tests by weighted least squares on the dense matrix. The standard deviation of one parameter over them is
+    /// known to 5 %.
+    #[test]
+    fn predicted_standard_deviations_are_those_of_simulated_tests() {
+        const TESTS: usize = 200;
+        let robot = er3a_of(3);
+        let base = base_parameters(&robot).expect("base parameters");
+        let mut series = er3a().excitation.expect("Table 4.1");
+        [&mut series.a, &mut series.b].into_iter().for_each(|rows| rows.truncate(3));
+        series.centre.truncate(3);
+        let noise = vec![0.45, 0.5, 0.28];
+        let rate = 20.0;
+        let recording = Recording { sample_rate_hz: rate, periods: 1, noise: noise.clone() };
+        let found = predict(&robot, &base, &series, &recording).expect("a prediction");
+        let mut w = dense(&robot, &base.kept_columns, &series, rate);
+        w.row_iter_mut().enumerate().for_each(|(i, mut row)| row /= noise[i % 3]);
+        let solve = w.clone().pseudo_inverse(1e-12).expect("an inverse");
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut squares = DVector::zeros(w.ncols());
+        for _ in 0..TESTS {
+            let white = DVector::from_fn(w.nrows(), |_, _| rng.sample::<f64, _>(StandardNormal));
+            squares += (&solve * white).map(|error| error * error);
+        }
+        let mut ratios: Vec<f64> = squares
+            .iter()
+            .zip(&found.standard_deviations)
+            .map(|(squares, predicted)| predicted / (squares / TESTS as f64).sqrt())
+            .collect();
+        ratios.sort_by(f64::total_cmp);
+        let median = ratios[ratios.len() / 2];
+        assert!((0.97..=1.03).contains(&median), "{median}");
+        let near = ratios.iter().filter(|ratio| (0.9..=1.1).contains(*ratio)).count();
+        assert!(near * 10 >= ratios.len() * 9, "{ratios:?}");
+
+        // four periods halve them; one direction alone is never less certain than within all
+        let four = Recording { periods: 4, ..recording };
+        let longer = predict(&robot, &base, &series, &four).expect("a prediction");
+        let halves = longer.standard_deviations.iter().zip(&found.standard_deviations);
+        assert!(halves.into_iter().all(|(four, one)| (2.0 * four / one - 1.0).abs() < 1e-9));
+        let change = found.friction_change[1].expect("nominal friction");
+        let direction = friction_direction(&robot, &base, JointIndex::new(1)).expect("nominal friction");
+        let along = (&w * DVector::from_vec(direction)).norm();
+        assert!((change * along - 1.0).abs() < 1e-9);
+        assert!(found.load_change.is_some_and(|load| load > 0.0 && load < 1.0), "{:?}", found.load_change);
+    }
+
+    #[test]
+    fn a_motion_of_one_joint_does_not_tell_of_the_others() {
+        let robot = er3a_of(2);
+        let base = base_parameters(&robot).expect("base parameters");
+        let series = FourierExcitation {
+            base_frequency: 0.2,
+            a: vec![vec![0.5, -0.5], vec![0.0, 0.0]],
+            b: vec![vec![0.2, -0.1], vec![0.0, 0.0]],
+            centre: vec![0.0, 0.1],
+        };
+        let recording = Recording { sample_rate_hz: 50.0, periods: 1, noise: vec![1.0; 2] };
+        assert!(predict(&robot, &base, &series, &recording).is_err());
+    }
+}

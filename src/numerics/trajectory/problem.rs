@@ -400,3 +400,114 @@ impl<'a> SearchProblem<'a> {
         series
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::model::base_parameters::base_parameters;
+    use crate::numerics::pooled::nominal_prior::nominal_base;
+    use crate::numerics::trajectory::limits::{Shares, broken_by_series};
+    use crate::testing::er3a_of;
+
+    /// Slopes of differences over 1e-5, whose error is the square of that, and of sums of some thousand terms.
+    const DIFFERENCES: f64 = 1e-5;
+
+    fn settings(robot: &Robot, base: &BaseParameters) -> SearchSettings {
+        let shares = Shares { position: 0.9, velocity: 0.8, acceleration: 0.7 };
+        SearchSettings {
+            period: 5.0,
+            harmonics: 3,
+            objective: Objective::Condition,
+            parameters: (0..base.kept.len()).collect(),
+            row_scales: vec![1.0; robot.joint_count()],
+            scales: vec![1.0; base.kept.len()],
+            limits: robot.joints.iter().map(|joint| MotionLimits::of(joint, &shares)).collect(),
+            torque: None,
+            reached_speed: 0.0,
+        }
+    }
+
+    fn numbers(count: usize, size: f64) -> Vec<f64> {
+        (0..count).map(|k| size * (1.0 + 2.3 * k as f64).sin()).collect()
+    }
+
+    #[test]
+    fn slopes_are_those_of_differences_whatever_is_exceeded() {
+        let robot = er3a_of(2);
+        let base = base_parameters(&robot).expect("base parameters");
+        let nominal: Option<Vec<f64>> = nominal_base(&robot, &base).into_iter().collect();
+        let torque = TorqueLimits {
+            parameters: nominal.expect("nominal parameters"),
+            mean_square_root: vec![Some(10.0), Some(12.0)],
+            peak: vec![None, Some(20.0)],
+        };
+        let strictness = Strictness { power: 5.0, penalty: 3.0 };
+        // the smaller motion is too slow, the larger one beyond every limit
+        for (size, limited, reached) in [(0.1, false, 0.7), (1.2, true, 0.0)] {
+            for objective in [Objective::Condition, Objective::ScaledCondition, Objective::StandardDeviation]
+            {
+                let mut settings = settings(&robot, &base);
+                settings.objective = objective;
+                settings.torque = limited.then(|| torque.clone());
+                settings.reached_speed = reached;
+                let problem = SearchProblem::new(&robot, &base, settings).expect("a problem");
+                let x = numbers(problem.dimension(), size);
+                let (_, slope) = problem.cost(&x, strictness).expect("a cost");
+                for k in [0, 3, 4, 7] {
+                    let at = |step: f64| {
+                        let mut moved = x.clone();
+                        moved[k] += step;
+                        problem.cost(&moved, strictness).expect("a cost").0
+                    };
+                    let measured = (at(1e-5) - at(-1e-5)) / 2e-5;
+                    assert!(
+                        (measured - slope[k]).abs() < DIFFERENCES * slope[k].abs().max(1.0),
+                        "{objective:?} {size} {k}: {measured} {}",
+                        slope[k]
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn any_numbers_stand_for_a_series_from_rest_to_rest_that_can_be_brought_inside_the_limits() {
+        let robot = er3a_of(3);
+        let base = base_parameters(&robot).expect("base parameters");
+        let problem = SearchProblem::new(&robot, &base, settings(&robot, &base)).expect("a problem");
+        for size in [0.01, 0.3, 5.0] {
+            let wild = problem.series(&numbers(problem.dimension(), size));
+            let tame = problem.within_limits(wild.clone());
+            for series in [&wild, &tame] {
+                for state in super::super::series::state_at(series, 0.0) {
+                    assert!(state[1].abs() < 1e-12 * size.max(1.0), "{state:?}");
+                    assert!(state[2].abs() < 1e-9 * size.max(1.0), "{state:?}");
+                }
+            }
+            assert_eq!(!broken_by_series(&robot, &wild).is_empty(), size > 1.0);
+            assert!(broken_by_series(&robot, &tame).is_empty(), "{size}");
+            // the shares of the search, at 1 kHz
+            for (j, limits) in problem.settings().limits.iter().enumerate() {
+                for k in 0..5000 {
+                    let [q, qd, qdd] = super::super::series::state_at(&tame, f64::from(k) * 1e-3)[j];
+                    assert!((limits.position_min..=limits.position_max).contains(&q));
+                    assert!(qd.abs() <= limits.velocity && qdd.abs() <= limits.acceleration);
+                }
+            }
+            // what is inside stays as it is
+            assert_eq!(problem.within_limits(tame.clone()), tame, "{size}");
+        }
+    }
+
+    #[test]
+    fn too_few_harmonics_and_limits_of_another_arm_are_refused() {
+        let robot = er3a_of(2);
+        let base = base_parameters(&robot).expect("base parameters");
+        let mut short = settings(&robot, &base);
+        short.harmonics = 1;
+        assert!(SearchProblem::new(&robot, &base, short).is_err());
+        let mut other = settings(&robot, &base);
+        other.limits.pop();
+        assert!(SearchProblem::new(&robot, &base, other).is_err());
+    }
+}
