@@ -191,6 +191,8 @@ enum TrajectoryCommand {
     Check(trajectory::check::CheckArgs),
     /// A programme as CSV of positions, velocities and accelerations, or as waypoints
     Export(trajectory::export::ExportArgs),
+    /// A programme in a picture, with the limits
+    Plot(trajectory::plot::PlotArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -284,6 +286,9 @@ pub fn run(cli: Cli) -> ExitCode {
         }
         Command::Trajectory { command: TrajectoryCommand::Export(args) } => {
             trajectory::export::export(&cli.global, &args)
+        }
+        Command::Trajectory { command: TrajectoryCommand::Plot(args) } => {
+            trajectory::plot::plot(&cli.global, &args)
         }
         Command::Layout { command: LayoutCommand::Infer(args) } => layout::infer::infer(&cli.global, &args),
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {

@@ -18,7 +18,8 @@ use crate::numerics::trajectory::problem::{SearchProblem, Strictness};
 use crate::robot::FourierExcitation;
 
 /// Stages of a start: how strict, and most iterations. Early ones see all singular values and cross limits, so that
-/// they are smooth; the last is the condition number to 1 % and limits to 1e-5.
+/// they are smooth; the last is the condition number to 1 % and
+/// limits to 1e-5.
 const STAGES: [(Strictness, u64); 5] = [
     (Strictness { power: 3.0, penalty: 10.0 }, 120),
     (Strictness { power: 8.0, penalty: 1e2 }, 120),
@@ -26,6 +27,13 @@ const STAGES: [(Strictness, u64); 5] = [
     (Strictness { power: 60.0, penalty: 1e4 }, 200),
     (Strictness { power: 200.0, penalty: 1e5 }, 250),
 ];
+
+/// Stages that the best starts go through at the end.
+const LAST_STAGES: [(Strictness, u64); 2] =
+    [(Strictness { power: 600.0, penalty: 1e6 }, 400), (Strictness { power: 2000.0, penalty: 1e7 }, 600)];
+
+/// Starts that go through the last stages: which of the best is the best is not decided before.
+const FINALISTS: usize = 4;
 
 /// Slopes smaller than this end a stage.
 const SLOPE_TOLERANCE: f64 = 1e-6;
@@ -66,16 +74,19 @@ pub struct Found {
     pub series: FourierExcitation,
     /// Its start, from 0.
     pub best_start: u64,
-    /// What each start came to, in its order: the objective, greater where limits that cannot be kept by making the
-    /// motion smaller are missed.
+    /// What it came to: the objective, greater where limits that cannot be kept by making the motion smaller are missed.
+    pub value: f64,
+    /// What each start came to before the best ones were improved further, in their order.
     pub values: Vec<f64>,
     /// Evaluations of cost and slope, of all starts.
     pub evaluations: u64,
 }
 
 /// What one start came to.
+#[derive(Clone)]
 struct Outcome {
     start: u64,
+    numbers: Vec<f64>,
     value: f64,
     series: FourierExcitation,
 }
@@ -101,48 +112,77 @@ pub fn search(
             if !goes_on(start) {
                 return;
             }
-            let outcome = improved(problem, seed, start, &evaluations);
+            let numbers = random_numbers(problem, seed, start);
+            let outcome = improved(problem, start, numbers, &STAGES, &evaluations);
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
             done.push(outcome);
             let best = done.iter().map(|outcome| outcome.value).fold(f64::INFINITY, f64::min);
             progress(Progress { starts: done.len() as u64, best });
         }
     };
-    std::thread::scope(|scope| {
-        (1..threads.max(1)).for_each(|_| {
-            scope.spawn(work);
-        });
-        work();
-    });
+    on_threads(threads, work);
     let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
     done.sort_by_key(|outcome| outcome.start);
-    let values = done.iter().map(|outcome| outcome.value).collect();
-    let best = done.into_iter().min_by(|a, b| a.value.total_cmp(&b.value))?;
+    let values: Vec<f64> = done.iter().map(|outcome| outcome.value).collect();
+    done.sort_by(|a, b| a.value.total_cmp(&b.value));
+    done.truncate(FINALISTS);
+
+    let (next, last): (_, Mutex<Vec<Outcome>>) = (AtomicU64::new(0), Mutex::new(Vec::new()));
+    let finish = || {
+        while let Some(finalist) = done.get(next.fetch_add(1, Ordering::Relaxed) as usize) {
+            let numbers = finalist.numbers.clone();
+            let outcome = improved(problem, finalist.start, numbers, &LAST_STAGES, &evaluations);
+            let better = if outcome.value < finalist.value { outcome } else { finalist.clone() };
+            let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
+            last.push(better);
+            let best = last.iter().map(|outcome| outcome.value).fold(done[0].value, f64::min);
+            progress(Progress { starts: values.len() as u64, best });
+        }
+    };
+    on_threads(threads, finish);
+    let last = last.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let best = last.into_iter().min_by(|a, b| a.value.total_cmp(&b.value).then(a.start.cmp(&b.start)))?;
     best.value.is_finite().then_some(Found {
         series: best.series,
         best_start: best.start,
+        value: best.value,
         values,
         evaluations: evaluations.into_inner(),
     })
 }
 
-/// One start through all stages.
-fn improved(problem: &SearchProblem<'_>, seed: u64, start: u64, evaluations: &AtomicU64) -> Outcome {
-    let mut numbers = random_numbers(problem, seed, start);
-    for (strictness, iterations) in STAGES {
+/// Does the same work on so many threads.
+fn on_threads(threads: usize, work: impl Fn() + Sync) {
+    std::thread::scope(|scope| {
+        (1..threads.max(1)).for_each(|_| {
+            scope.spawn(&work);
+        });
+        work();
+    });
+}
+
+/// A start, from its numbers, through stages.
+fn improved(
+    problem: &SearchProblem<'_>,
+    start: u64,
+    mut numbers: Vec<f64>,
+    stages: &[(Strictness, u64)],
+    evaluations: &AtomicU64,
+) -> Outcome {
+    for &(strictness, iterations) in stages {
         let smooth = Smooth { problem, strictness, evaluations };
         let solver = Lbfgs::new()
             .unbounded()
             .with_m_capacity(MEMORY)
             .with_absolute_gradient_tolerance(SLOPE_TOLERANCE);
         let state = FirstOrderState::new(numbers.clone());
-        // a line search that finds no better point ends a stage; the next one is smoother or begins anew
+        // a line search that finds no better point ends a stage; the next one is another function
         let Ok(result) = Executor::new(smooth, solver, state).max_iter(iterations).run();
         numbers.clone_from(result.best_param());
     }
     let series = problem.within_limits(problem.series(&numbers));
     let value = problem.value(&series).map_or(f64::INFINITY, f64::exp);
-    Outcome { start, value, series }
+    Outcome { start, numbers, value, series }
 }
 
 /// Numbers that stand for a random series.
@@ -240,8 +280,8 @@ mod tests {
         assert_eq!(one, run(5, 2, 2));
         assert_ne!(one.series, run(6, 2, 1).series);
         assert_eq!(one.values.len(), 2);
-        let best = one.values.iter().copied().fold(f64::INFINITY, f64::min);
-        assert_eq!(one.values[one.best_start as usize], best);
+        let best = one.value;
+        assert!(one.values.iter().all(|value| *value >= best), "{one:?}");
         // the same instants as the search has
         let all: Vec<usize> = (0..base.kept.len()).collect();
         let found = conditioning(&robot, &base, &all, &one.series, 25.0).expect("condition numbers");

@@ -441,10 +441,10 @@ mod tests {
         assert!(broken_by_samples(&robot, &sampled(250.0, 12, false)).breaches.is_empty());
         let series = robot.excitation.clone().expect("Table 4.1");
         robot.joints[2].limits.velocity = 1.0;
-        robot.joints[4].limits.acceleration = 0.5;
+        robot.joints[4].limits.acceleration = 2.0;
         robot.joints[0].limits.position_max = 0.3;
         let exact = broken_by_series(&robot, &series);
-        for (decimals, with_velocities) in [(12, false), (4, false), (4, true)] {
+        for (decimals, with_velocities) in [(12, false), (5, false), (4, true)] {
             let motion = sampled(250.0, decimals, with_velocities);
             let found = broken_by_samples(&robot, &motion);
             assert!(found.unjudged.is_empty(), "{:?}", found.unjudged);
