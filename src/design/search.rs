@@ -18,8 +18,7 @@ use crate::numerics::trajectory::problem::{SearchProblem, Strictness};
 use crate::robot::FourierExcitation;
 
 /// Stages of a start: how strict, and most iterations. Early ones see all singular values and cross limits, so that
-/// they are smooth; the last is the condition number to 1 % and
-/// limits to 1e-5.
+/// they are smooth; the last is the condition number to 1 % and limits to 1e-5.
 const STAGES: [(Strictness, u64); 5] = [
     (Strictness { power: 3.0, penalty: 10.0 }, 120),
     (Strictness { power: 8.0, penalty: 1e2 }, 120),
@@ -35,8 +34,9 @@ const LAST_STAGES: [(Strictness, u64); 2] =
 /// Starts that go through the last stages: which of the best is the best is not decided before.
 const FINALISTS: usize = 4;
 
-/// Slopes smaller than this end a stage.
+/// Slopes smaller than this end a stage, and so does a step that changes the logarithm of the objective by less.
 const SLOPE_TOLERANCE: f64 = 1e-6;
+const COST_TOLERANCE: f64 = 1e-9;
 
 /// Steps that L-BFGS remembers: more than its usual ten, since an evaluation costs a thousand times a step.
 const MEMORY: usize = 20;
@@ -101,17 +101,15 @@ pub fn search(
 ) -> Option<Found> {
     let (next, evaluations) = (AtomicU64::new(0), AtomicU64::new(0));
     let done: Mutex<Vec<Outcome>> = Mutex::new(Vec::new());
-    let goes_on = |start: u64| match budget {
-        Budget::Starts(starts) => start < starts,
-        // the first is finished whatever it takes: nothing is no answer
-        Budget::Until(end) => start == 0 || Instant::now() < end,
+    // what is taken is done, so that the starts are those from 0 on without a gap
+    let taken = || match budget {
+        Budget::Starts(starts) => Some(next.fetch_add(1, Ordering::Relaxed)).filter(|start| *start < starts),
+        Budget::Until(end) if Instant::now() < end => Some(next.fetch_add(1, Ordering::Relaxed)),
+        // the first is done whatever it takes: nothing is no answer
+        Budget::Until(_) => next.compare_exchange(0, 1, Ordering::Relaxed, Ordering::Relaxed).ok(),
     };
     let work = || {
-        loop {
-            let start = next.fetch_add(1, Ordering::Relaxed);
-            if !goes_on(start) {
-                return;
-            }
+        while let Some(start) = taken() {
             let numbers = random_numbers(problem, seed, start);
             let outcome = improved(problem, start, numbers, &STAGES, &evaluations);
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
@@ -174,7 +172,8 @@ fn improved(
         let solver = Lbfgs::new()
             .unbounded()
             .with_m_capacity(MEMORY)
-            .with_absolute_gradient_tolerance(SLOPE_TOLERANCE);
+            .with_absolute_gradient_tolerance(SLOPE_TOLERANCE)
+            .with_absolute_cost_change_tolerance(COST_TOLERANCE);
         let state = FirstOrderState::new(numbers.clone());
         // a line search that finds no better point ends a stage; the next one is another function
         let Ok(result) = Executor::new(smooth, solver, state).max_iter(iterations).run();

@@ -51,6 +51,7 @@ mod stored_factors;
 mod torque_sources;
 mod temperatures;
 mod torque;
+mod trajectories;
 mod streaming;
 mod open_tests;
 #[cfg(unix)]
