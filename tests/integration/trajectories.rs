@@ -49,21 +49,19 @@ fn the_walk_leads_from_a_description_to_true_parameters() {
         &workshop.path("mine.db"),
         "SELECT 'J' || joint || '_' || parameter || ' ' || value || ' ' || std_error FROM cycle_parameters",
     );
-    let (mut inside, mut all) = (0, 0);
+    let mut off = Vec::new();
     for row in &identified {
         let cells: Vec<&str> = row.split(' ').collect();
         let number = |k: usize| cells[k].parse::<f64>().expect("a number");
         let place = base.kept.iter().position(|id| id.to_string() == cells[0]).expect("a base parameter");
         // an offset of the torque signal is not described: the simulator has none
         let truth = nominal_base(&robot, &base)[place].unwrap_or(0.0);
-        let off = (number(1) - truth).abs() / number(2);
-        // three standard errors of an estimate with an error of its own, twenty times
-        assert!(off < 5.0, "{row}: {truth}");
-        all += 1;
-        inside += usize::from(off < 2.0);
+        off.push((number(1) - truth).abs() / number(2));
     }
-    assert_eq!(all, 2 * base.kept.len());
-    assert!(10 * inside >= 8 * all, "{inside} of {all}: {identified:?}");
+    assert_eq!(off.len(), 2 * base.kept.len());
+    off.sort_by(f64::total_cmp);
+    // half of all errors are within 0.67 standard errors; one of 28 that is beyond five is no chance
+    assert!(off[off.len() / 2] < 1.2 && off[off.len() - 1] < 5.0, "{off:?}\n{identified:?}");
 
     the_same_seed_gives_the_same_file(&workshop);
     broken_limits_are_named_and_not_written(&workshop);
