@@ -23,6 +23,7 @@ pub mod alert;
 pub mod report;
 pub mod simulate;
 pub mod evaluate;
+pub mod design;
 pub mod serve;
 pub mod daemon;
 pub mod cli;

@@ -16,3 +16,12 @@ pub fn change_dh(robot: &mut Robot, joint: usize, change: impl FnOnce(&mut DhPar
     change(&mut row);
     *geometry = JointGeometry::modified_dh(row);
 }
+
+/// The first joints of the ER3A as an arm of their own, without an excitation.
+pub fn er3a_of(joints: usize) -> Robot {
+    let mut robot = er3a();
+    robot.joints.truncate(joints);
+    robot.transmission = Robot::uncoupled_transmission(&robot.joints);
+    robot.excitation = None;
+    robot
+}

@@ -16,7 +16,10 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Answer alarms", &["alerts", "maintenance", "calibrate"]),
     ("Take exports", &["run", "ingest", "explain", "quarantine"]),
     ("Identify, verify, plot", &["identify", "parameters", "verify", "torque", "rmsd", "friction", "report"]),
-    ("Set up", &["config", "robot", "layout", "doctor", "backup", "prune", "completions", "man"]),
+    (
+        "Set up",
+        &["config", "robot", "layout", "trajectory", "doctor", "backup", "prune", "completions", "man"],
+    ),
     ("Try and measure", &["demo", "simulate", "evaluate", "benchmark"]),
 ];
 

@@ -9,6 +9,7 @@ mod robot;
 mod layout;
 mod config;
 mod simulate;
+mod trajectory;
 mod benchmark;
 mod evaluate;
 mod calibrate;
@@ -140,6 +141,11 @@ enum Command {
     Report(report::command::ReportArgs),
     /// Write exports of an arm, with chosen faults and a truth file
     Simulate(simulate::command::SimulateArgs),
+    /// Test motions for an arm: design, check, export, plot
+    Trajectory {
+        #[command(subcommand)]
+        command: TrajectoryCommand,
+    },
     /// Robot descriptions: check one, drive gains, URDF
     Robot {
         #[command(subcommand)]
@@ -178,6 +184,18 @@ enum RobotCommand {
     DriveGains(robot::drive_gains::DriveGainsArgs),
     /// Identified bodies of all links as a URDF file, from what is stored of chosen cycles
     Urdf(robot::urdf::RobotUrdfArgs),
+}
+
+#[derive(Debug, Subcommand)]
+enum TrajectoryCommand {
+    /// Search an excitation trajectory within the limits of an arm, and predict what it tells
+    Design(trajectory::design::DesignArgs),
+    /// Which limits a programme or a CSV of positions breaks, where and by how much
+    Check(trajectory::check::CheckArgs),
+    /// A programme as CSV of positions, velocities and accelerations, or as waypoints
+    Export(trajectory::export::ExportArgs),
+    /// A programme in a picture, with the limits
+    Plot(trajectory::plot::PlotArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -266,6 +284,18 @@ pub fn run(cli: Cli) -> ExitCode {
             robot::drive_gains::drive_gains(&cli.global, &args)
         }
         Command::Robot { command: RobotCommand::Urdf(args) } => robot::urdf::urdf(&cli.global, &args),
+        Command::Trajectory { command: TrajectoryCommand::Design(args) } => {
+            trajectory::design::design(&cli.global, &args)
+        }
+        Command::Trajectory { command: TrajectoryCommand::Check(args) } => {
+            trajectory::check::check(&cli.global, &args)
+        }
+        Command::Trajectory { command: TrajectoryCommand::Export(args) } => {
+            trajectory::export::export(&cli.global, &args)
+        }
+        Command::Trajectory { command: TrajectoryCommand::Plot(args) } => {
+            trajectory::plot::plot(&cli.global, &args)
+        }
         Command::Layout { command: LayoutCommand::Infer(args) } => layout::infer::infer(&cli.global, &args),
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {
             benchmark::coverage::coverage(&cli.global, &args)

@@ -20,6 +20,7 @@ pub mod model;
 pub mod identify;
 pub mod pooled;
 pub mod physical;
+pub mod trajectory;
 pub mod diagnose;
 pub mod friction;
 pub mod detect;

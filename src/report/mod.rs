@@ -14,3 +14,4 @@ pub mod rmsd;
 mod scale;
 mod svg;
 pub mod torque;
+pub mod trajectory;

@@ -53,6 +53,7 @@ mod stored_factors;
 mod torque_sources;
 mod temperatures;
 mod torque;
+mod trajectories;
 mod streaming;
 mod open_tests;
 #[cfg(unix)]

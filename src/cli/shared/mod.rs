@@ -5,6 +5,7 @@ pub(super) mod output;
 pub(super) mod paths;
 pub(super) mod rows;
 pub(super) mod plot;
+pub(super) mod programme;
 pub(super) mod selection;
 pub(super) mod life;
 pub(super) mod load;

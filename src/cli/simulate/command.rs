@@ -1,7 +1,7 @@
 //! `armwatch simulate`: exports of a described arm.
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
@@ -13,6 +13,7 @@ use super::stage_signal::StageSignalArg;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::load::LoadArgs;
 use crate::cli::shared::output;
+use crate::cli::shared::programme::programme;
 use crate::config::{Config, read_layout, read_robot};
 use crate::robot::Robot;
 use crate::simulate::error::SimulateError;
@@ -41,6 +42,7 @@ Examples:
       --ambient-std-k 3
   armwatch simulate -o exports --clock alternating \\
       --friction-shape late-turn-over
+  armwatch simulate -o exports --trajectory er3a.json
   armwatch simulate -o exports --load-mass-kg 3 --load-centre-m 0,0,0.08
 
 Faults, each with from= (first run) and perhaps to= (last run):
@@ -68,6 +70,9 @@ pub(in crate::cli) struct SimulateArgs {
     /// Robot description with nominal parameters [default: the shipped ER3A]
     #[arg(help_heading = "Arm and faults", long, value_name = "FILE")]
     robot: Option<PathBuf>,
+    /// Programme of `armwatch trajectory design`, driven in place of the description's excitation
+    #[arg(help_heading = "Recording", long, value_name = "FILE")]
+    trajectory: Option<PathBuf>,
     /// Name of the individual robot; begins the file names
     #[arg(help_heading = "Exports", long, default_value = "R01")]
     name: String,
@@ -205,6 +210,10 @@ pub(in crate::cli) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u
         Some(path) => read_robot(path)?,
         None => shipped_robot()?,
     };
+    let robot = match &args.trajectory {
+        Some(path) => with_trajectory(robot, path)?,
+        None => robot,
+    };
     let mut settings = args.settings()?;
     if let Some(path) = &args.layout {
         settings.format = Some(export_format(&read_layout(path)?, &robot, settings.temperatures.columns)?);
@@ -216,6 +225,12 @@ pub(in crate::cli) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u
         simulate_one(&robot, &settings, run, args, global.json)?;
     }
     Ok(EXIT_DONE)
+}
+
+/// The arm with the motion of a programme in place of its description's excitation.
+fn with_trajectory(mut robot: Robot, path: &Path) -> Result<Robot, CliError> {
+    robot.excitation = Some(programme(path, &robot)?.series);
+    Ok(robot)
 }
 
 /// The arm of the shipped configuration.

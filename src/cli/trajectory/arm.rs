@@ -1,0 +1,30 @@
+//! The arm that a trajectory is for.
+
+use std::path::Path;
+
+use crate::cli::context::{CliError, Global};
+use crate::config::read_robot;
+use crate::robot::Robot;
+
+/// The arm called `name`: a description's file, or a robot or model of the configuration.
+pub(super) fn arm(global: &Global, name: &str) -> Result<Robot, CliError> {
+    let path = Path::new(name);
+    let is_file =
+        path.extension().is_some_and(|ending| ["toml", "urdf"].iter().any(|known| ending == *known));
+    if is_file || path.is_file() {
+        return Ok(read_robot(path)?);
+    }
+    let config = global.read_config()?;
+    let by_model = || config.fleet.iter().find(|entry| entry.description.model == name);
+    // a pattern for every name would take a mistyped model for another arm
+    let by_name = || config.robot_entry(name).filter(|entry| entry.robots != "*");
+    let entry = by_model().or_else(by_name);
+    entry.map(|entry| Robot::clone(&entry.description)).ok_or_else(|| {
+        let models: Vec<&str> = config.fleet.iter().map(|entry| entry.description.model.as_str()).collect();
+        CliError::Usage(format!(
+            "--robot {name}: neither a robot nor a model of the configuration, which has {}; or name the file of a \
+             description, such as config/robots/er3a.toml",
+            if models.is_empty() { "none".to_owned() } else { models.join(", ") }
+        ))
+    })
+}

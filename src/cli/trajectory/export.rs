@@ -1,0 +1,150 @@
+//! `armwatch trajectory export`: a programme as samples or waypoints for a controller.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+
+use super::arm::arm;
+use super::words::sentence;
+use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
+use crate::cli::shared::output;
+use crate::cli::shared::plot::write_lines;
+use crate::cli::shared::programme::programme;
+use crate::numerics::trajectory::limits::broken_by_series;
+use crate::numerics::trajectory::series::state_at;
+use crate::robot::{FourierExcitation, JointKind, Robot};
+
+/// Most rows of a file: a day at 1 kHz.
+const MAX_ROWS: f64 = 86_400_000.0;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch trajectory export er3a.json --robot er3a -o er3a.csv
+  armwatch trajectory export er3a.json --robot er3a --rate-hz 500 \\
+      --periods 3 -o er3a_500hz.csv
+  armwatch trajectory export er3a.json --robot er3a --waypoints \\
+      --rate-hz 20 -o er3a_pvt.csv
+
+The file has time_s and, for each joint, pos_1_rad, vel_1_rad_s, acc_1_rad_s2 (m for a joint that slides), every digit
+written. Waypoints leave out accelerations: position, velocity and time (PVT) for a controller that joins them with
+cubic polynomials; how far these are from the motion is said.
+
+Exit status 1, and nothing is written, if the motion breaks a limit of the arm.")]
+pub(in crate::cli) struct ExportArgs {
+    /// Programme of `armwatch trajectory design`
+    #[arg(value_name = "PROGRAMME")]
+    file: PathBuf,
+    /// The arm, whose limits are checked again: a robot or model of the configuration, or a description's file
+    #[arg(long, value_name = "NAME")]
+    robot: String,
+    /// CSV file to write
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Rows a second, Hz
+    #[arg(long, default_value_t = 250.0, value_name = "HZ")]
+    rate_hz: f64,
+    /// Periods, one after the other
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    periods: u32,
+    /// Position, velocity and time only
+    #[arg(long)]
+    waypoints: bool,
+    /// Write the file even if the motion breaks limits of the arm
+    #[arg(long)]
+    despite_broken_limits: bool,
+}
+
+pub(in crate::cli) fn export(global: &Global, args: &ExportArgs) -> Result<u8, CliError> {
+    let robot = arm(global, &args.robot)?;
+    let series = programme(&args.file, &robot)?.series;
+    let breaches = broken_by_series(&robot, &series);
+    if !breaches.is_empty() {
+        breaches.iter().for_each(|breach| output::print_hint(&sentence(&robot, breach)));
+        if !args.despite_broken_limits {
+            output::print_hint(
+                "nothing is written: the motion breaks limits of the arm; --despite-broken-limits writes it all the same",
+            );
+            return Ok(EXIT_FOUND);
+        }
+    }
+    let duration = f64::from(args.periods) / series.base_frequency;
+    let steps = (args.rate_hz * duration).round();
+    if !(args.rate_hz > 0.0 && steps >= 1.0 && steps <= MAX_ROWS) {
+        return Err(CliError::Usage(format!(
+            "--rate-hz {}: {steps} rows; 1 to {MAX_ROWS} rows are possible",
+            args.rate_hz
+        )));
+    }
+    let header = header(&robot, args.waypoints);
+    let columns = if args.waypoints { 2 } else { 3 };
+    let row = |k: u64| {
+        let time = k as f64 / args.rate_hz;
+        let cells = state_at(&series, time).into_iter().flat_map(|state| state.into_iter().take(columns));
+        [time].into_iter().chain(cells).map(|value| value.to_string()).collect::<Vec<_>>().join(",")
+    };
+    // the last row is the standstill at the end
+    write_lines(&args.output, std::iter::once(header).chain((0..=steps as u64).map(row)))?;
+    let deviation = args.waypoints.then(|| interpolation_error(&series, 1.0 / args.rate_hz));
+    if global.json {
+        output::json(&json!({
+            "rows": steps as u64 + 1, "duration_s": duration, "largest_interpolation_error": deviation,
+            "broken_limits": breaches.len(),
+        }));
+    } else if let Some(deviation) = deviation {
+        output::line(&format!(
+            "{} waypoints; cubic polynomials between them are at most {deviation:.2e} rad (m) from the motion",
+            steps as u64 + 1
+        ));
+    } else {
+        output::line(&format!("{} rows, {duration} s", steps as u64 + 1));
+    }
+    Ok(EXIT_DONE)
+}
+
+fn header(robot: &Robot, waypoints: bool) -> String {
+    let of_joint = |(number, kind): (usize, JointKind)| {
+        let unit = if kind == JointKind::Revolute { "rad" } else { "m" };
+        let mut names = format!("pos_{number}_{unit},vel_{number}_{unit}_s");
+        if !waypoints {
+            names += &format!(",acc_{number}_{unit}_s2");
+        }
+        names
+    };
+    let joints = (1..).zip(robot.joints.iter().map(|joint| joint.kind)).map(of_joint);
+    std::iter::once("time_s".to_owned()).chain(joints).collect::<Vec<_>>().join(",")
+}
+
+/// How far cubic polynomials between waypoints are from the motion at most, at the middles between them, where the
+/// error of such a polynomial is largest.
+fn interpolation_error(series: &FourierExcitation, step: f64) -> f64 {
+    let period = 1.0 / series.base_frequency;
+    let intervals = (period / step).ceil() as u64;
+    let at_middle = |k: u64| {
+        let from = k as f64 * step;
+        let (start, end) = (state_at(series, from), state_at(series, from + step));
+        let middle = state_at(series, from + 0.5 * step);
+        let error = |j: usize| {
+            let cubic = 0.5 * (start[j][0] + end[j][0]) + 0.125 * step * (start[j][1] - end[j][1]);
+            (cubic - middle[j][0]).abs()
+        };
+        (0..start.len()).map(error).fold(0.0, f64::max)
+    };
+    (0..intervals).map(at_middle).fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::er3a;
+
+    /// Fourth derivatives of the motion times the fourth power of the step, by 384: sixteen times less for half the
+    /// step.
+    #[test]
+    fn the_error_of_waypoints_is_of_fourth_order() {
+        let series = er3a().excitation.expect("Table 4.1");
+        let (coarse, fine) = (interpolation_error(&series, 0.1), interpolation_error(&series, 0.05));
+        assert!((coarse / fine / 16.0 - 1.0).abs() < 0.1, "{coarse} {fine}");
+    }
+}

@@ -1,0 +1,177 @@
+//! Motions from CSV files: anybody's positions over time.
+
+use std::path::Path;
+
+use crate::cli::context::CliError;
+use crate::numerics::trajectory::limits::SampledMotion;
+use crate::robot::{JointKind, Robot};
+
+/// Names of the time column.
+const TIMES: [&str; 3] = ["time_s", "time", "t"];
+/// What names of columns of positions, velocities and accelerations begin with, before the joint's number.
+const POSITIONS: [&str; 3] = ["pos_", "q_", "position_"];
+const VELOCITIES: [&str; 3] = ["vel_", "qd_", "velocity_"];
+const ACCELERATIONS: [&str; 3] = ["acc_", "qdd_", "acceleration_"];
+
+/// A column and what its cells are multiplied by to be SI.
+struct Column {
+    index: usize,
+    factor: f64,
+}
+
+/// Reads a CSV file with a header: time and the positions of all joints, perhaps velocities and accelerations.
+pub(super) fn samples(path: &Path, text: &str, robot: &Robot) -> Result<SampledMotion, CliError> {
+    let fault = |problem: String| CliError::Usage(format!("{}: {problem}", path.display()));
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
+    let header: Vec<String> = reader
+        .headers()
+        .map_err(|error| fault(error.to_string()))?
+        .iter()
+        .map(|name| name.trim_start_matches('\u{feff}').to_owned())
+        .collect();
+    let time =
+        TIMES.iter().find_map(|name| header.iter().position(|known| known == name)).ok_or_else(|| {
+            fault(format!("line 1: no column of times, s; one of {} is needed", TIMES.join(", ")))
+        })?;
+    let positions = columns(&header, &POSITIONS, robot, 0).ok_or_else(|| {
+        fault(format!(
+            "line 1: no position of each of the {} joints; columns pos_1 to pos_{} are needed, in rad (m) or named \
+             pos_1_deg",
+            robot.joint_count(),
+            robot.joint_count()
+        ))
+    })?;
+    let velocities = columns(&header, &VELOCITIES, robot, 1);
+    let accelerations = columns(&header, &ACCELERATIONS, robot, 2);
+    let mut motion = SampledMotion {
+        positions: vec![Vec::new(); robot.joint_count()],
+        velocities: velocities.as_ref().map(|_| vec![Vec::new(); robot.joint_count()]),
+        accelerations: accelerations.as_ref().map(|_| vec![Vec::new(); robot.joint_count()]),
+        ..SampledMotion::default()
+    };
+    let mut steps = [0.0_f64; 2];
+    for record in reader.records() {
+        let record = record.map_err(|error| fault(error.to_string()))?;
+        let line = record.position().map_or(0, csv::Position::line);
+        let cell = |index: usize| -> Result<(f64, f64), CliError> {
+            let text = record.get(index).unwrap_or_default();
+            let value = text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| {
+                fault(format!("line {line}, column {}: \"{text}\" is no number", header[index]))
+            })?;
+            Ok((value, last_digit(text)))
+        };
+        let (now, _) = cell(time)?;
+        if motion.times.last().is_some_and(|before| *before >= now) {
+            return Err(fault(format!(
+                "line {line}: time {now} s does not follow {} s; times must rise",
+                motion.times.last().copied().unwrap_or_default()
+            )));
+        }
+        motion.times.push(now);
+        for (column, values) in positions.iter().zip(&mut motion.positions) {
+            let (value, step) = cell(column.index)?;
+            values.push(value * column.factor);
+            // the coarsest cell counts: 0.5 among 0.4999 is a number that happens to be short
+            steps[0] = finest(steps[0], step * column.factor, values.len());
+        }
+        for (k, (columns, all)) in
+            [(&velocities, &mut motion.velocities), (&accelerations, &mut motion.accelerations)]
+                .into_iter()
+                .enumerate()
+        {
+            let (Some(columns), Some(all)) = (columns, all) else { continue };
+            for (column, values) in columns.iter().zip(all) {
+                let (value, step) = cell(column.index)?;
+                values.push(value * column.factor);
+                if k == 0 {
+                    steps[1] = finest(steps[1], step * column.factor, values.len());
+                }
+            }
+        }
+    }
+    if motion.times.len() < 3 {
+        return Err(fault(format!("{} rows; a motion has at least 3", motion.times.len())));
+    }
+    [motion.position_step, motion.velocity_step] = steps;
+    Ok(motion)
+}
+
+/// Step of the last digit of a number as it is written: 0.01 of `1.25`.
+fn last_digit(text: &str) -> f64 {
+    let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
+    let digits = mantissa.split_once('.').map_or(0, |(_, decimals)| decimals.len());
+    let exponent: i32 = exponent.parse().unwrap_or(0);
+    10_f64.powi(exponent.saturating_sub(i32::try_from(digits).unwrap_or(i32::MAX)))
+}
+
+/// The finer of two steps; the first row has only its own.
+fn finest(step: f64, own: f64, rows: usize) -> f64 {
+    if rows == 1 && step == 0.0 { own } else { step.min(own) }
+}
+
+/// Columns of one quantity for every joint; `None` if one is missing. `order` is how often it is derived.
+fn columns(header: &[String], prefixes: &[&str], robot: &Robot, order: usize) -> Option<Vec<Column>> {
+    let of_joint = |(number, kind): (usize, JointKind)| {
+        header.iter().enumerate().find_map(|(index, name)| {
+            let rest = prefixes.iter().find_map(|prefix| name.strip_prefix(prefix))?;
+            let unit = rest.strip_prefix(&number.to_string())?;
+            let of_time = ["", "_s", "_s2"][order];
+            let factor = match (unit.strip_suffix(of_time).unwrap_or(unit), kind) {
+                ("", _) | ("_rad", JointKind::Revolute) | ("_m", JointKind::Prismatic) => 1.0,
+                ("_deg", JointKind::Revolute) => std::f64::consts::PI / 180.0,
+                ("_mm", JointKind::Prismatic) => 1e-3,
+                _ => return None,
+            };
+            Some(Column { index, factor })
+        })
+    };
+    (1..).zip(robot.joints.iter().map(|joint| joint.kind)).map(of_joint).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::er3a;
+
+    fn header() -> String {
+        let joints: Vec<String> = (1..=6).map(|j| format!("pos_{j}")).collect();
+        format!("time,{},stage", joints.join(","))
+    }
+
+    fn read(text: &str) -> Result<SampledMotion, String> {
+        samples(Path::new("a.csv"), text, &er3a()).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn native_columns_are_read_with_their_last_digit() {
+        let text = format!(
+            "{}\n0,0.1,0,0,0,0,0.1234,1\n0.1,0.2,0,0,0,0,0.1235,1\n0.2,0.3,0,0,0,0,0.1236,1\n",
+            header()
+        );
+        let motion = read(&text).expect("a motion");
+        assert_eq!(motion.times, [0.0, 0.1, 0.2]);
+        assert_eq!(motion.positions[0], [0.1, 0.2, 0.3]);
+        assert!((motion.position_step - 1e-4).abs() < 1e-18 && motion.velocities.is_none());
+        let degrees = text.replace("pos_1", "pos_1_deg");
+        let motion = read(&degrees).expect("a motion");
+        assert!((motion.positions[0][0] - 0.1_f64.to_radians()).abs() < 1e-15);
+    }
+
+    #[test]
+    fn faults_name_line_and_column() {
+        let rows = "0,0,0,0,0,0,0,1\n0.1,0,0,x,0,0,0,1\n";
+        let problem = read(&format!("{}\n{rows}", header())).expect_err("a letter");
+        assert!(problem.contains("line 3, column pos_3: \"x\""), "{problem}");
+        let problem = read(&format!("{}\n0,0,0,0,0,0,0,1\n0,0,0,0,0,0,0,1\n", header())).expect_err("time");
+        assert!(problem.contains("line 3: time 0 s does not follow"), "{problem}");
+        let problem = read(&header().replace("pos_6", "other")).expect_err("a joint");
+        assert!(problem.contains("pos_1 to pos_6"), "{problem}");
+        assert!(read(&header()).expect_err("no rows").contains("0 rows"));
+        assert!(read("a,b\n1,2\n").expect_err("no time").contains("time_s"));
+    }
+
+    #[test]
+    fn digits_of_numbers_are_counted_with_their_exponents() {
+        assert_eq!([last_digit("1.25"), last_digit("3"), last_digit("1.5e-3")], [0.01, 1.0, 1e-4]);
+    }
+}

@@ -1,0 +1,85 @@
+//! What is said of limits: how near a motion comes to them, and which it breaks.
+
+use serde_json::{Value, json};
+
+use crate::cli::shared::output;
+use crate::numerics::trajectory::limits::{Breach, extremes};
+use crate::robot::{FourierExcitation, JointKind, Robot};
+
+/// A broken limit in one sentence.
+pub(super) fn sentence(robot: &Robot, breach: &Breach) -> String {
+    let unit = breach.quantity.unit(robot.joints[breach.joint.index()].kind);
+    let share = if breach.limit == 0.0 {
+        String::new()
+    } else {
+        format!(" ({:.1} %)", 100.0 * breach.excess() / breach.limit.abs())
+    };
+    format!(
+        "joint {}: {} {:.5} {unit} at {:.3} s, limit {:.5} {unit}, beyond it by {:.5} {unit}{share}; first at {:.3} s",
+        breach.joint,
+        breach.quantity,
+        breach.value,
+        breach.time,
+        breach.limit,
+        breach.excess(),
+        breach.since
+    )
+}
+
+/// A broken limit for scripts.
+pub(super) fn as_value(robot: &Robot, breach: &Breach) -> Value {
+    json!({
+        "joint": breach.joint.number(),
+        "quantity": breach.quantity.to_string(),
+        "unit": breach.quantity.unit(robot.joints[breach.joint.index()].kind),
+        "value": breach.value,
+        "limit": breach.limit,
+        "excess": breach.excess(),
+        "time_s": breach.time,
+        "first_time_s": breach.since,
+    })
+}
+
+/// How near a series comes to each limit: one row a joint.
+pub(super) fn print_nearness(robot: &Robot, series: &FourierExcitation) {
+    let header = ["joint", "unit", "lowest", "highest", "range", "speed", "of top", "acceleration", "of top"];
+    let rows: Vec<Vec<String>> = robot
+        .joint_indices()
+        .map(|index| {
+            let (joint, found) = (&robot.joints[index.index()], extremes(series, index.index()));
+            let limits = &joint.limits;
+            let swing = found.high.value - found.low.value;
+            let percent = |value: f64, limit: f64| format!("{:.1} %", 100.0 * value.abs() / limit);
+            vec![
+                index.to_string(),
+                (if joint.kind == JointKind::Revolute { "rad" } else { "m" }).to_owned(),
+                format!("{:.3}", found.low.value),
+                format!("{:.3}", found.high.value),
+                percent(swing, limits.position_max - limits.position_min),
+                format!("{:.3}", found.speed.value.abs()),
+                percent(found.speed.value, limits.velocity),
+                format!("{:.3}", found.acceleration.value.abs()),
+                percent(found.acceleration.value, limits.acceleration),
+            ]
+        })
+        .collect();
+    output::print_table(&header, &rows, &[]);
+}
+
+/// The same for scripts.
+pub(super) fn nearness(robot: &Robot, series: &FourierExcitation) -> Value {
+    let of_joint = |index: crate::robot::JointIndex| {
+        let (limits, found) = (&robot.joints[index.index()].limits, extremes(series, index.index()));
+        json!({
+            "joint": index.number(),
+            "lowest_position": found.low.value,
+            "highest_position": found.high.value,
+            "range_share": (found.high.value - found.low.value) / (limits.position_max - limits.position_min),
+            "speed": found.speed.value.abs(),
+            "speed_share": found.speed.value.abs() / limits.velocity,
+            "acceleration": found.acceleration.value.abs(),
+            "acceleration_share": found.acceleration.value.abs() / limits.acceleration,
+        })
+    };
+    robot.joint_indices().map(of_joint).collect()
+}

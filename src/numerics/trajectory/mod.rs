@@ -1,0 +1,8 @@
+//! Excitation trajectories: finite Fourier series, limits, what they show of an arm's parameters.
+
+pub mod series;
+pub mod limits;
+pub mod observation;
+pub mod objective;
+pub mod problem;
+pub mod prediction;

@@ -1,0 +1,258 @@
+//! What a test will tell before it is run: standard deviations of parameters and the smallest changes that it shows,
+//! at given noise of the torque.
+//!
+//! With rows `w` of one test divided by the noise of their joint, `(w' w)⁻¹` is the covariance of the weighted least
+//! squares estimate under white noise. A low-pass that leaves the motion alone does not change it: it takes away noise
+//! where the rows have nothing. What is not noise, such as friction that changes while the arm warms up, is not in it.
+
+use super::observation::Observation;
+use super::series::Basis;
+use crate::numerics::NumericsError;
+use crate::numerics::least_squares::conditioning::identifiability;
+use crate::numerics::least_squares::factor::TriangularFactor;
+use crate::numerics::model::base_parameters::BaseParameters;
+use crate::robot::{FourierExcitation, JointIndex, ParameterId, ParameterKind, Robot, StandardParameters};
+
+/// Condition numbers of an observation matrix.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Conditioning {
+    /// In SI units.
+    pub condition_number: f64,
+    /// With columns of unit norm.
+    pub scaled_condition_number: f64,
+}
+
+/// How a test is recorded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recording {
+    /// Rows a second, Hz.
+    pub sample_rate_hz: f64,
+    /// Periods of the series.
+    pub periods: u32,
+    /// Standard deviation of each joint's torque signal, `[n]`, Nm (N); above 0.
+    pub noise: Vec<f64>,
+}
+
+/// What a test will tell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prediction {
+    /// Standard deviation of each base parameter `[b]`, in its own unit.
+    pub standard_deviations: Vec<f64>,
+    /// Standard deviation of a change of each joint's whole friction as a fraction of it, `[n]`; `None` without
+    /// nominal friction. Nothing else has changed, and the state before is known.
+    pub friction_change: Vec<Option<f64>>,
+    /// The same of a mass at the tool frame, kg; `None` where the arm does not feel one.
+    pub load_change: Option<f64>,
+}
+
+/// Condition numbers of the columns `chosen` of the base parameters over one period at about `sample_rate_hz`.
+///
+/// # Errors
+/// [`NumericsError::NotFinite`] if singular values cannot be had.
+pub fn conditioning(
+    robot: &Robot,
+    base: &BaseParameters,
+    chosen: &[usize],
+    series: &FourierExcitation,
+    sample_rate_hz: f64,
+) -> Result<Conditioning, NumericsError> {
+    let observation = Observation::new(robot, base, chosen);
+    let factors = observation.joint_factors(series, &basis_of(series, sample_rate_hz));
+    let found = identifiability(&stacked(chosen.len(), &factors))?;
+    Ok(Conditioning {
+        condition_number: found.condition_number,
+        scaled_condition_number: found.scaled_condition_number,
+    })
+}
+
+/// What a test with this series will tell of all base parameters.
+///
+/// # Errors
+/// [`NumericsError::NotFinite`] where the motion does not show every parameter.
+pub fn predict(
+    robot: &Robot,
+    base: &BaseParameters,
+    series: &FourierExcitation,
+    recording: &Recording,
+) -> Result<Prediction, NumericsError> {
+    let all: Vec<usize> = (0..base.kept.len()).collect();
+    let observation = Observation::new(robot, base, &all);
+    let factors = observation.joint_factors(series, &basis_of(series, recording.sample_rate_hz));
+    let weighted: Vec<TriangularFactor> =
+        factors.iter().zip(&recording.noise).map(|(factor, noise)| factor.scaled(1.0 / noise)).collect();
+    let factor = stacked(all.len(), &weighted).scaled(f64::from(recording.periods).sqrt());
+    let inverse = factor.inverse_of_upper()?;
+    let upper = factor.upper();
+    // a change along `direction` alone: 1 / |r direction|
+    let along = |direction: &[f64]| {
+        let squares: f64 = (0..direction.len())
+            .map(|i| (i..direction.len()).map(|k| upper[(i, k)] * direction[k]).sum::<f64>().powi(2))
+            .sum();
+        (squares > 0.0).then(|| 1.0 / squares.sqrt())
+    };
+    Ok(Prediction {
+        standard_deviations: (0..all.len()).map(|k| inverse.row(k).norm_l2()).collect(),
+        friction_change: robot
+            .joint_indices()
+            .map(|joint| friction_direction(robot, base, joint).and_then(|of| along(&of)))
+            .collect(),
+        load_change: along(&load_direction(robot, base)),
+    })
+}
+
+/// The base parameters of a joint's nominal friction, all others zero.
+fn friction_direction(robot: &Robot, base: &BaseParameters, joint: JointIndex) -> Option<Vec<f64>> {
+    let nominal = robot.joints[joint.index()].nominal.as_ref()?;
+    let own = |id: &ParameterId| match id.kind {
+        ParameterKind::Friction(term) if id.joint == joint => term.nominal(&nominal.friction),
+        _ => Some(0.0),
+    };
+    // an offset of the torque signal is no friction
+    Some(base.kept.iter().map(|id| own(id).unwrap_or(0.0)).collect())
+}
+
+/// What 1 kg at the tool frame adds to the base parameters.
+fn load_direction(robot: &Robot, base: &BaseParameters) -> Vec<f64> {
+    let body =
+        StandardParameters::from_centre_of_mass(1.0, &robot.tool.translation, &nalgebra::Matrix3::zeros());
+    let mut full = vec![0.0; robot.parameter_count()];
+    let last = StandardParameters::COUNT * (robot.joint_count() - 1);
+    full[last..last + StandardParameters::COUNT].copy_from_slice(&body.0);
+    base.group(&full)
+}
+
+fn basis_of(series: &FourierExcitation, sample_rate_hz: f64) -> Basis {
+    let harmonics = series.a.first().map_or(1, Vec::len);
+    let instants = (sample_rate_hz / series.base_frequency).round().max(1.0) as usize;
+    Basis::new(series.base_frequency, harmonics, instants)
+}
+
+fn stacked(columns: usize, factors: &[TriangularFactor]) -> TriangularFactor {
+    let places: Vec<usize> = (0..columns).collect();
+    TriangularFactor::embedded(columns, factors.iter().map(|factor| (factor, &places[..])))
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{DMatrix, DVector};
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    use super::super::series::state_at;
+    use super::*;
+    use crate::numerics::model::base_parameters::base_parameters;
+    use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
+    use crate::testing::{er3a, er3a_of};
+
+    /// The observation matrix by the regressor of single instants and states of the closed form.
+    fn dense(robot: &Robot, columns: &[usize], series: &FourierExcitation, rate_hz: f64) -> DMatrix<f64> {
+        let n = robot.joint_count();
+        let instants = (rate_hz / series.base_frequency).round() as usize;
+        let mut w = DMatrix::zeros(n * instants, columns.len());
+        let mut y = Regressor::new(robot);
+        for k in 0..instants {
+            let states = state_at(series, k as f64 / rate_hz);
+            let of = |quantity: usize| states.iter().map(|state| state[quantity]).collect::<Vec<f64>>();
+            joint_torque_regressor(robot, &of(0), &of(1), &of(2), &mut y);
+            for (c, &column) in columns.iter().enumerate() {
+                for (j, value) in y.column(column).iter().enumerate() {
+                    w[(n * k + j, c)] = *value;
+                }
+            }
+        }
+        w
+    }
+
+    fn inertial(base: &BaseParameters) -> Vec<usize> {
+        let is_friction = |k: &usize| matches!(base.kept[*k].kind, ParameterKind::Friction(_));
+        (0..base.kept.len()).filter(|k| !is_friction(k)).collect()
+    }
+
+    /// The condition numbers that are stated for the published series, and those by singular values of the whole
+    /// matrix.
+    #[test]
+    fn the_published_series_has_the_published_condition_numbers() {
+        let robot = er3a();
+        let series = robot.excitation.clone().expect("Table 4.1");
+        let base = base_parameters(&robot).expect("base parameters");
+        let chosen = inertial(&base);
+        let found = conditioning(&robot, &base, &chosen, &series, 25.0).expect("condition numbers");
+        assert_eq!(chosen.len(), 40);
+        assert!((found.condition_number - 29.6).abs() < 0.05, "{found:?}");
+        assert!((found.scaled_condition_number - 9.1).abs() < 0.05, "{found:?}");
+        let columns: Vec<usize> = chosen.iter().map(|&k| base.kept_columns[k]).collect();
+        let mut w = dense(&robot, &columns, &series, 25.0);
+        let ratio = |w: &DMatrix<f64>| {
+            let values = w.singular_values();
+            values[0] / values[values.len() - 1]
+        };
+        assert_eq!(w.rank(1e-6), 40);
+        assert!((found.condition_number / ratio(&w) - 1.0).abs() < 1e-9);
+        w.column_iter_mut().for_each(|mut column| {
+            let length = column.norm();
+            column /= length;
+        });
+        assert!((found.scaled_condition_number / ratio(&w) - 1.0).abs() < 1e-9);
+    }
+
+    /// 200 tests by weighted least squares on the dense matrix. The standard deviation of one parameter over them is
+    /// known to 5 %.
+    #[test]
+    fn predicted_standard_deviations_are_those_of_simulated_tests() {
+        const TESTS: usize = 200;
+        let robot = er3a_of(3);
+        let base = base_parameters(&robot).expect("base parameters");
+        let mut series = er3a().excitation.expect("Table 4.1");
+        [&mut series.a, &mut series.b].into_iter().for_each(|rows| rows.truncate(3));
+        series.centre.truncate(3);
+        let noise = vec![0.45, 0.5, 0.28];
+        let rate = 20.0;
+        let recording = Recording { sample_rate_hz: rate, periods: 1, noise: noise.clone() };
+        let found = predict(&robot, &base, &series, &recording).expect("a prediction");
+        let mut w = dense(&robot, &base.kept_columns, &series, rate);
+        w.row_iter_mut().enumerate().for_each(|(i, mut row)| row /= noise[i % 3]);
+        let solve = w.clone().pseudo_inverse(1e-12).expect("an inverse");
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut squares = DVector::zeros(w.ncols());
+        for _ in 0..TESTS {
+            let white = DVector::from_fn(w.nrows(), |_, _| rng.sample::<f64, _>(StandardNormal));
+            squares += (&solve * white).map(|error| error * error);
+        }
+        let mut ratios: Vec<f64> = squares
+            .iter()
+            .zip(&found.standard_deviations)
+            .map(|(squares, predicted)| predicted / (squares / TESTS as f64).sqrt())
+            .collect();
+        ratios.sort_by(f64::total_cmp);
+        let median = ratios[ratios.len() / 2];
+        assert!((0.97..=1.03).contains(&median), "{median}");
+        let near = ratios.iter().filter(|ratio| (0.9..=1.1).contains(*ratio)).count();
+        assert!(near * 10 >= ratios.len() * 9, "{ratios:?}");
+
+        // four periods halve them; one direction alone is never less certain than within all
+        let four = Recording { periods: 4, ..recording };
+        let longer = predict(&robot, &base, &series, &four).expect("a prediction");
+        let halves = longer.standard_deviations.iter().zip(&found.standard_deviations);
+        assert!(halves.into_iter().all(|(four, one)| (2.0 * four / one - 1.0).abs() < 1e-9));
+        let change = found.friction_change[1].expect("nominal friction");
+        let direction = friction_direction(&robot, &base, JointIndex::new(1)).expect("nominal friction");
+        let along = (&w * DVector::from_vec(direction)).norm();
+        assert!((change * along - 1.0).abs() < 1e-9);
+        assert!(found.load_change.is_some_and(|load| load > 0.0 && load < 1.0), "{:?}", found.load_change);
+    }
+
+    #[test]
+    fn a_motion_of_one_joint_does_not_tell_of_the_others() {
+        let robot = er3a_of(2);
+        let base = base_parameters(&robot).expect("base parameters");
+        let series = FourierExcitation {
+            base_frequency: 0.2,
+            a: vec![vec![0.5, -0.5], vec![0.0, 0.0]],
+            b: vec![vec![0.2, -0.1], vec![0.0, 0.0]],
+            centre: vec![0.0, 0.1],
+        };
+        let recording = Recording { sample_rate_hz: 50.0, periods: 1, noise: vec![1.0; 2] };
+        assert!(predict(&robot, &base, &series, &recording).is_err());
+    }
+}

@@ -1,0 +1,513 @@
+//! The search for an excitation trajectory as a smooth problem without bounds: numbers that stand for a series, what
+//! they cost, and the slope of that.
+//!
+//! A series that starts and ends at rest without acceleration has `2 N - 1` free numbers a joint: the last cosine and
+//! sine amplitudes follow from the others. Limits cost the squares of what exceeds them; a series that is found is
+//! then made to keep them exactly ([`SearchProblem::within_limits`]).
+
+use super::limits::{MotionLimits, TorqueLimits, extremes};
+use super::objective::{Objective, Valued};
+use super::observation::{JointRows, MotionSlope, Observation};
+use super::series::{Basis, between_instants};
+use crate::numerics::NumericsError;
+use crate::numerics::lanes::{LANES, Lanes};
+use crate::numerics::model::base_parameters::BaseParameters;
+use crate::numerics::model::regressor_lanes::{LaneStates, RegressorLanes};
+use crate::robot::{FourierExcitation, Robot};
+
+/// Instants of a period for each harmonic: 50 of the shortest wave, between which nothing hides.
+pub const INSTANTS_PER_HARMONIC: usize = 50;
+
+/// How much closer to a limit than allowed a series is brought at the end, so that rounding does not break it.
+const CLEARANCE: f64 = 1e-9;
+
+/// Power at which a smooth condition number is the condition number, to a millionth.
+const SHARP: f64 = 1e6;
+
+/// Weight of what a series that is found misses: one that misses a limit by 1 % counts as 10 % worse.
+const MISSED: f64 = 1e3;
+
+/// What is searched, beside the arm itself.
+#[derive(Debug, Clone)]
+pub struct SearchSettings {
+    /// Duration of the period, s.
+    pub period: f64,
+    /// Harmonics `N`, 2 or more.
+    pub harmonics: usize,
+    /// What is made small.
+    pub objective: Objective,
+    /// Places in [`BaseParameters::kept`] of the parameters that the objective is of.
+    pub parameters: Vec<usize>,
+    /// What a joint's rows are multiplied by, `[n]`: 1, or the reciprocal of its torque noise.
+    pub row_scales: Vec<f64>,
+    /// What standard deviations are compared with, for each of `parameters`; used by
+    /// [`Objective::StandardDeviation`].
+    pub scales: Vec<f64>,
+    /// Limits of the motion, `[n]`.
+    pub limits: Vec<MotionLimits>,
+    /// Limits of the torque, where the model is known.
+    pub torque: Option<TorqueLimits>,
+    /// Share of each velocity limit that the joint has to reach at least; 0 asks for nothing.
+    pub reached_speed: f64,
+}
+
+/// How strictly a search takes condition numbers and limits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Strictness {
+    /// Power of the smooth condition number: see [`Objective::of_product`].
+    pub power: f64,
+    /// Weight of the mean square of what exceeds limits, as a share of them.
+    pub penalty: f64,
+}
+
+/// The search problem of one arm.
+#[derive(Debug, Clone)]
+pub struct SearchProblem<'a> {
+    robot: &'a Robot,
+    settings: SearchSettings,
+    basis: Basis,
+    objective: Observation<'a>,
+    /// All base parameters, where torques are limited.
+    torque: Option<Observation<'a>>,
+    weights: Vec<f64>,
+}
+
+impl<'a> SearchProblem<'a> {
+    /// The problem of `robot` with its base parameters.
+    ///
+    /// # Errors
+    /// [`NumericsError::Unsupported`] for fewer than two harmonics, limits or scales of another number of joints.
+    pub fn new(
+        robot: &'a Robot,
+        base: &BaseParameters,
+        settings: SearchSettings,
+    ) -> Result<Self, NumericsError> {
+        let n = robot.joint_count();
+        if settings.harmonics < 2 {
+            return Err(NumericsError::Unsupported(
+                "a series with fewer than two harmonics that starts at rest",
+            ));
+        }
+        if settings.limits.len() != n || settings.row_scales.len() != n {
+            return Err(NumericsError::Unsupported("limits of another number of joints than the robot has"));
+        }
+        let all: Vec<usize> = (0..base.kept.len()).collect();
+        Ok(Self {
+            robot,
+            basis: Basis::new(
+                1.0 / settings.period,
+                settings.harmonics,
+                INSTANTS_PER_HARMONIC * settings.harmonics,
+            ),
+            objective: Observation::new(robot, base, &settings.parameters),
+            torque: settings.torque.as_ref().map(|_| Observation::new(robot, base, &all)),
+            weights: settings.row_scales.iter().map(|scale| scale * scale).collect(),
+            settings,
+        })
+    }
+
+    /// Numbers that stand for a series.
+    #[must_use]
+    pub fn dimension(&self) -> usize {
+        self.per_joint() * self.robot.joint_count()
+    }
+
+    fn per_joint(&self) -> usize {
+        2 * self.settings.harmonics - 1
+    }
+
+    /// The arm.
+    #[must_use]
+    pub fn robot(&self) -> &'a Robot {
+        self.robot
+    }
+
+    /// What is searched.
+    #[must_use]
+    pub fn settings(&self) -> &SearchSettings {
+        &self.settings
+    }
+
+    /// The series that numbers `x` stand for: joint by joint cosine amplitudes 1 to `N-1`, sine amplitudes 1 to `N-1`
+    /// in units of the largest velocity, and the centre from -1 to 1 over the range.
+    ///
+    /// # Panics
+    /// If there are fewer numbers than [`SearchProblem::dimension`].
+    #[must_use]
+    pub fn series(&self, x: &[f64]) -> FourierExcitation {
+        let harmonics = self.settings.harmonics;
+        let free = harmonics - 1;
+        let mut series = FourierExcitation {
+            base_frequency: 1.0 / self.settings.period,
+            a: Vec::new(),
+            b: Vec::new(),
+            centre: Vec::new(),
+        };
+        for (own, limits) in x.chunks_exact(self.per_joint()).zip(&self.settings.limits) {
+            let scaled = |of: &[f64]| of.iter().map(|x| x * limits.velocity).collect::<Vec<f64>>();
+            let (mut a, mut b) = (scaled(&own[..free]), scaled(&own[free..2 * free]));
+            a.push(-a.iter().sum::<f64>());
+            let weighted: f64 = (1..).zip(&b).map(|(l, b)| f64::from(l) * b).sum();
+            b.push(-weighted / harmonics as f64);
+            series.a.push(a);
+            series.b.push(b);
+            series.centre.push(limits.middle() + own[2 * free] * limits.half_range());
+        }
+        series
+    }
+
+    /// Cost of the series that `x` stands for, and its slope `[dimension]`: the logarithm of the objective and what
+    /// exceeds the limits.
+    ///
+    /// # Errors
+    /// [`NumericsError::NotFinite`] where the motion does not show every chosen parameter.
+    pub fn cost(&self, x: &[f64], strictness: Strictness) -> Result<(f64, Vec<f64>), NumericsError> {
+        let series = self.series(x);
+        let groups = self.basis.groups();
+        let mut regressors = RegressorLanes::new(self.robot);
+        let states: Vec<LaneStates> = (0..groups).map(|group| self.basis.states(&series, group)).collect();
+        let rows = self.present_rows(&self.objective, &states, &mut regressors);
+        let product = self.objective.product(&rows, &self.weights);
+        let Valued { logarithm, slope } =
+            self.settings.objective.of_product(product.as_ref(), strictness.power, &self.settings.scales)?;
+
+        let mut slopes: Vec<MotionSlope> = (0..groups)
+            .map(|group| {
+                let of_rows = self.objective.product_slope(&rows[group], slope.as_ref(), &self.weights);
+                self.objective.motion_slope(&states[group], &of_rows, &mut regressors)
+            })
+            .collect();
+        for (group, slope) in slopes.iter_mut().enumerate() {
+            // the same series counts once where the last group repeats its start
+            let present = self.basis.present(group);
+            for j in 0..self.robot.joint_count() {
+                slope.q[j] = slope.q[j] * present;
+                slope.qd[j] = slope.qd[j] * present;
+                slope.qdd[j] = slope.qdd[j] * present;
+            }
+        }
+        let mut cost = logarithm;
+        cost += self.exceeding(&states, strictness.penalty, &mut slopes);
+        cost += self.too_slow(&states, strictness.penalty, &mut slopes);
+        cost += self.torque_exceeding(&states, strictness.penalty, &mut regressors, &mut slopes);
+        Ok((cost, self.slope_of_numbers(&slopes)))
+    }
+
+    /// Logarithm of the true objective of a series, and what limits cost that making it smaller cannot keep.
+    ///
+    /// # Errors
+    /// As [`SearchProblem::cost`].
+    pub fn value(&self, series: &FourierExcitation) -> Result<f64, NumericsError> {
+        let mut regressors = RegressorLanes::new(self.robot);
+        let states: Vec<LaneStates> =
+            (0..self.basis.groups()).map(|group| self.basis.states(series, group)).collect();
+        let rows = self.present_rows(&self.objective, &states, &mut regressors);
+        let product = self.objective.product(&rows, &self.weights);
+        let valued = self.settings.objective.of_product(product.as_ref(), SHARP, &self.settings.scales)?;
+        let mut slopes = vec![MotionSlope::ZERO; states.len()];
+        Ok(valued.logarithm
+            + self.too_slow(&states, MISSED, &mut slopes)
+            + self.torque_exceeding(&states, MISSED, &mut regressors, &mut slopes))
+    }
+
+    /// Rows of all groups; those beyond the last instant are zero.
+    fn present_rows(
+        &self,
+        observation: &Observation<'_>,
+        states: &[LaneStates],
+        regressors: &mut RegressorLanes,
+    ) -> Vec<JointRows> {
+        let groups = states.iter().enumerate();
+        groups
+            .map(|(group, states)| {
+                let mut rows = observation.rows(states, regressors);
+                if group + 1 == self.basis.groups() {
+                    let present = self.basis.present(group);
+                    rows.iter_mut().flatten().for_each(|entry| *entry = *entry * present);
+                }
+                rows
+            })
+            .collect()
+    }
+
+    /// Squares of what exceeds limits of position, velocity and acceleration.
+    fn exceeding(&self, states: &[LaneStates], penalty: f64, slopes: &mut [MotionSlope]) -> f64 {
+        let instants = self.basis.instants();
+        let margin = between_instants(self.settings.harmonics, instants);
+        let weight = penalty / instants as f64;
+        let mut cost = 0.0;
+        for (group, (states, slopes)) in states.iter().zip(slopes).enumerate() {
+            let present = self.basis.present(group);
+            for (j, limits) in self.settings.limits.iter().enumerate() {
+                let mut each = |value: f64, limit: f64, slope: &mut f64| {
+                    let excess = value.abs() * margin / limit - 1.0;
+                    if excess > 0.0 {
+                        cost += weight * excess * excess;
+                        *slope += 2.0 * weight * excess * margin / limit * value.signum();
+                    }
+                };
+                for lane in (0..LANES).filter(|lane| present.0[*lane] > 0.0) {
+                    let off_middle = states.q[j].0[lane] - limits.middle();
+                    each(off_middle, limits.half_range(), &mut slopes.q[j].0[lane]);
+                    each(states.qd[j].0[lane], limits.velocity, &mut slopes.qd[j].0[lane]);
+                    each(states.qdd[j].0[lane], limits.acceleration, &mut slopes.qdd[j].0[lane]);
+                }
+            }
+        }
+        cost
+    }
+
+    /// Square of what each joint's largest speed lacks.
+    fn too_slow(&self, states: &[LaneStates], penalty: f64, slopes: &mut [MotionSlope]) -> f64 {
+        let share = self.settings.reached_speed;
+        if share <= 0.0 {
+            return 0.0;
+        }
+        let weight = penalty / self.robot.joint_count() as f64;
+        let mut cost = 0.0;
+        for (j, limits) in self.settings.limits.iter().enumerate() {
+            let speeds = states
+                .iter()
+                .enumerate()
+                .flat_map(|(group, states)| (0..LANES).map(move |lane| (group, lane, states.qd[j].0[lane])));
+            let fastest = speeds.max_by(|a, b| a.2.abs().total_cmp(&b.2.abs()));
+            let Some((group, lane, speed)) = fastest else { continue };
+            let lacking = 1.0 - speed.abs() / (share * limits.velocity);
+            if lacking > 0.0 {
+                cost += weight * lacking * lacking;
+                slopes[group].qd[j].0[lane] -=
+                    2.0 * weight * lacking / (share * limits.velocity) * speed.signum();
+            }
+        }
+        cost
+    }
+
+    /// Squares of what exceeds limits of torque: its root mean square over the period, and its magnitude.
+    fn torque_exceeding(
+        &self,
+        states: &[LaneStates],
+        penalty: f64,
+        regressors: &mut RegressorLanes,
+        slopes: &mut [MotionSlope],
+    ) -> f64 {
+        let (Some(limits), Some(observation)) = (&self.settings.torque, &self.torque) else { return 0.0 };
+        let n = self.robot.joint_count();
+        let instants = self.basis.instants() as f64;
+        let rows = self.present_rows(observation, states, regressors);
+        let torque = |row: &[Lanes], joint: usize| {
+            let entries = observation.entries(joint).iter().zip(row);
+            entries.fold(Lanes::ZERO, |sum, (&k, x)| sum + *x * limits.parameters[k])
+        };
+        let torques: Vec<Vec<Lanes>> =
+            rows.iter().map(|rows| (0..n).map(|j| torque(&rows[j], j)).collect()).collect();
+        let mut cost = 0.0;
+        let mut by_torque = vec![vec![Lanes::ZERO; n]; states.len()];
+        for j in 0..n {
+            if let Some(limit) = limits.mean_square_root[j] {
+                let squares: f64 = torques.iter().map(|of| (of[j] * of[j]).sum()).sum();
+                let effective = (squares / instants).sqrt();
+                let excess = effective / limit - 1.0;
+                if excess > 0.0 {
+                    cost += penalty * excess * excess;
+                    let factor = 2.0 * penalty * excess / (limit * effective * instants);
+                    by_torque.iter_mut().zip(&torques).for_each(|(by, of)| by[j] += of[j] * factor);
+                }
+            }
+            let Some(limit) = limits.peak[j] else { continue };
+            let weight = penalty / instants;
+            for (by, of) in by_torque.iter_mut().zip(&torques) {
+                for lane in 0..LANES {
+                    let excess = of[j].0[lane].abs() / limit - 1.0;
+                    if excess > 0.0 {
+                        cost += weight * excess * excess;
+                        by[j].0[lane] += 2.0 * weight * excess / limit * of[j].0[lane].signum();
+                    }
+                }
+            }
+        }
+        if cost > 0.0 {
+            for (group, (by, slope)) in by_torque.iter().zip(slopes).enumerate() {
+                if by.iter().all(|of| *of == Lanes::ZERO) {
+                    continue;
+                }
+                let entries: JointRows = (0..n)
+                    .map(|j| observation.entries(j).iter().map(|&k| by[j] * limits.parameters[k]).collect())
+                    .collect();
+                let own = observation.motion_slope(&states[group], &entries, regressors);
+                for j in 0..n {
+                    slope.q[j] += own.q[j];
+                    slope.qd[j] += own.qd[j];
+                    slope.qdd[j] += own.qdd[j];
+                }
+            }
+        }
+        cost
+    }
+
+    /// From slopes along the motion to those along the numbers of the search.
+    fn slope_of_numbers(&self, slopes: &[MotionSlope]) -> Vec<f64> {
+        let harmonics = self.settings.harmonics;
+        let free = harmonics - 1;
+        let mut of_numbers = Vec::with_capacity(self.dimension());
+        for (j, limits) in self.settings.limits.iter().enumerate() {
+            let mut by_a = vec![Lanes::ZERO; harmonics];
+            let mut by_b = vec![Lanes::ZERO; harmonics];
+            let mut by_centre = Lanes::ZERO;
+            for (group, slope) in slopes.iter().enumerate() {
+                let (q, qd, qdd) = (slope.q[j], slope.qd[j], slope.qdd[j]);
+                by_centre += q;
+                for (l, &[sine, cosine]) in self.basis.waves(group).iter().enumerate() {
+                    let w = self.basis.angular_frequency(l + 1);
+                    by_a[l] += q * sine * (1.0 / w) + qd * cosine - qdd * sine * w;
+                    by_b[l] += qd * sine + qdd * cosine * w - q * cosine * (1.0 / w);
+                }
+            }
+            let (last_a, last_b) = (by_a[free].sum(), by_b[free].sum());
+            of_numbers.extend(by_a[..free].iter().map(|by| limits.velocity * (by.sum() - last_a)));
+            of_numbers.extend(
+                (1..)
+                    .zip(&by_b[..free])
+                    .map(|(l, by)| limits.velocity * (by.sum() - f64::from(l) / harmonics as f64 * last_b)),
+            );
+            of_numbers.push(limits.half_range() * by_centre.sum());
+        }
+        of_numbers
+    }
+
+    /// The series made smaller, joint by joint, and shifted until it keeps every limit of the motion, also between
+    /// instants.
+    #[must_use]
+    pub fn within_limits(&self, mut series: FourierExcitation) -> FourierExcitation {
+        for (j, limits) in self.settings.limits.iter().enumerate() {
+            let found = extremes(&series, j);
+            let [low, high] = [found.low.value, found.high.value].map(|value| value - series.centre[j]);
+            let margin = between_instants(self.settings.harmonics, found.instants);
+            let scale = (2.0 * limits.half_range() / (margin * (high - low)))
+                .min(limits.velocity / (margin * found.speed.value.abs()))
+                .min(limits.acceleration / (margin * found.acceleration.value.abs()));
+            let scale = if scale < 1.0 { scale * (1.0 - CLEARANCE) } else { 1.0 };
+            series.a[j].iter_mut().chain(&mut series.b[j]).for_each(|c| *c *= scale);
+            let (low, high) = (scale * low, scale * high);
+            // the bound widens the swing about the middle of the range
+            let room = limits.half_range() * (1.0 - CLEARANCE) / margin;
+            let (lowest, highest) = (limits.middle() - room - low, limits.middle() + room - high);
+            series.centre[j] = if lowest <= highest {
+                series.centre[j].clamp(lowest, highest)
+            } else {
+                0.5 * (lowest + highest)
+            };
+        }
+        series
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::model::base_parameters::base_parameters;
+    use crate::numerics::pooled::nominal_prior::nominal_base;
+    use crate::numerics::trajectory::limits::{Shares, broken_by_series};
+    use crate::testing::er3a_of;
+
+    /// Slopes of differences over 1e-5, whose error is the square of that, and of sums of some thousand terms.
+    const DIFFERENCES: f64 = 1e-5;
+
+    fn settings(robot: &Robot, base: &BaseParameters) -> SearchSettings {
+        let shares = Shares { position: 0.9, velocity: 0.8, acceleration: 0.7 };
+        SearchSettings {
+            period: 5.0,
+            harmonics: 3,
+            objective: Objective::Condition,
+            parameters: (0..base.kept.len()).collect(),
+            row_scales: vec![1.0; robot.joint_count()],
+            scales: vec![1.0; base.kept.len()],
+            limits: robot.joints.iter().map(|joint| MotionLimits::of(joint, &shares)).collect(),
+            torque: None,
+            reached_speed: 0.0,
+        }
+    }
+
+    fn numbers(count: usize, size: f64) -> Vec<f64> {
+        (0..count).map(|k| size * (1.0 + 2.3 * k as f64).sin()).collect()
+    }
+
+    #[test]
+    fn slopes_are_those_of_differences_whatever_is_exceeded() {
+        let robot = er3a_of(2);
+        let base = base_parameters(&robot).expect("base parameters");
+        let nominal: Option<Vec<f64>> = nominal_base(&robot, &base).into_iter().collect();
+        let torque = TorqueLimits {
+            parameters: nominal.expect("nominal parameters"),
+            mean_square_root: vec![Some(10.0), Some(12.0)],
+            peak: vec![None, Some(20.0)],
+        };
+        let strictness = Strictness { power: 5.0, penalty: 3.0 };
+        // the smaller motion is too slow, the larger one beyond every limit
+        for (size, limited, reached) in [(0.1, false, 0.7), (1.2, true, 0.0)] {
+            for objective in [Objective::Condition, Objective::ScaledCondition, Objective::StandardDeviation]
+            {
+                let mut settings = settings(&robot, &base);
+                settings.objective = objective;
+                settings.torque = limited.then(|| torque.clone());
+                settings.reached_speed = reached;
+                let problem = SearchProblem::new(&robot, &base, settings).expect("a problem");
+                let x = numbers(problem.dimension(), size);
+                let (_, slope) = problem.cost(&x, strictness).expect("a cost");
+                for k in [0, 3, 4, 7] {
+                    let at = |step: f64| {
+                        let mut moved = x.clone();
+                        moved[k] += step;
+                        problem.cost(&moved, strictness).expect("a cost").0
+                    };
+                    let measured = (at(1e-5) - at(-1e-5)) / 2e-5;
+                    assert!(
+                        (measured - slope[k]).abs() < DIFFERENCES * slope[k].abs().max(1.0),
+                        "{objective:?} {size} {k}: {measured} {}",
+                        slope[k]
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn any_numbers_stand_for_a_series_from_rest_to_rest_that_can_be_brought_inside_the_limits() {
+        let robot = er3a_of(3);
+        let base = base_parameters(&robot).expect("base parameters");
+        let problem = SearchProblem::new(&robot, &base, settings(&robot, &base)).expect("a problem");
+        for size in [0.01, 0.3, 5.0] {
+            let wild = problem.series(&numbers(problem.dimension(), size));
+            let tame = problem.within_limits(wild.clone());
+            for series in [&wild, &tame] {
+                for state in super::super::series::state_at(series, 0.0) {
+                    assert!(state[1].abs() < 1e-12 * size.max(1.0), "{state:?}");
+                    assert!(state[2].abs() < 1e-9 * size.max(1.0), "{state:?}");
+                }
+            }
+            assert_eq!(!broken_by_series(&robot, &wild).is_empty(), size > 1.0);
+            assert!(broken_by_series(&robot, &tame).is_empty(), "{size}");
+            // the shares of the search, at 1 kHz
+            for (j, limits) in problem.settings().limits.iter().enumerate() {
+                for k in 0..5000 {
+                    let [q, qd, qdd] = super::super::series::state_at(&tame, f64::from(k) * 1e-3)[j];
+                    assert!((limits.position_min..=limits.position_max).contains(&q));
+                    assert!(qd.abs() <= limits.velocity && qdd.abs() <= limits.acceleration);
+                }
+            }
+            // what is inside stays as it is
+            assert_eq!(problem.within_limits(tame.clone()), tame, "{size}");
+        }
+    }
+
+    #[test]
+    fn too_few_harmonics_and_limits_of_another_arm_are_refused() {
+        let robot = er3a_of(2);
+        let base = base_parameters(&robot).expect("base parameters");
+        let mut short = settings(&robot, &base);
+        short.harmonics = 1;
+        assert!(SearchProblem::new(&robot, &base, short).is_err());
+        let mut other = settings(&robot, &base);
+        other.limits.pop();
+        assert!(SearchProblem::new(&robot, &base, other).is_err());
+    }
+}

@@ -1,0 +1,120 @@
+//! A test motion as parts of its limits, and how the search for it went.
+
+use super::figure::{ESTIMATED, Figure, Key, Level, Limit, Look, MEASURED, Mark, Panel, Series, XAxis, ramp};
+use crate::numerics::trajectory::limits::{MotionLimits, Shares};
+use crate::numerics::trajectory::series::state_at;
+use crate::robot::{FourierExcitation, Robot};
+
+/// Points of a curve.
+const POINTS: u32 = 250;
+
+/// Draws positions, velocities and accelerations of all joints over one period, each in per cent of its limit, and the
+/// values that the starts of a search came to.
+#[must_use]
+pub fn trajectory_figure(
+    robot: &Robot,
+    series: &FourierExcitation,
+    starts: &[Option<f64>],
+    title: String,
+    subtitle: String,
+) -> Figure {
+    let n = robot.joint_count();
+    let whole = Shares { position: 1.0, velocity: 1.0, acceleration: 1.0 };
+    let limits: Vec<MotionLimits> =
+        robot.joints.iter().map(|joint| MotionLimits::of(joint, &whole)).collect();
+    let times: Vec<f64> =
+        (0..=POINTS).map(|k| f64::from(k) / f64::from(POINTS) / series.base_frequency).collect();
+    let states: Vec<Vec<[f64; 3]>> = times.iter().map(|&time| state_at(series, time)).collect();
+    let part = |j: usize, quantity: usize, state: &[f64; 3]| {
+        let of = &limits[j];
+        100.0
+            * match quantity {
+                0 => (state[0] - of.middle()) / of.half_range(),
+                1 => state[1] / of.velocity,
+                _ => state[2] / of.acceleration,
+            }
+    };
+    let panel = |quantity: usize, title: &str, y_label: &str| Panel {
+        title: title.into(),
+        x_label: "time, s".into(),
+        y_label: y_label.into(),
+        y_range: Some([-110.0, 110.0]),
+        limits: [-100.0, 100.0].map(|value| Limit { value, level: Level::Critical }).to_vec(),
+        series: (0..n)
+            .map(|j| Series {
+                name: format!("joint {}", j + 1),
+                colour: ramp(j, n),
+                mark: Mark::Line,
+                points: times.iter().zip(&states).map(|(t, of)| [*t, part(j, quantity, &of[j])]).collect(),
+            })
+            .collect(),
+        ..Panel::default()
+    };
+    let mut panels = vec![
+        panel(0, "position", "of half the range, about its middle, %"),
+        panel(1, "velocity", "of the largest speed, %"),
+        panel(2, "acceleration", "of the largest acceleration, %"),
+    ];
+    let mut legend: Vec<Key> = (0..n)
+        .map(|j| Key { label: format!("joint {}", j + 1), look: Look::Series(ramp(j, n), Mark::Line) })
+        .collect();
+    legend.push(Key { label: "limit".into(), look: Look::Limit(Level::Critical) });
+    if starts.iter().any(Option::is_some) {
+        panels.push(search_panel(starts));
+        legend.push(Key { label: "a start of the search".into(), look: Look::Series(MEASURED, Mark::Dots) });
+        legend.push(Key { label: "best so far".into(), look: Look::Series(ESTIMATED, Mark::Line) });
+    }
+    Figure { title, subtitle, legend, panels, columns: 2 }
+}
+
+fn search_panel(starts: &[Option<f64>]) -> Panel {
+    let at = |k: usize| (k + 1) as f64;
+    let mut best = f64::INFINITY;
+    let so_far: Vec<[f64; 2]> = starts
+        .iter()
+        .enumerate()
+        .map(|(k, value)| {
+            best = best.min(value.unwrap_or(f64::INFINITY));
+            [at(k), best]
+        })
+        .collect();
+    let each = starts.iter().enumerate().map(|(k, value)| [at(k), value.unwrap_or(f64::NAN)]).collect();
+    Panel {
+        title: "search".into(),
+        x_label: "start".into(),
+        x_axis: XAxis::Count,
+        y_label: "what is made small".into(),
+        series: vec![
+            Series { name: "start".into(), colour: MEASURED, mark: Mark::Dots, points: each },
+            Series { name: "best so far".into(), colour: ESTIMATED, mark: Mark::Line, points: so_far },
+        ],
+        ..Panel::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::er3a;
+
+    #[test]
+    fn curves_are_parts_of_limits_and_the_best_start_never_rises() {
+        let robot = er3a();
+        let series = robot.excitation.clone().expect("Table 4.1");
+        let values = [Some(6.0), None, Some(5.0), Some(7.0)];
+        let figure = trajectory_figure(&robot, &series, &values, "t".into(), String::new());
+        let largest = |panel: usize, joint: usize| {
+            let points = &figure.panels[panel].series[joint].points;
+            points.iter().map(|point| point[1].abs()).fold(0.0, f64::max)
+        };
+        // the speeds that are stated for this motion
+        for (joint, percent) in [66.0, 61.0, 59.0, 52.0, 46.0, 39.0].into_iter().enumerate() {
+            assert!((largest(1, joint) - percent).abs() < 0.6, "{joint} {}", largest(1, joint));
+        }
+        assert!((0..6).all(|joint| largest(0, joint) <= 100.0 && largest(2, joint) <= 100.0));
+        assert_eq!(figure.panels[3].series[1].points, [[1.0, 6.0], [2.0, 6.0], [3.0, 5.0], [4.0, 5.0]]);
+        let without = trajectory_figure(&robot, &series, &[], "t".into(), String::new());
+        assert_eq!(without.panels.len(), 3);
+        assert!(without.svg().len() < 200_000);
+    }
+}
