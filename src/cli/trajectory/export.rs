@@ -71,7 +71,7 @@ pub(in crate::cli) fn export(global: &Global, args: &ExportArgs) -> Result<u8, C
     }
     let duration = f64::from(args.periods) / series.base_frequency;
     let steps = (args.rate_hz * duration).round();
-    if !(args.rate_hz > 0.0 && steps >= 1.0 && steps <= MAX_ROWS) {
+    if !(args.rate_hz > 0.0 && (1.0..=MAX_ROWS).contains(&steps)) {
         return Err(CliError::Usage(format!(
             "--rate-hz {}: {steps} rows; 1 to {MAX_ROWS} rows are possible",
             args.rate_hz
