@@ -22,8 +22,7 @@ pub(super) fn number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, us
     let digits = start + usize::from(negative);
     let Some(bytes) = text.get(digits..digits + 2 * WORD) else { return long_number_at(text, start, point) };
     let (low, high) = bytes.split_at(WORD);
-    let [low, high] =
-        [low, high].map(|word| u64::from_le_bytes(word.try_into().unwrap_or_default()) ^ repeated(b'0'));
+    let (low, high) = (word(low) ^ repeated(b'0'), word(high) ^ repeated(b'0'));
     let others = [non_digits(low), non_digits(high)];
     if others[0] == 0 {
         return long_number_at(text, start, point);
@@ -54,6 +53,12 @@ pub(super) fn number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, us
     Some((if negative { -size } else { size }, digits + end))
 }
 
+#[inline(always)]
+fn word(bytes: &[u8]) -> u64 {
+    u64::from_le_bytes(bytes.try_into().unwrap_or_default())
+}
+
+#[inline(always)]
 const fn repeated(byte: u8) -> u64 {
     u64::from_le_bytes([byte; WORD])
 }

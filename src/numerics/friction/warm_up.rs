@@ -5,9 +5,8 @@
 //! negative. Of a constant, one and two exponentials the one is kept that the data support.
 
 use nalgebra::{DMatrix, DVector};
-use varpro::fit::FitResult;
 use varpro::prelude::*;
-use varpro::problem::{SeparableProblemBuilder, SingleRhs};
+use varpro::problem::SeparableProblemBuilder;
 use varpro::solvers::levmar::LevMarSolver;
 use varpro::statistics::FitStatistics;
 
@@ -15,7 +14,8 @@ use super::warm_up_early::early_fit;
 use crate::analysis::{Decay, Estimate, FastShown, WarmUpFit, WarmUpModel};
 use crate::numerics::NumericsError;
 use crate::numerics::friction::warm_up_curve::{
-    CandidateFit, Mean, decay, decay_slope, extent, finished_log_times, single_starts,
+    CandidateFit, ExponentialFit, Mean, decay, decay_slope, extent, finished_log_times, from_the_best,
+    single_starts,
 };
 use crate::numerics::statistics::distributions::{normal_quantile, student_quantile};
 use crate::numerics::statistics::information::corrected_akaike;
@@ -46,8 +46,6 @@ const MIN_RATIO: f64 = 2.0;
 
 /// A part counts as supported if it and its time constant exceed their standard errors this often.
 const MIN_SIGNIFICANCE: f64 = 2.0;
-
-type ExponentialFit = FitResult<varpro::model::SeparableModel<f64>, SingleRhs>;
 
 /// A point of a warm-up curve: time since the run's start in minutes, torque magnitude in Nm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -325,19 +323,14 @@ fn double_starts(points: &[Mean]) -> Vec<Vec<f64>> {
 
 /// Best of the fits from several starts; variable projection finds local minima.
 fn best_fit(points: &[Mean], starts: &[Vec<f64>], parts: usize) -> Option<CandidateFit> {
-    starts
-        .iter()
-        .filter_map(|start| exponential_fit(points, start, parts))
-        .min_by(|x, y| x.rmsd.total_cmp(&y.rmsd))
-}
-
-fn exponential_fit(points: &[Mean], start: &[f64], parts: usize) -> Option<CandidateFit> {
     if points.len() <= 1 + 2 * parts {
         return None;
     }
-    let fit = exponentials(points, start)?;
-    let finished = finished_log_times(points, &[], fit.nonlinear_parameters().as_slice());
-    candidate(points, &exponentials(points, &finished).unwrap_or(fit))
+    let sought = starts.iter().filter_map(|start| exponentials(points, start));
+    from_the_best(points, sought.collect(), |sought| {
+        let finished = finished_log_times(points, &[], sought.nonlinear_parameters().as_slice());
+        candidate(points, &exponentials(points, &finished).unwrap_or(sought))
+    })
 }
 
 /// `a` and one exponential for each logarithm of a time constant, sought from `start`.

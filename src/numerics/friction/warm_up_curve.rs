@@ -1,6 +1,9 @@
 //! Exponentials over the minutes of a run: means that they are fitted to, candidates, their terms and starting points.
 
 use nalgebra::{DMatrix, DVector};
+use varpro::fit::FitResult;
+use varpro::model::SeparableModel;
+use varpro::problem::SingleRhs;
 
 use super::separable::{Terms, on_gradient};
 use crate::analysis::{Decay, Estimate, FastShown};
@@ -43,6 +46,26 @@ pub(super) fn decay_slope(minute: &DVector<f64>, log_time: f64) -> DVector<f64> 
         let x = t / log_time.exp();
         x * (-x).exp()
     })
+}
+
+/// A search that has ended.
+pub(super) type ExponentialFit = FitResult<SeparableModel<f64>, SingleRhs>;
+
+/// What is made of the search that ended lowest of several; of the next one where nothing can be made of it. Searches
+/// that end in one minimum differ by the root of the rounding only, so that one of them is finished for all.
+pub(super) fn from_the_best<T>(
+    points: &[Mean],
+    searches: Vec<ExponentialFit>,
+    mut make: impl FnMut(ExponentialFit) -> Option<T>,
+) -> Option<T> {
+    let squares = |fit: &ExponentialFit| -> Option<f64> {
+        let fitted = fit.best_fit()?;
+        Some(points.iter().zip(fitted.iter()).map(|(p, of)| p.weight * (of - p.torque).powi(2)).sum())
+    };
+    let judged = |fit: ExponentialFit| Some((squares(&fit)?, fit));
+    let mut judged: Vec<(f64, ExponentialFit)> = searches.into_iter().filter_map(judged).collect();
+    judged.sort_by(|a, b| a.0.total_cmp(&b.0));
+    judged.into_iter().find_map(|(_, fit)| make(fit))
 }
 
 /// Logarithms of time constants near `log_times` at which the sum of squares of `a`, the terms `held` and one decay for

@@ -6,14 +6,14 @@
 //! fitted but gone through, and the others are fitted for each (profile likelihood, Venzon & Moolgavkar 1988).
 
 use nalgebra::DVector;
-use varpro::fit::FitResult;
 use varpro::prelude::*;
-use varpro::problem::{SeparableProblemBuilder, SingleRhs};
+use varpro::problem::SeparableProblemBuilder;
 use varpro::solvers::levmar::LevMarSolver;
 use varpro::statistics::FitStatistics;
 
 use super::warm_up_curve::{
-    CandidateFit, Mean, decay, decay_slope, extent, finished_log_times, single_starts,
+    CandidateFit, ExponentialFit, Mean, decay, decay_slope, extent, finished_log_times, from_the_best,
+    single_starts,
 };
 use crate::analysis::{Decay, Estimate, FastShown};
 use crate::numerics::statistics::distributions::f_quantile;
@@ -82,14 +82,14 @@ struct Fixed {
     squares: f64,
 }
 
+/// The best of the searches from several starts, finished; the next best where that cannot be.
 fn fixed(points: &[Mean], first: f64, time: f64) -> Option<Fixed> {
     let starts = single_starts(points);
-    let fits = starts.iter().filter_map(|start| fixed_from(points, first, time, start));
-    fits.min_by(|a, b| a.squares.total_cmp(&b.squares))
+    let sought = starts.iter().filter_map(|start| sought_from(points, first, time, start));
+    from_the_best(points, sought.collect(), |sought| finished(points, first, time, sought))
 }
 
-fn fixed_from(points: &[Mean], first: f64, time: f64, start: &[f64]) -> Option<Fixed> {
-    let sought = sought_from(points, first, time, start)?;
+fn finished(points: &[Mean], first: f64, time: f64, sought: ExponentialFit) -> Option<Fixed> {
     let log_times = sought.nonlinear_parameters();
     let fast = |minute: f64| (-(minute - first) / time).exp();
     let finished = finished_log_times(points, &[&fast], log_times.as_slice());
@@ -112,12 +112,7 @@ fn fixed_from(points: &[Mean], first: f64, time: f64, start: &[f64]) -> Option<F
 }
 
 /// `a`, a decay of the given time constant and one whose logarithm is sought from `start`.
-fn sought_from(
-    points: &[Mean],
-    first: f64,
-    time: f64,
-    start: &[f64],
-) -> Option<FitResult<varpro::model::SeparableModel<f64>, SingleRhs>> {
+fn sought_from(points: &[Mean], first: f64, time: f64, start: &[f64]) -> Option<ExponentialFit> {
     let column = |of: &dyn Fn(&Mean) -> f64| DVector::from_iterator(points.len(), points.iter().map(of));
     let (torques, roots) = (column(&|p| p.torque), column(&|p| p.weight.sqrt()));
     let model = SeparableModelBuilder::<f64>::new(["log_t1"])

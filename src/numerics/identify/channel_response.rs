@@ -7,14 +7,17 @@
 //! row. The weights are one over the variance of a joint's residuals. A fault adds to it, so the answer is computed for
 //! some strengths of the fault ([`STRENGTHS`]), with the weights that go with each.
 
-use nalgebra::{DMatrix, DVector};
+use faer::linalg::solvers::{Llt, Solve};
+use faer::{Mat, MatRef, Side};
 
-use super::filtered_columns::{FilteredColumn, write_filtered_columns};
+use super::filtered_columns::FilteredColumn;
+use super::row_lanes::RowLanes;
 use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
 use crate::analysis::{Estimator, Identification, Motion};
 use crate::numerics::model::dynamics::DynamicModel;
-use crate::numerics::model::regressor::{KeptColumns, Regressor, joint_torque_regressor};
-use crate::numerics::signal::filter::{FilteredSignals, state};
+use crate::numerics::model::dynamics_lanes::torque_slopes;
+use crate::numerics::model::regressor::KeptColumns;
+use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{JointIndex, ParameterId, Robot};
 use crate::run::{Samples, Stage};
 
@@ -53,99 +56,135 @@ pub fn channel_response(
     let n = cycle.robot.joint_count();
     let deviations: Vec<f64> = found.residuals.iter().map(|of| of.std.max(f64::MIN_POSITIVE)).collect();
     let deviations = (estimator != Estimator::Ordinary && deviations.len() == n).then_some(&deviations[..]);
-    let mut sums = Sums::new(n, found.parameters.len());
-    sums.add_rows(cycle, found);
-    let responses = sums.solve(deviations)?;
+    let responses = Sums::over(cycle, found).solve(deviations)?;
     let parameters: Vec<ParameterId> = found.parameters.iter().map(|of| of.id).collect();
     Some(ChannelResponse { parameters, faults: responses })
 }
 
-/// Sums over the rows of each joint.
-struct Sums {
-    n: usize,
-    /// `W_iᵀ W_i`, `[n]` of `[b x b]`.
-    gram: Vec<DMatrix<f64>>,
-    /// `W_iᵀ f`, `[n]` of `[b x 3 n]`: faults in the order of [`ChannelFault::ALL`], of each the joints.
-    with_fault: Vec<DMatrix<f64>>,
-    /// `fᵀ f`, `[n x 3 n]`.
-    fault_squares: DMatrix<f64>,
-    torque_squares: Vec<f64>,
-    rows: Vec<usize>,
+/// Rows of one joint in the instants of the response, row after row.
+#[derive(Default)]
+struct JointRows {
+    /// `[b]` a row.
+    w: Vec<f64>,
+    /// Torque of each fault that this joint feels, `[2 + n]` a row: its gain, its offset, all positions.
+    faults: Vec<f64>,
+    torque_squares: f64,
+    rows: usize,
 }
 
-impl Sums {
-    fn new(n: usize, b: usize) -> Self {
-        let faults = ChannelFault::ALL.len() * n;
+/// Sums over the rows of one joint.
+struct JointSums {
+    /// Columns that are not zero: a joint feels its own and the outer links.
+    columns: Vec<usize>,
+    /// `W_iᵀ W_i` of these, `[k x k]`.
+    gram: Mat<f64>,
+    /// `W_iᵀ f`, `[k x (2 + n)]`: faults in the order of [`JointRows::faults`].
+    with_fault: Mat<f64>,
+    /// `fᵀ f`, `[2 + n]`.
+    fault_squares: Vec<f64>,
+    torque_squares: f64,
+    rows: usize,
+}
+
+impl JointSums {
+    fn of(rows: &JointRows, b: usize, n: usize) -> Self {
+        let all = MatRef::from_row_major_slice(&rows.w, rows.rows, b);
+        let columns: Vec<usize> = (0..b).filter(|&k| all.col(k).iter().any(|w| *w != 0.0)).collect();
+        let w = Mat::from_fn(rows.rows, columns.len(), |i, k| all[(i, columns[k])]);
+        let faults = MatRef::from_row_major_slice(&rows.faults, rows.rows, 2 + n).to_owned();
         Self {
-            n,
-            gram: vec![DMatrix::zeros(b, b); n],
-            with_fault: vec![DMatrix::zeros(b, faults); n],
-            fault_squares: DMatrix::zeros(n, faults),
-            torque_squares: vec![0.0; n],
-            rows: vec![0; n],
+            gram: w.transpose() * &w,
+            with_fault: w.transpose() * &faults,
+            fault_squares: (0..2 + n).map(|k| faults.col(k).squared_norm_l2()).collect(),
+            columns,
+            torque_squares: rows.torque_squares,
+            rows: rows.rows,
         }
     }
 
-    fn add_rows(&mut self, cycle: &ObservedCycle<'_>, found: &Identification) {
+    /// Product with the columns of `w` that the joint feels of the parameters' `change`.
+    fn felt(&self, change: &[f64]) -> Mat<f64> {
+        Mat::from_fn(self.columns.len(), 1, |k, _| change[self.columns[k]])
+    }
+
+    fn mean_square(&self, squares: f64) -> f64 {
+        squares / self.rows.max(1) as f64
+    }
+}
+
+/// Sums over the rows of all joints.
+struct Sums {
+    /// Parameters.
+    b: usize,
+    joints: Vec<JointSums>,
+}
+
+/// The normal equations under some weights, solved.
+struct Normal {
+    factor: Llt<f64>,
+    /// Columns have length one, so that the factor is as well conditioned as it can be.
+    scale: Vec<f64>,
+}
+
+/// What a fault of size 1 does.
+struct Answer {
+    /// To the parameters, `[b]`.
+    change: Vec<f64>,
+    /// Torque of each joint that is left unexplained, root mean square, Nm (N), `[n]`.
+    left: Vec<f64>,
+}
+
+impl Sums {
+    fn over(cycle: &ObservedCycle<'_>, found: &Identification) -> Self {
         let ObservedCycle { robot, columns, filtered, filtered_coulomb_columns, samples } = *cycle;
-        let (n, b) = (self.n, columns.len());
+        let (n, b) = (robot.joint_count(), columns.len());
         let parameters = found.parameters.iter().map(|of| (of.id, of.value));
         let model = DynamicModel::from_parameters(robot, parameters);
         let excitation = |row: &usize| samples.stage[*row] == Stage::Excitation;
-        let rows: Vec<usize> = filtered.observed_rows().filter(excitation).collect();
-        let mut y = Regressor::new(robot);
-        let (mut q, mut qd, mut qdd, mut tau) = state();
-        let mut block = vec![0.0; n * b];
-        let mut row_of_joint = DVector::zeros(b);
-        let (mut above, mut below) = (vec![0.0; n], vec![0.0; n]);
-        let mut by_position = DMatrix::zeros(n, n);
-        for &row in rows.iter().step_by(rows.len().div_ceil(INSTANTS).max(1)) {
-            filtered.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
-            joint_torque_regressor(robot, &q[..n], &qd[..n], &qdd[..n], &mut y);
-            write_filtered_columns(filtered_coulomb_columns, row, &mut y);
-            columns.write(&y, &mut block, n, 0);
-            for j in 0..n {
-                let read = q[j];
-                q[j] = read + STEP;
-                model.torque(robot, &q[..n], &qd[..n], &qdd[..n], &mut above);
-                q[j] = read - STEP;
-                model.torque(robot, &q[..n], &qd[..n], &qdd[..n], &mut below);
-                q[j] = read;
-                for i in 0..n {
-                    by_position[(i, j)] = (above[i] - below[i]) / (2.0 * STEP);
+        let observed: Vec<usize> = filtered.observed_rows().filter(excitation).collect();
+        let chosen = observed.iter().copied().step_by(observed.len().div_ceil(INSTANTS).max(1));
+        let mut of_joints: Vec<JointRows> = (0..n).map(|_| JointRows::default()).collect();
+        let mut lanes = RowLanes::new(robot);
+        lanes.each(robot, filtered, filtered_coulomb_columns, chosen, |at, taken| {
+            let slopes = torque_slopes(robot, &model.inertial, &at.states, STEP);
+            for lane in 0..taken.len() {
+                for (i, (joint, rows)) in robot.joints.iter().zip(&mut of_joints).enumerate() {
+                    if Motion::of(at.states.qd[i].0[lane], joint.low_speed) != Motion::Moving {
+                        continue;
+                    }
+                    let torque = at.tau[i].0[lane];
+                    rows.w.extend(columns.columns().iter().map(|&column| at.y.get(i, column).0[lane]));
+                    rows.faults.extend([torque, 1.0]);
+                    rows.faults.extend(slopes[..n].iter().map(|of| -of[i].0[lane]));
+                    rows.torque_squares += torque * torque;
+                    rows.rows += 1;
                 }
             }
-            for (i, joint) in robot.joints.iter().enumerate() {
-                if Motion::of(qd[i], joint.low_speed) != Motion::Moving {
-                    continue;
-                }
-                (0..b).for_each(|k| row_of_joint[k] = block[k * n + i]);
-                self.gram[i].ger(1.0, &row_of_joint, &row_of_joint, 1.0);
-                self.torque_squares[i] += tau[i] * tau[i];
-                self.rows[i] += 1;
-                let own = [(i, tau[i]), (n + i, 1.0)].into_iter();
-                for (fault, torque) in own.chain((0..n).map(|j| (2 * n + j, -by_position[(i, j)]))) {
-                    self.with_fault[i].column_mut(fault).axpy(torque, &row_of_joint, 1.0);
-                    self.fault_squares[(i, fault)] += torque * torque;
-                }
-            }
-        }
+        });
+        Self { b, joints: of_joints.iter().map(|rows| JointSums::of(rows, b, n)).collect() }
     }
 
     /// `deviations` `[n]` are those of the joints' residuals, Nm (N); `None` where rows are not weighed.
     fn solve(&self, deviations: Option<&[f64]>) -> Option<Vec<FaultResponse>> {
+        let first = match deviations {
+            Some(usual) => weights(usual, 0.0, &vec![0.0; usual.len()]),
+            None => vec![1.0; self.joints.len()],
+        };
+        let usual = self.normal(&first)?;
         let mut all = Vec::new();
-        for (place, fault) in ChannelFault::ALL.into_iter().enumerate() {
+        for fault in ChannelFault::ALL {
             for (strength, times) in STRENGTHS.into_iter().enumerate() {
-                for joint in 0..self.n {
-                    let (change, left) = self.answer(place * self.n + joint, deviations, times)?;
-                    let relative = |i: usize| left[i] / self.torque_rms(i);
+                for joint in 0..self.joints.len() {
+                    let answer = self.answer(&usual, &first, (fault, joint), deviations, times)?;
+                    let relative = |(of, left): (&JointSums, &f64)| {
+                        left / of.mean_square(of.torque_squares).sqrt().max(f64::MIN_POSITIVE)
+                    };
                     all.push(FaultResponse {
                         joint: JointIndex::new(joint),
                         fault,
                         strength,
-                        unexplained: (0..self.n).map(relative).collect(),
-                        change: change.iter().copied().collect(),
+                        unexplained: self.joints.iter().zip(&answer.left).map(relative).collect(),
+                        change: answer.change,
                     });
                 }
             }
@@ -154,55 +193,82 @@ impl Sums {
         all.iter().all(is_finite).then_some(all)
     }
 
-    /// Change of the parameters and torque of each joint that is left unexplained, root mean square, Nm (N), for a fault of
-    /// size 1, where the fault is so large that it leaves of some joint `times` what is usual.
+    /// What a fault does that is so large that it leaves of some joint `times` what is usual. `first` are the weights
+    /// without it.
     fn answer(
         &self,
-        column: usize,
+        usual: &Normal,
+        first: &[f64],
+        of: (ChannelFault, usize),
         deviations: Option<&[f64]>,
         times: f64,
-    ) -> Option<(DVector<f64>, Vec<f64>)> {
-        let Some(usual) = deviations else { return self.weighed(column, &vec![1.0; self.n]) };
-        let weights = |size: f64, left: &[f64]| -> Vec<f64> {
-            usual.iter().zip(left).map(|(usual, left)| usual.hypot(size * left).powi(-2)).collect()
-        };
-        let (mut change, mut left) = self.weighed(column, &weights(0.0, &vec![0.0; self.n]))?;
-        for _ in 0..if times > 0.0 { ROUNDS } else { 0 } {
-            let most = left.iter().zip(usual).map(|(left, usual)| left / usual).fold(0.0, f64::max);
+    ) -> Option<Answer> {
+        let mut answer = self.solved(usual, first, of);
+        let Some(deviations) = deviations.filter(|_| times > 0.0) else { return Some(answer) };
+        for _ in 0..ROUNDS {
+            let most =
+                answer.left.iter().zip(deviations).map(|(left, usual)| left / usual).fold(0.0, f64::max);
             // parameters that take up a fault of any size, and weights so unequal that nothing can be solved
             let size = times / most;
-            let Some(next) = self.weighed(column, &weights(size, &left)).filter(|_| size < MOST_SIZE) else {
-                break;
-            };
-            (change, left) = next;
+            let next = weights(deviations, size, &answer.left);
+            let Some(normal) = self.normal(&next).filter(|_| size < MOST_SIZE) else { break };
+            answer = self.solved(&normal, &next, of);
         }
-        Some((change, left))
+        Some(answer)
     }
 
-    fn weighed(&self, column: usize, weights: &[f64]) -> Option<(DVector<f64>, Vec<f64>)> {
-        let b = self.gram.first()?.nrows();
-        let (mut normal, mut right) = (DMatrix::zeros(b, b), DVector::zeros(b));
-        for ((gram, with_fault), weight) in self.gram.iter().zip(&self.with_fault).zip(weights) {
-            normal += gram * *weight;
-            right.axpy(*weight, &with_fault.column(column), 1.0);
+    /// The sum of the joints' normal equations, each times its weight; `None` where they cannot be solved.
+    fn normal(&self, weights: &[f64]) -> Option<Normal> {
+        let b = self.b;
+        let mut normal = Mat::<f64>::zeros(b, b);
+        for (of, weight) in self.joints.iter().zip(weights) {
+            for (k, &column) in of.columns.iter().enumerate() {
+                for (i, &row) in of.columns.iter().enumerate().skip(k) {
+                    normal[(row, column)] += of.gram[(i, k)] * weight;
+                }
+            }
         }
-        // columns of length one, so that the factor is as well conditioned as it can be
-        let scale = normal.diagonal().map(|of| of.max(f64::MIN_POSITIVE).sqrt().recip());
-        let scaled = DMatrix::from_fn(b, b, |i, k| normal[(i, k)] * scale[i] * scale[k]);
-        let change = scaled.cholesky()?.solve(&right.component_mul(&scale)).component_mul(&scale);
-        let left = |i: usize| {
-            let squares = self.fault_squares[(i, column)]
-                - 2.0 * change.dot(&self.with_fault[i].column(column))
-                + change.dot(&(&self.gram[i] * &change));
-            (squares.max(0.0) / self.rows[i].max(1) as f64).sqrt()
+        let scale: Vec<f64> = (0..b).map(|k| normal[(k, k)].max(f64::MIN_POSITIVE).sqrt().recip()).collect();
+        for k in 0..b {
+            (k..b).for_each(|i| normal[(i, k)] *= scale[i] * scale[k]);
+        }
+        Some(Normal { factor: normal.llt(Side::Lower).ok()?, scale })
+    }
+
+    fn solved(&self, normal: &Normal, weights: &[f64], (fault, joint): (ChannelFault, usize)) -> Answer {
+        let mut right = Mat::<f64>::zeros(self.b, 1);
+        let place = |i: usize| match fault {
+            ChannelFault::TorqueGain => (i == joint).then_some(0),
+            ChannelFault::TorqueOffset => (i == joint).then_some(1),
+            ChannelFault::PositionOffset => Some(2 + joint),
         };
-        let left = (0..self.n).map(left).collect();
-        Some((change, left))
+        for (i, (of, weight)) in self.joints.iter().zip(weights).enumerate() {
+            let Some(fault) = place(i) else { continue };
+            for (k, &column) in of.columns.iter().enumerate() {
+                right[(column, 0)] += weight * of.with_fault[(k, fault)];
+            }
+        }
+        let scale = &normal.scale;
+        (0..self.b).for_each(|k| right[(k, 0)] *= scale[k]);
+        let solved = normal.factor.solve(right);
+        let change: Vec<f64> = (0..self.b).map(|k| solved[(k, 0)] * scale[k]).collect();
+        let left = |(i, of): (usize, &JointSums)| {
+            let felt = of.felt(&change);
+            let taken = &of.gram * &felt;
+            let squares = felt.col(0).transpose() * taken.col(0);
+            let fault = place(i).map_or(0.0, |fault| {
+                of.fault_squares[fault] - 2.0 * (felt.col(0).transpose() * of.with_fault.col(fault))
+            });
+            of.mean_square((fault + squares).max(0.0)).sqrt()
+        };
+        let left = self.joints.iter().enumerate().map(left).collect();
+        Answer { change, left }
     }
+}
 
-    fn torque_rms(&self, joint: usize) -> f64 {
-        (self.torque_squares[joint] / self.rows[joint].max(1) as f64).sqrt().max(f64::MIN_POSITIVE)
-    }
+/// Weights of the joints' rows where a fault of a size leaves `left` of each unit, both `[n]`.
+fn weights(usual: &[f64], size: f64, left: &[f64]) -> Vec<f64> {
+    usual.iter().zip(left).map(|(usual, left)| usual.hypot(size * left).powi(-2)).collect()
 }
 
 #[cfg(test)]

@@ -83,7 +83,7 @@ pub fn identify_weighted(
 ) -> Result<Identification, NumericsError> {
     let motion = solve_ordinary(kept, factors)?;
     let weighed = joined(factors, rule, kept.len());
-    let theta = weighed.solve(MAX_WEIGHTED_CONDITION, |column| kept[column].to_string())?.theta;
+    let theta = weighed.solve_bounded(MAX_WEIGHTED_CONDITION, |column| kept[column].to_string())?.theta;
     let errors = errors_by_joint(factors, &theta, rule, independent_shares)?;
     identified_parameters(kept, factors, &motion, theta, errors)
 }
@@ -102,8 +102,9 @@ pub fn noise_errors(
     residual_std: f64,
     independent_fraction: f64,
 ) -> Result<Vec<f64>, NumericsError> {
-    let motion = solve_ordinary(kept, factors)?;
-    let (rows, b) = (motion.rows as f64, kept.len() as f64);
+    let (stacked, rows) = stacked(kept, factors)?;
+    let motion = stacked.solve_bounded(MAX_SCALED_CONDITION, |column| kept[column].to_string())?;
+    let (rows, b) = (rows as f64, kept.len() as f64);
     let independent = (rows * independent_fraction).max(b + 1.0);
     let variance = residual_std * residual_std * (rows - b) / (independent - b);
     Ok(motion.unscaled_variance.iter().map(|unscaled| (variance * unscaled).sqrt()).collect())
@@ -111,14 +112,22 @@ pub fn noise_errors(
 
 /// The ordinary solution: what judges the motion, whatever the estimator.
 fn solve_ordinary(kept: &[ParameterId], factors: &[TriangularFactor]) -> Result<LeastSquares, NumericsError> {
+    let (stacked, rows) = stacked(kept, factors)?;
+    Ok(LeastSquares { rows, ..stacked.solve(MAX_SCALED_CONDITION, |column| kept[column].to_string())? })
+}
+
+/// All joints' rows, each counted alike, and how many they are.
+fn stacked(
+    kept: &[ParameterId],
+    factors: &[TriangularFactor],
+) -> Result<(TriangularFactor, usize), NumericsError> {
     let b = kept.len();
     let rows = factors.iter().map(TriangularFactor::rows).sum();
     let needed = MIN_ROWS_PER_COLUMN * b;
     if rows < needed {
         return Err(NumericsError::TooShort { what: "the excitation stage, joints stacked,", rows, needed });
     }
-    let all = joined(factors, &WeightRule::equal(factors.len()), b);
-    Ok(LeastSquares { rows, ..all.solve(MAX_SCALED_CONDITION, |column| kept[column].to_string())? })
+    Ok((joined(factors, &WeightRule::equal(factors.len()), b), rows))
 }
 
 fn estimate(
@@ -131,7 +140,7 @@ fn estimate(
         Estimator::Ordinary => Ok((ordinary.theta.clone(), WeightRule::equal(factors.len()))),
         Estimator::Weighted => {
             let found = weighted(factors, MAX_WEIGHTED_CONDITION, |column| kept[column].to_string())?;
-            Ok((found.solution.theta, found.rule))
+            Ok((found.theta, found.rule))
         }
         Estimator::Huber => Err(NumericsError::Unsupported(
             "a robust estimate from stored factors: it weighs single rows; choose ordinary or weighted",

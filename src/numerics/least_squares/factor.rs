@@ -6,12 +6,11 @@
 //! New rows are folded in by factoring `[r; rows]` again (Golub & Van Loan, Matrix Computations,
 //! 6.5; the sequential form of TSQR, Demmel et al. 2012), a block at a time (`triangle.rs`).
 
-use faer::{Mat, MatRef, Par};
+use faer::{Mat, MatRef};
 
 use super::triangle::Fold;
 use crate::numerics::NumericsError;
 use crate::numerics::lanes::{LANES, Lanes};
-use crate::numerics::least_squares::solution::{LeastSquares, rank_deficient, weak_columns};
 
 /// A column shorter than this, relative to the longest, shows nothing: it is zero but for rounding.
 pub const ZERO_COLUMN_THRESHOLD: f64 = 1e-12;
@@ -43,6 +42,11 @@ impl TriangularFactor {
     #[must_use]
     pub fn rows(&self) -> usize {
         self.rows
+    }
+
+    /// The same factor, as one of so many rows.
+    pub(super) fn of_rows(self, rows: usize) -> Self {
+        Self { rows, ..self }
     }
 
     /// The factor, upper triangular, `[(b+1) x (b+1)]`; the last column is that of the torque.
@@ -130,9 +134,7 @@ impl TriangularFactor {
         for i in 0..k {
             (i..k).for_each(|j| builder.r[i * k + j] = self.r[(i, j)]);
         }
-        for i in 0..block.nrows() {
-            builder.push(block.row(i).iter().copied());
-        }
+        builder.push_rows(block);
         self.rows += block.nrows();
         self.r = builder.take().r;
     }
@@ -194,57 +196,6 @@ impl TriangularFactor {
         factor.rows = rows;
         factor
     }
-
-    /// Solves `min |w theta - tau|` with the columns scaled to unit norm [2.10-2.16].
-    ///
-    /// # Errors
-    /// `names(i)` names column `i` in [`NumericsError::RankDeficient`], given when the scaled
-    /// condition number exceeds `max_condition`; [`NumericsError::TooShort`] with fewer rows than
-    /// columns.
-    pub fn solve(
-        &self,
-        max_condition: f64,
-        names: impl Fn(usize) -> String,
-    ) -> Result<LeastSquares, NumericsError> {
-        let b = self.columns();
-        if self.rows <= b {
-            return Err(NumericsError::TooShort {
-                what: "the observation matrix",
-                rows: self.rows,
-                needed: b + 1,
-            });
-        }
-        let r11 = self.r.as_ref().submatrix(0, 0, b, b);
-        let norms: Vec<f64> = (0..b).map(|j| r11.col(j).norm_l2()).collect();
-        if norms.iter().any(|norm| !norm.is_finite()) {
-            return Err(NumericsError::NotFinite("the observation matrix"));
-        }
-        // a column of zeros stays one, and its singular value is zero
-        let scaled = Mat::from_fn(b, b, |i, j| if norms[j] > 0.0 { r11[(i, j)] / norms[j] } else { 0.0 });
-        let svd = scaled.svd().map_err(|_| NumericsError::NotFinite("the singular values"))?;
-        let s: Vec<f64> = svd.S().column_vector().iter().copied().collect();
-        let (largest, smallest) = (s[0], s[b - 1]);
-        if !(smallest > 0.0 && largest / smallest <= max_condition) {
-            let weak = weak_columns(svd.V(), &s, largest / max_condition);
-            return Err(rank_deficient(&weak, b, names));
-        }
-        let raw = r11.singular_values().map_err(|_| NumericsError::NotFinite("the singular values"))?;
-
-        let mut theta = Mat::from_fn(b, 1, |i, _| self.r[(i, b)]);
-        solve_upper(scaled.as_ref(), &mut theta);
-        let mut inverse = Mat::<f64>::identity(b, b);
-        solve_upper(scaled.as_ref(), &mut inverse);
-        Ok(LeastSquares {
-            theta: (0..b).map(|i| theta[(i, 0)] / norms[i]).collect(),
-            unscaled_variance: (0..b)
-                .map(|i| inverse.row(i).iter().map(|v| v * v).sum::<f64>() / (norms[i] * norms[i]))
-                .collect(),
-            residual_sum_of_squares: self.r[(b, b)] * self.r[(b, b)],
-            condition_number: raw[0] / raw[b - 1],
-            scaled_condition_number: largest / smallest,
-            rows: self.rows,
-        })
-    }
 }
 
 /// Takes rows of `[w | tau]` and folds them, a block at a time, into a triangular factor. Nothing is copied or
@@ -289,6 +240,16 @@ impl FactorBuilder {
             self.block[column * self.stride + at].0[lane] = 0.0;
         }
         self.took(1);
+    }
+
+    /// Takes the rows of a block, but for those of zeros, which change nothing.
+    pub(super) fn push_rows(&mut self, block: MatRef<'_, f64>) {
+        for i in 0..block.nrows() {
+            let row = block.row(i);
+            if row.iter().any(|x| *x != 0.0) {
+                self.push(row.iter().copied());
+            }
+        }
     }
 
     /// Takes one row by its places and numbers; all other places are zero, that of the torque is `b`.
@@ -375,10 +336,6 @@ impl FactorBuilder {
         Fold { r, block, width, stride, height }.fold();
         *filled = 0;
     }
-}
-
-fn solve_upper(upper: MatRef<'_, f64>, right: &mut Mat<f64>) {
-    faer::linalg::triangular_solve::solve_upper_triangular_in_place(upper, right.as_mut(), Par::Seq);
 }
 
 #[cfg(test)]

@@ -65,18 +65,18 @@ pub fn huber(
     names: impl Fn(usize) -> String,
 ) -> Result<RobustEstimate, NumericsError> {
     let start = weighted(&joint_factors(source), settings.max_condition, &names)?;
-    let mut solution = start.solution;
+    let mut theta = start.theta;
     let mut rule = WeightRule { huber: Some(settings.constant), ..start.rule };
     for round in 1..=settings.max_rounds {
-        rescale(source, &solution.theta, &mut rule)?;
-        let before = solution.theta;
-        let (factor, outlier_share) = reweighted(source, &before, &rule);
-        solution = factor.solve(settings.max_condition, &names)?;
-        let step: Vec<f64> = solution.theta.iter().zip(&before).map(|(a, b)| a - b).collect();
+        rescale(source, &theta, &mut rule)?;
+        let (factor, outlier_share) = reweighted(source, &theta, &rule);
+        let solution = factor.solve(settings.max_condition, &names)?;
+        let step: Vec<f64> = solution.theta.iter().zip(&theta).map(|(a, b)| a - b).collect();
         let settled = torque_change(&factor, &step) < settings.settled;
         if settled || round == settings.max_rounds {
             return Ok(RobustEstimate { solution, rule, outlier_share, rounds: round, settled });
         }
+        theta = solution.theta;
     }
     Err(NumericsError::NotFinite("a robust estimate without rounds"))
 }

@@ -1,6 +1,6 @@
 //! Weighted least squares over joints, from each joint's triangular factor of `[w_j | tau_j]`.
 
-use super::factor::TriangularFactor;
+use super::factor::{FactorBuilder, TriangularFactor};
 use super::orthonormal::OrthonormalBasis;
 use super::rows::SampleRows;
 use super::solution::LeastSquares;
@@ -68,8 +68,8 @@ impl WeightRule {
 /// Parameters from all joints, each weighted by its own noise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WeightedEstimate {
-    /// The least-squares solution in units of the joints' noise: residuals have variance 1.
-    pub solution: LeastSquares,
+    /// The parameters, `[b]`.
+    pub theta: Vec<f64>,
     /// Weights of the rows.
     pub rule: WeightRule,
     /// Rounds until the weights settled.
@@ -102,12 +102,13 @@ pub fn weighted(
     let columns = factors.first().map_or(0, TriangularFactor::columns);
     let rows: usize = factors.iter().map(TriangularFactor::rows).sum();
     let mut rule = WeightRule::equal(n);
-    let mut solution = joined(factors, &rule, columns).solve(max_condition, &names)?;
+    let solve = |rule: &WeightRule| joined(factors, rule, columns).solve_bounded(max_condition, &names);
+    let mut theta = solve(&rule)?.theta;
     for round in 1..=MAX_ROUNDS {
         let share = columns as f64 / rows as f64;
         let sigma_of = |factor: &TriangularFactor| {
             let freedom = factor.rows() as f64 * (1.0 - share).max(f64::EPSILON);
-            (factor.residual_sum_of_squares(&solution.theta) / freedom).sqrt()
+            (factor.residual_sum_of_squares(&theta) / freedom).sqrt()
         };
         let found: Vec<f64> =
             factors.iter().map(|of| if of.rows() > 0 { sigma_of(of) } else { 0.0 }).collect();
@@ -116,7 +117,7 @@ pub fn weighted(
             return Err(NumericsError::NotFinite("a joint's residual standard deviation"));
         }
         if largest <= 0.0 {
-            return Ok(WeightedEstimate { solution, rule, rounds: round, settled: true });
+            return Ok(WeightedEstimate { theta, rule, rounds: round, settled: true });
         }
         let mut change = 0.0_f64;
         for (j, _) in factors.iter().enumerate().filter(|(_, factor)| factor.rows() > 0) {
@@ -124,22 +125,22 @@ pub fn weighted(
             change = change.max((sigma / rule.sigma[j] - 1.0).abs());
             rule.sigma[j] = sigma;
         }
-        solution = LeastSquares { rows, ..joined(factors, &rule, columns).solve(max_condition, &names)? };
+        theta = solve(&rule)?.theta;
         if change < SETTLED {
-            return Ok(WeightedEstimate { solution, rule, rounds: round, settled: true });
+            return Ok(WeightedEstimate { theta, rule, rounds: round, settled: true });
         }
     }
-    Ok(WeightedEstimate { solution, rule, rounds: MAX_ROUNDS, settled: false })
+    Ok(WeightedEstimate { theta, rule, rounds: MAX_ROUNDS, settled: false })
 }
 
 /// One factor of all joints' rows, each divided by its joint's standard deviation.
 #[must_use]
 pub fn joined(factors: &[TriangularFactor], rule: &WeightRule, columns: usize) -> TriangularFactor {
-    let mut all = TriangularFactor::new(columns);
+    let mut builder = FactorBuilder::new(columns);
     for (factor, sigma) in factors.iter().zip(&rule.sigma) {
-        all.fold((factor.upper() * faer::Scale(1.0 / sigma)).as_ref());
+        builder.push_rows((factor.upper() * faer::Scale(1.0 / sigma)).as_ref());
     }
-    all
+    builder.take().of_rows(factors.iter().map(|factor| factor.upper().nrows()).sum())
 }
 
 /// What one joint's rows alone say [3.21].

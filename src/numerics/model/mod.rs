@@ -3,6 +3,7 @@
 pub mod kinematics;
 pub mod actuator;
 pub mod dynamics;
+pub mod dynamics_lanes;
 pub mod regressor;
 pub mod regressor_lanes;
 pub mod base_parameters;

@@ -59,39 +59,49 @@ impl RegressorLanes {
 /// # Panics
 /// If `y` is that of another robot, or the chain longer than [`MAX_JOINTS`].
 pub fn joint_torque_regressors(robot: &Robot, states: &LaneStates, y: &mut RegressorLanes) {
-    let placed = |i: usize| match robot.joints[i].kind {
-        JointKind::Revolute => {
-            let turned = states.q[i].0.map(f64::sin_cos);
-            (Lanes(turned.map(|(sine, _)| sine)), Lanes(turned.map(|(_, cosine)| cosine)))
-        }
-        JointKind::Prismatic => (Lanes::ZERO, Lanes::ZERO),
-    };
-    let n = robot.joint_count();
-    let sines = std::array::from_fn(|i| if i < n { placed(i) } else { (Lanes::ZERO, Lanes::ZERO) });
-    wide(Links { robot, states, sines: &sines, y });
+    wide(Links { robot, states, turns: &JointTurns::of(robot, &states.q), y });
     write_actuators(robot, states, y);
+}
+
+/// Sine and cosine of the positions of turning joints.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct JointTurns(pub(super) [(Lanes, Lanes); MAX_JOINTS]);
+
+impl JointTurns {
+    pub(super) fn of(robot: &Robot, q: &[Lanes; MAX_JOINTS]) -> Self {
+        let mut turns = [(Lanes::ZERO, Lanes::ZERO); MAX_JOINTS];
+        for ((turn, joint), q) in turns.iter_mut().zip(&robot.joints).zip(q) {
+            if joint.kind == JointKind::Revolute {
+                *turn = Self::turn(*q);
+            }
+        }
+        Self(turns)
+    }
+
+    pub(super) fn turn(q: Lanes) -> (Lanes, Lanes) {
+        let turned = q.0.map(f64::sin_cos);
+        (Lanes(turned.map(|(sine, _)| sine)), Lanes(turned.map(|(_, cosine)| cosine)))
+    }
 }
 
 /// Columns of the links.
 struct Links<'a> {
     robot: &'a Robot,
     states: &'a LaneStates,
-    /// Sine and cosine of the positions of turning joints.
-    sines: &'a [(Lanes, Lanes); MAX_JOINTS],
+    turns: &'a JointTurns,
     y: &'a mut RegressorLanes,
 }
 
 impl Kernel for Links<'_> {
     #[inline(always)]
     fn run(self) {
-        let Self { robot, states, sines, y } = self;
+        let Self { robot, states, turns, y } = self;
         let n = robot.joints.len();
         let mut motion = LinkMotion::base(robot);
         let mut partials = [PartialVelocity::ZERO; MAX_JOINTS];
         for (i, joint) in robot.joints.iter().enumerate() {
-            let (sine, cosine) = sines[i];
             let transform =
-                JointTransform::of(joint.geometry.placement(), joint.kind, states.q[i], sine, cosine);
+                JointTransform::of(joint.geometry.placement(), joint.kind, states.q[i], turns.0[i]);
             motion = motion.next(&transform, joint.kind, states.qd[i], states.qdd[i]);
             for partial in &mut partials[..i] {
                 *partial = partial.next(&transform);
@@ -141,15 +151,24 @@ fn write_actuators(robot: &Robot, states: &LaneStates, y: &mut RegressorLanes) {
 }
 
 /// Frame of a joint in the frame of the link before it [2.1, 2.2].
-struct JointTransform {
+#[derive(Clone, Copy)]
+pub(super) struct JointTransform {
     /// Columns of the rotation.
     rotation: [LaneVector; 3],
-    translation: LaneVector,
+    pub(super) translation: LaneVector,
 }
 
 impl JointTransform {
+    /// Of no joint: a place that is written later.
+    pub(super) const NONE: Self = Self { rotation: [LaneVector::ZERO; 3], translation: LaneVector::ZERO };
+
     #[inline(always)]
-    fn of(placement: &Transform, kind: JointKind, q: Lanes, sine: Lanes, cosine: Lanes) -> Self {
+    pub(super) fn of(
+        placement: &Transform,
+        kind: JointKind,
+        q: Lanes,
+        (sine, cosine): (Lanes, Lanes),
+    ) -> Self {
         let (r, p) = (&placement.rotation, &placement.translation);
         let [x, y, z] = [
             LaneVector::splat(r.m11, r.m21, r.m31),
@@ -166,30 +185,36 @@ impl JointTransform {
     }
 
     #[inline(always)]
-    fn to_inner(&self, v: &LaneVector) -> LaneVector {
+    pub(super) fn to_inner(&self, v: &LaneVector) -> LaneVector {
         let [x, y, z] = &self.rotation;
         LaneVector { x: x.dot(v), y: y.dot(v), z: z.dot(v) }
+    }
+
+    #[inline(always)]
+    pub(super) fn to_outer(&self, v: &LaneVector) -> LaneVector {
+        let [x, y, z] = &self.rotation;
+        *x * v.x + *y * v.y + *z * v.z
     }
 }
 
 /// Motion of a link frame, expressed in that frame: angular velocity and acceleration, acceleration of the origin.
 #[derive(Clone, Copy)]
-struct LinkMotion {
-    omega: LaneVector,
-    alpha: LaneVector,
-    a: LaneVector,
+pub(super) struct LinkMotion {
+    pub(super) omega: LaneVector,
+    pub(super) alpha: LaneVector,
+    pub(super) a: LaneVector,
 }
 
 impl LinkMotion {
     #[inline(always)]
-    fn base(robot: &Robot) -> Self {
+    pub(super) fn base(robot: &Robot) -> Self {
         let a = LaneVector::splat(-robot.gravity.x, -robot.gravity.y, -robot.gravity.z);
         Self { omega: LaneVector::ZERO, alpha: LaneVector::ZERO, a }
     }
 
     /// Motion of the next link: [3.1-3.3].
     #[inline(always)]
-    fn next(&self, transform: &JointTransform, kind: JointKind, qd: Lanes, qdd: Lanes) -> Self {
+    pub(super) fn next(&self, transform: &JointTransform, kind: JointKind, qd: Lanes, qdd: Lanes) -> Self {
         let p = &transform.translation;
         let carried = transform.to_inner(&self.omega);
         let mut omega = carried;

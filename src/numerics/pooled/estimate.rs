@@ -331,11 +331,11 @@ fn huber_weights(union: &PooledFactors) -> Result<(RowWeights, bool), NumericsEr
         });
     }
     let start = weighted(&union.embedded_by_joint(), MAX_WEIGHTED_CONDITION, names(union))?;
-    let mut theta = start.solution.theta;
+    let mut theta = start.theta;
     for _ in 0..MAX_ROUNDS {
         let weights = reweighted(union, &theta)?;
         let factor = union.stacked(&weights);
-        let next = factor.solve(MAX_WEIGHTED_CONDITION, names(union))?.theta;
+        let next = factor.solve_bounded(MAX_WEIGHTED_CONDITION, names(union))?.theta;
         let step: Vec<f64> = next.iter().zip(&theta).map(|(a, b)| a - b).collect();
         theta = next;
         if torque_change(&factor, &step) < SETTLED {
