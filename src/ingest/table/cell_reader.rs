@@ -170,7 +170,7 @@ pub fn judge_last_line(
 }
 
 /// The lines of a block without their line feeds.
-pub(in crate::ingest) fn lines(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+pub(in crate::ingest) fn lines(bytes: &[u8]) -> impl DoubleEndedIterator<Item = &[u8]> {
     bytes.split_inclusive(|byte| *byte == b'\n').map(|line| line.strip_suffix(b"\n").unwrap_or(line))
 }
 

@@ -361,7 +361,7 @@ impl<R: Read> ExportReader<R> {
 
     /// Takes the last line of a block off where it has too few fields: whether it is the file's last shows later.
     fn hold_short_line(&mut self, block: &mut Block) {
-        let last = cell_reader::lines(&block.bytes).last().unwrap_or_default();
+        let last = cell_reader::lines(&block.bytes).next_back().unwrap_or_default();
         if !cell_reader::is_short(last, self.parser.map()) {
             return;
         }
@@ -380,7 +380,7 @@ impl<R: Read> ExportReader<R> {
     fn judge_end(&mut self, block: &mut Block) -> Result<(), Rejection> {
         let lines = line_count(&block.bytes);
         let number = block.first_line + lines.saturating_sub(1);
-        let last = cell_reader::lines(&block.bytes).last().unwrap_or_default();
+        let last = cell_reader::lines(&block.bytes).next_back().unwrap_or_default();
         let length = last.len() + 1;
         let reason = match cell_reader::judge_last_line(last, number, self.parser.map(), &self.path)? {
             LastLine::Whole => return Ok(()),
