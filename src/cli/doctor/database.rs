@@ -14,11 +14,7 @@ pub(super) async fn check(config: &Config, quick: bool) -> Vec<Finding> {
         Ok(Some(store)) => store,
         Ok(None) => return vec![Finding::ok(CHECK, format!("{path} is not there yet; the daemon makes it"))],
         Err(error @ StoreError::Older { .. }) => {
-            return vec![Finding::warning(
-                CHECK,
-                error,
-                "the next start brings it up to date: back up first",
-            )];
+            return vec![Finding::warning(CHECK, error, "back up first")];
         }
         Err(error) => return vec![Finding::problem(CHECK, error, "docs/operations.md, Full disk")],
     };

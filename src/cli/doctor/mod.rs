@@ -16,7 +16,7 @@ use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, EXIT_FOUND, EXIT_USAGE, Global, runtime};
 use super::shared::output;
-use crate::config::Config;
+use crate::config::{Config, ConfigProblem};
 use crate::daemon::preflight::preflight;
 use finding::{Finding, Level};
 use machine::Machine;
@@ -78,23 +78,27 @@ pub(super) fn doctor(global: &Global, args: &DoctorArgs) -> Result<u8, CliError>
 /// What `armwatch run` would refuse or warn of.
 fn of_configuration(config: &Config) -> Vec<Finding> {
     let found = preflight(config);
-    let mut findings: Vec<Finding> = Vec::new();
-    let add =
-        |problems: &[crate::config::ConfigProblem], make: fn(_, &str, &str) -> Finding| -> Vec<Finding> {
-            let finding = |problem: &crate::config::ConfigProblem| {
-                make("configuration", &problem.to_string(), "correct the configuration")
-            };
-            problems.iter().map(finding).collect()
-        };
-    findings.extend(add(&found.refusals, |check, said, remedy| Finding::problem(check, said, remedy)));
-    let odd = [&found.missing[..], &found.remarks[..]].concat();
-    findings.extend(add(&odd, |check, said, remedy| Finding::warning(check, said, remedy)));
+    let refused = found.refusals.iter().map(|of| Finding::problem("configuration", said(of), remedy(of)));
+    let odd = found.missing.iter().chain(&found.remarks);
+    let odd = odd.map(|of| Finding::warning("configuration", said(of), remedy(of)));
+    let mut findings: Vec<Finding> = refused.chain(odd).collect();
     if findings.is_empty() {
         findings.push(Finding::ok("configuration", "no problems"));
     }
     let zone = &config.recognition.time_zone;
     findings.push(Finding::ok("time zone", format!("times in file names are of {zone}")));
     findings
+}
+
+/// Key, value and sentence of a problem.
+fn said(of: &ConfigProblem) -> String {
+    let named = [Some(of.key.as_str()), of.value.as_deref(), Some(of.problem.as_str())];
+    let words: Vec<&str> = named.into_iter().flatten().filter(|word| !word.is_empty()).collect();
+    words.join(" ")
+}
+
+fn remedy(of: &ConfigProblem) -> &str {
+    of.hint.as_deref().unwrap_or("correct the configuration")
 }
 
 fn report(global: &Global, found: &[Finding], all: bool) {
