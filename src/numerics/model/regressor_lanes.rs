@@ -185,15 +185,15 @@ impl JointTransform {
     }
 
     #[inline(always)]
-    pub(super) fn to_inner(&self, v: &LaneVector) -> LaneVector {
-        let [x, y, z] = &self.rotation;
+    pub(super) fn to_inner(self, v: &LaneVector) -> LaneVector {
+        let [x, y, z] = self.rotation;
         LaneVector { x: x.dot(v), y: y.dot(v), z: z.dot(v) }
     }
 
     #[inline(always)]
-    pub(super) fn to_outer(&self, v: &LaneVector) -> LaneVector {
-        let [x, y, z] = &self.rotation;
-        *x * v.x + *y * v.y + *z * v.z
+    pub(super) fn to_outer(self, v: &LaneVector) -> LaneVector {
+        let [x, y, z] = self.rotation;
+        x * v.x + y * v.y + z * v.z
     }
 }
 
