@@ -269,7 +269,7 @@ mod tests {
             scales: vec![1.0; base.kept.len()],
             limits: vec![MotionLimits::of(&robot.joints[0], &shares)],
             torque: None,
-            reached_speed: 0.9,
+            reached_speed: 0.9 / shares.velocity,
         };
         let problem = SearchProblem::new(&robot, &base, settings).expect("a problem");
         let run = |seed: u64, starts: u64, threads: usize| {

@@ -257,7 +257,8 @@ impl DesignArgs {
             row_scales,
             limits: robot.joints.iter().map(|joint| MotionLimits::of(joint, &shares)).collect(),
             torque: self.torque_limits(robot, &nominal),
-            reached_speed: self.reached(),
+            // the search counts in what the motion may reach
+            reached_speed: self.reached() / self.speed_share,
         })
     }
 

@@ -47,7 +47,7 @@ pub struct SearchSettings {
     pub limits: Vec<MotionLimits>,
     /// Limits of the torque, where the model is known.
     pub torque: Option<TorqueLimits>,
-    /// Share of each velocity limit that the joint has to reach at least; 0 asks for nothing.
+    /// Share of each velocity in `limits` that the joint has to reach at least; 0 asks for nothing.
     pub reached_speed: f64,
 }
 
