@@ -111,7 +111,7 @@ enum Command {
     Snapshot(snapshot::SnapshotArgs),
     /// Write a copy of everything that is stored, looked through
     Backup(backup::BackupArgs),
-    /// Whether machine, configuration and database are fit for the daemon
+    /// Whether machine, configuration and database are fit
     Doctor(doctor::DoctorArgs),
     /// Take away factors that have had their time; results stay
     Prune(prune::PruneArgs),

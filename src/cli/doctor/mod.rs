@@ -25,11 +25,11 @@ use machine::Machine;
 #[command(after_help = "\
 Examples:
   armwatch doctor --config /etc/armwatch/armwatch.toml
-  sudo -u armwatch armwatch doctor --config /etc/armwatch/armwatch.toml --json
+  armwatch doctor --quick --json
 
 Looks at the configuration, the disks and folders that it names, the clock, limits of the system, the systemd unit and
-the database, and changes nothing. Permissions are those of the user who asks: ask as the user of the service. The
-database is read from end to end, some seconds a gigabyte.
+the database, and changes nothing. Permissions are those of the user who asks: ask as the user of the service
+(sudo -u armwatch). The database is read from end to end, some seconds a gigabyte.
 
 Exit status: 0 without a problem, also with warnings; 1 with a problem; 2 where the configuration cannot be used, when
 nothing else is looked at. docs/operations.md has what is checked.")]
