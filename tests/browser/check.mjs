@@ -101,15 +101,18 @@ async function looksRight(name, hash) {
 
 async function paintsSoon() {
   const times = [];
-  for (let turn = 0; turn < 5; turn += 1) {
+  for (let turn = 0; turn < 15; turn += 1) {
+    // Chromium has work of its own after its start and after a page is closed
+    await new Promise((resolve) => setTimeout(resolve, 500));
     const { page, context } = await open("#/");
     await page.waitForFunction(() => globalThis.usefulAt !== undefined, { timeout: SETTLE_MS, polling: 50 });
     times.push(await page.evaluate(() => globalThis.usefulAt));
     await context.close();
   }
   times.sort((a, b) => a - b);
-  const text = `median ${times[2].toFixed(0)} ms of ${times.map((one) => one.toFixed(0)).join(", ")}`;
-  check(!options.budget || times[2] <= Number(options.budget), `first useful paint of ${fleet.robots.length} robots`, text);
+  const median = times[(times.length - 1) / 2];
+  const text = `median ${median.toFixed(0)} ms of ${times.map((one) => one.toFixed(0)).join(", ")}`;
+  check(!options.budget || median <= Number(options.budget), `first useful paint of ${fleet.robots.length} robots`, text);
 }
 
 async function keyboard() {
