@@ -150,7 +150,8 @@ pub struct RunParameter {
     pub id: ParameterId,
     /// Mean over the cycles, in its SI unit.
     pub mean: f64,
-    /// Standard deviation of one cycle; not a number with one cycle.
+    /// Standard deviation of one cycle, from the scatter between cycles; of a single cycle its standard error. Not a number
+    /// where that is not known.
     pub std_dev: f64,
     /// Cycles.
     pub cycles: u32,

@@ -48,7 +48,7 @@ pub(super) fn named_joint(scenario: Scenario, joint: usize) -> Option<JointIndex
 pub(super) fn drawn_size(scenario: Scenario, draws: &mut Draws) -> f64 {
     use Scenario as S;
     match scenario {
-        S::Healthy | S::Weekend | S::ShortTests | S::LongTests | S::StuckTorque => 0.0,
+        S::Healthy | S::Weekend | S::ShortTests | S::LongTests | S::MixedTests | S::StuckTorque => 0.0,
         S::Hall => draws.between(2.0, 6.0),
         S::Season => draws.between(3.0, 8.0),
         S::Repair => draws.between(0.85, 1.15),

@@ -99,7 +99,8 @@ fn moments(arm: &Arm<'_>, event: &Event, years: f64, draws: &mut Draws) -> Vec<M
             () => usual,
         };
         let cut = draws.happens(arm.broken_off);
-        let cycles = if cut { draws.whole(2, arm.program.cycles) } else { arm.program.cycles };
+        let whole = if cut { draws.whole(2, arm.program.cycles) } else { arm.program.cycles };
+        let cycles = if event.scenario.is_check(found.len()) { 1 } else { whole };
         if !draws.happens(LEFT_OUT) {
             found.push(Moment { day, rest_h, hall_k: season + daily + regime, cycles });
         }

@@ -55,6 +55,8 @@ pub enum Scenario {
     SaturatedTorque,
     /// A torque channel is late.
     LateTorque,
+    /// Short checks of one cycle, and a whole test after each three of them.
+    MixedTests,
 }
 
 /// The roads on which a scenario can be simulated.
@@ -77,7 +79,7 @@ struct Row {
     roads: Roads,
 }
 
-const ROWS: [Row; 25] = {
+const ROWS: [Row; 26] = {
     const fn row(
         scenario: Scenario,
         name: &'static str,
@@ -145,13 +147,14 @@ const ROWS: [Row; 25] = {
             Exports,
         ),
         row(Scenario::LateTorque, "late-torque", Some(Sensor), "delay, s", Exports),
+        row(Scenario::MixedTests, "mixed-tests", None, "", Both),
     ]
 };
 
 impl Scenario {
-    /// All of them, those of healthy robots first.
-    pub const ALL: [Self; 25] = {
-        let mut all = [Self::Healthy; 25];
+    /// All of them. What is drawn for a robot depends on the place of its scenario.
+    pub const ALL: [Self; 26] = {
+        let mut all = [Self::Healthy; 26];
         let mut at = 0;
         while at < all.len() {
             all[at] = ROWS[at].scenario;
@@ -175,6 +178,12 @@ impl Scenario {
     #[must_use]
     pub fn kind(self) -> Option<AnomalyKind> {
         self.row().kind
+    }
+
+    /// Whether test `number`, from 0, is a short check.
+    #[must_use]
+    pub fn is_check(self, number: usize) -> bool {
+        self == Self::MixedTests && number % 4 != 3
     }
 
     /// Whether it can be simulated as figures of tests.

@@ -129,7 +129,9 @@ async fn watch(
     // alarms after each test, as they stood then
     let mut said: Vec<Vec<Alarm>> = Vec::new();
     for run in 0..simulated.runs {
-        let files = simulate_run(arm, simulated, run, folder, &mut |_| ())
+        let check = SimulationSettings { cycles: 1, warming_s: 0.0, ..simulated.clone() };
+        let settings = if drawn.scenario.is_check(run as usize) { &check } else { simulated };
+        let files = simulate_run(arm, settings, run, folder, &mut |_| ())
             .map_err(|error| CliError::Internal(error.to_string()))?;
         starts.push(files.started_at);
         pipeline.process(&files.export, Retry::Never, &stop, |_| ()).await?;
@@ -231,7 +233,7 @@ fn fault(
     };
     let load = |mass| FaultKind::Load { mass, centre: [0.0; 3] };
     Ok(match drawn.scenario {
-        S::Healthy | S::Hall | S::ShortTests | S::LongTests => None,
+        S::Healthy | S::Hall | S::ShortTests | S::LongTests | S::MixedTests => None,
         S::WearByTest => always(FaultKind::Wear { rate_per_run: size, cap: WEAR_CAP }),
         S::StepBetween => always(FaultKind::Step { size, cycle: 1 }),
         S::StepInside | S::StepInBaseline => always(FaultKind::Step { size, cycle: number(drawn.cycle) }),

@@ -7,6 +7,7 @@
 
 mod friction_history;
 mod curve;
+mod like_length;
 mod arm;
 mod series;
 mod common_change;

@@ -104,7 +104,13 @@ async fn parameters(
     run_id: i64,
 ) -> Result<Vec<MeanParameter>, sqlx::Error> {
     sqlx::query(
-        "SELECT model_parameter_id, mean, sdv, cycles FROM parameter_statistic
+        // one cycle has no scatter
+        "SELECT model_parameter_id, mean, cycles,
+                ifnull(sdv, (SELECT of_cycle.std_error FROM cycle_parameter AS of_cycle JOIN cycle USING (cycle_id)
+                             WHERE cycle.run_id = parameter_statistic.run_id AND parameter_statistic.cycles = 1
+                                   AND of_cycle.model_parameter_id = parameter_statistic.model_parameter_id
+                                   AND cycle.status = 'complete' AND NOT cycle.doubtful)) AS sdv
+         FROM parameter_statistic
          WHERE run_id = ? AND \"window\" = 'all'
          ORDER BY model_parameter_id",
     )

@@ -9,6 +9,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::like_length::of_like_length;
 use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
 use crate::anomaly::{RunParameter, RunSummary};
 use crate::numerics::statistics::descriptive::{mean, median, robust_deviation};
@@ -196,16 +197,32 @@ impl Usual {
     }
 }
 
-/// The evidence of each run, `None` before there is a baseline and for runs without figures.
+/// The evidence of each run, `None` before there is a baseline and for runs without figures. A run is compared with the first
+/// runs of like length.
 pub(super) fn arm_evidence(
     history: &[RunSummary],
+    joints: usize,
+    baseline_runs: usize,
+) -> Vec<Option<ArmEvidence>> {
+    let mut found = vec![None; history.len()];
+    for places in of_like_length(history) {
+        let runs: Vec<&RunSummary> = places.iter().map(|&place| &history[place]).collect();
+        for (place, evidence) in places.iter().zip(evidence_of_like(&runs, joints, baseline_runs)) {
+            found[*place] = evidence;
+        }
+    }
+    found
+}
+
+fn evidence_of_like(
+    history: &[&RunSummary],
     joints: usize,
     baseline_runs: usize,
 ) -> Vec<Option<ArmEvidence>> {
     let baseline = Baseline::of(history, joints, baseline_runs);
     let changes: Vec<Option<DVector<f64>>> = history.iter().map(|run| baseline.change(run)).collect();
     let own_variance = std::f64::consts::FRAC_PI_2 / baseline_runs.max(2) as f64;
-    let one = |(place, run): (usize, &RunSummary)| {
+    let one = |(place, run): (usize, &&RunSummary)| {
         let change = Change::of(&changes[..=place], &baseline.directions, own_variance);
         evidence(run, change.as_ref(), &baseline, joints)
     };
@@ -251,7 +268,7 @@ impl Change {
     }
 }
 
-/// The first runs of an arm.
+/// The first runs of an arm, of like length.
 struct Baseline {
     /// Usual value and deviation of each inertial parameter, with what it stands for.
     parameters: Vec<(ParameterId, Usual, [f64; 10])>,
@@ -274,7 +291,7 @@ struct Direction {
 }
 
 impl Baseline {
-    fn of(history: &[RunSummary], joints: usize, baseline_runs: usize) -> Self {
+    fn of(history: &[&RunSummary], joints: usize, baseline_runs: usize) -> Self {
         let count = baseline_runs.max(2);
         let last = history.iter().flat_map(|run| &run.parameters).map(|of| of.id.joint).max();
         let first = history.iter().find(|run| !run.parameters.is_empty());
@@ -356,7 +373,7 @@ impl Baseline {
 }
 
 impl Usual {
-    fn of_offsets(history: &[RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
+    fn of_offsets(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
         let runs: Vec<Vec<f64>> =
             history.iter().map(|run| offsets(run, joint)).filter(|of| of.len() > 1).take(count).collect();
         let within: Vec<f64> =
@@ -366,7 +383,7 @@ impl Usual {
         Self::of(runs.iter().filter_map(|run| mean(run)), count, least)
     }
 
-    fn of_rmsd(history: &[RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
+    fn of_rmsd(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
         let values = history.iter().filter_map(|run| rmsd(run, joint)).map(f64::ln);
         Self::of(values, count, LEAST_RMSD_DEVIATION)
     }

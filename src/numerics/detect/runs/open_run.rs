@@ -15,6 +15,7 @@ use super::curve::hypothesis::Cause;
 use super::curve::run_cause::{RunCause, least_advantage};
 use super::friction_step::FrictionStep;
 use super::friction_swing::FrictionSwing;
+use super::like_length::length;
 use super::series::{JointSeries, RunDetector, friction_history};
 use crate::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
 use crate::numerics::detect::episodes::anomalies;
@@ -34,7 +35,7 @@ pub struct UsualTests {
     joints: Vec<(usize, &'static str)>,
     /// How cycles stand out of their neighbours, in the tests of all joints' epochs, and the probability of a false alarm.
     contacts: (UsualContacts, f64),
-    /// The first tests, with whose first cycles the arm is compared.
+    /// The first tests that are not much shorter than the longest, with whose first cycles the arm is compared.
     arm_run_ids: Vec<i64>,
 }
 
@@ -68,7 +69,10 @@ impl UsualTests {
         };
         let compared: Vec<RunSummary> = history.iter().filter(of_epochs).cloned().collect();
         let contacts = (UsualContacts::of(&compared, joints), alpha(history, joints, settings));
-        let first = history.iter().filter(of_arm).take(settings.baseline_runs.max(2));
+        // short checks say little of a test of many cycles
+        let most = history.iter().filter(of_arm).map(length).max().unwrap_or(0);
+        let first = history.iter().filter(of_arm).filter(|run| 2 * length(run) > most);
+        let first = first.take(settings.baseline_runs.max(2));
         Self { curves, joints: of_joints, contacts, arm_run_ids: first.map(|run| run.run_id).collect() }
     }
 
