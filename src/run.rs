@@ -27,6 +27,17 @@ impl Stage {
     /// The three stages that are analysed, in the order of a test.
     pub const ANALYSED: [Self; 3] = [Self::Excitation, Self::Friction, Self::Warming];
 
+    /// Number in the native layout.
+    #[must_use]
+    pub fn number(self) -> u8 {
+        match self {
+            Self::Between => 0,
+            Self::Excitation => 1,
+            Self::Friction => 2,
+            Self::Warming => 3,
+        }
+    }
+
     /// Name as in the view `cycle_rmsd`.
     #[must_use]
     pub fn name(self) -> &'static str {

@@ -196,6 +196,8 @@ enum TrajectoryCommand {
     Export(trajectory::export::ExportArgs),
     /// A programme in a picture, with the limits
     Plot(trajectory::plot::PlotArgs),
+    /// A cycle of the whole test as CSV: excitation, friction joint by joint, warming, with the stage signals
+    Test(trajectory::whole_test::WholeTestArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -295,6 +297,9 @@ pub fn run(cli: Cli) -> ExitCode {
         }
         Command::Trajectory { command: TrajectoryCommand::Plot(args) } => {
             trajectory::plot::plot(&cli.global, &args)
+        }
+        Command::Trajectory { command: TrajectoryCommand::Test(args) } => {
+            trajectory::whole_test::whole_test(&cli.global, &args)
         }
         Command::Layout { command: LayoutCommand::Infer(args) } => layout::infer::infer(&cli.global, &args),
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {

@@ -18,13 +18,38 @@ pub fn trajectory_figure(
     title: String,
     subtitle: String,
 ) -> Figure {
+    let times: Vec<f64> =
+        (0..=POINTS).map(|k| f64::from(k) / f64::from(POINTS) / series.base_frequency).collect();
+    let states: Vec<Vec<[f64; 3]>> = times.iter().map(|&time| state_at(series, time)).collect();
+    let (mut panels, mut legend) = (panels(robot, &times, &states), legend(robot.joint_count()));
+    if starts.iter().any(Option::is_some) {
+        panels.push(search_panel(starts));
+        legend.push(Key { label: "a start of the search".into(), look: Look::Series(MEASURED, Mark::Dots) });
+        legend.push(Key { label: "best so far".into(), look: Look::Series(ESTIMATED, Mark::Line) });
+    }
+    Figure { title, subtitle, legend, panels, columns: 2 }
+}
+
+/// Draws positions, velocities and accelerations of all joints over a motion of any kind, each in per cent of its limit.
+/// `states` has `[q, qd, qdd]` of each joint at each of the `times`, s.
+#[must_use]
+pub fn motion_figure(
+    robot: &Robot,
+    times: &[f64],
+    states: &[Vec<[f64; 3]>],
+    title: String,
+    subtitle: String,
+) -> Figure {
+    let panels = panels(robot, times, states);
+    Figure { title, subtitle, legend: legend(robot.joint_count()), panels, columns: 1 }
+}
+
+/// Positions, velocities and accelerations.
+fn panels(robot: &Robot, times: &[f64], states: &[Vec<[f64; 3]>]) -> Vec<Panel> {
     let n = robot.joint_count();
     let whole = Shares { position: 1.0, velocity: 1.0, acceleration: 1.0 };
     let limits: Vec<MotionLimits> =
         robot.joints.iter().map(|joint| MotionLimits::of(joint, &whole)).collect();
-    let times: Vec<f64> =
-        (0..=POINTS).map(|k| f64::from(k) / f64::from(POINTS) / series.base_frequency).collect();
-    let states: Vec<Vec<[f64; 3]>> = times.iter().map(|&time| state_at(series, time)).collect();
     let part = |j: usize, quantity: usize, state: &[f64; 3]| {
         let of = &limits[j];
         100.0
@@ -45,26 +70,23 @@ pub fn trajectory_figure(
                 name: format!("joint {}", j + 1),
                 colour: ramp(j, n),
                 mark: Mark::Line,
-                points: times.iter().zip(&states).map(|(t, of)| [*t, part(j, quantity, &of[j])]).collect(),
+                points: times.iter().zip(states).map(|(t, of)| [*t, part(j, quantity, &of[j])]).collect(),
             })
             .collect(),
         ..Panel::default()
     };
-    let mut panels = vec![
+    vec![
         panel(0, "position", "of half the range, about its middle, %"),
         panel(1, "velocity", "of the largest speed, %"),
         panel(2, "acceleration", "of the largest acceleration, %"),
-    ];
-    let mut legend: Vec<Key> = (0..n)
-        .map(|j| Key { label: format!("joint {}", j + 1), look: Look::Series(ramp(j, n), Mark::Line) })
-        .collect();
-    legend.push(Key { label: "limit".into(), look: Look::Limit(Level::Critical) });
-    if starts.iter().any(Option::is_some) {
-        panels.push(search_panel(starts));
-        legend.push(Key { label: "a start of the search".into(), look: Look::Series(MEASURED, Mark::Dots) });
-        legend.push(Key { label: "best so far".into(), look: Look::Series(ESTIMATED, Mark::Line) });
-    }
-    Figure { title, subtitle, legend, panels, columns: 2 }
+    ]
+}
+
+fn legend(n: usize) -> Vec<Key> {
+    let of_joint =
+        |j: usize| Key { label: format!("joint {}", j + 1), look: Look::Series(ramp(j, n), Mark::Line) };
+    let limit = Key { label: "limit".into(), look: Look::Limit(Level::Critical) };
+    (0..n).map(of_joint).chain([limit]).collect()
 }
 
 fn search_panel(starts: &[Option<f64>]) -> Panel {

@@ -73,6 +73,16 @@ pub enum SimulateError {
         /// The joint.
         joint: JointIndex,
     },
+    /// A level that the description does not have.
+    #[error(
+        "there is no speed level {level}; the robot description has the levels 1 to {levels} (speed_levels)"
+    )]
+    NoSuchLevel {
+        /// The level that was asked for.
+        level: u8,
+        /// Levels of the description.
+        levels: usize,
+    },
     /// A setting out of its range.
     #[error("{key} = {value} is not possible; {hint}")]
     Setting {

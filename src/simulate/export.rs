@@ -13,7 +13,6 @@ use super::format::ExportFormat;
 use super::motion::PerJoint;
 use super::recording::Row;
 use super::temperatures::TemperatureColumns;
-use crate::run::Stage;
 use crate::run::temperature::ZERO_CELSIUS;
 
 /// Text collected before it is written: some hundred rows, few system calls.
@@ -159,12 +158,7 @@ fn push_row(text: &mut Vec<u8>, row: &Row, joint_count: usize, temperatures: Tem
     push_channel(text, &row.position, joint_count, MOTION_DECIMALS);
     push_channel(text, &row.velocity, joint_count, MOTION_DECIMALS);
     push_channel(text, &row.torque, joint_count, TORQUE_DECIMALS);
-    let stage = match row.stage {
-        Stage::Between => 0,
-        Stage::Excitation => 1,
-        Stage::Friction => 2,
-        Stage::Warming => 3,
-    };
+    let stage = u32::from(row.stage.number());
     let (joint, level) = row.signal.map_or((0, 0), |s| (s.joint.number() as u32, u32::from(s.level)));
     for value in [stage, row.cycle, joint, level] {
         text.push(b',');

@@ -50,7 +50,7 @@ impl Default for ExactSettings {
 /// # Errors
 /// Those of [`plan_cycle`] and of a description without nominal parameters.
 pub fn record_excitation(robot: &Robot, settings: &ExactSettings) -> Result<Samples, SimulateError> {
-    let plan = plan_cycle(robot, &PlanSettings { warming_s: 0.0, seed: 1 })?;
+    let plan = plan_cycle(robot, &PlanSettings { warming_s: 0.0, seed: 1, levels: None })?;
     let chain = rigid_chain(robot)?;
     let n = robot.joint_count();
     let excitation = plan.segments.iter().filter(|segment| segment.stage == Stage::Excitation);

@@ -72,6 +72,8 @@ pub struct SimulationSettings {
     pub cycles: u32,
     /// Duration of each warming stage, s; 0 leaves it out.
     pub warming_s: f64,
+    /// Speed levels of the friction stage, from 1; all of the description if `None`. Without any there is no such stage.
+    pub levels: Option<Vec<u8>>,
     /// Number of runs.
     pub runs: u32,
     /// Start of the first run.
@@ -113,6 +115,7 @@ impl Default for SimulationSettings {
             clock: Clock::Even,
             cycles: 5,
             warming_s: 20.0,
+            levels: None,
             runs: 1,
             first_start: FIRST_START,
             interval: Duration::from_secs(24 * 60 * 60),
@@ -222,7 +225,8 @@ pub fn recording_of_run(
     settings: &SimulationSettings,
     run_index: u32,
 ) -> Result<Recording, SimulateError> {
-    let plan = plan_cycle(robot, &PlanSettings { warming_s: settings.warming_s, seed: settings.seed })?;
+    let SimulationSettings { warming_s, seed, ref levels, .. } = *settings;
+    let plan = plan_cycle(robot, &PlanSettings { warming_s, seed, levels: levels.clone() })?;
     let run = run_index.saturating_add(1);
     let mut friction = Vec::new();
     let mut torque_noise = Vec::new();

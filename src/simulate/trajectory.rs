@@ -39,12 +39,14 @@ const WARMING_RANGE: f64 = 0.8;
 const WARMING_SPEED: f64 = 0.8;
 
 /// What shapes a cycle, beyond the robot itself.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct PlanSettings {
     /// Duration of the warming stage, s; 0 leaves it out.
     pub warming_s: f64,
     /// Seed of the random excitation of a robot whose description gives none.
     pub seed: u64,
+    /// Speed levels of the friction stage, from 1; all of the description if `None`. Without any there is no such stage.
+    pub levels: Option<Vec<u8>>,
 }
 
 /// The motions of one cycle in their order.
@@ -82,18 +84,32 @@ impl Segment {
 /// Plans one cycle inside the limits of every joint.
 ///
 /// # Errors
-/// [`SimulateError::JointCount`], [`SimulateError::BadLimits`], those of the description's own
-/// excitation, or [`SimulateError::NoBlend`] if its start cannot be reached from rest.
+/// [`SimulateError::JointCount`], [`SimulateError::BadLimits`], [`SimulateError::NoSuchLevel`], those of the description's
+/// own excitation, or [`SimulateError::NoBlend`] if its start cannot be reached from rest.
 pub fn plan_cycle(robot: &Robot, settings: &PlanSettings) -> Result<CyclePlan, SimulateError> {
     check_robot(robot)?;
+    let levels = chosen_levels(robot, settings.levels.as_deref())?;
     let mut plan = Builder { robot, segments: Vec::new(), clock: 0.0, state: home(robot) };
     plan.rest(REST_S);
     plan.excitation(settings.seed)?;
-    plan.friction()?;
+    plan.friction(&levels)?;
     plan.warming(settings.warming_s)?;
     plan.move_to(&home(robot), Stage::Between)?;
     plan.rest(REST_S);
     Ok(CyclePlan { duration: plan.clock, segments: plan.segments })
+}
+
+/// Number and part of the top speed of each chosen level, in the order of the description.
+fn chosen_levels(robot: &Robot, chosen: Option<&[u8]>) -> Result<Vec<(u8, f64)>, SimulateError> {
+    let all: Vec<(u8, f64)> = (1..=u8::MAX).zip(robot.speed_levels.iter().copied()).collect();
+    let is_known = |level: &u8| all.iter().any(|(known, _)| known == level);
+    match chosen {
+        None => Ok(all),
+        Some(chosen) => match chosen.iter().find(|level| !is_known(level)) {
+            Some(&level) => Err(SimulateError::NoSuchLevel { level, levels: all.len() }),
+            None => Ok(all.into_iter().filter(|(level, _)| chosen.contains(level)).collect()),
+        },
+    }
 }
 
 fn check_robot(robot: &Robot) -> Result<(), SimulateError> {
@@ -161,16 +177,19 @@ impl Builder<'_> {
         self.shuttle(shuttles, Stage::Excitation)
     }
 
-    /// Each joint alone through its levels, the others at home.
-    fn friction(&mut self) -> Result<(), SimulateError> {
+    /// Each joint alone through these levels, the others at home.
+    fn friction(&mut self, levels: &[(u8, f64)]) -> Result<(), SimulateError> {
         let robot = self.robot;
+        if levels.is_empty() {
+            return Ok(());
+        }
         for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
             let (middle, range) = middle_and_range(&joint.limits);
             let mut posture = home(robot).position;
             posture[index.index()] = middle - 0.5 * RANGE_USE * range;
             self.move_to(&MotionState::at_rest(posture), Stage::Between)?;
-            for (level, fraction) in (1..=u8::MAX).zip(&robot.speed_levels) {
-                let plateaus = level_motion(joint, index, posture, *fraction);
+            for &(level, fraction) in levels {
+                let plateaus = level_motion(joint, index, posture, fraction);
                 let signal = FrictionSignal { joint: index, level };
                 self.push(
                     Stage::Friction,
@@ -329,7 +348,7 @@ mod tests {
     }
 
     fn plan(robot: &Robot, warming_s: f64) -> CyclePlan {
-        plan_cycle(robot, &PlanSettings { warming_s, seed: 11 }).unwrap()
+        plan_cycle(robot, &PlanSettings { warming_s, seed: 11, levels: None }).unwrap()
     }
 
     fn stage_s(plan: &CyclePlan, stage: Stage) -> f64 {
@@ -481,8 +500,22 @@ mod tests {
     }
 
     #[test]
+    fn a_check_has_the_chosen_levels_alone_with_their_numbers() {
+        let robot = er3a();
+        let settings = |levels: &[u8]| PlanSettings { warming_s: 0.0, seed: 1, levels: Some(levels.into()) };
+        let plan = plan_cycle(&robot, &settings(&[6, 3])).unwrap();
+        let levels: Vec<u8> = plan.segments.iter().filter_map(|of| of.signal).map(|of| of.level).collect();
+        assert_eq!(levels, [3, 6].repeat(6));
+        let none = plan_cycle(&robot, &settings(&[])).unwrap();
+        assert_eq!(stage_s(&none, Stage::Friction), 0.0);
+        assert!(none.duration < plan.duration && plan.duration < 120.0, "{}", plan.duration);
+        let message = plan_cycle(&robot, &settings(&[7])).unwrap_err().to_string();
+        assert!(message.contains("level 7") && message.contains("1 to 6"), "{message}");
+    }
+
+    #[test]
     fn impossible_robots_are_refused() {
-        let settings = PlanSettings { warming_s: 0.0, seed: 0 };
+        let settings = PlanSettings { warming_s: 0.0, seed: 0, levels: None };
         let mut none = er3a();
         none.joints.clear();
         assert!(matches!(plan_cycle(&none, &settings), Err(SimulateError::JointCount { joints: 0 })));

@@ -223,7 +223,8 @@ fn a_file_that_grows_after_it_was_complete_is_continued() {
         assert_eq!(workshop.query("SELECT status, cycles FROM runs"), [before]);
         append(&path, &export.text[cut..]);
         // to the last row: a busy machine may write so slowly that the file settles in between
-        workshop.wait_for(&format!("SELECT COUNT(*) FROM runs WHERE status = 'complete' AND rows = {rows}"), 1);
+        workshop
+            .wait_for(&format!("SELECT COUNT(*) FROM runs WHERE status = 'complete' AND rows = {rows}"), 1);
         // what was found of the file at first stays in the history of faults, and nowhere else
         let but_faults = |dump: &str| without(dump, "quarantine");
         assert_alike(&but_faults(&workshop.dump()), &but_faults(&golden), before);

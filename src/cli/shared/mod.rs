@@ -7,6 +7,7 @@ pub(super) mod rows;
 pub(super) mod plot;
 pub(super) mod programme;
 pub(super) mod selection;
+pub(super) mod levels;
 pub(super) mod life;
 pub(super) mod load;
 pub(super) mod reweight;

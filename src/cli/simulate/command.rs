@@ -11,6 +11,7 @@ use serde_json::json;
 use super::export_format::export_format;
 use super::stage_signal::StageSignalArg;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
+use crate::cli::shared::levels::Levels;
 use crate::cli::shared::load::LoadArgs;
 use crate::cli::shared::output;
 use crate::cli::shared::programme::programme;
@@ -43,6 +44,7 @@ Examples:
   armwatch simulate -o exports --clock alternating \\
       --friction-shape late-turn-over
   armwatch simulate -o exports --trajectory er3a.json
+  armwatch simulate -o exports --cycles 1 --warming-s 0 --levels 2,4,6
   armwatch simulate -o exports --load-mass-kg 3 --load-centre-m 0,0,0.08
 
 Faults, each with from= (first run) and perhaps to= (last run):
@@ -91,6 +93,9 @@ pub(in crate::cli) struct SimulateArgs {
     /// Duration of each warming stage, s [default: 20, with --full-test 180]
     #[arg(help_heading = "Recording", long, value_name = "S")]
     warming_s: Option<f64>,
+    /// Speed levels of the friction stage, such as 2,4,6; none for no such stage [default: all of the description]
+    #[arg(help_heading = "Recording", long, value_name = "LEVELS")]
+    levels: Option<Levels>,
     /// The whole two-hour test: 24 cycles at 250 Hz with 180 s of warming
     #[arg(help_heading = "Recording", long)]
     full_test: bool,
@@ -254,6 +259,7 @@ impl SimulateArgs {
             sample_rate_hz: self.rate_hz.unwrap_or(usual.sample_rate_hz),
             cycles: self.cycles.unwrap_or(usual.cycles),
             warming_s: self.warming_s.unwrap_or(usual.warming_s),
+            levels: self.levels.clone().map(|levels| levels.0),
             runs: self.runs,
             first_start: self.start,
             interval,

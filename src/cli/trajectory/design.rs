@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
 use super::arm::arm;
+use super::rated::rated_torques;
 use super::words::{nearness, print_nearness, sentence};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
@@ -459,14 +460,6 @@ fn sizes(base: &BaseParameters, chosen: &[usize], nominal: &[Option<f64>]) -> Ve
         if size > 0.0 { size } else { 1.0 }
     };
     chosen.iter().map(of).collect()
-}
-
-/// Rated torque of each joint behind its gear, Nm (N), where known.
-fn rated_torques(robot: &Robot) -> Vec<Option<f64>> {
-    let of = |joint: &crate::robot::Joint| {
-        joint.rated_torque.or_else(|| joint.rated_motor_torque.map(|motor| motor * joint.gear_ratio.abs()))
-    };
-    robot.joints.iter().map(of).collect()
 }
 
 fn as_value(

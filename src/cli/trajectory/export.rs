@@ -103,7 +103,8 @@ pub(in crate::cli) fn export(global: &Global, args: &ExportArgs) -> Result<u8, C
     Ok(EXIT_DONE)
 }
 
-fn header(robot: &Robot, waypoints: bool) -> String {
+/// Names of the columns of a motion.
+pub(super) fn header(robot: &Robot, waypoints: bool) -> String {
     let of_joint = |(number, kind): (usize, JointKind)| {
         let unit = if kind == JointKind::Revolute { "rad" } else { "m" };
         let mut names = format!("pos_{number}_{unit},vel_{number}_{unit}_s");

@@ -79,3 +79,24 @@ async fn a_synthetic_history_is_read_as_one_that_was_recorded() {
     assert!(store.fill_synthetic(size).await.is_err(), "there are runs");
     assert_sound(&store).await;
 }
+
+#[tokio::test]
+async fn the_parameters_of_one_cycle_have_its_standard_error() {
+    let (_folder, store) = fresh().await;
+    let size = crate::store::SyntheticSize { robots: 1, runs: 1, cycles: 1 };
+    store.fill_synthetic(size).await.expect("a history");
+    change(&store, "UPDATE parameter_statistic SET sdv = NULL, cycles = 1").await;
+    change(&store, "UPDATE cycle_parameter SET std_error = 0.5 + model_parameter_id").await;
+    let read = |run: &crate::anomaly::RunSummary| -> Vec<f64> {
+        let mut found: Vec<f64> = run.parameters.iter().map(|of| of.std_dev - 0.5).collect();
+        found.sort_by(f64::total_cmp);
+        found
+    };
+    let runs = store.run_summaries(1).await.expect("summaries");
+    let found = read(&runs[0]);
+    assert!(found.len() == 24 && found.iter().all(|key| *key >= 1.0 && key.fract() == 0.0), "{found:?}");
+    // a cycle that does not count says nothing
+    change(&store, "UPDATE cycle SET doubtful = 1").await;
+    let runs = store.run_summaries(1).await.expect("summaries");
+    assert!(runs[0].parameters.iter().all(|of| of.std_dev.is_nan()), "{runs:?}");
+}

@@ -259,3 +259,36 @@ fn a_torque_signal_that_reads_wrong_is_named_and_no_other_joint_is() {
     let bad = |run: i64| State { unexplained: (run >= 7).then_some((0, 9.0)), ..State::default() };
     only(&fleet(9, 10, bad), AnomalyKind::Sensor, Some(1));
 }
+
+/// A short check of the same arm: one cold cycle, whose parameters are off by more than chance makes of whole tests.
+fn check(mut run: RunSummary, noise: &Noise) -> RunSummary {
+    run.cycles = 1;
+    run.cycle_friction.retain(|of| of.cycle == 1);
+    for (place, of) in run.parameters.iter_mut().enumerate() {
+        of.mean += 0.05 + 0.01 * place as f64 + 0.02 * noise.normal();
+        (of.std_dev, of.cycles) = (0.02, 1);
+    }
+    for joint in &mut run.joints {
+        (joint.friction_index, joint.rmsd_swing) = (None, None);
+        joint.relative_rmsd = joint.relative_rmsd.map(|rmsd| 1.8 * rmsd);
+    }
+    run
+}
+
+#[test]
+fn short_checks_between_whole_tests_raise_nothing_and_show_a_load() {
+    for seed in 1..=4 {
+        let noise = Noise(Cell::new(100 + seed));
+        let loaded = |run: i64| State { mass: if run >= 30 { 3.0 } else { 0.0 }, ..State::default() };
+        let runs = fleet(40, seed, loaded).into_iter().enumerate();
+        // whole tests first, then one after each three checks
+        let is_whole = |place: usize| place < 6 || place % 4 == 0;
+        let history: Vec<RunSummary> =
+            runs.map(|(place, run)| if is_whole(place) { run } else { check(run, &noise) }).collect();
+        for runs in [7, 8, 12, 20, 30] {
+            assert_eq!(alarms(&history[..runs]), vec![], "seed {seed}, {runs} runs");
+        }
+        let found = only(&history[..31], AnomalyKind::Payload, None);
+        assert!(found.first_run_id == 31 && (found.value / 3.0 - 1.0).abs() < 0.15, "{found:?}");
+    }
+}

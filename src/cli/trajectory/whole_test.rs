@@ -1,0 +1,328 @@
+//! `armwatch trajectory test`: a cycle of the whole test for a controller, as the simulator drives it.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::arm::arm;
+use super::export::header;
+use super::rated::rated_torques;
+use super::words::sentence;
+use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
+use crate::cli::shared::levels::Levels;
+use crate::cli::shared::output;
+use crate::cli::shared::plot::{PlotFile, write_lines};
+use crate::cli::shared::programme::programme;
+use crate::numerics::model::base_parameters::base_parameters;
+use crate::numerics::model::dynamics::DynamicModel;
+use crate::numerics::pooled::nominal_prior::nominal_base;
+use crate::numerics::trajectory::limits::broken_by_series;
+use crate::report::trajectory::motion_figure;
+use crate::robot::Robot;
+use crate::run::Stage;
+use crate::simulate::trajectory::{CyclePlan, PlanSettings, Segment, plan_cycle};
+
+/// Cycles of the source's test.
+const WHOLE_TEST: f64 = 24.0;
+/// Instants a second at which the motion is held against limits, Hz.
+const CHECK_RATE_HZ: f64 = 1000.0;
+/// Points of a curve in the picture.
+const POINTS: u32 = 1200;
+/// Most rows of a file: a day at 1 kHz.
+const MAX_ROWS: f64 = 86_400_000.0;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch trajectory test --robot er3a -o test.csv
+  armwatch trajectory test --robot er3a --trajectory er3a.json \\
+      --rate-hz 500 -o test.csv --plot test.svg
+  armwatch trajectory test --robot er3a --warming-s 0 --levels 2,4,6 \\
+      -o daily.csv
+
+One cycle: rest, the excitation (that of the programme, else of the description, else a random one), each joint over its
+range near full speed, each joint alone through its speed levels, all joints together to warm up, and home. A controller
+that repeats its programme needs one cycle; the whole test of the published method has 24.
+
+The file has time_s and, for each joint, pos_1_rad, vel_1_rad_s, acc_1_rad_s2 (m for a joint that slides), then stage (0
+between, 1 excitation, 2 friction, 3 warming), cycle, joint and level. Record these four with the motion: then the export
+needs no search for its stages.
+
+Without a warming stage and with few levels it is a daily check of a minute or two.")]
+pub(in crate::cli) struct WholeTestArgs {
+    /// The arm: a robot or model of the configuration, or the file of a description
+    #[arg(long, value_name = "NAME")]
+    robot: String,
+    /// Programme of `armwatch trajectory design` for the excitation
+    #[arg(long, value_name = "PROGRAMME")]
+    trajectory: Option<PathBuf>,
+    /// Duration of the warming stage, s; 0 for none
+    #[arg(long, default_value_t = 180.0, value_name = "S")]
+    warming_s: f64,
+    /// Speed levels of the friction stage, such as 2,4,6; none for no such stage [default: all of the description]
+    #[arg(long, value_name = "LEVELS")]
+    levels: Option<Levels>,
+    /// Seed of the excitation of an arm that has none
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Cycles, one after the other
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    cycles: u32,
+    /// Rows a second, Hz
+    #[arg(long, default_value_t = 250.0, value_name = "HZ")]
+    rate_hz: f64,
+    /// CSV file to write; without it the test is only described
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Picture to write, .svg or .html
+    #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
+    plot: Option<PlotFile>,
+}
+
+pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Result<u8, CliError> {
+    let mut robot = arm(global, &args.robot)?;
+    if let Some(path) = &args.trajectory {
+        robot.excitation = Some(programme(path, &robot)?.series);
+        // the planner's own words for this name the description
+        let breaches = robot.excitation.as_ref().map(|series| broken_by_series(&robot, series));
+        let breaches = breaches.unwrap_or_default();
+        if !breaches.is_empty() {
+            breaches.iter().for_each(|breach| output::print_hint(&sentence(&robot, breach)));
+            output::print_hint("nothing is written: the excitation breaks limits of the arm");
+            return Ok(EXIT_FOUND);
+        }
+    }
+    let settings = PlanSettings {
+        warming_s: args.warming_s,
+        seed: args.seed,
+        levels: args.levels.clone().map(|levels| levels.0),
+    };
+    if !(0.0..=86_400.0).contains(&args.warming_s) {
+        return Err(CliError::Usage(format!("--warming-s {}: 0 to 86400 s is possible", args.warming_s)));
+    }
+    let plan = plan_cycle(&robot, &settings).map_err(|error| CliError::Usage(error.to_string()))?;
+    let use_of_joints = use_of_joints(&robot, &plan)?;
+    if let Some(path) = &args.output {
+        write_rows(path, &robot, &plan, args)?;
+    }
+    if let Some(plot) = &args.plot {
+        plot.write(&picture(&robot, &plan))?;
+    }
+    match global.json {
+        true => output::json(&as_value(&plan, &use_of_joints, args)),
+        false => describe(&plan, &use_of_joints, args),
+    }
+    Ok(EXIT_DONE)
+}
+
+fn write_rows(path: &Path, robot: &Robot, plan: &CyclePlan, args: &WholeTestArgs) -> Result<(), CliError> {
+    let rows = (args.rate_hz * plan.duration * f64::from(args.cycles)).floor();
+    if !(args.rate_hz > 0.0 && (1.0..=MAX_ROWS).contains(&rows)) {
+        return Err(CliError::Usage(format!(
+            "--rate-hz {}: {rows} rows; 1 to {MAX_ROWS} rows are possible",
+            args.rate_hz
+        )));
+    }
+    let n = robot.joint_count();
+    let mut segments = plan.segments.iter().peekable();
+    let (mut cycle, mut segment) = (0_u32, segments.next());
+    let row = |k: u64| {
+        let time = k as f64 / args.rate_hz;
+        let own = ((time / plan.duration) as u32).min(args.cycles - 1);
+        if own != cycle {
+            cycle = own;
+            segments = plan.segments.iter().peekable();
+            segment = segments.next();
+        }
+        let within = time - f64::from(cycle) * plan.duration;
+        while segments.peek().is_some_and(|next| within >= next.start) {
+            segment = segments.next();
+        }
+        cells(n, time, within, cycle, segment)
+    };
+    write_lines(
+        path,
+        std::iter::once(header(robot, false) + ",stage,cycle,joint,level").chain((0..=rows as u64).map(row)),
+    )
+}
+
+/// A row at `time`, which is `within` the cycle of index `cycle`, s.
+fn cells(n: usize, time: f64, within: f64, cycle: u32, segment: Option<&Segment>) -> String {
+    let mut cells = vec![time.to_string()];
+    let Some(segment) = segment else { return cells.join(",") };
+    let state = segment.state_at(within);
+    for j in 0..n {
+        cells.extend([state.position[j], state.velocity[j], state.acceleration[j]].map(|x| x.to_string()));
+    }
+    let (joint, level) =
+        segment.signal.map_or((0, 0), |signal| (signal.joint.number(), usize::from(signal.level)));
+    let numbers = [usize::from(segment.stage.number()), cycle as usize + 1, joint, level];
+    cells.extend(numbers.map(|number| number.to_string()));
+    cells.join(",")
+}
+
+/// How near one joint comes to its limits in a cycle, as parts of them.
+#[derive(Debug, Clone, Copy, Default)]
+struct Use {
+    range: f64,
+    speed: f64,
+    acceleration: f64,
+    /// Root mean square and largest magnitude of the torque, Nm (N), where the description has all parameters.
+    torque: Option<[f64; 2]>,
+    /// Rated torque, Nm (N).
+    rated: Option<f64>,
+}
+
+fn use_of_joints(robot: &Robot, plan: &CyclePlan) -> Result<Vec<Use>, CliError> {
+    let base = base_parameters(robot).map_err(|error| CliError::Usage(error.to_string()))?;
+    let nominal: Option<Vec<f64>> = nominal_base(robot, &base).into_iter().collect();
+    let model =
+        nominal.map(|values| DynamicModel::from_parameters(robot, base.kept.iter().copied().zip(values)));
+    let n = robot.joint_count();
+    let instants = (plan.duration * CHECK_RATE_HZ).ceil();
+    let mut found = vec![Use::default(); n];
+    let mut tau = vec![0.0; n];
+    let (mut squares, mut peaks) = (vec![0.0; n], vec![0.0_f64; n]);
+    for segment in &plan.segments {
+        let rows = (segment.duration * CHECK_RATE_HZ).ceil() as u64;
+        for k in 0..rows {
+            let state = segment.state_at(segment.start + k as f64 / CHECK_RATE_HZ);
+            for (j, of) in found.iter_mut().enumerate() {
+                let limits = &robot.joints[j].limits;
+                let half = 0.5 * (limits.position_max - limits.position_min);
+                let off = (state.position[j] - limits.position_min - half).abs();
+                of.range = of.range.max(off / half);
+                of.speed = of.speed.max(state.velocity[j].abs() / limits.velocity);
+                of.acceleration = of.acceleration.max(state.acceleration[j].abs() / limits.acceleration);
+            }
+            if let Some(model) = &model {
+                model.torque(
+                    robot,
+                    &state.position[..n],
+                    &state.velocity[..n],
+                    &state.acceleration[..n],
+                    &mut tau,
+                );
+                for (j, tau) in tau.iter().enumerate() {
+                    squares[j] += tau * tau;
+                    peaks[j] = peaks[j].max(tau.abs());
+                }
+            }
+        }
+    }
+    for (j, (of, rated)) in found.iter_mut().zip(rated_torques(robot)).enumerate() {
+        of.torque = model.is_some().then(|| [(squares[j] / instants).sqrt(), peaks[j]]);
+        of.rated = rated;
+    }
+    Ok(found)
+}
+
+/// A stage of the cycle: its name, when it begins and how long its motions last, s.
+fn stages(plan: &CyclePlan) -> Vec<(Stage, f64, f64)> {
+    let of = |stage: Stage| {
+        let own = || plan.segments.iter().filter(move |segment| segment.stage == stage);
+        let lasts: f64 = own().map(|segment| segment.duration).sum();
+        own().next().map(|first| (stage, first.start, lasts))
+    };
+    [Stage::Excitation, Stage::Friction, Stage::Warming, Stage::Between].into_iter().filter_map(of).collect()
+}
+
+fn describe(plan: &CyclePlan, joints: &[Use], args: &WholeTestArgs) {
+    let rows: Vec<Vec<String>> = stages(plan)
+        .into_iter()
+        .map(|(stage, begins, lasts)| vec![stage.to_string(), format!("{begins:.1}"), format!("{lasts:.1}")])
+        .collect();
+    output::print_table(&["stage", "begins, s", "motions last, s"], &rows, &[]);
+    output::line("");
+    let percent = |part: f64| format!("{:.1} %", 100.0 * part);
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.1}"));
+    let rows: Vec<Vec<String>> = (1..)
+        .zip(joints)
+        .map(|(joint, of): (usize, &Use)| {
+            let part = of.torque.zip(of.rated).map(|([rms, _], rated)| percent(rms / rated));
+            vec![
+                joint.to_string(),
+                percent(of.range),
+                percent(of.speed),
+                percent(of.acceleration),
+                number(of.torque.map(|[rms, _]| rms)),
+                number(of.torque.map(|[_, peak]| peak)),
+                part.unwrap_or_else(|| "-".to_owned()),
+            ]
+        })
+        .collect();
+    let header = [
+        "joint",
+        "of the range about its middle",
+        "of top speed",
+        "of top acceleration",
+        "torque RMS, Nm (N)",
+        "largest",
+        "RMS of rated",
+    ];
+    output::print_table(&header, &rows, &[]);
+    output::line(&format!(
+        "\none cycle: {:.1} s; {} of them: {}; {WHOLE_TEST:.0}: {}",
+        plan.duration,
+        args.cycles,
+        hours(plan.duration * f64::from(args.cycles)),
+        hours(plan.duration * WHOLE_TEST)
+    ));
+    if joints.iter().all(|of| of.torque.is_none()) {
+        output::print_hint(
+            "the torque is not known: the description lacks nominal parameters; drive a new motion slowly first",
+        );
+    }
+    let overloaded = |of: &Use| of.torque.zip(of.rated).is_some_and(|([rms, _], rated)| rms > rated);
+    for (joint, of) in (1..).zip(joints).filter(|(_, of): &(usize, &Use)| overloaded(of)) {
+        output::print_hint(&format!(
+            "joint {joint}: the root mean square of its torque, {} Nm (N), is above its rated torque, {}; let the arm rest \
+             between cycles, or design an excitation with a smaller --torque-share",
+            number(of.torque.map(|[rms, _]| rms)),
+            number(of.rated)
+        ));
+    }
+}
+
+fn hours(seconds: f64) -> String {
+    let minutes = (seconds / 60.0).round() as u64;
+    match (minutes / 60, minutes % 60) {
+        (0, 0) => format!("{seconds:.0} s"),
+        (0, minutes) => format!("{minutes} min"),
+        (hours, minutes) => format!("{hours} h {minutes} min"),
+    }
+}
+
+fn as_value(plan: &CyclePlan, joints: &[Use], args: &WholeTestArgs) -> Value {
+    let stages = stages(plan).into_iter().map(
+        |(stage, begins, lasts)| json!({ "stage": stage.to_string(), "begins_s": begins, "lasts_s": lasts }),
+    );
+    let joints = (1..).zip(joints).map(|(joint, of): (usize, &Use)| {
+        json!({
+            "joint": joint, "position_share": of.range, "speed_share": of.speed, "acceleration_share": of.acceleration,
+            "torque_rms_nm": of.torque.map(|[rms, _]| rms), "torque_peak_nm": of.torque.map(|[_, peak]| peak),
+            "rated_torque_nm": of.rated,
+        })
+    });
+    json!({
+        "cycle_s": plan.duration, "cycles": args.cycles, "stages": stages.collect::<Vec<_>>(),
+        "joints": joints.collect::<Vec<_>>(),
+    })
+}
+
+fn picture(robot: &Robot, plan: &CyclePlan) -> crate::report::figure::Figure {
+    let n = robot.joint_count();
+    let times: Vec<f64> = (0..=POINTS).map(|k| plan.duration * f64::from(k) / f64::from(POINTS)).collect();
+    let state = |time: &f64| {
+        let at = plan.segments.partition_point(|segment| segment.start <= *time).saturating_sub(1);
+        let state = plan.segments[at].state_at(*time);
+        (0..n).map(|j| [state.position[j], state.velocity[j], state.acceleration[j]]).collect()
+    };
+    let states: Vec<Vec<[f64; 3]>> = times.iter().map(state).collect();
+    let begins = stages(plan).into_iter().filter(|(stage, ..)| *stage != Stage::Between);
+    let subtitle: Vec<String> =
+        begins.map(|(stage, begins, lasts)| format!("{stage} from {begins:.0} s, {lasts:.0} s")).collect();
+    let title = format!("A cycle of the test of {}, {:.0} s", robot.model, plan.duration);
+    motion_figure(robot, &times, &states, title, subtitle.join("; "))
+}
