@@ -224,6 +224,7 @@ mod tests {
     use super::*;
     use crate::robot::{JointIndex, MAX_JOINTS};
     use crate::run::FrictionSignal;
+    use crate::run::Stage;
 
     fn row() -> Row {
         let mut position = [0.0; MAX_JOINTS];

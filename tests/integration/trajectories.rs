@@ -76,7 +76,7 @@ fn lines(block: &str) -> Vec<String> {
 fn the_test_has_its_stages(workshop: &Workshop) {
     let shape =
         ["trajectory", "test", "--robot", "mine.toml", "--trajectory", "mine.json", "--levels", "2,3"];
-    let more = ["--warming-s", "12", "--cycles", "2", "--rate-hz", "100", "-o", "test.csv", "--json"];
+    let more = ["--warming-s", "12", "--cycles", "2", "--rate-hz", "1000", "-o", "test.csv", "--json"];
     let said = json(&workshop.stdout(&[&shape[..], &more].concat(), 0));
     let mut reader = csv::Reader::from_path(workshop.path("test.csv")).expect("the file");
     let names: Vec<String> = reader.headers().expect("a header").iter().map(str::to_owned).collect();
@@ -87,13 +87,13 @@ fn the_test_has_its_stages(workshop: &Workshop) {
         .map(|row| row.expect("a row").iter().map(|cell| cell.parse().expect("a number")).collect())
         .collect();
     let cycle = said["cycle_s"].as_f64().expect("a duration");
-    assert!((rows.len() as f64 - 200.0 * cycle).abs() <= 2.0, "{} rows, {cycle} s", rows.len());
+    assert!((rows.len() as f64 - 2000.0 * cycle).abs() <= 2.0, "{} rows, {cycle} s", rows.len());
     let of = |name: &'static str| {
         let at = column(name);
         rows.iter().map(move |row| row[at])
     };
     for (stage, number) in [("excitation", 1.0), ("friction", 2.0), ("warming", 3.0)] {
-        let found = of("stage").filter(|value| *value == number).count() as f64 / 200.0;
+        let found = of("stage").filter(|value| *value == number).count() as f64 / 2000.0;
         let stages = said["stages"].as_array().expect("stages");
         let lasts =
             stages.iter().find(|of| of["stage"] == stage).expect(stage)["lasts_s"].as_f64().expect("s");
@@ -108,11 +108,11 @@ fn the_test_has_its_stages(workshop: &Workshop) {
     signals.dedup();
     assert_eq!(signals.len(), 8, "{signals:?}");
     assert_eq!((signals[0], signals[7]), ([1, 1, 2], [2, 2, 3]));
-    // velocities and accelerations are those of the positions: central differences over 20 ms
+    // velocities and accelerations are those of the positions: central differences over 2 ms
     for (q, qd) in [("pos_1_rad", "vel_1_rad_s"), ("vel_2_rad_s", "acc_2_rad_s2")] {
         let (q, qd): (Vec<f64>, Vec<f64>) = (of(q).collect(), of(qd).collect());
         let largest = qd.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
-        let error = (1..q.len() - 1).map(|k| (50.0 * (q[k + 1] - q[k - 1]) - qd[k]).abs());
+        let error = (1..q.len() - 1).map(|k| (500.0 * (q[k + 1] - q[k - 1]) - qd[k]).abs());
         assert!(error.fold(0.0, f64::max) < 0.1 * largest, "{largest}");
     }
     let refused = workshop.run(&[&shape[..7], &["9"]].concat());

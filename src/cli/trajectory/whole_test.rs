@@ -55,28 +55,28 @@ pub(in crate::cli) struct WholeTestArgs {
     #[arg(long, value_name = "NAME")]
     robot: String,
     /// Programme of `armwatch trajectory design` for the excitation
-    #[arg(long, value_name = "PROGRAMME")]
+    #[arg(help_heading = "Motion", long, value_name = "PROGRAMME")]
     trajectory: Option<PathBuf>,
     /// Duration of the warming stage, s; 0 for none
-    #[arg(long, default_value_t = 180.0, value_name = "S")]
+    #[arg(help_heading = "Motion", long, default_value_t = 180.0, value_name = "S")]
     warming_s: f64,
     /// Speed levels of the friction stage, such as 2,4,6; none for no such stage [default: all of the description]
-    #[arg(long, value_name = "LEVELS")]
+    #[arg(help_heading = "Motion", long, value_name = "LEVELS")]
     levels: Option<Levels>,
     /// Seed of the excitation of an arm that has none
-    #[arg(long, default_value_t = 1)]
+    #[arg(help_heading = "Motion", long, default_value_t = 1)]
     seed: u64,
     /// Cycles, one after the other
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(help_heading = "Motion", long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     cycles: u32,
     /// Rows a second, Hz
-    #[arg(long, default_value_t = 250.0, value_name = "HZ")]
+    #[arg(help_heading = "File", long, default_value_t = 250.0, value_name = "HZ")]
     rate_hz: f64,
     /// CSV file to write; without it the test is only described
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(help_heading = "File", short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Picture to write, .svg or .html
-    #[arg(long, value_name = "FILE", value_parser = PlotFile::parse)]
+    #[arg(help_heading = "File", long, value_name = "FILE", value_parser = PlotFile::parse)]
     plot: Option<PlotFile>,
 }
 
