@@ -24,6 +24,7 @@ pub mod report;
 pub mod simulate;
 pub mod evaluate;
 pub mod design;
+pub mod robot_code;
 pub mod serve;
 pub mod daemon;
 pub mod cli;

@@ -1,0 +1,73 @@
+//! The code of one arm: what it is made from, and its files.
+
+use super::language::{Language, SourceFile};
+use super::origin::Origin;
+use super::torque::{ModelParameter, TorquePrograms};
+use super::vectors::TestVectors;
+use super::{header, languages};
+use crate::robot::Robot;
+
+/// Code of an arm's torque.
+#[derive(Debug)]
+pub struct TorqueCode {
+    /// Name of the files and, where the language has no modules, of the functions.
+    pub name: String,
+    /// States with the torques of the regressor.
+    pub vectors: TestVectors,
+    header: Vec<String>,
+    programs: TorquePrograms,
+}
+
+impl TorqueCode {
+    /// Code of `robot` with the given parameters. Parameters of the robot that are not among them are zero; none may be
+    /// there twice. `name` is made an identifier.
+    #[must_use]
+    pub fn new(robot: &Robot, parameters: &[ModelParameter], name: &str, origin: &Origin) -> Self {
+        let programs = TorquePrograms::new(robot, parameters);
+        let header = header::lines(robot, &programs, origin);
+        let vectors = TestVectors::of(robot, parameters);
+        Self { name: identifier(name), vectors, header, programs }
+    }
+
+    /// Source, self-check and test vectors.
+    #[must_use]
+    pub fn files(&self, language: Language) -> Vec<SourceFile> {
+        let mut files = languages::files(language, &self.name, &self.header, &self.programs);
+        files.push(SourceFile { name: "vectors.csv".to_owned(), text: self.vectors.csv() });
+        files
+    }
+
+    /// Sums, differences, products and quotients of a call.
+    #[must_use]
+    pub fn operations(&self) -> usize {
+        header::cost(&self.programs).operations
+    }
+
+    /// Largest difference between the expressions that the code is written from and the test vectors, as a part of the
+    /// joint's largest torque.
+    #[must_use]
+    pub fn largest_difference(&self) -> f64 {
+        self.vectors.largest_difference(|of| self.programs.torque_at(&of.q, &of.qd, &of.qdd))
+    }
+}
+
+/// Lower-case letters, digits and underscores; begins with a letter.
+fn identifier(name: &str) -> String {
+    let mut text = String::new();
+    for letter in name.chars() {
+        match letter.is_ascii_alphanumeric() {
+            true => text.push(letter.to_ascii_lowercase()),
+            false if !text.ends_with('_') => text.push('_'),
+            false => {}
+        }
+    }
+    let text = text.trim_matches('_');
+    if text.starts_with(|first: char| first.is_ascii_alphabetic()) {
+        text.to_owned()
+    } else {
+        format!("arm_{text}").trim_end_matches('_').to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,112 @@
+//! What the writers of all languages share.
+
+use crate::robot_code::expression::{Expression, Function, Node};
+use crate::robot_code::listing::{LINE_WIDTH, Line, Listing, listing, wrapped};
+use crate::robot_code::torque::{Constant, TorquePrograms};
+
+/// How a language writes what differs between them.
+pub(super) struct Syntax {
+    /// Name of a function.
+    pub(super) function_name: fn(Function) -> &'static str,
+    /// Before a line of comment.
+    pub(super) comment: &'static str,
+    /// Behind it.
+    pub(super) comment_end: &'static str,
+    /// Before the name of a variable.
+    pub(super) variable: &'static str,
+    /// Before the name of a constant.
+    pub(super) constant: &'static str,
+    /// Between the name of a constant and its value.
+    pub(super) is: &'static str,
+    /// Behind a value.
+    pub(super) end: &'static str,
+    /// Around a value of several lines.
+    pub(super) parentheses: [&'static str; 2],
+}
+
+/// Both functions and the constants that they read.
+pub(super) struct Functions<'a> {
+    pub(super) friction: Listing,
+    pub(super) torque: Listing,
+    /// Constants that are read.
+    pub(super) constants: Vec<&'a Constant>,
+    /// Whether the torque reads the friction.
+    pub(super) has_friction: bool,
+}
+
+impl<'a> Functions<'a> {
+    pub(super) fn of(programs: &'a TorquePrograms, syntax: &Syntax) -> Self {
+        let of = |program| listing(program, &programs.constants, syntax.function_name);
+        let (friction, torque) = (of(&programs.friction), of(&programs.torque));
+        let is_read = |at: usize| friction.constants[at] || torque.constants[at];
+        let read = programs.constants.iter().enumerate().filter(|(at, _)| is_read(*at));
+        let constants = read.map(|(_, constant)| constant).collect();
+        let reads = |node: &Node| matches!(node, Node::Friction(_));
+        let has_friction = programs.torque.graph.nodes().iter().any(reads)
+            && programs.friction.outputs.iter().any(|of| *of != Expression::Zero);
+        Self { friction, torque, constants, has_friction }
+    }
+
+    /// Whether either calls a function.
+    pub(super) fn calls(&self, function: Function) -> bool {
+        [&self.friction, &self.torque].into_iter().any(|of| of.functions.contains(&function))
+    }
+}
+
+/// Definitions of constants with their comments.
+pub(super) fn constants(of: &[&Constant], syntax: &Syntax) -> String {
+    let mut text = String::new();
+    for Constant { name, value, about } in of {
+        let definition = format!("{}{name}{}{value:?}{}", syntax.constant, syntax.is, syntax.end);
+        let about = safe(about);
+        let gap = if syntax.comment == "# " { "  " } else { " " };
+        let line = format!("{definition}{gap}{}{about}{}", syntax.comment, syntax.comment_end);
+        if line.chars().count() <= LINE_WIDTH {
+            text += &format!("{line}\n");
+            continue;
+        }
+        let width = LINE_WIDTH - syntax.comment.len() - syntax.comment_end.len();
+        for line in wrapped(&about, width, width) {
+            text += &format!("{}{line}{}\n", syntax.comment, syntax.comment_end);
+        }
+        text += &format!("{definition}\n");
+    }
+    text
+}
+
+/// Assignments of a function's body, indented by four blanks.
+pub(super) fn assignments(of: &Listing, syntax: &Syntax) -> String {
+    let mut text = String::new();
+    for line in &of.lines {
+        match line {
+            Line::Title(title) => {
+                text += &format!("\n    {}{title}{}\n", syntax.comment, syntax.comment_end);
+            }
+            Line::Assignment { name, value } => {
+                text += &value_lines(&format!("{}{name} = ", syntax.variable), value, syntax.end, syntax);
+            }
+        }
+    }
+    text
+}
+
+/// `before`, a value and `end` in lines that are not too long, indented by four blanks.
+pub(super) fn value_lines(before: &str, value: &str, end: &str, syntax: &Syntax) -> String {
+    let [open, close] = syntax.parentheses;
+    let fits = 4 + before.len() + value.len() + end.len() <= LINE_WIDTH;
+    let (open, close) = if fits { ("", "") } else { (open, close) };
+    let first = LINE_WIDTH.saturating_sub(4 + before.len() + open.len() + close.len() + end.len());
+    let lines = wrapped(value, first, LINE_WIDTH - 8 - close.len() - end.len());
+    format!("    {before}{open}{}{close}{end}\n", lines.join("\n        "))
+}
+
+/// Names of the joints' inputs in order, `_` for those that are not read.
+pub(super) fn names_read(prefix: &str, read: &[bool]) -> Vec<Option<String>> {
+    read.iter().enumerate().map(|(j, read)| read.then(|| format!("{prefix}{}", j + 1))).collect()
+}
+
+/// Text for a comment of any language: no end of a comment or string, no control characters.
+pub(super) fn safe(text: &str) -> String {
+    let text: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    text.replace("*/", "* /").replace("/*", "/ *").replace("\"\"\"", "'''").replace("```", "'''").replace('\\', "/")
+}

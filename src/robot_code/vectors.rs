@@ -1,0 +1,123 @@
+//! Test vectors: states of an arm with the torque that the library computes for them.
+
+use std::fmt::Write;
+
+use super::torque::ModelParameter;
+use crate::numerics::model::base_parameters::{JointState, probe_state};
+use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
+use crate::robot::{JointKind, ParameterId, Robot};
+
+/// States in a table.
+pub const VECTOR_STATES: usize = 320;
+
+/// Largest difference of torques, as a part of the joint's largest torque, that is rounding: some hundred operations
+/// in two orders.
+pub const ROUNDING: f64 = 1e-12;
+
+/// States and their torques.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TestVectors {
+    /// `[VECTOR_STATES]`.
+    pub states: Vec<JointState>,
+    /// Torque of each state by joint, Nm (N): regressor times parameters.
+    pub tau: Vec<Vec<f64>>,
+    kinds: Vec<JointKind>,
+}
+
+impl TestVectors {
+    /// A fixed sequence of states within the limits of the arm, and the regressor's torques for them. Of four states one
+    /// is anywhere, one at rest, one slow in all joints, and in one a joint rests while the others move; of eight one has
+    /// neither speed nor acceleration.
+    #[must_use]
+    pub fn of(robot: &Robot, parameters: &[ModelParameter]) -> Self {
+        let value = |id: &ParameterId| parameters.iter().find(|of| of.id == *id).map_or(0.0, |of| of.value);
+        let phi: Vec<f64> = ParameterId::natural_order(robot).iter().map(value).collect();
+        let states: Vec<JointState> = (0..VECTOR_STATES).map(|index| state(robot, index)).collect();
+        let mut y = Regressor::new(robot);
+        let torque = |state: &JointState| {
+            let mut tau = vec![0.0; robot.joint_count()];
+            joint_torque_regressor(robot, &state.q, &state.qd, &state.qdd, &mut y);
+            y.torque(&phi, &mut tau);
+            tau
+        };
+        let tau = states.iter().map(torque).collect();
+        Self { states, tau, kinds: robot.joints.iter().map(|joint| joint.kind).collect() }
+    }
+
+    /// Largest torque of each joint, Nm (N).
+    #[must_use]
+    pub fn largest_torques(&self) -> Vec<f64> {
+        let largest = |j: usize| self.tau.iter().map(|tau| tau[j].abs()).fold(0.0, f64::max);
+        (0..self.kinds.len()).map(largest).collect()
+    }
+
+    /// Largest difference from the torques of another road, as a part of the joint's largest torque. A difference of a
+    /// joint that never has a torque counts as it is. Not a number where a torque is none.
+    #[must_use]
+    pub fn largest_difference(&self, torque: impl Fn(&JointState) -> Vec<f64>) -> f64 {
+        let scale = self.largest_torques();
+        let of_state = |(state, tau): (&JointState, &Vec<f64>)| {
+            let other = torque(state);
+            let of_joint = |j: usize| (other[j] - tau[j]).abs() / if scale[j] > 0.0 { scale[j] } else { 1.0 };
+            (0..scale.len()).map(of_joint).fold(0.0, nan_or_larger)
+        };
+        self.states.iter().zip(&self.tau).map(of_state).fold(0.0, nan_or_larger)
+    }
+
+    /// The table: `q_1_rad..`, `qd_1_rad_s..`, `qdd_1_rad_s2..`, `tau_1_nm..`, every digit written.
+    #[must_use]
+    pub fn csv(&self) -> String {
+        let mut text = self.header();
+        text.push('\n');
+        for (state, tau) in self.states.iter().zip(&self.tau) {
+            let cells = [&state.q, &state.qd, &state.qdd, tau].into_iter().flatten();
+            let cells: Vec<String> = cells.map(|value| format!("{value:?}")).collect();
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "{}", cells.join(","));
+        }
+        text
+    }
+
+    fn header(&self) -> String {
+        let names = ["q", "qd", "qdd", "tau"].into_iter().enumerate().flat_map(|(power, name)| {
+            self.kinds.iter().enumerate().map(move |(j, kind)| {
+                let unit = match (kind, power) {
+                    (JointKind::Revolute, 0) => "rad",
+                    (JointKind::Revolute, 1) => "rad_s",
+                    (JointKind::Revolute, 2) => "rad_s2",
+                    (JointKind::Revolute, _) => "nm",
+                    (JointKind::Prismatic, 0) => "m",
+                    (JointKind::Prismatic, 1) => "m_s",
+                    (JointKind::Prismatic, 2) => "m_s2",
+                    (JointKind::Prismatic, _) => "n",
+                };
+                format!("{name}_{}_{unit}", j + 1)
+            })
+        });
+        names.collect::<Vec<String>>().join(",")
+    }
+}
+
+fn state(robot: &Robot, index: usize) -> JointState {
+    let mut state = probe_state(robot, index);
+    match index % 4 {
+        1 => {
+            state.qd.fill(0.0);
+            if index % 8 == 1 {
+                state.qdd.fill(0.0);
+            }
+        }
+        2 => {
+            for (qd, joint) in state.qd.iter_mut().zip(&robot.joints) {
+                *qd *= joint.low_speed / joint.limits.velocity;
+            }
+        }
+        3 => state.qd[index / 4 % robot.joint_count()] = 0.0,
+        _ => {}
+    }
+    state
+}
+
+fn nan_or_larger(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
+}
