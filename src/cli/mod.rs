@@ -146,7 +146,7 @@ enum Command {
         #[command(subcommand)]
         command: TrajectoryCommand,
     },
-    /// Robot descriptions: check one, drive gains, URDF
+    /// Robot descriptions: check one, drive gains, URDF, code
     Robot {
         #[command(subcommand)]
         command: RobotCommand,
@@ -184,6 +184,8 @@ enum RobotCommand {
     DriveGains(robot::drive_gains::DriveGainsArgs),
     /// Identified bodies of all links as a URDF file, from what is stored of chosen cycles
     Urdf(robot::urdf::RobotUrdfArgs),
+    /// Feed-forward code: the torque function of a model as C, Rust or Python source
+    Code(robot::code::RobotCodeArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -286,6 +288,7 @@ pub fn run(cli: Cli) -> ExitCode {
             robot::drive_gains::drive_gains(&cli.global, &args)
         }
         Command::Robot { command: RobotCommand::Urdf(args) } => robot::urdf::urdf(&cli.global, &args),
+        Command::Robot { command: RobotCommand::Code(args) } => robot::code::code(&cli.global, &args),
         Command::Trajectory { command: TrajectoryCommand::Design(args) } => {
             trajectory::design::design(&cli.global, &args)
         }

@@ -42,7 +42,10 @@ pub(super) fn lines(robot: &Robot, programs: &TorquePrograms, origin: &Origin) -
         String::new(),
     ];
     let mut add = |text: &str| lines.extend(indented(text));
-    add(&format!("Torque that a motion of the arm \"{}\" takes, for feed-forward and simulation:", robot.model));
+    add(&format!(
+        "Torque that a motion of the arm \"{}\" takes, for feed-forward and simulation:",
+        robot.model
+    ));
     add("");
     add("    tau = torque(q, qd, qdd) = M(q) qdd + c(q, qd) qd + g(q) + friction(qd)");
     add("");
@@ -61,7 +64,9 @@ pub(super) fn lines(robot: &Robot, programs: &TorquePrograms, origin: &Origin) -
             m = coupling.motor_joint
         ));
     }
-    add("  sign(0) = 0: a joint at rest has no friction here; give the speed of the planned motion, not the measured one");
+    add(
+        "  sign(0) = 0: a joint at rest has no friction here; give the speed of the planned motion, not the measured one",
+    );
     add("");
     symbols(robot).iter().for_each(|line| add(line));
     add("");

@@ -242,7 +242,7 @@ mod tests {
         let found = listing(&program, &[], name);
         let assigned = Line::Assignment { name: "t1".into(), value: "qd2 + qd3".into() };
         assert_eq!(found.lines, [assigned]);
-        assert_eq!(found.outputs, ["-((qd1 + t1) * qd3 * qd1)", "qd1 - t1"]);
+        assert_eq!(found.outputs, ["-(qd3 * (qd1 + t1) * qd1)", "qd1 - t1"]);
         assert_eq!(found.speeds, [true; 3]);
         assert_eq!(found.operations, 5);
     }

@@ -8,6 +8,7 @@ pub mod language;
 pub mod origin;
 mod expression;
 pub mod torque;
+pub mod warmth;
 mod listing;
 pub mod vectors;
 mod header;

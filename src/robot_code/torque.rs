@@ -278,8 +278,7 @@ impl<'a> Builder<'a> {
         for coupling in &self.robot.couplings {
             let (j, m) = (coupling.joint.index(), coupling.motor_joint.index());
             let ratio = self.ratio(graph, coupling.motor_joint, coupling.ratio);
-            let of =
-                |term| ParameterId { joint: coupling.motor_joint, kind: ParameterKind::Coupling(term) };
+            let of = |term| ParameterId { joint: coupling.motor_joint, kind: ParameterKind::Coupling(term) };
             let viscous = self.parameter(graph, of(CouplingTerm::Viscous));
             let coulomb = self.parameter(graph, of(CouplingTerm::Coulomb));
             let speed = [j, m].map(|k| graph.leaf(Node::Speed(k)));
@@ -289,9 +288,7 @@ impl<'a> Builder<'a> {
             let sign = self.sign(graph, coupling.motor_joint, law, motor_speed);
             let loss = graph.multiply(coulomb, sign);
             let shared = graph.multiply(viscous, ratio);
-            for (joint, other, share) in
-                [(j, speed[1], graph.multiply(ratio, loss)), (m, speed[0], loss)]
-            {
+            for (joint, other, share) in [(j, speed[1], graph.multiply(ratio, loss)), (m, speed[0], loss)] {
                 let drag = graph.multiply(shared, other);
                 let sum = graph.add(drag, share);
                 outputs[joint] = graph.add(outputs[joint], sum);
@@ -309,8 +306,7 @@ impl<'a> Builder<'a> {
             .iter()
             .map(|&term| self.parameter(graph, ParameterId { joint, kind: ParameterKind::Friction(term) }))
             .collect();
-        let [a, b, c, d] =
-            std::array::from_fn(|k| parameters.get(k).copied().unwrap_or(Expression::Zero));
+        let [a, b, c, d] = std::array::from_fn(|k| parameters.get(k).copied().unwrap_or(Expression::Zero));
         match (model.law, model.asymmetric) {
             (FrictionLaw::None, _) => Expression::Zero,
             (FrictionLaw::Polynomial, _) => {
@@ -372,7 +368,10 @@ impl<'a> Builder<'a> {
 
     fn ratio(&mut self, graph: &mut ExpressionGraph, motor: JointIndex, ratio: f64) -> Expression {
         self.length(graph, ratio, || {
-            (format!("J{motor}_COUPLING"), format!("turns of motor {motor} with the other joint, per own turn"))
+            (
+                format!("J{motor}_COUPLING"),
+                format!("turns of motor {motor} with the other joint, per own turn"),
+            )
         })
     }
 

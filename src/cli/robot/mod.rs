@@ -1,5 +1,7 @@
 //! `armwatch robot`.
 
 pub(super) mod check;
+mod sources;
+pub(super) mod code;
 pub(super) mod drive_gains;
 pub(super) mod urdf;

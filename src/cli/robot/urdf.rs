@@ -5,8 +5,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::{ArgGroup, Args};
+use jiff::Timestamp;
 use serde_json::json;
 
+use super::sources::{described, recorded, source_lines};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_read, runtime};
 use crate::cli::shared::output;
 use crate::cli::shared::selection::{cycle_numbers, note_passed_over};
@@ -17,7 +19,7 @@ use crate::numerics::physical::uniform_bodies::BodySource;
 use crate::pipeline::stored::chosen_cycles::{RunCycles, take};
 use crate::pipeline::stored::physical::fit_bodies;
 use crate::robot::{JointIndex, Robot};
-use crate::store::{SourceCycle, Store, StoredModel};
+use crate::store::{SourceCycle, Store};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -56,7 +58,7 @@ struct Fitted {
     robot: Arc<Robot>,
     sources: Vec<SourceCycle>,
     /// Start of each run's recording.
-    recorded: BTreeMap<i64, String>,
+    recorded: BTreeMap<i64, Timestamp>,
     fit: PhysicalFit,
 }
 
@@ -107,13 +109,7 @@ async fn fit_stored(
     };
     let sources = taken.sources.clone();
     let fit = fit_bodies(taken, Arc::clone(&robot)).await?;
-    let runs = store.runs().await?;
-    let used = |run_id: i64| sources.iter().any(|source| source.run_id == run_id);
-    let recorded = runs
-        .iter()
-        .filter(|run| used(run.run_id))
-        .map(|run| (run.run_id, run.started_at.to_string()))
-        .collect();
+    let recorded = recorded(store, &sources).await?;
     Ok(Fitted { robot, sources, recorded, fit })
 }
 
@@ -127,51 +123,16 @@ async fn cycles_of_set(store: &Store, name: &str) -> Result<Vec<RunCycles>, CliE
     Ok(set.sources.into_iter().map(chosen).collect())
 }
 
-/// The configured description that the cycles were analysed with.
-fn described(config: &Config, model: &StoredModel) -> Result<Arc<Robot>, CliError> {
-    let fitting = config.fleet.iter().find(|entry| model.describes(&entry.description));
-    fitting.map(|entry| Arc::clone(&entry.description)).ok_or_else(|| {
-        CliError::Usage(format!(
-            "no description of the configuration is that of model {}, with which the cycles were analysed; \
-             give it with --description",
-            model.name
-        ))
-    })
-}
-
 /// Where the numbers come from, for the head of the file.
 fn comments(fitted: &Fitted) -> Vec<String> {
-    let mut by_run: BTreeMap<i64, (&str, Vec<u32>)> = BTreeMap::new();
-    for source in &fitted.sources {
-        by_run.entry(source.run_id).or_insert((&source.robot, Vec::new())).1.push(source.cycle);
-    }
     let mut comments = vec![format!(
         "physically consistent parameters identified by armwatch {} with the description {}",
         env!("CARGO_PKG_VERSION"),
         fitted.robot.model
     )];
-    comments.extend(by_run.iter().map(|(run_id, (robot, cycles))| {
-        let recorded = fitted.recorded.get(run_id).map_or("an unknown time", String::as_str);
-        format!("robot {robot}, run {run_id}, recorded {recorded}, cycles {}", listed(cycles))
-    }));
+    comments.extend(source_lines(&fitted.sources, &fitted.recorded));
     comments.push(format!("not decided by data: {}", undecided(&fitted.fit).join(", ")));
     comments
-}
-
-/// `1-3, 7`.
-fn listed(cycles: &[u32]) -> String {
-    let mut ranges: Vec<(u32, u32)> = Vec::new();
-    for &cycle in cycles {
-        match ranges.last_mut() {
-            Some((_, last)) if *last + 1 == cycle => *last = cycle,
-            _ => ranges.push((cycle, cycle)),
-        }
-    }
-    let shown = ranges.iter().map(|(first, last)| match first == last {
-        true => first.to_string(),
-        false => format!("{first}-{last}"),
-    });
-    shown.collect::<Vec<_>>().join(", ")
 }
 
 /// Names of the numbers that data do not decide, link by link, or of those that they do where these are fewer.

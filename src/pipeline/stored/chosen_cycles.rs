@@ -161,12 +161,23 @@ pub async fn unit_identification(
     chosen: &[RunCycles],
     estimator: analysis::Estimator,
 ) -> Result<ParameterSet, StoredError> {
+    identify_taken(take(store, chosen).await?, estimator).await
+}
+
+/// The same on cycles that were taken.
+///
+/// # Errors
+/// [`StoredError::Numerics`] if the motion is too poor.
+pub async fn identify_taken(
+    taken: PooledCycles,
+    estimator: analysis::Estimator,
+) -> Result<ParameterSet, StoredError> {
     let estimator = match estimator.of_factors() {
         analysis::Estimator::Ordinary => StackedEstimator::Ordinary,
         analysis::Estimator::Weighted | analysis::Estimator::Huber => StackedEstimator::Weighted,
     };
     let kind = estimator.kind();
-    let PooledCycles { model, union, sources, .. } = take(store, chosen).await?;
+    let PooledCycles { model, union, sources, .. } = taken;
     let found = tokio::task::spawn_blocking(move || estimate(&union, &estimator)).await??;
     Ok(ParameterSet {
         model,

@@ -10,7 +10,11 @@ use crate::robot_code::vectors::ROUNDING;
 use crate::testing::er3a;
 
 fn origin() -> Origin {
-    Origin { program: "a test".into(), parameters: vec!["made up */ \"\"\"".into()], friction: vec!["warm".into()] }
+    Origin {
+        program: "a test".into(),
+        parameters: vec!["made up */ \"\"\"".into()],
+        friction: vec!["warm".into()],
+    }
 }
 
 fn all(robot: &Robot, values: &[f64]) -> Vec<ModelParameter> {

@@ -108,5 +108,9 @@ pub(super) fn names_read(prefix: &str, read: &[bool]) -> Vec<Option<String>> {
 /// Text for a comment of any language: no end of a comment or string, no control characters.
 pub(super) fn safe(text: &str) -> String {
     let text: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    text.replace("*/", "* /").replace("/*", "/ *").replace("\"\"\"", "'''").replace("```", "'''").replace('\\', "/")
+    text.replace("*/", "* /")
+        .replace("/*", "/ *")
+        .replace("\"\"\"", "'''")
+        .replace("```", "'''")
+        .replace('\\', "/")
 }

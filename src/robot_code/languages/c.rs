@@ -33,10 +33,13 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
     let functions = Functions::of(programs, &SYNTAX);
     let joints = programs.torque.joints;
     let capitals = name.to_uppercase();
-    let signature =
-        format!("void {name}_torque(const double q[{joints}], const double qd[{joints}], const double qdd[{joints}], double tau[{joints}])");
-    let friction_signature = format!("void {name}_friction(const double qd[{joints}], double friction[{joints}])");
-    let comment: String = header.iter().map(|line| format!(" * {}", safe(line)).trim_end().to_owned() + "\n").collect();
+    let signature = format!(
+        "void {name}_torque(const double q[{joints}], const double qd[{joints}], const double qdd[{joints}], double tau[{joints}])"
+    );
+    let friction_signature =
+        format!("void {name}_friction(const double qd[{joints}], double friction[{joints}])");
+    let comment: String =
+        header.iter().map(|line| format!(" * {}", safe(line)).trim_end().to_owned() + "\n").collect();
     let interface = format!(
         "/*\n{comment} */\n#ifndef {capitals}_TORQUE_H\n#define {capitals}_TORQUE_H\n\n#define {capitals}_JOINTS {joints}\n\n\
          #ifdef __cplusplus\nextern \"C\" {{\n#endif\n\n\
@@ -56,7 +59,8 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
         (Function::PositivePart, "static double positive_part(double x) { return x > 0.0 ? x : 0.0; }\n\n"),
         (Function::NegativePart, "static double negative_part(double x) { return x < 0.0 ? x : 0.0; }\n\n"),
     ];
-    source.extend(helpers.into_iter().filter(|(function, _)| functions.calls(*function)).map(|(_, text)| text));
+    source
+        .extend(helpers.into_iter().filter(|(function, _)| functions.calls(*function)).map(|(_, text)| text));
     source += &format!("{friction_signature}\n{{\n{}", inputs(&functions.friction, &["qd"]));
     source += &assignments(&functions.friction, &SYNTAX);
     source += &outputs(&functions.friction, "friction");

@@ -47,7 +47,8 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
         (Function::PositivePart, "\n\ndef _positive_part(x):\n    return x if x > 0.0 else 0.0\n"),
         (Function::NegativePart, "\n\ndef _negative_part(x):\n    return x if x < 0.0 else 0.0\n"),
     ];
-    source.extend(helpers.into_iter().filter(|(function, _)| functions.calls(*function)).map(|(_, text)| text));
+    source
+        .extend(helpers.into_iter().filter(|(function, _)| functions.calls(*function)).map(|(_, text)| text));
     source += "\n\ndef friction(qd):\n    \"\"\"What of the torque is friction at the speeds qd, Nm (N).\n\n    \
                A joint that is colder: tau + (s - 1) friction, s the friction at its warmth against that of this code.\n    \
                \"\"\"\n";
@@ -74,7 +75,8 @@ fn inputs(of: &Listing, which: &[&str]) -> String {
     for (prefix, read) in [("q", &of.positions), ("qd", &of.speeds), ("qdd", &of.accelerations)] {
         if which.contains(&prefix) && read.contains(&true) {
             let names = names_read(prefix, read);
-            let names: Vec<String> = names.into_iter().map(|name| name.unwrap_or_else(|| "_".into())).collect();
+            let names: Vec<String> =
+                names.into_iter().map(|name| name.unwrap_or_else(|| "_".into())).collect();
             text += &format!("    [{}] = {prefix}\n", names.join(", "));
         }
     }

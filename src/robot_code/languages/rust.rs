@@ -46,12 +46,14 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
         (Function::PositivePart, "fn positive_part(x: f64) -> f64 {\n    x.max(0.0)\n}\n\n"),
         (Function::NegativePart, "fn negative_part(x: f64) -> f64 {\n    x.min(0.0)\n}\n\n"),
     ];
-    source.extend(helpers.into_iter().filter(|(function, _)| functions.calls(*function)).map(|(_, text)| text));
+    source
+        .extend(helpers.into_iter().filter(|(function, _)| functions.calls(*function)).map(|(_, text)| text));
     source += "/// What of the torque is friction at the speeds `qd`, Nm (N). A joint that is colder: `tau + (s - 1) friction`,\n\
                /// `s` the friction at its warmth against that of this code.\n\
                #[must_use]\n";
     let (reads, friction_inputs) = inputs(&functions.friction, &["qd"]);
-    source += &format!("pub fn friction({}: &[f64; JOINTS]) -> [f64; JOINTS] {{\n{friction_inputs}", reads[0]);
+    source +=
+        &format!("pub fn friction({}: &[f64; JOINTS]) -> [f64; JOINTS] {{\n{friction_inputs}", reads[0]);
     source += &assignments(&functions.friction, &SYNTAX);
     source += &outputs(&functions.friction);
     source += "}\n\n/// Torque of each joint, Nm (N).\n#[must_use]\n";
@@ -86,7 +88,8 @@ fn inputs(of: &Listing, which: &[&str]) -> (Vec<String>, String) {
         arguments.push(if is_read { prefix.to_owned() } else { format!("_{prefix}") });
         if is_read {
             let names = names_read(prefix, read);
-            let names: Vec<String> = names.into_iter().map(|name| name.unwrap_or_else(|| "_".into())).collect();
+            let names: Vec<String> =
+                names.into_iter().map(|name| name.unwrap_or_else(|| "_".into())).collect();
             text += &format!("    let [{}] = *{prefix};\n", names.join(", "));
         }
     }

@@ -1,0 +1,447 @@
+//! `armwatch robot code`: the torque function of a model as source of another language.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::builder::PossibleValue;
+use clap::{ArgGroup, Args, ValueEnum};
+use serde_json::json;
+
+use super::sources::{described, recorded, source_lines};
+use crate::analysis::FrictionPoint;
+use crate::cli::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
+use crate::cli::shared::output;
+use crate::cli::shared::selection::{cycle_numbers, note_passed_over};
+use crate::config::{Config, read_robot};
+use crate::numerics::model::base_parameters::base_parameters;
+use crate::pipeline::stored::chosen_cycles::{RunCycles, StoredError, identify_taken, take};
+use crate::robot::{
+    FrictionLaw, FrictionModel, Joint, JointIndex, NominalJoint, ParameterId, ParameterKind, Robot,
+};
+use crate::robot_code::code::TorqueCode;
+use crate::robot_code::language::{Language, SourceFile};
+use crate::robot_code::origin::{GENERATED_BY, Origin};
+use crate::robot_code::torque::ModelParameter;
+use crate::robot_code::vectors::{ROUNDING, VECTOR_STATES};
+use crate::robot_code::warmth::{Warmth, scale_friction};
+use crate::store::{ParameterSet, SourceCycle, Store};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch robot code --run 3 --cycles 6-24 --language c -o left
+  armwatch robot code --parameters left-warm --language rust -o left
+  armwatch robot code --run 3 --friction-minute 0 --language python -o cold
+  armwatch robot code --description-only --language c -o nominal \\
+      --description config/robots/er3a.toml
+
+Writes torque(q, qd, qdd) of the identified model, with its constants, as source that needs no library: rigid
+links, gravity, motor inertia, friction, coupled motors; SI units. Its comment has equations, signs, recordings
+and warmth. Beside it are vectors.csv, states with the torques of this program, and self_check.*, which prints
+the largest difference from them and the nanoseconds of a call:
+  C       cc -std=c99 -O2 -o self_check self_check.c *_torque.c -lm && ./self_check
+  Rust    rustc --edition 2021 -O self_check.rs && ./self_check
+  Python  python3 self_check.py
+
+Friction is that of the chosen cycles. --friction-minute scales it to another minute of the recording by the
+warm-up curves of its friction stages. The same input gives the same bytes. Before anything is written, the
+formulas are compared with the program's own at all test vectors. A file of the same name that is not of this
+command is left alone, and nothing is written, unless --force is given.")]
+#[command(group(ArgGroup::new("model").args(["runs", "parameters", "description_only"]).required(true)))]
+pub(in crate::cli) struct RobotCodeArgs {
+    /// Run whose cycles are taken; may be given several times
+    #[arg(help_heading = "Model", long = "run", value_name = "RUN")]
+    runs: Vec<i64>,
+    /// Saved parameter set
+    #[arg(help_heading = "Model", long, value_name = "SET", conflicts_with_all = ["runs", "cycles"])]
+    parameters: Option<String>,
+    /// Nominal parameters of the description, with warm friction; no database is needed
+    #[arg(help_heading = "Model", long, requires = "description", conflicts_with_all = ["cycles", "friction_minute"])]
+    description_only: bool,
+    /// Cycles of each run, such as 10,15,20 or 6-24 [default: all]
+    #[arg(help_heading = "Model", long, value_name = "CYCLES")]
+    cycles: Option<String>,
+    /// Robot description [default: the configuration's that the cycles were analysed with]
+    #[arg(help_heading = "Model", long, value_name = "FILE")]
+    description: Option<PathBuf>,
+    /// Scale friction to this minute since the start of the recording
+    #[arg(help_heading = "Model", long, value_name = "MINUTE")]
+    friction_minute: Option<f64>,
+    /// Language; may be given several times
+    #[arg(help_heading = "Code", long = "language", value_name = "LANGUAGE", value_enum, required = true)]
+    languages: Vec<LanguageArg>,
+    /// Name of the files and functions, made an identifier [default: the description's model]
+    #[arg(help_heading = "Code", long, value_name = "NAME")]
+    name: Option<String>,
+    /// Folder to write into; made if it is not there
+    #[arg(help_heading = "Code", short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Replace files that are not of this command
+    #[arg(help_heading = "Code", long)]
+    force: bool,
+}
+
+/// A language as it is typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct LanguageArg(Language);
+
+impl ValueEnum for LanguageArg {
+    fn value_variants<'a>() -> &'a [Self] {
+        const ALL: [LanguageArg; Language::ALL.len()] = {
+            let [first, second, third] = Language::ALL;
+            [LanguageArg(first), LanguageArg(second), LanguageArg(third)]
+        };
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(self.0.name()))
+    }
+}
+
+/// Parameters of an arm with where they come from.
+struct Model {
+    robot: Arc<Robot>,
+    parameters: Vec<ModelParameter>,
+    origin: Origin,
+    sources: Vec<SourceCycle>,
+    /// Factor of each joint's friction, where it was scaled.
+    friction_factors: Option<Vec<f64>>,
+}
+
+pub(in crate::cli) fn code(global: &Global, args: &RobotCodeArgs) -> Result<u8, CliError> {
+    let model = match (&args.description, args.description_only) {
+        (Some(path), true) => nominal(Arc::new(read_robot(path)?))?,
+        _ => {
+            let config = global.read_config()?;
+            let cycles = args.cycles.as_deref().map(cycle_numbers).transpose().map_err(CliError::Usage)?;
+            runtime()?.block_on(async {
+                let store = open_to_read(&config).await?;
+                let done = identified(&config, args, cycles, &store).await;
+                store.close().await?;
+                done
+            })?
+        }
+    };
+    let name = args.name.as_deref().unwrap_or(&model.robot.model);
+    let code = TorqueCode::new(&model.robot, &model.parameters, name, &model.origin);
+    let difference = code.largest_difference();
+    if !difference.is_finite() {
+        return Err(CliError::Usage(
+            "the torques of this model are no finite numbers; check parameters and description".into(),
+        ));
+    }
+    if difference > ROUNDING {
+        return Err(CliError::Internal(format!(
+            "the code's formulas differ from the regressor by {difference:.1e} of a joint's largest torque, more than \
+             rounding ({ROUNDING:.0e}); nothing is written"
+        )));
+    }
+    let mut files: Vec<SourceFile> = Vec::new();
+    for language in &args.languages {
+        files.extend(
+            code.files(language.0).into_iter().filter(|file| !files.contains(file)).collect::<Vec<_>>(),
+        );
+    }
+    write(&args.output, &files, args.force)?;
+    if global.json {
+        output::json(&as_value(&model, &code, difference, args, &files));
+    } else {
+        output::line(&as_text(&model, &code, difference));
+        files.iter().for_each(|file| {
+            output::print_hint(&format!("wrote {}", args.output.join(&file.name).display()));
+        });
+    }
+    Ok(EXIT_DONE)
+}
+
+async fn identified(
+    config: &Config,
+    args: &RobotCodeArgs,
+    cycles: Option<Vec<u32>>,
+    store: &Store,
+) -> Result<Model, CliError> {
+    let set = match &args.parameters {
+        Some(name) => store.parameter_set(name).await?.ok_or_else(|| {
+            CliError::Usage(format!(
+                "\"{name}\" is no saved parameter set; `armwatch identify --save {name}` makes one, --run takes a run"
+            ))
+        })?,
+        None => {
+            let of_run = |&run_id| RunCycles { run_id, cycles: cycles.clone() };
+            let taken = take(store, &args.runs.iter().map(of_run).collect::<Vec<_>>()).await?;
+            note_passed_over(&taken.passed_over);
+            identify_taken(taken, config.analysis.estimator).await?
+        }
+    };
+    let robot = match &args.description {
+        Some(path) => Arc::new(read_robot(path)?),
+        None => described(config, &set.model)?,
+    };
+    if !set.model.describes(&robot) {
+        return Err(CliError::Usage(format!(
+            "the description {} is not the one that the cycles were analysed with ({}): geometry, gravity, friction \
+             columns or couplings differ; give that one with --description",
+            robot.model, set.model.name
+        )));
+    }
+    let warmth = warmth(store, &set.sources).await?;
+    let mut parameters = with_groupings(&robot, &set)?;
+    let friction_factors = match args.friction_minute {
+        Some(minute) => Some(factors_at(&robot, &warmth, minute)?),
+        None => None,
+    };
+    if let Some(factors) = &friction_factors {
+        scale_friction(&robot, &mut parameters, factors);
+    }
+    let mut lines = vec![format!(
+        "Base parameters identified from excitation rows, estimator {}, of",
+        set.estimator.name()
+    )];
+    let recorded = recorded(store, &set.sources).await?;
+    lines.extend(source_lines(&set.sources, &recorded).into_iter().map(|line| format!("  {line}")));
+    lines.push(
+        "Each stands for a sum of link parameters, which its comment has: alone it is no property of a body, and a \
+         link without mass here has its mass in others. The torque is that of the real arm."
+            .to_owned(),
+    );
+    let friction = warmth_lines(&robot, &warmth, args.friction_minute, friction_factors.as_deref());
+    let origin = Origin { program: program(), parameters: lines, friction };
+    Ok(Model { robot, parameters, origin, sources: set.sources, friction_factors })
+}
+
+fn program() -> String {
+    format!("armwatch {}", env!("CARGO_PKG_VERSION"))
+}
+
+/// The values of a set with their errors and what they stand for.
+fn with_groupings(robot: &Robot, set: &ParameterSet) -> Result<Vec<ModelParameter>, CliError> {
+    let base = base_parameters(robot).map_err(|error| CliError::from(StoredError::Numerics(error)))?;
+    let stands_for = |id: ParameterId| {
+        let at = base.kept.iter().position(|kept| *kept == id)?;
+        (!base.grouping[at].is_empty()).then(|| base.grouping_formula(at))
+    };
+    let of = set.identification.parameters.iter();
+    Ok(of
+        .map(|of| ModelParameter {
+            id: of.id,
+            value: of.value,
+            std_error: Some(of.std_error),
+            stands_for: stands_for(of.id),
+        })
+        .collect())
+}
+
+/// Warm-up curves of the runs, and the middles of the chosen cycles.
+async fn warmth(store: &Store, sources: &[SourceCycle]) -> Result<Warmth, CliError> {
+    let mut runs: Vec<i64> = sources.iter().map(|source| source.run_id).collect();
+    runs.sort_unstable();
+    runs.dedup();
+    let (mut points, mut minutes) = (Vec::<FrictionPoint>::new(), Vec::new());
+    for run_id in runs {
+        let measured = store.run_measurements(run_id).await?;
+        let is_chosen = |cycle: u32| sources.iter().any(|of| (of.run_id, of.cycle) == (run_id, cycle));
+        points.extend(measured.friction_points.iter().map(|of| of.point));
+        minutes.extend(measured.parameters.iter().filter(|of| is_chosen(of.cycle)).map(|of| of.minute));
+    }
+    Ok(Warmth::new(&points, minutes))
+}
+
+/// Factors of each joint's friction at a minute of the recording.
+fn factors_at(robot: &Robot, warmth: &Warmth, minute: f64) -> Result<Vec<f64>, CliError> {
+    let of_joint = |joint: JointIndex| {
+        let Some(last) = warmth.last_minute(joint) else {
+            return Err(CliError::Usage(format!(
+                "joint {joint} has no warm-up curve, so that its friction at minute {minute} is unknown: the recording has \
+                 no friction stage with plateaus of it; leave --friction-minute out for the friction of the chosen cycles"
+            )));
+        };
+        if !(0.0..=last).contains(&minute) {
+            return Err(CliError::Usage(format!(
+                "--friction-minute {minute}: the friction of joint {joint} was measured from minute 0 to {last:.0}; \
+                 name a minute of the recording"
+            )));
+        }
+        warmth.relative_friction(joint, minute).ok_or_else(|| {
+            CliError::Usage(format!(
+                "the warm-up curves of joint {joint} give no positive friction; leave --friction-minute out"
+            ))
+        })
+    };
+    robot.joint_indices().map(of_joint).collect()
+}
+
+/// What warmth the friction stands for.
+fn warmth_lines(robot: &Robot, warmth: &Warmth, minute: Option<f64>, factors: Option<&[f64]>) -> Vec<String> {
+    let when = match warmth.minutes() {
+        None => "as in these cycles, minutes since the start of the recording unknown".to_owned(),
+        Some([first, last]) if last - first < 0.05 => {
+            format!("as in these cycles, {first:.1} minutes after the start of the recording")
+        }
+        Some([first, last]) => {
+            format!(
+                "the mean of these cycles, {first:.1} to {last:.1} minutes after the start of the recording"
+            )
+        }
+    };
+    if let (Some(minute), Some(factors)) = (minute, factors) {
+        let factors: Vec<String> = factors.iter().map(|factor| format!("{factor:.3}")).collect();
+        return vec![format!(
+            "at minute {minute} of the recording: {when}, times {} (joints 1 to {}) by the warm-up curves of its friction \
+             stages",
+            factors.join(", "),
+            robot.joint_count()
+        )];
+    }
+    let at_end = |joint: JointIndex| {
+        let last = warmth.last_minute(joint)?;
+        Some((last, warmth.relative_friction(joint, last)?))
+    };
+    let ends: Vec<Option<(f64, f64)>> = robot.joint_indices().map(at_end).collect();
+    let last = ends.iter().flatten().map(|(last, _)| *last).reduce(f64::max);
+    let Some(last) = last else {
+        return vec![when, "warmth unknown: the recording has no warm-up curves".to_owned()];
+    };
+    let shown = |of: &Option<(f64, f64)>| {
+        of.map_or_else(|| "unknown".to_owned(), |(_, at)| format!("{:.3}", 1.0 / at))
+    };
+    let shares: Vec<String> = ends.iter().map(shown).collect();
+    vec![
+        when,
+        format!(
+            "as a multiple of friction at minute {last:.0}, the end of the recording: {} (joints 1 to {})",
+            shares.join(", "),
+            robot.joint_count()
+        ),
+    ]
+}
+
+/// The model of a description's nominal parameters. Its friction is the polynomial that they are given as, whichever
+/// columns the arm is identified with; a joint without friction in the measured torque has none.
+fn nominal(robot: Arc<Robot>) -> Result<Model, CliError> {
+    let mut robot = Robot::clone(&robot);
+    let missing: Vec<String> = robot
+        .joint_indices()
+        .filter(|j| robot.joints[j.index()].nominal.is_none())
+        .map(|j| j.to_string())
+        .collect();
+    if !missing.is_empty() {
+        return Err(CliError::Usage(format!(
+            "the description {} has no nominal parameters of joints {}: add [joint.nominal], or take the identified ones \
+             with --run",
+            robot.model,
+            missing.join(", ")
+        )));
+    }
+    for joint in robot.joint_indices() {
+        let law = robot.friction_of(joint).law;
+        let own = if law == FrictionLaw::None { robot.friction_of(joint) } else { FrictionModel::POLYNOMIAL };
+        robot.joints[joint.index()].friction = Some(own);
+    }
+    let nominal = |id: &ParameterId| {
+        let NominalJoint { inertial, motor_inertia, friction, .. } =
+            robot.joints.get(id.joint.index()).and_then(|joint: &Joint| joint.nominal)?;
+        match id.kind {
+            ParameterKind::Inertial(k) => inertial.0.get(usize::from(k)).copied(),
+            ParameterKind::MotorInertia => Some(motor_inertia),
+            ParameterKind::Friction(term) => term.nominal(&friction),
+            ParameterKind::Coupling(_) => None,
+        }
+    };
+    let parameters = ParameterId::natural_order(&robot)
+        .iter()
+        .filter_map(|id| {
+            Some(ModelParameter { id: *id, value: nominal(id)?, std_error: None, stands_for: None })
+        })
+        .collect();
+    let mut lines = vec!["Nominal parameters of the description: nothing here was identified.".to_owned()];
+    if !robot.couplings.is_empty() {
+        lines.push("Coupled motors have no nominal parameters: what they add is left out.".to_owned());
+    }
+    let origin = Origin {
+        program: program(),
+        parameters: lines,
+        friction: vec!["warm, as the description has it".to_owned()],
+    };
+    let robot = Arc::new(robot);
+    Ok(Model { robot, parameters, origin, sources: Vec::new(), friction_factors: None })
+}
+
+/// Writes all files, or none if one of them would replace a file that is not of this command.
+fn write(folder: &Path, files: &[SourceFile], force: bool) -> Result<(), CliError> {
+    let fail = |path: &Path, error: std::io::Error| {
+        CliError::Io(format!("cannot write {}: {error}", path.display()))
+    };
+    for file in files.iter().filter(|_| !force) {
+        let path = folder.join(&file.name);
+        let known = match std::fs::read(&path) {
+            Ok(known) => known,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
+            Err(error) => return Err(fail(&path, error)),
+        };
+        if !is_generated(&known, file) {
+            return Err(CliError::Usage(format!(
+                "{} is not of this command and nothing is written; name another folder with -o, or replace it with \
+                 --force",
+                path.display()
+            )));
+        }
+    }
+    std::fs::create_dir_all(folder).map_err(|error| fail(folder, error))?;
+    for file in files {
+        let path = folder.join(&file.name);
+        std::fs::write(&path, &file.text).map_err(|error| fail(&path, error))?;
+    }
+    Ok(())
+}
+
+/// Whether a file was written by this command: sources say so in their first lines, the test vectors have the header of
+/// such a table.
+fn is_generated(known: &[u8], file: &SourceFile) -> bool {
+    const FIRST_LINES: usize = 3;
+    let text = String::from_utf8_lossy(known);
+    match file.name.ends_with(".csv") {
+        true => text.lines().next().is_some_and(|header| {
+            header.starts_with("q_1_") && header.contains(",qdd_1_") && header.contains(",tau_1_")
+        }),
+        false => text.lines().take(FIRST_LINES).any(|line| line.contains(GENERATED_BY)),
+    }
+}
+
+fn as_text(model: &Model, code: &TorqueCode, difference: f64) -> String {
+    format!(
+        "{}: {} joints, {} parameters, {} sums and products a call\n\
+         {VECTOR_STATES} test vectors; the formulas differ from the regressor by at most {difference:.1e} of a joint's \
+         largest torque",
+        code.name,
+        model.robot.joint_count(),
+        model.parameters.iter().filter(|of| of.value != 0.0).count(),
+        code.operations()
+    )
+}
+
+fn as_value(
+    model: &Model,
+    code: &TorqueCode,
+    difference: f64,
+    args: &RobotCodeArgs,
+    files: &[SourceFile],
+) -> serde_json::Value {
+    json!({
+        "name": code.name,
+        "model": model.robot.model,
+        "joints": model.robot.joint_count(),
+        "languages": args.languages.iter().map(|language| language.0.name()).collect::<Vec<_>>(),
+        "files": files.iter().map(|file| args.output.join(&file.name).display().to_string()).collect::<Vec<_>>(),
+        "nominal": args.description_only,
+        "sources": model.sources.iter().map(|source| json!({
+            "robot": source.robot, "run_id": source.run_id, "cycle": source.cycle,
+        })).collect::<Vec<_>>(),
+        "parameters": model.parameters.len(),
+        "friction_factors": model.friction_factors,
+        "operations": code.operations(),
+        "states": VECTOR_STATES,
+        "largest_torques_nm": code.vectors.largest_torques(),
+        "largest_relative_difference": difference,
+    })
+}

@@ -1,0 +1,127 @@
+//! How warm the joints were when their friction was identified.
+
+use crate::analysis::{FrictionPoint, WarmUpFit};
+use crate::numerics::analyse::warm_up_fits;
+use crate::numerics::friction::warm_up::warm_up_torque;
+use crate::robot::{JointIndex, ParameterKind, Robot};
+
+use super::torque::ModelParameter;
+
+/// Warm-up curves of a recording, and the cycles of it that parameters come from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Warmth {
+    fits: Vec<WarmUpFit>,
+    minutes: Vec<f64>,
+}
+
+impl Warmth {
+    /// Of friction points of whole recordings, one recording after another, and the middles of the chosen cycles, min
+    /// since the start of their recording.
+    #[must_use]
+    pub fn new(points: &[FrictionPoint], minutes: Vec<f64>) -> Self {
+        Self { fits: warm_up_fits(points), minutes }
+    }
+
+    /// First and last middle of the chosen cycles, min; `None` without cycles.
+    #[must_use]
+    pub fn minutes(&self) -> Option<[f64; 2]> {
+        let first = self.minutes.iter().copied().reduce(f64::min)?;
+        let last = self.minutes.iter().copied().reduce(f64::max)?;
+        Some([first, last])
+    }
+
+    /// Last minute to which the curves of a joint are measured; `None` without curves.
+    #[must_use]
+    pub fn last_minute(&self, joint: JointIndex) -> Option<f64> {
+        self.of(joint).map(|fit| fit.record[1]).reduce(f64::max)
+    }
+
+    /// Friction of a joint at a minute, as a multiple of its mean in the chosen cycles: the mean over the speed levels.
+    /// `None` where no level has a curve, or a curve gives no positive friction.
+    #[must_use]
+    pub fn relative_friction(&self, joint: JointIndex, minute: f64) -> Option<f64> {
+        let ratio = |fit: &WarmUpFit| {
+            let chosen: f64 = self.minutes.iter().map(|&chosen| warm_up_torque(fit, chosen)).sum();
+            warm_up_torque(fit, minute) * self.minutes.len() as f64 / chosen
+        };
+        let ratios: Vec<f64> = self.of(joint).map(ratio).collect();
+        let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
+        (mean.is_finite() && ratios.iter().all(|ratio| *ratio > 0.0)).then_some(mean)
+    }
+
+    fn of(&self, joint: JointIndex) -> impl Iterator<Item = &WarmUpFit> {
+        self.fits.iter().filter(move |fit| fit.joint == joint)
+    }
+}
+
+/// Multiplies the friction of each joint, and of the motor of it that turns with another joint, by its factor `[n]`. An
+/// offset of the torque signal is no friction and stays.
+pub fn scale_friction(robot: &Robot, parameters: &mut [ModelParameter], factors: &[f64]) {
+    use crate::robot::{CouplingTerm, FrictionTerm};
+    let is_friction = |kind| match kind {
+        ParameterKind::Friction(term) => term != FrictionTerm::Offset,
+        ParameterKind::Coupling(term) => term != CouplingTerm::Inertia,
+        ParameterKind::Inertial(_) | ParameterKind::MotorInertia => false,
+    };
+    let joints = robot.joint_count();
+    for of in parameters.iter_mut().filter(|of| is_friction(of.id.kind) && of.id.joint.index() < joints) {
+        let factor = factors[of.id.joint.index()];
+        of.value *= factor;
+        of.std_error = of.std_error.map(|error| error * factor);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::{Decay, Estimate, WarmUpModel};
+    use crate::robot::ParameterId;
+    use crate::testing::er3a;
+
+    fn fit(a: f64, b: f64) -> WarmUpFit {
+        let estimate = |value| Estimate { value, std_error: 0.01 };
+        WarmUpFit {
+            joint: JointIndex::new(1),
+            speed_fraction: a / 10.0,
+            model: WarmUpModel::Single,
+            a: estimate(a),
+            slow: Some(Decay { amplitude: estimate(b), time_constant: estimate(20.0) }),
+            fast: None,
+            fast_shown: None,
+            rmsd: 0.01,
+            samples: 24,
+            record: [2.0, 118.0],
+        }
+    }
+
+    #[test]
+    fn friction_at_a_minute_is_relative_to_that_of_the_cycles() {
+        let joint = JointIndex::new(1);
+        let warmth = Warmth { fits: vec![fit(2.0, 1.0), fit(4.0, 2.0)], minutes: vec![0.0, 20.0] };
+        // both levels have the same shape: 1 + 0.5 exp(-t / 20)
+        let shape = |minute: f64| 1.0 + 0.5 * (-minute / 20.0).exp();
+        let expected = shape(60.0) / (0.5 * (shape(0.0) + shape(20.0)));
+        let found = warmth.relative_friction(joint, 60.0).expect("a factor");
+        assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        assert_eq!(warmth.relative_friction(JointIndex::new(0), 60.0), None);
+        assert_eq!((warmth.minutes(), warmth.last_minute(joint)), (Some([0.0, 20.0]), Some(118.0)));
+        let backwards = Warmth { fits: vec![fit(2.0, -10.0)], minutes: vec![0.0] };
+        assert_eq!(backwards.relative_friction(joint, 60.0), None);
+    }
+
+    #[test]
+    fn friction_is_scaled_and_nothing_else() {
+        let robot = er3a();
+        let mut parameters: Vec<ModelParameter> = ParameterId::natural_order(&robot)
+            .into_iter()
+            .map(|id| ModelParameter { id, value: 1.0, std_error: Some(0.1), stands_for: None })
+            .collect();
+        scale_friction(&robot, &mut parameters, &[1.0, 1.2, 1.0, 1.0, 1.0, 1.0]);
+        let scaled: Vec<String> = parameters
+            .iter()
+            .filter(|of| of.value != 1.0)
+            .map(|of| format!("{} {} {:.2}", of.id, of.value, of.std_error.unwrap_or_default()))
+            .collect();
+        assert_eq!(scaled, ["J2_f1 1.2 0.12", "J2_f2 1.2 0.12", "J2_f3 1.2 0.12", "J2_f4 1.2 0.12"]);
+    }
+}
