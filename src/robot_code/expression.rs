@@ -137,12 +137,14 @@ impl ExpressionGraph {
         self.names.get(&id).map(String::as_str)
     }
 
-    /// Names an expression for readers of the code. One that is read, or has a name, keeps what it is called.
+    /// Names an expression for readers of the code; what holds the negative of it ends in `_neg`. One that is read, or
+    /// has a name, keeps what it is called.
     pub(super) fn name(&mut self, of: Expression, name: impl FnOnce() -> String) {
-        if let Expression::Signed { node, .. } = of
+        if let Expression::Signed { node, negative } = of
             && !self.node(node).is_leaf()
         {
-            self.names.entry(node).or_insert_with(name);
+            let named = || if negative { format!("{}_neg", name()) } else { name() };
+            self.names.entry(node).or_insert_with(named);
         }
     }
 

@@ -54,7 +54,7 @@ pub(super) fn lines(robot: &Robot, programs: &TorquePrograms, origin: &Origin) -
     add("Friction");
     origin.friction.iter().for_each(|line| add(&format!("  {line}")));
     for (formula, joints) in friction_laws(robot) {
-        add(&format!("  joints {joints}: {formula}, v = qd"));
+        add(&format!("  {joints}: {formula}, v = qd"));
     }
     for coupling in &robot.couplings {
         add(&format!(
@@ -75,26 +75,29 @@ pub(super) fn lines(robot: &Robot, programs: &TorquePrograms, origin: &Origin) -
     let cost = cost(programs);
     add(&format!(
         "Products with zeros are left out and equal parts are computed once: {} sums and products, {} sines and \
-         cosines. In the code w, dw, a are the motion of a link, u = [dw] + [w][w], f and n force and moment at its \
-         joint with all that it carries; s and c are sine and cosine of q.",
+         cosines. In the code w2x is w of link 2 along x, and so on; u = [dw] + [w][w]; f and n are force and moment of a \
+         link with all that it carries; s and c are sine and cosine of q; a name that ends in _neg holds the negative.",
         cost.operations, cost.sines_and_cosines
     ));
     lines
 }
 
 const EQUATIONS: &str = "\
-Equations: recursive Newton-Euler in link frames. Frame i lies on joint i with z along its axis and
-moves with link i; R and p are its rotation and origin in the frame before; mP and I are first
-moment and inertia about the frame's origin.
+Equations: recursive Newton-Euler in link frames. Frame i lies on joint i with z along its axis
+and moves with link i; R and p are its rotation and origin in the frame before.
   w_i  = R' w_(i-1) + z qd_i
   dw_i = R' dw_(i-1) + (R' w_(i-1)) x z qd_i + z qdd_i
   a_i  = R' (a_(i-1) + dw_(i-1) x p + w_(i-1) x (w_(i-1) x p)),  a_0 = -gravity
   f_i  = m a_i + dw_i x mP + w_i x (w_i x mP) + R f_(i+1)
   n_i  = I dw_i + w_i x I w_i + mP x a_i + R n_(i+1) + p x R f_(i+1),  R and p of joint i+1
   tau_i = z n_i + I_m qdd_i + friction_i
-A joint that slides: w_i and dw_i are only turned, a_i has 2 (R' w_(i-1)) x z qd_i + z qdd_i more, p has
-z of the joint times q_i more, tau_i = z f_i + I_m qdd_i + friction_i. Motors that turn with two joints
-add c Iam qdd of the other joint to both.";
+Of a joint that slides w_i and dw_i are only turned, a_i has 2 (R' w_(i-1)) x z qd_i + z qdd_i
+beside, p grows along z by q_i, and tau_i = z f_i + I_m qdd_i + friction_i. A motor that turns c
+times as far with another joint adds c Iam qdd of each joint to the torque of the other one.
+
+Constants: Jn_M mass of link n, Jn_MPX.. first moment mP and Jn_IXX.. inertia I about the origin
+of its frame, Jn_I_M motor inertia seen at joint n, Jn_F1.. and Jn_FS.. friction; Pn and Rn place
+and rotation of joint n at position 0. Those that are missing are 0, or +-1.";
 
 fn symbols(robot: &Robot) -> Vec<String> {
     let sliding: Vec<JointIndex> = robot
@@ -103,7 +106,7 @@ fn symbols(robot: &Robot) -> Vec<String> {
         .collect();
     let slides = match sliding.is_empty() {
         true => String::new(),
-        false => format!("; joints {} slide: m, m/s, m/s^2, N", listed(&sliding)),
+        false => format!("; where a joint slides ({}): m, m/s, m/s^2, N", listed(&sliding)),
     };
     let offset = |joint: JointIndex| {
         let offset = robot.joints[joint.index()].position_offset;
@@ -139,7 +142,12 @@ fn friction_laws(robot: &Robot) -> Vec<(String, String)> {
             None => laws.push((formula, vec![joint])),
         }
     }
-    laws.into_iter().map(|(formula, joints)| (formula, listed(&joints))).collect()
+    let of = |joints: &[JointIndex]| match joints {
+        [joint] => format!("joint {joint}"),
+        _ if joints.len() == robot.joint_count() => "all joints".to_owned(),
+        _ => format!("joints {}", listed(joints)),
+    };
+    laws.into_iter().map(|(formula, joints)| (formula, of(&joints))).collect()
 }
 
 fn listed(joints: &[JointIndex]) -> String {
@@ -150,7 +158,7 @@ fn listed(joints: &[JointIndex]) -> String {
 fn indented(text: &str) -> Vec<String> {
     let blanks = text.len() - text.trim_start().len();
     let width = WIDTH.saturating_sub(blanks + 2);
-    let lines = wrapped(text.trim_start(), width, width);
+    let lines = wrapped(text.trim_start(), width);
     let indent = |(k, line): (usize, String)| match line.is_empty() {
         true => line,
         false => format!("{:1$}{line}", "", if k == 0 || blanks == 0 { blanks } else { blanks + 2 }),

@@ -201,11 +201,32 @@ impl Writer<'_> {
     }
 }
 
-/// Breaks a long text at spaces; lines after the first have their own indent. A single line if it fits.
-pub(super) fn wrapped(text: &str, first_width: usize, width: usize) -> Vec<String> {
+/// Breaks a long text at spaces. A single line if it fits.
+pub(super) fn wrapped(text: &str, width: usize) -> Vec<String> {
+    filled(text.split(' ').map(str::to_owned), width, width)
+}
+
+/// Breaks a long expression before `+` and `-`, or a list behind its commas.
+pub(super) fn wrapped_code(text: &str, first_width: usize, width: usize) -> Vec<String> {
+    let mut pieces: Vec<String> = Vec::new();
+    for word in text.split(' ') {
+        let begins = matches!(word, "+" | "-") || pieces.last().is_none_or(|piece| piece.ends_with(','));
+        match pieces.last_mut() {
+            Some(piece) if !begins => {
+                piece.push(' ');
+                piece.push_str(word);
+            }
+            _ => pieces.push(word.to_owned()),
+        }
+    }
+    filled(pieces.into_iter(), first_width, width)
+}
+
+/// As many pieces a line as fit.
+fn filled(pieces: impl Iterator<Item = String>, first_width: usize, width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     let mut line = String::new();
-    for word in text.split(' ') {
+    for word in pieces {
         let limit = if lines.is_empty() { first_width } else { width };
         if !line.is_empty() && line.chars().count() + 1 + word.chars().count() > limit {
             lines.push(std::mem::take(&mut line));
@@ -213,7 +234,7 @@ pub(super) fn wrapped(text: &str, first_width: usize, width: usize) -> Vec<Strin
         if !line.is_empty() {
             line.push(' ');
         }
-        line.push_str(word);
+        line.push_str(&word);
     }
     lines.push(line);
     lines
@@ -249,7 +270,10 @@ mod tests {
 
     #[test]
     fn long_lines_break_at_spaces() {
-        assert_eq!(wrapped("a + b + c", 20, 20), ["a + b + c"]);
-        assert_eq!(wrapped("a + b + c", 4, 6), ["a +", "b + c"]);
+        assert_eq!(wrapped("one two  three", 20), ["one two  three"]);
+        assert_eq!(wrapped("one two three", 8), ["one two", "three"]);
+        assert_eq!(wrapped_code("a + b * (c - d)", 20, 20), ["a + b * (c - d)"]);
+        assert_eq!(wrapped_code("a + b * (c - d)", 4, 8), ["a", "+ b * (c", "- d)"]);
+        assert_eq!(wrapped_code("a = 1, b = 2", 8, 8), ["a = 1,", "b = 2"]);
     }
 }

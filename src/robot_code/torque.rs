@@ -91,6 +91,7 @@ impl TorquePrograms {
             all
         });
         let friction = builder.friction();
+        builder.motor_inertia(&mut torque.graph);
         let rigid = builder.rigid(&mut torque, &inertial);
         builder.motors(&mut torque, rigid, &friction);
         Self { constants: builder.constants, friction, torque }
@@ -176,6 +177,16 @@ impl<'a> Builder<'a> {
             debug_assert!(k < StandardParameters::COUNT);
             self.parameter(graph, ParameterId { joint, kind })
         })
+    }
+
+    /// Enters the inertias of all motors, so that they stand with the other parameters.
+    fn motor_inertia(&mut self, graph: &mut ExpressionGraph) {
+        let of_kind = |kind| move |of: &&ModelParameter| of.id.kind == kind;
+        for kind in [ParameterKind::MotorInertia, ParameterKind::Coupling(CouplingTerm::Inertia)] {
+            for of in self.parameters.iter().filter(of_kind(kind)) {
+                self.parameter(graph, of.id);
+            }
+        }
     }
 
     /// Torque of the rigid links by joint.

@@ -46,6 +46,7 @@ mod stage_signals;
 mod real_recording;
 mod reference_export;
 mod resume;
+mod robot_code;
 mod robot_urdf;
 mod shipped;
 mod small;

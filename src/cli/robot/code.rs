@@ -201,8 +201,8 @@ async fn identified(
     let recorded = recorded(store, &set.sources).await?;
     lines.extend(source_lines(&set.sources, &recorded).into_iter().map(|line| format!("  {line}")));
     lines.push(
-        "Each stands for a sum of link parameters, which its comment has: alone it is no property of a body, and a \
-         link without mass here has its mass in others. The torque is that of the real arm."
+        "Each stands for a sum of link parameters, which its comment has: alone it is no property of a body, and masses that \
+         are missing are in others. All together they give the torque of the arm."
             .to_owned(),
     );
     let friction = warmth_lines(&robot, &warmth, args.friction_minute, friction_factors.as_deref());

@@ -1,7 +1,7 @@
 //! What the writers of all languages share.
 
 use crate::robot_code::expression::{Expression, Function, Node};
-use crate::robot_code::listing::{LINE_WIDTH, Line, Listing, listing, wrapped};
+use crate::robot_code::listing::{LINE_WIDTH, Line, Listing, listing, wrapped, wrapped_code};
 use crate::robot_code::torque::{Constant, TorquePrograms};
 
 /// How a language writes what differs between them.
@@ -66,7 +66,7 @@ pub(super) fn constants(of: &[&Constant], syntax: &Syntax) -> String {
             continue;
         }
         let width = LINE_WIDTH - syntax.comment.len() - syntax.comment_end.len();
-        for line in wrapped(&about, width, width) {
+        for line in wrapped(&about, width) {
             text += &format!("{}{line}{}\n", syntax.comment, syntax.comment_end);
         }
         text += &format!("{definition}\n");
@@ -96,7 +96,7 @@ pub(super) fn value_lines(before: &str, value: &str, end: &str, syntax: &Syntax)
     let fits = 4 + before.len() + value.len() + end.len() <= LINE_WIDTH;
     let (open, close) = if fits { ("", "") } else { (open, close) };
     let first = LINE_WIDTH.saturating_sub(4 + before.len() + open.len() + close.len() + end.len());
-    let lines = wrapped(value, first, LINE_WIDTH - 8 - close.len() - end.len());
+    let lines = wrapped_code(value, first, LINE_WIDTH - 8 - close.len() - end.len());
     format!("    {before}{open}{}{close}{end}\n", lines.join("\n        "))
 }
 

@@ -43,7 +43,7 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
     let interface = format!(
         "/*\n{comment} */\n#ifndef {capitals}_TORQUE_H\n#define {capitals}_TORQUE_H\n\n#define {capitals}_JOINTS {joints}\n\n\
          #ifdef __cplusplus\nextern \"C\" {{\n#endif\n\n\
-         /* Torque of each joint, Nm (N). tau must not be an array of the motion. */\n{signature};\n\n\
+         /* Torque of each joint, Nm (N). */\n{signature};\n\n\
          /* What of it is friction at the speeds qd, Nm (N). A joint that is colder: tau + (s - 1) friction, s the\n \
          * friction at its warmth against that of this code. */\n{friction_signature};\n\n\
          #ifdef __cplusplus\n}}\n#endif\n\n#endif\n"

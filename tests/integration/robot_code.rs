@@ -1,0 +1,351 @@
+//! `armwatch robot code`: code that other compilers take, against the torques of this program and of another one.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use armwatch::config::read_robot;
+use armwatch::robot::{ParameterId, Robot};
+use armwatch::robot_code::code::TorqueCode;
+use armwatch::robot_code::language::Language;
+use armwatch::robot_code::origin::Origin;
+use armwatch::robot_code::torque::ModelParameter;
+
+use crate::support::{Workshop, reference, text};
+
+/// Rounding of some hundred operations, as a part of the joint's largest torque.
+const ROUNDING: f64 = 1e-12;
+
+/// The reference has twelve digits, of which a sum over the chain loses some.
+const REFERENCE_DIGITS: f64 = 1e-9;
+
+const LANGUAGES: [&str; 6] = ["--language", "c", "--language", "rust", "--language", "python"];
+
+fn json(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).expect("JSON")
+}
+
+fn shipped(name: &str) -> String {
+    format!("{}/config/robots/{name}.toml", env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A program of this name, where it can be started.
+fn found(program: impl Into<PathBuf>) -> Option<PathBuf> {
+    let program = program.into();
+    let starts = Command::new(&program).arg("--version").output().is_ok_and(|output| output.status.success());
+    starts.then_some(program)
+}
+
+/// The Rust compiler that stands beside cargo.
+fn rustc() -> Option<PathBuf> {
+    let cargo = std::env::var_os("CARGO").map(PathBuf::from).or(option_env!("CARGO").map(PathBuf::from))?;
+    found(cargo.with_file_name("rustc")).or_else(|| found("rustc"))
+}
+
+/// Compiles and runs the self-check of a folder; `None`, with a word, where there is no compiler.
+fn self_check(folder: &Path, language: Language) -> Option<(Option<i32>, String)> {
+    let compiled = |command: &mut Command| {
+        let output = command.current_dir(folder).output().expect("the compiler starts");
+        let said = text(&output.stderr);
+        assert!(output.status.success() && said.is_empty(), "{language:?} in {}: {said}", folder.display());
+        Command::new(folder.join("self_check"))
+    };
+    let mut command = match language {
+        Language::C => {
+            let sources = fs::read_dir(folder).expect("a folder").flatten().map(|entry| entry.path());
+            let sources: Vec<PathBuf> =
+                sources.filter(|path| path.extension().is_some_and(|ending| ending == "c")).collect();
+            let flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-o", "self_check"];
+            found("cc").map(|cc| compiled(Command::new(cc).args(flags).args(sources).arg("-lm")))
+        }
+        Language::Rust => rustc().map(|rustc| {
+            let flags = ["--edition", "2021", "-D", "warnings", "-o", "self_check", "self_check.rs"];
+            compiled(Command::new(rustc).args(flags))
+        }),
+        Language::Python => found("python3").map(|python| {
+            let mut command = Command::new(python);
+            command.args(["-B", "self_check.py"]);
+            command
+        }),
+    }
+    .or_else(|| {
+        println!("skipped: no compiler or interpreter for {}", language.name());
+        None
+    })?;
+    let output = command.current_dir(folder).output().expect("the self-check starts");
+    Some((output.status.code(), text(&output.stdout) + &text(&output.stderr)))
+}
+
+/// A figure that a self-check printed.
+fn figure(printed: &str, name: &str) -> f64 {
+    let line = printed.lines().find_map(|line| line.strip_prefix(name)).expect(name);
+    line.trim().parse().expect("a number")
+}
+
+/// The self-checks of all languages agree with the vectors.
+fn assert_agrees(folder: &Path) {
+    for language in Language::ALL {
+        let Some((status, printed)) = self_check(folder, language) else { continue };
+        assert_eq!(status, Some(0), "{language:?}: {printed}");
+        assert_eq!(figure(&printed, "states"), 320.0);
+        let worst = figure(&printed, "largest_relative_difference");
+        assert!((0.0..ROUNDING).contains(&worst), "{language:?}: {printed}");
+        assert!(figure(&printed, "ns_per_call") > 0.0, "{language:?}: {printed}");
+    }
+}
+
+fn generated(folder: &Path) -> Vec<(PathBuf, String)> {
+    let names = ["er3a_torque.h", "er3a_torque.c", "er3a_torque.rs", "er3a_torque.py", "vectors.csv"];
+    names.iter().map(|name| (name.into(), fs::read_to_string(folder.join(name)).expect(name))).collect()
+}
+
+#[test]
+fn an_identified_arm_becomes_code_that_gives_its_torques() {
+    let workshop = Workshop::new();
+    workshop.simulate("inbox", &["--cycles", "2", "--warming-s", "0"]);
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let arguments = [&["robot", "code", "--run", "1", "-o", "code", "--json"], &LANGUAGES[..]].concat();
+    let told = json(&workshop.stdout(&arguments, 0));
+    assert_eq!((&told["joints"], &told["parameters"]), (&6.into(), &64.into()));
+    assert!(told["largest_relative_difference"].as_f64().expect("a number") < ROUNDING, "{told}");
+    let folder = workshop.path("code");
+    assert_agrees(&folder);
+    let files = generated(&folder);
+    for said in [
+        "robot R01, run 1, recorded 2026-01-05T08:47:00Z, cycles 1-2",
+        "armwatch 0.",
+        "of friction at minute",
+        "a_0 = -gravity",
+        "f1 sign(v) + f2 v + f3 v^2 sign(v) + f4 v^3",
+    ] {
+        assert!([0, 2, 3].iter().all(|&at: &usize| files[at].1.contains(said)), "{said}\n{}", files[0].1);
+    }
+    assert!(files[1].1.contains("; J2_mPx + 0.27 J3_m"), "{}", files[1].1);
+
+    // the same again, and of a saved set, are the same bytes but for nothing
+    workshop.stdout(&arguments, 0);
+    assert_eq!(generated(&folder), files);
+    workshop.stdout(&["identify", "--run", "1", "--save", "both"], 0);
+    let of_set = [&["robot", "code", "--parameters", "both", "-o", "set"], &LANGUAGES[..]].concat();
+    workshop.stdout(&of_set, 0);
+    assert_eq!(generated(&workshop.path("set")), files);
+
+    friction_follows_the_warmth(&workshop);
+    a_wrong_constant_is_found(&folder);
+    what_cannot_be_is_said(&workshop);
+}
+
+/// A value of a constant of generated Rust.
+fn constant(source: &str, name: &str) -> f64 {
+    let line =
+        source.lines().find_map(|line| line.strip_prefix(&format!("const {name}: f64 = "))).expect(name);
+    line.split(';').next().expect("a value").parse().expect("a number")
+}
+
+fn friction_follows_the_warmth(workshop: &Workshop) {
+    let at = [
+        "robot",
+        "code",
+        "--run",
+        "1",
+        "--language",
+        "rust",
+        "-o",
+        "cold",
+        "--friction-minute",
+        "0.5",
+        "--json",
+    ];
+    let told = json(&workshop.stdout(&at, 0));
+    let usual = fs::read_to_string(workshop.path("code/er3a_torque.rs")).expect("the source");
+    let cold = fs::read_to_string(workshop.path("cold/er3a_torque.rs")).expect("the source");
+    for joint in 1..=6 {
+        let factor = told["friction_factors"][joint - 1].as_f64().expect("a factor");
+        assert!((1.0..2.0).contains(&factor), "a cold joint has more friction: {told}");
+        for term in 1..=4 {
+            let name = format!("J{joint}_F{term}");
+            let (usual, cold) = (constant(&usual, &name), constant(&cold, &name));
+            assert!((cold - factor * usual).abs() <= 1e-12 * cold.abs(), "{name}: {cold} {usual} {factor}");
+        }
+    }
+    assert_eq!(constant(&usual, "J2_MPX"), constant(&cold, "J2_MPX"));
+    assert!(cold.contains("at minute 0.5 of the recording"), "{cold}");
+}
+
+/// The self-checks can fail.
+fn a_wrong_constant_is_found(folder: &Path) {
+    let source = folder.join("er3a_torque.py");
+    let right = fs::read_to_string(&source).expect("the source");
+    let lines = right.lines().map(|line| match line.split_once(" = ") {
+        Some(("J2_MPX", _)) => "J2_MPX = 3.25\n".to_owned(),
+        _ => format!("{line}\n"),
+    });
+    fs::write(&source, lines.collect::<String>()).expect("written");
+    if let Some((status, printed)) = self_check(folder, Language::Python) {
+        assert_eq!(status, Some(1), "{printed}");
+        assert!(figure(&printed, "largest_relative_difference") > 1e-6, "{printed}");
+    }
+    fs::write(source, right).expect("written");
+}
+
+fn what_cannot_be_is_said(workshop: &Workshop) {
+    let (scara, ur10e) = (shipped("scara"), shipped("ur10e"));
+    fs::create_dir(workshop.path("mine")).expect("a folder");
+    fs::write(workshop.path("mine/er3a_torque.c"), "int main(void) { return 0; }\n").expect("written");
+    for (arguments, said) in [
+        (&["--run", "9", "-o", "none"][..], "run 9 has no factors"),
+        (&["--run", "1", "--cycles", "7", "-o", "none"], "no cycle 7"),
+        (&["--parameters", "cold", "-o", "none"], "no saved parameter set"),
+        (&["--run", "1", "--description", &scara, "-o", "none"], "not the one that the cycles were analysed"),
+        (&["--run", "1", "--friction-minute", "5000", "-o", "none"], "name a minute of the recording"),
+        (
+            &["--description-only", "--description", &ur10e, "-o", "none"],
+            "no nominal parameters of joints 1, 2",
+        ),
+        (&["--description-only", "-o", "none"], "--description"),
+        (&["--run", "1", "-o", "mine"], "is not of this command and nothing is written"),
+    ] {
+        let output = workshop.run(&[&["robot", "code", "--language", "c"], arguments].concat());
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(text(&output.stderr).contains(said), "{arguments:?}: {}", text(&output.stderr));
+    }
+    assert!(!workshop.path("none").exists());
+    assert_eq!(fs::read_dir(workshop.path("mine")).expect("a folder").count(), 1);
+    workshop.stdout(&["robot", "code", "--run", "1", "--language", "c", "-o", "mine", "--force"], 0);
+    assert!(workshop.path("mine/vectors.csv").exists());
+}
+
+/// Nominal parameters of the shipped ER3A without friction and motors, at the states for which Pinocchio computed torques.
+#[test]
+fn generated_code_agrees_with_pinocchio() {
+    const COMPARE: &str = "\
+import csv, sys
+import er3a_torque as arm
+worst = 0.0
+rows = list(csv.DictReader(open(sys.argv[1])))
+take = lambda row, name: [float(row[f'{name}_{j}']) for j in range(1, 7)]
+inertia = [arm.J1_I_M, arm.J2_I_M, arm.J3_I_M, arm.J4_I_M, arm.J5_I_M, arm.J6_I_M]
+scale = [max(abs(take(row, 'tau_nm')[j]) for row in rows) for j in range(6)]
+for row in rows:
+    q, qd, qdd, expected = (take(row, name) for name in ('q', 'qd', 'qdd', 'tau_nm'))
+    friction = arm.friction(qd)
+    for j, tau in enumerate(arm.torque(q, qd, qdd)):
+        worst = max(worst, abs(tau - friction[j] - inertia[j] * qdd[j] - expected[j]) / scale[j])
+print(len(rows), worst)
+";
+    let workshop = Workshop::new();
+    let description = shipped("er3a");
+    let arguments = ["robot", "code", "--description-only", "--description", &description, "-o", "nominal"];
+    workshop.stdout(&[&arguments, &LANGUAGES[..]].concat(), 0);
+    let folder = workshop.path("nominal");
+    assert_agrees(&folder);
+    let Some(python) = found("python3") else {
+        println!("skipped: there is no python3 to compare with the torques of Pinocchio");
+        return;
+    };
+    let table = reference("er3a_inverse_dynamics.csv");
+    let output = Command::new(python)
+        .args(["-B", "-c", COMPARE])
+        .arg(table)
+        .current_dir(folder)
+        .output()
+        .expect("python3");
+    let said = text(&output.stdout);
+    let (rows, worst) =
+        said.trim().split_once(' ').unwrap_or_else(|| panic!("{said}{}", text(&output.stderr)));
+    assert!(rows.parse::<usize>().expect("a count") >= 10, "{said}");
+    assert!(worst.parse::<f64>().expect("a number") < REFERENCE_DIGITS, "{said}");
+}
+
+#[test]
+fn a_sliding_joint_and_seven_joints_in_dh_tables_become_code() {
+    let workshop = Workshop::new();
+    fs::write(workshop.path("seven.toml"), seven_joints()).expect("written");
+    let standard = reference("urdf/standard_dh.toml");
+    for (folder, description) in
+        [("scara", Path::new(&shipped("scara"))), ("seven", Path::new("seven.toml")), ("standard", &standard)]
+    {
+        let description = description.to_str().expect("a path");
+        let arguments = ["robot", "code", "--description-only", "--description", description, "-o", folder];
+        workshop.stdout(&[&arguments, &LANGUAGES[..]].concat(), 0);
+        assert_agrees(&workshop.path(folder));
+    }
+    let vectors = fs::read_to_string(workshop.path("scara/vectors.csv")).expect("vectors");
+    assert!(vectors.lines().next().expect("a header").contains("q_3_m,"), "{vectors}");
+    assert!(vectors.lines().next().expect("a header").contains("tau_3_n,tau_4_nm"), "{vectors}");
+}
+
+/// Seven joints of made-up bodies, axes turned against each other by odd angles now and then.
+fn seven_joints() -> String {
+    let head = "model = \"seven\"\nconvention = \"modified_dh\"\ngravity_m_s2 = [0, 2, -9.5]\nspeed_levels = [0.2, 1.0]\n";
+    let rows = [
+        (0.0, 0.0, 0.333),
+        (0.0, -90.0, 0.0),
+        (0.0, 90.0, 0.316),
+        (0.0825, 90.0, 0.0),
+        (-0.0825, -90.0, 0.384),
+        (0.0, 87.0, 0.0),
+        (0.088, 90.0, 0.1),
+    ];
+    let joint = |(k, (a, alpha, d)): (usize, &(f64, f64, f64))| {
+        let mass = 7.0 - 0.8 * k as f64;
+        format!(
+            "\n[[joint]]\ntype = \"revolute\"\na_m = {a}\nalpha_deg = {alpha}\nd_m = {d}\ntheta_offset_deg = {}\n\
+             position_min_deg = -160\nposition_max_deg = 150\nvelocity_max_deg_s = 150\nacceleration_max_deg_s2 = 700\n\
+             gear_ratio = 100\n\n[joint.nominal]\nmass_kg = {mass}\ncentre_of_mass_m = [0.02, -0.03, 0.0{k}]\n\
+             inertia_about_centre_of_mass_kg_m2 = {{ xx = 0.03, xy = 0.001, xz = -0.002, yy = 0.028, yz = 0.0015, zz = 0.02 }}\n\
+             motor_inertia_kg_m2 = 0.3\nfriction = {{ f1_nm = 2, f2_nm_s_rad = 4, f3_nm_s2_rad2 = -0.4, f4_nm_s3_rad3 = 0.05 }}\n\
+             warm_up = {{ b = 0.2, t1_min = 30, c = 0.1, t2_min = 3 }}\ntorque_noise_nm = 0.1\n",
+            if k == 4 { 25 } else { 0 }
+        )
+    };
+    head.to_owned() + &rows.iter().enumerate().map(joint).collect::<String>()
+}
+
+/// Every friction law, a motor that turns with two joints, and sensors behind the gears, with made-up parameters.
+#[test]
+fn every_friction_law_and_coupled_motors_become_code() {
+    let workshop = Workshop::new();
+    let tx40 = reads("config/robots/tx40.toml");
+    assert!(!tx40.couplings.is_empty(), "the wrist of the TX40 is coupled");
+    let laws = [
+        "smooth\"\nsmooth_speed_rad_s = 0.1",
+        "smooth\"\nsmooth_speed_rad_s = 0.2\nasymmetric = true",
+        "viscous_coulomb",
+        "viscous_coulomb\"\nasymmetric = true",
+        "none",
+        "polynomial",
+    ];
+    let text = seven_joints();
+    let mut parts = text.split("\n[[joint]]\n");
+    let mut mixed = parts.next().expect("a head").to_owned();
+    for (part, law) in parts.zip(laws.into_iter().cycle()) {
+        let law = if law.contains('"') { law.to_owned() } else { format!("{law}\"") };
+        mixed += &format!("\n[[joint]]\nfriction_model = \"{law}\n{part}");
+    }
+    fs::write(workshop.path("mixed.toml"), &mixed).expect("written");
+    fs::write(workshop.path("link.toml"), format!("torque_sensors = \"link\"\n{mixed}")).expect("written");
+    let mixed = read_robot(&workshop.path("mixed.toml")).unwrap_or_else(|errors| panic!("{errors}"));
+    let link = read_robot(&workshop.path("link.toml")).unwrap_or_else(|errors| panic!("{errors}"));
+    for (name, robot) in [("tx40", tx40), ("mixed", mixed), ("link", link)] {
+        let values = (1_u32..).map(|k| (f64::from(k) * 2_f64.sqrt()).fract() - 0.4);
+        let parameter = |(id, value): (ParameterId, f64)| {
+            let value = if value.abs() < 0.1 { 0.0 } else { value };
+            ModelParameter { id, value, std_error: None, stands_for: None }
+        };
+        let parameters: Vec<ModelParameter> =
+            ParameterId::natural_order(&robot).into_iter().zip(values).map(parameter).collect();
+        let origin = Origin { program: "a test".into(), parameters: Vec::new(), friction: Vec::new() };
+        let code = TorqueCode::new(&robot, &parameters, name, &origin);
+        let folder = workshop.path(name);
+        fs::create_dir(&folder).expect("a folder");
+        for file in Language::ALL.into_iter().flat_map(|language| code.files(language)) {
+            fs::write(folder.join(file.name), file.text).expect("written");
+        }
+        assert_agrees(&folder);
+    }
+}
+
+fn reads(path: &str) -> Robot {
+    read_robot(&Path::new(env!("CARGO_MANIFEST_DIR")).join(path)).unwrap_or_else(|errors| panic!("{errors}"))
+}
