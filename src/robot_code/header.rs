@@ -114,8 +114,8 @@ fn symbols(robot: &Robot) -> Vec<String> {
     };
     let offsets: Vec<String> = robot.joint_indices().filter_map(offset).collect();
     let offsets = match offsets.is_empty() {
-        true => "as the controller has it".to_owned(),
-        false => format!("the controller's position plus an offset ({})", offsets.join(", ")),
+        true => "as recorded".to_owned(),
+        false => format!("the recorded position plus an offset ({})", offsets.join(", ")),
     };
     let torque = match robot.torque_sensors {
         TorqueSensors::Motor => "of the motors at the joints, with what their inertia takes",

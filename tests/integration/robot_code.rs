@@ -122,7 +122,7 @@ fn an_identified_arm_becomes_code_that_gives_its_torques() {
     }
     assert!(files[1].1.contains("; J2_mPx + 0.27 J3_m"), "{}", files[1].1);
 
-    // the same again, and of a saved set, are the same bytes but for nothing
+    // generated again, and from a saved set of the same cycles, the bytes are the same
     workshop.stdout(&arguments, 0);
     assert_eq!(generated(&folder), files);
     workshop.stdout(&["identify", "--run", "1", "--save", "both"], 0);
