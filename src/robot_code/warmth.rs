@@ -30,10 +30,10 @@ impl Warmth {
         Some([first, last])
     }
 
-    /// Last minute to which the curves of a joint are measured; `None` without curves.
+    /// Last minute to which friction of any joint was measured; `None` without curves.
     #[must_use]
-    pub fn last_minute(&self, joint: JointIndex) -> Option<f64> {
-        self.of(joint).map(|fit| fit.record[1]).reduce(f64::max)
+    pub fn last_minute(&self) -> Option<f64> {
+        self.fits.iter().map(|fit| fit.record[1]).reduce(f64::max)
     }
 
     /// Friction of a joint at a minute, as a multiple of its mean in the chosen cycles: the mean over the speed levels.
@@ -104,7 +104,7 @@ mod tests {
         let found = warmth.relative_friction(joint, 60.0).expect("a factor");
         assert!((found - expected).abs() < 1e-12, "{found} {expected}");
         assert_eq!(warmth.relative_friction(JointIndex::new(0), 60.0), None);
-        assert_eq!((warmth.minutes(), warmth.last_minute(joint)), (Some([0.0, 20.0]), Some(118.0)));
+        assert_eq!((warmth.minutes(), warmth.last_minute()), (Some([0.0, 20.0]), Some(118.0)));
         let backwards = Warmth { fits: vec![fit(2.0, -10.0)], minutes: vec![0.0] };
         assert_eq!(backwards.relative_friction(joint, 60.0), None);
     }

@@ -197,7 +197,7 @@ fn what_cannot_be_is_said(workshop: &Workshop) {
         (&["--run", "1", "--cycles", "7", "-o", "none"], "no cycle 7"),
         (&["--parameters", "cold", "-o", "none"], "no saved parameter set"),
         (&["--run", "1", "--description", &scara, "-o", "none"], "not the one that the cycles were analysed"),
-        (&["--run", "1", "--friction-minute", "5000", "-o", "none"], "name a minute of the recording"),
+        (&["--run", "1", "--friction-minute", "5000", "-o", "none"], "name a minute from 0 to that"),
         (
             &["--description-only", "--description", &ur10e, "-o", "none"],
             "no nominal parameters of joints 1, 2",

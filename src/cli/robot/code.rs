@@ -249,22 +249,17 @@ async fn warmth(store: &Store, sources: &[SourceCycle]) -> Result<Warmth, CliErr
 
 /// Factors of each joint's friction at a minute of the recording.
 fn factors_at(robot: &Robot, warmth: &Warmth, minute: f64) -> Result<Vec<f64>, CliError> {
+    let last = warmth.last_minute().unwrap_or(0.0);
+    if last > 0.0 && !(0.0..=last).contains(&minute) {
+        return Err(CliError::Usage(format!(
+            "--friction-minute {minute}: friction was measured to minute {last:.1}; name a minute from 0 to that"
+        )));
+    }
     let of_joint = |joint: JointIndex| {
-        let Some(last) = warmth.last_minute(joint) else {
-            return Err(CliError::Usage(format!(
-                "joint {joint} has no warm-up curve, so that its friction at minute {minute} is unknown: the recording has \
-                 no friction stage with plateaus of it; leave --friction-minute out for the friction of the chosen cycles"
-            )));
-        };
-        if !(0.0..=last).contains(&minute) {
-            return Err(CliError::Usage(format!(
-                "--friction-minute {minute}: the friction of joint {joint} was measured from minute 0 to {last:.0}; \
-                 name a minute of the recording"
-            )));
-        }
         warmth.relative_friction(joint, minute).ok_or_else(|| {
             CliError::Usage(format!(
-                "the warm-up curves of joint {joint} give no positive friction; leave --friction-minute out"
+                "joint {joint} has no warm-up curve, so that its friction at minute {minute} is unknown: its friction stages \
+                 show none; leave --friction-minute out for the friction of the chosen cycles"
             ))
         })
     };
@@ -274,15 +269,14 @@ fn factors_at(robot: &Robot, warmth: &Warmth, minute: f64) -> Result<Vec<f64>, C
 /// What warmth the friction stands for.
 fn warmth_lines(robot: &Robot, warmth: &Warmth, minute: Option<f64>, factors: Option<&[f64]>) -> Vec<String> {
     let when = match warmth.minutes() {
-        None => "as in these cycles, minutes since the start of the recording unknown".to_owned(),
+        None => "as in the excitation of these cycles, minutes since the start of the recording unknown"
+            .to_owned(),
         Some([first, last]) if last - first < 0.05 => {
-            format!("as in these cycles, {first:.1} minutes after the start of the recording")
+            format!("as in the excitation of this cycle, whose middle is minute {first:.1} of the recording")
         }
-        Some([first, last]) => {
-            format!(
-                "the mean of these cycles, {first:.1} to {last:.1} minutes after the start of the recording"
-            )
-        }
+        Some([first, last]) => format!(
+            "the mean over the excitation of these cycles, whose middles are minutes {first:.1} to {last:.1} of the recording"
+        ),
     };
     if let (Some(minute), Some(factors)) = (minute, factors) {
         let factors: Vec<String> = factors.iter().map(|factor| format!("{factor:.3}")).collect();
@@ -293,19 +287,14 @@ fn warmth_lines(robot: &Robot, warmth: &Warmth, minute: Option<f64>, factors: Op
             robot.joint_count()
         )];
     }
-    let at_end = |joint: JointIndex| {
-        let last = warmth.last_minute(joint)?;
-        Some((last, warmth.relative_friction(joint, last)?))
-    };
-    let ends: Vec<Option<(f64, f64)>> = robot.joint_indices().map(at_end).collect();
-    let last = ends.iter().flatten().map(|(last, _)| *last).reduce(f64::max);
-    let Some(last) = last else {
+    let Some(last) = warmth.last_minute() else {
         return vec![when, "warmth unknown: the recording has no warm-up curves".to_owned()];
     };
-    let shown = |of: &Option<(f64, f64)>| {
-        of.map_or_else(|| "unknown".to_owned(), |(_, at)| format!("{:.3}", 1.0 / at))
-    };
-    let shares: Vec<String> = ends.iter().map(shown).collect();
+    let at_end = |joint| warmth.relative_friction(joint, last);
+    let ends = robot.joint_indices().map(at_end);
+    let shown =
+        |at_end: Option<f64>| at_end.map_or_else(|| "unknown".to_owned(), |at| format!("{:.3}", 1.0 / at));
+    let shares: Vec<String> = ends.map(shown).collect();
     vec![
         when,
         format!(
