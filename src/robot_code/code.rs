@@ -44,7 +44,7 @@ impl TorqueCode {
     }
 
     /// Largest difference between the expressions that the code is written from and the test vectors, as a part of the
-    /// joint's largest torque.
+    /// joint's scale ([`TestVectors::torque_scales`]).
     #[must_use]
     pub fn largest_difference(&self) -> f64 {
         self.vectors.largest_difference(|of| self.programs.torque_at(&of.q, &of.qd, &of.qdd))

@@ -10,9 +10,13 @@ use crate::robot::{JointKind, ParameterId, Robot};
 /// States in a table.
 pub const VECTOR_STATES: usize = 320;
 
-/// Largest difference of torques, as a part of the joint's largest torque, that is rounding: some hundred operations
-/// in two orders.
+/// Largest difference of torques, as a part of the joint's scale, that is rounding: some hundred operations in two
+/// orders.
 pub const ROUNDING: f64 = 1e-12;
+
+/// Least scale of a joint's torque, as a part of the arm's largest torque. The torque of a joint that the forces of the
+/// others nearly miss, by the cosine of a right angle, is nothing but rounding.
+const LEAST_SCALE: f64 = 0.01;
 
 /// States and their torques.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,14 +55,24 @@ impl TestVectors {
         (0..self.kinds.len()).map(largest).collect()
     }
 
-    /// Largest difference from the torques of another road, as a part of the joint's largest torque. A difference of a
-    /// joint that never has a torque counts as it is. Not a number where a torque is none.
+    /// Scale of each joint's torque, Nm (N): its largest torque, a hundredth of the arm's largest torque at least; 1
+    /// where no joint has a torque.
+    #[must_use]
+    pub fn torque_scales(&self) -> Vec<f64> {
+        let largest = self.largest_torques();
+        let of_arm = largest.iter().copied().fold(0.0, f64::max);
+        let least = if of_arm > 0.0 { LEAST_SCALE * of_arm } else { 1.0 };
+        largest.into_iter().map(|largest| largest.max(least)).collect()
+    }
+
+    /// Largest difference from the torques of another road, as a part of the joint's scale. Not a number where a torque
+    /// is none.
     #[must_use]
     pub fn largest_difference(&self, torque: impl Fn(&JointState) -> Vec<f64>) -> f64 {
-        let scale = self.largest_torques();
+        let scale = self.torque_scales();
         let of_state = |(state, tau): (&JointState, &Vec<f64>)| {
             let other = torque(state);
-            let of_joint = |j: usize| (other[j] - tau[j]).abs() / if scale[j] > 0.0 { scale[j] } else { 1.0 };
+            let of_joint = |j: usize| (other[j] - tau[j]).abs() / scale[j];
             (0..scale.len()).map(of_joint).fold(0.0, nan_or_larger)
         };
         self.states.iter().zip(&self.tau).map(of_state).fold(0.0, nan_or_larger)

@@ -133,7 +133,7 @@ pub(in crate::cli) fn code(global: &Global, args: &RobotCodeArgs) -> Result<u8, 
     }
     if difference > ROUNDING {
         return Err(CliError::Internal(format!(
-            "the code's formulas differ from the regressor by {difference:.1e} of a joint's largest torque, more than \
+            "the code's formulas differ from the regressor by {difference:.1e} of a joint's torque scale, more than \
              rounding ({ROUNDING:.0e}); nothing is written"
         )));
     }
@@ -401,7 +401,7 @@ fn as_text(model: &Model, code: &TorqueCode, difference: f64) -> String {
     format!(
         "{}: {} joints, {} parameters, {} sums and products a call\n\
          {VECTOR_STATES} test vectors; the formulas differ from the regressor by at most {difference:.1e} of a joint's \
-         largest torque",
+         torque scale",
         code.name,
         model.robot.joint_count(),
         model.parameters.iter().filter(|of| of.value != 0.0).count(),
@@ -430,7 +430,7 @@ fn as_value(
         "friction_factors": model.friction_factors,
         "operations": code.operations(),
         "states": VECTOR_STATES,
-        "largest_torques_nm": code.vectors.largest_torques(),
+        "torque_scales_nm": code.vectors.torque_scales(),
         "largest_relative_difference": difference,
     })
 }
