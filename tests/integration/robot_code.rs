@@ -186,6 +186,20 @@ fn a_wrong_constant_is_found(folder: &Path) {
         assert!(figure(&printed, "largest_relative_difference") > 1e-6, "{printed}");
     }
     fs::write(source, right).expect("written");
+    let path = folder.join("vectors.csv");
+    let right = fs::read_to_string(&path).expect("the vectors");
+    for wrong in ["1.0", "nan"] {
+        let lines = right.lines().enumerate().map(|(k, line)| match line.rsplit_once(',') {
+            Some((others, _)) if k == 7 => format!("{others},{wrong}\n"),
+            _ => format!("{line}\n"),
+        });
+        fs::write(&path, lines.collect::<String>()).expect("written");
+        for language in Language::ALL {
+            let Some((status, printed)) = self_check(folder, language) else { continue };
+            assert_eq!(status, Some(1), "{wrong}, {language:?}: {printed}");
+        }
+    }
+    fs::write(path, right).expect("written");
 }
 
 fn what_cannot_be_is_said(workshop: &Workshop) {
