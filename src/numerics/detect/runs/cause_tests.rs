@@ -282,7 +282,7 @@ fn short_checks_between_whole_tests_raise_nothing_and_show_a_load() {
         let loaded = |run: i64| State { mass: if run >= 30 { 3.0 } else { 0.0 }, ..State::default() };
         let runs = fleet(40, seed, loaded).into_iter().enumerate();
         // whole tests first, then one after each three checks
-        let is_whole = |place: usize| place < 6 || place % 4 == 0;
+        let is_whole = |place: usize| place < 6 || place.is_multiple_of(4);
         let history: Vec<RunSummary> =
             runs.map(|(place, run)| if is_whole(place) { run } else { check(run, &noise) }).collect();
         for runs in [7, 8, 12, 20, 30] {
