@@ -124,6 +124,7 @@ impl Pipeline {
             for (run_id, checks) in &settled {
                 conclusion.settle_production(*run_id, checks).await?;
             }
+            conclusion.summarise_settled_logs().await?;
         }
         conclusion.replace_mixed_fits(&mixed).await?;
         let replaced = conclusion.replace_friction(&friction).await?;

@@ -214,6 +214,33 @@ pub(in crate::store) async fn settle(
         record(&mut *connection, cycle_id, check).await?;
         mark_settled(&mut *connection, cycle_id).await?;
     }
+    summarise_run(connection, run_id).await
+}
+
+/// Summarises logs of a robot that have settled windows and no summary: one that was opened again and ended without a new
+/// window. Call in a transaction.
+pub(in crate::store) async fn summarise_rest(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+) -> Result<(), sqlx::Error> {
+    let without: Vec<i64> = sqlx::query_scalar(
+        "SELECT run_id FROM run
+         WHERE robot_id = ? AND kind = 'production' AND status <> 'streaming' AND superseded_by_run_id IS NULL
+               AND NOT EXISTS (SELECT 1 FROM production_summary AS summary WHERE summary.run_id = run.run_id)
+               AND EXISTS (SELECT 1 FROM cycle JOIN production_check USING (cycle_id)
+                           WHERE cycle.run_id = run.run_id AND settled)",
+    )
+    .bind(robot_id)
+    .fetch_all(&mut *connection)
+    .await?;
+    for run_id in without {
+        summarise_run(&mut *connection, run_id).await?;
+    }
+    Ok(())
+}
+
+/// Writes what a log comes to with its settled windows, in place of what was written before.
+async fn summarise_run(connection: &mut SqliteConnection, run_id: i64) -> Result<(), sqlx::Error> {
     let mut by_reference: BTreeMap<i64, BTreeMap<u32, Vec<JointCheck>>> = BTreeMap::new();
     for (reference, cycle, check) in checks_of_run(&mut *connection, run_id).await? {
         by_reference.entry(reference).or_default().entry(cycle).or_default().push(check);

@@ -79,6 +79,15 @@ impl ConclusionTransaction {
         self.checked(result)
     }
 
+    /// Writes what logs of production come to whose windows are all settled and that have no summary.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn summarise_settled_logs(&mut self) -> Result<(), StoreError> {
+        let result = production::summarise_rest(&mut self.transaction, self.robot_id).await;
+        self.checked(result)
+    }
+
     /// Reads what the robot's complete logs of production come to, in the order of their starts.
     ///
     /// # Errors

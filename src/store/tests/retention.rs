@@ -210,3 +210,26 @@ async fn a_new_database_gives_free_pages_back() {
     assert_eq!(store.cycle_states(tests[0]).await.expect("states").len(), 2);
     assert_sound(&store).await;
 }
+
+#[tokio::test]
+async fn a_log_that_ends_again_without_a_new_window_has_its_summary_again() {
+    let (_folder, store) = fresh().await;
+    let test = test_of_day(&store, "R00", 0).await;
+    log_of_day(&store, 1, test).await;
+    execute(
+        &store,
+        "UPDATE production_check
+         SET moving_rmsd_nm = 1, moving_relative_rmsd = 0.1, moving_samples = 9, friction_excess = 0.1, friction_share = 0.5",
+    )
+    .await;
+    let summaries = "SELECT count(*) FROM production_summary WHERE windows = 3";
+    for _ in 0..2 {
+        execute(&store, "UPDATE run SET status = 'streaming' WHERE kind = 'production'").await;
+        execute(&store, "UPDATE run SET status = 'complete' WHERE kind = 'production'").await;
+        assert_eq!(number(&store, summaries).await, Some(0.0));
+        let mut conclusion = store.conclude(1).await.expect("a transaction");
+        conclusion.summarise_settled_logs().await.expect("summaries");
+        conclusion.commit(0).await.expect("a commit");
+        assert_eq!(number(&store, summaries).await, Some(1.0));
+    }
+}
