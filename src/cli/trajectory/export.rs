@@ -70,13 +70,7 @@ pub(in crate::cli) fn export(global: &Global, args: &ExportArgs) -> Result<u8, C
         }
     }
     let duration = f64::from(args.periods) / series.base_frequency;
-    let steps = (args.rate_hz * duration).round();
-    if !(args.rate_hz > 0.0 && (1.0..=MAX_ROWS).contains(&steps)) {
-        return Err(CliError::Usage(format!(
-            "--rate-hz {}: {steps} rows; 1 to {MAX_ROWS} rows are possible",
-            args.rate_hz
-        )));
-    }
+    let steps = steps(args.rate_hz, duration)?;
     let header = header(&robot, args.waypoints);
     let columns = if args.waypoints { 2 } else { 3 };
     let row = |k: u64| {
@@ -85,22 +79,33 @@ pub(in crate::cli) fn export(global: &Global, args: &ExportArgs) -> Result<u8, C
         [time].into_iter().chain(cells).map(|value| value.to_string()).collect::<Vec<_>>().join(",")
     };
     // the last row is the standstill at the end
-    write_lines(&args.output, std::iter::once(header).chain((0..=steps as u64).map(row)))?;
+    write_lines(&args.output, std::iter::once(header).chain((0..=steps).map(row)))?;
     let deviation = args.waypoints.then(|| interpolation_error(&series, 1.0 / args.rate_hz));
     if global.json {
         output::json(&json!({
-            "rows": steps as u64 + 1, "duration_s": duration, "largest_interpolation_error": deviation,
+            "rows": steps + 1, "duration_s": duration, "largest_interpolation_error": deviation,
             "broken_limits": breaches.len(),
         }));
     } else if let Some(deviation) = deviation {
         output::line(&format!(
             "{} waypoints; cubic polynomials between them are at most {deviation:.2e} rad (m) from the motion",
-            steps as u64 + 1
+            steps + 1
         ));
     } else {
-        output::line(&format!("{} rows, {duration} s", steps as u64 + 1));
+        output::line(&format!("{} rows, {duration} s", steps + 1));
     }
     Ok(EXIT_DONE)
+}
+
+/// Steps of a file at a rate, Hz, over a duration, s: one row more.
+pub(super) fn steps(rate_hz: f64, duration: f64) -> Result<u64, CliError> {
+    let steps = (rate_hz * duration).round();
+    if !(rate_hz > 0.0 && (1.0..=MAX_ROWS).contains(&steps)) {
+        return Err(CliError::Usage(format!(
+            "--rate-hz {rate_hz}: {steps} rows; 1 to {MAX_ROWS} rows are possible"
+        )));
+    }
+    Ok(steps as u64)
 }
 
 /// Names of the columns of a motion.

@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::arm::arm;
-use super::export::header;
+use super::export::{header, steps};
 use super::rated::rated_torques;
 use super::words::sentence;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
@@ -18,6 +18,7 @@ use crate::numerics::model::base_parameters::base_parameters;
 use crate::numerics::model::dynamics::DynamicModel;
 use crate::numerics::pooled::nominal_prior::nominal_base;
 use crate::numerics::trajectory::limits::broken_by_series;
+use crate::report::figure::Figure;
 use crate::report::trajectory::motion_figure;
 use crate::robot::Robot;
 use crate::run::Stage;
@@ -29,8 +30,6 @@ const WHOLE_TEST: f64 = 24.0;
 const CHECK_RATE_HZ: f64 = 1000.0;
 /// Points of a curve in the picture.
 const POINTS: u32 = 1200;
-/// Most rows of a file: a day at 1 kHz.
-const MAX_ROWS: f64 = 86_400_000.0;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -49,7 +48,9 @@ The file has time_s and, for each joint, pos_1_rad, vel_1_rad_s, acc_1_rad_s2 (m
 between, 1 excitation, 2 friction, 3 warming), cycle, joint and level. Record these four with the motion: then the export
 needs no search for its stages.
 
-Without a warming stage and with few levels it is a daily check of a minute or two.")]
+Without a warming stage and with few levels it is a daily check of a minute or two.
+
+Exit status 1, and nothing is written, if the programme breaks a limit of the arm.")]
 pub(in crate::cli) struct WholeTestArgs {
     /// The arm: a robot or model of the configuration, or the file of a description
     #[arg(long, value_name = "NAME")]
@@ -83,15 +84,14 @@ pub(in crate::cli) struct WholeTestArgs {
 pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Result<u8, CliError> {
     let mut robot = arm(global, &args.robot)?;
     if let Some(path) = &args.trajectory {
-        robot.excitation = Some(programme(path, &robot)?.series);
-        // the planner's own words for this name the description
-        let breaches = robot.excitation.as_ref().map(|series| broken_by_series(&robot, series));
-        let breaches = breaches.unwrap_or_default();
+        let series = programme(path, &robot)?.series;
+        let breaches = broken_by_series(&robot, &series);
         if !breaches.is_empty() {
             breaches.iter().for_each(|breach| output::print_hint(&sentence(&robot, breach)));
             output::print_hint("nothing is written: the excitation breaks limits of the arm");
             return Ok(EXIT_FOUND);
         }
+        robot.excitation = Some(series);
     }
     let settings = PlanSettings {
         warming_s: args.warming_s,
@@ -117,49 +117,31 @@ pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Resul
 }
 
 fn write_rows(path: &Path, robot: &Robot, plan: &CyclePlan, args: &WholeTestArgs) -> Result<(), CliError> {
-    let rows = (args.rate_hz * plan.duration * f64::from(args.cycles)).floor();
-    if !(args.rate_hz > 0.0 && (1.0..=MAX_ROWS).contains(&rows)) {
-        return Err(CliError::Usage(format!(
-            "--rate-hz {}: {rows} rows; 1 to {MAX_ROWS} rows are possible",
-            args.rate_hz
-        )));
-    }
+    let steps = steps(args.rate_hz, plan.duration * f64::from(args.cycles))?;
     let n = robot.joint_count();
-    let mut segments = plan.segments.iter().peekable();
-    let (mut cycle, mut segment) = (0_u32, segments.next());
     let row = |k: u64| {
         let time = k as f64 / args.rate_hz;
-        let own = ((time / plan.duration) as u32).min(args.cycles - 1);
-        if own != cycle {
-            cycle = own;
-            segments = plan.segments.iter().peekable();
-            segment = segments.next();
-        }
+        let cycle = ((time / plan.duration) as u32).min(args.cycles - 1);
         let within = time - f64::from(cycle) * plan.duration;
-        while segments.peek().is_some_and(|next| within >= next.start) {
-            segment = segments.next();
+        let segment = segment_at(plan, within);
+        let state = segment.state_at(within);
+        let mut cells = vec![time.to_string()];
+        for j in 0..n {
+            let of_joint = [state.position[j], state.velocity[j], state.acceleration[j]];
+            cells.extend(of_joint.map(|value| value.to_string()));
         }
-        cells(n, time, within, cycle, segment)
+        let signal = segment.signal.map_or((0, 0), |of| (of.joint.number(), usize::from(of.level)));
+        let signals = [usize::from(segment.stage.number()), cycle as usize + 1, signal.0, signal.1];
+        cells.extend(signals.map(|number| number.to_string()));
+        cells.join(",")
     };
-    write_lines(
-        path,
-        std::iter::once(header(robot, false) + ",stage,cycle,joint,level").chain((0..=rows as u64).map(row)),
-    )
+    let header = header(robot, false) + ",stage,cycle,joint,level";
+    write_lines(path, std::iter::once(header).chain((0..=steps).map(row)))
 }
 
-/// A row at `time`, which is `within` the cycle of index `cycle`, s.
-fn cells(n: usize, time: f64, within: f64, cycle: u32, segment: Option<&Segment>) -> String {
-    let mut cells = vec![time.to_string()];
-    let Some(segment) = segment else { return cells.join(",") };
-    let state = segment.state_at(within);
-    for j in 0..n {
-        cells.extend([state.position[j], state.velocity[j], state.acceleration[j]].map(|x| x.to_string()));
-    }
-    let (joint, level) =
-        segment.signal.map_or((0, 0), |signal| (signal.joint.number(), usize::from(signal.level)));
-    let numbers = [usize::from(segment.stage.number()), cycle as usize + 1, joint, level];
-    cells.extend(numbers.map(|number| number.to_string()));
-    cells.join(",")
+/// The motion at a time within the cycle, s.
+fn segment_at(plan: &CyclePlan, time: f64) -> &Segment {
+    &plan.segments[plan.segments.partition_point(|segment| segment.start <= time).saturating_sub(1)]
 }
 
 /// How near one joint comes to its limits in a cycle, as parts of them.
@@ -311,12 +293,11 @@ fn as_value(plan: &CyclePlan, joints: &[Use], args: &WholeTestArgs) -> Value {
     })
 }
 
-fn picture(robot: &Robot, plan: &CyclePlan) -> crate::report::figure::Figure {
+fn picture(robot: &Robot, plan: &CyclePlan) -> Figure {
     let n = robot.joint_count();
     let times: Vec<f64> = (0..=POINTS).map(|k| plan.duration * f64::from(k) / f64::from(POINTS)).collect();
     let state = |time: &f64| {
-        let at = plan.segments.partition_point(|segment| segment.start <= *time).saturating_sub(1);
-        let state = plan.segments[at].state_at(*time);
+        let state = segment_at(plan, *time).state_at(*time);
         (0..n).map(|j| [state.position[j], state.velocity[j], state.acceleration[j]]).collect()
     };
     let states: Vec<Vec<[f64; 3]>> = times.iter().map(state).collect();

@@ -12,6 +12,8 @@ pub(super) struct Syntax {
     pub(super) comment: &'static str,
     /// Behind it.
     pub(super) comment_end: &'static str,
+    /// Between code and a comment on its line.
+    pub(super) comment_gap: &'static str,
     /// Before the name of a variable.
     pub(super) variable: &'static str,
     /// Before the name of a constant.
@@ -51,6 +53,11 @@ impl<'a> Functions<'a> {
     pub(super) fn calls(&self, function: Function) -> bool {
         [&self.friction, &self.torque].into_iter().any(|of| of.functions.contains(&function))
     }
+
+    /// Those of some definitions of functions that are called.
+    pub(super) fn definitions<const N: usize>(&self, of: [(Function, &'static str); N]) -> String {
+        of.into_iter().filter(|(function, _)| self.calls(*function)).map(|(_, text)| text).collect()
+    }
 }
 
 /// Definitions of constants with their comments.
@@ -59,8 +66,8 @@ pub(super) fn constants(of: &[&Constant], syntax: &Syntax) -> String {
     for Constant { name, value, about } in of {
         let definition = format!("{}{name}{}{value:?}{}", syntax.constant, syntax.is, syntax.end);
         let about = safe(about);
-        let gap = if syntax.comment == "# " { "  " } else { " " };
-        let line = format!("{definition}{gap}{}{about}{}", syntax.comment, syntax.comment_end);
+        let Syntax { comment, comment_end, comment_gap, .. } = syntax;
+        let line = format!("{definition}{comment_gap}{comment}{about}{comment_end}");
         if line.chars().count() <= LINE_WIDTH {
             text += &format!("{line}\n");
             continue;

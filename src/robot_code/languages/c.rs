@@ -10,6 +10,7 @@ const SYNTAX: Syntax = Syntax {
     function_name,
     comment: "/* ",
     comment_end: " */",
+    comment_gap: " ",
     variable: "const double ",
     constant: "static const double ",
     is: " = ",
@@ -59,8 +60,7 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
         (Function::PositivePart, "static double positive_part(double x) { return x > 0.0 ? x : 0.0; }\n\n"),
         (Function::NegativePart, "static double negative_part(double x) { return x < 0.0 ? x : 0.0; }\n\n"),
     ];
-    source
-        .extend(helpers.into_iter().filter(|(function, _)| functions.calls(*function)).map(|(_, text)| text));
+    source += &functions.definitions(helpers);
     source += &format!("{friction_signature}\n{{\n{}", inputs(&functions.friction, &["qd"]));
     source += &assignments(&functions.friction, &SYNTAX);
     source += &outputs(&functions.friction, "friction");

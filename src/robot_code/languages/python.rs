@@ -10,6 +10,7 @@ const SYNTAX: Syntax = Syntax {
     function_name,
     comment: "# ",
     comment_end: "",
+    comment_gap: "  ",
     variable: "",
     constant: "",
     is: " = ",
@@ -47,8 +48,7 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
         (Function::PositivePart, "\n\ndef _positive_part(x):\n    return x if x > 0.0 else 0.0\n"),
         (Function::NegativePart, "\n\ndef _negative_part(x):\n    return x if x < 0.0 else 0.0\n"),
     ];
-    source
-        .extend(helpers.into_iter().filter(|(function, _)| functions.calls(*function)).map(|(_, text)| text));
+    source += &functions.definitions(helpers);
     source += "\n\ndef friction(qd):\n    \"\"\"What of the torque is friction at the speeds qd, Nm (N).\n\n    \
                A joint that is colder: tau + (s - 1) friction, s the friction at its warmth against that of this code.\n    \
                \"\"\"\n";

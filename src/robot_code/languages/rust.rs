@@ -10,6 +10,7 @@ const SYNTAX: Syntax = Syntax {
     function_name,
     comment: "// ",
     comment_end: "",
+    comment_gap: " ",
     variable: "let ",
     constant: "const ",
     is: ": f64 = ",
@@ -46,8 +47,7 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
         (Function::PositivePart, "fn positive_part(x: f64) -> f64 {\n    x.max(0.0)\n}\n\n"),
         (Function::NegativePart, "fn negative_part(x: f64) -> f64 {\n    x.min(0.0)\n}\n\n"),
     ];
-    source
-        .extend(helpers.into_iter().filter(|(function, _)| functions.calls(*function)).map(|(_, text)| text));
+    source += &functions.definitions(helpers);
     source += "/// What of the torque is friction at the speeds `qd`, Nm (N). A joint that is colder: `tau + (s - 1) friction`,\n\
                /// `s` the friction at its warmth against that of this code.\n\
                #[must_use]\n";

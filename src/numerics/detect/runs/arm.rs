@@ -4,22 +4,24 @@
 //! Inertial parameters do not depend on warmth. A body at the last link changes them along known directions, its mass
 //! and first moments in the first place; a torque channel that reads wrong changes those of its own joint, turns
 //! friction over unevenly or leaves more unexplained. What a gain or offset of a torque and an offset of a position do to
-//! the parameters is known from the test motion ([`ChannelResponse`]), so that each has one unknown, its size. Every cause has a price for its parameters, and the cause with
-//! the least unexplained rest wins (likelihood ratio with the Schwarz price).
+//! the parameters is known from the test motion ([`crate::analysis::response::ChannelResponse`]), so that each has one
+//! unknown, its size. Every cause has a price for its parameters, and the cause with the least unexplained rest wins
+//! (likelihood ratio with the Schwarz price).
+
+mod baseline;
 
 use nalgebra::{DMatrix, DVector};
 
+use self::baseline::{Baseline, Direction, Usual, friction, offsets, rmsd};
 use super::like_length::of_like_length;
-use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
-use crate::anomaly::{RunParameter, RunSummary};
-use crate::numerics::statistics::descriptive::{mean, median, robust_deviation};
-use crate::robot::{JointIndex, ParameterId, ParameterKind};
+use crate::analysis::response::ChannelFault;
+use crate::anomaly::RunSummary;
+use crate::numerics::statistics::descriptive::mean;
+use crate::robot::JointIndex;
 
 /// Prior standard deviations of a load: mass, kg, first moments, kg m, and inertia, kg m². Wide for what an arm of
 /// some ten kilograms carries.
 const LOAD_PRIOR: [f64; 10] = [20.0, 5.0, 5.0, 5.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0];
-/// Least standard deviation of a parameter from run to run, as a fraction of it.
-const LEAST_DEVIATION: f64 = 1e-3;
 /// Part of a change that a pattern may miss: patterns are models.
 const PATTERN_ERROR: f64 = 0.05;
 /// The same of the direction of a known fault, which is computed from the motion: a load, which has more unknowns, must not
@@ -40,8 +42,6 @@ pub(super) const LEAST_GAIN: f64 = 0.02;
 pub(super) const LEAST_POSITION_OFFSET: f64 = 0.003;
 /// Least ratio of the unexplained rest to the usual one.
 const LEAST_RMSD_RATIO: f64 = 1.6;
-/// Least standard deviation of the logarithm of the unexplained rest from run to run.
-const LEAST_RMSD_DEVIATION: f64 = 0.05;
 /// A single deviation counts no more than this many squared: beyond, all models are wrong.
 const MOST_CHI_SQUARE: f64 = 2000.0;
 /// Mean square of the deviations of all parameters from which on they have changed: a baseline of a few runs knows the
@@ -172,31 +172,6 @@ impl ArmEvidence {
     }
 }
 
-/// A figure of the first runs: the usual value and its deviation from run to run.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Usual {
-    value: f64,
-    deviation: f64,
-}
-
-impl Usual {
-    /// Of the first `count` values. `least` is the least deviation.
-    fn of(values: impl Iterator<Item = f64>, count: usize, least: f64) -> Option<Self> {
-        let first: Vec<f64> = values.take(count).collect();
-        let value = median(&first)?;
-        if first.len() < count.max(2) {
-            return None;
-        }
-        // that of the median itself is a part of the deviation from it
-        let own = (1.0 + std::f64::consts::FRAC_PI_2 / first.len() as f64).sqrt();
-        Some(Self { value, deviation: own * robust_deviation(&first).unwrap_or(0.0).max(least) })
-    }
-
-    fn deviations(&self, value: f64) -> f64 {
-        (value - self.value) / self.deviation
-    }
-}
-
 /// The evidence of each run, `None` before there is a baseline and for runs without figures. A run is compared with the first
 /// runs of like length.
 pub(super) fn arm_evidence(
@@ -266,153 +241,6 @@ impl Change {
         }
         Some(Self { deviations: latest, scale: 1.0, square: 0.0 })
     }
-}
-
-/// The first runs of an arm, of like length.
-struct Baseline {
-    /// Usual value and deviation of each inertial parameter, with what it stands for.
-    parameters: Vec<(ParameterId, Usual, [f64; 10])>,
-    /// How much more than their deviations the parameters of the first runs vary, squared.
-    inflation: f64,
-    offsets: Vec<Option<Usual>>,
-    rmsd: Vec<Option<Usual>>,
-    /// What faults of channels do to the parameters; empty where no test says it.
-    directions: Vec<Direction>,
-}
-
-/// What one fault of a channel does, by its size.
-struct Direction {
-    joint: JointIndex,
-    fault: ChannelFault,
-    /// Change of the parameters, in their standard deviations.
-    change: DVector<f64>,
-    /// Unexplained torque of each joint, as a fraction of its torque.
-    unexplained: Vec<f64>,
-}
-
-impl Baseline {
-    fn of(history: &[&RunSummary], joints: usize, baseline_runs: usize) -> Self {
-        let count = baseline_runs.max(2);
-        let last = history.iter().flat_map(|run| &run.parameters).map(|of| of.id.joint).max();
-        let first = history.iter().find(|run| !run.parameters.is_empty());
-        let usual = |of: &RunParameter| {
-            let own: Vec<&RunParameter> = history
-                .iter()
-                .filter_map(|run| run.parameters.iter().find(|other| other.id == of.id))
-                .take(count)
-                .collect();
-            let scatter: Vec<f64> = own
-                .iter()
-                .map(|of| of.std_dev / f64::from(of.cycles).sqrt())
-                .filter(|s| s.is_finite())
-                .collect();
-            let least =
-                median(&scatter).unwrap_or(0.0).max(LEAST_DEVIATION * of.mean.abs()).max(f64::MIN_POSITIVE);
-            // errors of single runs are known well, deviations of a few runs are not: these are pooled below
-            let means: Vec<f64> = own.iter().map(|of| of.mean).collect();
-            let value = median(&means).filter(|_| means.len() == count)?;
-            let usual =
-                Usual { value, deviation: least * (1.0 + std::f64::consts::FRAC_PI_2 / count as f64).sqrt() };
-            Some((of.id, usual, of_last_link(&of.terms, last?)))
-        };
-        let parameters: Vec<_> =
-            first.map(|run| run.parameters.iter().filter_map(usual).collect()).unwrap_or_default();
-        let mut found = Self {
-            parameters,
-            inflation: 1.0,
-            offsets: (0..joints).map(|j| Usual::of_offsets(history, JointIndex::new(j), count)).collect(),
-            rmsd: (0..joints).map(|j| Usual::of_rmsd(history, JointIndex::new(j), count)).collect(),
-            directions: Vec::new(),
-        };
-        let own: Vec<f64> = history
-            .iter()
-            .filter_map(|run| found.change(run))
-            .take(count)
-            .map(|change| change.norm_squared() / change.len().max(1) as f64)
-            .collect();
-        // the median was taken from these runs, and a run may be odd
-        let freedom = (count as f64 - 1.0) / count as f64;
-        found.inflation = own.iter().copied().fold(1.0, f64::max) / freedom;
-        let response = history.iter().rev().find_map(|run| run.response.as_deref());
-        found.directions = response.map(|of| found.directions(of)).unwrap_or_default();
-        found
-    }
-
-    /// Empty where the response lacks a parameter, as that of another description does.
-    fn directions(&self, response: &ChannelResponse) -> Vec<Direction> {
-        let place =
-            |(id, ..): &(ParameterId, Usual, [f64; 10])| response.parameters.iter().position(|of| of == id);
-        let places: Option<Vec<usize>> = self.parameters.iter().map(place).collect();
-        let Some(places) = places.filter(|places| !places.is_empty()) else { return Vec::new() };
-        let scaled = |of: &FaultResponse| Direction {
-            joint: of.joint,
-            fault: of.fault,
-            change: DVector::from_fn(places.len(), |row, _| of.change[places[row]] / self.deviation(row)),
-            unexplained: of.unexplained.clone(),
-        };
-        response.faults.iter().map(scaled).collect()
-    }
-
-    /// Standard deviation of a parameter of a run.
-    fn deviation(&self, row: usize) -> f64 {
-        self.parameters[row].1.deviation * self.inflation.sqrt()
-    }
-
-    /// Deviations of the inertial parameters of a run, in standard deviations; `None` where it lacks one.
-    fn change(&self, run: &RunSummary) -> Option<DVector<f64>> {
-        if self.parameters.is_empty() {
-            return None;
-        }
-        let value = |(id, usual, _): &(ParameterId, Usual, [f64; 10])| {
-            let of = run.parameters.iter().find(|of| of.id == *id)?;
-            Some(usual.deviations(of.mean) / self.inflation.sqrt())
-        };
-        let values: Option<Vec<f64>> = self.parameters.iter().map(value).collect();
-        values.map(DVector::from_vec)
-    }
-}
-
-impl Usual {
-    fn of_offsets(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
-        let runs: Vec<Vec<f64>> =
-            history.iter().map(|run| offsets(run, joint)).filter(|of| of.len() > 1).take(count).collect();
-        let within: Vec<f64> =
-            runs.iter().filter_map(|run| Some(robust_deviation(run)? / (run.len() as f64).sqrt())).collect();
-        let friction = history.iter().find_map(|run| friction(run, joint)).unwrap_or(0.0);
-        let least = median(&within).unwrap_or(0.0).max(1e-3 * friction).max(f64::MIN_POSITIVE);
-        Self::of(runs.iter().filter_map(|run| mean(run)), count, least)
-    }
-
-    fn of_rmsd(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
-        let values = history.iter().filter_map(|run| rmsd(run, joint)).map(f64::ln);
-        Self::of(values, count, LEAST_RMSD_DEVIATION)
-    }
-}
-
-fn offsets(run: &RunSummary, joint: JointIndex) -> Vec<f64> {
-    let own = run.cycle_friction.iter().filter(|of| of.friction.joint == joint);
-    own.map(|of| of.friction.offset).collect()
-}
-
-/// Mean friction of a joint, Nm (N).
-fn friction(run: &RunSummary, joint: JointIndex) -> Option<f64> {
-    let own = run.cycle_friction.iter().filter(|of| of.friction.joint == joint);
-    mean(&own.map(|of| of.friction.ln_torque).collect::<Vec<f64>>()).map(f64::exp)
-}
-
-fn rmsd(run: &RunSummary, joint: JointIndex) -> Option<f64> {
-    run.joints.iter().find(|of| of.joint == joint)?.relative_rmsd.filter(|rmsd| *rmsd > 0.0)
-}
-
-/// The coefficients of the ten standard parameters of the last link in a base parameter.
-fn of_last_link(terms: &[(f64, ParameterId)], last: JointIndex) -> [f64; 10] {
-    let mut found = [0.0; 10];
-    for (coefficient, id) in terms.iter().filter(|(_, id)| id.joint == last) {
-        if let ParameterKind::Inertial(place) = id.kind {
-            found[usize::from(place)] += coefficient;
-        }
-    }
-    found
 }
 
 /// A joint's torque signal in one run.
