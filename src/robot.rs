@@ -7,6 +7,7 @@ mod joint_index;
 mod friction_law;
 mod standard_parameters;
 mod parameter;
+mod shape;
 
 use nalgebra::{DMatrix, Vector3};
 
@@ -15,6 +16,7 @@ pub use self::friction_law::{FrictionLaw, FrictionModel, FrictionTerm, LawKind};
 pub use self::geometry::{DhParameters, GeometrySource, JointGeometry, Transform, UrdfOrigin};
 pub use self::joint_index::JointIndex;
 pub use self::parameter::{ParameterId, ParameterKind};
+pub use self::shape::{ArmShape, Capsule, Cell, Obstacle, ObstacleForm};
 pub use self::standard_parameters::StandardParameters;
 
 /// Most joints a described arm may have; numerics keep their per-joint scratch on the stack.
@@ -43,6 +45,8 @@ pub struct Robot {
     pub speed_levels: Vec<f64>,
     /// Excitation motion of the test, if the description gives one.
     pub excitation: Option<FourierExcitation>,
+    /// Space that the links take up, where the description says.
+    pub shape: ArmShape,
 }
 
 impl Robot {
@@ -108,6 +112,8 @@ pub struct Joint {
     pub rated_motor_torque: Option<f64>,
     /// Rated torque (force) of the joint behind the gear, Nm (N), where known.
     pub rated_torque: Option<f64>,
+    /// Largest torque (force) that the joint may be driven with for a moment, Nm (N), where known.
+    pub peak_torque: Option<f64>,
     /// Speed below which a row does not count as moving, rad/s (m/s for a sliding joint).
     pub low_speed: f64,
     /// Which columns describe friction, where they are not the arm's.
@@ -135,7 +141,7 @@ pub enum JointKind {
     Prismatic,
 }
 
-/// Range and largest rates of a joint: rad, rad/s, rad/s² (m for a sliding joint).
+/// Range and largest rates of a joint: rad, rad/s, rad/s², rad/s³ (m for a sliding joint).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointLimits {
     /// Smallest position.
@@ -146,6 +152,8 @@ pub struct JointLimits {
     pub velocity: f64,
     /// Largest acceleration.
     pub acceleration: f64,
+    /// Largest jerk, where the controller has one.
+    pub jerk: Option<f64>,
 }
 
 /// Friction coefficients of a joint in [3.10].

@@ -37,6 +37,7 @@ pub use self::layout::temperature::{AmbientTemperature, MotorTemperature, Temper
 pub use self::layout::text_format::{DecimalMark, TextEncoding, TextFormat};
 pub use self::pattern::FilePatterns;
 pub use self::retention::RetentionSettings;
+pub use self::robot::cell_file::read_cell;
 pub use self::robot::robot_file::{parse_robot, read_robot};
 pub use self::serve::{ClientSettings, Scope, ServeSettings, TokenSettings, UploadSettings};
 pub use self::settings::{Config, FleetEntry, Recognition, RewritePolicy, WatchSettings, WorkLimits};

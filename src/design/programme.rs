@@ -55,6 +55,19 @@ pub struct SearchRecord {
     pub scaled_condition_number: f64,
     /// Rows a second of that matrix, Hz.
     pub sample_rate_hz: f64,
+    /// Run whose motion counts as known, and so many seconds of it; `None` where nothing was known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub beside: Option<BesideRecord>,
+}
+
+/// Motion that a search counts as known.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BesideRecord {
+    /// The run.
+    pub run: i64,
+    /// So many seconds of its motion.
+    pub seconds: f64,
 }
 
 #[derive(Serialize, Deserialize)]

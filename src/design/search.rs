@@ -91,22 +91,42 @@ struct Outcome {
     series: FourierExcitation,
 }
 
-/// Searches on `threads` threads; `None` where no start gave a motion that shows every parameter.
+/// What an earlier search with the same problem and seed came to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Earlier {
+    /// Its best series.
+    pub series: FourierExcitation,
+    /// The start of that, from 0.
+    pub best_start: u64,
+    /// What each of its starts came to, in their order.
+    pub values: Vec<f64>,
+    /// Evaluations of cost and slope.
+    pub evaluations: u64,
+}
+
+/// Searches on `threads` threads, after what was searched `earlier`; `None` where no start gave a motion that shows every
+/// parameter.
 pub fn search(
     problem: &SearchProblem<'_>,
     seed: u64,
     budget: Budget,
     threads: usize,
+    earlier: Option<&Earlier>,
     progress: &(dyn Fn(Progress) + Sync),
 ) -> Option<Found> {
-    let (next, evaluations) = (AtomicU64::new(0), AtomicU64::new(0));
+    let first = earlier.map_or(0, |earlier| earlier.values.len() as u64);
+    let (next, evaluations) = (AtomicU64::new(first), AtomicU64::new(0));
     let done: Mutex<Vec<Outcome>> = Mutex::new(Vec::new());
     // what is taken is done, so that the starts are those from 0 on without a gap
     let taken = || match budget {
-        Budget::Starts(starts) => Some(next.fetch_add(1, Ordering::Relaxed)).filter(|start| *start < starts),
+        Budget::Starts(starts) => {
+            Some(next.fetch_add(1, Ordering::Relaxed)).filter(|start| *start < first + starts)
+        }
         Budget::Until(end) if Instant::now() < end => Some(next.fetch_add(1, Ordering::Relaxed)),
         // the first is done whatever it takes: nothing is no answer
-        Budget::Until(_) => next.compare_exchange(0, 1, Ordering::Relaxed, Ordering::Relaxed).ok(),
+        Budget::Until(_) => {
+            next.compare_exchange(first, first + 1, Ordering::Relaxed, Ordering::Relaxed).ok()
+        }
     };
     let work = || {
         while let Some(start) = taken() {
@@ -139,13 +159,22 @@ pub fn search(
     };
     on_threads(threads, finish);
     let last = last.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let best = last.into_iter().min_by(|a, b| a.value.total_cmp(&b.value).then(a.start.cmp(&b.start)))?;
+    let before = earlier.map(|earlier| Outcome {
+        start: earlier.best_start,
+        numbers: Vec::new(),
+        value: problem.value(&earlier.series).map_or(f64::INFINITY, f64::exp),
+        series: earlier.series.clone(),
+    });
+    let all = last.into_iter().chain(before);
+    let best = all.min_by(|a, b| a.value.total_cmp(&b.value).then(a.start.cmp(&b.start)))?;
+    let (values_before, evaluations_before) =
+        earlier.map_or((&[][..], 0), |earlier| (&earlier.values[..], earlier.evaluations));
     best.value.is_finite().then_some(Found {
         series: best.series,
         best_start: best.start,
         value: best.value,
-        values,
-        evaluations: evaluations.into_inner(),
+        values: [values_before, &values].concat(),
+        evaluations: evaluations_before + evaluations.into_inner(),
     })
 }
 
@@ -267,13 +296,15 @@ mod tests {
             parameters: (0..base.kept.len()).collect(),
             row_scales: vec![1.0],
             scales: vec![1.0; base.kept.len()],
+            known: None,
             limits: vec![MotionLimits::of(&robot.joints[0], &shares)],
             torque: None,
+            clearance: None,
             reached_speed: 0.9 / shares.velocity,
         };
         let problem = SearchProblem::new(&robot, &base, settings).expect("a problem");
         let run = |seed: u64, starts: u64, threads: usize| {
-            search(&problem, seed, Budget::Starts(starts), threads, &|_| ()).expect("a series")
+            search(&problem, seed, Budget::Starts(starts), threads, None, &|_| ()).expect("a series")
         };
         let one = run(5, 2, 1);
         assert_eq!(one, run(5, 2, 2));
@@ -289,8 +320,18 @@ mod tests {
         let speed = extremes(&one.series, 0).speed.value.abs() / robot.joints[0].limits.velocity;
         assert!((0.89..=0.95).contains(&speed), "{speed}");
         // time that has passed still gives one start
-        let past = search(&problem, 5, Budget::Until(Instant::now()), 2, &|_| ()).expect("a series");
+        let past = search(&problem, 5, Budget::Until(Instant::now()), 2, None, &|_| ()).expect("a series");
         assert_eq!(past.values.len(), 1);
         assert_eq!(past.values[0], one.values[0]);
+        // going on with the second start is trying it; the first one's series stays unless it is beaten
+        let earlier = Earlier {
+            series: past.series.clone(),
+            best_start: past.best_start,
+            values: past.values.clone(),
+            evaluations: past.evaluations,
+        };
+        let on = search(&problem, 5, Budget::Starts(1), 1, Some(&earlier), &|_| ()).expect("a series");
+        assert_eq!(on.values, one.values);
+        assert!((on.value / best - 1.0).abs() < 1e-9 && on.evaluations > past.evaluations, "{on:?}");
     }
 }

@@ -9,8 +9,8 @@ use crate::numerics::NumericsError;
 use crate::numerics::model::base_parameters::{BaseParameters, base_parameters, probe_state};
 use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
 use crate::robot::{
-    DhParameters, FrictionLaw, FrictionModel, FrictionTerm, Joint, JointGeometry, JointKind, JointLimits,
-    ParameterId, ParameterKind, Robot, StandardParameters, TorqueSensors, Transform,
+    ArmShape, DhParameters, FrictionLaw, FrictionModel, FrictionTerm, Joint, JointGeometry, JointKind,
+    JointLimits, ParameterId, ParameterKind, Robot, StandardParameters, TorqueSensors, Transform,
 };
 
 /// States of a test motion that count as independent rows of a cycle: a cycle has thousands of rows, filtered to
@@ -105,6 +105,7 @@ fn robot(draws: &mut Draws) -> Robot {
         couplings: Vec::new(),
         speed_levels: vec![0.2, 0.4, 0.6, 0.8],
         excitation: None,
+        shape: ArmShape::default(),
     }
 }
 
@@ -126,6 +127,7 @@ fn joint(draws: &mut Draws, j: usize) -> Joint {
             position_max: range,
             velocity: draws.between(1.0, 3.5),
             acceleration: draws.between(2.0, 10.0),
+            jerk: None,
         },
         gear_ratio: 100.0,
         position_offset: 0.0,
@@ -133,6 +135,7 @@ fn joint(draws: &mut Draws, j: usize) -> Joint {
         motor_torque_constant: None,
         rated_motor_torque: None,
         rated_torque: None,
+        peak_torque: None,
         low_speed: 0.01,
         friction: None,
         nominal: None,

@@ -115,6 +115,16 @@ pub fn joint_torque(chain: &RigidChain, state: &MotionState) -> [f64; MAX_JOINTS
     torque
 }
 
+/// Torque of the links alone, without the motors' inertia: what the gears carry. As [`joint_torque`].
+#[must_use]
+pub fn link_torque(chain: &RigidChain, state: &MotionState) -> [f64; MAX_JOINTS] {
+    let mut torque = joint_torque(chain, state);
+    for (j, link) in chain.links.iter().enumerate() {
+        torque[j] -= link.motor_inertia * state.acceleration[j];
+    }
+    torque
+}
+
 /// Motion of a link frame, all in base axes.
 #[derive(Debug, Clone)]
 struct Frame {

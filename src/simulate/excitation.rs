@@ -46,15 +46,23 @@ fn random_excitation(robot: &Robot, seed: u64) -> FourierExcitation {
     };
     let extremes = extremes(&series, n);
     for (j, joint) in robot.joints.iter().enumerate() {
-        let JointLimits { position_min, position_max, velocity, acceleration } = joint.limits;
+        let JointLimits { position_min, position_max, velocity, acceleration, jerk } = joint.limits;
         let [low, high, speed, acc] = extremes[j];
         let scale = (RANDOM_USE[0] * (position_max - position_min) / (high - low))
             .min(RANDOM_USE[1] * velocity / speed)
-            .min(RANDOM_USE[2] * acceleration / acc);
+            .min(RANDOM_USE[2] * acceleration / acc)
+            .min(jerk.map_or(f64::INFINITY, |jerk| RANDOM_USE[2] * jerk / jerk_bound(&series, j)));
         series.a[j].iter_mut().chain(&mut series.b[j]).for_each(|c| *c *= scale);
         series.centre[j] = 0.5 * (position_min + position_max) - 0.5 * scale * (low + high);
     }
     series
+}
+
+/// What the jerk of a joint cannot exceed: the sum of its harmonics' amplitudes, rad/s³ (m/s³).
+fn jerk_bound(series: &FourierExcitation, joint: usize) -> f64 {
+    let w = std::f64::consts::TAU * series.base_frequency;
+    let harmonics = (1..).zip(series.a[joint].iter().zip(&series.b[joint]));
+    harmonics.map(|(l, (a, b)): (u32, _)| (w * f64::from(l)).powi(2) * a.hypot(*b)).sum()
 }
 
 /// Random numbers whose sum, weighted by `weight(l)` with `l` from 1, is zero.

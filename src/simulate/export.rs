@@ -130,6 +130,23 @@ impl ExportWriter {
         if self.text.len() >= CHUNK_BYTES { self.write_text() } else { Ok(()) }
     }
 
+    /// Gives the file its own name already: it is seen to grow.
+    ///
+    /// # Errors
+    /// Whatever writing or renaming fails with.
+    pub fn show(&mut self) -> io::Result<()> {
+        self.write_out()?;
+        self.part.reveal()
+    }
+
+    /// Hands the rows that were pushed to the file.
+    ///
+    /// # Errors
+    /// Whatever writing fails with.
+    pub fn write_out(&mut self) -> io::Result<()> {
+        self.write_text()
+    }
+
     /// Writes what is left and gives the file its name.
     ///
     /// # Errors
@@ -199,9 +216,11 @@ impl PartFile {
         Ok(Self { hidden, target: target.to_owned(), revealed: false })
     }
 
-    fn reveal(mut self) -> io::Result<()> {
-        fs::rename(&self.hidden, &self.target)?;
-        self.revealed = true;
+    fn reveal(&mut self) -> io::Result<()> {
+        if !self.revealed {
+            fs::rename(&self.hidden, &self.target)?;
+            self.revealed = true;
+        }
         Ok(())
     }
 }

@@ -3,6 +3,7 @@
 //! Nothing here uses the identifier's formulas, so that one checks the other.
 
 pub mod dynamics;
+mod elastic;
 pub mod error;
 pub mod excitation;
 pub mod export;
@@ -36,7 +37,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use crate::robot::{JointIndex, Robot, WarmUpShape};
+use crate::robot::{JointIndex, MAX_JOINTS, Robot, WarmUpShape};
 use dynamics::rigid_chain;
 use export::{ExportWriter, column_count};
 use fault::in_run::RunFaults;
@@ -97,6 +98,10 @@ pub struct SimulationSettings {
     pub truth_dir: Option<PathBuf>,
     /// What gearboxes lose.
     pub friction: FrictionShape,
+    /// Stiffness of gears that bend, Nm/rad (N/m): see [`elastic`]. The planned motion is that of the links then.
+    pub stiffness: Vec<(JointIndex, f64)>,
+    /// Whether the export is written under its own name from its first row on, as a controller does that is watched.
+    pub grows: bool,
     /// Body that the tool frame carries.
     pub load: Option<Load>,
     /// Columns of the exports; the native layout if `None`.
@@ -127,6 +132,8 @@ impl Default for SimulationSettings {
             sensors: SensorSettings::default(),
             truth_dir: None,
             friction: FrictionShape::Gearbox,
+            stiffness: Vec::new(),
+            grows: false,
             load: None,
             format: None,
             temperatures: TemperatureSettings::default(),
@@ -171,7 +178,8 @@ pub struct RunFiles {
 /// Writes the export of run `run_index`, counted from 0, and its truth file.
 ///
 /// The truth file is complete before the export shows. The folder `out_dir` is made if it is missing.
-/// `progress` hears every ten thousand rows and the end.
+/// `progress` hears every ten thousand rows and the end; of an export that grows ten times a second of its time, when
+/// the rows until then are in the file.
 ///
 /// # Errors
 /// [`SimulateError`]: a description that cannot be simulated, a setting out of range, a file that
@@ -198,6 +206,9 @@ pub fn simulate_run(
         None => ExportWriter::create_with(&export, robot.joint_count(), settings.temperatures.columns),
     };
     let mut writer = writer.map_err(|e| write_error(&export, e))?;
+    if settings.grows {
+        writer.show().map_err(|e| write_error(&export, e))?;
+    }
     let cycle_truth = write_rows(&recording, settings, run_index, &mut writer, progress)
         .map_err(|e| write_error(&export, e))?;
     let run_truth = run_truth(robot, settings, &recording, run_index, &export, cycle_truth)?;
@@ -241,8 +252,13 @@ pub fn recording_of_run(
     let point =
         |(mass, centre): (f64, [f64; 3])| Load { mass, centre: centre.into(), inertia: Matrix3::zeros() };
     let carried = settings.load.into_iter().chain(loads(&settings.faults, run).map(point));
+    let mut compliance = [0.0; MAX_JOINTS];
+    for &(joint, stiffness) in &settings.stiffness {
+        compliance[joint.index()] = 1.0 / stiffness;
+    }
     Ok(Recording {
         plan,
+        compliance,
         chain: carried.fold(rigid_chain(robot)?, |chain, load| chain.carrying(&load, &robot.tool)),
         faults: RunFaults::new(&settings.faults, run, robot_seed(settings), noise_stream(run_index)),
         friction,
@@ -274,10 +290,17 @@ fn write_rows(
     progress: &mut dyn FnMut(SimulationProgress),
 ) -> io::Result<Vec<CycleTruth>> {
     let (mut rows, rows_total, cycles) = (0, recording.rows(), recording.cycles);
+    let told_rows = match settings.grows {
+        true => (0.1 * settings.sample_rate_hz).max(1.0) as u64,
+        false => PROGRESS_ROWS,
+    };
     record(recording, robot_seed(settings), noise_stream(run_index), |row| {
         writer.push(row)?;
         rows += 1;
-        if rows % PROGRESS_ROWS == 0 || rows == rows_total {
+        if rows % told_rows == 0 || rows == rows_total {
+            if settings.grows {
+                writer.write_out()?;
+            }
             progress(SimulationProgress { cycle: row.cycle, cycles, rows, rows_total });
         }
         Ok(())
@@ -365,6 +388,19 @@ fn check_settings(robot: &Robot, settings: &SimulationSettings) -> Result<(), Si
     }
     if settings.cycles == 0 {
         return setting("cycles", "0".into(), "a run has at least one cycle");
+    }
+    for &(joint, stiffness) in &settings.stiffness {
+        if joint.index() >= robot.joint_count() || !(stiffness.is_finite() && stiffness > 0.0) {
+            let hint = "give a joint that the arm has a stiffness above 0 Nm/rad (N/m)";
+            return setting("stiffness", format!("{stiffness} of joint {joint}"), hint);
+        }
+    }
+    if !(0.0..1.0).contains(&settings.sensors.torque_correlation) {
+        let value = settings.sensors.torque_correlation.to_string();
+        return setting("torque_correlation", value, "choose 0 to below 1");
+    }
+    if settings.grows && settings.gzip {
+        return setting("gzip", "true".into(), "an export that grows is not compressed");
     }
     let durations = [
         ("warming_s", settings.warming_s),

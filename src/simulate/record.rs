@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use super::dynamics::joint_torque;
+use super::elastic::motor_state;
 use super::friction::{
     JointFriction, ThermalState, coefficients_at, friction_torque_at, ripple_torque, thermal_multiplier,
     turned_along,
@@ -14,7 +15,7 @@ use super::motion::{MotionPiece, MotionState, PerJoint};
 use super::recording::{Recording, Row};
 use super::trajectory::{CyclePlan, Segment};
 use super::truth::{CycleTruth, FrictionLevelTruth, JointThermalTruth};
-use crate::robot::{FRICTION_COUNT, MAX_JOINTS};
+use crate::robot::{FRICTION_COUNT, JointIndex, MAX_JOINTS};
 
 /// Noise of the clock is drawn from streams of its own, so that it changes no other.
 const CLOCK_STREAM: u64 = 1 << 40;
@@ -42,6 +43,7 @@ pub fn record<E>(
     let mut clock_rng = ChaCha8Rng::seed_from_u64(seed);
     clock_rng.set_stream(CLOCK_STREAM + stream);
     let mut gears = Gears::default();
+    let mut torque_noise = [0.0; MAX_JOINTS];
     let mut faults = recording.faults.clone();
     for cycle in 1..=recording.cycles {
         faults.begin_cycle(cycle);
@@ -54,14 +56,27 @@ pub fn record<E>(
             let late = recording.clock.delay(first + u64::from(k), dt, &mut clock_rng).max(earliest);
             let t = f64::from(k) / recording.sample_rate_hz + late;
             let segment = tally.segment_at(&recording.plan, t);
-            let state = segment.state_at(t);
+            let links = segment.state_at(t);
+            let bends = recording.compliance.iter().any(|compliance| *compliance > 0.0);
+            let state = match bends {
+                true => motor_state(&recording.chain, &recording.compliance, segment, t),
+                false => links,
+            };
             let time = (first + u64::from(k)) as f64 / recording.sample_rate_hz + late;
             let turned = gears.turn(recording, &state);
-            let (mut torque, lost) =
-                true_torque(recording, faults.friction(), (&state, &turned), time, segment, t, &mut tally);
+            let (mut torque, lost) = true_torque(
+                recording,
+                faults.friction(),
+                (&links, &state, &turned),
+                time,
+                segment,
+                t,
+                &mut tally,
+            );
             faults.loosen(&recording.chain, &state, time, &mut torque);
             faults.push(t / recording.plan.duration, &mut torque);
-            let mut row = measured(recording, &mut rng, time, cycle, segment, &state, torque);
+            let mut row =
+                measured(recording, &mut rng, &mut torque_noise, (time, cycle, segment), &state, torque);
             faults.distort(time, &mut row.position, &mut row.torque);
             let reading = heat
                 .as_mut()
@@ -74,11 +89,12 @@ pub fn record<E>(
     Ok(truths)
 }
 
-/// Torque at each joint, and the part of it that the gears lose; plateau friction is tallied on the way.
+/// Torque at each joint, and the part of it that the gears lose; plateau friction is tallied on the way. `links` moves as
+/// planned, `state` as the motors do: the same unless gears bend.
 fn true_torque(
     recording: &Recording,
     friction_factor: &PerJoint,
-    (state, turned): (&MotionState, &PerJoint),
+    (links, state, turned): (&MotionState, &MotionState, &PerJoint),
     time: f64,
     segment: &Segment,
     t: f64,
@@ -91,7 +107,12 @@ fn true_torque(
         }
         _ => None,
     };
-    let mut torque = joint_torque(&recording.chain, state);
+    // what the links need, and the inertia of the motors along their own motion
+    let mut torque = joint_torque(&recording.chain, links);
+    for (j, torque) in torque.iter_mut().enumerate() {
+        let inertia = recording.chain.motor_inertia(JointIndex::new(j));
+        *torque += inertia * (state.acceleration[j] - links.acceleration[j]);
+    }
     let mut all_lost = [0.0; MAX_JOINTS];
     for (j, friction) in recording.friction.iter().enumerate() {
         let (q, qd) = (state.position[j], state.velocity[j]);
@@ -135,9 +156,8 @@ fn thermal_at(recording: &Recording, time: f64) -> ThermalState {
 pub(super) fn measured(
     recording: &Recording,
     rng: &mut ChaCha8Rng,
-    time: f64,
-    cycle: u32,
-    segment: &Segment,
+    torque_noise: &mut PerJoint,
+    (time, cycle, segment): (f64, u32, &Segment),
     state: &MotionState,
     mut torque: PerJoint,
 ) -> Row {
@@ -148,7 +168,9 @@ pub(super) fn measured(
             [rng.sample(StandardNormal), rng.sample(StandardNormal), rng.sample(StandardNormal)];
         position[j] = stepped(state.position[j] + sensors.position_noise * p, sensors.position_step);
         velocity[j] = stepped(state.velocity[j] + sensors.velocity_noise * v, sensors.velocity_step);
-        torque[j] += noise * recording.faults.noise(j) * t;
+        let rho = sensors.torque_correlation;
+        torque_noise[j] = rho * torque_noise[j] + (1.0 - rho * rho).sqrt() * t;
+        torque[j] += noise * recording.faults.noise(j) * torque_noise[j];
     }
     Row {
         time,

@@ -23,12 +23,21 @@ pub struct SensorSettings {
     pub velocity_noise: f64,
     /// Step of the velocity signal; 0 for none.
     pub velocity_step: f64,
+    /// Correlation of the torque signals' noise from row to row, an autoregression of order one; 0 for white noise. Its
+    /// standard deviation stays the same.
+    pub torque_correlation: f64,
 }
 
 impl Default for SensorSettings {
     /// Noise as in the controller's exports: 20 µrad and 2 mrad/s.
     fn default() -> Self {
-        Self { position_noise: 2e-5, position_step: 5e-6, velocity_noise: 2e-3, velocity_step: 5e-4 }
+        Self {
+            position_noise: 2e-5,
+            position_step: 5e-6,
+            velocity_noise: 2e-3,
+            velocity_step: 5e-4,
+            torque_correlation: 0.0,
+        }
     }
 }
 
@@ -71,6 +80,8 @@ pub struct Recording {
     pub plan: CyclePlan,
     /// Rigid dynamics.
     pub chain: RigidChain,
+    /// Compliance of each joint's gear, rad/Nm (m/N); 0 of a stiff one.
+    pub compliance: PerJoint,
     /// Friction of each joint in this run.
     pub friction: Vec<JointFriction>,
     /// Standard deviation of each torque signal, Nm.

@@ -44,7 +44,13 @@ pub fn nine_joints() -> Robot {
     let mut robot = er3a();
     let slide = Joint {
         kind: JointKind::Prismatic,
-        limits: JointLimits { position_min: 0.2, position_max: 2.2, velocity: 1.2, acceleration: 3.0 },
+        limits: JointLimits {
+            position_min: 0.2,
+            position_max: 2.2,
+            velocity: 1.2,
+            acceleration: 3.0,
+            jerk: None,
+        },
         ..robot.joints[0].clone()
     };
     let extra = [robot.joints[3].clone(), robot.joints[4].clone()];

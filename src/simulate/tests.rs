@@ -234,3 +234,54 @@ fn a_separate_folder_takes_the_truth() {
     assert!(files.truth.starts_with(truth.path()) && files.truth.exists());
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }
+
+#[test]
+fn an_export_that_grows_shows_its_rows_on_the_way_and_is_the_same_in_the_end() {
+    let robot = one_joint();
+    let settings = SimulationSettings { grows: true, ..quick() };
+    let folder = tempfile::tempdir().unwrap();
+    let stem = file_stem(1, &settings, start_of_run(&settings, 0).unwrap());
+    let path = folder.path().join(format!("{stem}.csv"));
+    let mut lines = Vec::new();
+    let files = simulate_run(&robot, &settings, 0, folder.path(), &mut |progress| {
+        lines.push((fs::read_to_string(&path).unwrap().lines().count() as u64, progress.rows));
+    })
+    .unwrap();
+    // ten times a second of 50 rows, with a header
+    assert!(lines.len() as u64 >= files.rows / 5, "{}", lines.len());
+    assert!(lines.iter().all(|(lines, rows)| *lines == rows + 1), "{lines:?}");
+    let (_other, at_once) = simulate(&robot, &quick(), 0);
+    assert_eq!(fs::read(&files.export).unwrap(), fs::read(&at_once.export).unwrap());
+    let compressed = SimulationSettings { gzip: true, ..settings };
+    let refused = simulate_run(&robot, &compressed, 0, folder.path(), &mut |_| ()).unwrap_err();
+    assert!(refused.to_string().contains("not compressed"), "{refused}");
+}
+
+#[test]
+fn noise_of_the_torque_has_the_correlation_and_standard_deviation_that_are_asked_for() {
+    let robot = one_joint();
+    let mut silent = robot.clone();
+    silent.joints[0].nominal.as_mut().unwrap().torque_noise = 0.0;
+    let torques = |robot: &Robot, torque_correlation: f64| -> Vec<f64> {
+        let sensors = SensorSettings { torque_correlation, ..SensorSettings::default() };
+        let (_folder, files) = simulate(robot, &SimulationSettings { cycles: 6, sensors, ..quick() }, 0);
+        let table = Table::read(&files.export);
+        table.rows.iter().map(|row| table.get(row, "trq_1")).collect()
+    };
+    let truth = torques(&silent, 0.0);
+    for correlation in [0.0, 0.8] {
+        let noise: Vec<f64> =
+            torques(&robot, correlation).iter().zip(&truth).map(|(noisy, truth)| noisy - truth).collect();
+        let mean_of = |products: &mut dyn Iterator<Item = f64>| products.sum::<f64>() / noise.len() as f64;
+        let variance = mean_of(&mut noise.iter().map(|x| x * x));
+        let lagged = mean_of(&mut noise.windows(2).map(|pair| pair[0] * pair[1]));
+        // some thousand rows, of which each ninth is independent at 0.8: a few per cent
+        assert!(noise.len() > 4000, "{}", noise.len());
+        assert!((lagged / variance - correlation).abs() < 0.06, "{correlation}: {}", lagged / variance);
+        let stated = robot.joints[0].nominal.unwrap().torque_noise;
+        assert!((variance.sqrt() / stated - 1.0).abs() < 0.1, "{} {stated}", variance.sqrt());
+    }
+    let odd = SimulationSettings { stiffness: vec![(JointIndex::new(3), 1e4)], ..quick() };
+    let folder = tempfile::tempdir().unwrap();
+    assert!(simulate_run(&robot, &odd, 0, folder.path(), &mut |_| ()).is_err(), "no joint 4");
+}

@@ -3,6 +3,8 @@
 //! Rest, excitation (Fourier series, then full speed over the range), friction joint by joint and
 //! level by level, warming, rest; moves between them belong to no stage.
 
+use std::f64::consts::TAU;
+
 use super::error::SimulateError;
 use super::excitation::fourier_excitation;
 use super::motion::{
@@ -118,9 +120,15 @@ fn check_robot(robot: &Robot) -> Result<(), SimulateError> {
         return Err(SimulateError::JointCount { joints: n });
     }
     for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
-        let JointLimits { position_min, position_max, velocity, acceleration } = joint.limits;
+        let JointLimits { position_min, position_max, velocity, acceleration, jerk } = joint.limits;
         let finite = [position_min, position_max, velocity, acceleration].iter().all(|x| x.is_finite());
-        if !(finite && position_min < position_max && velocity > 0.0 && acceleration > 0.0) {
+        let jerk_is_positive = jerk.is_none_or(|jerk| jerk > 0.0);
+        if !(finite
+            && position_min < position_max
+            && velocity > 0.0
+            && acceleration > 0.0
+            && jerk_is_positive)
+        {
             return Err(SimulateError::BadLimits { joint: index });
         }
     }
@@ -231,13 +239,14 @@ fn shuttle_start(shuttles: &[Shuttle]) -> MotionState {
 
 /// The shortest polynomial between two states that keeps inside all limits.
 fn blend(robot: &Robot, from: &MotionState, to: &MotionState) -> Result<(f64, MotionPiece), SimulateError> {
-    // Peaks of the rest-to-rest polynomial: 15/8 D/T and 10/sqrt(3) D/T².
+    // Peaks of the rest-to-rest polynomial: 15/8 D/T, 10/sqrt(3) D/T² and 60 D/T³.
     let mut duration = robot.joints.iter().enumerate().fold(MOVE_MIN_S, |longest, (j, joint)| {
         let distance = (to.position[j] - from.position[j]).abs();
         let by_speed = 1.875 * distance / (MOVE_USE * joint.limits.velocity);
         let by_acceleration =
             (10.0 / 3.0_f64.sqrt() * distance / (MOVE_USE * joint.limits.acceleration)).sqrt();
-        longest.max(by_speed).max(by_acceleration)
+        let by_jerk = joint.limits.jerk.map_or(0.0, |jerk| (60.0 * distance / (MOVE_USE * jerk)).cbrt());
+        longest.max(by_speed).max(by_acceleration).max(by_jerk)
     });
     let mut blocked = JointIndex::new(0);
     for _ in 0..BLEND_TRIES {
@@ -253,14 +262,18 @@ fn blend(robot: &Robot, from: &MotionState, to: &MotionState) -> Result<(f64, Mo
 
 fn first_outside(robot: &Robot, motion: &MotionPiece, duration: f64) -> Option<JointIndex> {
     const STEPS: u32 = 100;
-    (0..=STEPS).find_map(|k| {
-        let state = state_at(motion, duration * f64::from(k) / f64::from(STEPS));
+    let step = duration / f64::from(STEPS);
+    let states: Vec<MotionState> = (0..=STEPS).map(|k| state_at(motion, step * f64::from(k))).collect();
+    (0..states.len()).find_map(|k| {
+        let (before, state) = (&states[k.saturating_sub(1)], &states[k]);
         robot.joint_indices().find(|index| {
             let (j, limits) = (index.index(), &robot.joints[index.index()].limits);
+            let jerk = (state.acceleration[j] - before.acceleration[j]) / step;
             state.position[j] < limits.position_min
                 || state.position[j] > limits.position_max
                 || state.velocity[j].abs() > limits.velocity
                 || state.acceleration[j].abs() > limits.acceleration
+                || limits.jerk.is_some_and(|limit| jerk.abs() > limit)
         })
     })
 }
@@ -270,19 +283,26 @@ fn first_outside(robot: &Robot, motion: &MotionPiece, duration: f64) -> Option<J
 fn full_speed(joint: &Joint, from_the_top: bool) -> Shuttle {
     let (middle, range) = middle_and_range(&joint.limits);
     let (speed, acceleration) = (FULL_USE * joint.limits.velocity, FULL_USE * joint.limits.acceleration);
+    let jerk = usable_jerk(&joint.limits);
     let travel = (RANGE_USE * range).min(0.5 * speed * FULL_SPEED_STROKE_S);
     let direction = if from_the_top { -1.0 } else { 1.0 };
     Shuttle {
         start: middle - 0.5 * direction * travel,
         travel: direction * travel,
-        stroke_s: cycloid_s(travel, speed, acceleration),
+        stroke_s: cycloid_s(travel, speed, acceleration, jerk),
         strokes: 2,
     }
 }
 
-/// Shortest cycloid over `travel`: its peaks are `2 D/T` and `2 pi D/T²` [4.23, 4.24].
-fn cycloid_s(travel: f64, speed: f64, acceleration: f64) -> f64 {
-    (2.0 * travel / speed).max((std::f64::consts::TAU * travel / acceleration).sqrt())
+/// Shortest cycloid over `travel`: its peaks are `2 D/T`, `2 pi D/T²` [4.23, 4.24] and `4 pi² D/T³`.
+fn cycloid_s(travel: f64, speed: f64, acceleration: f64, jerk: f64) -> f64 {
+    let by_acceleration = (TAU * travel / acceleration).sqrt();
+    (2.0 * travel / speed).max(by_acceleration).max((TAU * TAU * travel / jerk).cbrt())
+}
+
+/// Jerk that motions use; infinite for a joint without such a limit.
+fn usable_jerk(limits: &JointLimits) -> f64 {
+    limits.jerk.map_or(f64::INFINITY, |jerk| FULL_USE * jerk)
 }
 
 /// To and fro for exactly `warming_s` seconds; over less of the range if even one round trip over
@@ -290,10 +310,12 @@ fn cycloid_s(travel: f64, speed: f64, acceleration: f64) -> f64 {
 fn warming_shuttle(joint: &Joint, warming_s: f64) -> Shuttle {
     let (middle, range) = middle_and_range(&joint.limits);
     let (speed, acceleration) = (WARMING_SPEED * joint.limits.velocity, FULL_USE * joint.limits.acceleration);
-    let travel = WARMING_RANGE * range;
-    let rounds = (warming_s / (2.0 * cycloid_s(travel, speed, acceleration))).floor().max(1.0);
+    let (travel, jerk) = (WARMING_RANGE * range, usable_jerk(&joint.limits));
+    let rounds = (warming_s / (2.0 * cycloid_s(travel, speed, acceleration, jerk))).floor().max(1.0);
     let stroke_s = 0.5 * warming_s / rounds;
-    let reachable = (0.5 * speed * stroke_s).min(acceleration * stroke_s * stroke_s / std::f64::consts::TAU);
+    let reachable = (0.5 * speed * stroke_s)
+        .min(acceleration * stroke_s * stroke_s / TAU)
+        .min(jerk * stroke_s.powi(3) / (TAU * TAU));
     let travel = travel.min(reachable);
     Shuttle { start: middle - 0.5 * travel, travel, stroke_s, strokes: 2 * rounds as u32 }
 }
@@ -309,7 +331,13 @@ fn level_motion(joint: &Joint, index: JointIndex, posture: PerJoint, fraction: f
 
 fn level_stroke(limits: &JointLimits, room: f64, fraction: f64) -> Stroke {
     let speed = fraction * limits.velocity;
-    let ramp = |part: f64| (speed / ((1.0 - RAMP_EDGE) * part * limits.acceleration)).max(MOVE_MIN_S / 3.0);
+    // the jerk of a ramp's edge is speed / (edge (1 - edge) ramp²), with the edge as a part of the ramp
+    let jerk = RAMP_EDGE * (1.0 - RAMP_EDGE) * usable_jerk(limits);
+    let by_jerk = |speed: f64| (speed / jerk).sqrt();
+    let ramp = |part: f64| {
+        let by_acceleration = speed / ((1.0 - RAMP_EDGE) * part * limits.acceleration);
+        by_acceleration.max(by_jerk(speed)).max(MOVE_MIN_S / 3.0)
+    };
     let plateau = |ramp_s: f64| (room / speed - ramp_s).min(0.5 * LEVEL_S[0] - 2.0 * ramp_s);
     let gentle = ramp(GENTLE_RAMP);
     if plateau(gentle) >= PLATEAU_SHORT_S {
@@ -323,8 +351,13 @@ fn level_stroke(limits: &JointLimits, room: f64, fraction: f64) -> Stroke {
     // speed (plateau + speed / a) = room: as fast as the shortest plateau leaves room for.
     let a = (1.0 - RAMP_EDGE) * FULL_USE * limits.acceleration;
     let reachable = 0.5 * a * ((PLATEAU_MIN_S * PLATEAU_MIN_S + 4.0 * room / a).sqrt() - PLATEAU_MIN_S);
-    let speed = speed.min(reachable);
-    Stroke { speed, ramp_s: speed / a, plateau_s: (room / speed - speed / a).max(0.0) }
+    // speed (plateau + sqrt(speed / jerk)) = room grows with the speed
+    let mut speed = speed.min(reachable);
+    while speed * (PLATEAU_MIN_S + by_jerk(speed)) > room {
+        speed *= 0.99;
+    }
+    let ramp_s = (speed / a).max(by_jerk(speed));
+    Stroke { speed, ramp_s, plateau_s: (room / speed - ramp_s).max(0.0) }
 }
 
 #[cfg(test)]
@@ -368,6 +401,35 @@ mod tests {
                         assert!(state.position[j] <= limits.position_max + ROUNDING);
                         assert!(state.velocity[j].abs() <= limits.velocity + ROUNDING);
                         assert!(state.acceleration[j].abs() <= limits.acceleration + ROUNDING);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Differences of accelerations over a step are means of the jerk.
+    #[test]
+    fn motion_keeps_inside_limits_of_the_jerk() {
+        for mut robot in arms() {
+            for joint in &mut robot.joints {
+                joint.limits.jerk = Some(4.0 * joint.limits.acceleration);
+            }
+            // the published excitation has a jerk of its own
+            robot.excitation = None;
+            for segment in &plan(&robot, 20.0).segments {
+                let step = segment.duration / 2000.0;
+                let states: Vec<MotionState> =
+                    (0..=2000).map(|k| state_at(&segment.motion, step * f64::from(k))).collect();
+                for pair in states.windows(2) {
+                    for (j, joint) in robot.joints.iter().enumerate() {
+                        let jerk = (pair[1].acceleration[j] - pair[0].acceleration[j]).abs() / step;
+                        let limit = 4.0 * joint.limits.acceleration;
+                        assert!(
+                            jerk <= limit * (1.0 + 1e-6),
+                            "joint {}: {jerk} {limit} {:?}",
+                            j + 1,
+                            segment.motion
+                        );
                     }
                 }
             }
@@ -452,7 +514,13 @@ mod tests {
 
     #[test]
     fn a_range_too_short_for_a_level_slows_it_down() {
-        let limits = JointLimits { position_min: -0.2, position_max: 0.2, velocity: 4.0, acceleration: 8.0 };
+        let limits = JointLimits {
+            position_min: -0.2,
+            position_max: 0.2,
+            velocity: 4.0,
+            acceleration: 8.0,
+            jerk: None,
+        };
         let room = RANGE_USE * 0.4;
         let stroke = level_stroke(&limits, room, 1.0);
         assert!(stroke.speed < 4.0 && (stroke.plateau_s - PLATEAU_MIN_S).abs() < 1e-12);

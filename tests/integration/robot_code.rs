@@ -291,29 +291,7 @@ fn a_sliding_joint_and_seven_joints_in_dh_tables_become_code() {
 
 /// Seven joints of made-up bodies, axes turned against each other by odd angles now and then.
 fn seven_joints() -> String {
-    let head = "model = \"seven\"\nconvention = \"modified_dh\"\ngravity_m_s2 = [0, 2, -9.5]\nspeed_levels = [0.2, 1.0]\n";
-    let rows = [
-        (0.0, 0.0, 0.333),
-        (0.0, -90.0, 0.0),
-        (0.0, 90.0, 0.316),
-        (0.0825, 90.0, 0.0),
-        (-0.0825, -90.0, 0.384),
-        (0.0, 87.0, 0.0),
-        (0.088, 90.0, 0.1),
-    ];
-    let joint = |(k, (a, alpha, d)): (usize, &(f64, f64, f64))| {
-        let mass = 7.0 - 0.8 * k as f64;
-        format!(
-            "\n[[joint]]\ntype = \"revolute\"\na_m = {a}\nalpha_deg = {alpha}\nd_m = {d}\ntheta_offset_deg = {}\n\
-             position_min_deg = -160\nposition_max_deg = 150\nvelocity_max_deg_s = 150\nacceleration_max_deg_s2 = 700\n\
-             gear_ratio = 100\n\n[joint.nominal]\nmass_kg = {mass}\ncentre_of_mass_m = [0.02, -0.03, 0.0{k}]\n\
-             inertia_about_centre_of_mass_kg_m2 = {{ xx = 0.03, xy = 0.001, xz = -0.002, yy = 0.028, yz = 0.0015, zz = 0.02 }}\n\
-             motor_inertia_kg_m2 = 0.3\nfriction = {{ f1_nm = 2, f2_nm_s_rad = 4, f3_nm_s2_rad2 = -0.4, f4_nm_s3_rad3 = 0.05 }}\n\
-             warm_up = {{ b = 0.2, t1_min = 30, c = 0.1, t2_min = 3 }}\ntorque_noise_nm = 0.1\n",
-            if k == 4 { 25 } else { 0 }
-        )
-    };
-    head.to_owned() + &rows.iter().enumerate().map(joint).collect::<String>()
+    fs::read_to_string(reference("seven_joints.toml")).expect("a description")
 }
 
 /// Every friction law, a motor that turns with two joints, and sensors behind the gears, with made-up parameters.

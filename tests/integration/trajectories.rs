@@ -1,11 +1,13 @@
 //! `armwatch trajectory`: the walk of `docs/trajectories.md`, from a description to parameters, and broken limits.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use armwatch::config::read_robot;
 use armwatch::numerics::model::base_parameters::base_parameters;
+use armwatch::numerics::model::dynamics::inverse_dynamics;
 use armwatch::numerics::pooled::nominal_prior::nominal_base;
+use armwatch::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
 
 use crate::support::{Workshop, text};
 
@@ -63,9 +65,242 @@ fn the_walk_leads_from_a_description_to_true_parameters() {
     // half of all errors are within 0.67 standard errors; one of 28 that is beyond five is no chance
     assert!(off[off.len() / 2] < 1.2 && off[off.len() - 1] < 5.0, "{off:?}\n{identified:?}");
 
+    the_least_addition_is_shorter_than_a_motion_of_its_own(&workshop);
     the_test_has_its_stages(&workshop);
     the_same_seed_gives_the_same_file(&workshop);
     broken_limits_are_named_and_not_written(&workshop);
+}
+
+/// What a recording shows already needs no motion, and with more of it known the motion is no longer.
+fn the_least_addition_is_shorter_than_a_motion_of_its_own(workshop: &Workshop) {
+    let shape = [
+        "trajectory",
+        "design",
+        "--robot",
+        "mine.toml",
+        "--harmonics",
+        "2",
+        "--seconds",
+        "6",
+        "--starts",
+        "1",
+    ];
+    let beside = ["--beside-run", "1", "--config", "mine-armwatch.toml", "--json", "--precision"];
+    let found = |precision: &str, more: &[&str]| {
+        json(&workshop.stdout(&[&shape[..], &beside[..], &[precision], more].concat(), 0))
+    };
+    let (rough, fine) = (found("0.9", &[]), found("0.002", &["--beside-s", "1", "-o", "addition.json"]));
+    let of = |value: &serde_json::Value, name: &str| -> Vec<f64> {
+        let all = value["beside"]["parameters"].as_array().expect("parameters");
+        all.iter().map(|of| of[name].as_f64().unwrap_or(f64::INFINITY)).collect()
+    };
+    assert_eq!(rough["beside"]["missed"], 0, "{rough}");
+    for value in [&rough, &fine] {
+        let (alone, together) =
+            (of(value, "standard_deviation_alone"), of(value, "standard_deviation_together"));
+        assert!(alone.len() > 8 && alone.iter().zip(&together).all(|(alone, with)| with < alone), "{value}");
+    }
+    // less of the recording counts, by the root of sixty
+    let (known, less) = (of(&rough, "standard_deviation_alone"), of(&fine, "standard_deviation_alone"));
+    assert!(known.iter().zip(&less).all(|(of60, of1)| (of1 / of60 / 60.0_f64.sqrt() - 1.0).abs() < 1e-6));
+    let programme = json(&fs::read_to_string(workshop.path("addition.json")).expect("a programme"));
+    assert_eq!(programme["search"]["beside"]["run"], 1);
+    let conflicting =
+        workshop.run(&[&shape[..], &["--beside-run", "1", "--objective", "condition"]].concat());
+    assert_eq!(conflicting.status.code(), Some(2));
+}
+
+/// Blocks of the section on space: the shape of the links, and the cell.
+fn shape_and_cell() -> [String; 2] {
+    let page = page();
+    let section = page.split("## Space").nth(1).expect("the section");
+    let mut blocks =
+        section.split("```toml\n").skip(1).map(|block| block.split("```").next().expect("an end"));
+    [(); 2].map(|()| blocks.next().expect("a block").to_owned())
+}
+
+#[test]
+fn motions_keep_clear_of_the_arm_and_its_cell_and_keep_jerk_and_peak_torque() {
+    let workshop = Workshop::new();
+    let [shape, cell] = shape_and_cell();
+    let mine = blocks("toml")[0].replacen("[[joint]]", &format!("{shape}\n[[joint]]"), 1);
+    let limits = "jerk_max_deg_s3 = 3000\npeak_joint_torque_nm = 60\ngear_ratio = 100";
+    fs::write(workshop.path("mine.toml"), mine.replace("gear_ratio = 100", limits)).expect("written");
+    fs::write(workshop.path("cell.toml"), &cell).expect("written");
+    let in_cell = ["--robot", "mine.toml", "--cell", "cell.toml"];
+    let design = ["trajectory", "design", "--harmonics", "3", "--seconds", "6", "--starts", "2", "--json"];
+    let found = json(&workshop.stdout(&[&design[..], &in_cell, &["-o", "mine.json"]].concat(), 0));
+    let clearances = found["clearances"].as_array().expect("clearances");
+    // one pair of links, one link from three obstacles
+    assert_eq!(clearances.len(), 4, "{found}");
+    assert!(clearances.iter().all(|of| of["at_least_m"].as_f64() >= Some(0.02)), "{found}");
+    for joint in found["limits"].as_array().expect("limits") {
+        assert!(joint["jerk_share"].as_f64().is_some_and(|share| share > 0.1 && share <= 1.0), "{joint}");
+    }
+    for joint in found["torques"].as_array().expect("torques") {
+        assert!(joint["torque_peak_nm"].as_f64() <= Some(60.0), "{joint}");
+    }
+    // without the cell the best motion is another, and it comes nearer
+    let free = ["--robot", "mine.toml", "-o", "free.json"];
+    workshop.stdout(&[&design[..], &free].concat(), 0);
+    let said = workshop.run(&[&["trajectory", "check", "free.json"], &in_cell[..]].concat());
+    let (shown, hints) = (text(&said.stdout), text(&said.stderr));
+    assert_eq!(said.status.code(), Some(1), "{shown}{hints}");
+    assert!(shown.contains("BROKEN link 2 and ") && shown.contains("mm apart at"), "{shown}");
+
+    let kept = workshop.stdout(&[&["trajectory", "check", "mine.json"], &in_cell[..]].concat(), 0);
+    assert!(kept.contains("position, speed, acceleration, jerk, peak torque, clearance"), "{kept}");
+    let export = ["trajectory", "export", "mine.json", "--rate-hz", "200", "-o", "mine.csv"];
+    workshop.stdout(&[&export[..], &in_cell].concat(), 0);
+    let sampled = workshop.stdout(&[&["trajectory", "check", "mine.csv"], &in_cell[..]].concat(), 0);
+    assert!(sampled.contains("jerk, peak torque, clearance"), "{sampled}");
+    let refused = workshop.run(&[&export[..2], &["free.json", "-o", "free.csv"], &in_cell[..]].concat());
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(!workshop.path("free.csv").exists());
+
+    // the whole test turns each joint over its range: it meets the post, and is not written
+    let test = ["trajectory", "test", "--warming-s", "0", "--trajectory", "mine.json", "-o", "test.csv"];
+    let refused = workshop.run(&[&test[..], &in_cell].concat());
+    assert_eq!(refused.status.code(), Some(1), "{}", text(&refused.stdout));
+    assert!(text(&refused.stderr).contains("nothing is written"), "{}", text(&refused.stderr));
+    assert!(!workshop.path("test.csv").exists());
+    // without obstacles it keeps the jerk, and clears the column with the arm's own range
+    let alone =
+        workshop.run(&[&test[..], &["--robot", "mine.toml", "--json", "--despite-broken-limits"]].concat());
+    let said = json(&text(&alone.stdout));
+    for joint in said["joints"].as_array().expect("joints") {
+        assert!(joint["jerk_share"].as_f64().is_some_and(|share| share > 0.5 && share <= 1.0), "{joint}");
+    }
+
+    for (name, contents, expected) in [
+        ("empty.toml", "", "no obstacle"),
+        ("wrong.toml", "[[box]]\ncentre_m = [0, 0, 0]\nsize_m = [1, 1]\n", "size_m"),
+    ] {
+        fs::write(workshop.path(name), contents).expect("written");
+        let output =
+            workshop.run(&["trajectory", "check", "mine.json", "--robot", "mine.toml", "--cell", name]);
+        assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+        assert!(text(&output.stderr).contains(expected), "{}", text(&output.stderr));
+    }
+    let shapeless =
+        workshop.run(&["trajectory", "check", "mine.json", "--robot", "er3a", "--cell", "cell.toml"]);
+    assert!(text(&shapeless.stderr).contains("[[capsule]]"), "{}", text(&shapeless.stderr));
+}
+
+/// Samples of a programme at 1 kHz over its period: positions, velocities and accelerations `[rows][n]`, from the file.
+fn states(programme: &serde_json::Value) -> Vec<[Vec<f64>; 3]> {
+    let numbers = |of: &serde_json::Value| -> Vec<f64> {
+        of.as_array().expect("a list").iter().map(|of| of.as_f64().expect("a number")).collect()
+    };
+    let joints: Vec<[Vec<f64>; 3]> = programme["joints"]
+        .as_array()
+        .expect("joints")
+        .iter()
+        .map(|joint| {
+            let unit = if joint["type"] == "revolute" { "rad" } else { "m" };
+            let of = |name: &str| &joint[format!("{name}_{unit}")];
+            let per_second = |name: &str| numbers(&joint[format!("{name}_{unit}_s")]);
+            [vec![of("centre").as_f64().expect("a centre")], per_second("a"), per_second("b")]
+        })
+        .collect();
+    let frequency = programme["base_frequency_hz"].as_f64().expect("a frequency");
+    let at = |t: f64| -> [Vec<f64>; 3] {
+        let mut state: [Vec<f64>; 3] = Default::default();
+        for [centre, a, b] in &joints {
+            let (mut q, mut qd, mut qdd) = (centre[0], 0.0, 0.0);
+            for (l, (a, b)) in (1..).zip(a.iter().zip(b)) {
+                let w = std::f64::consts::TAU * frequency * f64::from(l);
+                let (sine, cosine) = (w * t).sin_cos();
+                q += (a * sine - b * cosine) / w;
+                qd += a * cosine + b * sine;
+                qdd += w * (b * cosine - a * sine);
+            }
+            state[0].push(q);
+            state[1].push(qd);
+            state[2].push(qdd);
+        }
+        state
+    };
+    (0..=(1000.0 / frequency) as u32).map(|k| at(f64::from(k) * 1e-3)).collect()
+}
+
+/// Condition number and rank by singular values of a matrix whose columns are torques of the recursive Newton-Euler
+/// equations, one parameter 1 and all others 0: nothing of the regressor or the search is in it.
+fn by_singular_values(robot: &Robot, states: &[[Vec<f64>; 3]]) -> (f64, usize) {
+    let base = base_parameters(robot).expect("base parameters");
+    let n = robot.joint_count();
+    let chosen: Vec<_> = base
+        .kept
+        .iter()
+        .filter(|id| matches!(id.kind, ParameterKind::Inertial(_) | ParameterKind::MotorInertia))
+        .collect();
+    let column = |id: &ParameterId| -> Vec<f64> {
+        let mut tau = vec![0.0; n];
+        let mut parameters = vec![StandardParameters([0.0; StandardParameters::COUNT]); n];
+        let mut rows = Vec::with_capacity(n * states.len());
+        for [q, qd, qdd] in states {
+            match id.kind {
+                ParameterKind::Inertial(k) => {
+                    parameters[id.joint.index()].0[usize::from(k)] = 1.0;
+                    inverse_dynamics(robot, &parameters, q, qd, qdd, &mut tau);
+                }
+                _ => {
+                    tau.fill(0.0);
+                    tau[id.joint.index()] = qdd[id.joint.index()];
+                }
+            }
+            rows.extend_from_slice(&tau);
+        }
+        rows
+    };
+    let columns: Vec<_> = chosen.iter().map(|id| nalgebra::DVector::from_vec(column(id))).collect();
+    let values = nalgebra::DMatrix::from_columns(&columns).singular_values();
+    let (largest, smallest) = (values.max(), values.min());
+    (largest / smallest, values.iter().filter(|value| **value > 1e-9 * largest).count())
+}
+
+/// Designs for five arms keep their limits at every millisecond, and have the condition number that they say, at full
+/// rank. `cargo test --test integration -- --ignored designs_for_five_arms`; programmes of longer searches are taken
+/// from the folder `ARMWATCH_PROGRAMMES`, as `er3a.json`, `tx40.json`, `ur10e.json`, `scara.json`, `seven_joints.json`.
+#[test]
+#[ignore = "searches for minutes"]
+fn designs_for_five_arms_hold_by_a_second_road() {
+    let workshop = Workshop::new();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let searched = std::env::var_os("ARMWATCH_PROGRAMMES").map(PathBuf::from);
+    for name in ["er3a", "tx40", "ur10e", "scara", "seven_joints"] {
+        let description = match name {
+            "seven_joints" => root.join("tests/reference/seven_joints.toml"),
+            _ => root.join(format!("config/robots/{name}.toml")),
+        };
+        let file = match &searched {
+            Some(folder) => folder.join(format!("{name}.json")),
+            None => {
+                let file = workshop.path(&format!("{name}.json"));
+                let (from, to) = (description.to_str().expect("a path"), file.to_str().expect("a path"));
+                let budget = ["--budget-s", "20", "--rate-hz", "1000", "--json"];
+                workshop
+                    .stdout(&[&["trajectory", "design", "--robot", from, "-o", to], &budget[..]].concat(), 0);
+                file
+            }
+        };
+        let programme = json(&fs::read_to_string(&file).expect("a programme"));
+        let robot = read_robot(&description).expect("a description");
+        let states = states(&programme);
+        for (j, joint) in robot.joints.iter().enumerate() {
+            let limits = &joint.limits;
+            for [q, qd, qdd] in &states {
+                assert!((limits.position_min..=limits.position_max).contains(&q[j]), "{name} {j} {q:?}");
+                assert!(qd[j].abs() <= limits.velocity && qdd[j].abs() <= limits.acceleration, "{name} {j}");
+            }
+        }
+        let (condition, rank) = by_singular_values(&robot, &states);
+        let said = programme["search"]["condition_number"].as_f64().expect("a number");
+        let count = programme["search"]["parameters"].as_array().expect("names").len();
+        println!("{name}: condition number {condition:.4}, said {said:.4}, rank {rank} of {count}");
+        assert_eq!(rank, count, "{name}");
+        assert!((condition / said - 1.0).abs() < 2e-3, "{name}: {condition} {said}");
+    }
 }
 
 fn lines(block: &str) -> Vec<String> {

@@ -11,6 +11,7 @@ use serde_json::json;
 use crate::analysis::Estimator;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
+use crate::cli::shared::programme::programme;
 use crate::config::{Config, Layout, read_robot};
 use crate::ingest::rejection::Rejection;
 use crate::numerics::NumericsError;
@@ -40,6 +41,7 @@ Examples:
   armwatch benchmark coverage config/robots/er3a.toml --correlation 0.9
   armwatch benchmark coverage config/robots/scara.toml --estimator ordinary \\
       --json
+  armwatch benchmark coverage config/robots/er3a.toml --trajectory er3a.json
   armwatch benchmark coverage config/robots/er3a.toml --exports
   armwatch benchmark coverage config/robots/er3a.toml --exports --gearbox \\
       --seeds 30")]
@@ -69,50 +71,85 @@ pub(in crate::cli) struct CoverageArgs {
     /// Torque noise relative to the description's
     #[arg(help_heading = "What is simulated", long, default_value_t = 1.0)]
     noise: f64,
+    /// Programme of `armwatch trajectory design`, driven in place of the description's excitation; true errors are then
+    /// compared with those of the description's, if it has one
+    #[arg(help_heading = "What is simulated", long, value_name = "PROGRAMME")]
+    trajectory: Option<PathBuf>,
 }
 
 pub(in crate::cli) fn coverage(global: &Global, args: &CoverageArgs) -> Result<u8, CliError> {
-    let robot = read_robot(&args.file)?;
+    let described = read_robot(&args.file)?;
     if !(0.0..1.0).contains(&args.correlation) {
         return Err(CliError::Usage("--correlation takes 0 to below 1".into()));
     }
+    let own_excitation = described.excitation.clone();
+    let mut robot = described;
+    if let Some(path) = &args.trajectory {
+        robot.excitation = Some(programme(path, &robot)?.series);
+    }
+    let refused = |error: CountError| CliError::Usage(format!("{}: {error}", args.file.display()));
+    let analysis = AnalysisSettings { estimator: args.estimator, ..AnalysisSettings::default() };
+    let mut method = Method::new(robot, analysis).map_err(|error| refused(error.into()))?;
+    let layout = shipped_layout()?;
+    let found = counted(args, &method, &layout).map_err(refused)?;
+    let against_own = match (&args.trajectory, own_excitation) {
+        (Some(_), Some(own)) => {
+            method.robot.excitation = Some(own);
+            let own = counted(args, &method, &layout).map_err(refused)?;
+            Some(found.errors_over(&own))
+        }
+        _ => None,
+    };
+    let share = found.share(|_| true);
+    if global.json {
+        output::json(&json!({
+            "robot": method.robot.model, "seeds": args.seeds, "coverage": share,
+            "estimator": args.estimator.name(),
+            "errors_over_own_excitation": against_own.map(|[smallest, median, largest]| json!({
+                "smallest": smallest, "median": median, "largest": largest,
+            })),
+            "parameters": found.ids.iter().zip(&found.inside).zip(&found.bias).map(|((id, inside), bias)| json!({
+                "joint": id.joint.number(), "parameter": id.name(),
+                "coverage": *inside as f64 / found.seeds as f64, "bias_in_sigma": bias,
+            })).collect::<Vec<_>>(),
+        }));
+    } else {
+        output::line(&found.table());
+        if let Some([smallest, median, largest]) = against_own {
+            output::line(&format!(
+                "true errors are {median:.2} of those with the description's own excitation (median; {smallest:.2} to \
+                 {largest:.2})"
+            ));
+        }
+    }
+    let honest = (HONEST[0]..=HONEST[1]).contains(&share);
+    Ok(if honest { EXIT_DONE } else { EXIT_FOUND })
+}
+
+/// Simulates and counts what was asked for, with a progress bar.
+fn counted(args: &CoverageArgs, method: &Method, layout: &Layout) -> Result<Coverage, CountError> {
     let settings = ExactSettings {
         sample_rate_hz: args.rate_hz,
         torque_noise_scale: args.noise,
         torque_noise_correlation: args.correlation,
         ..ExactSettings::default()
     };
-    let refused = |error: CountError| CliError::Usage(format!("{}: {error}", args.file.display()));
-    let analysis = AnalysisSettings { estimator: args.estimator, ..AnalysisSettings::default() };
-    let method = Method::new(robot, analysis).map_err(|error| refused(error.into()))?;
     let bar = progress_bar(args.seeds);
     let counted = if args.exports {
-        let shipped = Config::shipped().map_err(|errors| CliError::Internal(errors.to_string()))?;
-        let layout = shipped.fleet.first().map(|entry| Arc::clone(&entry.layout));
-        let layout = layout.ok_or_else(|| CliError::Internal("no layout is shipped".into()))?;
         let friction = if args.gearbox { FrictionShape::Gearbox } else { FrictionShape::Polynomial };
-        let cycle = |seed| exported_cycle(&method.robot, args.rate_hz, friction, &layout, seed);
-        count(&method, args.seeds, &cycle, &|| bar.inc(1))
+        let cycle = |seed| exported_cycle(&method.robot, args.rate_hz, friction, layout, seed);
+        count(method, args.seeds, &cycle, &|| bar.inc(1))?
     } else {
-        count(&method, args.seeds, &|seed| exact_cycle(&method.robot, &settings, seed), &|| bar.inc(1))
+        count(method, args.seeds, &|seed| exact_cycle(&method.robot, &settings, seed), &|| bar.inc(1))?
     };
-    let counted = counted.map_err(refused)?;
     bar.finish_and_clear();
-    let share = counted.share(|_| true);
-    if global.json {
-        output::json(&json!({
-            "robot": method.robot.model, "seeds": args.seeds, "coverage": share,
-            "estimator": args.estimator.name(),
-            "parameters": counted.ids.iter().zip(&counted.inside).zip(&counted.bias).map(|((id, inside), bias)| json!({
-                "joint": id.joint.number(), "parameter": id.name(),
-                "coverage": *inside as f64 / counted.seeds as f64, "bias_in_sigma": bias,
-            })).collect::<Vec<_>>(),
-        }));
-    } else {
-        output::line(&counted.table());
-    }
-    let honest = (HONEST[0]..=HONEST[1]).contains(&share);
-    Ok(if honest { EXIT_DONE } else { EXIT_FOUND })
+    Ok(counted)
+}
+
+fn shipped_layout() -> Result<Arc<Layout>, CliError> {
+    let shipped = Config::shipped().map_err(|errors| CliError::Internal(errors.to_string()))?;
+    let layout = shipped.fleet.first().map(|entry| Arc::clone(&entry.layout));
+    layout.ok_or_else(|| CliError::Internal("no layout is shipped".into()))
 }
 
 fn progress_bar(seeds: u64) -> ProgressBar {
@@ -137,10 +174,20 @@ struct Coverage {
     bias: Vec<f64>,
     /// Mean standard error over the scatter of the values, by parameter; 1 if honest.
     error_ratio: Vec<f64>,
+    /// Root mean square of the deviations from the truth, by parameter, in its own unit.
+    true_error: Vec<f64>,
     seeds: u64,
 }
 
 impl Coverage {
+    /// True errors over those of another motion, by parameter: smallest, median and largest.
+    fn errors_over(&self, other: &Self) -> [f64; 3] {
+        let pairs = self.true_error.iter().zip(&other.true_error);
+        let mut ratios: Vec<f64> = pairs.map(|(own, other)| own / other).collect();
+        ratios.sort_by(f64::total_cmp);
+        [ratios[0], ratios[ratios.len() / 2], ratios[ratios.len() - 1]]
+    }
+
     fn share(&self, wanted: impl Fn(ParameterKind) -> bool) -> f64 {
         let chosen: Vec<u64> =
             self.ids.iter().zip(&self.inside).filter(|(id, _)| wanted(id.kind)).map(|(_, c)| *c).collect();
@@ -203,6 +250,7 @@ fn count(
         inside: vec![0; b],
         bias: vec![0.0; b],
         error_ratio: vec![0.0; b],
+        true_error: vec![0.0; b],
         seeds,
     };
     let (mut deviations, mut squares, mut errors) = (vec![0.0; b], vec![0.0; b], vec![0.0; b]);
@@ -222,6 +270,7 @@ fn count(
     let count = seeds as f64;
     for k in 0..b {
         let scatter = (squares[k] - deviations[k] * deviations[k] / count) / (count - 1.0).max(1.0);
+        found.true_error[k] = (squares[k] / count).sqrt();
         found.error_ratio[k] = (errors[k] / count / scatter).sqrt();
     }
     Ok(found)

@@ -128,8 +128,8 @@ async fn watch(
     let mut starts = Vec::new();
     // alarms after each test, as they stood then
     let mut said: Vec<Vec<Alarm>> = Vec::new();
+    let check = SimulationSettings { cycles: 1, warming_s: 0.0, ..simulated.clone() };
     for run in 0..simulated.runs {
-        let check = SimulationSettings { cycles: 1, warming_s: 0.0, ..simulated.clone() };
         let settings = if drawn.scenario.is_check(run as usize) { &check } else { simulated };
         let files = simulate_run(arm, settings, run, folder, &mut |_| ())
             .map_err(|error| CliError::Internal(error.to_string()))?;

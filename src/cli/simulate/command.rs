@@ -2,7 +2,7 @@
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -16,12 +16,12 @@ use crate::cli::shared::load::LoadArgs;
 use crate::cli::shared::output;
 use crate::cli::shared::programme::programme;
 use crate::config::{Config, read_layout, read_robot};
-use crate::robot::Robot;
+use crate::robot::{JointIndex, Robot};
 use crate::simulate::error::SimulateError;
 use crate::simulate::fault::Fault;
 use crate::simulate::friction::FrictionShape;
 use crate::simulate::load::Load;
-use crate::simulate::recording::Clock;
+use crate::simulate::recording::{Clock, SensorSettings};
 use crate::simulate::temperatures::{TemperatureColumns, TemperatureSettings};
 use crate::simulate::{SimulationSettings, simulate_run};
 
@@ -45,6 +45,9 @@ Examples:
       --friction-shape late-turn-over
   armwatch simulate -o exports --trajectory er3a.json
   armwatch simulate -o exports --cycles 1 --warming-s 0 --levels 2,4,6
+  armwatch simulate -o inbox --cycles 2 --real-time 1
+  armwatch simulate -o exports --stiffness 1=20000,2=25000 \\
+      --torque-noise-correlation 0.6
   armwatch simulate -o exports --load-mass-kg 3 --load-centre-m 0,0,0.08
 
 Faults, each with from= (first run) and perhaps to= (last run):
@@ -75,6 +78,9 @@ pub(in crate::cli) struct SimulateArgs {
     /// Programme of `armwatch trajectory design`, driven in place of the description's excitation
     #[arg(help_heading = "Recording", long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
+    /// Stiffness of gears that bend, Nm/rad (N/m), such as 1=20000,3=15000: motors are measured, links move as planned
+    #[arg(help_heading = "Arm and faults", long, value_name = "JOINT=STIFFNESS", value_delimiter = ',', value_parser = stiffness)]
+    stiffness: Vec<(JointIndex, f64)>,
     /// Name of the individual robot; begins the file names
     #[arg(help_heading = "Exports", long, default_value = "R01")]
     name: String,
@@ -122,6 +128,12 @@ pub(in crate::cli) struct SimulateArgs {
     /// [default: native, rounded as a controller does]
     #[arg(help_heading = "Recording", long, value_name = "FILE")]
     layout: Option<PathBuf>,
+    /// Write rows as a controller records them, so many times as fast as the clock; the export grows under its own name
+    #[arg(help_heading = "Recording", long, value_name = "SPEED", value_parser = speed, conflicts_with = "gzip")]
+    real_time: Option<f64>,
+    /// Correlation of the torque signals' noise from row to row, 0 to below 1; 0 is white noise
+    #[arg(help_heading = "Recording", long, default_value_t = 0.0, value_name = "PART")]
+    torque_noise_correlation: f64,
     /// How the export tells its stages; other columns as in the native layout, every digit written
     #[arg(help_heading = "Recording", long, value_enum, conflicts_with = "layout")]
     stage_signal: Option<StageSignalArg>,
@@ -210,6 +222,18 @@ const ALTERNATING_PART: f64 = 1.0 / 11.0;
 /// Standard deviation of an instant of [`ClockArg::Jittering`], steps.
 const JITTER_STEPS: f64 = 0.1;
 
+fn speed(text: &str) -> Result<f64, String> {
+    let speed = text.parse().ok().filter(|speed: &f64| *speed > 0.0 && speed.is_finite());
+    speed.ok_or_else(|| "above 0, such as 1 for the speed of the clock".into())
+}
+
+fn stiffness(text: &str) -> Result<(JointIndex, f64), String> {
+    let parsed = text.split_once('=').and_then(|(joint, stiffness)| {
+        Some((JointIndex::from_number(joint.trim().parse().ok()?)?, stiffness.trim().parse().ok()?))
+    });
+    parsed.ok_or_else(|| "a joint and its stiffness, such as 1=20000".into())
+}
+
 pub(in crate::cli) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u8, CliError> {
     let robot = match &args.robot {
         Some(path) => read_robot(path)?,
@@ -258,6 +282,9 @@ impl SimulateArgs {
             seed: self.seed,
             sample_rate_hz: self.rate_hz.unwrap_or(usual.sample_rate_hz),
             cycles: self.cycles.unwrap_or(usual.cycles),
+            stiffness: self.stiffness.clone(),
+            grows: self.real_time.is_some(),
+            sensors: SensorSettings { torque_correlation: self.torque_noise_correlation, ..usual.sensors },
             warming_s: self.warming_s.unwrap_or(usual.warming_s),
             levels: self.levels.clone().map(|levels| levels.0),
             runs: self.runs,
@@ -324,7 +351,12 @@ fn simulate_one(
         bar.set_style(style.progress_chars("=> "));
     }
     bar.set_prefix(format!("{}/{}", run + 1, settings.runs));
+    let begin = Instant::now();
     let files = simulate_run(robot, settings, run, &args.output, &mut |progress| {
+        if let Some(speed) = args.real_time {
+            let recorded = progress.rows as f64 / (settings.sample_rate_hz * speed);
+            std::thread::sleep(Duration::from_secs_f64(recorded).saturating_sub(begin.elapsed()));
+        }
         bar.set_length(progress.rows_total);
         bar.set_position(progress.rows);
         bar.set_message(format!("cycle {}/{}", progress.cycle, progress.cycles));

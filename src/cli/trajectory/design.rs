@@ -1,29 +1,32 @@
 //! `armwatch trajectory design`: an excitation trajectory for an arm, and what it will tell.
 
+mod settings;
+mod told;
+
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
-use serde_json::{Value, json};
 
+use self::settings::sizes;
+use self::told::{Predicted, Told};
 use super::arm::arm;
-use super::rated::rated_torques;
-use super::words::{nearness, print_nearness, sentence};
+use super::beside::{Beside, BesideArgs, Precision};
+use super::judged::Judged;
+use super::surroundings::SurroundingsArgs;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::plot::write_lines;
-use crate::design::programme::{Programme, SearchRecord};
-use crate::design::search::{Budget, Found, search};
+use crate::cli::shared::programme::programme;
+use crate::design::programme::{BesideRecord, Programme, SearchRecord};
+use crate::design::search::{Budget, Earlier, Found, search};
 use crate::numerics::model::base_parameters::{BaseParameters, base_parameters};
 use crate::numerics::pooled::nominal_prior::nominal_base;
-use crate::numerics::statistics::distributions::normal_quantile;
-use crate::numerics::trajectory::limits::{MotionLimits, Shares, TorqueLimits, broken_by_series};
-use crate::numerics::trajectory::objective::Objective;
-use crate::numerics::trajectory::prediction::{Conditioning, Prediction, Recording, conditioning, predict};
-use crate::numerics::trajectory::problem::{SearchProblem, SearchSettings};
-use crate::robot::{JointKind, ParameterKind, Robot};
+use crate::numerics::trajectory::prediction::{Conditioning, Recording, conditioning};
+use crate::numerics::trajectory::problem::{INSTANTS_PER_HARMONIC, SearchProblem, SearchSettings};
+use crate::robot::Robot;
 
 /// Share of the top speeds that each joint reaches at least where the scaled condition number is searched: the columns
 /// of a joint that hardly moves can be scaled too, and tell nothing.
@@ -31,14 +34,6 @@ const REACHED_WHERE_SCALED: f64 = 0.5;
 
 /// Starts of a search where nothing else is asked for.
 const STARTS: u64 = 12;
-
-/// Probability that a test without a change shows one, and that a test with the smallest change shows it.
-const FALSE_ALARM: f64 = 0.001;
-const DETECTION: f64 = 0.9;
-
-/// How much nearer to a torque limit than allowed the search stays, since a motion that is found is not made smaller
-/// for torques.
-const TORQUE_CLEARANCE: f64 = 0.999;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -50,13 +45,20 @@ Examples:
       --budget-s 300 -o scaled.json
   armwatch trajectory design --robot er3a --columns all \\
       --objective standard-deviation -o precise.json
+  armwatch trajectory design --robot er3a --columns all \\
+      --objective standard-deviation --precise friction-3 -o joint3.json
+  armwatch trajectory design --robot er3a --resume er3a.json -o er3a.json
+  armwatch trajectory design --robot er3a --beside-run 12 --seconds 10 \\
+      -o addition.json
 
 The motion is a finite Fourier series that starts and ends at rest, without acceleration, and keeps the position, speed
 and acceleration limits of the description between its samples too. Where the description has nominal parameters and
-rated torques, the root mean square of each joint's torque stays below its rated torque.
+rated torques, the root mean square of each joint's torque stays below its rated torque; where it has limits of jerk and
+peak torque, they are kept, and so is the clearance of its capsules (docs/trajectories.md).
 
 The same seed and number of starts give the same file on any number of threads; with --budget-s the file says how many
-starts there were, and --starts with that number gives it again. Standard deviations hold for white noise of the torque
+starts there were, and --starts with that number gives it again. With --beside-run, the motion is the shortest one that
+shows what ordinary work does not. Standard deviations hold for white noise of the torque
 signal and one period; docs/trajectories.md says what that leaves out.")]
 pub(in crate::cli) struct DesignArgs {
     /// The arm: a robot or model of the configuration, or the file of a description
@@ -84,15 +86,40 @@ pub(in crate::cli) struct DesignArgs {
     /// scaled-condition 0.5]
     #[arg(help_heading = "Motion", long, value_name = "PART", value_parser = share_or_none)]
     reach_speed_share: Option<f64>,
-    /// Part of the rated torque that the root mean square of a joint's torque may be; 0 for no limit
+    /// Part of the rated torque that the root mean square of a joint's torque may be; 0 for no limit of torques
     #[arg(help_heading = "Motion", long, default_value_t = 1.0, value_name = "PART", value_parser = share_or_none)]
     torque_share: f64,
     /// What is made small
-    #[arg(help_heading = "Search", long, value_enum, default_value = "condition")]
+    #[arg(
+        help_heading = "Search",
+        long,
+        value_enum,
+        default_value = "condition",
+        conflicts_with = "beside_run"
+    )]
     objective: ObjectiveArg,
     /// Parameters that the objective is of
-    #[arg(help_heading = "Search", long, value_enum, default_value = "inertial")]
+    #[arg(
+        help_heading = "Search",
+        long,
+        value_enum,
+        default_value = "inertial",
+        conflicts_with = "beside_run"
+    )]
     columns: ColumnsArg,
+    /// Weight of the scaled condition number in --objective mixed; the rest is that of the volume
+    #[arg(help_heading = "Search", long, default_value_t = 0.5, value_name = "PART", value_parser = share_or_none)]
+    condition_share: f64,
+    /// Parameters whose standard deviations count, where not all do: names such as J3_f1, friction-3 for all friction of
+    /// joint 3, link-6 for link 6 and its motor, separated by commas; others are estimated along
+    #[arg(
+        help_heading = "Search",
+        long,
+        value_name = "NAMES",
+        value_delimiter = ',',
+        conflicts_with = "beside_run"
+    )]
+    precise: Vec<String>,
     /// Everything random follows from it
     #[arg(help_heading = "Search", long, default_value_t = 1)]
     seed: u64,
@@ -102,6 +129,9 @@ pub(in crate::cli) struct DesignArgs {
     /// Begin new starts for this long instead, s
     #[arg(help_heading = "Search", long, value_name = "S", conflicts_with = "starts")]
     budget_s: Option<f64>,
+    /// Go on with the search of this programme, which had the same settings: more starts, and its motion if none is better
+    #[arg(help_heading = "Search", long, value_name = "PROGRAMME", conflicts_with = "beside_run")]
+    resume: Option<PathBuf>,
     /// Threads [default: one a processor]
     #[arg(help_heading = "Search", long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
@@ -111,6 +141,10 @@ pub(in crate::cli) struct DesignArgs {
     /// Standard deviation of every torque signal, Nm (N) [default: the description's]
     #[arg(help_heading = "Prediction", long, value_name = "NM")]
     noise_nm: Option<f64>,
+    #[command(flatten)]
+    beside: BesideArgs,
+    #[command(flatten)]
+    surroundings: SurroundingsArgs,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -121,6 +155,8 @@ enum ObjectiveArg {
     ScaledCondition,
     /// Volume of the confidence ellipsoid of the parameters
     LogDeterminant,
+    /// The last two together, weighted by --condition-share
+    Mixed,
     /// Standard deviations of the parameters, each in units of its nominal size
     StandardDeviation,
 }
@@ -146,30 +182,53 @@ pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, C
     args.check()?;
     let refused = |error: crate::numerics::NumericsError| CliError::Usage(format!("{}: {error}", args.robot));
     let base = base_parameters(&robot).map_err(refused)?;
-    let problem = SearchProblem::new(&robot, &base, args.settings(&robot, &base)?).map_err(refused)?;
-    let found = args.search(&problem)?;
-    let chosen = &problem.settings().parameters;
-    let conditions = conditioning(&robot, &base, chosen, &found.series, args.rate_hz).map_err(refused)?;
+    let limit = args.surroundings.limit(&robot)?;
+    let recording = args.recording(&robot)?;
+    let all: Vec<usize> = (0..base.kept.len()).collect();
+    let sizes = sizes(&base, &all, &nominal_base(&robot, &base));
+    let beside = args.beside.read(global, &robot, &base, recording.as_ref(), sizes)?;
+    let settings = SearchSettings { clearance: limit.clone(), ..args.settings(&robot, &base)? };
+    let chosen = settings.parameters.clone();
+    let (found, precision) = match (&beside, &recording) {
+        (Some(beside), Some(recording)) => {
+            let (found, precision) = args.least_addition(&robot, &base, settings, beside, recording)?;
+            (found, Some(precision))
+        }
+        _ => {
+            let problem = SearchProblem::new(&robot, &base, settings).map_err(refused)?;
+            (args.search(&problem, args.earlier(&robot, &base, &chosen)?.as_ref())?, None)
+        }
+    };
+    let conditions = conditioning(&robot, &base, &chosen, &found.series, args.rate_hz).map_err(refused)?;
     let programme = Programme {
         model: robot.model.clone(),
         kinds: robot.joints.iter().map(|joint| joint.kind).collect(),
         series: found.series.clone(),
-        search: Some(args.record(&base, chosen, &found, &conditions)),
+        search: Some(args.record(&base, &chosen, &found, &conditions, beside.as_ref())),
     };
-    let breaches = broken_by_series(&robot, &found.series);
-    let prediction = args.recording(&robot)?.map(|recording| {
-        predict(&robot, &base, &found.series, &recording).map(|found| (recording, found)).map_err(refused)
-    });
-    let prediction = prediction.transpose()?;
-    let predicted = prediction.as_ref().map(|(recording, found)| (recording, found));
-    if global.json {
-        output::json(&as_value(&robot, &base, &programme, &conditions, predicted));
-    } else {
-        args.print(&robot, &base, &found, &conditions, predicted);
+    let judged = Judged::of_series(&robot, &found.series, limit.as_ref())?;
+    let told = Told {
+        robot: &robot,
+        base: &base,
+        programme: &programme,
+        conditions: &conditions,
+        judged: &judged,
+        prediction: recording
+            .as_ref()
+            .map(|of| Predicted::new(&robot, &base, &found.series, of))
+            .transpose()?,
+        beside: beside.as_ref().zip(precision.as_ref()),
+    };
+    match global.json {
+        true => output::json(&told.as_value()),
+        false => told.print(),
     }
-    if !breaches.is_empty() {
-        breaches.iter().for_each(|breach| output::print_hint(&sentence(&robot, breach)));
-        output::print_hint("nothing is written: the motion breaks limits");
+    let broken = judged.broken();
+    if !broken.is_empty() {
+        broken.iter().for_each(|sentence| output::print_hint(sentence));
+        output::print_hint(
+            "nothing is written: the best motion that was found breaks limits; try more --starts, or wider limits",
+        );
         return Ok(EXIT_FOUND);
     }
     match &args.output {
@@ -216,88 +275,59 @@ impl DesignArgs {
     }
 
     fn reached(&self) -> f64 {
-        let usual = match self.objective {
+        let usual = match self.objective() {
             ObjectiveArg::ScaledCondition => REACHED_WHERE_SCALED.min(self.speed_share),
             _ => 0.0,
         };
         self.reach_speed_share.unwrap_or(usual)
     }
 
-    fn settings(&self, robot: &Robot, base: &BaseParameters) -> Result<SearchSettings, CliError> {
-        let is_chosen = |k: &usize| match self.columns {
-            ColumnsArg::All => true,
-            ColumnsArg::Inertial => {
-                matches!(base.kept[*k].kind, ParameterKind::Inertial(_) | ParameterKind::MotorInertia)
-            }
-        };
-        let parameters: Vec<usize> = (0..base.kept.len()).filter(is_chosen).collect();
-        let nominal = nominal_base(robot, base);
-        let noise = self.noise(robot);
-        let statistical =
-            matches!(self.objective, ObjectiveArg::LogDeterminant | ObjectiveArg::StandardDeviation);
-        let row_scales = match (&noise, statistical) {
-            (Some(noise), true) => noise.iter().map(|noise| 1.0 / noise).collect(),
-            _ => vec![1.0; robot.joint_count()],
-        };
-        let shares = Shares {
-            position: self.position_share,
-            velocity: self.speed_share,
-            acceleration: self.acceleration_share,
-        };
-        Ok(SearchSettings {
-            period: self.seconds,
-            harmonics: usize::from(self.harmonics),
-            objective: match self.objective {
-                ObjectiveArg::Condition => Objective::Condition,
-                ObjectiveArg::ScaledCondition => Objective::ScaledCondition,
-                ObjectiveArg::LogDeterminant => Objective::LogDeterminant,
-                ObjectiveArg::StandardDeviation => Objective::StandardDeviation,
-            },
-            scales: sizes(base, &parameters, &nominal),
-            parameters,
-            row_scales,
-            limits: robot.joints.iter().map(|joint| MotionLimits::of(joint, &shares)).collect(),
-            torque: self.torque_limits(robot, &nominal),
-            // the search counts in what the motion may reach
-            reached_speed: self.reached() / self.speed_share,
-        })
+    /// What is made small; of an addition to ordinary work the standard deviations.
+    fn objective(&self) -> ObjectiveArg {
+        if self.beside.is_asked() { ObjectiveArg::StandardDeviation } else { self.objective }
     }
 
-    /// Limits of torques, where parameters and rated torques are known.
-    fn torque_limits(&self, robot: &Robot, nominal: &[Option<f64>]) -> Option<TorqueLimits> {
-        let parameters: Option<Vec<f64>> = nominal.iter().copied().collect();
-        let rated = rated_torques(robot);
-        let limited = self.torque_share > 0.0 && rated.iter().any(Option::is_some);
-        parameters.filter(|_| limited).map(|parameters| TorqueLimits {
-            parameters,
-            mean_square_root: rated
-                .into_iter()
-                .map(|rated| rated.map(|rated| TORQUE_CLEARANCE * self.torque_share * rated))
-                .collect(),
-            peak: vec![None; robot.joint_count()],
-        })
-    }
-
-    /// Noise of each torque signal, where it is known.
-    fn noise(&self, robot: &Robot) -> Option<Vec<f64>> {
-        let of_joint = |joint: &crate::robot::Joint| {
-            let known = joint.nominal.as_ref().map(|nominal| nominal.torque_noise);
-            self.noise_nm.or(known).filter(|noise| *noise > 0.0)
+    /// The search of --resume, whose settings have to be these.
+    fn earlier(
+        &self,
+        robot: &Robot,
+        base: &BaseParameters,
+        chosen: &[usize],
+    ) -> Result<Option<Earlier>, CliError> {
+        let Some(path) = &self.resume else { return Ok(None) };
+        let found = programme(path, robot)?;
+        let other = |what: &str| {
+            Err(CliError::Usage(format!(
+                "--resume {}: its search had another {what}; give the same options, or search anew",
+                path.display()
+            )))
         };
-        robot.joints.iter().map(of_joint).collect()
-    }
-
-    fn recording(&self, robot: &Robot) -> Result<Option<Recording>, CliError> {
-        let noise = self.noise(robot);
-        if noise.is_none() {
-            output::print_hint(
-                "the description has no noise of every torque signal, so nothing is predicted; give it with --noise-nm",
-            );
+        let Some(search) = found.search else { return other("origin: nothing is known of it") };
+        let near = |a: f64, b: f64| (a - b).abs() <= 1e-9 * b.abs();
+        let names: Vec<String> = chosen.iter().map(|&k| base.kept[k].to_string()).collect();
+        let harmonics = found.series.a.first().map_or(0, Vec::len);
+        let same = [
+            ("objective", search.objective == self.objective().name()),
+            ("choice of parameters", search.parameters == names),
+            ("seed", search.seed == self.seed),
+            ("duration", near(1.0 / found.series.base_frequency, self.seconds)),
+            ("number of harmonics", harmonics == usize::from(self.harmonics)),
+            ("share of the range", near(search.position_share, self.position_share)),
+            ("share of the speeds", near(search.speed_share, self.speed_share)),
+            ("share of the accelerations", near(search.acceleration_share, self.acceleration_share)),
+        ];
+        if let Some((what, _)) = same.iter().find(|(_, same)| !same) {
+            return other(what);
         }
-        Ok(noise.map(|noise| Recording { sample_rate_hz: self.rate_hz, periods: 1, noise }))
+        Ok(Some(Earlier {
+            series: found.series,
+            best_start: search.best_start,
+            values: search.values.iter().map(|value| value.unwrap_or(f64::INFINITY)).collect(),
+            evaluations: search.evaluations,
+        }))
     }
 
-    fn search(&self, problem: &SearchProblem<'_>) -> Result<Found, CliError> {
+    fn search(&self, problem: &SearchProblem<'_>, earlier: Option<&Earlier>) -> Result<Found, CliError> {
         let begin = Instant::now();
         let budget = match self.budget_s {
             Some(seconds) => Budget::Until(begin + Duration::from_secs_f64(seconds)),
@@ -321,7 +351,7 @@ impl DesignArgs {
         }
         bar.set_message("nothing yet");
         bar.enable_steady_tick(Duration::from_millis(200));
-        let found = search(problem, self.seed, budget, threads, &|progress| {
+        let found = search(problem, self.seed, budget, threads, earlier, &|progress| {
             bar.set_position(progress.starts);
             bar.set_message(format!("best {:.4}", progress.best));
         });
@@ -335,16 +365,44 @@ impl DesignArgs {
         })
     }
 
+    /// The shortest motion with which every parameter is known well enough, or the longest one that is allowed.
+    fn least_addition(
+        &self,
+        robot: &Robot,
+        base: &BaseParameters,
+        settings: SearchSettings,
+        beside: &Beside,
+        recording: &Recording,
+    ) -> Result<(Found, Precision), CliError> {
+        let refused =
+            |error: crate::numerics::NumericsError| CliError::Usage(format!("{}: {error}", self.robot));
+        let durations = Beside::durations(self.seconds);
+        for (k, &duration) in durations.iter().enumerate() {
+            let settings = SearchSettings { period: duration, ..settings.clone() };
+            let instants = INSTANTS_PER_HARMONIC * settings.harmonics;
+            let known = Some(beside.known(recording, duration, instants));
+            let problem =
+                SearchProblem::new(robot, base, SearchSettings { known, ..settings }).map_err(refused)?;
+            let found = self.search(&problem, None)?;
+            let precision = beside.precision(robot, base, &found.series, recording)?;
+            if beside.missed(&precision) == 0 || k + 1 == durations.len() {
+                return Ok((found, precision));
+            }
+        }
+        Err(CliError::Internal("no duration to try".into()))
+    }
+
     fn record(
         &self,
         base: &BaseParameters,
         chosen: &[usize],
         found: &Found,
         conditions: &Conditioning,
+        beside: Option<&Beside>,
     ) -> SearchRecord {
         SearchRecord {
             armwatch: env!("CARGO_PKG_VERSION").to_owned(),
-            objective: self.objective.name(),
+            objective: self.objective().name(),
             parameters: chosen.iter().map(|&k| base.kept[k].to_string()).collect(),
             seed: self.seed,
             starts: found.values.len() as u64,
@@ -357,79 +415,8 @@ impl DesignArgs {
             condition_number: conditions.condition_number,
             scaled_condition_number: conditions.scaled_condition_number,
             sample_rate_hz: self.rate_hz,
+            beside: beside.map(|of| BesideRecord { run: of.run, seconds: of.seconds }),
         }
-    }
-
-    fn print(
-        &self,
-        robot: &Robot,
-        base: &BaseParameters,
-        found: &Found,
-        conditions: &Conditioning,
-        predicted: Option<(&Recording, &Prediction)>,
-    ) {
-        output::line(&format!(
-            "Condition number {:.3}, with scaled columns {:.3} ({} parameters, {} Hz, {} s); start {} of {}, {} \
-             evaluations",
-            conditions.condition_number,
-            conditions.scaled_condition_number,
-            match self.columns {
-                ColumnsArg::All => "all".to_owned(),
-                ColumnsArg::Inertial => "inertial and motor".to_owned(),
-            },
-            self.rate_hz,
-            self.seconds,
-            found.best_start + 1,
-            found.values.len(),
-            found.evaluations,
-        ));
-        output::line("\nHow near the motion comes to the limits");
-        print_nearness(robot, &found.series);
-        let Some((recording, prediction)) = predicted else { return };
-        output::line(&format!(
-            "\nStandard deviations that a recording of one period at {} Hz will have (white noise of {})",
-            self.rate_hz,
-            if self.noise_nm.is_some() { "--noise-nm" } else { "the description" },
-        ));
-        let nominal = nominal_base(robot, base);
-        let rows: Vec<Vec<String>> = base
-            .kept
-            .iter()
-            .zip(&prediction.standard_deviations)
-            .zip(&nominal)
-            .map(|((id, std), nominal)| {
-                vec![
-                    id.to_string(),
-                    id.unit(robot.joints[id.joint.index()].kind).to_owned(),
-                    format!("{std:.3e}"),
-                    nominal.map_or_else(|| "-".to_owned(), |value| format!("{value:.3e}")),
-                ]
-            })
-            .collect();
-        output::print_table(&["parameter", "unit", "standard deviation", "nominal value"], &rows, &[]);
-        output::line(&format!(
-            "\nSmallest changes that one period shows with probability {DETECTION}, at a false alarm in {:.0} tests, where \
-             noise is all that differs",
-            1.0 / FALSE_ALARM
-        ));
-        let factor = smallest_change();
-        let mut rows: Vec<Vec<String>> = robot
-            .joint_indices()
-            .map(|joint| {
-                let change = prediction.friction_change[joint.index()];
-                let noise = recording.noise[joint.index()];
-                let unit = if robot.joints[joint.index()].kind == JointKind::Revolute { "Nm" } else { "N" };
-                vec![
-                    format!("friction of joint {joint}"),
-                    format!("{noise} {unit}"),
-                    change.map_or_else(|| "-".to_owned(), |std| format!("{:.2} %", 100.0 * factor * std)),
-                ]
-            })
-            .collect();
-        let load =
-            prediction.load_change.map_or_else(|| "-".to_owned(), |std| format!("{:.3} kg", factor * std));
-        rows.push(vec!["load at the tool frame".to_owned(), String::new(), load]);
-        output::print_table(&["what changes", "torque noise", "smallest change"], &rows, &[]);
     }
 }
 
@@ -437,65 +424,4 @@ impl ObjectiveArg {
     fn name(self) -> String {
         self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
     }
-}
-
-/// Standard deviations of the smallest change that is found with probability [`DETECTION`] at [`FALSE_ALARM`], in both
-/// directions.
-fn smallest_change() -> f64 {
-    normal_quantile(1.0 - 0.5 * FALSE_ALARM) + normal_quantile(DETECTION)
-}
-
-/// What standard deviations are compared with: the nominal value, or the root mean square of those of the same unit if
-/// that is more; 1 where nothing is known.
-fn sizes(base: &BaseParameters, chosen: &[usize], nominal: &[Option<f64>]) -> Vec<f64> {
-    let unit = |k: usize| base.kept[k].unit(JointKind::Revolute);
-    let of = |&k: &usize| {
-        let like: Vec<f64> = (0..nominal.len())
-            .filter(|&other| unit(other) == unit(k))
-            .filter_map(|other| nominal[other])
-            .collect();
-        let squares: f64 = like.iter().map(|value| value * value).sum();
-        let usual = (squares / like.len().max(1) as f64).sqrt();
-        let size = nominal[k].map_or(usual, |value| usual.max(value.abs()));
-        if size > 0.0 { size } else { 1.0 }
-    };
-    chosen.iter().map(of).collect()
-}
-
-fn as_value(
-    robot: &Robot,
-    base: &BaseParameters,
-    programme: &Programme,
-    conditions: &Conditioning,
-    predicted: Option<(&Recording, &Prediction)>,
-) -> Value {
-    let parameters = |prediction: &Prediction| -> Vec<Value> {
-        let each = base.kept.iter().zip(&prediction.standard_deviations);
-        each.map(|(id, std)| {
-            json!({
-                "parameter": id.to_string(),
-                "unit": id.unit(robot.joints[id.joint.index()].kind),
-                "standard_deviation": std,
-            })
-        })
-        .collect()
-    };
-    let changes = |prediction: &Prediction| {
-        let factor = smallest_change();
-        json!({
-            "false_alarm_probability": FALSE_ALARM,
-            "detection_probability": DETECTION,
-            "friction_fraction": prediction.friction_change.iter().map(|of| of.map(|of| factor * of)).collect::<Vec<_>>(),
-            "load_kg": prediction.load_change.map(|of| factor * of),
-        })
-    };
-    json!({
-        "robot": robot.model,
-        "condition_number": conditions.condition_number,
-        "scaled_condition_number": conditions.scaled_condition_number,
-        "limits": nearness(robot, &programme.series),
-        "search": programme.search,
-        "parameters": predicted.map(|(_, prediction)| parameters(prediction)),
-        "smallest_changes": predicted.map(|(_, prediction)| changes(prediction)),
-    })
 }

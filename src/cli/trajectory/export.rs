@@ -6,12 +6,12 @@ use clap::Args;
 use serde_json::json;
 
 use super::arm::arm;
-use super::words::sentence;
+use super::judged::Judged;
+use super::surroundings::SurroundingsArgs;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::plot::write_lines;
 use crate::cli::shared::programme::programme;
-use crate::numerics::trajectory::limits::broken_by_series;
 use crate::numerics::trajectory::series::state_at;
 use crate::robot::{FourierExcitation, JointKind, Robot};
 
@@ -54,14 +54,17 @@ pub(in crate::cli) struct ExportArgs {
     /// Write the file even if the motion breaks limits of the arm
     #[arg(long)]
     despite_broken_limits: bool,
+    #[command(flatten)]
+    surroundings: SurroundingsArgs,
 }
 
 pub(in crate::cli) fn export(global: &Global, args: &ExportArgs) -> Result<u8, CliError> {
     let robot = arm(global, &args.robot)?;
     let series = programme(&args.file, &robot)?.series;
-    let breaches = broken_by_series(&robot, &series);
-    if !breaches.is_empty() {
-        breaches.iter().for_each(|breach| output::print_hint(&sentence(&robot, breach)));
+    let limit = args.surroundings.limit(&robot)?;
+    let broken = Judged::of_series(&robot, &series, limit.as_ref())?.broken();
+    if !broken.is_empty() {
+        broken.iter().for_each(|sentence| output::print_hint(sentence));
         if !args.despite_broken_limits {
             output::print_hint(
                 "nothing is written: the motion breaks limits of the arm; --despite-broken-limits writes it all the same",
@@ -84,7 +87,7 @@ pub(in crate::cli) fn export(global: &Global, args: &ExportArgs) -> Result<u8, C
     if global.json {
         output::json(&json!({
             "rows": steps + 1, "duration_s": duration, "largest_interpolation_error": deviation,
-            "broken_limits": breaches.len(),
+            "broken_limits": broken.len(),
         }));
     } else if let Some(deviation) = deviation {
         output::line(&format!(

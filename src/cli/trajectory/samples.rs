@@ -49,7 +49,7 @@ pub(super) fn samples(path: &Path, text: &str, robot: &Robot) -> Result<SampledM
         accelerations: accelerations.as_ref().map(|_| vec![Vec::new(); robot.joint_count()]),
         ..SampledMotion::default()
     };
-    let mut steps = [0.0_f64; 2];
+    let mut steps = [0.0_f64; 3];
     for record in reader.records() {
         let record = record.map_err(|error| fault(error.to_string()))?;
         let line = record.position().map_or(0, csv::Position::line);
@@ -83,16 +83,14 @@ pub(super) fn samples(path: &Path, text: &str, robot: &Robot) -> Result<SampledM
             for (column, values) in columns.iter().zip(all) {
                 let (value, step) = cell(column.index)?;
                 values.push(value * column.factor);
-                if k == 0 {
-                    steps[1] = finest(steps[1], step * column.factor, values.len());
-                }
+                steps[k + 1] = finest(steps[k + 1], step * column.factor, values.len());
             }
         }
     }
     if motion.times.len() < 3 {
         return Err(fault(format!("{} rows; a motion has at least 3", motion.times.len())));
     }
-    [motion.position_step, motion.velocity_step] = steps;
+    [motion.position_step, motion.velocity_step, motion.acceleration_step] = steps;
     Ok(motion)
 }
 

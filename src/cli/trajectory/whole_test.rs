@@ -6,18 +6,16 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::arm::arm;
+use super::check::{print_used, used_value};
 use super::export::{header, steps};
-use super::rated::rated_torques;
-use super::words::sentence;
+use super::judged::Judged;
+use super::surroundings::SurroundingsArgs;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::levels::Levels;
 use crate::cli::shared::output;
 use crate::cli::shared::plot::{PlotFile, write_lines};
 use crate::cli::shared::programme::programme;
-use crate::numerics::model::base_parameters::base_parameters;
-use crate::numerics::model::dynamics::DynamicModel;
-use crate::numerics::pooled::nominal_prior::nominal_base;
-use crate::numerics::trajectory::limits::broken_by_series;
+use crate::numerics::trajectory::limits::SampledMotion;
 use crate::report::figure::Figure;
 use crate::report::trajectory::motion_figure;
 use crate::robot::Robot;
@@ -50,7 +48,7 @@ needs no search for its stages.
 
 Without a warming stage and with few levels it is a daily check of a minute or two.
 
-Exit status 1, and nothing is written, if the programme breaks a limit of the arm.")]
+Exit status 1, and nothing is written, if the programme or the test breaks a limit of the arm.")]
 pub(in crate::cli) struct WholeTestArgs {
     /// The arm: a robot or model of the configuration, or the file of a description
     #[arg(long, value_name = "NAME")]
@@ -79,19 +77,18 @@ pub(in crate::cli) struct WholeTestArgs {
     /// Picture to write, .svg or .html
     #[arg(help_heading = "File", long, value_name = "FILE", value_parser = PlotFile::parse)]
     plot: Option<PlotFile>,
+    /// Write the file even if the motion breaks limits of the arm
+    #[arg(help_heading = "File", long)]
+    despite_broken_limits: bool,
+    #[command(flatten)]
+    surroundings: SurroundingsArgs,
 }
 
 pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Result<u8, CliError> {
     let mut robot = arm(global, &args.robot)?;
+    let limit = args.surroundings.limit(&robot)?;
     if let Some(path) = &args.trajectory {
-        let series = programme(path, &robot)?.series;
-        let breaches = broken_by_series(&robot, &series);
-        if !breaches.is_empty() {
-            breaches.iter().for_each(|breach| output::print_hint(&sentence(&robot, breach)));
-            output::print_hint("nothing is written: the excitation breaks limits of the arm");
-            return Ok(EXIT_FOUND);
-        }
-        robot.excitation = Some(series);
+        robot.excitation = Some(programme(path, &robot)?.series);
     }
     let settings = PlanSettings {
         warming_s: args.warming_s,
@@ -101,19 +98,62 @@ pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Resul
     if !(0.0..=86_400.0).contains(&args.warming_s) {
         return Err(CliError::Usage(format!("--warming-s {}: 0 to 86400 s is possible", args.warming_s)));
     }
+    let of_excitation = match &robot.excitation {
+        Some(series) if args.trajectory.is_some() => {
+            Judged::of_series(&robot, series, limit.as_ref())?.broken()
+        }
+        _ => Vec::new(),
+    };
+    if refused(&of_excitation, args) {
+        return Ok(EXIT_FOUND);
+    }
     let plan = plan_cycle(&robot, &settings).map_err(|error| CliError::Usage(error.to_string()))?;
-    let use_of_joints = use_of_joints(&robot, &plan)?;
+    let judged = Judged::of_samples(&robot, &sampled(&robot, &plan), limit.as_ref())?;
+    match global.json {
+        true => output::json(&as_value(&plan, &judged, args)),
+        false => describe(&plan, &robot, &judged, args),
+    }
+    if refused(&judged.broken(), args) {
+        return Ok(EXIT_FOUND);
+    }
     if let Some(path) = &args.output {
         write_rows(path, &robot, &plan, args)?;
     }
     if let Some(plot) = &args.plot {
         plot.write(&picture(&robot, &plan))?;
     }
-    match global.json {
-        true => output::json(&as_value(&plan, &use_of_joints, args)),
-        false => describe(&plan, &use_of_joints, args),
-    }
     Ok(EXIT_DONE)
+}
+
+/// Says which limits are broken; whether nothing may be written for that.
+fn refused(broken: &[String], args: &WholeTestArgs) -> bool {
+    broken.iter().for_each(|sentence| output::print_hint(sentence));
+    let refused = !broken.is_empty() && !args.despite_broken_limits;
+    if refused {
+        output::print_hint(
+            "nothing is written: the test breaks limits of the arm; --despite-broken-limits writes it all the same",
+        );
+    }
+    refused
+}
+
+/// The cycle at so many instants a second that its limits can be judged.
+fn sampled(robot: &Robot, plan: &CyclePlan) -> SampledMotion {
+    let n = robot.joint_count();
+    let rows = (plan.duration * CHECK_RATE_HZ).ceil() as u64;
+    let mut motion = SampledMotion { positions: vec![Vec::new(); n], ..SampledMotion::default() };
+    let (mut velocities, mut accelerations) = (vec![Vec::new(); n], vec![Vec::new(); n]);
+    for k in 0..=rows {
+        let time = k as f64 / CHECK_RATE_HZ;
+        let state = segment_at(plan, time).state_at(time);
+        motion.times.push(time);
+        for j in 0..n {
+            motion.positions[j].push(state.position[j]);
+            velocities[j].push(state.velocity[j]);
+            accelerations[j].push(state.acceleration[j]);
+        }
+    }
+    SampledMotion { velocities: Some(velocities), accelerations: Some(accelerations), ..motion }
 }
 
 fn write_rows(path: &Path, robot: &Robot, plan: &CyclePlan, args: &WholeTestArgs) -> Result<(), CliError> {
@@ -144,62 +184,6 @@ fn segment_at(plan: &CyclePlan, time: f64) -> &Segment {
     &plan.segments[plan.segments.partition_point(|segment| segment.start <= time).saturating_sub(1)]
 }
 
-/// How near one joint comes to its limits in a cycle, as parts of them.
-#[derive(Debug, Clone, Copy, Default)]
-struct Use {
-    range: f64,
-    speed: f64,
-    acceleration: f64,
-    /// Root mean square and largest magnitude of the torque, Nm (N), where the description has all parameters.
-    torque: Option<[f64; 2]>,
-    /// Rated torque, Nm (N).
-    rated: Option<f64>,
-}
-
-fn use_of_joints(robot: &Robot, plan: &CyclePlan) -> Result<Vec<Use>, CliError> {
-    let base = base_parameters(robot).map_err(|error| CliError::Usage(error.to_string()))?;
-    let nominal: Option<Vec<f64>> = nominal_base(robot, &base).into_iter().collect();
-    let model =
-        nominal.map(|values| DynamicModel::from_parameters(robot, base.kept.iter().copied().zip(values)));
-    let n = robot.joint_count();
-    let instants = (plan.duration * CHECK_RATE_HZ).ceil();
-    let mut found = vec![Use::default(); n];
-    let mut tau = vec![0.0; n];
-    let (mut squares, mut peaks) = (vec![0.0; n], vec![0.0_f64; n]);
-    for segment in &plan.segments {
-        let rows = (segment.duration * CHECK_RATE_HZ).ceil() as u64;
-        for k in 0..rows {
-            let state = segment.state_at(segment.start + k as f64 / CHECK_RATE_HZ);
-            for (j, of) in found.iter_mut().enumerate() {
-                let limits = &robot.joints[j].limits;
-                let half = 0.5 * (limits.position_max - limits.position_min);
-                let off = (state.position[j] - limits.position_min - half).abs();
-                of.range = of.range.max(off / half);
-                of.speed = of.speed.max(state.velocity[j].abs() / limits.velocity);
-                of.acceleration = of.acceleration.max(state.acceleration[j].abs() / limits.acceleration);
-            }
-            if let Some(model) = &model {
-                model.torque(
-                    robot,
-                    &state.position[..n],
-                    &state.velocity[..n],
-                    &state.acceleration[..n],
-                    &mut tau,
-                );
-                for (j, tau) in tau.iter().enumerate() {
-                    squares[j] += tau * tau;
-                    peaks[j] = peaks[j].max(tau.abs());
-                }
-            }
-        }
-    }
-    for (j, (of, rated)) in found.iter_mut().zip(rated_torques(robot)).enumerate() {
-        of.torque = model.is_some().then(|| [(squares[j] / instants).sqrt(), peaks[j]]);
-        of.rated = rated;
-    }
-    Ok(found)
-}
-
 /// A stage of the cycle: its name, when it begins and how long its motions last, s.
 fn stages(plan: &CyclePlan) -> Vec<(Stage, f64, f64)> {
     let of = |stage: Stage| {
@@ -210,40 +194,15 @@ fn stages(plan: &CyclePlan) -> Vec<(Stage, f64, f64)> {
     [Stage::Excitation, Stage::Friction, Stage::Warming, Stage::Between].into_iter().filter_map(of).collect()
 }
 
-fn describe(plan: &CyclePlan, joints: &[Use], args: &WholeTestArgs) {
+fn describe(plan: &CyclePlan, robot: &Robot, judged: &Judged<'_>, args: &WholeTestArgs) {
     let rows: Vec<Vec<String>> = stages(plan)
         .into_iter()
         .map(|(stage, begins, lasts)| vec![stage.to_string(), format!("{begins:.1}"), format!("{lasts:.1}")])
         .collect();
     output::print_table(&["stage", "begins, s", "motions last, s"], &rows, &[]);
     output::line("");
-    let percent = |part: f64| format!("{:.1} %", 100.0 * part);
-    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.1}"));
-    let rows: Vec<Vec<String>> = (1..)
-        .zip(joints)
-        .map(|(joint, of): (usize, &Use)| {
-            let part = of.torque.zip(of.rated).map(|([rms, _], rated)| percent(rms / rated));
-            vec![
-                joint.to_string(),
-                percent(of.range),
-                percent(of.speed),
-                percent(of.acceleration),
-                number(of.torque.map(|[rms, _]| rms)),
-                number(of.torque.map(|[_, peak]| peak)),
-                part.unwrap_or_else(|| "-".to_owned()),
-            ]
-        })
-        .collect();
-    let header = [
-        "joint",
-        "of the range about its middle",
-        "of top speed",
-        "of top acceleration",
-        "torque RMS, Nm (N)",
-        "largest",
-        "RMS of rated",
-    ];
-    output::print_table(&header, &rows, &[]);
+    print_used(robot, &judged.check);
+    judged.print();
     output::line(&format!(
         "\none cycle: {:.1} s; {} of them: {}; {WHOLE_TEST:.0}: {}",
         plan.duration,
@@ -251,20 +210,7 @@ fn describe(plan: &CyclePlan, joints: &[Use], args: &WholeTestArgs) {
         hours(plan.duration * f64::from(args.cycles)),
         hours(plan.duration * WHOLE_TEST)
     ));
-    if joints.iter().all(|of| of.torque.is_none()) {
-        output::print_hint(
-            "the torque is not known: the description lacks nominal parameters; drive a new motion slowly first",
-        );
-    }
-    let overloaded = |of: &Use| of.torque.zip(of.rated).is_some_and(|([rms, _], rated)| rms > rated);
-    for (joint, of) in (1..).zip(joints).filter(|(_, of): &(usize, &Use)| overloaded(of)) {
-        output::print_hint(&format!(
-            "joint {joint}: the root mean square of its torque, {} Nm (N), is above its rated torque, {}; let the arm rest \
-             between cycles, or design an excitation with a smaller --torque-share",
-            number(of.torque.map(|[rms, _]| rms)),
-            number(of.rated)
-        ));
-    }
+    judged.hints().iter().for_each(|hint| output::print_hint(hint));
 }
 
 fn hours(seconds: f64) -> String {
@@ -276,20 +222,14 @@ fn hours(seconds: f64) -> String {
     }
 }
 
-fn as_value(plan: &CyclePlan, joints: &[Use], args: &WholeTestArgs) -> Value {
+fn as_value(plan: &CyclePlan, judged: &Judged<'_>, args: &WholeTestArgs) -> Value {
     let stages = stages(plan).into_iter().map(
         |(stage, begins, lasts)| json!({ "stage": stage.to_string(), "begins_s": begins, "lasts_s": lasts }),
     );
-    let joints = (1..).zip(joints).map(|(joint, of): (usize, &Use)| {
-        json!({
-            "joint": joint, "position_share": of.range, "speed_share": of.speed, "acceleration_share": of.acceleration,
-            "torque_rms_nm": of.torque.map(|[rms, _]| rms), "torque_peak_nm": of.torque.map(|[_, peak]| peak),
-            "rated_torque_nm": of.rated,
-        })
-    });
     json!({
         "cycle_s": plan.duration, "cycles": args.cycles, "stages": stages.collect::<Vec<_>>(),
-        "joints": joints.collect::<Vec<_>>(),
+        "joints": used_value(&judged.check), "torques": judged.torque_value(), "clearances": judged.clearance_value(),
+        "broken": judged.broken_value(),
     })
 }
 

@@ -42,7 +42,19 @@ pub(super) fn as_value(robot: &Robot, breach: &Breach) -> Value {
 
 /// How near a series comes to each limit: one row a joint.
 pub(super) fn print_nearness(robot: &Robot, series: &FourierExcitation) {
-    let header = ["joint", "unit", "lowest", "highest", "range", "speed", "of top", "acceleration", "of top"];
+    let header = [
+        "joint",
+        "unit",
+        "lowest",
+        "highest",
+        "range",
+        "speed",
+        "of top",
+        "acceleration",
+        "of top",
+        "jerk",
+        "of top",
+    ];
     let rows: Vec<Vec<String>> = robot
         .joint_indices()
         .map(|index| {
@@ -60,6 +72,8 @@ pub(super) fn print_nearness(robot: &Robot, series: &FourierExcitation) {
                 percent(found.speed.value, limits.velocity),
                 format!("{:.3}", found.acceleration.value.abs()),
                 percent(found.acceleration.value, limits.acceleration),
+                format!("{:.1}", found.jerk.value.abs()),
+                limits.jerk.map_or_else(|| "-".to_owned(), |jerk| percent(found.jerk.value, jerk)),
             ]
         })
         .collect();
@@ -79,6 +93,8 @@ pub(super) fn nearness(robot: &Robot, series: &FourierExcitation) -> Value {
             "speed_share": found.speed.value.abs() / limits.velocity,
             "acceleration": found.acceleration.value.abs(),
             "acceleration_share": found.acceleration.value.abs() / limits.acceleration,
+            "jerk": found.jerk.value.abs(),
+            "jerk_share": limits.jerk.map(|jerk| found.jerk.value.abs() / jerk),
         })
     };
     robot.joint_indices().map(of_joint).collect()

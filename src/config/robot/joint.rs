@@ -2,7 +2,7 @@
 
 use super::geometry::read_dh_row;
 use super::{friction_model, nominal};
-use crate::config::toml::quantity::{ACCELERATION, Given, POSITION, SPEED, VELOCITY, quantity};
+use crate::config::toml::quantity::{ACCELERATION, Given, JERK, POSITION, SPEED, VELOCITY, quantity};
 use crate::config::toml::range::Limits;
 use crate::config::toml::table::{Table, Value};
 use crate::robot::{FrictionModel, Joint, JointGeometry, JointKind, JointLimits};
@@ -22,6 +22,10 @@ pub(in crate::config) const RATED_MOTOR_TORQUE: &str = "rated_motor_torque_nm";
 pub(in crate::config) const RATED_JOINT_TORQUE: &str = "rated_joint_torque_nm";
 /// Rated force of a sliding joint.
 pub(in crate::config) const RATED_JOINT_FORCE: &str = "rated_joint_force_n";
+/// Largest torque of a joint for a moment.
+const PEAK_JOINT_TORQUE: &str = "peak_joint_torque_nm";
+/// Largest force of a sliding joint for a moment.
+const PEAK_JOINT_FORCE: &str = "peak_joint_force_n";
 
 /// Reads a joint of a Denavit-Hartenberg table, of either convention: its row stands in the geometry as
 /// one of a modified table. `ratio` is the gear ratio that a transmission matrix has for it, `friction` the arm's
@@ -54,6 +58,7 @@ pub(in crate::config) fn read(
         motor_torque_constant: drive.motor_torque_constant,
         rated_motor_torque: drive.rated_motor_torque,
         rated_torque: drive.rated_torque,
+        peak_torque: drive.peak_torque,
         low_speed: drive.low_speed,
         friction: drive.friction,
         nominal: optional(nominal)?,
@@ -67,6 +72,7 @@ pub(in crate::config) struct Drive {
     pub motor_torque_constant: Option<f64>,
     pub rated_motor_torque: Option<f64>,
     pub rated_torque: Option<f64>,
+    pub peak_torque: Option<f64>,
     pub low_speed: f64,
     pub friction: Option<FrictionModel>,
 }
@@ -75,18 +81,19 @@ pub(in crate::config) struct Drive {
 pub(in crate::config) fn read_drive(table: &Table<'_>, kind: JointKind, arm: FrictionModel) -> Option<Drive> {
     let torque = Limits::above(0.0, 1e4, "Nm");
     let rated_motor_torque = table.optional(RATED_MOTOR_TORQUE).map(|value| value.number(&torque));
-    let (gain_key, gain_limits, rated_key, rated_limits) = match kind {
-        JointKind::Revolute => {
-            (DRIVE_GAIN, Limits::within(1e4, "Nm/A"), RATED_JOINT_TORQUE, Limits::above(0.0, 1e6, "Nm"))
-        }
-        JointKind::Prismatic => {
-            (DRIVE_GAIN_OF_SLIDE, Limits::within(1e5, "N/A"), RATED_JOINT_FORCE, Limits::above(0.0, 1e7, "N"))
-        }
+    let (gain_key, gain_limits) = match kind {
+        JointKind::Revolute => (DRIVE_GAIN, Limits::within(1e4, "Nm/A")),
+        JointKind::Prismatic => (DRIVE_GAIN_OF_SLIDE, Limits::within(1e5, "N/A")),
+    };
+    let ([rated_key, peak_key], torque_limits) = match kind {
+        JointKind::Revolute => ([RATED_JOINT_TORQUE, PEAK_JOINT_TORQUE], Limits::above(0.0, 1e6, "Nm")),
+        JointKind::Prismatic => ([RATED_JOINT_FORCE, PEAK_JOINT_FORCE], Limits::above(0.0, 1e7, "N")),
     };
     let gain = |key: &str, limits: &Limits| table.optional(key).map(|value| not_zero(&value, limits));
     let drive_gain = gain(gain_key, &gain_limits);
     let motor_torque_constant = gain(MOTOR_TORQUE_CONSTANT, &Limits::within(1e3, "Nm/A"));
-    let rated_torque = table.optional(rated_key).map(|value| value.number(&rated_limits));
+    let torque_of_joint = |key: &str| table.optional(key).map(|value| value.number(&torque_limits));
+    let (rated_torque, peak_torque) = (torque_of_joint(rated_key), torque_of_joint(peak_key));
     let friction = friction_model::read_of_joint(table, kind, arm);
     let position_offset = quantity(table, "position_offset", kind, &POSITION).optional();
     let position_offset = position_offset.map_or(Some(0.0), |given| Some(given?.si));
@@ -98,6 +105,7 @@ pub(in crate::config) fn read_drive(table: &Table<'_>, kind: JointKind, arm: Fri
         motor_torque_constant: optional(motor_torque_constant)?,
         rated_motor_torque: optional(rated_motor_torque)?,
         rated_torque: optional(rated_torque)?,
+        peak_torque: optional(peak_torque)?,
         low_speed: low_speed?,
         friction: friction?,
     })
@@ -183,6 +191,7 @@ fn read_limits(table: &Table<'_>, kind: JointKind) -> Option<JointLimits> {
     let max = quantity(table, "position_max", kind, &POSITION).required();
     let velocity = quantity(table, "velocity_max", kind, &VELOCITY).required();
     let acceleration = quantity(table, "acceleration_max", kind, &ACCELERATION).required();
+    let jerk = quantity(table, "jerk_max", kind, &JERK).optional();
     let (min, max) = (min?, max?);
     check_range(&min, &max)?;
     Some(JointLimits {
@@ -190,6 +199,7 @@ fn read_limits(table: &Table<'_>, kind: JointKind) -> Option<JointLimits> {
         position_max: max.si,
         velocity: velocity?.si,
         acceleration: acceleration?.si,
+        jerk: optional(jerk)?.map(|given| given.si),
     })
 }
 

@@ -8,4 +8,6 @@ pub(super) mod transmission;
 pub(super) mod friction_model;
 pub(super) mod urdf;
 pub(super) mod urdf_arm;
+pub(super) mod shape;
+pub(super) mod cell_file;
 pub(super) mod robot_file;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::geometry::Convention;
 use super::transmission::GivenTransmission;
-use super::{friction_model, geometry, joint, transmission, urdf_arm};
+use super::{friction_model, geometry, joint, shape, transmission, urdf_arm};
 use crate::config::robot::chain::Chain;
 use crate::config::toml::files;
 use crate::config::toml::files::ReadText;
@@ -75,6 +75,7 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
         Some(table) => Some(read_excitation(&table, joints)?),
         None => None,
     };
+    let shape = shape::read(root, joints.map(<[Joint]>::len));
     let (friction, tool, chain, transmission) = (friction?, tool?, chain?, transmission?);
     let torque_sensors = torque_sensors?;
     convention?;
@@ -94,6 +95,7 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
         },
         speed_levels: speed_levels?,
         excitation,
+        shape: shape?,
     })
 }
 
@@ -250,6 +252,7 @@ mod tests {
                 position_max: row[6].to_radians(),
                 velocity: row[7].to_radians(),
                 acceleration: row[8].to_radians(),
+                jerk: None,
             };
             assert_eq!(joint.limits, limits);
             assert_eq!(

@@ -9,7 +9,7 @@ use super::urdf::UrdfJoint;
 use super::{joint, nominal, urdf};
 use crate::config::toml::files::ReadText;
 use crate::config::toml::problem::ConfigErrors;
-use crate::config::toml::quantity::{ACCELERATION, POSITION, VELOCITY, quantity};
+use crate::config::toml::quantity::{ACCELERATION, JERK, POSITION, VELOCITY, quantity};
 use crate::config::toml::table::{Table, Value};
 use crate::robot::{FrictionModel, Joint, JointLimits, MAX_JOINTS, NominalJoint, WarmUpShape};
 
@@ -140,6 +140,7 @@ fn read_joint(
         motor_torque_constant: drive.motor_torque_constant,
         rated_motor_torque: drive.rated_motor_torque,
         rated_torque: drive.rated_torque,
+        peak_torque: drive.peak_torque,
         low_speed: drive.low_speed,
         friction: drive.friction,
         nominal,
@@ -152,6 +153,7 @@ fn read_limits(table: &Table<'_>, urdf: &UrdfJoint) -> Option<JointLimits> {
     let max = quantity(table, "position_max", urdf.kind, &POSITION).optional();
     let velocity = quantity(table, "velocity_max", urdf.kind, &VELOCITY).optional();
     let acceleration = quantity(table, "acceleration_max", urdf.kind, &ACCELERATION).optional();
+    let jerk = quantity(table, "jerk_max", urdf.kind, &JERK).optional();
     let (min, max) = (joint::optional(min)?, joint::optional(max)?);
     if let (Some(min), Some(max)) = (&min, &max) {
         check_range(min, max)?;
@@ -162,6 +164,7 @@ fn read_limits(table: &Table<'_>, urdf: &UrdfJoint) -> Option<JointLimits> {
         position_max: max.map_or(urdf.position_max, |given| given.si),
         velocity,
         acceleration: acceleration.map_or(Some(velocity / SECONDS_TO_FULL_SPEED), |given| Some(given?.si))?,
+        jerk: joint::optional(jerk)?.map(|given| given.si),
     };
     let sound = limits.position_min < limits.position_max
         && limits.velocity > 0.0

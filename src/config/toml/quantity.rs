@@ -69,6 +69,15 @@ pub(in crate::config) const ACCELERATION: Units = Units {
     prismatic: [Unit { suffix: "m_s2", to_si: 1.0, limits: Limits::above(0.0, 1000.0, "m/s^2") }],
 };
 
+/// A largest jerk; above zero.
+pub(in crate::config) const JERK: Units = Units {
+    revolute: [
+        Unit { suffix: "deg_s3", to_si: DEG, limits: Limits::above(0.0, 1e7, "deg/s^3") },
+        Unit { suffix: "rad_s3", to_si: 1.0, limits: Limits::above(0.0, 174_600.0, "rad/s^3") },
+    ],
+    prismatic: [Unit { suffix: "m_s3", to_si: 1.0, limits: Limits::above(0.0, 1e5, "m/s^3") }],
+};
+
 /// A value with the unit it was given in.
 pub(in crate::config) struct Given<'d> {
     /// In SI: rad, m, s.

@@ -43,7 +43,7 @@ fn read_again(robot: &Robot, text: &str) -> Robot {
     again.transmission.clone_from(&robot.transmission);
     for (again, joint) in again.joints.iter_mut().zip(&robot.joints) {
         let (read, given) = (again.limits, joint.limits);
-        assert_eq!(JointLimits { acceleration: given.acceleration, ..read }, given);
+        assert_eq!(JointLimits { acceleration: given.acceleration, jerk: given.jerk, ..read }, given);
         again.limits = given;
     }
     again

@@ -75,7 +75,7 @@ pub(crate) mod tests {
 
     use super::*;
     use crate::robot::{
-        Coupling, DhParameters, FrictionLaw, FrictionModel, JointGeometry, JointLimits, MAX_JOINTS,
+        ArmShape, Coupling, DhParameters, FrictionLaw, FrictionModel, JointGeometry, JointLimits, MAX_JOINTS,
         TorqueSensors, UrdfOrigin,
     };
     use crate::testing::er3a;
@@ -92,12 +92,20 @@ pub(crate) mod tests {
         theta_offset: f64,
     ) -> Joint {
         let limits = match kind {
-            JointKind::Revolute => {
-                JointLimits { position_min: -2.5, position_max: 2.0, velocity: 4.0, acceleration: 9.0 }
-            }
-            JointKind::Prismatic => {
-                JointLimits { position_min: -0.2, position_max: 0.8, velocity: 1.5, acceleration: 6.0 }
-            }
+            JointKind::Revolute => JointLimits {
+                position_min: -2.5,
+                position_max: 2.0,
+                velocity: 4.0,
+                acceleration: 9.0,
+                jerk: None,
+            },
+            JointKind::Prismatic => JointLimits {
+                position_min: -0.2,
+                position_max: 0.8,
+                velocity: 1.5,
+                acceleration: 6.0,
+                jerk: None,
+            },
         };
         Joint {
             name: None,
@@ -110,6 +118,7 @@ pub(crate) mod tests {
             motor_torque_constant: None,
             rated_motor_torque: None,
             rated_torque: None,
+            peak_torque: None,
             low_speed: 0.02,
             friction: None,
             nominal: None,
@@ -129,6 +138,7 @@ pub(crate) mod tests {
             couplings: Vec::new(),
             speed_levels: Vec::new(),
             excitation: None,
+            shape: ArmShape::default(),
         }
     }
 

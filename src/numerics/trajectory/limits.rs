@@ -2,14 +2,14 @@
 
 use std::fmt;
 
-use super::series::{between_instants, state_at};
+use super::series::{between_instants, jerk_at, state_at};
 use crate::robot::{FourierExcitation, Joint, JointIndex, JointKind, Robot};
 
 /// Instants of a period for each harmonic at which a series is held against its limits; between them it exceeds its
 /// largest magnitude by at most 1.2e-4 of it.
 const INSTANTS_PER_HARMONIC: usize = 200;
 
-/// Limits of one joint that a search keeps to: rad, rad/s, rad/s² (m).
+/// Limits of one joint that a search keeps to: rad, rad/s, rad/s², rad/s³ (m).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotionLimits {
     /// Smallest position.
@@ -20,6 +20,8 @@ pub struct MotionLimits {
     pub velocity: f64,
     /// Largest acceleration.
     pub acceleration: f64,
+    /// Largest jerk, if there is such a limit.
+    pub jerk: Option<f64>,
 }
 
 /// Parts of a joint's limits that a search may use.
@@ -29,7 +31,7 @@ pub struct Shares {
     pub position: f64,
     /// Of the largest speed.
     pub velocity: f64,
-    /// Of the largest acceleration.
+    /// Of the largest acceleration and the largest jerk.
     pub acceleration: f64,
 }
 
@@ -45,6 +47,7 @@ impl MotionLimits {
             position_max: middle + half,
             velocity: shares.velocity * limits.velocity,
             acceleration: shares.acceleration * limits.acceleration,
+            jerk: limits.jerk.map(|jerk| shares.acceleration * jerk),
         }
     }
 
@@ -92,6 +95,8 @@ pub struct Extremes {
     pub speed: Moment,
     /// Acceleration of the largest magnitude, rad/s² (m/s²).
     pub acceleration: Moment,
+    /// Jerk of the largest magnitude, rad/s³ (m/s³).
+    pub jerk: Moment,
     /// Instants at which the motion was looked at.
     pub instants: usize,
 }
@@ -111,7 +116,7 @@ pub fn extremes(series: &FourierExcitation, joint: usize) -> Extremes {
     let instants = INSTANTS_PER_HARMONIC * own.a[0].len().max(1);
     let states = (0..instants).map(|k| {
         let time = k as f64 / instants as f64 / series.base_frequency;
-        (time, state_at(&own, time)[0])
+        (time, state_at(&own, time)[0], jerk_at(&own, 0, time))
     });
     let start = Moment { value: 0.0, time: 0.0 };
     let mut found = Extremes {
@@ -119,9 +124,10 @@ pub fn extremes(series: &FourierExcitation, joint: usize) -> Extremes {
         high: Moment { value: f64::NEG_INFINITY, time: 0.0 },
         speed: start,
         acceleration: start,
+        jerk: start,
         instants,
     };
-    for (time, [q, qd, qdd]) in states {
+    for (time, [q, qd, qdd], jerk) in states {
         if q < found.low.value {
             found.low = Moment { value: q, time };
         }
@@ -133,6 +139,9 @@ pub fn extremes(series: &FourierExcitation, joint: usize) -> Extremes {
         }
         if qdd.abs() > found.acceleration.value.abs() {
             found.acceleration = Moment { value: qdd, time };
+        }
+        if jerk.abs() > found.jerk.value.abs() {
+            found.jerk = Moment { value: jerk, time };
         }
     }
     found
@@ -149,6 +158,8 @@ pub enum Limited {
     Speed,
     /// Magnitude of the acceleration.
     Acceleration,
+    /// Magnitude of the jerk.
+    Jerk,
 }
 
 impl Limited {
@@ -162,6 +173,8 @@ impl Limited {
             (Self::Speed, JointKind::Prismatic) => "m/s",
             (Self::Acceleration, JointKind::Revolute) => "rad/s^2",
             (Self::Acceleration, JointKind::Prismatic) => "m/s^2",
+            (Self::Jerk, JointKind::Revolute) => "rad/s^3",
+            (Self::Jerk, JointKind::Prismatic) => "m/s^3",
         }
     }
 }
@@ -173,6 +186,7 @@ impl fmt::Display for Limited {
             Self::HighestPosition => "highest position",
             Self::Speed => "speed",
             Self::Acceleration => "acceleration",
+            Self::Jerk => "jerk",
         })
     }
 }
@@ -229,7 +243,10 @@ pub fn broken_by_series(robot: &Robot, series: &FourierExcitation) -> Vec<Breach
                 found.acceleration.value,
             ),
         ];
-        for (quantity, Moment { value, time }, limit, side) in checks {
+        let jerk = limits
+            .jerk
+            .map(|jerk| (Limited::Jerk, widened(found.jerk), signed(jerk, found.jerk), found.jerk.value));
+        for (quantity, Moment { value, time }, limit, side) in checks.into_iter().chain(jerk) {
             // what is not a number is broken too
             let inside = (value - limit) * side.signum() <= 0.0;
             if !inside {
@@ -255,6 +272,8 @@ pub struct SampledMotion {
     pub position_step: f64,
     /// Step of the last digit of velocities, rad/s (m/s).
     pub velocity_step: f64,
+    /// Step of the last digit of accelerations, rad/s² (m/s²).
+    pub acceleration_step: f64,
 }
 
 /// What was found of a sampled motion.
@@ -264,9 +283,9 @@ pub struct SampleCheck {
     pub breaches: Vec<Breach>,
     /// Joints and quantities that the samples are too coarse to judge, with the uncertainty of the derived values.
     pub unjudged: Vec<(JointIndex, Limited, f64)>,
-    /// Largest share of each joint's limits that is used `[n]`: position about the middle, speed, acceleration. A
-    /// quantity that is not judged is `None`.
-    pub used: Vec<[Option<f64>; 3]>,
+    /// Largest share of each joint's limits that is used `[n]`: position about the middle, speed, acceleration, jerk. A
+    /// quantity that is not judged or has no limit is `None`.
+    pub used: Vec<[Option<f64>; 4]>,
 }
 
 /// Share of a limit up to which rounding of samples may make a derived value uncertain.
@@ -303,15 +322,28 @@ pub fn broken_by_samples(robot: &Robot, motion: &SampledMotion) -> SampleCheck {
         let own = at_times(&motion.times, positions);
         let below = |m: &Moment| limits.position_min - m.value;
         let above = |m: &Moment| m.value - limits.position_max;
+        let jerks = limits.jerk.map(|limit| {
+            let derived = match (&motion.accelerations, &motion.velocities) {
+                (Some(accelerations), _) => {
+                    differences(&motion.times, &accelerations[j], motion.acceleration_step, limit)
+                }
+                (None, Some(velocities)) => {
+                    second_differences(&motion.times, &velocities[j], motion.velocity_step, limit)
+                }
+                // a third difference of rounded positions says nothing
+                (None, None) => None,
+            };
+            (Limited::Jerk, derived, limit)
+        });
         check.breaches.extend(worst(index, Limited::LowestPosition, &own, below, |_| limits.position_min));
         check.breaches.extend(worst(index, Limited::HighestPosition, &own, above, |_| limits.position_max));
         let off_middle = own.iter().map(|m| (m.value - limits.middle()).abs()).fold(0.0, f64::max);
-        let mut used = [Some(off_middle / limits.half_range()), None, None];
+        let mut used = [Some(off_middle / limits.half_range()), None, None, None];
         let derived = [
             (Limited::Speed, speeds, limits.velocity),
             (Limited::Acceleration, accelerations, limits.acceleration),
         ];
-        for (k, (quantity, values, limit)) in derived.into_iter().enumerate() {
+        for (k, (quantity, values, limit)) in derived.into_iter().chain(jerks).enumerate() {
             let Some(values) = values else {
                 check.unjudged.push((index, quantity, motion.position_step));
                 continue;
@@ -432,6 +464,7 @@ mod tests {
             times,
             position_step: step,
             velocity_step: step,
+            acceleration_step: step,
         }
     }
 
@@ -464,7 +497,7 @@ mod tests {
         let robot = er3a();
         let found = broken_by_samples(&robot, &sampled(250.0, 1, false));
         assert_eq!(found.unjudged.len(), 12, "{:?}", found.unjudged);
-        assert_eq!(found.used[0][1..], [None, None]);
+        assert_eq!(found.used[0][1..], [None, None, None]);
     }
 
     #[test]

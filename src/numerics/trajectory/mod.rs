@@ -2,7 +2,9 @@
 
 pub mod series;
 pub mod limits;
+pub mod clearance;
 pub mod observation;
 pub mod objective;
 pub mod problem;
 pub mod prediction;
+pub mod information;

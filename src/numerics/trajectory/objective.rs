@@ -1,11 +1,11 @@
 //! What a trajectory is searched for: a number of the product `G = w' w` of its observation matrix, and its slope.
 
-use faer::{Mat, MatRef, Side};
+use faer::{Mat, MatRef, Scale, Side};
 
 use crate::numerics::NumericsError;
 
 /// What is made small.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Objective {
     /// Condition number of the observation matrix, in SI units [2.10].
     Condition,
@@ -13,6 +13,11 @@ pub enum Objective {
     ScaledCondition,
     /// Volume of the parameters' confidence ellipsoid: `det(G)` to the power `-1/(2 b)` (D-optimal).
     LogDeterminant,
+    /// A weighted mix of the last two, as logarithms [4.2.3].
+    Mixed {
+        /// Weight of the scaled condition number, 0 to 1; the rest is that of the volume.
+        condition: f64,
+    },
     /// Root mean square of the standard deviations of all parameters, each in units of its scale (A-optimal).
     StandardDeviation,
 }
@@ -30,7 +35,8 @@ impl Objective {
     /// Logarithm of the objective for the product `gram` `[b x b]`, and its slope.
     ///
     /// Condition numbers are smoothed: `(sum s^2p sum s^-2p)^(1/2p)` of the singular values `s`, at least the condition
-    /// number and equal to it as `power`, `p`, grows. `scale` `[b]` is what a standard deviation is compared with.
+    /// number and equal to it as `power`, `p`, grows. `scale` `[b]` is what a standard deviation is compared with; one that
+    /// is infinite does not count.
     ///
     /// # Errors
     /// [`NumericsError::NotFinite`] where the product has no positive eigenvalues: a column is zero or dependent.
@@ -44,6 +50,13 @@ impl Objective {
             Self::Condition => smooth_condition(gram, power),
             Self::ScaledCondition => scaled(gram, power),
             Self::LogDeterminant => log_determinant(gram),
+            Self::Mixed { condition } => {
+                let (of_condition, of_volume) = (scaled(gram, power)?, log_determinant(gram)?);
+                let rest = 1.0 - condition;
+                let slope = Scale(condition) * &of_condition.slope + Scale(rest) * &of_volume.slope;
+                let logarithm = condition * of_condition.logarithm + rest * of_volume.logarithm;
+                Ok(Valued { logarithm, slope })
+            }
             Self::StandardDeviation => standard_deviation(gram, scale),
         }
     }
@@ -130,10 +143,11 @@ fn standard_deviation(gram: MatRef<'_, f64>, scale: &[f64]) -> Result<Valued, Nu
 mod tests {
     use super::*;
 
-    const ALL: [Objective; 4] = [
+    const ALL: [Objective; 5] = [
         Objective::Condition,
         Objective::ScaledCondition,
         Objective::LogDeterminant,
+        Objective::Mixed { condition: 0.3 },
         Objective::StandardDeviation,
     ];
 
@@ -146,7 +160,7 @@ mod tests {
 
     #[test]
     fn slopes_are_those_of_differences() {
-        let scale = [1.0, 2.0, 0.5, 3.0, 1.0];
+        let scale = [1.0, 2.0, f64::INFINITY, 3.0, 1.0];
         for objective in ALL {
             let value = |step: f64| {
                 objective.of_product(matrix(step).as_ref(), 8.0, &scale).expect("a value").logarithm

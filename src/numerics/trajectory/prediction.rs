@@ -121,7 +121,7 @@ fn load_direction(robot: &Robot, base: &BaseParameters) -> Vec<f64> {
     base.group(&full)
 }
 
-fn basis_of(series: &FourierExcitation, sample_rate_hz: f64) -> Basis {
+pub(super) fn basis_of(series: &FourierExcitation, sample_rate_hz: f64) -> Basis {
     let harmonics = series.a.first().map_or(1, Vec::len);
     let instants = (sample_rate_hz / series.base_frequency).round().max(1.0) as usize;
     Basis::new(series.base_frequency, harmonics, instants)

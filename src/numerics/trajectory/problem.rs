@@ -5,12 +5,18 @@
 //! sine amplitudes follow from the others. Limits cost the squares of what exceeds them; a series that is found is
 //! then made to keep them exactly ([`SearchProblem::within_limits`]).
 
+mod penalties;
+
+use faer::Mat;
+
+use super::clearance::ClearanceLimit;
+use super::information::Information;
 use super::limits::{MotionLimits, TorqueLimits, extremes};
 use super::objective::{Objective, Valued};
 use super::observation::{JointRows, MotionSlope, Observation};
 use super::series::{Basis, between_instants};
 use crate::numerics::NumericsError;
-use crate::numerics::lanes::{LANES, Lanes};
+use crate::numerics::lanes::Lanes;
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::numerics::model::regressor_lanes::{LaneStates, RegressorLanes};
 use crate::robot::{FourierExcitation, Robot};
@@ -43,10 +49,15 @@ pub struct SearchSettings {
     /// What standard deviations are compared with, for each of `parameters`; used by
     /// [`Objective::StandardDeviation`].
     pub scales: Vec<f64>,
+    /// What is known of all base parameters already, as much as counts for the instants of the search: it is added to
+    /// the product of their rows. `parameters` are all of them then.
+    pub known: Option<Information>,
     /// Limits of the motion, `[n]`.
     pub limits: Vec<MotionLimits>,
     /// Limits of the torque, where the model is known.
     pub torque: Option<TorqueLimits>,
+    /// Distances to keep, where links have a shape.
+    pub clearance: Option<ClearanceLimit>,
     /// Share of each velocity in `limits` that the joint has to reach at least; 0 asks for nothing.
     pub reached_speed: f64,
 }
@@ -167,7 +178,7 @@ impl<'a> SearchProblem<'a> {
         let mut regressors = RegressorLanes::new(self.robot);
         let states: Vec<LaneStates> = (0..groups).map(|group| self.basis.states(&series, group)).collect();
         let rows = self.present_rows(&self.objective, &states, &mut regressors);
-        let product = self.objective.product(&rows, &self.weights);
+        let product = self.product(&rows);
         let Valued { logarithm, slope } =
             self.settings.objective.of_product(product.as_ref(), strictness.power, &self.settings.scales)?;
 
@@ -190,7 +201,10 @@ impl<'a> SearchProblem<'a> {
         cost += self.exceeding(&states, strictness.penalty, &mut slopes);
         cost += self.too_slow(&states, strictness.penalty, &mut slopes);
         cost += self.torque_exceeding(&states, strictness.penalty, &mut regressors, &mut slopes);
-        Ok((cost, self.slope_of_numbers(&slopes)))
+        cost += self.too_near(&states, strictness.penalty, &mut slopes);
+        let mut slope = self.slope_of_numbers(&slopes);
+        cost += self.jerk_exceeding(&series, strictness.penalty, &mut slope);
+        Ok((cost, slope))
     }
 
     /// Logarithm of the true objective of a series, and what limits cost that making it smaller cannot keep.
@@ -202,12 +216,28 @@ impl<'a> SearchProblem<'a> {
         let states: Vec<LaneStates> =
             (0..self.basis.groups()).map(|group| self.basis.states(series, group)).collect();
         let rows = self.present_rows(&self.objective, &states, &mut regressors);
-        let product = self.objective.product(&rows, &self.weights);
+        let product = self.product(&rows);
         let valued = self.settings.objective.of_product(product.as_ref(), SHARP, &self.settings.scales)?;
         let mut slopes = vec![MotionSlope::ZERO; states.len()];
         Ok(valued.logarithm
             + self.too_slow(&states, MISSED, &mut slopes)
-            + self.torque_exceeding(&states, MISSED, &mut regressors, &mut slopes))
+            + self.torque_exceeding(&states, MISSED, &mut regressors, &mut slopes)
+            + self.nearer_than_allowed(series))
+    }
+
+    /// Instants that a period is looked at.
+    #[must_use]
+    pub fn instants(&self) -> usize {
+        self.basis.instants()
+    }
+
+    /// The product of the rows, with what is known already.
+    fn product(&self, rows: &[JointRows]) -> Mat<f64> {
+        let product = self.objective.product(rows, &self.weights);
+        match &self.settings.known {
+            Some(known) => product + known.matrix(),
+            None => product,
+        }
     }
 
     /// Rows of all groups; those beyond the last instant are zero.
@@ -230,146 +260,21 @@ impl<'a> SearchProblem<'a> {
             .collect()
     }
 
-    /// Squares of what exceeds limits of position, velocity and acceleration.
-    fn exceeding(&self, states: &[LaneStates], penalty: f64, slopes: &mut [MotionSlope]) -> f64 {
-        let instants = self.basis.instants();
-        let margin = between_instants(self.settings.harmonics, instants);
-        let weight = penalty / instants as f64;
-        let mut cost = 0.0;
-        for (group, (states, slopes)) in states.iter().zip(slopes).enumerate() {
-            let present = self.basis.present(group);
-            for (j, limits) in self.settings.limits.iter().enumerate() {
-                let mut each = |value: f64, limit: f64, slope: &mut f64| {
-                    let excess = value.abs() * margin / limit - 1.0;
-                    if excess > 0.0 {
-                        cost += weight * excess * excess;
-                        *slope += 2.0 * weight * excess * margin / limit * value.signum();
-                    }
-                };
-                for lane in (0..LANES).filter(|lane| present.0[*lane] > 0.0) {
-                    let off_middle = states.q[j].0[lane] - limits.middle();
-                    each(off_middle, limits.half_range(), &mut slopes.q[j].0[lane]);
-                    each(states.qd[j].0[lane], limits.velocity, &mut slopes.qd[j].0[lane]);
-                    each(states.qdd[j].0[lane], limits.acceleration, &mut slopes.qdd[j].0[lane]);
-                }
-            }
-        }
-        cost
-    }
-
-    /// Square of what each joint's largest speed lacks.
-    fn too_slow(&self, states: &[LaneStates], penalty: f64, slopes: &mut [MotionSlope]) -> f64 {
-        let share = self.settings.reached_speed;
-        if share <= 0.0 {
-            return 0.0;
-        }
-        let weight = penalty / self.robot.joint_count() as f64;
-        let mut cost = 0.0;
-        for (j, limits) in self.settings.limits.iter().enumerate() {
-            let speeds = states
-                .iter()
-                .enumerate()
-                .flat_map(|(group, states)| (0..LANES).map(move |lane| (group, lane, states.qd[j].0[lane])));
-            let fastest = speeds.max_by(|a, b| a.2.abs().total_cmp(&b.2.abs()));
-            let Some((group, lane, speed)) = fastest else { continue };
-            let lacking = 1.0 - speed.abs() / (share * limits.velocity);
-            if lacking > 0.0 {
-                cost += weight * lacking * lacking;
-                slopes[group].qd[j].0[lane] -=
-                    2.0 * weight * lacking / (share * limits.velocity) * speed.signum();
-            }
-        }
-        cost
-    }
-
-    /// Squares of what exceeds limits of torque: its root mean square over the period, and its magnitude.
-    fn torque_exceeding(
-        &self,
-        states: &[LaneStates],
-        penalty: f64,
-        regressors: &mut RegressorLanes,
-        slopes: &mut [MotionSlope],
-    ) -> f64 {
-        let (Some(limits), Some(observation)) = (&self.settings.torque, &self.torque) else { return 0.0 };
-        let n = self.robot.joint_count();
-        let instants = self.basis.instants() as f64;
-        let rows = self.present_rows(observation, states, regressors);
-        let torque = |row: &[Lanes], joint: usize| {
-            let entries = observation.entries(joint).iter().zip(row);
-            entries.fold(Lanes::ZERO, |sum, (&k, x)| sum + *x * limits.parameters[k])
-        };
-        let torques: Vec<Vec<Lanes>> =
-            rows.iter().map(|rows| (0..n).map(|j| torque(&rows[j], j)).collect()).collect();
-        let mut cost = 0.0;
-        let mut by_torque = vec![vec![Lanes::ZERO; n]; states.len()];
-        for j in 0..n {
-            if let Some(limit) = limits.mean_square_root[j] {
-                let squares: f64 = torques.iter().map(|of| (of[j] * of[j]).sum()).sum();
-                let effective = (squares / instants).sqrt();
-                let excess = effective / limit - 1.0;
-                if excess > 0.0 {
-                    cost += penalty * excess * excess;
-                    let factor = 2.0 * penalty * excess / (limit * effective * instants);
-                    by_torque.iter_mut().zip(&torques).for_each(|(by, of)| by[j] += of[j] * factor);
-                }
-            }
-            let Some(limit) = limits.peak[j] else { continue };
-            let weight = penalty / instants;
-            for (by, of) in by_torque.iter_mut().zip(&torques) {
-                for lane in 0..LANES {
-                    let excess = of[j].0[lane].abs() / limit - 1.0;
-                    if excess > 0.0 {
-                        cost += weight * excess * excess;
-                        by[j].0[lane] += 2.0 * weight * excess / limit * of[j].0[lane].signum();
-                    }
-                }
-            }
-        }
-        if cost > 0.0 {
-            for (group, (by, slope)) in by_torque.iter().zip(slopes).enumerate() {
-                if by.iter().all(|of| *of == Lanes::ZERO) {
-                    continue;
-                }
-                let entries: JointRows = (0..n)
-                    .map(|j| observation.entries(j).iter().map(|&k| by[j] * limits.parameters[k]).collect())
-                    .collect();
-                let own = observation.motion_slope(&states[group], &entries, regressors);
-                for j in 0..n {
-                    slope.q[j] += own.q[j];
-                    slope.qd[j] += own.qd[j];
-                    slope.qdd[j] += own.qdd[j];
-                }
-            }
-        }
-        cost
-    }
-
     /// From slopes along the motion to those along the numbers of the search.
     fn slope_of_numbers(&self, slopes: &[MotionSlope]) -> Vec<f64> {
-        let harmonics = self.settings.harmonics;
-        let free = harmonics - 1;
         let mut of_numbers = Vec::with_capacity(self.dimension());
-        for (j, limits) in self.settings.limits.iter().enumerate() {
-            let mut by_a = vec![Lanes::ZERO; harmonics];
-            let mut by_b = vec![Lanes::ZERO; harmonics];
-            let mut by_centre = Lanes::ZERO;
+        for j in 0..self.robot.joint_count() {
+            let mut by = SeriesSlope::new(self.settings.harmonics);
             for (group, slope) in slopes.iter().enumerate() {
                 let (q, qd, qdd) = (slope.q[j], slope.qd[j], slope.qdd[j]);
-                by_centre += q;
+                by.centre += q;
                 for (l, &[sine, cosine]) in self.basis.waves(group).iter().enumerate() {
                     let w = self.basis.angular_frequency(l + 1);
-                    by_a[l] += q * sine * (1.0 / w) + qd * cosine - qdd * sine * w;
-                    by_b[l] += qd * sine + qdd * cosine * w - q * cosine * (1.0 / w);
+                    by.a[l] += q * sine * (1.0 / w) + qd * cosine - qdd * sine * w;
+                    by.b[l] += qd * sine + qdd * cosine * w - q * cosine * (1.0 / w);
                 }
             }
-            let (last_a, last_b) = (by_a[free].sum(), by_b[free].sum());
-            of_numbers.extend(by_a[..free].iter().map(|by| limits.velocity * (by.sum() - last_a)));
-            of_numbers.extend(
-                (1..)
-                    .zip(&by_b[..free])
-                    .map(|(l, by)| limits.velocity * (by.sum() - f64::from(l) / harmonics as f64 * last_b)),
-            );
-            of_numbers.push(limits.half_range() * by_centre.sum());
+            of_numbers.extend(by.along_numbers(&self.settings.limits[j]));
         }
         of_numbers
     }
@@ -384,7 +289,8 @@ impl<'a> SearchProblem<'a> {
             let margin = between_instants(self.settings.harmonics, found.instants);
             let scale = (2.0 * limits.half_range() / (margin * (high - low)))
                 .min(limits.velocity / (margin * found.speed.value.abs()))
-                .min(limits.acceleration / (margin * found.acceleration.value.abs()));
+                .min(limits.acceleration / (margin * found.acceleration.value.abs()))
+                .min(limits.jerk.map_or(f64::INFINITY, |jerk| jerk / (margin * found.jerk.value.abs())));
             let scale = if scale < 1.0 { scale * (1.0 - CLEARANCE) } else { 1.0 };
             series.a[j].iter_mut().chain(&mut series.b[j]).for_each(|c| *c *= scale);
             let (low, high) = (scale * low, scale * high);
@@ -401,13 +307,39 @@ impl<'a> SearchProblem<'a> {
     }
 }
 
+/// Slopes along the numbers of one joint's series, lanes to be summed.
+struct SeriesSlope {
+    a: Vec<Lanes>,
+    b: Vec<Lanes>,
+    centre: Lanes,
+}
+
+impl SeriesSlope {
+    fn new(harmonics: usize) -> Self {
+        Self { a: vec![Lanes::ZERO; harmonics], b: vec![Lanes::ZERO; harmonics], centre: Lanes::ZERO }
+    }
+
+    /// Along the numbers of the search: the last amplitudes follow from the others.
+    fn along_numbers(&self, limits: &MotionLimits) -> Vec<f64> {
+        let free = self.a.len() - 1;
+        let (last_a, last_b) = (self.a[free].sum(), self.b[free].sum());
+        let part = |l: u32| f64::from(l) / self.a.len() as f64;
+        let by_a = self.a[..free].iter().map(|by| limits.velocity * (by.sum() - last_a));
+        let by_b = (1..).zip(&self.b[..free]).map(|(l, by)| limits.velocity * (by.sum() - part(l) * last_b));
+        by_a.chain(by_b).chain([limits.half_range() * self.centre.sum()]).collect()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::numerics::model::base_parameters::base_parameters;
     use crate::numerics::pooled::nominal_prior::nominal_base;
+    use crate::numerics::trajectory::clearance::Clearance;
     use crate::numerics::trajectory::limits::{Shares, broken_by_series};
+    use crate::robot::{ArmShape, Capsule, Cell, Obstacle, ObstacleForm};
     use crate::testing::er3a_of;
+    use nalgebra::Vector3;
 
     /// Slopes of differences over 1e-5, whose error is the square of that, and of sums of some thousand terms.
     const DIFFERENCES: f64 = 1e-5;
@@ -421,10 +353,22 @@ mod tests {
             parameters: (0..base.kept.len()).collect(),
             row_scales: vec![1.0; robot.joint_count()],
             scales: vec![1.0; base.kept.len()],
+            known: None,
             limits: robot.joints.iter().map(|joint| MotionLimits::of(joint, &shares)).collect(),
             torque: None,
+            clearance: None,
             reached_speed: 0.0,
         }
+    }
+
+    /// A wall that the second link comes near to.
+    fn wall(robot: &Robot) -> ClearanceLimit {
+        let ends = [Vector3::zeros(), Vector3::new(0.3, 0.0, 0.0)];
+        let shape = ArmShape { capsules: vec![Capsule { link: 2, ends, radius: 0.05 }], pairs: Vec::new() };
+        let form = ObstacleForm::Plane { point: Vector3::new(0.0, 0.25, 0.0), normal: -Vector3::y() };
+        let cell = Cell { obstacles: vec![Obstacle { name: "wall".into(), form }] };
+        let clearance = Clearance::new(&Robot { shape, ..robot.clone() }, &cell);
+        ClearanceLimit { clearance, distance: 0.05 }
     }
 
     fn numbers(count: usize, size: f64) -> Vec<f64> {
@@ -449,6 +393,8 @@ mod tests {
                 let mut settings = settings(&robot, &base);
                 settings.objective = objective;
                 settings.torque = limited.then(|| torque.clone());
+                settings.limits[0].jerk = limited.then_some(20.0);
+                settings.clearance = limited.then(|| wall(&robot));
                 settings.reached_speed = reached;
                 let problem = SearchProblem::new(&robot, &base, settings).expect("a problem");
                 let x = numbers(problem.dimension(), size);
@@ -472,7 +418,8 @@ mod tests {
 
     #[test]
     fn any_numbers_stand_for_a_series_from_rest_to_rest_that_can_be_brought_inside_the_limits() {
-        let robot = er3a_of(3);
+        let mut robot = er3a_of(3);
+        robot.joints[1].limits.jerk = Some(15.0);
         let base = base_parameters(&robot).expect("base parameters");
         let problem = SearchProblem::new(&robot, &base, settings(&robot, &base)).expect("a problem");
         for size in [0.01, 0.3, 5.0] {
@@ -484,7 +431,7 @@ mod tests {
                     assert!(state[2].abs() < 1e-9 * size.max(1.0), "{state:?}");
                 }
             }
-            assert_eq!(!broken_by_series(&robot, &wild).is_empty(), size > 1.0);
+            assert_eq!(!broken_by_series(&robot, &wild).is_empty(), size > 0.1);
             assert!(broken_by_series(&robot, &tame).is_empty(), "{size}");
             // the shares of the search, at 1 kHz
             for (j, limits) in problem.settings().limits.iter().enumerate() {
@@ -492,6 +439,8 @@ mod tests {
                     let [q, qd, qdd] = super::super::series::state_at(&tame, f64::from(k) * 1e-3)[j];
                     assert!((limits.position_min..=limits.position_max).contains(&q));
                     assert!(qd.abs() <= limits.velocity && qdd.abs() <= limits.acceleration);
+                    let jerk = super::super::series::jerk_at(&tame, j, f64::from(k) * 1e-3).abs();
+                    assert!(limits.jerk.is_none_or(|limit| jerk <= limit));
                 }
             }
             // what is inside stays as it is

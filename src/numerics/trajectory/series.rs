@@ -110,6 +110,35 @@ impl Basis {
     }
 }
 
+impl Basis {
+    /// Jerk of one joint at a group's instants, rad/s³ (m/s³).
+    #[must_use]
+    pub fn jerk(&self, a: &[f64], b: &[f64], group: usize) -> Lanes {
+        let mut jerk = Lanes::ZERO;
+        for (l, &[sine, cosine]) in self.waves(group).iter().enumerate() {
+            let squared = self.angular_frequency(l + 1).powi(2);
+            jerk += (cosine * a[l] + sine * b[l]) * -squared;
+        }
+        jerk
+    }
+}
+
+/// Jerk of a joint at the time `t`, s: `-w² sum l² (a_l cos(w l t) + b_l sin(w l t))`, rad/s³ (m/s³).
+///
+/// # Panics
+/// If the series has no such joint.
+#[must_use]
+pub fn jerk_at(series: &FourierExcitation, joint: usize, t: f64) -> f64 {
+    let harmonics = (1..).zip(series.a[joint].iter().zip(&series.b[joint]));
+    harmonics
+        .map(|(l, (a, b)): (u32, _)| {
+            let w = TAU * series.base_frequency * f64::from(l);
+            let (sine, cosine) = (w * t).sin_cos();
+            -w * w * (a * cosine + b * sine)
+        })
+        .sum()
+}
+
 /// Position, velocity and acceleration of all joints at the time `t`, s.
 #[must_use]
 pub fn state_at(series: &FourierExcitation, t: f64) -> Vec<[f64; 3]> {
@@ -162,9 +191,13 @@ mod tests {
                 for k in 0..3 {
                     assert!((found[k] - at[j][k]).abs() < ROUNDING * 100.0, "{group} {j} {k}");
                 }
-                for k in 0..2 {
+                let jerk = jerk_at(&series, j, t);
+                let lanes = basis.jerk(&series.a[j], &series.b[j], group);
+                assert!((lanes.0[lane] - jerk).abs() < ROUNDING * 1e3, "{group} {j}");
+                for k in 0..3 {
                     let slope = (after[j][k] - before[j][k]) / 2e-3;
-                    assert!((slope - at[j][k + 1]).abs() < DIFFERENCES, "{slope} {}", at[j][k + 1]);
+                    let derivative = if k < 2 { at[j][k + 1] } else { jerk };
+                    assert!((slope - derivative).abs() < DIFFERENCES, "{slope} {derivative}");
                 }
             }
         }

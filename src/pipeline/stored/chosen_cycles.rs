@@ -315,7 +315,7 @@ pub(in crate::pipeline) struct ChosenCycles {
 
 impl ChosenCycles {
     /// The run, the description and the factors of each cycle, then of joined windows.
-    fn all_factors(&self) -> impl Iterator<Item = (i64, &StoredModel, &CycleFactors)> {
+    pub(super) fn all_factors(&self) -> impl Iterator<Item = (i64, &StoredModel, &CycleFactors)> {
         let own = self.cycles.iter().map(|of| (of.run_id, &of.model, &of.factors));
         own.chain(self.joined.iter().map(|of| (of.run_id, &of.model, &of.factors)))
     }

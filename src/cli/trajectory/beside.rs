@@ -1,0 +1,194 @@
+//! The least addition to a motion that a robot makes anyway.
+
+use clap::Args;
+use serde_json::{Value, json};
+
+use crate::cli::context::{CliError, Global, open_to_read, runtime};
+use crate::cli::shared::output;
+use crate::numerics::model::base_parameters::BaseParameters;
+use crate::numerics::trajectory::information::Information;
+use crate::numerics::trajectory::prediction::Recording;
+use crate::pipeline::stored::shown::shown_by_run;
+use crate::robot::{FourierExcitation, Robot};
+
+/// Durations that are tried, s, up to that of the motion that is asked for.
+const DURATIONS_S: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0, 20.0];
+
+#[derive(Debug, Clone, Args)]
+pub(super) struct BesideArgs {
+    /// Find the shortest motion that shows what this recording of ordinary work does not: its run
+    #[arg(help_heading = "Beside ordinary work", long, value_name = "RUN")]
+    beside_run: Option<i64>,
+    /// So much of that recording's motion counts as known, s
+    #[arg(
+        help_heading = "Beside ordinary work",
+        long,
+        default_value_t = 60.0,
+        value_name = "S",
+        requires = "beside_run"
+    )]
+    beside_s: f64,
+    /// Standard deviation that every parameter comes to at most, as a part of its nominal size
+    #[arg(
+        help_heading = "Beside ordinary work",
+        long,
+        default_value_t = 0.1,
+        value_name = "PART",
+        requires = "beside_run"
+    )]
+    precision: f64,
+}
+
+/// What ordinary work shows of the parameters.
+pub(super) struct Beside {
+    pub run: i64,
+    pub seconds: f64,
+    precision: f64,
+    /// At the rate and noise of the recording that is asked for.
+    information: Information,
+    /// What standard deviations are compared with, `[b]`.
+    sizes: Vec<f64>,
+}
+
+/// Standard deviations with and without an addition, `[b]`; `None` where the parameter is not seen.
+pub(super) struct Precision {
+    alone: Vec<Option<f64>>,
+    together: Vec<Option<f64>>,
+}
+
+impl BesideArgs {
+    /// Whether ordinary work counts as known.
+    pub fn is_asked(&self) -> bool {
+        self.beside_run.is_some()
+    }
+
+    /// What the recording shows; `None` where none is named. `sizes` are of all base parameters.
+    pub fn read(
+        &self,
+        global: &Global,
+        robot: &Robot,
+        base: &BaseParameters,
+        recording: Option<&Recording>,
+        sizes: Vec<f64>,
+    ) -> Result<Option<Beside>, CliError> {
+        let Some(run) = self.beside_run else { return Ok(None) };
+        let possible =
+            [("--beside-s", self.beside_s, 1.0, 86_400.0), ("--precision", self.precision, 1e-6, 1.0)];
+        if let Some((option, value, low, high)) =
+            possible.into_iter().find(|(_, value, low, high)| !(value >= low && value <= high))
+        {
+            return Err(CliError::Usage(format!("{option} {value}: {low} to {high} is possible")));
+        }
+        let Some(recording) = recording else {
+            return Err(CliError::Usage(
+                "--beside-run needs the noise of every torque signal; give --noise-nm".into(),
+            ));
+        };
+        if robot.joints.iter().any(|joint| joint.nominal.is_none()) {
+            return Err(CliError::Usage(
+                "--beside-run needs nominal parameters of all joints, with which precision is compared"
+                    .into(),
+            ));
+        }
+        let config = global.read_config()?;
+        let shown = runtime()?.block_on(async {
+            let store = open_to_read(&config).await?;
+            let shown = shown_by_run(&store, run, robot, base, &recording.noise).await;
+            store.close().await?;
+            shown.map_err(|error| CliError::Usage(error.to_string()))
+        })?;
+        // all rows of a recording would count errors of the model as noise that averages out
+        let share = self.beside_s * recording.sample_rate_hz / shown.rows as f64;
+        let information = shown.information.times(share);
+        Ok(Some(Beside { run, seconds: self.beside_s, precision: self.precision, information, sizes }))
+    }
+}
+
+impl Beside {
+    /// Durations to try, s, rising, the last `longest`.
+    pub fn durations(longest: f64) -> Vec<f64> {
+        let shorter = DURATIONS_S.into_iter().filter(|duration| *duration < longest);
+        shorter.chain([longest]).collect()
+    }
+
+    /// What is known, in the measure of a search with so many instants in `duration`, s.
+    pub fn known(&self, recording: &Recording, duration: f64, instants: usize) -> Information {
+        self.information.times(instants as f64 / (recording.sample_rate_hz * duration))
+    }
+
+    /// Standard deviations of the recording alone, and with one period of `series`.
+    pub fn precision(
+        &self,
+        robot: &Robot,
+        base: &BaseParameters,
+        series: &FourierExcitation,
+        recording: &Recording,
+    ) -> Result<Precision, CliError> {
+        let fault = |error: crate::numerics::NumericsError| CliError::Usage(error.to_string());
+        let together = self.information.with(&Information::of_series(robot, base, series, recording));
+        Ok(Precision {
+            alone: self.information.standard_deviations(&self.sizes).map_err(fault)?,
+            together: together.standard_deviations(&self.sizes).map_err(fault)?,
+        })
+    }
+
+    /// Parameters that are not known well enough with the addition.
+    pub fn missed(&self, precision: &Precision) -> usize {
+        let well = |(std, size): (&Option<f64>, &f64)| std.is_some_and(|std| std <= self.precision * size);
+        precision.together.iter().zip(&self.sizes).filter(|of| !well(*of)).count()
+    }
+
+    /// A table of all parameters, and in a sentence what was found.
+    pub fn print(&self, base: &BaseParameters, precision: &Precision, seconds: f64) {
+        let number = |(std, size): (&Option<f64>, &f64)| {
+            std.map_or_else(|| "not seen".to_owned(), |std| format!("{:.2} %", 100.0 * std / size))
+        };
+        let rows: Vec<Vec<String>> = base
+            .kept
+            .iter()
+            .zip(precision.alone.iter().zip(&self.sizes))
+            .zip(precision.together.iter().zip(&self.sizes))
+            .map(|((id, alone), together)| vec![id.to_string(), number(alone), number(together)])
+            .collect();
+        output::line(&format!(
+            "\nStandard deviations as parts of nominal sizes, of {} s of run {} and with the addition of {seconds} s",
+            self.seconds, self.run
+        ));
+        output::print_table(&["parameter", "ordinary work alone", "with the addition"], &rows, &[]);
+        let (missed, all) = (self.missed(precision), self.sizes.len());
+        let before = all - self.known_alone(precision);
+        output::line(&match missed {
+            0 => format!(
+                "{before} of {all} parameters are not known to {:.3} % from ordinary work; with {seconds} s more, all are",
+                100.0 * self.precision
+            ),
+            _ => format!(
+                "{missed} of {all} parameters are not known to {:.3} % with {seconds} s more either; allow a longer motion \
+                 (--seconds), or ask for less (--precision)",
+                100.0 * self.precision
+            ),
+        });
+    }
+
+    fn known_alone(&self, precision: &Precision) -> usize {
+        let well = |(std, size): (&Option<f64>, &f64)| std.is_some_and(|std| std <= self.precision * size);
+        precision.alone.iter().zip(&self.sizes).filter(|of| well(*of)).count()
+    }
+
+    /// The same for scripts.
+    pub fn as_value(&self, base: &BaseParameters, precision: &Precision) -> Value {
+        let each = base.kept.iter().zip(&self.sizes).zip(precision.alone.iter().zip(&precision.together));
+        let parameters: Vec<Value> = each
+            .map(|((id, size), (alone, together))| {
+                json!({
+                    "parameter": id.to_string(), "size": size, "standard_deviation_alone": alone,
+                    "standard_deviation_together": together,
+                })
+            })
+            .collect();
+        json!({
+            "run": self.run, "seconds": self.seconds, "precision": self.precision,
+            "missed": self.missed(precision), "parameters": parameters,
+        })
+    }
+}

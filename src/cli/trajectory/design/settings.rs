@@ -1,0 +1,160 @@
+//! From options to what is searched.
+
+use super::{ColumnsArg, DesignArgs, ObjectiveArg};
+use crate::cli::context::CliError;
+use crate::cli::shared::output;
+use crate::cli::trajectory::torque::rated_torques;
+use crate::numerics::model::base_parameters::BaseParameters;
+use crate::numerics::pooled::nominal_prior::nominal_base;
+use crate::numerics::trajectory::limits::{MotionLimits, Shares, TorqueLimits};
+use crate::numerics::trajectory::objective::Objective;
+use crate::numerics::trajectory::prediction::Recording;
+use crate::numerics::trajectory::problem::SearchSettings;
+use crate::robot::{JointKind, ParameterKind, Robot};
+
+/// How much nearer to a torque limit than allowed the search stays, since a motion that is found is not made smaller
+/// for torques.
+const TORQUE_CLEARANCE: f64 = 0.999;
+
+impl DesignArgs {
+    pub(super) fn settings(&self, robot: &Robot, base: &BaseParameters) -> Result<SearchSettings, CliError> {
+        let is_chosen = |k: &usize| match self.columns {
+            ColumnsArg::Inertial if !self.beside.is_asked() => {
+                matches!(base.kept[*k].kind, ParameterKind::Inertial(_) | ParameterKind::MotorInertia)
+            }
+            _ => true,
+        };
+        let parameters: Vec<usize> = (0..base.kept.len()).filter(is_chosen).collect();
+        let nominal = nominal_base(robot, base);
+        let noise = self.noise(robot);
+        let statistical =
+            !matches!(self.objective(), ObjectiveArg::Condition | ObjectiveArg::ScaledCondition);
+        let row_scales = match (&noise, statistical) {
+            (Some(noise), true) => noise.iter().map(|noise| 1.0 / noise).collect(),
+            _ => vec![1.0; robot.joint_count()],
+        };
+        let shares = Shares {
+            position: self.position_share,
+            velocity: self.speed_share,
+            acceleration: self.acceleration_share,
+        };
+        Ok(SearchSettings {
+            period: self.seconds,
+            harmonics: usize::from(self.harmonics),
+            objective: match self.objective() {
+                ObjectiveArg::Condition => Objective::Condition,
+                ObjectiveArg::ScaledCondition => Objective::ScaledCondition,
+                ObjectiveArg::LogDeterminant => Objective::LogDeterminant,
+                ObjectiveArg::Mixed => Objective::Mixed { condition: self.condition_share },
+                ObjectiveArg::StandardDeviation => Objective::StandardDeviation,
+            },
+            scales: self.scales(robot, base, &parameters, &nominal)?,
+            parameters,
+            known: None,
+            row_scales,
+            limits: robot.joints.iter().map(|joint| MotionLimits::of(joint, &shares)).collect(),
+            clearance: None,
+            torque: self.torque_limits(robot, &nominal),
+            // the search counts in what the motion may reach
+            reached_speed: self.reached() / self.speed_share,
+        })
+    }
+
+    /// What standard deviations are compared with; infinite where they do not count.
+    pub(super) fn scales(
+        &self,
+        robot: &Robot,
+        base: &BaseParameters,
+        parameters: &[usize],
+        nominal: &[Option<f64>],
+    ) -> Result<Vec<f64>, CliError> {
+        let mut scales = sizes(base, parameters, nominal);
+        if self.precise.is_empty() {
+            return Ok(scales);
+        }
+        if !matches!(self.objective(), ObjectiveArg::StandardDeviation) {
+            return Err(CliError::Usage("--precise goes with --objective standard-deviation".into()));
+        }
+        let mut counts = vec![false; parameters.len()];
+        for name in &self.precise {
+            let mut any = false;
+            for (counts, &k) in counts.iter_mut().zip(parameters) {
+                let id = &base.kept[k];
+                let is_friction = matches!(id.kind, ParameterKind::Friction(_));
+                let group = if is_friction { "friction" } else { "link" };
+                let meant = id.to_string() == *name || format!("{group}-{}", id.joint) == *name;
+                *counts |= meant;
+                any |= meant;
+            }
+            if !any {
+                let names: Vec<String> = parameters.iter().map(|&k| base.kept[k].to_string()).collect();
+                return Err(CliError::Usage(format!(
+                    "--precise {name}: no such parameter among {}; friction-1 to friction-{} and link-1 to link-{} stand \
+                     for several, and --columns all has friction",
+                    names.join(", "),
+                    robot.joint_count(),
+                    robot.joint_count()
+                )));
+            }
+        }
+        scales
+            .iter_mut()
+            .zip(counts)
+            .filter(|(_, counts)| !counts)
+            .for_each(|(scale, _)| *scale = f64::INFINITY);
+        Ok(scales)
+    }
+
+    /// Limits of torques, where parameters and rated torques are known.
+    pub(super) fn torque_limits(&self, robot: &Robot, nominal: &[Option<f64>]) -> Option<TorqueLimits> {
+        let parameters: Option<Vec<f64>> = nominal.iter().copied().collect();
+        let rated = rated_torques(robot);
+        let peak: Vec<Option<f64>> =
+            robot.joints.iter().map(|joint| joint.peak_torque.map(|peak| TORQUE_CLEARANCE * peak)).collect();
+        let limited = self.torque_share > 0.0 && rated.iter().chain(&peak).any(Option::is_some);
+        parameters.filter(|_| limited).map(|parameters| TorqueLimits {
+            parameters,
+            mean_square_root: rated
+                .into_iter()
+                .map(|rated| rated.map(|rated| TORQUE_CLEARANCE * self.torque_share * rated))
+                .collect(),
+            peak,
+        })
+    }
+
+    /// Noise of each torque signal, where it is known.
+    pub(super) fn noise(&self, robot: &Robot) -> Option<Vec<f64>> {
+        let of_joint = |joint: &crate::robot::Joint| {
+            let known = joint.nominal.as_ref().map(|nominal| nominal.torque_noise);
+            self.noise_nm.or(known).filter(|noise| *noise > 0.0)
+        };
+        robot.joints.iter().map(of_joint).collect()
+    }
+
+    pub(super) fn recording(&self, robot: &Robot) -> Result<Option<Recording>, CliError> {
+        let noise = self.noise(robot);
+        if noise.is_none() {
+            output::print_hint(
+                "the description has no noise of every torque signal, so nothing is predicted; give it with --noise-nm",
+            );
+        }
+        Ok(noise.map(|noise| Recording { sample_rate_hz: self.rate_hz, periods: 1, noise }))
+    }
+}
+
+/// What standard deviations are compared with: the nominal value, or the root mean square of those of the same unit if
+/// that is more; 1 where nothing is known.
+pub(super) fn sizes(base: &BaseParameters, chosen: &[usize], nominal: &[Option<f64>]) -> Vec<f64> {
+    let unit = |k: usize| base.kept[k].unit(JointKind::Revolute);
+    let of = |&k: &usize| {
+        let like: Vec<f64> = (0..nominal.len())
+            .filter(|&other| unit(other) == unit(k))
+            .filter_map(|other| nominal[other])
+            .collect();
+        let squares: f64 = like.iter().map(|value| value * value).sum();
+        let usual = (squares / like.len().max(1) as f64).sqrt();
+        let size = nominal[k].map_or(usual, |value| usual.max(value.abs()));
+        if size > 0.0 { size } else { 1.0 }
+    };
+    chosen.iter().map(of).collect()
+}

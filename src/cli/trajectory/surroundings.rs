@@ -1,0 +1,45 @@
+//! What stands around an arm, as it is named at the command line.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::cli::context::CliError;
+use crate::config::read_cell;
+use crate::numerics::trajectory::clearance::{Clearance, ClearanceLimit};
+use crate::robot::{Cell, Robot};
+
+#[derive(Debug, Clone, Args)]
+pub(super) struct SurroundingsArgs {
+    /// What stands around the arm: a TOML file with [[plane]], [[box]] and [[cylinder]]
+    #[arg(help_heading = "Surroundings", long, value_name = "FILE")]
+    cell: Option<PathBuf>,
+    /// Least distance of the description's capsules from each other and from the cell, m
+    #[arg(help_heading = "Surroundings", long, default_value_t = 0.02, value_name = "M")]
+    clearance_m: f64,
+}
+
+impl SurroundingsArgs {
+    /// Distances that a motion of the arm keeps; `None` where nothing is to be kept apart.
+    pub fn limit(&self, robot: &Robot) -> Result<Option<ClearanceLimit>, CliError> {
+        if !(0.0..=10.0).contains(&self.clearance_m) {
+            return Err(CliError::Usage(format!(
+                "--clearance-m {}: 0 to 10 m is possible",
+                self.clearance_m
+            )));
+        }
+        let cell = match &self.cell {
+            Some(path) => read_cell(path)?,
+            None => Cell::default(),
+        };
+        if self.cell.is_some() && robot.shape.capsules.iter().all(|capsule| capsule.link == 0) {
+            return Err(CliError::Usage(
+                "--cell: the description has no [[capsule]] of a link that moves, so nothing can be kept from the cell; \
+                 docs/trajectories.md shows how links are given a shape"
+                    .into(),
+            ));
+        }
+        let clearance = Clearance::new(robot, &cell);
+        Ok((!clearance.is_empty()).then_some(ClearanceLimit { clearance, distance: self.clearance_m }))
+    }
+}

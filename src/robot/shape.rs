@@ -1,0 +1,67 @@
+//! Space: what the links take up of it, and what stands around the arm.
+
+use nalgebra::Vector3;
+
+use super::Transform;
+
+/// A capsule round a part of a link: all points within a radius of a line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Capsule {
+    /// Number of the joint that moves the link; 0 for the base.
+    pub link: usize,
+    /// Ends of the line in the link's frame, whose z is the joint's axis; for the base in the base frame. m.
+    pub ends: [Vector3<f64>; 2],
+    /// Radius, m.
+    pub radius: f64,
+}
+
+/// What the links of an arm take up of space.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ArmShape {
+    /// Capsules, any number a link.
+    pub capsules: Vec<Capsule>,
+    /// Pairs of links that must not touch, as numbers of [`Capsule::link`].
+    pub pairs: Vec<[usize; 2]>,
+}
+
+/// What stands around an arm.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Cell {
+    /// Obstacles, each kept from all capsules of the arm but those of the base.
+    pub obstacles: Vec<Obstacle>,
+}
+
+/// A thing that an arm must not touch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Obstacle {
+    /// Name, for messages.
+    pub name: String,
+    /// Form and place in the arm's base frame.
+    pub form: ObstacleForm,
+}
+
+/// Form of an obstacle; all lengths in m, in the arm's base frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ObstacleForm {
+    /// Everything behind a plane.
+    Plane {
+        /// A point of the plane.
+        point: Vector3<f64>,
+        /// Unit vector to the side where the arm may be.
+        normal: Vector3<f64>,
+    },
+    /// A box.
+    Box {
+        /// Its middle and axes.
+        place: Transform,
+        /// Half its edges, along its axes.
+        half_edges: Vector3<f64>,
+    },
+    /// A cylinder with flat ends.
+    Cylinder {
+        /// Middles of its ends.
+        ends: [Vector3<f64>; 2],
+        /// Radius.
+        radius: f64,
+    },
+}
