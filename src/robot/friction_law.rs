@@ -274,7 +274,7 @@ impl FrictionTerm {
     }
 
     /// Its value by the nominal friction, a polynomial with these coefficients [3.10]. The laws without its higher
-    /// powers have one only where these vanish.
+    /// powers have one only where these vanish; a drive without a fault has no offset.
     #[must_use]
     pub fn nominal(self, [f1, f2, f3, f4]: &[f64; 4]) -> Option<f64> {
         let is_linear = *f3 == 0.0 && *f4 == 0.0;
@@ -285,7 +285,7 @@ impl FrictionTerm {
             Self::F4 => Some(*f4),
             Self::Coulomb | Self::CoulombPositive | Self::CoulombNegative => is_linear.then_some(*f1),
             Self::Viscous | Self::ViscousPositive | Self::ViscousNegative => is_linear.then_some(*f2),
-            Self::Offset => None,
+            Self::Offset => Some(0.0),
         }
     }
 

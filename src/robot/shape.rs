@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::Transform;
+use super::geometry::Transform;
 
 /// A capsule round a part of a link: all points within a radius of a line.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,6 +1,6 @@
 //! From options to what is searched.
 
-use super::{ColumnsArg, DesignArgs, ObjectiveArg};
+use super::options::{ColumnsArg, DesignArgs, ObjectiveArg};
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
 use crate::cli::trajectory::torque::rated_torques;

@@ -1,0 +1,207 @@
+//! Options of `armwatch trajectory design`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use crate::cli::context::CliError;
+use crate::cli::trajectory::beside::BesideArgs;
+use crate::cli::trajectory::surroundings::SurroundingsArgs;
+
+/// Share of the top speeds that each joint reaches at least where the scaled condition number is searched: the columns
+/// of a joint that hardly moves can be scaled too, and tell nothing.
+const REACHED_WHERE_SCALED: f64 = 0.5;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch trajectory design --robot er3a -o er3a.json
+  armwatch trajectory design --robot robots/mine.toml --seconds 20 \\
+      --speed-share 0.8 -o mine.json
+  armwatch trajectory design --robot er3a --objective scaled-condition \\
+      --budget-s 300 -o scaled.json
+  armwatch trajectory design --robot er3a --columns all \\
+      --objective standard-deviation -o precise.json
+  armwatch trajectory design --robot er3a --columns all \\
+      --objective standard-deviation --precise friction-3 -o joint3.json
+  armwatch trajectory design --robot er3a --resume er3a.json -o er3a.json
+  armwatch trajectory design --robot er3a --beside-run 12 --seconds 10 \\
+      -o addition.json
+
+The motion is a finite Fourier series that starts and ends at rest, without acceleration, and keeps the position, speed
+and acceleration limits of the description between its samples too. Where the description has nominal parameters and
+rated torques, the root mean square of each joint's torque stays below its rated torque; where it has limits of jerk and
+peak torque, they are kept, and so is the clearance of its capsules (docs/trajectories.md).
+
+The same seed and number of starts give the same file on any number of threads; with --budget-s the file says how many
+starts there were, and --starts with that number gives it again. With --beside-run, the motion is the shortest one that
+shows what ordinary work does not. Standard deviations hold for white noise of the torque
+signal and one period; docs/trajectories.md says what that leaves out.")]
+pub(in crate::cli) struct DesignArgs {
+    /// The arm: a robot or model of the configuration, or the file of a description
+    #[arg(long, value_name = "NAME")]
+    pub(super) robot: String,
+    /// File for the programme, JSON
+    #[arg(short, long, visible_alias = "out", value_name = "FILE")]
+    pub(super) output: Option<PathBuf>,
+    /// Duration of the motion, s
+    #[arg(help_heading = "Motion", long, default_value_t = 10.0, value_name = "S")]
+    pub(super) seconds: f64,
+    /// Harmonics of the series, 2 to 20
+    #[arg(help_heading = "Motion", long, default_value_t = 5, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=20))]
+    pub(super) harmonics: u8,
+    /// Part of each joint's range that may be used, about its middle
+    #[arg(help_heading = "Motion", long, default_value_t = 1.0, value_name = "PART", value_parser = share)]
+    pub(super) position_share: f64,
+    /// Part of the largest speeds that may be used
+    #[arg(help_heading = "Motion", long, default_value_t = 0.95, value_name = "PART", value_parser = share)]
+    pub(super) speed_share: f64,
+    /// Part of the largest accelerations that may be used
+    #[arg(help_heading = "Motion", long, default_value_t = 0.95, value_name = "PART", value_parser = share)]
+    pub(super) acceleration_share: f64,
+    /// Part of its top speed that each joint reaches at least [default: 0, with --objective
+    /// scaled-condition 0.5]
+    #[arg(help_heading = "Motion", long, value_name = "PART", value_parser = share_or_none)]
+    pub(super) reach_speed_share: Option<f64>,
+    /// Part of the rated torque that the root mean square of a joint's torque may be; 0 for no limit of torques
+    #[arg(help_heading = "Motion", long, default_value_t = 1.0, value_name = "PART", value_parser = share_or_none)]
+    pub(super) torque_share: f64,
+    /// What is made small
+    #[arg(
+        help_heading = "Search",
+        long,
+        value_enum,
+        default_value = "condition",
+        conflicts_with = "beside_run"
+    )]
+    pub(super) objective: ObjectiveArg,
+    /// Parameters that the objective is of
+    #[arg(
+        help_heading = "Search",
+        long,
+        value_enum,
+        default_value = "inertial",
+        conflicts_with = "beside_run"
+    )]
+    pub(super) columns: ColumnsArg,
+    /// Weight of the scaled condition number in --objective mixed; the rest is that of the volume
+    #[arg(help_heading = "Search", long, default_value_t = 0.5, value_name = "PART", value_parser = share_or_none)]
+    pub(super) condition_share: f64,
+    /// Parameters whose standard deviations count, where not all do: names such as J3_f1, friction-3 for all friction of
+    /// joint 3, link-6 for link 6 and its motor, separated by commas; others are estimated along
+    #[arg(
+        help_heading = "Search",
+        long,
+        value_name = "NAMES",
+        value_delimiter = ',',
+        conflicts_with = "beside_run"
+    )]
+    pub(super) precise: Vec<String>,
+    /// Everything random follows from it
+    #[arg(help_heading = "Search", long, default_value_t = 1)]
+    pub(super) seed: u64,
+    /// Random starts of the search [default: 12]
+    #[arg(help_heading = "Search", long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(super) starts: Option<u64>,
+    /// Begin new starts for this long instead, s
+    #[arg(help_heading = "Search", long, value_name = "S", conflicts_with = "starts")]
+    pub(super) budget_s: Option<f64>,
+    /// Go on with the search of this programme, which had the same settings: more starts, and its motion if none is better
+    #[arg(help_heading = "Search", long, value_name = "PROGRAMME", conflicts_with = "beside_run")]
+    pub(super) resume: Option<PathBuf>,
+    /// Threads [default: one a processor]
+    #[arg(help_heading = "Search", long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(super) threads: Option<u16>,
+    /// Rows a second of the recording, Hz
+    #[arg(help_heading = "Prediction", long, default_value_t = 250.0, value_name = "HZ")]
+    pub(super) rate_hz: f64,
+    /// Standard deviation of every torque signal, Nm (N) [default: the description's]
+    #[arg(help_heading = "Prediction", long, value_name = "NM")]
+    pub(super) noise_nm: Option<f64>,
+    #[command(flatten)]
+    pub(super) beside: BesideArgs,
+    #[command(flatten)]
+    pub(super) surroundings: SurroundingsArgs,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum ObjectiveArg {
+    /// Condition number of the observation matrix, SI units
+    Condition,
+    /// The same with columns scaled to unit norm
+    ScaledCondition,
+    /// Volume of the confidence ellipsoid of the parameters
+    LogDeterminant,
+    /// The last two together, weighted by --condition-share
+    Mixed,
+    /// Standard deviations of the parameters, each in units of its nominal size
+    StandardDeviation,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum ColumnsArg {
+    /// Inertia of links and motors, as in the published design
+    Inertial,
+    /// All base parameters, with friction
+    All,
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|part| *part > 0.0 && *part <= 1.0).ok_or_else(|| "above 0 to 1".into())
+}
+
+fn share_or_none(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|part| *part >= 0.0 && *part <= 1.0).ok_or_else(|| "0 to 1".into())
+}
+
+impl DesignArgs {
+    pub(super) fn check(&self) -> Result<(), CliError> {
+        let positive = [
+            ("--seconds", self.seconds, 0.1, 1000.0, "s"),
+            ("--rate-hz", self.rate_hz, 1.0, 100_000.0, "Hz"),
+            ("--budget-s", self.budget_s.unwrap_or(1.0), 0.0, 1e6, "s"),
+            ("--noise-nm", self.noise_nm.unwrap_or(1.0), 1e-9, 1e5, "Nm"),
+        ];
+        if let Some((option, value, low, high, unit)) =
+            positive.into_iter().find(|(_, value, low, high, _)| !(value >= low && value <= high))
+        {
+            return Err(CliError::Usage(format!("{option} {value}: {low} to {high} {unit} is possible")));
+        }
+        // fewer rows than two a wave show a motion that is not there
+        let least = 2.0 * f64::from(self.harmonics) / self.seconds;
+        if self.rate_hz <= least {
+            return Err(CliError::Usage(format!(
+                "--rate-hz {}: a motion with waves of {:.2} Hz needs more than {least} Hz",
+                self.rate_hz,
+                f64::from(self.harmonics) / self.seconds
+            )));
+        }
+        if self.reached() > self.speed_share {
+            return Err(CliError::Usage(format!(
+                "--reach-speed-share {}: more than --speed-share {} allows",
+                self.reached(),
+                self.speed_share
+            )));
+        }
+        Ok(())
+    }
+
+    pub(super) fn reached(&self) -> f64 {
+        let usual = match self.objective() {
+            ObjectiveArg::ScaledCondition => REACHED_WHERE_SCALED.min(self.speed_share),
+            _ => 0.0,
+        };
+        self.reach_speed_share.unwrap_or(usual)
+    }
+
+    /// What is made small; of an addition to ordinary work the standard deviations.
+    pub(super) fn objective(&self) -> ObjectiveArg {
+        if self.beside.is_asked() { ObjectiveArg::StandardDeviation } else { self.objective }
+    }
+}
+
+impl ObjectiveArg {
+    pub(super) fn name(self) -> String {
+        self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+    }
+}
