@@ -98,7 +98,7 @@ pub struct SimulationSettings {
     pub truth_dir: Option<PathBuf>,
     /// What gearboxes lose.
     pub friction: FrictionShape,
-    /// Stiffness of gears that bend, Nm/rad (N/m): see [`elastic`]. The planned motion is that of the links then.
+    /// Stiffness of gears that bend, Nm/rad (N/m): see `simulate::elastic`. The planned motion is that of the links then.
     pub stiffness: Vec<(JointIndex, f64)>,
     /// Whether the export is written under its own name from its first row on, as a controller does that is watched.
     pub grows: bool,

@@ -11,7 +11,7 @@ use crate::robot::{Cell, Robot};
 
 #[derive(Debug, Clone, Args)]
 pub(super) struct SurroundingsArgs {
-    /// What stands around the arm: a TOML file with [[plane]], [[box]] and [[cylinder]]
+    /// What stands around the arm: a TOML file of planes, boxes and cylinders
     #[arg(help_heading = "Surroundings", long, value_name = "FILE")]
     cell: Option<PathBuf>,
     /// Least distance of the description's capsules from each other and from the cell, m
