@@ -34,7 +34,7 @@ pub mod open_run;
 use jiff::Timestamp;
 
 use self::accuracy::Accuracy;
-use self::arm::{ArmEvidence, arm_evidence};
+use self::arm::{ArmEvidence, arm_evidence, least_advantage as least_advantage_of_arm};
 use self::arm_change::arm_changes;
 use self::common_change::{common_changes, common_parts};
 use self::contact::contacts;
@@ -151,7 +151,12 @@ fn part<'p>(
         friction.iter_mut().zip(&common).for_each(|(history, common)| history.without_common(common));
         parts.push(Part {
             moments: runs.iter().map(|run| (run.run_id, run.started_at)).collect(),
-            arm: arm_evidence(&runs, joints, settings.baseline_runs),
+            arm: arm_evidence(
+                &runs,
+                joints,
+                settings.baseline_runs,
+                least_advantage_of_arm(history, settings),
+            ),
             causes,
             friction,
             places,

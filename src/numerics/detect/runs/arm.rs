@@ -16,6 +16,8 @@ use self::baseline::{Baseline, Direction, Usual, friction, offsets, rmsd};
 use super::like_length::of_like_length;
 use crate::analysis::response::ChannelFault;
 use crate::anomaly::RunSummary;
+use crate::numerics::detect::rate::budget::advantage;
+use crate::numerics::detect::verdict::DetectSettings;
 use crate::numerics::statistics::descriptive::mean;
 use crate::robot::JointIndex;
 
@@ -47,13 +49,11 @@ const MOST_CHI_SQUARE: f64 = 2000.0;
 /// Mean square of the deviations of all parameters from which on they have changed: a baseline of a few runs knows the
 /// deviations badly, and nothing of a season.
 const LEAST_MEAN_SQUARE: f64 = 25.0;
-/// F ratio of the fault of a channel from which on a smaller change of parameters is looked at: what a cause needs to be
-/// clear.
-const LEAST_RATIO: f64 = LEAST_ADVANTAGE + CHANNEL_PRICE + PARAMETER_PRICE;
 /// Latest runs in whose mean a change is looked for that one run does not show.
 const MOST_TOGETHER: usize = 8;
-/// Least advantage of a cause over none, in units of chi².
-const LEAST_ADVANTAGE: f64 = 60.0;
+/// Advantage of a cause over none, in logarithms, beyond what the rate of false alarms asks for: a baseline of a few runs
+/// knows the deviations of the parameters to a fifth, and nothing of a season.
+const ARM_MARGIN: f64 = 17.0;
 /// Price of one parameter, in units of chi².
 const PARAMETER_PRICE: f64 = 4.0;
 /// Further price of a torque signal that shows in parameters alone: a load does that too.
@@ -126,18 +126,20 @@ impl ArmCause {
 /// The causes of a run, each with its cost in units of chi², the least first.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ArmEvidence {
+    /// Least advantage over none of a cause that is clear, in units of chi².
+    pub(super) least_advantage: f64,
     pub(super) causes: Vec<(ArmCause, f64)>,
 }
 
 impl ArmEvidence {
     /// The cause, where it is clear.
     pub(super) fn clear(&self) -> ArmCause {
-        self.at_least(LEAST_ADVANTAGE, MASS_ERRORS)
+        self.at_least(self.least_advantage, MASS_ERRORS)
     }
 
     /// The cause, where it is still the likeliest of a run after one that had it.
     pub(super) fn still(&self) -> ArmCause {
-        self.at_least(0.5 * LEAST_ADVANTAGE, MASS_ERRORS_STILL)
+        self.at_least(0.5 * self.least_advantage, MASS_ERRORS_STILL)
     }
 
     fn at_least(&self, advantage: f64, mass_errors: f64) -> ArmCause {
@@ -172,17 +174,23 @@ impl ArmEvidence {
     }
 }
 
+/// Advantage of a cause over none, in units of chi², that is clear at the rate of false alarms that is asked for.
+pub(super) fn least_advantage(history: &[RunSummary], settings: &DetectSettings) -> f64 {
+    2.0 * (ARM_MARGIN + advantage(settings, history))
+}
+
 /// The evidence of each run, `None` before there is a baseline and for runs without figures. A run is compared with the first
-/// runs of like length.
+/// runs of like length. `least` is the [`least_advantage`] of a clear cause.
 pub(super) fn arm_evidence(
     history: &[RunSummary],
     joints: usize,
     baseline_runs: usize,
+    least: f64,
 ) -> Vec<Option<ArmEvidence>> {
     let mut found = vec![None; history.len()];
     for places in of_like_length(history) {
         let runs: Vec<&RunSummary> = places.iter().map(|&place| &history[place]).collect();
-        for (place, evidence) in places.iter().zip(evidence_of_like(&runs, joints, baseline_runs)) {
+        for (place, evidence) in places.iter().zip(evidence_of_like(&runs, joints, baseline_runs, least)) {
             found[*place] = evidence;
         }
     }
@@ -193,13 +201,14 @@ fn evidence_of_like(
     history: &[&RunSummary],
     joints: usize,
     baseline_runs: usize,
+    least: f64,
 ) -> Vec<Option<ArmEvidence>> {
     let baseline = Baseline::of(history, joints, baseline_runs);
     let changes: Vec<Option<DVector<f64>>> = history.iter().map(|run| baseline.change(run)).collect();
     let own_variance = std::f64::consts::FRAC_PI_2 / baseline_runs.max(2) as f64;
     let one = |(place, run): (usize, &&RunSummary)| {
-        let change = Change::of(&changes[..=place], &baseline.directions, own_variance);
-        evidence(run, change.as_ref(), &baseline, joints)
+        let change = Change::of(&changes[..=place], &baseline.directions, own_variance, least);
+        evidence(run, change.as_ref(), &baseline, joints, least)
     };
     history.iter().enumerate().map(one).collect()
 }
@@ -216,8 +225,14 @@ struct Change {
 
 impl Change {
     /// Of the latest run, whose change is the last of `changes`; `None` where it has no parameters. What one run does not
-    /// show is looked for in the mean of the latest runs. `own_variance` is that of the baseline in the variances of a run.
-    fn of(changes: &[Option<DVector<f64>>], directions: &[Direction], own_variance: f64) -> Option<Self> {
+    /// show is looked for in the mean of the latest runs. `own_variance` is that of the baseline in the variances of a run,
+    /// `least` the advantage of a cause that is clear.
+    fn of(
+        changes: &[Option<DVector<f64>>],
+        directions: &[Direction],
+        own_variance: f64,
+        least: f64,
+    ) -> Option<Self> {
         let latest = changes.last()?.clone()?;
         let chi_square: f64 = latest.iter().map(|x| (x * x).min(MOST_CHI_SQUARE)).sum();
         // what chance makes of so many parameters is no change
@@ -234,7 +249,8 @@ impl Change {
             let variance = ((runs as f64).recip() + own_variance) / (1.0 + own_variance);
             let scale = variance.sqrt().recip();
             let deviations = &sum * (scale / runs as f64);
-            let square = along_one_direction(&deviations, directions);
+            let square =
+                along_one_direction(&deviations, directions, least + CHANNEL_PRICE + PARAMETER_PRICE);
             if square > 0.0 {
                 return Some(Self { deviations, scale, square });
             }
@@ -257,6 +273,7 @@ fn evidence(
     change: Option<&Change>,
     baseline: &Baseline,
     joints: usize,
+    least_advantage: f64,
 ) -> Option<ArmEvidence> {
     let signals: Vec<Signal> = (0..joints).map(|j| signal(run, baseline, JointIndex::new(j))).collect();
     // an unexplained rest alone has many causes
@@ -317,13 +334,13 @@ fn evidence(
     }
     causes.push((ArmCause::Unknown, UNKNOWN_PRICE));
     causes.sort_by(|a, b| a.1.total_cmp(&b.1));
-    Some(ArmEvidence { causes })
+    Some(ArmEvidence { least_advantage, causes })
 }
 
 /// Square of a change that is small but points where one fault of a channel moves the parameters, in the variance of what
 /// that fault leaves; zero for any other. A season moves the parameters more than their errors say, but in no such direction,
-/// so the statistic is an F ratio, for which the scale of the errors does not matter.
-fn along_one_direction(change: &DVector<f64>, directions: &[Direction]) -> f64 {
+/// so the statistic is an F ratio, for which the scale of the errors does not matter. From `least_ratio` on it counts.
+fn along_one_direction(change: &DVector<f64>, directions: &[Direction], least_ratio: f64) -> f64 {
     let rest = |of: &Direction| {
         let along = of.change.dot(change);
         change.norm_squared() - along * along / of.change.norm_squared().max(f64::MIN_POSITIVE)
@@ -331,7 +348,7 @@ fn along_one_direction(change: &DVector<f64>, directions: &[Direction]) -> f64 {
     let Some(least) = directions.iter().map(rest).min_by(f64::total_cmp) else { return 0.0 };
     let variance = (least / (change.len() as f64 - 1.0).max(1.0)).max(1.0);
     let ratio = (change.norm_squared() - least) / variance;
-    if ratio >= LEAST_RATIO { change.norm_squared() / variance } else { 0.0 }
+    if ratio >= least_ratio { change.norm_squared() / variance } else { 0.0 }
 }
 
 /// A fault of one channel with the size that explains most of a change of parameters, and its cost.
@@ -438,4 +455,24 @@ fn load(change: &Change, baseline: &Baseline) -> Option<(Load, f64)> {
     let centre = [1, 2, 3].map(|k| found[k] / mass);
     let std_error = covariance[(0, 0)].sqrt();
     (mass.is_finite() && mass != 0.0).then_some((Load { mass, std_error, centre }, left))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rarer_alarm_of_the_arm_needs_more_evidence() {
+        let of = |rate: f64| {
+            let settings = DetectSettings { false_alarms_per_robot_year: rate, ..DetectSettings::default() };
+            least_advantage(&[], &settings)
+        };
+        assert!((of(0.2) - of(20.0) - 2.0 * 100.0_f64.ln()).abs() < 1e-9);
+        let cause = ArmCause::TorqueSignal { joint: JointIndex::new(0), fault: SignalFault::Offset(1.0) };
+        let clear = |rate: f64| {
+            let causes = vec![(cause, 0.0), (ArmCause::None, 0.5 * (of(0.2) + of(20.0)))];
+            ArmEvidence { least_advantage: of(rate), causes }.clear()
+        };
+        assert_eq!([clear(0.2), clear(20.0)], [ArmCause::None, cause]);
+    }
 }

@@ -7,7 +7,7 @@
 //! parameters move while an arm warms. What needs the whole test (the friction index, drift, warm-up, the swing of the
 //! RMSD) is left to the time when it is complete. Only warnings and critical findings are given.
 
-use super::arm::arm_evidence;
+use super::arm::{arm_evidence, least_advantage as least_advantage_of_arm};
 use super::arm_change::arm_changes;
 use super::contact::{UsualContacts, alpha, open_contact};
 use super::curve::causes::open_run::UsualCurves;
@@ -35,6 +35,8 @@ pub struct UsualTests {
     joints: Vec<(usize, &'static str)>,
     /// How cycles stand out of their neighbours, in the tests of all joints' epochs, and the probability of a false alarm.
     contacts: (UsualContacts, f64),
+    /// Advantage of a cause of the arm that is clear.
+    least_advantage_of_arm: f64,
     /// The first tests that are not much shorter than the longest, with whose first cycles the arm is compared.
     arm_run_ids: Vec<i64>,
 }
@@ -73,7 +75,13 @@ impl UsualTests {
         let most = history.iter().filter(of_arm).map(length).max().unwrap_or(0);
         let first = history.iter().filter(of_arm).filter(|run| 2 * length(run) > most);
         let first = first.take(settings.baseline_runs.max(2));
-        Self { curves, joints: of_joints, contacts, arm_run_ids: first.map(|run| run.run_id).collect() }
+        Self {
+            curves,
+            joints: of_joints,
+            contacts,
+            least_advantage_of_arm: least_advantage_of_arm(history, settings),
+            arm_run_ids: first.map(|run| run.run_id).collect(),
+        }
     }
 
     /// Keys of the tests whose first cycles [`detect_open`] wants, oldest first.
@@ -98,7 +106,11 @@ pub fn detect_open(
         vec![None]
     } else {
         let together: Vec<RunSummary> = first_cycles.iter().chain([open]).cloned().collect();
-        vec![arm_evidence(&together, joints, settings.baseline_runs).pop().flatten()]
+        vec![
+            arm_evidence(&together, joints, settings.baseline_runs, usual.least_advantage_of_arm)
+                .pop()
+                .flatten(),
+        ]
     };
     let causes: Vec<_> = usual.curves.iter().map(|(_, curves)| curves.causes(open)).collect();
     let mut found = Vec::new();
