@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
-use jiff::Timestamp;
+use jiff::tz::TimeZone;
+use jiff::{Timestamp, ToSpan};
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, EXIT_STOPPED, Global, open_to_read, runtime};
@@ -23,13 +24,18 @@ Examples:
   armwatch export --csv fleet --robot R01 --robot R02 --since 2026-01-01
   armwatch export friction_index fleet_health --parquet fleet
   armwatch export cycle_parameters -o parameters.parquet
+  armwatch export --parquet history --by-month --since 2026-10-01
 
 Without VIEW, every public view is written, each to a file of its name: fleet/runs.parquet. Parquet has times as
 timestamps (UTC), and in the metadata of each field its unit and what it means; CSV has every digit, and nothing for
 NULL. The file of the view view_columns says the same of all columns: `armwatch sql --schema` shows it.
 
 All files are of one moment; the daemon may run. They get their names together once all are whole, in place of those of
-an earlier export. A file that is no export of its view is replaced with --force only.")]
+an earlier export. A file that is no export of its view is replaced with --force only.
+
+With --by-month, views with the rows of runs become folders: fleet/cycles/robot=R01/month=2026-11/cycles.parquet, which
+DuckDB, polars, Spark and others read as one table. A file whose rows have not changed is left alone, so that only what is
+new has to be copied elsewhere.")]
 pub(super) struct ExportArgs {
     /// Views to write [default: all]
     #[arg(value_name = "VIEW", value_parser = view_names(), hide_possible_values = true)]
@@ -52,6 +58,10 @@ pub(super) struct ExportArgs {
     /// Only runs that began before this time
     #[arg(help_heading = "Which rows", long, value_name = "TIME", value_parser = moment)]
     until: Option<Timestamp>,
+    /// Divide views with the rows of runs by robot and month of the run's start; --since and --until are widened to whole
+    /// months
+    #[arg(help_heading = "Where to", long, conflicts_with = "output")]
+    by_month: bool,
     /// Replace files that are no exports
     #[arg(help_heading = "Where to", long)]
     force: bool,
@@ -113,8 +123,27 @@ fn wanted(args: &ExportArgs) -> Result<Export, CliError> {
             return Err(CliError::Usage("say where to: --csv DIR, --parquet DIR or --output FILE".into()));
         }
     };
-    let filter = RowFilter { robots: args.robot.clone(), since: args.since, until: args.until };
-    Ok(Export { destinations, format, filter, force: args.force })
+    let (since, until) = match args.by_month {
+        true => (args.since.and_then(start_of_month), args.until.and_then(end_of_month)),
+        false => (args.since, args.until),
+    };
+    let filter = RowFilter { robots: args.robot.clone(), since, until };
+    Ok(Export { destinations, format, filter, force: args.force, by_month: args.by_month })
+}
+
+/// The first moment of a month, UTC, at a moment in it; `None` beyond what times can be.
+fn start_of_month(time: Timestamp) -> Option<Timestamp> {
+    let day = time.to_zoned(TimeZone::UTC).date().first_of_month();
+    day.to_zoned(TimeZone::UTC).ok().map(|start| start.timestamp())
+}
+
+/// The first moment of the month after, or the moment itself where a month begins with it.
+fn end_of_month(time: Timestamp) -> Option<Timestamp> {
+    let start = start_of_month(time)?;
+    if start == time {
+        return Some(start);
+    }
+    start.to_zoned(TimeZone::UTC).checked_add(1.month()).ok().map(|next| next.timestamp())
 }
 
 fn in_folder(
@@ -129,12 +158,27 @@ fn in_folder(
 
 fn print(global: &Global, files: &[Written]) {
     if global.json {
-        let object = |of: &Written| json!({"view": of.view, "file": of.path.display().to_string(), "rows": of.rows, "bytes": of.bytes});
+        let object = |of: &Written| {
+            let parts = of
+                .parts
+                .map(|of| json!({"written": of.written, "unchanged": of.unchanged, "removed": of.removed}));
+            json!({"view": of.view, "file": of.path.display().to_string(), "rows": of.rows, "bytes": of.bytes, "parts": parts})
+        };
         output::lines(files.iter().map(|of| object(of).to_string()));
         return;
     }
-    let row = |of: &Written| vec![of.path.display().to_string(), of.rows.to_string(), of.bytes.to_string()];
-    output::line(&output::table(&["file", "rows", "bytes"], &files.iter().map(row).collect::<Vec<_>>()));
+    let row = |of: &Written| {
+        let mut row = vec![of.path.display().to_string(), of.rows.to_string(), of.bytes.to_string()];
+        if files.iter().any(|of| of.parts.is_some()) {
+            let parts =
+                of.parts.map(|of| [of.written, of.unchanged, of.removed].map(|count| count.to_string()));
+            row.extend(parts.unwrap_or_default());
+        }
+        row
+    };
+    let rows: Vec<Vec<String>> = files.iter().map(row).collect();
+    let columns = ["file", "rows", "bytes", "files written", "as before", "removed"];
+    output::line(&output::table(&columns[..rows.first().map_or(3, Vec::len)], &rows));
 }
 
 fn as_cli_error(error: ExportError) -> CliError {

@@ -1,7 +1,7 @@
 //! Rows as CSV: a header, numbers with every digit and never another text for the same number, NULL as nothing.
 
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
@@ -13,22 +13,22 @@ use crate::store::PublicView;
 const BUFFER_BYTES: usize = 1 << 18;
 
 /// A CSV file that is being written.
-pub(super) struct CsvFile<'a> {
-    path: &'a Path,
+pub(super) struct CsvFile {
+    path: PathBuf,
     writer: csv::Writer<File>,
 }
 
-impl<'a> CsvFile<'a> {
-    pub(super) fn new(view: &PublicView, path: &'a Path, file: File) -> Result<Self, ExportError> {
+impl CsvFile {
+    pub(super) fn new(view: &PublicView, path: &Path, file: File) -> Result<Self, ExportError> {
         let mut writer = csv::WriterBuilder::new().buffer_capacity(BUFFER_BYTES).from_writer(file);
         writer
             .write_record(view.columns.iter().map(|column| &column.name))
             .map_err(|error| ExportError::of_file(path, &cause(error)))?;
-        Ok(Self { path, writer })
+        Ok(Self { path: path.to_path_buf(), writer })
     }
 
-    pub(super) fn add(&mut self, row: &[Value]) -> Result<(), ExportError> {
-        let path = self.path;
+    pub(super) fn add<'r>(&mut self, row: impl Iterator<Item = &'r Value>) -> Result<(), ExportError> {
+        let path = &self.path;
         let failed = |error| ExportError::of_file(path, &cause(error));
         for value in row {
             match value {
@@ -42,7 +42,7 @@ impl<'a> CsvFile<'a> {
     }
 
     pub(super) fn finish(mut self) -> Result<(), ExportError> {
-        self.writer.flush().map_err(|error| ExportError::of_file(self.path, &error))
+        self.writer.flush().map_err(|error| ExportError::of_file(&self.path, &error))
     }
 }
 

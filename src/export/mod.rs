@@ -1,22 +1,25 @@
 //! Public views to files: CSV and Parquet, for programs that do not read SQLite.
 //!
 //! All files of an export are of one moment of the database. They get their names together, once all are whole. Rows are
-//! written as they come, so memory does not depend on how many there are.
+//! written as they come, so memory does not depend on how many there are. [`by_month`] says what is different where a view
+//! is divided by robot and month.
 
+mod by_month;
 mod error;
 mod csv_file;
 mod parquet_file;
+mod sheet;
 mod target;
 
 pub use error::ExportError;
+pub use sheet::{Format, PartCount, Written};
 
 use std::path::PathBuf;
 
-use serde_json::Value;
 use tokio_util::sync::CancellationToken;
 
-use self::csv_file::CsvFile;
-use self::parquet_file::ParquetFile;
+use self::by_month::{ByMonth, has_months};
+use self::sheet::Sheet;
 use self::target::Target;
 use crate::store::{PublicView, RowFilter, Store};
 
@@ -26,32 +29,12 @@ const ROWS_A_LOOK: u64 = 1024;
 /// Robots that a message lists at most.
 const LISTED_ROBOTS: usize = 20;
 
-/// How rows are written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
-    /// Text, a line a row.
-    Csv,
-    /// Columns with types, compressed by zstd.
-    Parquet,
-}
-
-impl Format {
-    /// How names of such files end.
-    #[must_use]
-    pub fn suffix(self) -> &'static str {
-        match self {
-            Self::Csv => "csv",
-            Self::Parquet => "parquet",
-        }
-    }
-}
-
 /// A view and the file that it goes to.
 #[derive(Debug, Clone)]
 pub struct Destination {
     /// The view.
     pub view: &'static PublicView,
-    /// The file.
+    /// The file; of a view that is divided, the folder has its name without the ending.
     pub path: PathBuf,
 }
 
@@ -66,19 +49,8 @@ pub struct Export {
     pub filter: RowFilter,
     /// Whether files that are no exports are replaced.
     pub force: bool,
-}
-
-/// A file that was written.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Written {
-    /// The view.
-    pub view: String,
-    /// The file.
-    pub path: PathBuf,
-    /// Its rows.
-    pub rows: u64,
-    /// Its bytes.
-    pub bytes: u64,
+    /// Whether views with the rows of runs are divided by robot and month, each into a folder in place of its file.
+    pub by_month: bool,
 }
 
 /// How far an export is.
@@ -103,14 +75,8 @@ impl Export {
         stop: &CancellationToken,
         mut progress: impl FnMut(Progress<'_>),
     ) -> Result<Vec<Written>, ExportError> {
-        for Destination { view, path } in self.destinations.iter().filter(|_| !self.force) {
-            let may_replace = match self.format {
-                Format::Csv => csv_file::may_replace(view, path)?,
-                Format::Parquet => parquet_file::may_replace(view, path)?,
-            };
-            if !may_replace {
-                return Err(ExportError::Foreign { path: path.clone(), view: view.name.clone() });
-            }
+        for Destination { view, path } in self.destinations.iter().filter(|of| !self.is_divided(of.view)) {
+            self.format.check_is_ours(view, path, self.force)?;
         }
         let mut reader = store.read_views().await?;
         let known = reader.robots().await?;
@@ -119,10 +85,8 @@ impl Export {
         }
         let (mut targets, mut written) = (Vec::new(), Vec::new());
         for (views_done, Destination { view, path }) in self.destinations.iter().enumerate() {
-            let target = Target::open(path)?;
-            let mut sheet = Sheet::new(self.format, view, &target)?;
             let mut count = 0;
-            let rows = reader.rows(view, &self.filter, |row| {
+            let mut look = || {
                 if count % ROWS_A_LOOK == 0 {
                     progress(Progress { view: &view.name, views_done, rows: count });
                     if stop.is_cancelled() {
@@ -130,12 +94,25 @@ impl Export {
                     }
                 }
                 count += 1;
-                sheet.add(row)
+                Ok(())
+            };
+            if self.is_divided(view) {
+                let folder = path.with_extension("");
+                let months =
+                    ByMonth { view, folder, format: self.format, filter: &self.filter, force: self.force };
+                written.push(months.write(&mut reader, &mut look).await?);
+                continue;
+            }
+            let target = Target::open(path)?;
+            let mut sheet = Sheet::new(self.format, view, &target)?;
+            let rows = reader.rows(view, &self.filter, |row| {
+                look()?;
+                sheet.add(row.iter())
             });
             let rows = rows.await?;
             sheet.finish()?;
             let bytes = target.sync()?;
-            written.push(Written { view: view.name.clone(), path: path.clone(), rows, bytes });
+            written.push(Written { view: view.name.clone(), path: path.clone(), rows, bytes, parts: None });
             targets.push(target);
         }
         if stop.is_cancelled() {
@@ -146,35 +123,9 @@ impl Export {
         }
         Ok(written)
     }
-}
 
-/// A file in one of the formats.
-enum Sheet<'a> {
-    Csv(Box<CsvFile<'a>>),
-    Parquet(Box<ParquetFile<'a>>),
-}
-
-impl<'a> Sheet<'a> {
-    fn new(format: Format, view: &'a PublicView, target: &'a Target) -> Result<Self, ExportError> {
-        let (path, file) = (target.path(), target.file()?);
-        Ok(match format {
-            Format::Csv => Self::Csv(Box::new(CsvFile::new(view, path, file)?)),
-            Format::Parquet => Self::Parquet(Box::new(ParquetFile::new(view, path, file)?)),
-        })
-    }
-
-    fn add(&mut self, row: &[Value]) -> Result<(), ExportError> {
-        match self {
-            Self::Csv(file) => file.add(row),
-            Self::Parquet(file) => file.add(row),
-        }
-    }
-
-    fn finish(self) -> Result<(), ExportError> {
-        match self {
-            Self::Csv(file) => file.finish(),
-            Self::Parquet(file) => file.finish(),
-        }
+    fn is_divided(&self, view: &PublicView) -> bool {
+        self.by_month && has_months(view)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use arrow_array::builder::{
@@ -36,7 +36,7 @@ const VIEW_KEY: &str = "armwatch.view";
 /// A Parquet file that is being written.
 pub(super) struct ParquetFile<'a> {
     view: &'a PublicView,
-    path: &'a Path,
+    path: PathBuf,
     schema: SchemaRef,
     writer: ArrowWriter<File>,
     columns: Vec<Column>,
@@ -44,7 +44,7 @@ pub(super) struct ParquetFile<'a> {
 }
 
 impl<'a> ParquetFile<'a> {
-    pub(super) fn new(view: &'a PublicView, path: &'a Path, file: File) -> Result<Self, ExportError> {
+    pub(super) fn new(view: &'a PublicView, path: &Path, file: File) -> Result<Self, ExportError> {
         let schema = Arc::new(Schema::new(view.columns.iter().map(field).collect::<Vec<_>>()));
         let properties = WriterProperties::builder()
             .set_compression(Compression::ZSTD(ZstdLevel::default()))
@@ -54,10 +54,10 @@ impl<'a> ParquetFile<'a> {
         let writer = ArrowWriter::try_new(file, Arc::clone(&schema), Some(properties))
             .map_err(|error| failed(path, error))?;
         let columns = view.columns.iter().map(Column::new).collect();
-        Ok(Self { view, path, schema, writer, columns, rows: 0 })
+        Ok(Self { view, path: path.to_path_buf(), schema, writer, columns, rows: 0 })
     }
 
-    pub(super) fn add(&mut self, row: &[Value]) -> Result<(), ExportError> {
+    pub(super) fn add<'r>(&mut self, row: impl Iterator<Item = &'r Value>) -> Result<(), ExportError> {
         for ((column, value), described) in self.columns.iter_mut().zip(row).zip(&self.view.columns) {
             column.add(value).map_err(|kind| ExportError::Value {
                 view: self.view.name.clone(),
@@ -72,7 +72,7 @@ impl<'a> ParquetFile<'a> {
 
     pub(super) fn finish(mut self) -> Result<(), ExportError> {
         self.hand_on()?;
-        self.writer.close().map(|_| ()).map_err(|error| failed(self.path, error))
+        self.writer.close().map(|_| ()).map_err(|error| failed(&self.path, error))
     }
 
     fn hand_on(&mut self) -> Result<(), ExportError> {
@@ -83,7 +83,7 @@ impl<'a> ParquetFile<'a> {
         let arrays = self.columns.iter_mut().map(Column::take).collect();
         let batch = RecordBatch::try_new(Arc::clone(&self.schema), arrays).map_err(ParquetError::from);
         let written = batch.and_then(|batch| self.writer.write(&batch));
-        written.map_err(|error| failed(self.path, error))
+        written.map_err(|error| failed(&self.path, error))
     }
 }
 

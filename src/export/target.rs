@@ -2,7 +2,7 @@
 //! the new one.
 
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{ErrorKind, Read};
+use std::io::{BufRead, BufReader, ErrorKind, Read};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
@@ -62,6 +62,30 @@ impl Target {
             self.file.sync_all().map_err(failed)?;
         }
         Ok(self.file.metadata().map_err(failed)?.len())
+    }
+
+    /// Whether what was written is what lies at the place already.
+    pub(super) fn is_as_before(&self) -> Result<bool, ExportError> {
+        let failed = |error: std::io::Error| ExportError::of_file(&self.path, &error);
+        let (Some(partial), Some(before)) = (&self.partial, existing(&self.path)?) else { return Ok(false) };
+        let now = File::open(partial).map_err(failed)?;
+        let length = |file: &File| file.metadata().map(|of| of.len());
+        if length(&now).map_err(failed)? != length(&before).map_err(failed)? {
+            return Ok(false);
+        }
+        let (mut now, mut before) = (BufReader::new(now), BufReader::new(before));
+        loop {
+            let [a, b] = [now.fill_buf().map_err(failed)?, before.fill_buf().map_err(failed)?];
+            let common = a.len().min(b.len());
+            if a[..common] != b[..common] {
+                return Ok(false);
+            }
+            if common == 0 {
+                return Ok(true);
+            }
+            now.consume(common);
+            before.consume(common);
+        }
     }
 
     /// Gives the file its name.

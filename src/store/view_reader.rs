@@ -47,6 +47,22 @@ impl Store {
 }
 
 impl ViewReader {
+    /// As [`Self::rows`], in the order of robot and month, with the month (`2026-01`) as a last value: that of the column
+    /// `at` where the view has one, else that of the start of the run; NULL for rows of no run. Rows of a month have an order
+    /// that depends on themselves alone.
+    ///
+    /// # Errors
+    /// As [`Self::rows`].
+    pub async fn rows_by_month<E: From<StoreError>>(
+        &mut self,
+        view: &PublicView,
+        filter: &RowFilter,
+        take: impl FnMut(&[Value]) -> Result<(), E>,
+    ) -> Result<u64, E> {
+        let (statement, values) = select_by_month(view, filter);
+        self.stream(statement, &values, take).await
+    }
+
     /// Robots with a run, by name.
     ///
     /// # Errors
@@ -71,12 +87,21 @@ impl ViewReader {
         &mut self,
         view: &PublicView,
         filter: &RowFilter,
-        mut take: impl FnMut(&[Value]) -> Result<(), E>,
+        take: impl FnMut(&[Value]) -> Result<(), E>,
     ) -> Result<u64, E> {
         let (statement, values) = select(view, filter);
+        self.stream(statement, &values, take).await
+    }
+
+    async fn stream<E: From<StoreError>>(
+        &mut self,
+        statement: String,
+        values: &[String],
+        mut take: impl FnMut(&[Value]) -> Result<(), E>,
+    ) -> Result<u64, E> {
         let failed = |error: &sqlx::Error| E::from(StoreError::from_sqlx(&self.path, error));
         let mut query = sqlx::query::<Sqlite>(AssertSqlSafe(statement));
-        for value in &values {
+        for value in values {
             query = query.bind(value);
         }
         let mut rows = query.fetch(&mut *self.transaction);
@@ -92,7 +117,45 @@ impl ViewReader {
 
 /// The statement with the values of its parameters.
 fn select(view: &PublicView, filter: &RowFilter) -> (String, Vec<String>) {
-    let has = |name: &str| view.columns.iter().any(|column| column.name == name);
+    let (condition, values) = condition(view, filter);
+    (format!("SELECT {} FROM \"{}\"{condition}", columns(view).join(", "), view.name), values)
+}
+
+/// The same with the month as a last column, in an order that does not depend on how SQLite gets at the rows.
+fn select_by_month(view: &PublicView, filter: &RowFilter) -> (String, Vec<String>) {
+    let (condition, values) = condition(view, filter);
+    let columns = columns(view);
+    let month = match has(view, "at") {
+        true => "substr(\"at\", 1, 7)".to_owned(),
+        false => {
+            format!(
+                "(SELECT substr(part.started_at, 1, 7) FROM runs AS part WHERE part.run_id = \"{}\".run_id)",
+                view.name
+            )
+        }
+    };
+    let order: Vec<String> = (1..=columns.len()).map(|place| place.to_string()).collect();
+    let statement = format!(
+        "SELECT {}, {month} FROM \"{}\"{condition} ORDER BY robot, {}, {}",
+        columns.join(", "),
+        view.name,
+        columns.len() + 1,
+        order.join(", ")
+    );
+    (statement, values)
+}
+
+fn has(view: &PublicView, name: &str) -> bool {
+    view.columns.iter().any(|column| column.name == name)
+}
+
+fn columns(view: &PublicView) -> Vec<String> {
+    view.columns.iter().map(|column| format!("\"{}\"", column.name)).collect()
+}
+
+/// What follows FROM, with the values of its parameters.
+fn condition(view: &PublicView, filter: &RowFilter) -> (String, Vec<String>) {
+    let has = |name: &str| has(view, name);
     let mut conditions = Vec::new();
     let mut values = Vec::new();
     if !filter.robots.is_empty() && has("robot") {
@@ -115,8 +178,7 @@ fn select(view: &PublicView, filter: &RowFilter) -> (String, Vec<String>) {
     }
     let condition =
         if conditions.is_empty() { String::new() } else { format!(" WHERE {}", conditions.join(" AND ")) };
-    let columns: Vec<String> = view.columns.iter().map(|column| format!("\"{}\"", column.name)).collect();
-    (format!("SELECT {} FROM \"{}\"{condition}", columns.join(", "), view.name), values)
+    (condition, values)
 }
 
 #[cfg(test)]

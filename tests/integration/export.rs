@@ -200,6 +200,100 @@ fn robots_and_times_choose_rows() {
     assert_eq!(before["view_columns"], number("SELECT count(*) FROM view_columns"), "columns have no time");
 }
 
+/// Files below a folder, as paths from there.
+fn all_files(folder: &Path) -> Vec<String> {
+    let mut found = Vec::new();
+    for name in files(folder) {
+        let path = folder.join(&name);
+        match path.is_dir() {
+            true => found.extend(all_files(&path).into_iter().map(|file| format!("{name}/{file}"))),
+            false => found.push(name),
+        }
+    }
+    found
+}
+
+#[test]
+fn by_month_every_row_is_in_one_file_and_what_has_not_changed_is_left_alone() {
+    let workshop = stored();
+    let database = workshop.path("armwatch.db");
+    let by_month = |options: &[&str]| -> BTreeMap<String, serde_json::Value> {
+        let told = workshop.stdout(&[&["export", "--json", "--by-month"], options].concat(), 0);
+        let objects = told.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).expect("JSON"));
+        objects.map(|of| (of["view"].as_str().expect("a name").to_owned(), of)).collect()
+    };
+    let first = by_month(&["--csv", "out"]);
+    let out = workshop.path("out");
+    for (view, columns) in views(&database) {
+        let Some(robot) = first[&view]["parts"].as_object().map(|_| ()).and_then(|()| {
+            let names =
+                query(&database, &format!("SELECT name FROM pragma_table_info('{view}') ORDER BY cid"));
+            names.iter().position(|name| name == "robot")
+        }) else {
+            assert!(out.join(format!("{view}.csv")).exists(), "{view}");
+            continue;
+        };
+        let mut rows = Vec::new();
+        let there = if out.join(&view).exists() { all_files(&out.join(&view)) } else { Vec::new() };
+        for file in &there {
+            let [of, month, name] = file.split('/').collect::<Vec<_>>().try_into().expect("two folders");
+            let of = of.strip_prefix("robot=").expect("a robot").replace("__HIVE_DEFAULT_PARTITION__", "");
+            assert!(["month=2026-01", "month=__HIVE_DEFAULT_PARTITION__"].contains(&month), "{file}");
+            assert_eq!(name, format!("{view}.csv"));
+            let mut reader = csv::Reader::from_path(out.join(&view).join(file)).expect("a file");
+            for record in reader.records() {
+                let record = record.expect("a row");
+                let mut cells: Vec<String> = record.iter().map(str::to_owned).collect();
+                cells.insert(robot, of.clone());
+                for (cell, [kind, _]) in cells.iter_mut().zip(&columns) {
+                    if kind == "real" && !cell.is_empty() {
+                        *cell = cell.parse::<f64>().expect("a number").to_string();
+                    }
+                }
+                rows.push(cells.join("|"));
+            }
+        }
+        assert_eq!(sorted(rows), in_sql(&database, &view), "{view}");
+    }
+    let tests = ["robot=A/month=2026-01/cycles.csv", "robot=B/month=2026-01/cycles.csv"];
+    assert_eq!(all_files(&out.join("cycles")), tests);
+
+    // Parquet, again, and with a test more: only the month that has changed is written
+    let parts = |of: &BTreeMap<String, serde_json::Value>, view: &str| {
+        ["written", "unchanged", "removed"].map(|count| of[view]["parts"][count].as_u64().expect("a count"))
+    };
+    assert_eq!(parts(&by_month(&["--parquet", "months"]), "cycles"), [2, 0, 0]);
+    assert_eq!(parts(&by_month(&["--parquet", "months"]), "cycles"), [0, 2, 0]);
+    let later = export("A", 7, 7);
+    fs::write(workshop.inbox(&later.name), &later.bytes).expect("written");
+    workshop.stdout(&["ingest", &format!("inbox/{}", later.name)], 0);
+    assert_eq!(parts(&by_month(&["--parquet", "months"]), "cycles"), [1, 1, 0]);
+    let file =
+        |robot: &str, month: &str| workshop.path(&format!("months/cycles/robot={robot}/month={month}"));
+    let open = File::open(file("A", "2026-01").join("cycles.parquet")).expect("a file");
+    let reader = SerializedFileReader::new(open).expect("Parquet");
+    let counted = reader.metadata().file_metadata().num_rows();
+    assert_eq!(counted, workshop.number("SELECT count(*) FROM cycles WHERE robot = 'A'"));
+
+    // a file of which no row is left goes, of the months and robots that are asked for
+    for robot in ["A", "B"] {
+        fs::create_dir(file(robot, "2025-12")).expect("a folder");
+        let from = file(robot, "2026-01").join("cycles.parquet");
+        fs::copy(from, file(robot, "2025-12").join("cycles.parquet")).expect("a copy");
+    }
+    // in the middle of the month: the whole of it
+    let since = ["cycles", "--parquet", "months", "--since", "2026-01-06"];
+    assert_eq!(parts(&by_month(&since), "cycles"), [0, 2, 0]);
+    assert_eq!(parts(&by_month(&["cycles", "--parquet", "months", "--robot", "B"]), "cycles"), [0, 1, 1]);
+    assert_eq!(parts(&by_month(&["--parquet", "months"]), "cycles"), [0, 2, 1]);
+    // somebody's file is not taken away
+    let foreign = file("A", "2025-12").join("cycles.parquet");
+    fs::write(&foreign, "notes").expect("a file");
+    let refused = workshop.run(&["export", "--by-month", "--parquet", "months"]);
+    assert_eq!(refused.status.code(), Some(2), "{}", text(&refused.stderr));
+    assert_eq!(fs::read_to_string(&foreign).expect("it is there"), "notes");
+}
+
 #[test]
 fn an_empty_database_gives_files_without_rows() {
     let workshop = Workshop::new();

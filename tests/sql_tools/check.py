@@ -1,6 +1,6 @@
 """Checks the views of a database with the tools that people read them with.
 
-    python3 check.py DATABASE [--parquet FOLDER] [--docs FOLDER] [--tool NAME]...
+    python3 check.py DATABASE [--parquet FOLDER] [--history FOLDER] [--docs FOLDER] [--tool NAME]...
 
 Every view opens in every tool; its columns are those of schema.md, numbers arrive as numbers, and times as text in one
 form whose order is that of time. Every statement of cookbook.md and every block of python.md runs. Both pages and
@@ -8,6 +8,8 @@ schema.md are looked for in FOLDER, else in docs beside or above this file. The 
 
 With --parquet, a folder that `armwatch export --parquet` has made of the same database: pyarrow, polars and DuckDB find
 in each file the values of the view, with the types and units of schema.md. Blocks of python.md that read PARQUET run.
+With --history, a folder of `armwatch export --parquet --by-month`, DuckDB, polars and DataFusion find the values of each
+view that is divided, and blocks that read HISTORY run.
 
 Ends with 0, with 1 and a sentence for each thing that is wrong, or with 2 where nothing could be checked.
 requirements.txt has the tools.
@@ -27,7 +29,7 @@ import sqlite3
 import sys
 import time
 
-TOOLS = ("sqlite3", "pandas", "polars", "connectorx", "duckdb", "datasette", "parquet", "cookbook", "python")
+TOOLS = ("sqlite3", "pandas", "polars", "connectorx", "duckdb", "datasette", "parquet", "history", "cookbook", "python")
 TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z")
 # Columns of text that hold a time, by their names.
 TIME_COLUMN = re.compile(r"(.*_)?at$|shelved_until$|expected_by$")
@@ -315,6 +317,44 @@ def check_parquet(database, schema, folder):
     connection.close()
 
 
+def check_history(database, schema, folder):
+    """Each folder of files in DuckDB, polars and DataFusion: the values that SQLite has."""
+    import datafusion
+    import duckdb
+    import polars as pl
+    import pyarrow as pa
+
+    connection = connect(database)
+    db = duckdb.connect()
+    db.execute("SET TimeZone = 'UTC'")
+    divided = [view for view in schema if os.path.isdir(os.path.join(folder, view))]
+    if len(divided) < 10:
+        wrong("history", f"{folder} has {len(divided)} views that are divided")
+    for view in divided:
+        path, columns = os.path.join(folder, view) + "/", list(schema[view])
+        names = ", ".join(f'"{column}"' for column in columns)
+        expected = counted(connection.execute(f'SELECT {names} FROM "{view}"').fetchall())
+        try:
+            context = datafusion.SessionContext()
+            parts = [("robot", pa.string()), ("month", pa.string())]
+            context.register_parquet(view, path, table_partition_cols=parts)
+            types = {"robot": pl.String, "month": pl.String}
+            of_duckdb = f"SELECT {names} FROM read_parquet(?, hive_types = {{'robot': VARCHAR, 'month': VARCHAR}})"
+            rows = {
+                "duckdb": as_rows(db.execute(of_duckdb, [path + "*/*/*.parquet"]).to_arrow_table()),
+                "polars": pl.scan_parquet(path, hive_schema=types).select(columns).collect().rows(),
+                "datafusion": as_rows(context.sql(f'SELECT {names} FROM "{view}"').to_arrow_table()),
+            }
+        except Exception as error:
+            wrong("history", f"{path} cannot be read: {brief(error)}")
+            continue
+        for tool, found in rows.items():
+            if counted(tuple(as_in_sqlite(value) for value in row) for row in found) != expected:
+                wrong("history", f"{view} has other values in {tool} than in SQLite")
+    db.close()
+    connection.close()
+
+
 def as_rows(table):
     return list(zip(*(column.to_pylist() for column in table.columns), strict=True))
 
@@ -348,15 +388,16 @@ def check_cookbook(database, page):
     connection.close()
 
 
-def check_python(database, page, folder):
+def check_python(database, page, folders):
     import duckdb
 
     if not load_sqlite_of_duckdb(duckdb):
         return
-    given = {"DATABASE": database} | ({"PARQUET": folder} if folder else {})
+    given = {"DATABASE": database} | {name: folder for name, folder in folders.items() if folder}
+    missing = [name for name, folder in folders.items() if not folder]
     text = page.read_text(encoding="utf-8")
     for block in re.finditer(r"^```python$\n(.+?)^```$", text, flags=re.M | re.S):
-        if block[1].startswith(("DATABASE =", "PARQUET =")) or ("PARQUET" in block[1] and not folder):
+        if re.match(r"[A-Z]+ =", block[1]) or any(name in block[1] for name in missing):
             continue
         line = text.count("\n", 0, block.start()) + 1
         try:
@@ -376,6 +417,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("database")
     parser.add_argument("--parquet", help="folder of an export of this database as Parquet")
+    parser.add_argument("--history", help="folder of an export of this database as Parquet by month")
     parser.add_argument("--docs", help="folder of schema.md, cookbook.md and python.md")
     parser.add_argument("--tool", action="append", choices=TOOLS, help="only this one; may be repeated")
     arguments = parser.parse_args()
@@ -385,14 +427,16 @@ def main():
         return f"there is no database {database}"
     if page("schema.md") is None:
         return "schema.md is not to be found; name its folder with --docs"
-    if arguments.parquet and not os.path.isdir(arguments.parquet):
-        return f"there is no folder {arguments.parquet}"
-    if not arguments.parquet and "parquet" in (arguments.tool or []):
-        return "name the folder of an export with --parquet"
+    folders = {"PARQUET": arguments.parquet, "HISTORY": arguments.history}
+    for name, folder in folders.items():
+        if folder and not os.path.isdir(folder):
+            return f"there is no folder {folder}"
+        if not folder and name.lower() in (arguments.tool or []):
+            return f"name the folder of an export with --{name.lower()}"
     schema = read_schema(page("schema.md"))
     if not schema:
         return f"{page('schema.md')} states no columns"
-    for tool in arguments.tool or [tool for tool in TOOLS if tool != "parquet" or arguments.parquet]:
+    for tool in arguments.tool or [tool for tool in TOOLS if folders.get(tool.upper(), "none asked for")]:
         before = len(problems)
         try:
             if tool in ("cookbook", "python"):
@@ -401,9 +445,9 @@ def main():
                 elif tool == "cookbook":
                     check_cookbook(database, found)
                 else:
-                    check_python(database, found, arguments.parquet)
-            elif tool == "parquet":
-                check_parquet(database, schema, arguments.parquet)
+                    check_python(database, found, folders)
+            elif tool.upper() in folders:
+                globals()[f"check_{tool}"](database, schema, folders[tool.upper()])
             else:
                 globals()[f"check_{tool}"](database, schema)
         except ModuleNotFoundError as error:

@@ -15,6 +15,7 @@ use self::told::{Predicted, Told};
 use super::arm::arm;
 use super::beside::{Beside, Precision};
 use super::judged::Judged;
+use super::words::slower;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::plot::write_lines;
@@ -76,6 +77,7 @@ pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, C
         true => output::json(&told.as_value()),
         false => told.print(),
     }
+    slower(&robot, &found.series, args.reached()).iter().for_each(|sentence| output::print_hint(sentence));
     let broken = judged.broken();
     if !broken.is_empty() {
         broken.iter().for_each(|sentence| output::print_hint(sentence));

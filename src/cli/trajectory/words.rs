@@ -80,6 +80,9 @@ pub(super) fn print_nearness(robot: &Robot, series: &FourierExcitation) {
     output::print_table(&header, &rows, &[]);
 }
 
+/// Part of a speed by which a search may miss it.
+const SPEED_TOLERANCE: f64 = 1e-3;
+
 /// The same for scripts.
 pub(super) fn nearness(robot: &Robot, series: &FourierExcitation) -> Value {
     let of_joint = |index: crate::robot::JointIndex| {
@@ -98,4 +101,21 @@ pub(super) fn nearness(robot: &Robot, series: &FourierExcitation) -> Value {
         })
     };
     robot.joint_indices().map(of_joint).collect()
+}
+
+/// Joints that stay below the part of their top speeds that was asked for, a sentence each.
+pub(super) fn slower(robot: &Robot, series: &FourierExcitation, share: f64) -> Vec<String> {
+    let of_joint = |index: crate::robot::JointIndex| {
+        let top = robot.joints[index.index()].limits.velocity;
+        let reached = extremes(series, index.index()).speed.value.abs() / top;
+        (reached < (1.0 - SPEED_TOLERANCE) * share).then(|| {
+            format!(
+                "joint {index} reaches {:.1} % of its top speed, not the {:.1} % that were asked for: more --harmonics let it \
+                 speed up faster",
+                100.0 * reached,
+                100.0 * share
+            )
+        })
+    };
+    robot.joint_indices().filter_map(of_joint).collect()
 }
