@@ -115,6 +115,8 @@ pub trait StageChannel: Default {
     fn split_off(&mut self, rows: usize) -> Self;
     /// Gives back memory beyond what the rows need.
     fn shrink_to_fit(&mut self);
+    /// Makes room for so many more rows.
+    fn reserve(&mut self, rows: usize);
 }
 
 impl StageChannel for Vec<Stage> {
@@ -128,6 +130,10 @@ impl StageChannel for Vec<Stage> {
 
     fn shrink_to_fit(&mut self) {
         Self::shrink_to_fit(self);
+    }
+
+    fn reserve(&mut self, rows: usize) {
+        Self::reserve(self, rows);
     }
 }
 
@@ -152,6 +158,14 @@ impl StageChannel for StageReading {
         match self {
             Self::Known(stages) => stages.shrink_to_fit(),
             Self::Level(levels) => levels.shrink_to_fit(),
+            Self::Unknown => {}
+        }
+    }
+
+    fn reserve(&mut self, rows: usize) {
+        match self {
+            Self::Known(stages) => stages.reserve(rows),
+            Self::Level(levels) => levels.reserve(rows),
             Self::Unknown => {}
         }
     }
@@ -235,6 +249,16 @@ impl<S: StageChannel> Rows<S> {
         self.stage.shrink_to_fit();
         self.cycle.iter_mut().for_each(Vec::shrink_to_fit);
         self.friction_signal.iter_mut().for_each(Vec::shrink_to_fit);
+    }
+
+    /// Makes room for so many more rows, temperatures apart, which are few.
+    pub fn reserve(&mut self, rows: usize) {
+        self.time.reserve(rows);
+        let channels = self.position.iter_mut().chain(self.velocity.iter_mut().flatten());
+        channels.chain(&mut self.torque).for_each(|channel| channel.reserve(rows));
+        self.stage.reserve(rows);
+        self.cycle.iter_mut().for_each(|cycle| cycle.reserve(rows));
+        self.friction_signal.iter_mut().for_each(|signal| signal.reserve(rows));
     }
 
     /// Takes away and returns the first `rows` rows; the rest stays.

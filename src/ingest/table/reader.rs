@@ -292,7 +292,10 @@ impl<R: Read> ExportReader<R> {
         let read = self.parser.read_passing_over(&block, self.previous, &self.path, left);
         let lines = line_count(&block.bytes);
         let (samples, passed) = match read {
-            Ok(read) => read,
+            Ok(read) => {
+                self.blocks.give_back(block.bytes);
+                read
+            }
             Err(rejection) => {
                 let rejection = self.placed(rejection, &block);
                 self.rows_before(block, rejection, left)?

@@ -1,7 +1,7 @@
 //! Parameters of one cycle, and how well they explain its torques.
 
 pub mod cycle;
-mod row_lanes;
+pub(in crate::numerics) mod row_lanes;
 pub mod cycle_rows;
 pub mod joint_factors;
 pub mod filtered_columns;

@@ -1,13 +1,14 @@
 //! Rows of a cycle several at once, a lane each.
 
 use super::filtered_columns::{FilteredColumn, write_filtered_lanes};
+use crate::analysis::Motion;
 use crate::numerics::lanes::{LANES, Lanes};
 use crate::numerics::model::regressor_lanes::{LaneStates, RegressorLanes, joint_torque_regressors};
 use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{MAX_JOINTS, Robot};
 
 /// What the equations of motion say of several rows.
-pub(super) struct RowLanes {
+pub(in crate::numerics) struct RowLanes {
     /// Motion.
     pub states: LaneStates,
     /// Torque, `[n]`.
@@ -17,12 +18,12 @@ pub(super) struct RowLanes {
 }
 
 impl RowLanes {
-    pub(super) fn new(robot: &Robot) -> Self {
+    pub(in crate::numerics) fn new(robot: &Robot) -> Self {
         Self { states: LaneStates::default(), tau: [Lanes::ZERO; MAX_JOINTS], y: RegressorLanes::new(robot) }
     }
 
     /// Hands `rows` to `visit`, [`LANES`] at once with how many of them count: the last ones may be fewer.
-    pub(super) fn each(
+    pub(in crate::numerics) fn each(
         &mut self,
         robot: &Robot,
         filtered: &FilteredSignals,
@@ -53,5 +54,15 @@ impl RowLanes {
             write_filtered_lanes(filtered_coulomb_columns, &at, &mut self.y);
             visit(self, &at[..count]);
         }
+    }
+
+    /// Which of the first `count` rows a joint moves in.
+    pub(in crate::numerics) fn moving(&self, robot: &Robot, joint: usize, count: usize) -> [bool; LANES] {
+        let (speeds, low_speed) = (self.states.qd[joint].0, robot.joints[joint].low_speed);
+        let mut moving = [false; LANES];
+        for (moving, speed) in moving.iter_mut().zip(speeds).take(count) {
+            *moving = Motion::of(speed, low_speed) == Motion::Moving;
+        }
+        moving
     }
 }

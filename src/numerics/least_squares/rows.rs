@@ -2,6 +2,7 @@
 //! estimators with several passes never hold the observation matrix.
 
 use super::factor::{FactorBuilder, TriangularFactor};
+use crate::numerics::lanes::dot;
 
 /// All joints' rows of one sample.
 #[derive(Debug, Clone, Copy)]
@@ -27,7 +28,8 @@ impl SampleRows<'_> {
     /// `tau - w theta` of `joint`, Nm.
     #[must_use]
     pub fn residual(&self, joint: usize, theta: &[f64]) -> f64 {
-        self.tau[joint] - self.of_joint(joint).iter().zip(theta).map(|(w, theta)| w * theta).sum::<f64>()
+        let w = self.of_joint(joint);
+        self.tau[joint] - dot(w, &theta[..w.len()])
     }
 }
 

@@ -202,6 +202,8 @@ impl CycleCutter {
     /// of zero, are not a cycle.
     fn cut(&mut self, rows: usize) -> Option<Cycle> {
         let samples = self.pending.take_front(rows);
+        // cycles of one test are about as long: channels that grow piece by piece would be copied again and again
+        self.pending.reserve((rows + rows / 64).saturating_sub(self.pending.rows()));
         self.rows_cut += rows as u64;
         self.searched = 0;
         self.stage_reached = None;

@@ -1,5 +1,6 @@
 //! Zero-phase low-pass and differentiation: from recorded channels to `q`, `qd`, `qdd`, `tau`.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use super::low_pass::LowPass;
@@ -93,9 +94,8 @@ impl FilteredSignals {
     /// not.
     #[must_use]
     pub fn derivative(&self, channel: &[f64]) -> Vec<f64> {
-        spread(channel, &self.stretches, |stretch, channel| {
-            differentiate(&stretch.to_grid(channel), stretch.step)
-        })
+        let derivative = |stretch: &Stretch| differentiate(&stretch.to_grid(channel), stretch.step);
+        joined(self.stretches.iter().map(derivative).collect(), &self.stretches, channel.len())
     }
 
     /// Whether rows are evenly spaced in time, as far as their time stamps are known.
@@ -212,30 +212,16 @@ struct Stretch {
 
 impl Stretch {
     /// A channel of the whole recording on the stretch's grid.
-    fn to_grid(&self, channel: &[f64]) -> Vec<f64> {
+    fn to_grid<'c>(&self, channel: &'c [f64]) -> Cow<'c, [f64]> {
         let own = &channel[self.rows.clone()];
-        self.grid.as_ref().map_or_else(|| own.to_vec(), |grid| grid.to_grid(own))
+        self.grid.as_ref().map_or(Cow::Borrowed(own), |grid| Cow::Owned(grid.to_grid(own)))
     }
 
     /// Channels of the whole recording through a low-pass, on the stretch's grid.
     fn low_passed(&self, low_pass: &LowPass, channels: &[&[f64]]) -> Vec<Vec<f64>> {
-        match &self.grid {
-            None => {
-                let own: Vec<&[f64]> = channels.iter().map(|channel| &channel[self.rows.clone()]).collect();
-                low_pass.over(&own)
-            }
-            Some(_) => {
-                let own: Vec<Vec<f64>> = channels.iter().map(|channel| self.to_grid(channel)).collect();
-                low_pass.over(&own.iter().map(Vec::as_slice).collect::<Vec<_>>())
-            }
-        }
+        let own: Vec<Cow<'_, [f64]>> = channels.iter().map(|channel| self.to_grid(channel)).collect();
+        low_pass.over(&own.iter().map(|own| &**own).collect::<Vec<_>>())
     }
-}
-
-/// Makes a channel from another one, stretch by stretch on their grids; zero between them.
-fn spread(channel: &[f64], stretches: &[Stretch], made: impl Fn(&Stretch, &[f64]) -> Vec<f64>) -> Vec<f64> {
-    let pieces: Vec<Vec<f64>> = stretches.iter().map(|stretch| made(stretch, channel)).collect();
-    joined(pieces, stretches, channel.len())
 }
 
 /// Channels of the whole recording through a low-pass, each as its pieces on the grids of the stretches.

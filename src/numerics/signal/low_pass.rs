@@ -23,6 +23,10 @@ const EDGE: usize = 3 * (2 * SECTIONS + 1);
 /// processor idle.
 const GROUPS: usize = 2;
 
+/// Rows in lanes at once.
+const STRIP: usize = 64;
+
+/// A row of all channels.
 type Rows = [Lanes; GROUPS];
 
 /// A zero-phase low-pass in second-order sections; the transfer-function form loses all digits at
@@ -53,62 +57,103 @@ impl LowPass {
 
     /// The low-pass over each of several channels of one length, of more than [`EDGE`] rows.
     pub(super) fn over(&self, channels: &[&[f64]]) -> Vec<Vec<f64>> {
-        let mut found = Vec::with_capacity(channels.len());
-        let mut rows: Vec<Rows> = Vec::new();
-        for taken in channels.chunks(GROUPS * LANES) {
-            // lanes without a channel of their own repeat the first
-            let of = |place: usize| taken.get(place).copied().unwrap_or(taken[0]);
-            let at: [[&[f64]; LANES]; GROUPS] =
-                std::array::from_fn(|group| std::array::from_fn(|lane| of(LANES * group + lane)));
-            rows.clear();
-            rows.resize(taken[0].len() + 2 * EDGE, [Lanes::ZERO; GROUPS]);
-            wide(ThereAndBack { sections: &self.sections, channels: &at, rows: &mut rows });
-            let inner = &rows[EDGE..rows.len() - EDGE];
-            let lane = |place: usize| inner.iter().map(|row| row[place / LANES].0[place % LANES]).collect();
-            found.extend((0..taken.len()).map(lane));
+        let mut found: Vec<Vec<f64>> = channels.iter().map(|channel| vec![0.0; channel.len()]).collect();
+        for (channels, found) in channels.chunks(GROUPS * LANES).zip(found.chunks_mut(GROUPS * LANES)) {
+            wide(ThereAndBack { sections: &self.sections, channels, found });
         }
         found
     }
 }
 
+/// Channels of one length, at most as many as there are lanes, there and back.
 struct ThereAndBack<'a> {
     sections: &'a [Sos<f64>; SECTIONS],
-    channels: &'a [[&'a [f64]; LANES]; GROUPS],
-    rows: &'a mut [Rows],
+    channels: &'a [&'a [f64]],
+    found: &'a mut [Vec<f64>],
 }
 
 impl Kernel for ThereAndBack<'_> {
+    /// A strip of rows goes into lanes, through the sections and back into channels: it stays in the first cache.
     #[inline(always)]
     fn run(self) {
-        let Self { sections, channels, rows } = self;
-        for (group, channels) in channels.iter().enumerate() {
-            let inner = rows.len() - 2 * EDGE;
-            let [a, b, c, d] = channels;
-            let (a, b, c, d) = (&a[..inner], &b[..inner], &c[..inner], &d[..inner]);
-            for (row, out) in rows[EDGE..].iter_mut().take(inner).enumerate() {
-                out[group] = Lanes([a[row], b[row], c[row], d[row]]);
-            }
-        }
-        let last = rows.len() - 1;
-        let (first, end) = (rows[EDGE], rows[last - EDGE]);
-        for k in 0..EDGE {
-            for group in 0..GROUPS {
+        let Self { sections, channels, found } = self;
+        let length = channels[0].len();
+        let mut strip = [[Lanes::ZERO; GROUPS]; STRIP];
+        let (mut front, mut behind) = ([[Lanes::ZERO; GROUPS]; EDGE], [[Lanes::ZERO; GROUPS]; EDGE]);
+        for place in 0..channels.len() {
+            let channel = channels[place];
+            let (first, last) = (channel[0], channel[length - 1]);
+            for k in 0..EDGE {
                 // the reflection at a point: twice its value less what lies on the other side
-                rows[k][group] = first[group] + first[group] - rows[2 * EDGE - k][group];
-                rows[last - k][group] = end[group] + end[group] - rows[last - 2 * EDGE + k][group];
+                front[k][place / LANES].0[place % LANES] = first + first - channel[EDGE - k];
+                behind[k][place / LANES].0[place % LANES] = last + last - channel[length - 2 - k];
             }
         }
-        filter(sections, rows[0], rows.iter_mut());
-        filter(sections, rows[last], rows.iter_mut().rev());
+        let mut states = start(sections, front[0]);
+        filter(sections, &mut states, &mut front);
+        let mut from = 0;
+        while from < length {
+            let rows = STRIP.min(length - from);
+            for place in 0..channels.len() {
+                let channel = &channels[place][from..from + rows];
+                for row in 0..rows {
+                    strip[row][place / LANES].0[place % LANES] = channel[row];
+                }
+            }
+            filter(sections, &mut states, &mut strip[..rows]);
+            for place in 0..found.len() {
+                let found = &mut found[place][from..from + rows];
+                for row in 0..rows {
+                    found[row] = strip[row][place / LANES].0[place % LANES];
+                }
+            }
+            from += rows;
+        }
+        filter(sections, &mut states, &mut behind);
+        let mut states = start(sections, behind[EDGE - 1]);
+        behind.reverse();
+        filter(sections, &mut states, &mut behind);
+        // what comes out before the first row is not asked for
+        let mut end = length;
+        while end > 0 {
+            let rows = STRIP.min(end);
+            for place in 0..found.len() {
+                let found = &found[place][end - rows..end];
+                for row in 0..rows {
+                    strip[rows - 1 - row][place / LANES].0[place % LANES] = found[row];
+                }
+            }
+            filter(sections, &mut states, &mut strip[..rows]);
+            for place in 0..found.len() {
+                let found = &mut found[place][end - rows..end];
+                for row in 0..rows {
+                    found[row] = strip[rows - 1 - row][place / LANES].0[place % LANES];
+                }
+            }
+            end -= rows;
+        }
     }
 }
 
-/// One pass of all sections, from the state that a channel which always had its first value leaves.
+/// Both states of each section.
+type States = [[Rows; 2]; SECTIONS];
+
+/// The states that channels leave which always had their `first` value.
 #[inline(always)]
-fn filter<'r>(sections: &[Sos<f64>; SECTIONS], first: Rows, rows: impl Iterator<Item = &'r mut Rows>) {
-    let mut states: [[Rows; 2]; SECTIONS] = std::array::from_fn(|k| {
-        [sections[k].zi0, sections[k].zi1].map(|state| first.map(|first| first * state))
-    });
+fn start(sections: &[Sos<f64>; SECTIONS], first: Rows) -> States {
+    let mut states = [[[Lanes::ZERO; GROUPS]; 2]; SECTIONS];
+    for k in 0..SECTIONS {
+        for group in 0..GROUPS {
+            states[k][0][group] = first[group] * sections[k].zi0;
+            states[k][1][group] = first[group] * sections[k].zi1;
+        }
+    }
+    states
+}
+
+/// One pass of all sections over rows in their order.
+#[inline(always)]
+fn filter(sections: &[Sos<f64>; SECTIONS], states: &mut States, rows: &mut [Rows]) {
     for row in rows {
         for group in 0..GROUPS {
             let mut x = row[group];

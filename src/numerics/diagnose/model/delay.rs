@@ -2,13 +2,14 @@
 //! at once, with friction of any shape.
 
 use super::friction_shapes::SHAPES;
-use crate::numerics::identify::filtered_columns::{FilteredColumn, write_filtered_columns};
+use crate::numerics::identify::filtered_columns::FilteredColumn;
 use crate::numerics::identify::joint_factors::FactorColumns;
+use crate::numerics::identify::row_lanes::RowLanes;
+use crate::numerics::lanes::{LANES, Lanes};
 use crate::numerics::least_squares::factor::FactorBuilder;
-use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
 use crate::numerics::signal::filter::FilteredSignals;
 use crate::numerics::signal::time_grid::{POINTS, between};
-use crate::robot::{JointIndex, MAX_JOINTS, Robot};
+use crate::robot::{JointIndex, Robot};
 
 /// Largest delay looked for, s. Beyond it torque and motion have nothing to do with each other, which
 /// other checks see.
@@ -104,9 +105,16 @@ impl Shift {
         (-steps..=steps).map(shift).collect()
     }
 
-    fn of(&self, channel: &[f64], row: usize) -> f64 {
-        let start = row.saturating_add_signed(self.first);
-        self.weights.iter().zip(&channel[start..]).map(|(weight, value)| weight * value).sum()
+    fn of(&self, channel: &[f64], rows: &[usize; LANES]) -> Lanes {
+        let at = |row: usize| {
+            let start = row.saturating_add_signed(self.first);
+            let mut sum = 0.0;
+            for (weight, value) in self.weights.iter().zip(&channel[start..][..POINTS]) {
+                sum += weight * value;
+            }
+            sum
+        };
+        Lanes(rows.map(at))
     }
 }
 
@@ -126,8 +134,6 @@ fn profiles(
     shifts: &[Shift],
     shapes: &[Vec<Vec<f64>>],
 ) -> Vec<Option<Profile>> {
-    let n = robot.joint_count();
-    let mut y = Regressor::new(robot);
     let of_joint: Vec<Vec<usize>> = robot
         .joint_indices()
         .map(|joint| columns.places(joint).iter().map(|&place| kept_columns[place]).collect())
@@ -136,20 +142,17 @@ fn profiles(
     let more = if shapes.is_empty() { 0 } else { SHAPES };
     let mut folders: Vec<FactorBuilder> =
         of_joint.iter().map(|columns| FactorBuilder::new(columns.len() + more + targets - 1)).collect();
-    let (mut q, mut qd, mut qdd, mut tau) =
-        ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
-    for &row in rows {
-        filtered.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
-        joint_torque_regressor(robot, &q[..n], &qd[..n], &qdd[..n], &mut y);
-        write_filtered_columns(filtered_coulomb_columns, row, &mut y);
-        let moving = (0..n).filter(|&j| qd[j].abs() >= robot.joints[j].low_speed);
-        for j in moving {
-            let w = of_joint[j].iter().map(|&column| y.column(column)[j]);
-            let shaped = shapes.get(j).into_iter().flatten().map(|shape| shape[row]);
-            let torques = shifts.iter().map(|shift| shift.of(&filtered.tau[j], row));
-            folders[j].push(w.chain(shaped).chain(torques));
+    let rows = rows.iter().copied();
+    RowLanes::new(robot).each(robot, filtered, filtered_coulomb_columns, rows, |at, taken| {
+        let mut rows = [taken[0]; LANES];
+        rows[..taken.len()].copy_from_slice(taken);
+        for (j, folder) in folders.iter_mut().enumerate() {
+            let w = of_joint[j].iter().map(|&column| at.y.get(j, column));
+            let shaped = shapes.get(j).into_iter().flatten().map(|shape| Lanes(rows.map(|row| shape[row])));
+            let torques = shifts.iter().map(|shift| shift.of(&filtered.tau[j], &rows));
+            folder.push_lanes(w.chain(shaped).chain(torques), at.moving(robot, j, taken.len()));
         }
-    }
+    });
     let profile = |(folder, columns): (&mut FactorBuilder, &Vec<usize>)| {
         let factor = folder.take();
         let b = columns.len() + more;
