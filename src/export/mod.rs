@@ -1,7 +1,7 @@
 //! Public views to files: CSV and Parquet, for programs that do not read SQLite.
 //!
 //! All files of an export are of one moment of the database. They get their names together, once all are whole. Rows are
-//! written as they come, so memory does not depend on how many there are. [`by_month`] says what is different where a view
+//! written as they come, so memory does not depend on how many there are. `by_month` says what is different where a view
 //! is divided by robot and month.
 
 mod by_month;
