@@ -263,7 +263,7 @@ fn by_singular_values(robot: &Robot, states: &[[Vec<f64>; 3]]) -> (f64, usize) {
 /// rank. `cargo test --test integration -- --ignored designs_for_five_arms`; programmes of longer searches are taken
 /// from the folder `ARMWATCH_PROGRAMMES`, as `er3a.json`, `tx40.json`, `ur10e.json`, `scara.json`, `seven_joints.json`.
 #[test]
-#[ignore = "searches for minutes"]
+#[ignore = "needs programmes of five arms, which take minutes to search: ARMWATCH_PROGRAMMES"]
 fn designs_for_five_arms_hold_by_a_second_road() {
     let workshop = Workshop::new();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));

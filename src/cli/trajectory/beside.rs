@@ -8,7 +8,7 @@ use crate::cli::shared::output;
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::numerics::trajectory::information::Information;
 use crate::numerics::trajectory::prediction::Recording;
-use crate::pipeline::stored::shown::shown_by_run;
+use crate::pipeline::stored::run_information::run_information;
 use crate::robot::{FourierExcitation, Robot};
 
 /// Durations that are tried, s, up to that of the motion that is asked for.
@@ -93,7 +93,7 @@ impl BesideArgs {
         let config = global.read_config()?;
         let shown = runtime()?.block_on(async {
             let store = open_to_read(&config).await?;
-            let shown = shown_by_run(&store, run, robot, base, &recording.noise).await;
+            let shown = run_information(&store, run, robot, base, &recording.noise).await;
             store.close().await?;
             shown.map_err(|error| CliError::Usage(error.to_string()))
         })?;
@@ -132,10 +132,16 @@ impl Beside {
         })
     }
 
+    /// Parameters whose standard deviation is at most the precision that is asked for.
+    fn precise(&self, standard_deviations: &[Option<f64>]) -> usize {
+        let is_precise =
+            |(std, size): &(&Option<f64>, &f64)| std.is_some_and(|std| std <= self.precision * *size);
+        standard_deviations.iter().zip(&self.sizes).filter(is_precise).count()
+    }
+
     /// Parameters that are not known well enough with the addition.
     pub fn missed(&self, precision: &Precision) -> usize {
-        let well = |(std, size): (&Option<f64>, &f64)| std.is_some_and(|std| std <= self.precision * size);
-        precision.together.iter().zip(&self.sizes).filter(|of| !well(*of)).count()
+        self.sizes.len() - self.precise(&precision.together)
     }
 
     /// A table of all parameters, and in a sentence what was found.
@@ -156,7 +162,7 @@ impl Beside {
         ));
         output::print_table(&["parameter", "ordinary work alone", "with the addition"], &rows, &[]);
         let (missed, all) = (self.missed(precision), self.sizes.len());
-        let before = all - self.known_alone(precision);
+        let before = all - self.precise(&precision.alone);
         output::line(&match missed {
             0 => format!(
                 "{before} of {all} parameters are not known to {:.3} % from ordinary work; with {seconds} s more, all are",
@@ -168,11 +174,6 @@ impl Beside {
                 100.0 * self.precision
             ),
         });
-    }
-
-    fn known_alone(&self, precision: &Precision) -> usize {
-        let well = |(std, size): (&Option<f64>, &f64)| std.is_some_and(|std| std <= self.precision * size);
-        precision.alone.iter().zip(&self.sizes).filter(|of| well(*of)).count()
     }
 
     /// The same for scripts.

@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::arm::arm;
-use super::judged::Judged;
+use super::motion_check::MotionCheck;
 use super::samples::samples;
 use super::surroundings::SurroundingsArgs;
 use super::words::{nearness, print_nearness};
@@ -51,9 +51,9 @@ pub(in crate::cli) fn check(global: &Global, args: &CheckArgs) -> Result<u8, Cli
         if !global.json {
             print_nearness(&robot, &series);
         }
-        (Judged::of_series(&robot, &series, limit.as_ref())?, Some(nearness(&robot, &series)))
+        (MotionCheck::of_series(&robot, &series, limit.as_ref())?, Some(nearness(&robot, &series)))
     } else {
-        let judged = Judged::of_samples(&robot, &samples(&args.file, &text, &robot)?, limit.as_ref())?;
+        let judged = MotionCheck::of_samples(&robot, &samples(&args.file, &text, &robot)?, limit.as_ref())?;
         if !global.json {
             print_used(&robot, &judged.check);
         }

@@ -2,7 +2,7 @@
 
 mod options;
 mod settings;
-mod told;
+mod report;
 
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
@@ -10,11 +10,11 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 
 pub(in crate::cli) use self::options::DesignArgs;
+use self::report::{DesignReport, Predicted};
 use self::settings::sizes;
-use self::told::{Predicted, Told};
 use super::arm::arm;
 use super::beside::{Beside, Precision};
-use super::judged::Judged;
+use super::motion_check::MotionCheck;
 use super::words::slower;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
@@ -60,8 +60,8 @@ pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, C
         series: found.series.clone(),
         search: Some(args.record(&base, &chosen, &found, &conditions, beside.as_ref())),
     };
-    let judged = Judged::of_series(&robot, &found.series, limit.as_ref())?;
-    let told = Told {
+    let judged = MotionCheck::of_series(&robot, &found.series, limit.as_ref())?;
+    let told = DesignReport {
         robot: &robot,
         base: &base,
         programme: &programme,

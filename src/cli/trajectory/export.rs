@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::arm::arm;
-use super::judged::Judged;
+use super::motion_check::MotionCheck;
 use super::surroundings::SurroundingsArgs;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
@@ -62,7 +62,7 @@ pub(in crate::cli) fn export(global: &Global, args: &ExportArgs) -> Result<u8, C
     let robot = arm(global, &args.robot)?;
     let series = programme(&args.file, &robot)?.series;
     let limit = args.surroundings.limit(&robot)?;
-    let broken = Judged::of_series(&robot, &series, limit.as_ref())?.broken();
+    let broken = MotionCheck::of_series(&robot, &series, limit.as_ref())?.broken();
     if !broken.is_empty() {
         broken.iter().for_each(|sentence| output::print_hint(sentence));
         if !args.despite_broken_limits {

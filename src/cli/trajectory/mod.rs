@@ -6,7 +6,7 @@ pub(super) mod check;
 pub(super) mod design;
 pub(super) mod export;
 pub(super) mod plot;
-mod judged;
+mod motion_check;
 mod samples;
 mod surroundings;
 mod torque;

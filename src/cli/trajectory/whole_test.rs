@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::arm::arm;
 use super::check::{print_used, used_value};
 use super::export::{header, steps};
-use super::judged::Judged;
+use super::motion_check::MotionCheck;
 use super::surroundings::SurroundingsArgs;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::levels::Levels;
@@ -100,7 +100,7 @@ pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Resul
     }
     let of_excitation = match &robot.excitation {
         Some(series) if args.trajectory.is_some() => {
-            Judged::of_series(&robot, series, limit.as_ref())?.broken()
+            MotionCheck::of_series(&robot, series, limit.as_ref())?.broken()
         }
         _ => Vec::new(),
     };
@@ -108,7 +108,7 @@ pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Resul
         return Ok(EXIT_FOUND);
     }
     let plan = plan_cycle(&robot, &settings).map_err(|error| CliError::Usage(error.to_string()))?;
-    let judged = Judged::of_samples(&robot, &sampled(&robot, &plan), limit.as_ref())?;
+    let judged = MotionCheck::of_samples(&robot, &sampled(&robot, &plan), limit.as_ref())?;
     match global.json {
         true => output::json(&as_value(&plan, &judged, args)),
         false => describe(&plan, &robot, &judged, args),
@@ -194,7 +194,7 @@ fn stages(plan: &CyclePlan) -> Vec<(Stage, f64, f64)> {
     [Stage::Excitation, Stage::Friction, Stage::Warming, Stage::Between].into_iter().filter_map(of).collect()
 }
 
-fn describe(plan: &CyclePlan, robot: &Robot, judged: &Judged<'_>, args: &WholeTestArgs) {
+fn describe(plan: &CyclePlan, robot: &Robot, judged: &MotionCheck<'_>, args: &WholeTestArgs) {
     let rows: Vec<Vec<String>> = stages(plan)
         .into_iter()
         .map(|(stage, begins, lasts)| vec![stage.to_string(), format!("{begins:.1}"), format!("{lasts:.1}")])
@@ -222,7 +222,7 @@ fn hours(seconds: f64) -> String {
     }
 }
 
-fn as_value(plan: &CyclePlan, judged: &Judged<'_>, args: &WholeTestArgs) -> Value {
+fn as_value(plan: &CyclePlan, judged: &MotionCheck<'_>, args: &WholeTestArgs) -> Value {
     let stages = stages(plan).into_iter().map(
         |(stage, begins, lasts)| json!({ "stage": stage.to_string(), "begins_s": begins, "lasts_s": lasts }),
     );

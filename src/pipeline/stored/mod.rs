@@ -4,4 +4,4 @@ pub mod chosen_cycles;
 pub mod reestimate;
 pub mod drive_gain;
 pub mod physical;
-pub mod shown;
+pub mod run_information;

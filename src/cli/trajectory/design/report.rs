@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
 use crate::cli::trajectory::beside::{Beside, Precision};
-use crate::cli::trajectory::judged::Judged;
+use crate::cli::trajectory::motion_check::MotionCheck;
 use crate::cli::trajectory::words::{nearness, print_nearness};
 use crate::design::programme::Programme;
 use crate::numerics::model::base_parameters::BaseParameters;
@@ -19,12 +19,12 @@ const FALSE_ALARM: f64 = 0.001;
 const DETECTION: f64 = 0.9;
 
 /// A motion that was found, with all that is said of it.
-pub(super) struct Told<'a> {
+pub(super) struct DesignReport<'a> {
     pub robot: &'a Robot,
     pub base: &'a BaseParameters,
     pub programme: &'a Programme,
     pub conditions: &'a Conditioning,
-    pub judged: &'a Judged<'a>,
+    pub judged: &'a MotionCheck<'a>,
     /// What a recording will tell, where the noise is known.
     pub prediction: Option<Predicted<'a>>,
     pub beside: Option<(&'a Beside, &'a Precision)>,
@@ -61,7 +61,7 @@ impl<'a> Predicted<'a> {
     }
 }
 
-impl Told<'_> {
+impl DesignReport<'_> {
     pub fn print(&self) {
         let Self { robot, base, conditions, .. } = *self;
         let series = &self.programme.series;

@@ -10,7 +10,7 @@ use crate::store::{FactorsWanted, Store};
 
 /// What the rows of a run tell.
 #[derive(Debug, Clone)]
-pub struct ShownByRun {
+pub struct RunInformation {
     /// Of the base parameters, by the rows of moving joints.
     pub information: Information,
     /// Rows of the run, moving or not.
@@ -22,16 +22,16 @@ pub struct ShownByRun {
 ///
 /// # Errors
 /// [`StoredError::Refused`] if the run has no factors or was analysed with another description.
-pub async fn shown_by_run(
+pub async fn run_information(
     store: &Store,
     run_id: i64,
     robot: &Robot,
     base: &BaseParameters,
     noise: &[f64],
-) -> Result<ShownByRun, StoredError> {
+) -> Result<RunInformation, StoredError> {
     let chosen = RunCycles { run_id, cycles: None };
     let chosen: ChosenCycles = chosen_cycles(store, &chosen, FactorsWanted::All).await?;
-    let mut shown = ShownByRun { information: Information::none(base.kept.len()), rows: 0 };
+    let mut shown = RunInformation { information: Information::none(base.kept.len()), rows: 0 };
     let mut rows = vec![0; robot.joint_count()];
     for (_, model, factors) in chosen.all_factors() {
         if !model.describes(robot) {

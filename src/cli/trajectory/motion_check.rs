@@ -19,7 +19,7 @@ use crate::robot::{FourierExcitation, JointIndex, Robot};
 const TORQUE_RATE_HZ: f64 = 1000.0;
 
 /// What was found of a motion.
-pub(super) struct Judged<'a> {
+pub(super) struct MotionCheck<'a> {
     robot: &'a Robot,
     limit: Option<&'a ClearanceLimit>,
     /// Limits of the motion.
@@ -30,7 +30,7 @@ pub(super) struct Judged<'a> {
     torques: Option<Vec<TorqueUse>>,
 }
 
-impl<'a> Judged<'a> {
+impl<'a> MotionCheck<'a> {
     /// A series over its period.
     pub fn of_series(
         robot: &'a Robot,
