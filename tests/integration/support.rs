@@ -242,8 +242,26 @@ pub struct Daemon {
 
 impl Daemon {
     pub fn signal(&self, name: &str) {
+        #[cfg(target_os = "linux")]
+        if ["TERM", "INT", "HUP"].contains(&name) {
+            wait_until(|| self.catches(name), || format!("the daemon does not come to catch SIG{name}"));
+        }
         let done = Command::new("kill").args([&format!("-{name}"), &self.child.id().to_string()]).status();
         assert!(done.expect("kill runs").success());
+    }
+
+    /// Whether the daemon is so far that it catches a signal, or has ended; earlier the signal kills it.
+    #[cfg(target_os = "linux")]
+    fn catches(&self, signal: &str) -> bool {
+        let Ok(status) = fs::read_to_string(format!("/proc/{}/status", self.child.id())) else { return true };
+        let field = |name: &str| status.lines().find_map(|line| line.strip_prefix(name)).map(str::trim);
+        let caught = field("SigCgt:").and_then(|mask| u64::from_str_radix(mask, 16).ok()).unwrap_or(0);
+        let number = match signal {
+            "HUP" => 1,
+            "INT" => 2,
+            _ => 15,
+        };
+        caught & (1 << (number - 1)) != 0 || field("State:").is_some_and(|state| state.starts_with('Z'))
     }
 
     /// Waits for the daemon's end and returns its exit status.
