@@ -34,6 +34,8 @@ const LEAST_MASS: f64 = 0.1;
 const MASS_ERRORS: f64 = 5.0;
 /// The same of a load that the run before had.
 const MASS_ERRORS_STILL: f64 = 3.0;
+/// Standard error of a mass, kg, from which on the test says nothing of it: no joint carries the last link's weight.
+const UNSEEN_MASS: f64 = 2.0;
 /// Deviation of an offset or of an unexplained rest, in standard deviations, from which on it is looked at.
 const SIGNAL_DEVIATIONS: f64 = 8.0;
 /// Least offset of a torque signal, as a fraction of the joint's friction.
@@ -89,6 +91,18 @@ pub(super) struct Load {
     pub(super) centre: [f64; 3],
 }
 
+impl Load {
+    /// Whether the motion shows the mass. Where it does not, other parameters of the load still show that there is one.
+    pub(super) fn has_seen_mass(&self) -> bool {
+        self.std_error < UNSEEN_MASS
+    }
+
+    /// Whether a mass that the motion shows is so many standard errors.
+    fn is_at_least(&self, mass_errors: f64) -> bool {
+        !self.has_seen_mass() || self.mass.abs() >= LEAST_MASS.max(mass_errors * self.std_error)
+    }
+}
+
 /// What is wrong with a torque signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum SignalFault {
@@ -105,7 +119,8 @@ impl ArmCause {
     pub(super) fn words(&self) -> String {
         match self {
             Self::None => "no change of the arm".into(),
-            Self::Load(load) => format!("a load of {:+.2} kg", load.mass),
+            Self::Load(load) if load.has_seen_mass() => format!("a load of {:+.2} kg", load.mass),
+            Self::Load(_) => "a load of unknown mass".into(),
             Self::TorqueSignal { joint, fault: SignalFault::Offset(_) } => {
                 format!("an offset of the torque signal of joint {joint}")
             }
@@ -144,7 +159,7 @@ impl ArmEvidence {
 
     fn at_least(&self, advantage: f64, mass_errors: f64) -> ArmCause {
         let is_clear = |cause: &ArmCause| match cause {
-            ArmCause::Load(load) => load.mass.abs() >= LEAST_MASS.max(mass_errors * load.std_error),
+            ArmCause::Load(load) => load.is_at_least(mass_errors),
             ArmCause::TorqueSignal { fault: SignalFault::Gain(part), .. } => part.abs() >= LEAST_GAIN,
             ArmCause::PositionSignal { offset, .. } => offset.abs() >= LEAST_POSITION_OFFSET,
             _ => true,
@@ -286,7 +301,7 @@ fn evidence(
     let mut causes = vec![(ArmCause::None, inertial + all_signals)];
     if let Some(change) = change.filter(|_| inertial > 0.0)
         && let Some((load, left)) = load(change, baseline)
-        && load.mass.abs() >= LEAST_MASS.max(MASS_ERRORS_STILL * load.std_error)
+        && load.is_at_least(MASS_ERRORS_STILL)
     {
         let rest = (left - PATTERN_ERROR).max(0.0) * inertial;
         causes.push((ArmCause::Load(load), rest + all_signals + 10.0 * PARAMETER_PRICE));
@@ -298,9 +313,12 @@ fn evidence(
             far.map(|(_, x)| x * x).sum::<f64>() / deviations.norm_squared()
         });
         let own = &signals[joint.index()];
-        // a constant torque goes into whatever parameters it fits: it is seen in the friction stage, not in these
-        let is_elsewhere = inertial > 0.0 && own.offset.1 == 0.0;
-        let rest = if is_elsewhere { (elsewhere - PATTERN_ERROR).max(0.0) * inertial } else { 0.0 };
+        let rest = match change.filter(|_| inertial > 0.0) {
+            None => 0.0,
+            // a constant torque is seen in the friction stage, and goes into whatever parameters it fits
+            Some(change) if own.offset.1 > 0.0 => offset_rest(change, joint, baseline) * inertial,
+            Some(_) => (elsewhere - PATTERN_ERROR).max(0.0) * inertial,
+        };
         let silent = if signal_cost(own) > 0.0 { 0.0 } else { SILENT_SIGNAL_PRICE };
         // a torque that reads wrong spoils the fit of the joint before as well, but less than its own
         let part = |other: usize| match is_near(JointIndex::new(other), joint) {
@@ -321,7 +339,7 @@ fn evidence(
         // of the strengths of a fault the one that explains most
         let mut best: Vec<(&Direction, (ArmCause, f64))> = Vec::new();
         for of in &baseline.directions {
-            let Some(found) = channel(of, change, &signals, run, baseline) else { continue };
+            let found = channel(of, change, &signals, run, baseline);
             let is_same =
                 |(known, _): &&mut (&Direction, _)| (known.joint, known.fault) == (of.joint, of.fault);
             match best.iter_mut().find(is_same) {
@@ -351,6 +369,21 @@ fn along_one_direction(change: &DVector<f64>, directions: &[Direction], least_ra
     if ratio >= least_ratio { change.norm_squared() / variance } else { 0.0 }
 }
 
+/// Part of the square of a change that a constant torque of a joint does not explain; zero where no test says what that
+/// does to the parameters.
+fn offset_rest(change: &Change, joint: JointIndex, baseline: &Baseline) -> f64 {
+    if baseline.directions.is_empty() {
+        return 0.0;
+    }
+    let own = |of: &&Direction| of.joint == joint && of.fault == ChannelFault::TorqueOffset;
+    let left = |of: &Direction| {
+        let size = of.change.dot(&change.deviations) / of.change.norm_squared();
+        (&change.deviations - &of.change * size).norm_squared() / change.deviations.norm_squared()
+    };
+    let least = baseline.directions.iter().filter(own).map(left).min_by(f64::total_cmp);
+    (least.unwrap_or(1.0) - DIRECTION_ERROR).max(0.0)
+}
+
 /// A fault of one channel with the size that explains most of a change of parameters, and its cost.
 fn channel(
     direction: &Direction,
@@ -358,12 +391,9 @@ fn channel(
     signals: &[Signal],
     run: &RunSummary,
     baseline: &Baseline,
-) -> Option<(ArmCause, f64)> {
+) -> (ArmCause, f64) {
     let Change { deviations, scale, square } = change;
     let along = direction.change.dot(deviations) / direction.change.norm_squared();
-    if !along.is_finite() {
-        return None;
-    }
     let left = (deviations - &direction.change * along).norm_squared() / deviations.norm_squared();
     let rest = (left - DIRECTION_ERROR).max(0.0) * square;
     let size = along / scale;
@@ -389,7 +419,7 @@ fn channel(
             _ => 0.0,
         };
     }
-    Some((cause, cost))
+    (cause, cost)
 }
 
 impl Usual {

@@ -73,6 +73,11 @@ struct Figure {
 }
 
 impl Figure {
+    /// Of a change that no figure measures.
+    fn without_value() -> Self {
+        Self { score: 1.0, threshold: 1.0, value: f64::NAN, baseline: f64::NAN, message: String::new() }
+    }
+
     fn verdict(self, evidence: &ArmEvidence, is_confirmed: bool) -> Verdict {
         let mut odds = evidence.odds().into_iter();
         let own = odds.next().map(|(_, odds)| odds.min(MOST_ODDS));
@@ -96,6 +101,15 @@ impl Figure {
 }
 
 fn of_load(load: &Load) -> Figure {
+    if !load.has_seen_mass() {
+        return Figure {
+            message: "the arm's parameters have changed as a body at the last link changes them, more or less than in \
+                      its first tests; these motions do not show its mass. Take the tool or workpiece off for tests, or \
+                      record the new tool as maintenance"
+                .into(),
+            ..Figure::without_value()
+        };
+    }
     // to the millimetre, without the sign of a zero
     let [x, y, z] = load.centre.map(|part| (1e3 * part).round() / 1e3 + 0.0);
     let (amount, verb) = (load.mass.abs(), if load.mass > 0.0 { "more" } else { "less" });
@@ -168,12 +182,9 @@ fn of_position(offset: f64) -> Figure {
 
 fn of_unknown() -> Figure {
     Figure {
-        score: 1.0,
-        threshold: 1.0,
-        value: f64::NAN,
-        baseline: f64::NAN,
         message: "the arm's inertial parameters have changed, and neither a load nor one torque signal explains it; \
                   check the mounting, the zero positions and the robot's description"
             .into(),
+        ..Figure::without_value()
     }
 }

@@ -2,11 +2,13 @@
 //! in a hall that changes, with parameters that vary from run to run.
 
 use std::cell::Cell;
+use std::sync::Arc;
 
 use jiff::{SignedDuration, Timestamp};
 
 use super::*;
 use crate::analysis::friction::CycleFriction;
+use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
 use crate::analysis::{Estimate, JointSummary, RmsdSwing};
 use crate::anomaly::{Anomaly, AnomalyKind, CycleSeries, RunParameter, Severity};
 use crate::robot::{ParameterId, ParameterKind};
@@ -247,6 +249,55 @@ fn a_load_is_one_alarm_of_the_arm_with_its_mass() {
         assert!((found.value / mass - 1.0).abs() < 0.15, "{found:?}");
         assert_eq!(found.first_run_id, 8);
     }
+}
+
+#[test]
+fn a_load_whose_mass_no_joint_carries_is_a_load_without_a_mass() {
+    let state = |run: i64| State { mass: if run >= 7 { 0.8 } else { 0.0 }, ..State::default() };
+    let mut history = fleet(9, 7, state);
+    for (run, of) in (0..).zip(&mut history) {
+        // the last axis is vertical: its link's first moments across it alone
+        of.parameters.retain(|of| of.id.joint.index() == JOINTS - 1);
+        for (parameter, sign) in of.parameters.iter_mut().zip([-1.0, 1.0, 0.0]) {
+            let is_mass = |id: ParameterId| id.kind == ParameterKind::Inertial(MASS);
+            let arm: f64 = parameter.terms.iter().filter(|of| is_mass(of.1)).map(|of| of.0.abs()).sum();
+            parameter.mean += sign * arm * state(run).mass;
+            parameter.terms.retain(|of| !is_mass(of.1));
+        }
+    }
+    let found = only(&history[..8], AnomalyKind::Payload, None);
+    assert!(found.value.is_nan() && found.first_run_id == 8, "{found:?}");
+    assert!(found.message.contains("do not show its mass"), "{found:?}");
+}
+
+/// Where it is known that a constant torque moves no parameter, it cannot be why they moved.
+#[test]
+fn an_offset_of_a_torque_does_not_excuse_a_load() {
+    let state = |run: i64| match run {
+        0..=6 => State::default(),
+        _ => State { mass: 0.8, offset: Some((1, 0.4)), ..State::default() },
+    };
+    let mut history = fleet(9, 7, state);
+    let parameters: Vec<ParameterId> = history[0].parameters.iter().map(|of| of.id).collect();
+    let faults = (0..JOINTS).flat_map(|joint| {
+        let of = |fault, change: f64| FaultResponse {
+            joint: JointIndex::new(joint),
+            fault,
+            strength: 0,
+            change: parameters
+                .iter()
+                .map(|id| if id.joint.index() == joint { change } else { 0.0 })
+                .collect(),
+            unexplained: vec![0.0; JOINTS],
+        };
+        [of(ChannelFault::TorqueGain, 1.0), of(ChannelFault::TorqueOffset, 1e-15)]
+    });
+    let response = Arc::new(ChannelResponse { parameters: parameters.clone(), faults: faults.collect() });
+    for run in &mut history {
+        run.response = Some(Arc::clone(&response));
+    }
+    let found = only(&history[..8], AnomalyKind::Payload, None);
+    assert!((found.value / 0.8 - 1.0).abs() < 0.15, "{found:?}");
 }
 
 #[test]

@@ -12,6 +12,10 @@ const LEAST_DEVIATION: f64 = 1e-3;
 /// Least standard deviation of the logarithm of the unexplained rest from run to run.
 const LEAST_RMSD_DEVIATION: f64 = 0.05;
 
+/// Change of the parameters by a fault of size 1, in their standard deviations, that is none but for rounding: as of a
+/// constant torque, which the offset column of a friction law takes whole.
+const LEAST_DIRECTION: f64 = 1e-6;
+
 /// A figure of the first runs: the usual value and its deviation from run to run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Usual {
@@ -45,7 +49,7 @@ pub(super) struct Baseline {
     inflation: f64,
     pub(super) offsets: Vec<Option<Usual>>,
     pub(super) rmsd: Vec<Option<Usual>>,
-    /// What faults of channels do to the parameters; empty where no test says it.
+    /// What faults of channels do to the parameters; empty where no test says it. Faults that move none are left out.
     pub(super) directions: Vec<Direction>,
 }
 
@@ -119,7 +123,7 @@ impl Baseline {
             change: DVector::from_fn(places.len(), |row, _| of.change[places[row]] / self.deviation(row)),
             unexplained: of.unexplained.clone(),
         };
-        response.faults.iter().map(scaled).collect()
+        response.faults.iter().map(scaled).filter(|of| of.change.norm() > LEAST_DIRECTION).collect()
     }
 
     /// Standard deviation of a parameter of a run.
