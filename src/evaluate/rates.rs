@@ -23,6 +23,8 @@ pub const CORRELATIONS: [f64; 4] = [0.0, 0.3, 0.6, 0.9];
 pub const FREEDOMS: [Option<f64>; 2] = [None, Some(4.0)];
 /// Values that a series is learnt from: those that a limit of its own needs, and forty tests.
 pub const LEARNT: [usize; 2] = [OWN_FROM, 320];
+/// Values that a series is learnt from before it shifts: forty tests, and as many as realised rates are promised from.
+pub const LEARNT_BEFORE_SHIFTS: [usize; 2] = [320, 1000];
 /// Shifts, in standard deviations of a whitened value.
 pub const SHIFTS: [f64; 3] = [1.0, 2.0, 3.0];
 /// Mean numbers of values between false alarms at which delays are measured: a false alarm a year of daily tests of eight
@@ -60,6 +62,8 @@ pub struct Delay {
     pub freedom: Option<f64>,
     /// Autocorrelation.
     pub correlation: f64,
+    /// Values learnt from.
+    pub learnt: usize,
     /// Mean number of values between false alarms.
     pub run_length: f64,
     /// Size of the shift, standard deviations.
@@ -124,11 +128,15 @@ pub fn delays(settings: &RateSettings) -> Vec<Delay> {
     let mut kinds = Vec::new();
     for freedom in FREEDOMS {
         for correlation in [CORRELATIONS[0], CORRELATIONS[2]] {
-            for run_length in RUN_LENGTHS {
-                for shift in SHIFTS {
-                    let bound = lorden_delay(run_length, shift);
-                    let (mean, std_error) = (0.0, 0.0);
-                    kinds.push(Delay { freedom, correlation, run_length, shift, mean, std_error, bound });
+            for learnt in LEARNT_BEFORE_SHIFTS {
+                for run_length in RUN_LENGTHS {
+                    for shift in SHIFTS {
+                        let bound = lorden_delay(run_length, shift);
+                        let (mean, std_error) = (0.0, 0.0);
+                        let kind =
+                            Delay { freedom, correlation, learnt, run_length, shift, mean, std_error, bound };
+                        kinds.push(kind);
+                    }
                 }
             }
         }
@@ -185,11 +193,11 @@ fn alarms(kind: &RealisedRate, draws: &mut Draws) -> usize {
     (0..VALUES_PER_YEAR).filter(|_| monitor.add(series.next(0.0), 0.0).is_out).count()
 }
 
-/// Values until an alarm of one series whose noise has shifted after [`LEARNT`]'s second number of values.
+/// Values until an alarm of one series whose noise has shifted after the values that it was learnt from.
 fn delay(kind: &Delay, draws: &mut Draws) -> usize {
     let mut series = Series::new(kind.correlation, kind.freedom, draws);
     let mut monitor = Monitor::new(Prior::vague(PRIOR_SCALE), kind.run_length);
-    (0..LEARNT[1]).for_each(|_| _ = monitor.add(series.next(0.0), 0.0));
+    (0..kind.learnt).for_each(|_| _ = monitor.add(series.next(0.0), 0.0));
     monitor.restart();
     1 + (1..MOST_DELAY).take_while(|_| !monitor.add(series.next(kind.shift), 0.0).is_out).count()
 }

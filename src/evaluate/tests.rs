@@ -1,9 +1,11 @@
 //! Drawn robots answer to events as real ones would, and the program's detectors keep bounds on a small fleet.
 
+use nalgebra::{DMatrix, DVector};
+
 use super::arm::Arm;
 use super::design::Design;
 use super::draws::Draws;
-use super::event::Event;
+use super::event::{BASELINE_RUNS, Event};
 use super::fleet::{FleetSettings, drawn, evaluate};
 use super::history::History;
 use super::scenario::Scenario;
@@ -173,4 +175,48 @@ fn healthy_robots_stay_within_the_rate() {
     let years: f64 = scores[0].scenarios.iter().map(|of| of.years).sum();
     // one a robot and year is asked for, and less than a half of it is spent
     assert!(alarms as f64 <= 0.5 * years, "{alarms} in {years} robot-years");
+}
+
+/// Doubled time constants that a detector could find which knew the robot: what every cycle of every test since is expected
+/// to show, scatter and walk of the joint, and the warmth of each start, exactly or to a tenth. It compares the mean of
+/// these tests with the mean of as many tests before as a baseline has, and needs the likelihood ratio of the program, 29.7.
+#[test]
+#[ignore = "a figure for docs/detection.md"]
+fn about_half_of_doubled_time_constants_can_be_known() {
+    let designs: Vec<Design> =
+        (0..24).map(|of| Design::draw(&mut Draws::new(11, of)).expect("base parameters")).collect();
+    let robots = 1000;
+    let known = |warmth_error: f64, before: f64| {
+        let is_known = |number: &usize| {
+            let mut draws = Draws::new(11, (1 << 32) + *number as u64);
+            let mut arm = Arm::draw(&designs[number % designs.len()], &mut draws);
+            let tests = (26.0 * arm.program.tests_a_week as f64) as usize;
+            let event = Event::draw(Scenario::WarmUp, Some(2.0), &mut arm, tests, &mut draws);
+            let (joint, program) = (&arm.joints[event.joint], arm.program);
+            let cold = joint.coldness(program.rest_h);
+            let curve = |slow: f64, cold: &[f64]| {
+                let minute = |cycle: usize| (cycle as f64 + 0.5) * program.cycle_min;
+                DVector::from_fn(program.cycles, |k, _| joint.ln_friction(0.0, cold, slow, minute(k)))
+            };
+            let usual = curve(1.0, &cold);
+            let mut covariance =
+                DMatrix::from_diagonal_element(program.cycles, program.cycles, joint.scatter.powi(2));
+            covariance.add_scalar_mut(joint.walk.powi(2));
+            for place in 0..cold.len() {
+                let mut colder = cold.clone();
+                colder[place] *= 1.0 + warmth_error;
+                let effect = curve(1.0, &colder) - &usual;
+                covariance.ger(1.0, &effect, &effect, 1.0);
+            }
+            let change = curve(event.size, &cold) - &usual;
+            let one = change.dot(&covariance.cholesky().expect("positive definite").solve(&change));
+            let since = (tests - event.onset) as f64;
+            0.5 * one / (since.recip() + before.recip()) >= 29.7
+        };
+        (0..robots).filter(is_known).count() as f64 / robots as f64
+    };
+    let baseline = BASELINE_RUNS as f64;
+    let [exactly, more, nearly] = [known(0.0, baseline), known(0.0, 40.0), known(0.1, baseline)];
+    println!("warmth known: {exactly:.2}, against 40 tests {more:.2}; warmth known to a tenth: {nearly:.2}");
+    assert!(nearly > 0.1 && nearly < exactly && exactly < more && more < 0.8, "{nearly} {exactly} {more}");
 }

@@ -22,8 +22,8 @@ pub(super) fn print_rates(rates: &[RealisedRate], delays: &[Delay], as_json: boo
         }
         for of in delays {
             output::json(&json!({
-                "noise": noise_name(of.freedom), "autocorrelation": of.correlation, "run_length": of.run_length,
-                "shift_std": of.shift, "mean_delay": of.mean, "mean_delay_std_error": of.std_error,
+                "noise": noise_name(of.freedom), "autocorrelation": of.correlation, "values_learnt": of.learnt,
+                "run_length": of.run_length, "shift_std": of.shift, "mean_delay": of.mean, "mean_delay_std_error": of.std_error,
                 "lorden_bound": of.bound,
             }));
         }
@@ -48,6 +48,7 @@ pub(super) fn print_rates(rates: &[RealisedRate], delays: &[Delay], as_json: boo
         vec![
             noise_name(of.freedom),
             of.correlation.to_string(),
+            of.learnt.to_string(),
             format!("{:.0}", of.run_length),
             of.shift.to_string(),
             format!("{:.2}", of.mean),
@@ -56,8 +57,17 @@ pub(super) fn print_rates(rates: &[RealisedRate], delays: &[Delay], as_json: boo
             format!("{:.2}", of.mean / of.bound),
         ]
     };
-    let header =
-        ["noise", "autocorrelation", "run length", "shift", "delay", "std error", "Lorden's bound", "ratio"];
+    let header = [
+        "noise",
+        "autocorrelation",
+        "learnt from",
+        "run length",
+        "shift",
+        "delay",
+        "std error",
+        "Lorden's bound",
+        "ratio",
+    ];
     output::line("");
     output::line(&output::table(&header, &delays.iter().map(row).collect::<Vec<_>>()));
     output::line("\nrun length and delay in values; the value with which a shift comes counts");

@@ -316,7 +316,7 @@ fn evidence(
         let rest = match change.filter(|_| inertial > 0.0) {
             None => 0.0,
             // a constant torque is seen in the friction stage, and goes into whatever parameters it fits
-            Some(change) if own.offset.1 > 0.0 => offset_rest(change, joint, baseline) * inertial,
+            Some(change) if own.offset.1 > 0.0 => offset_rest(change, joint, baseline),
             Some(_) => (elsewhere - PATTERN_ERROR).max(0.0) * inertial,
         };
         let silent = if signal_cost(own) > 0.0 { 0.0 } else { SILENT_SIGNAL_PRICE };
@@ -369,8 +369,8 @@ fn along_one_direction(change: &DVector<f64>, directions: &[Direction], least_ra
     if ratio >= least_ratio { change.norm_squared() / variance } else { 0.0 }
 }
 
-/// Part of the square of a change that a constant torque of a joint does not explain; zero where no test says what that
-/// does to the parameters.
+/// Square of a change that a constant torque of a joint does not explain; zero where no test says what that does to the
+/// parameters, and where the rest is no more than seasons make.
 fn offset_rest(change: &Change, joint: JointIndex, baseline: &Baseline) -> f64 {
     if baseline.directions.is_empty() {
         return 0.0;
@@ -381,7 +381,8 @@ fn offset_rest(change: &Change, joint: JointIndex, baseline: &Baseline) -> f64 {
         (&change.deviations - &of.change * size).norm_squared() / change.deviations.norm_squared()
     };
     let least = baseline.directions.iter().filter(own).map(left).min_by(f64::total_cmp);
-    (least.unwrap_or(1.0) - DIRECTION_ERROR).max(0.0)
+    let rest = (least.unwrap_or(1.0) - DIRECTION_ERROR).max(0.0) * change.square;
+    if rest > LEAST_MEAN_SQUARE * change.deviations.len() as f64 { rest } else { 0.0 }
 }
 
 /// A fault of one channel with the size that explains most of a change of parameters, and its cost.
