@@ -62,6 +62,8 @@ const PARAMETER_PRICE: f64 = 4.0;
 const SILENT_SIGNAL_PRICE: f64 = 60.0;
 /// Further price of a channel whose fault is known but for its size.
 const CHANNEL_PRICE: f64 = 20.0;
+/// Further price of an offset of a torque that comes with a load: two faults at once are rare.
+const SECOND_FAULT_PRICE: f64 = 60.0;
 /// Price of a cause that is not known: it explains anything.
 const UNKNOWN_PRICE: f64 = 150.0;
 
@@ -87,7 +89,7 @@ pub(super) struct Load {
     pub(super) mass: f64,
     /// Its standard error, kg.
     pub(super) std_error: f64,
-    /// Centre in the frame of the last link, m.
+    /// Centre in the frame of the last link, m; means something where the motion shows the mass.
     pub(super) centre: [f64; 3],
 }
 
@@ -304,7 +306,8 @@ fn evidence(
         && load.is_at_least(MASS_ERRORS_STILL)
     {
         let rest = (left - PATTERN_ERROR).max(0.0) * inertial;
-        causes.push((ArmCause::Load(load), rest + all_signals + 10.0 * PARAMETER_PRICE));
+        let signals = signals.iter().map(|of| of.offset.1.min(SECOND_FAULT_PRICE) + of.unexplained.1);
+        causes.push((ArmCause::Load(load), rest + signals.sum::<f64>() + 10.0 * PARAMETER_PRICE));
     }
     for joint in (0..joints).map(JointIndex::new) {
         let elsewhere = change.map_or(0.0, |Change { deviations, .. }| {
@@ -485,7 +488,8 @@ fn load(change: &Change, baseline: &Baseline) -> Option<(Load, f64)> {
     let mass = found[0];
     let centre = [1, 2, 3].map(|k| found[k] / mass);
     let std_error = covariance[(0, 0)].sqrt();
-    (mass.is_finite() && mass != 0.0).then_some((Load { mass, std_error, centre }, left))
+    let found = Load { mass, std_error, centre };
+    (mass.is_finite() && (mass != 0.0 || !found.has_seen_mass())).then_some((found, left))
 }
 
 #[cfg(test)]
