@@ -6,7 +6,7 @@
 
 use std::ops::{Add, AddAssign, Mul, Neg, Sub, SubAssign};
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, Scalar256b, Simd, WithSimd};
 
 /// Numbers in a [`Lanes`].
 pub const LANES: usize = 4;
@@ -173,33 +173,131 @@ const ABREAST: usize = 16;
 /// Sum of products of two series of one length.
 #[must_use]
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let (a, b) = (a.as_chunks::<ABREAST>(), b.as_chunks::<ABREAST>());
-    let mut sums = [0.0; ABREAST];
-    for (a, b) in a.0.iter().zip(b.0) {
-        for k in 0..ABREAST {
-            sums[k] += a[k] * b[k];
+    struct Dot<'a>(&'a [f64], &'a [f64], &'a mut f64);
+
+    impl Kernel for Dot<'_> {
+        #[inline(always)]
+        fn run(self) {
+            let (a, b) = (self.0.as_chunks::<ABREAST>(), self.1.as_chunks::<ABREAST>());
+            let mut sums = [0.0; ABREAST];
+            for (a, b) in a.0.iter().zip(b.0) {
+                for k in 0..ABREAST {
+                    sums[k] += a[k] * b[k];
+                }
+            }
+            for k in 0..a.1.len().min(b.1.len()) {
+                *self.2 += a.1[k] * b.1[k];
+            }
+            for sum in sums {
+                *self.2 += sum;
+            }
         }
     }
-    let rest: f64 = a.1.iter().zip(b.1).map(|(a, b)| a * b).sum();
-    sums.iter().sum::<f64>() + rest
+
+    let mut sum = 0.0;
+    wide(Dot(a, b, &mut sum));
+    sum
 }
 
 /// Smallest and largest of a series; infinite, the wrong way round, of none. What is not a number does not count.
 #[must_use]
 pub fn extent(series: &[f64]) -> [f64; 2] {
-    // comparisons in place of `f64::min`, which no register has
-    let lower = |low: f64, x: f64| if x < low { x } else { low };
-    let higher = |high: f64, x: f64| if x > high { x } else { high };
-    let (whole, rest) = series.as_chunks::<ABREAST>();
-    let (mut low, mut high) = ([f64::INFINITY; ABREAST], [f64::NEG_INFINITY; ABREAST]);
-    for of in whole {
+    let mut found = [f64::INFINITY, f64::NEG_INFINITY];
+    wide(Extent { series, found: &mut found });
+    found
+}
+
+struct Extent<'a> {
+    series: &'a [f64],
+    found: &'a mut [f64; 2],
+}
+
+impl Kernel for Extent<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let (whole, rest) = self.series.as_chunks::<ABREAST>();
+        let (mut low, mut high) = ([f64::INFINITY; ABREAST], [f64::NEG_INFINITY; ABREAST]);
+        for of in whole {
+            for k in 0..ABREAST {
+                low[k] = lower(low[k], of[k]);
+                high[k] = higher(high[k], of[k]);
+            }
+        }
+        let [least, most] = self.found;
         for k in 0..ABREAST {
-            low[k] = lower(low[k], of[k]);
-            high[k] = higher(high[k], of[k]);
+            *least = lower(*least, low[k]);
+            *most = higher(*most, high[k]);
+        }
+        for x in rest {
+            *least = lower(*least, *x);
+            *most = higher(*most, *x);
         }
     }
-    let all = |of: [f64; ABREAST]| of.into_iter().chain(rest.iter().copied());
-    [all(low).fold(f64::INFINITY, lower), all(high).fold(f64::NEG_INFINITY, higher)]
+}
+
+/// The less of two numbers by a comparison: `f64::min` is in no register. What is not a number does not count.
+#[inline(always)]
+fn lower(low: f64, x: f64) -> f64 {
+    if x < low { x } else { low }
+}
+
+#[inline(always)]
+fn higher(high: f64, x: f64) -> f64 {
+    if x > high { x } else { high }
+}
+
+/// Largest difference of two neighbours of a series, without sign; zero of fewer than two.
+#[must_use]
+pub fn largest_step(series: &[f64]) -> f64 {
+    struct LargestStep<'a>(&'a [f64], &'a mut f64);
+
+    impl Kernel for LargestStep<'_> {
+        #[inline(always)]
+        fn run(self) {
+            let Some((_, behind)) = self.0.split_first() else { return };
+            let before = &self.0[..behind.len()];
+            let (before, behind) = (before.as_chunks::<ABREAST>(), behind.as_chunks::<ABREAST>());
+            let mut steps = [0.0; ABREAST];
+            for (a, b) in before.0.iter().zip(behind.0) {
+                for k in 0..ABREAST {
+                    steps[k] = higher(steps[k], (b[k] - a[k]).abs());
+                }
+            }
+            for step in steps {
+                *self.1 = higher(*self.1, step);
+            }
+            for k in 0..before.1.len().min(behind.1.len()) {
+                *self.1 = higher(*self.1, (behind.1[k] - before.1[k]).abs());
+            }
+        }
+    }
+
+    let mut largest = 0.0;
+    wide(LargestStep(series, &mut largest));
+    largest
+}
+
+/// How many numbers of a series lie in each of two closed ranges.
+#[must_use]
+pub fn counts_within(series: &[f64], ranges: [[f64; 2]; 2]) -> [usize; 2] {
+    struct Counts<'a>(&'a [f64], [[f64; 2]; 2], &'a mut [usize; 2]);
+
+    impl Kernel for Counts<'_> {
+        #[inline(always)]
+        fn run(self) {
+            let [[a, b], [c, d]] = self.1;
+            let (mut first, mut second) = (0_u64, 0_u64);
+            for x in self.0 {
+                first += u64::from((*x >= a) & (*x <= b));
+                second += u64::from((*x >= c) & (*x <= d));
+            }
+            *self.2 = [first as usize, second as usize];
+        }
+    }
+
+    let mut counts = [0; 2];
+    wide(Counts(series, ranges, &mut counts));
+    counts
 }
 
 /// Work that [`wide`] compiles for wide registers: `run` and all that it calls must be `#[inline(always)]`.
@@ -219,6 +317,31 @@ pub fn wide(kernel: impl Kernel) {
         #[inline(always)]
         fn with_simd<S: Simd>(self, _: S) {
             self.0.run();
+        }
+    }
+
+    Arch::new().dispatch(Dispatched(kernel));
+}
+
+/// Work on vectors of [`LANES`] numbers, `S::f64s`. Where a kernel ends in sums over lanes, the compiler takes arrays
+/// apart and puts them together again in each step; vectors it leaves alone.
+pub trait VectorKernel {
+    /// Does the work; it and all that it calls must be `#[inline(always)]`.
+    fn run<S: Simd>(self, simd: S);
+}
+
+/// Runs a kernel with vector registers where the processor has such of [`LANES`] numbers, else on arrays of as many:
+/// the same bits.
+#[inline]
+pub fn in_vectors(kernel: impl VectorKernel) {
+    struct Dispatched<K>(K);
+
+    impl<K: VectorKernel> WithSimd for Dispatched<K> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) {
+            if S::F64_LANES == LANES { self.0.run(simd) } else { self.0.run(Scalar256b) }
         }
     }
 
@@ -259,6 +382,10 @@ mod tests {
             assert_eq!(extent(&a), expected);
             let with_nan: Vec<f64> = a.iter().flat_map(|x| [f64::NAN, *x]).collect();
             assert_eq!(extent(&with_nan), expected);
+            let step = a.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
+            assert_eq!(largest_step(&a), step);
+            let count = |low: f64, high: f64| a.iter().filter(|x| (low..=high).contains(*x)).count();
+            assert_eq!(counts_within(&a, [[-10.0, 0.0], [0.0, 49.0]]), [count(-10.0, 0.0), count(0.0, 49.0)]);
         }
     }
 

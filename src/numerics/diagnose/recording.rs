@@ -11,6 +11,7 @@ pub mod view;
 
 use crate::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use crate::numerics::diagnose::recording::view::{DiagnoseSettings, View, finding};
+use crate::numerics::lanes::counts_within;
 use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{JointIndex, Robot};
 use crate::run::Samples;
@@ -226,22 +227,22 @@ fn saturation(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -
         if !(peak > 0.0 && high > low) {
             continue;
         }
-        let within = |torque: f64, from: f64, to: f64| {
-            let along = sign * torque;
-            (along >= from * peak) & (along <= to * peak)
+        let range = |from: f64, to: f64| {
+            let [near, far] = [sign * (from * peak), sign * (to * peak)];
+            [near.min(far), near.max(far)]
         };
-        let count = |from: f64, to: f64| -> usize {
-            let of_piece =
-                |piece: &[f64]| piece.iter().map(|x| u64::from(within(*x, from, to))).sum::<u64>() as usize;
-            view.pieces(torque).map(of_piece).sum()
-        };
-        let at = count(1.0 - 1e-6, 1.0);
-        if at <= count(0.97, 1.0 - 1e-6) {
+        let (at_peak, below) = (range(1.0 - 1e-6, 1.0), range(0.97, 1.0 - 1e-6));
+        let [at, just_below] = view
+            .pieces(torque)
+            .map(|piece| counts_within(piece, [at_peak, below]))
+            .fold([0, 0], |[at, near], [a, b]| [at + a, near + b]);
+        if at <= just_below {
             continue;
         }
         let run = longest_run(view, torque, 4, |start, _| sign * torque[start] >= peak * (1.0 - 1e-6));
         // parameters come from the excitation alone, which may be a small part of the cycle
-        let excited = view.excitation.iter().filter(|row| within(torque[**row], 1.0 - 1e-6, 1.0)).count();
+        let is_at = |row: &&usize| (at_peak[0]..=at_peak[1]).contains(&torque[**row]);
+        let excited = view.excitation.iter().filter(is_at).count();
         let excited = excited as f64 / view.excitation.len() as f64;
         let share = excited.max(at as f64 / view.rows.len() as f64);
         if run.is_some() && worst.is_none_or(|(_, before)| share > before) {

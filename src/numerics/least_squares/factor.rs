@@ -203,8 +203,9 @@ impl TriangularFactor {
 pub struct FactorBuilder {
     /// The factor, `[width x width]` row after row.
     r: Vec<f64>,
-    /// Rows that are not folded yet: `width` columns of `stride` lanes. What lies behind the rows is left over.
-    block: Vec<Lanes>,
+    /// Rows that are not folded yet: `width` columns of `stride` numbers. What lies behind the rows is left over.
+    block: Vec<f64>,
+    /// Whole lanes.
     stride: usize,
     width: usize,
     filled: usize,
@@ -219,8 +220,8 @@ impl FactorBuilder {
     }
 
     fn with_block(columns: usize, rows: usize) -> Self {
-        let (width, stride) = (columns + 1, rows.div_ceil(LANES).max(1));
-        let block = vec![Lanes::ZERO; stride * width];
+        let (width, stride) = (columns + 1, rows.max(1).next_multiple_of(LANES));
+        let block = vec![0.0; stride * width];
         Self { r: vec![0.0; width * width], block, stride, width, filled: 0, rows: 0 }
     }
 
@@ -230,14 +231,13 @@ impl FactorBuilder {
     /// If there are more than `b + 1` numbers; missing ones count as zero.
     #[inline]
     pub fn push(&mut self, row: impl Iterator<Item = f64>) {
-        let (lane, at) = (self.filled % LANES, self.filled / LANES);
         let mut columns = 0;
         for value in row {
-            self.block[columns * self.stride + at].0[lane] = value;
+            self.block[columns * self.stride + self.filled] = value;
             columns += 1;
         }
         for column in columns..self.width {
-            self.block[column * self.stride + at].0[lane] = 0.0;
+            self.block[column * self.stride + self.filled] = 0.0;
         }
         self.took(1);
     }
@@ -254,10 +254,9 @@ impl FactorBuilder {
 
     /// Takes one row by its places and numbers; all other places are zero, that of the torque is `b`.
     fn push_at(&mut self, entries: impl Iterator<Item = (usize, f64)>) {
-        let (lane, at) = (self.filled % LANES, self.filled / LANES);
-        (0..self.width).for_each(|column| self.block[column * self.stride + at].0[lane] = 0.0);
+        (0..self.width).for_each(|column| self.block[column * self.stride + self.filled] = 0.0);
         for (column, value) in entries {
-            self.block[column * self.stride + at].0[lane] = value;
+            self.block[column * self.stride + self.filled] = value;
         }
         self.took(1);
     }
@@ -265,38 +264,27 @@ impl FactorBuilder {
     /// Takes the rows of several instants: for each column in its order the numbers of all, of which those chosen
     /// count.
     ///
-    /// # Panics
-    /// If there are more than `b + 1` columns; fewer are an error of the caller.
+    /// Other than `b + 1` columns are an error of the caller.
     #[inline]
     pub fn push_lanes(&mut self, row: impl Iterator<Item = Lanes>, chosen: [bool; LANES]) {
         let count = chosen.iter().filter(|chosen| **chosen).count();
         if count == 0 {
             return;
         }
-        if count == LANES && self.filled.is_multiple_of(LANES) {
-            let at = self.filled / LANES;
-            for (column, value) in row.enumerate() {
-                self.block[column * self.stride + at] = value;
-            }
-            self.took(LANES);
-            return;
-        }
-        let mut places = [0; LANES];
-        let mut place = self.filled;
-        for (of, _) in places.iter_mut().zip(chosen).filter(|(_, chosen)| *chosen) {
-            *of = place;
-            place += 1;
-        }
         // a block has room for all or is folded first, so that rows of one instant stay together
-        if place > self.stride * LANES {
+        if self.filled + count > self.stride {
             self.fold();
-            return self.push_lanes(row, chosen);
         }
-        for (column, value) in row.enumerate() {
-            let column = &mut self.block[column * self.stride..][..self.stride];
-            for lane in (0..LANES).filter(|lane| chosen[*lane]) {
-                column[places[lane] / LANES].0[places[lane] % LANES] = value.0[lane];
-            }
+        let Self { block, stride, filled, .. } = self;
+        let places = *filled..*filled + count;
+        let columns = block.chunks_exact_mut(*stride).map(|column| &mut column[places.clone()]);
+        if count == LANES {
+            columns.zip(row).for_each(|(column, value)| column.copy_from_slice(&value.0));
+        } else {
+            columns.zip(row).for_each(|(column, value)| {
+                let values = value.0.into_iter().zip(chosen).filter(|(_, chosen)| *chosen);
+                column.iter_mut().zip(values).for_each(|(place, (value, _))| *place = value);
+            });
         }
         self.took(count);
     }
@@ -315,7 +303,7 @@ impl FactorBuilder {
     fn took(&mut self, rows: usize) {
         self.filled += rows;
         self.rows += rows;
-        if self.filled == self.stride * LANES {
+        if self.filled == self.stride {
             self.fold();
         }
     }
@@ -327,12 +315,8 @@ impl FactorBuilder {
         }
         let Self { r, block, stride, width, filled, .. } = self;
         let (stride, width) = (*stride, *width);
-        let height = filled.div_ceil(LANES);
-        let in_last = *filled % LANES;
-        if in_last > 0 {
-            let last = block.iter_mut().skip(height - 1).step_by(stride);
-            last.for_each(|lanes| lanes.0[in_last..].fill(0.0));
-        }
+        let height = filled.next_multiple_of(LANES);
+        block.chunks_exact_mut(stride).for_each(|column| column[*filled..height].fill(0.0));
         Fold { r, block, width, stride, height }.fold();
         *filled = 0;
     }

@@ -6,6 +6,7 @@ use std::ops::Range;
 use super::low_pass::LowPass;
 use super::time_grid::{EvenGrid, is_even, longest_step, median_step, sample_rate};
 use crate::numerics::NumericsError;
+use crate::numerics::lanes::{Kernel, wide};
 use crate::robot::MAX_JOINTS;
 use crate::run::Samples;
 
@@ -141,23 +142,21 @@ pub fn filter_signals(samples: &Samples, cutoff: f64) -> Result<FilteredSignals,
     let low_pass = LowPass::new(cutoff, sample_rate)?;
     let stretches = stretches(&samples.time, longest_step(step, cutoff), sample_rate);
 
-    let channels = |of: &[Vec<f64>]| {
-        let channels: Vec<&[f64]> = of.iter().map(Vec::as_slice).collect();
-        low_passed(&channels, &stretches, &low_pass)
-    };
     let derivative = |pieces: &Vec<Vec<f64>>| -> Vec<Vec<f64>> {
         pieces.iter().zip(&stretches).map(|(piece, stretch)| differentiate(piece, stretch.step)).collect()
     };
     let at_rows = |channels: Vec<Vec<Vec<f64>>>| -> Vec<Vec<f64>> {
         channels.into_iter().map(|pieces| joined(pieces, &stretches, rows)).collect()
     };
-    let q = channels(&samples.position);
-    let qd: Vec<Vec<Vec<f64>>> = match &samples.velocity {
-        Some(velocity) => channels(velocity),
-        None => q.iter().map(derivative).collect(),
-    };
+    let (n, velocity) = (samples.joint_count(), samples.velocity.iter().flatten());
+    let recorded = samples.position.iter().chain(&samples.torque).chain(velocity).map(Vec::as_slice);
+    let mut q = low_passed(&recorded.collect::<Vec<_>>(), &stretches, &low_pass);
+    let mut tau = q.split_off(n);
+    let mut qd = tau.split_off(n);
+    if samples.velocity.is_none() {
+        qd = q.iter().map(derivative).collect();
+    }
     let qdd: Vec<Vec<Vec<f64>>> = qd.iter().map(derivative).collect();
-    let tau = channels(&samples.torque);
     let [q, qd, qdd, tau] = [q, qd, qdd, tau].map(at_rows);
     let edge = (EDGE_PERIODS * sample_rate / cutoff).ceil() as usize;
     let usable = stretches.iter().map(|s| s.rows.start + edge..s.rows.end.saturating_sub(edge));
@@ -190,13 +189,31 @@ pub fn differentiate(values: &[f64], step: f64) -> Vec<f64> {
     for i in (1..n - 1).filter(|i| *i < 3 || i + 3 >= n) {
         out[i] = (values[i + 1] - values[i - 1]) / (2.0 * step);
     }
-    // without a question in each row, so that the compiler takes several rows at once
-    for (out, at) in out.iter_mut().skip(3).zip(values.array_windows::<7>()) {
-        *out = (45.0 * (at[4] - at[2]) - 9.0 * (at[5] - at[1]) + (at[6] - at[0])) / (60.0 * step);
+    if let Some(inner) = out.get_mut(3..) {
+        wide(InnerDifferences { values, step, out: inner });
     }
     out[0] = (values[1] - values[0]) / step;
     out[n - 1] = (values[n - 1] - values[n - 2]) / step;
     out
+}
+
+/// Central differences of sixth order of the values that have three others at either side; `out` is behind the first
+/// three.
+struct InnerDifferences<'a> {
+    values: &'a [f64],
+    step: f64,
+    out: &'a mut [f64],
+}
+
+impl Kernel for InnerDifferences<'_> {
+    /// Without a question in each row, so that the compiler takes several rows at once.
+    #[inline(always)]
+    fn run(self) {
+        let Self { values, step, out } = self;
+        for (out, at) in out.iter_mut().zip(values.array_windows::<7>()) {
+            *out = (45.0 * (at[4] - at[2]) - 9.0 * (at[5] - at[1]) + (at[6] - at[0])) / (60.0 * step);
+        }
+    }
 }
 
 /// Rows without a gap in time among them.

@@ -19,16 +19,6 @@ const SECTIONS: usize = FILTER_ORDER / 2;
 /// Rows by which a channel is continued at either end: three for each coefficient of the whole filter.
 const EDGE: usize = 3 * (2 * SECTIONS + 1);
 
-/// Groups of lanes that are filtered at once: each step waits for the one before, so one group alone would leave the
-/// processor idle.
-const GROUPS: usize = 2;
-
-/// Rows in lanes at once.
-const STRIP: usize = 64;
-
-/// A row of all channels.
-type Rows = [Lanes; GROUPS];
-
 /// A zero-phase low-pass in second-order sections; the transfer-function form loses all digits at
 /// low cut-offs.
 pub(super) struct LowPass {
@@ -58,89 +48,99 @@ impl LowPass {
     /// The low-pass over each of several channels of one length, of more than [`EDGE`] rows.
     pub(super) fn over(&self, channels: &[&[f64]]) -> Vec<Vec<f64>> {
         let mut found: Vec<Vec<f64>> = channels.iter().map(|channel| vec![0.0; channel.len()]).collect();
-        for (channels, found) in channels.chunks(GROUPS * LANES).zip(found.chunks_mut(GROUPS * LANES)) {
-            wide(ThereAndBack { sections: &self.sections, channels, found });
+        let mut passed = 0;
+        while passed < channels.len() {
+            let (channels, found) = (&channels[passed..], &mut found[passed..]);
+            passed += match channels.len() {
+                1 => self.pass::<1, 1>(channels, found),
+                2 | 3 => self.pass::<2, 1>(channels, found),
+                4 | 5 => self.pass::<4, 1>(channels, found),
+                6 | 7 => self.pass::<6, 2>(channels, found),
+                _ => self.pass::<8, 2>(channels, found),
+            };
         }
         found
     }
+
+    /// The first `N` channels, a lane of `GROUPS` each; returns how many they were. Each step waits for the one before, so
+    /// that two groups take hardly longer than one.
+    fn pass<const N: usize, const GROUPS: usize>(
+        &self,
+        channels: &[&[f64]],
+        found: &mut [Vec<f64>],
+    ) -> usize {
+        let Some(channels) = channels.first_chunk::<N>() else { return channels.len() };
+        let Some(found) = found.first_chunk_mut::<N>() else { return channels.len() };
+        let found = found.each_mut().map(Vec::as_mut_slice);
+        wide(ThereAndBack::<N, GROUPS> { sections: &self.sections, channels, found });
+        N
+    }
 }
 
-/// Channels of one length, at most as many as there are lanes, there and back.
-struct ThereAndBack<'a> {
+/// `N` channels of one length there and back, in `GROUPS` lanes.
+struct ThereAndBack<'a, const N: usize, const GROUPS: usize> {
     sections: &'a [Sos<f64>; SECTIONS],
-    channels: &'a [&'a [f64]],
-    found: &'a mut [Vec<f64>],
+    channels: &'a [&'a [f64]; N],
+    found: [&'a mut [f64]; N],
 }
 
-impl Kernel for ThereAndBack<'_> {
-    /// A strip of rows goes into lanes, through the sections and back into channels: it stays in the first cache.
+impl<const N: usize, const GROUPS: usize> Kernel for ThereAndBack<'_, N, GROUPS> {
+    /// A row goes into lanes, through the sections and back into channels while the sections of the next one wait for it.
     #[inline(always)]
     fn run(self) {
         let Self { sections, channels, found } = self;
         let length = channels[0].len();
-        let mut strip = [[Lanes::ZERO; GROUPS]; STRIP];
-        let (mut front, mut behind) = ([[Lanes::ZERO; GROUPS]; EDGE], [[Lanes::ZERO; GROUPS]; EDGE]);
-        for place in 0..channels.len() {
-            let channel = channels[place];
-            let (first, last) = (channel[0], channel[length - 1]);
+        let channels: [&[f64]; N] = std::array::from_fn(|k| &channels[k][..length]);
+        let found = found.map(|of| &mut of[..length]);
+        let mut row = [Lanes::ZERO; GROUPS];
+        let (mut front, mut behind) = ([row; EDGE], [row; EDGE]);
+        for n in 0..N {
+            let (channel, first, last) = (channels[n], channels[n][0], channels[n][length - 1]);
             for k in 0..EDGE {
                 // the reflection at a point: twice its value less what lies on the other side
-                front[k][place / LANES].0[place % LANES] = first + first - channel[EDGE - k];
-                behind[k][place / LANES].0[place % LANES] = last + last - channel[length - 2 - k];
+                front[k][n / LANES].0[n % LANES] = first + first - channel[EDGE - k];
+                behind[k][n / LANES].0[n % LANES] = last + last - channel[length - 2 - k];
             }
         }
         let mut states = start(sections, front[0]);
-        filter(sections, &mut states, &mut front);
-        let mut from = 0;
-        while from < length {
-            let rows = STRIP.min(length - from);
-            for place in 0..channels.len() {
-                let channel = &channels[place][from..from + rows];
-                for row in 0..rows {
-                    strip[row][place / LANES].0[place % LANES] = channel[row];
-                }
-            }
-            filter(sections, &mut states, &mut strip[..rows]);
-            for place in 0..found.len() {
-                let found = &mut found[place][from..from + rows];
-                for row in 0..rows {
-                    found[row] = strip[row][place / LANES].0[place % LANES];
-                }
-            }
-            from += rows;
+        for row in &mut front {
+            filter(sections, &mut states, row);
         }
-        filter(sections, &mut states, &mut behind);
+        for at in 0..length {
+            for n in 0..N {
+                row[n / LANES].0[n % LANES] = channels[n][at];
+            }
+            filter(sections, &mut states, &mut row);
+            for n in 0..N {
+                found[n][at] = row[n / LANES].0[n % LANES];
+            }
+        }
+        for row in &mut behind {
+            filter(sections, &mut states, row);
+        }
         let mut states = start(sections, behind[EDGE - 1]);
-        behind.reverse();
-        filter(sections, &mut states, &mut behind);
+        for row in behind.iter_mut().rev() {
+            filter(sections, &mut states, row);
+        }
         // what comes out before the first row is not asked for
-        let mut end = length;
-        while end > 0 {
-            let rows = STRIP.min(end);
-            for place in 0..found.len() {
-                let found = &found[place][end - rows..end];
-                for row in 0..rows {
-                    strip[rows - 1 - row][place / LANES].0[place % LANES] = found[row];
-                }
+        for at in (0..length).rev() {
+            for n in 0..N {
+                row[n / LANES].0[n % LANES] = found[n][at];
             }
-            filter(sections, &mut states, &mut strip[..rows]);
-            for place in 0..found.len() {
-                let found = &mut found[place][end - rows..end];
-                for row in 0..rows {
-                    found[row] = strip[rows - 1 - row][place / LANES].0[place % LANES];
-                }
+            filter(sections, &mut states, &mut row);
+            for n in 0..N {
+                found[n][at] = row[n / LANES].0[n % LANES];
             }
-            end -= rows;
         }
     }
 }
 
 /// Both states of each section.
-type States = [[Rows; 2]; SECTIONS];
+type States<const GROUPS: usize> = [[[Lanes; GROUPS]; 2]; SECTIONS];
 
 /// The states that channels leave which always had their `first` value.
 #[inline(always)]
-fn start(sections: &[Sos<f64>; SECTIONS], first: Rows) -> States {
+fn start<const GROUPS: usize>(sections: &[Sos<f64>; SECTIONS], first: [Lanes; GROUPS]) -> States<GROUPS> {
     let mut states = [[[Lanes::ZERO; GROUPS]; 2]; SECTIONS];
     for k in 0..SECTIONS {
         for group in 0..GROUPS {
@@ -151,22 +151,24 @@ fn start(sections: &[Sos<f64>; SECTIONS], first: Rows) -> States {
     states
 }
 
-/// One pass of all sections over rows in their order.
+/// All sections over one row.
 #[inline(always)]
-fn filter(sections: &[Sos<f64>; SECTIONS], states: &mut States, rows: &mut [Rows]) {
-    for row in rows {
-        for group in 0..GROUPS {
-            let mut x = row[group];
-            for k in 0..SECTIONS {
-                let (b, a) = (&sections[k].b, &sections[k].a);
-                let [near, far] = &mut states[k];
-                let y = x * b[0] + near[group];
-                near[group] = x * b[1] - y * a[1] + far[group];
-                far[group] = x * b[2] - y * a[2];
-                x = y;
-            }
-            row[group] = x;
+fn filter<const GROUPS: usize>(
+    sections: &[Sos<f64>; SECTIONS],
+    states: &mut States<GROUPS>,
+    row: &mut [Lanes; GROUPS],
+) {
+    for group in 0..GROUPS {
+        let mut x = row[group];
+        for k in 0..SECTIONS {
+            let (b, a) = (&sections[k].b, &sections[k].a);
+            let [near, far] = &mut states[k];
+            let y = x * b[0] + near[group];
+            near[group] = x * b[1] - y * a[1] + far[group];
+            far[group] = x * b[2] - y * a[2];
+            x = y;
         }
+        row[group] = x;
     }
 }
 
@@ -181,7 +183,7 @@ mod tests {
     fn each_channel_is_what_it_is_alone() {
         for (rate, cutoff) in [(250.0, 12.0), (50.0, 12.0), (1000.0, 2.0)] {
             let low_pass = LowPass::new(cutoff, rate).expect("a cut-off below half the rate");
-            for (count, rows) in [(1, 32), (7, 100), (8, 33), (19, 500)] {
+            for (count, rows) in [(1, 32), (3, 40), (5, 64), (7, 100), (8, 33), (19, 500)] {
                 let value = |k: usize, row: usize| {
                     5.0 * (0.01 * ((k + 3) * row) as f64).sin() + (row * 7919 % 101) as f64
                 };

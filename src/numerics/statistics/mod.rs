@@ -1,6 +1,7 @@
-//! Statistics of a few numbers: means and medians, quantiles, information criteria, whether a series is white noise.
+//! Statistics of a few numbers: means and medians, quantiles, information criteria, slopes, whether a series is white noise.
 
 pub mod descriptive;
 pub mod distributions;
+pub mod slope;
 pub mod whiteness;
 pub mod information;

@@ -2,6 +2,7 @@
 
 use super::view::{View, finding};
 use crate::analysis::finding::{Finding, FindingKind, FindingSeverity};
+use crate::numerics::lanes::largest_step;
 use crate::robot::{JointIndex, JointKind};
 
 /// A value this many times the channel's usual range away from it is no motion of an arm. Peaks of
@@ -97,6 +98,11 @@ fn leap(view: &View<'_>, joint: JointIndex) -> Option<Finding> {
     let time = &view.samples.time;
     let reached = |row: usize| LEAP * view.joint(joint).limits.velocity * (time[row] - time[row - 1]);
     let resolution = RESOLUTION * (high - low);
+    // no step is longer than the shortest time between two rows allows: then no row is looked at alone
+    let least = LEAP * view.joint(joint).limits.velocity * view.shortest_step;
+    if view.pieces(channel).map(largest_step).all(|step| step <= least.max(resolution)) {
+        return None;
+    }
     let steps = view.filtered.usable.iter().flat_map(|stretch| stretch.clone().skip(1));
     let leaps: Vec<(usize, f64)> = steps
         .map(|row| (row, channel[row] - channel[row - 1]))
@@ -145,9 +151,12 @@ pub(super) fn repeats(view: &View<'_>) -> Option<Finding> {
                 && view.samples.velocity.as_ref().is_none_or(|velocity| equal(&velocity[j]))
         })
     };
-    let moving: Vec<usize> = view.rows.iter().copied().filter(|&row| row > 0 && moves(row)).collect();
-    let repeated = moving.iter().filter(|&&row| same(row)).count();
-    let share = repeated as f64 / moving.len().max(1) as f64;
+    let (mut moving, mut repeated) = (0_usize, 0_usize);
+    for row in view.rows.iter().copied().filter(|&row| row > 0 && moves(row)) {
+        moving += 1;
+        repeated += usize::from(same(row));
+    }
+    let share = repeated as f64 / moving.max(1) as f64;
     (share > REPEATED).then(|| {
         finding(
             FindingKind::Repeated,

@@ -2,7 +2,7 @@
 
 use super::view::{View, finding};
 use crate::analysis::finding::{Finding, FindingKind, FindingSeverity};
-use crate::numerics::least_squares::factor::TriangularFactor;
+use crate::numerics::least_squares::factor::FactorBuilder;
 use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::JointIndex;
 
@@ -37,8 +37,10 @@ fn explain(view: &View<'_>, joint: JointIndex) -> Vec<Option<Explained>> {
         5 => qd[j][row],
         _ => tau[k - OWN.len()][row],
     };
-    let mut factor = TriangularFactor::new(OWN.len() + tau.len() - 1);
-    factor.fold(faer::Mat::from_fn(rows.len(), OWN.len() + tau.len(), |i, k| column(rows[i], k)).as_ref());
+    let width = OWN.len() + tau.len();
+    let mut builder = FactorBuilder::new(width - 1);
+    rows.iter().for_each(|&row| builder.push((0..width).map(|k| column(row, k))));
+    let factor = builder.take();
     let count = rows.len() as f64;
     let of_torque = |torque: usize| {
         let solved = factor.selected(&OWN, OWN.len() + torque).solve(1e6, |k| k.to_string()).ok()?;

@@ -62,6 +62,8 @@ pub(super) struct View<'a> {
     pub(super) has_excitation: bool,
     /// Derivative of the low-passed position, `[n][rows of the recording]`.
     pub(super) dq: Vec<Vec<f64>>,
+    /// Shortest time from one of the rows to the next, s; infinite where there is no next one.
+    pub(super) shortest_step: f64,
 }
 
 impl<'a> View<'a> {
@@ -79,6 +81,7 @@ impl<'a> View<'a> {
             excitation,
             has_excitation,
             dq: filtered.q.iter().map(|q| filtered.derivative(q)).collect(),
+            shortest_step: shortest_step(samples, filtered),
         }
     }
 
@@ -112,6 +115,12 @@ impl<'a> View<'a> {
             .map(extent)
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [l, h]| [low.min(l), high.max(h)])
     }
+}
+
+fn shortest_step(samples: &Samples, filtered: &FilteredSignals) -> f64 {
+    let times = filtered.usable.iter().map(|stretch| &samples.time[stretch.clone()]);
+    let steps = times.flat_map(|time| time.array_windows().map(|[from, to]| to - from));
+    steps.fold(f64::INFINITY, |shortest, step| if step < shortest { step } else { shortest })
 }
 
 pub(super) fn finding(
