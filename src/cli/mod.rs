@@ -216,8 +216,12 @@ enum BenchmarkCommand {
     History(benchmark::history::HistoryArgs),
     /// Time and memory of `ingest` beside a plain read of the same export
     Ingest(benchmark::throughput::IngestBenchmarkArgs),
+    /// Memory, open files and latency of a daemon before robots that write without pause
+    Soak(benchmark::soak::SoakArgs),
     /// Processor time of each stage of taking a cycle
     Stages(benchmark::stages::StagesArgs),
+    /// Time of a start with many known files
+    Start(benchmark::start::StartArgs),
     /// Read a file with polars alone and print its rows
     #[command(hide = true)]
     PlainRead(benchmark::throughput::PlainReadArgs),
@@ -314,8 +318,14 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Benchmark { command: BenchmarkCommand::Ingest(args) } => {
             benchmark::throughput::throughput(&cli.global, &args)
         }
+        Command::Benchmark { command: BenchmarkCommand::Soak(args) } => {
+            benchmark::soak::soak(&cli.global, &args)
+        }
         Command::Benchmark { command: BenchmarkCommand::Stages(args) } => {
             benchmark::stages::stages(&cli.global, &args)
+        }
+        Command::Benchmark { command: BenchmarkCommand::Start(args) } => {
+            benchmark::start::start(&cli.global, &args)
         }
         Command::Benchmark { command: BenchmarkCommand::PlainRead(args) } => {
             benchmark::throughput::plain_read(&args)

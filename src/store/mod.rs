@@ -69,10 +69,11 @@ pub use robot::baselines::{
 pub use robot::conclude::{ConclusionTransaction, StaleRobot};
 pub use robot::conclusion_faults::ConclusionFault;
 pub use robot::friction::{CycleSpeedFits, IndexRow, ThermalSourceRow};
+pub use robot::friction_series::{FrictionHistory, TestPoints};
 pub use robot::health::{OverdueRobot, RunResult};
 pub use robot::maintenance::{DescriptionKey, MaintenanceRow, NewMaintenance};
 pub use robot::open_test::OpenTest;
-pub use synthetic::SyntheticSize;
+pub use synthetic::{SYNTHETIC_FILE_BYTES, SyntheticSize};
 pub use table::{AskError, Table, ViewRows};
 pub use view_columns::{PublicView, ViewColumn, public_views};
 pub use view_reader::{RowFilter, ViewReader};

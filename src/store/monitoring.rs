@@ -39,6 +39,14 @@ pub struct DatabaseSize {
 }
 
 impl Store {
+    /// Whether an export of this file name is stored to its end.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn is_complete(&self, source_name: &str) -> Result<bool, StoreError> {
+        self.checked(is_complete(&self.readers, source_name).await)
+    }
+
     /// Exports of each robot that are in quarantine and that somebody has to look at, by robot; robots that the name
     /// of an export does not say are `unknown`.
     ///
@@ -69,6 +77,13 @@ impl Store {
         });
         sizes.await.ok().flatten()
     }
+}
+
+async fn is_complete(executor: impl SqliteExecutor<'_>, source_name: &str) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE source_name = ? AND status = 'complete')")
+        .bind(source_name)
+        .fetch_one(executor)
+        .await
 }
 
 async fn quarantined_by_robot(executor: impl SqliteExecutor<'_>) -> Result<Vec<(String, u64)>, sqlx::Error> {

@@ -15,7 +15,7 @@ use super::handle::Store;
 use super::open::{APPLICATION_ID, SNAPSHOT};
 
 /// Tables whose rows are left out.
-const LEFT_OUT: [&str; 7] = [
+const LEFT_OUT: [&str; 8] = [
     "torque_factor",
     "log_factor",
     "cycle_factor_layout",
@@ -23,6 +23,7 @@ const LEFT_OUT: [&str; 7] = [
     "source_file",
     "channel_response",
     "run_series",
+    "run_friction_series",
 ];
 
 /// What a copy is called until it is whole.

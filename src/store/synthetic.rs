@@ -1,11 +1,16 @@
 //! A history that nobody recorded: what the time of questions about a long one is measured on.
 
+use std::path::Path;
+
 use sqlx::AssertSqlSafe;
 
 use super::error::StoreError;
 use super::handle::Store;
 
 const STATEMENTS: &str = include_str!("synthetic.sql");
+
+/// Size of each file that a synthetic history names, bytes; it was last written a microsecond after 1970 began.
+pub const SYNTHETIC_FILE_BYTES: u64 = 1000;
 
 /// How long a synthetic history is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,16 +23,27 @@ pub struct SyntheticSize {
     pub cycles: u32,
 }
 
+impl SyntheticSize {
+    /// Names of its files, by run.
+    pub fn file_names(self) -> impl Iterator<Item = String> {
+        (0..self.robots * self.runs).map(move |run| {
+            let (robot, number) = (run % self.robots + 1, run / self.robots);
+            format!("S{robot:03}_{number:06}.csv")
+        })
+    }
+}
+
 impl Store {
-    /// Fills a database without runs with a history of this size.
+    /// Fills a database without runs with a history of this size, whose files lie in `inbox`.
     ///
     /// # Errors
     /// [`StoreError::Refused`] for a database with runs; others of the database.
-    pub async fn fill_synthetic(&self, size: SyntheticSize) -> Result<(), StoreError> {
+    pub async fn fill_synthetic(&self, size: SyntheticSize, inbox: &Path) -> Result<(), StoreError> {
         let statements = STATEMENTS
             .replace(":robots", &size.robots.to_string())
             .replace(":runs", &size.runs.to_string())
-            .replace(":cycles", &size.cycles.to_string());
+            .replace(":cycles", &size.cycles.to_string())
+            .replace(":inbox", &inbox.display().to_string().replace('\'', "''"));
         let mut transaction = self.begin().await?;
         let filled = sqlx::raw_sql(AssertSqlSafe(statements)).execute(&mut *transaction).await;
         self.checked(filled)?;

@@ -1,6 +1,6 @@
 -- A history that nobody recorded, for measurements of the time that questions about a long one take: `:robots` robots of
--- `:runs` tests each with `:cycles` cycles and six joints, one test an hour from 2020 on. Figures are near one another and
--- stand for nothing.
+-- `:runs` tests each with `:cycles` cycles and six joints, one test a day from 2020 on, their files in the folder `:inbox`.
+-- Figures are near one another and stand for nothing.
 CREATE TEMP TABLE size (robots INTEGER, runs INTEGER, cycles INTEGER, joints INTEGER);
 INSERT INTO size VALUES (:robots, :runs, :cycles, 6);
 CREATE TEMP TABLE of_run (run_id INTEGER PRIMARY KEY, robot INTEGER, at INTEGER);
@@ -19,8 +19,8 @@ INSERT INTO model_parameter (robot_model_id, joint, name, unit, grouping) SELECT
     'Ixx' UNION ALL SELECT 'f1' UNION ALL SELECT 'f2');
 INSERT INTO run (run_id, robot_id, model, robot_model_id, started_at, source_name, source_path, source_bytes,
     content_hash, rows, sample_rate_hz, cycles_stored, cycles_total, status, figures_hash, device, inode, ingested_at)
-    SELECT run_id, robot, 'er3a', 1, 1577836800000000 + at * 3600000000, format('S%03d_%06d.csv', robot, at),
-    format('/inbox/S%03d_%06d.csv', robot, at), 1000, CAST(format('%032d', run_id) AS BLOB), 1000, 250.0, cycles,
+    SELECT run_id, robot, 'er3a', 1, 1577836800000000 + at * 86400000000, format('S%03d_%06d.csv', robot, at),
+    ':inbox/' || format('S%03d_%06d.csv', robot, at), 1000, CAST(format('%032d', run_id) AS BLOB), 1000, 250.0, cycles,
     cycles, 'complete', zeroblob(32), 1, run_id, 1 FROM of_run, size;
 INSERT INTO source_file SELECT source_path, 1000, 1, run_id FROM run ORDER BY 1;
 INSERT INTO cycle (cycle_id, run_id, number, started_at, duration_s, rows, sample_rate_hz, cutoff_hz, status, samples,

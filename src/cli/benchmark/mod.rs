@@ -1,6 +1,11 @@
 //! `armwatch benchmark`.
 
+mod child_daemon;
+mod shipped_queries;
+mod soak_writers;
 pub(super) mod coverage;
 pub(super) mod history;
+pub(super) mod soak;
 pub(super) mod stages;
+pub(super) mod start;
 pub(super) mod throughput;

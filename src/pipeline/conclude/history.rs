@@ -102,7 +102,8 @@ impl Pipeline {
         let reference = self.config.analysis.reference_speed_fraction;
         // that of the latest warm friction, the reference itself without one
         let level = nearest_level(levels.into_iter(), reference).unwrap_or(reference);
-        let points = self.store.friction_history(robot.robot_id, level).await?;
+        let over_tests = self.store.friction_history(robot.robot_id, level).await?;
+        let points = over_tests.points();
         let mixed = tokio::task::spawn_blocking(move || warm_up_fits(&points)).await?;
         let baseline_runs = self.config.detect.baseline_runs;
         let friction = friction_conclusion(&self.store, robot.robot_id, baseline_runs).await?;
@@ -125,6 +126,7 @@ impl Pipeline {
                 conclusion.settle_production(*run_id, checks).await?;
             }
             conclusion.summarise_settled_logs().await?;
+            conclusion.keep_friction_points(&over_tests).await?;
         }
         conclusion.replace_mixed_fits(&mixed).await?;
         let replaced = conclusion.replace_friction(&friction).await?;

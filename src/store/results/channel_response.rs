@@ -1,6 +1,5 @@
 //! How parameters of a test answer to channels that read wrong.
 
-use std::collections::HashSet;
 use std::sync::Arc;
 
 use sqlx::sqlite::SqliteExecutor;
@@ -23,19 +22,6 @@ pub(in crate::store) async fn record(
         .execute(executor)
         .await?;
     Ok(())
-}
-
-/// The runs of a robot that have a response.
-pub(in crate::store) async fn run_ids(
-    executor: impl SqliteExecutor<'_>,
-    robot_id: i64,
-) -> Result<HashSet<i64>, sqlx::Error> {
-    let found: Vec<i64> =
-        sqlx::query_scalar("SELECT run_id FROM channel_response JOIN run USING (run_id) WHERE robot_id = ?")
-            .bind(robot_id)
-            .fetch_all(executor)
-            .await?;
-    Ok(found.into_iter().collect())
 }
 
 /// The response of a run; `None` for one that was stored before responses were, and without parameters.

@@ -269,30 +269,40 @@ async fn points_by_run(
     connection: &mut SqliteConnection,
     robot_id: i64,
 ) -> Result<HashMap<i64, KnownPoints>, sqlx::Error> {
-    let bases = sqlx::query(
-        "SELECT run_id, basis FROM run JOIN run_friction USING (run_id)
+    // one row a test: `joint points joint points ...`
+    let rows = sqlx::query(
+        "SELECT run.run_id, run_friction.run_id IS NOT NULL AS is_known, run_friction.basis,
+                (SELECT group_concat(joint || ' ' || points, ' ') FROM run_friction_points
+                 WHERE run_friction_points.run_id = run.run_id) AS points
+         FROM run
+         LEFT JOIN run_friction USING (run_id)
          WHERE robot_id = ? AND kind = 'test' AND status = 'complete'",
     )
     .bind(robot_id)
-    .try_map(|row: SqliteRow| Ok((row.try_get::<i64, _>("run_id")?, basis(&row)?)))
-    .fetch_all(&mut *connection)
-    .await?;
-    let mut found: HashMap<i64, KnownPoints> =
-        bases.into_iter().map(|(run_id, basis)| (run_id, (basis, Vec::new()))).collect();
-    let points = sqlx::query(
-        "SELECT run_id, joint, points FROM run JOIN run_friction_points USING (run_id)
-         WHERE robot_id = ? AND kind = 'test' AND status = 'complete'
-         ORDER BY run_id, joint",
-    )
-    .bind(robot_id)
     .try_map(|row: SqliteRow| {
-        Ok((row.try_get::<i64, _>("run_id")?, joint(&row, "joint")?, size(&row, "points")?))
+        let (is_known, points): (bool, Option<&str>) = (row.try_get("is_known")?, row.try_get("points")?);
+        if !is_known && points.is_none() {
+            return Ok(None);
+        }
+        let known = (basis(&row)?, points_by_joint(points.unwrap_or_default())?);
+        Ok(Some((row.try_get::<i64, _>("run_id")?, known)))
     })
     .fetch_all(connection)
     .await?;
-    for (run_id, joint, points) in points {
-        found.entry(run_id).or_default().1.push((joint, points));
-    }
+    Ok(rows.into_iter().flatten().collect())
+}
+
+/// Reads `joint points joint points ...`, by joint.
+fn points_by_joint(text: &str) -> Result<Vec<(JointIndex, usize)>, sqlx::Error> {
+    let unknown = || sqlx::Error::Decode(format!("friction points of joints: {text}").into());
+    let words: Vec<&str> = text.split_whitespace().collect();
+    let pair = |pair: &[&str]| {
+        let [joint, points] = pair else { return None };
+        Some((JointIndex::from_number(joint.parse().ok()?)?, points.parse().ok()?))
+    };
+    let found: Option<Vec<(JointIndex, usize)>> = words.chunks(2).map(pair).collect();
+    let mut found = found.ok_or_else(unknown)?;
+    found.sort_unstable();
     Ok(found)
 }
 

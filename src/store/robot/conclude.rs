@@ -9,6 +9,7 @@ use sqlx::sqlite::SqliteExecutor;
 use sqlx::{Sqlite, Transaction};
 
 use super::anomalies::Reconciled;
+use super::friction_series::{self, FrictionHistory};
 use super::{anomalies, conclusion_faults, cycle_friction_rows, history, run_series};
 use crate::analysis::{ProductionCheck, WarmUpFit};
 use crate::anomaly::{Findings, ProductionSummary, RunSummary};
@@ -44,6 +45,16 @@ impl ConclusionTransaction {
     /// [`StoreError`] of the database.
     pub async fn replace_mixed_fits(&mut self, fits: &[WarmUpFit]) -> Result<(), StoreError> {
         let result = run_analysis::replace_mixed_fits(&mut self.transaction, self.robot_id, fits).await;
+        self.checked(result)
+    }
+
+    /// Stores the friction points that fits over the robot's tests stand on, one row a test. Only where the history is still
+    /// the one that they were read from.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn keep_friction_points(&mut self, history: &FrictionHistory) -> Result<(), StoreError> {
+        let result = friction_series::keep(&mut self.transaction, self.robot_id, history).await;
         self.checked(result)
     }
 

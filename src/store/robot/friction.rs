@@ -6,11 +6,12 @@ use jiff::Timestamp;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
+use super::friction_series::{self, FrictionHistory, TestPoints};
 use super::history;
 use crate::analysis::friction::{
     FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient, ThermalSource,
 };
-use crate::analysis::{CycleTemperatures, Estimate, FrictionPoint};
+use crate::analysis::{CycleTemperatures, Estimate};
 use crate::numerics::friction::record::CycleMotion;
 use crate::numerics::signal::filter::independent_fraction;
 use crate::robot::JointIndex;
@@ -48,7 +49,7 @@ impl Store {
         &self,
         robot_id: i64,
         speed_fraction: f64,
-    ) -> Result<Vec<FrictionPoint>, StoreError> {
+    ) -> Result<FrictionHistory, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(friction_history(&mut connection, robot_id, speed_fraction).await)
     }
@@ -85,12 +86,19 @@ pub(in crate::store) async fn friction_history(
     connection: &mut SqliteConnection,
     robot_id: i64,
     speed_fraction: f64,
-) -> Result<Vec<FrictionPoint>, sqlx::Error> {
-    let mut points = Vec::new();
+) -> Result<FrictionHistory, sqlx::Error> {
+    let mut series = friction_series::of_robot(&mut *connection, robot_id, speed_fraction).await?;
+    let mut tests = Vec::new();
     for (run_id, _) in first_and_latest_runs(&mut *connection, robot_id).await? {
-        points.extend(history::friction_points_at(&mut *connection, run_id, speed_fraction).await?);
+        let stored = series.remove(&run_id);
+        let is_stored = stored.is_some();
+        let points = match stored {
+            Some(points) => points,
+            None => history::friction_points_at(&mut *connection, run_id, speed_fraction).await?,
+        };
+        tests.push(TestPoints { run_id, points, is_stored });
     }
-    Ok(points)
+    Ok(FrictionHistory { speed_fraction, tests })
 }
 
 /// Key and start, in microseconds, of the first and latest complete runs of a robot, oldest first.

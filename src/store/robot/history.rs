@@ -5,13 +5,12 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
+use super::joint_summary::SummaryRow;
 use super::run_series::RunSeries;
 use super::{cycle_friction, cycle_rmsd, maintenance, run_series};
 use crate::analysis::measurements::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 use crate::analysis::refusal::{Channel, RefusalCause};
-use crate::analysis::{
-    Estimate, FrictionPoint, GravityRemoval, IdentifiedParameter, JointSummary, RmsdSwing, WarmFriction,
-};
+use crate::analysis::{FrictionPoint, GravityRemoval, IdentifiedParameter};
 use crate::anomaly::{RunRefusal, RunSummary};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::store::error::StoreError;
@@ -249,19 +248,13 @@ pub(in crate::store) async fn run_summaries(
     robot_id: i64,
 ) -> Result<Vec<RunSummary>, sqlx::Error> {
     let mut refused = refusals(&mut *connection, robot_id).await?;
-    // A run without a summary still belongs to the history, hence the left join.
     let rows = sqlx::query(
-        "SELECT run.run_id, run.started_at, run.cycles_stored, summary.joint, summary.warm_friction_nm,
-                summary.warm_friction_std_error_nm, summary.warm_minute, summary.warm_speed_fraction,
-                summary.excitation_friction_nm, summary.excitation_friction_std_error_nm,
-                summary.excitation_minute, summary.excitation_speed_fraction,
-                summary.relative_rmsd, summary.rmsd_swing, summary.rmsd_swing_cycles, summary.estimator,
-                found.friction_index, found.friction_index_std_error
+        "SELECT run.run_id, run.started_at, run.cycles_stored, run_series.numbers,
+                EXISTS (SELECT 1 FROM channel_response WHERE channel_response.run_id = run.run_id) AS has_response
          FROM run
-         LEFT JOIN run_joint_summary AS summary USING (run_id)
-         LEFT JOIN run_friction_index AS found ON found.run_id = summary.run_id AND found.joint = summary.joint
+         LEFT JOIN run_series USING (run_id)
          WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete'
-         ORDER BY run.started_at, run.run_id, summary.joint",
+         ORDER BY run.started_at, run.run_id",
     )
     .bind(robot_id)
     .try_map(|row: SqliteRow| {
@@ -269,49 +262,44 @@ pub(in crate::store) async fn run_summaries(
             run_id: row.try_get("run_id")?,
             started_at: time(&row, "started_at")?,
             cycles: size(&row, "cycles_stored")?,
-            refused_cycles: 0,
-            refusals: Vec::new(),
-            joints: Vec::new(),
-            cycle_friction: Vec::new(),
-            whole_cycle_rmsd: Vec::new(),
-            parameters: Vec::new(),
-            response: None,
-            epochs: Vec::new(),
+            ..RunSummary::default()
         };
-        let has_summary = row.try_get::<Option<i64>, _>("joint")?.is_some();
-        let estimator: Option<String> = row.try_get("estimator")?;
-        Ok((run, estimator, if has_summary { Some(joint_summary(&row)?) } else { None }))
+        let numbers: Option<&[u8]> = row.try_get("numbers")?;
+        Ok((run, numbers.and_then(run_series::unpacked), row.try_get::<bool, _>("has_response")?))
     })
     .fetch_all(&mut *connection)
     .await?;
-    let known = |joint: &Option<JointSummary>| joint.is_some_and(|joint| joint.relative_rmsd.is_some());
-    let latest = rows.iter().rev().find(|(_, _, joint)| known(joint)).and_then(|row| row.1.clone());
-    let mut runs: Vec<RunSummary> = Vec::new();
-    for (run, estimator, joint) in rows {
-        let joint = joint.map(|joint| match estimator == latest {
-            true => joint,
-            false => JointSummary { relative_rmsd: None, rmsd_swing: None, ..joint },
-        });
-        match runs.last_mut() {
-            Some(last) if last.run_id == run.run_id => last.joints.extend(joint),
-            _ => runs.push(RunSummary { joints: joint.into_iter().collect(), ..run }),
-        }
+    let mut tests: Vec<(RunSummary, RunSeries, bool)> = Vec::with_capacity(rows.len());
+    for (run, series, has_response) in rows {
+        let series = match series {
+            Some(series) => series,
+            None => run_series::of_run(&mut *connection, run.run_id).await?,
+        };
+        tests.push((run, series, has_response));
     }
-    let mut series = run_series::by_run(&mut *connection, robot_id).await?;
+    let known = |row: &&SummaryRow| row.summary.relative_rmsd.is_some();
+    let mut latest_first = tests.iter().rev().flat_map(|(_, series, _)| series.joints.iter().rev());
+    let latest = latest_first.find(known).and_then(|row| row.estimator.clone());
     let inertial = cycle_friction::inertial(&mut *connection).await?;
-    for run in &mut runs {
-        let RunSeries { friction, rmsd, parameters } = series.remove(&run.run_id).unwrap_or_default();
+    let (mut runs, mut with_response) = (Vec::with_capacity(tests.len()), HashSet::new());
+    for (mut run, series, has_response) in tests {
+        let RunSeries { joints, friction, rmsd, parameters } = series;
+        run.joints = joints.into_iter().map(|row| row.among(latest.as_deref())).collect();
         run.cycle_friction = friction;
         run.whole_cycle_rmsd = rmsd;
         run.parameters = inertial.of_run(&parameters);
         (run.refused_cycles, run.refusals) = refused.remove(&run.run_id).unwrap_or_default();
+        if has_response {
+            with_response.insert(run.run_id);
+        }
+        runs.push(run);
     }
     let joints = runs.iter().flat_map(|run| &run.joints).map(|of| of.joint.number()).max().unwrap_or(0);
     let mut epochs = maintenance::epoch_ordinals(&mut *connection, robot_id, joints, None).await?;
     for run in &mut runs {
         run.epochs = epochs.remove(&run.run_id).unwrap_or_default();
     }
-    read_responses(connection, robot_id, &mut runs).await?;
+    read_responses(connection, &with_response, &mut runs).await?;
     Ok(runs)
 }
 
@@ -319,12 +307,11 @@ pub(in crate::store) async fn run_summaries(
 /// are the same but for the motion's own scatter.
 async fn read_responses(
     connection: &mut SqliteConnection,
-    robot_id: i64,
+    with_response: &HashSet<i64>,
     runs: &mut [RunSummary],
 ) -> Result<(), sqlx::Error> {
-    let stored: HashSet<i64> = channel_response::run_ids(&mut *connection, robot_id).await?;
     let mut known: Vec<Vec<u32>> = Vec::new();
-    for run in runs.iter_mut().rev().filter(|run| stored.contains(&run.run_id)) {
+    for run in runs.iter_mut().rev().filter(|run| with_response.contains(&run.run_id)) {
         if !known.contains(&run.epochs) {
             run.response = channel_response::of_run(&mut *connection, run.run_id).await?;
             known.push(run.epochs.clone());
@@ -423,44 +410,6 @@ fn friction_point(row: &SqliteRow) -> Result<FrictionPoint, sqlx::Error> {
         std: std.unwrap_or(f64::NAN),
         samples: size(row, "samples")?,
         gravity: named(row, "gravity", &GRAVITY_REMOVALS, GravityRemoval::name)?,
-    })
-}
-
-pub(super) fn joint_summary(row: &SqliteRow) -> Result<JointSummary, sqlx::Error> {
-    let warm = ["warm_friction_nm", "warm_friction_std_error_nm", "warm_minute", "warm_speed_fraction"];
-    let excitation = [
-        "excitation_friction_nm",
-        "excitation_friction_std_error_nm",
-        "excitation_minute",
-        "excitation_speed_fraction",
-    ];
-    let std_error: Option<f64> = row.try_get("friction_index_std_error")?;
-    let friction_index = row
-        .try_get::<Option<f64>, _>("friction_index")?
-        .map(|value| Estimate { value, std_error: std_error.unwrap_or(f64::NAN) });
-    let rmsd_swing = match row.try_get("rmsd_swing")? {
-        Some(value) => Some(RmsdSwing { value, cycles: size(row, "rmsd_swing_cycles")? }),
-        None => None,
-    };
-    Ok(JointSummary {
-        joint: joint(row, "joint")?,
-        warm_friction: warm_friction(row, warm)?,
-        excitation_friction: warm_friction(row, excitation)?,
-        friction_index,
-        relative_rmsd: row.try_get("relative_rmsd")?,
-        rmsd_swing,
-    })
-}
-
-/// Reads friction of a run: columns of torque, standard error, minute and speed.
-fn warm_friction(row: &SqliteRow, columns: [&str; 4]) -> Result<Option<WarmFriction>, sqlx::Error> {
-    let [torque, std_error, minute, speed_fraction] =
-        columns.map(|column| row.try_get::<Option<f64>, _>(column));
-    Ok(match (torque?, std_error?, minute?, speed_fraction?) {
-        (Some(torque), std_error, Some(minute), Some(speed_fraction)) => {
-            Some(WarmFriction { torque, std_error: std_error.unwrap_or(f64::NAN), minute, speed_fraction })
-        }
-        _ => None,
     })
 }
 

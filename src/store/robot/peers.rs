@@ -4,7 +4,7 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
 use super::conclude::ConclusionTransaction;
-use super::history::joint_summary;
+use super::joint_summary;
 use crate::analysis::JointSummary;
 use crate::anomaly::peer::{MOST_PEERS, Peer};
 use crate::store::error::StoreError;
@@ -111,7 +111,7 @@ async fn first_tests(
     )
     .bind(robot_id)
     .bind(tests)
-    .try_map(|row: SqliteRow| Ok((row.try_get::<i64, _>("run_id")?, joint_summary(&row)?)))
+    .try_map(|row: SqliteRow| Ok((row.try_get::<i64, _>("run_id")?, joint_summary::of_row(&row)?)))
     .fetch_all(executor)
     .await?;
     Ok(rows.chunk_by(|a, b| a.0 == b.0).map(|test| test.iter().map(|(_, of)| *of).collect()).collect())

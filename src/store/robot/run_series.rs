@@ -1,63 +1,35 @@
-//! What detectors compare over the cycles of a complete test, in one row: of a thousand tests with 24 cycles and six joints,
-//! a thousand rows are read in place of three hundred thousand.
+//! What detectors compare of a complete test, by joint and over its cycles, in one row: of a thousand tests with 24 cycles
+//! and six joints, a thousand rows are read in place of three hundred thousand.
 //!
 //! The row follows from other tables and says nothing that they do not. Triggers take it away when one of them changes
-//! (migration 0037); where it is not there, or of another format, the tables are asked.
-
-use std::collections::HashMap;
+//! (migrations 0037 and 0038); where it is not there, or of another format, the tables are asked.
 
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
 use super::cycle_friction::MeanParameter;
-use super::{cycle_friction, cycle_rmsd};
+use super::joint_summary::SummaryRow;
+use super::packed::{Reader, add_count, add_joint, add_numbers};
+use super::{cycle_friction, cycle_rmsd, joint_summary};
 use crate::analysis::friction::CycleFriction;
 use crate::analysis::measurements::CycleRmsd;
 use crate::anomaly::CycleSeries;
-use crate::robot::JointIndex;
 use crate::store::values::size;
 
 /// First byte of the numbers; other values are of another format.
-const FORMAT: u8 = 1;
+const FORMAT: u8 = 2;
 
-/// What is compared over the cycles of a test.
+/// What is compared of a test.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct RunSeries {
+    /// What the test comes to, by joint.
+    pub(super) joints: Vec<SummaryRow>,
     /// Friction of each cycle and joint, in this order.
     pub(super) friction: Vec<CycleSeries>,
     /// Moving relative RMSD of each cycle and joint, in this order.
     pub(super) rmsd: Vec<CycleRmsd>,
     /// Means of parameters over the cycles.
     pub(super) parameters: Vec<MeanParameter>,
-}
-
-/// The series of a robot's complete tests, by run.
-pub(super) async fn by_run(
-    connection: &mut SqliteConnection,
-    robot_id: i64,
-) -> Result<HashMap<i64, RunSeries>, sqlx::Error> {
-    let rows = sqlx::query(
-        "SELECT run.run_id, numbers
-         FROM run
-         LEFT JOIN run_series USING (run_id)
-         WHERE robot_id = ? AND kind = 'test' AND status = 'complete'",
-    )
-    .bind(robot_id)
-    .try_map(|row: SqliteRow| {
-        let numbers: Option<&[u8]> = row.try_get("numbers")?;
-        Ok((row.try_get::<i64, _>("run_id")?, numbers.and_then(unpacked)))
-    })
-    .fetch_all(&mut *connection)
-    .await?;
-    let mut found = HashMap::with_capacity(rows.len());
-    for (run_id, series) in rows {
-        let series = match series {
-            Some(series) => series,
-            None => of_run(&mut *connection, run_id).await?,
-        };
-        found.insert(run_id, series);
-    }
-    Ok(found)
 }
 
 /// Writes the series of the robot's complete tests that have none. Call in a transaction, when all cycles have their
@@ -91,8 +63,9 @@ pub(super) async fn without(
 }
 
 /// The series of a run as the tables have it.
-async fn of_run(connection: &mut SqliteConnection, run_id: i64) -> Result<RunSeries, sqlx::Error> {
+pub(super) async fn of_run(connection: &mut SqliteConnection, run_id: i64) -> Result<RunSeries, sqlx::Error> {
     Ok(RunSeries {
+        joints: joint_summary::of_run(&mut *connection, run_id).await?,
         friction: cycle_friction::of_run(&mut *connection, run_id).await?,
         rmsd: cycle_rmsd::of_run(&mut *connection, run_id).await?,
         parameters: parameters(connection, run_id).await?,
@@ -127,98 +100,64 @@ async fn parameters(
     .await
 }
 
-/// The format, the three counts, then the rows of each; all numbers little-endian.
+/// The format, then the rows of each list behind their count.
 fn packed(series: &RunSeries) -> Vec<u8> {
-    let RunSeries { friction, rmsd, parameters } = series;
+    let RunSeries { joints, friction, rmsd, parameters } = series;
     let mut bytes = vec![FORMAT];
-    for length in [friction.len(), rmsd.len(), parameters.len()] {
-        bytes.extend(u32::try_from(length).unwrap_or(u32::MAX).to_le_bytes());
-    }
+    add_count(&mut bytes, joints.len());
+    joints.iter().for_each(|row| joint_summary::pack(&mut bytes, row));
+    add_count(&mut bytes, friction.len());
     for CycleSeries { cycle, friction } in friction {
-        add_place(&mut bytes, *cycle, friction.joint);
+        bytes.extend(cycle.to_le_bytes());
+        add_joint(&mut bytes, friction.joint);
         bytes.extend(friction.levels.to_le_bytes());
-        for number in [friction.minute, friction.ln_torque, friction.offset, friction.speed_fraction] {
-            bytes.extend(number.to_le_bytes());
-        }
+        add_numbers(
+            &mut bytes,
+            [friction.minute, friction.ln_torque, friction.offset, friction.speed_fraction],
+        );
     }
+    add_count(&mut bytes, rmsd.len());
     for of in rmsd {
-        add_place(&mut bytes, of.cycle, of.joint);
-        bytes.extend(of.relative_rmsd.to_le_bytes());
+        bytes.extend(of.cycle.to_le_bytes());
+        add_joint(&mut bytes, of.joint);
+        add_numbers(&mut bytes, [of.relative_rmsd]);
     }
+    add_count(&mut bytes, parameters.len());
     for of in parameters {
         bytes.extend(of.model_parameter_id.to_le_bytes());
-        bytes.extend(of.mean.to_le_bytes());
-        bytes.extend(of.std_dev.to_le_bytes());
+        add_numbers(&mut bytes, [of.mean, of.std_dev]);
         bytes.extend(of.cycles.to_le_bytes());
     }
     bytes
 }
 
-fn add_place(bytes: &mut Vec<u8>, cycle: u32, joint: JointIndex) {
-    bytes.extend(cycle.to_le_bytes());
-    // an arm has nine joints at most
-    bytes.push(u8::try_from(joint.number()).unwrap_or(u8::MAX));
-}
-
 /// `None` for bytes of another format.
-fn unpacked(bytes: &[u8]) -> Option<RunSeries> {
+pub(super) fn unpacked(bytes: &[u8]) -> Option<RunSeries> {
     let mut reader = Reader(bytes);
     let [FORMAT] = reader.take()? else { return None };
-    let lengths = [reader.u32()?, reader.u32()?, reader.u32()?];
-    let friction = (0..lengths[0]).map(|_| {
-        let (cycle, joint) = reader.place()?;
-        let levels = reader.u32()?;
-        let [minute, ln_torque, offset, speed_fraction] =
-            [reader.f64()?, reader.f64()?, reader.f64()?, reader.f64()?];
+    let joints = reader.list(joint_summary::unpack)?;
+    let friction = reader.list(|reader| {
+        let (cycle, joint, levels) = (reader.u32()?, reader.joint()?, reader.u32()?);
+        let [minute, ln_torque, offset, speed_fraction] = reader.numbers()?;
         let friction = CycleFriction { joint, minute, ln_torque, offset, levels, speed_fraction };
         Some(CycleSeries { cycle, friction })
-    });
-    let friction = friction.collect::<Option<Vec<_>>>()?;
-    let rmsd = (0..lengths[1]).map(|_| {
-        let (cycle, joint) = reader.place()?;
-        Some(CycleRmsd { cycle, joint, relative_rmsd: reader.f64()? })
-    });
-    let rmsd = rmsd.collect::<Option<Vec<_>>>()?;
-    let parameters = (0..lengths[2]).map(|_| {
-        Some(MeanParameter {
-            model_parameter_id: i64::from_le_bytes(reader.take()?),
-            mean: reader.f64()?,
-            std_dev: reader.f64()?,
-            cycles: reader.u32()?,
-        })
-    });
-    let parameters = parameters.collect::<Option<Vec<_>>>()?;
-    reader.0.is_empty().then_some(RunSeries { friction, rmsd, parameters })
-}
-
-/// Bytes that are read from their front.
-struct Reader<'b>(&'b [u8]);
-
-impl Reader<'_> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (first, rest) = self.0.split_first_chunk::<N>()?;
-        self.0 = rest;
-        Some(*first)
-    }
-
-    fn u32(&mut self) -> Option<u32> {
-        self.take().map(u32::from_le_bytes)
-    }
-
-    fn f64(&mut self) -> Option<f64> {
-        self.take().map(f64::from_le_bytes)
-    }
-
-    fn place(&mut self) -> Option<(u32, JointIndex)> {
-        let cycle = self.u32()?;
-        let [joint] = self.take()?;
-        Some((cycle, JointIndex::from_number(usize::from(joint))?))
-    }
+    })?;
+    let rmsd = reader.list(|reader| {
+        Some(CycleRmsd { cycle: reader.u32()?, joint: reader.joint()?, relative_rmsd: reader.f64()? })
+    })?;
+    let parameters = reader.list(|reader| {
+        let model_parameter_id = reader.i64()?;
+        let [mean, std_dev] = reader.numbers()?;
+        Some(MeanParameter { model_parameter_id, mean, std_dev, cycles: reader.u32()? })
+    })?;
+    reader.0.is_empty().then_some(RunSeries { joints, friction, rmsd, parameters })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::JointSummary;
+    use crate::robot::JointIndex;
 
     #[test]
     fn a_series_comes_back_to_the_last_bit() {
@@ -231,7 +170,16 @@ mod tests {
             levels: 6,
             speed_fraction: 0.8,
         };
+        let summary = JointSummary {
+            joint,
+            warm_friction: None,
+            excitation_friction: None,
+            friction_index: None,
+            relative_rmsd: Some(0.05),
+            rmsd_swing: None,
+        };
         let series = RunSeries {
+            joints: vec![SummaryRow { summary, estimator: None }],
             friction: vec![CycleSeries { cycle: 70_000, friction }; 3],
             rmsd: vec![CycleRmsd { cycle: 2, joint, relative_rmsd: 0.07 }],
             parameters: vec![
@@ -245,12 +193,12 @@ mod tests {
             ],
         };
         let bytes = packed(&series);
-        assert_eq!(bytes.len(), 13 + 3 * 41 + 13 + 2 * 28);
+        assert_eq!(bytes.len(), 17 + 10 + 3 * 41 + 13 + 2 * 28);
         assert_eq!(unpacked(&bytes), Some(series));
         assert_eq!(unpacked(&bytes[..bytes.len() - 1]), None);
         assert_eq!(unpacked(&[&bytes[..], &[0]].concat()), None);
-        assert_eq!(unpacked(&[2]), None);
-        assert_eq!(unpacked(&[FORMAT, 255, 255, 255, 255, 0, 0, 0, 0, 0, 0, 0, 0]), None);
+        assert_eq!(unpacked(&[1]), None);
+        assert_eq!(unpacked(&[&[FORMAT], &[255; 4][..], &[0; 12]].concat()), None);
         assert_eq!(unpacked(&packed(&RunSeries::default())), Some(RunSeries::default()));
     }
 }

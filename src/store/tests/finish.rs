@@ -44,7 +44,7 @@ async fn the_end_of_a_run_reads_what_it_needs_and_stores_the_rest() {
     assert_eq!(history[0].joints, run_analysis(10.0).summaries);
     assert_eq!((history[0].started_at, history[1].started_at), (day(0), day(1)));
 
-    let points = store.friction_history(robot.robot_id, 0.2 * 3.0).await.expect("points");
+    let points = store.friction_history(robot.robot_id, 0.2 * 3.0).await.expect("points").points();
     let expected: Vec<_> = [1, 2, 3, 1, 2]
         .into_iter()
         .flat_map(|number| cycle(number).friction_points)

@@ -7,7 +7,7 @@ use syn::visit::Visit;
 use super::support::*;
 
 /// Sources whose statements are asked with each conclusion or each look at the folders.
-const SOURCES: [&str; 14] = [
+const SOURCES: [&str; 16] = [
     "robot/anomalies.rs",
     "robot/baselines.rs",
     "robot/conclude.rs",
@@ -15,7 +15,9 @@ const SOURCES: [&str; 14] = [
     "robot/cycle_friction_rows.rs",
     "robot/cycle_rmsd.rs",
     "robot/friction.rs",
+    "robot/friction_series.rs",
     "robot/history.rs",
+    "robot/joint_summary.rs",
     "robot/maintenance.rs",
     "robot/open_test.rs",
     "robot/peers.rs",
@@ -25,7 +27,7 @@ const SOURCES: [&str; 14] = [
 ];
 
 /// Tables with a row or more a run, and their names in statements.
-const GROWING: [&str; 20] = [
+const GROWING: [&str; 21] = [
     "run",
     "test",
     "cycle",
@@ -44,6 +46,7 @@ const GROWING: [&str; 20] = [
     "run_friction",
     "run_friction_points",
     "run_series",
+    "run_friction_series",
     "source_file",
     "production_check",
 ];

@@ -1,0 +1,98 @@
+//! A daemon in a process of its own, as a benchmark watches it: what it says to the service manager, its memory and its
+//! open files.
+
+use std::os::unix::net::UnixDatagram;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::cli::context::CliError;
+
+/// How long a daemon may take to end when it is asked to.
+const TO_END: Duration = Duration::from_secs(60);
+/// How often it is looked whether it has ended.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// A daemon on the shipped configuration, with database and inbox in a folder of its own.
+pub(super) struct ChildDaemon {
+    child: Child,
+    /// What it says to the service manager arrives here.
+    said: UnixDatagram,
+}
+
+impl ChildDaemon {
+    /// Starts `armwatch run` in `folder`.
+    pub(super) fn start(folder: &Path) -> Result<Self, CliError> {
+        let io = |error: std::io::Error| CliError::Io(format!("{}: {error}", folder.display()));
+        let socket = folder.join("notify");
+        let said = UnixDatagram::bind(&socket).map_err(io)?;
+        said.set_nonblocking(true).map_err(io)?;
+        let program = std::env::current_exe().map_err(io)?;
+        let child = Command::new(program)
+            .args(["run", "-q"])
+            .env_remove("ARMWATCH_CONFIG")
+            .env("NOTIFY_SOCKET", &socket)
+            .current_dir(folder)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .spawn()
+            .map_err(io)?;
+        Ok(Self { child, said })
+    }
+
+    /// What it has said since it was asked last, the latest first: lines such as `READY=1` and `STATUS=0 exports ...`.
+    pub(super) fn said(&self) -> Vec<String> {
+        let mut buffer = [0; 1024];
+        let mut lines = Vec::new();
+        while let Ok(length) = self.said.recv(&mut buffer) {
+            lines.extend(String::from_utf8_lossy(&buffer[..length]).lines().map(str::to_owned));
+        }
+        lines.reverse();
+        lines
+    }
+
+    /// Resident memory, MB; `None` where the system does not tell.
+    pub(super) fn memory_mb(&self) -> Option<f64> {
+        let text = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).ok()?;
+        let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+        let kilobytes: f64 = line.split_whitespace().next()?.parse().ok()?;
+        Some(kilobytes * 1024.0 / 1e6)
+    }
+
+    /// Open files; `None` where the system does not tell.
+    pub(super) fn handles(&self) -> Option<f64> {
+        Some(std::fs::read_dir(format!("/proc/{}/fd", self.child.id())).ok()?.count() as f64)
+    }
+
+    /// An error if it has ended.
+    pub(super) fn check(&mut self) -> Result<(), CliError> {
+        let ended = self.child.try_wait().map_err(|error| CliError::Io(error.to_string()))?;
+        ended.map_or(Ok(()), |status| Err(CliError::Internal(format!("the daemon ended: {status}"))))
+    }
+
+    /// Asks it to end, and waits for that.
+    pub(super) fn stop(mut self) -> Result<(), CliError> {
+        let pid = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
+        let pid = pid.ok_or_else(|| CliError::Internal("a process without number".into()))?;
+        kill_process(pid, Signal::TERM).map_err(|error| CliError::Io(error.to_string()))?;
+        let asked = Instant::now();
+        while asked.elapsed() < TO_END {
+            if let Some(status) = self.child.try_wait().map_err(|error| CliError::Io(error.to_string()))? {
+                let failed = || CliError::Internal(format!("the daemon ended with {status}"));
+                return if status.success() { Ok(()) } else { Err(failed()) };
+            }
+            std::thread::sleep(LOOK);
+        }
+        Err(CliError::Internal(format!("the daemon did not end within {} s", TO_END.as_secs())))
+    }
+}
+
+impl Drop for ChildDaemon {
+    fn drop(&mut self) {
+        // does nothing to one that has ended
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
