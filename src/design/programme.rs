@@ -33,6 +33,9 @@ pub struct SearchRecord {
     pub objective: String,
     /// Names of the parameters that it is of.
     pub parameters: Vec<String>,
+    /// Which waves were searched: `harmonic-sine`, or `None` for sines and cosines.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub form: Option<String>,
     /// Seed of the random starts.
     pub seed: u64,
     /// Starts that were tried.

@@ -69,8 +69,10 @@ pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, C
         judged: &judged,
         prediction: recording
             .as_ref()
-            .map(|of| Predicted::new(&robot, &base, &found.series, of))
+            .map(|of| Predicted::new(&robot, &base, &found.series, of, args.budget(global, &robot)?))
             .transpose()?,
+        wear: args.wear,
+        load_kg: args.load_kg,
         beside: beside.as_ref().zip(precision.as_ref()),
     };
     match global.json {
@@ -123,6 +125,7 @@ impl DesignArgs {
             ("seed", search.seed == self.seed),
             ("duration", near(1.0 / found.series.base_frequency, self.seconds)),
             ("number of harmonics", harmonics == usize::from(self.harmonics)),
+            ("form", search.form == self.form.recorded()),
             ("share of the range", near(search.position_share, self.position_share)),
             ("share of the speeds", near(search.speed_share, self.speed_share)),
             ("share of the accelerations", near(search.acceleration_share, self.acceleration_share)),
@@ -215,6 +218,7 @@ impl DesignArgs {
             armwatch: env!("CARGO_PKG_VERSION").to_owned(),
             objective: self.objective().name(),
             parameters: chosen.iter().map(|&k| base.kept[k].to_string()).collect(),
+            form: self.form.recorded(),
             seed: self.seed,
             starts: found.values.len() as u64,
             best_start: found.best_start,
