@@ -79,7 +79,6 @@ pub struct JointTruth {
     pub torque_noise_nm: f64,
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands a reference")]
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }

@@ -174,6 +174,19 @@ fn motions_keep_clear_of_the_arm_and_its_cell_and_keep_jerk_and_peak_torque() {
         assert!(joint["jerk_share"].as_f64().is_some_and(|share| share > 0.5 && share <= 1.0), "{joint}");
     }
 
+    // an arm that stands in a wall
+    fs::write(
+        workshop.path("above.toml"),
+        "[[plane]]\nname = \"wall\"\npoint_m = [0, 0, 0.4]\nnormal = [0, 0, 1]\n",
+    )
+    .expect("written");
+    let hopeless = ["--harmonics", "2", "--seconds", "4", "--starts", "1", "--cell", "above.toml"];
+    let output =
+        workshop.run(&[&["trajectory", "design", "--robot", "mine.toml"][..], &hopeless[..]].concat());
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("link 2 and wall (") && said.contains("middles of their ranges"), "{said}");
+
     for (name, contents, expected) in [
         ("empty.toml", "", "no obstacle"),
         ("wrong.toml", "[[box]]\ncentre_m = [0, 0, 0]\nsize_m = [1, 1]\n", "size_m"),
@@ -289,11 +302,19 @@ fn designs_for_five_arms_hold_by_a_second_road() {
         let programme = json(&fs::read_to_string(&file).expect("a programme"));
         let robot = read_robot(&description).expect("a description");
         let states = states(&programme);
+        // between samples a sum of N waves exceeds its largest one by 1 / cos(pi N / M) at most (Ehlich & Zeller 1964)
+        let waves =
+            programme["joints"][0]["a_rad_s"].as_array().or(programme["joints"][0]["a_m_s"].as_array());
+        let waves = waves.expect("amplitudes").len() as f64;
+        let beyond = (std::f64::consts::PI * waves / (states.len() - 1) as f64).cos().recip();
         for (j, joint) in robot.joints.iter().enumerate() {
             let limits = &joint.limits;
+            let middle = 0.5 * (limits.position_min + limits.position_max);
             for [q, qd, qdd] in &states {
-                assert!((limits.position_min..=limits.position_max).contains(&q[j]), "{name} {j} {q:?}");
-                assert!(qd[j].abs() <= limits.velocity && qdd[j].abs() <= limits.acceleration, "{name} {j}");
+                let off = beyond * (q[j] - middle).abs();
+                assert!(off <= 0.5 * (limits.position_max - limits.position_min), "{name} {j} {q:?}");
+                assert!(beyond * qd[j].abs() <= limits.velocity, "{name} {j}");
+                assert!(beyond * qdd[j].abs() <= limits.acceleration, "{name} {j}");
             }
         }
         let (condition, rank) = by_singular_values(&robot, &states);

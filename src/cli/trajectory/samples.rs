@@ -19,7 +19,10 @@ pub(super) fn samples(path: &Path, text: &str, robot: &Robot) -> Result<SampledM
     let header = names(reader.headers().map_err(|error| fault(error.to_string()))?);
     let time =
         TIMES.iter().find_map(|name| header.iter().position(|known| known == name)).ok_or_else(|| {
-            fault(format!("line 1: no column of times, s; one of {} is needed", TIMES.join(", ")))
+            fault(format!(
+                "line 1: no column of times, s; a CSV file of a motion needs one of {}, and a programme is JSON",
+                TIMES.join(", ")
+            ))
         })?;
     let positions = columns(&header, &POSITIONS, robot, 0).ok_or_else(|| fault(no_positions(robot)))?;
     let velocities = columns(&header, &VELOCITIES, robot, 1);

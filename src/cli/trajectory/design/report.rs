@@ -89,7 +89,7 @@ impl DesignReport<'_> {
         let series = &self.programme.series;
         let search = self.programme.search.as_ref();
         output::line(&format!(
-            "Condition number {:.3}, with scaled columns {:.3} ({} parameters, {} Hz, {:.1} s); start {} of {}, {} \
+            "Condition number {:.3}, with scaled columns {:.3} (parameters: {}; {} Hz, {:.1} s); start {} of {}, {} \
              evaluations",
             conditions.condition_number,
             conditions.scaled_condition_number,
