@@ -33,6 +33,9 @@ pub struct SearchRecord {
     pub objective: String,
     /// Names of the parameters that it is of.
     pub parameters: Vec<String>,
+    /// Which waves were searched: `harmonic-sine`, or `None` for sines and cosines.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub form: Option<String>,
     /// Seed of the random starts.
     pub seed: u64,
     /// Starts that were tried.
@@ -184,15 +187,22 @@ impl Programme {
         if of_robot == self.kinds {
             return Ok(());
         }
+        let differs = match of_robot.len() == self.kinds.len() {
+            true => "joints of other types".to_owned(),
+            false => joints(of_robot.len()),
+        };
         Err(format!(
-            "a programme of {} joints for model {}, but model {} has {} joints, or other types of them; give the \
-             description that it was designed for with --robot",
-            self.kinds.len(),
+            "a programme of {} for model {}, but model {} has {differs}; give the description that it was designed for with \
+             --robot",
+            joints(self.kinds.len()),
             self.model,
             robot.model,
-            of_robot.len()
         ))
     }
+}
+
+fn joints(count: usize) -> String {
+    format!("{count} joint{}", if count == 1 { "" } else { "s" })
 }
 
 #[cfg(test)]

@@ -281,7 +281,7 @@ mod tests {
     use crate::numerics::trajectory::limits::{MotionLimits, Shares, broken_by_series, extremes};
     use crate::numerics::trajectory::objective::Objective;
     use crate::numerics::trajectory::prediction::conditioning;
-    use crate::numerics::trajectory::problem::SearchSettings;
+    use crate::numerics::trajectory::problem::{SearchSettings, SeriesForm};
     use crate::testing::er3a_of;
 
     #[test]
@@ -292,6 +292,7 @@ mod tests {
         let settings = SearchSettings {
             period: 4.0,
             harmonics: 2,
+            form: SeriesForm::Fourier,
             objective: Objective::ScaledCondition,
             parameters: (0..base.kept.len()).collect(),
             row_scales: vec![1.0],

@@ -7,21 +7,20 @@
 
 use super::dynamics::{RigidChain, link_torque};
 use super::motion::{MotionState, PerJoint};
-use super::trajectory::Segment;
 
 /// Step of the differences, s: a bending gear swings at some ten hertz, a hundredth of this rate.
 const STEP_S: f64 = 1e-3;
 
-/// Motion of the motors at `t`, s, within the cycle, seen at the joints, where the links have that of `segment`;
-/// `compliance` is 1/stiffness, rad/Nm (m/N), 0 of a stiff joint.
+/// Motion of the motors at `t`, s, seen at the joints, where the links have that of `links`; `compliance` is
+/// 1/stiffness, rad/Nm (m/N), 0 of a stiff joint.
 pub(super) fn motor_state(
     chain: &RigidChain,
     compliance: &PerJoint,
-    segment: &Segment,
+    links: &dyn Fn(f64) -> MotionState,
     t: f64,
 ) -> MotionState {
-    let [before, now, after] = [t - STEP_S, t, t + STEP_S].map(|t| link_torque(chain, &segment.state_at(t)));
-    let mut state = segment.state_at(t);
+    let [before, now, after] = [t - STEP_S, t, t + STEP_S].map(|t| link_torque(chain, &links(t)));
+    let mut state = links(t);
     for (j, compliance) in compliance.iter().enumerate().filter(|(_, compliance)| **compliance > 0.0) {
         state.position[j] += compliance * now[j];
         state.velocity[j] += compliance * (after[j] - before[j]) / (2.0 * STEP_S);
@@ -46,13 +45,14 @@ mod tests {
     fn a_spring_turns_by_its_torque_and_a_stiff_joint_does_not() {
         let robot = er3a();
         let chain = rigid_chain(&robot).expect("nominal parameters");
-        let settings = PlanSettings { warming_s: 0.0, seed: 3, levels: None };
+        let settings = PlanSettings { seed: 3, ..PlanSettings::default() };
         let plan = plan_cycle(&robot, &settings).expect("a plan");
         let mut compliance = [0.0; MAX_JOINTS];
         compliance[1] = 1e-4;
         for segment in plan.segments.iter().filter(|segment| segment.stage == Stage::Excitation) {
             let t = segment.start + 0.4 * segment.duration;
-            let (links, motors) = (segment.state_at(t), motor_state(&chain, &compliance, segment, t));
+            let path = |t: f64| segment.state_at(t);
+            let (links, motors) = (path(t), motor_state(&chain, &compliance, &path, t));
             let turned = compliance[1] * link_torque(&chain, &links)[1];
             assert!(
                 (motors.position[1] - links.position[1] - turned).abs() < ROUNDING && turned.abs() > 1e-5
@@ -65,7 +65,7 @@ mod tests {
             }
             // velocity and acceleration are those of the motor's own position
             let step = 2e-3;
-            let at = |t: f64| motor_state(&chain, &compliance, segment, t);
+            let at = |t: f64| motor_state(&chain, &compliance, &path, t);
             let (before, after) = (at(t - step), at(t + step));
             let velocity = (after.position[1] - before.position[1]) / (2.0 * step);
             let acceleration = (after.velocity[1] - before.velocity[1]) / (2.0 * step);

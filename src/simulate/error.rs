@@ -73,6 +73,14 @@ pub enum SimulateError {
         /// The joint.
         joint: JointIndex,
     },
+    /// A point that the arm cannot go to.
+    #[error("point {point}: {problem}")]
+    Point {
+        /// Its number, from 1.
+        point: usize,
+        /// What is wrong with it.
+        problem: String,
+    },
     /// A level that the description does not have.
     #[error(
         "there is no speed level {level}; the robot description has the levels 1 to {levels} (speed_levels)"

@@ -81,8 +81,35 @@ pub struct JointFriction {
     pub ripple: f64,
     /// Ripples per radian of the joint, times 2 pi.
     pub ripple_wave_number: f64,
+    /// More ripples, of other orders of the gear.
+    pub more_ripples: [Ripple; MORE_RIPPLES],
     /// Travel along which the Coulomb part turns over, rad; 0 where it follows the speed alone.
     pub presliding_travel: f64,
+    /// Part by which friction is larger upwards and smaller downwards.
+    pub direction: f64,
+    /// Friction for each Nm that the gear carries.
+    pub load: f64,
+}
+
+/// Ripples beside the first that a joint can have.
+pub const MORE_RIPPLES: usize = 3;
+
+/// A ripple of the torque with the angle of the gear.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Ripple {
+    /// Amplitude, Nm.
+    pub amplitude: f64,
+    /// Ripples per radian of the joint, times 2 pi.
+    pub wave_number: f64,
+}
+
+/// A ripple as it is asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RippleOrder {
+    /// Ripples a turn of the motor.
+    pub order: f64,
+    /// Amplitude, as a part of f1.
+    pub part: f64,
 }
 
 /// Friction of a joint whose wear adds the fraction `wear` to all warm coefficients.
@@ -97,11 +124,31 @@ pub fn joint_friction(joint: &Joint, nominal: &NominalJoint, wear: f64) -> Joint
         sign_speed: SIGN_SPEED * joint.limits.velocity,
         ripple: RIPPLE_FRACTION * warm[0].abs(),
         ripple_wave_number: RIPPLES_A_TURN * joint.gear_ratio,
+        more_ripples: [Ripple::default(); MORE_RIPPLES],
         presliding_travel: 0.0,
+        direction: 0.0,
+        load: 0.0,
     }
 }
 
 impl JointFriction {
+    /// The same gearbox with these ripples in place of its own; those beyond four are left out.
+    #[must_use]
+    pub fn with_ripples(self, orders: &[RippleOrder], gear_ratio: f64) -> Self {
+        let of = |of: &RippleOrder| Ripple {
+            amplitude: of.part * self.warm[0].abs(),
+            wave_number: of.order * gear_ratio,
+        };
+        let mut all = orders.iter().map(of);
+        let first = all.next().unwrap_or_default();
+        Self {
+            ripple: first.amplitude,
+            ripple_wave_number: first.wave_number,
+            more_ripples: std::array::from_fn(|_| all.next().unwrap_or_default()),
+            ..self
+        }
+    }
+
     /// The same gearbox in another shape; `is_last` is the joint at the end of the arm, `top_speed` its largest
     /// speed, rad/s.
     #[must_use]
@@ -138,18 +185,32 @@ impl JointFriction {
 /// with the ambient's influence.
 #[must_use]
 pub fn thermal_multiplier(shape: &WarmUpShape, state: ThermalState) -> f64 {
-    let part = |amplitude: f64, constant: f64| {
-        if constant > 0.0 { amplitude * (-state.seconds / constant).exp() } else { 0.0 }
-    };
-    let excess = part(shape.b, shape.t1) + part(shape.c, shape.t2);
-    let colder = -state.ambient_offset_k;
+    multiplier_of(shape, cold_parts(shape, state.seconds), state.ambient_offset_k)
+}
+
+/// What is left of the cold `seconds` after a cold start, 1 to 0: of the slow part and the fast one.
+#[must_use]
+pub fn cold_parts(shape: &WarmUpShape, seconds: f64) -> [f64; 2] {
+    [shape.t1, shape.t2].map(|constant| if constant > 0.0 { (-seconds / constant).exp() } else { 0.0 })
+}
+
+/// As [`thermal_multiplier`], from what is left of the cold.
+#[must_use]
+pub fn multiplier_of(shape: &WarmUpShape, [slow, fast]: [f64; 2], ambient_offset_k: f64) -> f64 {
+    let excess = shape.b * slow + shape.c * fast;
+    let colder = -ambient_offset_k;
     1.0 + excess * (1.0 + EXCESS_PER_KELVIN * colder).max(0.0) + WARM_PER_KELVIN * colder
 }
 
 /// Coefficients f1..f4 at a moment: the Coulomb part shows [`COULOMB_EXCESS`] of what the others show.
 #[must_use]
 pub fn coefficients_at(friction: &JointFriction, state: ThermalState) -> [f64; FRICTION_COUNT] {
-    let multiplier = thermal_multiplier(&friction.warm_up, state);
+    coefficients_with(friction, thermal_multiplier(&friction.warm_up, state))
+}
+
+/// As [`coefficients_at`], from [`thermal_multiplier`].
+#[must_use]
+pub fn coefficients_with(friction: &JointFriction, multiplier: f64) -> [f64; FRICTION_COUNT] {
     let [f1, f2, f3, f4] = friction.warm;
     let coulomb = 1.0 + COULOMB_EXCESS * (multiplier - 1.0);
     [f1 * coulomb, f2 * multiplier, f3 * multiplier, f4 * multiplier]
@@ -176,6 +237,13 @@ pub fn friction_torque_at(
     f1 * bump * turned + f2 * qd + f3 * qd * qd.abs() + f4 * qd.powi(3)
 }
 
+/// Friction of a gear that loses more in one direction and under load, from what it loses without: `lost`, Nm, where it
+/// carries `carried`, Nm, and the part `turned` of its Coulomb friction is there.
+#[must_use]
+pub fn with_direction_and_load(friction: &JointFriction, lost: f64, carried: f64, turned: f64) -> f64 {
+    lost * (1.0 + friction.direction * turned) + friction.load * carried.abs() * turned
+}
+
 /// Part of the Coulomb friction behind a small travel `dq` at the speed `qd`, from the part `before` it: Dahl's
 /// equation `dz/dq = (sign(qd) - z) / x`, solved over the travel.
 #[must_use]
@@ -190,8 +258,14 @@ pub fn turned_along(friction: &JointFriction, before: f64, dq: f64, qd: f64) -> 
 /// Torque of the gear's ripple at the position `q` and speed `qd`, Nm; weaker where it is fast.
 #[must_use]
 pub fn ripple_torque(friction: &JointFriction, q: f64, qd: f64) -> f64 {
-    let frequency = friction.ripple_wave_number * qd / (TAU * RIPPLE_CORNER_HZ);
-    friction.ripple * (friction.ripple_wave_number * q).sin() / (1.0 + frequency * frequency)
+    let of = |amplitude: f64, wave_number: f64| {
+        let frequency = wave_number * qd / (TAU * RIPPLE_CORNER_HZ);
+        amplitude * (wave_number * q).sin() / (1.0 + frequency * frequency)
+    };
+    let more = friction.more_ripples.iter().filter(|ripple| ripple.amplitude > 0.0);
+    more.fold(of(friction.ripple, friction.ripple_wave_number), |sum, ripple| {
+        sum + of(ripple.amplitude, ripple.wave_number)
+    })
 }
 
 #[cfg(test)]
@@ -288,6 +362,28 @@ mod tests {
         for shape in [FrictionShape::Smooth, FrictionShape::LateTurnOver, FrictionShape::Stiction] {
             assert!((at(shape, 2.5) / at(FrictionShape::Sign, 2.5) - 1.0).abs() < 1e-9, "{shape:?}");
         }
+    }
+
+    #[test]
+    fn ripples_are_those_of_the_orders_that_are_asked_for() {
+        let orders = [RippleOrder { order: 1.0, part: 0.1 }, RippleOrder { order: 4.0, part: 0.02 }];
+        let friction = first_joint(0.0).with_ripples(&orders, 100.0);
+        // the first joint's Coulomb friction is 1 Nm
+        for q in [0.0_f64, 0.003, 0.0171] {
+            let expected = 0.1 * (100.0 * q).sin() + 0.02 * (400.0 * q).sin();
+            assert!((ripple_torque(&friction, q, 0.0) - expected).abs() < 1e-15);
+        }
+        assert_eq!(ripple_torque(&first_joint(0.0).with_ripples(&[], 100.0), 0.3, 0.1), 0.0);
+    }
+
+    #[test]
+    fn friction_depends_on_direction_and_load_where_it_is_asked_for() {
+        let plain = first_joint(0.0);
+        let friction = JointFriction { direction: 0.1, load: 0.05, ..plain };
+        let at = |lost: f64, turned: f64| with_direction_and_load(&friction, lost, -40.0, turned);
+        assert!((at(2.0, 1.0) - (2.2 + 2.0)).abs() < 1e-12);
+        assert!((at(-2.0, -1.0) - (-1.8 - 2.0)).abs() < 1e-12);
+        assert_eq!(with_direction_and_load(&plain, 2.0, -40.0, 1.0), 2.0);
     }
 
     #[test]

@@ -124,12 +124,13 @@ impl Heat {
     }
 }
 
-/// Mean squared torque and mean friction power of each joint over a cycle with warm gears; never zero.
-fn usual_losses(recording: &Recording) -> Vec<[f64; 2]> {
+/// Mean squared torque, N²m², and mean friction power, W, of each joint over a cycle with warm gears, without the rest
+/// that was asked for at its end; never zero.
+pub(super) fn usual_losses(recording: &Recording) -> Vec<[f64; 2]> {
     let mut sums = vec![[0.0; 2]; recording.friction.len()];
     let mut segments = recording.plan.segments.iter().peekable();
     let mut current = None;
-    let steps = (recording.plan.duration / PLAN_STEP_S) as u32;
+    let steps = (recording.plan.working_s / PLAN_STEP_S) as u32;
     for step in 0..steps {
         let t = f64::from(step) * PLAN_STEP_S;
         while let Some(segment) = segments.next_if(|segment| segment.start <= t) {

@@ -10,7 +10,7 @@ use rand_distr::StandardNormal;
 use super::dynamics::{joint_torque, rigid_chain};
 use super::error::SimulateError;
 use super::recording::SensorSettings;
-use super::trajectory::{PlanSettings, plan_cycle};
+use super::trajectory::{ExcitationParts, PlanSettings, plan_cycle};
 use crate::robot::{JointIndex, Robot};
 use crate::run::{Samples, Stage};
 
@@ -31,6 +31,8 @@ pub struct ExactSettings {
     pub torque_noise_correlation: f64,
     /// Noise of position and velocity.
     pub sensors: SensorSettings,
+    /// Whether the motion over the ranges near full speed follows the series.
+    pub additional: bool,
 }
 
 impl Default for ExactSettings {
@@ -41,6 +43,7 @@ impl Default for ExactSettings {
             torque_noise_scale: 1.0,
             torque_noise_correlation: 0.0,
             sensors: SensorSettings::default(),
+            additional: true,
         }
     }
 }
@@ -50,7 +53,8 @@ impl Default for ExactSettings {
 /// # Errors
 /// Those of [`plan_cycle`] and of a description without nominal parameters.
 pub fn record_excitation(robot: &Robot, settings: &ExactSettings) -> Result<Samples, SimulateError> {
-    let plan = plan_cycle(robot, &PlanSettings { warming_s: 0.0, seed: 1, levels: None })?;
+    let excitation = ExcitationParts { additional: settings.additional, ..ExcitationParts::default() };
+    let plan = plan_cycle(robot, &PlanSettings { excitation, ..PlanSettings::default() })?;
     let chain = rigid_chain(robot)?;
     let n = robot.joint_count();
     let excitation = plan.segments.iter().filter(|segment| segment.stage == Stage::Excitation);

@@ -12,11 +12,15 @@ mod fixed_point;
 pub mod matched_model;
 pub mod format;
 pub mod friction;
+pub mod hall;
 pub mod heat;
 pub mod load;
 pub mod motion;
+pub mod points;
 pub mod recording;
 pub mod record;
+pub mod servo;
+pub mod still_posture;
 pub mod temperatures;
 #[cfg(test)]
 mod test_arms;
@@ -24,6 +28,8 @@ mod test_arms;
 mod tests;
 pub mod trajectory;
 pub mod truth;
+pub mod unit;
+pub mod warmth;
 
 use crate::simulate::error::SimulateError;
 use std::fs;
@@ -43,13 +49,17 @@ use export::{ExportWriter, column_count};
 use fault::in_run::RunFaults;
 use fault::{Fault, loads, warm_up_factor, wear};
 use format::ExportFormat;
-use friction::{FrictionShape, ThermalState, joint_friction};
+use friction::{FrictionShape, RippleOrder, ThermalState, joint_friction};
+use hall::{HallSettings, WorkingHours};
 use load::Load;
 use record::record;
-use recording::{Clock, Recording, SensorSettings};
+use recording::{Clock, Recording, Row, SensorSettings};
+use servo::{Servo, ServoSettings};
 use temperatures::TemperatureSettings;
-use trajectory::{PlanSettings, plan_cycle};
+use trajectory::{ExcitationParts, FrictionPosture, PlanSettings, plan_cycle};
 use truth::{CycleTruth, FaultTruth, JointTruth, LoadTruth, RunTruth, write_truth};
+use unit::{UnitSpread, unit};
+use warmth::Heating;
 
 /// Rows between two reports of progress.
 const PROGRESS_ROWS: u64 = 10_000;
@@ -75,6 +85,14 @@ pub struct SimulationSettings {
     pub warming_s: f64,
     /// Speed levels of the friction stage, from 1; all of the description if `None`. Without any there is no such stage.
     pub levels: Option<Vec<u8>>,
+    /// What the excitation stage is made of.
+    pub excitation: ExcitationParts,
+    /// Posture of the joints that hold still in the friction stage.
+    pub posture: FrictionPosture,
+    /// Rest at the end of each cycle, s.
+    pub rest_s: f64,
+    /// How the arm follows its plan.
+    pub servo: ServoSettings,
     /// Number of runs.
     pub runs: u32,
     /// Start of the first run.
@@ -92,12 +110,26 @@ pub struct SimulationSettings {
     pub ambient_offset_k: f64,
     /// Standard deviation of the ambient temperature from run to run, K.
     pub ambient_std_k: f64,
+    /// The hall over year and day.
+    pub hall: HallSettings,
+    /// Hours in which the arm works beside its tests, from which it is warm; in place of `initial_warm_s`.
+    pub work: Option<WorkingHours>,
+    /// How far this unit may be from its model.
+    pub unit_spread: UnitSpread,
     /// Errors of the position and velocity signals.
     pub sensors: SensorSettings,
     /// Folder of the truth files; beside the exports if `None`.
     pub truth_dir: Option<PathBuf>,
     /// What gearboxes lose.
     pub friction: FrictionShape,
+    /// What warms them.
+    pub heating: Heating,
+    /// Ripples of the torque with the motor's angle, in place of those of the shape; four at most.
+    pub ripples: Option<Vec<RippleOrder>>,
+    /// Part by which friction is larger upwards and smaller downwards.
+    pub friction_direction: f64,
+    /// Friction for each Nm (N) that a gear carries.
+    pub friction_load: f64,
     /// Stiffness of gears that bend, Nm/rad (N/m): see `simulate::elastic`. The planned motion is that of the links then.
     pub stiffness: Vec<(JointIndex, f64)>,
     /// Whether the export is written under its own name from its first row on, as a controller does that is watched.
@@ -121,6 +153,10 @@ impl Default for SimulationSettings {
             cycles: 5,
             warming_s: 20.0,
             levels: None,
+            excitation: ExcitationParts::default(),
+            posture: FrictionPosture::Home,
+            rest_s: 0.0,
+            servo: ServoSettings::default(),
             runs: 1,
             first_start: FIRST_START,
             interval: Duration::from_secs(24 * 60 * 60),
@@ -129,9 +165,16 @@ impl Default for SimulationSettings {
             initial_warm_s: 0.0,
             ambient_offset_k: 0.0,
             ambient_std_k: 1.0,
+            hall: HallSettings::default(),
+            work: None,
+            unit_spread: UnitSpread::default(),
             sensors: SensorSettings::default(),
             truth_dir: None,
             friction: FrictionShape::Gearbox,
+            heating: Heating::Time,
+            ripples: None,
+            friction_direction: 0.0,
+            friction_load: 0.0,
             stiffness: Vec::new(),
             grows: false,
             load: None,
@@ -193,7 +236,8 @@ pub fn simulate_run(
 ) -> Result<RunFiles, SimulateError> {
     check_settings(robot, settings)?;
     let started_at = start_of_run(settings, run_index)?;
-    let recording = recording_of_run(robot, settings, run_index)?;
+    let robot = &drawn_unit(robot, settings);
+    let recording = recording_of_unit(robot, settings, run_index)?;
     let stem = file_stem(robot.joint_count(), settings, started_at);
     let export = out_dir.join(format!("{stem}.csv{}", if settings.gzip { ".gz" } else { "" }));
     let truth_dir = settings.truth_dir.as_deref().unwrap_or(out_dir);
@@ -217,6 +261,25 @@ pub fn simulate_run(
     Ok(RunFiles { export, truth, started_at, rows: recording.rows() })
 }
 
+/// Hands each row of run `run_index`, counted from 0, to `sink`: the numbers that [`simulate_run`] writes.
+///
+/// # Errors
+/// As [`recording_of_run`].
+pub fn rows_of_run(
+    robot: &Robot,
+    settings: &SimulationSettings,
+    run_index: u32,
+    mut sink: impl FnMut(&Row),
+) -> Result<(), SimulateError> {
+    check_settings(robot, settings)?;
+    let recording = recording_of_run(robot, settings, run_index)?;
+    record(&recording, robot_seed(settings), noise_stream(run_index), |row| {
+        sink(row);
+        Ok::<(), SimulateError>(())
+    })
+    .map(drop)
+}
+
 /// File name without extension: `{robot}_{YYYYMMDD}_{HHMM}_Col{columns}_{warming}s_cycle{cycles}`, UTC.
 #[must_use]
 pub fn file_stem(joint_count: usize, settings: &SimulationSettings, started_at: Timestamp) -> String {
@@ -236,8 +299,36 @@ pub fn recording_of_run(
     settings: &SimulationSettings,
     run_index: u32,
 ) -> Result<Recording, SimulateError> {
-    let SimulationSettings { warming_s, seed, ref levels, .. } = *settings;
-    let plan = plan_cycle(robot, &PlanSettings { warming_s, seed, levels: levels.clone() })?;
+    recording_of_unit(&drawn_unit(robot, settings), settings, run_index)
+}
+
+/// The arm of these settings among those of its model.
+fn drawn_unit(model: &Robot, settings: &SimulationSettings) -> Robot {
+    match settings.unit_spread.is_none() {
+        true => model.clone(),
+        false => unit(model, robot_seed(settings), &settings.unit_spread),
+    }
+}
+
+/// The cycle that is driven.
+fn plan_settings(settings: &SimulationSettings) -> PlanSettings {
+    PlanSettings {
+        warming_s: settings.warming_s,
+        seed: settings.seed,
+        levels: settings.levels.clone(),
+        excitation: settings.excitation.clone(),
+        posture: settings.posture,
+        rest_s: settings.rest_s,
+    }
+}
+
+fn recording_of_unit(
+    robot: &Robot,
+    settings: &SimulationSettings,
+    run_index: u32,
+) -> Result<Recording, SimulateError> {
+    let plan = plan_cycle(robot, &plan_settings(settings))?;
+    let started_at = start_of_run(settings, run_index)?;
     let run = run_index.saturating_add(1);
     let mut friction = Vec::new();
     let mut torque_noise = Vec::new();
@@ -246,7 +337,12 @@ pub fn recording_of_run(
         let mut gearbox = joint_friction(joint, nominal, wear(&settings.faults, index, run));
         gearbox.warm_up = longer_slow_part(gearbox.warm_up, warm_up_factor(&settings.faults, index, run));
         let is_last = index.number() == robot.joint_count();
-        friction.push(gearbox.in_shape(settings.friction, is_last, joint.limits.velocity));
+        let mut gearbox = gearbox.in_shape(settings.friction, is_last, joint.limits.velocity);
+        if let Some(orders) = &settings.ripples {
+            gearbox = gearbox.with_ripples(orders, joint.gear_ratio);
+        }
+        (gearbox.direction, gearbox.load) = (settings.friction_direction, settings.friction_load);
+        friction.push(gearbox);
         torque_noise.push(nominal.torque_noise);
     }
     let point =
@@ -256,8 +352,11 @@ pub fn recording_of_run(
     for &(joint, stiffness) in &settings.stiffness {
         compliance[joint.index()] = 1.0 / stiffness;
     }
+    let worked_s = settings.work.as_ref().map(|work| work.worked_s(started_at));
     Ok(Recording {
         plan,
+        servo: Servo::new(settings.servo),
+        heating: settings.heating,
         compliance,
         chain: carried.fold(rigid_chain(robot)?, |chain, load| chain.carrying(&load, &robot.tool)),
         faults: RunFaults::new(&settings.faults, run, robot_seed(settings), noise_stream(run_index)),
@@ -268,8 +367,8 @@ pub fn recording_of_run(
         clock: settings.clock,
         cycles: settings.cycles,
         initial: ThermalState {
-            seconds: settings.initial_warm_s,
-            ambient_offset_k: ambient_offset(settings, run_index),
+            seconds: worked_s.unwrap_or(settings.initial_warm_s),
+            ambient_offset_k: ambient_offset(settings, run_index) + settings.hall.offset(started_at),
         },
         temperatures: settings.temperatures,
     })
@@ -366,6 +465,8 @@ fn joint_truths(
                 stribeck_nm: friction.bump * friction.warm[0],
                 stribeck_rad_s: friction.stribeck_speed,
                 ripple_nm: friction.ripple,
+                friction_direction: friction.direction,
+                friction_load: friction.load,
                 torque_noise_nm: nominal.torque_noise,
             })
         })
@@ -406,9 +507,27 @@ fn check_settings(robot: &Robot, settings: &SimulationSettings) -> Result<(), Si
         ("warming_s", settings.warming_s),
         ("initial_warm_s", settings.initial_warm_s),
         ("ambient_std_k", settings.ambient_std_k),
+        ("rest_s", settings.rest_s),
+        ("lag_s", settings.servo.lag_s),
+        ("delay_s", settings.servo.delay_s),
+        ("friction_load", settings.friction_load),
+        ("unit_spread", settings.unit_spread.friction),
+        ("unit_spread", settings.unit_spread.bodies),
+        ("position_noise", settings.sensors.position_noise),
+        ("position_step", settings.sensors.position_step),
+        ("velocity_noise", settings.sensors.velocity_noise),
+        ("velocity_step", settings.sensors.velocity_step),
+        ("torque_step", settings.sensors.torque_step),
     ];
     if let Some((key, value)) = durations.into_iter().find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
         return setting(key, value.to_string(), "it must be 0 or more");
+    }
+    if !(settings.friction_direction.abs() < 1.0) {
+        let value = settings.friction_direction.to_string();
+        return setting("friction_direction", value, "choose above -1 and below 1");
+    }
+    if settings.ripples.as_ref().is_some_and(|orders| orders.len() > 1 + friction::MORE_RIPPLES) {
+        return setting("ripples", "more than four".into(), "a joint has four ripples at most");
     }
     let TemperatureSettings { step_k, noise_k, lag_s, .. } = settings.temperatures;
     let sensors = [("temperature_step_k", step_k, 1e-3), ("temperature_lag_s", lag_s, 1.0)];

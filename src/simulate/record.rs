@@ -1,5 +1,7 @@
 //! Records a run: the torques of the true arm along its plan, as sensors and clock give them.
 
+use std::f64::consts::TAU;
+
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -7,18 +9,21 @@ use rand_distr::StandardNormal;
 use super::dynamics::joint_torque;
 use super::elastic::motor_state;
 use super::friction::{
-    JointFriction, ThermalState, coefficients_at, friction_torque_at, ripple_torque, thermal_multiplier,
-    turned_along,
+    JointFriction, coefficients_with, friction_torque_at, ripple_torque, turned_along,
+    with_direction_and_load,
 };
 use super::heat::{Heat, Reading, friction_power};
 use super::motion::{MotionPiece, MotionState, PerJoint};
 use super::recording::{Recording, Row};
 use super::trajectory::{CyclePlan, Segment};
 use super::truth::{CycleTruth, FrictionLevelTruth, JointThermalTruth};
+use super::warmth::Warmth;
 use crate::robot::{FRICTION_COUNT, JointIndex, MAX_JOINTS};
 
 /// Noise of the clock is drawn from streams of its own, so that it changes no other.
 const CLOCK_STREAM: u64 = 1 << 40;
+/// Phase of the hum from joint to joint: the golden angle, so that no two are alike.
+const HUM_PHASE: f64 = 2.399_963;
 
 /// Hands each row of the run to `sink` and returns the truth behind it, cycle by cycle.
 ///
@@ -45,46 +50,50 @@ pub fn record<E>(
     let mut gears = Gears::default();
     let mut torque_noise = [0.0; MAX_JOINTS];
     let mut faults = recording.faults.clone();
+    let mut warmth = Warmth::new(recording);
     for cycle in 1..=recording.cycles {
         faults.begin_cycle(cycle);
         let first = u64::from(cycle - 1) * u64::from(rows_per_cycle);
         let start_s = first as f64 / recording.sample_rate_hz;
         let mut tally = Tally::new(&recording.plan);
+        let at_start = warmth.multipliers(recording, start_s);
         for k in 0..rows_per_cycle {
             // a cycle begins with its first row
             let earliest = if k == 0 { 0.0 } else { -dt };
             let late = recording.clock.delay(first + u64::from(k), dt, &mut clock_rng).max(earliest);
             let t = f64::from(k) / recording.sample_rate_hz + late;
             let segment = tally.segment_at(&recording.plan, t);
-            let links = segment.state_at(t);
+            let path = |t: f64| recording.servo.state_at(&recording.plan, segment, t);
+            let links = path(t);
             let bends = recording.compliance.iter().any(|compliance| *compliance > 0.0);
             let state = match bends {
-                true => motor_state(&recording.chain, &recording.compliance, segment, t),
+                true => motor_state(&recording.chain, &recording.compliance, &path, t),
                 false => links,
             };
             let time = (first + u64::from(k)) as f64 / recording.sample_rate_hz + late;
             let turned = gears.turn(recording, &state);
             let (mut torque, lost) = true_torque(
                 recording,
-                faults.friction(),
+                (faults.friction(), &warmth.multipliers(recording, time)),
                 (&links, &state, &turned),
                 time,
                 segment,
                 t,
                 &mut tally,
             );
+            let power = friction_power(&lost, &state.velocity);
+            warmth.step(recording, dt, &power);
             faults.loosen(&recording.chain, &state, time, &mut torque);
             faults.push(t / recording.plan.duration, &mut torque);
             let mut row =
                 measured(recording, &mut rng, &mut torque_noise, (time, cycle, segment), &state, torque);
             faults.distort(time, &mut row.position, &mut row.torque);
-            let reading = heat
-                .as_mut()
-                .map(|heat| heat.step(time, dt, &torque, &friction_power(&lost, &state.velocity)));
+            row.torque = row.torque.map(|torque| stepped(torque, recording.sensors.torque_step));
+            let reading = heat.as_mut().map(|heat| heat.step(time, dt, &torque, &power));
             let Reading { motor, ambient } = reading.unwrap_or_default();
             sink(&Row { motor_temperature: motor, ambient_temperature: ambient, ..row })?;
         }
-        truths.push(tally.into_truth(recording, cycle, start_s));
+        truths.push(tally.into_truth(recording, cycle, start_s, &at_start));
     }
     Ok(truths)
 }
@@ -93,17 +102,20 @@ pub fn record<E>(
 /// planned, `state` as the motors do: the same unless gears bend.
 fn true_torque(
     recording: &Recording,
-    friction_factor: &PerJoint,
+    (friction_factor, warmth): (&PerJoint, &PerJoint),
     (links, state, turned): (&MotionState, &MotionState, &PerJoint),
     time: f64,
     segment: &Segment,
     t: f64,
     tally: &mut Tally,
 ) -> (PerJoint, PerJoint) {
-    let thermal = thermal_at(recording, time);
+    let settled = recording.servo.settled_after();
     let plateau = match &segment.motion {
         MotionPiece::Plateaus(p) => {
-            p.plateau_direction(t - segment.start).map(|direction| (p.joint, direction))
+            let direction = p.plateau_direction(t - segment.start);
+            // an arm that is behind its plan comes to constant speed later
+            let is_steady = settled <= 0.0 || p.plateau_direction(t - segment.start - settled) == direction;
+            direction.filter(|_| is_steady).map(|direction| (p.joint, direction))
         }
         _ => None,
     };
@@ -113,11 +125,13 @@ fn true_torque(
         let inertia = recording.chain.motor_inertia(JointIndex::new(j));
         *torque += inertia * (state.acceleration[j] - links.acceleration[j]);
     }
+    let rigid = torque;
     let mut all_lost = [0.0; MAX_JOINTS];
     for (j, friction) in recording.friction.iter().enumerate() {
         let (q, qd) = (state.position[j], state.velocity[j]);
-        let lost = friction_factor[j]
-            * friction_torque_at(friction, &coefficients_at(friction, thermal), qd, turned[j]);
+        let plain = friction_torque_at(friction, &coefficients_with(friction, warmth[j]), qd, turned[j]);
+        let carried = rigid[j] - recording.chain.motor_inertia(JointIndex::new(j)) * state.acceleration[j];
+        let lost = friction_factor[j] * with_direction_and_load(friction, plain, carried, turned[j]);
         torque[j] += lost + ripple_torque(friction, q, qd);
         all_lost[j] = lost;
         if let Some((joint, direction)) = plateau
@@ -149,10 +163,6 @@ impl Gears {
     }
 }
 
-fn thermal_at(recording: &Recording, time: f64) -> ThermalState {
-    ThermalState { seconds: recording.initial.seconds + time, ..recording.initial }
-}
-
 pub(super) fn measured(
     recording: &Recording,
     rng: &mut ChaCha8Rng,
@@ -171,6 +181,9 @@ pub(super) fn measured(
         let rho = sensors.torque_correlation;
         torque_noise[j] = rho * torque_noise[j] + (1.0 - rho * rho).sqrt() * t;
         torque[j] += noise * recording.faults.noise(j) * torque_noise[j];
+        if let Some([hertz, amplitude]) = sensors.torque_hum {
+            torque[j] += amplitude * (TAU * hertz * time + HUM_PHASE * j as f64).sin();
+        }
     }
     Row {
         time,
@@ -231,9 +244,9 @@ impl Tally {
         }
     }
 
-    fn into_truth(self, recording: &Recording, cycle: u32, start_s: f64) -> CycleTruth {
-        let thermal = thermal_at(recording, start_s);
-        let joints = recording.friction.iter().map(|friction| thermal_truth(friction, thermal)).collect();
+    fn into_truth(self, recording: &Recording, cycle: u32, start_s: f64, at_start: &PerJoint) -> CycleTruth {
+        let pairs = recording.friction.iter().zip(at_start);
+        let joints = pairs.map(|(friction, &multiplier)| thermal_truth(friction, multiplier)).collect();
         let friction_levels = self
             .levels
             .iter()
@@ -243,12 +256,9 @@ impl Tally {
     }
 }
 
-fn thermal_truth(friction: &JointFriction, thermal: ThermalState) -> JointThermalTruth {
-    let coefficients: [f64; FRICTION_COUNT] = coefficients_at(friction, thermal);
-    JointThermalTruth {
-        multiplier: thermal_multiplier(&friction.warm_up, thermal),
-        friction_f1_f4: coefficients,
-    }
+fn thermal_truth(friction: &JointFriction, multiplier: f64) -> JointThermalTruth {
+    let coefficients: [f64; FRICTION_COUNT] = coefficients_with(friction, multiplier);
+    JointThermalTruth { multiplier, friction_f1_f4: coefficients }
 }
 
 fn level_truth(segment: &Segment, sums: &LevelSums) -> Option<FrictionLevelTruth> {

@@ -8,11 +8,13 @@ use super::dynamics::RigidChain;
 use super::fault::in_run::RunFaults;
 use super::friction::{JointFriction, ThermalState};
 use super::motion::PerJoint;
+use super::servo::Servo;
 use super::temperatures::TemperatureSettings;
 use super::trajectory::CyclePlan;
+use super::warmth::Heating;
 use crate::run::{FrictionSignal, Stage};
 
-/// What the position and velocity signals add to the motion: rad and rad/s (m and m/s).
+/// What the signals add to the truth: rad, rad/s (m, m/s) and Nm (N).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorSettings {
     /// Standard deviation of the position signal.
@@ -26,6 +28,10 @@ pub struct SensorSettings {
     /// Correlation of the torque signals' noise from row to row, an autoregression of order one; 0 for white noise. Its
     /// standard deviation stays the same.
     pub torque_correlation: f64,
+    /// Step of the torque signals; 0 for none.
+    pub torque_step: f64,
+    /// A hum in the torque signals: frequency, Hz, and amplitude; each joint has its own phase.
+    pub torque_hum: Option<[f64; 2]>,
 }
 
 impl Default for SensorSettings {
@@ -37,6 +43,8 @@ impl Default for SensorSettings {
             velocity_noise: 2e-3,
             velocity_step: 5e-4,
             torque_correlation: 0.0,
+            torque_step: 0.0,
+            torque_hum: None,
         }
     }
 }
@@ -78,12 +86,16 @@ impl Clock {
 pub struct Recording {
     /// Motions of each cycle.
     pub plan: CyclePlan,
+    /// How the arm follows them.
+    pub servo: Servo,
     /// Rigid dynamics.
     pub chain: RigidChain,
     /// Compliance of each joint's gear, rad/Nm (m/N); 0 of a stiff one.
     pub compliance: PerJoint,
     /// Friction of each joint in this run.
     pub friction: Vec<JointFriction>,
+    /// What warms the gears.
+    pub heating: Heating,
     /// Standard deviation of each torque signal, Nm.
     pub torque_noise: Vec<f64>,
     /// Errors of the position and velocity signals.

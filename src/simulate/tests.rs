@@ -285,3 +285,136 @@ fn noise_of_the_torque_has_the_correlation_and_standard_deviation_that_are_asked
     let folder = tempfile::tempdir().unwrap();
     assert!(simulate_run(&robot, &odd, 0, folder.path(), &mut |_| ()).is_err(), "no joint 4");
 }
+
+/// Rows of one channel, with noise and steps of every sensor taken away.
+fn silent(robot: &Robot, change: impl Fn(&mut SimulationSettings)) -> Vec<recording::Row> {
+    let mut robot = robot.clone();
+    robot.joints.iter_mut().for_each(|joint| joint.nominal.as_mut().unwrap().torque_noise = 0.0);
+    let sensors = SensorSettings {
+        position_noise: 0.0,
+        position_step: 0.0,
+        velocity_noise: 0.0,
+        velocity_step: 0.0,
+        ..SensorSettings::default()
+    };
+    let mut settings = SimulationSettings { cycles: 1, warming_s: 0.0, sensors, ..quick() };
+    change(&mut settings);
+    let mut rows = Vec::new();
+    rows_of_run(&robot, &settings, 0, |row| rows.push(*row)).unwrap();
+    rows
+}
+
+#[test]
+fn signals_have_the_steps_and_the_hum_that_are_asked_for() {
+    let robot = one_joint();
+    let (plain, stepped) = (silent(&robot, |_| ()), silent(&robot, |of| of.sensors.torque_step = 0.25));
+    for (plain, stepped) in plain.iter().zip(&stepped) {
+        let steps = stepped.torque[0] / 0.25;
+        assert!((steps - steps.round()).abs() < 1e-9);
+        assert!((stepped.torque[0] - plain.torque[0]).abs() <= 0.125 + 1e-9);
+    }
+    // two hertz, so that 50 rows a second show them
+    let humming = silent(&robot, |of| of.sensors.torque_hum = Some([2.0, 0.3]));
+    for (plain, humming) in plain.iter().zip(&humming) {
+        let expected = 0.3 * (std::f64::consts::TAU * 2.0 * plain.time).sin();
+        assert!((humming.torque[0] - plain.torque[0] - expected).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn a_controller_that_is_late_records_the_motion_it_makes() {
+    let robot = er3a_with_excitation();
+    let plain = silent(&robot, |_| ());
+    let late = silent(&robot, |of| of.servo = ServoSettings { lag_s: 0.0, delay_s: 0.04 });
+    // two rows at 50 Hz; the stage signals are those of the plan
+    for k in 2..plain.len() {
+        assert_eq!(late[k].stage, plain[k].stage);
+        for j in 0..6 {
+            assert!((late[k].position[j] - plain[k - 2].position[j]).abs() < 1e-9, "row {k}");
+        }
+    }
+    let behind = silent(&robot, |of| of.servo = ServoSettings { lag_s: 0.05, delay_s: 0.0 });
+    let furthest = |rows: &[recording::Row]| {
+        rows.iter().zip(&plain).map(|(a, b)| (a.position[0] - b.position[0]).abs()).fold(0.0, f64::max)
+    };
+    let fastest = plain.iter().map(|row| row.velocity[0].abs()).fold(0.0, f64::max);
+    let lag = furthest(&behind) / fastest;
+    assert!((0.04..0.055).contains(&lag), "{lag} s behind at the largest speed");
+}
+
+#[test]
+fn friction_grows_with_direction_and_load_and_the_truth_says_so() {
+    let settings = SimulationSettings { friction_direction: 0.2, friction_load: 0.1, cycles: 1, ..quick() };
+    let robot = er3a_with_excitation();
+    let (_folder, files) = simulate(&robot, &settings, 0);
+    let truth = truth_of(&files);
+    assert_eq!(truth["joints"][0]["friction_direction"], 0.2);
+    assert_eq!(truth["joints"][3]["friction_load"], 0.1);
+    let levels = truth["cycle_truth"][0]["friction_levels"].as_array().unwrap();
+    let both = |joint: u64| -> Vec<[f64; 2]> {
+        let own = levels.iter().filter(|level| level["joint"] == joint);
+        own.map(|of| ["torque_positive_nm", "torque_negative_nm"].map(|key| of[key].as_f64().unwrap()))
+            .collect()
+    };
+    // joint 1 stands upright: at constant speed it carries next to nothing
+    for [up, down] in both(1) {
+        assert!((up / -down / 1.5 - 1.0).abs() < 0.03, "{up} {down}");
+    }
+    let plain = truth_of(&simulate(&robot, &SimulationSettings { cycles: 1, ..quick() }, 0).1);
+    let levels = plain["cycle_truth"][0]["friction_levels"].as_array().unwrap();
+    let without: Vec<f64> = levels
+        .iter()
+        .filter(|level| level["joint"] == 2)
+        .map(|level| level["torque_positive_nm"].as_f64().unwrap())
+        .collect();
+    for ([up, _], without) in both(2).iter().zip(without) {
+        assert!(*up > 1.2 * without + 1.0, "gravity loads the shoulder: {up} {without}");
+    }
+    let joint = &plain["joints"][0];
+    assert!(joint["friction_direction"].is_null() && joint["friction_load"].is_null(), "{joint}");
+}
+
+#[test]
+fn gears_cool_at_rest_where_they_warm_by_work() {
+    let robot = one_joint();
+    let multipliers = |heating: Heating, rest_s: f64| -> Vec<f64> {
+        let settings = SimulationSettings { heating, rest_s, cycles: 4, warming_s: 60.0, ..quick() };
+        let truth = truth_of(&simulate(&robot, &settings, 0).1);
+        let cycles = truth["cycle_truth"].as_array().unwrap();
+        cycles.iter().map(|of| of["joints"][0]["multiplier"].as_f64().unwrap()).collect()
+    };
+    let (clock, work) = (multipliers(Heating::Time, 0.0), multipliers(Heating::Work, 0.0));
+    for (clock, work) in clock.iter().zip(&work) {
+        // a cold gear loses more than usual and warms a little sooner
+        assert!(clock - work < 0.1 && *work <= clock + 1e-9, "{work} {clock}");
+    }
+    let rested = multipliers(Heating::Work, 1800.0);
+    assert!(rested[3] > work[3] + 0.2 && rested[3] < work[0], "{rested:?} {work:?}");
+    let by_clock = multipliers(Heating::Time, 1800.0);
+    assert!(by_clock[3] < work[3], "time alone warms at rest too: {by_clock:?}");
+}
+
+#[test]
+fn units_of_a_fleet_differ_and_shifts_and_seasons_set_warmth_and_hall() {
+    let robot = er3a_with_excitation();
+    let fleet = SimulationSettings {
+        unit_spread: UnitSpread { friction: 0.2, bodies: 0.01 },
+        hall: HallSettings { season_k: 6.0, day_k: 0.0 },
+        work: Some(WorkingHours { shifts: vec![[6.0, 14.0]], days: 5 }),
+        runs: 2,
+        interval: Duration::from_secs(183 * 24 * 3600),
+        ..quick()
+    };
+    let truth = |name: &str, run: u32| {
+        let settings = SimulationSettings { robot_name: name.into(), ..fleet.clone() };
+        truth_of(&simulate(&robot, &settings, run).1)
+    };
+    let (one, two, later) = (truth("R01", 0), truth("R02", 0), truth("R01", 1));
+    let viscous = |of: &serde_json::Value| of["joints"][0]["warm_friction_f1_f4"][1].as_f64().unwrap();
+    assert!((viscous(&one) / viscous(&two) - 1.0).abs() > 0.01);
+    assert_eq!(viscous(&one), viscous(&later), "a unit stays what it is");
+    // 08:47 on a Monday in January, and half a year later
+    assert!((one["initial_warm_s"].as_f64().unwrap() - 10_020.0).abs() < 1.0, "{one}");
+    let hall = |of: &serde_json::Value| of["ambient_offset_k"].as_f64().unwrap();
+    assert!(hall(&one) < -5.5 && hall(&later) > 5.5, "{} {}", hall(&one), hall(&later));
+}

@@ -1,7 +1,7 @@
 //! One cycle of the test as a sequence of motions with their stage signals.
 //!
-//! Rest, excitation (Fourier series, then full speed over the range), friction joint by joint and
-//! level by level, warming, rest; moves between them belong to no stage.
+//! Rest, excitation (Fourier series, then full speed over the range, or moves from point to point), friction joint by
+//! joint and level by level, warming, rest; moves between them belong to no stage.
 
 use std::f64::consts::TAU;
 
@@ -10,6 +10,8 @@ use super::excitation::fourier_excitation;
 use super::motion::{
     MotionPiece, MotionState, PerJoint, Plateaus, RAMP_EDGE, Shuttle, Stroke, quintic, state_at,
 };
+use super::points::PointToPoint;
+use super::still_posture::still_posture;
 use crate::robot::{Joint, JointIndex, JointLimits, MAX_JOINTS, Robot};
 use crate::run::{FrictionSignal, Stage};
 
@@ -45,10 +47,59 @@ const WARMING_SPEED: f64 = 0.8;
 pub struct PlanSettings {
     /// Duration of the warming stage, s; 0 leaves it out.
     pub warming_s: f64,
-    /// Seed of the random excitation of a robot whose description gives none.
+    /// Seed of what is random: the excitation of a robot whose description gives none, and drawn points.
     pub seed: u64,
     /// Speed levels of the friction stage, from 1; all of the description if `None`. Without any there is no such stage.
     pub levels: Option<Vec<u8>>,
+    /// What the excitation stage is made of.
+    pub excitation: ExcitationParts,
+    /// Posture of the joints that hold still in the friction stage.
+    pub posture: FrictionPosture,
+    /// Rest at the end of the cycle, beyond the usual half second, s.
+    pub rest_s: f64,
+}
+
+impl Default for PlanSettings {
+    /// The cycle of the source without warming.
+    fn default() -> Self {
+        Self {
+            warming_s: 0.0,
+            seed: 1,
+            levels: None,
+            excitation: ExcitationParts::default(),
+            posture: FrictionPosture::Home,
+            rest_s: 0.0,
+        }
+    }
+}
+
+/// What the excitation stage is made of, in this order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExcitationParts {
+    /// A period of the Fourier series [4.19-4.21].
+    pub series: bool,
+    /// Every joint over its range near full speed [4.22-4.24].
+    pub additional: bool,
+    /// Moves from point to point.
+    pub points: Option<PointToPoint>,
+}
+
+impl Default for ExcitationParts {
+    /// As the source has it.
+    fn default() -> Self {
+        Self { series: true, additional: true, points: None }
+    }
+}
+
+/// Posture of the joints that hold still in the friction stage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FrictionPosture {
+    /// That of the start of a cycle.
+    #[default]
+    Home,
+    /// One in which the axis of the joint that moves is vertical, so that its gravity torque stays as it is; home where
+    /// the arm has none.
+    Still,
 }
 
 /// The motions of one cycle in their order.
@@ -58,6 +109,8 @@ pub struct CyclePlan {
     pub segments: Vec<Segment>,
     /// Duration, s.
     pub duration: f64,
+    /// Duration without the rest that was asked for at its end, s.
+    pub working_s: f64,
 }
 
 /// A motion with the signals that the controller shows during it.
@@ -93,12 +146,38 @@ pub fn plan_cycle(robot: &Robot, settings: &PlanSettings) -> Result<CyclePlan, S
     let levels = chosen_levels(robot, settings.levels.as_deref())?;
     let mut plan = Builder { robot, segments: Vec::new(), clock: 0.0, state: home(robot) };
     plan.rest(REST_S);
-    plan.excitation(settings.seed)?;
-    plan.friction(&levels)?;
+    plan.excitation(&settings.excitation, settings.seed)?;
+    plan.friction(&levels, settings.posture)?;
     plan.warming(settings.warming_s)?;
     plan.move_to(&home(robot), Stage::Between)?;
     plan.rest(REST_S);
-    Ok(CyclePlan { duration: plan.clock, segments: plan.segments })
+    let working_s = plan.clock;
+    if settings.rest_s > 0.0 {
+        plan.rest(settings.rest_s);
+    }
+    Ok(CyclePlan { duration: plan.clock, working_s, segments: plan.segments })
+}
+
+impl CyclePlan {
+    /// State at time `t` within the cycle, s: that of its start before it, that of its end behind it.
+    #[must_use]
+    pub fn state_at(&self, t: f64) -> MotionState {
+        let at = self.segments.partition_point(|segment| segment.start <= t).saturating_sub(1);
+        self.segments.get(at).map_or_else(MotionState::default, |segment| segment.state_at(t))
+    }
+}
+
+/// The posture in which `joint` is tested for friction; the joint itself stands at the lower end of its way.
+#[must_use]
+pub fn friction_posture(robot: &Robot, joint: JointIndex, posture: FrictionPosture) -> PerJoint {
+    let home = home(robot).position;
+    let mut held = match posture {
+        FrictionPosture::Home => home,
+        FrictionPosture::Still => still_posture(robot, joint, &home).unwrap_or(home),
+    };
+    let (middle, range) = middle_and_range(&robot.joints[joint.index()].limits);
+    held[joint.index()] = middle - 0.5 * RANGE_USE * range;
+    held
 }
 
 /// Number and part of the top speed of each chosen level, in the order of the description.
@@ -173,28 +252,49 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// One period of the Fourier series, then every joint over its range near full speed.
-    fn excitation(&mut self, seed: u64) -> Result<(), SimulateError> {
-        let series = fourier_excitation(self.robot, seed)?;
-        let period = 1.0 / series.base_frequency;
-        let motion = MotionPiece::Fourier(series);
-        self.move_to(&state_at(&motion, 0.0), Stage::Between)?;
-        self.push(Stage::Excitation, None, period, motion);
-        let shuttles: Vec<Shuttle> =
-            self.robot.joints.iter().enumerate().map(|(j, joint)| full_speed(joint, j % 2 == 1)).collect();
-        self.shuttle(shuttles, Stage::Excitation)
+    /// One period of the Fourier series, then every joint over its range near full speed, then moves between points.
+    fn excitation(&mut self, parts: &ExcitationParts, seed: u64) -> Result<(), SimulateError> {
+        if parts.series {
+            let series = fourier_excitation(self.robot, seed)?;
+            let period = 1.0 / series.base_frequency;
+            let motion = MotionPiece::Fourier(series);
+            self.move_to(&state_at(&motion, 0.0), Stage::Between)?;
+            self.push(Stage::Excitation, None, period, motion);
+        }
+        if parts.additional {
+            let joints = self.robot.joints.iter().enumerate();
+            let shuttles: Vec<Shuttle> = joints.map(|(j, joint)| full_speed(joint, j % 2 == 1)).collect();
+            // the way there belongs to the excitation where it goes on from the series
+            let approach = if parts.series { Stage::Excitation } else { Stage::Between };
+            self.shuttle(shuttles, approach, Stage::Excitation)?;
+        }
+        match &parts.points {
+            Some(points) => self.points(points, seed),
+            None => Ok(()),
+        }
     }
 
-    /// Each joint alone through these levels, the others at home.
-    fn friction(&mut self, levels: &[(u8, f64)]) -> Result<(), SimulateError> {
+    /// To each point and a rest there; the way to the first belongs to no stage.
+    fn points(&mut self, points: &PointToPoint, seed: u64) -> Result<(), SimulateError> {
+        let mut stage = Stage::Between;
+        for posture in points.postures(self.robot, seed)? {
+            self.move_to(&MotionState::at_rest(posture), stage)?;
+            stage = Stage::Excitation;
+            if points.dead_s > 0.0 {
+                self.push(stage, None, points.dead_s, MotionPiece::Hold(posture));
+            }
+        }
+        Ok(())
+    }
+
+    /// Each joint alone through these levels, the others held.
+    fn friction(&mut self, levels: &[(u8, f64)], held: FrictionPosture) -> Result<(), SimulateError> {
         let robot = self.robot;
         if levels.is_empty() {
             return Ok(());
         }
         for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
-            let (middle, range) = middle_and_range(&joint.limits);
-            let mut posture = home(robot).position;
-            posture[index.index()] = middle - 0.5 * RANGE_USE * range;
+            let posture = friction_posture(robot, index, held);
             self.move_to(&MotionState::at_rest(posture), Stage::Between)?;
             for &(level, fraction) in levels {
                 let plateaus = level_motion(joint, index, posture, fraction);
@@ -221,8 +321,13 @@ impl Builder<'_> {
         Ok(())
     }
 
-    fn shuttle(&mut self, shuttles: Vec<Shuttle>, stage: Stage) -> Result<(), SimulateError> {
-        self.move_to(&shuttle_start(&shuttles), stage)?;
+    fn shuttle(
+        &mut self,
+        shuttles: Vec<Shuttle>,
+        approach: Stage,
+        stage: Stage,
+    ) -> Result<(), SimulateError> {
+        self.move_to(&shuttle_start(&shuttles), approach)?;
         let duration = shuttles.iter().map(|s| f64::from(s.strokes) * s.stroke_s).fold(0.0, f64::max);
         self.push(stage, None, duration, MotionPiece::Shuttle(shuttles));
         Ok(())
@@ -381,7 +486,7 @@ mod tests {
     }
 
     fn plan(robot: &Robot, warming_s: f64) -> CyclePlan {
-        plan_cycle(robot, &PlanSettings { warming_s, seed: 11, levels: None }).unwrap()
+        plan_cycle(robot, &PlanSettings { warming_s, seed: 11, ..PlanSettings::default() }).unwrap()
     }
 
     fn stage_s(plan: &CyclePlan, stage: Stage) -> f64 {
@@ -570,7 +675,8 @@ mod tests {
     #[test]
     fn a_check_has_the_chosen_levels_alone_with_their_numbers() {
         let robot = er3a();
-        let settings = |levels: &[u8]| PlanSettings { warming_s: 0.0, seed: 1, levels: Some(levels.into()) };
+        let settings =
+            |levels: &[u8]| PlanSettings { levels: Some(levels.into()), ..PlanSettings::default() };
         let plan = plan_cycle(&robot, &settings(&[6, 3])).unwrap();
         let levels: Vec<u8> = plan.segments.iter().filter_map(|of| of.signal).map(|of| of.level).collect();
         assert_eq!(levels, [3, 6].repeat(6));
@@ -583,7 +689,7 @@ mod tests {
 
     #[test]
     fn impossible_robots_are_refused() {
-        let settings = PlanSettings { warming_s: 0.0, seed: 0, levels: None };
+        let settings = PlanSettings::default();
         let mut none = er3a();
         none.joints.clear();
         assert!(matches!(plan_cycle(&none, &settings), Err(SimulateError::JointCount { joints: 0 })));

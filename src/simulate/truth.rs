@@ -69,8 +69,18 @@ pub struct JointTruth {
     pub stribeck_rad_s: f64,
     /// Amplitude of the torque ripple at low speed, Nm.
     pub ripple_nm: f64,
+    /// Part by which friction is larger upwards and smaller downwards; absent where it is the same.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub friction_direction: f64,
+    /// Friction for each Nm that the gear carries; absent where it does not depend on the load.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub friction_load: f64,
     /// Standard deviation of the torque signal, Nm.
     pub torque_noise_nm: f64,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// A body that the tool frame carries.

@@ -67,6 +67,8 @@ fn the_walk_leads_from_a_description_to_true_parameters() {
 
     the_least_addition_is_shorter_than_a_motion_of_its_own(&workshop);
     the_test_has_its_stages(&workshop);
+    parts_of_a_test_stand_alone(&workshop);
+    sines_alone_make_a_motion_too(&workshop);
     the_same_seed_gives_the_same_file(&workshop);
     broken_limits_are_named_and_not_written(&workshop);
 }
@@ -171,6 +173,19 @@ fn motions_keep_clear_of_the_arm_and_its_cell_and_keep_jerk_and_peak_torque() {
     for joint in said["joints"].as_array().expect("joints") {
         assert!(joint["jerk_share"].as_f64().is_some_and(|share| share > 0.5 && share <= 1.0), "{joint}");
     }
+
+    // an arm that stands in a wall
+    fs::write(
+        workshop.path("above.toml"),
+        "[[plane]]\nname = \"wall\"\npoint_m = [0, 0, 0.4]\nnormal = [0, 0, 1]\n",
+    )
+    .expect("written");
+    let hopeless = ["--harmonics", "2", "--seconds", "4", "--starts", "1", "--cell", "above.toml"];
+    let output =
+        workshop.run(&[&["trajectory", "design", "--robot", "mine.toml"][..], &hopeless[..]].concat());
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("link 2 and wall (") && said.contains("middles of their ranges"), "{said}");
 
     for (name, contents, expected) in [
         ("empty.toml", "", "no obstacle"),
@@ -287,11 +302,19 @@ fn designs_for_five_arms_hold_by_a_second_road() {
         let programme = json(&fs::read_to_string(&file).expect("a programme"));
         let robot = read_robot(&description).expect("a description");
         let states = states(&programme);
+        // between samples a sum of N waves exceeds its largest one by 1 / cos(pi N / M) at most (Ehlich & Zeller 1964)
+        let waves =
+            programme["joints"][0]["a_rad_s"].as_array().or(programme["joints"][0]["a_m_s"].as_array());
+        let waves = waves.expect("amplitudes").len() as f64;
+        let beyond = (std::f64::consts::PI * waves / (states.len() - 1) as f64).cos().recip();
         for (j, joint) in robot.joints.iter().enumerate() {
             let limits = &joint.limits;
+            let middle = 0.5 * (limits.position_min + limits.position_max);
             for [q, qd, qdd] in &states {
-                assert!((limits.position_min..=limits.position_max).contains(&q[j]), "{name} {j} {q:?}");
-                assert!(qd[j].abs() <= limits.velocity && qdd[j].abs() <= limits.acceleration, "{name} {j}");
+                let off = beyond * (q[j] - middle).abs();
+                assert!(off <= 0.5 * (limits.position_max - limits.position_min), "{name} {j} {q:?}");
+                assert!(beyond * qd[j].abs() <= limits.velocity, "{name} {j}");
+                assert!(beyond * qdd[j].abs() <= limits.acceleration, "{name} {j}");
             }
         }
         let (condition, rank) = by_singular_values(&robot, &states);
@@ -353,6 +376,73 @@ fn the_test_has_its_stages(workshop: &Workshop) {
     let refused = workshop.run(&[&shape[..7], &["9"]].concat());
     assert_eq!(refused.status.code(), Some(2));
     assert!(text(&refused.stderr).contains("no speed level 9"), "{}", text(&refused.stderr));
+}
+
+/// Each part of the test on its own, and what cannot be.
+fn parts_of_a_test_stand_alone(workshop: &Workshop) {
+    let of = |more: &[&str]| {
+        let shape = ["trajectory", "test", "--robot", "mine.toml", "--json", "--parts"];
+        json(&workshop.stdout(&[&shape[..], more].concat(), 0))
+    };
+    let lasts = |of: &serde_json::Value, stage: &str| {
+        let stages = of["stages"].as_array().expect("stages");
+        stages.iter().find(|of| of["stage"] == stage).and_then(|of| of["lasts_s"].as_f64())
+    };
+    let additional = of(&["additional", "-o", "additional.csv"]);
+    assert!(lasts(&additional, "excitation").is_some_and(|s| s > 1.0), "{additional}");
+    assert!(lasts(&additional, "friction").is_none() && lasts(&additional, "warming").is_none());
+    // the motion near full speed comes near it
+    let joints = additional["joints"].as_array().expect("joints");
+    assert!(joints.iter().all(|of| of["speed_share"].as_f64() > Some(0.9)), "{additional}");
+    workshop.stdout(&["trajectory", "check", "additional.csv", "--robot", "mine.toml"], 0);
+
+    fs::write(workshop.path("points.csv"), "pos_1_deg,pos_2\n-100,0.5\n90,-1\n0,1.2\n").expect("written");
+    let points = of(&["points", "--points", "points.csv", "--dead-s", "1.5"]);
+    // three rests and two ways of a second or so each
+    assert!(lasts(&points, "excitation").is_some_and(|s| s > 5.5 && s < 9.0), "{points}");
+
+    let friction = of(&["friction", "--friction-posture", "still"]);
+    let tests = friction["friction"].as_array().expect("friction");
+    let still: Vec<bool> = tests.iter().map(|of| of["gravity_is_still"] == true).collect();
+    assert_eq!(still, [true, false], "the second axis is level wherever the first one turns: {friction}");
+    assert_eq!(tests[0]["levels"].as_array().map(Vec::len), Some(3));
+    assert!(tests[0]["levels"][0]["plateau_s"].as_f64() > Some(0.3), "{friction}");
+
+    fs::write(workshop.path("far.csv"), "pos_1,pos_2\n0,0\n9,0\n").expect("written");
+    for (more, said) in [
+        (&["series", "--points", "points.csv"][..], "--points goes with the part points"),
+        (&["points", "--points", "far.csv"][..], "point 2: joint 1 at 9"),
+        (&["other"][..], "possible values"),
+    ] {
+        let output =
+            workshop.run(&[&["trajectory", "test", "--robot", "mine.toml", "--parts"][..], more].concat());
+        assert_eq!(output.status.code(), Some(2), "{more:?}");
+        assert!(text(&output.stderr).contains(said), "{}", text(&output.stderr));
+    }
+}
+
+/// The harmonic sine form [4.1].
+fn sines_alone_make_a_motion_too(workshop: &Workshop) {
+    let shape = ["trajectory", "design", "--robot", "mine.toml", "--harmonics", "4", "--seconds", "6"];
+    let more = ["--starts", "1", "--form", "harmonic-sine", "--json", "-o", "sines.json"];
+    let said = json(&workshop.stdout(&[&shape[..], &more].concat(), 0));
+    assert_eq!(said["search"]["form"], "harmonic-sine");
+    assert!(said["condition_number"].as_f64().is_some_and(|of| of < 100.0), "{said}");
+    let changes = &said["smallest_changes"];
+    assert_eq!((&changes["wear"]["size"], &changes["load"]["size_kg"]), (&0.04.into(), &0.5.into()));
+    // one false alarm a year in daily tests of two joints: 17 channels
+    let alpha = changes["false_alarm_probability"].as_f64().expect("a probability");
+    assert!((alpha * 365.25 * 17.0 - 1.0).abs() < 1e-9, "{alpha}");
+    for seen in changes["wear"]["seen_in_one_test"].as_array().expect("joints") {
+        assert!(seen.as_f64().is_some_and(|of| (0.0..=1.0).contains(&of)), "{changes}");
+    }
+    let programme = json(&fs::read_to_string(workshop.path("sines.json")).expect("a programme"));
+    for joint in programme["joints"].as_array().expect("joints") {
+        assert!(joint["b_rad_s"].as_array().expect("b").iter().all(|b| b.as_f64() == Some(0.0)), "{joint}");
+    }
+    workshop.stdout(&["trajectory", "check", "sines.json", "--robot", "mine.toml"], 0);
+    let other = workshop.run(&[&shape[..], &["--resume", "sines.json"]].concat());
+    assert!(text(&other.stderr).contains("another form"), "{}", text(&other.stderr));
 }
 
 fn the_same_seed_gives_the_same_file(workshop: &Workshop) {

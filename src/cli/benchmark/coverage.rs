@@ -17,8 +17,9 @@ use crate::ingest::rejection::Rejection;
 use crate::numerics::NumericsError;
 use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
 use crate::numerics::statistics::distributions::half_width;
+use crate::numerics::trajectory::prediction::{Recording, predict};
 use crate::pipeline::take::cycles::read_cycle;
-use crate::robot::{FrictionTerm, ParameterId, ParameterKind, Robot};
+use crate::robot::{FourierExcitation, FrictionTerm, ParameterId, ParameterKind, Robot};
 use crate::run::Cycle;
 use crate::simulate::friction::FrictionShape;
 use crate::simulate::matched_model::{ExactSettings, record_excitation};
@@ -42,6 +43,8 @@ Examples:
   armwatch benchmark coverage config/robots/scara.toml --estimator ordinary \\
       --json
   armwatch benchmark coverage config/robots/er3a.toml --trajectory er3a.json
+  armwatch benchmark coverage config/robots/er3a.toml --series-alone \
+      --trajectory er3a.json
   armwatch benchmark coverage config/robots/er3a.toml --exports
   armwatch benchmark coverage config/robots/er3a.toml --exports --gearbox \\
       --seeds 30")]
@@ -71,8 +74,12 @@ pub(in crate::cli) struct CoverageArgs {
     /// Torque noise relative to the description's
     #[arg(help_heading = "What is simulated", long, default_value_t = 1.0)]
     noise: f64,
+    /// The series alone, without the motion over the ranges near full speed behind it; scatters are then compared with
+    /// what `armwatch trajectory design` predicts
+    #[arg(help_heading = "What is simulated", long, conflicts_with = "exports")]
+    series_alone: bool,
     /// Programme of `armwatch trajectory design`, driven in place of the description's excitation; true errors are then
-    /// compared with those of the description's, if it has one
+    /// compared with those of the description's, if it has one, of series alone at equal time
     #[arg(help_heading = "What is simulated", long, value_name = "PROGRAMME")]
     trajectory: Option<PathBuf>,
 }
@@ -92,11 +99,13 @@ pub(in crate::cli) fn coverage(global: &Global, args: &CoverageArgs) -> Result<u
     let mut method = Method::new(robot, analysis).map_err(|error| refused(error.into()))?;
     let layout = shipped_layout()?;
     let found = counted(args, &method, &layout).map_err(refused)?;
+    let predicted = predicted_over_scatter(args, &method, &found).map_err(refused)?;
     let against_own = match (&args.trajectory, own_excitation) {
         (Some(_), Some(own)) => {
+            let time = equal_time(args, &method.robot, &own);
             method.robot.excitation = Some(own);
             let own = counted(args, &method, &layout).map_err(refused)?;
-            Some(found.errors_over(&own))
+            Some(found.errors_over(&own).map(|ratio| time * ratio))
         }
         _ => None,
     };
@@ -108,6 +117,9 @@ pub(in crate::cli) fn coverage(global: &Global, args: &CoverageArgs) -> Result<u
             "errors_over_own_excitation": against_own.map(|[smallest, median, largest]| json!({
                 "smallest": smallest, "median": median, "largest": largest,
             })),
+            "predicted_over_scatter": predicted.as_ref().map(|ratios| json!({
+                "median": middle(ratios), "within_10_percent": within(ratios),
+            })),
             "parameters": found.ids.iter().zip(&found.inside).zip(&found.bias).map(|((id, inside), bias)| json!({
                 "joint": id.joint.number(), "parameter": id.name(),
                 "coverage": *inside as f64 / found.seeds as f64, "bias_in_sigma": bias,
@@ -115,6 +127,13 @@ pub(in crate::cli) fn coverage(global: &Global, args: &CoverageArgs) -> Result<u
         }));
     } else {
         output::line(&found.table());
+        if let Some(ratios) = &predicted {
+            output::line(&format!(
+                "predicted standard deviations are {:.3} of the scatter (median), {:.0} % of them within 10 %",
+                middle(ratios),
+                100.0 * within(ratios)
+            ));
+        }
         if let Some([smallest, median, largest]) = against_own {
             output::line(&format!(
                 "true errors are {median:.2} of those with the description's own excitation (median; {smallest:.2} to \
@@ -126,12 +145,51 @@ pub(in crate::cli) fn coverage(global: &Global, args: &CoverageArgs) -> Result<u
     Ok(if honest { EXIT_DONE } else { EXIT_FOUND })
 }
 
+/// What errors over those of the description's own motion are multiplied by, so that both have as much time: series of
+/// other durations alone can be compared so.
+fn equal_time(args: &CoverageArgs, driven: &Robot, own: &FourierExcitation) -> f64 {
+    match &driven.excitation {
+        Some(series) if args.series_alone => (own.base_frequency / series.base_frequency).sqrt(),
+        _ => 1.0,
+    }
+}
+
+/// Predicted standard deviations over the scatter of the values, rising; `None` where more than one period is driven, or
+/// noise is not white.
+fn predicted_over_scatter(
+    args: &CoverageArgs,
+    method: &Method,
+    found: &Coverage,
+) -> Result<Option<Vec<f64>>, CountError> {
+    let series = method.robot.excitation.as_ref().filter(|_| args.series_alone && args.correlation == 0.0);
+    let noise: Option<Vec<f64>> =
+        method.robot.joints.iter().map(|joint| Some(args.noise * joint.nominal?.torque_noise)).collect();
+    let Some((series, noise)) = series.zip(noise) else { return Ok(None) };
+    let recording = Recording { sample_rate_hz: args.rate_hz, periods: 1, noise };
+    let prediction = predict(&method.robot, &method.base, series, &recording)?;
+    let pairs = prediction.standard_deviations.iter().zip(&found.scatter);
+    let mut ratios: Vec<f64> = pairs.map(|(predicted, scatter)| predicted / scatter).collect();
+    ratios.sort_by(f64::total_cmp);
+    Ok(Some(ratios))
+}
+
+fn middle(ratios: &[f64]) -> f64 {
+    ratios[ratios.len() / 2]
+}
+
+/// Part of the ratios that are within 10 % of 1.
+fn within(ratios: &[f64]) -> f64 {
+    let near = ratios.iter().filter(|ratio| (0.9..=1.1).contains(*ratio));
+    near.count() as f64 / ratios.len() as f64
+}
+
 /// Simulates and counts what was asked for, with a progress bar.
 fn counted(args: &CoverageArgs, method: &Method, layout: &Layout) -> Result<Coverage, CountError> {
     let settings = ExactSettings {
         sample_rate_hz: args.rate_hz,
         torque_noise_scale: args.noise,
         torque_noise_correlation: args.correlation,
+        additional: !args.series_alone,
         ..ExactSettings::default()
     };
     let bar = progress_bar(args.seeds);
@@ -174,6 +232,8 @@ struct Coverage {
     bias: Vec<f64>,
     /// Mean standard error over the scatter of the values, by parameter; 1 if honest.
     error_ratio: Vec<f64>,
+    /// Standard deviation of the values, by parameter, in its own unit.
+    scatter: Vec<f64>,
     /// Root mean square of the deviations from the truth, by parameter, in its own unit.
     true_error: Vec<f64>,
     seeds: u64,
@@ -250,6 +310,7 @@ fn count(
         inside: vec![0; b],
         bias: vec![0.0; b],
         error_ratio: vec![0.0; b],
+        scatter: vec![0.0; b],
         true_error: vec![0.0; b],
         seeds,
     };
@@ -271,6 +332,7 @@ fn count(
     for k in 0..b {
         let scatter = (squares[k] - deviations[k] * deviations[k] / count) / (count - 1.0).max(1.0);
         found.true_error[k] = (squares[k] / count).sqrt();
+        found.scatter[k] = scatter.sqrt();
         found.error_ratio[k] = (errors[k] / count / scatter).sqrt();
     }
     Ok(found)

@@ -7,6 +7,8 @@ pub(super) mod rows;
 pub(super) mod plot;
 pub(super) mod programme;
 pub(super) mod selection;
+pub(super) mod position_columns;
+pub(super) mod cycle;
 pub(super) mod levels;
 pub(super) mod life;
 pub(super) mod load;

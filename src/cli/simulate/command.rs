@@ -8,9 +8,11 @@ use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
+use super::arm_options::ArmOptions;
 use super::export_format::export_format;
 use super::stage_signal::StageSignalArg;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
+use crate::cli::shared::cycle::CycleArgs;
 use crate::cli::shared::levels::Levels;
 use crate::cli::shared::load::LoadArgs;
 use crate::cli::shared::output;
@@ -21,7 +23,7 @@ use crate::simulate::error::SimulateError;
 use crate::simulate::fault::Fault;
 use crate::simulate::friction::FrictionShape;
 use crate::simulate::load::Load;
-use crate::simulate::recording::{Clock, SensorSettings};
+use crate::simulate::recording::Clock;
 use crate::simulate::temperatures::{TemperatureColumns, TemperatureSettings};
 use crate::simulate::{SimulationSettings, simulate_run};
 
@@ -49,6 +51,14 @@ Examples:
   armwatch simulate -o exports --stiffness 1=20000,2=25000 \\
       --torque-noise-correlation 0.6
   armwatch simulate -o exports --load-mass-kg 3 --load-centre-m 0,0,0.08
+  armwatch simulate -o exports --following-lag-s 0.02 \
+      --command-delay-s 0.008 --torque-step 0.05 --torque-hum 50=0.1
+  armwatch simulate -o exports --friction-shape stiction \
+      --friction-direction 0.1 --friction-load 0.03 --ripple 1=0.02,2=0.05
+  armwatch simulate -o exports --cycles 12 --rest-s 600 --heating-by-work
+  armwatch simulate -o exports --parts points,friction --dead-s 1
+  armwatch simulate -o exports --robots 20 --unit-spread 0.2 --runs 52 \
+      --interval-h 168 --season-k 6 --day-k 2 --shifts 6-14,14-22
 
 Faults, each with from= (first run) and perhaps to= (last run):
   wear:joint=,rate=[,cap=]     friction grows by a fraction a run
@@ -131,9 +141,6 @@ pub(in crate::cli) struct SimulateArgs {
     /// Write rows as a controller records them, so many times as fast as the clock; the export grows under its own name
     #[arg(help_heading = "Recording", long, value_name = "SPEED", value_parser = speed, conflicts_with = "gzip")]
     real_time: Option<f64>,
-    /// Correlation of the torque signals' noise from row to row, 0 to below 1; 0 is white noise
-    #[arg(help_heading = "Recording", long, default_value_t = 0.0, value_name = "PART")]
-    torque_noise_correlation: f64,
     /// How the export tells its stages; other columns as in the native layout, every digit written
     #[arg(help_heading = "Recording", long, value_enum, conflicts_with = "layout")]
     stage_signal: Option<StageSignalArg>,
@@ -174,6 +181,10 @@ pub(in crate::cli) struct SimulateArgs {
         requires = "temperatures"
     )]
     temperature_lag_s: f64,
+    #[command(flatten)]
+    cycle: CycleArgs,
+    #[command(flatten)]
+    arm: ArmOptions,
     #[command(flatten)]
     load: LoadArgs,
     /// Folder for truth files, instead of beside the exports
@@ -243,15 +254,18 @@ pub(in crate::cli) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u
         Some(path) => with_trajectory(robot, path)?,
         None => robot,
     };
-    let mut settings = args.settings()?;
+    let mut settings = args.settings(&robot)?;
     if let Some(path) = &args.layout {
         settings.format = Some(export_format(&read_layout(path)?, &robot, settings.temperatures.columns)?);
     }
     if let Some(signal) = args.stage_signal {
         settings.format = Some(export_format(&signal.layout()?, &robot, settings.temperatures.columns)?);
     }
-    for run in 0..settings.runs {
-        simulate_one(&robot, &settings, run, args, global.json)?;
+    for name in args.arm.names(&args.name)? {
+        settings.robot_name = name;
+        for run in 0..settings.runs {
+            simulate_one(&robot, &settings, run, args, global.json)?;
+        }
     }
     Ok(EXIT_DONE)
 }
@@ -272,9 +286,10 @@ pub(in crate::cli) fn shipped_robot() -> Result<Robot, CliError> {
 }
 
 impl SimulateArgs {
-    fn settings(&self) -> Result<SimulationSettings, CliError> {
+    fn settings(&self, robot: &Robot) -> Result<SimulationSettings, CliError> {
         let usual =
             if self.full_test { SimulationSettings::full_test() } else { SimulationSettings::default() };
+        let usual = self.arm.applied(usual);
         let interval = Duration::try_from_secs_f64(self.interval_h * 3600.0)
             .map_err(|error| CliError::Usage(format!("--interval-h {}: {error}", self.interval_h)))?;
         Ok(SimulationSettings {
@@ -284,9 +299,11 @@ impl SimulateArgs {
             cycles: self.cycles.unwrap_or(usual.cycles),
             stiffness: self.stiffness.clone(),
             grows: self.real_time.is_some(),
-            sensors: SensorSettings { torque_correlation: self.torque_noise_correlation, ..usual.sensors },
-            warming_s: self.warming_s.unwrap_or(usual.warming_s),
-            levels: self.levels.clone().map(|levels| levels.0),
+            warming_s: self.cycle.warming_s(self.warming_s.unwrap_or(usual.warming_s)),
+            levels: self.cycle.levels(self.levels.clone().map(|levels| levels.0)),
+            excitation: self.cycle.excitation(robot)?,
+            posture: self.cycle.posture(),
+            rest_s: self.cycle.rest_s(),
             runs: self.runs,
             first_start: self.start,
             interval,

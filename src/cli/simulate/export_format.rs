@@ -174,3 +174,93 @@ fn stage_cells(layout: &Layout) -> Result<Vec<(Column, Cell)>, CliError> {
 
 /// Largest noise of an analogue stage signal, as a part of its narrowest range.
 const NOISE_OF_RANGE: f64 = 0.3;
+
+#[cfg(test)]
+mod tests {
+    use std::path::{Path, PathBuf};
+
+    use super::*;
+    use crate::config::{read_layout, read_robot};
+    use crate::pipeline::take::cycles::read_cycle;
+    use crate::run::{Samples, Stage};
+    use crate::simulate::recording::Row;
+    use crate::simulate::trajectory::ExcitationParts;
+    use crate::simulate::{SimulationSettings, rows_of_run, simulate_run};
+
+    /// Numbers are written with every digit; motor sides and units cost some multiplications, and motor angles of a
+    /// hundred turns have as many digits less.
+    const ROUNDING: f64 = 1e-11;
+
+    fn shipped(name: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(name)
+    }
+
+    /// The largest difference of a channel, relative to its largest number.
+    fn difference(found: &[Vec<f64>], rows: &[Row], of: impl Fn(&Row, usize) -> f64) -> f64 {
+        let joint = |(j, found): (usize, &Vec<f64>)| {
+            let largest = rows.iter().map(|row| of(row, j).abs()).fold(f64::MIN_POSITIVE, f64::max);
+            let each = found.iter().zip(rows).map(|(found, row)| (found - of(row, j)).abs() / largest);
+            each.fold(0.0, f64::max)
+        };
+        found.iter().enumerate().map(joint).fold(0.0, f64::max)
+    }
+
+    fn assert_same(name: &str, samples: &Samples, rows: &[Row], layout: &Layout) {
+        assert!(samples.time.len() > 100 && samples.time.len() <= rows.len(), "{name}");
+        let whole = samples.time.len() == rows.len();
+        assert!(whole || layout.stage.kind().run_kind() == crate::run::RunKind::Production, "{name}");
+        let rows = &rows[..samples.time.len()];
+        let late = |row: &Row| row.time - rows[0].time;
+        let off = samples.time.iter().zip(rows).map(|(time, row)| (time - samples.time[0] - late(row)).abs());
+        assert!(off.fold(0.0, f64::max) < 1e-9, "{name}");
+        let position = difference(&samples.position, rows, |row, j| row.position[j]);
+        let torque = difference(&samples.torque, rows, |row, j| row.torque[j]);
+        assert!(position < ROUNDING && torque < ROUNDING, "{name}: {position:e} {torque:e}");
+        assert_eq!(samples.velocity.is_some(), layout.velocity.is_some(), "{name}");
+        if let Some(velocity) = &samples.velocity {
+            let velocity = difference(velocity, rows, |row, j| row.velocity[j]);
+            assert!(velocity < ROUNDING, "{name}: {velocity:e}");
+        }
+        let says_stages = layout.stage.kind().cells().is_some_and(|cells| !cells.is_empty());
+        if says_stages {
+            assert!(samples.stage.iter().zip(rows).all(|(stage, row)| *stage == row.stage), "{name}");
+            assert!(samples.stage.contains(&Stage::Friction), "{name}");
+        }
+    }
+
+    /// The ER3A with a coupled wrist, offsets of positions, and gains of drives that report currents.
+    #[test]
+    fn every_shipped_layout_is_read_back_to_the_numbers_that_were_simulated() {
+        let mut robot = read_robot(&shipped("robots/er3a.toml")).expect("the ER3A");
+        (robot.transmission[(5, 4)], robot.transmission[(4, 3)]) = (7.0, -3.0);
+        for (joint, gain) in robot.joints.iter_mut().zip([21.0, -33.0, 17.0, 11.0, 9.0, 7.0]) {
+            joint.drive_gain = Some(gain);
+            joint.position_offset = 0.01 * gain;
+        }
+        let mut names = Vec::new();
+        for entry in std::fs::read_dir(shipped("exports")).expect("layouts") {
+            let path = entry.expect("a layout").path();
+            let layout = read_layout(&path).expect("a shipped layout");
+            let mut settings =
+                SimulationSettings { cycles: 1, warming_s: 0.0, ..SimulationSettings::default() };
+            if let TimeSource::SampleRate(rate) = layout.time {
+                // rows of an export without time are as many a second as its layout says
+                settings.sample_rate_hz = rate;
+                settings.levels = Some(Vec::new());
+                settings.excitation = ExcitationParts { series: false, ..ExcitationParts::default() };
+            }
+            settings.format =
+                Some(export_format(&layout, &robot, settings.temperatures.columns).expect("a format"));
+            let folder = tempfile::tempdir().expect("a folder");
+            let files = simulate_run(&robot, &settings, 0, folder.path(), &mut |_| ()).expect("an export");
+            let mut rows = Vec::new();
+            rows_of_run(&robot, &settings, 0, |row| rows.push(*row)).expect("rows");
+            let read = read_cycle(&files.export, &layout, &robot, 1)
+                .unwrap_or_else(|rejection| panic!("{}: {rejection}", layout.name));
+            assert_same(&layout.name, &read.expect("a cycle").samples, &rows, &layout);
+            names.push(layout.name.clone());
+        }
+        names.sort();
+        assert_eq!(names, ["motor_side", "native", "production", "ur10e_current"]);
+    }
+}

@@ -24,6 +24,8 @@ use crate::design::programme::{BesideRecord, Programme, SearchRecord};
 use crate::design::search::{Budget, Earlier, Found, search};
 use crate::numerics::model::base_parameters::{BaseParameters, base_parameters};
 use crate::numerics::pooled::nominal_prior::nominal_base;
+use crate::numerics::trajectory::clearance::{Nearest, nearest_of_postures};
+use crate::numerics::trajectory::limits::MotionLimits;
 use crate::numerics::trajectory::prediction::{Conditioning, Recording, conditioning};
 use crate::numerics::trajectory::problem::{INSTANTS_PER_HARMONIC, SearchProblem, SearchSettings};
 use crate::robot::Robot;
@@ -69,8 +71,10 @@ pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, C
         judged: &judged,
         prediction: recording
             .as_ref()
-            .map(|of| Predicted::new(&robot, &base, &found.series, of))
+            .map(|of| Predicted::new(&robot, &base, &found.series, of, args.budget(global, &robot)?))
             .transpose()?,
+        wear: args.wear,
+        load_kg: args.load_kg,
         beside: beside.as_ref().zip(precision.as_ref()),
     };
     match global.json {
@@ -123,6 +127,7 @@ impl DesignArgs {
             ("seed", search.seed == self.seed),
             ("duration", near(1.0 / found.series.base_frequency, self.seconds)),
             ("number of harmonics", harmonics == usize::from(self.harmonics)),
+            ("form", search.form == self.form.recorded()),
             ("share of the range", near(search.position_share, self.position_share)),
             ("share of the speeds", near(search.speed_share, self.speed_share)),
             ("share of the accelerations", near(search.acceleration_share, self.acceleration_share)),
@@ -167,13 +172,7 @@ impl DesignArgs {
             bar.set_message(format!("best {:.4}", progress.best));
         });
         bar.finish_and_clear();
-        found.ok_or_else(|| {
-            CliError::Usage(
-                "no motion within the limits shows every parameter; check the ranges of the joints, or allow more \
-                 harmonics and seconds"
-                    .into(),
-            )
-        })
+        found.ok_or_else(|| CliError::Usage(nothing_found(problem)))
     }
 
     /// The shortest motion with which every parameter is known well enough, or the longest one that is allowed.
@@ -215,6 +214,7 @@ impl DesignArgs {
             armwatch: env!("CARGO_PKG_VERSION").to_owned(),
             objective: self.objective().name(),
             parameters: chosen.iter().map(|&k| base.kept[k].to_string()).collect(),
+            form: self.form.recorded(),
             seed: self.seed,
             starts: found.values.len() as u64,
             best_start: found.best_start,
@@ -228,5 +228,32 @@ impl DesignArgs {
             sample_rate_hz: self.rate_hz,
             beside: beside.map(|of| BesideRecord { run: of.run, seconds: of.seconds }),
         }
+    }
+}
+
+/// Why a search may have found no motion, and what to do.
+fn nothing_found(problem: &SearchProblem<'_>) -> String {
+    let robot = problem.robot();
+    let middle: Vec<f64> = problem.settings().limits.iter().map(MotionLimits::middle).collect();
+    let nearest = problem.settings().clearance.as_ref().map(|limit| {
+        let mut near = nearest_of_postures(robot, &limit.clearance, std::iter::once((0.0, middle)));
+        near.retain(|near| near.at_least < limit.distance);
+        near.sort_by(|a, b| a.at_least.total_cmp(&b.at_least));
+        let of = |of: &Nearest| format!("{} ({:.1} mm)", limit.clearance.name(of.pair), 1e3 * of.at_least);
+        (near.iter().map(of).collect::<Vec<_>>(), limit.distance)
+    });
+    match nearest {
+        Some((near, distance)) if !near.is_empty() => format!(
+            "no motion that was tried keeps clear of everything. With all joints at the middles of their ranges, these are \
+             nearer than {:.1} mm already: {}. Check capsules and obstacles, or use less of the range (--position-share)",
+            1e3 * distance,
+            near.join(", ")
+        ),
+        Some(_) => "no motion that was tried keeps within the limits and clear of everything, and shows every parameter; try \
+                    more --starts, or use less of the range (--position-share)"
+            .to_owned(),
+        None => "no motion within the limits shows every parameter; check the ranges of the joints, or allow more harmonics \
+                 and seconds"
+            .to_owned(),
     }
 }

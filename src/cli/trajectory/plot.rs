@@ -37,12 +37,13 @@ pub(in crate::cli) fn plot(global: &Global, args: &PlotArgs) -> Result<u8, CliEr
         Some(search) => (
             &search.values[..],
             format!(
-                "condition number {:.3}, with scaled columns {:.3}; {} of {} parameters, {} starts, seed {}",
+                "condition number {:.3}, with scaled columns {:.3}; searched for {} of {} parameters, {} start{}, seed {}",
                 search.condition_number,
                 search.scaled_condition_number,
                 search.objective,
                 search.parameters.len(),
                 search.starts,
+                if search.starts == 1 { "" } else { "s" },
                 search.seed
             ),
         ),

@@ -3,44 +3,28 @@
 use std::path::Path;
 
 use crate::cli::context::CliError;
+use crate::cli::shared::position_columns::{
+    ACCELERATIONS, POSITIONS, VELOCITIES, columns, names, no_positions,
+};
 use crate::numerics::trajectory::limits::SampledMotion;
-use crate::robot::{JointKind, Robot};
+use crate::robot::Robot;
 
 /// Names of the time column.
 const TIMES: [&str; 3] = ["time_s", "time", "t"];
-/// What names of columns of positions, velocities and accelerations begin with, before the joint's number.
-const POSITIONS: [&str; 3] = ["pos_", "q_", "position_"];
-const VELOCITIES: [&str; 3] = ["vel_", "qd_", "velocity_"];
-const ACCELERATIONS: [&str; 3] = ["acc_", "qdd_", "acceleration_"];
-
-/// A column and what its cells are multiplied by to be SI.
-struct Column {
-    index: usize,
-    factor: f64,
-}
 
 /// Reads a CSV file with a header: time and the positions of all joints, perhaps velocities and accelerations.
 pub(super) fn samples(path: &Path, text: &str, robot: &Robot) -> Result<SampledMotion, CliError> {
     let fault = |problem: String| CliError::Usage(format!("{}: {problem}", path.display()));
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-    let header: Vec<String> = reader
-        .headers()
-        .map_err(|error| fault(error.to_string()))?
-        .iter()
-        .map(|name| name.trim_start_matches('\u{feff}').to_owned())
-        .collect();
+    let header = names(reader.headers().map_err(|error| fault(error.to_string()))?);
     let time =
         TIMES.iter().find_map(|name| header.iter().position(|known| known == name)).ok_or_else(|| {
-            fault(format!("line 1: no column of times, s; one of {} is needed", TIMES.join(", ")))
+            fault(format!(
+                "line 1: no column of times, s; a CSV file of a motion needs one of {}, and a programme is JSON",
+                TIMES.join(", ")
+            ))
         })?;
-    let positions = columns(&header, &POSITIONS, robot, 0).ok_or_else(|| {
-        fault(format!(
-            "line 1: no position of each of the {} joints; columns pos_1 to pos_{} are needed, in rad (m) or named \
-             pos_1_deg",
-            robot.joint_count(),
-            robot.joint_count()
-        ))
-    })?;
+    let positions = columns(&header, &POSITIONS, robot, 0).ok_or_else(|| fault(no_positions(robot)))?;
     let velocities = columns(&header, &VELOCITIES, robot, 1);
     let accelerations = columns(&header, &ACCELERATIONS, robot, 2);
     let mut motion = SampledMotion {
@@ -105,25 +89,6 @@ fn last_digit(text: &str) -> f64 {
 /// The finer of two steps; the first row has only its own.
 fn finest(step: f64, own: f64, rows: usize) -> f64 {
     if rows == 1 && step == 0.0 { own } else { step.min(own) }
-}
-
-/// Columns of one quantity for every joint; `None` if one is missing. `order` is how often it is derived.
-fn columns(header: &[String], prefixes: &[&str], robot: &Robot, order: usize) -> Option<Vec<Column>> {
-    let of_joint = |(number, kind): (usize, JointKind)| {
-        header.iter().enumerate().find_map(|(index, name)| {
-            let rest = prefixes.iter().find_map(|prefix| name.strip_prefix(prefix))?;
-            let unit = rest.strip_prefix(&number.to_string())?;
-            let of_time = ["", "_s", "_s2"][order];
-            let factor = match (unit.strip_suffix(of_time).unwrap_or(unit), kind) {
-                ("", _) | ("_rad", JointKind::Revolute) | ("_m", JointKind::Prismatic) => 1.0,
-                ("_deg", JointKind::Revolute) => std::f64::consts::PI / 180.0,
-                ("_mm", JointKind::Prismatic) => 1e-3,
-                _ => return None,
-            };
-            Some(Column { index, factor })
-        })
-    };
-    (1..).zip(robot.joints.iter().map(|joint| joint.kind)).map(of_joint).collect()
 }
 
 #[cfg(test)]

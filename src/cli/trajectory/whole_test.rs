@@ -11,6 +11,7 @@ use super::export::{header, steps};
 use super::motion_check::MotionCheck;
 use super::surroundings::SurroundingsArgs;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
+use crate::cli::shared::cycle::CycleArgs;
 use crate::cli::shared::levels::Levels;
 use crate::cli::shared::output;
 use crate::cli::shared::plot::{PlotFile, write_lines};
@@ -18,8 +19,10 @@ use crate::cli::shared::programme::programme;
 use crate::numerics::trajectory::limits::SampledMotion;
 use crate::report::figure::Figure;
 use crate::report::trajectory::motion_figure;
-use crate::robot::Robot;
+use crate::robot::{JointIndex, Robot};
 use crate::run::Stage;
+use crate::simulate::motion::MotionPiece;
+use crate::simulate::still_posture::axis_tilt;
 use crate::simulate::trajectory::{CyclePlan, PlanSettings, Segment, plan_cycle};
 
 /// Cycles of the source's test.
@@ -65,6 +68,8 @@ pub(in crate::cli) struct WholeTestArgs {
     /// Seed of the excitation of an arm that has none
     #[arg(help_heading = "Motion", long, default_value_t = 1)]
     seed: u64,
+    #[command(flatten)]
+    cycle: CycleArgs,
     /// Cycles, one after the other
     #[arg(help_heading = "Motion", long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     cycles: u32,
@@ -91,9 +96,12 @@ pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Resul
         robot.excitation = Some(programme(path, &robot)?.series);
     }
     let settings = PlanSettings {
-        warming_s: args.warming_s,
+        warming_s: args.cycle.warming_s(args.warming_s),
         seed: args.seed,
-        levels: args.levels.clone().map(|levels| levels.0),
+        levels: args.cycle.levels(args.levels.clone().map(|levels| levels.0)),
+        excitation: args.cycle.excitation(&robot)?,
+        posture: args.cycle.posture(),
+        rest_s: args.cycle.rest_s(),
     };
     if !(0.0..=86_400.0).contains(&args.warming_s) {
         return Err(CliError::Usage(format!("--warming-s {}: 0 to 86400 s is possible", args.warming_s)));
@@ -110,7 +118,7 @@ pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Resul
     let plan = plan_cycle(&robot, &settings).map_err(|error| CliError::Usage(error.to_string()))?;
     let judged = MotionCheck::of_samples(&robot, &sampled(&robot, &plan), limit.as_ref())?;
     match global.json {
-        true => output::json(&as_value(&plan, &judged, args)),
+        true => output::json(&as_value(&plan, &robot, &judged, args)),
         false => describe(&plan, &robot, &judged, args),
     }
     if refused(&judged.broken(), args) {
@@ -201,6 +209,7 @@ fn describe(plan: &CyclePlan, robot: &Robot, judged: &MotionCheck<'_>, args: &Wh
         .collect();
     output::print_table(&["stage", "begins, s", "motions last, s"], &rows, &[]);
     output::line("");
+    print_friction(&friction(plan, robot));
     print_used(robot, &judged.check);
     judged.print();
     output::line(&format!(
@@ -213,6 +222,66 @@ fn describe(plan: &CyclePlan, robot: &Robot, judged: &MotionCheck<'_>, args: &Wh
     judged.hints().iter().for_each(|hint| output::print_hint(hint));
 }
 
+/// How one joint is tested for friction.
+struct FrictionTest {
+    joint: JointIndex,
+    /// Angle of its axis from the vertical, rad.
+    tilt: f64,
+    /// The others, rad (m).
+    posture: Vec<f64>,
+    /// Speed, rad/s (m/s), plateaus, and duration of each, s.
+    levels: Vec<(f64, u32, f64)>,
+}
+
+fn friction(plan: &CyclePlan, robot: &Robot) -> Vec<FrictionTest> {
+    let of = |joint: JointIndex| {
+        let own = plan.segments.iter().filter_map(|segment| match segment.motion {
+            MotionPiece::Plateaus(plateaus) if plateaus.joint == joint.index() => Some(plateaus),
+            _ => None,
+        });
+        let own: Vec<_> = own.collect();
+        own.first().map(|first| FrictionTest {
+            joint,
+            tilt: axis_tilt(robot, joint, &first.posture),
+            posture: first.posture[..robot.joint_count()].to_vec(),
+            levels: own.iter().map(|of| (of.stroke.speed, of.strokes, of.stroke.plateau_s)).collect(),
+        })
+    };
+    robot.joint_indices().filter_map(of).collect()
+}
+
+/// Tilt from which gravity is no longer still, rad.
+const STILL: f64 = 1e-6;
+
+fn print_friction(tests: &[FrictionTest]) {
+    if tests.is_empty() {
+        return;
+    }
+    let list = |of: &mut dyn Iterator<Item = String>| of.collect::<Vec<_>>().join(", ");
+    let rows: Vec<Vec<String>> = tests
+        .iter()
+        .map(|test| {
+            let held = test.posture.iter().enumerate().map(|(j, q)| match j == test.joint.index() {
+                true => "*".to_owned(),
+                false => format!("{q:.2}"),
+            });
+            vec![
+                test.joint.to_string(),
+                (if test.tilt < STILL { "still" } else { "moves" }).to_owned(),
+                list(&mut held.into_iter()),
+                list(&mut test.levels.iter().map(|(speed, ..)| format!("{speed:.3}"))),
+                list(&mut test.levels.iter().map(|(_, count, lasts)| format!("{count} x {lasts:.2}"))),
+            ]
+        })
+        .collect();
+    output::print_table(
+        &["friction of joint", "gravity", "posture", "at constant speeds", "plateaus, s"],
+        &rows,
+        &[],
+    );
+    output::line("");
+}
+
 fn hours(seconds: f64) -> String {
     let minutes = (seconds / 60.0).round() as u64;
     match (minutes / 60, minutes % 60) {
@@ -222,12 +291,20 @@ fn hours(seconds: f64) -> String {
     }
 }
 
-fn as_value(plan: &CyclePlan, judged: &MotionCheck<'_>, args: &WholeTestArgs) -> Value {
+fn as_value(plan: &CyclePlan, robot: &Robot, judged: &MotionCheck<'_>, args: &WholeTestArgs) -> Value {
+    let friction = friction(plan, robot).into_iter().map(|test| {
+        let level = |&(speed, count, lasts): &(f64, u32, f64)| json!({ "speed": speed, "plateaus": count, "plateau_s": lasts });
+        json!({
+            "joint": test.joint.number(), "gravity_is_still": test.tilt < STILL, "axis_tilt_rad": test.tilt,
+            "posture": test.posture, "levels": test.levels.iter().map(level).collect::<Vec<_>>(),
+        })
+    });
     let stages = stages(plan).into_iter().map(
         |(stage, begins, lasts)| json!({ "stage": stage.to_string(), "begins_s": begins, "lasts_s": lasts }),
     );
     json!({
         "cycle_s": plan.duration, "cycles": args.cycles, "stages": stages.collect::<Vec<_>>(),
+        "friction": friction.collect::<Vec<_>>(),
         "joints": used_value(&judged.check), "torques": judged.torque_value(), "clearances": judged.clearance_value(),
         "broken": judged.broken_value(),
     })

@@ -79,6 +79,32 @@ impl Information {
         Ok(information)
     }
 
+    /// Places of the parameters that are worth estimating: the one of the largest standard deviation over its `values` is
+    /// left out and taken for zero, and then the next, until none is above `relative` (Pham & Gautier 1991, Essential
+    /// parameters of robots).
+    ///
+    /// # Errors
+    /// [`NumericsError::NotFinite`] if the eigenvalues cannot be had.
+    ///
+    /// # Panics
+    /// If there are fewer values than parameters.
+    pub fn essential(&self, values: &[f64], relative: f64) -> Result<Vec<usize>, NumericsError> {
+        // a parameter that is nothing is known to no part of itself
+        let mut left: Vec<usize> = (0..values.len()).filter(|k| values[*k] != 0.0).collect();
+        while !left.is_empty() {
+            let own = Self(Mat::from_fn(left.len(), left.len(), |i, k| self.0[(left[i], left[k])]));
+            let sizes: Vec<f64> = left.iter().map(|k| values[*k].abs()).collect();
+            let deviations = own.standard_deviations(&sizes)?;
+            let ratio = |k: usize| deviations[k].map_or(f64::INFINITY, |std| std / sizes[k]);
+            let worst = (0..left.len()).max_by(|a, b| ratio(*a).total_cmp(&ratio(*b)));
+            match worst.filter(|worst| ratio(*worst) > relative) {
+                Some(worst) => left.remove(worst),
+                None => break,
+            };
+        }
+        Ok(left)
+    }
+
     /// What both tell, if their noise is independent.
     ///
     /// # Panics
@@ -141,6 +167,22 @@ mod tests {
             let found = found.expect("seen");
             assert!((found / expected - 1.0).abs() < 1e-6, "{found} {expected}");
         }
+    }
+
+    /// By hand: of two parameters that are seen together, leaving one out makes the other certain.
+    #[test]
+    fn parameters_that_are_not_worth_their_uncertainty_are_left_out_one_by_one() {
+        let matrix =
+            Mat::from_fn(3, 3, |i, k| [[100.0, 99.0, 0.0], [99.0, 100.0, 0.0], [0.0, 0.0, 1.0]][i][k]);
+        let information = Information(matrix);
+        // together, the first two have standard deviations of 0.71 each, alone 0.1
+        let together = information.standard_deviations(&[1.0; 3]).expect("deviations");
+        assert!((together[0].expect("seen") - (100.0_f64 / 199.0).sqrt()).abs() < 1e-12, "{together:?}");
+        let of = |values: [f64; 3]| information.essential(&values, 0.2).expect("a choice");
+        assert_eq!(of([1.0, 0.5, 100.0]), [0, 2]);
+        assert_eq!(of([10.0, 5.0, 100.0]), [0, 1, 2]);
+        assert_eq!(of([1.0, 0.5, 1.0]), [0]);
+        assert!(of([0.0, 0.0, 0.0]).is_empty());
     }
 
     #[test]

@@ -111,8 +111,9 @@ fn friction_direction(robot: &Robot, base: &BaseParameters, joint: JointIndex) -
     Some(base.kept.iter().map(|id| own(id).unwrap_or(0.0)).collect())
 }
 
-/// What 1 kg at the tool frame adds to the base parameters.
-fn load_direction(robot: &Robot, base: &BaseParameters) -> Vec<f64> {
+/// What 1 kg at the tool frame adds to the base parameters `[b]`.
+#[must_use]
+pub fn load_direction(robot: &Robot, base: &BaseParameters) -> Vec<f64> {
     let body =
         StandardParameters::from_centre_of_mass(1.0, &robot.tool.translation, &nalgebra::Matrix3::zeros());
     let mut full = vec![0.0; robot.parameter_count()];

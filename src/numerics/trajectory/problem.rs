@@ -2,7 +2,8 @@
 //! they cost, and the slope of that.
 //!
 //! A series that starts and ends at rest without acceleration has `2 N - 1` free numbers a joint: the last cosine and
-//! sine amplitudes follow from the others. Limits cost the squares of what exceeds them; a series that is found is
+//! sine amplitudes follow from the others. One of sines alone [4.1] has `N` of them: without `b` it has no acceleration
+//! at its start whatever its amplitudes are. Limits cost the squares of what exceeds them; a series that is found is
 //! then made to keep them exactly ([`SearchProblem::within_limits`]).
 
 mod penalties;
@@ -40,6 +41,8 @@ pub struct SearchSettings {
     pub period: f64,
     /// Harmonics `N`, 2 or more.
     pub harmonics: usize,
+    /// Which waves there are.
+    pub form: SeriesForm,
     /// What is made small.
     pub objective: Objective,
     /// Places in [`BaseParameters::kept`] of the parameters that the objective is of.
@@ -60,6 +63,27 @@ pub struct SearchSettings {
     pub clearance: Option<ClearanceLimit>,
     /// Share of each velocity in `limits` that the joint has to reach at least; 0 asks for nothing.
     pub reached_speed: f64,
+}
+
+/// Which waves a series is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SeriesForm {
+    /// Sines and cosines [4.19].
+    #[default]
+    Fourier,
+    /// Sines of the position alone [4.1], about a centre: `b = 0` in [4.19]. Starting at rest asks for `sum a_l = 0` of
+    /// [4.20], that is `sum k a_k = 0` in the amplitudes of [4.1].
+    HarmonicSine,
+}
+
+impl SeriesForm {
+    /// Numbers that stand for the series of one joint.
+    fn numbers(self, harmonics: usize) -> usize {
+        match self {
+            Self::Fourier => 2 * harmonics - 1,
+            Self::HarmonicSine => harmonics,
+        }
+    }
 }
 
 /// How strictly a search takes condition numbers and limits.
@@ -124,7 +148,7 @@ impl<'a> SearchProblem<'a> {
     }
 
     fn per_joint(&self) -> usize {
-        2 * self.settings.harmonics - 1
+        self.settings.form.numbers(self.settings.harmonics)
     }
 
     /// The arm.
@@ -139,8 +163,9 @@ impl<'a> SearchProblem<'a> {
         &self.settings
     }
 
-    /// The series that numbers `x` stand for: joint by joint cosine amplitudes 1 to `N-1`, sine amplitudes 1 to `N-1`
-    /// in units of the largest velocity, and the centre from -1 to 1 over the range.
+    /// The series that numbers `x` stand for: joint by joint the velocity's cosine amplitudes 1 to `N-1`, its sine
+    /// amplitudes 1 to `N-1` unless the form has none, in units of the largest velocity, and the centre from -1 to 1 over
+    /// the range.
     ///
     /// # Panics
     /// If there are fewer numbers than [`SearchProblem::dimension`].
@@ -156,13 +181,20 @@ impl<'a> SearchProblem<'a> {
         };
         for (own, limits) in x.chunks_exact(self.per_joint()).zip(&self.settings.limits) {
             let scaled = |of: &[f64]| of.iter().map(|x| x * limits.velocity).collect::<Vec<f64>>();
-            let (mut a, mut b) = (scaled(&own[..free]), scaled(&own[free..2 * free]));
+            let mut a = scaled(&own[..free]);
             a.push(-a.iter().sum::<f64>());
-            let weighted: f64 = (1..).zip(&b).map(|(l, b)| f64::from(l) * b).sum();
-            b.push(-weighted / harmonics as f64);
+            let b = match self.settings.form {
+                SeriesForm::HarmonicSine => vec![0.0; harmonics],
+                SeriesForm::Fourier => {
+                    let mut b = scaled(&own[free..2 * free]);
+                    let weighted: f64 = (1..).zip(&b).map(|(l, b)| f64::from(l) * b).sum();
+                    b.push(-weighted / harmonics as f64);
+                    b
+                }
+            };
             series.a.push(a);
             series.b.push(b);
-            series.centre.push(limits.middle() + own[2 * free] * limits.half_range());
+            series.centre.push(limits.middle() + own[own.len() - 1] * limits.half_range());
         }
         series
     }
@@ -274,7 +306,7 @@ impl<'a> SearchProblem<'a> {
                     by.b[l] += qd * sine + qdd * cosine * w - q * cosine * (1.0 / w);
                 }
             }
-            of_numbers.extend(by.along_numbers(&self.settings.limits[j]));
+            of_numbers.extend(by.along_numbers(&self.settings.limits[j], self.settings.form));
         }
         of_numbers
     }
@@ -320,12 +352,13 @@ impl SeriesSlope {
     }
 
     /// Along the numbers of the search: the last amplitudes follow from the others.
-    fn along_numbers(&self, limits: &MotionLimits) -> Vec<f64> {
+    fn along_numbers(&self, limits: &MotionLimits, form: SeriesForm) -> Vec<f64> {
         let free = self.a.len() - 1;
         let (last_a, last_b) = (self.a[free].sum(), self.b[free].sum());
         let part = |l: u32| f64::from(l) / self.a.len() as f64;
         let by_a = self.a[..free].iter().map(|by| limits.velocity * (by.sum() - last_a));
-        let by_b = (1..).zip(&self.b[..free]).map(|(l, by)| limits.velocity * (by.sum() - part(l) * last_b));
+        let sines = if form == SeriesForm::Fourier { &self.b[..free] } else { &[] };
+        let by_b = (1..).zip(sines).map(|(l, by)| limits.velocity * (by.sum() - part(l) * last_b));
         by_a.chain(by_b).chain([limits.half_range() * self.centre.sum()]).collect()
     }
 }
@@ -349,6 +382,7 @@ mod tests {
         SearchSettings {
             period: 5.0,
             harmonics: 3,
+            form: SeriesForm::Fourier,
             objective: Objective::Condition,
             parameters: (0..base.kept.len()).collect(),
             row_scales: vec![1.0; robot.joint_count()],
@@ -386,12 +420,16 @@ mod tests {
             peak: vec![None, Some(20.0)],
         };
         let strictness = Strictness { power: 5.0, penalty: 3.0 };
-        // the smaller motion is too slow, the larger one beyond every limit
-        for (size, limited, reached) in [(0.1, false, 0.7), (1.2, true, 0.0)] {
+        // the smaller motion is too slow, the larger ones beyond every limit
+        let (fourier, sines) = (SeriesForm::Fourier, SeriesForm::HarmonicSine);
+        for (size, limited, reached, form) in
+            [(0.1, false, 0.7, fourier), (1.2, true, 0.0, fourier), (1.2, true, 0.0, sines)]
+        {
             for objective in [Objective::Condition, Objective::ScaledCondition, Objective::StandardDeviation]
             {
                 let mut settings = settings(&robot, &base);
                 settings.objective = objective;
+                settings.form = form;
                 settings.torque = limited.then(|| torque.clone());
                 settings.limits[0].jerk = limited.then_some(20.0);
                 settings.clearance = limited.then(|| wall(&robot));
@@ -399,7 +437,7 @@ mod tests {
                 let problem = SearchProblem::new(&robot, &base, settings).expect("a problem");
                 let x = numbers(problem.dimension(), size);
                 let (_, slope) = problem.cost(&x, strictness).expect("a cost");
-                for k in [0, 3, 4, 7] {
+                for k in [0, 3, 4, problem.dimension() - 1] {
                     let at = |step: f64| {
                         let mut moved = x.clone();
                         moved[k] += step;
@@ -421,8 +459,12 @@ mod tests {
         let mut robot = er3a_of(3);
         robot.joints[1].limits.jerk = Some(15.0);
         let base = base_parameters(&robot).expect("base parameters");
-        let problem = SearchProblem::new(&robot, &base, settings(&robot, &base)).expect("a problem");
-        for size in [0.01, 0.3, 5.0] {
+        for (size, form) in [0.01, 0.3, 5.0]
+            .into_iter()
+            .flat_map(|size| [SeriesForm::Fourier, SeriesForm::HarmonicSine].map(|form| (size, form)))
+        {
+            let settings = SearchSettings { form, ..settings(&robot, &base) };
+            let problem = SearchProblem::new(&robot, &base, settings).expect("a problem");
             let wild = problem.series(&numbers(problem.dimension(), size));
             let tame = problem.within_limits(wild.clone());
             for series in [&wild, &tame] {
@@ -432,6 +474,9 @@ mod tests {
                 }
             }
             assert_eq!(!broken_by_series(&robot, &wild).is_empty(), size > 0.1);
+            if form == SeriesForm::HarmonicSine {
+                assert!(tame.b.iter().flatten().all(|b| *b == 0.0), "{tame:?}");
+            }
             assert!(broken_by_series(&robot, &tame).is_empty(), "{size}");
             // the shares of the search, at 1 kHz
             for (j, limits) in problem.settings().limits.iter().enumerate() {

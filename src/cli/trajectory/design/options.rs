@@ -4,9 +4,12 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use crate::cli::context::CliError;
+use crate::cli::context::{CliError, Global};
 use crate::cli::trajectory::beside::BesideArgs;
 use crate::cli::trajectory::surroundings::SurroundingsArgs;
+use crate::numerics::detect::rate::budget::Budget;
+use crate::numerics::trajectory::problem::SeriesForm;
+use crate::robot::Robot;
 
 /// Share of the top speeds that each joint reaches at least where the scaled condition number is searched: the columns
 /// of a joint that hardly moves can be scaled too, and tell nothing.
@@ -23,7 +26,10 @@ Examples:
   armwatch trajectory design --robot er3a --columns all \\
       --objective standard-deviation -o precise.json
   armwatch trajectory design --robot er3a --columns all \\
-      --objective standard-deviation --precise friction-3 -o joint3.json
+      --objective standard-deviation --precise friction-3,load -o joint3.json
+  armwatch trajectory design --robot er3a --form harmonic-sine -o sines.json
+  armwatch trajectory design --robot er3a --wear 0.02 --load-kg 0.2 \
+      --tests-per-year 52 -o er3a.json
   armwatch trajectory design --robot er3a --resume er3a.json -o er3a.json
   armwatch trajectory design --robot er3a --beside-run 12 --seconds 10 \\
       -o addition.json
@@ -50,6 +56,9 @@ pub(in crate::cli) struct DesignArgs {
     /// Harmonics of the series, 2 to 20
     #[arg(help_heading = "Motion", long, default_value_t = 5, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=20))]
     pub(super) harmonics: u8,
+    /// Which waves the motion has
+    #[arg(help_heading = "Motion", long, value_enum, default_value = "fourier")]
+    pub(super) form: FormArg,
     /// Part of each joint's range that may be used, about its middle
     #[arg(help_heading = "Motion", long, default_value_t = 1.0, value_name = "PART", value_parser = share)]
     pub(super) position_share: f64,
@@ -88,7 +97,8 @@ pub(in crate::cli) struct DesignArgs {
     #[arg(help_heading = "Search", long, default_value_t = 0.5, value_name = "PART", value_parser = share_or_none)]
     pub(super) condition_share: f64,
     /// Parameters whose standard deviations count, where not all do: names such as J3_f1, friction-3 for all friction of
-    /// joint 3, link-6 for link 6 and its motor, separated by commas; others are estimated along
+    /// joint 3, link-6 for link 6 and its motor, load for all that a mass at the tool frame changes, essential for all
+    /// that are worth their uncertainty, separated by commas; others are estimated along
     #[arg(
         help_heading = "Search",
         long,
@@ -118,6 +128,19 @@ pub(in crate::cli) struct DesignArgs {
     /// Standard deviation of every torque signal, Nm (N) [default: the description's]
     #[arg(help_heading = "Prediction", long, value_name = "NM")]
     pub(super) noise_nm: Option<f64>,
+    /// False alarms of a robot and year that may be, on which the smallest changes stand [default: that of the
+    /// configuration]
+    #[arg(help_heading = "Prediction", long, value_name = "RATE")]
+    pub(super) false_alarms_per_robot_year: Option<f64>,
+    /// Tests of a robot in a year
+    #[arg(help_heading = "Prediction", long, default_value_t = 365.25, value_name = "N")]
+    pub(super) tests_per_year: f64,
+    /// Growth of a joint's friction whose chance to be seen is told, a fraction
+    #[arg(help_heading = "Prediction", long, default_value_t = 0.04, value_name = "PART")]
+    pub(super) wear: f64,
+    /// Load whose chance to be seen is told, kg
+    #[arg(help_heading = "Prediction", long, default_value_t = 0.5, value_name = "KG")]
+    pub(super) load_kg: f64,
     #[command(flatten)]
     pub(super) beside: BesideArgs,
     #[command(flatten)]
@@ -161,6 +184,16 @@ impl DesignArgs {
             ("--rate-hz", self.rate_hz, 1.0, 100_000.0, "Hz"),
             ("--budget-s", self.budget_s.unwrap_or(1.0), 0.0, 1e6, "s"),
             ("--noise-nm", self.noise_nm.unwrap_or(1.0), 1e-9, 1e5, "Nm"),
+            (
+                "--false-alarms-per-robot-year",
+                self.false_alarms_per_robot_year.unwrap_or(1.0),
+                0.001,
+                1000.0,
+                "a year",
+            ),
+            ("--tests-per-year", self.tests_per_year, 1.0, 52_600.0, "a year"),
+            ("--wear", self.wear, 1e-6, 10.0, "(a fraction)"),
+            ("--load-kg", self.load_kg, 1e-6, 1e4, "kg"),
         ];
         if let Some((option, value, low, high, unit)) =
             positive.into_iter().find(|(_, value, low, high, _)| !(value >= low && value <= high))
@@ -197,6 +230,41 @@ impl DesignArgs {
     /// What is made small; of an addition to ordinary work the standard deviations.
     pub(super) fn objective(&self) -> ObjectiveArg {
         if self.beside.is_asked() { ObjectiveArg::StandardDeviation } else { self.objective }
+    }
+}
+
+impl DesignArgs {
+    /// What one channel of a test may spend of the false alarms of a year.
+    pub(super) fn budget(&self, global: &Global, robot: &Robot) -> Result<Budget, CliError> {
+        let rate = match self.false_alarms_per_robot_year {
+            Some(rate) => rate,
+            None => global.read_config()?.detect.false_alarms_per_robot_year,
+        };
+        let usual = Budget::new(rate, robot.joint_count(), &[]);
+        Ok(Budget { tests_per_year: self.tests_per_year, ..usual })
+    }
+}
+
+/// Which waves a motion has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum FormArg {
+    /// Sines and cosines: a finite Fourier series
+    Fourier,
+    /// Sines of the position alone, about a centre: half as many numbers, and a motion that comes back as it went
+    HarmonicSine,
+}
+
+impl FormArg {
+    pub(super) fn form(self) -> SeriesForm {
+        match self {
+            Self::Fourier => SeriesForm::Fourier,
+            Self::HarmonicSine => SeriesForm::HarmonicSine,
+        }
+    }
+
+    /// How a programme says it.
+    pub(super) fn recorded(self) -> Option<String> {
+        (self == Self::HarmonicSine).then(|| "harmonic-sine".to_owned())
     }
 }
 

@@ -8,14 +8,14 @@ use crate::cli::trajectory::beside::{Beside, Precision};
 use crate::cli::trajectory::motion_check::MotionCheck;
 use crate::cli::trajectory::words::{nearness, print_nearness};
 use crate::design::programme::Programme;
+use crate::numerics::detect::rate::budget::Budget;
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::numerics::pooled::nominal_prior::nominal_base;
-use crate::numerics::statistics::distributions::normal_quantile;
+use crate::numerics::statistics::distributions::{normal_probability, normal_quantile};
 use crate::numerics::trajectory::prediction::{Conditioning, Prediction, Recording, predict};
 use crate::robot::{FourierExcitation, JointKind, Robot};
 
-/// Probability that a test without a change shows one, and that a test with the smallest change shows it.
-const FALSE_ALARM: f64 = 0.001;
+/// Probability that a test with the smallest change shows it.
 const DETECTION: f64 = 0.9;
 
 /// A motion that was found, with all that is said of it.
@@ -27,6 +27,9 @@ pub(super) struct DesignReport<'a> {
     pub judged: &'a MotionCheck<'a>,
     /// What a recording will tell, where the noise is known.
     pub prediction: Option<Predicted<'a>>,
+    /// Growth of a joint's friction, a fraction, and a load, kg, whose chance to be seen is told.
+    pub wear: f64,
+    pub load_kg: f64,
     pub beside: Option<(&'a Beside, &'a Precision)>,
 }
 
@@ -34,6 +37,8 @@ pub(super) struct DesignReport<'a> {
 pub(super) struct Predicted<'a> {
     recording: &'a Recording,
     found: Prediction,
+    /// What a test may spend of the false alarms.
+    budget: Budget,
     /// Standard deviations over those of the description's own excitation at equal time: smallest, median and largest.
     against_own: Option<[f64; 3]>,
 }
@@ -44,6 +49,7 @@ impl<'a> Predicted<'a> {
         base: &BaseParameters,
         series: &FourierExcitation,
         recording: &'a Recording,
+        budget: Budget,
     ) -> Result<Self, CliError> {
         let refused =
             |error: crate::numerics::NumericsError| CliError::Usage(format!("{}: {error}", robot.model));
@@ -57,7 +63,23 @@ impl<'a> Predicted<'a> {
             ratios.sort_by(f64::total_cmp);
             [ratios[0], ratios[ratios.len() / 2], ratios[ratios.len() - 1]]
         });
-        Ok(Self { recording, found, against_own })
+        Ok(Self { recording, found, budget, against_own })
+    }
+
+    /// Standard deviations beyond which a change is no chance, in either direction.
+    fn limit(&self) -> f64 {
+        normal_quantile(1.0 - 0.5 * self.budget.alpha())
+    }
+
+    /// Smallest change that one test shows with probability [`DETECTION`], in standard deviations.
+    fn smallest(&self) -> f64 {
+        self.limit() + normal_quantile(DETECTION)
+    }
+
+    /// Probability that one test shows a change of so many standard deviations.
+    fn chance(&self, change: f64) -> f64 {
+        let limit = self.limit();
+        normal_probability(change - limit) + normal_probability(-change - limit)
     }
 }
 
@@ -67,7 +89,7 @@ impl DesignReport<'_> {
         let series = &self.programme.series;
         let search = self.programme.search.as_ref();
         output::line(&format!(
-            "Condition number {:.3}, with scaled columns {:.3} ({} parameters, {} Hz, {:.1} s); start {} of {}, {} \
+            "Condition number {:.3}, with scaled columns {:.3} (parameters: {}; {} Hz, {:.1} s); start {} of {}, {} \
              evaluations",
             conditions.condition_number,
             conditions.scaled_condition_number,
@@ -84,7 +106,8 @@ impl DesignReport<'_> {
         if let Some((beside, precision)) = self.beside {
             beside.print(base, precision, 1.0 / series.base_frequency);
         }
-        let Some(Predicted { recording, found: prediction, against_own }) = &self.prediction else { return };
+        let Some(predicted) = &self.prediction else { return };
+        let Predicted { recording, found: prediction, against_own, .. } = predicted;
         output::line(&format!(
             "\nStandard deviations that a recording of one period at {} Hz will have under white noise",
             recording.sample_rate_hz
@@ -111,29 +134,51 @@ impl DesignReport<'_> {
                  to {largest:.2})"
             ));
         }
+        self.print_changes(predicted);
+    }
+
+    /// What one period shows of the faults that are asked for.
+    fn print_changes(&self, predicted: &Predicted<'_>) {
+        let Predicted { recording, found, budget, .. } = predicted;
         output::line(&format!(
-            "\nSmallest changes that one period shows with probability {DETECTION}, at a false alarm in {:.0} tests, where \
-             noise is all that differs",
-            1.0 / FALSE_ALARM
+            "\nWhat one period shows where noise is all that differs, at {} false alarms of a robot and year in {:.0} tests of \
+             {} channels ({:.1e} each): the smallest change that is seen with probability {DETECTION}, and how likely a given \
+             one is seen in one test",
+            budget.per_robot_year,
+            budget.tests_per_year,
+            budget.channels,
+            budget.alpha(),
         ));
-        let factor = smallest_change();
-        let mut rows: Vec<Vec<String>> = robot
+        let row = |change: String, noise: String, std: Option<f64>, size: f64, unit: &str, scale: f64| {
+            let smallest = |std: f64| predicted.smallest() * std;
+            let number = |value: f64| format!("{:.3} {unit}", scale * value);
+            let told = |of: &dyn Fn(f64) -> String| std.map_or_else(|| "-".to_owned(), of);
+            vec![
+                change,
+                noise,
+                told(&number),
+                told(&|std| number(smallest(std))),
+                told(&|std| percent(predicted.chance(size / std))),
+            ]
+        };
+        let mut rows: Vec<Vec<String>> = self
+            .robot
             .joint_indices()
             .map(|joint| {
-                let change = prediction.friction_change[joint.index()];
-                let noise = recording.noise[joint.index()];
-                let unit = if robot.joints[joint.index()].kind == JointKind::Revolute { "Nm" } else { "N" };
-                vec![
-                    format!("friction of joint {joint}"),
-                    format!("{noise} {unit}"),
-                    change.map_or_else(|| "-".to_owned(), |std| format!("{:.2} %", 100.0 * factor * std)),
-                ]
+                let unit =
+                    if self.robot.joints[joint.index()].kind == JointKind::Revolute { "Nm" } else { "N" };
+                let noise = format!("{} {unit}", recording.noise[joint.index()]);
+                let change = format!("wear of joint {joint} by {} %", round(100.0 * self.wear));
+                row(change, noise, found.friction_change[joint.index()], self.wear, "%", 100.0)
             })
             .collect();
-        let load =
-            prediction.load_change.map_or_else(|| "-".to_owned(), |std| format!("{:.3} kg", factor * std));
-        rows.push(vec!["load at the tool frame".to_owned(), String::new(), load]);
-        output::print_table(&["what changes", "torque noise", "smallest change"], &rows, &[]);
+        let load = format!("{} kg more load", self.load_kg);
+        rows.push(row(load, String::new(), found.load_change, self.load_kg, "kg", 1.0));
+        output::print_table(
+            &["what changes", "torque noise", "standard deviation", "smallest change", "seen in one test"],
+            &rows,
+            &[],
+        );
     }
 
     pub fn as_value(&self) -> Value {
@@ -150,15 +195,29 @@ impl DesignReport<'_> {
             })
             .collect()
         };
-        let changes = |prediction: &Prediction| {
-            let factor = smallest_change();
-            let friction: Vec<Option<f64>> =
-                prediction.friction_change.iter().map(|of| of.map(|of| factor * of)).collect();
+        let changes = |predicted: &Predicted<'_>| {
+            let found = &predicted.found;
+            let each = |of: &dyn Fn(f64) -> f64| -> Vec<Option<f64>> {
+                found.friction_change.iter().map(|std| std.map(of)).collect()
+            };
             json!({
-                "false_alarm_probability": FALSE_ALARM,
+                "false_alarms_per_robot_year": predicted.budget.per_robot_year,
+                "tests_per_year": predicted.budget.tests_per_year,
+                "channels": predicted.budget.channels,
+                "false_alarm_probability": predicted.budget.alpha(),
                 "detection_probability": DETECTION,
-                "friction_fraction": friction,
-                "load_kg": prediction.load_change.map(|of| factor * of),
+                "friction_fraction": each(&|std| predicted.smallest() * std),
+                "friction_standard_deviation": found.friction_change,
+                "load_kg": found.load_change.map(|std| predicted.smallest() * std),
+                "load_standard_deviation_kg": found.load_change,
+                "wear": {
+                    "size": self.wear,
+                    "seen_in_one_test": each(&|std| predicted.chance(self.wear / std)),
+                },
+                "load": {
+                    "size_kg": self.load_kg,
+                    "seen_in_one_test": found.load_change.map(|std| predicted.chance(self.load_kg / std)),
+                },
             })
         };
         let against_own = self.prediction.as_ref().and_then(|of| of.against_own);
@@ -174,14 +233,22 @@ impl DesignReport<'_> {
             "against_own_excitation": against_own.map(|[smallest, median, largest]| {
                 json!({ "smallest": smallest, "median": median, "largest": largest })
             }),
-            "smallest_changes": prediction.map(changes),
+            "smallest_changes": self.prediction.as_ref().map(changes),
             "beside": self.beside.map(|(beside, precision)| beside.as_value(base, precision)),
         })
     }
 }
 
-/// Standard deviations of the smallest change that is found with probability [`DETECTION`] at [`FALSE_ALARM`], in both
-/// directions.
-fn smallest_change() -> f64 {
-    normal_quantile(1.0 - 0.5 * FALSE_ALARM) + normal_quantile(DETECTION)
+/// A probability in per cent, whose ends are no certainty.
+fn percent(probability: f64) -> String {
+    match 100.0 * probability {
+        of if of > 99.9 => "above 99.9 %".to_owned(),
+        of if of < 0.1 => "below 0.1 %".to_owned(),
+        of => format!("{of:.1} %"),
+    }
+}
+
+/// Without the digits that a product of decimals brings.
+fn round(value: f64) -> f64 {
+    (1e9 * value).round() / 1e9
 }

@@ -4,13 +4,21 @@ use super::options::{ColumnsArg, DesignArgs, ObjectiveArg};
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
 use crate::cli::trajectory::torque::rated_torques;
+use crate::numerics::least_squares::essential::EssentialSettings;
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::numerics::pooled::nominal_prior::nominal_base;
+use crate::numerics::trajectory::information::Information;
 use crate::numerics::trajectory::limits::{MotionLimits, Shares, TorqueLimits};
 use crate::numerics::trajectory::objective::Objective;
-use crate::numerics::trajectory::prediction::Recording;
+use crate::numerics::trajectory::prediction::{Recording, load_direction};
 use crate::numerics::trajectory::problem::SearchSettings;
 use crate::robot::{JointKind, ParameterKind, Robot};
+use crate::simulate::excitation::fourier_excitation;
+
+/// What stands for all parameters that a mass at the tool frame changes.
+const LOAD: &str = "load";
+/// What stands for all parameters that are worth their uncertainty.
+const ESSENTIAL: &str = "essential";
 
 /// How much nearer to a torque limit than allowed the search stays, since a motion that is found is not made smaller
 /// for torques.
@@ -41,6 +49,7 @@ impl DesignArgs {
         Ok(SearchSettings {
             period: self.seconds,
             harmonics: usize::from(self.harmonics),
+            form: self.form.form(),
             objective: match self.objective() {
                 ObjectiveArg::Condition => Objective::Condition,
                 ObjectiveArg::ScaledCondition => Objective::ScaledCondition,
@@ -76,21 +85,29 @@ impl DesignArgs {
             return Err(CliError::Usage("--precise goes with --objective standard-deviation".into()));
         }
         let mut counts = vec![false; parameters.len()];
+        let by_load = load_direction(robot, base);
+        let essential = match self.precise.iter().any(|name| name == ESSENTIAL) {
+            true => self.essential(robot, base, nominal)?,
+            false => Vec::new(),
+        };
         for name in &self.precise {
             let mut any = false;
             for (counts, &k) in counts.iter_mut().zip(parameters) {
                 let id = &base.kept[k];
                 let is_friction = matches!(id.kind, ParameterKind::Friction(_));
                 let group = if is_friction { "friction" } else { "link" };
-                let meant = id.to_string() == *name || format!("{group}-{}", id.joint) == *name;
+                let meant = id.to_string() == *name
+                    || format!("{group}-{}", id.joint) == *name
+                    || (name == LOAD && by_load[k] != 0.0)
+                    || (name == ESSENTIAL && essential.contains(&k));
                 *counts |= meant;
                 any |= meant;
             }
             if !any {
                 let names: Vec<String> = parameters.iter().map(|&k| base.kept[k].to_string()).collect();
                 return Err(CliError::Usage(format!(
-                    "--precise {name}: no such parameter among {}; friction-1 to friction-{} and link-1 to link-{} stand \
-                     for several, and --columns all has friction",
+                    "--precise {name}: no such parameter among {}; load, essential, friction-1 to friction-{} and link-1 to link-{} \
+                     stand for several, and --columns all has friction",
                     names.join(", "),
                     robot.joint_count(),
                     robot.joint_count()
@@ -103,6 +120,26 @@ impl DesignArgs {
             .filter(|(_, counts)| !counts)
             .for_each(|(scale, _)| *scale = f64::INFINITY);
         Ok(scales)
+    }
+
+    /// Parameters that a period of the description's excitation, or of a random one, tells well enough.
+    fn essential(
+        &self,
+        robot: &Robot,
+        base: &BaseParameters,
+        nominal: &[Option<f64>],
+    ) -> Result<Vec<usize>, CliError> {
+        let lacking = |what: &str| CliError::Usage(format!("--precise {ESSENTIAL} needs {what}"));
+        let values: Option<Vec<f64>> = nominal.iter().copied().collect();
+        let values = values.ok_or_else(|| lacking("nominal parameters of all joints in the description"))?;
+        let noise =
+            self.noise(robot).ok_or_else(|| lacking("the noise of every torque signal; give --noise-nm"))?;
+        let series =
+            fourier_excitation(robot, self.seed).map_err(|error| CliError::Usage(error.to_string()))?;
+        let recording = Recording { sample_rate_hz: self.rate_hz, periods: 1, noise };
+        Information::of_series(robot, base, &series, &recording)
+            .essential(&values, EssentialSettings::default().relative_error)
+            .map_err(|error| CliError::Usage(error.to_string()))
     }
 
     /// Limits of torques, where parameters and rated torques are known.

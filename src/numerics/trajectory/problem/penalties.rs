@@ -152,7 +152,7 @@ impl SearchProblem<'_> {
                     by.b[l] -= by_jerk * sine * squared;
                 }
             }
-            let own = by.along_numbers(limits);
+            let own = by.along_numbers(limits, self.settings.form);
             slope[j * own.len()..].iter_mut().zip(own).for_each(|(slope, own)| *slope += own);
         }
         cost

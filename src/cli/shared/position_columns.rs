@@ -1,0 +1,53 @@
+//! Columns of positions, velocities and accelerations in anybody's CSV files.
+
+use crate::robot::{JointKind, Robot};
+
+/// What names of columns of positions, velocities and accelerations begin with, before the joint's number.
+pub(in crate::cli) const POSITIONS: [&str; 3] = ["pos_", "q_", "position_"];
+pub(in crate::cli) const VELOCITIES: [&str; 3] = ["vel_", "qd_", "velocity_"];
+pub(in crate::cli) const ACCELERATIONS: [&str; 3] = ["acc_", "qdd_", "acceleration_"];
+
+/// A column and what its cells are multiplied by to be SI.
+pub(in crate::cli) struct Column {
+    /// Its place, from 0.
+    pub index: usize,
+    /// The factor.
+    pub factor: f64,
+}
+
+/// Columns of one quantity for every joint; `None` if one is missing. `order` is how often it is derived.
+pub(in crate::cli) fn columns(
+    header: &[String],
+    prefixes: &[&str],
+    robot: &Robot,
+    order: usize,
+) -> Option<Vec<Column>> {
+    let of_joint = |(number, kind): (usize, JointKind)| {
+        header.iter().enumerate().find_map(|(index, name)| {
+            let rest = prefixes.iter().find_map(|prefix| name.strip_prefix(prefix))?;
+            let unit = rest.strip_prefix(&number.to_string())?;
+            let of_time = ["", "_s", "_s2"][order];
+            let factor = match (unit.strip_suffix(of_time).unwrap_or(unit), kind) {
+                ("", _) | ("_rad", JointKind::Revolute) | ("_m", JointKind::Prismatic) => 1.0,
+                ("_deg", JointKind::Revolute) => std::f64::consts::PI / 180.0,
+                ("_mm", JointKind::Prismatic) => 1e-3,
+                _ => return None,
+            };
+            Some(Column { index, factor })
+        })
+    };
+    (1..).zip(robot.joints.iter().map(|joint| joint.kind)).map(of_joint).collect()
+}
+
+/// Names of a header, without the mark that some programs put before the first.
+pub(in crate::cli) fn names(header: &csv::StringRecord) -> Vec<String> {
+    header.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect()
+}
+
+/// What is said where a position is missing.
+pub(in crate::cli) fn no_positions(robot: &Robot) -> String {
+    let n = robot.joint_count();
+    format!(
+        "line 1: no position of each of the {n} joints; columns pos_1 to pos_{n} are needed, in rad (m) or named pos_1_deg"
+    )
+}
