@@ -560,3 +560,44 @@ fn warm_friction(
         speed_fraction: level,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::identify::joint_factors::tests::cycle;
+    use crate::numerics::lanes::run_as_on_any_processor;
+    use crate::simulate::matched_model::{ExactSettings, record_excitation};
+    use crate::testing::er3a;
+
+    /// A cycle that is identified, and one whose torques no model explains.
+    fn cycles() -> Vec<Cycle> {
+        let samples = record_excitation(&er3a(), &ExactSettings::default()).expect("a recording");
+        vec![Cycle { number: 1, samples }, cycle(2, 1500)]
+    }
+
+    fn method() -> Method {
+        Method::new(er3a(), AnalysisSettings::default()).expect("base parameters")
+    }
+
+    #[test]
+    fn memory_that_goes_round_changes_nothing() {
+        let (method, buffers) = (method(), Buffers::going_round());
+        for cycle in cycles().into_iter().chain(cycles()) {
+            let expected = analyse_cycle(&method, &cycle);
+            assert_eq!(analyse_cycle_in(&method, cycle, &buffers), expected);
+        }
+    }
+
+    /// Other tests that run meanwhile do so on either form, and see no difference.
+    #[test]
+    fn results_do_not_depend_on_how_wide_the_registers_are() {
+        let method = method();
+        for cycle in cycles() {
+            let wide = analyse_cycle(&method, &cycle);
+            run_as_on_any_processor(true);
+            let narrow = analyse_cycle(&method, &cycle);
+            run_as_on_any_processor(false);
+            assert_eq!(narrow, wide);
+        }
+    }
+}
