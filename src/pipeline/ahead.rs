@@ -26,6 +26,10 @@ use crate::numerics::buffers::Buffers;
 use crate::robot::Robot;
 use crate::run::{ContentHash, RunKind, RunStatus};
 
+/// Exports up to this size are hashed before they are read ahead, bytes: that takes milliseconds, and a copy of what is stored
+/// is not read. Larger ones are read while they are hashed in their turn.
+const HASHED_BYTES: u64 = 16 << 20;
+
 /// An export that is read ahead. Whoever drops it ends that.
 #[derive(Debug)]
 pub struct ReadAhead {
@@ -117,6 +121,9 @@ impl Pipeline {
         if known.is_some_and(|known| decide::is_decided(&known, retry)) {
             return Ok(None);
         }
+        if state.bytes <= HASHED_BYTES && self.has_content_of(path, retry).await? {
+            return Ok(None);
+        }
         let earlier = self.store.earlier_runs(&name, state.file, None).await?;
         if earlier.iter().any(|of| of.run.status == RunStatus::Streaming && of.run.cycles_stored > 0) {
             return Ok(None);
@@ -165,6 +172,16 @@ impl Pipeline {
         let streaming = Streaming::start(work, places, self.metrics.clone(), buffers, reading);
         let stop = stop.drop_guard();
         Ok(Some(ReadAhead { made_with, method, streaming, bytes, whole, has_read, stop }))
+    }
+
+    /// Whether the content of a file is stored or being read under any name, so that it is not read again.
+    async fn has_content_of(&self, path: &Path, retry: Retry) -> Result<bool, PipelineError> {
+        let owned = path.to_path_buf();
+        let hashed = tokio::task::spawn_blocking(move || fingerprint::fingerprint(&owned)).await?;
+        // what cannot be read is said in its turn
+        let Ok((content, _)) = hashed else { return Ok(true) };
+        let known = self.store.lookup(&content).await?;
+        Ok(known.is_some_and(|known| decide::is_decided(&known, retry) || self.is_open(known.run_id)))
     }
 
     /// The structure analysis of a robot; `None` where there is none, which is said in the turn of its export.
@@ -228,7 +245,8 @@ mod tests {
         let mut ahead = early.read_all_ahead(&exports, Retry::Never, &stop);
         for (place, export) in exports.iter().enumerate() {
             let begun = ahead.next().await.expect("a store");
-            assert!(begun.is_some(), "{}", export.display());
+            // the ledger may know the first export already when its copy would be read ahead
+            assert!(begun.is_some() || place == 2, "{}", export.display());
             let found = early.process_ahead(export, begun, Retry::Never, &stop, |_| ()).await;
             let expected = late.process_ahead(export, None, Retry::Never, &stop, |_| ()).await;
             let (found, expected) = (found.expect("an outcome"), expected.expect("an outcome"));
