@@ -241,21 +241,25 @@ impl<S: StageChannel> Rows<S> {
         }
     }
 
-    /// Gives back memory beyond what the rows need. Channels that grew piece by piece hold up to twice that.
+    /// Gives back memory beyond what the rows need, where it is much. Channels that grew piece by piece hold up to twice
+    /// that.
     pub fn shrink_to_fit(&mut self) {
-        self.time.shrink_to_fit();
-        let channels = self.position.iter_mut().chain(self.velocity.iter_mut().flatten());
-        channels.chain(&mut self.torque).for_each(Vec::shrink_to_fit);
+        let enough = self.rows() + self.rows() / 16;
+        self.channels_mut().filter(|channel| channel.capacity() > enough).for_each(Vec::shrink_to_fit);
         self.stage.shrink_to_fit();
         self.cycle.iter_mut().for_each(Vec::shrink_to_fit);
         self.friction_signal.iter_mut().for_each(Vec::shrink_to_fit);
     }
 
+    /// Channels of numbers: time, positions, velocities, torques.
+    pub fn channels_mut(&mut self) -> impl Iterator<Item = &mut Vec<f64>> {
+        let joints = self.position.iter_mut().chain(self.velocity.iter_mut().flatten());
+        std::iter::once(&mut self.time).chain(joints).chain(&mut self.torque)
+    }
+
     /// Makes room for so many more rows, temperatures apart, which are few.
     pub fn reserve(&mut self, rows: usize) {
-        self.time.reserve(rows);
-        let channels = self.position.iter_mut().chain(self.velocity.iter_mut().flatten());
-        channels.chain(&mut self.torque).for_each(|channel| channel.reserve(rows));
+        self.channels_mut().for_each(|channel| channel.reserve(rows));
         self.stage.reserve(rows);
         self.cycle.iter_mut().for_each(|cycle| cycle.reserve(rows));
         self.friction_signal.iter_mut().for_each(|signal| signal.reserve(rows));

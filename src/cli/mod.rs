@@ -41,6 +41,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::cli::context::{EXIT_IO, Global, LogFormat};
+use crate::numerics::lanes;
 use crate::telemetry;
 
 const EXIT_CODES_HELP: &str = "\
@@ -261,6 +262,7 @@ pub fn run(cli: Cli) -> ExitCode {
         _ => -1,
     };
     telemetry::start(format, verbosity.saturating_add(usual));
+    lanes::run_as_on_any_processor(std::env::var_os(benchmark::throughput::ANY_PROCESSOR).is_some());
     let done = match cli.command {
         Command::Demo(args) => demo::command::demo(&cli.global, &args),
         Command::Run(args) => run::run(&cli.global, &args),

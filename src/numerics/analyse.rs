@@ -1,6 +1,9 @@
 //! The method on one screen: condition, identify, verify, friction; then what a whole run says.
 
+use std::borrow::Cow;
+
 use super::NumericsError;
+use super::buffers::Buffers;
 use super::diagnose::model::causes::{motor_torques, reason, sentences};
 use super::diagnose::model::combination::PlausibleSettings;
 use super::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description};
@@ -26,7 +29,7 @@ use super::least_squares::factor::TriangularFactor;
 use super::model::base_parameters::{BaseParameters, base_parameters};
 use super::model::dynamics::DynamicModel;
 use super::model::regressor::KeptColumns;
-use super::signal::filter::{FilteredSignals, carried_cutoff, filter_signals};
+use super::signal::filter::{FilteredSignals, carried_cutoff, filter_signals_into};
 use super::signal::temperature::cycle_temperatures;
 use super::signal::time_grid::sample_rate;
 use super::statistics::descriptive::{mean, median, parameter_statistics, standard_deviation, swing};
@@ -95,12 +98,33 @@ const CYCLES_WITH_RESPONSE: u32 = 2;
 /// Analyses one cycle. Never fails: what could not be had says why in the result.
 #[must_use]
 pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
-    let samples = &cycle.samples;
-    let mut analysis = unanalysed(method, cycle);
+    analysed(method, cycle.number, &mut Cow::Borrowed(&cycle.samples), &Buffers::default())
+}
+
+/// As [`analyse_cycle`], of a cycle whose memory goes round in `buffers`.
+#[must_use]
+pub fn analyse_cycle_in(method: &Method, cycle: Cycle, buffers: &Buffers) -> CycleAnalysis {
+    let mut samples = Cow::Owned(cycle.samples);
+    let analysis = analysed(method, cycle.number, &mut samples, buffers);
+    give_back(samples.to_mut().channels_mut(), buffers);
+    analysis
+}
+
+fn give_back<'a>(channels: impl Iterator<Item = &'a mut Vec<f64>>, buffers: &Buffers) {
+    buffers.give_back(channels.map(std::mem::take));
+}
+
+fn analysed(
+    method: &Method,
+    number: u32,
+    samples: &mut Cow<'_, Samples>,
+    buffers: &Buffers,
+) -> CycleAnalysis {
+    let mut analysis = unanalysed(method, number, samples);
     if without_positions(samples, &mut analysis) {
         return analysis;
     }
-    let filtered = match filter_signals(samples, analysis.cutoff) {
+    let filtered = match filter_signals_into(samples, analysis.cutoff, buffers) {
         Ok(filtered) => filtered,
         Err(error) => {
             analysis.identification = Err(error.to_string());
@@ -110,9 +134,12 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     analysis.sample_rate = filtered.sample_rate;
     note_gaps(samples, &filtered, &mut analysis.remarks);
 
-    let accept = method.settings.accept;
     let channels = diagnose_samples(&method.robot, samples, &filtered, &DiagnoseSettings::default());
-    let filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &filtered);
+    if let Cow::Owned(samples) = samples {
+        // nobody looks at recorded positions and velocities any more
+        give_back(samples.position.iter_mut().chain(samples.velocity.iter_mut().flatten()), buffers);
+    }
+    let mut filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &filtered);
     let kept = &method.base.kept_columns;
     let factored =
         factor_cycle(&method.robot, &method.columns, kept, &filtered, &filtered_coulomb_columns, samples);
@@ -122,20 +149,37 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         filtered_coulomb_columns: &filtered_coulomb_columns,
         factored: &factored,
     };
-    let channels = with_own_fits(method, &recorded, channels);
-    take_up(method, accepted(channels, accept), &mut analysis);
+    identify_and_verify(method, number, &recorded, channels, &mut analysis);
+    give_back(filtered_coulomb_columns.iter_mut().map(|column| &mut column.values), buffers);
+    filtered.end();
+    analysis
+}
+
+/// From factors to parameters, verification and friction; `channels` are the findings about the recording, of which
+/// positions and velocities as recorded may be gone.
+fn identify_and_verify(
+    method: &Method,
+    number: u32,
+    recorded: &Recorded<'_>,
+    channels: Vec<Finding>,
+    analysis: &mut CycleAnalysis,
+) {
+    let Recorded { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
+    let accept = method.settings.accept;
+    let channels = with_own_fits(method, recorded, channels);
+    take_up(method, accepted(channels, accept), analysis);
     // kept of refused cycles too: what is wrong with one may be known later, and verification goes without it
-    keep_factors(method, &factored, &mut analysis);
-    if is_refused(&analysis) {
+    keep_factors(method, factored, analysis);
+    if is_refused(analysis) {
         // wrong channels give wrong friction: nothing of this cycle may count
-        return analysis;
+        return;
     }
 
-    analysis.mean_speeds = mean_speeds(&filtered);
-    analysis.identification =
-        identify_excitation(method, &factored, &filtered, &filtered_coulomb_columns, samples);
-    let findings = doubt_model(method, &recorded, &analysis);
-    take_up(method, accepted(findings, accept), &mut analysis);
+    analysis.mean_speeds = mean_speeds(filtered);
+    let factors = identifying_factors(method, factored);
+    analysis.identification = identify_excitation(method, recorded, &factors);
+    let findings = doubt_model(method, recorded, &factors, analysis);
+    take_up(method, accepted(findings, accept), analysis);
     let model = analysis.identification.as_ref().ok().map(|found| {
         let parameters = found.parameters.iter().map(|p| (p.id, p.value));
         DynamicModel::from_parameters(&method.robot, parameters)
@@ -143,27 +187,26 @@ pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     if let Ok(found) = &analysis.identification {
         let theta: Vec<f64> = found.parameters.iter().map(|p| p.value).collect();
         analysis.verification = torque_rmsd(&method.columns, &factored.factors, &theta);
-        analysis.warming_contrast = warming_contrast(&method.columns, &factored, &theta);
-        if cycle.number <= CYCLES_WITH_RESPONSE {
-            let columns = KeptColumns::new(kept);
+        analysis.warming_contrast = warming_contrast(&method.columns, factored, &theta);
+        if number <= CYCLES_WITH_RESPONSE {
+            let columns = KeptColumns::new(&method.base.kept_columns);
             let observed = ObservedCycle {
                 robot: &method.robot,
                 columns: &columns,
-                filtered: &filtered,
-                filtered_coulomb_columns: &filtered_coulomb_columns,
+                filtered,
+                filtered_coulomb_columns,
                 samples,
             };
             analysis.response = channel_response(&observed, found, method.settings.estimator);
         }
     }
-    let friction = friction_points(&method.robot, samples, &filtered, model.as_ref());
+    let friction = friction_points(&method.robot, samples, filtered, model.as_ref());
     analysis.friction_points = friction.points;
     analysis.remarks.extend(friction.remarks);
     if !samples.stage.contains(&Stage::Excitation) {
         analysis.identification = Err(without_excitation(&analysis.friction_points));
     }
     note_missing_stages(samples, &mut analysis.remarks);
-    analysis
 }
 
 /// Whether a log has no positions; then says what it would need, and how large its torques are.
@@ -186,8 +229,7 @@ pub(super) fn without_positions(samples: &Samples, analysis: &mut CycleAnalysis)
 }
 
 /// What is known of a cycle before anything is computed.
-pub(super) fn unanalysed(method: &Method, cycle: &Cycle) -> CycleAnalysis {
-    let samples = &cycle.samples;
+pub(super) fn unanalysed(method: &Method, number: u32, samples: &Samples) -> CycleAnalysis {
     let (temperatures, mut remarks) = cycle_temperatures(samples);
     let asked = method.settings.cutoff;
     let cutoff = sample_rate(&samples.time).map_or(asked, |rate| carried_cutoff(asked, rate));
@@ -195,7 +237,7 @@ pub(super) fn unanalysed(method: &Method, cycle: &Cycle) -> CycleAnalysis {
         remarks.push(lowered(asked, cutoff));
     }
     CycleAnalysis {
-        cycle: cycle.number,
+        cycle: number,
         start: samples.time.first().copied().unwrap_or(0.0),
         duration: duration(samples),
         rows: samples.rows(),
@@ -300,7 +342,12 @@ fn with_own_fits(method: &Method, recorded: &Recorded<'_>, findings: Vec<Finding
 }
 
 /// What the identified model says that no arm can be, as far as nothing else explains it.
-fn doubt_model(method: &Method, recorded: &Recorded<'_>, analysis: &CycleAnalysis) -> Vec<Finding> {
+fn doubt_model(
+    method: &Method,
+    recorded: &Recorded<'_>,
+    factors: &[TriangularFactor],
+    analysis: &CycleAnalysis,
+) -> Vec<Finding> {
     let Ok(found) = &analysis.identification else { return Vec::new() };
     let Recorded { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
     let theta: Vec<f64> = found.parameters.iter().map(|p| p.value).collect();
@@ -308,9 +355,8 @@ fn doubt_model(method: &Method, recorded: &Recorded<'_>, analysis: &CycleAnalysi
     let rows = recorded.excitation();
     let speeds = top_speeds(&filtered.qd, &rows);
     let mut doubted = found.clone();
-    let factors = identifying_factors(method, factored);
     let fraction = filtered.independent_fraction();
-    if let Ok(errors) = noise_errors(&method.base.kept, &factors, found.residual_std, fraction) {
+    if let Ok(errors) = noise_errors(&method.base.kept, factors, found.residual_std, fraction) {
         let parameters = doubted.parameters.iter_mut();
         parameters.zip(errors).for_each(|(parameter, error)| parameter.std_error = error);
     }
@@ -319,7 +365,7 @@ fn doubt_model(method: &Method, recorded: &Recorded<'_>, analysis: &CycleAnalysi
     let weighed = Weighed {
         robot: &method.robot,
         base: &method.base,
-        factors: &factors,
+        factors,
         samples,
         filtered,
         excitation: &rows,
@@ -354,18 +400,16 @@ fn duration(samples: &Samples) -> f64 {
 
 fn identify_excitation(
     method: &Method,
-    factored: &Factored,
-    filtered: &FilteredSignals,
-    filtered_coulomb_columns: &[FilteredColumn],
-    samples: &Samples,
+    recorded: &Recorded<'_>,
+    factors: &[TriangularFactor],
 ) -> Result<Identification, String> {
-    let factors = identifying_factors(method, factored);
+    let Recorded { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
     if factors.iter().all(|factor| factor.rows() == 0) {
         return Err(without_excitation(&[]));
     }
     let columns = KeptColumns::new(&method.base.kept_columns);
     let rows = CycleRows::new(&method.robot, &columns, filtered, filtered_coulomb_columns, samples);
-    identify_rows(&method.base.kept, &factors, &rows, method.settings.estimator)
+    identify_rows(&method.base.kept, factors, &rows, method.settings.estimator)
         .map_err(|error| error.to_string())
 }
 
@@ -515,4 +559,45 @@ fn warm_friction(
         minute: mean(&minutes)?,
         speed_fraction: level,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::identify::joint_factors::tests::cycle;
+    use crate::numerics::lanes::run_as_on_any_processor;
+    use crate::simulate::matched_model::{ExactSettings, record_excitation};
+    use crate::testing::er3a;
+
+    /// A cycle that is identified, and one whose torques no model explains.
+    fn cycles() -> Vec<Cycle> {
+        let samples = record_excitation(&er3a(), &ExactSettings::default()).expect("a recording");
+        vec![Cycle { number: 1, samples }, cycle(2, 1500)]
+    }
+
+    fn method() -> Method {
+        Method::new(er3a(), AnalysisSettings::default()).expect("base parameters")
+    }
+
+    #[test]
+    fn memory_that_goes_round_changes_nothing() {
+        let (method, buffers) = (method(), Buffers::going_round());
+        for cycle in cycles().into_iter().chain(cycles()) {
+            let expected = analyse_cycle(&method, &cycle);
+            assert_eq!(analyse_cycle_in(&method, cycle, &buffers), expected);
+        }
+    }
+
+    /// Other tests that run meanwhile do so on either form, and see no difference.
+    #[test]
+    fn results_do_not_depend_on_how_wide_the_registers_are() {
+        let method = method();
+        for cycle in cycles() {
+            let wide = analyse_cycle(&method, &cycle);
+            run_as_on_any_processor(true);
+            let narrow = analyse_cycle(&method, &cycle);
+            run_as_on_any_processor(false);
+            assert_eq!(narrow, wide);
+        }
+    }
 }

@@ -5,6 +5,7 @@
 //! both give the same bits.
 
 use std::ops::{Add, AddAssign, Mul, Neg, Sub, SubAssign};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use pulp::{Arch, Scalar256b, Simd, WithSimd};
 
@@ -300,6 +301,19 @@ pub fn counts_within(series: &[f64], ranges: [[f64; 2]; 2]) -> [usize; 2] {
     counts
 }
 
+/// Whether kernels run as on a processor without wide registers.
+static FOR_ANY_PROCESSOR: AtomicBool = AtomicBool::new(false);
+
+/// Lets kernels of this process run as on a processor without wide registers, with the same results: for benchmarks and
+/// tests. Other crates go on choosing for themselves.
+pub fn run_as_on_any_processor(is_so: bool) {
+    FOR_ANY_PROCESSOR.store(is_so, Ordering::Relaxed);
+}
+
+fn processor() -> Arch {
+    if FOR_ANY_PROCESSOR.load(Ordering::Relaxed) { Arch::Scalar } else { Arch::new() }
+}
+
 /// Work that [`wide`] compiles for wide registers: `run` and all that it calls must be `#[inline(always)]`.
 pub trait Kernel {
     /// Does the work.
@@ -320,7 +334,7 @@ pub fn wide(kernel: impl Kernel) {
         }
     }
 
-    Arch::new().dispatch(Dispatched(kernel));
+    processor().dispatch(Dispatched(kernel));
 }
 
 /// Work on vectors of [`LANES`] numbers, `S::f64s`. Where a kernel ends in sums over lanes, the compiler takes arrays
@@ -345,7 +359,7 @@ pub fn in_vectors(kernel: impl VectorKernel) {
         }
     }
 
-    Arch::new().dispatch(Dispatched(kernel));
+    processor().dispatch(Dispatched(kernel));
 }
 
 #[cfg(test)]

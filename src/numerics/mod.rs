@@ -11,6 +11,7 @@
 //! | `sigma` | their standard errors | `[b]` |
 //! | `r` | triangular factor of `[w \| tau]` | `[(b+1) x (b+1)]` |
 
+pub mod buffers;
 pub mod lanes;
 pub mod statistics;
 pub mod signal;

@@ -37,7 +37,8 @@ pub struct Reference {
 #[must_use]
 pub fn analyse_window(method: &Method, cycle: &Cycle, reference: Option<&Reference>) -> CycleAnalysis {
     let samples = &cycle.samples;
-    let mut analysis = CycleAnalysis { kind: RunKind::Production, ..unanalysed(method, cycle) };
+    let mut analysis =
+        CycleAnalysis { kind: RunKind::Production, ..unanalysed(method, cycle.number, &cycle.samples) };
     if without_positions(samples, &mut analysis) {
         return analysis;
     }

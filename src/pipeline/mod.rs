@@ -13,14 +13,16 @@ pub mod look;
 pub mod context;
 mod friction;
 mod production;
+mod streaming;
+pub mod ahead;
 pub mod reweight;
 pub mod retention;
 #[cfg(test)]
 mod tests;
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
-use std::time::Instant;
 
 use jiff::Timestamp;
 use tokio::sync::{Semaphore, mpsc};
@@ -30,23 +32,17 @@ use crate::config::Config;
 use crate::ingest::bytes::source;
 use crate::ingest::find::watch::FoundFile;
 use crate::ingest::rejection::Rejection;
-use crate::metrics::{Metrics, Stage};
+use crate::metrics::Metrics;
 use crate::numerics::analyse::Method;
+use crate::numerics::buffers::Buffers;
 use crate::robot::Robot;
 use crate::store::{Store, StoreError};
-use context::{InAnalysis, Lane, OpenRun, Outcome, Pipeline, PipelineError, Progress, Retry};
-use production::CycleWork;
+use ahead::ReadAhead;
+use context::{Lane, OpenRun, Outcome, Pipeline, PipelineError, Progress, Retry};
+use streaming::{CYCLES_IN_ANALYSIS, Streaming};
 use take::admitted::AdmittedExport;
-use take::cutting::{CutCycle, ReadEnd};
+use take::cutting::{CutCycle, ReadEnd, ReadTotals};
 use take::intake::Admission;
-
-/// Cycles between the reading thread and analysis. One is enough to keep both busy; each takes
-/// 12 MB at 250 Hz and five minutes.
-const CYCLES_READ_AHEAD: usize = 1;
-
-/// Cycles under analysis at once in each lane, whatever the number of exports: the two cores that the
-/// program is made for.
-const CYCLES_IN_ANALYSIS: usize = 2;
 
 impl Pipeline {
     /// A pipeline into `store`.
@@ -119,6 +115,22 @@ impl Pipeline {
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
+        let ahead = self.read_ahead(path, retry, stop).await?;
+        self.process_ahead(path, ahead, retry, stop, progress).await
+    }
+
+    /// As [`process`](Self::process), of an export that may be read ahead.
+    ///
+    /// # Errors
+    /// As [`process`](Self::process).
+    pub async fn process_ahead(
+        &self,
+        path: &Path,
+        ahead: Option<ReadAhead>,
+        retry: Retry,
+        stop: &CancellationToken,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Outcome, PipelineError> {
         let name = source::path_text(path);
         let state = take::intake::source_state(path);
         if let (Retry::Never, Some(state)) = (retry, state)
@@ -127,7 +139,7 @@ impl Pipeline {
         {
             return Ok(take::intake::decided(path, known));
         }
-        let outcome = self.take(path, retry, stop, progress).await?;
+        let outcome = self.take(path, ahead, retry, stop, progress).await?;
         if let (Some(run_id), Some(state)) = (outcome.run_id(), state) {
             self.store.remember_source(&name, state, run_id).await?;
         }
@@ -155,6 +167,7 @@ impl Pipeline {
     async fn take(
         &self,
         path: &Path,
+        ahead: Option<ReadAhead>,
         retry: Retry,
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
@@ -165,7 +178,7 @@ impl Pipeline {
         };
         let _open = self.open(intake.run_id);
         progress(Progress::Begun);
-        let reason = match self.take_admitted(&intake, stop, progress).await {
+        let reason = match self.take_admitted(&intake, ahead, stop, progress).await {
             Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
                 format!("results that the database refuses: {detail}")
             }
@@ -185,20 +198,31 @@ impl Pipeline {
     async fn take_admitted(
         &self,
         intake: &AdmittedExport,
+        ahead: Option<ReadAhead>,
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
-        let method = match self.method(intake).await? {
+        let ahead = ahead.filter(|ahead| ahead.is_of(intake));
+        let made = ahead.as_ref().map(|ahead| Arc::clone(&ahead.method));
+        let method = match self.method(intake, made).await? {
             Ok(method) => method,
             Err(rejection) => return take::record::quarantine(self, intake, rejection).await,
         };
-        let reading = {
-            let (intake, stop, progress) = (intake.clone(), stop.clone(), progress.clone());
-            move |cycles: mpsc::Sender<CutCycle>| {
-                take::intake::read_cycles(&intake, &cycles, &stop, |bytes| progress(Progress::Read(bytes)))
+        let (end, refused) = match ahead {
+            Some(ahead) => self.record_ahead(intake, &method, ahead, progress).await?,
+            None => {
+                let buffers = Buffers::going_round();
+                let reading = {
+                    let (intake, stop, progress) = (intake.clone(), stop.clone(), progress.clone());
+                    let buffers = buffers.clone();
+                    move |cycles: mpsc::Sender<CutCycle>| {
+                        let read = |bytes| progress(Progress::Read(bytes));
+                        take::intake::read_cycles(&intake, &cycles, &stop, read, buffers)
+                    }
+                };
+                self.stream(intake, &method, (Lane::Backlog, buffers), reading, progress).await?
             }
         };
-        let (end, refused) = self.stream(intake, &method, Lane::Backlog, reading, progress).await?;
         match end {
             ReadEnd::Complete(totals) => {
                 // a name without start was given the time at which the file was last written
@@ -222,33 +246,71 @@ impl Pipeline {
         &self,
         intake: &AdmittedExport,
         method: &Arc<Method>,
-        lane: Lane,
+        (lane, buffers): (Lane, Buffers),
         read: impl FnOnce(mpsc::Sender<CutCycle>) -> E + Send + 'static,
         progress: impl Fn(Progress),
     ) -> Result<(E, Vec<(u32, String)>), PipelineError> {
         let work = production::work(self, intake, method).await?;
-        let (to_analysis, cycles) = mpsc::channel::<CutCycle>(CYCLES_READ_AHEAD);
-        // the task being awaited and those in the channel are the cycles in analysis
-        let (to_record, analyses) = mpsc::channel::<InAnalysis>(CYCLES_IN_ANALYSIS - 1);
-
-        let reader = tokio::task::spawn_blocking(move || read(to_analysis));
         let places = Arc::clone(&self.places[lane as usize]);
-        let analyser = tokio::spawn(analyse_in_order(work, places, cycles, to_record, self.metrics.clone()));
-        let recorded = take::record::cycles(self, intake, analyses, |n| progress(Progress::Cycle(n))).await;
-        // a recorder that ended early has dropped its end of the channel, so both others end too
-        let recorded = recorded?;
-        analyser.await?;
-        let end = reader.await?;
+        let streaming = Streaming::start(work, places, self.metrics.clone(), buffers, read);
+        self.record(intake, streaming, |n| progress(Progress::Cycle(n))).await
+    }
+
+    /// As [`stream`](Self::stream), of an export that is being read already.
+    async fn record_ahead(
+        &self,
+        intake: &AdmittedExport,
+        method: &Arc<Method>,
+        ahead: ReadAhead,
+        progress: impl Fn(Progress),
+    ) -> Result<(ReadEnd, Vec<(u32, String)>), PipelineError> {
+        // writes down what the export records; its cycles are in work already
+        production::work(self, intake, method).await?;
+        let ReadAhead { streaming, bytes, stop: _until_recorded, .. } = ahead;
+        let stored = |cycle| {
+            progress(Progress::Read(bytes.load(Ordering::Relaxed)));
+            progress(Progress::Cycle(cycle));
+        };
+        let (end, refused) = self.record(intake, streaming, stored).await?;
+        let other = |totals: &ReadTotals| totals.content.hash != intake.header.content_hash;
+        let end = match end {
+            ReadEnd::Complete(totals) if other(&totals) => ReadEnd::Changed,
+            end => end,
+        };
+        Ok((end, refused))
+    }
+
+    /// Records the cycles of an export that is read and analysed.
+    async fn record<E: FromRejection>(
+        &self,
+        intake: &AdmittedExport,
+        streaming: Streaming<E>,
+        stored: impl Fn(u32),
+    ) -> Result<(E, Vec<(u32, String)>), PipelineError> {
+        let (analyses, tasks) = streaming.into_parts();
+        // a recorder that ended early has dropped its end of the channel, so that both tasks end too
+        let recorded = take::record::cycles(self, intake, analyses, stored).await?;
+        let end = tasks.ended().await?;
         Ok((recorded.rejection.map_or(end, E::rejected), recorded.refused))
     }
 
-    /// The structure analysis of the export's robot.
-    async fn method(&self, intake: &AdmittedExport) -> Result<Result<Arc<Method>, Rejection>, PipelineError> {
+    /// The structure analysis of the export's robot; `made`, where it was made already.
+    async fn method(
+        &self,
+        intake: &AdmittedExport,
+        made: Option<Arc<Method>>,
+    ) -> Result<Result<Arc<Method>, Rejection>, PipelineError> {
         if let Some(method) = self.known_method(&intake.robot) {
             return Ok(Ok(method));
         }
         let (robot, settings) = (Robot::clone(&intake.robot), self.config.analysis);
-        let made = tokio::task::spawn_blocking(move || Method::new(robot, settings)).await?;
+        let made = match made {
+            Some(made) => Ok(made),
+            None => {
+                let made = tokio::task::spawn_blocking(move || Method::new(robot, settings));
+                made.await?.map(Arc::new)
+            }
+        };
         match made {
             Err(error) => Ok(Err(Rejection::of_file(
                 &intake.path,
@@ -259,7 +321,6 @@ impl Pipeline {
                 let formulas =
                     method.base.kept.iter().enumerate().map(|(k, id)| (*id, method.base.grouping_formula(k)));
                 self.store.describe_model(&method.robot, &formulas.collect::<Vec<_>>()).await?;
-                let method = Arc::new(method);
                 let mut methods = self.methods.lock().unwrap_or_else(PoisonError::into_inner);
                 methods.push(Arc::clone(&method));
                 Ok(Ok(method))
@@ -294,34 +355,5 @@ trait FromRejection: Send + 'static {
 impl FromRejection for ReadEnd {
     fn rejected(rejection: Rejection) -> Self {
         Self::Rejected(rejection)
-    }
-}
-
-/// Starts analyses as cycles arrive and hands on their handles in the order of the cycles.
-async fn analyse_in_order(
-    work: CycleWork,
-    places: Arc<Semaphore>,
-    mut cycles: mpsc::Receiver<CutCycle>,
-    to_record: mpsc::Sender<InAnalysis>,
-    metrics: Metrics,
-) {
-    let mut bytes = 0;
-    // a cycle is not taken over before it is its turn: those that wait fill the memory
-    while let Ok(turn) = to_record.reserve().await {
-        let Some(CutCycle { cycle, read, took, written }) = cycles.recv().await else { return };
-        metrics.stage(Stage::Read, took);
-        let until = read.prefix.bytes;
-        metrics.cycle_read(cycle.samples.rows(), until.saturating_sub(bytes));
-        bytes = until;
-        let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
-        let (work, metrics) = (work.clone(), metrics.clone());
-        let analysis = tokio::task::spawn_blocking(move || {
-            let began = Instant::now();
-            let analysis = work.analyse(&cycle);
-            metrics.stage(Stage::Analyse, began.elapsed());
-            drop(place);
-            analysis
-        });
-        turn.send(InAnalysis { analysis, read, written });
     }
 }

@@ -9,7 +9,8 @@ use super::stored::chosen_cycles::{Candidate, RunCycles, StoredError, unit_ident
 use super::take::admitted::AdmittedExport;
 use crate::analysis::{CycleAnalysis, Estimator, ProductionCheck};
 use crate::config::Layout;
-use crate::numerics::analyse::{Method, analyse_cycle};
+use crate::numerics::analyse::{Method, analyse_cycle, analyse_cycle_in};
+use crate::numerics::buffers::Buffers;
 use crate::numerics::identify::joint_factors::{FactorColumns, unpack};
 use crate::numerics::production::{Reference, analyse_window, check_window};
 use crate::run::{Cycle, RunKind};
@@ -37,6 +38,18 @@ impl CycleWork {
                 analysis
             }
             Self::Production(method, reference) => analyse_window(method, cycle, reference.as_deref()),
+        }
+    }
+
+    /// As [`analyse`](Self::analyse), of a cycle whose memory goes round in `buffers`.
+    pub(super) fn analyse_in(&self, cycle: Cycle, buffers: &Buffers) -> CycleAnalysis {
+        match self {
+            Self::Test(method, remark) => {
+                let mut analysis = analyse_cycle_in(method, cycle, buffers);
+                analysis.remarks.extend(remark.map(str::to_owned));
+                analysis
+            }
+            Self::Production(..) => self.analyse(&cycle),
         }
     }
 }

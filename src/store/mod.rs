@@ -20,6 +20,7 @@ mod models;
 mod monitoring;
 mod soundness;
 mod synthetic;
+mod new_schema;
 mod open;
 mod table;
 mod public_sql;

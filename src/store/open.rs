@@ -15,7 +15,7 @@ use sqlx::{ConnectOptions, Connection, SqliteConnection, SqlitePool};
 use super::error::StoreError;
 use super::handle::Store;
 use super::results::intervals;
-use super::view_columns;
+use super::{new_schema, view_columns};
 
 /// How long a write waits for another process. Longer than any transaction of this program, shorter
 /// than a person waits for an answer.
@@ -343,6 +343,7 @@ async fn identity(connection: &mut SqliteConnection) -> Result<FileIdentity, sql
 async fn migrate(path: &Path, writer: &SqlitePool) -> Result<(), StoreError> {
     let broken = |e: sqlx::Error| StoreError::from_sqlx(path, &e);
     let mut transaction = writer.begin_with("BEGIN IMMEDIATE").await.map_err(broken)?;
+    new_schema::make(&mut transaction, &MIGRATOR).await.map_err(broken)?;
     MIGRATOR
         .run_direct(None, &mut *transaction, false)
         .await

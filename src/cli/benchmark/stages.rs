@@ -19,16 +19,18 @@ use crate::ingest::rejection::Rejection;
 use crate::ingest::table::reader::{ExportReader, ReadOptions};
 use crate::numerics::NumericsError;
 use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use crate::numerics::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description};
 use crate::numerics::diagnose::recording::diagnose_samples;
 use crate::numerics::diagnose::recording::view::DiagnoseSettings;
 use crate::numerics::friction::plateaus::friction_points;
+use crate::numerics::identify::channel_response::{ObservedCycle, channel_response};
 use crate::numerics::identify::cycle::identify_rows;
 use crate::numerics::identify::cycle_rows::CycleRows;
 use crate::numerics::identify::filtered_columns::{
     FilteredColumn, filtered_coulomb_columns, write_filtered_columns,
 };
 use crate::numerics::identify::joint_factors::{embedded, factor_cycle, used_for_identification};
-use crate::numerics::lanes::{LANES, Lanes};
+use crate::numerics::lanes::{self, LANES, Lanes};
 use crate::numerics::least_squares::dense::dense_factor;
 use crate::numerics::least_squares::factor::{FactorBuilder, TriangularFactor};
 use crate::numerics::model::regressor::{KeptColumns, Regressor, joint_torque_regressor};
@@ -37,7 +39,7 @@ use crate::numerics::signal::filter::{FilteredSignals, carried_cutoff, filter_si
 use crate::numerics::signal::time_grid::sample_rate;
 use crate::pipeline::take::cycles::read_cycle;
 use crate::robot::{JointIndex, Robot};
-use crate::run::Cycle;
+use crate::run::{Cycle, Stage as StageOfCycle};
 
 /// A stage is done again until it has taken this long, s: the system counts processor time in steps of 4 ms.
 const LEAST_S: f64 = 0.2;
@@ -52,6 +54,7 @@ equations; divisions, roots and sines are left out.
 Examples:
   armwatch benchmark stages
   armwatch benchmark stages --rate-hz 50 --rounds 1
+  armwatch benchmark stages --any-processor
   armwatch benchmark stages --json")]
 pub(in crate::cli) struct StagesArgs {
     /// Rows a second, Hz
@@ -60,6 +63,9 @@ pub(in crate::cli) struct StagesArgs {
     /// Turns, of which the least counts
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=20))]
     rounds: u32,
+    /// Let the program's own kernels run as on a processor without 256-bit registers
+    #[arg(long)]
+    any_processor: bool,
 }
 
 /// What a stage took.
@@ -84,6 +90,9 @@ pub(in crate::cli) fn stages(global: &Global, args: &StagesArgs) -> Result<u8, C
     let cycle = read_cycle(&export, &entry.layout, &robot, 1).map_err(not_read)?;
     let cycle = cycle.ok_or_else(|| CliError::Internal("the simulated export has no cycle".into()))?;
     let method = Method::new(robot, AnalysisSettings::default()).map_err(not_computed)?;
+    if args.any_processor {
+        lanes::run_as_on_any_processor(true);
+    }
 
     let mut found = of_reading(&export, &entry.layout, &method.robot, args.rounds)?;
     found.extend(of_analysis(&method, &cycle, args.rounds)?);
@@ -209,6 +218,33 @@ fn of_analysis(method: &Method, cycle: &Cycle, rounds: u32) -> Result<Vec<Stage>
         None,
         None,
     );
+    let analysis = analyse_cycle(method, cycle);
+    if let Ok(identified) = &analysis.identification {
+        let excitation = |row: &usize| samples.stage[*row] == StageOfCycle::Excitation;
+        let usable = filtered.usable.iter().flat_map(Clone::clone);
+        let excitation: Vec<usize> = usable.filter(excitation).collect();
+        let judged = JudgedCycle {
+            robot,
+            columns: &method.columns,
+            kept_columns: kept,
+            filtered: &filtered,
+            filtered_coulomb_columns: &jumps,
+            excitation: &excitation,
+            identified,
+            verification: &analysis.verification,
+        };
+        let doubts = || diagnose_description(&judged, &[], &DoubtSettings::default());
+        add("late torques, test of the description", least(rounds, doubts), None, None);
+        let observed = ObservedCycle {
+            robot,
+            columns: &kept_columns,
+            filtered: &filtered,
+            filtered_coulomb_columns: &jumps,
+            samples,
+        };
+        let response = || channel_response(&observed, identified, estimator);
+        add("channel responses, first two cycles", least(rounds, response), None, None);
+    }
     add("friction points", least(rounds, || friction_points(robot, samples, &filtered, None)), None, None);
     add("whole analysis", least(rounds, || analyse_cycle(method, cycle)), None, None);
     Ok(found)

@@ -16,6 +16,9 @@ use crate::cli::simulate::command::shipped_robot;
 use crate::ingest::plain;
 use crate::simulate::{SimulationSettings, simulate_run};
 
+/// Lets the kernels of a process run as on a processor without wide registers, where it is set: only for benchmarks.
+pub(in crate::cli) const ANY_PROCESSOR: &str = "ARMWATCH_ANY_PROCESSOR";
+
 /// How often a running child's memory is looked at.
 const LOOK: Duration = Duration::from_millis(5);
 /// Small exports that are simulated; the others are these with other times.
@@ -36,6 +39,7 @@ Examples:
   armwatch benchmark ingest
   armwatch benchmark ingest --cycles 1
   armwatch benchmark ingest --small-files 1000
+  armwatch benchmark ingest --any-processor
   armwatch benchmark ingest --file R00_20260105_0847_Col23_180s_cycle24.csv \\
       --json")]
 pub(in crate::cli) struct IngestBenchmarkArgs {
@@ -54,6 +58,10 @@ pub(in crate::cli) struct IngestBenchmarkArgs {
     /// Instead: this many small exports of one robot, a quarter of them, and the ratio of the times
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=100_000))]
     small_files: Option<u32>,
+    /// Let the program's own kernels run as on a processor without 256-bit registers; other crates, such as those that read
+    /// and hash, go on choosing for themselves
+    #[arg(long)]
+    any_processor: bool,
 }
 
 #[derive(Debug, Args)]
@@ -82,7 +90,7 @@ pub(in crate::cli) fn throughput(global: &Global, args: &IngestBenchmarkArgs) ->
     let folder =
         tempfile::tempdir().map_err(|error| CliError::Io(format!("no temporary folder: {error}")))?;
     match args.small_files {
-        Some(files) => small_files(global, files, folder.path()),
+        Some(files) => small_files(global, files, args.any_processor, folder.path()),
         None => one_export(global, args, folder.path()),
     }
 }
@@ -92,14 +100,15 @@ fn one_export(global: &Global, args: &IngestBenchmarkArgs, folder: &Path) -> Res
         Some(file) => (file.clone(), Setting::Given(global)),
         None => (simulated(folder, args.cycles, args.rate_hz)?, Setting::Shipped(folder)),
     };
+    let child = Child { setting, any_processor: args.any_processor };
     let bytes = std::fs::metadata(&export).map_err(|error| named(&export, &error))?.len();
     let read = ["benchmark".into(), "plain-read".into(), export.clone()];
-    let rows = run(&setting, &read)?.1;
+    let rows = run(&child, &read)?.1;
     let (mut plain, mut ingest): (Vec<Cost>, Vec<Cost>) = (Vec::new(), Vec::new());
     for round in 0..args.rounds {
-        plain.push(run(&setting, &read)?.0);
+        plain.push(run(&child, &read)?.0);
         let database = folder.join(format!("{round}.db"));
-        ingest.push(run(&setting, &["ingest".into(), export.clone(), "--db".into(), database])?.0);
+        ingest.push(run(&child, &["ingest".into(), export.clone(), "--db".into(), database])?.0);
     }
     let rows: u64 = rows.trim().parse().unwrap_or(0);
     let (plain, ingest) = (best(&plain), best(&ingest));
@@ -131,22 +140,24 @@ fn one_export(global: &Global, args: &IngestBenchmarkArgs, folder: &Path) -> Res
     Ok(EXIT_DONE)
 }
 
-fn small_files(global: &Global, files: u32, folder: &Path) -> Result<u8, CliError> {
+fn small_files(global: &Global, files: u32, any_processor: bool, folder: &Path) -> Result<u8, CliError> {
+    let child = Child { setting: Setting::Shipped(folder), any_processor };
     let mut costs = Vec::new();
     for count in [files / 4, files] {
         let exports = folder.join(format!("{count}"));
         write_small(&exports, count)?;
         let database = folder.join(format!("{count}.db"));
-        costs.push((
-            count,
-            run(&Setting::Shipped(folder), &["ingest".into(), exports, "--db".into(), database])?.0,
-        ));
+        costs.push((count, run(&child, &["ingest".into(), exports, "--db".into(), database])?.0));
     }
     let per_file = |(count, cost): &(u32, Cost)| cost.wall_s / f64::from(*count);
     let growth = per_file(&costs[1]) / per_file(&costs[0]);
     if global.json {
         let costs = costs.iter().map(|entry| {
-            json!({"files": entry.0, "wall_s": entry.1.wall_s, "per_file_s": per_file(entry), "peak_mb": entry.1.peak_mb})
+            let (files, cost) = entry;
+            json!({
+                "files": files, "wall_s": cost.wall_s, "per_file_s": per_file(entry),
+                "cpu_per_file_s": cost.cpu_s / f64::from(*files), "peak_mb": cost.peak_mb,
+            })
         });
         output::json(&json!({"growth": growth, "series": costs.collect::<Vec<_>>()}));
         return Ok(EXIT_DONE);
@@ -159,11 +170,12 @@ fn small_files(global: &Global, files: u32, folder: &Path) -> Result<u8, CliErro
                 count.to_string(),
                 format!("{:.2}", cost.wall_s),
                 format!("{:.1}", 1e3 * per_file(entry)),
+                format!("{:.1}", 1e3 * cost.cpu_s / f64::from(*count)),
                 format!("{:.0}", cost.peak_mb),
             ]
         })
         .collect();
-    output::line(&output::table(&["files", "wall_s", "per_file_ms", "peak_mb"], &lines));
+    output::line(&output::table(&["files", "wall_s", "per_file_ms", "cpu_per_file_ms", "peak_mb"], &lines));
     output::line(&format!(
         "time of a file with all of them against a quarter of them: {growth:.2} (1 is linear)"
     ));
@@ -176,12 +188,22 @@ enum Setting<'a> {
     Shipped(&'a Path),
 }
 
+/// How a child runs.
+struct Child<'a> {
+    setting: Setting<'a>,
+    /// As on a processor without wide registers.
+    any_processor: bool,
+}
+
 /// Runs this program with `arguments` and quiet logs. Returns its cost and what it printed.
-fn run(setting: &Setting<'_>, arguments: &[PathBuf]) -> Result<(Cost, String), CliError> {
+fn run(child: &Child<'_>, arguments: &[PathBuf]) -> Result<(Cost, String), CliError> {
     let program = std::env::current_exe().map_err(|error| CliError::Io(error.to_string()))?;
     let mut command = Command::new(program);
     command.arg("-q").args(arguments).stdin(Stdio::null()).stdout(Stdio::piped());
-    match setting {
+    if child.any_processor {
+        command.env(ANY_PROCESSOR, "1");
+    }
+    match &child.setting {
         Setting::Given(Global { config: Some(config), .. }) => {
             command.arg("--config").arg(config);
         }

@@ -136,10 +136,13 @@ async fn take(
     let mut tally = Tally::default();
     let mut ended: HashMap<String, usize> = HashMap::new();
     let bar = ProgressLine::new(exports);
+    let mut exports_ahead = pipeline.read_all_ahead(exports, retry, stop);
     for path in exports {
+        let ahead = exports_ahead.next().await?;
         bar.begin(path);
         let moving = bar.clone();
-        let outcome = pipeline.process(path, retry, stop, move |progress| moving.note(progress)).await?;
+        let progress = move |progress| moving.note(progress);
+        let outcome = pipeline.process_ahead(path, ahead, retry, stop, progress).await?;
         let empty = without_result(pipeline, &outcome).await?;
         bar.end(&outcome);
         bar.pause(|| print(path, &outcome, empty.as_ref(), as_json));

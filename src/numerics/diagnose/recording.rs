@@ -69,6 +69,7 @@ pub fn diagnose_samples(
         .filter(|&j| view.has_excitation || view.moving_share(j) >= settings.moving_share)
         .collect();
     findings.extend(torque::torques(&view, &judged));
+    view.end();
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     findings
 }

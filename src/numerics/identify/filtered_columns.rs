@@ -28,7 +28,6 @@ pub struct FilteredColumn {
 pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Vec<FilteredColumn> {
     let order = ParameterId::natural_order(robot);
     let column_of = |id: ParameterId| order.iter().position(|of| *of == id);
-    let rows = 0..filtered.rows();
     let (mut found, mut raw): (Vec<FilteredColumn>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
     let mut add = |id: ParameterId, joint: JointIndex, series: Vec<f64>| {
         if let Some(column) = column_of(id) {
@@ -41,7 +40,7 @@ pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Ve
         let qd = &filtered.qd[joint.index()];
         for (place, &term) in model.terms().iter().enumerate().filter(|(_, term)| term.jumps()) {
             let id = ParameterId { joint, kind: ParameterKind::Friction(term) };
-            add(id, joint, qd.iter().map(|&qd| model.columns(qd)[place]).collect());
+            add(id, joint, series(filtered, |row| model.columns(qd[row])[place]));
         }
     }
     for coupling in &robot.couplings {
@@ -57,13 +56,20 @@ pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Ve
                 &of(&filtered.qdd),
             )
         };
-        add(id, coupling.joint, rows.clone().map(|row| at(row).joint[2]).collect());
-        add(id, coupling.motor_joint, rows.clone().map(|row| at(row).motor_joint[2]).collect());
+        add(id, coupling.joint, series(filtered, |row| at(row).joint[2]));
+        add(id, coupling.motor_joint, series(filtered, |row| at(row).motor_joint[2]));
     }
-    for (column, values) in found.iter_mut().zip(filtered.low_passed(raw)) {
+    for (column, values) in found.iter_mut().zip(filtered.low_passed(&raw)) {
         column.values = values;
     }
+    filtered.give_back(raw);
     found
+}
+
+fn series(filtered: &FilteredSignals, value: impl Fn(usize) -> f64) -> Vec<f64> {
+    let mut series = filtered.room();
+    series.extend((0..filtered.rows()).map(value));
+    series
 }
 
 /// Puts the low-passed values of `row` into its regressor.

@@ -256,7 +256,9 @@ pub fn embedded<'a>(
     let b = columns.kept.len();
     let mut wide = vec![TriangularFactor::new(b); columns.joint_count()];
     for of in factors {
-        wide[of.joint.index()].join(&TriangularFactor::embedded(b, [(&of.factor, columns.places(of.joint))]));
+        let factor = TriangularFactor::embedded(b, [(&of.factor, columns.places(of.joint))]);
+        let joint = &mut wide[of.joint.index()];
+        if joint.rows() == 0 { *joint = factor } else { joint.join(&factor) }
     }
     wide
 }

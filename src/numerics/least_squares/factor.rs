@@ -182,8 +182,13 @@ impl TriangularFactor {
     /// If `places` of a part has fewer entries than the part columns, or one beyond `columns`.
     #[must_use]
     pub fn embedded<'a>(columns: usize, parts: impl IntoIterator<Item = (&'a Self, &'a [usize])>) -> Self {
-        let mut folder = FactorBuilder::new(columns);
-        let mut rows = 0;
+        let parts: Vec<(&Self, &[usize])> = parts.into_iter().collect();
+        if let [(part, places)] = parts[..]
+            && places[..part.columns()].is_sorted_by(|a, b| a < b)
+        {
+            return part.spread(columns, places);
+        }
+        let (mut folder, mut rows) = (FactorBuilder::new(columns), 0);
         for (part, places) in parts {
             let b = part.columns();
             for i in 0..=b {
@@ -195,6 +200,17 @@ impl TriangularFactor {
         let mut factor = folder.take();
         factor.rows = rows;
         factor
+    }
+
+    /// The factor with its columns at rising places of a wider `w`, which is as triangular with its rows at these places.
+    fn spread(&self, columns: usize, places: &[usize]) -> Self {
+        let b = self.columns();
+        let place = |k: usize| if k < b { places[k] } else { columns };
+        let mut wide = Self { rows: self.rows, ..Self::new(columns) };
+        for j in 0..=b {
+            (0..=j).for_each(|i| wide.r[(place(i), place(j))] = self.r[(i, j)]);
+        }
+        wide
     }
 }
 

@@ -8,6 +8,7 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
+use crate::numerics::buffers::Buffers;
 use crate::run::{Cycle, Samples, Stage};
 
 /// Most rows of one cycle. At 1 kHz this is a cycle of 16 minutes, three times the thesis's; its
@@ -83,6 +84,8 @@ pub struct CycleCutter {
     most_rows: Option<usize>,
     /// Whether a cycle needs no stage.
     of_windows: bool,
+    /// Memory of channels.
+    buffers: Buffers,
 }
 
 /// Where a cutter stands behind its last cut: with it and the rows from there on, another one goes on.
@@ -109,6 +112,12 @@ impl CycleCutter {
     #[must_use]
     pub fn with_most_rows(self, rows: usize) -> Self {
         Self { most_rows: Some(rows), ..self }
+    }
+
+    /// The same with channels of cycles in memory of `buffers`.
+    #[must_use]
+    pub fn with_buffers(self, buffers: Buffers) -> Self {
+        Self { buffers, ..self }
     }
 
     /// A cutter of a recording without stages, whose counter numbers windows.
@@ -203,7 +212,13 @@ impl CycleCutter {
     fn cut(&mut self, rows: usize) -> Option<Cycle> {
         let samples = self.pending.take_front(rows);
         // cycles of one test are about as long: channels that grow piece by piece would be copied again and again
-        self.pending.reserve((rows + rows / 64).saturating_sub(self.pending.rows()));
+        let room = rows + rows / 64;
+        for channel in self.pending.channels_mut() {
+            let mut roomy = self.buffers.room(room.max(channel.len()));
+            roomy.extend_from_slice(channel);
+            *channel = roomy;
+        }
+        self.pending.reserve(room.saturating_sub(self.pending.rows()));
         self.rows_cut += rows as u64;
         self.searched = 0;
         self.stage_reached = None;

@@ -6,6 +6,7 @@ use std::ops::Range;
 use super::low_pass::LowPass;
 use super::time_grid::{EvenGrid, is_even, longest_step, median_step, sample_rate};
 use crate::numerics::NumericsError;
+use crate::numerics::buffers::Buffers;
 use crate::numerics::lanes::{Kernel, wide};
 use crate::robot::MAX_JOINTS;
 use crate::run::Samples;
@@ -39,6 +40,8 @@ pub struct FilteredSignals {
     pub sample_rate: f64,
     /// Cut-off of the low-pass, Hz.
     pub cutoff: f64,
+    /// Memory of channels.
+    buffers: Buffers,
 }
 
 impl FilteredSignals {
@@ -83,11 +86,11 @@ impl FilteredSignals {
 
     /// Each of `series` `[rows]` through the low-pass that the channels went through; zero in unusable rows.
     #[must_use]
-    pub fn low_passed(&self, series: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    pub fn low_passed(&self, series: &[Vec<f64>]) -> Vec<Vec<f64>> {
         // a cut-off that made this recording fits its sample rate
-        let Ok(low_pass) = LowPass::new(self.cutoff, self.sample_rate) else { return series };
+        let Ok(low_pass) = LowPass::new(self.cutoff, self.sample_rate) else { return series.to_vec() };
         let channels: Vec<&[f64]> = series.iter().map(Vec::as_slice).collect();
-        let pieces = low_passed(&channels, &self.stretches, &low_pass);
+        let pieces = low_passed(&channels, &self.stretches, &low_pass, &self.buffers);
         pieces.into_iter().map(|pieces| joined(pieces, &self.stretches, self.rows())).collect()
     }
 
@@ -95,8 +98,36 @@ impl FilteredSignals {
     /// not.
     #[must_use]
     pub fn derivative(&self, channel: &[f64]) -> Vec<f64> {
-        let derivative = |stretch: &Stretch| differentiate(&stretch.to_grid(channel), stretch.step);
+        let derivative =
+            |stretch: &Stretch| differentiated(&stretch.to_grid(channel), stretch.step, &self.buffers);
         joined(self.stretches.iter().map(derivative).collect(), &self.stretches, channel.len())
+    }
+
+    /// As [`derivative`](Self::derivative), at `row` of evenly spaced rows alone; `None` of others.
+    #[must_use]
+    pub fn derivative_at(&self, channel: &[f64], row: usize) -> Option<f64> {
+        let of_row = |stretch: &&Stretch| stretch.rows.contains(&row);
+        let Some(stretch) = self.stretches.iter().find(of_row) else { return Some(0.0) };
+        let at = row - stretch.rows.start;
+        let own = &channel[stretch.rows.clone()];
+        stretch.grid.is_none().then(|| difference_at(own, at, stretch.step))
+    }
+
+    /// An empty channel with room for all rows of this recording.
+    #[must_use]
+    pub fn room(&self) -> Vec<f64> {
+        self.buffers.room(self.rows())
+    }
+
+    /// Gives back the memory of channels of this recording that are not needed any more.
+    pub fn give_back(&self, channels: impl IntoIterator<Item = Vec<f64>>) {
+        self.buffers.give_back(channels);
+    }
+
+    /// Gives back the memory of its own channels.
+    pub fn end(self) {
+        let Self { q, qd, qdd, tau, buffers, .. } = self;
+        buffers.give_back([q, qd, qdd, tau].into_iter().flatten());
     }
 
     /// Whether rows are evenly spaced in time, as far as their time stamps are known.
@@ -132,6 +163,18 @@ pub fn carried_cutoff(cutoff: f64, sample_rate: f64) -> f64 {
 /// [`NumericsError::TooShort`] below 32 rows, [`NumericsError::CutoffTooHigh`] if the sample rate
 /// cannot carry the cut-off, [`NumericsError::NotFinite`] for a time axis without a median step.
 pub fn filter_signals(samples: &Samples, cutoff: f64) -> Result<FilteredSignals, NumericsError> {
+    filter_signals_into(samples, cutoff, &Buffers::default())
+}
+
+/// As [`filter_signals`], with channels in memory of `buffers`.
+///
+/// # Errors
+/// As [`filter_signals`].
+pub fn filter_signals_into(
+    samples: &Samples,
+    cutoff: f64,
+    buffers: &Buffers,
+) -> Result<FilteredSignals, NumericsError> {
     let rows = samples.rows();
     if rows < MIN_STRETCH_ROWS {
         return Err(NumericsError::TooShort { what: "the cycle", rows, needed: MIN_STRETCH_ROWS });
@@ -143,14 +186,15 @@ pub fn filter_signals(samples: &Samples, cutoff: f64) -> Result<FilteredSignals,
     let stretches = stretches(&samples.time, longest_step(step, cutoff), sample_rate);
 
     let derivative = |pieces: &Vec<Vec<f64>>| -> Vec<Vec<f64>> {
-        pieces.iter().zip(&stretches).map(|(piece, stretch)| differentiate(piece, stretch.step)).collect()
+        let of_piece = |(piece, stretch): (&Vec<f64>, &Stretch)| differentiated(piece, stretch.step, buffers);
+        pieces.iter().zip(&stretches).map(of_piece).collect()
     };
     let at_rows = |channels: Vec<Vec<Vec<f64>>>| -> Vec<Vec<f64>> {
         channels.into_iter().map(|pieces| joined(pieces, &stretches, rows)).collect()
     };
     let (n, velocity) = (samples.joint_count(), samples.velocity.iter().flatten());
     let recorded = samples.position.iter().chain(&samples.torque).chain(velocity).map(Vec::as_slice);
-    let mut q = low_passed(&recorded.collect::<Vec<_>>(), &stretches, &low_pass);
+    let mut q = low_passed(&recorded.collect::<Vec<_>>(), &stretches, &low_pass, buffers);
     let mut tau = q.split_off(n);
     let mut qd = tau.split_off(n);
     if samples.velocity.is_none() {
@@ -161,7 +205,8 @@ pub fn filter_signals(samples: &Samples, cutoff: f64) -> Result<FilteredSignals,
     let edge = (EDGE_PERIODS * sample_rate / cutoff).ceil() as usize;
     let usable = stretches.iter().map(|s| s.rows.start + edge..s.rows.end.saturating_sub(edge));
     let usable = usable.filter(|s| !s.is_empty()).collect();
-    Ok(FilteredSignals { q, qd, qdd, tau, usable, stretches, sample_rate, cutoff })
+    let buffers = buffers.clone();
+    Ok(FilteredSignals { q, qd, qdd, tau, usable, stretches, sample_rate, cutoff, buffers })
 }
 
 /// Every how many rows of a recording at `sample_rate` Hz something new is seen after a low-pass at
@@ -181,20 +226,44 @@ pub fn row_step(cutoff: f64, sample_rate: f64) -> usize {
 /// which the torque beside it has not lost. Sixth order takes 0.001 % there.
 #[must_use]
 pub fn differentiate(values: &[f64], step: f64) -> Vec<f64> {
+    differentiated(values, step, &Buffers::default())
+}
+
+/// As [`differentiate`], in memory of `buffers`.
+fn differentiated(values: &[f64], step: f64, buffers: &Buffers) -> Vec<f64> {
     let n = values.len();
-    let mut out = vec![0.0; n];
-    if n < 2 {
-        return out;
-    }
-    for i in (1..n - 1).filter(|i| *i < 3 || i + 3 >= n) {
-        out[i] = (values[i + 1] - values[i - 1]) / (2.0 * step);
+    let mut out = buffers.channel(n);
+    for i in (0..n).filter(|i| *i < 3 || i + 3 >= n) {
+        out[i] = difference_at(values, i, step);
     }
     if let Some(inner) = out.get_mut(3..) {
         wide(InnerDifferences { values, step, out: inner });
     }
-    out[0] = (values[1] - values[0]) / step;
-    out[n - 1] = (values[n - 1] - values[n - 2]) / step;
     out
+}
+
+/// The difference of [`differentiate`] at `i`, one of the values.
+fn difference_at(values: &[f64], i: usize, step: f64) -> f64 {
+    let n = values.len();
+    if n < 2 {
+        return 0.0;
+    }
+    if i == 0 {
+        return (values[1] - values[0]) / step;
+    }
+    if i == n - 1 {
+        return (values[n - 1] - values[n - 2]) / step;
+    }
+    match i.checked_sub(3).and_then(|first| values[first..].first_chunk()) {
+        Some(around) => central_difference(around, step),
+        None => (values[i + 1] - values[i - 1]) / (2.0 * step),
+    }
+}
+
+/// The central difference of sixth order at the middle of seven values.
+#[inline(always)]
+fn central_difference(at: &[f64; 7], step: f64) -> f64 {
+    (45.0 * (at[4] - at[2]) - 9.0 * (at[5] - at[1]) + (at[6] - at[0])) / (60.0 * step)
 }
 
 /// Central differences of sixth order of the values that have three others at either side; `out` is behind the first
@@ -211,7 +280,7 @@ impl Kernel for InnerDifferences<'_> {
     fn run(self) {
         let Self { values, step, out } = self;
         for (out, at) in out.iter_mut().zip(values.array_windows::<7>()) {
-            *out = (45.0 * (at[4] - at[2]) - 9.0 * (at[5] - at[1]) + (at[6] - at[0])) / (60.0 * step);
+            *out = central_difference(at, step);
         }
     }
 }
@@ -235,17 +304,22 @@ impl Stretch {
     }
 
     /// Channels of the whole recording through a low-pass, on the stretch's grid.
-    fn low_passed(&self, low_pass: &LowPass, channels: &[&[f64]]) -> Vec<Vec<f64>> {
+    fn low_passed(&self, low_pass: &LowPass, channels: &[&[f64]], buffers: &Buffers) -> Vec<Vec<f64>> {
         let own: Vec<Cow<'_, [f64]>> = channels.iter().map(|channel| self.to_grid(channel)).collect();
-        low_pass.over(&own.iter().map(|own| &**own).collect::<Vec<_>>())
+        low_pass.over(&own.iter().map(|own| &**own).collect::<Vec<_>>(), buffers)
     }
 }
 
 /// Channels of the whole recording through a low-pass, each as its pieces on the grids of the stretches.
-fn low_passed(channels: &[&[f64]], stretches: &[Stretch], low_pass: &LowPass) -> Vec<Vec<Vec<f64>>> {
+fn low_passed(
+    channels: &[&[f64]],
+    stretches: &[Stretch],
+    low_pass: &LowPass,
+    buffers: &Buffers,
+) -> Vec<Vec<Vec<f64>>> {
     let mut of_channels = vec![Vec::with_capacity(stretches.len()); channels.len()];
     for stretch in stretches {
-        let pieces = stretch.low_passed(low_pass, channels);
+        let pieces = stretch.low_passed(low_pass, channels, buffers);
         of_channels.iter_mut().zip(pieces).for_each(|(of, piece)| of.push(piece));
     }
     of_channels
@@ -369,6 +443,11 @@ mod tests {
                     assert!((found[i as usize] - exact).abs() < 1e-12, "x^{power} in row {i}");
                 }
             }
+        }
+        for rows in 0..12 {
+            let x: Vec<f64> = (0..rows).map(|i| (0.7 * f64::from(i)).sin()).collect();
+            let alone: Vec<f64> = (0..x.len()).map(|i| difference_at(&x, i, step)).collect();
+            assert_eq!(differentiate(&x, step), alone);
         }
         assert_eq!(differentiate(&[3.0], 0.1), [0.0]);
         assert_eq!(differentiate(&[1.0, 2.0, 4.0], 1.0), [1.0, 1.5, 2.0]);

@@ -8,6 +8,7 @@ use sci_rs::signal::filter::design::{DigitalFilter, FilterBandType, FilterOutput
 use sci_rs::signal::filter::sosfilt_zi_dyn;
 
 use crate::numerics::NumericsError;
+use crate::numerics::buffers::Buffers;
 use crate::numerics::lanes::{Kernel, LANES, Lanes, wide};
 
 /// Order of the Butterworth low-pass. Forward and backward passes double the roll-off and cancel
@@ -46,8 +47,10 @@ impl LowPass {
     }
 
     /// The low-pass over each of several channels of one length, of more than [`EDGE`] rows.
-    pub(super) fn over(&self, channels: &[&[f64]]) -> Vec<Vec<f64>> {
-        let mut found: Vec<Vec<f64>> = channels.iter().map(|channel| vec![0.0; channel.len()]).collect();
+    pub(super) fn over(&self, channels: &[&[f64]], buffers: &Buffers) -> Vec<Vec<f64>> {
+        // each number of them is written
+        let mut found: Vec<Vec<f64>> =
+            channels.iter().map(|channel| buffers.channel(channel.len())).collect();
         let mut passed = 0;
         while passed < channels.len() {
             let (channels, found) = (&channels[passed..], &mut found[passed..]);
@@ -181,6 +184,9 @@ mod tests {
     /// sci-rs, which is held against SciPy, is the form that lanes must equal.
     #[test]
     fn each_channel_is_what_it_is_alone() {
+        let buffers = Buffers::going_round();
+        // what memory holds that was given back
+        buffers.give_back((0..30).map(|_| vec![f64::NAN; 50]));
         for (rate, cutoff) in [(250.0, 12.0), (50.0, 12.0), (1000.0, 2.0)] {
             let low_pass = LowPass::new(cutoff, rate).expect("a cut-off below half the rate");
             for (count, rows) in [(1, 32), (3, 40), (5, 64), (7, 100), (8, 33), (19, 500)] {
@@ -190,7 +196,7 @@ mod tests {
                 let channels: Vec<Vec<f64>> =
                     (0..count).map(|k| (0..rows).map(|row| value(k, row)).collect()).collect();
                 let slices: Vec<&[f64]> = channels.iter().map(Vec::as_slice).collect();
-                for (found, channel) in low_pass.over(&slices).iter().zip(&channels) {
+                for (found, channel) in low_pass.over(&slices, &buffers).iter().zip(&channels) {
                     let mut sections = low_pass.sections.to_vec();
                     sections.iter_mut().for_each(|section| (section.zi0, section.zi1) = (0.0, 0.0));
                     let expected = sosfiltfilt_dyn(channel.iter(), &sections);
@@ -199,6 +205,6 @@ mod tests {
                 }
             }
         }
-        assert!(LowPass::new(12.0, 250.0).expect("fits").over(&[]).is_empty());
+        assert!(LowPass::new(12.0, 250.0).expect("fits").over(&[], &buffers).is_empty());
     }
 }

@@ -16,7 +16,7 @@ pub(in crate::pipeline) const UNKNOWN_ROBOT: &str = "unknown";
 pub struct AdmittedExport {
     /// Where it lies.
     pub path: PathBuf,
-    /// Its row in the ledger.
+    /// Its row in the ledger; zero of one that is read before the ledger has let it in.
     pub run_id: i64,
     /// What is known of it.
     pub header: RunHeader,

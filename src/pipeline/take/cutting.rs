@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant, SystemTime};
 
+use tokio::runtime::Handle;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
@@ -11,6 +12,7 @@ use super::resume::{self, ReadPositions};
 use crate::ingest::bytes::fingerprint::RunningHash;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::table::reader::Chunk;
+use crate::numerics::buffers::Buffers;
 use crate::run::{ContentHash, ContentPrefix, Cycle};
 use crate::store::{ReadSoFar, StoredPoint};
 
@@ -106,6 +108,13 @@ impl<'i> Cutting<'i> {
         })
     }
 
+    /// The same with channels of cycles in memory of `buffers`.
+    #[must_use]
+    pub fn with_buffers(mut self, buffers: Buffers) -> Self {
+        self.cutter = self.cutter.with_buffers(buffers);
+        self
+    }
+
     /// Cycles cut so far, those stored by an earlier attempt included.
     #[must_use]
     pub fn cycle_count(&self) -> u32 {
@@ -141,6 +150,7 @@ impl<'i> Cutting<'i> {
         }
         fault?;
         self.positions.forget_before(self.cutter.rows_settled());
+        self.wait_for_room();
         Ok(!self.stop.is_cancelled())
     }
 
@@ -171,6 +181,16 @@ impl<'i> Cutting<'i> {
             first_rows: self.cutter.first_rows(),
             duration: self.cutter.last_time(),
         }))
+    }
+
+    /// Waits until the last cycle is taken: rows that are read meanwhile are one more cycle in memory.
+    fn wait_for_room(&self) {
+        if self.cycles.capacity() == 0
+            && let Ok(runtime) = Handle::try_current()
+        {
+            // nobody takes cycles any more: the next one that is sent says so
+            let _ = runtime.block_on(self.cycles.reserve());
+        }
     }
 
     fn send(&mut self, cycle: Cycle, resume: Option<StoredPoint>, cut_by_end: bool) -> bool {

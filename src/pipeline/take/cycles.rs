@@ -7,6 +7,7 @@ use crate::config::Layout;
 use crate::ingest::bytes::{fingerprint, source};
 use crate::ingest::rejection::Rejection;
 use crate::ingest::table::reader::{ExportReader, ReadOptions};
+use crate::numerics::buffers::Buffers;
 use crate::numerics::segment::cycles::{CutterState, CycleCutter, SegmentError};
 use crate::numerics::segment::joint_side::JointSide;
 use crate::numerics::segment::stages::{FinderState, StageFinder, StageRule};
@@ -79,6 +80,13 @@ impl RowCutter {
     #[must_use]
     pub fn with_most_rows(mut self, rows: usize) -> Self {
         self.cutter = self.cutter.with_most_rows(rows);
+        self
+    }
+
+    /// The same with channels of cycles in memory of `buffers`.
+    #[must_use]
+    pub fn with_buffers(mut self, buffers: Buffers) -> Self {
+        self.cutter = self.cutter.with_buffers(buffers);
         self
     }
 

@@ -25,6 +25,7 @@ use crate::ingest::find::tail;
 use crate::ingest::find::tail::{Fate, Growing, Growth, Tail};
 use crate::ingest::rejection::Rejection;
 use crate::ingest::table::reader::{ExportReader, ReadOptions, Step};
+use crate::numerics::buffers::Buffers;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::{FromRejection, Lane};
 use crate::run::{ContentHash, RunKind};
@@ -89,7 +90,7 @@ impl Pipeline {
         };
         let _open = self.open(intake.run_id);
         progress(Progress::Begun);
-        let method = match self.method(&intake).await? {
+        let method = match self.method(&intake, None).await? {
             Ok(method) => method,
             Err(rejection) => return Ok(until_settled(&rejection)),
         };
@@ -113,12 +114,14 @@ impl Pipeline {
         if intake.cycles_stored > 0 {
             grown(Progress::Cycle(intake.cycles_stored));
         }
-        let ((end, grown), refused) = match self.stream(&intake, &method, Lane::Live, reading, grown).await {
-            Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
-                return Ok(refused_by_database(path, &detail));
-            }
-            done => done?,
-        };
+        // of many files that grow none keeps memory for its next cycle
+        let ((end, grown), refused) =
+            match self.stream(&intake, &method, (Lane::Live, Buffers::default()), reading, grown).await {
+                Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
+                    return Ok(refused_by_database(path, &detail));
+                }
+                done => done?,
+            };
         match end {
             ReadEnd::Complete(totals) => {
                 let written_at = grown.map(|(_, written_at)| written_at);

@@ -1,7 +1,7 @@
 //! From a path to cycles: recognition, ledger check, reading.
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use jiff::Timestamp;
@@ -21,6 +21,7 @@ use crate::ingest::find::archive::original_name;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::table::reader::{ExportReader, ReadOptions};
 use crate::ingest::table::start;
+use crate::numerics::buffers::Buffers;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::take::admitted::UNKNOWN_ROBOT;
 use crate::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
@@ -266,23 +267,60 @@ pub fn source_state(path: &Path) -> Option<SourceState> {
 }
 
 /// Reads the export of `intake`, which has settled, and sends its cycles, those already stored left out.
-/// Runs on a blocking thread; ends early when the receiver is gone or a stop is asked for.
+/// Runs on a blocking thread; ends early when the receiver is gone or a stop is asked for. Their channels take memory of
+/// `buffers`.
 pub fn read_cycles(
     intake: &AdmittedExport,
     cycles: &mpsc::Sender<CutCycle>,
     stop: &CancellationToken,
     progress: impl Fn(u64),
+    buffers: Buffers,
 ) -> ReadEnd {
-    read(intake, ReadOptions::default(), cycles, stop, progress).unwrap_or_else(ReadEnd::Rejected)
+    let is_admitted = |content| content == intake.header.content_hash;
+    let options = ReadOptions::default();
+    read_if(intake, (options, buffers), cycles, stop, progress, is_admitted).unwrap_or_else(ReadEnd::Rejected)
+}
+
+/// As [`read_cycles`], of an export that the ledger has not let in yet, so that its content is not known. Its hash is
+/// put into `whole` with the last row.
+pub(in crate::pipeline) fn read_before_its_turn(
+    export: &AdmittedExport,
+    cycles: &mpsc::Sender<CutCycle>,
+    stop: &CancellationToken,
+    progress: impl Fn(u64),
+    whole: &OnceLock<ContentHash>,
+    buffers: Buffers,
+) -> ReadEnd {
+    let is_sound = |content| {
+        // nobody else sets it
+        let _ = whole.set(content);
+        true
+    };
+    let options = (ReadOptions::default(), buffers);
+    read_if(export, options, cycles, stop, progress, is_sound).unwrap_or_else(ReadEnd::Rejected)
 }
 
 /// As [`read_cycles`], in blocks of any size.
+#[cfg(test)]
 pub(in crate::pipeline) fn read(
     intake: &AdmittedExport,
     options: ReadOptions,
     cycles: &mpsc::Sender<CutCycle>,
     stop: &CancellationToken,
     progress: impl Fn(u64),
+) -> Result<ReadEnd, Rejection> {
+    let is_admitted = |content| content == intake.header.content_hash;
+    read_if(intake, (options, Buffers::default()), cycles, stop, progress, is_admitted)
+}
+
+/// Reads; whether the content is the one that is asked for is asked behind its last row.
+fn read_if(
+    intake: &AdmittedExport,
+    (options, buffers): (ReadOptions, Buffers),
+    cycles: &mpsc::Sender<CutCycle>,
+    stop: &CancellationToken,
+    progress: impl Fn(u64),
+    is_asked_for: impl FnOnce(ContentHash) -> bool,
 ) -> Result<ReadEnd, Rejection> {
     let (bytes, hash) = source::open_hashing_up_to(&intake.path, intake.limits.export_bytes)?;
     let mut export = ExportReader::new(bytes, &intake.path, &intake.layout, &intake.robot, options)?;
@@ -291,7 +329,7 @@ pub(in crate::pipeline) fn read(
         Passed::Elsewhere => return Ok(ReadEnd::Changed),
         Passed::Going => return Ok(ReadEnd::Interrupted),
     }
-    let mut cutting = Cutting::new(intake, cycles, stop, hash.clone())?;
+    let mut cutting = Cutting::new(intake, cycles, stop, hash.clone())?.with_buffers(buffers);
     let mut began = Instant::now();
     for chunk in export.by_ref() {
         progress(hash.bytes());
@@ -301,7 +339,7 @@ pub(in crate::pipeline) fn read(
         }
         began = Instant::now();
     }
-    if hash.so_far().0 != intake.header.content_hash {
+    if !is_asked_for(hash.so_far().0) {
         return Ok(ReadEnd::Changed);
     }
     cutting.end(export.rows(), export.passed_over().rows)

@@ -268,8 +268,9 @@ struct TorqueSlopes<'a> {
     model: &'a DynamicModel,
     /// The robot with each number a step larger; `None` where the torque itself is changed.
     changed: Vec<Option<Robot>>,
-    /// Minus the rate of each measured torque `[n][rows]`.
-    late: Vec<Vec<f64>>,
+    filtered: &'a FilteredSignals,
+    /// The rate of each measured torque `[n][rows]`, where rows are not evenly spaced.
+    rates: Vec<Vec<f64>>,
 }
 
 impl<'a> TorqueSlopes<'a> {
@@ -277,19 +278,26 @@ impl<'a> TorqueSlopes<'a> {
         robot: &'a Robot,
         numbers: &[DescribedNumber],
         model: &'a DynamicModel,
-        filtered: &FilteredSignals,
+        filtered: &'a FilteredSignals,
     ) -> Self {
         let changed = |number: &DescribedNumber| match number {
             DescribedNumber::TorqueGain(_) | DescribedNumber::TorqueDelay => None,
             _ => Some(number.changed(robot, STEP)),
         };
-        let rate = |tau: &Vec<f64>| filtered.derivative(tau).into_iter().map(|slope| -slope).collect();
+        let rate = |tau: &Vec<f64>| filtered.derivative(tau);
         Self {
             robot,
             model,
             changed: numbers.iter().map(changed).collect(),
-            late: filtered.tau.iter().map(rate).collect(),
+            filtered,
+            rates: if filtered.is_even() { Vec::new() } else { filtered.tau.iter().map(rate).collect() },
         }
+    }
+
+    /// Minus the rate of a measured torque, Nm/s (N/s).
+    fn late(&self, joint: usize, row: usize) -> f64 {
+        let at_row = self.filtered.derivative_at(&self.filtered.tau[joint], row);
+        -at_row.unwrap_or_else(|| self.rates[joint][row])
     }
 
     fn write(&self, row: usize, state: &JointState, slope: &mut [[f64; MAX_JOINTS]]) {
@@ -307,7 +315,7 @@ impl<'a> TorqueSlopes<'a> {
                     let changed = torque(robot);
                     (0..n).for_each(|j| slope[j] = (changed[j] - described[j]) / STEP);
                 }
-                None => (0..n).for_each(|j| slope[j] = self.late[j][row]),
+                None => (0..n).for_each(|j| slope[j] = self.late(j, row)),
             }
         }
     }

@@ -35,7 +35,7 @@ fn of_joint(filtered: &FilteredSignals, joint: usize) -> Vec<Vec<f64>> {
     let mut shapes: Vec<Vec<f64>> = SMOOTH.iter().map(|turn| by_speed(&|v| (v / turn).tanh())).collect();
     shapes.push(by_speed(&|v| v.signum() * (-(v / BUMP).powi(2)).exp()));
     shapes.extend(BRISTLE.map(|part| bristle(q, part * (high - low).max(f64::MIN_POSITIVE))));
-    let mut shapes = filtered.low_passed(shapes);
+    let mut shapes = filtered.low_passed(&shapes);
     shapes.push(vec![1.0; q.len()]);
     shapes
 }

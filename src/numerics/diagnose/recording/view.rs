@@ -85,6 +85,11 @@ impl<'a> View<'a> {
         }
     }
 
+    /// Gives back the memory of what was made for the checks.
+    pub(super) fn end(self) {
+        self.filtered.give_back(self.dq);
+    }
+
     pub(super) fn joint(&self, joint: JointIndex) -> &Joint {
         &self.robot.joints[joint.index()]
     }

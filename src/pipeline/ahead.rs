@@ -1,0 +1,287 @@
+//! Settled exports that are read and analysed before the ledger has decided on them: the processors are busy while the
+//! export is hashed, and while the exports before it are written down.
+//!
+//! What rows say depends on the bytes of the export and on the configuration alone. So nothing is decided here: the
+//! ledger is asked in the turn of the export, and what was read is used only if it is what would be read then, else
+//! dropped.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
+
+use tokio::sync::mpsc;
+use tokio_util::sync::{CancellationToken, DropGuard};
+use tokio_util::task::AbortOnDropHandle;
+
+use super::context::{Lane, Pipeline, PipelineError, Retry};
+use super::production;
+use super::streaming::{CYCLES_IN_ANALYSIS, Streaming};
+use super::take::admitted::AdmittedExport;
+use super::take::cutting::ReadEnd;
+use super::take::{decide, intake, resume};
+use crate::config::{Config, FleetEntry};
+use crate::ingest::bytes::{fingerprint, source};
+use crate::numerics::analyse::Method;
+use crate::numerics::buffers::Buffers;
+use crate::robot::Robot;
+use crate::run::{ContentHash, RunKind, RunStatus};
+
+/// Exports up to this size are hashed before they are read ahead, bytes: that takes milliseconds, and a copy of what is stored
+/// is not read. Larger ones are read while they are hashed in their turn.
+const HASHED_BYTES: u64 = 16 << 20;
+
+/// An export that is read ahead. Whoever drops it ends that.
+#[derive(Debug)]
+pub struct ReadAhead {
+    /// What decides its cycles besides its bytes.
+    made_with: ContentHash,
+    pub(super) method: Arc<Method>,
+    pub(super) streaming: Streaming<ReadEnd>,
+    /// Bytes read so far.
+    pub(super) bytes: Arc<AtomicU64>,
+    /// Hash of all its bytes, once they are read.
+    whole: Arc<OnceLock<ContentHash>>,
+    has_read: CancellationToken,
+    pub(super) stop: DropGuard,
+}
+
+impl ReadAhead {
+    /// Whether this is what would be read of an export that was let in, as far as is known: another content ends as a file
+    /// that has changed while it was read.
+    pub(super) fn is_of(&self, admitted: &AdmittedExport) -> bool {
+        let content = self.whole.get().is_none_or(|whole| *whole == admitted.header.content_hash);
+        let from_start = admitted.cycles_stored == 0 && admitted.resume.is_none();
+        content && from_start && self.made_with == admitted.made_with
+    }
+
+    /// Cancelled once the last row is read: then the next export may be read ahead, without more memory.
+    #[must_use]
+    pub fn has_read(&self) -> CancellationToken {
+        self.has_read.clone()
+    }
+}
+
+/// Exports in their order, the next ones of them read ahead.
+#[derive(Debug)]
+pub struct ExportsAhead {
+    begun: mpsc::Receiver<Result<Option<ReadAhead>, PipelineError>>,
+    _beginning: AbortOnDropHandle<()>,
+}
+
+impl ExportsAhead {
+    /// The next export, if it is read ahead.
+    ///
+    /// # Errors
+    /// Those of the store.
+    pub async fn next(&mut self) -> Result<Option<ReadAhead>, PipelineError> {
+        self.begun.recv().await.unwrap_or(Ok(None))
+    }
+}
+
+impl Pipeline {
+    /// Begins to read `exports` ahead, in their order: each once all rows of the one before are read, and no more than
+    /// [`CYCLES_IN_ANALYSIS`] of them before the first is asked for and after it.
+    #[must_use]
+    pub fn read_all_ahead(
+        &self,
+        exports: &[PathBuf],
+        retry: Retry,
+        stop: &CancellationToken,
+    ) -> ExportsAhead {
+        let (to_turn, begun) = mpsc::channel(CYCLES_IN_ANALYSIS);
+        let (pipeline, exports, stop) = (self.clone(), exports.to_vec(), stop.clone());
+        let beginning = tokio::spawn(async move {
+            for export in exports {
+                let Ok(turn) = to_turn.reserve().await else { return };
+                let ahead = pipeline.read_ahead(&export, retry, &stop).await;
+                let has_read = ahead.as_ref().ok().and_then(Option::as_ref).map(ReadAhead::has_read);
+                turn.send(ahead);
+                if let Some(has_read) = has_read {
+                    has_read.cancelled().await;
+                }
+            }
+        });
+        ExportsAhead { begun, _beginning: AbortOnDropHandle::new(beginning) }
+    }
+
+    /// Begins to read an export before its turn. `None` where there would be nothing to read, or that is seen in its turn
+    /// only: its fate is decided, a run goes on with it, its name says no robot, or it is no test.
+    ///
+    /// # Errors
+    /// Those of the store.
+    pub async fn read_ahead(
+        &self,
+        path: &Path,
+        retry: Retry,
+        stop: &CancellationToken,
+    ) -> Result<Option<ReadAhead>, PipelineError> {
+        let Some(state) = intake::source_state(path) else { return Ok(None) };
+        let name = source::path_text(path);
+        let known = self.store.known_source(&name, state).await?;
+        if known.is_some_and(|known| decide::is_decided(&known, retry)) {
+            return Ok(None);
+        }
+        if state.bytes <= HASHED_BYTES && self.has_content_of(path, retry).await? {
+            return Ok(None);
+        }
+        let earlier = self.store.earlier_runs(&name, state.file, None).await?;
+        if earlier.iter().any(|of| of.run.status == RunStatus::Streaming && of.run.cycles_stored > 0) {
+            return Ok(None);
+        }
+        let Ok(recognised) = intake::recognise(self.config(), path, intake::file_time(path)) else {
+            return Ok(None);
+        };
+        let FleetEntry { description, layout, .. } = recognised.entry;
+        if layout.stage.kind().run_kind() != RunKind::Test {
+            return Ok(None);
+        }
+        let Some(method) = self.method_of(description).await? else { return Ok(None) };
+        let Config { limits, analysis, .. } = self.config();
+        let made_with = resume::settings_hash(layout, description, limits, analysis);
+        let no_hash = fingerprint::nothing().hash;
+        let header =
+            intake::header(path, &recognised.robot, &description.model, recognised.started_at, no_hash, 0);
+        let export = AdmittedExport {
+            path: path.to_path_buf(),
+            run_id: 0,
+            header,
+            robot: Arc::clone(description),
+            layout: Arc::clone(layout),
+            named_start: recognised.named_start,
+            cycles_stored: 0,
+            resume: None,
+            made_with,
+            limits: *limits,
+        };
+        let (stop, has_read) = (stop.child_token(), CancellationToken::new());
+        let buffers = Buffers::going_round();
+        let (bytes, whole) = (Arc::<AtomicU64>::default(), Arc::<OnceLock<ContentHash>>::default());
+        let reading = {
+            let (stop, has_read) = (stop.clone(), has_read.clone().drop_guard());
+            let (bytes, whole) = (Arc::clone(&bytes), Arc::clone(&whole));
+            let buffers = buffers.clone();
+            move |cycles| {
+                let read = |so_far| bytes.store(so_far, Ordering::Relaxed);
+                let end = intake::read_before_its_turn(&export, &cycles, &stop, read, &whole, buffers);
+                drop(has_read);
+                end
+            }
+        };
+        let work = production::work_alone(layout, &method);
+        let places = Arc::clone(&self.places[Lane::Backlog as usize]);
+        let streaming = Streaming::start(work, places, self.metrics.clone(), buffers, reading);
+        let stop = stop.drop_guard();
+        Ok(Some(ReadAhead { made_with, method, streaming, bytes, whole, has_read, stop }))
+    }
+
+    /// Whether the content of a file is stored or being read under any name, so that it is not read again.
+    async fn has_content_of(&self, path: &Path, retry: Retry) -> Result<bool, PipelineError> {
+        let owned = path.to_path_buf();
+        let hashed = tokio::task::spawn_blocking(move || fingerprint::fingerprint(&owned)).await?;
+        // what cannot be read is said in its turn
+        let Ok((content, _)) = hashed else { return Ok(true) };
+        let known = self.store.lookup(&content).await?;
+        Ok(known.is_some_and(|known| decide::is_decided(&known, retry) || self.is_open(known.run_id)))
+    }
+
+    /// The structure analysis of a robot; `None` where there is none, which is said in the turn of its export.
+    async fn method_of(&self, robot: &Arc<Robot>) -> Result<Option<Arc<Method>>, PipelineError> {
+        if let Some(method) = self.known_method(robot) {
+            return Ok(Some(method));
+        }
+        let (robot, settings) = (Robot::clone(robot), self.config.analysis);
+        let made = tokio::task::spawn_blocking(move || Method::new(robot, settings)).await?;
+        Ok(made.ok().map(Arc::new))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::IdentifiedParameter;
+    use crate::config::Config;
+    use crate::pipeline::context::Outcome;
+    use crate::simulate::{SimulationSettings, simulate_run};
+    use crate::store::Store;
+    use crate::testing::er3a;
+
+    /// Exports of two tests of a robot, one of them twice, and a file that is none; in the order of their turn.
+    fn exports(folder: &Path) -> Vec<PathBuf> {
+        let first_start = "2026-01-05T08:47:00Z".parse().expect("a time");
+        let settings =
+            SimulationSettings { cycles: 2, warming_s: 2.0, first_start, ..SimulationSettings::default() };
+        let mut exports: Vec<PathBuf> = (0..2)
+            .map(|run| simulate_run(&er3a(), &settings, run, folder, &mut |_| ()).expect("an export").export)
+            .collect();
+        let copy = folder.join("copy").join(exports[0].file_name().expect("a name"));
+        std::fs::create_dir(folder.join("copy")).expect("a folder");
+        std::fs::copy(&exports[0], &copy).expect("copied");
+        let other = folder.join("R00_20260109_0800_5s_cycle1.csv");
+        std::fs::write(&other, "time,pos_1\n0,nothing\n").expect("written");
+        exports.extend([copy, other]);
+        exports
+    }
+
+    async fn pipeline(folder: &Path) -> Pipeline {
+        let config = Config::shipped().expect("shipped settings");
+        let store = Store::open(&folder.join("fleet.db")).await.expect("a store");
+        Pipeline::new(Arc::new(config), store)
+    }
+
+    async fn parameters(pipeline: &Pipeline, run_id: i64) -> Vec<Vec<IdentifiedParameter>> {
+        let mut cycles = Vec::new();
+        for cycle in 1..=2 {
+            cycles.push(pipeline.store().cycle_parameters(run_id, cycle).await.expect("parameters"));
+        }
+        cycles
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn exports_that_are_read_ahead_come_to_what_they_come_to_in_their_turn() {
+        let folders = [(); 3].map(|()| tempfile::tempdir().expect("a folder"));
+        let exports = exports(folders[2].path());
+        let (early, late) = (pipeline(folders[0].path()).await, pipeline(folders[1].path()).await);
+        let stop = CancellationToken::new();
+        let mut ahead = early.read_all_ahead(&exports, Retry::Never, &stop);
+        for (place, export) in exports.iter().enumerate() {
+            let begun = ahead.next().await.expect("a store");
+            // the ledger may know the first export already when its copy would be read ahead
+            assert!(begun.is_some() || place == 2, "{}", export.display());
+            let found = early.process_ahead(export, begun, Retry::Never, &stop, |_| ()).await;
+            let expected = late.process_ahead(export, None, Retry::Never, &stop, |_| ()).await;
+            let (found, expected) = (found.expect("an outcome"), expected.expect("an outcome"));
+            assert_eq!(found, expected);
+            match place {
+                0 | 1 => assert!(matches!(found, Outcome::Stored(_)), "{found:?}"),
+                2 => assert!(matches!(found, Outcome::AlreadyStored { run_id: 1 }), "{found:?}"),
+                _ => assert!(matches!(found, Outcome::Quarantined { .. }), "{found:?}"),
+            }
+        }
+        for run_id in [1, 2] {
+            let expected = parameters(&late, run_id).await;
+            assert!(expected.iter().all(|cycle| cycle.len() > 40));
+            assert_eq!(parameters(&early, run_id).await, expected);
+        }
+        // now the ledger knows them
+        let mut ahead = early.read_all_ahead(&exports, Retry::Never, &stop);
+        for export in &exports {
+            let begun = ahead.next().await.expect("a store");
+            assert!(begun.is_none(), "{}", export.display());
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn an_export_that_changes_before_its_turn_is_read_as_it_is_then() {
+        let folders = [(); 2].map(|()| tempfile::tempdir().expect("a folder"));
+        let exports = exports(folders[1].path());
+        let pipeline = pipeline(folders[0].path()).await;
+        let stop = CancellationToken::new();
+        let begun = pipeline.read_ahead(&exports[0], Retry::Never, &stop).await.expect("a store");
+        begun.as_ref().expect("a test").has_read().cancelled().await;
+        std::fs::copy(&exports[1], &exports[0]).expect("written over");
+        let outcome = pipeline.process_ahead(&exports[0], begun, Retry::Never, &stop, |_| ()).await;
+        assert!(matches!(outcome, Ok(Outcome::Stored(_))), "{outcome:?}");
+        let again = pipeline.process_ahead(&exports[1], None, Retry::Never, &stop, |_| ()).await;
+        assert!(matches!(again, Ok(Outcome::AlreadyStored { run_id: 1 })), "{again:?}");
+    }
+}

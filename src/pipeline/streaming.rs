@@ -1,0 +1,100 @@
+//! Reading and analysis of an export at once: a thread that cuts cycles, and analyses on blocking threads.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use tokio::sync::{Semaphore, mpsc};
+use tokio::task::{JoinError, JoinHandle};
+
+use super::context::InAnalysis;
+use super::production::CycleWork;
+use super::take::cutting::CutCycle;
+use crate::metrics::{Metrics, Stage};
+use crate::numerics::buffers::Buffers;
+
+/// Cycles between the reading thread and analysis, which reads no further before the last one is taken. One is enough to
+/// keep both busy; each takes 12 MB at 250 Hz and five minutes.
+const CYCLES_READ_AHEAD: usize = 1;
+
+/// Cycles under analysis at once in each lane, whatever the number of exports: the two cores that the
+/// program is made for.
+pub(super) const CYCLES_IN_ANALYSIS: usize = 2;
+
+/// An export that is being read and analysed. Whoever drops it ends both.
+#[derive(Debug)]
+pub(super) struct Streaming<E> {
+    /// Analyses in the order of the cycles.
+    pub(super) analyses: mpsc::Receiver<InAnalysis>,
+    tasks: Tasks<E>,
+}
+
+/// What reads and analyses.
+#[derive(Debug)]
+pub(super) struct Tasks<E> {
+    reader: JoinHandle<E>,
+    analyser: JoinHandle<()>,
+}
+
+impl<E: Send + 'static> Streaming<E> {
+    /// Begins; `read` runs on a blocking thread. Channels of cycles go back into `buffers`, and from there, if it likes, to
+    /// `read`.
+    pub(super) fn start(
+        work: CycleWork,
+        places: Arc<Semaphore>,
+        metrics: Metrics,
+        buffers: Buffers,
+        read: impl FnOnce(mpsc::Sender<CutCycle>) -> E + Send + 'static,
+    ) -> Self {
+        let (to_analysis, cycles) = mpsc::channel::<CutCycle>(CYCLES_READ_AHEAD);
+        // the task being awaited and those in the channel are the cycles in analysis
+        let (to_record, analyses) = mpsc::channel::<InAnalysis>(CYCLES_IN_ANALYSIS - 1);
+        let reader = tokio::task::spawn_blocking(move || read(to_analysis));
+        let analyser = tokio::spawn(analyse_in_order(work, places, cycles, to_record, (metrics, buffers)));
+        Self { analyses, tasks: Tasks { reader, analyser } }
+    }
+
+    /// The analyses, and what makes them.
+    pub(super) fn into_parts(self) -> (mpsc::Receiver<InAnalysis>, Tasks<E>) {
+        (self.analyses, self.tasks)
+    }
+}
+
+impl<E> Tasks<E> {
+    /// How reading ended. Whoever took the analyses has taken all of them or dropped the rest, so that both tasks end.
+    ///
+    /// # Errors
+    /// A panic of either.
+    pub(super) async fn ended(self) -> Result<E, JoinError> {
+        self.analyser.await?;
+        self.reader.await
+    }
+}
+
+/// Starts analyses as cycles arrive and hands on their handles in the order of the cycles.
+async fn analyse_in_order(
+    work: CycleWork,
+    places: Arc<Semaphore>,
+    mut cycles: mpsc::Receiver<CutCycle>,
+    to_record: mpsc::Sender<InAnalysis>,
+    (metrics, buffers): (Metrics, Buffers),
+) {
+    let mut bytes = 0;
+    // a cycle is not taken over before it is its turn: those that wait fill the memory
+    while let Ok(turn) = to_record.reserve().await {
+        let Some(CutCycle { cycle, read, took, written }) = cycles.recv().await else { return };
+        metrics.stage(Stage::Read, took);
+        let until = read.prefix.bytes;
+        metrics.cycle_read(cycle.samples.rows(), until.saturating_sub(bytes));
+        bytes = until;
+        let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
+        let (work, metrics, buffers) = (work.clone(), metrics.clone(), buffers.clone());
+        let analysis = tokio::task::spawn_blocking(move || {
+            let began = Instant::now();
+            let analysis = work.analyse_in(cycle, &buffers);
+            metrics.stage(Stage::Analyse, began.elapsed());
+            drop(place);
+            analysis
+        });
+        turn.send(InAnalysis { analysis, read, written });
+    }
+}
