@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 
+use self::brief::Brief;
 use self::forecast::Forecast;
 use crate::analysis::friction::CycleFriction;
 use crate::analysis::measurements::CycleRmsd;
@@ -13,6 +14,7 @@ use crate::analysis::response::ChannelResponse;
 use crate::analysis::{JointSummary, ProductionJoint};
 use crate::robot::{JointIndex, ParameterId};
 
+pub mod brief;
 pub mod epoch;
 pub mod forecast;
 pub mod peer;
@@ -132,6 +134,10 @@ pub struct RunSummary {
     /// Ordinal of the epoch of each joint that the test belongs to, by position of the joint; see [`epoch`]. Tests of
     /// two epochs of a joint do not compare. Joints beyond its end are in their first one.
     pub epochs: Vec<u32>,
+    /// What stands for the cycles; `None` where nothing is stored of it.
+    pub brief: Option<Arc<Brief>>,
+    /// Whether `cycle_friction`, `whole_cycle_rmsd` and `parameters` are left out, for which `brief` stands.
+    pub is_brief: bool,
 }
 
 /// Friction of one joint in one cycle of a run.
@@ -160,6 +166,20 @@ pub struct RunParameter {
 }
 
 impl RunSummary {
+    /// What stands for the cycles, where they are left out.
+    #[must_use]
+    pub fn left_out(&self) -> Option<&Brief> {
+        self.brief.as_deref().filter(|_| self.is_brief)
+    }
+
+    /// Leaves out what its brief stands for.
+    pub fn leave_out(&mut self) {
+        if self.brief.is_some() {
+            self.is_brief = true;
+            (self.cycle_friction, self.whole_cycle_rmsd, self.parameters) = Default::default();
+        }
+    }
+
     /// Whether no joint has any figure: a test that says nothing of the arm.
     #[must_use]
     pub fn is_without_result(&self) -> bool {

@@ -15,13 +15,14 @@ use super::handle::Store;
 use super::open::{APPLICATION_ID, SNAPSHOT};
 
 /// Tables whose rows are left out.
-const LEFT_OUT: [&str; 8] = [
+const LEFT_OUT: [&str; 9] = [
     "torque_factor",
     "log_factor",
     "cycle_factor_layout",
     "resume_point",
     "source_file",
     "channel_response",
+    "run_brief",
     "run_series",
     "run_friction_series",
 ];

@@ -12,9 +12,9 @@
 
 use std::collections::HashSet;
 
+use super::in_brief::detected;
 use crate::numerics::analyse::warm_up_fits;
 use crate::numerics::detect::production::detect_production;
-use crate::numerics::detect::runs::detect_among;
 use crate::numerics::friction::level_means::nearest_level;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::friction::friction_conclusion;
@@ -131,10 +131,18 @@ impl Pipeline {
         conclusion.replace_mixed_fits(&mixed).await?;
         let replaced = conclusion.replace_friction(&friction).await?;
         // detectors watch the indices that were stored just now; a test that completed meanwhile has none yet
-        let mut summaries = conclusion.run_summaries().await?;
+        let mut tests = conclusion.run_briefs().await?;
         let known: HashSet<i64> = friction.run_ids.iter().copied().collect();
-        summaries.retain(|run| known.contains(&run.run_id));
-        let mut findings = detect_among(&summaries, &peers, &self.config.detect);
+        tests.retain(|run| known.contains(&run.run_id));
+        let found = detected(&mut conclusion, &mut tests, &peers, &self.config.detect).await?;
+        tracing::debug!(
+            robot = robot.name,
+            tests = tests.len(),
+            read = found.read,
+            computing_ms = found.computing.as_secs_f64() * 1e3,
+            "judged"
+        );
+        let mut findings = found.findings;
         findings.anomalies.extend(detect_production(&conclusion.production_summaries().await?));
         let reconciled = conclusion.reconcile(&findings).await?;
         conclusion.compared_with(peers.len(), baseline_runs).await?;

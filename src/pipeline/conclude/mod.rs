@@ -1,5 +1,6 @@
 //! What the history of a robot says.
 
 pub mod history;
+pub mod in_brief;
 pub mod isolation;
 pub mod open_test;

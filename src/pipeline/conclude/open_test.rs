@@ -109,17 +109,24 @@ impl Pipeline {
         if let Some(usual) = known.filter(holds) {
             return Ok(usual);
         }
-        let history = self.store.run_summaries(test.robot_id).await?;
+        let mut history = self.store.run_briefs(test.robot_id).await?;
         let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
         let of_open = self.store.run_measurements(test.run_id).await?;
         let of_open = first_cycles(&RunSummary::default(), &of_open, test.cycles).joints.len();
         let joints = joints.max(of_open);
         let epochs = self.store.open_test_epochs(test, joints).await?;
-        let (tests, history, epochs) = tokio::task::spawn_blocking(move || {
-            let tests = UsualTests::new(&history, joints, &epochs, &settings);
-            (tests, history, epochs)
-        })
-        .await?;
+        let (tests, epochs) = loop {
+            let of_robot = epochs.clone();
+            let (tests, known) = tokio::task::spawn_blocking(move || {
+                (UsualTests::new(&history, joints, &of_robot, &settings), history)
+            })
+            .await?;
+            history = known;
+            if tests.needs().iter().all(|&place| !history[place].is_brief) {
+                break (tests, epochs);
+            }
+            self.store.read_cycles(&mut history, tests.needs()).await?;
+        };
         let mut first = Vec::new();
         for run in history.into_iter().filter(|run| tests.arm_run_ids().contains(&run.run_id)) {
             let measured = self.store.run_measurements(run.run_id).await?;

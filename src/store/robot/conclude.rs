@@ -10,7 +10,7 @@ use sqlx::{Sqlite, Transaction};
 
 use super::anomalies::Reconciled;
 use super::friction_series::{self, FrictionHistory};
-use super::{anomalies, conclusion_faults, cycle_friction_rows, history, run_series};
+use super::{anomalies, conclusion_faults, history, run_brief, run_brief_rows};
 use crate::analysis::{ProductionCheck, WarmUpFit};
 use crate::anomaly::{Findings, ProductionSummary, RunSummary};
 use crate::store::error::StoreError;
@@ -109,16 +109,33 @@ impl ConclusionTransaction {
     }
 
     /// Reads the summaries of the robot's complete runs, ordered by start, then key, with the friction index that
-    /// was stored last.
+    /// was stored last. Their cycles are left out.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn run_summaries(&mut self) -> Result<Vec<RunSummary>, StoreError> {
-        let completed = cycle_friction_rows::complete(&mut self.transaction, self.robot_id).await;
+    pub async fn run_briefs(&mut self) -> Result<Vec<RunSummary>, StoreError> {
+        let completed = run_brief_rows::complete(&mut self.transaction, self.robot_id).await;
         self.checked(completed)?;
-        let completed = run_series::complete(&mut self.transaction, self.robot_id).await;
-        self.checked(completed)?;
-        let result = history::run_summaries(&mut self.transaction, self.robot_id).await;
+        let result = history::run_briefs(&mut self.transaction, self.robot_id).await;
+        self.checked(result)
+    }
+
+    /// Reads the cycles of the tests at these places that are left out.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn read_cycles(&mut self, runs: &mut [RunSummary], places: &[usize]) -> Result<(), StoreError> {
+        let result = history::read_cycles(&mut self.transaction, runs, places).await;
+        self.checked(result)
+    }
+
+    /// Keeps what was found in the cycles of a test, as its brief has it.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn keep_judgements(&mut self, run: &RunSummary) -> Result<(), StoreError> {
+        let Some(brief) = &run.brief else { return Ok(()) };
+        let result = run_brief::keep_judgements(&mut *self.transaction, run.run_id, &brief.judgements).await;
         self.checked(result)
     }
 

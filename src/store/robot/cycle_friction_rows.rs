@@ -5,22 +5,16 @@ use std::collections::{BTreeMap, HashMap};
 use sqlx::sqlite::SqliteExecutor;
 use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
 
-use super::{history, run_series};
+use super::history;
 use crate::analysis::FrictionPoint;
 use crate::analysis::friction::CycleFriction;
 use crate::numerics::friction::composite::cycle_friction;
 use crate::store::values::{ROWS_PER_STATEMENT, joint_number};
 
-/// Makes the rows of the robot's complete tests with a cycle that has none yet: a complete run may have grown. Those with
-/// a series have all.
-pub(in crate::store) async fn complete(
-    connection: &mut SqliteConnection,
-    robot_id: i64,
-) -> Result<(), sqlx::Error> {
-    for run_id in run_series::without(&mut *connection, robot_id).await? {
-        if has_cycle_without(&mut *connection, run_id).await? {
-            complete_run(connection, run_id).await?;
-        }
+/// Makes the rows of a complete test with a cycle that has none yet: a complete run may have grown.
+pub(super) async fn complete(connection: &mut SqliteConnection, run_id: i64) -> Result<(), sqlx::Error> {
+    if has_cycle_without(&mut *connection, run_id).await? {
+        complete_run(connection, run_id).await?;
     }
     Ok(())
 }

@@ -1,13 +1,14 @@
 //! What detection and fits read back: one run's measurements, one robot's history.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
+use std::sync::Arc;
 
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{Row, SqliteConnection};
 
 use super::joint_summary::SummaryRow;
 use super::run_series::RunSeries;
-use super::{cycle_friction, cycle_rmsd, maintenance, run_series};
+use super::{cycle_friction, cycle_rmsd, maintenance, run_brief, run_series};
 use crate::analysis::measurements::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{FrictionPoint, GravityRemoval, IdentifiedParameter};
@@ -60,6 +61,24 @@ impl Store {
     pub async fn run_summaries(&self, robot_id: i64) -> Result<Vec<RunSummary>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         self.checked(run_summaries(&mut connection, robot_id).await)
+    }
+
+    /// The same with their cycles left out, but for tests of which nothing is known in brief.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn run_briefs(&self, robot_id: i64) -> Result<Vec<RunSummary>, StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(run_briefs(&mut connection, robot_id).await)
+    }
+
+    /// Reads the cycles of the tests at these places that are left out.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn read_cycles(&self, runs: &mut [RunSummary], places: &[usize]) -> Result<(), StoreError> {
+        let mut connection = self.checked(self.readers.acquire().await)?;
+        self.checked(read_cycles(&mut connection, runs, places).await)
     }
 
     /// Speed levels, as fractions of the largest, at which joints of the robot's latest complete test have warm friction;
@@ -247,7 +266,6 @@ pub(in crate::store) async fn run_summaries(
     connection: &mut SqliteConnection,
     robot_id: i64,
 ) -> Result<Vec<RunSummary>, sqlx::Error> {
-    let mut refused = refusals(&mut *connection, robot_id).await?;
     let rows = sqlx::query(
         "SELECT run.run_id, run.started_at, run.cycles_stored, run_series.numbers,
                 EXISTS (SELECT 1 FROM channel_response WHERE channel_response.run_id = run.run_id) AS has_response
@@ -258,36 +276,129 @@ pub(in crate::store) async fn run_summaries(
     )
     .bind(robot_id)
     .try_map(|row: SqliteRow| {
-        let run = RunSummary {
-            run_id: row.try_get("run_id")?,
-            started_at: time(&row, "started_at")?,
-            cycles: size(&row, "cycles_stored")?,
-            ..RunSummary::default()
-        };
         let numbers: Option<&[u8]> = row.try_get("numbers")?;
-        Ok((run, numbers.and_then(run_series::unpacked), row.try_get::<bool, _>("has_response")?))
+        Ok((test(&row)?, numbers.and_then(run_series::unpacked)))
     })
     .fetch_all(&mut *connection)
     .await?;
-    let mut tests: Vec<(RunSummary, RunSeries, bool)> = Vec::with_capacity(rows.len());
-    for (run, series, has_response) in rows {
+    let inertial = cycle_friction::inertial(&mut *connection).await?;
+    let mut tests = Vec::with_capacity(rows.len());
+    for (mut test, series) in rows {
         let series = match series {
             Some(series) => series,
-            None => run_series::of_run(&mut *connection, run.run_id).await?,
+            None => run_series::of_run(&mut *connection, test.run.run_id).await?,
         };
-        tests.push((run, series, has_response));
+        test.joints = fill(&mut test.run, series, &inertial);
+        tests.push(test);
     }
-    let known = |row: &&SummaryRow| row.summary.relative_rmsd.is_some();
-    let mut latest_first = tests.iter().rev().flat_map(|(_, series, _)| series.joints.iter().rev());
-    let latest = latest_first.find(known).and_then(|row| row.estimator.clone());
+    together(connection, robot_id, tests).await
+}
+
+/// As [`run_summaries`], with the cycles left out of those tests of which something is known in brief.
+pub(in crate::store) async fn run_briefs(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+) -> Result<Vec<RunSummary>, sqlx::Error> {
+    let rows = sqlx::query(
+        "SELECT run.run_id, run.started_at, run.cycles_stored, run_brief.joints, run_brief.brief, run_brief.judgements,
+                EXISTS (SELECT 1 FROM channel_response WHERE channel_response.run_id = run.run_id) AS has_response
+         FROM run
+         LEFT JOIN run_brief USING (run_id)
+         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete'
+         ORDER BY run.started_at, run.run_id",
+    )
+    .bind(robot_id)
+    .try_map(|row: SqliteRow| {
+        let (joints, brief): (Option<&[u8]>, Option<&[u8]>) =
+            (row.try_get("joints")?, row.try_get("brief")?);
+        let judgements: Option<&[u8]> = row.try_get("judgements")?;
+        let known = match (joints, brief, judgements) {
+            (Some(joints), Some(brief), Some(judgements)) => run_brief::unpacked(joints, brief, judgements),
+            _ => None,
+        };
+        let mut test = test(&row)?;
+        let is_known = known.is_some();
+        if let Some((joints, brief)) = known {
+            (test.joints, test.run.brief, test.run.is_brief) = (joints, Some(Arc::new(brief)), true);
+        }
+        Ok((test, is_known))
+    })
+    .fetch_all(&mut *connection)
+    .await?;
+    let mut tests = Vec::with_capacity(rows.len());
+    let mut inertial = None;
+    for (mut test, is_known) in rows {
+        if !is_known {
+            if inertial.is_none() {
+                inertial = Some(cycle_friction::inertial(&mut *connection).await?);
+            }
+            let series = run_series::read(&mut *connection, test.run.run_id).await?;
+            if let Some(inertial) = &inertial {
+                test.joints = fill(&mut test.run, series, inertial);
+            }
+        }
+        tests.push(test);
+    }
+    together(connection, robot_id, tests).await
+}
+
+/// Reads the cycles of the tests at these places that are left out.
+pub(in crate::store) async fn read_cycles(
+    connection: &mut SqliteConnection,
+    runs: &mut [RunSummary],
+    places: &[usize],
+) -> Result<(), sqlx::Error> {
     let inertial = cycle_friction::inertial(&mut *connection).await?;
+    for &place in places {
+        if let Some(run) = runs.get_mut(place).filter(|run| run.is_brief) {
+            let series = run_series::read(&mut *connection, run.run_id).await?;
+            // figures by joint are there
+            fill(run, series, &inertial);
+            run.is_brief = false;
+        }
+    }
+    Ok(())
+}
+
+/// A test, before it is known which estimator the latest has.
+struct Test {
+    run: RunSummary,
+    joints: Vec<SummaryRow>,
+    has_response: bool,
+}
+
+fn test(row: &SqliteRow) -> Result<Test, sqlx::Error> {
+    let run = RunSummary {
+        run_id: row.try_get("run_id")?,
+        started_at: time(row, "started_at")?,
+        cycles: size(row, "cycles_stored")?,
+        ..RunSummary::default()
+    };
+    Ok(Test { run, joints: Vec::new(), has_response: row.try_get("has_response")? })
+}
+
+/// Gives a test its cycles; figures by joint.
+fn fill(run: &mut RunSummary, series: RunSeries, inertial: &cycle_friction::Inertial) -> Vec<SummaryRow> {
+    let RunSeries { joints, friction, rmsd, parameters } = series;
+    run.cycle_friction = friction;
+    run.whole_cycle_rmsd = rmsd;
+    run.parameters = inertial.of_run(&parameters);
+    joints
+}
+
+/// Tests with what follows from all of them together.
+async fn together(
+    connection: &mut SqliteConnection,
+    robot_id: i64,
+    tests: Vec<Test>,
+) -> Result<Vec<RunSummary>, sqlx::Error> {
+    let mut refused = refusals(&mut *connection, robot_id).await?;
+    let known = |row: &&SummaryRow| row.summary.relative_rmsd.is_some();
+    let mut latest_first = tests.iter().rev().flat_map(|test| test.joints.iter().rev());
+    let latest = latest_first.find(known).and_then(|row| row.estimator.clone());
     let (mut runs, mut with_response) = (Vec::with_capacity(tests.len()), HashSet::new());
-    for (mut run, series, has_response) in tests {
-        let RunSeries { joints, friction, rmsd, parameters } = series;
+    for Test { mut run, joints, has_response } in tests {
         run.joints = joints.into_iter().map(|row| row.among(latest.as_deref())).collect();
-        run.cycle_friction = friction;
-        run.whole_cycle_rmsd = rmsd;
-        run.parameters = inertial.of_run(&parameters);
         (run.refused_cycles, run.refusals) = refused.remove(&run.run_id).unwrap_or_default();
         if has_response {
             with_response.insert(run.run_id);
@@ -303,15 +414,15 @@ pub(in crate::store) async fn run_summaries(
     Ok(runs)
 }
 
-/// Reads the response of the latest run with one, of the runs that are compared with each other. Those of the others
-/// are the same but for the motion's own scatter.
+/// Reads the response of the first run with one, of the runs that are compared with each other. Those of the others
+/// are the same but for the motion's own scatter; that of the first stays while tests come.
 async fn read_responses(
     connection: &mut SqliteConnection,
     with_response: &HashSet<i64>,
     runs: &mut [RunSummary],
 ) -> Result<(), sqlx::Error> {
     let mut known: Vec<Vec<u32>> = Vec::new();
-    for run in runs.iter_mut().rev().filter(|run| with_response.contains(&run.run_id)) {
+    for run in runs.iter_mut().filter(|run| with_response.contains(&run.run_id)) {
         if !known.contains(&run.epochs) {
             run.response = channel_response::of_run(&mut *connection, run.run_id).await?;
             known.push(run.epochs.clone());

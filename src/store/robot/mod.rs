@@ -12,6 +12,8 @@ pub(super) mod cycle_rmsd;
 mod joint_summary;
 mod packed;
 mod run_series;
+mod run_brief;
+mod run_brief_rows;
 pub mod friction_series;
 pub(super) mod friction;
 pub(super) mod anomalies;

@@ -32,34 +32,34 @@ pub(super) struct RunSeries {
     pub(super) parameters: Vec<MeanParameter>,
 }
 
-/// Writes the series of the robot's complete tests that have none. Call in a transaction, when all cycles have their
-/// friction levels.
-pub(super) async fn complete(connection: &mut SqliteConnection, robot_id: i64) -> Result<(), sqlx::Error> {
-    for run_id in without(&mut *connection, robot_id).await? {
-        let series = of_run(&mut *connection, run_id).await?;
-        sqlx::query("INSERT INTO run_series (run_id, numbers) VALUES (?, ?)")
-            .bind(run_id)
-            .bind(packed(&series))
-            .execute(&mut *connection)
-            .await?;
+/// Writes the series of a complete test that has none. Call in a transaction, when all cycles have their friction levels.
+pub(super) async fn make(connection: &mut SqliteConnection, run_id: i64) -> Result<RunSeries, sqlx::Error> {
+    if let Some(series) = stored(&mut *connection, run_id).await?.as_deref().and_then(unpacked) {
+        return Ok(series);
     }
-    Ok(())
+    let series = of_run(&mut *connection, run_id).await?;
+    sqlx::query("INSERT OR REPLACE INTO run_series (run_id, numbers) VALUES (?, ?)")
+        .bind(run_id)
+        .bind(packed(&series))
+        .execute(&mut *connection)
+        .await?;
+    Ok(series)
 }
 
-/// Complete tests of a robot without a series: those that have changed since conclusions were drawn.
-pub(super) async fn without(
-    executor: impl SqliteExecutor<'_>,
-    robot_id: i64,
-) -> Result<Vec<i64>, sqlx::Error> {
-    sqlx::query_scalar(
-        "SELECT run_id FROM run
-         WHERE robot_id = ? AND kind = 'test' AND status = 'complete'
-               AND NOT EXISTS (SELECT 1 FROM run_series WHERE run_series.run_id = run.run_id)
-         ORDER BY started_at, run_id",
-    )
-    .bind(robot_id)
-    .fetch_all(executor)
-    .await
+/// The series of a run, as it is stored or as the tables have it.
+pub(super) async fn read(connection: &mut SqliteConnection, run_id: i64) -> Result<RunSeries, sqlx::Error> {
+    let stored: Option<Vec<u8>> = stored(&mut *connection, run_id).await?;
+    match stored.as_deref().and_then(unpacked) {
+        Some(series) => Ok(series),
+        None => of_run(connection, run_id).await,
+    }
+}
+
+async fn stored(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<Option<Vec<u8>>, sqlx::Error> {
+    sqlx::query_scalar("SELECT numbers FROM run_series WHERE run_id = ?")
+        .bind(run_id)
+        .fetch_optional(executor)
+        .await
 }
 
 /// The series of a run as the tables have it.

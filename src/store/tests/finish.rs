@@ -501,7 +501,7 @@ async fn detectors_get_the_index_of_each_run_and_people_too() {
     let found =
         FrictionConclusion { run_ids: vec![run_id], indices: vec![new], ..FrictionConclusion::default() };
     conclusion.replace_friction(&found).await.expect("an index");
-    let summaries = conclusion.run_summaries().await.expect("summaries");
+    let summaries = conclusion.run_briefs().await.expect("summaries");
     let known: Vec<_> =
         summaries[0].joints.iter().filter_map(|of| Some((of.joint, of.friction_index?))).collect();
     assert_eq!(known, [(joint(2), index.index)]);

@@ -4,6 +4,7 @@ mod anomalies;
 mod factors;
 mod plans;
 mod retention;
+mod briefs;
 mod series;
 mod finish;
 mod identity;

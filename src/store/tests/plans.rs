@@ -7,7 +7,7 @@ use syn::visit::Visit;
 use super::support::*;
 
 /// Sources whose statements are asked with each conclusion or each look at the folders.
-const SOURCES: [&str; 16] = [
+const SOURCES: [&str; 18] = [
     "robot/anomalies.rs",
     "robot/baselines.rs",
     "robot/conclude.rs",
@@ -21,13 +21,15 @@ const SOURCES: [&str; 16] = [
     "robot/maintenance.rs",
     "robot/open_test.rs",
     "robot/peers.rs",
+    "robot/run_brief.rs",
+    "robot/run_brief_rows.rs",
     "robot/run_series.rs",
     "results/production.rs",
     "ledger/sources.rs",
 ];
 
 /// Tables with a row or more a run, and their names in statements.
-const GROWING: [&str; 21] = [
+const GROWING: [&str; 22] = [
     "run",
     "test",
     "cycle",
@@ -45,6 +47,7 @@ const GROWING: [&str; 21] = [
     "run_friction_index",
     "run_friction",
     "run_friction_points",
+    "run_brief",
     "run_series",
     "run_friction_series",
     "source_file",

@@ -22,7 +22,7 @@ async fn series(store: &Store) -> i64 {
 async fn conclude(store: &Store) {
     let mut conclusion = store.conclude(1).await.expect("a transaction");
     let history = conclusion.history().await.expect("a history");
-    conclusion.run_summaries().await.expect("summaries");
+    conclusion.run_briefs().await.expect("summaries");
     conclusion.commit(history).await.expect("a commit");
 }
 

@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, DVector};
 
 use self::baseline::{Baseline, Direction, Usual, friction, offsets, rmsd};
 use super::like_length::of_like_length;
-use crate::analysis::response::ChannelFault;
+use crate::analysis::response::{ChannelFault, ChannelResponse};
 use crate::anomaly::RunSummary;
 use crate::numerics::detect::rate::budget::advantage;
 use crate::numerics::detect::verdict::DetectSettings;
@@ -66,6 +66,8 @@ const CHANNEL_PRICE: f64 = 20.0;
 const SECOND_FAULT_PRICE: f64 = 60.0;
 /// Price of a cause that is not known: it explains anything.
 const UNKNOWN_PRICE: f64 = 150.0;
+/// Ratio of a change along one direction below which no rate of false alarms asks for it: twice the margin, and the prices.
+const LEAST_RATIO: f64 = 2.0 * ARM_MARGIN + CHANNEL_PRICE + PARAMETER_PRICE;
 
 /// Why the arm of a run differs from that of the first runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -174,11 +176,7 @@ impl ArmEvidence {
 
     /// How much less than without a cause is left unexplained, in units of chi².
     pub(super) fn advantage(&self) -> f64 {
-        let none = self.causes.iter().find(|(cause, _)| *cause == ArmCause::None);
-        match (self.causes.first(), none) {
-            (Some((_, cost)), Some((_, none))) => none - cost,
-            _ => 0.0,
-        }
+        advantage_of(&self.causes)
     }
 
     /// Odds of each cause against all others together, the likeliest first.
@@ -188,6 +186,14 @@ impl ArmEvidence {
         let all: f64 = self.causes.iter().map(|(_, cost)| weight(*cost)).sum();
         let odds = |cost: f64| weight(cost) / (all - weight(cost)).max(f64::MIN_POSITIVE);
         self.causes.iter().map(|(cause, cost)| (*cause, odds(*cost))).collect()
+    }
+}
+
+fn advantage_of(causes: &[(ArmCause, f64)]) -> f64 {
+    let none = causes.iter().find(|(cause, _)| *cause == ArmCause::None);
+    match (causes.first(), none) {
+        (Some((_, cost)), Some((_, none))) => none - cost,
+        _ => 0.0,
     }
 }
 
@@ -205,29 +211,102 @@ pub(super) fn arm_evidence(
     least: f64,
 ) -> Vec<Option<ArmEvidence>> {
     let mut found = vec![None; history.len()];
+    let response = response_of(history);
     for places in of_like_length(history) {
         let runs: Vec<&RunSummary> = places.iter().map(|&place| &history[place]).collect();
-        for (place, evidence) in places.iter().zip(evidence_of_like(&runs, joints, baseline_runs, least)) {
-            found[*place] = evidence;
+        let usual = UsualArm::of(&runs, response, joints, baseline_runs);
+        let changes: Vec<Option<DVector<f64>>> = runs.iter().map(|run| usual.change(run)).collect();
+        for (at, run) in runs.iter().enumerate() {
+            let together = together(&runs, at).into_iter().map(|at| changes[at].as_ref()).collect();
+            found[places[at]] = usual.judge(run, together).at_least(least);
         }
     }
     found
 }
 
-fn evidence_of_like(
-    history: &[&RunSummary],
-    joints: usize,
-    baseline_runs: usize,
-    least: f64,
-) -> Vec<Option<ArmEvidence>> {
-    let baseline = Baseline::of(history, joints, baseline_runs);
-    let changes: Vec<Option<DVector<f64>>> = history.iter().map(|run| baseline.change(run)).collect();
-    let own_variance = std::f64::consts::FRAC_PI_2 / baseline_runs.max(2) as f64;
-    let one = |(place, run): (usize, &&RunSummary)| {
-        let change = Change::of(&changes[..=place], &baseline.directions, own_variance, least);
-        evidence(run, change.as_ref(), &baseline, joints, least)
+/// How parameters answer to channels that read wrong, by the first of the tests that are compared with each other that
+/// says it: the others say the same but for the motion's own scatter.
+pub(super) fn response_of(history: &[RunSummary]) -> Option<&ChannelResponse> {
+    history.iter().find_map(|run| run.response.as_deref())
+}
+
+/// Places of the latest tests of like length until the one at `at`, this included, in whose mean a change is looked for.
+/// Empty where that test has no parameters.
+pub(super) fn together(runs: &[&RunSummary], at: usize) -> Vec<usize> {
+    let has_parameters = |place: &usize| match runs[*place].left_out() {
+        Some(brief) => brief.has_parameters,
+        None => !runs[*place].parameters.is_empty(),
     };
-    history.iter().enumerate().map(one).collect()
+    if !has_parameters(&at) {
+        return Vec::new();
+    }
+    let mut found: Vec<usize> = (0..=at).rev().filter(has_parameters).take(MOST_TOGETHER).collect();
+    found.reverse();
+    found
+}
+
+/// What is usual of an arm in tests of like length.
+#[derive(Debug)]
+pub(super) struct UsualArm {
+    baseline: Baseline,
+    joints: usize,
+    /// Variance of the baseline in the variances of a run.
+    own_variance: f64,
+}
+
+impl UsualArm {
+    /// Of these tests, oldest first, of which the first [`Self::tests`] have a part in it.
+    pub(super) fn of(
+        history: &[&RunSummary],
+        response: Option<&ChannelResponse>,
+        joints: usize,
+        baseline_runs: usize,
+    ) -> Self {
+        let own_variance = std::f64::consts::FRAC_PI_2 / baseline_runs.max(2) as f64;
+        Self { baseline: Baseline::of(history, response, joints, baseline_runs), joints, own_variance }
+    }
+
+    /// How many of these tests, from the first on, say what is usual.
+    pub(super) fn tests(history: &[&RunSummary], joints: usize, baseline_runs: usize) -> usize {
+        Baseline::tests(history, joints, baseline_runs)
+    }
+
+    /// How the parameters of a test differ from the usual ones; `None` where it lacks one.
+    pub(super) fn change(&self, run: &RunSummary) -> Option<DVector<f64>> {
+        self.baseline.change(run)
+    }
+
+    /// What a test shows. `changes` are those of the latest tests until this one, the last of them its own.
+    pub(super) fn judge(&self, run: &RunSummary, changes: Vec<Option<&DVector<f64>>>) -> ArmJudgement {
+        let (plain, together) = Change::of(&changes, &self.baseline.directions, self.own_variance);
+        let costs = |change: Option<&Change>| costs(run, change, &self.baseline, self.joints);
+        let together = together.into_iter();
+        ArmJudgement {
+            plain: costs(plain.as_ref()),
+            together: together.filter_map(|(ratio, change)| Some((ratio, costs(Some(&change))?))).collect(),
+        }
+    }
+}
+
+/// What a test shows of the arm, whatever the rate of false alarms.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct ArmJudgement {
+    /// Causes of what the test shows by itself with their costs, the least first; empty where none can be clear, `None`
+    /// without figures.
+    pub(super) plain: Option<Vec<(ArmCause, f64)>>,
+    /// The same of means of this test and ones before it, where these change as one fault changes them: by how much more
+    /// than otherwise, and the causes. Means of the fewest tests come first.
+    pub(super) together: Vec<(f64, Vec<(ArmCause, f64)>)>,
+}
+
+impl ArmJudgement {
+    /// The evidence where a clear cause has the advantage `least`.
+    pub(super) fn at_least(self, least: f64) -> Option<ArmEvidence> {
+        let counts = |ratio: f64| ratio >= least + CHANNEL_PRICE + PARAMETER_PRICE;
+        let together = self.together.into_iter().find(|(ratio, _)| counts(*ratio));
+        let causes = together.map(|(_, causes)| causes).or(self.plain)?;
+        Some(ArmEvidence { least_advantage: least, causes })
+    }
 }
 
 /// How the inertial parameters differ from those of the first runs.
@@ -242,23 +321,23 @@ struct Change {
 
 impl Change {
     /// Of the latest run, whose change is the last of `changes`; `None` where it has no parameters. What one run does not
-    /// show is looked for in the mean of the latest runs. `own_variance` is that of the baseline in the variances of a run,
-    /// `least` the advantage of a cause that is clear.
+    /// show is looked for in the mean of the latest runs: where that points along a fault, it comes with the ratio by
+    /// which it does. `own_variance` is that of the baseline in the variances of a run.
     fn of(
-        changes: &[Option<DVector<f64>>],
+        changes: &[Option<&DVector<f64>>],
         directions: &[Direction],
         own_variance: f64,
-        least: f64,
-    ) -> Option<Self> {
-        let latest = changes.last()?.clone()?;
+    ) -> (Option<Self>, Vec<(f64, Self)>) {
+        let Some(latest) = changes.last().copied().flatten().cloned() else { return (None, Vec::new()) };
         let chi_square: f64 = latest.iter().map(|x| (x * x).min(MOST_CHI_SQUARE)).sum();
         // what chance makes of so many parameters is no change
         if chi_square > LEAST_MEAN_SQUARE * latest.len() as f64 {
-            return Some(Self { deviations: latest, scale: 1.0, square: chi_square });
+            return (Some(Self { deviations: latest, scale: 1.0, square: chi_square }), Vec::new());
         }
         let mut sum = DVector::zeros(latest.len());
+        let mut together = Vec::new();
         for (runs, change) in (1..).zip(changes.iter().rev().flatten().take(MOST_TOGETHER)) {
-            sum += change;
+            sum += *change;
             if !usize::is_power_of_two(runs) {
                 continue;
             }
@@ -266,13 +345,12 @@ impl Change {
             let variance = ((runs as f64).recip() + own_variance) / (1.0 + own_variance);
             let scale = variance.sqrt().recip();
             let deviations = &sum * (scale / runs as f64);
-            let square =
-                along_one_direction(&deviations, directions, least + CHANNEL_PRICE + PARAMETER_PRICE);
-            if square > 0.0 {
-                return Some(Self { deviations, scale, square });
+            let (ratio, square) = along_one_direction(&deviations, directions);
+            if ratio >= LEAST_RATIO {
+                together.push((ratio, Self { deviations, scale, square }));
             }
         }
-        Some(Self { deviations: latest, scale: 1.0, square: 0.0 })
+        (Some(Self { deviations: latest, scale: 1.0, square: 0.0 }), together)
     }
 }
 
@@ -285,13 +363,13 @@ struct Signal {
     unexplained: (f64, f64),
 }
 
-fn evidence(
+/// Causes with their costs, the least first; empty where none can be clear.
+fn costs(
     run: &RunSummary,
     change: Option<&Change>,
     baseline: &Baseline,
     joints: usize,
-    least_advantage: f64,
-) -> Option<ArmEvidence> {
+) -> Option<Vec<(ArmCause, f64)>> {
     let signals: Vec<Signal> = (0..joints).map(|j| signal(run, baseline, JointIndex::new(j))).collect();
     // an unexplained rest alone has many causes
     if change.is_none() && run.cycle_friction.is_empty() {
@@ -355,21 +433,24 @@ fn evidence(
     }
     causes.push((ArmCause::Unknown, UNKNOWN_PRICE));
     causes.sort_by(|a, b| a.1.total_cmp(&b.1));
-    Some(ArmEvidence { least_advantage, causes })
+    // less than half of what any rate of false alarms asks for
+    if advantage_of(&causes) < ARM_MARGIN {
+        causes.clear();
+    }
+    Some(causes)
 }
 
-/// Square of a change that is small but points where one fault of a channel moves the parameters, in the variance of what
-/// that fault leaves; zero for any other. A season moves the parameters more than their errors say, but in no such direction,
-/// so the statistic is an F ratio, for which the scale of the errors does not matter. From `least_ratio` on it counts.
-fn along_one_direction(change: &DVector<f64>, directions: &[Direction], least_ratio: f64) -> f64 {
+/// For a change that is small but points where one fault of a channel moves the parameters: by how much more of it than by
+/// chance, and its square in the variance of what that fault leaves. A season moves the parameters more than their errors
+/// say, but in no such direction, so the first is an F ratio, for which the scale of the errors does not matter.
+fn along_one_direction(change: &DVector<f64>, directions: &[Direction]) -> (f64, f64) {
     let rest = |of: &Direction| {
         let along = of.change.dot(change);
         change.norm_squared() - along * along / of.change.norm_squared().max(f64::MIN_POSITIVE)
     };
-    let Some(least) = directions.iter().map(rest).min_by(f64::total_cmp) else { return 0.0 };
+    let Some(least) = directions.iter().map(rest).min_by(f64::total_cmp) else { return (0.0, 0.0) };
     let variance = (least / (change.len() as f64 - 1.0).max(1.0)).max(1.0);
-    let ratio = (change.norm_squared() - least) / variance;
-    if ratio >= least_ratio { change.norm_squared() / variance } else { 0.0 }
+    ((change.norm_squared() - least) / variance, change.norm_squared() / variance)
 }
 
 /// Square of a change that a constant torque of a joint does not explain; zero where no test says what that does to the

@@ -1,8 +1,8 @@
 //! What the limits of a robot are, and what they mean.
 
 use super::friction_drift::judged;
+use super::parts::{Parts, grouped};
 use super::series::JointSeries;
-use super::{grouped, part};
 use crate::anomaly::RunSummary;
 use crate::numerics::detect::control_chart::{EWMA_WEIGHT, steady_variance};
 use crate::numerics::detect::rate::average::mean_run_length;
@@ -56,17 +56,18 @@ pub struct LevelFigures {
     pub delays: [f64; CHANGES.len()],
 }
 
-/// Limits after the tests of `history`, oldest first.
+/// Limits after the tests of `history`, oldest first, whose cycles were all read.
 #[must_use]
 pub fn calibration(history: &[RunSummary], settings: &DetectSettings) -> Calibration {
     let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
     let starts: Vec<_> = history.iter().map(|run| run.started_at).collect();
-    let mut parts = Vec::new();
+    let mut parts = Parts::new(history, joints, settings);
     let of_joint = |joint: JointIndex| {
         let epoch = |run: &RunSummary| run.epochs.get(joint.index()).copied().unwrap_or(0);
         let places =
             grouped(history, epoch).into_iter().find(|of| of.last() == Some(&(history.len() - 1)))?;
-        let part = part(&mut parts, history, places, joints, settings);
+        parts.add(&places);
+        let part = parts.of(&places)?;
         let (friction, causes) = (&part.friction[joint.index()], &part.causes[joint.index()]);
         Some(level(&JointSeries::new(&part.runs, joint, friction, causes, &part.arm, settings)))
     };

@@ -14,12 +14,13 @@
 //! This is no [`Detector`](crate::numerics::detect::detector::Detector): a push loads several joints, and one alarm names
 //! them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 use jiff::Timestamp;
 
 use super::curve::hypothesis::Cause;
 use super::curve::run_cause::RunCause;
+use crate::anomaly::brief::JointBrief;
 use crate::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
 use crate::numerics::detect::episodes::episodes;
 use crate::numerics::detect::rate::budget::{Budget, beyond_chance};
@@ -42,10 +43,29 @@ const PAUSE: f64 = 1.5;
 /// How cycles of a joint usually stand out of their neighbours.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct UsualPeaks {
-    /// Signed distances from the mean of both neighbours, oldest first, in logarithms.
-    distances: Vec<f64>,
+    /// The latest tests, as many as have [`MOST_CYCLES`] distances, by place in the history.
+    tests: VecDeque<(usize, Distances)>,
+    /// Distances of these tests.
+    count: usize,
     /// How far a cycle stood out at most.
     furthest: f64,
+}
+
+/// Signed distances of the cycles of a test from the mean of both neighbours, in logarithms.
+#[derive(Debug, Clone, PartialEq)]
+enum Distances {
+    Read(Vec<f64>),
+    /// So many, of a test whose cycles are left out.
+    LeftOut(usize),
+}
+
+impl Distances {
+    fn count(&self) -> usize {
+        match self {
+            Self::Read(of) => of.len(),
+            Self::LeftOut(count) => *count,
+        }
+    }
 }
 
 /// How cycles of all joints usually stand out, in the tests so far.
@@ -73,22 +93,37 @@ impl UsualContacts {
     /// Of these tests, oldest first.
     pub(super) fn of(runs: &[RunSummary], joints: usize) -> Self {
         let mut usual = Self::new(joints);
-        runs.iter().for_each(|run| usual.learn(run));
+        runs.iter().enumerate().for_each(|(place, run)| usual.learn(place, run));
         usual
     }
 
     /// Learns a test without a contact.
-    fn learn(&mut self, run: &RunSummary) {
+    fn learn(&mut self, place: usize, run: &RunSummary) {
         for (joint, usual) in self.joints.iter_mut().enumerate() {
-            let cycles = Cycles::of(run, joint);
-            for place in 1..cycles.0.len().saturating_sub(1) {
-                let Some((distance, by)) = cycles.distances(place) else { continue };
-                usual.distances.push(distance);
-                usual.furthest = usual.furthest.max(by);
+            let (distances, furthest) = of_joint(run, joint);
+            usual.furthest = usual.furthest.max(furthest);
+            usual.count += distances.count();
+            if distances.count() > 0 {
+                usual.tests.push_back((place, distances));
             }
-            let too_many = usual.distances.len().saturating_sub(MOST_CYCLES);
-            usual.distances.drain(..too_many);
+            while let Some((_, first)) = usual.tests.front()
+                && usual.count - first.count() >= MOST_CYCLES
+            {
+                usual.count -= first.count();
+                usual.tests.pop_front();
+            }
         }
+    }
+
+    /// Whether a cycle of a test may stand out of its neighbours by more than any one before.
+    fn may_stand_out(&self, run: &RunSummary) -> bool {
+        let least = |usual: &UsualPeaks| LEAST_RATIO.ln().max(BEYOND_EARLIER * usual.furthest);
+        self.joints.iter().enumerate().any(|(joint, usual)| of_joint(run, joint).1 >= least(usual))
+    }
+
+    /// Places of the tests that say what is usual now.
+    pub(super) fn places(&self) -> impl Iterator<Item = usize> {
+        self.joints.iter().flat_map(|usual| usual.tests.iter().map(|(place, _)| *place))
     }
 
     /// The cycle of a test that stands out most, by joint.
@@ -107,6 +142,17 @@ impl UsualContacts {
 }
 
 impl UsualPeaks {
+    /// The latest ones, oldest first.
+    fn distances(&self) -> Vec<f64> {
+        let read = self.tests.iter().flat_map(|(_, of)| match of {
+            Distances::Read(of) => &of[..],
+            Distances::LeftOut(_) => &[],
+        });
+        let mut found: Vec<f64> = read.copied().collect();
+        found.drain(..found.len().saturating_sub(MOST_CYCLES));
+        found
+    }
+
     fn peak(&self, cycles: &Cycles, pauses: &[u32], alpha: f64) -> Option<Peak> {
         let inner = 1..cycles.0.len() - 1;
         let tried = inner.len() as f64;
@@ -122,11 +168,12 @@ impl UsualPeaks {
             // the cycles beside this one have it in their own distances
             let others = (1..cycles.0.len() - 1).filter(|other| other.abs_diff(place) > 1);
             let own: Vec<f64> = others.filter_map(|other| cycles.distances(other)).map(|of| of.0).collect();
-            let known = self.distances.len() + own.len();
+            let mut all = self.distances();
+            all.extend(&own);
+            let known = all.len();
             if known < FEWEST_CYCLES {
                 return None;
             }
-            let all: Vec<f64> = self.distances.iter().chain(&own).copied().collect();
             let of_own = robust_deviation(&own).filter(|_| own.len() >= 4).unwrap_or(0.0);
             let spread = robust_deviation(&all).unwrap_or(0.0).max(of_own).max(LEAST_SPREAD);
             let least = LEAST_RATIO
@@ -138,6 +185,26 @@ impl UsualPeaks {
         };
         inner.filter_map(of).max_by(|a, b| a.by.total_cmp(&b.by))
     }
+}
+
+/// Distances of the cycles of a joint in a test, and the most by which one stands out of its neighbours, 0 at least.
+fn of_joint(run: &RunSummary, joint: usize) -> (Distances, f64) {
+    if let Some(brief) = run.left_out() {
+        let JointBrief { inner, furthest, .. } = brief.joint(joint);
+        return (Distances::LeftOut(inner as usize), furthest);
+    }
+    let cycles = Cycles::of(run, joint);
+    let inner = 1..cycles.0.len().saturating_sub(1);
+    let found: Vec<(f64, f64)> = inner.filter_map(|place| cycles.distances(place)).collect();
+    let furthest = found.iter().map(|(_, by)| *by).fold(0.0, f64::max);
+    (Distances::Read(found.into_iter().map(|(distance, _)| distance).collect()), furthest)
+}
+
+/// Cycles of a joint with an RMSD between those of its neighbours, and the most by which one stands out of both, in
+/// logarithms.
+pub(super) fn standing_out(run: &RunSummary, joint: usize) -> (usize, f64) {
+    let (distances, furthest) = of_joint(run, joint);
+    (distances.count(), furthest)
 }
 
 /// Numbers of the accepted cycles of a test with the RMSD of one joint.
@@ -248,23 +315,29 @@ pub(super) fn alpha(history: &[RunSummary], joints: usize, settings: &DetectSett
 }
 
 /// Contacts in complete tests that are compared with each other, oldest first. `causes` are those of the friction curves,
-/// by joint and run.
+/// by joint and run. `needs` hears the places of the tests whose cycles they follow from: where one of these is left out,
+/// what is found says nothing.
 pub(super) fn contacts(
     history: &[RunSummary],
     causes: &[Vec<Option<RunCause>>],
     moments: &[(i64, Timestamp)],
     settings: &DetectSettings,
+    needs: &mut dyn FnMut(usize),
 ) -> Vec<Anomaly> {
     let joints = causes.len();
     let alpha = alpha(history, joints, settings);
     let mut usual = UsualContacts::new(joints);
     let mut found: Vec<Option<Contact>> = Vec::with_capacity(history.len());
     for (place, run) in history.iter().enumerate() {
-        let likeliest: Vec<Option<Cause>> =
-            causes.iter().map(|of| of.get(place)?.as_ref().map(RunCause::likeliest)).collect();
-        let contact = contact(&usual, run, place, &likeliest, alpha);
+        let contact = usual.may_stand_out(run).then(|| {
+            usual.places().chain([place]).for_each(&mut *needs);
+            let likeliest: Vec<Option<Cause>> =
+                causes.iter().map(|of| of.get(place)?.as_ref().map(RunCause::likeliest)).collect();
+            contact(&usual, run, place, &likeliest, alpha)
+        });
+        let contact = contact.flatten();
         if contact.is_none() {
-            usual.learn(run);
+            usual.learn(place, run);
         }
         found.push(contact);
     }
@@ -283,6 +356,13 @@ pub(super) fn open_contact(
     anomalies(&found, std::slice::from_ref(open), &[moment])
 }
 
+fn has_rmsd(run: &RunSummary) -> bool {
+    match run.left_out() {
+        Some(brief) => brief.joints.iter().any(|of| of.has_rmsd),
+        None => !run.whole_cycle_rmsd.is_empty(),
+    }
+}
+
 /// Joins contacts of the same joint in successive tests.
 fn anomalies(
     found: &[Option<Contact>],
@@ -295,7 +375,7 @@ fn anomalies(
     let of_joint = |joint: Option<JointIndex>| {
         let verdict = |(contact, run): (&Option<Contact>, &RunSummary)| match contact {
             Some(of) if of.joint == joint => of.verdict.clone(),
-            _ if run.whole_cycle_rmsd.is_empty() => Verdict::Unknown,
+            _ if !has_rmsd(run) => Verdict::Unknown,
             _ => Verdict::Quiet,
         };
         let verdicts = found.iter().zip(history).map(verdict).collect();

@@ -7,6 +7,7 @@
 //! for as long. A test is learnt when [`LAG`] later ones are quiet, so that a drift that begins is not taken for scatter,
 //! and after [`OWN_FROM`] tests nothing is learnt any more: wear of a year would be. `drift_sigma` overrules all of this.
 
+use std::cell::Cell;
 use std::collections::VecDeque;
 
 use super::friction_history::{Observed, Source};
@@ -35,6 +36,8 @@ pub(super) struct LevelLimit {
     limits: Limits,
     /// Whether `drift_sigma` says how many standard deviations count.
     overruled: bool,
+    /// How many count as far as is known, until the next test is learnt: a quantile that takes long to find.
+    estimated: Cell<Option<f64>>,
     alpha: f64,
     whitener: Whitener,
     waiting: VecDeque<(f64, f64)>,
@@ -61,6 +64,7 @@ impl LevelLimit {
         Self {
             limits: Limits { warning: settings.drift_warning, critical: settings.drift_critical, sigma },
             overruled: settings.drift_sigma.is_some(),
+            estimated: Cell::new(None),
             alpha: budget.alpha(),
             whitener: Whitener::new(Prior { scale: least, worth: WORTH, correlation: CORRELATION }),
             waiting: VecDeque::new(),
@@ -75,6 +79,7 @@ impl LevelLimit {
     /// Learns a test of the baseline.
     pub(super) fn learn(&mut self, observed: &Observed) {
         self.whitener.learn(observed.ratio, observed.std_error);
+        self.estimated.set(None);
         self.learnt += 1;
     }
 
@@ -88,6 +93,7 @@ impl LevelLimit {
             && let Some((ratio, std_error)) = self.waiting.pop_front()
         {
             self.whitener.learn(ratio, std_error);
+            self.estimated.set(None);
             self.learnt += 1;
         }
     }
@@ -107,7 +113,12 @@ impl LevelLimit {
     pub(super) fn limits(&self) -> Limits {
         let sigma = match self.overruled {
             true => self.limits.sigma,
-            false => self.whitener.likeness().estimated_limit(self.limits.sigma),
+            false => {
+                let found = || self.whitener.likeness().estimated_limit(self.limits.sigma);
+                let estimated = self.estimated.get().unwrap_or_else(found);
+                self.estimated.set(Some(estimated));
+                estimated
+            }
         };
         Limits { sigma, ..self.limits }
     }

@@ -8,7 +8,11 @@ const LIKE: u32 = 2;
 
 /// Cycles of a test that parameters were identified from.
 pub(super) fn length(run: &RunSummary) -> u32 {
-    run.parameters.iter().map(|of: &RunParameter| of.cycles).max().unwrap_or(run.cycles)
+    match run.left_out() {
+        Some(brief) if brief.has_parameters => brief.length,
+        Some(_) => run.cycles,
+        None => run.parameters.iter().map(|of: &RunParameter| of.cycles).max().unwrap_or(run.cycles),
+    }
 }
 
 /// Places of the tests of each group, both in the order of the history.

@@ -33,7 +33,7 @@ impl Detector<JointSeries<'_>> for WarmUp {
             if series.is_signal_at_fault(run) == Some(series.joint) {
                 return Verdict::Unknown;
             }
-            let slowing = found.slowing();
+            let slowing = found.slowing;
             for (side, sum) in evidence.iter_mut().enumerate() {
                 let own = slowing.filter(|(factor, _)| (*factor > 1.0) == (side == 0));
                 *sum =

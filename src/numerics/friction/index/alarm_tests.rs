@@ -41,14 +41,8 @@ fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
             run_id: i as i64,
             started_at: Timestamp::UNIX_EPOCH + SignedDuration::from_secs(arm.runs[i].started_at as i64),
             cycles: 12,
-            refused_cycles: 0,
-            refusals: vec![],
-            cycle_friction: Vec::new(),
-            whole_cycle_rmsd: Vec::new(),
-            parameters: Vec::new(),
-            response: None,
             joints: (0..JOINTS).map(|j| summary(i, j)).collect(),
-            epochs: Vec::new(),
+            ..RunSummary::default()
         })
         .collect()
 }

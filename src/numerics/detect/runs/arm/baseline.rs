@@ -3,7 +3,9 @@
 use nalgebra::DVector;
 
 use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
+use crate::anomaly::brief::Brief;
 use crate::anomaly::{RunParameter, RunSummary};
+use crate::numerics::detect::runs::first_tests::first_tests;
 use crate::numerics::statistics::descriptive::{mean, median, robust_deviation};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 
@@ -42,6 +44,7 @@ impl Usual {
 }
 
 /// The first runs of an arm, of like length.
+#[derive(Debug)]
 pub(super) struct Baseline {
     /// Usual value and deviation of each inertial parameter, with what it stands for.
     pub(super) parameters: Vec<(ParameterId, Usual, [f64; 10])>,
@@ -54,6 +57,7 @@ pub(super) struct Baseline {
 }
 
 /// What one fault of a channel does, by its size.
+#[derive(Debug)]
 pub(super) struct Direction {
     pub(super) joint: JointIndex,
     pub(super) fault: ChannelFault,
@@ -64,7 +68,13 @@ pub(super) struct Direction {
 }
 
 impl Baseline {
-    pub(super) fn of(history: &[&RunSummary], joints: usize, baseline_runs: usize) -> Self {
+    /// Of these tests, of which the first [`Self::tests`] have a part in it.
+    pub(super) fn of(
+        history: &[&RunSummary],
+        response: Option<&ChannelResponse>,
+        joints: usize,
+        baseline_runs: usize,
+    ) -> Self {
         let count = baseline_runs.max(2);
         let last = history.iter().flat_map(|run| &run.parameters).map(|of| of.id.joint).max();
         let first = history.iter().find(|run| !run.parameters.is_empty());
@@ -106,9 +116,44 @@ impl Baseline {
         // the median was taken from these runs, and a run may be odd
         let freedom = (count as f64 - 1.0) / count as f64;
         found.inflation = own.iter().copied().fold(1.0, f64::max) / freedom;
-        let response = history.iter().rev().find_map(|run| run.response.as_deref());
         found.directions = response.map(|of| found.directions(of)).unwrap_or_default();
         found
+    }
+
+    /// How many of these tests, from the first on, have a part in it. Tests whose cycles are left out are taken to have
+    /// what their brief lets expect.
+    pub(super) fn tests(history: &[&RunSummary], joints: usize, baseline_runs: usize) -> usize {
+        let by_joint = |run: &RunSummary, offsets: &dyn Fn(usize) -> usize| -> Vec<bool> {
+            (0..joints).flat_map(|j| [offsets(j) > 1, rmsd(run, JointIndex::new(j)).is_some()]).collect()
+        };
+        let of_brief = |brief: &Brief, run: &RunSummary| {
+            let figures = by_joint(run, &|j| brief.joint(j).friction as usize);
+            [vec![brief.has_parameters], figures].concat()
+        };
+        let of_read = |run: &RunSummary, has_all: bool| {
+            let figures = by_joint(run, &|j| offsets(run, JointIndex::new(j)).len());
+            [vec![has_all], figures].concat()
+        };
+        let mut wanted: Option<Vec<ParameterId>> = None;
+        first_tests(
+            history.len(),
+            baseline_runs.max(2),
+            |test| match history[test].left_out() {
+                Some(brief) => of_brief(brief, history[test]),
+                None => of_read(history[test], !history[test].parameters.is_empty()),
+            },
+            |test| {
+                let run = history[test];
+                if let Some(brief) = run.left_out() {
+                    return of_brief(brief, run);
+                }
+                let has = |id: &ParameterId| run.parameters.iter().any(|of| of.id == *id);
+                if wanted.is_none() && !run.parameters.is_empty() {
+                    wanted = Some(run.parameters.iter().map(|of| of.id).collect());
+                }
+                of_read(run, wanted.as_ref().is_some_and(|wanted| wanted.iter().all(has)))
+            },
+        )
     }
 
     /// Empty where the response lacks a parameter, as that of another description does.

@@ -3,54 +3,105 @@
 pub(in crate::numerics::detect::runs) mod open_run;
 
 use super::hypothesis::{Cause, Evidence, PRIOR};
-use super::points::{Curve, curves};
+use super::points::{Curve, CurvePoint, curves};
 use super::run_cause::{LEAST_SCATTER, RunCause};
 use super::template;
-use super::usual::{Usual, common_of, joint_curves, usuals};
+use super::usual::{JointCurves, Usual, common_of, joint_curves, usuals};
+use super::within_run;
+use crate::analysis::friction::CycleFriction;
 use crate::anomaly::RunSummary;
-use crate::numerics::statistics::descriptive::mean;
+use crate::numerics::detect::runs::first_tests::first_tests;
 use crate::robot::JointIndex;
 
 /// Likelihood, in logarithms, that causes together must be able to gain for any of them to be looked for.
 const LEAST_EVIDENCE: f64 = 3.0;
 
-/// The cause of each run's curve, by joint and run; `None` where the run has no curve or nothing to compare it with.
-pub(in crate::numerics::detect::runs) fn causes(
-    history: &[RunSummary],
-    joints: usize,
-    baseline_runs: usize,
-    least_advantage: f64,
-) -> Vec<Vec<Option<RunCause>>> {
-    let all: Vec<Vec<Curve>> = (0..joints).map(|joint| curves(history, JointIndex::new(joint))).collect();
-    let joints = joint_curves(all, baseline_runs);
-    let usuals = usuals(&joints, baseline_runs, least_advantage);
-    let mut found: Vec<Vec<Option<RunCause>>> = vec![Vec::with_capacity(history.len()); joints.len()];
-    for run in 0..history.len() {
-        let of_run: Vec<&Curve> = joints.iter().map(|joint| &joint.curves[run]).collect();
-        let differences = differences(&usuals, &of_run);
-        let differences: Vec<&[(u32, f64)]> = differences.iter().map(Vec::as_slice).collect();
-        for (j, joint) in joints.iter().enumerate() {
-            let curve = of_run[j];
-            found[j].push(match usuals[j].as_ref().filter(|_| curve.len() >= template::FEWEST_CYCLES) {
-                Some(usual) => {
-                    let common = common_of(&differences, j, curve);
-                    against(usual, curve, differences[j], &common, least_advantage)
-                }
-                None => joint
-                    .alone(run)
-                    .map(|judged| RunCause::by_itself(judged, joint.scatter, curve.len(), least_advantage)),
-            });
-        }
-    }
-    found
+/// What the complete runs of a robot say of the curves of its joints.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::numerics::detect::runs) struct UsualCurves {
+    /// By joint.
+    pub(in crate::numerics::detect::runs) joints: Vec<UsualCurve>,
+    /// Advantage over no cause, in logarithms, that a cause needs.
+    pub(in crate::numerics::detect::runs) least_advantage: f64,
 }
 
-/// How the curves of one run differ from the usual ones, by joint; empty where there is no usual one.
-fn differences(usuals: &[Option<Usual>], curves: &[&Curve]) -> Vec<Vec<(u32, f64)>> {
-    let of = |(usual, curve): (&Option<Usual>, &&Curve)| {
-        usual.as_ref().map_or_else(Vec::new, |usual| usual.template.difference(curve))
-    };
-    usuals.iter().zip(curves).map(of).collect()
+/// What they say of the curve of a joint.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::numerics::detect::runs) struct UsualCurve {
+    /// `None` before there are two runs.
+    usual: Option<Usual>,
+    /// Usual scatter of one cycle about a smooth curve.
+    scatter: f64,
+    /// The speed levels that count: those of the first cycle.
+    levels: Option<CycleFriction>,
+}
+
+impl UsualCurves {
+    /// The usual curves of these runs, oldest first. Runs after the first `baseline_runs` long ones of each joint have no
+    /// part in them.
+    pub(in crate::numerics::detect::runs) fn of(
+        history: &[RunSummary],
+        joints: usize,
+        baseline_runs: usize,
+        least_advantage: f64,
+    ) -> Self {
+        let all: Vec<Vec<Curve>> = (0..joints).map(|j| curves(history, JointIndex::new(j))).collect();
+        let curves = joint_curves(all, baseline_runs);
+        let level = |j: usize| history.iter().find_map(|run| of_joint(run, j).next().map(|(_, of)| of));
+        let usual = usuals(&curves, baseline_runs, least_advantage);
+        let joints = usual.into_iter().zip(&curves).enumerate();
+        let of = |(j, (usual, curves)): (usize, (Option<Usual>, &JointCurves))| UsualCurve {
+            usual,
+            scatter: curves.scatter,
+            levels: level(j),
+        };
+        Self { joints: joints.map(of).collect(), least_advantage }
+    }
+
+    /// The cause of the curve of each joint of a whole run; `None` where the run has no curve or nothing to compare it with.
+    pub(in crate::numerics::detect::runs) fn causes(&self, run: &RunSummary) -> Vec<Option<RunCause>> {
+        let curves = self.curves(run);
+        let differences = self.differences(&curves);
+        let differences: Vec<&[(u32, f64)]> = differences.iter().map(Vec::as_slice).collect();
+        let of = |(j, curve): (usize, &Curve)| {
+            let of_joint = &self.joints[j];
+            match of_joint.usual.as_ref().filter(|_| curve.len() >= template::FEWEST_CYCLES) {
+                Some(usual) => {
+                    let common = common_of(&differences, j, curve);
+                    Some(against(usual, curve, differences[j], &common, self.least_advantage))
+                }
+                None => self.by_itself(of_joint, curve),
+            }
+        };
+        curves.iter().enumerate().map(of).collect()
+    }
+
+    /// Usual scatter of a cycle of a joint, by which a run of so many cycles is judged.
+    pub(in crate::numerics::detect::runs) fn scatter(&self, joint: usize, cycles: usize) -> f64 {
+        let Some(of) = self.joints.get(joint) else { return f64::NAN };
+        let usual = of.usual.as_ref().filter(|_| cycles >= template::FEWEST_CYCLES);
+        usual.map_or(of.scatter, |usual| usual.scatter)
+    }
+
+    /// What a run says of a joint that is compared with nothing; `None` where it has too few cycles.
+    fn by_itself(&self, joint: &UsualCurve, curve: &Curve) -> Option<RunCause> {
+        (curve.len() >= within_run::FEWEST_CYCLES).then(|| {
+            let judged = within_run::judge(curve, joint.scatter, PRIOR);
+            RunCause::of(&judged, joint.scatter, curve.len(), self.least_advantage)
+        })
+    }
+
+    fn curves(&self, run: &RunSummary) -> Vec<Curve> {
+        self.joints.iter().enumerate().map(|(j, of)| curve(run, j, of.levels.as_ref())).collect()
+    }
+
+    /// How the curves of one run differ from the usual ones, by joint; empty where there is no usual one.
+    fn differences(&self, curves: &[Curve]) -> Vec<Vec<(u32, f64)>> {
+        let of = |(joint, curve): (&UsualCurve, &Curve)| {
+            joint.usual.as_ref().map_or_else(Vec::new, |usual| usual.template.difference(curve))
+        };
+        self.joints.iter().zip(curves).map(of).collect()
+    }
 }
 
 /// Of a run with this curve, held against what is usual. `differences` are those from the usual curve, `common` the
@@ -61,7 +112,7 @@ fn against(
     differences: &[(u32, f64)],
     common: &[f64],
     least_advantage: f64,
-) -> Option<RunCause> {
+) -> RunCause {
     let Usual { template, random, scatter } = usual;
     let cycles: Vec<u32> = curve.iter().map(|point| point.cycle).collect();
     let minutes: Vec<f64> = curve.iter().map(|point| point.minute).collect();
@@ -81,13 +132,54 @@ fn against(
         }
         _ => 0.0,
     };
-    Some(RunCause {
-        judged,
-        difference: mean(&values)?,
-        common: mean(common)?,
-        scatter: *scatter,
-        effect,
-        cycles: curve.len(),
-        least_advantage,
-    })
+    RunCause { effect, ..RunCause::of(&judged, *scatter, curve.len(), least_advantage) }
+}
+
+fn of_joint(run: &RunSummary, joint: usize) -> impl Iterator<Item = (u32, CycleFriction)> {
+    let own = run.cycle_friction.iter().filter(move |of| of.friction.joint.index() == joint);
+    own.map(|of| (of.cycle, of.friction))
+}
+
+/// The curve of a joint; cycles with other speed levels than the joint's first one are left out.
+fn curve(run: &RunSummary, joint: usize, levels: Option<&CycleFriction>) -> Curve {
+    let Some(first) = levels.copied().or_else(|| of_joint(run, joint).next().map(|(_, of)| of)) else {
+        return Vec::new();
+    };
+    of_joint(run, joint)
+        .filter(|(_, of)| of.compares_with(&first))
+        .map(|(cycle, of)| CurvePoint { cycle, minute: of.minute, ln_torque: of.ln_torque })
+        .collect()
+}
+
+/// How many of the first tests say what is usual: enough long ones of each joint, as far as there are such. Tests whose
+/// cycles are left out are taken to have as many that compare as their brief has in all.
+pub(in crate::numerics::detect::runs) fn tests_of_usual(
+    history: &[RunSummary],
+    joints: usize,
+    baseline_runs: usize,
+) -> usize {
+    let fewest = [template::FEWEST_CYCLES, within_run::FEWEST_CYCLES];
+    let in_all = |run: &RunSummary, j: usize| match run.left_out() {
+        Some(brief) => brief.joint(j).friction as usize,
+        None => of_joint(run, j).count(),
+    };
+    let long = |cycles: &dyn Fn(usize) -> usize| -> Vec<bool> {
+        (0..joints).map(cycles).flat_map(|cycles| fewest.map(|fewest| cycles >= fewest)).collect()
+    };
+    let mut levels: Vec<Option<CycleFriction>> = vec![None; joints];
+    first_tests(
+        history.len(),
+        baseline_runs.max(2),
+        |test| long(&|j| in_all(&history[test], j)),
+        |test| {
+            let run = &history[test];
+            for (j, levels) in levels.iter_mut().enumerate() {
+                *levels = levels.or_else(|| of_joint(run, j).next().map(|(_, of)| of));
+            }
+            long(&|j| match run.is_brief {
+                true => in_all(run, j),
+                false => curve(run, j, levels[j].as_ref()).len(),
+            })
+        },
+    )
 }

@@ -21,20 +21,30 @@ const LEAST_SLOWING: f64 = 0.015;
 /// Why the curve of a joint differs from its usual one in a run.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::numerics::detect::runs) struct RunCause {
-    /// All causes, the likeliest first.
-    pub(in crate::numerics::detect::runs) judged: Vec<Judged>,
-    /// Mean difference from the usual curve, in logarithms; not a number before there is one.
-    pub(in crate::numerics::detect::runs) difference: f64,
-    /// The part that all joints have in common.
-    pub(in crate::numerics::detect::runs) common: f64,
+    /// The best cause of each kind, the likeliest first; the likeliest alone where none can be clear.
+    pub(in crate::numerics::detect::runs) kinds: Vec<Kind>,
+    /// How much likelier than no change the likeliest is, and than the next kind, in logarithms.
+    pub(in crate::numerics::detect::runs) advantage: f64,
+    pub(in crate::numerics::detect::runs) lead: f64,
+    /// The factor of the slow time constant that explains the run best, with how much likelier it is than the best cause
+    /// of another kind, in logarithms, without the prior; `None` where it was not looked for.
+    pub(in crate::numerics::detect::runs) slowing: Option<(f64, f64)>,
     /// Usual scatter of one cycle.
     pub(in crate::numerics::detect::runs) scatter: f64,
     /// Largest effect of the winning cause on a cycle.
-    pub(super) effect: f64,
+    pub(in crate::numerics::detect::runs) effect: f64,
     /// Cycles.
     pub(in crate::numerics::detect::runs) cycles: usize,
     /// Least advantage over none, in logarithms, of a cause that is clear.
-    pub(super) least_advantage: f64,
+    pub(in crate::numerics::detect::runs) least_advantage: f64,
+}
+
+/// The best cause of a kind.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::numerics::detect::runs) struct Kind {
+    pub(in crate::numerics::detect::runs) cause: Cause,
+    /// Posterior of all causes of the kind together, as a multiple of that of the likeliest cause.
+    pub(in crate::numerics::detect::runs) weight: f64,
 }
 
 /// Advantage over no cause, in logarithms, that a cause of a run's curve needs.
@@ -46,14 +56,37 @@ pub(in crate::numerics::detect::runs) fn least_advantage(
 }
 
 impl RunCause {
-    /// Of a run that is compared with no other one.
-    pub(super) fn by_itself(judged: Vec<Judged>, scatter: f64, cycles: usize, least_advantage: f64) -> Self {
-        Self { judged, difference: f64::NAN, common: 0.0, scatter, effect: 0.0, cycles, least_advantage }
+    /// Of a run with these causes, the likeliest first.
+    pub(super) fn of(judged: &[Judged], scatter: f64, cycles: usize, least_advantage: f64) -> Self {
+        let best = judged.first().map_or(0.0, |first| first.log_posterior);
+        let mut kinds: Vec<Kind> = Vec::new();
+        for of in judged {
+            let weight = (of.log_posterior - best).exp();
+            match kinds.iter_mut().find(|known| is_same_kind(&known.cause, &of.cause)) {
+                Some(known) => known.weight += weight,
+                None => kinds.push(Kind { cause: of.cause, weight }),
+            }
+        }
+        let advantage = advantage_of(judged);
+        // what nobody asks for
+        if advantage < CURVE_MARGIN && !matches!(kinds.first(), Some(of) if is_time_constant(&of.cause)) {
+            kinds.truncate(1);
+        }
+        Self {
+            kinds,
+            advantage,
+            lead: lead_of(judged),
+            slowing: slowing_of(judged),
+            scatter,
+            effect: 0.0,
+            cycles,
+            least_advantage,
+        }
     }
 
     /// The likeliest cause.
     pub(in crate::numerics::detect::runs) fn likeliest(&self) -> Cause {
-        self.judged.first().map_or(Cause::None, |first| first.cause)
+        self.kinds.first().map_or(Cause::None, |first| first.cause)
     }
 
     /// The likeliest cause where it is clear and large enough to be worth a word: steps, scatter and other time
@@ -69,24 +102,8 @@ impl RunCause {
             }
         };
         let lead = if matches!(cause, Cause::Step { .. }) { LEAST_LEAD_OF_STEP } else { LEAST_LEAD };
-        let clear = self.advantage() >= self.least_advantage && self.lead() >= lead;
+        let clear = self.advantage >= self.least_advantage && self.lead >= lead;
         (size >= 1.0 && clear).then_some(cause)
-    }
-
-    /// The factor of the slow time constant that explains the run best, with how much likelier it is than the best cause of
-    /// another kind, in logarithms, without the prior; `None` where it was not looked for.
-    pub(in crate::numerics::detect::runs) fn slowing(&self) -> Option<(f64, f64)> {
-        let (factor, own) = self.judged.iter().find_map(|of| match of.cause {
-            Cause::TimeConstant(factor) => Some((factor, of.log_posterior - PRIOR)),
-            _ => None,
-        })?;
-        let other = |of: &Judged| match of.cause {
-            Cause::TimeConstant(_) => None,
-            Cause::None => Some(of.log_posterior),
-            _ => Some(of.log_posterior - PRIOR),
-        };
-        let best = self.judged.iter().filter_map(other).fold(f64::NEG_INFINITY, f64::max);
-        Some((factor, (own - best).clamp(-MOST_OF_ONE_RUN, MOST_OF_ONE_RUN)))
     }
 
     /// Advantage over no cause, in logarithms, that a cause needs.
@@ -94,51 +111,57 @@ impl RunCause {
         self.least_advantage
     }
 
-    /// How much likelier than no change, in logarithms.
-    pub(in crate::numerics::detect::runs) fn advantage(&self) -> f64 {
-        let none = self.judged.iter().find(|of| of.cause == Cause::None);
-        match (self.judged.first(), none) {
-            (Some(first), Some(none)) => first.log_posterior - none.log_posterior,
-            _ => 0.0,
-        }
-    }
-
-    /// How much likelier than the next cause of another kind, in logarithms.
-    fn lead(&self) -> f64 {
-        let Some(first) = self.judged.first() else { return 0.0 };
-        let kind = std::mem::discriminant(&first.cause);
-        let next = self.judged.iter().find(|of| std::mem::discriminant(&of.cause) != kind);
-        next.map_or(f64::INFINITY, |next| first.log_posterior - next.log_posterior)
-    }
-
     /// Odds of the likeliest kind of cause against all others together.
     pub(in crate::numerics::detect::runs) fn odds(&self) -> f64 {
-        let Some(first) = self.judged.first() else { return 1.0 };
-        self.odds_of(&first.cause)
+        self.kinds.first().map_or(1.0, |first| self.odds_of(first))
     }
 
     /// The best of each other kind, with its odds, the likeliest first.
     pub(in crate::numerics::detect::runs) fn alternatives(&self) -> Vec<(Cause, f64)> {
-        let mut kinds = Vec::new();
-        for of in &self.judged {
-            if !kinds.iter().any(|known: &Cause| is_same_kind(known, &of.cause)) {
-                kinds.push(of.cause);
-            }
-        }
-        kinds.into_iter().skip(1).map(|cause| (cause, self.odds_of(&cause))).collect()
+        self.kinds.iter().skip(1).map(|of| (of.cause, self.odds_of(of))).collect()
     }
 
-    fn odds_of(&self, cause: &Cause) -> f64 {
-        let best = self.judged.first().map_or(0.0, |first| first.log_posterior);
-        let (mut own, mut rest) = (0.0, 0.0);
-        for of in &self.judged {
-            let weight = (of.log_posterior - best).exp();
-            *(if is_same_kind(&of.cause, cause) { &mut own } else { &mut rest }) += weight;
-        }
-        (own / f64::max(rest, f64::MIN_POSITIVE)).min(MOST_ODDS)
+    fn odds_of(&self, kind: &Kind) -> f64 {
+        let others = self.kinds.iter().filter(|of| !is_same_kind(&of.cause, &kind.cause));
+        let rest: f64 = others.map(|of| of.weight).sum();
+        (kind.weight / f64::max(rest, f64::MIN_POSITIVE)).min(MOST_ODDS)
     }
+}
+
+/// How much likelier than no change, in logarithms.
+fn advantage_of(judged: &[Judged]) -> f64 {
+    let none = judged.iter().find(|of| of.cause == Cause::None);
+    match (judged.first(), none) {
+        (Some(first), Some(none)) => first.log_posterior - none.log_posterior,
+        _ => 0.0,
+    }
+}
+
+/// How much likelier than the next cause of another kind, in logarithms.
+fn lead_of(judged: &[Judged]) -> f64 {
+    let Some(first) = judged.first() else { return 0.0 };
+    let next = judged.iter().find(|of| !is_same_kind(&of.cause, &first.cause));
+    next.map_or(f64::INFINITY, |next| first.log_posterior - next.log_posterior)
+}
+
+fn slowing_of(judged: &[Judged]) -> Option<(f64, f64)> {
+    let (factor, own) = judged.iter().find_map(|of| match of.cause {
+        Cause::TimeConstant(factor) => Some((factor, of.log_posterior - PRIOR)),
+        _ => None,
+    })?;
+    let other = |of: &Judged| match of.cause {
+        Cause::TimeConstant(_) => None,
+        Cause::None => Some(of.log_posterior),
+        _ => Some(of.log_posterior - PRIOR),
+    };
+    let best = judged.iter().filter_map(other).fold(f64::NEG_INFINITY, f64::max);
+    Some((factor, (own - best).clamp(-MOST_OF_ONE_RUN, MOST_OF_ONE_RUN)))
 }
 
 fn is_same_kind(a: &Cause, b: &Cause) -> bool {
     std::mem::discriminant(a) == std::mem::discriminant(b)
+}
+
+fn is_time_constant(cause: &Cause) -> bool {
+    matches!(cause, Cause::TimeConstant(_))
 }

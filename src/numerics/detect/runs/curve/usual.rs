@@ -62,17 +62,6 @@ pub(super) fn joint_curves(all: Vec<Vec<Curve>>, baseline_runs: usize) -> Vec<Jo
         .collect()
 }
 
-impl JointCurves {
-    /// What a run says by itself; `None` where it has too few cycles.
-    pub(super) fn alone(&self, run: usize) -> Option<Vec<Judged>> {
-        let curve = &self.curves[run];
-        let judged = || {
-            (curve.len() >= within_run::FEWEST_CYCLES).then(|| within_run::judge(curve, self.scatter, PRIOR))
-        };
-        self.by_itself[run].clone().or_else(judged)
-    }
-}
-
 /// What is usual of each joint; `None` before there are two runs.
 pub(super) fn usuals(
     joints: &[JointCurves],
@@ -172,7 +161,7 @@ fn steady_runs(
 ) -> Vec<usize> {
     let jumps_inside = |run: usize| {
         joint.by_itself[run].as_ref().is_some_and(|judged| {
-            let clear = RunCause::by_itself(judged.clone(), joint.scatter, 0, least_advantage);
+            let clear = RunCause::of(judged, joint.scatter, 0, least_advantage);
             matches!(clear.clear(), Some(Cause::Step { .. }))
         })
     };
