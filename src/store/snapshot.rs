@@ -15,13 +15,15 @@ use super::handle::Store;
 use super::open::{APPLICATION_ID, SNAPSHOT};
 
 /// Tables whose rows are left out.
-const LEFT_OUT: [&str; 8] = [
+const LEFT_OUT: [&str; 10] = [
     "torque_factor",
     "log_factor",
     "cycle_factor_layout",
     "resume_point",
     "source_file",
     "channel_response",
+    "window_evidence",
+    "log_evidence",
     "run_series",
     "run_friction_series",
 ];

@@ -135,7 +135,8 @@ impl Pipeline {
         let known: HashSet<i64> = friction.run_ids.iter().copied().collect();
         summaries.retain(|run| known.contains(&run.run_id));
         let mut findings = detect_among(&summaries, &peers, &self.config.detect);
-        findings.anomalies.extend(detect_production(&conclusion.production_summaries().await?));
+        let logs = conclusion.production_summaries().await?;
+        findings.anomalies.extend(detect_production(&logs, &self.config.detect));
         let reconciled = conclusion.reconcile(&findings).await?;
         conclusion.compared_with(peers.len(), baseline_runs).await?;
         conclusion.commit(history).await?;
