@@ -6,6 +6,7 @@ pub mod friction;
 pub mod measurements;
 pub mod refusal;
 pub mod response;
+pub mod work_evidence;
 
 use std::sync::Arc;
 
@@ -13,6 +14,7 @@ use finding::{Finding, FindingSeverity};
 
 use self::refusal::RefusalCause;
 use self::response::ChannelResponse;
+use self::work_evidence::JointEvidence;
 use crate::robot::{JointIndex, ParameterId};
 use crate::run::{RunKind, Stage};
 
@@ -100,6 +102,8 @@ pub struct ProductionCheck {
     pub estimator: Estimator,
     /// By joint.
     pub joints: Vec<JointCheck>,
+    /// What causes could explain, of each joint that moves; empty where that is not known.
+    pub evidence: Vec<JointEvidence>,
 }
 
 /// One joint's part of a [`ProductionCheck`].

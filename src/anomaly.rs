@@ -11,6 +11,7 @@ use crate::analysis::friction::CycleFriction;
 use crate::analysis::measurements::CycleRmsd;
 use crate::analysis::refusal::RefusalCause;
 use crate::analysis::response::ChannelResponse;
+use crate::analysis::work_evidence::JointEvidence;
 use crate::analysis::{JointSummary, ProductionJoint};
 use crate::robot::{JointIndex, ParameterId};
 
@@ -210,6 +211,8 @@ pub struct ProductionSummary {
     pub reference_run_id: i64,
     /// One entry a joint that moves.
     pub joints: Vec<ProductionJoint>,
+    /// What causes could explain, of each joint that moves; empty for a log that was stored before that was known.
+    pub evidence: Vec<JointEvidence>,
 }
 
 /// Where a change most likely began.

@@ -15,7 +15,7 @@ pub use self::coupling::{Coupling, CouplingTerm};
 pub use self::friction_law::{FrictionLaw, FrictionModel, FrictionTerm, LawKind};
 pub use self::geometry::{DhParameters, GeometrySource, JointGeometry, Transform, UrdfOrigin};
 pub use self::joint_index::JointIndex;
-pub use self::parameter::{ParameterId, ParameterKind};
+pub use self::parameter::{ParameterId, ParameterKind, shares_of_link};
 pub use self::shape::{ArmShape, Capsule, Cell, Obstacle, ObstacleForm};
 pub use self::standard_parameters::StandardParameters;
 

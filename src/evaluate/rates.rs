@@ -9,6 +9,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use super::draws::Draws;
+use crate::numerics::detect::control_chart::EWMA_WEIGHT;
+use crate::numerics::detect::rate::average;
+use crate::numerics::detect::rate::budget::Budget;
 use crate::numerics::detect::rate::chart::lorden_delay;
 use crate::numerics::detect::rate::monitor::{Monitor, OWN_FROM};
 use crate::numerics::detect::rate::whitening::Prior;
@@ -21,15 +24,17 @@ pub const RATES: [f64; 4] = [0.2, 1.0, 5.0, 20.0];
 pub const CORRELATIONS: [f64; 4] = [0.0, 0.3, 0.6, 0.9];
 /// Degrees of freedom of the noise; `None`: normal.
 pub const FREEDOMS: [Option<f64>; 2] = [None, Some(4.0)];
-/// Values that a series is learnt from: those that a limit of its own needs, and forty tests.
-pub const LEARNT: [usize; 2] = [OWN_FROM, 320];
+/// Values that a series is learnt from: those that a limit of its own needs, forty tests, and as many as realised rates are
+/// promised from.
+pub const LEARNT: [usize; 3] = [OWN_FROM, 320, 1000];
 /// Values that a series is learnt from before it shifts: forty tests, and as many as realised rates are promised from.
 pub const LEARNT_BEFORE_SHIFTS: [usize; 2] = [320, 1000];
 /// Shifts, in standard deviations of a whitened value.
 pub const SHIFTS: [f64; 3] = [1.0, 2.0, 3.0];
-/// Mean numbers of values between false alarms at which delays are measured: a false alarm a year of daily tests of eight
-/// cycles, and of sixty values a day, for which 1.25 times Lorden's bound is 25, 6 and 3 values.
-pub const RUN_LENGTHS: [f64; 2] = [VALUES_PER_YEAR as f64, 365.0 * 60.0];
+/// Values a year at which delays are measured: daily tests of eight cycles, and sixty values a day.
+pub const VALUES_OF_DELAYS: [f64; 2] = [VALUES_PER_YEAR as f64, 365.0 * 60.0];
+/// Joints of the robot whose channels share a false alarm a year.
+pub const JOINTS: usize = 6;
 
 /// Scale of the prior; that of the noise is one.
 const PRIOR_SCALE: f64 = 2.0;
@@ -64,7 +69,9 @@ pub struct Delay {
     pub correlation: f64,
     /// Values learnt from.
     pub learnt: usize,
-    /// Mean number of values between false alarms.
+    /// Channels that share a false alarm a year: one, or all of a robot.
+    pub channels: usize,
+    /// Mean number of values between false alarms of this one.
     pub run_length: f64,
     /// Size of the shift, standard deviations.
     pub shift: f64,
@@ -129,13 +136,21 @@ pub fn delays(settings: &RateSettings) -> Vec<Delay> {
     for freedom in FREEDOMS {
         for correlation in [CORRELATIONS[0], CORRELATIONS[2]] {
             for learnt in LEARNT_BEFORE_SHIFTS {
-                for run_length in RUN_LENGTHS {
+                for (channels, run_length) in run_lengths() {
                     for shift in SHIFTS {
                         let bound = lorden_delay(run_length, shift);
                         let (mean, std_error) = (0.0, 0.0);
-                        let kind =
-                            Delay { freedom, correlation, learnt, run_length, shift, mean, std_error, bound };
-                        kinds.push(kind);
+                        kinds.push(Delay {
+                            freedom,
+                            correlation,
+                            learnt,
+                            channels,
+                            run_length,
+                            shift,
+                            mean,
+                            std_error,
+                            bound,
+                        });
                     }
                 }
             }
@@ -154,6 +169,41 @@ pub fn delays(settings: &RateSettings) -> Vec<Delay> {
         (kind.mean, kind.std_error) = (mean, std_error);
     }
     kinds
+}
+
+/// Channels that share a false alarm a year, with the mean number of values that each then has between two.
+fn run_lengths() -> Vec<(usize, f64)> {
+    let all = Budget::new(1.0, JOINTS, &[]).channels;
+    let each = |channels: usize| VALUES_OF_DELAYS.map(|values| (channels, values * channels as f64));
+    [1, all].into_iter().flat_map(each).collect()
+}
+
+/// Delay of the moving average that watches the level of friction, by its integral equation: one of all channels of a
+/// robot that is tested daily.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LevelDelay {
+    /// Size of the shift, standard deviations of a test about the level.
+    pub shift: f64,
+    /// Mean number of tests between false alarms.
+    pub run_length: f64,
+    /// Mean number of tests until the alarm, the first with the shift included.
+    pub mean: f64,
+    /// Lorden's bound.
+    pub bound: f64,
+}
+
+/// Delays of the level of friction at a false alarm a year.
+#[must_use]
+pub fn level_delays() -> Vec<LevelDelay> {
+    let run_length = Budget::new(1.0, JOINTS, &[]).run_length();
+    let half_width = average::limit(EWMA_WEIGHT, run_length) * (EWMA_WEIGHT / (2.0 - EWMA_WEIGHT)).sqrt();
+    let of = |shift: f64| LevelDelay {
+        shift,
+        run_length,
+        mean: average::mean_run_length(EWMA_WEIGHT, half_width, shift),
+        bound: lorden_delay(run_length, shift),
+    };
+    [1.0, 2.0, 3.0, 5.0, 8.0].map(of).to_vec()
 }
 
 /// Streams of random numbers of delays begin here; rates have those before.
@@ -241,6 +291,6 @@ mod tests {
         assert_eq!(realised_rates(&settings(1), &|| ()), realised_rates(&settings(3), &|| ()));
         let found = delays(&settings(2));
         assert!(found.chunks(SHIFTS.len()).all(|of| of[0].mean > of[2].mean), "{found:?}");
-        assert_eq!(rate_pieces(40), 128);
+        assert_eq!(rate_pieces(40), 192);
     }
 }

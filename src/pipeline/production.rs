@@ -12,7 +12,8 @@ use crate::config::Layout;
 use crate::numerics::analyse::{Method, analyse_cycle, analyse_cycle_in};
 use crate::numerics::buffers::Buffers;
 use crate::numerics::identify::joint_factors::{FactorColumns, unpack};
-use crate::numerics::production::{Reference, analyse_window, check_window};
+use crate::numerics::production::reference::{Reference, last_link_shares};
+use crate::numerics::production::window::{analyse_window, check_window};
 use crate::run::{Cycle, RunKind};
 use crate::store::{MOST_REFERENCES, ProductionWindow, ReferenceTest, Store, StoredCycle};
 
@@ -79,10 +80,8 @@ pub(super) async fn work(
         if let Some(found) = candidate(store, test, estimator).await?
             && found.model.describes(&intake.robot)
         {
-            return Ok(CycleWork::Production(
-                Arc::clone(method),
-                Some(as_reference(test, estimator, &found)),
-            ));
+            let reference = as_reference(store, test, estimator, &found).await?;
+            return Ok(CycleWork::Production(Arc::clone(method), Some(reference)));
         }
     }
     Ok(CycleWork::Production(Arc::clone(method), None))
@@ -94,13 +93,24 @@ async fn reference(
     run_id: i64,
     estimator: Estimator,
 ) -> Result<Option<Arc<Reference>>, PipelineError> {
-    let found = candidate(store, run_id, estimator).await?;
-    Ok(found.map(|candidate| as_reference(run_id, estimator, &candidate)))
+    match candidate(store, run_id, estimator).await? {
+        Some(found) => Ok(Some(as_reference(store, run_id, estimator, &found).await?)),
+        None => Ok(None),
+    }
 }
 
-fn as_reference(run_id: i64, estimator: Estimator, candidate: &Candidate) -> Arc<Reference> {
-    let parameters = candidate.parameters.iter().map(|parameter| (parameter.id, parameter.value));
-    Arc::new(Reference { run_id, estimator, parameters: parameters.collect() })
+async fn as_reference(
+    store: &Store,
+    run_id: i64,
+    estimator: Estimator,
+    candidate: &Candidate,
+) -> Result<Arc<Reference>, PipelineError> {
+    let parameters: Vec<_> =
+        candidate.parameters.iter().map(|parameter| (parameter.id, parameter.value)).collect();
+    let groupings = store.model_groupings(&candidate.model).await?;
+    let terms = parameters.iter().filter_map(|(id, _)| Some((*id, &groupings.get(id)?[..])));
+    let last_link = last_link_shares(terms);
+    Ok(Arc::new(Reference { run_id, estimator, parameters, last_link }))
 }
 
 async fn candidate(

@@ -103,6 +103,19 @@ impl ParameterId {
     }
 }
 
+/// What the ten standard parameters of a link add to a sum of standard parameters, by their place; `terms` are its
+/// coefficients and parameters.
+#[must_use]
+pub fn shares_of_link(terms: &[(f64, ParameterId)], link: JointIndex) -> [f64; 10] {
+    let mut found = [0.0; 10];
+    for (coefficient, id) in terms.iter().filter(|(_, id)| id.joint == link) {
+        if let ParameterKind::Inertial(place) = id.kind {
+            found[usize::from(place)] += coefficient;
+        }
+    }
+    found
+}
+
 impl fmt::Display for ParameterId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "J{}_{}", self.joint, self.name())

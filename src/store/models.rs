@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
-use super::values::{ROWS_PER_STATEMENT, joint_number, parameter};
+use super::values::{ROWS_PER_STATEMENT, grouping_terms, joint_number, parameter};
 use crate::robot::{FrictionModel, GeometrySource, Joint, JointKind, ParameterId, Robot, TorqueSensors};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
@@ -48,6 +48,19 @@ impl Store {
         model: &StoredModel,
     ) -> Result<HashMap<ParameterId, ModelParameter>, StoreError> {
         self.checked(parameters(&self.readers, model.robot_model_id).await)
+    }
+
+    /// The sum of standard parameters that each parameter of a description stands for, as coefficients and parameters;
+    /// those of which that is unknown are left out.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn model_groupings(
+        &self,
+        model: &StoredModel,
+    ) -> Result<HashMap<ParameterId, Vec<(f64, ParameterId)>>, StoreError> {
+        let parameters = self.model_parameters(model).await?.into_iter();
+        Ok(parameters.filter_map(|(id, of)| Some((id, grouping_terms(&of.grouping?)))).collect())
     }
 }
 

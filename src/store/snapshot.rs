@@ -15,7 +15,7 @@ use super::handle::Store;
 use super::open::{APPLICATION_ID, SNAPSHOT};
 
 /// Tables whose rows are left out.
-const LEFT_OUT: [&str; 9] = [
+const LEFT_OUT: [&str; 11] = [
     "torque_factor",
     "log_factor",
     "cycle_factor_layout",
@@ -23,6 +23,8 @@ const LEFT_OUT: [&str; 9] = [
     "source_file",
     "channel_response",
     "run_brief",
+    "window_evidence",
+    "log_evidence",
     "run_series",
     "run_friction_series",
 ];

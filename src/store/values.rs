@@ -101,6 +101,23 @@ pub(super) fn standard_parameter(word: &str) -> Option<ParameterId> {
     ParameterKind::all().map(|kind| ParameterId { joint, kind }).find(|id| id.name() == name)
 }
 
+/// The terms of a grouping such as `J2_mPx + 0.27 J3_m - J4_mPz`; those that are not understood are left out.
+pub(super) fn grouping_terms(grouping: &str) -> Vec<(f64, ParameterId)> {
+    let (mut sign, mut factor) = (1.0, 1.0);
+    let mut found = Vec::new();
+    for word in grouping.split_whitespace() {
+        if let Some(id) = standard_parameter(word) {
+            found.push((sign * factor, id));
+            (sign, factor) = (1.0, 1.0);
+        } else if let Ok(number) = word.parse::<f64>() {
+            factor = number;
+        } else {
+            sign = if word == "-" { -1.0 } else { 1.0 };
+        }
+    }
+    found
+}
+
 /// A row whose content no program of this version has written.
 pub(super) fn unreadable(table: &str, key: i64) -> sqlx::Error {
     sqlx::Error::Decode(
@@ -121,4 +138,25 @@ pub(super) fn of_some_rows(rmsd: Rmsd, value: f64) -> Option<f64> {
 pub(super) fn time_text(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx::Error> {
     let text: &str = row.try_get(column)?;
     text.parse().map_err(|error: jiff::Error| sqlx::Error::Decode(error.to_string().into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::model::base_parameters::base_parameters;
+    use crate::testing::er3a;
+
+    #[test]
+    fn a_grouping_is_read_as_it_is_written() {
+        let base = base_parameters(&er3a()).unwrap();
+        for (index, kept) in base.kept.iter().enumerate() {
+            let read = grouping_terms(&base.grouping_formula(index));
+            assert_eq!(read[0], (1.0, *kept));
+            assert_eq!(read.len(), base.grouping[index].len() + 1);
+            for ((coefficient, id), term) in read[1..].iter().zip(&base.grouping[index]) {
+                assert_eq!(*id, term.id);
+                assert!((coefficient - term.coefficient).abs() < 1e-5 * term.coefficient.abs());
+            }
+        }
+    }
 }

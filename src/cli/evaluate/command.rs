@@ -9,7 +9,7 @@ use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::plot::PlotFile;
 use crate::evaluate::fleet::{DetectorScore, FleetSettings, evaluate as judge};
-use crate::evaluate::rates::{RateSettings, delays, rate_pieces, realised_rates};
+use crate::evaluate::rates::{RateSettings, delays, level_delays, rate_pieces, realised_rates};
 use crate::evaluate::scenario::Scenario;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -26,7 +26,7 @@ those that the simulator has; a robot is watched for a test a day.
 
 With --rates, single series take the place of robots: how often the sequential chart alarms without a shift, against the
 rate that it was asked for, and how late with one, against Lorden's bound. A year has 2920 values;
-delays are of ten times as many series.
+delays are of ten times as many series, of a series alone and of one beside all channels of six joints.
 
 Examples:
   armwatch evaluate
@@ -115,7 +115,7 @@ pub(in crate::cli) fn evaluate(global: &Global, args: &EvaluateArgs) -> Result<u
         let rates = realised_rates(&settings, &|| bar.inc(1));
         bar.finish_and_clear();
         let late = RateSettings { series: DELAYS_A_RATE * settings.series, ..settings };
-        print_rates(&rates, &delays(&late), global.json);
+        print_rates(&rates, &delays(&late), &level_delays(), global.json);
         return Ok(EXIT_DONE);
     }
     let scenarios = args.scenarios()?;

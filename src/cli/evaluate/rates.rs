@@ -3,14 +3,14 @@
 use serde_json::json;
 
 use crate::cli::shared::output;
-use crate::evaluate::rates::{Delay, RealisedRate};
+use crate::evaluate::rates::{Delay, LevelDelay, RealisedRate};
 use crate::evaluate::score::rate;
 
 fn noise_name(freedom: Option<f64>) -> String {
     freedom.map_or_else(|| "normal".to_owned(), |freedom| format!("t({freedom})"))
 }
 
-pub(super) fn print_rates(rates: &[RealisedRate], delays: &[Delay], as_json: bool) {
+pub(super) fn print_rates(rates: &[RealisedRate], delays: &[Delay], levels: &[LevelDelay], as_json: bool) {
     if as_json {
         for of in rates {
             let (realised, interval) = rate(of.alarms, of.years as f64);
@@ -23,8 +23,14 @@ pub(super) fn print_rates(rates: &[RealisedRate], delays: &[Delay], as_json: boo
         for of in delays {
             output::json(&json!({
                 "noise": noise_name(of.freedom), "autocorrelation": of.correlation, "values_learnt": of.learnt,
-                "run_length": of.run_length, "shift_std": of.shift, "mean_delay": of.mean, "mean_delay_std_error": of.std_error,
+                "channels": of.channels, "run_length": of.run_length, "shift_std": of.shift, "mean_delay": of.mean, "mean_delay_std_error": of.std_error,
                 "lorden_bound": of.bound,
+            }));
+        }
+        for of in levels {
+            output::json(&json!({
+                "level_shift_std": of.shift, "run_length_tests": of.run_length, "mean_delay_tests": of.mean,
+                "lorden_bound_tests": of.bound,
             }));
         }
         return;
@@ -49,6 +55,7 @@ pub(super) fn print_rates(rates: &[RealisedRate], delays: &[Delay], as_json: boo
             noise_name(of.freedom),
             of.correlation.to_string(),
             of.learnt.to_string(),
+            of.channels.to_string(),
             format!("{:.0}", of.run_length),
             of.shift.to_string(),
             format!("{:.2}", of.mean),
@@ -61,6 +68,7 @@ pub(super) fn print_rates(rates: &[RealisedRate], delays: &[Delay], as_json: boo
         "noise",
         "autocorrelation",
         "learnt from",
+        "channels",
         "run length",
         "shift",
         "delay",
@@ -70,5 +78,16 @@ pub(super) fn print_rates(rates: &[RealisedRate], delays: &[Delay], as_json: boo
     ];
     output::line("");
     output::line(&output::table(&header, &delays.iter().map(row).collect::<Vec<_>>()));
-    output::line("\nrun length and delay in values; the value with which a shift comes counts");
+    output::line(
+        "\nrun length and delay in values; the value with which a shift comes counts; channels share a false alarm a year\n",
+    );
+    let row = |of: &LevelDelay| {
+        let figures = [of.run_length, of.shift, of.mean, of.bound, of.mean / of.bound];
+        figures.map(|figure| format!("{figure:.2}")).to_vec()
+    };
+    let header = ["run length", "shift", "delay", "Lorden's bound", "ratio"];
+    output::line(&output::table(&header, &levels.iter().map(row).collect::<Vec<_>>()));
+    output::line(
+        "\nthe moving average of the level of friction, in daily tests, beside all other channels of six joints",
+    );
 }

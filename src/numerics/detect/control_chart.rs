@@ -11,7 +11,7 @@ use crate::numerics::statistics::descriptive::median;
 
 /// Weight `w` of the newest value. Three values in a row have four fifths of the weight, so that one odd
 /// value does not decide.
-pub(super) const EWMA_WEIGHT: f64 = 0.4;
+pub const EWMA_WEIGHT: f64 = 0.4;
 
 /// Median of the first `count` values; `None` while there are fewer.
 pub(super) fn baseline(values: impl Iterator<Item = f64>, count: usize) -> Option<f64> {

@@ -2,7 +2,7 @@
 
 pub mod verdict;
 pub mod rate;
-mod control_chart;
+pub mod control_chart;
 mod detector;
 mod episodes;
 pub mod runs;

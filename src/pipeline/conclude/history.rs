@@ -143,7 +143,8 @@ impl Pipeline {
             "judged"
         );
         let mut findings = found.findings;
-        findings.anomalies.extend(detect_production(&conclusion.production_summaries().await?));
+        let logs = conclusion.production_summaries().await?;
+        findings.anomalies.extend(detect_production(&logs, &self.config.detect));
         let reconciled = conclusion.reconcile(&findings).await?;
         conclusion.compared_with(peers.len(), baseline_runs).await?;
         conclusion.commit(history).await?;

@@ -7,6 +7,7 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::factors::{self, FactorLayout, FactorsWanted, STAGES};
+use super::production_evidence;
 use crate::analysis::{CycleFactors, Motion, TorqueFactor};
 use crate::robot::ParameterId;
 use crate::run::Stage;
@@ -227,6 +228,7 @@ pub(in crate::store) async fn remove_of(
     gone: &str,
 ) -> Result<(), sqlx::Error> {
     for ids in cycle_ids.chunks(ROWS_PER_STATEMENT) {
+        production_evidence::remove_windows(&mut *connection, ids).await?;
         for (statement, end) in [
             ("DELETE FROM torque_factor WHERE cycle_id IN (", None),
             ("DELETE FROM cycle_factor_layout WHERE cycle_id IN (", None),

@@ -7,5 +7,6 @@ pub(super) mod channel_response;
 pub(super) mod intervals;
 pub(super) mod temperatures;
 pub(super) mod verification;
+mod production_evidence;
 pub(super) mod production;
 pub(super) mod run_analysis;

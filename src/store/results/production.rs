@@ -5,11 +5,14 @@ use std::collections::BTreeMap;
 use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
+use super::production_evidence;
+use crate::analysis::work_evidence::JointEvidence;
 use crate::analysis::{
     Estimator, FrictionExcess, JointCheck, ProductionCheck, ProductionJoint, Rmsd, RmsdPair,
 };
 use crate::anomaly::ProductionSummary;
-use crate::numerics::production::summarise;
+use crate::numerics::production::evidence::log_evidence;
+use crate::numerics::production::window::summarise;
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::{
@@ -64,6 +67,9 @@ pub(in crate::store) async fn record(
 ) -> Result<(), sqlx::Error> {
     for joints in check.joints.chunks(ROWS_PER_STATEMENT) {
         insert(&mut *connection, cycle_id, check, joints).await?;
+    }
+    if !check.evidence.is_empty() {
+        production_evidence::record_window(&mut *connection, cycle_id, &check.evidence).await?;
     }
     Ok(())
 }
@@ -245,11 +251,23 @@ async fn summarise_run(connection: &mut SqliteConnection, run_id: i64) -> Result
     for (reference, cycle, check) in checks_of_run(&mut *connection, run_id).await? {
         by_reference.entry(reference).or_default().entry(cycle).or_default().push(check);
     }
+    let mut known = production_evidence::of_log(&mut *connection, run_id).await?;
+    let mut of_windows: BTreeMap<i64, Option<Vec<Vec<JointEvidence>>>> = BTreeMap::new();
+    for (reference, evidence) in production_evidence::of_windows(&mut *connection, run_id).await? {
+        let all = of_windows.entry(reference).or_insert_with(|| Some(Vec::new()));
+        *all = all.take().zip(evidence).map(|(all, of)| [all, vec![of]].concat());
+    }
     delete_summaries(&mut *connection, run_id).await?;
     for (reference, windows) in by_reference {
         let joints = summarise(windows.values().map(Vec::as_slice));
-        if !joints.is_empty() {
-            insert_summaries(&mut *connection, run_id, reference, &joints).await?;
+        if joints.is_empty() {
+            continue;
+        }
+        insert_summaries(&mut *connection, run_id, reference, &joints).await?;
+        // windows without factors have none of their own any more: what their log came to with them stays
+        let of_log = of_windows.remove(&reference).flatten().map(|windows| log_evidence(&windows));
+        if let Some(evidence) = of_log.or_else(|| known.remove(&reference)).filter(|of| !of.is_empty()) {
+            production_evidence::record_log(&mut *connection, run_id, reference, &evidence).await?;
         }
     }
     Ok(())
@@ -342,7 +360,7 @@ async fn insert_summaries(
 
 /// What a robot's complete logs of production come to, oldest first.
 pub(in crate::store) async fn summaries(
-    executor: impl SqliteExecutor<'_>,
+    connection: &mut SqliteConnection,
     robot_id: i64,
 ) -> Result<Vec<ProductionSummary>, sqlx::Error> {
     let rows = sqlx::query(
@@ -374,17 +392,22 @@ pub(in crate::store) async fn summaries(
             started_at: time(&row, "started_at")?,
             reference_run_id: row.try_get("reference_run_id")?,
             joints: vec![of_joint],
+            evidence: Vec::new(),
         })
     })
-    .fetch_all(executor)
+    .fetch_all(&mut *connection)
     .await?;
+    let mut evidence = production_evidence::of_robot(&mut *connection, robot_id).await?;
     let mut runs: Vec<ProductionSummary> = Vec::new();
     for row in rows {
         match runs.last_mut() {
             Some(last) if (last.run_id, last.reference_run_id) == (row.run_id, row.reference_run_id) => {
                 last.joints.extend(row.joints);
             }
-            _ => runs.push(row),
+            _ => {
+                let evidence = evidence.remove(&(row.run_id, row.reference_run_id)).unwrap_or_default();
+                runs.push(ProductionSummary { evidence, ..row });
+            }
         }
     }
     Ok(runs)

@@ -104,7 +104,7 @@ impl ConclusionTransaction {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn production_summaries(&mut self) -> Result<Vec<ProductionSummary>, StoreError> {
-        let result = production::summaries(&mut *self.transaction, self.robot_id).await;
+        let result = production::summaries(&mut self.transaction, self.robot_id).await;
         self.checked(result)
     }
 

@@ -8,7 +8,7 @@ use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use crate::analysis::friction::CycleFriction;
 use crate::anomaly::{CycleSeries, RunParameter};
 use crate::robot::{ParameterId, ParameterKind};
-use crate::store::values::{joint, parameter, size, standard_parameter};
+use crate::store::values::{grouping_terms, joint, parameter, size};
 
 /// Friction of each cycle and joint of a run, in the order of cycles and joints.
 pub(super) async fn of_run(
@@ -60,7 +60,7 @@ pub(super) async fn inertial(executor: impl SqliteExecutor<'_>) -> Result<Inerti
     let rows = sqlx::query("SELECT model_parameter_id, joint, name, grouping FROM model_parameter")
         .try_map(|row: SqliteRow| {
             let grouping: Option<String> = row.try_get("grouping")?;
-            let terms = grouping.map(|text| terms(&text)).unwrap_or_default();
+            let terms = grouping.map(|text| grouping_terms(&text)).unwrap_or_default();
             Ok((row.try_get::<i64, _>("model_parameter_id")?, (parameter(&row, "joint", "name")?, terms)))
         })
         .fetch_all(executor)
@@ -80,43 +80,5 @@ impl Inertial {
         let mut found: Vec<RunParameter> = means.iter().filter_map(of).collect();
         found.sort_by_key(|parameter| parameter.id);
         found
-    }
-}
-
-/// The terms of a grouping such as `J2_mPx + 0.27 J3_m - J4_mPz`; those that are not understood are left out.
-fn terms(grouping: &str) -> Vec<(f64, ParameterId)> {
-    let (mut sign, mut factor) = (1.0, 1.0);
-    let mut found = Vec::new();
-    for word in grouping.split_whitespace() {
-        if let Some(id) = standard_parameter(word) {
-            found.push((sign * factor, id));
-            (sign, factor) = (1.0, 1.0);
-        } else if let Ok(number) = word.parse::<f64>() {
-            factor = number;
-        } else {
-            sign = if word == "-" { -1.0 } else { 1.0 };
-        }
-    }
-    found
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::numerics::model::base_parameters::base_parameters;
-    use crate::testing::er3a;
-
-    #[test]
-    fn a_grouping_is_read_as_it_is_written() {
-        let base = base_parameters(&er3a()).unwrap();
-        for (index, kept) in base.kept.iter().enumerate() {
-            let read = terms(&base.grouping_formula(index));
-            assert_eq!(read[0], (1.0, *kept));
-            assert_eq!(read.len(), base.grouping[index].len() + 1);
-            for ((coefficient, id), term) in read[1..].iter().zip(&base.grouping[index]) {
-                assert_eq!(*id, term.id);
-                assert!((coefficient - term.coefficient).abs() < 1e-5 * term.coefficient.abs());
-            }
-        }
     }
 }

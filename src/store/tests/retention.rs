@@ -4,6 +4,7 @@ use jiff::{SignedDuration, Timestamp};
 
 use super::factors::with_factors;
 use super::support::*;
+use crate::analysis::work_evidence::{JointEvidence, PRODUCTS};
 use crate::analysis::{CycleFactors, Estimator, JointCheck, ProductionCheck, RmsdPair};
 use crate::run::RunKind;
 use crate::store::handle::Store;
@@ -46,6 +47,12 @@ async fn log_of_day(store: &Store, days: i64, test: i64) -> i64 {
                 ..RmsdPair::default()
             },
             friction: None,
+        }],
+        evidence: vec![JointEvidence {
+            joint: joint(1),
+            windows: 1,
+            samples: 100,
+            products: [f64::from(number); PRODUCTS],
         }],
     };
     for number in 1..=3 {

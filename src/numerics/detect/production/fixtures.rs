@@ -3,7 +3,9 @@
 use jiff::{SignedDuration, Timestamp};
 
 use crate::analysis::{FrictionExcess, ProductionJoint};
-use crate::anomaly::ProductionSummary;
+use crate::anomaly::{Anomaly, ProductionSummary};
+use crate::numerics::detect::production::detect_production;
+use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::JointIndex;
 
 const JOINTS: usize = 4;
@@ -31,7 +33,13 @@ fn log(index: usize, friction: [f64; JOINTS], unexplained: [f64; JOINTS]) -> Pro
             + SignedDuration::from_hours(8 * i64::try_from(index).expect("small")),
         reference_run_id: 1000 + i64::try_from(index / 10).expect("small"),
         joints: (0..JOINTS).map(joint).collect(),
+        evidence: Vec::new(),
     }
+}
+
+/// What is found with the usual settings.
+pub(super) fn detected(history: &[ProductionSummary]) -> Vec<Anomaly> {
+    detect_production(history, &DetectSettings::default())
 }
 
 pub(super) fn wobble(index: usize, joint: usize) -> f64 {

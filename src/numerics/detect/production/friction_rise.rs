@@ -9,11 +9,16 @@
 //! deviations of the EWMA if that is more. It is critical from 0.30 on ([`LIMITS`]). Less friction is never
 //! out. Section "Watched between tests" of docs/production-logs.md counts false alarms and logs until wear is
 //! found with these limits.
+//!
+//! Where it is known what causes explain of a log ([`causes`](super::causes)), its friction is what is left of the
+//! deviation beside a load or a torque signal, and no log is left out. A log whose likeliest cause is friction of the joint
+//! is out from the first one on, whatever earlier logs had.
 
+use super::causes::{LEAST_WEAR, WorkCause};
 use super::load_change;
 use super::series::{JointLogs, LEARNING_LOGS};
 use crate::analysis::ProductionJoint;
-use crate::anomaly::{AnomalyKind, ProductionSummary};
+use crate::anomaly::{AnomalyKind, ProductionSummary, Severity};
 use crate::numerics::detect::control_chart::{EWMA_WEIGHT, Ewma, Limits, median_variance, steady_variance};
 use crate::numerics::detect::detector::Detector;
 use crate::numerics::detect::verdict::{Verdict, Why};
@@ -26,6 +31,9 @@ const FEWEST_JOINTS: usize = 3;
 /// Friction beyond the other joints'. Tests warn at a third of it: they move all joints alike and know how
 /// warm each is.
 const LIMITS: Limits = Limits { warning: 0.15, critical: 0.30, sigma: 4.0 };
+
+/// Friction beyond the test's and the other joints', from which on it is critical.
+const WORN_CRITICAL: f64 = 0.6;
 
 /// Earlier tests with logs from which on their levels say what is usual.
 const FEWEST_TESTS: usize = 3;
@@ -90,8 +98,35 @@ impl Detector<JointLogs<'_>> for FrictionRise {
                 };
             }
         }
+        for (log, verdict) in verdicts.iter_mut().enumerate() {
+            if let Some(worn) =
+                worn_since_the_test(series, log).filter(|_| !matches!(verdict, Verdict::Out { .. }))
+            {
+                *verdict = worn;
+            }
+        }
         verdicts
     }
+}
+
+/// A log whose likeliest cause is friction of this joint: there is no need to know how earlier logs were.
+fn worn_since_the_test(series: &JointLogs<'_>, log: usize) -> Option<Verdict> {
+    let causes = series.causes[log].as_ref()?;
+    let WorkCause::Friction(joint, beyond) = causes.cause() else { return None };
+    let value = 1.0 + beyond;
+    (joint == series.joint).then(|| Verdict::Out {
+        severity: if beyond >= WORN_CRITICAL { Severity::Critical } else { Severity::Warning },
+        score: beyond,
+        threshold: LEAST_WEAR,
+        value,
+        baseline: 1.0,
+        message: format!(
+            "in ordinary work friction is {:.0} % above what the last test leads to expect, beyond what the other joints \
+             have; check lubrication, gearbox and brake, and run a test",
+            100.0 * beyond
+        ),
+        why: causes.why(false),
+    })
 }
 
 /// Standard deviation from log to log.
@@ -160,7 +195,12 @@ fn message(change: f64, level: &Level, log: &ProductionSummary) -> String {
 /// Friction of a log as a multiple of the test's, over that of the other joints: what all joints have in
 /// common is how warm the arm was. `None` where the joint does not move.
 fn friction_ratio(series: &JointLogs<'_>, log: usize) -> Option<f64> {
-    let multiple = |of: &ProductionJoint| 1.0 + of.friction.excess;
+    // beside what a load or a torque signal explains, where that is known
+    let rest = |of: &ProductionJoint| {
+        let causes = series.causes[log].as_ref()?;
+        causes.joints.iter().find(|rest| rest.joint == of.joint).map(|rest| rest.friction)
+    };
+    let multiple = |of: &ProductionJoint| 1.0 + rest(of).unwrap_or(of.friction.excess);
     let own = series.of(log).map(multiple)?;
     let joints = &series.history[log].joints;
     if joints.len() < FEWEST_JOINTS {

@@ -1,4 +1,4 @@
-//! Another load in ordinary work: a part of the torque appears that neither the test nor friction explains.
+//! Another load in ordinary work, of logs that were stored before causes were compared: a part of the torque appears that neither the test nor friction explains.
 //!
 //! The quantity is the relative RMSD of a log that friction does not explain, a fraction of the torque. The
 //! baseline is the median of the first [`LEARNING_LOGS`] logs after the last test. A log is out from 1.5
@@ -6,6 +6,7 @@
 //! never more than worth knowing (`info`), since another tool or program has the same effect. Section
 //! "Watched between tests" of docs/production-logs.md counts the loads that were found with these limits.
 
+use super::causes::LogCauses;
 use super::series::{JointLogs, LEARNING_LOGS, unexplained};
 use crate::anomaly::{AnomalyKind, Severity};
 use crate::numerics::detect::detector::Detector;
@@ -28,8 +29,10 @@ impl Detector<JointLogs<'_>> for LoadChange {
     }
 
     fn judge(&self, series: &JointLogs<'_>) -> Vec<Verdict> {
-        let mut verdicts = vec![Verdict::Unknown; series.history.len()];
-        let part = |log: usize| series.of(log).map(unexplained);
+        // where causes are known, a load is one of them
+        let known = |of: &Option<LogCauses>| if of.is_some() { Verdict::Quiet } else { Verdict::Unknown };
+        let mut verdicts: Vec<Verdict> = series.causes.iter().map(known).collect();
+        let part = |log: usize| series.of(log).filter(|_| series.causes[log].is_none()).map(unexplained);
         for since_test in series.by_test(part) {
             let level = since_test.level;
             let threshold = (LOAD_RATIO * level).max(level + LOAD_CHANGE);
@@ -71,15 +74,13 @@ pub(super) fn with_other_load(series: &JointLogs<'_>) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numerics::detect::production::detect_production;
-    use crate::numerics::detect::production::fixtures::{USUAL, history, wobble};
+    use crate::numerics::detect::production::fixtures::{USUAL, detected, history, wobble};
 
     #[test]
     fn another_load_is_no_wear() {
         let load = |i: usize, j: usize| if i >= 16 && j < 3 { 0.12 } else { USUAL };
-        let found = detect_production(&history(20, |i, j| {
-            (wobble(i, j) + if i >= 16 { 0.2 } else { 0.0 }, load(i, j))
-        }));
+        let found =
+            detected(&history(20, |i, j| (wobble(i, j) + if i >= 16 { 0.2 } else { 0.0 }, load(i, j))));
         let kinds: Vec<_> = found
             .iter()
             .map(|of| (of.joint.expect("one").number(), of.kind, of.severity, of.first_run_id))

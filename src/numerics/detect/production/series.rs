@@ -1,5 +1,6 @@
 //! What the logs of a robot's ordinary work say of one joint.
 
+use super::causes::{JointRest, LogCauses};
 use crate::analysis::ProductionJoint;
 use crate::anomaly::ProductionSummary;
 use crate::numerics::detect::control_chart::baseline;
@@ -15,6 +16,8 @@ pub(super) type ProductionDetector = dyn for<'a> Detector<JointLogs<'a>>;
 /// One joint over the complete logs of its robot, oldest first.
 pub(super) struct JointLogs<'a> {
     pub(super) history: &'a [ProductionSummary],
+    /// Of each log; `None` where what causes could explain is not stored.
+    pub(super) causes: &'a [Option<LogCauses>],
     pub(super) joint: JointIndex,
 }
 
@@ -30,6 +33,11 @@ impl<'a> JointLogs<'a> {
     /// What a log says of the joint, by its place in the history; `None` where the joint does not move.
     pub(super) fn of(&self, log: usize) -> Option<&'a ProductionJoint> {
         self.history[log].joints.iter().find(|of| of.joint == self.joint)
+    }
+
+    /// What a log comes to under its likeliest causes, where these are known.
+    pub(super) fn rest(&self, log: usize) -> Option<&'a JointRest> {
+        self.causes[log].as_ref()?.joints.iter().find(|of| of.joint == self.joint)
     }
 
     /// A figure of the logs, test by test; `value` gets the place of a log in the history. Tests with too few

@@ -39,14 +39,22 @@ impl Detector<JointLogs<'_>> for TestDeviation {
     }
 
     fn judge(&self, series: &JointLogs<'_>) -> Vec<Verdict> {
-        let verdict = |log| series.of(log).map_or(Verdict::Unknown, against_the_test);
+        let verdict = |log| {
+            let of = series.of(log);
+            of.map_or(Verdict::Unknown, |of| match (series.rest(log), series.causes[log].as_ref()) {
+                (Some(rest), Some(causes)) => {
+                    against_the_test(of, rest.with_friction, rest.left, causes.why(false))
+                }
+                _ => against_the_test(of, of.relative_rmsd, unexplained(of), Why::default()),
+            })
+        };
         (0..series.history.len()).map(verdict).collect()
     }
 }
 
-fn against_the_test(of: &ProductionJoint) -> Verdict {
+/// `all` and `part` are what the test leaves of the torque, with and without what friction explains.
+fn against_the_test(of: &ProductionJoint, all: f64, part: f64, why: Why) -> Verdict {
     let own = of.test_relative_rmsd.unwrap_or(0.0);
-    let (all, part) = (of.relative_rmsd, unexplained(of));
     let of_part = OFF_UNEXPLAINED.max(OFF_UNEXPLAINED_RATIO * own);
     let of_all = OFF.max(OFF_RATIO * own);
     if part < of_part && all < of_all {
@@ -71,15 +79,14 @@ fn against_the_test(of: &ProductionJoint) -> Verdict {
              {cause}",
             100.0 * all
         ),
-        why: Why::default(),
+        why,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numerics::detect::production::detect_production;
-    use crate::numerics::detect::production::fixtures::{USUAL, history, wobble};
+    use crate::numerics::detect::production::fixtures::{USUAL, detected, history, wobble};
     use crate::robot::JointIndex;
 
     #[test]
@@ -87,7 +94,7 @@ mod tests {
         // joint 2 is off from the first log on: learning its level must not make that normal
         for (off, severity) in [(0.3, Severity::Info), (1.15, Severity::Warning)] {
             let logs = history(12, |i, j| (wobble(i, j), if j == 1 && i < 12 { off } else { USUAL }));
-            let found = detect_production(&logs);
+            let found = detected(&logs);
             let [anomaly] = &found[..] else { panic!("one anomaly: {found:?}") };
             assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Accuracy, "production_relative_rmsd"));
             assert_eq!(
@@ -99,6 +106,6 @@ mod tests {
         // a test that explains its own torque badly says less
         let mut poor = history(12, |i, j| (wobble(i, j), if j == 1 { 0.3 } else { USUAL }));
         poor.iter_mut().flat_map(|log| &mut log.joints).for_each(|of| of.test_relative_rmsd = Some(0.12));
-        assert_eq!(detect_production(&poor), vec![]);
+        assert_eq!(detected(&poor), vec![]);
     }
 }

@@ -1,13 +1,12 @@
 //! Friction that rises in ordinary work, on histories made by hand.
 
 use crate::anomaly::{AnomalyKind, ProductionSummary, Severity};
-use crate::numerics::detect::production::detect_production;
-use crate::numerics::detect::production::fixtures::{USUAL, history, wobble};
+use crate::numerics::detect::production::fixtures::{USUAL, detected, history, wobble};
 
 #[test]
 fn a_joint_that_wears_between_tests_is_named_and_the_next_test_takes_it_in() {
     let wear = |i: usize, j: usize| if j == 2 && (15..20).contains(&i) { 0.25 } else { 0.0 };
-    let found = detect_production(&history(40, |i, j| (wear(i, j) + wobble(i, j), USUAL)));
+    let found = detected(&history(40, |i, j| (wear(i, j) + wobble(i, j), USUAL)));
     let [anomaly] = &found[..] else { panic!("one anomaly: {found:?}") };
     assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Drift, "production_friction"));
     assert_eq!((anomaly.joint.expect("one").number(), anomaly.severity), (3, Severity::Warning));
@@ -19,9 +18,9 @@ fn a_joint_that_wears_between_tests_is_named_and_the_next_test_takes_it_in() {
 #[test]
 fn with_too_few_joints_to_tell_warmth_friction_counts_as_it_is() {
     let mut logs = history(10, |i, j| (if i >= 6 { 0.5 } else { wobble(i, j) }, USUAL));
-    assert_eq!(detect_production(&logs), vec![], "all joints alike: the arm is cold");
+    assert_eq!(detected(&logs), vec![], "all joints alike: the arm is cold");
     logs.iter_mut().for_each(|log| log.joints.truncate(1));
-    assert_eq!(detect_production(&logs).len(), 1);
+    assert_eq!(detected(&logs).len(), 1);
 }
 
 /// Logs behind `tests` tests of ten logs each. The level of a joint's logs differs from test to test by a standard
@@ -42,7 +41,7 @@ fn tested(tests: usize, spread: f64, wear: impl Fn(usize, usize) -> f64) -> Vec<
 #[test]
 fn wear_that_is_there_in_the_first_logs_after_a_test_is_not_learnt() {
     let worn = |test: usize, joint: usize| if test == 6 && joint == 2 { 0.4 } else { 0.0 };
-    let found = detect_production(&tested(8, 0.02, worn));
+    let found = detected(&tested(8, 0.02, worn));
     let [anomaly] = &found[..] else { panic!("one anomaly: {found:#?}") };
     assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Drift, "production_friction"));
     assert_eq!(anomaly.joint.expect("one").number(), 3);
@@ -54,10 +53,10 @@ fn wear_that_is_there_in_the_first_logs_after_a_test_is_not_learnt() {
 #[test]
 fn before_there_are_three_tests_their_logs_are_learnt_as_they_are() {
     let worn = |test: usize, joint: usize| if test == 2 && joint == 2 { 0.4 } else { 0.0 };
-    assert_eq!(detect_production(&tested(3, 0.02, worn)), vec![]);
+    assert_eq!(detected(&tested(3, 0.02, worn)), vec![]);
 }
 
 #[test]
 fn tests_that_know_friction_to_five_percent_are_no_wear() {
-    assert_eq!(detect_production(&tested(120, 0.05, |_, _| 0.0)), vec![]);
+    assert_eq!(detected(&tested(120, 0.05, |_, _| 0.0)), vec![]);
 }

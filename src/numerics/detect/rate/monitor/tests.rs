@@ -69,21 +69,21 @@ fn the_rate_is_the_one_asked_for_with_memory_and_without() {
 }
 
 /// Rates of 0.2, 1, 5 and 20 a year of 2920 values (daily tests of eight cycles) are held within half and one and a half
-/// times, for the autocorrelations 0, 0.3, 0.6 and 0.9 with normal values; with t(4), they are not exceeded. A
-/// rate of 0.2 a year has 80 alarms in 400 series-years.
+/// times, for the autocorrelations 0, 0.3, 0.6 and 0.9 with normal values, and with t(4) where 1,000 values are learnt from;
+/// with fewer, t(4) may have less. A rate of 0.2 a year has 80 alarms in 400 series-years.
 #[test]
-#[ignore = "realised rates of 10,720 series-years, 31 million values: one to three minutes"]
+#[ignore = "realised rates of 16,080 series-years, 55 million values: some minutes"]
 fn rates_keep_their_bounds() {
     let mut wrong = Vec::new();
     for (per_year, series) in [(0.2, 400), (1.0, 200), (5.0, 50), (20.0, 20)] {
         for correlation in [0.0, 0.3, 0.6, 0.9] {
             for freedom in [None, Some(4.0)] {
-                for learnt in [OWN_FROM, 320] {
+                for learnt in [OWN_FROM, 320, 1000] {
                     let found = alarms(correlation, freedom, 2920.0 / per_year, learnt, 2920, series) as f64;
                     let asked = per_year * series as f64;
                     // two standard errors of the count beside the bound
-                    let most = if freedom.is_some() { 1.0 } else { 1.5 } * asked;
-                    let least = if freedom.is_some() { 0.0 } else { 0.5 } * asked;
+                    let most = 1.5 * asked;
+                    let least = if freedom.is_some() && learnt < 1000 { 0.0 } else { 0.5 } * asked;
                     if found > most + 2.0 * most.sqrt() || found < least - 2.0 * least.sqrt() {
                         wrong.push(format!(
                             "{per_year} a year, f {correlation}, {freedom:?}, {learnt} values: {found} of {asked}"

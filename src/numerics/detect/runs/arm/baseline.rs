@@ -7,7 +7,7 @@ use crate::anomaly::brief::Brief;
 use crate::anomaly::{RunParameter, RunSummary};
 use crate::numerics::detect::runs::first_tests::first_tests;
 use crate::numerics::statistics::descriptive::{mean, median, robust_deviation};
-use crate::robot::{JointIndex, ParameterId, ParameterKind};
+use crate::robot::{JointIndex, ParameterId, shares_of_link};
 
 /// Least standard deviation of a parameter from run to run, as a fraction of it.
 const LEAST_DEVIATION: f64 = 1e-3;
@@ -96,7 +96,7 @@ impl Baseline {
             let value = median(&means).filter(|_| means.len() == count)?;
             let usual =
                 Usual { value, deviation: least * (1.0 + std::f64::consts::FRAC_PI_2 / count as f64).sqrt() };
-            Some((of.id, usual, of_last_link(&of.terms, last?)))
+            Some((of.id, usual, shares_of_link(&of.terms, last?)))
         };
         let parameters: Vec<_> =
             first.map(|run| run.parameters.iter().filter_map(usual).collect()).unwrap_or_default();
@@ -220,15 +220,4 @@ pub(super) fn friction(run: &RunSummary, joint: JointIndex) -> Option<f64> {
 
 pub(super) fn rmsd(run: &RunSummary, joint: JointIndex) -> Option<f64> {
     run.joints.iter().find(|of| of.joint == joint)?.relative_rmsd.filter(|rmsd| *rmsd > 0.0)
-}
-
-/// The coefficients of the ten standard parameters of the last link in a base parameter.
-fn of_last_link(terms: &[(f64, ParameterId)], last: JointIndex) -> [f64; 10] {
-    let mut found = [0.0; 10];
-    for (coefficient, id) in terms.iter().filter(|(_, id)| id.joint == last) {
-        if let ParameterKind::Inertial(place) = id.kind {
-            found[usize::from(place)] += coefficient;
-        }
-    }
-    found
 }

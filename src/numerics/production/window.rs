@@ -1,33 +1,23 @@
 //! Windows of ordinary work against parameters that a test has given: no identification, since a program
 //! of production moves as it must and not as parameters need.
 
-use super::NumericsError;
-use super::analyse::{Method, keep_factors, note_gaps, unanalysed, without_positions};
-use super::identify::filtered_columns::filtered_coulomb_columns;
-use super::identify::joint_factors::{FactorColumns, JointFactor, factor_cycle};
-use super::identify::verify::torque_rmsd;
-use super::signal::filter::filter_signals;
-use super::statistics::descriptive::median;
+use super::evidence::window_evidence;
+use super::reference::Reference;
 use crate::analysis::{
-    CycleAnalysis, Estimator, FrictionExcess, JointCheck, Motion, ProductionCheck, ProductionJoint, RmsdPair,
-    RmsdScope,
+    CycleAnalysis, FrictionExcess, JointCheck, Motion, ProductionCheck, ProductionJoint, RmsdPair, RmsdScope,
 };
+use crate::numerics::NumericsError;
+use crate::numerics::analyse::{Method, keep_factors, note_gaps, unanalysed, without_positions};
+use crate::numerics::identify::filtered_columns::filtered_coulomb_columns;
+use crate::numerics::identify::joint_factors::{FactorColumns, JointFactor, factor_cycle};
+use crate::numerics::identify::verify::torque_rmsd;
+use crate::numerics::signal::filter::filter_signals;
+use crate::numerics::statistics::descriptive::median;
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{Cycle, RunKind};
 
 /// Why a window of production has no parameters; never shown while it has factors.
 const NO_IDENTIFICATION: &str = "production is not identified on";
-
-/// Parameters of a test.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Reference {
-    /// The run that they were identified on.
-    pub run_id: i64,
-    /// How its rows became parameters.
-    pub estimator: Estimator,
-    /// Base parameters, friction among them.
-    pub parameters: Vec<(ParameterId, f64)>,
-}
 
 /// Conditions a window as a cycle of a test, keeps its factors, and holds its torques against those that
 /// `reference` gives, see [`check_window`].
@@ -86,6 +76,7 @@ pub fn check_window(
         reference_run_id: reference.run_id,
         estimator: reference.estimator,
         joints: joints.collect(),
+        evidence: window_evidence(columns, factors, reference)?,
     })
 }
 
@@ -148,8 +139,10 @@ pub fn summarise<'a>(checks: impl IntoIterator<Item = &'a [JointCheck]>) -> Vec<
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
-    use crate::analysis::Rmsd;
+    use crate::analysis::{Estimator, Rmsd};
     use crate::numerics::analyse::AnalysisSettings;
     use crate::numerics::identify::joint_factors::tests::cycle;
     use crate::numerics::identify::joint_factors::unpack;
@@ -168,8 +161,12 @@ mod tests {
         let parameters: Vec<(ParameterId, f64)> = (method.base.kept.iter().enumerate())
             .map(|(k, id)| (*id, 1.0 + (k * 7919 % 13) as f64))
             .collect();
-        let reference =
-            Reference { run_id: 7, estimator: Estimator::Weighted, parameters: parameters.clone() };
+        let reference = Reference {
+            run_id: 7,
+            estimator: Estimator::Weighted,
+            parameters: parameters.clone(),
+            last_link: BTreeMap::new(),
+        };
         let analysis = analyse_window(&method, &window, Some(&reference));
         assert_eq!((analysis.refusal(), analysis.cycle, analysis.rows), (None, 4, 1200));
         assert!(analysis.friction_points.is_empty() && analysis.verification.is_empty());
