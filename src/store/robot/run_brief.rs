@@ -14,7 +14,7 @@ use crate::anomaly::RunSummary;
 use crate::anomaly::brief::{Brief, JointBrief};
 use crate::numerics::detect::runs::brief::brief;
 
-/// First byte of each column; other values are of another format.
+/// First byte of each column; other values are of another format, whose rows a migration takes away.
 const FORMAT: u8 = 1;
 
 /// What a test comes to by joint, and what stands for its cycles.

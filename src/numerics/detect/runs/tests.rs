@@ -1,6 +1,7 @@
 //! All detectors of tests together, on histories made by hand.
 
 use super::fixtures::{JOINT, history, run, wobble};
+use super::series::friction_history;
 use super::*;
 use crate::anomaly::{AnomalyKind, Knowledge, Severity};
 
