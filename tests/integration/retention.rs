@@ -143,13 +143,17 @@ fn what_is_no_age_and_no_database_is_refused() {
     assert!(!workshop.path("armwatch.db").exists());
 }
 
-/// Bytes in use, of factors and of the rest: those of pages without what is free in them.
+/// Bytes in use, of factors with what is kept of windows as long as these, and of the rest: those of pages without what is
+/// free in them.
 fn used(workshop: &Workshop) -> [f64; 2] {
-    let of = |factors: &str| {
-        let sql = format!("SELECT sum(pgsize - unused) FROM dbstat WHERE name {factors} LIKE '%factor%'");
+    let of = |factors: u8| {
+        let sql = format!(
+            "SELECT sum(pgsize - unused) FROM dbstat
+             WHERE (name LIKE '%factor%' OR name LIKE '%evidence%') = {factors}"
+        );
         workshop.number(&sql) as f64
     };
-    [of(""), of("NOT")]
+    [of(1), of(0)]
 }
 
 /// The numbers in the row of the table of sizes that begins with `name`, kB.

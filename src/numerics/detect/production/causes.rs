@@ -15,7 +15,8 @@
 //!
 //! A cause adds torque along its directions ([`WorkDirection`]) with sizes of its own. A load may come with each of the
 //! others, since work carries tools. The cost of a hypothesis is the least of the weighted squares that it leaves and of
-//! its random effects, in units of chi², plus [`PARAMETER_PRICE`] for each of its parameters. A cause is clear if the cost
+//! its random effects, in units of chi², plus [`PARAMETER_PRICE`] for each of its parameters and [`CHANNEL_PRICE`] for a torque
+//! signal. A cause is clear if the cost
 //! without it is higher by twice the logarithm that the rate of false alarms asks for.
 
 use nalgebra::{DMatrix, DVector};
@@ -36,8 +37,8 @@ const LEAST_REST: f64 = 0.005;
 /// joint beside the others. Viscous friction falls with warmth, Coulomb friction hardly.
 const COMMON_COULOMB: f64 = 0.2;
 const COMMON_VISCOUS: f64 = 0.5;
-const OWN_COULOMB: f64 = 0.07;
-const OWN_VISCOUS: f64 = 0.15;
+const OWN_COULOMB: f64 = 0.05;
+const OWN_VISCOUS: f64 = 0.10;
 
 /// Prior standard deviations of the sizes of causes: friction, as much again; a gain; an offset, as a fraction of the
 /// joint's torque; a load's mass, kg, and first moments, kg m.
@@ -49,10 +50,13 @@ const MOMENT_SIZE: f64 = 5.0;
 
 /// Price of one parameter, in units of chi².
 const PARAMETER_PRICE: f64 = 4.0;
+/// Further price of a channel that reads wrong: friction of a joint that carries no weight is most of its torque, and wears more
+/// often than a signal fails.
+const CHANNEL_PRICE: f64 = 20.0;
 /// Price of a cause that is not known: it explains anything.
 const UNKNOWN_PRICE: f64 = 150.0;
 /// Log-likelihood of a cause beyond what the rate of false alarms asks for: random effects and noise are stated.
-const MARGIN: f64 = 10.0;
+const MARGIN: f64 = 5.0;
 
 /// Least mass that is called a load, kg, and how many of its standard errors.
 const LEAST_MASS: f64 = 0.2;
@@ -383,7 +387,11 @@ impl<'a> System<'a> {
         let sizes = &covariance * &right;
         let all: f64 =
             self.evidence.iter().zip(&self.weights).map(|(of, w)| w * of.product(DEVIATION, DEVIATION)).sum();
-        let cost = all - right.dot(&sizes) + PARAMETER_PRICE * own as f64;
+        let channel = match hypothesis {
+            Hypothesis::Gain(_) | Hypothesis::Offset(_) => CHANNEL_PRICE,
+            Hypothesis::None | Hypothesis::Friction(_) => 0.0,
+        };
+        let cost = all - right.dot(&sizes) + PARAMETER_PRICE * own as f64 + channel;
         cost.is_finite().then_some(Solution { columns, sizes, covariance, cost })
     }
 
