@@ -237,29 +237,23 @@ fn wear_between_tests_is_found() {
     }
 }
 
-/// A fault that work has and the test before it had not, as a row prints it.
-fn fault(kind: FaultKind, joint: Option<usize>, start_run: u32) -> Fault {
-    Fault { kind, joint: joint.map(JointIndex::new), start_run, last_run: None }
+/// A fault that work has and the test before it had not.
+fn fault(kind: FaultKind, joint: usize, start_run: u32) -> Fault {
+    Fault { kind, joint: Some(JointIndex::new(joint)), start_run, last_run: None }
 }
 
 #[test]
 #[ignore = "hundreds of simulated recordings, to be looked at by hand"]
 fn causes_of_work_are_named_from_the_first_log_on() {
     let arm = Arm::new("er3a");
-    let mut rows: Vec<(String, Box<dyn Fn(usize) -> Option<FaultKind>>)> = Vec::new();
-    rows.push(("none".into(), Box::new(|_| None)));
-    for size in [0.05, 0.1] {
-        rows.push((format!("gain of {size}"), Box::new(move |_| Some(FaultKind::Gain { size }))));
-    }
-    for rate in [0.25, 0.5] {
-        rows.push((
-            format!("{rate} more friction"),
-            Box::new(move |_| Some(FaultKind::Wear { rate_per_run: rate, cap: rate })),
-        ));
-    }
-    for torque in [3.0, 8.0] {
-        rows.push((format!("offset of {torque} Nm"), Box::new(move |_| Some(FaultKind::Offset { torque }))));
-    }
+    let gains = [0.05, 0.1].map(|size| (format!("gain of {size}"), Some(FaultKind::Gain { size })));
+    let frictions = [0.25, 0.5].map(|rate| {
+        (format!("{rate} more friction"), Some(FaultKind::Wear { rate_per_run: rate, cap: rate }))
+    });
+    let offsets =
+        [3.0, 8.0].map(|torque| (format!("offset of {torque} Nm"), Some(FaultKind::Offset { torque })));
+    let none = std::iter::once(("none".to_owned(), None));
+    let rows = none.chain(gains).chain(frictions).chain(offsets);
     for (name, kind) in rows {
         for seed in 600..606 {
             let joint = usize::try_from(seed).expect("small") % 6;

@@ -105,9 +105,9 @@ fn joint_evidence(
                 *along = (row..b).map(|k| r[(row, k)] * directions[(k, place)]).sum();
             }
             along[DEVIATION] = r[(row, b)] - along[DEVIATION];
-            for a in 0..=DEVIATION {
+            for (a, of_a) in along.iter().enumerate() {
                 for (b, of_b) in along.iter().enumerate().skip(a) {
-                    products[JointEvidence::index(a, b)] += along[a] * of_b;
+                    products[JointEvidence::index(a, b)] += of_a * of_b;
                 }
             }
         }

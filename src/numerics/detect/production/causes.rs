@@ -373,7 +373,7 @@ impl<'a> System<'a> {
         let shows = |column: &Column| {
             column.along.iter().any(|(place, of)| self.evidence[*place].product(of.place(), of.place()) > 0.0)
         };
-        if !columns.iter().all(shows) && has_load && !columns[own - WorkDirection::LOAD..].iter().any(shows) {
+        if has_load && !columns[own - WorkDirection::LOAD..].iter().any(shows) {
             return None;
         }
         columns.extend(self.warmth.iter().map(|of| Column { along: of.along.clone(), ..*of }));
@@ -538,9 +538,9 @@ mod tests {
                 along[4..8].copy_from_slice(&load);
                 let effect: f64 = along.iter().zip(sizes).map(|(torque, size)| torque * size).sum();
                 along[DEVIATION] = effect + own.0 * along[0] + own.1 * along[1] + 0.2 * draw();
-                for a in 0..=DEVIATION {
-                    for b in a..=DEVIATION {
-                        products[JointEvidence::index(a, b)] += along[a] * along[b] / 2000.0;
+                for (a, of_a) in along.iter().enumerate() {
+                    for (b, of_b) in along.iter().enumerate().skip(a) {
+                        products[JointEvidence::index(a, b)] += of_a * of_b / 2000.0;
                     }
                 }
             }

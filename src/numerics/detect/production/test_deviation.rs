@@ -43,7 +43,9 @@ impl Detector<JointLogs<'_>> for TestDeviation {
             let of = series.of(log);
             of.map_or(Verdict::Unknown, |of| match (series.rest(log), series.causes[log].as_ref()) {
                 (Some(rest), Some(causes)) => {
-                    against_the_test(of, rest.with_friction, rest.left, causes.why(false))
+                    // what is left is no cause that was compared
+                    let why = Why { odds: None, ..causes.why(false) };
+                    against_the_test(of, rest.with_friction, rest.left, why)
                 }
                 _ => against_the_test(of, of.relative_rmsd, unexplained(of), Why::default()),
             })
