@@ -175,10 +175,10 @@ fn states(samples: &Samples, n: usize) -> Vec<LaneStates> {
     let velocity = samples.velocity.as_ref().expect("velocities");
     let of_rows = |first: usize| {
         let mut states = LaneStates::default();
-        for j in 0..n {
+        for (j, velocity) in velocity.iter().enumerate().take(n) {
             let lanes = |channel: &[f64]| Lanes(std::array::from_fn(|lane| channel[first + lane]));
             states.q[j] = lanes(&samples.position[j]);
-            states.qd[j] = lanes(&velocity[j]);
+            states.qd[j] = lanes(velocity);
             states.qdd[j] = lanes(&samples.torque[j]);
         }
         states
