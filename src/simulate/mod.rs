@@ -29,7 +29,7 @@ mod tests;
 pub mod trajectory;
 pub mod truth;
 pub mod unit;
-pub mod warmth;
+mod warmth;
 
 use crate::simulate::error::SimulateError;
 use std::fs;
@@ -53,13 +53,12 @@ use friction::{FrictionShape, RippleOrder, ThermalState, joint_friction};
 use hall::{HallSettings, WorkingHours};
 use load::Load;
 use record::record;
-use recording::{Clock, Recording, Row, SensorSettings};
+use recording::{Clock, Heating, Recording, Row, SensorSettings};
 use servo::{Servo, ServoSettings};
 use temperatures::TemperatureSettings;
 use trajectory::{ExcitationParts, FrictionPosture, PlanSettings, plan_cycle};
 use truth::{CycleTruth, FaultTruth, JointTruth, LoadTruth, RunTruth, write_truth};
 use unit::{UnitSpread, unit};
-use warmth::Heating;
 
 /// Rows between two reports of progress.
 const PROGRESS_ROWS: u64 = 10_000;

@@ -11,7 +11,6 @@ use super::motion::PerJoint;
 use super::servo::Servo;
 use super::temperatures::TemperatureSettings;
 use super::trajectory::CyclePlan;
-use super::warmth::Heating;
 use crate::run::{FrictionSignal, Stage};
 
 /// What the signals add to the truth: rad, rad/s (m, m/s) and Nm (N).
@@ -47,6 +46,16 @@ impl Default for SensorSettings {
             torque_hum: None,
         }
     }
+}
+
+/// What warms a gear.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Heating {
+    /// Time alone, as if the arm never rested.
+    #[default]
+    Time,
+    /// The power that friction takes; rest cools.
+    Work,
 }
 
 /// How the instants of rows follow each other, with the same mean step.

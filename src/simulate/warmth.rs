@@ -7,18 +7,8 @@
 use super::friction::{ThermalState, cold_parts, multiplier_of, thermal_multiplier};
 use super::heat::usual_losses;
 use super::motion::PerJoint;
-use super::recording::Recording;
+use super::recording::{Heating, Recording};
 use crate::robot::MAX_JOINTS;
-
-/// What warms a gear.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Heating {
-    /// Time alone, as if the arm never rested.
-    #[default]
-    Time,
-    /// The power that friction takes; rest cools.
-    Work,
-}
 
 /// Most power that counts, in units of the usual one: a first row from rest is no furnace.
 const POWER_MOST: f64 = 3.0;

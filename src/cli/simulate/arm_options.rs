@@ -6,10 +6,9 @@ use crate::cli::context::CliError;
 use crate::simulate::SimulationSettings;
 use crate::simulate::friction::RippleOrder;
 use crate::simulate::hall::{HallSettings, WorkingHours};
-use crate::simulate::recording::SensorSettings;
+use crate::simulate::recording::{Heating, SensorSettings};
 use crate::simulate::servo::ServoSettings;
 use crate::simulate::unit::UnitSpread;
-use crate::simulate::warmth::Heating;
 
 /// Link parameters of units differ by this part of what their friction differs by.
 const BODIES_OF_FRICTION: f64 = 0.05;
@@ -207,7 +206,7 @@ mod tests {
         assert_eq!(found.sensors, SensorSettings { torque_hum: Some([50.0, 0.2]), ..plain.sensors });
         let work = found.work.expect("shifts");
         assert_eq!((work.shifts[1], work.days), ([14.0, 22.5], 5));
-        assert_eq!(found.unit_spread, UnitSpread { friction: 0.2, bodies: 0.01 });
+        assert_eq!(found.unit_spread, UnitSpread { friction: 0.2, bodies: BODIES_OF_FRICTION * 0.2 });
         assert_eq!(read("--ripple none").expect("none").applied(plain).ripples, Some(Vec::new()));
         for (wrong, said) in [
             ("--ripple 2", "such as 1=0.03,2=0.05"),

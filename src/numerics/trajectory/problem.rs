@@ -473,7 +473,9 @@ mod tests {
                     assert!(state[2].abs() < 1e-9 * size.max(1.0), "{state:?}");
                 }
             }
-            assert_eq!(!broken_by_series(&robot, &wild).is_empty(), size > 0.1);
+            // sines of these numbers stay inside longer
+            let beyond = if form == SeriesForm::Fourier { 0.1 } else { 1.0 };
+            assert_eq!(!broken_by_series(&robot, &wild).is_empty(), size > beyond);
             if form == SeriesForm::HarmonicSine {
                 assert!(tame.b.iter().flatten().all(|b| *b == 0.0), "{tame:?}");
             }
