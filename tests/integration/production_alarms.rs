@@ -257,8 +257,7 @@ fn causes_of_work_are_named_from_the_first_log_on() {
     for (name, kind) in rows {
         for seed in 600..606 {
             let joint = usize::try_from(seed).expect("small") % 6;
-            let faults: Vec<Fault> =
-                kind(joint).map(|kind| fault(kind, Some(joint), 3)).into_iter().collect();
+            let faults: Vec<Fault> = kind.iter().map(|kind| fault(*kind, joint, 3)).collect();
             let history = arm.history(seed, 1, |run| State { faults: faults.clone(), ..weather(seed, run) });
             report(&format!("{name}, joint {}", joint + 1), &history);
         }
