@@ -2,6 +2,9 @@
 
 /// What is known of the cycles of a complete test without reading them.
 ///
+/// What was found in the cycles of a test, as bytes, each with the hash of all that it follows from.
+pub type Judgements = Vec<(u64, Vec<u8>)>;
+
 /// It follows from the test's own figures alone, but for `judgements`, each of which has the hash of all that it follows
 /// from: it holds where that hash is the one that the history now gives.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -16,7 +19,7 @@ pub struct Brief {
     pub joints: Vec<JointBrief>,
     /// What was found in the cycles against the tests that they were compared with, by hash; one entry for each set of
     /// these, so that maintenance of single joints makes several.
-    pub judgements: Vec<(u64, Vec<u8>)>,
+    pub judgements: Judgements,
 }
 
 /// What is known of the cycles of a test in one joint.

@@ -141,7 +141,7 @@ enum Command {
     /// A run or a robot on one page, in words, figures and tables
     Report(report::command::ReportArgs),
     /// Write exports of an arm, with chosen faults and a truth file
-    Simulate(simulate::command::SimulateArgs),
+    Simulate(Box<simulate::command::SimulateArgs>),
     /// Test motions for an arm: design, check, export, plot
     Trajectory {
         #[command(subcommand)]

@@ -521,7 +521,7 @@ fn check_settings(robot: &Robot, settings: &SimulationSettings) -> Result<(), Si
     if let Some((key, value)) = durations.into_iter().find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
         return setting(key, value.to_string(), "it must be 0 or more");
     }
-    if !(settings.friction_direction.abs() < 1.0) {
+    if settings.friction_direction.is_nan() || settings.friction_direction.abs() >= 1.0 {
         let value = settings.friction_direction.to_string();
         return setting("friction_direction", value, "choose above -1 and below 1");
     }

@@ -1,4 +1,4 @@
--- made from migrations 8160259a16f71dbca5de422ededcd7e8c130e9f66b39d4651fa3b34ec60bd7f5
+-- made from migrations be5b6caa759a08686e9d6ecb1c92251545050ee4b4b0fdce2cc43259a78c10c1
 PRAGMA application_id = 1098343522;
 CREATE TABLE _sqlx_migrations (
     version BIGINT PRIMARY KEY,
@@ -1730,6 +1730,35 @@ CREATE INDEX cycle_shown_as_refused ON cycle (run_id)
 WHERE CASE WHEN doubtful THEN 'doubtful' ELSE status END COLLATE BINARY = 'refused';
 CREATE INDEX cycle_with_remarks ON cycle (started_at_text)
 WHERE remarks IS NOT NULL OR CASE WHEN doubtful THEN 'doubtful' ELSE status END COLLATE BINARY = 'doubtful';
+CREATE TABLE window_evidence (
+    cycle_id INTEGER PRIMARY KEY REFERENCES cycle ON DELETE CASCADE,
+    numbers  BLOB NOT NULL
+) STRICT;
+CREATE TABLE log_evidence (
+    run_id           INTEGER NOT NULL REFERENCES run ON DELETE CASCADE,
+    reference_run_id INTEGER NOT NULL REFERENCES run ON DELETE CASCADE,
+    numbers          BLOB NOT NULL,
+    PRIMARY KEY (run_id, reference_run_id)
+) STRICT, WITHOUT ROWID;
+CREATE INDEX log_evidence_by_reference ON log_evidence (reference_run_id);
+CREATE TRIGGER check_takes_evidence AFTER DELETE ON production_check
+BEGIN
+    DELETE FROM window_evidence WHERE cycle_id = OLD.cycle_id;
+END;
+CREATE TRIGGER summary_takes_evidence AFTER DELETE ON production_summary
+BEGIN
+    DELETE FROM log_evidence WHERE run_id = OLD.run_id AND reference_run_id = OLD.reference_run_id;
+END;
+CREATE TABLE run_brief (
+    run_id     INTEGER PRIMARY KEY REFERENCES run ON DELETE CASCADE,
+    joints     BLOB NOT NULL,
+    brief      BLOB NOT NULL,
+    judgements BLOB NOT NULL
+) STRICT;
+CREATE TRIGGER run_brief_goes_with_series AFTER DELETE ON run_series
+BEGIN
+    DELETE FROM run_brief WHERE run_id = OLD.run_id;
+END;
 INSERT INTO database_identity (only_one, identity) VALUES (1, lower(hex(randomblob(6))));
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly', 0);
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly_event', 0);

@@ -51,13 +51,13 @@ Examples:
   armwatch simulate -o exports --stiffness 1=20000,2=25000 \\
       --torque-noise-correlation 0.6
   armwatch simulate -o exports --load-mass-kg 3 --load-centre-m 0,0,0.08
-  armwatch simulate -o exports --following-lag-s 0.02 \
+  armwatch simulate -o exports --following-lag-s 0.02 \\
       --command-delay-s 0.008 --torque-step 0.05 --torque-hum 50=0.1
-  armwatch simulate -o exports --friction-shape stiction \
+  armwatch simulate -o exports --friction-shape stiction \\
       --friction-direction 0.1 --friction-load 0.03 --ripple 1=0.02,2=0.05
   armwatch simulate -o exports --cycles 12 --rest-s 600 --heating-by-work
   armwatch simulate -o exports --parts points,friction --dead-s 1
-  armwatch simulate -o exports --robots 20 --unit-spread 0.2 --runs 52 \
+  armwatch simulate -o exports --robots 20 --unit-spread 0.2 --runs 52 \\
       --interval-h 168 --season-k 6 --day-k 2 --shifts 6-14,14-22
 
 Faults, each with from= (first run) and perhaps to= (last run):

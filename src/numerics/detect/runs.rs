@@ -138,10 +138,10 @@ pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &Detect
 }
 
 #[cfg(test)]
-mod brief_tests;
-#[cfg(test)]
 mod cause_tests;
 #[cfg(test)]
 mod fixtures;
+#[cfg(test)]
+mod in_brief_tests;
 #[cfg(test)]
 mod tests;

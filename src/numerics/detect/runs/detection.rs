@@ -1,5 +1,6 @@
 //! What a history says of which some tests are known in brief, or what of it has to be read first.
 
+use crate::anomaly::brief::Judgements;
 use crate::anomaly::{Findings, RunSummary};
 
 /// The outcome of looking at a history of which some tests are known in brief.
@@ -10,7 +11,7 @@ pub struct Detection {
     /// Places of all tests whose cycles were asked for, rising; those that were read are among them.
     pub needs: Vec<usize>,
     /// What is found in the cycles of tests, by place, where it is another than their brief has: for these briefs.
-    pub judgements: Vec<(usize, Vec<(u64, Vec<u8>)>)>,
+    pub judgements: Vec<(usize, Judgements)>,
 }
 
 impl Detection {
