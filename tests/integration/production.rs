@@ -127,7 +127,7 @@ fn work_before_the_first_test_waits_for_it_and_wear_shows() {
     assert!((excess(3, 3) - excess(1, 3) - 0.5).abs() < 0.1, "{} {}", excess(1, 3), excess(3, 3));
     assert!((excess(3, 2) - excess(1, 2)).abs() < 0.1, "{} {}", excess(1, 2), excess(3, 2));
     assert_eq!(
-        workshop.query("SELECT kind, quantity, joint, first_run_id FROM anomalies"),
+        workshop.query("SELECT kind, quantity, joint, run_id FROM anomalies"),
         ["drift|production_friction|3|3"]
     );
 }
