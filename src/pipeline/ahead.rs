@@ -80,7 +80,7 @@ impl ExportsAhead {
 
 impl Pipeline {
     /// Begins to read `exports` ahead, in their order: each once all rows of the one before are read, and no more than
-    /// [`CYCLES_IN_ANALYSIS`] of them before the first is asked for and after it.
+    /// `CYCLES_IN_ANALYSIS` of them before the first is asked for and after it.
     #[must_use]
     pub fn read_all_ahead(
         &self,
