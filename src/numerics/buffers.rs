@@ -3,8 +3,9 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Most channels that wait to be taken again; those of two cycles of a nine-axis arm, raw and filtered, are fewer.
-const MOST: usize = 256;
+/// Most channels that wait to be taken again: about those of one cycle of a six-axis arm, raw and filtered. A channel of a
+/// long cycle is most of a megabyte.
+const MOST: usize = 64;
 
 /// A channel may be so much longer than the one whose memory it takes, as a part of it.
 const MARGIN: usize = 64;
