@@ -1,10 +1,10 @@
 //! What stands for the cycles of a test that are not read: a few numbers, and what was found in them.
 
-/// What is known of the cycles of a complete test without reading them.
-///
 /// What was found in the cycles of a test, as bytes, each with the hash of all that it follows from.
 pub type Judgements = Vec<(u64, Vec<u8>)>;
 
+/// What is known of the cycles of a complete test without reading them.
+///
 /// It follows from the test's own figures alone, but for `judgements`, each of which has the hash of all that it follows
 /// from: it holds where that hash is the one that the history now gives.
 #[derive(Debug, Clone, PartialEq, Default)]

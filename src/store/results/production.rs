@@ -68,8 +68,9 @@ pub(in crate::store) async fn record(
     for joints in check.joints.chunks(ROWS_PER_STATEMENT) {
         insert(&mut *connection, cycle_id, check, joints).await?;
     }
-    if !check.evidence.is_empty() {
-        production_evidence::record_window(&mut *connection, cycle_id, &check.evidence).await?;
+    // that of a window in which no joint moves is of no joint; a log with a window without a row has none as a whole
+    if !check.joints.is_empty() {
+        production_evidence::record_window(connection, cycle_id, &check.evidence).await?;
     }
     Ok(())
 }
@@ -252,10 +253,9 @@ async fn summarise_run(connection: &mut SqliteConnection, run_id: i64) -> Result
         by_reference.entry(reference).or_default().entry(cycle).or_default().push(check);
     }
     let mut known = production_evidence::of_log(&mut *connection, run_id).await?;
-    let mut of_windows: BTreeMap<i64, Option<Vec<Vec<JointEvidence>>>> = BTreeMap::new();
+    let mut of_windows: BTreeMap<i64, Vec<Option<Vec<JointEvidence>>>> = BTreeMap::new();
     for (reference, evidence) in production_evidence::of_windows(&mut *connection, run_id).await? {
-        let all = of_windows.entry(reference).or_insert_with(|| Some(Vec::new()));
-        *all = all.take().zip(evidence).map(|(all, of)| [all, vec![of]].concat());
+        of_windows.entry(reference).or_default().push(evidence);
     }
     delete_summaries(&mut *connection, run_id).await?;
     for (reference, windows) in by_reference {
@@ -265,7 +265,8 @@ async fn summarise_run(connection: &mut SqliteConnection, run_id: i64) -> Result
         }
         insert_summaries(&mut *connection, run_id, reference, &joints).await?;
         // windows without factors have none of their own any more: what their log came to with them stays
-        let of_log = of_windows.remove(&reference).flatten().map(|windows| log_evidence(&windows));
+        let all: Option<Vec<_>> = of_windows.remove(&reference).unwrap_or_default().into_iter().collect();
+        let of_log = all.map(|windows| log_evidence(&windows));
         if let Some(evidence) = of_log.or_else(|| known.remove(&reference)).filter(|of| !of.is_empty()) {
             production_evidence::record_log(&mut *connection, run_id, reference, &evidence).await?;
         }

@@ -5,7 +5,7 @@ use jiff::{SignedDuration, Timestamp};
 use super::factors::with_factors;
 use super::support::*;
 use crate::analysis::work_evidence::{JointEvidence, PRODUCTS};
-use crate::analysis::{CycleFactors, Estimator, JointCheck, ProductionCheck, RmsdPair};
+use crate::analysis::{CycleFactors, Estimator, FrictionExcess, JointCheck, ProductionCheck, Rmsd, RmsdPair};
 use crate::run::RunKind;
 use crate::store::handle::Store;
 use crate::store::results::verification::FactorsGone;
@@ -33,28 +33,27 @@ async fn open_run(store: &Store, robot: &str, days: i64, cycles: u32) -> i64 {
     run_id
 }
 
-/// A concluded log with three windows that are held against `test`.
-async fn log_of_day(store: &Store, days: i64, test: i64) -> i64 {
-    let run_id = streaming_run(store, "R00", days, 0).await;
-    store.set_run_kind(run_id, RunKind::Production).await.expect("a kind");
-    let check = |number: u32| ProductionCheck {
+/// A window that is held against `test`.
+fn check(test: i64, number: u32) -> ProductionCheck {
+    let all_rows = Rmsd { value: f64::from(number), relative: 0.1, samples: 9 };
+    let products = [f64::from(number); PRODUCTS];
+    ProductionCheck {
         reference_run_id: test,
         estimator: Estimator::Weighted,
         joints: vec![JointCheck {
             joint: joint(1),
-            rmsd: RmsdPair {
-                all_rows: crate::analysis::Rmsd { value: f64::from(number), relative: 0.1, samples: 9 },
-                ..RmsdPair::default()
-            },
+            rmsd: RmsdPair { all_rows, ..RmsdPair::default() },
             friction: None,
         }],
-        evidence: vec![JointEvidence {
-            joint: joint(1),
-            windows: 1,
-            samples: 100,
-            products: [f64::from(number); PRODUCTS],
-        }],
-    };
+        evidence: vec![JointEvidence { joint: joint(1), windows: 1, samples: 100, products }],
+    }
+}
+
+/// A concluded log with three windows that are held against `test`.
+async fn log_of_day(store: &Store, days: i64, test: i64) -> i64 {
+    let run_id = streaming_run(store, "R00", days, 0).await;
+    store.set_run_kind(run_id, RunKind::Production).await.expect("a kind");
+    let check = |number: u32| check(test, number);
     for number in 1..=3 {
         let mut window = with_factors(number);
         window.kind = RunKind::Production;
@@ -239,4 +238,27 @@ async fn a_log_that_ends_again_without_a_new_window_has_its_summary_again() {
         conclusion.commit(0).await.expect("a commit");
         assert_eq!(number(&store, summaries).await, Some(1.0));
     }
+}
+
+#[tokio::test]
+async fn a_window_at_rest_leaves_a_log_the_evidence_of_its_other_windows() {
+    let (_folder, store) = fresh().await;
+    let test = test_of_day(&store, "R00", 0).await;
+    let log = log_of_day(&store, 1, test).await;
+    let moving = |number: u32| {
+        let mut check = check(test, number);
+        check.joints[0].rmsd.moving_rows = check.joints[0].rmsd.all_rows;
+        check.joints[0].friction = Some(FrictionExcess { excess: 0.1, share: 0.5 });
+        check
+    };
+    let at_rest = ProductionCheck { evidence: Vec::new(), ..check(test, 2) };
+    let mut conclusion = store.conclude(1).await.expect("a transaction");
+    conclusion
+        .settle_production(log, &[(1, moving(1)), (2, at_rest), (3, moving(3))])
+        .await
+        .expect("settled");
+    let summaries = conclusion.production_summaries().await.expect("summaries");
+    let [of] = &summaries[..] else { panic!("one test: {summaries:?}") };
+    let [evidence] = &of.evidence[..] else { panic!("one joint: {of:?}") };
+    assert_eq!((evidence.windows, evidence.samples, evidence.products), (2, 200, [2.0; PRODUCTS]));
 }

@@ -14,7 +14,8 @@
 //! deviation beside a load or a torque signal, and no log is left out. A log whose likeliest cause is friction of the joint
 //! is out from the first one on, whatever earlier logs had.
 
-use super::causes::{LEAST_WEAR, WorkCause};
+use super::causes::cause::{LEAST_WEAR, WorkCause};
+use super::causes::odds::Asked;
 use super::load_change;
 use super::series::{JointLogs, LEARNING_LOGS};
 use crate::analysis::ProductionJoint;
@@ -125,7 +126,7 @@ fn worn_since_the_test(series: &JointLogs<'_>, log: usize) -> Option<Verdict> {
              have; check lubrication, gearbox and brake, and run a test",
             100.0 * beyond
         ),
-        why: causes.why(false),
+        why: causes.why(Asked::Cause),
     })
 }
 

@@ -1,4 +1,5 @@
-//! Another load in ordinary work, of logs that were stored before causes were compared: a part of the torque appears that neither the test nor friction explains.
+//! Another load in ordinary work: a part of the torque appears that neither the test nor friction explains. Only of logs
+//! that were stored before causes were compared ([`causes`](super::causes)); of the others, a load is one of the causes.
 //!
 //! The quantity is the relative RMSD of a log that friction does not explain, a fraction of the torque. The
 //! baseline is the median of the first [`LEARNING_LOGS`] logs after the last test. A log is out from 1.5

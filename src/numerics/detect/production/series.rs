@@ -1,6 +1,7 @@
 //! What the logs of a robot's ordinary work say of one joint.
 
-use super::causes::{JointRest, LogCauses};
+use super::causes::LogCauses;
+use super::causes::fit::JointRest;
 use crate::analysis::ProductionJoint;
 use crate::anomaly::ProductionSummary;
 use crate::numerics::detect::control_chart::baseline;

@@ -5,8 +5,9 @@
 //! A log is out from 0.5 on ([`OFF`]) or, of the unexplained part, from 0.25 on ([`OFF_UNEXPLAINED`]). Both
 //! limits rise with the test's own relative RMSD, to 8 times ([`OFF_RATIO`]) and 4 times it
 //! ([`OFF_UNEXPLAINED_RATIO`]). A log is only worth knowing (`info`) below 1.0, and a warning from there on
-//! ([`OFF_WARNING`]). Section "Watched between tests" of docs/production-logs.md gives the reasons.
+//! ([`OFF_WARNING`]). Where it is known what causes explain of a log, both are what is left beside the likeliest of them. Section "Watched between tests" of docs/production-logs.md gives the reasons.
 
+use super::causes::odds::Asked;
 use super::series::{JointLogs, unexplained};
 use crate::analysis::ProductionJoint;
 use crate::anomaly::{AnomalyKind, Severity};
@@ -44,7 +45,7 @@ impl Detector<JointLogs<'_>> for TestDeviation {
             of.map_or(Verdict::Unknown, |of| match (series.rest(log), series.causes[log].as_ref()) {
                 (Some(rest), Some(causes)) => {
                     // what is left is no cause that was compared
-                    let why = Why { odds: None, ..causes.why(false) };
+                    let why = Why { odds: None, ..causes.why(Asked::Cause) };
                     against_the_test(of, rest.with_friction, rest.left, why)
                 }
                 _ => against_the_test(of, of.relative_rmsd, unexplained(of), Why::default()),

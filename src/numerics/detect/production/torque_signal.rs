@@ -4,7 +4,8 @@
 //! A log that shows it alone is worth knowing; a second one in a row, or an advantage of [`PLAIN`] over no cause, makes it a
 //! warning. An offset is looked for where the friction law of the description has a column for it.
 
-use super::causes::{LEAST_GAIN, WorkCause};
+use super::causes::cause::{LEAST_GAIN, WorkCause};
+use super::causes::odds::Asked;
 use super::series::JointLogs;
 use crate::anomaly::{AnomalyKind, Severity};
 use crate::numerics::detect::detector::Detector;
@@ -53,7 +54,7 @@ impl Detector<JointLogs<'_>> for TorqueSignal {
                     "in ordinary work the torque signal {what} the last test leads to expect; check the torque sensor or \
                      the motor current's scale and zero, and run a test"
                 ),
-                why: causes.why(false),
+                why: causes.why(Asked::Cause),
             }
         };
         (0..series.history.len()).map(verdict).collect()

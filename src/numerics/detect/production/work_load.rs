@@ -7,6 +7,7 @@
 use jiff::Timestamp;
 
 use super::causes::LogCauses;
+use super::causes::odds::Asked;
 use crate::anomaly::{Anomaly, AnomalyKind, Severity};
 use crate::numerics::detect::episodes::episodes;
 use crate::numerics::detect::verdict::Verdict;
@@ -41,7 +42,7 @@ pub(super) fn work_loads(causes: &[Option<LogCauses>], runs: &[(i64, Timestamp)]
                 value: if seen { load.mass } else { f64::NAN },
                 baseline: if seen { 0.0 } else { f64::NAN },
                 message,
-                why: of.why(true),
+                why: of.why(Asked::Load),
             }
         }),
     }
