@@ -83,11 +83,11 @@ async fn print(global: &Global, config: &Config, store: &Store, robot: Option<&s
 fn as_text(robot: &str, found: &Calibration, config: &Config) -> String {
     let budget = &found.budget;
     let mut text = format!(
-        "robot {robot}: tests {}, {:.0} a year at its present use; {} false alarms a year in {} channels: one in {:.0} tests \
+        "robot {robot}: tests {}, {:.0} a year at its present use; {} a year in {} channels: one in {:.0} tests \
          for each",
         found.tests,
         budget.tests_per_year,
-        budget.per_robot_year,
+        output::counted(budget.per_robot_year, "false alarm"),
         budget.channels,
         budget.run_length()
     );

@@ -98,19 +98,18 @@ impl Fleet {
             self.runs.iter().filter(|run| run.kind == RunKind::Test && run.status == RunStatus::Complete);
         let Counts { cycles, .. } = self.counts;
         let robots = self.robots();
-        let counted = |count: usize, one: &str| format!("{count} {one}{}", if count == 1 { "" } else { "s" });
         output::line(&format!(
             "fleet       {}, {}, {cycles} cycles; last result {last}",
-            counted(robots.len(), "robot"),
-            counted(tests.count(), "complete test"),
+            output::counted(robots.len(), "robot"),
+            output::counted(tests.count(), "complete test"),
         ));
         output::line(&format!("alarms      {}", self.alarms_in_words()));
         if !self.quarantine.is_empty() {
-            let count = counted(self.quarantine.len(), "export");
+            let count = output::counted(self.quarantine.len(), "export");
             output::line(&format!("quarantine  {count}: `armwatch quarantine list` says why"));
         }
         for run in self.live() {
-            let (robot, cycles) = (&run.robot, counted(run.cycles as usize, "cycle"));
+            let (robot, cycles) = (&run.robot, output::counted(run.cycles, "cycle"));
             output::line(&format!("being read  {robot}: {}, {cycles} stored", run.source_name));
         }
         if robots.is_empty() {

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// long cycle is most of a megabyte.
 const MOST: usize = 64;
 
-/// A channel may be so much longer than the one whose memory it takes, as a part of it.
+/// New memory has room for this part of its length more, one in 64: cycles of a test differ by some rows.
 const MARGIN: usize = 64;
 
 /// Channels that were given back, shared by all that work on an export; those of the default are given back to the system.

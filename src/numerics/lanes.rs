@@ -247,7 +247,8 @@ fn higher(high: f64, x: f64) -> f64 {
     if x > high { x } else { high }
 }
 
-/// Largest difference of two neighbours of a series, without sign; zero of fewer than two.
+/// Largest difference of two neighbours of a series, without sign; zero of fewer than two. What is not a number does not
+/// count.
 #[must_use]
 pub fn largest_step(series: &[f64]) -> f64 {
     struct LargestStep<'a>(&'a [f64], &'a mut f64);
@@ -278,7 +279,7 @@ pub fn largest_step(series: &[f64]) -> f64 {
     largest
 }
 
-/// How many numbers of a series lie in each of two closed ranges.
+/// How many numbers of a series lie in each of two closed ranges; what is not a number lies in none.
 #[must_use]
 pub fn counts_within(series: &[f64], ranges: [[f64; 2]; 2]) -> [usize; 2] {
     struct Counts<'a>(&'a [f64], [[f64; 2]; 2], &'a mut [usize; 2]);

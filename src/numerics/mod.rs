@@ -26,6 +26,7 @@ pub mod diagnose;
 pub mod friction;
 pub mod detect;
 pub mod analyse;
+pub mod analyse_run;
 pub mod production;
 pub mod partial_run;
 

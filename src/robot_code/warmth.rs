@@ -1,7 +1,7 @@
 //! How warm the joints were when their friction was identified.
 
 use crate::analysis::{FrictionPoint, WarmUpFit};
-use crate::numerics::analyse::warm_up_fits;
+use crate::numerics::analyse_run::warm_up_fits;
 use crate::numerics::friction::warm_up::warm_up_torque;
 use crate::robot::{JointIndex, ParameterKind, Robot};
 

@@ -85,9 +85,9 @@ pub struct JointFriction {
     pub more_ripples: [Ripple; MORE_RIPPLES],
     /// Travel along which the Coulomb part turns over, rad; 0 where it follows the speed alone.
     pub presliding_travel: f64,
-    /// Part by which friction is larger upwards and smaller downwards.
+    /// Part by which friction is larger in the joint's positive direction and smaller in its negative one.
     pub direction: f64,
-    /// Friction for each Nm that the gear carries.
+    /// Friction for each Nm (N) that the gear carries.
     pub load: f64,
 }
 
@@ -132,7 +132,7 @@ pub fn joint_friction(joint: &Joint, nominal: &NominalJoint, wear: f64) -> Joint
 }
 
 impl JointFriction {
-    /// The same gearbox with these ripples in place of its own; those beyond four are left out.
+    /// The same gearbox with these ripples in place of its own; those beyond 1 + [`MORE_RIPPLES`] are left out.
     #[must_use]
     pub fn with_ripples(self, orders: &[RippleOrder], gear_ratio: f64) -> Self {
         let of = |of: &RippleOrder| Ripple {
@@ -221,7 +221,13 @@ pub fn coefficients_with(friction: &JointFriction, multiplier: f64) -> [f64; FRI
 /// `f1 (1 + s exp(-(qd/v_s)²)) tanh(qd/v_0) + f2 qd + f3 qd² sign(qd) + f4 qd³` after [3.10].
 #[must_use]
 pub fn friction_torque(friction: &JointFriction, coefficients: &[f64; FRICTION_COUNT], qd: f64) -> f64 {
-    friction_torque_at(friction, coefficients, qd, (qd / friction.sign_speed).tanh())
+    friction_torque_at(friction, coefficients, qd, turned_at(friction, qd))
+}
+
+/// Part of the Coulomb friction that is there where it follows the speed `qd` alone, -1 to 1.
+#[must_use]
+pub fn turned_at(friction: &JointFriction, qd: f64) -> f64 {
+    (qd / friction.sign_speed).tanh()
 }
 
 /// As [`friction_torque`], with the part `turned` of the Coulomb friction that is there, -1 to 1.
@@ -249,7 +255,7 @@ pub fn with_direction_and_load(friction: &JointFriction, lost: f64, carried: f64
 #[must_use]
 pub fn turned_along(friction: &JointFriction, before: f64, dq: f64, qd: f64) -> f64 {
     if friction.presliding_travel <= 0.0 {
-        return (qd / friction.sign_speed).tanh();
+        return turned_at(friction, qd);
     }
     let end = if dq == 0.0 { before } else { dq.signum() };
     end + (before - end) * (-dq.abs() / friction.presliding_travel).exp()

@@ -9,11 +9,11 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use super::dynamics::joint_torque;
-use super::friction::friction_torque;
+use super::friction::{friction_torque_at, turned_at, with_direction_and_load};
 use super::motion::PerJoint;
 use super::recording::Recording;
 use super::temperatures::{TemperatureSettings, USUAL_AMBIENT};
-use crate::robot::MAX_JOINTS;
+use crate::robot::{JointIndex, MAX_JOINTS};
 use crate::run::temperature::ZERO_CELSIUS;
 
 /// Rise of the motor over its housing, and of the housing over the hall, in endless usual motion, K.
@@ -141,7 +141,11 @@ pub(super) fn usual_losses(recording: &Recording) -> Vec<[f64; 2]> {
         let rigid = joint_torque(&recording.chain, &state);
         for (j, friction) in recording.friction.iter().enumerate() {
             let qd = state.velocity[j];
-            let lost = friction_torque(friction, &friction.warm, qd);
+            let carried =
+                rigid[j] - recording.chain.motor_inertia(JointIndex::new(j)) * state.acceleration[j];
+            let turned = turned_at(friction, qd);
+            let plain = friction_torque_at(friction, &friction.warm, qd, turned);
+            let lost = with_direction_and_load(friction, plain, carried, turned);
             sums[j][0] += (rigid[j] + lost).powi(2);
             sums[j][1] += lost * qd;
         }

@@ -2,6 +2,7 @@
 //!
 //! Nothing here uses the identifier's formulas, so that one checks the other.
 
+mod blend;
 pub mod dynamics;
 mod elastic;
 pub mod error;
@@ -21,6 +22,7 @@ pub mod recording;
 pub mod record;
 pub mod servo;
 pub mod still_posture;
+mod strokes;
 pub mod temperatures;
 #[cfg(test)]
 mod test_arms;
@@ -49,7 +51,7 @@ use export::{ExportWriter, column_count};
 use fault::in_run::RunFaults;
 use fault::{Fault, loads, warm_up_factor, wear};
 use format::ExportFormat;
-use friction::{FrictionShape, RippleOrder, ThermalState, joint_friction};
+use friction::{FrictionShape, JointFriction, RippleOrder, ThermalState, joint_friction};
 use hall::{HallSettings, WorkingHours};
 use load::Load;
 use record::record;
@@ -57,7 +59,7 @@ use recording::{Clock, Heating, Recording, Row, SensorSettings};
 use servo::{Servo, ServoSettings};
 use temperatures::TemperatureSettings;
 use trajectory::{ExcitationParts, FrictionPosture, PlanSettings, plan_cycle};
-use truth::{CycleTruth, FaultTruth, JointTruth, LoadTruth, RunTruth, write_truth};
+use truth::{CycleTruth, FaultTruth, JointTruth, LoadTruth, RippleTruth, RunTruth, write_truth};
 use unit::{UnitSpread, unit};
 
 /// Rows between two reports of progress.
@@ -125,7 +127,7 @@ pub struct SimulationSettings {
     pub heating: Heating,
     /// Ripples of the torque with the motor's angle, in place of those of the shape; four at most.
     pub ripples: Option<Vec<RippleOrder>>,
-    /// Part by which friction is larger upwards and smaller downwards.
+    /// Part by which friction is larger in a joint's positive direction and smaller in its negative one.
     pub friction_direction: f64,
     /// Friction for each Nm (N) that a gear carries.
     pub friction_load: f64,
@@ -435,6 +437,11 @@ fn run_truth(
         ambient_offset_k: recording.initial.ambient_offset_k,
         position_noise_rad: recording.sensors.position_noise,
         velocity_noise_rad_s: recording.sensors.velocity_noise,
+        following_lag_s: settings.servo.lag_s,
+        command_delay_s: settings.servo.delay_s,
+        torque_step_nm: recording.sensors.torque_step,
+        torque_hum_hz_nm: recording.sensors.torque_hum,
+        heating_by_work: recording.heating == Heating::Work,
         load: settings.load.as_ref().map(|load| LoadTruth {
             mass_kg: load.mass,
             centre_m: [load.centre.x, load.centre.y, load.centre.z],
@@ -443,6 +450,10 @@ fn run_truth(
         faults: settings.faults.iter().map(fault_truth).collect(),
         cycle_truth,
     })
+}
+
+fn ripple_truth(asked: &RippleOrder, friction: &JointFriction) -> RippleTruth {
+    RippleTruth { order: asked.order, amplitude_nm: asked.part * friction.warm[0].abs() }
 }
 
 fn joint_truths(
@@ -464,6 +475,7 @@ fn joint_truths(
                 stribeck_nm: friction.bump * friction.warm[0],
                 stribeck_rad_s: friction.stribeck_speed,
                 ripple_nm: friction.ripple,
+                ripples: settings.ripples.iter().flatten().map(|of| ripple_truth(of, friction)).collect(),
                 friction_direction: friction.direction,
                 friction_load: friction.load,
                 torque_noise_nm: nominal.torque_noise,
@@ -502,7 +514,7 @@ fn check_settings(robot: &Robot, settings: &SimulationSettings) -> Result<(), Si
     if settings.grows && settings.gzip {
         return setting("gzip", "true".into(), "an export that grows is not compressed");
     }
-    let durations = [
+    let not_negative = [
         ("warming_s", settings.warming_s),
         ("initial_warm_s", settings.initial_warm_s),
         ("ambient_std_k", settings.ambient_std_k),
@@ -518,8 +530,21 @@ fn check_settings(robot: &Robot, settings: &SimulationSettings) -> Result<(), Si
         ("velocity_step", settings.sensors.velocity_step),
         ("torque_step", settings.sensors.torque_step),
     ];
-    if let Some((key, value)) = durations.into_iter().find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
+    if let Some((key, value)) = not_negative.into_iter().find(|(_, v)| !(v.is_finite() && *v >= 0.0)) {
         return setting(key, value.to_string(), "it must be 0 or more");
+    }
+    // the motion of a cycle that began before it is at rest would jump
+    let rest_s = trajectory::REST_S + settings.rest_s;
+    if settings.servo.settled_after() > rest_s {
+        let ServoSettings { lag_s, delay_s } = settings.servo;
+        let hint = "four lags and the delay must pass within the rest at the end of a cycle, 0.6 s and what is added";
+        return setting("lag_s, delay_s", format!("{lag_s}, {delay_s}"), hint);
+    }
+    if let Some([hertz, amplitude]) = settings.sensors.torque_hum
+        && !(hertz.is_finite() && hertz > 0.0 && amplitude.is_finite() && amplitude >= 0.0)
+    {
+        let hint = "choose a frequency above 0 Hz and an amplitude of 0 Nm (N) or more";
+        return setting("torque_hum", format!("{hertz}, {amplitude}"), hint);
     }
     if settings.friction_direction.is_nan() || settings.friction_direction.abs() >= 1.0 {
         let value = settings.friction_direction.to_string();

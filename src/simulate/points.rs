@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::error::SimulateError;
 use super::motion::PerJoint;
-use crate::robot::{MAX_JOINTS, Robot};
+use crate::robot::{JointKind, MAX_JOINTS, Robot};
 
 /// Part of each range, about its middle, in which points are drawn.
 const RANGE_PART: f64 = 0.9;
@@ -74,9 +74,10 @@ fn posture(robot: &Robot, number: usize, point: &[f64]) -> Result<PerJoint, Simu
         found.iter_mut().zip(robot.joint_indices()).zip(point.iter().zip(&robot.joints))
     {
         let limits = &joint.limits;
+        let unit = if joint.kind == JointKind::Revolute { "rad" } else { "m" };
         if !(limits.position_min..=limits.position_max).contains(value) {
             let problem = format!(
-                "joint {of} at {value} is outside its range of {} to {}",
+                "joint {of} at {value} {unit} is outside its range of {} to {} {unit}",
                 limits.position_min, limits.position_max
             );
             return Err(SimulateError::Point { point: number, problem });

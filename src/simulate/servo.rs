@@ -12,9 +12,9 @@ use super::motion::MotionState;
 use super::trajectory::{CyclePlan, Segment};
 use crate::robot::MAX_JOINTS;
 
-/// Points of the quadrature.
+/// Points of the quadrature, which integrates polynomials in time of degree 15 exactly.
 const POINTS: usize = 8;
-/// Lags after which nothing is left of what was before: 0.3 % of the weight.
+/// Lags after which 0.3 % of the weight is left to what was before: 9 exp(-8).
 const SETTLED_LAGS: f64 = 4.0;
 
 /// How late a motion is.
@@ -32,6 +32,14 @@ pub struct Servo {
     settings: ServoSettings,
     /// How long ago, s, and with which weight; empty where the motion is the plan.
     past: Vec<[f64; 2]>,
+}
+
+impl ServoSettings {
+    /// Time after which the motion does what the plan has done since, s.
+    #[must_use]
+    pub fn settled_after(&self) -> f64 {
+        self.delay_s + SETTLED_LAGS * self.lag_s
+    }
 }
 
 impl Servo {
@@ -68,7 +76,7 @@ impl Servo {
     /// Time after which the motion does what the plan has done since, s.
     #[must_use]
     pub fn settled_after(&self) -> f64 {
-        self.settings.delay_s + SETTLED_LAGS * self.settings.lag_s
+        self.settings.settled_after()
     }
 }
 

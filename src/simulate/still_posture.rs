@@ -11,6 +11,8 @@ const RANGE_PART: f64 = 0.9;
 const STARTS: u32 = 64;
 /// Steps of a search; near a posture each of them doubles its digits.
 const STEPS: usize = 200;
+/// Last steps of a search, which turn the axis alone: each doubles its digits, so that a few would do.
+const LAST_STEPS: usize = 20;
 /// Longest step of a joint, rad.
 const STEP_MAX: f64 = 0.3;
 /// Tilt of the axis up to which it is vertical, rad.
@@ -87,8 +89,7 @@ fn aligned(
     for step in 0..STEPS {
         let (before, axis) = axes(robot, joint.index(), &posture);
         let missing = wanted - axis;
-        // the last steps are for the axis alone
-        let is_drawn = step + 20 < STEPS;
+        let is_drawn = step + LAST_STEPS < STEPS;
         let turn = |j: usize| before[j].map_or_else(Vector3::zeros, |of| of.cross(&axis));
         let slopes: Vec<Vector3<f64>> = (0..joint.index()).map(turn).collect();
         let square = slopes.iter().fold(Matrix3::identity() * DAMPING, |sum, of| sum + of * of.transpose());

@@ -333,6 +333,11 @@ fn a_controller_that_is_late_records_the_motion_it_makes() {
             assert!((late[k].position[j] - plain[k - 2].position[j]).abs() < 1e-9, "row {k}");
         }
     }
+    // a cycle must not begin while the arm is still in the one before
+    let far_behind = ServoSettings { lag_s: 0.15, delay_s: 0.1 };
+    let settings = |rest_s: f64| SimulationSettings { servo: far_behind, rest_s, ..quick() };
+    assert!(check_settings(&robot, &settings(0.0)).is_err());
+    assert!(check_settings(&robot, &settings(0.2)).is_ok());
     let behind = silent(&robot, |of| of.servo = ServoSettings { lag_s: 0.05, delay_s: 0.0 });
     let furthest = |rows: &[recording::Row]| {
         rows.iter().zip(&plain).map(|(a, b)| (a.position[0] - b.position[0]).abs()).fold(0.0, f64::max)
@@ -344,12 +349,24 @@ fn a_controller_that_is_late_records_the_motion_it_makes() {
 
 #[test]
 fn friction_grows_with_direction_and_load_and_the_truth_says_so() {
-    let settings = SimulationSettings { friction_direction: 0.2, friction_load: 0.1, cycles: 1, ..quick() };
+    let settings = SimulationSettings {
+        friction_direction: 0.2,
+        friction_load: 0.1,
+        ripples: Some(vec![
+            RippleOrder { order: 1.0, part: 0.01 },
+            RippleOrder { order: 4.0, part: 0.02 },
+        ]),
+        cycles: 1,
+        ..quick()
+    };
     let robot = er3a_with_excitation();
     let (_folder, files) = simulate(&robot, &settings, 0);
     let truth = truth_of(&files);
     assert_eq!(truth["joints"][0]["friction_direction"], 0.2);
     assert_eq!(truth["joints"][3]["friction_load"], 0.1);
+    let ripples = &truth["joints"][3]["ripples"];
+    assert_eq!(ripples[0]["amplitude_nm"], truth["joints"][3]["ripple_nm"]);
+    assert_eq!(ripples[1]["order"], 4.0);
     let levels = truth["cycle_truth"][0]["friction_levels"].as_array().unwrap();
     let both = |joint: u64| -> Vec<[f64; 2]> {
         let own = levels.iter().filter(|level| level["joint"] == joint);
@@ -372,6 +389,11 @@ fn friction_grows_with_direction_and_load_and_the_truth_says_so() {
     }
     let joint = &plain["joints"][0];
     assert!(joint["friction_direction"].is_null() && joint["friction_load"].is_null(), "{joint}");
+    // what is not asked for leaves truth files as they were
+    assert!(joint["ripples"].is_null());
+    for key in ["following_lag_s", "command_delay_s", "torque_step_nm", "torque_hum_hz_nm", "heating_by_work"] {
+        assert!(plain[key].is_null(), "{key}");
+    }
 }
 
 #[test]

@@ -39,6 +39,21 @@ pub struct RunTruth {
     pub position_noise_rad: f64,
     /// Standard deviation of the velocity signals, rad/s.
     pub velocity_noise_rad_s: f64,
+    /// How far joints at constant speed are behind their plan, s; absent where they are not.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub following_lag_s: f64,
+    /// Time from plan and stage signals to the motion, s; absent where there is none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub command_delay_s: f64,
+    /// Step of the torque signals, Nm; absent where there is none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub torque_step_nm: f64,
+    /// Hum of the torque signals: frequency, Hz, and amplitude, Nm; absent where there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub torque_hum_hz_nm: Option<[f64; 2]>,
+    /// Whether gears warm by the work that they do; absent where they warm by time.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub heating_by_work: bool,
     /// Body at the tool frame; absent if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub load: Option<LoadTruth>,
@@ -69,7 +84,11 @@ pub struct JointTruth {
     pub stribeck_rad_s: f64,
     /// Amplitude of the torque ripple at low speed, Nm.
     pub ripple_nm: f64,
-    /// Part by which friction is larger upwards and smaller downwards; absent where it is the same.
+    /// All ripples, where they were asked for in place of that of the friction shape; else absent.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub ripples: Vec<RippleTruth>,
+    /// Part by which friction is larger in the positive direction and smaller in the negative one; absent where it is the
+    /// same.
     #[serde(skip_serializing_if = "is_zero")]
     pub friction_direction: f64,
     /// Friction for each Nm that the gear carries; absent where it does not depend on the load.
@@ -77,6 +96,15 @@ pub struct JointTruth {
     pub friction_load: f64,
     /// Standard deviation of the torque signal, Nm.
     pub torque_noise_nm: f64,
+}
+
+/// A ripple of the torque with the angle of the motor.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RippleTruth {
+    /// Waves a turn of the motor.
+    pub order: f64,
+    /// Amplitude at low speed, Nm.
+    pub amplitude_nm: f64,
 }
 
 fn is_zero(value: &f64) -> bool {

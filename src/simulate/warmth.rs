@@ -73,6 +73,17 @@ mod tests {
     }
 
     #[test]
+    fn usual_work_has_the_friction_of_gears_that_carry_a_load() {
+        let losses = |friction_load: f64| {
+            let settings = SimulationSettings { friction_load, ..SimulationSettings::default() };
+            usual_losses(&recording_of_run(&er3a(), &settings, 0).unwrap())
+        };
+        for ([_, plain], [_, loaded]) in losses(0.0).iter().zip(losses(0.1)) {
+            assert!(loaded > *plain, "{loaded} {plain}");
+        }
+    }
+
+    #[test]
     fn usual_work_warms_as_time_does_and_rest_cools_again() {
         let (by_time, by_work) = (recording(Heating::Time), recording(Heating::Work));
         let (clock, mut worked) = (Warmth::new(&by_time), Warmth::new(&by_work));

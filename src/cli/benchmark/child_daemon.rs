@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 
+use super::throughput::memory_mb;
 use crate::cli::context::CliError;
 
 /// How long a daemon may take to end when it is asked to.
@@ -55,10 +56,7 @@ impl ChildDaemon {
 
     /// Resident memory, MB; `None` where the system does not tell.
     pub(super) fn memory_mb(&self) -> Option<f64> {
-        let text = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).ok()?;
-        let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
-        let kilobytes: f64 = line.split_whitespace().next()?.parse().ok()?;
-        Some(kilobytes * 1024.0 / 1e6)
+        memory_mb(Path::new(&format!("/proc/{}/status", self.child.id())), "VmRSS:")
     }
 
     /// Open files; `None` where the system does not tell.

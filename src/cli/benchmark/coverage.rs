@@ -16,6 +16,7 @@ use crate::config::{Config, Layout, read_robot};
 use crate::ingest::rejection::Rejection;
 use crate::numerics::NumericsError;
 use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use crate::numerics::statistics::descriptive::median;
 use crate::numerics::statistics::distributions::half_width;
 use crate::numerics::trajectory::prediction::{Recording, predict};
 use crate::pipeline::take::cycles::read_cycle;
@@ -43,7 +44,7 @@ Examples:
   armwatch benchmark coverage config/robots/scara.toml --estimator ordinary \\
       --json
   armwatch benchmark coverage config/robots/er3a.toml --trajectory er3a.json
-  armwatch benchmark coverage config/robots/er3a.toml --series-alone \
+  armwatch benchmark coverage config/robots/er3a.toml --series-alone \\
       --trajectory er3a.json
   armwatch benchmark coverage config/robots/er3a.toml --exports
   armwatch benchmark coverage config/robots/er3a.toml --exports --gearbox \\
@@ -118,7 +119,7 @@ pub(in crate::cli) fn coverage(global: &Global, args: &CoverageArgs) -> Result<u
                 "smallest": smallest, "median": median, "largest": largest,
             })),
             "predicted_over_scatter": predicted.as_ref().map(|ratios| json!({
-                "median": middle(ratios), "within_10_percent": within(ratios),
+                "median": median(ratios), "within_10_percent": within(ratios),
             })),
             "parameters": found.ids.iter().zip(&found.inside).zip(&found.bias).map(|((id, inside), bias)| json!({
                 "joint": id.joint.number(), "parameter": id.name(),
@@ -130,7 +131,7 @@ pub(in crate::cli) fn coverage(global: &Global, args: &CoverageArgs) -> Result<u
         if let Some(ratios) = &predicted {
             output::line(&format!(
                 "predicted standard deviations are {:.3} of the scatter (median), {:.0} % of them within 10 %",
-                middle(ratios),
+                median(ratios).unwrap_or(f64::NAN),
                 100.0 * within(ratios)
             ));
         }
@@ -154,7 +155,7 @@ fn equal_time(args: &CoverageArgs, driven: &Robot, own: &FourierExcitation) -> f
     }
 }
 
-/// Predicted standard deviations over the scatter of the values, rising; `None` where more than one period is driven, or
+/// Predicted standard deviations over the scatter of the values, by parameter; `None` where more than one period is driven, or
 /// noise is not white.
 fn predicted_over_scatter(
     args: &CoverageArgs,
@@ -168,13 +169,7 @@ fn predicted_over_scatter(
     let recording = Recording { sample_rate_hz: args.rate_hz, periods: 1, noise };
     let prediction = predict(&method.robot, &method.base, series, &recording)?;
     let pairs = prediction.standard_deviations.iter().zip(&found.scatter);
-    let mut ratios: Vec<f64> = pairs.map(|(predicted, scatter)| predicted / scatter).collect();
-    ratios.sort_by(f64::total_cmp);
-    Ok(Some(ratios))
-}
-
-fn middle(ratios: &[f64]) -> f64 {
-    ratios[ratios.len() / 2]
+    Ok(Some(pairs.map(|(predicted, scatter)| predicted / scatter).collect()))
 }
 
 /// Part of the ratios that are within 10 % of 1.

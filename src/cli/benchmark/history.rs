@@ -30,9 +30,10 @@ const FIRST_START: &str = "2020-01-01T00:00:00Z";
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Fills a new database in a temporary folder with a history that nobody recorded, six joints a robot, and prints how long
-the questions take that conclusions of one robot ask, and its detectors, the first time and once all that they find is stored,
-and the shipped queries: those of docs/cookbook.md, of dashboards/ with their defaults, and the panels for Grafana over the last 90 days, each
-about one robot where it names one. A thousand tests of 24 cycles, 144,000 joint-cycles, take 130 MB and some seconds to make.
+the questions take that conclusions of one robot ask, and its detectors, the first time and once all that they find is
+stored, and the shipped queries: those of docs/cookbook.md, of dashboards/ with their defaults, and the panels for Grafana
+over the last 90 days, each about one robot where it names one. A thousand tests of 24 cycles, 144,000 joint-cycles, take
+130 MB and some seconds to make.
 
 Examples:
   armwatch benchmark history

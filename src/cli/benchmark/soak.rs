@@ -56,12 +56,21 @@ pub(in crate::cli) struct SoakArgs {
     /// Cycles of each test
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=24))]
     cycles: u32,
-    /// Rows a second of recording, Hz
-    #[arg(long, default_value_t = 50.0)]
+    /// Rows a second of recording, Hz, 10 to 5000
+    #[arg(long, default_value_t = 50.0, value_name = "HZ", value_parser = rate)]
     rate_hz: f64,
-    /// Recording time over time of writing
-    #[arg(long, default_value_t = 100.0)]
+    /// Recording time over time of writing, such as 100; above 0
+    #[arg(long, default_value_t = 100.0, value_name = "FACTOR", value_parser = speed)]
     speed: f64,
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|rate| (10.0..=5000.0).contains(rate)).ok_or("takes 10 to 5000 Hz".into())
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let parsed = text.parse().ok().filter(|speed: &f64| speed.is_finite() && *speed > 0.0);
+    parsed.ok_or("takes a number above 0".into())
 }
 
 fn minutes(text: &str) -> Result<f64, String> {

@@ -226,7 +226,7 @@ fn run(child: &Child<'_>, arguments: &[PathBuf]) -> Result<(Cost, String), CliEr
     });
     let mut peak_mb = 0.0_f64;
     let ended = loop {
-        peak_mb = peak_mb.max(peak_memory_mb(&status));
+        peak_mb = peak_mb.max(memory_mb(&status, "VmHWM:").unwrap_or(0.0));
         if let Some(ended) = child.try_wait().map_err(|error| CliError::Io(error.to_string()))? {
             break ended;
         }
@@ -250,12 +250,13 @@ fn children_cpu_s() -> f64 {
     fields.skip(13).take(2).filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / TICKS_A_SECOND
 }
 
-/// Largest resident memory of a process so far, MB, where the system tells.
-fn peak_memory_mb(status: &Path) -> f64 {
-    let text = std::fs::read_to_string(status).unwrap_or_default();
-    let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    let kilobytes = line.and_then(|rest| rest.split_whitespace().next()?.parse::<f64>().ok());
-    kilobytes.unwrap_or(0.0) * 1024.0 / 1e6
+/// Memory of a process by a field of its `/proc/PID/status`, MB: `VmRSS:` is resident now, `VmHWM:` at most so far; `None`
+/// where the system does not tell.
+pub(super) fn memory_mb(status: &Path, field: &str) -> Option<f64> {
+    let text = std::fs::read_to_string(status).ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix(field))?;
+    let kilobytes: f64 = line.split_whitespace().next()?.parse().ok()?;
+    Some(kilobytes * 1024.0 / 1e6)
 }
 
 /// The shortest times, and the largest memory of all turns.

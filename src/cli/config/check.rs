@@ -44,7 +44,7 @@ fn refuse(global: &Global, problems: &[ConfigProblem]) -> u8 {
         }
     }
     let count = problems.len();
-    output::print_hint(&format!("armwatch: {count} problem{}", if count == 1 { "" } else { "s" }));
+    output::print_hint(&format!("armwatch: {}", output::counted(count, "problem")));
     EXIT_USAGE
 }
 

@@ -13,7 +13,7 @@ use crate::cli::shared::life::RobotLife;
 use crate::cli::shared::output;
 use crate::cli::shared::plot::{PlotFile, index_limits, write_lines};
 use crate::cli::shared::selection::{named_runs, runs_of};
-use crate::numerics::analyse::warm_up_fits;
+use crate::numerics::analyse_run::warm_up_fits;
 use crate::numerics::friction::warm_up::warm_up_torque;
 use crate::report::figure::Figure;
 use crate::report::friction::{

@@ -56,10 +56,7 @@ impl Tally {
             text.push_str(&format!(", {not_read} not read"));
         }
         if *stored > 0 {
-            text.push_str(&format!(
-                "; {cycles} cycle{}, {refused} refused",
-                if *cycles == 1 { "" } else { "s" }
-            ));
+            text.push_str(&format!("; {}, {refused} refused", output::counted(*cycles, "cycle")));
         }
         let alarms: Vec<String> = SEVERITIES
             .into_iter()

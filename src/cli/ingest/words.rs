@@ -44,7 +44,7 @@ fn no_result(result: &RunResult, is_read_now: bool) -> String {
         (0, _) => "no result: it holds no cycle that could be measured".into(),
         (refused, reason) => format!(
             "no result: {refused} of {} were refused{}",
-            counted(result.cycles),
+            output::counted(result.cycles, "cycle"),
             reason.map_or_else(String::new, |reason| format!(": {reason}"))
         ),
     }
@@ -82,7 +82,7 @@ fn as_text(path: &Path, outcome: &Outcome) -> String {
                 "stored       {file}: robot {}, run {}, {}, {} rows",
                 run.robot,
                 run.run_id,
-                counted(run.cycles),
+                output::counted(run.cycles, "cycle"),
                 run.rows
             );
             // what is wrong with a channel is mostly wrong in every cycle
@@ -105,10 +105,6 @@ fn as_text(path: &Path, outcome: &Outcome) -> String {
         Outcome::InWork { run_id } => format!("in work      {file}: being read as run {run_id}; run again"),
         Outcome::Changed => format!("changed      {file}: changed or vanished while it was read; run again"),
     }
-}
-
-fn counted(cycles: u32) -> String {
-    if cycles == 1 { "1 cycle".into() } else { format!("{cycles} cycles") }
 }
 
 fn as_value(path: &Path, outcome: &Outcome) -> serde_json::Value {

@@ -15,7 +15,7 @@ use crate::cli::shared::life::RobotLife;
 use crate::cli::shared::plot::rmsd_limits;
 use crate::cli::shared::verification::verified_cycles;
 use crate::config::Config;
-use crate::numerics::analyse::warm_up_fits;
+use crate::numerics::analyse_run::warm_up_fits;
 use crate::report::friction::{CycleFriction, friction_figure, friction_speed_figure};
 use crate::report::page::{Block, Cell, Finding, Page, Section};
 use crate::report::residuals::{CycleResidual, residual_figure};

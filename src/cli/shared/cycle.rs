@@ -37,7 +37,7 @@ pub(in crate::cli) struct CycleArgs {
     /// Posture of the joints that hold still while one is tested for friction
     #[arg(help_heading = "Cycle", long, value_enum, default_value = "home")]
     friction_posture: FrictionPostureArg,
-    /// Rest at the end of the cycle, s
+    /// Rest at the end of the cycle, beyond the usual 0.6 s, s
     #[arg(help_heading = "Cycle", long, default_value_t = 0.0, value_name = "S")]
     rest_s: f64,
 }

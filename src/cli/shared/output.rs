@@ -1,5 +1,6 @@
 //! The one place that prints: results on standard output, words on standard error.
 
+use std::fmt::Display;
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::sync::OnceLock;
 
@@ -74,6 +75,12 @@ pub fn padded(text: &str, width: usize) -> String {
 
 fn shown_width(text: &str) -> usize {
     strip_str(text).to_string().chars().count()
+}
+
+/// A count with its noun, which is in the plural unless the count is one.
+pub fn counted<N: Display + PartialEq + From<u8>>(count: N, noun: &str) -> String {
+    let ending = if count == N::from(1) { "" } else { "s" };
+    format!("{count} {noun}{ending}")
 }
 
 /// Prints a line of words.

@@ -15,10 +15,10 @@ const BODIES_OF_FRICTION: f64 = 0.05;
 
 #[derive(Debug, Args)]
 pub(in crate::cli) struct ArmOptions {
-    /// How far joints at constant speed are behind their plan, s: a critically damped servo of second order
+    /// How far joints at constant speed are behind their plan, s, such as 0.02: a critically damped servo of second order
     #[arg(help_heading = "Controller", long, default_value_t = 0.0, value_name = "S")]
     following_lag_s: f64,
-    /// Time from plan and stage signals to the motion, s
+    /// Time from plan and stage signals to the motion, s, such as 0.008
     #[arg(help_heading = "Controller", long, default_value_t = 0.0, value_name = "S")]
     command_delay_s: f64,
     /// Standard deviation of position signals, rad (m) [default: 2e-5]
@@ -40,14 +40,15 @@ pub(in crate::cli) struct ArmOptions {
     /// noise
     #[arg(help_heading = "Signals", long, default_value_t = 0.0, value_name = "PART")]
     torque_noise_correlation: f64,
-    /// A hum of the torque signals: frequency, Hz, and amplitude, Nm (N), such as 50=0.2
+    /// A hum of the torque signals: frequency, Hz, and amplitude, Nm (N), such as 50=0.2; each joint has its own phase. Above
+    /// half of --rate-hz it appears at another frequency
     #[arg(help_heading = "Signals", long, value_name = "HZ=NM", value_parser = pair)]
     torque_hum: Option<[f64; 2]>,
     /// Ripples of the torque in place of those of the friction shape: waves a turn of the motor and amplitude as a part of
     /// the Coulomb friction, such as 1=0.03,2=0.05; four at most, none for no ripple
     #[arg(help_heading = "Friction", long, value_name = "ORDER=PART", value_parser = ripples)]
     ripple: Option<Ripples>,
-    /// Part by which friction is larger upwards and smaller downwards
+    /// Part by which friction is larger in a joint's positive direction and smaller in its negative one, such as 0.1
     #[arg(
         help_heading = "Friction",
         long,
@@ -56,7 +57,7 @@ pub(in crate::cli) struct ArmOptions {
         value_name = "PART"
     )]
     friction_direction: f64,
-    /// Friction for each Nm (N) that a gear carries
+    /// Friction for each Nm (N) that a gear carries, such as 0.03
     #[arg(help_heading = "Friction", long, default_value_t = 0.0, value_name = "PART")]
     friction_load: f64,
     /// Gears warm by the power that friction takes, and cool at rest, instead of by the time since the cold start
@@ -138,7 +139,7 @@ impl ArmOptions {
                 CliError::Usage(format!("--name {first}: its number is too large to count on from"))
             })?,
         };
-        let width = digits.len().max(2);
+        let width = if digits.is_empty() { 2 } else { digits.len() };
         Ok((0..self.robots).map(|k| format!("{stem}{:0width$}", u64::from(number) + u64::from(k))).collect())
     }
 }
@@ -228,6 +229,7 @@ mod tests {
         };
         assert_eq!(names(3, "R09"), ["R09", "R10", "R11"]);
         assert_eq!(names(2, "Left"), ["Left01", "Left02"]);
+        assert_eq!(names(2, "R9"), ["R9", "R10"]);
         assert_eq!(names(1, "Left"), ["Left"]);
     }
 }

@@ -51,7 +51,7 @@ Examples:
   armwatch simulate -o exports --stiffness 1=20000,2=25000 \\
       --torque-noise-correlation 0.6
   armwatch simulate -o exports --load-mass-kg 3 --load-centre-m 0,0,0.08
-  armwatch simulate -o exports --following-lag-s 0.02 \\
+  armwatch simulate -o exports --rate-hz 250 --following-lag-s 0.02 \\
       --command-delay-s 0.008 --torque-step 0.05 --torque-hum 50=0.1
   armwatch simulate -o exports --friction-shape stiction \\
       --friction-direction 0.1 --friction-load 0.03 --ripple 1=0.02,2=0.05

@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::arm::arm;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
+use crate::cli::shared::output;
 use crate::cli::shared::plot::PlotFile;
 use crate::cli::shared::programme::programme;
 use crate::report::trajectory::trajectory_figure;
@@ -37,13 +38,12 @@ pub(in crate::cli) fn plot(global: &Global, args: &PlotArgs) -> Result<u8, CliEr
         Some(search) => (
             &search.values[..],
             format!(
-                "condition number {:.3}, with scaled columns {:.3}; searched for {} of {} parameters, {} start{}, seed {}",
+                "condition number {:.3}, with scaled columns {:.3}; searched for {} of {} parameters, {}, seed {}",
                 search.condition_number,
                 search.scaled_condition_number,
                 search.objective,
                 search.parameters.len(),
-                search.starts,
-                if search.starts == 1 { "" } else { "s" },
+                output::counted(search.starts, "start"),
                 search.seed
             ),
         ),

@@ -103,7 +103,8 @@ impl FilteredSignals {
         joined(self.stretches.iter().map(derivative).collect(), &self.stretches, channel.len())
     }
 
-    /// As [`derivative`](Self::derivative), at `row` of evenly spaced rows alone; `None` of others.
+    /// As [`derivative`](Self::derivative), at `row` alone, per second; `None` where the row's stretch is not evenly spaced
+    /// in time.
     #[must_use]
     pub fn derivative_at(&self, channel: &[f64], row: usize) -> Option<f64> {
         let of_row = |stretch: &&Stretch| stretch.rows.contains(&row);

@@ -13,7 +13,7 @@
 use std::collections::HashSet;
 
 use super::in_brief::detected;
-use crate::numerics::analyse::warm_up_fits;
+use crate::numerics::analyse_run::warm_up_fits;
 use crate::numerics::detect::production::detect_production;
 use crate::numerics::friction::level_means::nearest_level;
 use crate::pipeline::context::{Pipeline, PipelineError};

@@ -28,7 +28,7 @@ Examples:
   armwatch trajectory design --robot er3a --columns all \\
       --objective standard-deviation --precise friction-3,load -o joint3.json
   armwatch trajectory design --robot er3a --form harmonic-sine -o sines.json
-  armwatch trajectory design --robot er3a --wear 0.02 --load-kg 0.2 \
+  armwatch trajectory design --robot er3a --wear 0.02 --load-kg 0.2 \\
       --tests-per-year 52 -o er3a.json
   armwatch trajectory design --robot er3a --resume er3a.json -o er3a.json
   armwatch trajectory design --robot er3a --beside-run 12 --seconds 10 \\
@@ -132,7 +132,7 @@ pub(in crate::cli) struct DesignArgs {
     /// configuration]
     #[arg(help_heading = "Prediction", long, value_name = "RATE")]
     pub(super) false_alarms_per_robot_year: Option<f64>,
-    /// Tests of a robot in a year
+    /// Tests of a robot in a year, which share its false alarms
     #[arg(help_heading = "Prediction", long, default_value_t = 365.25, value_name = "N")]
     pub(super) tests_per_year: f64,
     /// Growth of a joint's friction whose chance to be seen is told, a fraction

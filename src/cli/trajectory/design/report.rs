@@ -141,10 +141,10 @@ impl DesignReport<'_> {
     fn print_changes(&self, predicted: &Predicted<'_>) {
         let Predicted { recording, found, budget, .. } = predicted;
         output::line(&format!(
-            "\nWhat one period shows where noise is all that differs, at {} false alarms of a robot and year in {:.0} tests of \
-             {} channels ({:.1e} each): the smallest change that is seen with probability {DETECTION}, and how likely a given \
-             one is seen in one test",
-            budget.per_robot_year,
+            "\nWhat one period shows where noise is all that differs, with {} of a robot and year, shared among {:.0} tests of {} \
+             channels (probability {:.1e} each): the smallest change that is seen with probability {DETECTION}, and how \
+             likely a given one is seen in one test",
+            output::counted(budget.per_robot_year, "false alarm"),
             budget.tests_per_year,
             budget.channels,
             budget.alpha(),
