@@ -374,7 +374,7 @@ def check_cookbook(database, page):
     if len(entries) < 20:
         wrong("cookbook", f"{page.name} has {len(entries)} statements only")
     for question, statement in entries:
-        own = set(re.findall(r"(\w+) AS (?:NOT MATERIALIZED )?\(", statement))
+        own = set(re.findall(r"(\w+) AS (?:(?:NOT )?MATERIALIZED )?\(", statement))
         for table in set(re.findall(r"(?:FROM|JOIN)\s+(\w+)", statement)) - own - public:
             wrong("cookbook", f'"{question}" reads {table}, which is no view')
         begin = time.perf_counter()
