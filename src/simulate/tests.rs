@@ -352,10 +352,7 @@ fn friction_grows_with_direction_and_load_and_the_truth_says_so() {
     let settings = SimulationSettings {
         friction_direction: 0.2,
         friction_load: 0.1,
-        ripples: Some(vec![
-            RippleOrder { order: 1.0, part: 0.01 },
-            RippleOrder { order: 4.0, part: 0.02 },
-        ]),
+        ripples: Some(vec![RippleOrder { order: 1.0, part: 0.01 }, RippleOrder { order: 4.0, part: 0.02 }]),
         cycles: 1,
         ..quick()
     };
@@ -391,7 +388,8 @@ fn friction_grows_with_direction_and_load_and_the_truth_says_so() {
     assert!(joint["friction_direction"].is_null() && joint["friction_load"].is_null(), "{joint}");
     // what is not asked for leaves truth files as they were
     assert!(joint["ripples"].is_null());
-    for key in ["following_lag_s", "command_delay_s", "torque_step_nm", "torque_hum_hz_nm", "heating_by_work"] {
+    for key in ["following_lag_s", "command_delay_s", "torque_step_nm", "torque_hum_hz_nm", "heating_by_work"]
+    {
         assert!(plain[key].is_null(), "{key}");
     }
 }
