@@ -24,6 +24,7 @@ use crate::robot::{FourierExcitation, FrictionTerm, ParameterId, ParameterKind, 
 use crate::run::Cycle;
 use crate::simulate::friction::FrictionShape;
 use crate::simulate::matched_model::{ExactSettings, record_excitation};
+use crate::simulate::recording::SensorSettings;
 use crate::simulate::{SimulationSettings, simulate_run};
 
 /// Coverage that counts as honest for nominal 95 %.
@@ -75,6 +76,12 @@ pub(in crate::cli) struct CoverageArgs {
     /// Torque noise relative to the description's
     #[arg(help_heading = "What is simulated", long, default_value_t = 1.0)]
     noise: f64,
+    /// Noise of the positions, rad (m) [default: 2e-5]
+    #[arg(help_heading = "What is simulated", long, conflicts_with = "exports", value_name = "RAD")]
+    position_noise: Option<f64>,
+    /// Noise of the velocities, rad/s (m/s) [default: 2e-3]
+    #[arg(help_heading = "What is simulated", long, conflicts_with = "exports", value_name = "RAD_S")]
+    velocity_noise: Option<f64>,
     /// The series alone, without the motion over the ranges near full speed behind it; scatters are then compared with
     /// what `armwatch trajectory design` predicts
     #[arg(help_heading = "What is simulated", long, conflicts_with = "exports")]
@@ -121,9 +128,11 @@ pub(in crate::cli) fn coverage(global: &Global, args: &CoverageArgs) -> Result<u
             "predicted_over_scatter": predicted.as_ref().map(|ratios| json!({
                 "median": median(ratios), "within_10_percent": within(ratios),
             })),
-            "parameters": found.ids.iter().zip(&found.inside).zip(&found.bias).map(|((id, inside), bias)| json!({
+            "parameters": found.ids.iter().enumerate().map(|(k, id)| json!({
                 "joint": id.joint.number(), "parameter": id.name(),
-                "coverage": *inside as f64 / found.seeds as f64, "bias_in_sigma": bias,
+                "coverage": found.inside[k] as f64 / found.seeds as f64, "bias_in_sigma": found.bias[k],
+                "stated_over_scatter": found.error_ratio[k],
+                "predicted_over_scatter": predicted.as_ref().map(|ratios| ratios[k]),
             })).collect::<Vec<_>>(),
         }));
     } else {
@@ -166,7 +175,8 @@ fn predicted_over_scatter(
     let noise: Option<Vec<f64>> =
         method.robot.joints.iter().map(|joint| Some(args.noise * joint.nominal?.torque_noise)).collect();
     let Some((series, noise)) = series.zip(noise) else { return Ok(None) };
-    let recording = Recording { sample_rate_hz: args.rate_hz, periods: 1, noise };
+    let cutoff_hz = AnalysisSettings::default().cutoff;
+    let recording = Recording { sample_rate_hz: args.rate_hz, periods: 1, cutoff_hz, noise };
     let prediction = predict(&method.robot, &method.base, series, &recording)?;
     let pairs = prediction.standard_deviations.iter().zip(&found.scatter);
     Ok(Some(pairs.map(|(predicted, scatter)| predicted / scatter).collect()))
@@ -180,10 +190,16 @@ fn within(ratios: &[f64]) -> f64 {
 
 /// Simulates and counts what was asked for, with a progress bar.
 fn counted(args: &CoverageArgs, method: &Method, layout: &Layout) -> Result<Coverage, CountError> {
+    let shipped = SensorSettings::default();
     let settings = ExactSettings {
         sample_rate_hz: args.rate_hz,
         torque_noise_scale: args.noise,
         torque_noise_correlation: args.correlation,
+        sensors: SensorSettings {
+            position_noise: args.position_noise.unwrap_or(shipped.position_noise),
+            velocity_noise: args.velocity_noise.unwrap_or(shipped.velocity_noise),
+            ..shipped
+        },
         additional: !args.series_alone,
         ..ExactSettings::default()
     };

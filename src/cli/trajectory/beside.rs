@@ -125,7 +125,8 @@ impl Beside {
         recording: &Recording,
     ) -> Result<Precision, CliError> {
         let fault = |error: crate::numerics::NumericsError| CliError::Usage(error.to_string());
-        let together = self.information.with(&Information::of_series(robot, base, series, recording));
+        let addition = Information::of_series(robot, base, series, recording).map_err(fault)?;
+        let together = self.information.with(&addition);
         Ok(Precision {
             alone: self.information.standard_deviations(&self.sizes).map_err(fault)?,
             together: together.standard_deviations(&self.sizes).map_err(fault)?,

@@ -3,8 +3,8 @@
 
 use faer::{Mat, Scale, Side};
 
-use super::observation::Observation;
-use super::prediction::{Recording, basis_of};
+use super::prediction::Recording;
+use super::recorded_rows::recorded_factors;
 use crate::numerics::NumericsError;
 use crate::numerics::identify::joint_factors::{FactorColumns, JointFactor};
 use crate::numerics::model::base_parameters::BaseParameters;
@@ -28,23 +28,23 @@ impl Information {
     }
 
     /// What a recording of a series tells.
-    #[must_use]
+    ///
+    /// # Errors
+    /// Those of [`recorded_factors`].
     pub fn of_series(
         robot: &Robot,
         base: &BaseParameters,
         series: &FourierExcitation,
         recording: &Recording,
-    ) -> Self {
-        let all: Vec<usize> = (0..base.kept.len()).collect();
-        let observation = Observation::new(robot, base, &all);
-        let factors = observation.joint_factors(series, &basis_of(series, recording.sample_rate_hz));
-        let b = all.len();
+    ) -> Result<Self, NumericsError> {
+        let b = base.kept.len();
         let mut information = Self::none(b);
+        let factors = recorded_factors(robot, base, series, recording)?;
         for (factor, noise) in factors.iter().zip(&recording.noise) {
             let own = factor.upper().submatrix(0, 0, b, b);
-            information.0 += Scale(f64::from(recording.periods) / (noise * noise)) * (own.transpose() * own);
+            information.0 += Scale(1.0 / (noise * noise)) * (own.transpose() * own);
         }
-        information
+        Ok(information)
     }
 
     /// What rows behind `factors` tell, at the noise of each joint's torque signal `[n]`, Nm (N).
@@ -158,8 +158,9 @@ mod tests {
         let robot = er3a();
         let base = base_parameters(&robot).expect("base parameters");
         let series = robot.excitation.clone().expect("Table 4.1");
-        let recording = |periods: u32| Recording { sample_rate_hz: 50.0, periods, noise: vec![0.3; 6] };
-        let one = Information::of_series(&robot, &base, &series, &recording(1));
+        let recording =
+            |periods: u32| Recording { sample_rate_hz: 50.0, periods, cutoff_hz: 12.0, noise: vec![0.3; 6] };
+        let one = Information::of_series(&robot, &base, &series, &recording(1)).expect("rows");
         let sizes = vec![1e3; base.kept.len()];
         let by_hand = one.with(&one.times(2.0)).standard_deviations(&sizes).expect("deviations");
         let expected = predict(&robot, &base, &series, &recording(3)).expect("a prediction");
@@ -192,8 +193,8 @@ mod tests {
         let mut series = robot.excitation.clone().expect("Table 4.1");
         // the first joint stands still
         series.a[0].iter_mut().chain(&mut series.b[0]).for_each(|of| *of = 0.0);
-        let recording = Recording { sample_rate_hz: 50.0, periods: 1, noise: vec![0.3; 6] };
-        let found = Information::of_series(&robot, &base, &series, &recording);
+        let recording = Recording { sample_rate_hz: 50.0, periods: 1, cutoff_hz: 12.0, noise: vec![0.3; 6] };
+        let found = Information::of_series(&robot, &base, &series, &recording).expect("rows");
         let deviations = found.standard_deviations(&vec![1.0; base.kept.len()]).expect("deviations");
         let seen = |name: &str| {
             let place = base.kept.iter().position(|id| id.to_string() == name).expect("a parameter");

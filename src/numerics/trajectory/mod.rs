@@ -6,5 +6,6 @@ pub mod clearance;
 pub mod observation;
 pub mod objective;
 pub mod problem;
+pub mod recorded_rows;
 pub mod prediction;
 pub mod information;

@@ -4,6 +4,7 @@ use super::options::{ColumnsArg, DesignArgs, ObjectiveArg};
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
 use crate::cli::trajectory::torque::rated_torques;
+use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::least_squares::essential::EssentialSettings;
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::numerics::pooled::nominal_prior::nominal_base;
@@ -136,9 +137,8 @@ impl DesignArgs {
             self.noise(robot).ok_or_else(|| lacking("the noise of every torque signal; give --noise-nm"))?;
         let series =
             fourier_excitation(robot, self.seed).map_err(|error| CliError::Usage(error.to_string()))?;
-        let recording = Recording { sample_rate_hz: self.rate_hz, periods: 1, noise };
-        Information::of_series(robot, base, &series, &recording)
-            .essential(&values, EssentialSettings::default().relative_error)
+        Information::of_series(robot, base, &series, &self.recording_of(noise))
+            .and_then(|known| known.essential(&values, EssentialSettings::default().relative_error))
             .map_err(|error| CliError::Usage(error.to_string()))
     }
 
@@ -175,7 +175,12 @@ impl DesignArgs {
                 "the description has no noise of every torque signal, so nothing is predicted; give it with --noise-nm",
             );
         }
-        Ok(noise.map(|noise| Recording { sample_rate_hz: self.rate_hz, periods: 1, noise }))
+        Ok(noise.map(|noise| self.recording_of(noise)))
+    }
+
+    fn recording_of(&self, noise: Vec<f64>) -> Recording {
+        let cutoff_hz = AnalysisSettings::default().cutoff;
+        Recording { sample_rate_hz: self.rate_hz, periods: 1, cutoff_hz, noise }
     }
 }
 
