@@ -154,6 +154,10 @@ pub enum StoreError {
 }
 
 impl StoreError {
+    pub(super) fn not_writable(path: &Path, error: &std::io::Error) -> Self {
+        Self::NotWritable { path: path.to_path_buf(), detail: error.to_string() }
+    }
+
     /// Whether no later call will do better: the process should stop. A busy database, refused
     /// values and a run that is gone leave the store usable.
     #[must_use]

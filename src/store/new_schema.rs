@@ -54,7 +54,7 @@ mod tests {
     use sqlx::{AssertSqlSafe, ConnectOptions, Connection};
 
     use super::*;
-    use crate::store::open::MIGRATOR;
+    use crate::store::schema::MIGRATOR;
 
     /// Where the statements of a new schema are written when [`SCHEMA`] is to be made again.
     const WRITE: &str = "ARMWATCH_WRITE_SCHEMA";

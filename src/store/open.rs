@@ -1,12 +1,9 @@
 //! Opening a database: is it ours, is it current, and how its connections behave.
 
-use std::fs::File;
-use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use sqlx::migrate::Migrator;
 use sqlx::sqlite::{
     SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous,
 };
@@ -15,7 +12,8 @@ use sqlx::{ConnectOptions, Connection, SqliteConnection, SqlitePool};
 use super::error::StoreError;
 use super::handle::Store;
 use super::results::intervals;
-use super::{new_schema, view_columns};
+use super::schema::{latest_schema, migrate};
+use super::{view_columns, write_ahead_log};
 
 /// How long a write waits for another process. Longer than any transaction of this program, shorter
 /// than a person waits for an answer.
@@ -26,9 +24,6 @@ const LOCK_RETRY: Duration = Duration::from_millis(20);
 
 /// How long a question about the database's health waits.
 const PROBE_TIMEOUT: Duration = Duration::from_secs(2);
-
-/// A database of this size is said to take its time when its schema is brought up to date, bytes.
-const LARGE_BYTES: u64 = 1 << 30;
 
 /// Readers at a time: a command and a page each ask a few questions, and every connection keeps a
 /// thread and a page cache of about 2 MB.
@@ -43,8 +38,6 @@ pub(super) const APPLICATION_ID: i64 = 0x4177_6462;
 /// `PRAGMA user_version` of a copy. It has no triggers, so that nothing may write to it; and only a copy is replaced by
 /// another one.
 pub(super) const SNAPSHOT: i64 = 0x736e_6170;
-
-pub(super) static MIGRATOR: Migrator = sqlx::migrate!("./migrations");
 
 impl Store {
     /// Opens the database at `path`; makes it, and its folder, if there is none, and brings its
@@ -89,16 +82,16 @@ impl Store {
     /// # Errors
     /// [`StoreError::NotWritable`] if the disk refuses.
     pub async fn sync(&self) -> Result<(), StoreError> {
-        sync(&self.path).await
+        write_ahead_log::sync(&self.path).await
     }
 }
 
 /// Opens, creates and migrates; see [`Store::open`].
 pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, StoreError> {
     // Absolute, so that SQLite cannot take the name for ":memory:" or for an address.
-    let path: Arc<Path> = std::path::absolute(path).map_err(|e| not_writable(path, &e))?.into();
+    let path: Arc<Path> = std::path::absolute(path).map_err(|e| StoreError::not_writable(path, &e))?.into();
     if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(|e| not_writable(&path, &e))?;
+        std::fs::create_dir_all(folder).map_err(|e| StoreError::not_writable(&path, &e))?;
     }
     let options = SqliteConnectOptions::new()
         .filename(&path)
@@ -121,16 +114,12 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
         .synchronous(SqliteSynchronous::Normal)
         .pragma("journal_size_limit", LOG_LIMIT_BYTES);
     let writer = writer_pool(&path, writing, busy_timeout).await?;
-    let known = latest_schema();
-    let is_older = found > 0 && found < known;
-    if is_older {
-        say_migration(&path, found, known);
-    }
+    let is_older = found > 0 && found < latest_schema();
     migrate(&path, &writer).await?;
     intervals::fill(&writer).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
     view_columns::fill(&writer).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
     if is_older {
-        tracing::info!(path = %path.display(), schema = known, "the schema of the database is up to date");
+        tracing::info!(path = %path.display(), schema = latest_schema(), "the schema of the database is up to date");
     }
     let probe = probe(options.clone());
     let readers = pool(READERS, options.read_only(true), busy_timeout)
@@ -144,13 +133,13 @@ pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreErr
     if std::fs::metadata(path).map_or(true, |metadata| metadata.is_file() && metadata.len() == 0) {
         return Ok(None);
     }
-    let path: Arc<Path> = std::path::absolute(path).map_err(|e| not_writable(path, &e))?.into();
+    let path: Arc<Path> = std::path::absolute(path).map_err(|e| StoreError::not_writable(path, &e))?.into();
     let mut options = reading(&path);
     let known = latest_schema();
     let found = match inspect(&path, &options).await {
         // SQLite makes files beside a database even to read it. Where that is not allowed and no program has it open,
         // the file is all there is.
-        Err(StoreError::NotWritable { .. }) if !has_log(&path) => {
+        Err(StoreError::NotWritable { .. }) if !write_ahead_log::has_commits(&path) => {
             options = options.immutable(true);
             inspect(&path, &options).await
         }
@@ -174,31 +163,6 @@ fn reading(path: &Path) -> SqliteConnectOptions {
         .busy_timeout(BUSY_TIMEOUT)
         .read_only(true)
         .disable_statement_logging()
-}
-
-/// Whether commits may stand in a write-ahead log beside the file.
-fn has_log(path: &Path) -> bool {
-    let mut log = path.as_os_str().to_owned();
-    log.push("-wal");
-    std::fs::metadata(log).is_ok_and(|metadata| metadata.len() > 0)
-}
-
-/// Syncs the write-ahead log, and the folder that names it. Commits that are not in it any more were moved into the
-/// database by a checkpoint, which syncs.
-pub(super) async fn sync(path: &Arc<Path>) -> Result<(), StoreError> {
-    let database = Arc::clone(path);
-    let synced = tokio::task::spawn_blocking(move || {
-        let mut log = database.as_os_str().to_owned();
-        log.push("-wal");
-        match File::open(&log) {
-            Ok(log) => log.sync_all()?,
-            Err(error) if error.kind() == ErrorKind::NotFound => {}
-            Err(error) => return Err(error),
-        }
-        database.parent().map_or(Ok(()), |folder| File::open(folder)?.sync_all())
-    });
-    let synced = synced.await.unwrap_or_else(|error| Err(std::io::Error::other(error)));
-    synced.map_err(|error| not_writable(path, &error))
 }
 
 /// The writer. Turning a new file's journal into a write-ahead log needs an exclusive lock, for which
@@ -255,25 +219,6 @@ impl Store {
     pub async fn probe(&self) -> Result<(), StoreError> {
         let answer = sqlx::query("SELECT count(*) FROM (SELECT 1 FROM robot LIMIT 1)").execute(&self.probe);
         self.checked(answer.await).map(|_| ())
-    }
-}
-
-/// Schema of a database that is up to date.
-fn latest_schema() -> i64 {
-    MIGRATOR.iter().map(|m| m.version).max().unwrap_or(0)
-}
-
-/// Says that the schema is brought up to date, and what that may take.
-fn say_migration(path: &Path, found: i64, known: i64) {
-    let bytes = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
-    let (path, megabytes) = (path.display(), bytes >> 20);
-    if bytes < LARGE_BYTES {
-        tracing::info!(%path, megabytes, "bringing the schema of the database from {found} to {known}");
-    } else {
-        tracing::warn!(
-            %path, megabytes, "bringing the schema of the database from {found} to {known}, which may take minutes and \
-             as much free space as the file has; a stop before its end changes nothing"
-        );
     }
 }
 
@@ -337,20 +282,4 @@ async fn identity(connection: &mut SqliteConnection) -> Result<FileIdentity, sql
         (0, 0) => Ok(FileIdentity::New),
         _ => Ok(FileIdentity::Foreign),
     }
-}
-
-/// Brings the schema up to date: all of it or nothing, and one process at a time.
-async fn migrate(path: &Path, writer: &SqlitePool) -> Result<(), StoreError> {
-    let broken = |e: sqlx::Error| StoreError::from_sqlx(path, &e);
-    let mut transaction = writer.begin_with("BEGIN IMMEDIATE").await.map_err(broken)?;
-    new_schema::make(&mut transaction, &MIGRATOR).await.map_err(broken)?;
-    MIGRATOR
-        .run_direct(None, &mut *transaction, false)
-        .await
-        .map_err(|e| StoreError::from_migrate(path, &e))?;
-    transaction.commit().await.map_err(broken)
-}
-
-fn not_writable(path: &Path, error: &std::io::Error) -> StoreError {
-    StoreError::NotWritable { path: path.to_path_buf(), detail: error.to_string() }
 }

@@ -10,7 +10,8 @@ use sqlx::{
 use super::support::*;
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
-use crate::store::open::{APPLICATION_ID, MIGRATOR, open};
+use crate::store::open::{APPLICATION_ID, open};
+use crate::store::schema::MIGRATOR;
 use crate::testing::er3a;
 
 const FIXTURES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/migrations");
@@ -282,6 +283,49 @@ async fn migrations_keep_the_data_of_earlier_versions() {
     assert_eq!(number(&store, none).await, Some(0.0));
     assert_eq!(number(&store, "SELECT count(*) FROM interval_fill").await, Some(0.0));
     assert_times_are_text_too(&store).await;
+    assert_sound(&store).await;
+}
+
+/// Whoever is stopped while the schema is brought up to date leaves the database as it was, or with the new schema, and
+/// the next start ends it.
+#[tokio::test]
+async fn a_change_of_the_schema_that_is_stopped_changes_nothing() {
+    const OLD: i64 = 20;
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("fleet.db");
+    let mut connection = plain(&path).await;
+    for migration in MIGRATOR.iter().filter(|migration| migration.version <= OLD) {
+        MIGRATOR.run_to(migration.version, &mut connection).await.expect("a migration");
+        let data =
+            std::fs::read_to_string(format!("{FIXTURES}/{:04}.sql", migration.version)).expect("its data");
+        connection.execute(AssertSqlSafe(data)).await.expect("rows that the schema takes");
+    }
+    connection.close().await.expect("closed");
+    let latest = MIGRATOR.iter().map(|migration| migration.version).max();
+    let mut stopped = 0;
+    for milliseconds in [0, 1, 2, 5, 10, 20, 40, 80] {
+        let deadline = Duration::from_millis(milliseconds);
+        let opened = tokio::time::timeout(deadline, Store::open(&path)).await;
+        let mut connection = plain(&path).await;
+        let version: Option<i64> = sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations")
+            .fetch_one(&mut connection)
+            .await
+            .expect("a version");
+        let runs: i64 =
+            sqlx::query_scalar("SELECT count(*) FROM run").fetch_one(&mut connection).await.expect("runs");
+        connection.close().await.expect("closed");
+        assert_eq!(runs, 4);
+        match opened {
+            Err(_) if version != latest => {
+                assert_eq!(version, Some(OLD), "stopped after {milliseconds} ms");
+                stopped += 1;
+            }
+            _ => assert_eq!(version, latest),
+        }
+    }
+    assert!(stopped > 0, "never stopped before the end");
+    let store = Store::open(&path).await.expect("a store");
+    assert_eq!(store.runs().await.expect("runs").len(), 4);
     assert_sound(&store).await;
 }
 
