@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
+use tokio_util::sync::CancellationToken;
 
 use crate::config::{Config, ConfigErrors};
 use crate::pipeline::context::PipelineError;
@@ -129,6 +130,14 @@ pub(super) async fn open_to_read(config: &Config) -> Result<Store, CliError> {
 /// Opens the database of a command that writes; makes it if there is none.
 pub(super) async fn open_store(config: &Config) -> Result<Store, CliError> {
     Ok(Store::open(&config.database).await?)
+}
+
+/// As [`open_store`]; `None` if `stop` comes first, which leaves the database as it was.
+pub(super) async fn open_store_until(
+    stop: &CancellationToken,
+    config: &Config,
+) -> Result<Option<Store>, CliError> {
+    stop.run_until_cancelled(open_store(config)).await.transpose()
 }
 
 pub(super) fn shared(config: Config) -> Arc<Config> {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use clap::Args;
 use tokio::sync::watch;
 
-use super::context::{CliError, EXIT_DONE, Global, open_store, runtime, shared};
+use super::context::{CliError, EXIT_DONE, Global, open_store_until, runtime, shared};
 use crate::alert::dispatcher::Dispatcher;
 use crate::config::{Config, ConfigErrors};
 use crate::daemon::overdue::OverdueWatch;
@@ -39,7 +39,7 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
         let internal = |error: std::io::Error| CliError::Internal(error.to_string());
         let stop = daemon::stop_on_signal().map_err(internal)?;
         let reload = daemon::reload_on_hangup(&stop).map_err(internal)?;
-        let store = open_store(&config).await?;
+        let Some(store) = open_store_until(&stop, &config).await? else { return Ok(EXIT_DONE) };
         // before anything listens: a second daemon is told of the first, not of its port
         let claim = store.claim()?;
         let folders: Vec<String> = config.watch.folders.iter().map(|f| f.display().to_string()).collect();

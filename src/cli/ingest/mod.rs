@@ -14,7 +14,7 @@ use tokio_util::sync::CancellationToken;
 use self::progress::ProgressLine;
 use self::tally::Tally;
 use self::words::{print, print_conclusions};
-use super::context::{CliError, EXIT_INTERNAL, EXIT_STOPPED, Global, open_store, runtime, shared};
+use super::context::{CliError, EXIT_INTERNAL, EXIT_STOPPED, Global, open_store_until, runtime, shared};
 use super::shared::{output, paths, reweight};
 use crate::analysis::finding::FindingKind;
 use crate::daemon;
@@ -70,7 +70,7 @@ pub(super) fn ingest(global: &Global, args: &IngestArgs) -> Result<u8, CliError>
     let exports = find_exports(&args.paths)?;
     runtime()?.block_on(async {
         let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
-        let store = open_store(&config).await?;
+        let Some(store) = open_store_until(&stop, &config).await? else { return Ok(EXIT_STOPPED) };
         let pipeline = Pipeline::new(shared(config), store);
         let done = match args.again.is_empty() {
             true => take_all(&pipeline, &exports, &stop, global.json).await,
