@@ -36,6 +36,7 @@ pub fn summary(config: &Config) -> String {
     );
     line("longest export", format!("{} after decompression", size(limits.export_bytes)));
     line("longest cycle", format!("{} rows", limits.cycle_rows));
+    line("rows of open cycles", format!("{} rows", limits.open_rows));
     line("snapshot", config.snapshot.as_ref().map_or_else(|| "off".to_owned(), snapshot));
     line("factors of tests", kept(config.retention.tests_days, "then removed"));
     line("factors of ordinary work", kept(config.retention.production_days, "then joined, one a log"));

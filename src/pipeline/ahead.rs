@@ -152,6 +152,7 @@ impl Pipeline {
             resume: None,
             made_with,
             limits: *limits,
+            open_rows: self.open_rows.clone(),
         };
         let (stop, has_read) = (stop.child_token(), CancellationToken::new());
         let buffers = Buffers::going_round();

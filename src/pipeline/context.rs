@@ -7,6 +7,7 @@ use std::time::SystemTime;
 use tokio::sync::Semaphore;
 use tokio::task::{JoinError, JoinHandle};
 
+use super::open_rows::OpenRows;
 use crate::analysis::CycleAnalysis;
 use crate::analysis::measurements::RunMeasurements;
 use crate::anomaly::RunSummary;
@@ -41,6 +42,8 @@ pub struct Pipeline {
     pub(super) concluding: Arc<tokio::sync::Mutex<()>>,
     /// Runs whose exports are being read.
     pub(super) open: OpenRuns,
+    /// Rows of their open cycles.
+    pub(super) open_rows: OpenRows,
     /// What robots' complete tests say of those that are being written.
     pub(super) usual: UsualByRobot,
     /// Figures of the work.

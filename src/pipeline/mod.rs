@@ -10,6 +10,7 @@ pub mod take;
 pub mod conclude;
 pub mod stored;
 pub mod look;
+mod open_rows;
 pub mod context;
 mod friction;
 mod production;
@@ -39,6 +40,7 @@ use crate::robot::Robot;
 use crate::store::{Store, StoreError};
 use ahead::ReadAhead;
 use context::{Lane, OpenRun, Outcome, Pipeline, PipelineError, Progress, Retry};
+use open_rows::OpenRows;
 use streaming::{CYCLES_IN_ANALYSIS, Streaming};
 use take::admitted::AdmittedExport;
 use take::cutting::{CutCycle, ReadEnd, ReadTotals};
@@ -56,6 +58,7 @@ impl Pipeline {
             places,
             concluding: Arc::default(),
             open: Arc::default(),
+            open_rows: OpenRows::default(),
             usual: Arc::default(),
             metrics: Metrics::default(),
         }

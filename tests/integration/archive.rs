@@ -109,6 +109,32 @@ fn large_exports_do_not_hold_up_small_ones_of_other_robots() {
 }
 
 #[test]
+fn exports_that_wait_for_room_come_to_the_same_results() {
+    let free = Workshop::new();
+    let bounded = Workshop::new();
+    let path = bounded.path("armwatch.toml");
+    let config = fs::read_to_string(&path).expect("the configuration");
+    let limits = "[limits]\nbacklog_files = 4\nlarge_file_bytes = 1\nopen_cycles_max_rows = 1000\n\n";
+    fs::write(&path, format!("{limits}{config}")).expect("it");
+    let results = [&free, &bounded].map(|workshop| {
+        for robot in ["A", "B", "C", "D"] {
+            workshop.simulate("inbox", &["--warming-s", "5", "--name", robot, "--cycles", "3", "--rate-hz", "100"]);
+        }
+        let daemon = workshop.daemon();
+        workshop.wait_for(COMPLETE_RUNS, 4);
+        daemon.signal("TERM");
+        assert_eq!(daemon.end(), Some(0));
+        workshop.query(
+            "SELECT robot, cycle, joint, parameter, value FROM cycle_parameters ORDER BY robot, cycle, joint, parameter",
+        )
+    });
+    assert_eq!(results[0].len(), 4 * 3 * 64);
+    assert_eq!(results[0], results[1]);
+    let said = |workshop: &Workshop| workshop.log().contains("limits.open_cycles_max_rows = 1000");
+    assert!(!said(&free) && said(&bounded), "{}", bounded.log());
+}
+
+#[test]
 fn bounds_that_are_configured_hold_and_say_their_key() {
     let workshop = Workshop::new();
     let path = workshop.path("armwatch.toml");

@@ -7,7 +7,7 @@ use crate::cli::context::{CliError, Global, open_to_read, runtime};
 use crate::cli::shared::output;
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::numerics::trajectory::information::Information;
-use crate::numerics::trajectory::prediction::Recording;
+use crate::numerics::trajectory::recorded_rows::Recording;
 use crate::pipeline::stored::run_information::run_information;
 use crate::robot::{FourierExcitation, Robot};
 

@@ -26,8 +26,9 @@ use crate::numerics::model::base_parameters::{BaseParameters, base_parameters};
 use crate::numerics::pooled::nominal_prior::nominal_base;
 use crate::numerics::trajectory::clearance::{Nearest, nearest_of_postures};
 use crate::numerics::trajectory::limits::MotionLimits;
-use crate::numerics::trajectory::prediction::{Conditioning, Recording, conditioning};
+use crate::numerics::trajectory::prediction::{Conditioning, conditioning};
 use crate::numerics::trajectory::problem::{INSTANTS_PER_HARMONIC, SearchProblem, SearchSettings};
+use crate::numerics::trajectory::recorded_rows::Recording;
 use crate::robot::Robot;
 
 /// Starts of a search where nothing else is asked for.

@@ -18,11 +18,21 @@ const FEWEST_ROWS: i64 = 1000;
 /// Most rows of a cycle that may be allowed: of six axes they take 2 GB.
 const MOST_ROWS: i64 = 10_000_000;
 
+/// Most rows of open cycles together: of six axes they take 200 GB.
+const MOST_OPEN_ROWS: i64 = 1_000_000_000;
+
 impl Default for WorkLimits {
     /// Two of either size; large from 64 MiB, some twenty minutes at 250 Hz; 64 GiB, which is three times a
-    /// ten-hour recording of a nine-axis arm at 1 kHz; a million rows, an hour at 250 Hz, which take 200 MB.
+    /// ten-hour recording of a nine-axis arm at 1 kHz; a million rows, an hour at 250 Hz, which take 200 MB; four
+    /// million of all exports together.
     fn default() -> Self {
-        Self { backlog_files: 2, large_file_bytes: 64 << 20, export_bytes: 64 << 30, cycle_rows: 1_000_000 }
+        Self {
+            backlog_files: 2,
+            large_file_bytes: 64 << 20,
+            export_bytes: 64 << 30,
+            cycle_rows: 1_000_000,
+            open_rows: 4_000_000,
+        }
     }
 }
 
@@ -33,6 +43,7 @@ pub(in crate::config) fn read_work_limits(table: &Table<'_>) -> Option<WorkLimit
     let large = number("large_file_bytes", 1..=MOST_BYTES);
     let bytes = number("export_max_bytes", 1..=MOST_BYTES);
     let rows = number("cycle_max_rows", FEWEST_ROWS..=MOST_ROWS);
+    let open = number("open_cycles_max_rows", FEWEST_ROWS..=MOST_OPEN_ROWS);
     let count = |read: Option<Option<i64>>, default: usize| match read {
         Some(given) => usize::try_from(given?).ok(),
         None => Some(default),
@@ -46,6 +57,7 @@ pub(in crate::config) fn read_work_limits(table: &Table<'_>) -> Option<WorkLimit
         large_file_bytes: size(large, default.large_file_bytes)?,
         export_bytes: size(bytes, default.export_bytes)?,
         cycle_rows: count(rows, default.cycle_rows)?,
+        open_rows: count(open, default.open_rows)?,
     })
 }
 

@@ -147,6 +147,12 @@ impl CycleCutter {
         }
     }
 
+    /// Rows of the cycle that has not ended yet.
+    #[must_use]
+    pub fn open_rows(&self) -> usize {
+        self.pending.rows()
+    }
+
     /// Takes the next rows and appends the cycles that they end to `cycles`, also those before a fault; behind
     /// one, nothing is to be pushed.
     ///

@@ -3,8 +3,7 @@
 
 use faer::{Mat, Scale, Side};
 
-use super::prediction::Recording;
-use super::recorded_rows::recorded_factors;
+use super::recorded_rows::{Recording, recorded_factors};
 use crate::numerics::NumericsError;
 use crate::numerics::identify::joint_factors::{FactorColumns, JointFactor};
 use crate::numerics::model::base_parameters::BaseParameters;

@@ -7,7 +7,7 @@
 //! velocities is not in it, nor is what is no noise, such as friction that changes while the arm warms up.
 
 use super::observation::Observation;
-use super::recorded_rows::recorded_factors;
+use super::recorded_rows::{Recording, recorded_factors};
 use super::series::Basis;
 use crate::numerics::NumericsError;
 use crate::numerics::least_squares::conditioning::identifiability;
@@ -22,19 +22,6 @@ pub struct Conditioning {
     pub condition_number: f64,
     /// With columns of unit norm.
     pub scaled_condition_number: f64,
-}
-
-/// How a test is recorded.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Recording {
-    /// Rows a second, Hz.
-    pub sample_rate_hz: f64,
-    /// Periods of the series.
-    pub periods: u32,
-    /// Cut-off of the analysis' low-pass, Hz; a rate that does not carry it gets a lower one.
-    pub cutoff_hz: f64,
-    /// Standard deviation of each joint's torque signal, `[n]`, Nm (N); above 0.
-    pub noise: Vec<f64>,
 }
 
 /// What a test will tell.

@@ -4,7 +4,6 @@
 //! Both take from what is known of Coulomb friction, which shows itself apart from viscous friction where a joint is slow:
 //! the first parameter of the law has a standard deviation up to a quarter larger than that of all rows as they are.
 
-use super::prediction::Recording;
 use super::series::state_at;
 use crate::numerics::NumericsError;
 use crate::numerics::identify::filtered_columns::filtered_coulomb_columns;
@@ -19,6 +18,19 @@ use crate::run::{Samples, Stage};
 
 /// Periods of the cut-off before and behind the motion, over which the low-pass settles.
 const LEAD_PERIODS: f64 = 6.0;
+
+/// How a test is recorded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recording {
+    /// Rows a second, Hz.
+    pub sample_rate_hz: f64,
+    /// Periods of the series.
+    pub periods: u32,
+    /// Cut-off of the analysis' low-pass, Hz; a rate that does not carry it gets a lower one.
+    pub cutoff_hz: f64,
+    /// Standard deviation of each joint's torque signal, `[n]`, Nm (N); above 0.
+    pub noise: Vec<f64>,
+}
 
 /// Triangular factor of each joint's rows over the periods of a recording without noise, `[n]`, over all base parameters;
 /// the torque is zero. A joint that is slow all the time has a factor of no rows.

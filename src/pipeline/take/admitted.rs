@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::resume_point::ResumePoint;
 use crate::config::{Layout, WorkLimits};
+use crate::pipeline::open_rows::OpenRows;
 use crate::robot::Robot;
 use crate::run::{ContentHash, RunHeader};
 
@@ -34,4 +35,6 @@ pub struct AdmittedExport {
     pub made_with: ContentHash,
     /// What reading it may take.
     pub limits: WorkLimits,
+    /// Rows of the open cycles of all exports that are being read.
+    pub open_rows: OpenRows,
 }

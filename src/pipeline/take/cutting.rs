@@ -13,6 +13,7 @@ use crate::ingest::bytes::fingerprint::RunningHash;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::table::reader::Chunk;
 use crate::numerics::buffers::Buffers;
+use crate::pipeline::open_rows::OpenCycle;
 use crate::run::{ContentHash, ContentPrefix, Cycle};
 use crate::store::{ReadSoFar, StoredPoint};
 
@@ -69,6 +70,7 @@ pub struct Cutting<'i> {
     stop: &'i CancellationToken,
     hash: RunningHash,
     cutter: RowCutter,
+    open_cycle: OpenCycle,
     cycle_count: u32,
     positions: ReadPositions,
     took: Duration,
@@ -101,6 +103,7 @@ impl<'i> Cutting<'i> {
             stop,
             hash,
             cutter,
+            open_cycle: intake.open_rows.enter(),
             cycle_count,
             positions,
             took: Duration::ZERO,
@@ -150,6 +153,8 @@ impl<'i> Cutting<'i> {
         }
         fault?;
         self.positions.forget_before(self.cutter.rows_settled());
+        let Self { intake, stop, cutter, open_cycle, .. } = self;
+        open_cycle.has(cutter.open_rows(), intake.limits.open_rows, stop);
         self.wait_for_room();
         Ok(!self.stop.is_cancelled())
     }

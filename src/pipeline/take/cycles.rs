@@ -102,6 +102,12 @@ impl RowCutter {
         self
     }
 
+    /// Rows of the cycle that has not ended yet.
+    #[must_use]
+    pub fn open_rows(&self) -> usize {
+        self.cutter.open_rows()
+    }
+
     /// What its finder of stages knows before the next row.
     #[must_use]
     pub fn stages(&self) -> FinderState {

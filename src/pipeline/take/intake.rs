@@ -136,6 +136,7 @@ pub(in crate::pipeline) async fn begin(
         resume,
         made_with,
         limits: *limits,
+        open_rows: pipeline.open_rows.clone(),
     })
 }
 

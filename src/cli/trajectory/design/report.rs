@@ -12,7 +12,8 @@ use crate::numerics::detect::rate::budget::Budget;
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::numerics::pooled::nominal_prior::nominal_base;
 use crate::numerics::statistics::distributions::{normal_probability, normal_quantile};
-use crate::numerics::trajectory::prediction::{Conditioning, Prediction, Recording, predict};
+use crate::numerics::trajectory::prediction::{Conditioning, Prediction, predict};
+use crate::numerics::trajectory::recorded_rows::Recording;
 use crate::robot::{FourierExcitation, JointKind, Robot};
 
 /// Probability that a test with the smallest change shows it.

@@ -11,8 +11,9 @@ use crate::numerics::pooled::nominal_prior::nominal_base;
 use crate::numerics::trajectory::information::Information;
 use crate::numerics::trajectory::limits::{MotionLimits, Shares, TorqueLimits};
 use crate::numerics::trajectory::objective::Objective;
-use crate::numerics::trajectory::prediction::{Recording, load_direction};
+use crate::numerics::trajectory::prediction::load_direction;
 use crate::numerics::trajectory::problem::SearchSettings;
+use crate::numerics::trajectory::recorded_rows::Recording;
 use crate::robot::{JointKind, ParameterKind, Robot};
 use crate::simulate::excitation::fourier_excitation;
 

@@ -12,6 +12,7 @@ use crate::config::{Layout, WorkLimits, parse_layout};
 use crate::ingest::bytes::fingerprint::fingerprint;
 use crate::ingest::table::reader::{ReadOptions, ReadPosition};
 use crate::numerics::analyse::AnalysisSettings;
+use crate::pipeline::open_rows::OpenRows;
 use crate::pipeline::take::admitted::AdmittedExport;
 use crate::pipeline::take::cutting::{CutCycle, ReadEnd};
 use crate::pipeline::take::intake;
@@ -331,6 +332,7 @@ static EXPORTS: LazyLock<Exports> = LazyLock::new(|| {
             resume: None,
             made_with: made_with(&layout(writing), &robot, &WorkLimits::default()),
             limits: WorkLimits::default(),
+            open_rows: OpenRows::default(),
         };
         (writing.name, intake)
     };
