@@ -82,6 +82,8 @@ pub struct CycleCutter {
     stage_seen: bool,
     /// Most rows of a cycle, where it is not [`MAX_CYCLE_ROWS`].
     most_rows: Option<usize>,
+    /// Most rows that were pushed at once: so many of the next cycle may come with the end of one.
+    most_pushed: usize,
     /// Whether a cycle needs no stage.
     of_windows: bool,
     /// Memory of channels.
@@ -155,6 +157,7 @@ impl CycleCutter {
     pub fn push(&mut self, chunk: Samples, cycles: &mut Vec<Cycle>) -> Result<(), SegmentError> {
         let most_rows = self.most_rows.unwrap_or(MAX_CYCLE_ROWS);
         self.rows_seen += chunk.rows() as u64;
+        self.most_pushed = self.most_pushed.max(chunk.rows());
         self.pending.append(chunk);
         while self.searched < self.pending.rows() {
             if self.begins_cycle(self.searched)? {
@@ -212,7 +215,7 @@ impl CycleCutter {
     fn cut(&mut self, rows: usize) -> Option<Cycle> {
         let samples = self.pending.take_front(rows);
         // cycles of one test are about as long: channels that grow piece by piece would be copied again and again
-        let room = rows + rows / 64;
+        let room = rows + rows / 64 + self.most_pushed;
         for channel in self.pending.channels_mut() {
             let mut roomy = self.buffers.room(room.max(channel.len()));
             roomy.extend_from_slice(channel);

@@ -12,7 +12,7 @@ use crate::ingest::excerpt;
 use crate::ingest::rejection::Rejection;
 use crate::metrics::Stage;
 use crate::numerics::analyse::Method;
-use crate::numerics::analyse_run::analyse_run;
+use crate::numerics::analyse_run::analyse_run_on;
 use crate::numerics::friction::excitation::excitation_friction;
 use crate::pipeline::context::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun};
 use crate::pipeline::friction;
@@ -144,10 +144,11 @@ async fn analyse_test(
     let speed_fits =
         friction::over_speed(pipeline.store(), intake.run_id, &measurements.friction_points).await?;
     let (robot, settings) = (method.robot.clone(), pipeline.config().analysis);
+    let spare = pipeline.spare_threads();
     let analysis = tokio::task::spawn_blocking(move || {
         let friction =
             excitation_friction(&robot, settings.reference_speed_fraction, &measurements.parameters);
-        let mut analysis = analyse_run(robot.joint_count(), &settings, &measurements);
+        let mut analysis = analyse_run_on(&spare, robot.joint_count(), &settings, &measurements);
         for (summary, friction) in analysis.summaries.iter_mut().zip(friction) {
             summary.excitation_friction = friction;
         }
