@@ -138,14 +138,18 @@ fn analysed(
     analysis.sample_rate = filtered.sample_rate;
     note_gaps(samples, &filtered, &mut analysis.remarks);
 
+    let recorded = &mut *samples;
     let (channels, mut filtered_coulomb_columns) = spare.both(
-        || diagnose_samples(&method.robot, samples, &filtered, &DiagnoseSettings::default()),
+        || {
+            let channels = diagnose_samples(&method.robot, recorded, &filtered, &DiagnoseSettings::default());
+            if let Cow::Owned(samples) = recorded {
+                // nobody looks at recorded positions and velocities any more
+                give_back(samples.position.iter_mut().chain(samples.velocity.iter_mut().flatten()), buffers);
+            }
+            channels
+        },
         || filtered_coulomb_columns(&method.robot, &filtered),
     );
-    if let Cow::Owned(samples) = samples {
-        // nobody looks at recorded positions and velocities any more
-        give_back(samples.position.iter_mut().chain(samples.velocity.iter_mut().flatten()), buffers);
-    }
     let rows = FactoredRows {
         robot: &method.robot,
         columns: &method.columns,

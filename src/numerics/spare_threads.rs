@@ -2,6 +2,7 @@
 //! thread does them.
 
 use std::any::Any;
+use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::{fmt, thread};
@@ -34,7 +35,7 @@ impl SpareThreads {
         begin: impl Fn() -> S + Sync,
         work: impl Fn(&mut S, usize) -> T + Sync,
     ) -> Vec<T> {
-        let loans: Vec<Loan> = (1..count).map_while(|_| self.0.as_ref()?()).collect();
+        let loans: Vec<Loan> = (1..count).map_while(|_| self.loan()).collect();
         if loans.is_empty() {
             let mut own = begin();
             return (0..count).map(|part| work(&mut own, part)).collect();
@@ -67,23 +68,25 @@ impl SpareThreads {
         done.into_iter().map(|(_, found)| found).collect()
     }
 
-    /// What both come to.
-    pub fn both<A: Send, B: Send>(&self, one: impl Fn() -> A + Sync, other: impl Fn() -> B + Sync) -> (A, B) {
-        let found = self.each(
-            2,
-            || (),
-            |(), part| match part {
-                0 => (Some(one()), None),
-                _ => (None, Some(other())),
-            },
-        );
-        let (mut of_one, mut of_other) = (None, None);
-        for (a, b) in found {
-            of_one = of_one.or(a);
-            of_other = of_other.or(b);
-        }
-        // each part is done once
-        (of_one.unwrap_or_else(&one), of_other.unwrap_or_else(&other))
+    /// What both come to; without a spare thread `one` is done first.
+    pub fn both<A: Send, B>(&self, one: impl FnOnce() -> A + Send, other: impl FnOnce() -> B) -> (A, B) {
+        let Some(loan) = self.loan() else { return (one(), other()) };
+        thread::scope(|scope| {
+            let lent = scope.spawn(move || {
+                let found = one();
+                drop(loan);
+                found
+            });
+            let of_other = other();
+            match lent.join() {
+                Ok(of_one) => (of_one, of_other),
+                Err(panic) => resume_unwind(panic),
+            }
+        })
+    }
+
+    fn loan(&self) -> Option<Loan> {
+        self.0.as_ref()?()
     }
 }
 

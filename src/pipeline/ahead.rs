@@ -212,6 +212,7 @@ impl Pipeline {
         &self,
         path: &Path,
         ahead: ReadAhead,
+        retry: Retry,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Result<Outcome, Option<ReadAhead>>, PipelineError> {
         let state = ahead.state;
@@ -222,7 +223,7 @@ impl Pipeline {
         let Ok(recognised) = intake::recognise(self.config(), path, intake::file_time(path)) else {
             return Ok(Err(Some(ahead)));
         };
-        let facts = intake::facts(self, path, None, state, Some(&recognised), Retry::Never).await?;
+        let facts = intake::facts(self, path, None, state, Some(&recognised), retry).await?;
         let start = match facts.map(|facts| decide::decide(&facts)) {
             Ok(Decision::Read(start)) if start.continues.is_none() => start,
             _ => return Ok(Err(Some(ahead))),
@@ -385,7 +386,7 @@ mod tests {
         for (place, export) in exports.iter().enumerate() {
             let ahead = early.read_ahead_hashing(export, Retry::Never, &stop, 0).await.expect("a store");
             let ahead = ahead.expect("a test");
-            let unhashed = early.take_unhashed(export, ahead, |_| ()).await.expect("a store");
+            let unhashed = early.take_unhashed(export, ahead, Retry::Never, |_| ()).await.expect("a store");
             // a copy is as long as what is stored; what is not understood is read again
             assert_eq!(unhashed.is_ok(), place < 2, "{}", export.display());
             let found = match unhashed {

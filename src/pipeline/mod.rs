@@ -174,13 +174,11 @@ impl Pipeline {
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
         let ahead = match ahead {
-            Some(ahead) if retry == Retry::Never => {
-                match self.take_unhashed(path, ahead, progress.clone()).await? {
-                    Ok(outcome) => return Ok(outcome),
-                    Err(ahead) => ahead,
-                }
-            }
-            ahead => ahead,
+            Some(ahead) => match self.take_unhashed(path, ahead, retry, progress.clone()).await? {
+                Ok(outcome) => return Ok(outcome),
+                Err(ahead) => ahead,
+            },
+            None => None,
         };
         let hashed = ahead.as_ref().and_then(|ahead| ahead.hashed(path));
         let intake = match take::intake::admit(self, path, retry, hashed).await? {
