@@ -15,12 +15,9 @@ use crate::run::{Cycle, Samples, Stage};
 /// samples take 160 MB for six joints, which bounds the memory of a run without boundaries.
 pub const MAX_CYCLE_ROWS: usize = 1_000_000;
 
-/// How many times the rows at hand the first cycle of a recording gets room for, whose length nobody knows: the less often its
-/// channels are copied, the less memory lies idle where they were. What is not written costs nothing.
-const GROWTH: usize = 4;
-
-/// From so many rows on a cycle grows to twice its rows only.
-const MOST_GUESSED_ROWS: usize = 100_000;
+/// Rows that the first cycle of a recording gets room for, whose length nobody knows: one of six minutes at 250 Hz. Where
+/// channels grow by and by, the memory that they leave lies idle; what is not written costs nothing.
+const GUESSED_ROWS: usize = 100_000;
 
 /// Why a recording has no cycles.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -165,9 +162,9 @@ impl CycleCutter {
         let most_rows = self.most_rows.unwrap_or(MAX_CYCLE_ROWS);
         self.rows_seen += chunk.rows() as u64;
         self.most_pushed = self.most_pushed.max(chunk.rows());
-        let rows = self.pending.rows() + chunk.rows();
-        if (1..MOST_GUESSED_ROWS).contains(&self.pending.rows()) && self.pending.time.capacity() < rows {
-            self.pending.reserve(rows.saturating_mul(GROWTH) - self.pending.rows());
+        let rows = self.pending.rows();
+        if rows > 0 && self.pending.time.capacity() < rows + chunk.rows() {
+            self.pending.reserve(GUESSED_ROWS.saturating_sub(rows));
         }
         self.pending.append(chunk);
         while self.searched < self.pending.rows() {
