@@ -3,9 +3,9 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Most channels that wait to be taken again: about those of one cycle of a six-axis arm, raw and filtered. A channel of a
-/// long cycle is most of a megabyte.
-const MOST: usize = 64;
+/// Most channels that wait to be taken again: about those of three cycles of a six-axis arm, raw and filtered. New memory is only
+/// asked for while none waits, so that they are no more than were in use at once; a channel of a long cycle is most of a megabyte.
+const MOST: usize = 256;
 
 /// New memory has room for this part of its length more, one in 8: cycles of a test differ by some rows, and a cycle that is
 /// still being read holds rows of the next one too. So the memory of any channel of a cycle serves any other.

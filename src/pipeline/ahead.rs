@@ -3,8 +3,8 @@
 //!
 //! What rows say depends on the bytes of the export and on the configuration alone. So nothing is decided here: the
 //! ledger is asked in the turn of the export, and what was read is used only if it is what would be read then, else
-//! dropped. A large export of as many bytes as none before is not even hashed first: its run is known by what was read of
-//! it, as that of an export that grows, until all of it is read.
+//! dropped. A command does not even hash a large export of as many bytes as none before first: its run is known by what was
+//! read of it, as that of an export that grows, until all of it is read.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -30,9 +30,20 @@ use crate::robot::Robot;
 use crate::run::{ContentHash, RunKind, RunStatus};
 use crate::store::{Identity, SourceState, StoreError};
 
-/// Exports up to this size are hashed before they are read ahead, bytes: that takes milliseconds, and a copy of what is stored
-/// is not read. Larger ones are hashed while they are read or, where a run is of as many bytes, in their turn.
-const HASHED_BYTES: u64 = 16 << 20;
+/// When an export that is read ahead is hashed.
+#[derive(Debug, Clone, Copy)]
+struct Hashing {
+    /// Before it is read, up to so many bytes: that takes milliseconds, and a copy of what is stored is not read.
+    first_up_to: u64,
+    /// A larger one while it is read alone, where no run is of as many bytes. Else it is hashed in its turn, too.
+    once: bool,
+}
+
+/// As the daemon does: who has sent an export asks for it by its hash, also while it is read.
+const BY_CONTENT: Hashing = Hashing { first_up_to: 16 << 20, once: false };
+
+/// As a command does.
+const ONCE: Hashing = Hashing { once: true, ..BY_CONTENT };
 
 /// An export that is read ahead. Whoever drops it ends that.
 #[derive(Debug)]
@@ -41,6 +52,8 @@ pub struct ReadAhead {
     state: SourceState,
     /// Its content, where it was hashed first.
     hashed: Option<(ContentHash, u64)>,
+    /// Whether it may be taken without that.
+    unhashed: bool,
     /// What decides its cycles besides its bytes.
     made_with: ContentHash,
     pub(super) method: Arc<Method>,
@@ -106,7 +119,7 @@ impl Pipeline {
         let beginning = tokio::spawn(async move {
             for export in exports {
                 let Ok(turn) = to_turn.reserve().await else { return };
-                let ahead = pipeline.read_ahead(&export, retry, &stop).await;
+                let ahead = pipeline.read_ahead_hashing(&export, retry, &stop, ONCE).await;
                 let has_read = ahead.as_ref().ok().and_then(Option::as_ref).map(ReadAhead::has_read);
                 turn.send(ahead);
                 if let Some(has_read) = has_read {
@@ -128,16 +141,16 @@ impl Pipeline {
         retry: Retry,
         stop: &CancellationToken,
     ) -> Result<Option<ReadAhead>, PipelineError> {
-        self.read_ahead_hashing(path, retry, stop, HASHED_BYTES).await
+        self.read_ahead_hashing(path, retry, stop, BY_CONTENT).await
     }
 
-    /// As [`read_ahead`](Self::read_ahead), hashing exports of up to `hashed_bytes` first.
+    /// As [`read_ahead`](Self::read_ahead), hashed as `hashing` says.
     async fn read_ahead_hashing(
         &self,
         path: &Path,
         retry: Retry,
         stop: &CancellationToken,
-        hashed_bytes: u64,
+        hashing: Hashing,
     ) -> Result<Option<ReadAhead>, PipelineError> {
         let Some(state) = intake::source_state(path) else { return Ok(None) };
         let name = source::path_text(path);
@@ -145,7 +158,7 @@ impl Pipeline {
         if known.is_some_and(|known| decide::is_decided(&known, retry)) {
             return Ok(None);
         }
-        let hashed = match state.bytes <= hashed_bytes {
+        let hashed = match state.bytes <= hashing.first_up_to {
             true => match self.new_content_of(path, retry).await? {
                 None => return Ok(None),
                 content => content,
@@ -199,7 +212,19 @@ impl Pipeline {
         let places = Arc::clone(&self.places[Lane::Backlog as usize]);
         let streaming = Streaming::start(work, places, self.metrics.clone(), buffers, reading);
         let stop = stop.drop_guard();
-        Ok(Some(ReadAhead { state, hashed, made_with, method, streaming, bytes, whole, has_read, stop }))
+        let unhashed = hashing.once && hashed.is_none();
+        Ok(Some(ReadAhead {
+            state,
+            hashed,
+            unhashed,
+            made_with,
+            method,
+            streaming,
+            bytes,
+            whole,
+            has_read,
+            stop,
+        }))
     }
 
     /// Takes an export that is read ahead without hashing it first, where no run is of as many bytes, so that none has its
@@ -217,7 +242,7 @@ impl Pipeline {
     ) -> Result<Result<Outcome, Option<ReadAhead>>, PipelineError> {
         let state = ahead.state;
         let is_as_read = || intake::source_state(path) == Some(state);
-        if ahead.hashed.is_some() || !is_as_read() || self.store.has_run_of_bytes(state.bytes).await? {
+        if !ahead.unhashed || !is_as_read() || self.store.has_run_of_bytes(state.bytes).await? {
             return Ok(Err(Some(ahead)));
         }
         let Ok(recognised) = intake::recognise(self.config(), path, intake::file_time(path)) else {
@@ -384,7 +409,9 @@ mod tests {
         let (early, late) = (pipeline(folders[0].path()).await, pipeline(folders[1].path()).await);
         let stop = CancellationToken::new();
         for (place, export) in exports.iter().enumerate() {
-            let ahead = early.read_ahead_hashing(export, Retry::Never, &stop, 0).await.expect("a store");
+            let hashing = Hashing { first_up_to: 0, ..ONCE };
+            let ahead = early.read_ahead_hashing(export, Retry::Never, &stop, hashing).await;
+            let ahead = ahead.expect("a store");
             let ahead = ahead.expect("a test");
             let unhashed = early.take_unhashed(export, ahead, Retry::Never, |_| ()).await.expect("a store");
             // a copy is as long as what is stored; what is not understood is read again

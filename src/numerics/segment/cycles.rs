@@ -15,8 +15,8 @@ use crate::run::{Cycle, Samples, Stage};
 /// samples take 160 MB for six joints, which bounds the memory of a run without boundaries.
 pub const MAX_CYCLE_ROWS: usize = 1_000_000;
 
-/// Rows that the first cycle of a recording gets room for, whose length nobody knows: one of six minutes at 250 Hz. Where
-/// channels grow by and by, the memory that they leave lies idle; what is not written costs nothing.
+/// Most rows that the first cycle of a recording gets room for beyond twice those at hand, for nobody knows its length: one of
+/// six minutes at 250 Hz. Where channels grow by and by, the memory that they leave lies idle.
 const GUESSED_ROWS: usize = 100_000;
 
 /// Why a recording has no cycles.
@@ -164,7 +164,7 @@ impl CycleCutter {
         self.most_pushed = self.most_pushed.max(chunk.rows());
         let rows = self.pending.rows();
         if rows > 0 && self.pending.time.capacity() < rows + chunk.rows() {
-            self.pending.reserve(GUESSED_ROWS.saturating_sub(rows));
+            self.pending.reserve(GUESSED_ROWS.min(8 * rows).saturating_sub(rows));
         }
         self.pending.append(chunk);
         while self.searched < self.pending.rows() {
