@@ -241,11 +241,12 @@ impl<S: StageChannel> Rows<S> {
         }
     }
 
-    /// Gives back memory beyond what the rows need, where it is much. Channels that grew piece by piece hold up to twice
-    /// that.
+    /// Gives back memory beyond what the rows need, where it is much: more than a quarter. Channels that grew piece by piece
+    /// hold up to twice what they need.
     pub fn shrink_to_fit(&mut self) {
-        let enough = self.rows() + self.rows() / 16;
-        self.channels_mut().filter(|channel| channel.capacity() > enough).for_each(Vec::shrink_to_fit);
+        let enough = self.rows() + self.rows() / 4;
+        let roomy = self.channels_mut().filter(|channel| channel.capacity() > enough);
+        roomy.for_each(|channel| channel.shrink_to(enough));
         self.stage.shrink_to_fit();
         self.cycle.iter_mut().for_each(Vec::shrink_to_fit);
         self.friction_signal.iter_mut().for_each(Vec::shrink_to_fit);

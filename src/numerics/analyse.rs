@@ -14,13 +14,13 @@ use super::diagnose::model::{diagnose_model, top_speeds};
 use super::diagnose::recording::diagnose_samples;
 use super::diagnose::recording::view::DiagnoseSettings;
 use super::diagnose::refusal;
-use super::friction::plateaus::friction_points;
+use super::friction::plateaus::{FrictionPoints, friction_points};
 use super::identify::channel_response::{ObservedCycle, channel_response};
 use super::identify::cycle::{identify_rows, noise_errors};
 use super::identify::cycle_rows::CycleRows;
 use super::identify::filtered_columns::{FilteredColumn, filtered_coulomb_columns};
 use super::identify::joint_factors::{
-    FactorColumns, Factored, embedded, factor_cycle, pack, used_for_identification,
+    FactorColumns, Factored, FactoredRows, embedded, pack, used_for_identification,
 };
 use super::identify::verify::{torque_rmsd, warming_contrast};
 use super::least_squares::factor::TriangularFactor;
@@ -30,8 +30,12 @@ use super::model::regressor::KeptColumns;
 use super::signal::filter::{FilteredSignals, carried_cutoff, filter_signals_into};
 use super::signal::temperature::cycle_temperatures;
 use super::signal::time_grid::sample_rate;
+use super::spare_threads::SpareThreads;
 use crate::analysis::finding::{Finding, FindingKinds, FindingSeverity};
-use crate::analysis::{CycleAnalysis, CycleFactors, Estimator, FrictionPoint, Identification};
+use crate::analysis::response::ChannelResponse;
+use crate::analysis::{
+    CycleAnalysis, CycleFactors, Estimator, FrictionPoint, Identification, TorqueRmsd, WarmingContrast,
+};
 use crate::robot::Robot;
 use crate::run::{Cycle, RunKind, Samples, Stage};
 
@@ -91,14 +95,20 @@ const CYCLES_WITH_RESPONSE: u32 = 2;
 /// Analyses one cycle. Never fails: what could not be had says why in the result.
 #[must_use]
 pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
-    analysed(method, cycle.number, &mut Cow::Borrowed(&cycle.samples), &Buffers::default())
+    let samples = &mut Cow::Borrowed(&cycle.samples);
+    analysed(method, cycle.number, samples, &Buffers::default(), &SpareThreads::default())
 }
 
-/// As [`analyse_cycle`], of a cycle whose memory goes round in `buffers`.
+/// As [`analyse_cycle`], of a cycle whose memory goes round in `buffers`, on more threads than one while some are `spare`.
 #[must_use]
-pub fn analyse_cycle_in(method: &Method, cycle: Cycle, buffers: &Buffers) -> CycleAnalysis {
+pub fn analyse_cycle_in(
+    method: &Method,
+    cycle: Cycle,
+    buffers: &Buffers,
+    spare: &SpareThreads,
+) -> CycleAnalysis {
     let mut samples = Cow::Owned(cycle.samples);
-    let analysis = analysed(method, cycle.number, &mut samples, buffers);
+    let analysis = analysed(method, cycle.number, &mut samples, buffers, spare);
     give_back(samples.to_mut().channels_mut(), buffers);
     analysis
 }
@@ -112,12 +122,13 @@ fn analysed(
     number: u32,
     samples: &mut Cow<'_, Samples>,
     buffers: &Buffers,
+    spare: &SpareThreads,
 ) -> CycleAnalysis {
     let mut analysis = unanalysed(method, number, samples);
     if without_positions(samples, &mut analysis) {
         return analysis;
     }
-    let filtered = match filter_signals_into(samples, analysis.cutoff, buffers) {
+    let filtered = match filter_signals_into(samples, analysis.cutoff, buffers, spare) {
         Ok(filtered) => filtered,
         Err(error) => {
             analysis.identification = Err(error.to_string());
@@ -127,22 +138,34 @@ fn analysed(
     analysis.sample_rate = filtered.sample_rate;
     note_gaps(samples, &filtered, &mut analysis.remarks);
 
-    let channels = diagnose_samples(&method.robot, samples, &filtered, &DiagnoseSettings::default());
-    if let Cow::Owned(samples) = samples {
-        // nobody looks at recorded positions and velocities any more
-        give_back(samples.position.iter_mut().chain(samples.velocity.iter_mut().flatten()), buffers);
-    }
-    let mut filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &filtered);
-    let kept = &method.base.kept_columns;
-    let factored =
-        factor_cycle(&method.robot, &method.columns, kept, &filtered, &filtered_coulomb_columns, samples);
+    let recorded = &mut *samples;
+    let (channels, mut filtered_coulomb_columns) = spare.both(
+        || {
+            let channels = diagnose_samples(&method.robot, recorded, &filtered, &DiagnoseSettings::default());
+            if let Cow::Owned(samples) = recorded {
+                // nobody looks at recorded positions and velocities any more
+                give_back(samples.position.iter_mut().chain(samples.velocity.iter_mut().flatten()), buffers);
+            }
+            channels
+        },
+        || filtered_coulomb_columns(&method.robot, &filtered),
+    );
+    let rows = FactoredRows {
+        robot: &method.robot,
+        columns: &method.columns,
+        regressor_columns: &method.base.kept_columns,
+        filtered: &filtered,
+        filtered_coulomb_columns: &filtered_coulomb_columns,
+        samples,
+    };
+    let factored = rows.factored(spare);
     let recorded = Recorded {
         samples,
         filtered: &filtered,
         filtered_coulomb_columns: &filtered_coulomb_columns,
         factored: &factored,
     };
-    identify_and_verify(method, number, &recorded, channels, &mut analysis);
+    identify_and_verify(method, number, &recorded, channels, (spare, &mut analysis));
     give_back(filtered_coulomb_columns.iter_mut().map(|column| &mut column.values), buffers);
     filtered.end();
     analysis
@@ -155,9 +178,9 @@ fn identify_and_verify(
     number: u32,
     recorded: &Recorded<'_>,
     channels: Vec<Finding>,
-    analysis: &mut CycleAnalysis,
+    (spare, analysis): (&SpareThreads, &mut CycleAnalysis),
 ) {
-    let Recorded { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
+    let Recorded { samples, filtered, factored, .. } = *recorded;
     let accept = method.settings.accept;
     let channels = with_own_fits(method, recorded, channels);
     take_up(method, accepted(channels, accept), analysis);
@@ -171,35 +194,71 @@ fn identify_and_verify(
     analysis.mean_speeds = mean_speeds(filtered);
     let factors = identifying_factors(method, factored);
     analysis.identification = identify_excitation(method, recorded, &factors);
-    let findings = doubt_model(method, recorded, &factors, analysis);
+    let found = analysis.identification.as_ref().ok();
+    let (findings, explained) = spare.both(
+        || doubt_model(method, recorded, &factors, analysis),
+        || explained(method, number, recorded, found),
+    );
+    let had_model = found.is_some();
     take_up(method, accepted(findings, accept), analysis);
-    let model = analysis.identification.as_ref().ok().map(|found| {
-        let parameters = found.parameters.iter().map(|p| (p.id, p.value));
-        DynamicModel::from_parameters(&method.robot, parameters)
-    });
-    if let Ok(found) = &analysis.identification {
-        let theta: Vec<f64> = found.parameters.iter().map(|p| p.value).collect();
-        analysis.verification = torque_rmsd(&method.columns, &factored.factors, &theta);
-        analysis.warming_contrast = warming_contrast(&method.columns, factored, &theta);
-        if number <= CYCLES_WITH_RESPONSE {
-            let columns = KeptColumns::new(&method.base.kept_columns);
-            let observed = ObservedCycle {
-                robot: &method.robot,
-                columns: &columns,
-                filtered,
-                filtered_coulomb_columns,
-                samples,
-            };
-            analysis.response = channel_response(&observed, found, method.settings.estimator);
-        }
-    }
-    let friction = friction_points(&method.robot, samples, filtered, model.as_ref());
-    analysis.friction_points = friction.points;
-    analysis.remarks.extend(friction.remarks);
+    // a model that is refused explains nothing
+    let explained = match had_model && analysis.identification.is_err() {
+        true => self::explained(method, number, recorded, None),
+        false => explained,
+    };
+    analysis.verification = explained.verification;
+    analysis.warming_contrast = explained.warming_contrast;
+    analysis.response = explained.response;
+    analysis.friction_points = explained.friction.points;
+    analysis.remarks.extend(explained.friction.remarks);
     if !samples.stage.contains(&Stage::Excitation) {
         analysis.identification = Err(without_excitation(&analysis.friction_points));
     }
     note_missing_stages(samples, &mut analysis.remarks);
+}
+
+/// What a model says of its cycle.
+struct Explained {
+    verification: Vec<TorqueRmsd>,
+    warming_contrast: Vec<WarmingContrast>,
+    response: Option<ChannelResponse>,
+    friction: FrictionPoints,
+}
+
+/// What the model `found` says of its cycle; friction is measured without one, too.
+fn explained(
+    method: &Method,
+    number: u32,
+    recorded: &Recorded<'_>,
+    found: Option<&Identification>,
+) -> Explained {
+    let Recorded { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
+    let theta: Option<Vec<f64>> = found.map(|found| found.parameters.iter().map(|p| p.value).collect());
+    let theta = theta.as_deref();
+    let model = found.map(|found| {
+        let parameters = found.parameters.iter().map(|p| (p.id, p.value));
+        DynamicModel::from_parameters(&method.robot, parameters)
+    });
+    let response = found.filter(|_| number <= CYCLES_WITH_RESPONSE).and_then(|found| {
+        let columns = KeptColumns::new(&method.base.kept_columns);
+        let observed = ObservedCycle {
+            robot: &method.robot,
+            columns: &columns,
+            filtered,
+            filtered_coulomb_columns,
+            samples,
+        };
+        channel_response(&observed, found, method.settings.estimator)
+    });
+    let of_factors = |theta| torque_rmsd(&method.columns, &factored.factors, theta);
+    Explained {
+        verification: theta.map(of_factors).unwrap_or_default(),
+        warming_contrast: theta
+            .map(|theta| warming_contrast(&method.columns, factored, theta))
+            .unwrap_or_default(),
+        response,
+        friction: friction_points(&method.robot, samples, filtered, model.as_ref()),
+    }
 }
 
 /// Whether a log has no positions; then says what it would need, and how large its torques are.
@@ -456,6 +515,9 @@ fn note_missing_stages(samples: &Samples, remarks: &mut Vec<String>) {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
     use super::*;
     use crate::numerics::identify::joint_factors::tests::cycle;
     use crate::numerics::lanes::run_as_on_any_processor;
@@ -477,7 +539,24 @@ mod tests {
         let (method, buffers) = (method(), Buffers::going_round());
         for cycle in cycles().into_iter().chain(cycles()) {
             let expected = analyse_cycle(&method, &cycle);
-            assert_eq!(analyse_cycle_in(&method, cycle, &buffers), expected);
+            assert_eq!(analyse_cycle_in(&method, cycle, &buffers, &SpareThreads::default()), expected);
+        }
+    }
+
+    #[test]
+    fn results_do_not_depend_on_how_many_threads_are_spare() {
+        let (method, buffers) = (method(), Buffers::going_round());
+        // one that is refused, too, and one that has no excitation
+        let mut odd = cycles();
+        odd[0].samples.torque[1].iter_mut().for_each(|torque| *torque = -*torque);
+        odd[1].samples.stage.iter_mut().for_each(|stage| *stage = Stage::Warming);
+        for cycle in cycles().into_iter().chain(odd) {
+            let expected = analyse_cycle(&method, &cycle);
+            let lent = Arc::new(AtomicUsize::new(0));
+            let count = Arc::clone(&lent);
+            let spare = SpareThreads::lent_by(move || Some(count.fetch_add(1, Ordering::Relaxed)));
+            assert_eq!(analyse_cycle_in(&method, cycle, &buffers, &spare), expected);
+            assert!(lent.load(Ordering::Relaxed) > 5, "threads are asked for");
         }
     }
 

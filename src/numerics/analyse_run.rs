@@ -3,6 +3,7 @@
 use super::analyse::AnalysisSettings;
 use super::friction::level_means::{SAME_PASS_S, at_level, direction_difference, nearest_level};
 use super::friction::warm_up::{WarmUpPoint, fit_warm_up, warm_up_rmsd};
+use super::spare_threads::SpareThreads;
 use super::statistics::descriptive::{mean, median, parameter_statistics, standard_deviation, swing};
 use crate::analysis::measurements::{ByCycle, CyclePoint, RunMeasurements};
 use crate::analysis::{FrictionPoint, JointSummary, RunAnalysis, WarmFriction, WarmUpFit};
@@ -15,11 +16,22 @@ pub fn analyse_run(
     settings: &AnalysisSettings,
     measurements: &RunMeasurements,
 ) -> RunAnalysis {
+    analyse_run_on(&SpareThreads::default(), joint_count, settings, measurements)
+}
+
+/// As [`analyse_run`], fits on more threads than one while some are `spare`.
+#[must_use]
+pub fn analyse_run_on(
+    spare: &SpareThreads,
+    joint_count: usize,
+    settings: &AnalysisSettings,
+    measurements: &RunMeasurements,
+) -> RunAnalysis {
     let points: Vec<FrictionPoint> = measurements.friction_points.iter().map(|of| of.point).collect();
     let rmsd_by_joint = measurements.rmsd_by_joint();
     let summary = |joint| summary(joint, settings, &measurements.friction_points, &rmsd_by_joint);
     RunAnalysis {
-        warm_up_fits: warm_up_fits(&points),
+        warm_up_fits: warm_up_fits_on(spare, &points),
         statistics: measurements
             .by_parameter()
             .iter()
@@ -33,28 +45,33 @@ pub fn analyse_run(
 /// several runs stand one run after another: where time goes back, the next run begins.
 #[must_use]
 pub fn warm_up_fits(points: &[FrictionPoint]) -> Vec<WarmUpFit> {
+    warm_up_fits_on(&SpareThreads::default(), points)
+}
+
+fn warm_up_fits_on(spare: &SpareThreads, points: &[FrictionPoint]) -> Vec<WarmUpFit> {
     let mut keys: Vec<(JointIndex, f64)> = points.iter().map(|p| (p.joint, p.speed_fraction)).collect();
     keys.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
     keys.dedup();
-    keys.into_iter()
-        .filter_map(|(joint, speed_fraction)| {
-            // a lasting difference of the directions is no scatter in time
-            let half = 0.5 * direction_difference(points, joint, speed_fraction);
-            let curve = |half: f64| -> Vec<WarmUpPoint> {
-                let (mut run, mut before) = (0, f64::NEG_INFINITY);
-                at_level(points, joint, speed_fraction)
-                    .map(|p| {
-                        run += usize::from(p.time < before - SAME_PASS_S);
-                        before = p.time;
-                        let torque = p.torque.abs() - half * f64::from(p.direction);
-                        WarmUpPoint { run, minute: p.time / 60.0, torque }
-                    })
-                    .collect()
-            };
-            let fit = fit_warm_up(joint, speed_fraction, &curve(half)).ok()?;
-            Some(WarmUpFit { rmsd: warm_up_rmsd(&fit, &curve(0.0)), ..fit })
-        })
-        .collect()
+    let fits = spare.each(keys.len(), || (), |(), key| warm_up_fit(points, keys[key]));
+    fits.into_iter().flatten().collect()
+}
+
+fn warm_up_fit(points: &[FrictionPoint], (joint, speed_fraction): (JointIndex, f64)) -> Option<WarmUpFit> {
+    // a lasting difference of the directions is no scatter in time
+    let half = 0.5 * direction_difference(points, joint, speed_fraction);
+    let curve = |half: f64| -> Vec<WarmUpPoint> {
+        let (mut run, mut before) = (0, f64::NEG_INFINITY);
+        at_level(points, joint, speed_fraction)
+            .map(|p| {
+                run += usize::from(p.time < before - SAME_PASS_S);
+                before = p.time;
+                let torque = p.torque.abs() - half * f64::from(p.direction);
+                WarmUpPoint { run, minute: p.time / 60.0, torque }
+            })
+            .collect()
+    };
+    let fit = fit_warm_up(joint, speed_fraction, &curve(half)).ok()?;
+    Some(WarmUpFit { rmsd: warm_up_rmsd(&fit, &curve(0.0)), ..fit })
 }
 
 fn summary(

@@ -3,12 +3,13 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Most channels that wait to be taken again: about those of one cycle of a six-axis arm, raw and filtered. A channel of a
-/// long cycle is most of a megabyte.
-const MOST: usize = 64;
+/// Most channels that wait to be taken again: about those of three cycles of a six-axis arm, raw and filtered. New memory is only
+/// asked for while none waits, so that they are no more than were in use at once; a channel of a long cycle is most of a megabyte.
+const MOST: usize = 256;
 
-/// New memory has room for this part of its length more, one in 64: cycles of a test differ by some rows.
-const MARGIN: usize = 64;
+/// New memory has room for this part of its length more, one in 8: cycles of a test differ by some rows, and a cycle that is
+/// still being read holds rows of the next one too. So the memory of any channel of a cycle serves any other.
+const MARGIN: usize = 8;
 
 /// Channels that were given back, shared by all that work on an export; those of the default are given back to the system.
 #[derive(Debug, Clone, Default)]
@@ -55,11 +56,14 @@ impl Buffers {
     }
 
     fn taken(&self, length: usize) -> Vec<f64> {
-        let again = self.waiting().and_then(|mut waiting| {
-            let place = waiting.iter().rposition(|channel| channel.capacity() >= length)?;
-            Some(waiting.swap_remove(place))
-        });
-        again.unwrap_or_else(|| Vec::with_capacity(length + length / MARGIN))
+        if let Some(mut waiting) = self.waiting() {
+            if let Some(place) = waiting.iter().rposition(|channel| channel.capacity() >= length) {
+                return waiting.swap_remove(place);
+            }
+            // all are too short, and new memory takes the place of one of them
+            waiting.pop();
+        }
+        Vec::with_capacity(length + length / MARGIN)
     }
 
     fn waiting(&self) -> Option<MutexGuard<'_, Vec<Vec<f64>>>> {
@@ -77,15 +81,21 @@ mod tests {
         let long = buffers.channel(1000);
         let place = long.as_ptr();
         buffers.give_back([long, Vec::new()]);
-        let longer = buffers.channel(2000);
-        assert_eq!((longer.len(), longer.as_ptr() == place), (2000, false));
         let shorter = buffers.channel(900);
         assert_eq!((shorter.len(), shorter.as_ptr()), (900, place));
         // of those that are long enough, the one that was given back last
-        buffers.clone().give_back([longer, shorter]);
-        let again = buffers.room(1010);
+        buffers.clone().give_back([vec![0.0; 2000], shorter]);
+        let again = buffers.room(1100);
         assert_eq!((again.len(), again.as_ptr()), (0, place), "a part more fits");
-        assert!(again.capacity() >= 1010);
+        assert!(again.capacity() >= 1100);
+    }
+
+    #[test]
+    fn what_is_too_short_does_not_wait_beside_new_memory() {
+        let buffers = Buffers::going_round();
+        buffers.give_back([vec![0.0; 100], vec![0.0; 100]]);
+        assert_eq!(buffers.channel(200).len(), 200);
+        assert_eq!(buffers.waiting().map(|waiting| waiting.len()), Some(1));
     }
 
     #[test]

@@ -12,6 +12,7 @@
 //! | `r` | triangular factor of `[w \| tau]` | `[(b+1) x (b+1)]` |
 
 pub mod buffers;
+pub mod spare_threads;
 pub mod lanes;
 pub mod statistics;
 pub mod signal;

@@ -3,7 +3,8 @@
 //!
 //! What rows say depends on the bytes of the export and on the configuration alone. So nothing is decided here: the
 //! ledger is asked in the turn of the export, and what was read is used only if it is what would be read then, else
-//! dropped.
+//! dropped. A command does not even hash a large export of as many bytes as none before first: its run is known by what was
+//! read of it, as that of an export that grows, until all of it is read.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -13,26 +14,46 @@ use tokio::sync::mpsc;
 use tokio_util::sync::{CancellationToken, DropGuard};
 use tokio_util::task::AbortOnDropHandle;
 
-use super::context::{Lane, Pipeline, PipelineError, Retry};
+use super::context::{Lane, Outcome, Pipeline, PipelineError, Progress, Retry};
 use super::production;
-use super::streaming::{CYCLES_IN_ANALYSIS, Streaming};
+use super::streaming::{Streaming, cycles_in_analysis};
 use super::take::admitted::AdmittedExport;
 use super::take::cutting::ReadEnd;
-use super::take::{decide, intake, resume};
+use super::take::decide::Decision;
+use super::take::intake::Recognised;
+use super::take::{decide, intake, record, resume};
 use crate::config::{Config, FleetEntry};
 use crate::ingest::bytes::{fingerprint, source};
 use crate::numerics::analyse::Method;
 use crate::numerics::buffers::Buffers;
 use crate::robot::Robot;
 use crate::run::{ContentHash, RunKind, RunStatus};
+use crate::store::{Identity, SourceState, StoreError};
 
-/// Exports up to this size are hashed before they are read ahead, bytes: that takes milliseconds, and a copy of what is stored
-/// is not read. Larger ones are read while they are hashed in their turn.
-const HASHED_BYTES: u64 = 16 << 20;
+/// When an export that is read ahead is hashed.
+#[derive(Debug, Clone, Copy)]
+struct Hashing {
+    /// Before it is read, up to so many bytes: that takes milliseconds, and a copy of what is stored is not read.
+    first_up_to: u64,
+    /// A larger one while it is read alone, where no run is of as many bytes. Else it is hashed in its turn, too.
+    once: bool,
+}
+
+/// As the daemon does: who has sent an export asks for it by its hash, also while it is read.
+const BY_CONTENT: Hashing = Hashing { first_up_to: 16 << 20, once: false };
+
+/// As a command does.
+const ONCE: Hashing = Hashing { once: true, ..BY_CONTENT };
 
 /// An export that is read ahead. Whoever drops it ends that.
 #[derive(Debug)]
 pub struct ReadAhead {
+    /// The file as it lay there before it was read.
+    state: SourceState,
+    /// Its content, where it was hashed first.
+    hashed: Option<(ContentHash, u64)>,
+    /// Whether it may be taken without that.
+    unhashed: bool,
     /// What decides its cycles besides its bytes.
     made_with: ContentHash,
     pub(super) method: Arc<Method>,
@@ -52,6 +73,11 @@ impl ReadAhead {
         let content = self.whole.get().is_none_or(|whole| *whole == admitted.header.content_hash);
         let from_start = admitted.cycles_stored == 0 && admitted.resume.is_none();
         content && from_start && self.made_with == admitted.made_with
+    }
+
+    /// The content and its bytes, where it was hashed before it was read and the file lies there as it did.
+    pub(super) fn hashed(&self, path: &Path) -> Option<(ContentHash, u64)> {
+        self.hashed.filter(|_| intake::source_state(path) == Some(self.state))
     }
 
     /// Cancelled once the last row is read: then the next export may be read ahead, without more memory.
@@ -80,7 +106,7 @@ impl ExportsAhead {
 
 impl Pipeline {
     /// Begins to read `exports` ahead, in their order: each once all rows of the one before are read, and no more than
-    /// `CYCLES_IN_ANALYSIS` of them before the first is asked for and after it.
+    /// `cycles_in_analysis` of them before the first is asked for and after it.
     #[must_use]
     pub fn read_all_ahead(
         &self,
@@ -88,12 +114,12 @@ impl Pipeline {
         retry: Retry,
         stop: &CancellationToken,
     ) -> ExportsAhead {
-        let (to_turn, begun) = mpsc::channel(CYCLES_IN_ANALYSIS);
+        let (to_turn, begun) = mpsc::channel(cycles_in_analysis());
         let (pipeline, exports, stop) = (self.clone(), exports.to_vec(), stop.clone());
         let beginning = tokio::spawn(async move {
             for export in exports {
                 let Ok(turn) = to_turn.reserve().await else { return };
-                let ahead = pipeline.read_ahead(&export, retry, &stop).await;
+                let ahead = pipeline.read_ahead_hashing(&export, retry, &stop, ONCE).await;
                 let has_read = ahead.as_ref().ok().and_then(Option::as_ref).map(ReadAhead::has_read);
                 turn.send(ahead);
                 if let Some(has_read) = has_read {
@@ -115,15 +141,30 @@ impl Pipeline {
         retry: Retry,
         stop: &CancellationToken,
     ) -> Result<Option<ReadAhead>, PipelineError> {
+        self.read_ahead_hashing(path, retry, stop, BY_CONTENT).await
+    }
+
+    /// As [`read_ahead`](Self::read_ahead), hashed as `hashing` says.
+    async fn read_ahead_hashing(
+        &self,
+        path: &Path,
+        retry: Retry,
+        stop: &CancellationToken,
+        hashing: Hashing,
+    ) -> Result<Option<ReadAhead>, PipelineError> {
         let Some(state) = intake::source_state(path) else { return Ok(None) };
         let name = source::path_text(path);
         let known = self.store.known_source(&name, state).await?;
         if known.is_some_and(|known| decide::is_decided(&known, retry)) {
             return Ok(None);
         }
-        if state.bytes <= HASHED_BYTES && self.has_content_of(path, retry).await? {
-            return Ok(None);
-        }
+        let hashed = match state.bytes <= hashing.first_up_to {
+            true => match self.new_content_of(path, retry).await? {
+                None => return Ok(None),
+                content => content,
+            },
+            false => None,
+        };
         let earlier = self.store.earlier_runs(&name, state.file, None).await?;
         if earlier.iter().any(|of| of.run.status == RunStatus::Streaming && of.run.cycles_stored > 0) {
             return Ok(None);
@@ -172,17 +213,99 @@ impl Pipeline {
         let places = Arc::clone(&self.places[Lane::Backlog as usize]);
         let streaming = Streaming::start(work, places, self.metrics.clone(), buffers, reading);
         let stop = stop.drop_guard();
-        Ok(Some(ReadAhead { made_with, method, streaming, bytes, whole, has_read, stop }))
+        let unhashed = hashing.once && hashed.is_none();
+        Ok(Some(ReadAhead {
+            state,
+            hashed,
+            unhashed,
+            made_with,
+            method,
+            streaming,
+            bytes,
+            whole,
+            has_read,
+            stop,
+        }))
     }
 
-    /// Whether the content of a file is stored or being read under any name, so that it is not read again.
-    async fn has_content_of(&self, path: &Path, retry: Retry) -> Result<bool, PipelineError> {
+    /// Takes an export that is read ahead without hashing it first, where no run is of as many bytes, so that none has its
+    /// content, and where none goes on with it. `Err` where that cannot be said, or something is out of the ordinary: the
+    /// export is to be taken as any other then, which says what is wrong.
+    ///
+    /// # Errors
+    /// Those of the store.
+    pub(super) async fn take_unhashed(
+        &self,
+        path: &Path,
+        ahead: ReadAhead,
+        retry: Retry,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Result<Outcome, Option<ReadAhead>>, PipelineError> {
+        let state = ahead.state;
+        let is_as_read = || intake::source_state(path) == Some(state);
+        if !ahead.unhashed || !is_as_read() || self.store.has_run_of_bytes(state.bytes).await? {
+            return Ok(Err(Some(ahead)));
+        }
+        let Ok(recognised) = intake::recognise(self.config(), path, intake::file_time(path)) else {
+            return Ok(Err(Some(ahead)));
+        };
+        let facts = intake::facts(self, path, None, state, Some(&recognised), retry).await?;
+        let start = match facts.map(|facts| decide::decide(&facts)) {
+            Ok(Decision::Read(start)) if start.continues.is_none() => start,
+            _ => return Ok(Err(Some(ahead))),
+        };
+        intake::forget_unreadable(self, path).await?;
+        // stands in until the content is whole
+        let no_hash = ContentHash([0; 32]);
+        let Recognised { entry, robot, started_at, .. } = &recognised;
+        let header = intake::header(path, robot, &entry.description.model, *started_at, no_hash, state.bytes);
+        let identity = Identity::Growing(start.read);
+        let export = intake::begin(self, path, &recognised, header, identity, start, state).await?;
+        let _open = self.open(export.run_id);
+        progress(Progress::Begun);
+        if export.made_with != ahead.made_with {
+            return Ok(Err(Some(ahead)));
+        }
+        let Ok(method) = self.method(&export, Some(Arc::clone(&ahead.method))).await? else {
+            return Ok(Err(None));
+        };
+        let done = match self.record_ahead(&export, &method, ahead, progress).await {
+            Ok((ReadEnd::Complete(totals), refused))
+                if is_as_read() && totals.content.bytes == state.bytes =>
+            {
+                let written_at = Some(export.header.started_at);
+                record::finish(self, &export, &method, totals, refused, written_at).await
+            }
+            Ok((ReadEnd::Interrupted, _)) => Ok(Outcome::Interrupted),
+            // the file is read again, which finds its place
+            Ok((ReadEnd::Rejected(_), _)) => return Ok(Err(None)),
+            // its stored cycles are compared with the file when it is looked at again
+            Ok((ReadEnd::Complete(_) | ReadEnd::Changed, _)) => {
+                self.store.forget_resume_point(export.run_id).await?;
+                Ok(Outcome::Changed)
+            }
+            Err(error) => Err(error),
+        };
+        match done {
+            Err(PipelineError::Store(StoreError::Refused { .. }) | PipelineError::Task(_)) => Ok(Err(None)),
+            done => Ok(Ok(done?)),
+        }
+    }
+
+    /// The content of a file and its bytes; `None` where it is stored or being read under any name, so that it is not read
+    /// again, or cannot be read, which is said in its turn.
+    async fn new_content_of(
+        &self,
+        path: &Path,
+        retry: Retry,
+    ) -> Result<Option<(ContentHash, u64)>, PipelineError> {
         let owned = path.to_path_buf();
         let hashed = tokio::task::spawn_blocking(move || fingerprint::fingerprint(&owned)).await?;
-        // what cannot be read is said in its turn
-        let Ok((content, _)) = hashed else { return Ok(true) };
+        let Ok((content, bytes)) = hashed else { return Ok(None) };
         let known = self.store.lookup(&content).await?;
-        Ok(known.is_some_and(|known| decide::is_decided(&known, retry) || self.is_open(known.run_id)))
+        let is_new =
+            known.is_none_or(|known| !decide::is_decided(&known, retry) && !self.is_open(known.run_id));
+        Ok(is_new.then_some((content, bytes)))
     }
 
     /// The structure analysis of a robot; `None` where there is none, which is said in the turn of its export.
@@ -198,6 +321,9 @@ impl Pipeline {
 
 #[cfg(test)]
 mod tests {
+    use sqlx::ConnectOptions;
+    use sqlx::sqlite::SqliteConnectOptions;
+
     use super::*;
     use crate::analysis::IdentifiedParameter;
     use crate::config::Config;
@@ -268,6 +394,57 @@ mod tests {
         for export in &exports {
             let begun = ahead.next().await.expect("a store");
             assert!(begun.is_none(), "{}", export.display());
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn exports_that_are_not_hashed_first_come_to_what_they_come_to_in_their_turn() {
+        let folders = [(); 3].map(|()| tempfile::tempdir().expect("a folder"));
+        let mut exports = exports(folders[2].path());
+        // one with a fault in its second cycle
+        let faulty = folders[2].path().join("R00_20260110_0800_5s_cycle2.csv");
+        let text = std::fs::read_to_string(&exports[0]).expect("an export");
+        let (whole, rest) = text.split_at(text.len() / 4 * 3);
+        std::fs::write(&faulty, format!("{whole}\nnothing\n{rest}")).expect("written");
+        exports.push(faulty);
+        let (early, late) = (pipeline(folders[0].path()).await, pipeline(folders[1].path()).await);
+        let stop = CancellationToken::new();
+        for (place, export) in exports.iter().enumerate() {
+            let hashing = Hashing { first_up_to: 0, ..ONCE };
+            let ahead = early.read_ahead_hashing(export, Retry::Never, &stop, hashing).await;
+            let ahead = ahead.expect("a store");
+            let ahead = ahead.expect("a test");
+            let unhashed = early.take_unhashed(export, ahead, Retry::Never, |_| ()).await.expect("a store");
+            // a copy is as long as what is stored; what is not understood is read again
+            assert_eq!(unhashed.is_ok(), place < 2, "{}", export.display());
+            let found = match unhashed {
+                Ok(found) => found,
+                Err(ahead) => {
+                    early.process_ahead(export, ahead, Retry::Never, &stop, |_| ()).await.expect("an outcome")
+                }
+            };
+            let expected = late.process_ahead(export, None, Retry::Never, &stop, |_| ()).await;
+            assert_eq!(found, expected.expect("an outcome"));
+        }
+        for run_id in [1, 2] {
+            assert_eq!(parameters(&early, run_id).await, parameters(&late, run_id).await);
+        }
+        for folder in &folders[..2] {
+            let options = SqliteConnectOptions::new().filename(folder.path().join("fleet.db"));
+            let mut connection = options.read_only(true).connect().await.expect("a database");
+            let runs: (i64, i64) = sqlx::query_as("SELECT count(*), sum(growing) FROM run")
+                .fetch_one(&mut connection)
+                .await
+                .expect("counts");
+            assert_eq!(runs, (4, 0));
+        }
+        // what is stored has its content
+        for export in &exports {
+            let again = early.process_ahead(export, None, Retry::Never, &stop, |_| ()).await;
+            let again = again.expect("an outcome");
+            let known = matches!(&again, Outcome::AlreadyStored { .. })
+                || matches!(&again, Outcome::Quarantined { known: true, .. });
+            assert!(known, "{again:?}");
         }
     }
 

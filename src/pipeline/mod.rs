@@ -36,21 +36,22 @@ use crate::ingest::rejection::Rejection;
 use crate::metrics::Metrics;
 use crate::numerics::analyse::Method;
 use crate::numerics::buffers::Buffers;
+use crate::numerics::spare_threads::SpareThreads;
 use crate::robot::Robot;
 use crate::store::{Store, StoreError};
 use ahead::ReadAhead;
 use context::{Lane, OpenRun, Outcome, Pipeline, PipelineError, Progress, Retry};
 use open_rows::OpenRows;
-use streaming::{CYCLES_IN_ANALYSIS, Streaming};
+use streaming::{Streaming, analysis_threads};
 use take::admitted::AdmittedExport;
-use take::cutting::{CutCycle, ReadEnd, ReadTotals};
+use take::cutting::{CutCycle, ReadEnd};
 use take::intake::Admission;
 
 impl Pipeline {
     /// A pipeline into `store`.
     #[must_use]
     pub fn new(config: Arc<Config>, store: Store) -> Self {
-        let places = [(); 2].map(|()| Arc::new(Semaphore::new(CYCLES_IN_ANALYSIS)));
+        let places = [(); 2].map(|()| Arc::new(Semaphore::new(analysis_threads())));
         Self {
             config,
             store,
@@ -175,7 +176,15 @@ impl Pipeline {
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
-        let intake = match take::intake::admit(self, path, retry).await? {
+        let ahead = match ahead {
+            Some(ahead) => match self.take_unhashed(path, ahead, retry, progress.clone()).await? {
+                Ok(outcome) => return Ok(outcome),
+                Err(ahead) => ahead,
+            },
+            None => None,
+        };
+        let hashed = ahead.as_ref().and_then(|ahead| ahead.hashed(path));
+        let intake = match take::intake::admit(self, path, retry, hashed).await? {
             Admission::Read(intake) => *intake,
             Admission::Decided(outcome) => return Ok(outcome),
         };
@@ -212,7 +221,12 @@ impl Pipeline {
             Err(rejection) => return take::record::quarantine(self, intake, rejection).await,
         };
         let (end, refused) = match ahead {
-            Some(ahead) => self.record_ahead(intake, &method, ahead, progress).await?,
+            Some(ahead) => match self.record_ahead(intake, &method, ahead, progress).await? {
+                (ReadEnd::Complete(totals), refused) if totals.content.hash != intake.header.content_hash => {
+                    (ReadEnd::Changed, refused)
+                }
+                recorded => recorded,
+            },
             None => {
                 let buffers = Buffers::going_round();
                 let reading = {
@@ -274,13 +288,7 @@ impl Pipeline {
             progress(Progress::Read(bytes.load(Ordering::Relaxed)));
             progress(Progress::Cycle(cycle));
         };
-        let (end, refused) = self.record(intake, streaming, stored).await?;
-        let other = |totals: &ReadTotals| totals.content.hash != intake.header.content_hash;
-        let end = match end {
-            ReadEnd::Complete(totals) if other(&totals) => ReadEnd::Changed,
-            end => end,
-        };
-        Ok((end, refused))
+        self.record(intake, streaming, stored).await
     }
 
     /// Records the cycles of an export that is read and analysed.
@@ -329,6 +337,11 @@ impl Pipeline {
                 Ok(Ok(method))
             }
         }
+    }
+
+    /// Threads that no analysis of a settled export has taken.
+    fn spare_threads(&self) -> SpareThreads {
+        streaming::spare_threads(&self.places[Lane::Backlog as usize])
     }
 
     /// Counts a run among those being read.

@@ -14,6 +14,7 @@ use crate::numerics::buffers::Buffers;
 use crate::numerics::identify::joint_factors::{FactorColumns, unpack};
 use crate::numerics::production::reference::{Reference, last_link_shares};
 use crate::numerics::production::window::{analyse_window, check_window};
+use crate::numerics::spare_threads::SpareThreads;
 use crate::run::{Cycle, RunKind};
 use crate::store::{MOST_REFERENCES, ProductionWindow, ReferenceTest, Store, StoredCycle};
 
@@ -42,11 +43,12 @@ impl CycleWork {
         }
     }
 
-    /// As [`analyse`](Self::analyse), of a cycle whose memory goes round in `buffers`.
-    pub(super) fn analyse_in(&self, cycle: Cycle, buffers: &Buffers) -> CycleAnalysis {
+    /// As [`analyse`](Self::analyse), of a cycle whose memory goes round in `buffers`, on more threads than one while some are
+    /// `spare`.
+    pub(super) fn analyse_in(&self, cycle: Cycle, buffers: &Buffers, spare: &SpareThreads) -> CycleAnalysis {
         match self {
             Self::Test(method, remark) => {
-                let mut analysis = analyse_cycle_in(method, cycle, buffers);
+                let mut analysis = analyse_cycle_in(method, cycle, buffers, spare);
                 analysis.remarks.extend(remark.map(str::to_owned));
                 analysis
             }

@@ -1,6 +1,7 @@
 //! Reading and analysis of an export at once: a thread that cuts cycles, and analyses on blocking threads.
 
 use std::sync::Arc;
+use std::thread::available_parallelism;
 use std::time::Instant;
 
 use tokio::sync::{Semaphore, mpsc};
@@ -11,14 +12,31 @@ use super::production::CycleWork;
 use super::take::cutting::CutCycle;
 use crate::metrics::{Metrics, Stage};
 use crate::numerics::buffers::Buffers;
+use crate::numerics::spare_threads::SpareThreads;
 
 /// Cycles between the reading thread and analysis, which reads no further before the last one is taken. One is enough to
 /// keep both busy; each takes 12 MB at 250 Hz and five minutes.
 const CYCLES_READ_AHEAD: usize = 1;
 
-/// Cycles under analysis at once in each lane, whatever the number of exports: the two cores that the
-/// program is made for.
-pub(super) const CYCLES_IN_ANALYSIS: usize = 2;
+/// Most cycles of one export under analysis at once. Reading a cycle takes a third of the time of analysing it, so that more
+/// would wait for rows; each takes 30 MB at 250 Hz and five minutes.
+const MOST_IN_ANALYSIS: usize = 4;
+
+/// Threads for analyses in each lane, whatever the number of exports: as many as the program may use processors.
+pub(super) fn analysis_threads() -> usize {
+    available_parallelism().map_or(1, usize::from)
+}
+
+/// Cycles of one export under analysis at once.
+pub(super) fn cycles_in_analysis() -> usize {
+    analysis_threads().clamp(2, MOST_IN_ANALYSIS)
+}
+
+/// Threads of `places` that no analysis has taken.
+pub(super) fn spare_threads(places: &Arc<Semaphore>) -> SpareThreads {
+    let places = Arc::clone(places);
+    SpareThreads::lent_by(move || Arc::clone(&places).try_acquire_owned().ok())
+}
 
 /// An export that is being read and analysed. Whoever drops it ends both.
 #[derive(Debug)]
@@ -47,7 +65,7 @@ impl<E: Send + 'static> Streaming<E> {
     ) -> Self {
         let (to_analysis, cycles) = mpsc::channel::<CutCycle>(CYCLES_READ_AHEAD);
         // the task being awaited and those in the channel are the cycles in analysis
-        let (to_record, analyses) = mpsc::channel::<InAnalysis>(CYCLES_IN_ANALYSIS - 1);
+        let (to_record, analyses) = mpsc::channel::<InAnalysis>(cycles_in_analysis() - 1);
         let reader = tokio::task::spawn_blocking(move || read(to_analysis));
         let analyser = tokio::spawn(analyse_in_order(work, places, cycles, to_record, (metrics, buffers)));
         Self { analyses, tasks: Tasks { reader, analyser } }
@@ -79,6 +97,7 @@ async fn analyse_in_order(
     (metrics, buffers): (Metrics, Buffers),
 ) {
     let mut bytes = 0;
+    let spare = spare_threads(&places);
     // a cycle is not taken over before it is its turn: those that wait fill the memory
     while let Ok(turn) = to_record.reserve().await {
         let Some(CutCycle { cycle, read, took, written }) = cycles.recv().await else { return };
@@ -87,10 +106,11 @@ async fn analyse_in_order(
         metrics.cycle_read(cycle.samples.rows(), until.saturating_sub(bytes));
         bytes = until;
         let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
-        let (work, metrics, buffers) = (work.clone(), metrics.clone(), buffers.clone());
+        let (work, metrics) = (work.clone(), metrics.clone());
+        let (buffers, spare) = (buffers.clone(), spare.clone());
         let analysis = tokio::task::spawn_blocking(move || {
             let began = Instant::now();
-            let analysis = work.analyse_in(cycle, &buffers);
+            let analysis = work.analyse_in(cycle, &buffers, &spare);
             metrics.stage(Stage::Analyse, began.elapsed());
             drop(place);
             analysis

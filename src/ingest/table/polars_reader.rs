@@ -131,9 +131,11 @@ impl Parser {
 
     /// The needed columns, or `None` if anything is out of the ordinary.
     fn columns(&self, bytes: &[u8]) -> Option<RawColumns> {
-        let rows = usize::try_from(line_count(bytes)).ok().filter(|rows| *rows > 0)?;
-        let plain = self.plain.as_ref().and_then(|plain| plain.columns(bytes, rows));
-        plain.or_else(|| self.columns_by_polars(bytes, rows))
+        let plain = self.plain.as_ref().and_then(|plain| plain.columns(bytes));
+        plain.or_else(|| {
+            let rows = usize::try_from(line_count(bytes)).ok().filter(|rows| *rows > 0)?;
+            self.columns_by_polars(bytes, rows)
+        })
     }
 
     /// The needed columns of a block of `rows` lines as polars reads them.
@@ -351,7 +353,7 @@ mod tests {
         let (samples, text) = made_recording(500);
         let parser = parser(text.lines().next().unwrap());
         let columns = parser.columns_by_polars(&body(&text).bytes, 500).expect("nothing is odd");
-        let plain = parser.plain.as_ref().and_then(|plain| plain.columns(&body(&text).bytes, 500));
+        let plain = parser.plain.as_ref().and_then(|plain| plain.columns(&body(&text).bytes));
         assert_eq!(plain.as_ref(), Some(&columns), "nor for the plain reader");
         assert_eq!(channels::samples(columns, &parser.map, None), Some(samples));
     }

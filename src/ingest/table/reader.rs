@@ -290,7 +290,11 @@ impl<R: Read> ExportReader<R> {
         }
         let left = self.most_bad.saturating_sub(self.passed_over.rows);
         let read = self.parser.read_passing_over(&block, self.previous, &self.path, left);
-        let lines = line_count(&block.bytes);
+        // rows that are counted count all lines
+        let lines = match self.parser.map().time {
+            TimeColumn::Counted(_) => line_count(&block.bytes),
+            _ => 0,
+        };
         let (samples, passed) = match read {
             Ok(read) => {
                 self.blocks.give_back(block.bytes);

@@ -31,7 +31,7 @@ pub fn diagnose_samples(
     settings: &DiagnoseSettings,
 ) -> Vec<Finding> {
     let view = View::new(robot, samples, filtered);
-    if view.rows.is_empty() {
+    if view.row_count == 0 {
         return Vec::new();
     }
     let mut findings = stuck(&view);
@@ -245,7 +245,7 @@ fn saturation(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -
         let is_at = |row: &&usize| (at_peak[0]..=at_peak[1]).contains(&torque[**row]);
         let excited = view.excitation.iter().filter(is_at).count();
         let excited = excited as f64 / view.excitation.len() as f64;
-        let share = excited.max(at as f64 / view.rows.len() as f64);
+        let share = excited.max(at as f64 / view.row_count as f64);
         if run.is_some() && worst.is_none_or(|(_, before)| share > before) {
             worst = Some((sign * peak, share));
         }

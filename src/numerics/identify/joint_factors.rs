@@ -17,6 +17,7 @@ use crate::numerics::least_squares::factor::{FactorBuilder, TriangularFactor, ZE
 use crate::numerics::model::base_parameters::{BaseParameters, PROBE_STATES, probe_state};
 use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
 use crate::numerics::signal::filter::FilteredSignals;
+use crate::numerics::spare_threads::SpareThreads;
 use crate::robot::{JointIndex, ParameterId, Robot};
 use crate::run::{Samples, Stage};
 
@@ -154,28 +155,71 @@ pub fn factor_cycle(
     filtered_coulomb_columns: &[FilteredColumn],
     samples: &Samples,
 ) -> Factored {
-    let mut folders = JointFactorBuilders::new(robot, columns, regressor_columns, filtered_coulomb_columns);
-    let mut factored = Factored::default();
-    for stage in [Stage::Between, Stage::Excitation, Stage::Friction] {
-        let rows = filtered.observed_rows().filter(|&row| samples.stage[row] == stage);
-        factored.factors.extend(folders.factor(stage, filtered, rows));
-    }
-    let warming: Vec<usize> =
-        filtered.observed_rows().filter(|&row| samples.stage[row] == Stage::Warming).collect();
-    let [start, middle, end] = thirds(&warming, &samples.time)
-        .map(|rows| folders.factor(Stage::Warming, filtered, rows.iter().copied()));
-    let parts = [&start, &middle, &end];
-    for joint in robot.joint_indices() {
-        for motion in Motion::BOTH {
-            let mut factors = parts.iter().flat_map(|part| find(part, joint, motion));
-            let Some(mut whole) = factors.next().cloned() else { continue };
-            factors.for_each(|more| whole.factor.join(&more.factor));
-            factored.factors.push(whole);
+    let rows =
+        FactoredRows { robot, columns, regressor_columns, filtered, filtered_coulomb_columns, samples };
+    rows.factored(&SpareThreads::default())
+}
+
+/// Rows of a cycle that are to be factored: what [`factor_cycle`] is told.
+#[derive(Debug, Clone, Copy)]
+pub struct FactoredRows<'a> {
+    /// The arm.
+    pub robot: &'a Robot,
+    /// The columns of each joint's factor.
+    pub columns: &'a FactorColumns,
+    /// The regressor's columns of [`FactorColumns::kept`], `[b]`.
+    pub regressor_columns: &'a [usize],
+    /// Channels after the low-pass.
+    pub filtered: &'a FilteredSignals,
+    /// Those of the regressor's columns that jump, low-passed.
+    pub filtered_coulomb_columns: &'a [FilteredColumn],
+    /// The rows as recorded.
+    pub samples: &'a Samples,
+}
+
+impl FactoredRows<'_> {
+    /// Their factors as [`factor_cycle`] gives them, stages on more threads than one while some are `spare`.
+    #[must_use]
+    pub fn factored(&self, spare: &SpareThreads) -> Factored {
+        let of_stage = |stage: Stage| -> Vec<usize> {
+            self.filtered.observed_rows().filter(|&row| self.samples.stage[row] == stage).collect()
+        };
+        let warming = of_stage(Stage::Warming);
+        let [start, middle, end] = thirds(&warming, &self.samples.time);
+        let others = [Stage::Friction, Stage::Excitation, Stage::Between].map(of_stage);
+        let [friction, excitation, between] = &others;
+        // the longest ones first, so that threads end together
+        let parts: [(Stage, &[usize]); 6] = [
+            (Stage::Friction, friction),
+            (Stage::Warming, start),
+            (Stage::Warming, middle),
+            (Stage::Warming, end),
+            (Stage::Excitation, excitation),
+            (Stage::Between, between),
+        ];
+        let begin = || JointFactorBuilders::new(self);
+        let factors = spare.each(parts.len(), begin, |builders, part| {
+            let (stage, rows) = parts[part];
+            builders.factor(stage, self.filtered, rows.iter().copied())
+        });
+        let mut factors = factors.into_iter();
+        let [friction, start, middle, end, excitation, between] =
+            std::array::from_fn(|_| factors.next().unwrap_or_default());
+        let mut factored =
+            Factored { factors: [between, excitation, friction].concat(), ..Factored::default() };
+        let parts = [&start, &middle, &end];
+        for joint in self.robot.joint_indices() {
+            for motion in Motion::BOTH {
+                let mut factors = parts.iter().flat_map(|part| find(part, joint, motion));
+                let Some(mut whole) = factors.next().cloned() else { continue };
+                factors.for_each(|more| whole.factor.join(&more.factor));
+                factored.factors.push(whole);
+            }
         }
+        factored.warming_start = start;
+        factored.warming_end = end;
+        factored
     }
-    factored.warming_start = start;
-    factored.warming_end = end;
-    factored
 }
 
 fn find(factors: &[JointFactor], joint: JointIndex, motion: Motion) -> Option<&JointFactor> {
@@ -202,12 +246,8 @@ struct JointFactorBuilders<'a> {
 }
 
 impl<'a> JointFactorBuilders<'a> {
-    fn new(
-        robot: &'a Robot,
-        columns: &FactorColumns,
-        regressor_columns: &[usize],
-        filtered_coulomb_columns: &'a [FilteredColumn],
-    ) -> Self {
+    fn new(rows: &FactoredRows<'a>) -> Self {
+        let FactoredRows { robot, columns, regressor_columns, filtered_coulomb_columns, .. } = *rows;
         let of_joint = |places: &Vec<usize>| places.iter().map(|&k| regressor_columns[k]).collect();
         let regressor_columns: Vec<Vec<usize>> = columns.places.iter().map(of_joint).collect();
         let by_joint =

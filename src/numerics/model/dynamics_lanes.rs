@@ -1,4 +1,4 @@
-//! Slopes of the links' torque by the joints' positions, for several instants at once.
+//! The links' torque, and its slopes by the joints' positions, for several instants at once.
 //!
 //! The torque is equation by equation that of [`inverse_dynamics`](super::dynamics::inverse_dynamics), which it is tested
 //! against.
@@ -39,6 +39,25 @@ pub fn torque_slopes(
         }
     }
     slopes
+}
+
+/// Torque of the rigid links of each of `robots`, whose joints are of the same kinds and move alike, as
+/// [`inverse_dynamics`](super::dynamics::inverse_dynamics) gives it to the last bit.
+///
+/// `parameters` `[n]`; gives for each robot the torques `[n]`, Nm (N).
+///
+/// # Panics
+/// If the chain is longer than [`MAX_JOINTS`].
+pub fn torques_of<'r>(
+    robots: impl IntoIterator<Item = &'r Robot>,
+    parameters: &[StandardParameters],
+    states: &LaneStates,
+) -> impl Iterator<Item = JointLanes> {
+    let mut turns = None;
+    robots.into_iter().map(move |robot| {
+        let turns = turns.get_or_insert_with(|| JointTurns::of(robot, &states.q));
+        torques(robot, parameters, states, turns)
+    })
 }
 
 fn torques(
@@ -133,9 +152,6 @@ mod tests {
     use crate::numerics::model::dynamics::inverse_dynamics;
     use crate::numerics::model::kinematics::tests::{any_arm, numbers};
 
-    /// A few hundred operations of unit rounding, against the largest torque.
-    const ROUNDING: f64 = 1e-12;
-
     proptest! {
         #[test]
         fn each_lane_has_the_torque_of_its_instant(
@@ -151,16 +167,13 @@ mod tests {
             };
             let size = LANES * MAX_JOINTS;
             let states = LaneStates { q: lanes(0), qd: lanes(size), qdd: lanes(2 * size) };
-            let found = torques(&robot, &parameters, &states, &JointTurns::of(&robot, &states.q));
+            let found = torques_of([&robot], &parameters, &states).next().expect("one robot");
             for lane in 0..LANES {
                 let of = |lanes: &JointLanes| lanes.map(|lanes| lanes.0[lane]);
                 let (q, qd, qdd) = (of(&states.q), of(&states.qd), of(&states.qdd));
                 let mut expected = [0.0; MAX_JOINTS];
                 inverse_dynamics(&robot, &parameters, &q[..n], &qd[..n], &qdd[..n], &mut expected[..n]);
-                let largest = expected.iter().fold(1.0_f64, |largest, tau| largest.max(tau.abs()));
-                for (found, expected) in found.iter().zip(expected) {
-                    prop_assert!((found.0[lane] - expected).abs() <= ROUNDING * largest);
-                }
+                prop_assert_eq!(of(&found), expected, "to the last bit");
             }
         }
     }

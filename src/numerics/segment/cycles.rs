@@ -15,6 +15,10 @@ use crate::run::{Cycle, Samples, Stage};
 /// samples take 160 MB for six joints, which bounds the memory of a run without boundaries.
 pub const MAX_CYCLE_ROWS: usize = 1_000_000;
 
+/// Most rows that the first cycle of a recording gets room for beyond twice those at hand, for nobody knows its length: one of
+/// six minutes at 250 Hz. Where channels grow by and by, the memory that they leave lies idle.
+const GUESSED_ROWS: usize = 100_000;
+
 /// Why a recording has no cycles.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SegmentError {
@@ -82,6 +86,8 @@ pub struct CycleCutter {
     stage_seen: bool,
     /// Most rows of a cycle, where it is not [`MAX_CYCLE_ROWS`].
     most_rows: Option<usize>,
+    /// Most rows that were pushed at once: so many of the next cycle may come with the end of one.
+    most_pushed: usize,
     /// Whether a cycle needs no stage.
     of_windows: bool,
     /// Memory of channels.
@@ -161,6 +167,11 @@ impl CycleCutter {
     pub fn push(&mut self, chunk: Samples, cycles: &mut Vec<Cycle>) -> Result<(), SegmentError> {
         let most_rows = self.most_rows.unwrap_or(MAX_CYCLE_ROWS);
         self.rows_seen += chunk.rows() as u64;
+        self.most_pushed = self.most_pushed.max(chunk.rows());
+        let rows = self.pending.rows();
+        if rows > 0 && self.pending.time.capacity() < rows + chunk.rows() {
+            self.pending.reserve(GUESSED_ROWS.min(8 * rows).saturating_sub(rows));
+        }
         self.pending.append(chunk);
         while self.searched < self.pending.rows() {
             if self.begins_cycle(self.searched)? {
@@ -218,7 +229,7 @@ impl CycleCutter {
     fn cut(&mut self, rows: usize) -> Option<Cycle> {
         let samples = self.pending.take_front(rows);
         // cycles of one test are about as long: channels that grow piece by piece would be copied again and again
-        let room = rows + rows / 64;
+        let room = rows + rows / 64 + self.most_pushed;
         for channel in self.pending.channels_mut() {
             let mut roomy = self.buffers.room(room.max(channel.len()));
             roomy.extend_from_slice(channel);

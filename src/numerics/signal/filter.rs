@@ -3,11 +3,12 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use super::low_pass::LowPass;
+use super::low_pass::{LowPass, MOST_AT_ONCE};
 use super::time_grid::{EvenGrid, is_even, longest_step, median_step, sample_rate};
 use crate::numerics::NumericsError;
 use crate::numerics::buffers::Buffers;
 use crate::numerics::lanes::{Kernel, wide};
+use crate::numerics::spare_threads::SpareThreads;
 use crate::robot::MAX_JOINTS;
 use crate::run::Samples;
 
@@ -90,7 +91,8 @@ impl FilteredSignals {
         // a cut-off that made this recording fits its sample rate
         let Ok(low_pass) = LowPass::new(self.cutoff, self.sample_rate) else { return series.to_vec() };
         let channels: Vec<&[f64]> = series.iter().map(Vec::as_slice).collect();
-        let pieces = low_passed(&channels, &self.stretches, &low_pass, &self.buffers);
+        let alone = SpareThreads::default();
+        let pieces = low_passed(&channels, &self.stretches, &low_pass, &self.buffers, &alone);
         pieces.into_iter().map(|pieces| joined(pieces, &self.stretches, self.rows())).collect()
     }
 
@@ -164,10 +166,10 @@ pub fn carried_cutoff(cutoff: f64, sample_rate: f64) -> f64 {
 /// [`NumericsError::TooShort`] below 32 rows, [`NumericsError::CutoffTooHigh`] if the sample rate
 /// cannot carry the cut-off, [`NumericsError::NotFinite`] for a time axis without a median step.
 pub fn filter_signals(samples: &Samples, cutoff: f64) -> Result<FilteredSignals, NumericsError> {
-    filter_signals_into(samples, cutoff, &Buffers::default())
+    filter_signals_into(samples, cutoff, &Buffers::default(), &SpareThreads::default())
 }
 
-/// As [`filter_signals`], with channels in memory of `buffers`.
+/// As [`filter_signals`], with channels in memory of `buffers`, on more threads than one while some are `spare`.
 ///
 /// # Errors
 /// As [`filter_signals`].
@@ -175,6 +177,7 @@ pub fn filter_signals_into(
     samples: &Samples,
     cutoff: f64,
     buffers: &Buffers,
+    spare: &SpareThreads,
 ) -> Result<FilteredSignals, NumericsError> {
     let rows = samples.rows();
     if rows < MIN_STRETCH_ROWS {
@@ -195,7 +198,7 @@ pub fn filter_signals_into(
     };
     let (n, velocity) = (samples.joint_count(), samples.velocity.iter().flatten());
     let recorded = samples.position.iter().chain(&samples.torque).chain(velocity).map(Vec::as_slice);
-    let mut q = low_passed(&recorded.collect::<Vec<_>>(), &stretches, &low_pass, buffers);
+    let mut q = low_passed(&recorded.collect::<Vec<_>>(), &stretches, &low_pass, buffers, spare);
     let mut tau = q.split_off(n);
     let mut qd = tau.split_off(n);
     if samples.velocity.is_none() {
@@ -317,13 +320,22 @@ fn low_passed(
     stretches: &[Stretch],
     low_pass: &LowPass,
     buffers: &Buffers,
+    spare: &SpareThreads,
 ) -> Vec<Vec<Vec<f64>>> {
-    let mut of_channels = vec![Vec::with_capacity(stretches.len()); channels.len()];
-    for stretch in stretches {
-        let pieces = stretch.low_passed(low_pass, channels, buffers);
-        of_channels.iter_mut().zip(pieces).for_each(|(of, piece)| of.push(piece));
-    }
-    of_channels
+    let groups: Vec<&[&[f64]]> = channels.chunks(MOST_AT_ONCE).collect();
+    let of_groups = spare.each(
+        groups.len(),
+        || (),
+        |(), group| {
+            let mut of_channels = vec![Vec::with_capacity(stretches.len()); groups[group].len()];
+            for stretch in stretches {
+                let pieces = stretch.low_passed(low_pass, groups[group], buffers);
+                of_channels.iter_mut().zip(pieces).for_each(|(of, piece)| of.push(piece));
+            }
+            of_channels
+        },
+    );
+    of_groups.into_iter().flatten().collect()
 }
 
 /// Pieces on the grids of the stretches as one channel of the recording; zero between them.

@@ -17,6 +17,9 @@ const FILTER_ORDER: usize = 4;
 
 const SECTIONS: usize = FILTER_ORDER / 2;
 
+/// Most channels that go through the low-pass at once.
+pub(super) const MOST_AT_ONCE: usize = 8;
+
 /// Rows by which a channel is continued at either end: three for each coefficient of the whole filter.
 const EDGE: usize = 3 * (2 * SECTIONS + 1);
 
@@ -59,7 +62,7 @@ impl LowPass {
                 2 | 3 => self.pass::<2, 1>(channels, found),
                 4 | 5 => self.pass::<4, 1>(channels, found),
                 6 | 7 => self.pass::<6, 2>(channels, found),
-                _ => self.pass::<8, 2>(channels, found),
+                _ => self.pass::<MOST_AT_ONCE, 2>(channels, found),
             };
         }
         found

@@ -36,12 +36,21 @@ pub enum Admission {
     Decided(Outcome),
 }
 
-/// Looks an export up by its content and lets it in if it is new, or was left unfinished.
+/// Looks an export up by its content and lets it in if it is new, or was left unfinished. `hashed` are its content and its
+/// bytes, where they are known.
 ///
 /// # Errors
 /// Those of the store. A file that cannot be read is quarantined; one that vanished is
 /// [`Outcome::Changed`].
-pub async fn admit(pipeline: &Pipeline, path: &Path, retry: Retry) -> Result<Admission, PipelineError> {
+pub async fn admit(
+    pipeline: &Pipeline,
+    path: &Path,
+    retry: Retry,
+    hashed: Option<(ContentHash, u64)>,
+) -> Result<Admission, PipelineError> {
+    if let Some(content) = hashed {
+        return admit_content(pipeline, path, retry, content, file_time(path)).await;
+    }
     let owned = path.to_path_buf();
     let read = tokio::task::spawn_blocking(move || (fingerprint(&owned), file_time(&owned))).await?;
     let ((content_hash, source_bytes), file_time) = match read {

@@ -1,5 +1,6 @@
 //! From analyses to the database: one transaction a cycle, one for the end of a run.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
@@ -12,7 +13,7 @@ use crate::ingest::excerpt;
 use crate::ingest::rejection::Rejection;
 use crate::metrics::Stage;
 use crate::numerics::analyse::Method;
-use crate::numerics::analyse_run::analyse_run;
+use crate::numerics::analyse_run::analyse_run_on;
 use crate::numerics::friction::excitation::excitation_friction;
 use crate::pipeline::context::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun};
 use crate::pipeline::friction;
@@ -140,21 +141,20 @@ async fn analyse_test(
     intake: &AdmittedExport,
     method: &Method,
 ) -> Result<(RunAnalysis, Vec<CycleSpeedFits>), PipelineError> {
-    let measurements = pipeline.store().run_measurements(intake.run_id).await?;
-    let speed_fits =
-        friction::over_speed(pipeline.store(), intake.run_id, &measurements.friction_points).await?;
+    let measurements = Arc::new(pipeline.store().run_measurements(intake.run_id).await?);
     let (robot, settings) = (method.robot.clone(), pipeline.config().analysis);
+    let (spare, measured) = (pipeline.spare_threads(), Arc::clone(&measurements));
     let analysis = tokio::task::spawn_blocking(move || {
-        let friction =
-            excitation_friction(&robot, settings.reference_speed_fraction, &measurements.parameters);
-        let mut analysis = analyse_run(robot.joint_count(), &settings, &measurements);
+        let friction = excitation_friction(&robot, settings.reference_speed_fraction, &measured.parameters);
+        let mut analysis = analyse_run_on(&spare, robot.joint_count(), &settings, &measured);
         for (summary, friction) in analysis.summaries.iter_mut().zip(friction) {
             summary.excitation_friction = friction;
         }
         analysis
-    })
-    .await?;
-    Ok((analysis, speed_fits))
+    });
+    let speed_fits =
+        friction::over_speed(pipeline.store(), intake.run_id, &measurements.friction_points).await?;
+    Ok((analysis.await?, speed_fits))
 }
 
 /// Quarantines an export that was let in; whole cycles before the fault stay stored.

@@ -96,6 +96,15 @@ impl Store {
         self.checked(find_run(&self.readers, hash).await)
     }
 
+    /// Whether any run is of an export of so many bytes, so that its content may be that of another such export.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn has_run_of_bytes(&self, bytes: u64) -> Result<bool, StoreError> {
+        let found = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE source_bytes = ?)");
+        self.checked(found.bind(count(bytes)).fetch_one(&self.readers).await)
+    }
+
     /// Ends an unfinished run whose file is gone as quarantined, for `reason`. Its cycles stay, and it goes on if
     /// the file comes back. Returns whether there was such a run.
     ///

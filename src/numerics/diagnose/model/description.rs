@@ -12,10 +12,13 @@ use crate::analysis::Identification;
 use crate::numerics::identify::filtered_columns::{
     FilteredColumn, filtered_coulomb_columns, write_filtered_columns,
 };
+use crate::numerics::lanes::{LANES, Lanes};
 use crate::numerics::least_squares::factor::FactorBuilder;
 use crate::numerics::least_squares::orthonormal::{OrthonormalBasis, dot};
-use crate::numerics::model::dynamics::{DynamicModel, inverse_dynamics};
+use crate::numerics::model::dynamics::DynamicModel;
+use crate::numerics::model::dynamics_lanes::{JointLanes, torques_of};
 use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
+use crate::numerics::model::regressor_lanes::LaneStates;
 use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::{MAX_JOINTS, ParameterId, Robot};
 
@@ -178,7 +181,7 @@ pub fn test_description(
     let parameters = identified.parameters.iter().map(|p| (p.id, p.value));
     let model = DynamicModel::from_parameters(robot, parameters);
     let theta: Vec<f64> = values_of(robot, kept_columns, identified);
-    let slopes = TorqueSlopes::new(robot, &numbers, &model, judged_rows.filtered);
+    let mut slopes = TorqueSlopes::new(robot, &numbers, &model, judged_rows);
     let mut folder = FactorBuilder::new(b + m);
     let mut y = Regressor::new(robot);
     let mut slope = vec![[0.0; MAX_JOINTS]; m];
@@ -186,7 +189,7 @@ pub fn test_description(
     let mut rows = 0;
     judged_rows.each(robot, filtered_coulomb_columns, &mut y, |row, j, y, state| {
         if written != Some(row) {
-            slopes.write(row, state, &mut slope);
+            slopes.write(row, &mut slope);
             written = Some(row);
         }
         let weight = 1.0 / judged_rows.noise[j];
@@ -269,6 +272,12 @@ struct TorqueSlopes<'a> {
     /// The robot with each number a step larger; `None` where the torque itself is changed.
     changed: Vec<Option<Robot>>,
     filtered: &'a FilteredSignals,
+    /// Rows that are asked for, rising.
+    rows: &'a [usize],
+    /// Place among the rows of the first one of those at hand, a lane each.
+    first: Option<usize>,
+    /// For each changed robot the slopes in the rows at hand.
+    slopes: Vec<JointLanes>,
     /// The rate of each measured torque `[n][rows]`, where rows are not evenly spaced.
     rates: Vec<Vec<f64>>,
 }
@@ -278,18 +287,22 @@ impl<'a> TorqueSlopes<'a> {
         robot: &'a Robot,
         numbers: &[DescribedNumber],
         model: &'a DynamicModel,
-        filtered: &'a FilteredSignals,
+        judged_rows: &'a JudgedRows<'_>,
     ) -> Self {
         let changed = |number: &DescribedNumber| match number {
             DescribedNumber::TorqueGain(_) | DescribedNumber::TorqueDelay => None,
             _ => Some(number.changed(robot, STEP)),
         };
+        let filtered = judged_rows.filtered;
         let rate = |tau: &Vec<f64>| filtered.derivative(tau);
         Self {
             robot,
             model,
             changed: numbers.iter().map(changed).collect(),
             filtered,
+            rows: &judged_rows.rows,
+            first: None,
+            slopes: Vec::new(),
             rates: if filtered.is_even() { Vec::new() } else { filtered.tau.iter().map(rate).collect() },
         }
     }
@@ -300,23 +313,47 @@ impl<'a> TorqueSlopes<'a> {
         -at_row.unwrap_or_else(|| self.rates[joint][row])
     }
 
-    fn write(&self, row: usize, state: &JointState, slope: &mut [[f64; MAX_JOINTS]]) {
+    /// The slopes in a row, `[numbers][n]`.
+    fn write(&mut self, row: usize, slope: &mut [[f64; MAX_JOINTS]]) {
         let n = self.robot.joint_count();
-        let torque = |robot: &Robot| {
-            let mut tau = [0.0; MAX_JOINTS];
-            let JointState { q, qd, qdd, .. } = state;
-            inverse_dynamics(robot, &self.model.inertial, &q[..n], &qd[..n], &qdd[..n], &mut tau[..n]);
-            tau
+        let place = self.rows.partition_point(|of| *of < row);
+        let first = match self.first.filter(|first| (*first..first + LANES).contains(&place)) {
+            Some(first) => first,
+            None => self.take_up(place),
         };
-        let described = torque(self.robot);
+        let mut of_changed = self.slopes.iter();
         for (changed, slope) in self.changed.iter().zip(slope) {
             match changed {
-                Some(robot) => {
-                    let changed = torque(robot);
-                    (0..n).for_each(|j| slope[j] = (changed[j] - described[j]) / STEP);
+                Some(_) => {
+                    let lanes = of_changed.next();
+                    (0..n).for_each(|j| slope[j] = lanes.map_or(0.0, |lanes| lanes[j].0[place - first]));
                 }
                 None => (0..n).for_each(|j| slope[j] = self.late(j, row)),
             }
         }
+    }
+
+    /// Works out the slopes in the rows from `first` on.
+    fn take_up(&mut self, first: usize) -> usize {
+        let mut states = LaneStates::default();
+        for lane in 0..LANES {
+            let row = self.rows[(first + lane).min(self.rows.len() - 1)];
+            for j in 0..self.robot.joint_count() {
+                states.q[j].0[lane] = self.filtered.q[j][row];
+                states.qd[j].0[lane] = self.filtered.qd[j][row];
+                states.qdd[j].0[lane] = self.filtered.qdd[j][row];
+            }
+        }
+        let robots = std::iter::once(self.robot).chain(self.changed.iter().flatten());
+        let mut torques = torques_of(robots, &self.model.inertial, &states);
+        self.slopes.clear();
+        if let Some(described) = torques.next() {
+            let slope = |changed: JointLanes| -> JointLanes {
+                std::array::from_fn(|j| Lanes((changed[j] - described[j]).0.map(|change| change / STEP)))
+            };
+            self.slopes.extend(torques.map(slope));
+        }
+        self.first = Some(first);
+        first
     }
 }

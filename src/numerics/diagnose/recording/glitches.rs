@@ -50,8 +50,8 @@ fn spike(
     channel: &[f64],
     least: f64,
 ) -> Option<Finding> {
-    let stride = view.rows.len().div_ceil(RANGE_ROWS).max(1);
-    let mut some: Vec<f64> = view.rows.iter().step_by(stride).map(|&row| channel[row]).collect();
+    let stride = view.row_count.div_ceil(RANGE_ROWS).max(1);
+    let mut some: Vec<f64> = view.rows().step_by(stride).map(|row| channel[row]).collect();
     let last = (some.len() - 1) as f64;
     let mut at = |part: f64| *some.select_nth_unstable_by((last * part) as usize, f64::total_cmp).1;
     let (low, high) = (at(TAIL), at(1.0 - TAIL));
@@ -61,9 +61,8 @@ fn spike(
     if reach <= 0.0 || beyond(lowest).max(beyond(highest)) <= reach {
         return None;
     }
-    let worst =
-        view.rows.iter().copied().max_by(|&a, &b| beyond(channel[a]).total_cmp(&beyond(channel[b])))?;
-    let rows = view.rows.iter().filter(|&&row| beyond(channel[row]) > reach).count();
+    let worst = view.rows().max_by(|&a, &b| beyond(channel[a]).total_cmp(&beyond(channel[b])))?;
+    let rows = view.rows().filter(|&row| beyond(channel[row]) > reach).count();
     let unit = match (name, view.joint(joint).kind) {
         ("position", JointKind::Revolute) => "rad",
         ("position", JointKind::Prismatic) => "m",
@@ -108,7 +107,7 @@ fn leap(view: &View<'_>, joint: JointIndex) -> Option<Finding> {
         .map(|row| (row, channel[row] - channel[row - 1]))
         .filter(|&(row, step)| step.abs() > reached(row).max(resolution))
         .collect();
-    let few = leaps.len() as f64 <= (LEAPING * view.rows.len() as f64).max(2.0);
+    let few = leaps.len() as f64 <= (LEAPING * view.row_count as f64).max(2.0);
     let &(row, step) = leaps.iter().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).filter(|_| few)?;
     let (time, turn) = (view.samples.time[row], std::f64::consts::TAU);
     let folded = |(row, step): &(usize, f64)| {
@@ -152,7 +151,7 @@ pub(super) fn repeats(view: &View<'_>) -> Option<Finding> {
         })
     };
     let (mut moving, mut repeated) = (0_usize, 0_usize);
-    for row in view.rows.iter().copied().filter(|&row| row > 0 && moves(row)) {
+    for row in view.rows().filter(|&row| row > 0 && moves(row)) {
         moving += 1;
         repeated += usize::from(same(row));
     }

@@ -25,9 +25,9 @@ fn explain(view: &View<'_>, joint: JointIndex) -> Vec<Option<Explained>> {
     let j = joint.index();
     let FilteredSignals { q, qd, qdd, tau, .. } = view.filtered;
     let low = view.joint(joint).low_speed;
-    let moving: Vec<usize> = view.rows.iter().copied().filter(|&row| qd[j][row].abs() >= low).collect();
-    let stride = moving.len().div_ceil(FIT_ROWS).max(1);
-    let rows: Vec<usize> = moving.into_iter().step_by(stride).collect();
+    let moving = || view.rows().filter(|&row| qd[j][row].abs() >= low);
+    let stride = moving().count().div_ceil(FIT_ROWS).max(1);
+    let rows: Vec<usize> = moving().step_by(stride).collect();
     let column = |row: usize, k: usize| match k {
         0 => 1.0,
         1 => q[j][row].cos(),

@@ -54,8 +54,8 @@ pub(super) struct View<'a> {
     pub(super) robot: &'a Robot,
     pub(super) samples: &'a Samples,
     pub(super) filtered: &'a FilteredSignals,
-    /// Rows that may be used, all stages.
-    pub(super) rows: Vec<usize>,
+    /// How many rows may be used, all stages.
+    pub(super) row_count: usize,
     /// Rows of the excitation stage, or all where there is none.
     pub(super) excitation: Vec<usize>,
     /// Whether there is an excitation stage: without one, nobody asks that all joints move.
@@ -68,16 +68,16 @@ pub(super) struct View<'a> {
 
 impl<'a> View<'a> {
     pub(super) fn new(robot: &'a Robot, samples: &'a Samples, filtered: &'a FilteredSignals) -> Self {
-        let rows: Vec<usize> = filtered.usable.iter().flat_map(Clone::clone).collect();
+        let usable = || filtered.usable.iter().flat_map(Clone::clone);
         let excitation: Vec<usize> =
-            rows.iter().copied().filter(|&row| samples.stage[row] == Stage::Excitation).collect();
+            usable().filter(|&row| samples.stage[row] == Stage::Excitation).collect();
         let has_excitation = !excitation.is_empty();
-        let excitation = if has_excitation { excitation } else { rows.clone() };
+        let excitation = if has_excitation { excitation } else { usable().collect() };
         Self {
             robot,
             samples,
             filtered,
-            rows,
+            row_count: usable().count(),
             excitation,
             has_excitation,
             dq: filtered.q.iter().map(|q| filtered.derivative(q)).collect(),
@@ -88,6 +88,11 @@ impl<'a> View<'a> {
     /// Gives back the memory of what was made for the checks.
     pub(super) fn end(self) {
         self.filtered.give_back(self.dq);
+    }
+
+    /// Rows that may be used, all stages.
+    pub(super) fn rows(&self) -> impl Iterator<Item = usize> + '_ {
+        self.filtered.usable.iter().flat_map(Clone::clone)
     }
 
     pub(super) fn joint(&self, joint: JointIndex) -> &Joint {
@@ -112,7 +117,7 @@ impl<'a> View<'a> {
 
     pub(super) fn product(&self, a: &[f64], b: &[f64]) -> f64 {
         let of_piece = |(a, b): (&[f64], &[f64])| dot(a, b);
-        self.pieces(a).zip(self.pieces(b)).map(of_piece).sum::<f64>() / self.rows.len() as f64
+        self.pieces(a).zip(self.pieces(b)).map(of_piece).sum::<f64>() / self.row_count as f64
     }
 
     pub(super) fn extent(&self, channel: &[f64]) -> [f64; 2] {
