@@ -227,8 +227,8 @@ mod tests {
         }
         for k in 0..instants {
             let states = state_at(series, k as f64 / rate);
-            for j in 0..n {
-                let moves = states[j][1].abs() >= robot.joints[j].low_speed;
+            for (j, [_, speed, _]) in states.into_iter().enumerate() {
+                let moves = speed.abs() >= robot.joints[j].low_speed;
                 w.row_mut(n * k + j).scale_mut(if moves { 1.0 / recording.noise[j] } else { 0.0 });
             }
         }
