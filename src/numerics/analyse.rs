@@ -555,8 +555,8 @@ mod tests {
             let expected = analyse_cycle(&method, &cycle);
             let lent = Arc::new(AtomicUsize::new(0));
             let count = Arc::clone(&lent);
-            let spare = SpareThreads::lent_by(move |_, work| {
-                count.fetch_add(1, Ordering::Relaxed);
+            let spare = SpareThreads::lent_by(move |most, work| {
+                count.fetch_add(most, Ordering::Relaxed);
                 work();
             });
             assert_eq!(analyse_cycle_in(&method, cycle, &buffers, &spare), expected);
