@@ -218,6 +218,7 @@ fn identify_and_verify(
 }
 
 /// What a model says of its cycle.
+#[derive(Default)]
 struct Explained {
     verification: Vec<TorqueRmsd>,
     warming_contrast: Vec<WarmingContrast>,
@@ -554,7 +555,10 @@ mod tests {
             let expected = analyse_cycle(&method, &cycle);
             let lent = Arc::new(AtomicUsize::new(0));
             let count = Arc::clone(&lent);
-            let spare = SpareThreads::lent_by(move || Some(count.fetch_add(1, Ordering::Relaxed)));
+            let spare = SpareThreads::lent_by(move |most, work| {
+                count.fetch_add(most, Ordering::Relaxed);
+                work();
+            });
             assert_eq!(analyse_cycle_in(&method, cycle, &buffers, &spare), expected);
             assert!(lent.load(Ordering::Relaxed) > 5, "threads are asked for");
         }

@@ -1,18 +1,16 @@
 //! Threads that nobody else needs at the moment, for work of independent parts. What parts come to does not depend on which
-//! thread does them.
+//! thread does them. Who lends the threads starts them: nothing here does.
 
-use std::any::Any;
-use std::panic::resume_unwind;
+use std::fmt;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::{fmt, thread};
 
-/// What is held while a thread is lent.
-type Loan = Box<dyn Any + Send>;
+/// Runs some work here and, at once, on as many more threads as are spare, at most so many; ends when all have ended.
+type RunAtOnce = dyn Fn(usize, &(dyn Fn() + Sync)) + Send + Sync;
 
 /// Lends threads beside the one that works; the default lends none.
 #[derive(Clone, Default)]
-pub struct SpareThreads(Option<Arc<dyn Fn() -> Option<Loan> + Send + Sync>>);
+pub struct SpareThreads(Option<Arc<RunAtOnce>>);
 
 impl fmt::Debug for SpareThreads {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -21,10 +19,11 @@ impl fmt::Debug for SpareThreads {
 }
 
 impl SpareThreads {
-    /// Threads that `lend` lends: as long as what it gives is not dropped, one more may work.
+    /// Threads that `run` lends: it runs the work that it is given here and, at once, on as many more threads as are spare, at
+    /// most as many as it is told, and ends when all have ended.
     #[must_use]
-    pub fn lent_by<L: Send + 'static>(lend: impl Fn() -> Option<L> + Send + Sync + 'static) -> Self {
-        Self(Some(Arc::new(move || lend().map(|loan| Box::new(loan) as Loan))))
+    pub fn lent_by(run: impl Fn(usize, &(dyn Fn() + Sync)) + Send + Sync + 'static) -> Self {
+        Self(Some(Arc::new(run)))
     }
 
     /// What `work` gives of each of the parts `0..count`, in their order. `begin` makes what a thread keeps from one part to
@@ -35,13 +34,8 @@ impl SpareThreads {
         begin: impl Fn() -> S + Sync,
         work: impl Fn(&mut S, usize) -> T + Sync,
     ) -> Vec<T> {
-        let loans: Vec<Loan> = (1..count).map_while(|_| self.loan()).collect();
-        if loans.is_empty() {
-            let mut own = begin();
-            return (0..count).map(|part| work(&mut own, part)).collect();
-        }
         let (next, done) = (AtomicUsize::new(0), Mutex::new(Vec::with_capacity(count)));
-        let take_parts = &|| {
+        let take_parts = || {
             let mut own = None;
             loop {
                 let part = next.fetch_add(1, Ordering::Relaxed);
@@ -52,113 +46,67 @@ impl SpareThreads {
                 done.lock().unwrap_or_else(PoisonError::into_inner).push((part, found));
             }
         };
-        thread::scope(|scope| {
-            for loan in loans {
-                let lent = move || {
-                    take_parts();
-                    drop(loan);
-                };
-                // without a thread more, this one does all parts
-                let _ = thread::Builder::new().name("analysis".into()).spawn_scoped(scope, lent);
-            }
-            take_parts();
-        });
+        if let Some(run) = &self.0 {
+            run(count.saturating_sub(1), &take_parts);
+        }
+        // what nobody has taken
+        take_parts();
         let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
         done.sort_unstable_by_key(|(part, _)| *part);
         done.into_iter().map(|(_, found)| found).collect()
     }
 
     /// What both come to; without a spare thread `one` is done first.
-    pub fn both<A: Send, B>(&self, one: impl FnOnce() -> A + Send, other: impl FnOnce() -> B) -> (A, B) {
-        let Some(loan) = self.loan() else { return (one(), other()) };
-        thread::scope(|scope| {
-            let lent = scope.spawn(move || {
-                let found = one();
-                drop(loan);
-                found
-            });
-            let of_other = other();
-            match lent.join() {
-                Ok(of_one) => (of_one, of_other),
-                Err(panic) => resume_unwind(panic),
-            }
-        })
+    pub fn both<A: Send + Default, B: Send + Default>(
+        &self,
+        one: impl FnOnce() -> A + Send,
+        other: impl FnOnce() -> B + Send,
+    ) -> (A, B) {
+        let (one, other) = (Mutex::new(Some(one)), Mutex::new(Some(other)));
+        let found = self.each(
+            2,
+            || (),
+            |(), part| match part {
+                0 => (taken(&one).map(|one| one()), None),
+                _ => (None, taken(&other).map(|other| other())),
+            },
+        );
+        let (mut of_one, mut of_other) = (None, None);
+        for (a, b) in found {
+            of_one = of_one.or(a);
+            of_other = of_other.or(b);
+        }
+        // each of them was done once
+        (of_one.unwrap_or_default(), of_other.unwrap_or_default())
     }
+}
 
-    fn loan(&self) -> Option<Loan> {
-        self.0.as_ref()?()
-    }
+fn taken<F>(work: &Mutex<Option<F>>) -> Option<F> {
+    work.lock().unwrap_or_else(PoisonError::into_inner).take()
 }
 
 #[cfg(test)]
 mod tests {
-    use std::collections::HashSet;
-    use std::sync::Barrier;
-
     use super::*;
 
-    /// Lends `most` threads at once.
-    fn lending(most: usize) -> (SpareThreads, Arc<AtomicUsize>) {
-        let lent = Arc::new(AtomicUsize::new(0));
-        let count = Arc::clone(&lent);
-        let lend = move || {
-            let place =
-                count.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |n| (n < most).then_some(n + 1));
-            place.ok().map(|_| GiveBack(Arc::clone(&count)))
-        };
-        (SpareThreads::lent_by(lend), lent)
-    }
-
-    struct GiveBack(Arc<AtomicUsize>);
-
-    impl Drop for GiveBack {
-        fn drop(&mut self) {
-            self.0.fetch_sub(1, Ordering::SeqCst);
-        }
-    }
-
     #[test]
-    fn parts_come_in_their_order_whoever_does_them() {
-        for most in [0, 1, 3, 20] {
-            let (spare, lent) = lending(most);
-            for count in [0, 1, 2, 7, 50] {
+    fn parts_come_in_their_order_however_often_the_work_is_run() {
+        for times in [0, 1, 3] {
+            let spare = SpareThreads::lent_by(move |_, work| (0..times).for_each(|_| work()));
+            for count in [0, 1, 2, 50] {
                 let found = spare.each(
                     count,
                     || 0,
                     |done, part| {
                         *done += 1;
-                        (part * part, *done > 0)
+                        (part * part, *done)
                     },
                 );
-                let expected: Vec<(usize, bool)> = (0..count).map(|part| (part * part, true)).collect();
+                let expected: Vec<(usize, usize)> = (0..count).map(|part| (part * part, part + 1)).collect();
                 assert_eq!(found, expected);
             }
             assert_eq!(spare.both(|| 1, || "two"), (1, "two"));
-            assert_eq!(lent.load(Ordering::SeqCst), 0, "all are given back");
         }
         assert_eq!(SpareThreads::default().both(|| 'a', || 'b'), ('a', 'b'));
-    }
-
-    #[test]
-    fn lent_threads_work_at_once() {
-        let (spare, _) = lending(2);
-        let all_there = Barrier::new(3);
-        let threads = spare.each(
-            3,
-            || (),
-            |(), _| {
-                all_there.wait();
-                thread::current().id()
-            },
-        );
-        assert_eq!(threads.into_iter().collect::<HashSet<_>>().len(), 3);
-    }
-
-    #[test]
-    fn a_panic_of_a_part_is_one_of_all() {
-        let (spare, lent) = lending(1);
-        let work = || spare.each(4, || (), |(), part| assert!(part != 2, "no part two"));
-        assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(work)).is_err());
-        assert_eq!(lent.load(Ordering::SeqCst), 0);
     }
 }

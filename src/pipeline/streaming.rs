@@ -1,7 +1,7 @@
 //! Reading and analysis of an export at once: a thread that cuts cycles, and analyses on blocking threads.
 
 use std::sync::Arc;
-use std::thread::available_parallelism;
+use std::thread::{self, available_parallelism};
 use std::time::Instant;
 
 use tokio::sync::{Semaphore, mpsc};
@@ -35,7 +35,20 @@ pub(super) fn cycles_in_analysis() -> usize {
 /// Threads of `places` that no analysis has taken.
 pub(super) fn spare_threads(places: &Arc<Semaphore>) -> SpareThreads {
     let places = Arc::clone(places);
-    SpareThreads::lent_by(move || Arc::clone(&places).try_acquire_owned().ok())
+    SpareThreads::lent_by(move |most, work| {
+        let loans = (0..most).map_while(|_| Arc::clone(&places).try_acquire_owned().ok());
+        thread::scope(|scope| {
+            for loan in loans {
+                let lent = move || {
+                    work();
+                    drop(loan);
+                };
+                // without a thread more, this one does all parts
+                let _ = thread::Builder::new().name("analysis".into()).spawn_scoped(scope, lent);
+            }
+            work();
+        });
+    })
 }
 
 /// An export that is being read and analysed. Whoever drops it ends both.
@@ -116,5 +129,37 @@ async fn analyse_in_order(
             analysis
         });
         turn.send(InAnalysis { analysis, read, written });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+    use std::sync::Barrier;
+
+    use super::*;
+
+    #[test]
+    fn free_places_are_threads_that_work_at_once_and_are_given_back() {
+        let places = Arc::new(Semaphore::new(2));
+        let spare = spare_threads(&places);
+        let all_there = Barrier::new(3);
+        let threads = spare.each(
+            3,
+            || (),
+            |(), _| {
+                all_there.wait();
+                thread::current().id()
+            },
+        );
+        assert_eq!(threads.into_iter().collect::<HashSet<_>>().len(), 3);
+        assert_eq!(places.available_permits(), 2);
+        let both_taken = places.try_acquire_many(2).expect("two places");
+        let threads = spare.each(3, || (), |(), _| thread::current().id());
+        assert_eq!(threads, vec![thread::current().id(); 3]);
+        drop(both_taken);
+        let work = || spare.each(4, || (), |(), part| assert!(part != 2, "no part two"));
+        assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(work)).is_err());
+        assert_eq!(places.available_permits(), 2);
     }
 }
