@@ -1,5 +1,6 @@
 //! A folder of its own for each test, the real binary, and a look into the database.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -364,7 +365,7 @@ fn cells(row: &SqliteRow) -> String {
     shown.collect::<Vec<_>>().join("|")
 }
 
-/// Asserts that two dumps are alike, and shows the first rows that are not.
+/// Asserts that two dumps are alike; else shows the views with another number of rows, and the first rows that differ.
 pub fn assert_alike(found: &str, expected: &str, of: &str) {
     let differing: Vec<String> = found
         .lines()
@@ -373,8 +374,26 @@ pub fn assert_alike(found: &str, expected: &str, of: &str) {
         .take(3)
         .map(|(found, expected)| format!("found    {found}\nexpected {expected}"))
         .collect();
-    let lines = [found, expected].map(|dump| dump.lines().count());
-    assert!(found == expected, "{of}: {lines:?} lines\n{}", differing.join("\n"));
+    let (rows, wanted) = (rows_by_view(found), rows_by_view(expected));
+    let views: Vec<String> = wanted
+        .iter()
+        .filter(|(view, rows_wanted)| rows.get(*view) != Some(rows_wanted))
+        .map(|(view, wanted)| format!("{view}: {} of {wanted} rows", rows.get(view).copied().unwrap_or(0)))
+        .collect();
+    assert!(found == expected, "{of}: {views:?}\n{}", differing.join("\n"));
+}
+
+/// Rows of each view of a dump.
+fn rows_by_view(dump: &str) -> BTreeMap<&str, usize> {
+    let mut rows = BTreeMap::new();
+    let mut view = "";
+    for line in dump.lines() {
+        match line.strip_prefix("# ") {
+            Some(next) => view = next,
+            None => *rows.entry(view).or_default() += usize::from(!line.is_empty()),
+        }
+    }
+    rows
 }
 
 /// Words of a command line as a shell gives them; what stands between double quotes is one word.
