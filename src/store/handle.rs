@@ -3,18 +3,17 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use sqlx::{Sqlite, SqlitePool, Transaction};
-
 use super::error::StoreError;
+use crate::store::engine::{EnginePool, EngineTransaction, begin_writing};
 
 /// An open database. Clones share it.
 #[derive(Debug, Clone)]
 pub struct Store {
     pub(super) path: Arc<Path>,
-    pub(super) writer: SqlitePool,
-    pub(super) readers: SqlitePool,
+    pub(super) writer: EnginePool,
+    pub(super) readers: EnginePool,
     /// A reader for questions about the database's health: it takes no turn of the others.
-    pub(super) probe: SqlitePool,
+    pub(super) probe: EnginePool,
     /// Whether it was opened to look into it.
     pub(super) is_read_only: bool,
 }
@@ -36,16 +35,12 @@ impl Store {
         self.checked(checkpoint).map(|_| ())
     }
 
-    /// A transaction that has the write lock. A deferred one that reads first and writes later would
-    /// fail at once where this one waits.
-    pub(in crate::store) async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        self.checked(self.writer.begin_with("BEGIN IMMEDIATE").await)
+    /// A transaction that has the write lock.
+    pub(in crate::store) async fn begin(&self) -> Result<EngineTransaction, StoreError> {
+        self.checked(begin_writing(&self.writer).await)
     }
 
-    pub(in crate::store) async fn commit(
-        &self,
-        transaction: Transaction<'static, Sqlite>,
-    ) -> Result<(), StoreError> {
+    pub(in crate::store) async fn commit(&self, transaction: EngineTransaction) -> Result<(), StoreError> {
         self.checked(transaction.commit().await)
     }
 

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 use sqlx::Row;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use super::error::StoreError;
 use super::handle::Store;
 use super::values::{size, time};
+use crate::store::engine::{EngineExecutor, EngineRow};
 
 /// Where the deliveries of a route stand.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -79,24 +79,24 @@ impl Store {
     }
 }
 
-async fn is_complete(executor: impl SqliteExecutor<'_>, source_name: &str) -> Result<bool, sqlx::Error> {
-    sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE source_name = ? AND status = 'complete')")
+async fn is_complete(executor: impl EngineExecutor<'_>, source_name: &str) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE source_name = $1 AND status = 'complete')")
         .bind(source_name)
         .fetch_one(executor)
         .await
 }
 
-async fn quarantined_by_robot(executor: impl SqliteExecutor<'_>) -> Result<Vec<(String, u64)>, sqlx::Error> {
+async fn quarantined_by_robot(executor: impl EngineExecutor<'_>) -> Result<Vec<(String, u64)>, sqlx::Error> {
     sqlx::query(
         "SELECT robot, count(DISTINCT run_id) AS exports FROM quarantine WHERE state = 'open' GROUP BY robot \
          ORDER BY robot",
     )
-    .try_map(|row: SqliteRow| Ok((row.try_get("robot")?, size(&row, "exports")?)))
+    .try_map(|row: EngineRow| Ok((row.try_get("robot")?, size(&row, "exports")?)))
     .fetch_all(executor)
     .await
 }
 
-async fn deliveries_by_route(executor: impl SqliteExecutor<'_>) -> Result<Vec<RouteCounts>, sqlx::Error> {
+async fn deliveries_by_route(executor: impl EngineExecutor<'_>) -> Result<Vec<RouteCounts>, sqlx::Error> {
     sqlx::query(
         "SELECT r.name AS route, r.failures,
                 count(*) FILTER (WHERE d.state = 'pending') AS pending,
@@ -110,7 +110,7 @@ async fn deliveries_by_route(executor: impl SqliteExecutor<'_>) -> Result<Vec<Ro
          GROUP BY r.delivery_route_id
          ORDER BY r.name",
     )
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(RouteCounts {
             route: row.try_get("route")?,
             pending: size(&row, "pending")?,

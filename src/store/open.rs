@@ -9,6 +9,7 @@ use sqlx::sqlite::{
 };
 use sqlx::{ConnectOptions, Connection, SqliteConnection, SqlitePool};
 
+use super::engine::catalog;
 use super::error::StoreError;
 use super::handle::Store;
 use super::results::intervals;
@@ -73,7 +74,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn data_version(&self) -> Result<i64, StoreError> {
-        self.checked(sqlx::query_scalar("PRAGMA data_version").fetch_one(&self.probe).await)
+        self.checked(catalog::data_version(&self.probe).await)
     }
 
     /// Makes what was committed so far outlast a loss of power too: a commit alone is written into the log and, for
@@ -217,7 +218,8 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database, [`StoreError::Busy`] after two seconds.
     pub async fn probe(&self) -> Result<(), StoreError> {
-        let answer = sqlx::query("SELECT count(*) FROM (SELECT 1 FROM robot LIMIT 1)").execute(&self.probe);
+        let answer =
+            sqlx::query("SELECT count(*) FROM (SELECT 1 FROM robot LIMIT 1) AS first").execute(&self.probe);
         self.checked(answer.await).map(|_| ())
     }
 }

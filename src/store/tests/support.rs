@@ -326,7 +326,7 @@ pub(in crate::store) async fn finish(store: &Store, run_id: i64, cycles: u32, fi
 
 /// The robot of a run that was completed just now.
 pub(in crate::store) async fn stale(store: &Store, run_id: i64) -> StaleRobot {
-    let robot_id: i64 = sqlx::query_scalar("SELECT robot_id FROM run WHERE run_id = ?")
+    let robot_id: i64 = sqlx::query_scalar("SELECT robot_id FROM run WHERE run_id = $1")
         .bind(run_id)
         .fetch_one(&store.readers)
         .await
@@ -340,7 +340,7 @@ pub(in crate::store) fn totals(cycles: u32) -> RunTotals {
 }
 
 pub(in crate::store) async fn columns(store: &Store, table: &str) -> Vec<String> {
-    sqlx::query_scalar("SELECT name FROM pragma_table_info(?) ORDER BY cid")
+    sqlx::query_scalar("SELECT name FROM pragma_table_info($1) ORDER BY cid")
         .bind(table)
         .fetch_all(&store.readers)
         .await
