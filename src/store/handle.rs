@@ -4,7 +4,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::error::StoreError;
-use crate::store::engine::{EnginePool, EngineTransaction, begin_writing};
+#[cfg(feature = "postgres")]
+use crate::store::engine::daemon_lock::DaemonLock;
+use crate::store::engine::{Dialect, EnginePool, EngineTransaction, begin_writing, dialect};
 
 /// An open database. Clones share it.
 #[derive(Debug, Clone)]
@@ -16,6 +18,9 @@ pub struct Store {
     pub(super) probe: EnginePool,
     /// Whether it was opened to look into it.
     pub(super) is_read_only: bool,
+    /// Whether the connection that writes is the one daemon's.
+    #[cfg(feature = "postgres")]
+    pub(super) daemon: DaemonLock,
 }
 
 impl Store {
@@ -30,9 +35,28 @@ impl Store {
         if self.is_read_only {
             return Ok(());
         }
-        let checkpoint = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&self.writer).await;
-        self.writer.close().await;
-        self.checked(checkpoint).map(|_| ())
+        match self.dialect() {
+            Dialect::Sqlite => {
+                let checkpoint = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&self.writer).await;
+                self.writer.close().await;
+                self.checked(checkpoint).map(|_| ())
+            }
+            #[cfg(feature = "postgres")]
+            Dialect::Postgres => {
+                self.writer.close().await;
+                Ok(())
+            }
+        }
+    }
+
+    pub(in crate::store) fn dialect(&self) -> Dialect {
+        dialect(&self.readers)
+    }
+
+    /// What a database on a server leaves to the programs of the server, said with how they do it.
+    #[cfg(feature = "postgres")]
+    pub(in crate::store) fn on_server(&self, what: &'static str, instead: String) -> StoreError {
+        StoreError::OnServer { path: self.path.to_path_buf(), what, instead }
     }
 
     /// A transaction that has the write lock.

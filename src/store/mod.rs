@@ -24,6 +24,8 @@ mod synthetic;
 mod write_ahead_log;
 mod new_schema;
 mod schema;
+#[cfg(feature = "postgres")]
+mod server;
 mod open;
 mod table;
 mod public_sql;

@@ -8,6 +8,8 @@ use sqlx::Row;
 use super::error::StoreError;
 use super::handle::Store;
 use super::values::{size, time};
+#[cfg(feature = "postgres")]
+use crate::store::engine::{Dialect, catalog};
 use crate::store::engine::{EngineExecutor, EngineRow};
 
 /// Where the deliveries of a route stand.
@@ -66,6 +68,11 @@ impl Store {
 
     /// Sizes of the files of the database; `None` where the system does not tell.
     pub async fn size(&self) -> Option<DatabaseSize> {
+        #[cfg(feature = "postgres")]
+        if self.dialect() == Dialect::Postgres {
+            let database = catalog::bytes_on_server(&self.readers).await.ok()?;
+            return Some(DatabaseSize { database: database.try_into().ok()?, log: 0 });
+        }
         let path = Arc::clone(&self.path);
         let sizes = tokio::task::spawn_blocking(move || {
             let database = std::fs::metadata(&path).ok()?.len();

@@ -12,6 +12,8 @@ use super::handle::Store;
 use super::results::joined_factors::remove_of;
 use super::values::{count, named, size};
 use crate::run::RunKind;
+#[cfg(feature = "postgres")]
+use crate::store::engine::{Dialect, catalog};
 use crate::store::engine::{EngineExecutor, EngineRow};
 
 /// Tests that are looked at for a window of ordinary work until one has parameters. So many of the latest tests of a
@@ -101,6 +103,13 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn free_space(&self) -> Result<FreeSpace, StoreError> {
         const INCREMENTAL: u64 = 2;
+        #[cfg(feature = "postgres")]
+        if self.dialect() == Dialect::Postgres {
+            const PAGE: u64 = 8192;
+            let bytes = self.checked(catalog::bytes_on_server(&self.readers).await)?;
+            let pages = u64::try_from(bytes).unwrap_or(0) / PAGE;
+            return Ok(FreeSpace { page_bytes: PAGE, pages, free_pages: 0, can_shrink: false });
+        }
         let mut figures = [0_u64; 4];
         for (figure, pragma) in
             figures.iter_mut().zip(["page_size", "page_count", "freelist_count", "auto_vacuum"])

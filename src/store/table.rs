@@ -6,7 +6,9 @@ use sqlx::{AssertSqlSafe, Column, Executor, Row, SqlSafeStr, Statement, TypeInfo
 
 use super::error::StoreError;
 use super::handle::Store;
-use crate::store::engine::{Engine, EngineArguments, EngineRow, catalog};
+#[cfg(feature = "postgres")]
+use crate::store::engine::sqlstate::{self, ServerFault};
+use crate::store::engine::{Dialect, Engine, EngineArguments, EngineRow, catalog, dialect};
 
 /// What a statement gave.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -95,13 +97,9 @@ impl Store {
                 )));
             }
         }
-        self.answer(&select(view, wanted), |mut query| {
+        self.answer(&select(dialect(&self.readers), view, wanted), |mut query| {
             for (_, value) in wanted.filters.iter().filter(|(_, value)| value != NULL) {
-                query = query.bind(value);
-                query = match value.parse::<f64>() {
-                    Ok(number) => query.bind(number),
-                    Err(_) => query.bind(value),
-                };
+                query = query.bind(value).bind(value.parse::<f64>().ok());
             }
             query
         })
@@ -128,6 +126,22 @@ impl Store {
 
     fn ask_error(&self, error: &sqlx::Error) -> AskError {
         const READ_ONLY: &str = "8";
+        #[cfg(feature = "postgres")]
+        match (sqlstate::fault_of(error), error) {
+            (
+                Some(
+                    ServerFault::Statement
+                    | ServerFault::Cancelled
+                    | ServerFault::ReadOnly
+                    | ServerFault::Rights,
+                ),
+                sqlx::Error::Database(of),
+            ) => return AskError::Statement(of.message().to_owned()),
+            (None, sqlx::Error::ColumnDecode { source, .. }) if self.dialect() == Dialect::Postgres => {
+                return AskError::Statement(source.to_string());
+            }
+            _ => {}
+        }
         match error {
             sqlx::Error::Database(of) if of.code().as_deref() == Some(READ_ONLY) => AskError::Statement(
                 "the database is opened for reading only; the commands of armwatch change it".into(),
@@ -148,7 +162,7 @@ fn names(columns: &[impl Column]) -> Vec<String> {
 /// How a filter asks for NULL.
 const NULL: &str = "null";
 
-fn select(view: &str, wanted: &ViewRows) -> String {
+fn select(dialect: Dialect, view: &str, wanted: &ViewRows) -> String {
     let mut place = 1;
     let mut conditions = Vec::new();
     for (column, value) in &wanted.filters {
@@ -156,7 +170,7 @@ fn select(view: &str, wanted: &ViewRows) -> String {
             conditions.push(format!("\"{column}\" IS NULL"));
         } else {
             // the value is bound as a text and once more as a number, where it is one
-            conditions.push(catalog::equals(column, place));
+            conditions.push(catalog::equals(dialect, column, place));
             place += 2;
         }
     }
