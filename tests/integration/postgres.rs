@@ -5,14 +5,17 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::Duration;
 
 use armwatch::store::public_views;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use serde_json::{Map, Value};
 use sqlx::postgres::PgConnectOptions;
 use sqlx::{AssertSqlSafe, Connection, Row};
 
 use crate::small::{self, Export, export, work};
-use crate::support::{Workshop, assert_alike, text, wait_until};
+use crate::support::{Daemon, Workshop, assert_alike, pass, text, wait_until};
 
 /// Where Debian's package has the programs of the server.
 const PROGRAMS: &str = "/usr/lib/postgresql/15/bin";
@@ -127,9 +130,16 @@ const OF_THE_MACHINE: [(&str, &str); 14] = [
     ("conclusion_faults", "last_at"),
 ];
 
-/// Every row of every public view, as the program reads it from a database, with numbers as they are: both engines give
-/// them in the same order where they have taken the same in the same order.
+/// Views of what the program and people did and when.
+const OF_DEEDS: [&str; 3] = ["anomaly_history", "baseline_changes", "maintenance_log"];
+
+/// Every row of every public view, as the program reads it from a database, with all digits of numbers: both engines give
+/// the same where they have taken the same in the same order.
 fn dump(workshop: &Workshop, database: &str) -> String {
+    rows_of_views(workshop, database, |_, _| true)
+}
+
+fn rows_of_views(workshop: &Workshop, database: &str, is_told: impl Fn(&str, &str) -> bool) -> String {
     let mut dump = String::new();
     for view in public_views() {
         let name = view.name.as_str();
@@ -137,10 +147,10 @@ fn dump(workshop: &Workshop, database: &str) -> String {
         let rows = workshop.stdout(&["sql", "--db", database, "--json", &asked], 0);
         let told = |line: &str| {
             let mut row: Map<String, Value> = serde_json::from_str(line).expect("JSON");
-            row.retain(|column, _| !OF_THE_MACHINE.contains(&(name, column)));
+            row.retain(|column, _| !OF_THE_MACHINE.contains(&(name, column)) && is_told(name, column));
             Value::Object(row).to_string()
         };
-        let mut rows: Vec<String> = rows.lines().map(told).collect();
+        let mut rows: Vec<String> = rows.lines().map(told).filter(|row| row != "{}").collect();
         rows.sort_unstable();
         dump.push_str(&format!("# {name}\n{}\n", rows.join("\n")));
     }
@@ -340,18 +350,112 @@ fn a_killed_daemon_goes_on_where_the_server_has_it() {
     assert!(term.expect("kill runs").success() && child.wait().expect("it ends").success());
     assert_eq!(second.code(), Some(74), "a second daemon: {}", both.workshop.log());
     both.workshop.stdout(&["ingest", "inbox"], 0);
-    let [file, server] = both.databases.each_ref().map(|database| by_robot(&both.workshop, database));
+    let [file, server] =
+        both.databases.each_ref().map(|database| dump_in_any_order(&both.workshop, database));
     assert_alike(&server, &file, "killed");
 }
 
-/// Results without the numbers of runs, which follow the order of arrival.
-fn by_robot(workshop: &Workshop, database: &str) -> String {
-    const QUESTIONS: [&str; 3] = [
-        "SELECT robot, source_name, status, cycles, rows, content_hash FROM runs ORDER BY robot, source_name",
-        "SELECT robot, cycle, joint, parameter, value, std_error FROM cycle_parameters ORDER BY 1, 2, 3, 4",
-        "SELECT robot, joint, status, reason FROM fleet_health ORDER BY robot, joint",
-    ];
-    QUESTIONS.map(|asked| workshop.stdout(&["sql", "--db", database, "--json", asked], 0)).concat()
+/// As [`dump`], of databases that have taken the same in another order: without the numbers of rows, and without what was
+/// done when.
+fn dump_in_any_order(workshop: &Workshop, database: &str) -> String {
+    rows_of_views(workshop, database, |view, column| {
+        !OF_DEEDS.contains(&view) && !column.ends_with("_id") && (view, column) != ("baselines", "epoch")
+    })
+}
+
+/// Events of a test that takes minutes; `ARMWATCH_KILLS` says how many.
+fn events() -> u32 {
+    std::env::var("ARMWATCH_KILLS").ok().map_or(60, |count| count.parse().expect("a number of kills"))
+}
+
+/// Each time at another moment, the daemon is killed, the server falls and comes back, or all connections are cut: round
+/// after round, what is stored in the end is what a command stores in a file that nothing disturbs.
+fn disturbed(most: u32) {
+    let Some(server) = Server::start() else { return };
+    let both = Both::new(small::watching_work(), &server);
+    for (robot, seed) in [("A", 1), ("B", 2), ("D", 8)] {
+        both.add(&export(robot, seed, 5));
+        both.add(&export(robot, seed + 20, 6));
+        both.add(&work(robot, seed + 40, 6));
+    }
+    both.add(&export("C", 3, 5).spoiled());
+    both.workshop.stdout(&["ingest", "inbox", "--db", &both.databases[0]], 1);
+    let golden = dump_in_any_order(&both.workshop, &both.databases[0]);
+    let seed =
+        std::env::var("ARMWATCH_SEED").ok().map_or_else(rand::random, |seed| seed.parse().expect("a seed"));
+    println!("ARMWATCH_SEED={seed}");
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let (mut events, mut round) = ([0; 3], 0);
+    while events.iter().sum::<u32>() < most {
+        round += 1;
+        let name = format!("fleet{round}");
+        server.sql(&format!("CREATE DATABASE {name}"));
+        let address = server.fleet().replace("/fleet?", &format!("/{name}?"));
+        let daemon = || {
+            let log = fs::OpenOptions::new().create(true).append(true).open(both.workshop.path("daemon.log"));
+            let mut command = both.workshop.command(&["run", "--db", &address]);
+            command.stdout(Stdio::null()).stderr(log.expect("a log"));
+            Daemon { child: command.spawn().expect("the daemon starts") }
+        };
+        let mut life = daemon();
+        // a round has so many events that some fall into every phase, and few enough to come to its end
+        for _ in 0..random.random_range(4..10) {
+            pass(Duration::from_millis(random.random_range(20..900)));
+            let ended = life.child.try_wait().expect("a child");
+            assert!(ended.is_none(), "the daemon ended by itself: {ended:?}\n{}", both.workshop.log());
+            let event = random.random_range(0..3);
+            events[event] += 1;
+            match event {
+                0 => {
+                    drop(life);
+                    life = daemon();
+                }
+                1 if is_open(&server, &name) => server.control("restart"),
+                _ if is_open(&server, &name) => {
+                    server.sql(
+                        "SELECT CAST(count(pg_terminate_backend(pid)) AS text) FROM pg_stat_activity
+                         WHERE application_name = 'armwatch'",
+                    );
+                }
+                // a daemon that starts is told that there is no server, and ends
+                _ => {}
+            }
+        }
+        let left = "SELECT CAST((SELECT count(*) FROM armwatch.run WHERE status <> 'streaming') || ' '
+                                || (SELECT count(*) FROM armwatch.robot WHERE history <> concluded) AS text)";
+        wait_until(
+            || is_made(&server, &name) && server.sql_in(&name, left) == ["10 0"],
+            || both.workshop.log(),
+        );
+        life.signal("TERM");
+        assert_eq!(life.end(), Some(0), "{}", both.workshop.log());
+        assert_alike(&dump_in_any_order(&both.workshop, &address), &golden, &format!("round {round}"));
+        println!("round {round}: {events:?} kills, falls of the server, cuts of connections");
+    }
+}
+
+fn is_made(server: &Server, database: &str) -> bool {
+    let there = "SELECT CAST(to_regclass('armwatch.schema_version') IS NOT NULL AS text)";
+    server.sql_in(database, there) == ["true"]
+}
+
+/// Whether the daemon is at work on a database: it has made the schema, and holds its claim.
+fn is_open(server: &Server, database: &str) -> bool {
+    let claims =
+        "SELECT CAST(count(*) AS text) FROM pg_locks AS held JOIN pg_database AS of ON of.oid = held.database
+                  WHERE held.locktype = 'advisory' AND held.objid = 3 AND of.datname = current_database()";
+    is_made(server, database) && server.sql_in(database, claims) == ["1"]
+}
+
+#[test]
+fn a_few_kills_of_daemon_and_server_change_nothing() {
+    disturbed(8);
+}
+
+#[test]
+#[ignore = "minutes: 60 kills of the daemon, falls of the server and cuts of connections, or as many as ARMWATCH_KILLS says"]
+fn many_kills_of_daemon_and_server_change_nothing() {
+    disturbed(events());
 }
 
 /// What a server cannot do, and what is left to it, is said with a remedy.

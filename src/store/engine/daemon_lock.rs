@@ -53,8 +53,12 @@ impl DaemonLock {
         let writer = writer.clone();
         if let Ok(runtime) = tokio::runtime::Handle::try_current() {
             runtime.spawn(async move {
-                let left =
-                    sqlx::query("SELECT pg_catalog.pg_advisory_unlock(1098343522, 3)").execute(&writer);
+                // a connection that was opened anew meanwhile does not hold it
+                let left = sqlx::query(
+                    "SELECT pg_catalog.pg_advisory_unlock(1098343522, 3) FROM pg_catalog.pg_locks
+                     WHERE locktype = 'advisory' AND classid = 1098343522 AND objid = 3 AND pid = pg_backend_pid()",
+                )
+                .execute(&writer);
                 if let Err(error) = left.await {
                     tracing::debug!(%error, "the lock of the daemon goes with its connection");
                 }

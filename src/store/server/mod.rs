@@ -122,4 +122,6 @@ fn pool(connections: u32, busy_timeout: Duration) -> EnginePoolOptions {
         .acquire_timeout(3 * busy_timeout)
         .idle_timeout(None)
         .max_lifetime(None)
+        // that a server is away is said by whoever waits for it
+        .acquire_slow_level(log::LevelFilter::Off)
 }
