@@ -21,7 +21,7 @@ Examples:
 The database is opened for reading only: no statement changes anything, and the daemon may run. --schema says which
 views there are, and what their columns mean; so do docs/schema.md and the view view_columns.")]
 pub(super) struct SqlArgs {
-    /// Statement of SQLite; without one it is read from standard input
+    /// Statement of SQLite, or of PostgreSQL for a database on a server; without one it is read from standard input
     #[arg(value_name = "QUERY")]
     query: Option<String>,
     /// List the public views, or the columns of one: type, unit, meaning; no database is needed

@@ -1,5 +1,5 @@
-//! Results in SQLite. One writer, several readers; every write is one transaction that starts with
-//! the write lock, so that waiting for another writer happens once, at its beginning.
+//! Results in SQLite, or on a PostgreSQL server. One writer, several readers; every write is one transaction that starts
+//! with the write lock, so that waiting for another writer happens once, at its beginning.
 //!
 //! The views of `migrations/` are what users read; the tables behind them are this module's own.
 //! Functions below the facade hold one statement each and take any connection, so that they compose.

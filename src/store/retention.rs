@@ -187,7 +187,8 @@ async fn due_runs(executor: impl EngineExecutor<'_>, kept: &KeptSince) -> Result
 
 async fn bytes_of(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<u64, sqlx::Error> {
     sqlx::query(
-        "SELECT CAST(coalesce(sum(length(factor)), 0) AS BIGINT) AS bytes FROM cycle JOIN torque_factor USING (cycle_id) WHERE run_id = $1",
+        "SELECT CAST(coalesce(sum(length(factor)), 0) AS BIGINT) AS bytes
+         FROM cycle JOIN torque_factor USING (cycle_id) WHERE run_id = $1",
     )
     .bind(run_id)
     .try_map(|row: EngineRow| size(&row, "bytes"))

@@ -137,7 +137,8 @@ impl Store {
         held: Held,
     ) -> Result<(), StoreError> {
         let statement = sqlx::query(
-            "UPDATE delivery SET held = $1, due_at = $2 WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($3))",
+            "UPDATE delivery SET held = $1, due_at = $2
+             WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($3))",
         )
         .bind(held.name())
         .bind(until.as_microsecond())
@@ -237,7 +238,8 @@ impl Store {
         self.checked(route.bind(route_id).execute(&mut *transaction).await)?;
         let given_up = sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM delivery
-                            WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1)) AND state = 'failed')",
+                            WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1))
+                                  AND state = 'failed')",
         )
         .bind(ids(message));
         let given_up: bool = self.checked(given_up.fetch_one(&mut *transaction).await)?;

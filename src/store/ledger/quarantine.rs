@@ -247,7 +247,8 @@ async fn count_again(
          SET tries = tries + 1, last_at = CAST(unixepoch('subsec') * 1000000 AS BIGINT),
              cycles_stored = (SELECT run.cycles_stored FROM run WHERE run.run_id = fault.run_id)
          WHERE fault_id = (SELECT max(latest.fault_id) FROM fault AS latest WHERE latest.run_id = $1)
-           AND problem = $2 AND line IS NOT DISTINCT FROM $3 AND column_name IS NOT DISTINCT FROM $4 AND byte IS NOT DISTINCT FROM $5 AND value IS NOT DISTINCT FROM $6",
+           AND problem = $2 AND line IS NOT DISTINCT FROM $3 AND column_name IS NOT DISTINCT FROM $4
+           AND byte IS NOT DISTINCT FROM $5 AND value IS NOT DISTINCT FROM $6",
     )
     .bind(run_id)
     .bind(&fault.problem)

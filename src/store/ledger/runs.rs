@@ -323,8 +323,8 @@ pub(in crate::store) async fn find_run(
     hash: &ContentHash,
 ) -> Result<Option<KnownRun>, sqlx::Error> {
     sqlx::query(
-        "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason, cycles_stored,
-                retry_asked_at IS NOT NULL AS retry_asked
+        "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason,
+                cycles_stored, retry_asked_at IS NOT NULL AS retry_asked
          FROM run
          WHERE content_hash = $1",
     )
@@ -336,8 +336,8 @@ pub(in crate::store) async fn find_run(
 
 async fn run_by_key(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<KnownRun, sqlx::Error> {
     sqlx::query(
-        "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason, cycles_stored,
-                retry_asked_at IS NOT NULL AS retry_asked
+        "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason,
+                cycles_stored, retry_asked_at IS NOT NULL AS retry_asked
          FROM run
          WHERE run_id = $1",
     )
@@ -455,7 +455,8 @@ async fn identify_growing(
     prefix: &ContentPrefix,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "UPDATE run SET content_hash = randomblob(32), growing = TRUE, prefix_bytes = $1, prefix_hash = $2 WHERE run_id = $3",
+        "UPDATE run SET content_hash = randomblob(32), growing = TRUE, prefix_bytes = $1, prefix_hash = $2
+         WHERE run_id = $3",
     )
     .bind(count(prefix.bytes))
     .bind(&prefix.hash.0[..])
@@ -505,7 +506,8 @@ pub(in crate::store) async fn advance(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET cycles_stored = cycles_stored + 1, robot_model_id = $1, figures_hash = $2, prefix_bytes = coalesce($3, prefix_bytes),
+         SET cycles_stored = cycles_stored + 1, robot_model_id = $1, figures_hash = $2,
+             prefix_bytes = coalesce($3, prefix_bytes),
              prefix_hash = coalesce($4, prefix_hash)
          WHERE run_id = $5",
     )
@@ -526,8 +528,8 @@ pub(in crate::store) async fn mark_complete(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET status = 'complete', rows = $1, rows_skipped = $2, sample_rate_hz = $3, cycles_total = $4, growing = FALSE, prefix_bytes = NULL,
-             prefix_hash = NULL
+         SET status = 'complete', rows = $1, rows_skipped = $2, sample_rate_hz = $3, cycles_total = $4,
+             growing = FALSE, prefix_bytes = NULL, prefix_hash = NULL
          WHERE run_id = $5",
     )
     .bind(count(totals.rows))

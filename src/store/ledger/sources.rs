@@ -225,7 +225,8 @@ async fn find_all(
     let asked = serde_json::Value::from(paths.to_vec()).to_string();
     let rows = sqlx::query(
         "SELECT source_file.path, source_file.bytes, source_file.modified, run.run_id,
-                CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, run.reason, run.cycles_stored,
+                CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, run.reason,
+                run.cycles_stored,
                 retry_asked_at IS NOT NULL AS retry_asked
          FROM json_each($1) AS asked
          CROSS JOIN source_file
@@ -263,12 +264,14 @@ pub(in crate::store) async fn earlier_runs(
              WHERE robot.name = $5 AND status IN ('streaming', 'complete', 'quarantined')
                AND started_at BETWEEN $6 - $8 AND $6 + $8 AND (started_at = $6 OR source_name = $7)
          )
-         SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason, cycles_stored,
-                retry_asked_at IS NOT NULL AS retry_asked, robot.name AS robot, started_at, source_name, kind,
+         SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason,
+                cycles_stored, retry_asked_at IS NOT NULL AS retry_asked, robot.name AS robot, started_at, source_name, kind,
                 EXISTS (SELECT 1 FROM source_file WHERE path = $1 AND source_file.run_id = run.run_id) AS same_path,
                 coalesce(inode = $2 AND device = $3, FALSE) AS same_file,
-                CASE WHEN status = 'streaming' OR growing THEN coalesce(prefix_bytes, source_bytes) ELSE source_bytes END AS bytes,
-                CASE WHEN status = 'streaming' OR growing THEN coalesce(prefix_hash, content_hash) ELSE content_hash END AS hash
+                CASE WHEN status = 'streaming' OR growing THEN coalesce(prefix_bytes, source_bytes)
+                     ELSE source_bytes END AS bytes,
+                CASE WHEN status = 'streaming' OR growing THEN coalesce(prefix_hash, content_hash)
+                     ELSE content_hash END AS hash
          FROM earlier
          JOIN run USING (run_id)
          JOIN robot USING (robot_id)

@@ -462,7 +462,8 @@ async fn set_expected_by(
     expected_by: Option<Timestamp>,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "UPDATE robot SET expected_by = $1, overdue = overdue AND expected_by IS NOT DISTINCT FROM $1 WHERE robot_id = $2",
+        "UPDATE robot SET expected_by = $1, overdue = overdue AND expected_by IS NOT DISTINCT FROM $1
+         WHERE robot_id = $2",
     )
     .bind(expected_by.map(as_text))
     .bind(robot_id)

@@ -415,7 +415,8 @@ async fn insert_law(
                                    relative_rmsd, explained, runs, points, remarks, covariance, thermal_source,
                                    warm_degc, cold_degc, curvature, curvature_std_error, ambient_degc, coldness_1_k,
                                    coldness_std_error_1_k, basis)
-         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, $22, $23, $24, $25)",
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16,
+                 $17, $18, $19, $20, $21, $22, $23, $24, $25)",
     )
     .bind(robot_id)
     .bind(joint_number(map.joint))

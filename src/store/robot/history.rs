@@ -107,7 +107,8 @@ async fn latest_warm_levels(
         "SELECT warm_speed_fraction FROM run_joint_summary
          WHERE warm_friction_nm IS NOT NULL AND warm_minute IS NOT NULL AND warm_speed_fraction IS NOT NULL
                AND run_id = (SELECT run.run_id FROM run CROSS JOIN run_joint_summary AS summary
-                             WHERE summary.run_id = run.run_id AND robot_id = $1 AND kind = 'test' AND status = 'complete'
+                             WHERE summary.run_id = run.run_id AND robot_id = $1 AND kind = 'test'
+                                   AND status = 'complete'
                                    AND warm_friction_nm IS NOT NULL AND warm_minute IS NOT NULL
                                    AND warm_speed_fraction IS NOT NULL
                              ORDER BY started_at DESC, run.run_id DESC LIMIT 1)
@@ -219,7 +220,8 @@ async fn motions(
     run_id: i64,
 ) -> Result<HashMap<u32, (f64, Vec<f64>)>, sqlx::Error> {
     let rows = sqlx::query(
-        "SELECT number AS cycle, CAST(cycle.started_at - run.started_at AS DOUBLE PRECISION) / 6e7 + duration_s / 120 AS minute,
+        "SELECT number AS cycle,
+                CAST(cycle.started_at - run.started_at AS DOUBLE PRECISION) / 6e7 + duration_s / 120 AS minute,
                 mean_speeds_rad_s
          FROM cycle
          JOIN run USING (run_id)
@@ -503,7 +505,8 @@ pub(in crate::store) async fn friction_points_at(
                     gravity
              FROM cycle
              CROSS JOIN friction_point
-             WHERE friction_point.cycle_id = cycle.cycle_id AND cycle.run_id = $1 AND speed_fraction BETWEEN $2 AND $3 AND ",
+             WHERE friction_point.cycle_id = cycle.cycle_id AND cycle.run_id = $1
+                   AND speed_fraction BETWEEN $2 AND $3 AND ",
             friction_counts!(),
             " ORDER BY cycle.number, friction_point.number"
         )
