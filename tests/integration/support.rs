@@ -331,22 +331,28 @@ pub fn text(bytes: &[u8]) -> String {
 }
 
 /// Rows of a statement, as text. None where there is no database yet, or one that is just being made. Beside a daemon
-/// that is killed a database cannot be opened for a moment; after ten seconds this fails.
+/// that is killed a database cannot be opened for a moment.
 pub fn query(database: &Path, sql: &str) -> Vec<String> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
-    let until = Instant::now() + Duration::from_secs(10);
-    loop {
-        if std::fs::metadata(database).map_or(true, |file| file.len() == 0) {
-            return Vec::new();
-        }
-        match runtime.block_on(rows_of(database, sql)) {
-            Ok(rows) => return rows,
-            // the daemon may be creating the schema just now
-            Err(error) if error.to_string().contains("no such table") => return Vec::new(),
-            Err(error) if Instant::now() > until => panic!("{}: {sql}: {error}", database.display()),
-            Err(_) => std::thread::sleep(Duration::from_millis(20)),
-        }
-    }
+    let mut answer = None;
+    let failure = std::cell::RefCell::new(String::new());
+    wait_until(
+        || {
+            if std::fs::metadata(database).map_or(true, |file| file.len() == 0) {
+                answer = Some(Vec::new());
+                return true;
+            }
+            match runtime.block_on(rows_of(database, sql)) {
+                Ok(rows) => answer = Some(rows),
+                // the daemon may be creating the schema just now
+                Err(error) if error.to_string().contains("no such table") => answer = Some(Vec::new()),
+                Err(error) => *failure.borrow_mut() = error.to_string(),
+            }
+            answer.is_some()
+        },
+        || format!("{}: {sql}: {}", database.display(), failure.borrow()),
+    );
+    answer.unwrap_or_default()
 }
 
 async fn rows_of(database: &Path, sql: &str) -> Result<Vec<String>, sqlx::Error> {
