@@ -15,6 +15,9 @@ pub(in crate::numerics::detect::runs) const LEAST_RMSD_RATIO: f64 = 1.6;
 /// Least ratio of a channel's noise to the usual one, and least noise as a fraction of the torque.
 pub(in crate::numerics::detect::runs) const LEAST_NOISE_RATIO: f64 = 1.5;
 const LEAST_NOISE: f64 = 0.002;
+/// Further price, in units of chi², of a fault of the mechanics: it says nothing of the parameters, where a channel that reads
+/// wrong says how they change.
+const MECHANICAL_PRICE: f64 = 60.0;
 
 /// A joint's torque signal in one run.
 #[derive(Debug, Clone, Copy, Default)]
@@ -98,7 +101,7 @@ pub(super) fn own_causes(
                 found.push((of_signal(SignalFault::Noise(noise)), rest));
             }
             if rest > 0.0 {
-                found.push((ArmCause::UnexplainedTorque { joint, ratio }, cost));
+                found.push((ArmCause::UnexplainedTorque { joint, ratio }, cost + MECHANICAL_PRICE));
             }
         }
         None if rest > 0.0 => found.push((of_signal(SignalFault::Noise(ratio)), 0.0)),
