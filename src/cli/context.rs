@@ -6,7 +6,7 @@ use std::sync::Arc;
 use clap::{Args, ValueEnum};
 use tokio_util::sync::CancellationToken;
 
-use crate::config::{Config, ConfigErrors};
+use crate::config::{Config, ConfigErrors, shown_database};
 use crate::pipeline::context::PipelineError;
 use crate::store::{Store, StoreError};
 
@@ -35,8 +35,8 @@ pub(super) const GLOBAL_HEADING: &str = "Global options";
 #[derive(Debug, Args)]
 #[command(next_help_heading = GLOBAL_HEADING)]
 pub(super) struct Global {
-    /// Database file, instead of the configuration's
-    #[arg(long, global = true, value_name = "FILE")]
+    /// Database file, or postgres://USER@HOST/NAME, instead of the configuration's
+    #[arg(long, global = true, value_name = "DATABASE")]
     pub(super) db: Option<PathBuf>,
     /// Configuration file [default: $ARMWATCH_CONFIG, else config/armwatch.toml, else
     /// armwatch.toml, else the shipped settings]
@@ -122,7 +122,7 @@ pub(super) async fn open_to_read(config: &Config) -> Result<Store, CliError> {
     store.ok_or_else(|| {
         CliError::Io(format!(
             "there is no database {}: `armwatch run` and `armwatch ingest` make it; name another one with --db",
-            config.database.display()
+            shown_database(&config.database)
         ))
     })
 }

@@ -195,7 +195,7 @@ impl Judged {
 
 /// Judges the robot's history again, unless a daemon works on the database, which does it.
 async fn judge(config: Config, store: &Store, robot: &str) -> Result<Judged, CliError> {
-    match store.claim() {
+    match store.claim().await {
         Err(StoreError::Claimed { .. }) => return Ok(Judged::ByDaemon),
         Err(error) => return Err(error.into()),
         // not kept: a daemon that starts now takes over

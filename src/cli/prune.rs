@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store, open_to_read, runtime};
 use super::shared::output;
-use crate::config::{Config, RetentionSettings};
+use crate::config::{Config, RetentionSettings, shown_database};
 use crate::pipeline::retention::{kept_since, prune as take_away};
 use crate::run::RunKind;
 use crate::store::{DueRun, FreeSpace, Store};
@@ -62,7 +62,7 @@ pub(super) fn prune(global: &Global, args: &PruneArgs) -> Result<u8, CliError> {
 }
 
 async fn open(config: &Config, args: &PruneArgs) -> Result<Store, CliError> {
-    if args.dry_run || !config.database.exists() {
+    if args.dry_run || config.database_file().is_some_and(|file| !file.exists()) {
         return open_to_read(config).await;
     }
     open_store(config).await
@@ -109,7 +109,7 @@ async fn work(
         let rows: Vec<Vec<String>> = sums.iter().map(|sum| sum.as_row(args.dry_run)).collect();
         output::print_table(&["robot", "kind", "runs", "cycles", "frees", "factors"], &rows, &[]);
     }
-    let database = config.database.display();
+    let database = shown_database(&config.database);
     if args.dry_run {
         output::line(&format!(
             "nothing is changed; {} of {database} would be free with the {} that are free now",

@@ -7,7 +7,7 @@ use tokio::sync::watch;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store_until, runtime, shared};
 use crate::alert::dispatcher::Dispatcher;
-use crate::config::{Config, ConfigErrors};
+use crate::config::{Config, ConfigErrors, shown_database};
 use crate::daemon::overdue::OverdueWatch;
 use crate::daemon::preflight::preflight;
 use crate::daemon::retention::Pruning;
@@ -41,9 +41,9 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
         let reload = daemon::reload_on_hangup(&stop).map_err(internal)?;
         let Some(store) = open_store_until(&stop, &config).await? else { return Ok(EXIT_DONE) };
         // before anything listens: a second daemon is told of the first, not of its port
-        let claim = store.claim()?;
+        let claim = store.claim().await?;
         let folders: Vec<String> = config.watch.folders.iter().map(|f| f.display().to_string()).collect();
-        tracing::info!(database = %config.database.display(), folders = folders.join(", "), "watching");
+        tracing::info!(database = shown_database(&config.database), folders = folders.join(", "), "watching");
         let config = shared(config);
         let (in_force, configs) = watch::channel(Arc::clone(&config));
         let metrics = Metrics::counting().map_err(|error| CliError::Internal(error.to_string()))?;

@@ -1,5 +1,6 @@
 //! TOML files to settings, with every problem found at once.
 
+mod address;
 mod toml;
 mod alerts;
 mod robot;
@@ -17,6 +18,7 @@ mod source;
 mod summary;
 mod urdf_writer;
 
+pub use self::address::{is_on_server, shown_database};
 pub use self::alerts::settings::{
     Address, AlertSettings, AlertmanagerSettings, CommandSettings, DEFAULT_ROUTE, EmailSettings, Encryption,
     HttpLogin, MqttSettings, QuietHours, ReceiverSettings, Route, Secret, Site, WebhookSettings,

@@ -1,9 +1,10 @@
 //! What the configuration says, read and checked.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::address::is_on_server;
 use super::alerts::settings::AlertSettings;
 use super::date_format::DateFormats;
 use super::layout::channels::Layout;
@@ -18,7 +19,7 @@ use crate::robot::Robot;
 /// Everything the program is told, read and checked.
 #[derive(Debug, Clone)]
 pub struct Config {
-    /// Database file.
+    /// Database file, or the address of one on a server.
     pub database: PathBuf,
     /// Folders to watch and how.
     pub watch: WatchSettings,
@@ -45,6 +46,12 @@ pub struct Config {
 }
 
 impl Config {
+    /// The database file; `None` where the database is on a server.
+    #[must_use]
+    pub fn database_file(&self) -> Option<&Path> {
+        (!is_on_server(&self.database)).then_some(&*self.database)
+    }
+
     /// The entry of the robot called `robot`: the first whose pattern matches the whole name, one for all its
     /// files if there is one.
     #[must_use]

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use crate::analysis::finding::FindingKind;
+use crate::config::address::shown_database;
 use crate::config::alerts::settings::Route;
 use crate::config::layout::channels::{JointDelays, Layout};
 use crate::config::serve::{ClientSettings, Scope, ServeSettings};
@@ -19,7 +20,7 @@ pub fn summary(config: &Config) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(out, "{name:<25} {value}");
     };
-    line("database", config.database.display().to_string());
+    line("database", shown_database(&config.database));
     for folder in &config.watch.folders {
         line("watched folder", folder.display().to_string());
     }

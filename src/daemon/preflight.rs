@@ -26,6 +26,15 @@ pub fn preflight(config: &Config) -> Preflight {
         let hint = format!("name a file, such as {}", config.database.join("armwatch.db").display());
         found.refusals.push(problem("database", &config.database, "is a folder", &hint));
     }
+    if let (None, Some(snapshot)) = (config.database_file(), &config.snapshot) {
+        let hint = "take [snapshot] away; readers ask the server, as a user who may only read";
+        found.refusals.push(problem(
+            "snapshot.file",
+            &snapshot.file,
+            "is a copy of a database file, and the database is on a server",
+            hint,
+        ));
+    }
     folders(&config.watch, &mut found);
     for (route, unusable) in trial::problems(&config.alerts) {
         let key = format!("alerts.route {route}");

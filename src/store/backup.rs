@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection, SqliteConnection};
 
+#[cfg(feature = "postgres")]
+use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
 use super::snapshot::{is_ours, partial_of, place, remove};
@@ -29,6 +31,13 @@ impl Store {
     /// [`StoreError::NotABackup`] where something else lies at `target`, or a database that is in use;
     /// [`StoreError::Corrupt`] where the copy is not whole; [`StoreError`] of the database or of the copy.
     pub async fn backup(&self, target: &Path) -> Result<Backup, StoreError> {
+        #[cfg(feature = "postgres")]
+        if self.dialect() == Dialect::Postgres {
+            let (file, address) = (target.display(), self.path.display());
+            let instead =
+                format!("write it with `pg_dump --schema armwatch --format custom --file {file} {address}`");
+            return Err(self.on_server("a backup", instead));
+        }
         let failed = |error: std::io::Error| StoreError::from_sqlx(target, &sqlx::Error::Io(error));
         self.refuse_target(target)?;
         if let Some(folder) = target.parent().filter(|folder| !folder.as_os_str().is_empty()) {

@@ -4,14 +4,36 @@ use std::fs::{File, TryLockError};
 use std::io::Write;
 use std::path::Path;
 
+use super::engine::Dialect;
+#[cfg(feature = "postgres")]
+use super::engine::{EnginePool, daemon_lock::DaemonLock};
 use super::error::StoreError;
 use crate::store::handle::Store;
 
 /// A daemon's claim on a database. The operating system releases it with the process, however that
-/// ends; the file beside the database, which holds the number of the process, stays.
+/// ends; the file beside the database, which holds the number of the process, stays. A server releases it with the
+/// connection.
 #[derive(Debug)]
 pub struct DaemonClaim {
-    _locked: File,
+    _held: Held,
+}
+
+#[derive(Debug)]
+enum Held {
+    File {
+        _locked: File,
+    },
+    #[cfg(feature = "postgres")]
+    Server(DaemonLock, EnginePool),
+}
+
+#[cfg(feature = "postgres")]
+impl Drop for Held {
+    fn drop(&mut self) {
+        if let Self::Server(lock, writer) = self {
+            lock.leave(writer);
+        }
+    }
 }
 
 impl Store {
@@ -19,8 +41,17 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Claimed`] while another process holds the claim.
-    pub fn claim(&self) -> Result<DaemonClaim, StoreError> {
-        claim(&self.path)
+    pub async fn claim(&self) -> Result<DaemonClaim, StoreError> {
+        match self.dialect() {
+            Dialect::Sqlite => claim(&self.path),
+            #[cfg(feature = "postgres")]
+            Dialect::Postgres => {
+                if !self.checked(self.daemon.claim(&self.writer).await)? {
+                    return Err(StoreError::Claimed { path: self.path.to_path_buf(), process: None });
+                }
+                Ok(DaemonClaim { _held: Held::Server(self.daemon.clone(), self.writer.clone()) })
+            }
+        }
     }
 }
 
@@ -33,7 +64,7 @@ pub(super) fn claim(database: &Path) -> Result<DaemonClaim, StoreError> {
     match file.try_lock() {
         Ok(()) => {
             leave_number(&file);
-            Ok(DaemonClaim { _locked: file })
+            Ok(DaemonClaim { _held: Held::File { _locked: file } })
         }
         Err(TryLockError::WouldBlock) => {
             let said = std::fs::read_to_string(&name).unwrap_or_default();

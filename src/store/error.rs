@@ -2,6 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+#[cfg(feature = "postgres")]
+use super::engine::sqlstate::{ServerFault, fault_of};
+#[cfg(feature = "postgres")]
+use crate::config::is_on_server;
+
 /// Why the database could not be used. Every message names the file and a remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
@@ -143,6 +148,100 @@ pub enum StoreError {
         /// Key of the run.
         run_id: i64,
     },
+    /// The server of the database does not answer, or has ended the connection. Worth another try.
+    #[error(
+        "no server answers for database {} ({detail}); check that it runs at that host and port, takes connections from \
+         this machine (listen_addresses, pg_hba.conf), and that no firewall is between",
+        .path.display()
+    )]
+    Unreachable {
+        /// Address of the database, without a password.
+        path: PathBuf,
+        /// What the system or the server said.
+        detail: String,
+    },
+    /// The server does not let the user in.
+    #[error(
+        "the server does not let the user of {} in ({detail}); check name and password (in the address, in ~/.pgpass or in \
+         PGPASSWORD), and the server's pg_hba.conf",
+        .path.display()
+    )]
+    Login {
+        /// Address of the database, without a password.
+        path: PathBuf,
+        /// What the server said.
+        detail: String,
+    },
+    /// The server has no such database.
+    #[error("database {} is not there ({detail}); make it with `createdb --encoding UTF8`", .path.display())]
+    NoDatabase {
+        /// Address of the database, without a password.
+        path: PathBuf,
+        /// What the server said.
+        detail: String,
+    },
+    /// The user may not do what has to be done.
+    #[error(
+        "the user of {} may not do this ({detail}); the first start needs `GRANT CREATE ON DATABASE`, and tables are \
+         written by the user that made them",
+        .path.display()
+    )]
+    Rights {
+        /// Address of the database, without a password.
+        path: PathBuf,
+        /// What the server said.
+        detail: String,
+    },
+    /// The server is older than what the schema needs.
+    #[error(
+        "the server of database {} is PostgreSQL {version}, which is too old; take 13 or later, tested with 15",
+        .path.display()
+    )]
+    ServerTooOld {
+        /// Address of the database, without a password.
+        path: PathBuf,
+        /// What the server says that it is.
+        version: String,
+    },
+    /// An address that is not understood.
+    #[error(
+        "the address {} is not understood ({detail}); write it as postgres://user@host:5432/name",
+        .path.display()
+    )]
+    Address {
+        /// The address, without a password.
+        path: PathBuf,
+        /// What is wrong.
+        detail: String,
+    },
+    /// A server was named, and the program is built without its engine.
+    #[error(
+        "database {} is on a server, and this armwatch is built without PostgreSQL; name a file, or build it with \
+         `--features postgres`",
+        .path.display()
+    )]
+    NoServerEngine {
+        /// The address, without a password.
+        path: PathBuf,
+    },
+    /// What the server's own programs do.
+    #[error("{what} of database {} is left to its server; {instead}", .path.display())]
+    OnServer {
+        /// Address of the database, without a password.
+        path: PathBuf,
+        /// What was asked for.
+        what: &'static str,
+        /// How it is done there.
+        instead: String,
+    },
+    /// Anything else that a server says.
+    #[error("database {} failed ({detail}); start again, and look into the log of the server", .path.display())]
+    Server {
+        /// Address of the database, without a password.
+        path: PathBuf,
+        /// What the server said.
+        detail: String,
+    },
     /// Anything else.
     #[error("database {} failed ({detail}); start again, and check the file with `PRAGMA integrity_check`", .path.display())]
     Other {
@@ -158,15 +257,22 @@ impl StoreError {
         Self::NotWritable { path: path.to_path_buf(), detail: error.to_string() }
     }
 
-    /// Whether no later call will do better: the process should stop. A busy database, refused
-    /// values and a run that is gone leave the store usable.
+    /// Whether no later call will do better: the process should stop. A busy database, a server that does not answer,
+    /// refused values and a run that is gone leave the store usable.
     #[must_use]
     pub fn is_fatal(&self) -> bool {
-        !matches!(self, Self::Busy { .. } | Self::Refused { .. } | Self::RunNotOpen { .. })
+        !matches!(
+            self,
+            Self::Busy { .. } | Self::Unreachable { .. } | Self::Refused { .. } | Self::RunNotOpen { .. }
+        )
     }
 
     /// Puts an error of the driver into the words of this type.
     pub(super) fn from_sqlx(path: &Path, error: &sqlx::Error) -> Self {
+        #[cfg(feature = "postgres")]
+        if is_on_server(path) {
+            return Self::of_server(path, error);
+        }
         let path = path.to_path_buf();
         let detail = error.to_string();
         match error {
@@ -184,6 +290,36 @@ impl StoreError {
                 Self::Corrupt { path, detail }
             }
             _ => Self::Other { path, detail },
+        }
+    }
+
+    /// The same for a database on a server.
+    #[cfg(feature = "postgres")]
+    fn of_server(path: &Path, error: &sqlx::Error) -> Self {
+        let path = path.to_path_buf();
+        let detail = match error {
+            sqlx::Error::Database(error) => error.message().to_owned(),
+            error => error.to_string(),
+        };
+        match (fault_of(error), error) {
+            (Some(ServerFault::Busy | ServerFault::Cancelled), _) => Self::Busy { path, detail },
+            (Some(ServerFault::Unreachable), _)
+            | (None, sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut | sqlx::Error::BeginFailed) => {
+                Self::Unreachable { path, detail }
+            }
+            (Some(ServerFault::Login), _) => Self::Login { path, detail },
+            (Some(ServerFault::NoDatabase), _) => Self::NoDatabase { path, detail },
+            (Some(ServerFault::Rights), _) => Self::Rights { path, detail },
+            (Some(ServerFault::Full), _) => Self::Full { path, detail },
+            (Some(ServerFault::Refused), _) | (None, sqlx::Error::Encode(_)) => {
+                Self::Refused { path, detail }
+            }
+            (Some(ServerFault::Corrupt), _)
+            | (None, sqlx::Error::Decode(_) | sqlx::Error::ColumnDecode { .. } | sqlx::Error::RowNotFound) => {
+                Self::Corrupt { path, detail }
+            }
+            (None, sqlx::Error::Configuration(_) | sqlx::Error::Tls(_)) => Self::Address { path, detail },
+            _ => Self::Server { path, detail },
         }
     }
 
@@ -224,6 +360,30 @@ mod tests {
             let message = error.to_string();
             assert!(message.contains("/data/fleet.db") && message.contains("cause"), "{code}: {message}");
             assert!(message.contains(';'), "no remedy for {code}: {message}");
+        }
+    }
+
+    #[test]
+    fn every_message_of_a_server_names_the_address_and_a_remedy() {
+        let path = || PathBuf::from("postgres://armwatch@db/fleet");
+        let detail = || "cause".to_owned();
+        for error in [
+            StoreError::Unreachable { path: path(), detail: detail() },
+            StoreError::Login { path: path(), detail: detail() },
+            StoreError::NoDatabase { path: path(), detail: detail() },
+            StoreError::Rights { path: path(), detail: detail() },
+            StoreError::ServerTooOld { path: path(), version: "12.1, which causes".into() },
+            StoreError::Address { path: path(), detail: detail() },
+            StoreError::OnServer { path: path(), what: "a backup", instead: detail() },
+            StoreError::Server { path: path(), detail: detail() },
+        ] {
+            let message = error.to_string();
+            assert!(
+                message.contains("postgres://armwatch@db/fleet") && message.contains("cause"),
+                "{message}"
+            );
+            assert!(message.contains(';'), "no remedy: {message}");
+            assert_eq!(error.is_fatal(), !matches!(error, StoreError::Unreachable { .. }), "{message}");
         }
     }
 

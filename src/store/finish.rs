@@ -4,7 +4,6 @@ use std::path::Path;
 use std::sync::Arc;
 
 use jiff::Timestamp;
-use sqlx::{Sqlite, Transaction};
 
 use super::error::StoreError;
 use super::ledger::runs::{Owner, RunTotals};
@@ -15,6 +14,7 @@ use super::robot::{friction, history};
 use crate::analysis::RunAnalysis;
 use crate::analysis::measurements::RunMeasurements;
 use crate::run::{ContentHash, ContentPrefix};
+use crate::store::engine::EngineTransaction;
 use crate::store::handle::Store;
 use crate::store::ledger::supersession;
 
@@ -24,7 +24,7 @@ use crate::store::ledger::supersession;
 /// concluded after it, see [`ConclusionTransaction`](super::robot::conclude::ConclusionTransaction).
 #[derive(Debug)]
 pub struct FinishTransaction {
-    pub(super) transaction: Transaction<'static, Sqlite>,
+    pub(super) transaction: EngineTransaction,
     pub(super) path: Arc<Path>,
     pub(super) run_id: i64,
     pub(super) robot_id: i64,

@@ -3,20 +3,24 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use sqlx::{Sqlite, SqlitePool, Transaction};
-
 use super::error::StoreError;
+#[cfg(feature = "postgres")]
+use crate::store::engine::daemon_lock::DaemonLock;
+use crate::store::engine::{Dialect, EnginePool, EngineTransaction, begin_writing, dialect};
 
 /// An open database. Clones share it.
 #[derive(Debug, Clone)]
 pub struct Store {
     pub(super) path: Arc<Path>,
-    pub(super) writer: SqlitePool,
-    pub(super) readers: SqlitePool,
+    pub(super) writer: EnginePool,
+    pub(super) readers: EnginePool,
     /// A reader for questions about the database's health: it takes no turn of the others.
-    pub(super) probe: SqlitePool,
+    pub(super) probe: EnginePool,
     /// Whether it was opened to look into it.
     pub(super) is_read_only: bool,
+    /// Whether the connection that writes is the one daemon's.
+    #[cfg(feature = "postgres")]
+    pub(super) daemon: DaemonLock,
 }
 
 impl Store {
@@ -31,21 +35,36 @@ impl Store {
         if self.is_read_only {
             return Ok(());
         }
-        let checkpoint = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&self.writer).await;
-        self.writer.close().await;
-        self.checked(checkpoint).map(|_| ())
+        match self.dialect() {
+            Dialect::Sqlite => {
+                let checkpoint = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&self.writer).await;
+                self.writer.close().await;
+                self.checked(checkpoint).map(|_| ())
+            }
+            #[cfg(feature = "postgres")]
+            Dialect::Postgres => {
+                self.writer.close().await;
+                Ok(())
+            }
+        }
     }
 
-    /// A transaction that has the write lock. A deferred one that reads first and writes later would
-    /// fail at once where this one waits.
-    pub(in crate::store) async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        self.checked(self.writer.begin_with("BEGIN IMMEDIATE").await)
+    pub(in crate::store) fn dialect(&self) -> Dialect {
+        dialect(&self.readers)
     }
 
-    pub(in crate::store) async fn commit(
-        &self,
-        transaction: Transaction<'static, Sqlite>,
-    ) -> Result<(), StoreError> {
+    /// What a database on a server leaves to the programs of the server, said with how they do it.
+    #[cfg(feature = "postgres")]
+    pub(in crate::store) fn on_server(&self, what: &'static str, instead: String) -> StoreError {
+        StoreError::OnServer { path: self.path.to_path_buf(), what, instead }
+    }
+
+    /// A transaction that has the write lock.
+    pub(in crate::store) async fn begin(&self) -> Result<EngineTransaction, StoreError> {
+        self.checked(begin_writing(&self.writer).await)
+    }
+
+    pub(in crate::store) async fn commit(&self, transaction: EngineTransaction) -> Result<(), StoreError> {
         self.checked(transaction.commit().await)
     }
 

@@ -35,9 +35,9 @@ impl Store {
         let statement = format!(
             "WITH
                  of_runs AS (
-                     SELECT robot, sum(kind = 'test' AND status = 'complete') AS tests,
-                            sum(kind = 'production' AND status = 'complete') AS logs,
-                            sum(CASE WHEN status = 'complete' THEN cycles ELSE 0 END) AS cycles,
+                     SELECT robot, count(CASE WHEN kind = 'test' AND status = 'complete' THEN 1 END) AS tests,
+                            count(CASE WHEN kind = 'production' AND status = 'complete' THEN 1 END) AS logs,
+                            CAST(sum(CASE WHEN status = 'complete' THEN cycles ELSE 0 END) AS BIGINT) AS cycles,
                             min(CASE WHEN kind = 'test' AND status = 'complete' THEN started_at END) AS first_test_at,
                             max(CASE WHEN kind = 'test' AND status = 'complete' THEN started_at END) AS last_test_at
                      FROM runs GROUP BY robot
@@ -72,8 +72,8 @@ impl Store {
             "SELECT robot, joint, friction_index
              FROM (SELECT robot, joint, friction_index, started_at, run_id,
                           row_number() OVER (PARTITION BY robot, joint ORDER BY started_at DESC, run_id DESC) AS place
-                   FROM friction_index)
-             WHERE place <= ?
+                   FROM friction_index) AS numbered
+             WHERE place <= $1
              ORDER BY robot, joint, started_at, run_id",
             |query| query.bind(most),
         )
@@ -88,10 +88,10 @@ impl Store {
         self.answer(
             "SELECT run_id, robot, started_at, kind, status, cycles, rows, source_name, reason
              FROM runs
-             WHERE (?1 IS NULL OR robot = ?1) AND (?2 IS NULL OR run_id = ?2) AND (?3 IS NULL OR status = ?3)
-                   AND (?4 IS NULL OR kind = ?4)
+             WHERE ($1 IS NULL OR robot = $1) AND ($2 IS NULL OR run_id = $2) AND ($3 IS NULL OR status = $3)
+                   AND ($4 IS NULL OR kind = $4)
              ORDER BY started_at DESC, run_id DESC
-             LIMIT ?5",
+             LIMIT $5",
             |query| {
                 query
                     .bind(wanted.robot.map(str::to_owned))
@@ -112,9 +112,9 @@ impl Store {
         self.answer(
             "SELECT run_id, robot, cycle, started_at, duration_s, rows, status, condition_number, residual_std_nm, reason
              FROM cycles
-             WHERE (?1 IS NULL OR robot = ?1) AND (?2 IS NULL OR run_id = ?2) AND (?3 IS NULL OR status = ?3)
+             WHERE ($1 IS NULL OR robot = $1) AND ($2 IS NULL OR run_id = $2) AND ($3 IS NULL OR status = $3)
              ORDER BY started_at DESC, run_id DESC, cycle DESC
-             LIMIT ?4",
+             LIMIT $4",
             |query| {
                 query
                     .bind(wanted.robot.map(str::to_owned))

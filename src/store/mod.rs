@@ -4,6 +4,7 @@
 //! The views of `migrations/` are what users read; the tables behind them are this module's own.
 //! Functions below the facade hold one statement each and take any connection, so that they compose.
 
+mod engine;
 mod ledger;
 mod results;
 mod robot;
@@ -23,6 +24,8 @@ mod synthetic;
 mod write_ahead_log;
 mod new_schema;
 mod schema;
+#[cfg(feature = "postgres")]
+mod server;
 mod open;
 mod table;
 mod public_sql;

@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+use sqlx::{QueryBuilder, Row};
 
 use super::values::{ROWS_PER_STATEMENT, grouping_terms, joint_number, parameter};
 use crate::robot::{FrictionModel, GeometrySource, Joint, JointKind, ParameterId, Robot, TorqueSensors};
+use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 
@@ -66,13 +66,13 @@ impl Store {
 
 /// Unit and grouping of each parameter of a model.
 pub(super) async fn parameters(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_model_id: i64,
 ) -> Result<HashMap<ParameterId, ModelParameter>, sqlx::Error> {
     let rows =
-        sqlx::query("SELECT joint, name, unit, grouping FROM model_parameter WHERE robot_model_id = ?")
+        sqlx::query("SELECT joint, name, unit, grouping FROM model_parameter WHERE robot_model_id = $1")
             .bind(robot_model_id)
-            .try_map(|row: SqliteRow| {
+            .try_map(|row: EngineRow| {
                 let of = ModelParameter { unit: row.try_get("unit")?, grouping: row.try_get("grouping")? };
                 Ok((parameter(&row, "joint", "name")?, of))
             })
@@ -83,7 +83,7 @@ pub(super) async fn parameters(
 
 /// Key of the description, which is entered when it is first met.
 pub(super) async fn robot_model_id(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot: &Robot,
 ) -> Result<i64, sqlx::Error> {
     let hash = description_hash(robot);
@@ -91,7 +91,7 @@ pub(super) async fn robot_model_id(
         return Ok(id);
     }
     sqlx::query_scalar(
-        "INSERT INTO robot_model (name, description_hash) VALUES (?, ?) RETURNING robot_model_id",
+        "INSERT INTO robot_model (name, description_hash) VALUES ($1, $2) RETURNING robot_model_id",
     )
     .bind(&robot.model)
     .bind(&hash[..])
@@ -101,7 +101,7 @@ pub(super) async fn robot_model_id(
 
 /// Keys of the model's parameters; those of `wanted` that are new are entered.
 pub(super) async fn ensure_parameters(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_model_id: i64,
     robot: &Robot,
     wanted: &[ParameterId],
@@ -122,13 +122,13 @@ pub(super) async fn ensure_parameters(
 
 /// Keys of the model's parameters.
 pub(super) async fn parameter_keys(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_model_id: i64,
 ) -> Result<HashMap<ParameterId, i64>, sqlx::Error> {
     let rows =
-        sqlx::query("SELECT model_parameter_id, joint, name FROM model_parameter WHERE robot_model_id = ?")
+        sqlx::query("SELECT model_parameter_id, joint, name FROM model_parameter WHERE robot_model_id = $1")
             .bind(robot_model_id)
-            .try_map(|row: SqliteRow| {
+            .try_map(|row: EngineRow| {
                 Ok((parameter(&row, "joint", "name")?, row.try_get("model_parameter_id")?))
             })
             .fetch_all(executor)
@@ -138,10 +138,10 @@ pub(super) async fn parameter_keys(
 
 /// Keys of the parameters of the description that a run was analysed with.
 pub(super) async fn parameter_keys_of_run(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
 ) -> Result<HashMap<ParameterId, i64>, sqlx::Error> {
-    let model: Option<i64> = sqlx::query_scalar("SELECT robot_model_id FROM run WHERE run_id = ?")
+    let model: Option<i64> = sqlx::query_scalar("SELECT robot_model_id FROM run WHERE run_id = $1")
         .bind(run_id)
         .fetch_one(&mut *connection)
         .await?;
@@ -153,11 +153,11 @@ pub(super) async fn parameter_keys_of_run(
 
 /// Writes down which sum of standard parameters a base parameter stands for.
 async fn set_grouping(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     model_parameter_id: i64,
     grouping: &str,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE model_parameter SET grouping = ? WHERE model_parameter_id = ?")
+    sqlx::query("UPDATE model_parameter SET grouping = $1 WHERE model_parameter_id = $2")
         .bind(grouping)
         .bind(model_parameter_id)
         .execute(executor)
@@ -166,11 +166,11 @@ async fn set_grouping(
 }
 
 async fn find_model(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     name: &str,
     hash: &[u8; 32],
 ) -> Result<Option<i64>, sqlx::Error> {
-    sqlx::query_scalar("SELECT robot_model_id FROM robot_model WHERE name = ? AND description_hash = ?")
+    sqlx::query_scalar("SELECT robot_model_id FROM robot_model WHERE name = $1 AND description_hash = $2")
         .bind(name)
         .bind(&hash[..])
         .fetch_optional(executor)
@@ -178,11 +178,11 @@ async fn find_model(
 }
 
 async fn insert_parameters(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_model_id: i64,
     rows: &[(ParameterId, &'static str)],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new("INSERT INTO model_parameter (robot_model_id, joint, name, unit) ")
+    QueryBuilder::<Engine>::new("INSERT INTO model_parameter (robot_model_id, joint, name, unit) ")
         .push_values(rows, |mut row, (id, unit)| {
             row.push_bind(robot_model_id)
                 .push_bind(joint_number(id.joint))

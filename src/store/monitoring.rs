@@ -4,11 +4,13 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 use sqlx::Row;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use super::error::StoreError;
 use super::handle::Store;
 use super::values::{size, time};
+#[cfg(feature = "postgres")]
+use crate::store::engine::{Dialect, catalog};
+use crate::store::engine::{EngineExecutor, EngineRow};
 
 /// Where the deliveries of a route stand.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -66,6 +68,11 @@ impl Store {
 
     /// Sizes of the files of the database; `None` where the system does not tell.
     pub async fn size(&self) -> Option<DatabaseSize> {
+        #[cfg(feature = "postgres")]
+        if self.dialect() == Dialect::Postgres {
+            let database = catalog::bytes_on_server(&self.readers).await.ok()?;
+            return Some(DatabaseSize { database: database.try_into().ok()?, log: 0 });
+        }
         let path = Arc::clone(&self.path);
         let sizes = tokio::task::spawn_blocking(move || {
             let database = std::fs::metadata(&path).ok()?.len();
@@ -79,24 +86,24 @@ impl Store {
     }
 }
 
-async fn is_complete(executor: impl SqliteExecutor<'_>, source_name: &str) -> Result<bool, sqlx::Error> {
-    sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE source_name = ? AND status = 'complete')")
+async fn is_complete(executor: impl EngineExecutor<'_>, source_name: &str) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE source_name = $1 AND status = 'complete')")
         .bind(source_name)
         .fetch_one(executor)
         .await
 }
 
-async fn quarantined_by_robot(executor: impl SqliteExecutor<'_>) -> Result<Vec<(String, u64)>, sqlx::Error> {
+async fn quarantined_by_robot(executor: impl EngineExecutor<'_>) -> Result<Vec<(String, u64)>, sqlx::Error> {
     sqlx::query(
         "SELECT robot, count(DISTINCT run_id) AS exports FROM quarantine WHERE state = 'open' GROUP BY robot \
          ORDER BY robot",
     )
-    .try_map(|row: SqliteRow| Ok((row.try_get("robot")?, size(&row, "exports")?)))
+    .try_map(|row: EngineRow| Ok((row.try_get("robot")?, size(&row, "exports")?)))
     .fetch_all(executor)
     .await
 }
 
-async fn deliveries_by_route(executor: impl SqliteExecutor<'_>) -> Result<Vec<RouteCounts>, sqlx::Error> {
+async fn deliveries_by_route(executor: impl EngineExecutor<'_>) -> Result<Vec<RouteCounts>, sqlx::Error> {
     sqlx::query(
         "SELECT r.name AS route, r.failures,
                 count(*) FILTER (WHERE d.state = 'pending') AS pending,
@@ -110,7 +117,7 @@ async fn deliveries_by_route(executor: impl SqliteExecutor<'_>) -> Result<Vec<Ro
          GROUP BY r.delivery_route_id
          ORDER BY r.name",
     )
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(RouteCounts {
             route: row.try_get("route")?,
             pending: size(&row, "pending")?,

@@ -4,16 +4,22 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use sqlx::sqlite::{
-    SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous,
-};
-use sqlx::{ConnectOptions, Connection, SqliteConnection, SqlitePool};
+use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
+use sqlx::{ConnectOptions, Connection, SqliteConnection};
 
+#[cfg(feature = "postgres")]
+use super::engine::daemon_lock::DaemonLock;
+use super::engine::{Dialect, EnginePool, EnginePoolOptions, catalog, of_sqlite};
 use super::error::StoreError;
 use super::handle::Store;
 use super::results::intervals;
 use super::schema::{latest_schema, migrate};
+#[cfg(feature = "postgres")]
+use super::server;
 use super::{view_columns, write_ahead_log};
+use crate::config::is_on_server;
+#[cfg(not(feature = "postgres"))]
+use crate::config::shown_database;
 
 /// How long a write waits for another process. Longer than any transaction of this program, shorter
 /// than a person waits for an answer.
@@ -40,13 +46,16 @@ pub(super) const APPLICATION_ID: i64 = 0x4177_6462;
 pub(super) const SNAPSHOT: i64 = 0x736e_6170;
 
 impl Store {
-    /// Opens the database at `path`; makes it, and its folder, if there is none, and brings its
-    /// schema up to date.
+    /// Opens the database at `path`, a file or the address of a server; makes it, and the folder of a file, if there is
+    /// none, and brings its schema up to date.
     ///
     /// # Errors
     /// [`StoreError::NotADatabase`], [`StoreError::Newer`], [`StoreError::NotWritable`] and others;
     /// a file that is refused is left as it is.
     pub async fn open(path: &Path) -> Result<Self, StoreError> {
+        if is_on_server(path) {
+            return open_on_server(path).await;
+        }
         open(path, BUSY_TIMEOUT).await
     }
 
@@ -56,6 +65,9 @@ impl Store {
     /// # Errors
     /// As [`Store::open`], [`StoreError::NotReadable`], and [`StoreError::Older`] for a schema that is not up to date.
     pub async fn open_existing(path: &Path) -> Result<Option<Self>, StoreError> {
+        if is_on_server(path) {
+            return open_existing_on_server(path).await;
+        }
         open_existing(path).await
     }
 
@@ -64,7 +76,11 @@ impl Store {
     /// # Errors
     /// As [`Store::open_existing`].
     pub async fn open_for_looking(&self) -> Result<Option<Self>, StoreError> {
-        open_existing(&self.path).await
+        match self.dialect() {
+            Dialect::Sqlite => open_existing(&self.path).await,
+            #[cfg(feature = "postgres")]
+            Dialect::Postgres => server::open_again(self, BUSY_TIMEOUT).await,
+        }
     }
 
     /// A number that changes when another connection has committed. Only for comparison with what the same handle said
@@ -73,7 +89,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn data_version(&self) -> Result<i64, StoreError> {
-        self.checked(sqlx::query_scalar("PRAGMA data_version").fetch_one(&self.probe).await)
+        self.checked(catalog::data_version(&self.probe).await)
     }
 
     /// Makes what was committed so far outlast a loss of power too: a commit alone is written into the log and, for
@@ -82,8 +98,35 @@ impl Store {
     /// # Errors
     /// [`StoreError::NotWritable`] if the disk refuses.
     pub async fn sync(&self) -> Result<(), StoreError> {
-        write_ahead_log::sync(&self.path).await
+        match self.dialect() {
+            Dialect::Sqlite => write_ahead_log::sync(&self.path).await,
+            // a server syncs with each commit, unless whoever looks after it says otherwise
+            #[cfg(feature = "postgres")]
+            Dialect::Postgres => Ok(()),
+        }
     }
+}
+
+/// Opens a database on a server; see [`Store::open`].
+#[cfg(feature = "postgres")]
+async fn open_on_server(address: &Path) -> Result<Store, StoreError> {
+    server::open(address, BUSY_TIMEOUT).await
+}
+
+/// Opens what is there on a server for reading only; see [`Store::open_existing`].
+#[cfg(feature = "postgres")]
+async fn open_existing_on_server(address: &Path) -> Result<Option<Store>, StoreError> {
+    server::open_existing(address, BUSY_TIMEOUT).await
+}
+
+#[cfg(not(feature = "postgres"))]
+async fn open_on_server(address: &Path) -> Result<Store, StoreError> {
+    Err(StoreError::NoServerEngine { path: shown_database(address).into() })
+}
+
+#[cfg(not(feature = "postgres"))]
+async fn open_existing_on_server(address: &Path) -> Result<Option<Store>, StoreError> {
+    Err(StoreError::NoServerEngine { path: shown_database(address).into() })
 }
 
 /// Opens, creates and migrates; see [`Store::open`].
@@ -125,7 +168,15 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
     let readers = pool(READERS, options.read_only(true), busy_timeout)
         .await
         .map_err(|e| StoreError::from_sqlx(&path, &e))?;
-    Ok(Store { path, writer, readers, probe, is_read_only: false })
+    Ok(Store {
+        path,
+        writer,
+        readers,
+        probe,
+        is_read_only: false,
+        #[cfg(feature = "postgres")]
+        daemon: DaemonLock::default(),
+    })
 }
 
 /// Opens what is there for reading only; see [`Store::open_existing`].
@@ -154,7 +205,15 @@ pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreErr
     }
     let probe = probe(options.clone());
     let readers = pool(READERS, options, BUSY_TIMEOUT).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
-    Ok(Some(Store { path, writer: readers.clone(), readers, probe, is_read_only: true }))
+    Ok(Some(Store {
+        path,
+        writer: readers.clone(),
+        readers,
+        probe,
+        is_read_only: true,
+        #[cfg(feature = "postgres")]
+        daemon: DaemonLock::default(),
+    }))
 }
 
 fn reading(path: &Path) -> SqliteConnectOptions {
@@ -171,7 +230,7 @@ async fn writer_pool(
     path: &Path,
     options: SqliteConnectOptions,
     busy_timeout: Duration,
-) -> Result<SqlitePool, StoreError> {
+) -> Result<EnginePool, StoreError> {
     let deadline = Instant::now() + busy_timeout;
     loop {
         let opened = pool(1, options.clone(), busy_timeout).await;
@@ -186,8 +245,8 @@ async fn pool(
     connections: u32,
     options: SqliteConnectOptions,
     busy_timeout: Duration,
-) -> Result<SqlitePool, sqlx::Error> {
-    SqlitePoolOptions::new()
+) -> Result<EnginePool, sqlx::Error> {
+    EnginePoolOptions::new()
         .max_connections(connections)
         // A turn at the pool may have to wait for one that waits for another process.
         .acquire_timeout(3 * busy_timeout)
@@ -197,18 +256,18 @@ async fn pool(
         // SQLite ends a transaction by itself when the disk fails under it; the connection, which cannot end it once
         // more, counts it as open for good and would refuse the next one with words that name no disk.
         .before_acquire(|connection, _| Box::pin(async { Ok(!connection.is_in_transaction()) }))
-        .connect_with(options)
+        .connect_with(of_sqlite(options))
         .await
 }
 
 /// A reader of its own, opened when it is asked for the first time.
-fn probe(options: SqliteConnectOptions) -> SqlitePool {
-    SqlitePoolOptions::new()
+fn probe(options: SqliteConnectOptions) -> EnginePool {
+    EnginePoolOptions::new()
         .max_connections(1)
         .acquire_timeout(PROBE_TIMEOUT)
         .idle_timeout(None)
         .max_lifetime(None)
-        .connect_lazy_with(options.read_only(true).busy_timeout(PROBE_TIMEOUT))
+        .connect_lazy_with(of_sqlite(options.read_only(true).busy_timeout(PROBE_TIMEOUT)))
 }
 
 impl Store {
@@ -217,7 +276,8 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database, [`StoreError::Busy`] after two seconds.
     pub async fn probe(&self) -> Result<(), StoreError> {
-        let answer = sqlx::query("SELECT count(*) FROM (SELECT 1 FROM robot LIMIT 1)").execute(&self.probe);
+        let answer =
+            sqlx::query("SELECT count(*) FROM (SELECT 1 FROM robot LIMIT 1) AS first").execute(&self.probe);
         self.checked(answer.await).map(|_| ())
     }
 }

@@ -18,6 +18,8 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, ToSql, params_from_iter};
 use serde_json::Value;
 
 use self::names::Names;
+#[cfg(feature = "postgres")]
+use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
 use super::table::{Table, hexadecimal};
@@ -112,6 +114,14 @@ impl Store {
         limits: SqlLimits,
         abandoned: &Arc<AtomicBool>,
     ) -> Result<SqlAnswer, SqlError> {
+        #[cfg(feature = "postgres")]
+        if self.dialect() == Dialect::Postgres {
+            let path = self.path.display();
+            return Err(SqlError::Forbidden(format!(
+                "the database is on a server, which statements of others are put to there: `psql {path}`, as a user who \
+                 may only read, with the views in schema armwatch"
+            )));
+        }
         let names = Names::of(statement).map_err(SqlError::Forbidden)?;
         if statement.len() > LONGEST_STATEMENT {
             return Err(SqlError::Forbidden(format!("a statement has at most {LONGEST_STATEMENT} bytes")));

@@ -5,7 +5,6 @@
 //! work is held against.
 
 use jiff::Timestamp;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 use sqlx::{AssertSqlSafe, Row};
 
 use super::error::StoreError;
@@ -13,6 +12,9 @@ use super::handle::Store;
 use super::results::joined_factors::remove_of;
 use super::values::{count, named, size};
 use crate::run::RunKind;
+#[cfg(feature = "postgres")]
+use crate::store::engine::{Dialect, catalog};
+use crate::store::engine::{EngineExecutor, EngineRow};
 
 /// Tests that are looked at for a window of ordinary work until one has parameters. So many of the latest tests of a
 /// robot keep their factors, whatever their age.
@@ -101,6 +103,13 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn free_space(&self) -> Result<FreeSpace, StoreError> {
         const INCREMENTAL: u64 = 2;
+        #[cfg(feature = "postgres")]
+        if self.dialect() == Dialect::Postgres {
+            const PAGE: u64 = 8192;
+            let bytes = self.checked(catalog::bytes_on_server(&self.readers).await)?;
+            let pages = u64::try_from(bytes).unwrap_or(0) / PAGE;
+            return Ok(FreeSpace { page_bytes: PAGE, pages, free_pages: 0, can_shrink: false });
+        }
         let mut figures = [0_u64; 4];
         for (figure, pragma) in
             figures.iter_mut().zip(["page_size", "page_count", "freelist_count", "auto_vacuum"])
@@ -124,7 +133,7 @@ impl Store {
     }
 }
 
-async fn due_runs(executor: impl SqliteExecutor<'_>, kept: &KeptSince) -> Result<Vec<DueRun>, sqlx::Error> {
+async fn due_runs(executor: impl EngineExecutor<'_>, kept: &KeptSince) -> Result<Vec<DueRun>, sqlx::Error> {
     let limit = |since: Option<Timestamp>| since.map(|since| since.as_microsecond());
     // what has factors is a bounded part of what is stored, so that the reading begins there
     sqlx::query(
@@ -136,8 +145,8 @@ async fn due_runs(executor: impl SqliteExecutor<'_>, kept: &KeptSince) -> Result
                    FROM run
                    WHERE run.kind = 'test' AND run.status = 'complete'
                          AND EXISTS (SELECT 1 FROM cycle WHERE cycle.run_id = run.run_id
-                                     AND cycle.status = 'complete' AND NOT cycle.doubtful))
-             WHERE place <= ?3
+                                     AND cycle.status = 'complete' AND NOT cycle.doubtful)) AS tests
+             WHERE place <= $3
              UNION
              SELECT friction_baseline_run.run_id
              FROM friction_baseline_run
@@ -147,7 +156,8 @@ async fn due_runs(executor: impl SqliteExecutor<'_>, kept: &KeptSince) -> Result
          own AS (
              SELECT cycle.run_id, count(*) AS cycles, max(cycle.started_at) AS ended_at
              FROM cycle_factor_layout
-             CROSS JOIN cycle USING (cycle_id)
+             CROSS JOIN cycle
+             WHERE cycle.cycle_id = cycle_factor_layout.cycle_id
              GROUP BY cycle.run_id
          )
          SELECT run.run_id, robot.name AS robot, run.kind, own.cycles
@@ -155,14 +165,14 @@ async fn due_runs(executor: impl SqliteExecutor<'_>, kept: &KeptSince) -> Result
          JOIN run USING (run_id)
          JOIN robot USING (robot_id)
          WHERE run.status <> 'streaming' AND robot.history = robot.concluded
-               AND max(own.ended_at, run.started_at, run.ingested_at) < iif(run.kind = 'test', ?1, ?2)
+               AND max(own.ended_at, run.started_at, run.ingested_at) < CASE WHEN run.kind = 'test' THEN $1 ELSE $2 END
                AND NOT (run.kind = 'test' AND run.run_id IN (SELECT run_id FROM kept))
          ORDER BY run.started_at, run.run_id",
     )
     .bind(limit(kept.tests))
     .bind(limit(kept.production))
     .bind(count(MOST_REFERENCES))
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(DueRun {
             run_id: row.try_get("run_id")?,
             robot: row.try_get("robot")?,
@@ -175,26 +185,26 @@ async fn due_runs(executor: impl SqliteExecutor<'_>, kept: &KeptSince) -> Result
     .await
 }
 
-async fn bytes_of(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<u64, sqlx::Error> {
+async fn bytes_of(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<u64, sqlx::Error> {
     sqlx::query(
-        "SELECT ifnull(sum(length(factor)), 0) AS bytes FROM cycle JOIN torque_factor USING (cycle_id) WHERE run_id = ?",
+        "SELECT CAST(coalesce(sum(length(factor)), 0) AS BIGINT) AS bytes FROM cycle JOIN torque_factor USING (cycle_id) WHERE run_id = $1",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| size(&row, "bytes"))
+    .try_map(|row: EngineRow| size(&row, "bytes"))
     .fetch_one(executor)
     .await
 }
 
 async fn cycles_with_factors(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     most: usize,
 ) -> Result<Vec<i64>, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT cycle_id FROM run JOIN cycle USING (run_id) JOIN cycle_factor_layout USING (cycle_id)
-         WHERE run_id = ? AND run.status <> 'streaming'
+         WHERE run_id = $1 AND run.status <> 'streaming'
          ORDER BY cycle.number
-         LIMIT ?",
+         LIMIT $2",
     )
     .bind(run_id)
     .bind(count(most))

@@ -3,9 +3,10 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use sqlx::SqliteConnection;
 use sqlx::migrate::Migrator;
-use sqlx::{SqliteConnection, SqlitePool};
 
+use super::engine::{EnginePool, as_sqlite, begin_writing};
 use super::error::StoreError;
 use super::{new_schema, write_ahead_log};
 
@@ -24,24 +25,25 @@ pub(super) fn latest_schema() -> i64 {
 
 /// Brings the schema up to date: all of it or nothing, and one process at a time. Whoever ends the process meanwhile has
 /// the database as it was.
-pub(super) async fn migrate(path: &Path, writer: &SqlitePool) -> Result<(), StoreError> {
+pub(super) async fn migrate(path: &Path, writer: &EnginePool) -> Result<(), StoreError> {
     let broken = |error: sqlx::Error| StoreError::from_sqlx(path, &error);
-    let mut transaction = writer.begin_with("BEGIN IMMEDIATE").await.map_err(broken)?;
-    new_schema::make(&mut transaction, &MIGRATOR).await.map_err(broken)?;
+    let mut transaction = begin_writing(writer).await.map_err(broken)?;
+    let connection = as_sqlite(&mut transaction).map_err(broken)?;
+    new_schema::make(connection, &MIGRATOR).await.map_err(broken)?;
     // only now, for another process may have done it while this one waited
-    let found = schema_of(&mut transaction).await.map_err(broken)?;
+    let found = schema_of(connection).await.map_err(broken)?;
     let missing: Vec<i64> =
         MIGRATOR.iter().map(|migration| migration.version).filter(|version| *version > found).collect();
     if found > 0 && !missing.is_empty() {
         say_beginning(path, found);
     }
     for (step, version) in missing.iter().enumerate() {
-        let run = MIGRATOR.run_direct(Some(*version), &mut *transaction, false);
+        let run = MIGRATOR.run_direct(Some(*version), &mut *connection, false);
         let progress = Progress { path, step: step + 1, steps: missing.len(), version: *version };
         progress.during(run, found > 0).await.map_err(|error| StoreError::from_migrate(path, &error))?;
     }
     // checks that migrations which ran before are those of this program
-    let all = MIGRATOR.run_direct(None, &mut *transaction, false).await;
+    let all = MIGRATOR.run_direct(None, &mut *connection, false).await;
     all.map_err(|error| StoreError::from_migrate(path, &error))?;
     transaction.commit().await.map_err(broken)
 }

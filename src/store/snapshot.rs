@@ -10,6 +10,8 @@ use std::sync::Arc;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection, SqliteConnection};
 
+#[cfg(feature = "postgres")]
+use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
 use super::open::{APPLICATION_ID, SNAPSHOT};
@@ -29,6 +31,10 @@ const LEFT_OUT: [&str; 11] = [
     "run_friction_series",
 ];
 
+/// What a user needs who reads the views on a server.
+#[cfg(feature = "postgres")]
+const READERS_GRANT: &str = "GRANT USAGE ON SCHEMA armwatch, GRANT SELECT ON ALL TABLES IN SCHEMA armwatch";
+
 /// What a copy is called until it is whole.
 const PARTIAL: &str = ".partial";
 
@@ -39,6 +45,11 @@ impl Store {
     /// [`StoreError::NotASnapshot`] where something else lies at `target`, such as the database itself; [`StoreError`] of
     /// the database or of the copy. What is there then stays.
     pub async fn snapshot(&self, target: &Path) -> Result<u64, StoreError> {
+        #[cfg(feature = "postgres")]
+        if self.dialect() == Dialect::Postgres {
+            let instead = format!("readers ask it there, as a user who may only read: {READERS_GRANT}");
+            return Err(self.on_server("a snapshot", instead));
+        }
         let partial = partial_of(target);
         let failed = |error: std::io::Error| StoreError::from_sqlx(target, &sqlx::Error::Io(error));
         if !is_free(target).map_err(failed)? {

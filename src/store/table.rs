@@ -2,11 +2,13 @@
 
 use serde_json::Value;
 use sqlx::query::Query;
-use sqlx::sqlite::{SqliteArguments, SqliteRow};
-use sqlx::{AssertSqlSafe, Column, Executor, Row, SqlSafeStr, Sqlite, Statement, TypeInfo, ValueRef};
+use sqlx::{AssertSqlSafe, Column, Executor, Row, SqlSafeStr, Statement, TypeInfo, ValueRef};
 
 use super::error::StoreError;
 use super::handle::Store;
+#[cfg(feature = "postgres")]
+use crate::store::engine::sqlstate::{self, ServerFault};
+use crate::store::engine::{Dialect, Engine, EngineArguments, EngineRow, catalog, dialect};
 
 /// What a statement gave.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -65,16 +67,8 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn views(&self) -> Result<Vec<(String, Vec<String>)>, StoreError> {
-        let rows: Result<Vec<(String, String)>, _> = sqlx::query_as(
-            "SELECT view.name, of.name
-             FROM sqlite_schema AS view JOIN pragma_table_info(view.name) AS of
-             WHERE view.type = 'view'
-             ORDER BY view.name, of.cid",
-        )
-        .fetch_all(&self.readers)
-        .await;
         let mut views: Vec<(String, Vec<String>)> = Vec::new();
-        for (view, column) in self.checked(rows)? {
+        for (view, column) in self.checked(catalog::views(&self.readers).await)? {
             match views.last_mut().filter(|(last, _)| *last == view) {
                 Some((_, columns)) => columns.push(column),
                 None => views.push((view, vec![column])),
@@ -88,7 +82,7 @@ impl Store {
     /// # Errors
     /// [`AskError::NoView`], and [`AskError::Statement`] for a column that is not there.
     pub async fn rows_of_view(&self, view: &str, wanted: &ViewRows) -> Result<Table, AskError> {
-        let columns = self.columns_of_view(view).await?;
+        let columns = self.checked(catalog::columns_of_view(&self.readers, view).await)?;
         if columns.is_empty() {
             let views = self.views().await?;
             let names: Vec<&str> = views.iter().map(|(name, _)| name.as_str()).collect();
@@ -103,49 +97,51 @@ impl Store {
                 )));
             }
         }
-        self.answer(&select(view, wanted), |mut query| {
+        self.answer(&select(dialect(&self.readers), view, wanted), |mut query| {
             for (_, value) in wanted.filters.iter().filter(|(_, value)| value != NULL) {
-                query = query.bind(value);
-                query = match value.parse::<f64>() {
-                    Ok(number) => query.bind(number),
-                    Err(_) => query.bind(value),
-                };
+                query = query.bind(value).bind(value.parse::<f64>().ok());
             }
             query
         })
         .await
     }
 
-    /// Columns of one view, which SQLite works out from its statement; none where there is no such view.
-    async fn columns_of_view(&self, view: &str) -> Result<Vec<String>, StoreError> {
-        let columns = sqlx::query_scalar(
-            "SELECT of.name
-             FROM sqlite_schema AS view JOIN pragma_table_info(view.name) AS of
-             WHERE view.type = 'view' AND view.name = ?
-             ORDER BY of.cid",
-        );
-        self.checked(columns.bind(view).fetch_all(&self.readers).await)
-    }
-
     /// The answer to a statement of this program, with its values bound.
     pub(in crate::store) async fn answer<'q>(
         &self,
         statement: &str,
-        bound: impl FnOnce(Query<'q, Sqlite, SqliteArguments>) -> Query<'q, Sqlite, SqliteArguments>,
+        bound: impl FnOnce(Query<'q, Engine, EngineArguments>) -> Query<'q, Engine, EngineArguments>,
     ) -> Result<Table, AskError> {
-        let mut connection = self.readers.acquire().await.map_err(|error| self.ask_error(&error))?;
+        let failed = |error: sqlx::Error| self.ask_error(&error);
+        let mut connection = self.readers.acquire().await.map_err(failed)?;
         let text = || AssertSqlSafe(statement.to_owned()).into_sql_str();
-        let prepared = connection.prepare(text()).await.map_err(|error| self.ask_error(&error))?;
-        let columns = prepared.columns().iter().map(|column| column.name().to_owned()).collect();
-        let rows = bound(sqlx::query(text())).fetch_all(&mut *connection).await;
-        let rows = rows.map_err(|error| self.ask_error(&error))?;
-        let rows =
-            rows.iter().map(cells).collect::<Result<_, _>>().map_err(|error| self.ask_error(&error))?;
+        let rows = bound(sqlx::query(text())).fetch_all(&mut *connection).await.map_err(failed)?;
+        let columns = match rows.first() {
+            Some(row) => names(row.columns()),
+            None => names(connection.prepare(text()).await.map_err(failed)?.columns()),
+        };
+        let rows = rows.iter().map(cells).collect::<Result<_, _>>().map_err(failed)?;
         Ok(Table { columns, rows })
     }
 
     fn ask_error(&self, error: &sqlx::Error) -> AskError {
         const READ_ONLY: &str = "8";
+        #[cfg(feature = "postgres")]
+        match (sqlstate::fault_of(error), error) {
+            (
+                Some(
+                    ServerFault::Statement
+                    | ServerFault::Cancelled
+                    | ServerFault::ReadOnly
+                    | ServerFault::Rights,
+                ),
+                sqlx::Error::Database(of),
+            ) => return AskError::Statement(of.message().to_owned()),
+            (None, sqlx::Error::ColumnDecode { source, .. }) if self.dialect() == Dialect::Postgres => {
+                return AskError::Statement(source.to_string());
+            }
+            _ => {}
+        }
         match error {
             sqlx::Error::Database(of) if of.code().as_deref() == Some(READ_ONLY) => AskError::Statement(
                 "the database is opened for reading only; the commands of armwatch change it".into(),
@@ -159,29 +155,38 @@ impl Store {
     }
 }
 
+fn names(columns: &[impl Column]) -> Vec<String> {
+    columns.iter().map(|column| column.name().to_owned()).collect()
+}
+
 /// How a filter asks for NULL.
 const NULL: &str = "null";
 
-/// A text equals a text, and a number a number, whatever affinity a column has.
-fn select(view: &str, wanted: &ViewRows) -> String {
-    let condition = |(column, value): &(String, String)| match value.as_str() {
-        NULL => format!("\"{column}\" IS NULL"),
-        _ => format!("(\"{column}\" = ? OR \"{column}\" = ?)"),
-    };
-    let conditions: Vec<String> = wanted.filters.iter().map(condition).collect();
+fn select(dialect: Dialect, view: &str, wanted: &ViewRows) -> String {
+    let mut place = 1;
+    let mut conditions = Vec::new();
+    for (column, value) in &wanted.filters {
+        if value == NULL {
+            conditions.push(format!("\"{column}\" IS NULL"));
+        } else {
+            // the value is bound as a text and once more as a number, where it is one
+            conditions.push(catalog::equals(dialect, column, place));
+            place += 2;
+        }
+    }
     let filter =
         if conditions.is_empty() { String::new() } else { format!(" WHERE {}", conditions.join(" AND ")) };
     let order = wanted.order.as_ref().map_or_else(String::new, |(column, falling)| {
-        format!(" ORDER BY \"{column}\"{}", if *falling { " DESC" } else { "" })
+        format!(" ORDER BY \"{column}\" {}", if *falling { "DESC NULLS LAST" } else { "NULLS FIRST" })
     });
     format!("SELECT * FROM \"{view}\"{filter}{order} LIMIT {}", wanted.limit)
 }
 
-pub(in crate::store) fn cells(row: &SqliteRow) -> Result<Vec<Value>, sqlx::Error> {
+pub(in crate::store) fn cells(row: &EngineRow) -> Result<Vec<Value>, sqlx::Error> {
     (0..row.len()).map(|column| cell(row, column)).collect()
 }
 
-fn cell(row: &SqliteRow, column: usize) -> Result<Value, sqlx::Error> {
+fn cell(row: &EngineRow, column: usize) -> Result<Value, sqlx::Error> {
     let value = row.try_get_raw(column)?;
     if value.is_null() {
         return Ok(Value::Null);

@@ -2,10 +2,10 @@
 
 use jiff::Timestamp;
 use sqlx::Row;
-use sqlx::sqlite::SqliteRow;
 
 use crate::analysis::{IdentifiedParameter, Rmsd};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
+use crate::store::engine::EngineRow;
 
 /// Most rows in one multi-row statement. With at most 20 columns this stays far below SQLite's 32766
 /// variables.
@@ -33,13 +33,13 @@ pub(super) fn joint_number(joint: JointIndex) -> i64 {
 }
 
 /// Reads a joint number.
-pub(super) fn joint(row: &SqliteRow, column: &str) -> Result<JointIndex, sqlx::Error> {
+pub(super) fn joint(row: &EngineRow, column: &str) -> Result<JointIndex, sqlx::Error> {
     let number: i64 = row.try_get(column)?;
     usize::try_from(number).ok().and_then(JointIndex::from_number).ok_or_else(|| unknown(column, number))
 }
 
 /// Reads a parameter with its error: columns joint, name, value, std_error, degrees_of_freedom.
-pub(super) fn identified(row: &SqliteRow) -> Result<IdentifiedParameter, sqlx::Error> {
+pub(super) fn identified(row: &EngineRow) -> Result<IdentifiedParameter, sqlx::Error> {
     let known = |column| Ok::<f64, sqlx::Error>(row.try_get::<Option<f64>, _>(column)?.unwrap_or(f64::NAN));
     Ok(IdentifiedParameter {
         id: parameter(row, "joint", "name")?,
@@ -50,19 +50,19 @@ pub(super) fn identified(row: &SqliteRow) -> Result<IdentifiedParameter, sqlx::E
 }
 
 /// Reads a count that is never negative.
-pub(super) fn size<T: TryFrom<i64>>(row: &SqliteRow, column: &str) -> Result<T, sqlx::Error> {
+pub(super) fn size<T: TryFrom<i64>>(row: &EngineRow, column: &str) -> Result<T, sqlx::Error> {
     let value: i64 = row.try_get(column)?;
     T::try_from(value).map_err(|_| unknown(column, value))
 }
 
 /// Reads integer microseconds UTC.
-pub(super) fn time(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx::Error> {
+pub(super) fn time(row: &EngineRow, column: &str) -> Result<Timestamp, sqlx::Error> {
     let microseconds: i64 = row.try_get(column)?;
     Timestamp::from_microsecond(microseconds).map_err(|_| unknown(column, microseconds))
 }
 
 /// Reads integer microseconds UTC that may be absent.
-pub(super) fn known_time(row: &SqliteRow, column: &str) -> Result<Option<Timestamp>, sqlx::Error> {
+pub(super) fn known_time(row: &EngineRow, column: &str) -> Result<Option<Timestamp>, sqlx::Error> {
     match row.try_get::<Option<i64>, _>(column)? {
         Some(_) => time(row, column).map(Some),
         None => Ok(None),
@@ -71,7 +71,7 @@ pub(super) fn known_time(row: &SqliteRow, column: &str) -> Result<Option<Timesta
 
 /// Reads one of a closed list by its name.
 pub(super) fn named<T: Copy>(
-    row: &SqliteRow,
+    row: &EngineRow,
     column: &str,
     all: &[T],
     name: impl Fn(T) -> &'static str,
@@ -82,7 +82,7 @@ pub(super) fn named<T: Copy>(
 
 /// Reads a parameter from its joint and name.
 pub(super) fn parameter(
-    row: &SqliteRow,
+    row: &EngineRow,
     joint_column: &str,
     name_column: &str,
 ) -> Result<ParameterId, sqlx::Error> {
@@ -135,7 +135,7 @@ pub(super) fn of_some_rows(rmsd: Rmsd, value: f64) -> Option<f64> {
 }
 
 /// Reads a time as a view shows it.
-pub(super) fn time_text(row: &SqliteRow, column: &str) -> Result<Timestamp, sqlx::Error> {
+pub(super) fn time_text(row: &EngineRow, column: &str) -> Result<Timestamp, sqlx::Error> {
     let text: &str = row.try_get(column)?;
     text.parse().map_err(|error: jiff::Error| sqlx::Error::Decode(error.to_string().into()))
 }

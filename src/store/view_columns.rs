@@ -3,9 +3,10 @@
 
 use std::sync::LazyLock;
 
-use sqlx::{QueryBuilder, Sqlite, SqlitePool};
+use sqlx::QueryBuilder;
 
 use super::values::ROWS_PER_STATEMENT;
+use crate::store::engine::{Engine, EnginePool, begin_writing};
 
 /// The one place in which views and columns are described.
 const SCHEMA: &str = include_str!("../../docs/schema.md");
@@ -49,24 +50,27 @@ pub fn public_views() -> &'static [PublicView] {
 
 /// Writes the descriptions into the database, where those in it are others. A program that only reads leaves them: they
 /// are those of the program that wrote last.
-pub(super) async fn fill(writer: &SqlitePool) -> Result<(), sqlx::Error> {
+pub(super) async fn fill(writer: &EnginePool) -> Result<(), sqlx::Error> {
     let described: Vec<(&str, i64, &ViewColumn)> = public_views()
         .iter()
         .flat_map(|view| (1..).zip(&view.columns).map(|(place, column)| (view.name.as_str(), place, column)))
         .collect();
     let stored: Vec<Stored> = sqlx::query_as(
-        "SELECT view_name, position, column_name, type, unit, null_when, meaning FROM view_column ORDER BY rowid",
+        "SELECT view_name, position, column_name, type, unit, null_when, meaning FROM view_column
+         ORDER BY view_name, position",
     )
     .fetch_all(writer)
     .await?;
+    let mut by_name = described.clone();
+    by_name.sort_by_key(|(view, position, _)| (*view, *position));
     let is_same = stored.iter().map(|row| (row.view_name.as_str(), row.position, &row.column));
-    if is_same.eq(described.iter().copied()) {
+    if is_same.eq(by_name) {
         return Ok(());
     }
-    let mut transaction = writer.begin_with("BEGIN IMMEDIATE").await?;
+    let mut transaction = begin_writing(writer).await?;
     sqlx::query("DELETE FROM view_column").execute(&mut *transaction).await?;
     for rows in described.chunks(ROWS_PER_STATEMENT) {
-        let mut insert = QueryBuilder::<Sqlite>::new(
+        let mut insert = QueryBuilder::<Engine>::new(
             "INSERT INTO view_column (view_name, position, column_name, type, unit, null_when, meaning) ",
         );
         insert.push_values(rows, |mut values, (view, position, column)| {

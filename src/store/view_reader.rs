@@ -6,12 +6,13 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 use serde_json::Value;
-use sqlx::{AssertSqlSafe, Sqlite, Transaction};
+use sqlx::AssertSqlSafe;
 
 use super::error::StoreError;
 use super::handle::Store;
 use super::table::cells;
 use super::view_columns::PublicView;
+use crate::store::engine::{Engine, EngineTransaction, begin_reading};
 
 /// Which rows of views are wanted.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -28,7 +29,7 @@ pub struct RowFilter {
 /// until it is dropped.
 #[derive(Debug)]
 pub struct ViewReader {
-    transaction: Transaction<'static, Sqlite>,
+    transaction: EngineTransaction,
     path: Arc<Path>,
 }
 
@@ -38,9 +39,11 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn read_views(&self) -> Result<ViewReader, StoreError> {
-        let mut transaction = self.checked(self.readers.begin().await)?;
+        let mut transaction = self.checked(begin_reading(&self.readers).await)?;
         // the moment is that of the first read
-        let read = sqlx::query("SELECT count(*) FROM sqlite_schema").execute(&mut *transaction).await;
+        let read = sqlx::query("SELECT count(*) FROM (SELECT 1 FROM robot LIMIT 1) AS first")
+            .execute(&mut *transaction)
+            .await;
         self.checked(read)?;
         Ok(ViewReader { transaction, path: Arc::clone(&self.path) })
     }
@@ -100,7 +103,7 @@ impl ViewReader {
         mut take: impl FnMut(&[Value]) -> Result<(), E>,
     ) -> Result<u64, E> {
         let failed = |error: &sqlx::Error| E::from(StoreError::from_sqlx(&self.path, error));
-        let mut query = sqlx::query::<Sqlite>(AssertSqlSafe(statement));
+        let mut query = sqlx::query::<Engine>(AssertSqlSafe(statement));
         for value in values {
             query = query.bind(value);
         }
@@ -134,9 +137,9 @@ fn select_by_month(view: &PublicView, filter: &RowFilter) -> (String, Vec<String
             )
         }
     };
-    let order: Vec<String> = (1..=columns.len()).map(|place| place.to_string()).collect();
+    let order: Vec<String> = (1..=columns.len()).map(|place| format!("{place} NULLS FIRST")).collect();
     let statement = format!(
-        "SELECT {}, {month} FROM \"{}\"{condition} ORDER BY robot, {}, {}",
+        "SELECT {}, {month} FROM \"{}\"{condition} ORDER BY robot, {} NULLS FIRST, {}",
         columns.join(", "),
         view.name,
         columns.len() + 1,
@@ -159,17 +162,19 @@ fn condition(view: &PublicView, filter: &RowFilter) -> (String, Vec<String>) {
     let mut conditions = Vec::new();
     let mut values = Vec::new();
     if !filter.robots.is_empty() && has("robot") {
-        conditions.push(format!("robot IN ({})", vec!["?"; filter.robots.len()].join(", ")));
+        let places: Vec<String> = (1..=filter.robots.len()).map(|place| format!("${place}")).collect();
+        conditions.push(format!("robot IN ({})", places.join(", ")));
         values.extend(filter.robots.iter().cloned());
     }
     let times = [(filter.since, ">="), (filter.until, "<")];
     let times = times.iter().filter_map(|(time, relation)| Some(((*time)?, relation)));
     for (time, relation) in times {
+        let place = values.len() + 1;
         if has("at") {
-            conditions.push(format!("\"at\" {relation} ?"));
+            conditions.push(format!("\"at\" {relation} ${place}"));
         } else if has("run_id") {
             conditions.push(format!(
-                "(run_id IS NULL OR run_id IN (SELECT run_id FROM runs WHERE started_at {relation} ?))"
+                "(run_id IS NULL OR run_id IN (SELECT run_id FROM runs WHERE started_at {relation} ${place}))"
             ));
         } else {
             continue;
@@ -204,13 +209,13 @@ mod tests {
         let all = ["R01", "R02", times[0], times[1]].map(str::to_owned);
         assert_eq!(
             statement("cycle_rmsd", &filter),
-            (format!("robot IN (?, ?) AND {of_runs} >= ?)) AND {of_runs} < ?))"), all.to_vec())
+            (format!("robot IN ($1, $2) AND {of_runs} >= $3)) AND {of_runs} < $4))"), all.to_vec())
         );
         assert_eq!(
             statement("maintenance_log", &filter),
-            ("robot IN (?, ?) AND \"at\" >= ? AND \"at\" < ?".into(), all.to_vec())
+            ("robot IN ($1, $2) AND \"at\" >= $3 AND \"at\" < $4".into(), all.to_vec())
         );
-        assert_eq!(statement("friction_map", &filter), ("robot IN (?, ?)".into(), all[..2].to_vec()));
+        assert_eq!(statement("friction_map", &filter), ("robot IN ($1, $2)".into(), all[..2].to_vec()));
         assert_eq!(statement("view_columns", &filter), (String::new(), Vec::new()));
         assert_eq!(statement("runs", &RowFilter::default()), (String::new(), Vec::new()));
     }

@@ -3,7 +3,6 @@
 use jiff::Timestamp;
 use jiff::civil::Date;
 use sqlx::Row;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use super::ledger::runs;
 use super::values::{joint, named, size};
@@ -11,6 +10,7 @@ use crate::anomaly::forecast::{Crossing, Forecast, Trend};
 use crate::anomaly::{Alternative, Severity};
 use crate::robot::JointIndex;
 use crate::run::{RunKind, RunStatus};
+use crate::store::engine::{EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::time_text;
@@ -236,13 +236,13 @@ impl Store {
 }
 
 /// All runs, by robot and start.
-pub(in crate::store) async fn runs(executor: impl SqliteExecutor<'_>) -> Result<Vec<RunRow>, sqlx::Error> {
+pub(in crate::store) async fn runs(executor: impl EngineExecutor<'_>) -> Result<Vec<RunRow>, sqlx::Error> {
     sqlx::query(
         "SELECT run_id, robot, started_at, source_name, rows, cycles, status, kind, reason, reason_line, reason_column
          FROM runs
          ORDER BY robot, started_at, run_id",
     )
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(RunRow {
             run_id: row.try_get("run_id")?,
             robot: row.try_get("robot")?,
@@ -263,7 +263,7 @@ pub(in crate::store) async fn runs(executor: impl SqliteExecutor<'_>) -> Result<
 
 /// Every joint of every robot with a complete run, by robot and joint.
 pub(in crate::store) async fn fleet_health(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
 ) -> Result<Vec<FleetHealthRow>, sqlx::Error> {
     sqlx::query(
         "SELECT robot, joint, last_run_at, moving_relative_rmsd, friction_index, open_anomalies, status,
@@ -272,7 +272,7 @@ pub(in crate::store) async fn fleet_health(
          FROM fleet_health
          ORDER BY robot, joint",
     )
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(FleetHealthRow {
             robot: row.try_get("robot")?,
             joint: joint(&row, "joint")?,
@@ -294,7 +294,7 @@ pub(in crate::store) async fn fleet_health(
 
 /// Anomalies with a key above `after`, in the order in which they were found.
 pub(in crate::store) async fn anomalies_after(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     after: i64,
 ) -> Result<Vec<AnomalyRow>, sqlx::Error> {
     sqlx::query(
@@ -302,11 +302,11 @@ pub(in crate::store) async fn anomalies_after(
                 first_seen_at, last_seen_at, state, message, last_run_id, peak_value, peak_score, onset_at, onset_run_id,
                 onset_cycle, odds, alternatives, shelved_until, ended, provisional
          FROM anomalies
-         WHERE anomaly_id > ?
+         WHERE anomaly_id > $1
          ORDER BY anomaly_id",
     )
     .bind(after)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(AnomalyRow {
             anomaly_id: row.try_get("anomaly_id")?,
             robot: row.try_get("robot")?,
@@ -356,7 +356,7 @@ fn alternatives(text: &str) -> Result<Vec<Alternative>, sqlx::Error> {
 }
 
 /// How much is stored.
-pub(in crate::store) async fn counts(executor: impl SqliteExecutor<'_>) -> Result<Counts, sqlx::Error> {
+pub(in crate::store) async fn counts(executor: impl EngineExecutor<'_>) -> Result<Counts, sqlx::Error> {
     sqlx::query(
         "SELECT (SELECT count(DISTINCT robot_id) FROM run) AS robots,
                 (SELECT count(*) FROM run WHERE status = 'streaming') AS streaming_runs,
@@ -367,7 +367,7 @@ pub(in crate::store) async fn counts(executor: impl SqliteExecutor<'_>) -> Resul
                 (SELECT count(*) FROM cycle) AS cycles,
                 (SELECT count(*) FROM anomaly WHERE state = 'open' AND NOT withdrawn) AS open_anomalies",
     )
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(Counts {
             robots: size(&row, "robots")?,
             streaming_runs: size(&row, "streaming_runs")?,
@@ -381,14 +381,14 @@ pub(in crate::store) async fn counts(executor: impl SqliteExecutor<'_>) -> Resul
     .await
 }
 
-fn optional_time(row: &SqliteRow, column: &str) -> Result<Option<Timestamp>, sqlx::Error> {
+fn optional_time(row: &EngineRow, column: &str) -> Result<Option<Timestamp>, sqlx::Error> {
     match row.try_get::<Option<&str>, _>(column)? {
         Some(_) => time_text(row, column).map(Some),
         None => Ok(None),
     }
 }
 
-fn forecast(row: &SqliteRow) -> Result<Option<Forecast>, sqlx::Error> {
+fn forecast(row: &EngineRow) -> Result<Option<Forecast>, sqlx::Error> {
     if row.try_get::<Option<&str>, _>("trend")?.is_none() {
         return Ok(None);
     }
@@ -404,7 +404,7 @@ fn forecast(row: &SqliteRow) -> Result<Option<Forecast>, sqlx::Error> {
     }))
 }
 
-fn optional_day(row: &SqliteRow, column: &str) -> Result<Option<Date>, sqlx::Error> {
+fn optional_day(row: &EngineRow, column: &str) -> Result<Option<Date>, sqlx::Error> {
     let text: Option<&str> = row.try_get(column)?;
     let day = text.map(str::parse).transpose();
     day.map_err(|error: jiff::Error| sqlx::Error::Decode(error.to_string().into()))

@@ -33,6 +33,8 @@ mod maintenance;
 mod estimators;
 mod no_result;
 mod overdue;
+#[cfg(all(feature = "postgres", target_os = "linux"))]
+mod postgres;
 mod excitation_only;
 mod explain;
 mod export;

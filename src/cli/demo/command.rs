@@ -296,7 +296,7 @@ impl Demo {
         done: &CancellationToken,
         room: &Semaphore,
     ) -> Result<(), CliError> {
-        let claim = pipeline.store().claim()?;
+        let claim = pipeline.store().claim().await?;
         let reload = daemon::reload_on_hangup(done).map_err(|error| CliError::Internal(error.to_string()))?;
         let control = daemon::Control { claim, stop: done.clone(), reload, reread: &|| None };
         let mut seen = HashSet::new();

@@ -15,7 +15,8 @@ const LITTLE: f64 = 0.10;
 const NEEDED_BYTES: u64 = 1 << 30;
 
 pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<Finding> {
-    let mut found = vec![of(&config.database, "the database")];
+    let mut found: Vec<Finding> =
+        config.database_file().map(|file| of(file, "the database")).into_iter().collect();
     let written = [
         ("the archive", config.watch.archive.as_deref()),
         (

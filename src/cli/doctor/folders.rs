@@ -1,5 +1,7 @@
 //! Where folders and database lie: on this machine, or on another one.
 
+use std::path::Path;
+
 use super::finding::Finding;
 use super::machine::{Machine, is_share};
 use crate::config::Config;
@@ -7,8 +9,26 @@ use crate::config::Config;
 const CHECK: &str = "shares";
 
 pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
-    let database = config.database.display();
-    let mut found = vec![match machine.file_system(&config.database) {
+    let mut found: Vec<Finding> =
+        config.database_file().map(|file| of_database(file, machine)).into_iter().collect();
+    for folder in &config.watch.folders {
+        if let Some(kind) = machine.file_system(folder).filter(|kind| is_share(kind)) {
+            let every = config.watch.scan_interval.as_secs_f64();
+            let folder = folder.display();
+            found.push(Finding::ok(
+                CHECK,
+                format!(
+                    "{folder} is a network share ({kind}), whose files are found by a look each {every} s"
+                ),
+            ));
+        }
+    }
+    found
+}
+
+fn of_database(file: &Path, machine: &Machine) -> Finding {
+    let database = file.display();
+    match machine.file_system(file) {
         Some(kind) if is_share(kind) => Finding::problem(
             CHECK,
             format!(
@@ -27,20 +47,7 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
             format!("the file system of the database {database} is unknown"),
             "see that it is a disk of this machine",
         ),
-    }];
-    for folder in &config.watch.folders {
-        if let Some(kind) = machine.file_system(folder).filter(|kind| is_share(kind)) {
-            let every = config.watch.scan_interval.as_secs_f64();
-            let folder = folder.display();
-            found.push(Finding::ok(
-                CHECK,
-                format!(
-                    "{folder} is a network share ({kind}), whose files are found by a look each {every} s"
-                ),
-            ));
-        }
     }
-    found
 }
 
 #[cfg(test)]

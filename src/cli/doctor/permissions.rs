@@ -12,11 +12,13 @@ const CHECK: &str = "permissions";
 
 pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
     let mut found = Vec::new();
-    let database = &config.database;
-    let beside = database.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    found.extend(written(beside, "the folder of the database"));
-    if database.exists() {
-        found.extend(written(database, "the database"));
+    if let Some(database) = config.database_file() {
+        let beside =
+            database.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        found.extend(written(beside, "the folder of the database"));
+        if database.exists() {
+            found.extend(written(database, "the database"));
+        }
     }
     for folder in &config.watch.folders {
         // one that is not there is told with the configuration

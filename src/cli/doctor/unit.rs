@@ -51,7 +51,7 @@ fn with_drop_ins(unit: &Path) -> String {
 /// What the daemon writes to, from the root on.
 fn written(config: &Config) -> Vec<PathBuf> {
     let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    let mut paths = vec![absolute(&config.database)];
+    let mut paths: Vec<PathBuf> = config.database_file().map(absolute).into_iter().collect();
     if let Some(archive) = &config.watch.archive {
         paths.push(absolute(archive));
         paths.extend(config.watch.folders.iter().map(|folder| absolute(folder)));

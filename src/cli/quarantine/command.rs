@@ -271,7 +271,7 @@ impl Retries<'_> {
             return Ok(EXIT_DONE);
         }
         let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
-        let under_daemon = matches!(self.store.claim(), Err(StoreError::Claimed { .. }));
+        let under_daemon = matches!(self.store.claim().await, Err(StoreError::Claimed { .. }));
         let (mut code, mut asked, mut own) = (EXIT_DONE, Vec::new(), Vec::new());
         for fault in chosen {
             self.store.withdraw_dismissal(fault.run_id).await?;

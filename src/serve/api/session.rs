@@ -1,5 +1,6 @@
 //! `GET /v1/session`: what the sender may do. It is answered without a token, so that a page can ask for one.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use axum::Json;
@@ -9,6 +10,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use crate::config::shown_database;
 use crate::serve::access::Scope;
 use crate::serve::shared::Shared;
 
@@ -43,11 +45,18 @@ pub async fn session(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> J
     let may = |scope| shared.access.check_for(scope, &headers).is_ok();
     Json(Session {
         version: env!("CARGO_PKG_VERSION"),
-        database: shared.config.borrow().database.file_name().map(|name| name.to_string_lossy().into_owned()),
+        database: name(&shared.config.borrow().database),
         now: Timestamp::now().to_string(),
         needs_token: shared.access.needs_token(),
         may_read: may(Scope::Read),
         may_act: may(Scope::Act),
         may_upload: may(Scope::Upload) && shared.uploads.is_some(),
     })
+}
+
+/// Name of the database, without the folder or the server that it lies on.
+fn name(database: &Path) -> Option<String> {
+    let shown = shown_database(database);
+    let (path, _) = shown.split_once('?').unwrap_or((&shown, ""));
+    Path::new(path).file_name().map(|name| name.to_string_lossy().into_owned())
 }

@@ -1,11 +1,11 @@
 //! What a message about an anomaly is made of.
 
 use jiff::Timestamp;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{AssertSqlSafe, Row, SqliteConnection};
+use sqlx::{AssertSqlSafe, Row};
 
 use super::event::told;
 use crate::anomaly::Severity;
+use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::robot::alarm_state::EventKind;
@@ -81,7 +81,7 @@ pub(super) const COLUMNS: &str = "
     anomaly.first_seen_at, anomaly.last_seen_at, anomaly.odds, anomaly.state, anomaly_event.why";
 
 /// Reads a row of [`COLUMNS`]; an event of which nobody is told is `None`.
-pub(super) fn from_row(row: &SqliteRow) -> Result<Option<AlarmEvent>, sqlx::Error> {
+pub(super) fn from_row(row: &EngineRow) -> Result<Option<AlarmEvent>, sqlx::Error> {
     let Some(what) = told(row.try_get("what")?) else { return Ok(None) };
     let onset_at = match row.try_get::<Option<i64>, _>("onset_at")? {
         Some(_) => Some(time(row, "onset_at")?),
@@ -119,7 +119,7 @@ pub(super) fn from_row(row: &SqliteRow) -> Result<Option<AlarmEvent>, sqlx::Erro
 
 /// Adds what the latest runs gave of the quantity, and what the route was told before.
 pub(super) async fn complete(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     route_id: i64,
     event: &mut AlarmEvent,
 ) -> Result<(), sqlx::Error> {
@@ -129,7 +129,7 @@ pub(super) async fn complete(
 }
 
 async fn series(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     event: &AlarmEvent,
 ) -> Result<Vec<(Timestamp, f64)>, sqlx::Error> {
     let (table, column) = match event.quantity.as_str() {
@@ -145,24 +145,24 @@ async fn series(
              FROM run
              JOIN robot USING (robot_id)
              JOIN {table} AS figure USING (run_id)
-             WHERE robot.name = ?1 AND figure.joint = ?2 AND run.status = 'complete' AND run.kind = 'test'
+             WHERE robot.name = $1 AND figure.joint = $2 AND run.status = 'complete' AND run.kind = 'test'
                    AND run.superseded_by_run_id IS NULL AND figure.{column} IS NOT NULL
              ORDER BY run.started_at DESC, run.run_id DESC
-             LIMIT ?3
-         )
+             LIMIT $3
+         ) AS latest
          ORDER BY started_at, run_id"
     );
     sqlx::query(AssertSqlSafe(statement))
         .bind(&event.robot)
         .bind(event.joint)
         .bind(SERIES_RUNS)
-        .try_map(|row: SqliteRow| Ok((time(&row, "started_at")?, row.try_get("value")?)))
+        .try_map(|row: EngineRow| Ok((time(&row, "started_at")?, row.try_get("value")?)))
         .fetch_all(executor)
         .await
 }
 
 async fn told_before(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     route_id: i64,
     event: &AlarmEvent,
 ) -> Result<Vec<(String, String)>, sqlx::Error> {
@@ -170,8 +170,8 @@ async fn told_before(
         "SELECT DISTINCT told_kind, told_severity
          FROM delivery
          JOIN anomaly_event USING (anomaly_event_id)
-         WHERE delivery_route_id = ? AND anomaly_id = ? AND attempts > 0 AND told_kind IS NOT NULL
-               AND (told_kind <> ? OR told_severity <> ?)
+         WHERE delivery_route_id = $1 AND anomaly_id = $2 AND attempts > 0 AND told_kind IS NOT NULL
+               AND (told_kind <> $3 OR told_severity <> $4)
          ORDER BY told_kind, told_severity",
     )
     .bind(route_id)
@@ -210,7 +210,7 @@ impl Store {
     }
 }
 
-pub(super) async fn open_alarms(executor: impl SqliteExecutor<'_>) -> Result<Vec<AlarmEvent>, sqlx::Error> {
+pub(super) async fn open_alarms(executor: impl EngineExecutor<'_>) -> Result<Vec<AlarmEvent>, sqlx::Error> {
     let statement = format!(
         "SELECT {COLUMNS}
          FROM anomaly
@@ -229,7 +229,7 @@ pub(super) async fn open_alarms(executor: impl SqliteExecutor<'_>) -> Result<Vec
 }
 
 async fn told_alarms(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     route_id: i64,
 ) -> Result<Vec<AlarmEvent>, sqlx::Error> {
     let statement = format!(
@@ -238,18 +238,18 @@ async fn told_alarms(
          JOIN anomaly_event USING (anomaly_event_id)
          JOIN anomaly USING (anomaly_id)
          JOIN robot USING (robot_id)
-         WHERE delivery.delivery_route_id = ?1 AND delivery.state = 'sent' AND anomaly_event.what IN {}
+         WHERE delivery.delivery_route_id = $1 AND delivery.state = 'sent' AND anomaly_event.what IN {}
                AND NOT EXISTS (
                    SELECT 1 FROM delivery AS later
                    JOIN anomaly_event AS event ON event.anomaly_event_id = later.anomaly_event_id
-                   WHERE later.delivery_route_id = ?1 AND later.state = 'sent'
+                   WHERE later.delivery_route_id = $1 AND later.state = 'sent'
                          AND event.anomaly_id = anomaly_event.anomaly_id
                          AND event.anomaly_event_id > anomaly_event.anomaly_event_id
                )
          ORDER BY anomaly_event.anomaly_id",
         super::event::SPEAKING
     );
-    let read = |row: SqliteRow| {
+    let read = |row: EngineRow| {
         let event = from_row(&row)?;
         let told: Option<String> = row.try_get("told_kind")?;
         // under the labels that it was told by

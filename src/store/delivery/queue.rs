@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use jiff::Timestamp;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{AssertSqlSafe, Row, SqliteConnection};
+use sqlx::{AssertSqlSafe, Row};
 
 use super::alarm::{self, AlarmEvent, COLUMNS};
 use super::routes::Held;
+use crate::store::engine::{EngineConnection, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::time;
@@ -61,16 +61,16 @@ impl Store {
         let read = sqlx::query(
             "SELECT failures, retry_at,
                     (SELECT min(due_at) FROM delivery
-                     WHERE delivery_route_id = ?1 AND state = 'pending') AS next_due_at,
-                    (SELECT count(DISTINCT ifnull(digest, -delivery_id)) FROM delivery
-                     WHERE delivery_route_id = ?1 AND state = 'sent' AND sent_at > ?2) AS sent,
+                     WHERE delivery_route_id = $1 AND state = 'pending') AS next_due_at,
+                    (SELECT count(DISTINCT coalesce(digest, -delivery_id)) FROM delivery
+                     WHERE delivery_route_id = $1 AND state = 'sent' AND sent_at > $2) AS sent,
                     (SELECT min(sent_at) FROM delivery
-                     WHERE delivery_route_id = ?1 AND state = 'sent' AND sent_at > ?2) AS first_sent_at
-             FROM delivery_route WHERE delivery_route_id = ?1",
+                     WHERE delivery_route_id = $1 AND state = 'sent' AND sent_at > $2) AS first_sent_at
+             FROM delivery_route WHERE delivery_route_id = $1",
         )
         .bind(route_id)
         .bind(since.as_microsecond())
-        .try_map(|row: SqliteRow| {
+        .try_map(|row: EngineRow| {
             let moment = |column| match row.try_get::<Option<i64>, _>(column)? {
                 Some(_) => time(&row, column).map(Some),
                 None => Ok(None),
@@ -116,8 +116,8 @@ impl Store {
         held: Held,
     ) -> Result<u64, StoreError> {
         let statement = sqlx::query(
-            "UPDATE delivery SET held = ?, due_at = ?
-             WHERE delivery_route_id = ? AND state = 'pending' AND digest IS NULL AND due_at <= ?",
+            "UPDATE delivery SET held = $1, due_at = $2
+             WHERE delivery_route_id = $3 AND state = 'pending' AND digest IS NULL AND due_at <= $4",
         )
         .bind(held.name())
         .bind(until.as_microsecond())
@@ -137,7 +137,7 @@ impl Store {
         held: Held,
     ) -> Result<(), StoreError> {
         let statement = sqlx::query(
-            "UPDATE delivery SET held = ?, due_at = ? WHERE delivery_id IN (SELECT value FROM json_each(?))",
+            "UPDATE delivery SET held = $1, due_at = $2 WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($3))",
         )
         .bind(held.name())
         .bind(until.as_microsecond())
@@ -155,9 +155,9 @@ impl Store {
         for (delivery_id, alarm) in message.delivery_ids.iter().zip(&message.alarms) {
             let begun = sqlx::query(
                 "UPDATE delivery
-                 SET attempts = attempts + 1, attempted_at = ?, told_kind = ?, told_severity = ?,
-                     first_attempted_at = ifnull(first_attempted_at, ?)
-                 WHERE delivery_id = ?",
+                 SET attempts = attempts + 1, attempted_at = $1, told_kind = $2, told_severity = $3,
+                     first_attempted_at = coalesce(first_attempted_at, $4)
+                 WHERE delivery_id = $5",
             )
             .bind(now.as_microsecond())
             .bind(&alarm.kind)
@@ -181,14 +181,14 @@ impl Store {
     ) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         let sent = sqlx::query(
-            "UPDATE delivery SET state = 'sent', sent_at = ?, error = NULL
-             WHERE delivery_id IN (SELECT value FROM json_each(?))",
+            "UPDATE delivery SET state = 'sent', sent_at = $1, error = NULL
+             WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($2))",
         )
         .bind(now.as_microsecond())
         .bind(ids(message));
         self.checked(sent.execute(&mut *transaction).await)?;
         let reached = sqlx::query(
-            "UPDATE delivery_route SET failures = 0, retry_at = NULL WHERE delivery_route_id = ?",
+            "UPDATE delivery_route SET failures = 0, retry_at = NULL WHERE delivery_route_id = $1",
         );
         self.checked(reached.bind(route_id).execute(&mut *transaction).await)?;
         self.commit(transaction).await
@@ -216,9 +216,9 @@ impl Store {
         };
         let failed = sqlx::query(
             "UPDATE delivery
-             SET error = ?, due_at = ifnull(?, due_at),
-                 state = CASE WHEN first_attempted_at <= ? THEN 'failed' ELSE state END
-             WHERE delivery_id IN (SELECT value FROM json_each(?))",
+             SET error = $1, due_at = coalesce($2, due_at),
+                 state = CASE WHEN first_attempted_at <= $3 THEN 'failed' ELSE state END
+             WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($4))",
         )
         .bind(error)
         .bind(due_at)
@@ -227,17 +227,17 @@ impl Store {
         self.checked(failed.execute(&mut *transaction).await)?;
         let route = match again {
             Again::Route(at) => sqlx::query(
-                "UPDATE delivery_route SET failures = failures + 1, retry_at = ? WHERE delivery_route_id = ?",
+                "UPDATE delivery_route SET failures = failures + 1, retry_at = $1 WHERE delivery_route_id = $2",
             )
             .bind(at.as_microsecond()),
             Again::Message(_) => sqlx::query(
-                "UPDATE delivery_route SET failures = 0, retry_at = NULL WHERE delivery_route_id = ?",
+                "UPDATE delivery_route SET failures = 0, retry_at = NULL WHERE delivery_route_id = $1",
             ),
         };
         self.checked(route.bind(route_id).execute(&mut *transaction).await)?;
         let given_up = sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM delivery
-                            WHERE delivery_id IN (SELECT value FROM json_each(?)) AND state = 'failed')",
+                            WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1)) AND state = 'failed')",
         )
         .bind(ids(message));
         let given_up: bool = self.checked(given_up.fetch_one(&mut *transaction).await)?;
@@ -251,7 +251,7 @@ fn ids(message: &DueMessage) -> String {
 }
 
 async fn next_message(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     route_id: i64,
     now: Timestamp,
 ) -> Result<Option<DueMessage>, sqlx::Error> {
@@ -260,11 +260,11 @@ async fn next_message(
         "SELECT delivery_id, digest
          FROM delivery
          JOIN anomaly_event USING (anomaly_event_id)
-         WHERE delivery_route_id = ?1 AND state = 'pending' AND due_at <= ?2
+         WHERE delivery_route_id = $1 AND state = 'pending' AND due_at <= $2
                AND (digest IS NOT NULL OR NOT EXISTS (
                    SELECT 1 FROM delivery AS earlier
                    JOIN anomaly_event AS event ON event.anomaly_event_id = earlier.anomaly_event_id
-                   WHERE earlier.delivery_route_id = ?1 AND earlier.state = 'pending'
+                   WHERE earlier.delivery_route_id = $1 AND earlier.state = 'pending'
                          AND event.anomaly_id = anomaly_event.anomaly_id
                          AND event.anomaly_event_id < anomaly_event.anomaly_event_id))
          ORDER BY attempts, anomaly_event.anomaly_event_id
@@ -282,8 +282,8 @@ async fn next_message(
          JOIN anomaly_event USING (anomaly_event_id)
          JOIN anomaly USING (anomaly_id)
          JOIN robot USING (robot_id)
-         WHERE delivery.delivery_route_id = ?1 AND delivery.state = 'pending'
-               AND (delivery.delivery_id = ?2 OR delivery.digest = ?3)
+         WHERE delivery.delivery_route_id = $1 AND delivery.state = 'pending'
+               AND (delivery.delivery_id = $2 OR delivery.digest = $3)
          ORDER BY anomaly_event_id"
     );
     let rows = sqlx::query(AssertSqlSafe(statement))
@@ -306,11 +306,11 @@ async fn next_message(
 
 /// Makes one message of all that is due, where something of it was held for one.
 async fn compose_digest(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     route_id: i64,
     now: Timestamp,
 ) -> Result<(), sqlx::Error> {
-    const DUE: &str = "delivery_route_id = ?1 AND state = 'pending' AND digest IS NULL AND due_at <= ?2";
+    const DUE: &str = "delivery_route_id = $1 AND state = 'pending' AND digest IS NULL AND due_at <= $2";
     let any = format!("SELECT EXISTS (SELECT 1 FROM delivery WHERE {DUE} AND held IN ('digest', 'flood'))");
     let any: bool = sqlx::query_scalar(AssertSqlSafe(any))
         .bind(route_id)
@@ -321,11 +321,11 @@ async fn compose_digest(
         return Ok(());
     }
     let chosen = format!(
-        "SELECT anomaly_event_id FROM delivery WHERE {DUE} AND attempts = 0 ORDER BY anomaly_event_id LIMIT ?3"
+        "SELECT anomaly_event_id FROM delivery WHERE {DUE} AND attempts = 0 ORDER BY anomaly_event_id LIMIT $3"
     );
     let statement = format!(
-        "UPDATE delivery SET digest = (SELECT max(anomaly_event_id) FROM ({chosen}))
-         WHERE delivery_route_id = ?1 AND anomaly_event_id IN ({chosen})"
+        "UPDATE delivery SET digest = (SELECT max(anomaly_event_id) FROM ({chosen}) AS chosen)
+         WHERE delivery_route_id = $1 AND anomaly_event_id IN ({chosen})"
     );
     sqlx::query(AssertSqlSafe(statement))
         .bind(route_id)

@@ -21,7 +21,7 @@ impl Store {
             "FROM anomaly
              WHERE state = 'open' AND NOT withdrawn AND severity IN ('warning', 'critical')
                    AND (SELECT max(at) FROM anomaly_event
-                        WHERE anomaly_event.anomaly_id = anomaly.anomaly_id AND what IN {SPEAKING}) <= ?"
+                        WHERE anomaly_event.anomaly_id = anomaly.anomaly_id AND what IN {SPEAKING}) <= $1"
         );
         let any = format!("SELECT EXISTS (SELECT 1 {silent})");
         let any = sqlx::query_scalar(AssertSqlSafe(any)).bind(since).fetch_one(&self.readers);
@@ -31,10 +31,10 @@ impl Store {
         }
         let statement = format!(
             "INSERT INTO anomaly_event (anomaly_id, at, what, severity, score, value, message)
-             SELECT anomaly_id, ?, 'overdue', severity, score, value, message {silent}"
+             SELECT anomaly_id, $2, 'overdue', severity, score, value, message {silent}"
         );
         let mut transaction = self.begin().await?;
-        let written = sqlx::query(AssertSqlSafe(statement)).bind(now.as_microsecond()).bind(since);
+        let written = sqlx::query(AssertSqlSafe(statement)).bind(since).bind(now.as_microsecond());
         let written = self.checked(written.execute(&mut *transaction).await)?;
         self.commit(transaction).await?;
         Ok(written.rows_affected())

@@ -1,10 +1,11 @@
 //! Routes, and which events each of them is to have.
 
 use jiff::Timestamp;
-use sqlx::{AssertSqlSafe, Row, SqliteConnection};
+use sqlx::{AssertSqlSafe, Row};
 
 use super::alarm::{self, AlarmEvent, COLUMNS};
 use super::event::{SPEAKING, TOLD};
+use crate::store::engine::EngineConnection;
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::robot::alarm_state::EventKind;
@@ -104,7 +105,7 @@ impl Store {
         let unseen = sqlx::query_scalar(
             "SELECT EXISTS (
                  SELECT 1 FROM anomaly_event WHERE anomaly_event_id > (
-                     SELECT seen_event_id FROM delivery_route WHERE delivery_route_id = ?))",
+                     SELECT seen_event_id FROM delivery_route WHERE delivery_route_id = $1))",
         );
         // the writer is asked for only where there is something to write
         if !self.checked(unseen.bind(route_id).fetch_one(&self.readers).await)? {
@@ -119,12 +120,12 @@ impl Store {
 }
 
 async fn enter_route(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     name: &str,
     now: Timestamp,
     judge: impl Fn(&AlarmEvent) -> Fate,
 ) -> Result<RouteEntry, sqlx::Error> {
-    let known = sqlx::query("SELECT delivery_route_id, retired FROM delivery_route WHERE name = ?")
+    let known = sqlx::query("SELECT delivery_route_id, retired FROM delivery_route WHERE name = $1")
         .bind(name)
         .fetch_optional(&mut *connection)
         .await?;
@@ -135,9 +136,9 @@ async fn enter_route(
     }
     let route_id = sqlx::query_scalar(
         "INSERT INTO delivery_route (name, seen_event_id)
-         VALUES (?, (SELECT ifnull(max(anomaly_event_id), 0) FROM anomaly_event))
+         VALUES ($1, (SELECT coalesce(max(anomaly_event_id), 0) FROM anomaly_event))
          ON CONFLICT (name) DO UPDATE
-         SET seen_event_id = excluded.seen_event_id, retired = 0, failures = 0, retry_at = NULL
+         SET seen_event_id = excluded.seen_event_id, retired = FALSE, failures = 0, retry_at = NULL
          RETURNING delivery_route_id",
     )
     .bind(name)
@@ -149,32 +150,32 @@ async fn enter_route(
     Ok(RouteEntry { route_id, is_new: true })
 }
 
-async fn retire_routes(connection: &mut SqliteConnection, names: &[&str]) -> Result<u64, sqlx::Error> {
+async fn retire_routes(connection: &mut EngineConnection, names: &[&str]) -> Result<u64, sqlx::Error> {
     let names = serde_json::Value::from_iter(names.iter().copied()).to_string();
-    let gone = "name NOT IN (SELECT value FROM json_each(?)) AND NOT retired";
+    let gone = "name NOT IN (SELECT value FROM json_each($1)) AND NOT retired";
     let statement = format!(
         "UPDATE delivery SET state = 'suppressed', error = 'the route is not in the configuration any more'
          WHERE state = 'pending'
                AND delivery_route_id IN (SELECT delivery_route_id FROM delivery_route WHERE {gone})"
     );
     let spared = sqlx::query(AssertSqlSafe(statement)).bind(&names).execute(&mut *connection).await?;
-    let statement = format!("UPDATE delivery_route SET retired = 1 WHERE {gone}");
+    let statement = format!("UPDATE delivery_route SET retired = TRUE WHERE {gone}");
     sqlx::query(AssertSqlSafe(statement)).bind(&names).execute(connection).await?;
     Ok(spared.rows_affected())
 }
 
 async fn hand_on(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     route_id: i64,
     now: Timestamp,
     judge: impl Fn(&AlarmEvent) -> Fate,
 ) -> Result<(), sqlx::Error> {
     // events of which nobody is told count as seen too
     let last: i64 = sqlx::query_scalar(
-        "SELECT ifnull(max(anomaly_event_id), 0) FROM (
+        "SELECT coalesce(max(anomaly_event_id), 0) FROM (
              SELECT anomaly_event_id FROM anomaly_event
-             WHERE anomaly_event_id > (SELECT seen_event_id FROM delivery_route WHERE delivery_route_id = ?)
-             ORDER BY anomaly_event_id LIMIT ?)",
+             WHERE anomaly_event_id > (SELECT seen_event_id FROM delivery_route WHERE delivery_route_id = $1)
+             ORDER BY anomaly_event_id LIMIT $2) AS next",
     )
     .bind(route_id)
     .bind(EVENTS_AT_ONCE)
@@ -185,8 +186,8 @@ async fn hand_on(
          FROM anomaly_event
          JOIN anomaly USING (anomaly_id)
          JOIN robot USING (robot_id)
-         WHERE anomaly_event_id > (SELECT seen_event_id FROM delivery_route WHERE delivery_route_id = ?)
-               AND anomaly_event_id <= ? AND what IN {TOLD}
+         WHERE anomaly_event_id > (SELECT seen_event_id FROM delivery_route WHERE delivery_route_id = $1)
+               AND anomaly_event_id <= $2 AND what IN {TOLD}
          ORDER BY anomaly_event_id"
     );
     let events = sqlx::query(AssertSqlSafe(statement))
@@ -199,7 +200,7 @@ async fn hand_on(
         settle(&mut *connection, route_id, now, event, judge(event)).await?;
     }
     sqlx::query(
-        "UPDATE delivery_route SET seen_event_id = max(seen_event_id, ?) WHERE delivery_route_id = ?",
+        "UPDATE delivery_route SET seen_event_id = max(seen_event_id, $1) WHERE delivery_route_id = $2",
     )
     .bind(last)
     .bind(route_id)
@@ -210,7 +211,7 @@ async fn hand_on(
 
 /// Writes down what becomes of one event on one route.
 async fn settle(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     route_id: i64,
     now: Timestamp,
     event: &AlarmEvent,
@@ -230,11 +231,11 @@ async fn settle(
     // a route that comes back has what it was spared of
     sqlx::query(
         "INSERT INTO delivery (delivery_route_id, anomaly_event_id, state, held, created_at, due_at, error)
-         VALUES (?, ?, ?, ?, ?, ?, ?)
+         VALUES ($1, $2, $3, $4, $5, $6, $7)
          ON CONFLICT (delivery_route_id, anomaly_event_id) DO UPDATE
          SET state = excluded.state, held = excluded.held, due_at = excluded.due_at, error = excluded.error,
              digest = NULL
-         WHERE state = 'suppressed'",
+         WHERE delivery.state = 'suppressed'",
     )
     .bind(route_id)
     .bind(event.event_id)
@@ -250,7 +251,7 @@ async fn settle(
 
 /// What was no alarm, as more of the history or a person says, before anybody was told need not be told.
 async fn spare_untold(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     route_id: i64,
     event: &AlarmEvent,
 ) -> Result<(), sqlx::Error> {
@@ -258,10 +259,10 @@ async fn spare_untold(
         return Ok(());
     }
     sqlx::query(
-        "UPDATE delivery SET state = 'suppressed', error = 'taken back before it was sent: ' || ?
-         WHERE delivery_route_id = ? AND state = 'pending' AND attempts = 0 AND digest IS NULL
+        "UPDATE delivery SET state = 'suppressed', error = 'taken back before it was sent: ' || $1
+         WHERE delivery_route_id = $2 AND state = 'pending' AND attempts = 0 AND digest IS NULL
                AND anomaly_event_id IN (
-                   SELECT anomaly_event_id FROM anomaly_event WHERE anomaly_id = ? AND anomaly_event_id < ?)",
+                   SELECT anomaly_event_id FROM anomaly_event WHERE anomaly_id = $3 AND anomaly_event_id < $4)",
     )
     .bind(event.what.name())
     .bind(route_id)
@@ -274,20 +275,20 @@ async fn spare_untold(
 
 /// Whether the latest that the route has or will have of the anomaly says that there is something to see.
 async fn is_told(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     route_id: i64,
     event: &AlarmEvent,
 ) -> Result<bool, sqlx::Error> {
     let statement = format!(
-        "SELECT ifnull((
+        "SELECT coalesce((
              SELECT earlier.what IN {SPEAKING}
              FROM delivery
              JOIN anomaly_event AS earlier USING (anomaly_event_id)
-             WHERE delivery.delivery_route_id = ? AND delivery.state <> 'suppressed' AND earlier.anomaly_id = ?
-                   AND earlier.anomaly_event_id < ?
+             WHERE delivery.delivery_route_id = $1 AND delivery.state <> 'suppressed' AND earlier.anomaly_id = $2
+                   AND earlier.anomaly_event_id < $3
              ORDER BY earlier.anomaly_event_id DESC
              LIMIT 1
-         ), 0)"
+         ), FALSE)"
     );
     sqlx::query_scalar(AssertSqlSafe(statement))
         .bind(route_id)

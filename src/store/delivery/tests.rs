@@ -30,7 +30,7 @@ impl Outbox {
         sqlx::query_scalar(
             "INSERT INTO anomaly (robot_id, joint, kind, quantity, severity, score, threshold, value, baseline,
                                   peak_value, first_seen_at, last_seen_at, state, message)
-             VALUES (1, 3, 'drift', 'friction_index', 'warning', 0.2, 0.05, 1.2, 1.0, 1.3, ?1, ?1, 'open', 'friction rose')
+             VALUES (1, 3, 'drift', 'friction_index', 'warning', 0.2, 0.05, 1.2, 1.0, 1.3, $1, $1, 'open', 'friction rose')
              RETURNING anomaly_id",
         )
         .bind(day(0).as_microsecond())
@@ -42,7 +42,7 @@ impl Outbox {
     async fn event(&self, anomaly_id: i64, what: &str, at: Timestamp) -> i64 {
         sqlx::query_scalar(
             "INSERT INTO anomaly_event (anomaly_id, at, what, severity, score, value, message)
-             VALUES (?, ?, ?, 'warning', 0.2, 1.2, 'friction rose') RETURNING anomaly_event_id",
+             VALUES ($1, $2, $3, 'warning', 0.2, 1.2, 'friction rose') RETURNING anomaly_event_id",
         )
         .bind(anomaly_id)
         .bind(at.as_microsecond())
@@ -53,7 +53,7 @@ impl Outbox {
     }
 
     async fn state(&self, anomaly_id: i64, state: &'static str) {
-        let statement = sqlx::query("UPDATE anomaly SET state = ? WHERE anomaly_id = ?");
+        let statement = sqlx::query("UPDATE anomaly SET state = $1 WHERE anomaly_id = $2");
         statement.bind(state).bind(anomaly_id).execute(&self.store.writer).await.expect("a state");
     }
 
@@ -86,7 +86,7 @@ impl Outbox {
     }
 
     async fn states(&self) -> Vec<String> {
-        sqlx::query_scalar("SELECT state || ifnull(' ' || held, '') FROM deliveries ORDER BY delivery_id")
+        sqlx::query_scalar("SELECT state || coalesce(' ' || held, '') FROM deliveries ORDER BY delivery_id")
             .fetch_all(&self.store.readers)
             .await
             .expect("states")
@@ -299,7 +299,7 @@ async fn what_a_receiver_holds_for_open_and_under_which_labels() {
     let open = |alarms: Vec<AlarmEvent>| alarms.iter().map(|alarm| alarm.anomaly_id).collect::<Vec<_>>();
     assert_eq!(open(outbox.store.told_alarms(route).await.expect("alarms")), [first, second]);
     // the next event has another severity: the receiver has to end the alert that it has
-    let statement = "INSERT INTO anomaly_event (anomaly_id, what, severity, message) VALUES (?, 'worse', 'critical', 'more')";
+    let statement = "INSERT INTO anomaly_event (anomaly_id, what, severity, message) VALUES ($1, 'worse', 'critical', 'more')";
     sqlx::query(statement).bind(first).execute(&outbox.store.writer).await.expect("an event");
     outbox.event(second, "ended", day(1)).await;
     outbox.hand_on(route, day(1), |_| now_(day(1))).await;

@@ -4,11 +4,9 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use sqlx::sqlite::SqliteExecutor;
-use sqlx::{Sqlite, SqliteConnection, Transaction};
-
 use crate::analysis::measurements::RunMeasurements;
 use crate::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
+use crate::store::engine::{EngineConnection, EngineExecutor, EngineTransaction};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::models;
@@ -106,7 +104,7 @@ impl Store {
 /// [`commit`](Self::commit) leaves the database as it was. It holds the only writer.
 #[derive(Debug)]
 pub struct EstimateTransaction {
-    transaction: Transaction<'static, Sqlite>,
+    transaction: EngineTransaction,
     path: Arc<Path>,
     run_id: i64,
     estimator: Estimator,
@@ -170,15 +168,15 @@ fn others_than(wanted: Estimator) -> [&'static str; 2] {
     }
 }
 
-async fn any_to_mark(executor: impl SqliteExecutor<'_>, wanted: Estimator) -> Result<bool, sqlx::Error> {
+async fn any_to_mark(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Result<bool, sqlx::Error> {
     let [first, second] = others_than(wanted);
     sqlx::query_scalar(
         "SELECT EXISTS (
              SELECT 1 FROM cycle
-             WHERE estimator IN (?1, ?2) AND samples IS NOT NULL AND estimator_wanted IS NOT ?3
-                   AND (?3 = 'huber' OR NOT EXISTS (SELECT 1 FROM torque_factor
+             WHERE estimator IN ($1, $2) AND samples IS NOT NULL AND estimator_wanted IS DISTINCT FROM $3
+                   AND ($3 = 'huber' OR NOT EXISTS (SELECT 1 FROM torque_factor
                                                     WHERE torque_factor.cycle_id = cycle.cycle_id)))
-             OR EXISTS (SELECT 1 FROM cycle WHERE +estimator = ?3 AND estimator_wanted IS NOT NULL)",
+             OR EXISTS (SELECT 1 FROM cycle WHERE estimator || '' = $3 AND estimator_wanted IS NOT NULL)",
     )
     .bind(first)
     .bind(second)
@@ -188,10 +186,10 @@ async fn any_to_mark(executor: impl SqliteExecutor<'_>, wanted: Estimator) -> Re
 }
 
 /// What was not possible with an estimator that is not wanted any more is no reason now.
-async fn forget_reasons(executor: impl SqliteExecutor<'_>, wanted: Estimator) -> Result<(), sqlx::Error> {
+async fn forget_reasons(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE cycle SET estimator_wanted = NULL, estimator_reason = NULL
-         WHERE estimator_wanted IS NOT NULL AND (estimator_wanted <> ?1 OR estimator = ?1)",
+         WHERE estimator_wanted IS NOT NULL AND (estimator_wanted <> $1 OR estimator = $1)",
     )
     .bind(wanted.name())
     .execute(executor)
@@ -199,12 +197,12 @@ async fn forget_reasons(executor: impl SqliteExecutor<'_>, wanted: Estimator) ->
     Ok(())
 }
 
-async fn mark_kept(executor: impl SqliteExecutor<'_>, wanted: Estimator) -> Result<u64, sqlx::Error> {
+async fn mark_kept(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Result<u64, sqlx::Error> {
     let [first, second] = others_than(wanted);
     let done = sqlx::query(
-        "UPDATE cycle SET estimator_wanted = ?3, estimator_reason = iif(?3 = 'huber', ?4, ?5)
-         WHERE estimator IN (?1, ?2) AND samples IS NOT NULL AND estimator_wanted IS NOT ?3
-               AND (?3 = 'huber' OR NOT EXISTS (SELECT 1 FROM torque_factor
+        "UPDATE cycle SET estimator_wanted = $3, estimator_reason = CASE WHEN $3 = 'huber' THEN $4 ELSE $5 END
+         WHERE estimator IN ($1, $2) AND samples IS NOT NULL AND estimator_wanted IS DISTINCT FROM $3
+               AND ($3 = 'huber' OR NOT EXISTS (SELECT 1 FROM torque_factor
                                                 WHERE torque_factor.cycle_id = cycle.cycle_id))",
     )
     .bind(first)
@@ -218,20 +216,20 @@ async fn mark_kept(executor: impl SqliteExecutor<'_>, wanted: Estimator) -> Resu
 }
 
 async fn others(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     wanted: Estimator,
     robot_id: Option<i64>,
 ) -> Result<Vec<OtherEstimate>, sqlx::Error> {
     let [first, second] = others_than(wanted);
     sqlx::query_as(
-        "SELECT run_id, robot.name AS robot, count(*) AS cycles
+        "SELECT run.run_id, robot.name AS robot, count(*) AS cycles
          FROM cycle
          JOIN run USING (run_id)
          JOIN robot USING (robot_id)
-         WHERE cycle.estimator IN (?1, ?2) AND cycle.samples IS NOT NULL AND estimator_wanted IS NOT ?3
-               AND ?3 <> 'huber' AND (?4 IS NULL OR robot_id = ?4)
-         GROUP BY run_id
-         ORDER BY run.started_at, run_id",
+         WHERE cycle.estimator IN ($1, $2) AND cycle.samples IS NOT NULL AND estimator_wanted IS DISTINCT FROM $3
+               AND $3 <> 'huber' AND ($4 IS NULL OR robot_id = $4)
+         GROUP BY run.run_id, robot.name
+         ORDER BY run.started_at, run.run_id",
     )
     .bind(first)
     .bind(second)
@@ -242,13 +240,13 @@ async fn others(
 }
 
 async fn cycles_of(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     wanted: Estimator,
 ) -> Result<Vec<u32>, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT number FROM cycle
-         WHERE run_id = ?1 AND estimator <> ?2 AND samples IS NOT NULL AND estimator_wanted IS NOT ?2
+         WHERE run_id = $1 AND estimator <> $2 AND samples IS NOT NULL AND estimator_wanted IS DISTINCT FROM $2
          ORDER BY number",
     )
     .bind(run_id)
@@ -258,7 +256,7 @@ async fn cycles_of(
 }
 
 async fn replace(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     estimator: Estimator,
     new: &NewEstimate,
@@ -279,14 +277,14 @@ async fn replace(
 }
 
 async fn cycle_of_other(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     cycle: u32,
     estimator: Estimator,
 ) -> Result<Option<i64>, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT cycle_id FROM cycle
-         WHERE run_id = ? AND number = ? AND estimator <> ? AND samples IS NOT NULL",
+         WHERE run_id = $1 AND number = $2 AND estimator <> $3 AND samples IS NOT NULL",
     )
     .bind(run_id)
     .bind(cycle)
@@ -296,12 +294,12 @@ async fn cycle_of_other(
 }
 
 async fn keep(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     wanted: Estimator,
     reason: &str,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE cycle SET estimator_wanted = ?, estimator_reason = ? WHERE cycle_id = ?")
+    sqlx::query("UPDATE cycle SET estimator_wanted = $1, estimator_reason = $2 WHERE cycle_id = $3")
         .bind(wanted.name())
         .bind(format!("kept: {reason}"))
         .bind(cycle_id)
@@ -310,21 +308,21 @@ async fn keep(
     Ok(())
 }
 
-async fn delete_identification(connection: &mut SqliteConnection, cycle_id: i64) -> Result<(), sqlx::Error> {
+async fn delete_identification(connection: &mut EngineConnection, cycle_id: i64) -> Result<(), sqlx::Error> {
     for statement in [
-        "DELETE FROM cycle_parameter WHERE cycle_id = ?",
-        "DELETE FROM joint_residual WHERE cycle_id = ?",
-        "DELETE FROM torque_rmsd WHERE cycle_id = ? AND verification = 'self'",
+        "DELETE FROM cycle_parameter WHERE cycle_id = $1",
+        "DELETE FROM joint_residual WHERE cycle_id = $1",
+        "DELETE FROM torque_rmsd WHERE cycle_id = $1 AND verification = 'self'",
     ] {
         sqlx::query(statement).bind(cycle_id).execute(&mut *connection).await?;
     }
     Ok(())
 }
 
-async fn name_warming_estimator(executor: impl SqliteExecutor<'_>, cycle_id: i64) -> Result<(), sqlx::Error> {
+async fn name_warming_estimator(executor: impl EngineExecutor<'_>, cycle_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "UPDATE warming_rmsd SET estimator = (SELECT estimator FROM cycle WHERE cycle_id = ?1)
-         WHERE cycle_id = ?1 AND estimator IS NULL",
+        "UPDATE warming_rmsd SET estimator = (SELECT estimator FROM cycle WHERE cycle_id = $1)
+         WHERE cycle_id = $1 AND estimator IS NULL",
     )
     .bind(cycle_id)
     .execute(executor)
@@ -333,15 +331,15 @@ async fn name_warming_estimator(executor: impl SqliteExecutor<'_>, cycle_id: i64
 }
 
 async fn set_estimator(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     estimator: Estimator,
     found: &Identification,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "UPDATE cycle SET estimator = ?, error_basis = 'independent_rows', samples = ?, residual_std_nm = ?,
+        "UPDATE cycle SET estimator = $1, error_basis = 'independent_rows', samples = $2, residual_std_nm = $3,
                           estimator_wanted = NULL, estimator_reason = NULL
-         WHERE cycle_id = ?",
+         WHERE cycle_id = $4",
     )
     .bind(estimator.name())
     .bind(count(found.samples))
@@ -352,10 +350,10 @@ async fn set_estimator(
     Ok(())
 }
 
-async fn change_history(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+async fn change_history(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE robot SET history = history + 1
-         WHERE robot_id = (SELECT robot_id FROM run WHERE run_id = ? AND status = 'complete')",
+         WHERE robot_id = (SELECT robot_id FROM run WHERE run_id = $1 AND status = 'complete')",
     )
     .bind(run_id)
     .execute(executor)

@@ -2,12 +2,12 @@
 
 use std::collections::HashMap;
 
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+use sqlx::{QueryBuilder, Row};
 
 use crate::analysis::{Estimator, Identification, IdentifiedParameter, TorqueRmsd};
 use crate::numerics::pooled::estimate::{ErrorSource, EstimatorKind};
 use crate::robot::ParameterId;
+use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::models;
@@ -98,7 +98,7 @@ impl Store {
 
 /// Writes a set; `false`, and nothing is written, if something of this name is kept.
 pub(in crate::store) async fn save(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     name: &str,
     set: &ParameterSet,
 ) -> Result<bool, sqlx::Error> {
@@ -115,7 +115,7 @@ pub(in crate::store) async fn save(
 
 /// The set of this name.
 pub(in crate::store) async fn find(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     name: &str,
 ) -> Result<Option<ParameterSet>, sqlx::Error> {
     let Some((set_id, mut set)) = read_set(&mut *connection, name).await? else { return Ok(None) };
@@ -126,7 +126,7 @@ pub(in crate::store) async fn find(
 
 /// Parameters of a cycle, by joint; empty for a refused or unknown one.
 pub(in crate::store) async fn of_cycle(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     cycle: u32,
 ) -> Result<Vec<IdentifiedParameter>, sqlx::Error> {
@@ -135,7 +135,7 @@ pub(in crate::store) async fn of_cycle(
          FROM cycle
          JOIN cycle_parameter USING (cycle_id)
          JOIN model_parameter USING (model_parameter_id)
-         WHERE run_id = ? AND number = ?",
+         WHERE run_id = $1 AND number = $2",
     )
     .bind(run_id)
     .bind(cycle)
@@ -146,7 +146,7 @@ pub(in crate::store) async fn of_cycle(
 
 /// Replaces the cross-verification of a cycle with the parameters of a run by an estimator.
 async fn replace_cross(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     cycle: u32,
     reference: (i64, Estimator),
@@ -161,11 +161,11 @@ async fn replace_cross(
 }
 
 async fn cycle_id(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     cycle: u32,
 ) -> Result<Option<i64>, sqlx::Error> {
-    sqlx::query_scalar("SELECT cycle_id FROM cycle WHERE run_id = ? AND number = ?")
+    sqlx::query_scalar("SELECT cycle_id FROM cycle WHERE run_id = $1 AND number = $2")
         .bind(run_id)
         .bind(cycle)
         .fetch_optional(executor)
@@ -173,11 +173,11 @@ async fn cycle_id(
 }
 
 async fn delete_cross(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     reference_run_id: i64,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM torque_rmsd WHERE cycle_id = ? AND reference_run_id = ?")
+    sqlx::query("DELETE FROM torque_rmsd WHERE cycle_id = $1 AND reference_run_id = $2")
         .bind(cycle_id)
         .bind(reference_run_id)
         .execute(executor)
@@ -186,15 +186,15 @@ async fn delete_cross(
 }
 
 async fn insert_set(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     name: &str,
     set: &ParameterSet,
 ) -> Result<Option<i64>, sqlx::Error> {
     sqlx::query_scalar(
         "INSERT INTO parameter_set (name, robot_model_id, samples, condition_number, scaled_condition_number,
                                     residual_std_nm, estimator, error_basis)
-         SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8
-         WHERE NOT EXISTS (SELECT 1 FROM reestimate WHERE name = ?1)
+         SELECT $1, $2, $3, $4, $5, $6, $7, $8
+         WHERE NOT EXISTS (SELECT 1 FROM reestimate WHERE name = $1)
          ON CONFLICT (name) DO NOTHING
          RETURNING parameter_set_id",
     )
@@ -211,12 +211,12 @@ async fn insert_set(
 }
 
 async fn insert_values(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     set_id: i64,
     keys: &HashMap<ParameterId, i64>,
     rows: &[IdentifiedParameter],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO parameter_set_value (parameter_set_id, model_parameter_id, value, std_error, degrees_of_freedom) ",
     )
     .push_values(rows, |mut row, parameter| {
@@ -233,11 +233,11 @@ async fn insert_values(
 }
 
 async fn insert_sources(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     set_id: i64,
     rows: &[SourceCycle],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new("INSERT INTO parameter_set_source (parameter_set_id, run_id, cycle, robot) ")
+    QueryBuilder::<Engine>::new("INSERT INTO parameter_set_source (parameter_set_id, run_id, cycle, robot) ")
         .push_values(rows, |mut row, source| {
             row.push_bind(set_id).push_bind(source.run_id).push_bind(source.cycle).push_bind(&source.robot);
         })
@@ -249,7 +249,7 @@ async fn insert_sources(
 
 /// The set without its values and sources.
 async fn read_set(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     name: &str,
 ) -> Result<Option<(i64, ParameterSet)>, sqlx::Error> {
     sqlx::query(
@@ -257,10 +257,10 @@ async fn read_set(
                 condition_number, scaled_condition_number, residual_std_nm, estimator, error_basis
          FROM parameter_set
          JOIN robot_model USING (robot_model_id)
-         WHERE parameter_set.name = ?",
+         WHERE parameter_set.name = $1",
     )
     .bind(name)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let figure = |column: &str| -> Result<f64, sqlx::Error> {
             Ok(row.try_get::<Option<f64>, _>(column)?.unwrap_or(f64::NAN))
         };
@@ -289,14 +289,14 @@ async fn read_set(
 }
 
 async fn read_values(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     set_id: i64,
 ) -> Result<Vec<IdentifiedParameter>, sqlx::Error> {
     sqlx::query(
         "SELECT joint, name, value, std_error, degrees_of_freedom
          FROM parameter_set_value
          JOIN model_parameter USING (model_parameter_id)
-         WHERE parameter_set_id = ?",
+         WHERE parameter_set_id = $1",
     )
     .bind(set_id)
     .try_map(|row| identified(&row))
@@ -305,14 +305,14 @@ async fn read_values(
 }
 
 async fn read_sources(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     set_id: i64,
 ) -> Result<Vec<SourceCycle>, sqlx::Error> {
     sqlx::query(
-        "SELECT run_id, cycle, robot FROM parameter_set_source WHERE parameter_set_id = ? ORDER BY run_id, cycle",
+        "SELECT run_id, cycle, robot FROM parameter_set_source WHERE parameter_set_id = $1 ORDER BY run_id, cycle",
     )
     .bind(set_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(SourceCycle {
             run_id: row.try_get("run_id")?,
             cycle: size(&row, "cycle")?,

@@ -3,13 +3,13 @@
 use std::collections::HashMap;
 
 use jiff::Timestamp;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+use sqlx::{QueryBuilder, Row};
 
 use super::parameter_sets::SourceCycle;
 use crate::analysis::{Identification, IdentifiedParameter, ParameterStatistics};
 use crate::numerics::pooled::estimate::EstimatorKind;
 use crate::robot::{JointIndex, ParameterId};
+use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::models;
@@ -144,7 +144,7 @@ impl Store {
 
 /// Writes a re-estimate; `false`, and nothing is written, if something of this name is kept.
 pub(in crate::store) async fn save(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     name: &str,
     found: &Reestimate,
 ) -> Result<bool, sqlx::Error> {
@@ -169,27 +169,31 @@ pub(in crate::store) async fn save(
 
 /// Everything that is kept, by name.
 pub(in crate::store) async fn kept(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
 ) -> Result<Vec<KeptEstimate>, sqlx::Error> {
     sqlx::query(
         "SELECT parameter_set.name, 'set' AS kind, robot_model.name AS model, estimator, saved_at,
-                (SELECT group_concat(DISTINCT robot) FROM parameter_set_source
-                 WHERE parameter_set_source.parameter_set_id = parameter_set.parameter_set_id) AS robots,
+                (SELECT string_agg(robot, ',') FROM (
+                     SELECT robot FROM parameter_set_source AS source
+                     WHERE source.parameter_set_id = parameter_set.parameter_set_id
+                     GROUP BY robot ORDER BY min(run_id), robot) AS of_set) AS robots,
                 (SELECT count(*) FROM parameter_set_source
                  WHERE parameter_set_source.parameter_set_id = parameter_set.parameter_set_id) AS cycles
          FROM parameter_set
          JOIN robot_model USING (robot_model_id)
          UNION ALL
          SELECT reestimate.name, 'each-cycle', robot_model.name, estimator, saved_at,
-                (SELECT group_concat(DISTINCT robot) FROM reestimate_cycle
-                 WHERE reestimate_cycle.reestimate_id = reestimate.reestimate_id),
+                (SELECT string_agg(robot, ',') FROM (
+                     SELECT robot FROM reestimate_cycle AS cycle
+                     WHERE cycle.reestimate_id = reestimate.reestimate_id
+                     GROUP BY robot ORDER BY min(run_id), robot) AS of_cycles),
                 (SELECT count(*) FROM reestimate_cycle
                  WHERE reestimate_cycle.reestimate_id = reestimate.reestimate_id)
          FROM reestimate
          JOIN robot_model USING (robot_model_id)
          ORDER BY 1",
     )
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(KeptEstimate {
             name: row.try_get("name")?,
             kind: named(&row, "kind", &KeptKind::ALL, KeptKind::name)?,
@@ -205,29 +209,29 @@ pub(in crate::store) async fn kept(
 }
 
 /// Takes away the set of this name; whether there was one.
-async fn delete_set(executor: impl SqliteExecutor<'_>, name: &str) -> Result<bool, sqlx::Error> {
-    let done = sqlx::query("DELETE FROM parameter_set WHERE name = ?").bind(name).execute(executor).await?;
+async fn delete_set(executor: impl EngineExecutor<'_>, name: &str) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query("DELETE FROM parameter_set WHERE name = $1").bind(name).execute(executor).await?;
     Ok(done.rows_affected() > 0)
 }
 
 /// Takes away the re-estimate of this name; whether there was one.
 pub(in crate::store) async fn delete(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     name: &str,
 ) -> Result<bool, sqlx::Error> {
-    let done = sqlx::query("DELETE FROM reestimate WHERE name = ?").bind(name).execute(executor).await?;
+    let done = sqlx::query("DELETE FROM reestimate WHERE name = $1").bind(name).execute(executor).await?;
     Ok(done.rows_affected() > 0)
 }
 
 async fn insert(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     name: &str,
     found: &Reestimate,
 ) -> Result<Option<i64>, sqlx::Error> {
     sqlx::query_scalar(
         "INSERT INTO reestimate (name, robot_model_id, estimator)
-         SELECT ?1, ?2, ?3
-         WHERE NOT EXISTS (SELECT 1 FROM parameter_set WHERE name = ?1)
+         SELECT $1, $2, $3
+         WHERE NOT EXISTS (SELECT 1 FROM parameter_set WHERE name = $1)
          ON CONFLICT (name) DO NOTHING
          RETURNING reestimate_id",
     )
@@ -239,12 +243,12 @@ async fn insert(
 }
 
 async fn insert_cycle(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     reestimate_id: i64,
     cycle: &ReestimatedCycle,
 ) -> Result<i64, sqlx::Error> {
     sqlx::query_scalar(
-        "INSERT INTO reestimate_cycle (reestimate_id, robot, run_id, cycle, reason) VALUES (?, ?, ?, ?, ?)
+        "INSERT INTO reestimate_cycle (reestimate_id, robot, run_id, cycle, reason) VALUES ($1, $2, $3, $4, $5)
          RETURNING reestimate_cycle_id",
     )
     .bind(reestimate_id)
@@ -262,14 +266,14 @@ fn seen_by(joint: Option<JointIndex>) -> i64 {
 }
 
 async fn insert_view(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     view: &CycleView,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "INSERT INTO reestimate_view (reestimate_cycle_id, seen_by_joint, samples, condition_number,
                                       scaled_condition_number, residual_std_nm)
-         VALUES (?, ?, ?, ?, ?, ?)",
+         VALUES ($1, $2, $3, $4, $5, $6)",
     )
     .bind(cycle_id)
     .bind(seen_by(view.seen_by))
@@ -283,13 +287,13 @@ async fn insert_view(
 }
 
 async fn insert_values(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     keys: &HashMap<ParameterId, i64>,
     view: &CycleView,
     rows: &[(usize, &IdentifiedParameter)],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO reestimate_value (reestimate_cycle_id, seen_by_joint, model_parameter_id, value, std_error,
                                        half_width_95, data_share) ",
     )
@@ -309,12 +313,12 @@ async fn insert_values(
 }
 
 async fn insert_statistics(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     reestimate_id: i64,
     keys: &HashMap<ParameterId, i64>,
     rows: &[ReestimatedStatistics],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO reestimate_statistic (reestimate_id, robot, run_id, seen_by_joint, model_parameter_id,
                                            \"window\", mean, min, max, d_mm, d_se, sdv, cycles) ",
     )

@@ -1,22 +1,21 @@
 //! What tells recordings apart, and what the stored cycles of a run were made with.
 
 use jiff::Timestamp;
-use sqlx::SqliteConnection;
-use sqlx::sqlite::SqliteExecutor;
 
 use crate::run::ContentHash;
+use crate::store::engine::{EngineConnection, EngineExecutor};
 
 /// Whether a run that could go on has cycles that were made with something else. A quarantined or superseded one
 /// begins afresh in any case.
 pub(in crate::store) async fn is_made_otherwise(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     made_with: &ContentHash,
 ) -> Result<bool, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT EXISTS (
              SELECT 1 FROM run
-             WHERE run_id = ? AND cycles_stored > 0 AND status <> 'quarantined' AND made_with IS NOT ?
+             WHERE run_id = $1 AND cycles_stored > 0 AND status <> 'quarantined' AND made_with IS DISTINCT FROM $2
          )",
     )
     .bind(run_id)
@@ -26,11 +25,11 @@ pub(in crate::store) async fn is_made_otherwise(
 }
 
 pub(in crate::store) async fn set_made_with(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     made_with: &ContentHash,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE run SET made_with = ? WHERE run_id = ?")
+    sqlx::query("UPDATE run SET made_with = $1 WHERE run_id = $2")
         .bind(&made_with.0[..])
         .bind(run_id)
         .execute(executor)
@@ -40,15 +39,15 @@ pub(in crate::store) async fn set_made_with(
 
 /// Moves the start of a run and those of its cycles alike.
 pub(in crate::store) async fn set_start(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     started_at: Timestamp,
 ) -> Result<(), sqlx::Error> {
     for sql in [
         "UPDATE cycle
-         SET started_at = started_at + ?2 - (SELECT run.started_at FROM run WHERE run.run_id = ?1)
-         WHERE run_id = ?1",
-        "UPDATE run SET started_at = ?2 WHERE run_id = ?1",
+         SET started_at = started_at + $2 - (SELECT run.started_at FROM run WHERE run.run_id = $1)
+         WHERE run_id = $1",
+        "UPDATE run SET started_at = $2 WHERE run_id = $1",
     ] {
         sqlx::query(sql).bind(run_id).bind(started_at.as_microsecond()).execute(&mut *connection).await?;
     }
@@ -57,11 +56,11 @@ pub(in crate::store) async fn set_start(
 
 /// Writes down the first rows of a run.
 pub(in crate::store) async fn set_first_rows(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     first_rows: &ContentHash,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE run SET first_rows = ? WHERE run_id = ?")
+    sqlx::query("UPDATE run SET first_rows = $1 WHERE run_id = $2")
         .bind(&first_rows.0[..])
         .bind(run_id)
         .execute(executor)
@@ -71,13 +70,13 @@ pub(in crate::store) async fn set_first_rows(
 
 /// Whether two runs are known to begin with other rows.
 pub(in crate::store) async fn begin_otherwise(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     old: i64,
 ) -> Result<bool, sqlx::Error> {
     sqlx::query_scalar(
-        "SELECT ifnull(new.first_rows <> old.first_rows, 0) FROM run AS new, run AS old
-         WHERE new.run_id = ? AND old.run_id = ?",
+        "SELECT coalesce(new.first_rows <> old.first_rows, FALSE) FROM run AS new, run AS old
+         WHERE new.run_id = $1 AND old.run_id = $2",
     )
     .bind(run_id)
     .bind(old)

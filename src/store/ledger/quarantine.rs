@@ -6,11 +6,11 @@
 use std::path::PathBuf;
 
 use jiff::Timestamp;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{Row, SqliteConnection};
+use sqlx::Row;
 
 use super::runs::{find_run, insert_run, robot_id};
 use crate::run::{RunHeader, RunStatus};
+use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::{count, named, size, time_text};
@@ -164,7 +164,7 @@ impl Store {
 /// Writes down that an export was not understood. Cycles already stored stay; a complete run stays
 /// complete.
 pub(in crate::store) async fn quarantine(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     header: &RunHeader,
     fault: &ExportFault,
 ) -> Result<i64, sqlx::Error> {
@@ -188,13 +188,13 @@ pub(in crate::store) async fn quarantine(
 
 /// Gives a run without cycles to another robot, where its name turned out to say none. A robot without runs goes.
 async fn rename_robot(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     robot: &str,
 ) -> Result<(), sqlx::Error> {
     let before: Option<i64> = sqlx::query_scalar(
         "SELECT robot_id FROM run JOIN robot USING (robot_id)
-         WHERE run_id = ? AND cycles_stored = 0 AND robot.name <> ?",
+         WHERE run_id = $1 AND cycles_stored = 0 AND robot.name <> $2",
     )
     .bind(run_id)
     .bind(robot)
@@ -202,14 +202,14 @@ async fn rename_robot(
     .await?;
     let Some(before) = before else { return Ok(()) };
     let robot_id = robot_id(&mut *connection, robot).await?;
-    sqlx::query("UPDATE run SET robot_id = ? WHERE run_id = ?")
+    sqlx::query("UPDATE run SET robot_id = $1 WHERE run_id = $2")
         .bind(robot_id)
         .bind(run_id)
         .execute(&mut *connection)
         .await?;
     sqlx::query(
         "DELETE FROM robot
-         WHERE robot_id = ?1 AND NOT EXISTS (SELECT 1 FROM run WHERE run.robot_id = ?1)",
+         WHERE robot_id = $1 AND NOT EXISTS (SELECT 1 FROM run WHERE run.robot_id = $1)",
     )
     .bind(before)
     .execute(connection)
@@ -218,14 +218,14 @@ async fn rename_robot(
 }
 
 async fn mark(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     fault: &ExportFault,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET status = 'quarantined', reason = ?, reason_line = ?, reason_column = ?, retry_asked_at = NULL
-         WHERE run_id = ?",
+         SET status = 'quarantined', reason = $1, reason_line = $2, reason_column = $3, retry_asked_at = NULL
+         WHERE run_id = $4",
     )
     .bind(&fault.reason)
     .bind(fault.line.map(count))
@@ -238,16 +238,16 @@ async fn mark(
 
 /// Counts another attempt that found what the one before it found; `false` if it had found something else.
 async fn count_again(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     fault: &ExportFault,
 ) -> Result<bool, sqlx::Error> {
     let done = sqlx::query(
         "UPDATE fault
-         SET tries = tries + 1, last_at = CAST(unixepoch('subsec') * 1000000 AS INTEGER),
+         SET tries = tries + 1, last_at = CAST(unixepoch('subsec') * 1000000 AS BIGINT),
              cycles_stored = (SELECT run.cycles_stored FROM run WHERE run.run_id = fault.run_id)
-         WHERE fault_id = (SELECT max(latest.fault_id) FROM fault AS latest WHERE latest.run_id = ?)
-           AND problem = ? AND line IS ? AND column_name IS ? AND byte IS ? AND value IS ?",
+         WHERE fault_id = (SELECT max(latest.fault_id) FROM fault AS latest WHERE latest.run_id = $1)
+           AND problem = $2 AND line IS NOT DISTINCT FROM $3 AND column_name IS NOT DISTINCT FROM $4 AND byte IS NOT DISTINCT FROM $5 AND value IS NOT DISTINCT FROM $6",
     )
     .bind(run_id)
     .bind(&fault.problem)
@@ -261,13 +261,13 @@ async fn count_again(
 }
 
 async fn insert(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     fault: &ExportFault,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "INSERT INTO fault (run_id, problem, line, column_name, byte, value, remedy, cycles_stored)
-         SELECT run_id, ?, ?, ?, ?, ?, ?, cycles_stored FROM run WHERE run_id = ?",
+         SELECT run_id, $1, $2, $3, $4, $5, $6, cycles_stored FROM run WHERE run_id = $7",
     )
     .bind(&fault.problem)
     .bind(fault.line.map(count))
@@ -283,7 +283,7 @@ async fn insert(
 
 /// Every fault of every run, those of the newest run first, the latest of a run first.
 pub(in crate::store) async fn rows(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
 ) -> Result<Vec<QuarantineRow>, sqlx::Error> {
     sqlx::query(
         "SELECT run_id, robot, source_name, source_path, state, problem, line, column_name, byte, value, remedy,
@@ -292,7 +292,7 @@ pub(in crate::store) async fn rows(
          FROM quarantine
          ORDER BY run_id DESC, last_at DESC, fault_id DESC",
     )
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let asked: Option<&str> = row.try_get("retry_asked_at")?;
         Ok(QuarantineRow {
             run_id: row.try_get("run_id")?,
@@ -319,7 +319,7 @@ pub(in crate::store) async fn rows(
     .await
 }
 
-fn dismissal(row: &SqliteRow) -> Result<Option<Dismissal>, sqlx::Error> {
+fn dismissal(row: &EngineRow) -> Result<Option<Dismissal>, sqlx::Error> {
     let at: Option<&str> = row.try_get("dismissed_at")?;
     at.map(|_| {
         Ok(Dismissal {
@@ -340,7 +340,7 @@ impl Store {
     pub async fn dismiss(&self, run_id: i64, by: &str, reason: &str) -> Result<bool, StoreError> {
         let done = sqlx::query(
             "INSERT INTO dismissal (fault_id, dismissed_by, reason)
-             SELECT fault_id, ?2, ?3 FROM quarantine WHERE run_id = ?1 AND state = 'open'",
+             SELECT fault_id, $2, $3 FROM quarantine WHERE run_id = $1 AND state = 'open'",
         )
         .bind(run_id)
         .bind(by)
@@ -356,8 +356,8 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn withdraw_dismissal(&self, run_id: i64) -> Result<(), StoreError> {
         let done = sqlx::query(
-            "UPDATE dismissal SET withdrawn_at = CAST(unixepoch('subsec') * 1000000 AS INTEGER)
-             WHERE withdrawn_at IS NULL AND fault_id IN (SELECT fault_id FROM fault WHERE run_id = ?)",
+            "UPDATE dismissal SET withdrawn_at = CAST(unixepoch('subsec') * 1000000 AS BIGINT)
+             WHERE withdrawn_at IS NULL AND fault_id IN (SELECT fault_id FROM fault WHERE run_id = $1)",
         )
         .bind(run_id)
         .execute(&self.writer)
@@ -368,13 +368,13 @@ impl Store {
 
 /// Marks a quarantined run to be read again; `false` if it is not quarantined.
 pub(in crate::store) async fn ask_retry(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<bool, sqlx::Error> {
     let done = sqlx::query(
         "UPDATE run
-         SET retry_asked_at = CAST(unixepoch('subsec') * 1000000 AS INTEGER)
-         WHERE run_id = ? AND status = 'quarantined' AND superseded_by_run_id IS NULL",
+         SET retry_asked_at = CAST(unixepoch('subsec') * 1000000 AS BIGINT)
+         WHERE run_id = $1 AND status = 'quarantined' AND superseded_by_run_id IS NULL",
     )
     .bind(run_id)
     .execute(executor)
@@ -384,7 +384,7 @@ pub(in crate::store) async fn ask_retry(
 
 /// Paths at which exports were seen that are to be read again.
 pub(in crate::store) async fn paths_to_retry(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
 ) -> Result<Vec<String>, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT source_path FROM run WHERE retry_asked_at IS NOT NULL
@@ -398,7 +398,7 @@ pub(in crate::store) async fn paths_to_retry(
 /// Lets `run_id`, which is complete, take the place of quarantined runs of the same recording: robot, start
 /// and file name are alike. Their content was corrected.
 pub(in crate::store) async fn supersede_faulty(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
@@ -406,7 +406,7 @@ pub(in crate::store) async fn supersede_faulty(
          SET reason = 'superseded by run ' || complete.run_id || ': the export was corrected', reason_line = NULL,
              reason_column = NULL, superseded_by_run_id = complete.run_id, retry_asked_at = NULL
          FROM run AS complete
-         WHERE complete.run_id = ? AND run.run_id <> complete.run_id AND run.status = 'quarantined'
+         WHERE complete.run_id = $1 AND run.run_id <> complete.run_id AND run.status = 'quarantined'
            AND run.superseded_by_run_id IS NULL AND run.robot_id = complete.robot_id
            AND run.started_at = complete.started_at AND run.source_name = complete.source_name",
     )

@@ -1,9 +1,9 @@
 //! Where reading goes on after a restart.
 
 use sqlx::Row;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use crate::run::ContentPrefix;
+use crate::store::engine::{EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::{count, size};
@@ -50,12 +50,12 @@ impl Store {
 
 /// Writes down where reading of a run goes on.
 pub(in crate::store) async fn set(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     point: &StoredPoint,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "INSERT INTO resume_point (run_id, cycles, byte, state) VALUES (?, ?, ?, ?)
+        "INSERT INTO resume_point (run_id, cycles, byte, state) VALUES ($1, $2, $3, $4)
          ON CONFLICT (run_id) DO UPDATE
          SET cycles = excluded.cycles, byte = excluded.byte, state = excluded.state",
     )
@@ -70,16 +70,16 @@ pub(in crate::store) async fn set(
 
 /// Where reading of a run goes on, if the cycles before it are stored.
 pub(in crate::store) async fn of_run(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Option<StoredPoint>, sqlx::Error> {
     sqlx::query(
         "SELECT cycles, byte, state
          FROM resume_point JOIN run USING (run_id)
-         WHERE run_id = ? AND cycles <= cycles_stored",
+         WHERE run_id = $1 AND cycles <= cycles_stored",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(StoredPoint {
             cycles: size(&row, "cycles")?,
             byte: size(&row, "byte")?,
@@ -92,9 +92,9 @@ pub(in crate::store) async fn of_run(
 
 /// Lets a run be read from its start.
 pub(in crate::store) async fn forget(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM resume_point WHERE run_id = ?").bind(run_id).execute(executor).await?;
+    sqlx::query("DELETE FROM resume_point WHERE run_id = $1").bind(run_id).execute(executor).await?;
     Ok(())
 }

@@ -3,12 +3,12 @@
 //! A superseded run has the status of a quarantined one and names its successor: whatever leaves out
 //! quarantined runs leaves it out too.
 
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{Row, SqliteConnection};
+use sqlx::Row;
 
 use super::identity::{is_made_otherwise, set_made_with};
 use super::{resume, stored_cycles};
 use crate::run::{ContentHash, ContentPrefix, RunHeader, RunKind, RunStatus};
+use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::ledger::supersession::{hand_on, set_replaced, supersede};
@@ -101,7 +101,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn has_run_of_bytes(&self, bytes: u64) -> Result<bool, StoreError> {
-        let found = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE source_bytes = ?)");
+        let found = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE source_bytes = $1)");
         self.checked(found.bind(count(bytes)).fetch_one(&self.readers).await)
     }
 
@@ -179,13 +179,13 @@ impl Store {
     }
 }
 
-pub(in crate::store) fn status(row: &SqliteRow, column: &str) -> Result<RunStatus, sqlx::Error> {
+pub(in crate::store) fn status(row: &EngineRow, column: &str) -> Result<RunStatus, sqlx::Error> {
     named(row, column, &STATUSES, RunStatus::name)
 }
 
 /// Begins a run, goes on with one that was begun, or begins a quarantined one afresh.
 pub(in crate::store) async fn begin_run(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     header: &RunHeader,
 ) -> Result<KnownRun, sqlx::Error> {
     let known = find_run(&mut *connection, &header.content_hash).await?;
@@ -198,7 +198,7 @@ pub(in crate::store) async fn begin_run(
 
 /// Begins a run as `beginning` says, under an identity that no other run has.
 pub(in crate::store) async fn begin(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     header: &RunHeader,
     identity: Identity,
     beginning: RunStart,
@@ -231,7 +231,7 @@ pub(in crate::store) async fn begin(
     Ok(Begun { run, afresh: afresh_instead })
 }
 
-async fn insert_new(connection: &mut SqliteConnection, header: &RunHeader) -> Result<KnownRun, sqlx::Error> {
+async fn insert_new(connection: &mut EngineConnection, header: &RunHeader) -> Result<KnownRun, sqlx::Error> {
     let robot_id = robot_id(&mut *connection, &header.robot).await?;
     Ok(begun(insert_run(connection, robot_id, header).await?))
 }
@@ -239,7 +239,7 @@ async fn insert_new(connection: &mut SqliteConnection, header: &RunHeader) -> Re
 /// Begins a run again from the first row: what was stored before may rest on a layout or robot that has
 /// been corrected since.
 async fn afresh(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     header: &RunHeader,
 ) -> Result<KnownRun, sqlx::Error> {
@@ -252,7 +252,7 @@ async fn afresh(
 
 /// Goes on with a run whose content may have become longer.
 async fn continues(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     header: &RunHeader,
     identity: Identity,
@@ -286,7 +286,7 @@ async fn continues(
 
 /// Lets `run_id` take the place of `old`: at its end if that one is complete, at once if its file changed
 /// before its end.
-async fn replace(connection: &mut SqliteConnection, run_id: i64, old: i64) -> Result<(), sqlx::Error> {
+async fn replace(connection: &mut EngineConnection, run_id: i64, old: i64) -> Result<(), sqlx::Error> {
     if run_by_key(&mut *connection, old).await?.status == RunStatus::Complete {
         set_replaced(connection, run_id, old).await
     } else {
@@ -297,7 +297,7 @@ async fn replace(connection: &mut SqliteConnection, run_id: i64, old: i64) -> Re
 /// Gives a run that is ending the identity of its content, unless a complete run has it. An unfinished
 /// run of the same content gives way, and so does a superseded one: its rows would be the same.
 pub(in crate::store) async fn adopt(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     content: &ContentPrefix,
 ) -> Result<Owner, sqlx::Error> {
@@ -319,14 +319,14 @@ fn begun(run_id: i64) -> KnownRun {
 }
 
 pub(in crate::store) async fn find_run(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     hash: &ContentHash,
 ) -> Result<Option<KnownRun>, sqlx::Error> {
     sqlx::query(
-        "SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored,
+        "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason, cycles_stored,
                 retry_asked_at IS NOT NULL AS retry_asked
          FROM run
-         WHERE content_hash = ?",
+         WHERE content_hash = $1",
     )
     .bind(&hash.0[..])
     .try_map(|row| known_run(&row))
@@ -334,12 +334,12 @@ pub(in crate::store) async fn find_run(
     .await
 }
 
-async fn run_by_key(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<KnownRun, sqlx::Error> {
+async fn run_by_key(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<KnownRun, sqlx::Error> {
     sqlx::query(
-        "SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored,
+        "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason, cycles_stored,
                 retry_asked_at IS NOT NULL AS retry_asked
          FROM run
-         WHERE run_id = ?",
+         WHERE run_id = $1",
     )
     .bind(run_id)
     .try_map(|row| known_run(&row))
@@ -348,7 +348,7 @@ async fn run_by_key(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<Kn
 }
 
 /// Reads run_id, status, reason, cycles_stored and retry_asked.
-pub(in crate::store) fn known_run(row: &SqliteRow) -> Result<KnownRun, sqlx::Error> {
+pub(in crate::store) fn known_run(row: &EngineRow) -> Result<KnownRun, sqlx::Error> {
     Ok(KnownRun {
         run_id: row.try_get("run_id")?,
         status: status(row, "status")?,
@@ -360,24 +360,24 @@ pub(in crate::store) fn known_run(row: &SqliteRow) -> Result<KnownRun, sqlx::Err
 
 /// Key of a robot, which is entered on its first run.
 pub(in crate::store) async fn robot_id(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     name: &str,
 ) -> Result<i64, sqlx::Error> {
-    sqlx::query("INSERT INTO robot (name) VALUES (?) ON CONFLICT (name) DO NOTHING")
+    sqlx::query("INSERT INTO robot (name) VALUES ($1) ON CONFLICT (name) DO NOTHING")
         .bind(name)
         .execute(&mut *connection)
         .await?;
-    sqlx::query_scalar("SELECT robot_id FROM robot WHERE name = ?").bind(name).fetch_one(connection).await
+    sqlx::query_scalar("SELECT robot_id FROM robot WHERE name = $1").bind(name).fetch_one(connection).await
 }
 
 pub(in crate::store) async fn insert_run(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
     header: &RunHeader,
 ) -> Result<i64, sqlx::Error> {
     sqlx::query_scalar(
         "INSERT INTO run (robot_id, model, started_at, source_name, source_path, source_bytes, content_hash, status)
-         VALUES (?, ?, ?, ?, ?, ?, ?, 'streaming')
+         VALUES ($1, $2, $3, $4, $5, $6, $7, 'streaming')
          RETURNING run_id",
     )
     .bind(robot_id)
@@ -392,18 +392,18 @@ pub(in crate::store) async fn insert_run(
 }
 
 async fn reopen_run(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     robot_id: i64,
     header: &RunHeader,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET robot_id = ?, model = ?, started_at = ?, source_name = ?, source_path = ?, source_bytes = ?,
+         SET robot_id = $1, model = $2, started_at = $3, source_name = $4, source_path = $5, source_bytes = $6,
              cycles_stored = 0, rows = NULL, rows_skipped = NULL, sample_rate_hz = NULL, cycles_total = NULL, prefix_bytes = NULL,
              prefix_hash = NULL, replaces_run_id = NULL, superseded_by_run_id = NULL, status = 'streaming', reason = NULL,
              reason_line = NULL, reason_column = NULL, retry_asked_at = NULL
-         WHERE run_id = ?",
+         WHERE run_id = $7",
     )
     .bind(robot_id)
     .bind(&header.model)
@@ -418,12 +418,12 @@ async fn reopen_run(
 }
 
 /// Opens a complete run for further cycles. A trigger takes away what is stored of the run as a whole.
-async fn open_again(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+async fn open_again(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
          SET status = 'streaming', rows = NULL, rows_skipped = NULL, sample_rate_hz = NULL, cycles_total = NULL,
              prefix_bytes = source_bytes, prefix_hash = content_hash
-         WHERE run_id = ?",
+         WHERE run_id = $1",
     )
     .bind(run_id)
     .execute(executor)
@@ -433,12 +433,12 @@ async fn open_again(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<()
 
 /// Writes down by which content a run is known.
 async fn identify(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     hash: &ContentHash,
     bytes: u64,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE run SET content_hash = ?, source_bytes = ?, growing = 0 WHERE run_id = ?")
+    sqlx::query("UPDATE run SET content_hash = $1, source_bytes = $2, growing = FALSE WHERE run_id = $3")
         .bind(&hash.0[..])
         .bind(count(bytes))
         .bind(run_id)
@@ -450,12 +450,12 @@ async fn identify(
 /// Writes down that the export of a run grows. A copy of what it held before must not be taken for it,
 /// so that the key becomes a number that no content has.
 async fn identify_growing(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     prefix: &ContentPrefix,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "UPDATE run SET content_hash = randomblob(32), growing = 1, prefix_bytes = ?, prefix_hash = ? WHERE run_id = ?",
+        "UPDATE run SET content_hash = randomblob(32), growing = TRUE, prefix_bytes = $1, prefix_hash = $2 WHERE run_id = $3",
     )
     .bind(count(prefix.bytes))
     .bind(&prefix.hash.0[..])
@@ -467,10 +467,10 @@ async fn identify_growing(
 
 /// Start of a run that takes cycles, in microseconds; `None` if it takes none.
 pub(in crate::store) async fn open_run_start(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Option<i64>, sqlx::Error> {
-    sqlx::query_scalar("SELECT started_at FROM run WHERE run_id = ? AND status = 'streaming'")
+    sqlx::query_scalar("SELECT started_at FROM run WHERE run_id = $1 AND status = 'streaming'")
         .bind(run_id)
         .fetch_optional(executor)
         .await
@@ -478,10 +478,10 @@ pub(in crate::store) async fn open_run_start(
 
 /// Robot of a run that is not quarantined.
 pub(in crate::store) async fn robot_of_run(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Option<i64>, sqlx::Error> {
-    sqlx::query_scalar("SELECT robot_id FROM run WHERE run_id = ? AND status <> 'quarantined'")
+    sqlx::query_scalar("SELECT robot_id FROM run WHERE run_id = $1 AND status <> 'quarantined'")
         .bind(run_id)
         .fetch_optional(executor)
         .await
@@ -498,16 +498,16 @@ pub(in crate::store) struct Description {
 
 /// Moves the mark of progress by one cycle, and with it what the cycles were read from, where it is known.
 pub(in crate::store) async fn advance(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     description: &Description,
     read: Option<&ContentPrefix>,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET cycles_stored = cycles_stored + 1, robot_model_id = ?, figures_hash = ?, prefix_bytes = ifnull(?, prefix_bytes),
-             prefix_hash = ifnull(?, prefix_hash)
-         WHERE run_id = ?",
+         SET cycles_stored = cycles_stored + 1, robot_model_id = $1, figures_hash = $2, prefix_bytes = coalesce($3, prefix_bytes),
+             prefix_hash = coalesce($4, prefix_hash)
+         WHERE run_id = $5",
     )
     .bind(description.robot_model_id)
     .bind(&description.figures_hash[..])
@@ -520,15 +520,15 @@ pub(in crate::store) async fn advance(
 }
 
 pub(in crate::store) async fn mark_complete(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     totals: RunTotals,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET status = 'complete', rows = ?, rows_skipped = ?, sample_rate_hz = ?, cycles_total = ?, growing = 0, prefix_bytes = NULL,
+         SET status = 'complete', rows = $1, rows_skipped = $2, sample_rate_hz = $3, cycles_total = $4, growing = FALSE, prefix_bytes = NULL,
              prefix_hash = NULL
-         WHERE run_id = ?",
+         WHERE run_id = $5",
     )
     .bind(count(totals.rows))
     .bind(count(totals.rows_skipped))
@@ -542,13 +542,13 @@ pub(in crate::store) async fn mark_complete(
 
 /// Ends a run whose file is gone. Its content will not be known, so that the key becomes a number that no
 /// content has; what its cycles were read from tells the file if it comes back.
-async fn give_up(executor: impl SqliteExecutor<'_>, run_id: i64, reason: &str) -> Result<bool, sqlx::Error> {
+async fn give_up(executor: impl EngineExecutor<'_>, run_id: i64, reason: &str) -> Result<bool, sqlx::Error> {
     let done = sqlx::query(
         "UPDATE run
-         SET status = 'quarantined', reason = ?2, growing = 1, content_hash = randomblob(32),
-             prefix_bytes = iif(cycles_stored > 0, ifnull(prefix_bytes, source_bytes), NULL),
-             prefix_hash = iif(cycles_stored > 0, ifnull(prefix_hash, content_hash), NULL)
-         WHERE run_id = ?1 AND status = 'streaming'",
+         SET status = 'quarantined', reason = $2, growing = TRUE, content_hash = randomblob(32),
+             prefix_bytes = CASE WHEN cycles_stored > 0 THEN coalesce(prefix_bytes, source_bytes) ELSE NULL END,
+             prefix_hash = CASE WHEN cycles_stored > 0 THEN coalesce(prefix_hash, content_hash) ELSE NULL END
+         WHERE run_id = $1 AND status = 'streaming'",
     )
     .bind(run_id)
     .bind(reason)
@@ -558,8 +558,8 @@ async fn give_up(executor: impl SqliteExecutor<'_>, run_id: i64, reason: &str) -
 }
 
 /// Writes down what a run is a recording of; writes nothing where that stands already.
-async fn set_kind(executor: impl SqliteExecutor<'_>, run_id: i64, kind: RunKind) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE run SET kind = ?1 WHERE run_id = ?2 AND kind <> ?1")
+async fn set_kind(executor: impl EngineExecutor<'_>, run_id: i64, kind: RunKind) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET kind = $1 WHERE run_id = $2 AND kind <> $1")
         .bind(kind.name())
         .bind(run_id)
         .execute(executor)
@@ -568,8 +568,8 @@ async fn set_kind(executor: impl SqliteExecutor<'_>, run_id: i64, kind: RunKind)
 }
 
 /// Takes away a run that is not complete, with its cycles. Returns whether there was one.
-async fn discard(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
-    let done = sqlx::query("DELETE FROM run WHERE run_id = ? AND status <> 'complete'")
+async fn discard(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query("DELETE FROM run WHERE run_id = $1 AND status <> 'complete'")
         .bind(run_id)
         .execute(executor)
         .await?;

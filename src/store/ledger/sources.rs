@@ -5,11 +5,11 @@ use std::path::PathBuf;
 
 use jiff::Timestamp;
 use sqlx::Row;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use super::runs;
 use super::runs::{Begun, Identity, KnownRun, RunStart, known_run};
 use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunKind};
+use crate::store::engine::{EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::models::StoredModel;
@@ -199,15 +199,15 @@ impl Store {
 }
 
 pub(in crate::store) async fn find(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     path: &str,
     state: SourceState,
 ) -> Result<Option<KnownRun>, sqlx::Error> {
     sqlx::query(
-        "SELECT run.run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, run.reason,
+        "SELECT run.run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, run.reason,
                 run.cycles_stored, retry_asked_at IS NOT NULL AS retry_asked
          FROM source_file JOIN run USING (run_id)
-         WHERE source_file.path = ? AND source_file.bytes = ? AND source_file.modified = ?",
+         WHERE source_file.path = $1 AND source_file.bytes = $2 AND source_file.modified = $3",
     )
     .bind(path)
     .bind(count(state.bytes))
@@ -219,20 +219,21 @@ pub(in crate::store) async fn find(
 
 /// What was last taken at each of `paths`.
 async fn find_all(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     paths: &[String],
 ) -> Result<HashMap<String, (u64, i64, KnownRun)>, sqlx::Error> {
     let asked = serde_json::Value::from(paths.to_vec()).to_string();
     let rows = sqlx::query(
         "SELECT source_file.path, source_file.bytes, source_file.modified, run.run_id,
-                iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, run.reason, run.cycles_stored,
+                CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, run.reason, run.cycles_stored,
                 retry_asked_at IS NOT NULL AS retry_asked
-         FROM json_each(?) AS asked
-         CROSS JOIN source_file ON source_file.path = asked.value
-         JOIN run USING (run_id)",
+         FROM json_each($1) AS asked
+         CROSS JOIN source_file
+         JOIN run USING (run_id)
+         WHERE source_file.path = asked.value",
     )
     .bind(asked)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok((row.try_get("path")?, (size(&row, "bytes")?, row.try_get("modified")?, known_run(&row)?)))
     })
     .fetch_all(executor)
@@ -247,32 +248,32 @@ const ZONES_APART: i64 = 26 * 3_600_000_000;
 /// alike, or robot and name, where the start was read by the clock of another time zone. That of the path first, then
 /// the newest.
 pub(in crate::store) async fn earlier_runs(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     path: &str,
     file: FileId,
     recording: Option<Recording<'_>>,
 ) -> Result<Vec<EarlierRun>, sqlx::Error> {
     sqlx::query(
         "WITH earlier AS (
-             SELECT run_id FROM source_file WHERE path = ?1
+             SELECT run_id FROM source_file WHERE path = $1
              UNION
-             SELECT run_id FROM run WHERE inode = ?2 AND device = ?3
+             SELECT run_id FROM run WHERE inode = $2 AND device = $3
              UNION
              SELECT run_id FROM robot JOIN run USING (robot_id)
-             WHERE robot.name = ?5 AND status IN ('streaming', 'complete', 'quarantined')
-               AND started_at BETWEEN ?6 - ?8 AND ?6 + ?8 AND (started_at = ?6 OR source_name = ?7)
+             WHERE robot.name = $5 AND status IN ('streaming', 'complete', 'quarantined')
+               AND started_at BETWEEN $6 - $8 AND $6 + $8 AND (started_at = $6 OR source_name = $7)
          )
-         SELECT run_id, iif(superseded_by_run_id IS NULL, status, 'superseded') AS status, reason, cycles_stored,
+         SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason, cycles_stored,
                 retry_asked_at IS NOT NULL AS retry_asked, robot.name AS robot, started_at, source_name, kind,
-                EXISTS (SELECT 1 FROM source_file WHERE path = ?1 AND source_file.run_id = run.run_id) AS same_path,
-                ifnull(inode = ?2 AND device = ?3, 0) AS same_file,
-                iif(status = 'streaming' OR growing, ifnull(prefix_bytes, source_bytes), source_bytes) AS bytes,
-                iif(status = 'streaming' OR growing, ifnull(prefix_hash, content_hash), content_hash) AS hash
+                EXISTS (SELECT 1 FROM source_file WHERE path = $1 AND source_file.run_id = run.run_id) AS same_path,
+                coalesce(inode = $2 AND device = $3, FALSE) AS same_file,
+                CASE WHEN status = 'streaming' OR growing THEN coalesce(prefix_bytes, source_bytes) ELSE source_bytes END AS bytes,
+                CASE WHEN status = 'streaming' OR growing THEN coalesce(prefix_hash, content_hash) ELSE content_hash END AS hash
          FROM earlier
          JOIN run USING (run_id)
          JOIN robot USING (robot_id)
          ORDER BY same_path DESC, run_id DESC
-         LIMIT ?4",
+         LIMIT $4",
     )
     .bind(path)
     .bind(file.inode.cast_signed())
@@ -282,7 +283,7 @@ pub(in crate::store) async fn earlier_runs(
     .bind(recording.map(|of| of.started_at.as_microsecond()))
     .bind(recording.map(|of| of.source_name))
     .bind(ZONES_APART)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let hash: Vec<u8> = row.try_get("hash")?;
         let hash = hash.try_into().map_err(|_| sqlx::Error::Decode("a hash of another length".into()))?;
         Ok(EarlierRun {
@@ -302,7 +303,7 @@ pub(in crate::store) async fn earlier_runs(
 
 /// Files of runs that are not complete.
 pub(in crate::store) async fn unfinished(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
 ) -> Result<Vec<UnfinishedSource>, sqlx::Error> {
     sqlx::query(
         "SELECT run.run_id, path, bytes, modified, growing
@@ -310,7 +311,7 @@ pub(in crate::store) async fn unfinished(
          WHERE status = 'streaming'
          ORDER BY run.run_id, path",
     )
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(UnfinishedSource {
             run_id: row.try_get("run_id")?,
             path: from_root(row.try_get("path")?),
@@ -331,13 +332,13 @@ fn from_root(path: String) -> String {
 }
 
 pub(in crate::store) async fn remember(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     path: &str,
     state: SourceState,
     run_id: i64,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "INSERT INTO source_file (path, bytes, modified, run_id) VALUES (?, ?, ?, ?)
+        "INSERT INTO source_file (path, bytes, modified, run_id) VALUES ($1, $2, $3, $4)
          ON CONFLICT (path) DO UPDATE
          SET bytes = excluded.bytes, modified = excluded.modified, run_id = excluded.run_id",
     )
@@ -351,8 +352,8 @@ pub(in crate::store) async fn remember(
 }
 
 /// Writes down which file a run is read from.
-async fn set_file(executor: impl SqliteExecutor<'_>, run_id: i64, file: FileId) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE run SET device = ?, inode = ? WHERE run_id = ?")
+async fn set_file(executor: impl EngineExecutor<'_>, run_id: i64, file: FileId) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET device = $1, inode = $2 WHERE run_id = $3")
         .bind(file.device.cast_signed())
         .bind(file.inode.cast_signed())
         .bind(run_id)
@@ -363,7 +364,7 @@ async fn set_file(executor: impl SqliteExecutor<'_>, run_id: i64, file: FileId) 
 
 /// Run `run_id` with the first of its paths.
 pub(in crate::store) async fn of_run(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Option<RunSource>, sqlx::Error> {
     sqlx::query(
@@ -372,10 +373,10 @@ pub(in crate::store) async fn of_run(
          FROM run
          JOIN robot USING (robot_id)
          LEFT JOIN robot_model USING (robot_model_id)
-         WHERE run.run_id = ?",
+         WHERE run.run_id = $1",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let hash: Vec<u8> = row.try_get("content_hash")?;
         let hash = hash.try_into().map_err(|_| sqlx::Error::Decode("a content hash of odd length".into()))?;
         let path: String = row.try_get("source_path")?;
@@ -401,8 +402,8 @@ pub(in crate::store) async fn of_run(
 }
 
 /// Paths at which the export of a run was seen, latest modification first.
-async fn paths_of_run(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<Vec<String>, sqlx::Error> {
-    sqlx::query_scalar("SELECT path FROM source_file WHERE run_id = ? ORDER BY modified DESC, path")
+async fn paths_of_run(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Vec<String>, sqlx::Error> {
+    sqlx::query_scalar("SELECT path FROM source_file WHERE run_id = $1 ORDER BY modified DESC, path")
         .bind(run_id)
         .fetch_all(executor)
         .await
@@ -411,12 +412,12 @@ async fn paths_of_run(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<
 /// Content of the latest run whose export had this file name and that is neither quarantined, superseded nor
 /// growing.
 pub(in crate::store) async fn content_named(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     source_name: &str,
 ) -> Result<Option<ContentHash>, sqlx::Error> {
     let hash: Option<Vec<u8>> = sqlx::query_scalar(
         "SELECT content_hash FROM run
-         WHERE source_name = ? AND status <> 'quarantined' AND NOT growing
+         WHERE source_name = $1 AND status <> 'quarantined' AND NOT growing
          ORDER BY run_id DESC
          LIMIT 1",
     )

@@ -1,16 +1,15 @@
 //! Which cycles of a run stay when its export is read again.
 
-use sqlx::sqlite::SqliteExecutor;
-
+use crate::store::engine::EngineExecutor;
 use crate::store::values::count;
 
 /// Whether the stored cycles of a run were read from just the first `bytes` of its content.
 pub(super) async fn are_of_first(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     bytes: u64,
 ) -> Result<bool, sqlx::Error> {
-    let read: Option<i64> = sqlx::query_scalar("SELECT prefix_bytes FROM run WHERE run_id = ?")
+    let read: Option<i64> = sqlx::query_scalar("SELECT prefix_bytes FROM run WHERE run_id = $1")
         .bind(run_id)
         .fetch_one(executor)
         .await?;
@@ -19,10 +18,10 @@ pub(super) async fn are_of_first(
 
 /// Takes away cycles that the end of the file has cut. Returns whether there were any.
 pub(super) async fn delete_cut_by_end(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<bool, sqlx::Error> {
-    let done = sqlx::query("DELETE FROM cycle WHERE run_id = ? AND cut_by_end = 1")
+    let done = sqlx::query("DELETE FROM cycle WHERE run_id = $1 AND cut_by_end = TRUE")
         .bind(run_id)
         .execute(executor)
         .await?;
@@ -30,10 +29,10 @@ pub(super) async fn delete_cut_by_end(
 }
 
 /// Sets the mark of progress to the cycles that are stored.
-pub(super) async fn count_again(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+pub(super) async fn count_again(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run SET cycles_stored = (SELECT count(*) FROM cycle WHERE cycle.run_id = run.run_id)
-         WHERE run_id = ?",
+         WHERE run_id = $1",
     )
     .bind(run_id)
     .execute(executor)
@@ -42,10 +41,10 @@ pub(super) async fn count_again(executor: impl SqliteExecutor<'_>, run_id: i64) 
 }
 
 /// Takes away the last cycle of a complete run that was stored before cycles said whether the end had cut them.
-pub(super) async fn delete_last(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+pub(super) async fn delete_last(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "DELETE FROM cycle
-         WHERE run_id = ?1 AND number = (SELECT max(last.number) FROM cycle AS last WHERE last.run_id = ?1)",
+         WHERE run_id = $1 AND number = (SELECT max(last.number) FROM cycle AS last WHERE last.run_id = $1)",
     )
     .bind(run_id)
     .execute(executor)
@@ -54,7 +53,7 @@ pub(super) async fn delete_last(executor: impl SqliteExecutor<'_>, run_id: i64) 
 }
 
 /// Takes away all cycles of a run.
-pub(super) async fn delete_all(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM cycle WHERE run_id = ?").bind(run_id).execute(executor).await?;
+pub(super) async fn delete_all(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM cycle WHERE run_id = $1").bind(run_id).execute(executor).await?;
     Ok(())
 }

@@ -1,14 +1,13 @@
 //! Which run takes the place of which.
 
-use sqlx::SqliteConnection;
-use sqlx::sqlite::SqliteExecutor;
+use crate::store::engine::{EngineConnection, EngineExecutor};
 
 pub(in crate::store) async fn set_replaced(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     old: i64,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE run SET replaces_run_id = ? WHERE run_id = ?")
+    sqlx::query("UPDATE run SET replaces_run_id = $1 WHERE run_id = $2")
         .bind(old)
         .bind(run_id)
         .execute(executor)
@@ -18,10 +17,10 @@ pub(in crate::store) async fn set_replaced(
 
 /// Run that this one takes the place of when it is complete.
 pub(in crate::store) async fn replaced_by(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Option<i64>, sqlx::Error> {
-    let found: Option<Option<i64>> = sqlx::query_scalar("SELECT replaces_run_id FROM run WHERE run_id = ?")
+    let found: Option<Option<i64>> = sqlx::query_scalar("SELECT replaces_run_id FROM run WHERE run_id = $1")
         .bind(run_id)
         .fetch_optional(executor)
         .await?;
@@ -29,14 +28,14 @@ pub(in crate::store) async fn replaced_by(
 }
 
 async fn is_as_long_or_here(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     old: i64,
 ) -> Result<bool, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT new.kind = old.kind AND (new.source_path = old.source_path OR new.cycles_stored >= old.cycles_stored)
          FROM run AS new, run AS old
-         WHERE new.run_id = ? AND old.run_id = ?",
+         WHERE new.run_id = $1 AND old.run_id = $2",
     )
     .bind(run_id)
     .bind(old)
@@ -46,15 +45,15 @@ async fn is_as_long_or_here(
 
 /// Marks `old` as superseded by `run_id`. Its rows stay.
 pub(in crate::store) async fn supersede(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     old: i64,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET status = 'quarantined', reason = 'superseded by run ' || ?1 || ': the recording was exported again',
-             reason_line = NULL, reason_column = NULL, retry_asked_at = NULL, superseded_by_run_id = ?1
-         WHERE run_id = ?2 AND superseded_by_run_id IS NULL",
+         SET status = 'quarantined', reason = 'superseded by run ' || $1 || ': the recording was exported again',
+             reason_line = NULL, reason_column = NULL, retry_asked_at = NULL, superseded_by_run_id = $1
+         WHERE run_id = $2 AND superseded_by_run_id IS NULL",
     )
     .bind(run_id)
     .bind(old)
@@ -65,14 +64,14 @@ pub(in crate::store) async fn supersede(
 
 /// Lets `other` be the successor of what `run_id` has superseded.
 pub(in crate::store) async fn hand_on(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     other: i64,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET reason = 'superseded by run ' || ?1 || substr(reason, instr(reason, ':')), superseded_by_run_id = ?1
-         WHERE superseded_by_run_id = ?2",
+         SET reason = 'superseded by run ' || $1 || substr(reason, instr(reason, ':')), superseded_by_run_id = $1
+         WHERE superseded_by_run_id = $2",
     )
     .bind(other)
     .bind(run_id)
@@ -85,7 +84,7 @@ pub(in crate::store) async fn hand_on(
 /// fewer cycles, since a part of a copy is no correction, nor if it is a recording of another kind. Returns whether it
 /// was done.
 pub(in crate::store) async fn supersede_shorter(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     old: i64,
 ) -> Result<bool, sqlx::Error> {

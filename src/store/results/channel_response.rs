@@ -2,35 +2,37 @@
 
 use std::sync::Arc;
 
-use sqlx::sqlite::SqliteExecutor;
-
 use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
 use crate::robot::{JointIndex, ParameterId};
+use crate::store::engine::EngineExecutor;
 use crate::store::values::{standard_parameter, unreadable};
 
 /// Writes the response of a cycle, in place of that of an earlier cycle of the run.
 pub(in crate::store) async fn record(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     response: &ChannelResponse,
 ) -> Result<(), sqlx::Error> {
     let parameters: Vec<String> = response.parameters.iter().map(ToString::to_string).collect();
-    sqlx::query("INSERT OR REPLACE INTO channel_response (run_id, parameters, numbers) VALUES (?, ?, ?)")
-        .bind(run_id)
-        .bind(parameters.join(" "))
-        .bind(packed(response))
-        .execute(executor)
-        .await?;
+    sqlx::query(
+        "INSERT INTO channel_response (run_id, parameters, numbers) VALUES ($1, $2, $3)
+         ON CONFLICT (run_id) DO UPDATE SET parameters = excluded.parameters, numbers = excluded.numbers",
+    )
+    .bind(run_id)
+    .bind(parameters.join(" "))
+    .bind(packed(response))
+    .execute(executor)
+    .await?;
     Ok(())
 }
 
 /// The response of a run; `None` for one that was stored before responses were, and without parameters.
 pub(in crate::store) async fn of_run(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Option<Arc<ChannelResponse>>, sqlx::Error> {
     let row: Option<(String, Vec<u8>)> =
-        sqlx::query_as("SELECT parameters, numbers FROM channel_response WHERE run_id = ?")
+        sqlx::query_as("SELECT parameters, numbers FROM channel_response WHERE run_id = $1")
             .bind(run_id)
             .fetch_optional(executor)
             .await?;

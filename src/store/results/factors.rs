@@ -4,12 +4,12 @@ use std::collections::HashMap;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+use sqlx::{QueryBuilder, Row};
 
 use crate::analysis::{CycleFactors, Motion, RmsdPair, TorqueFactor, WarmingContrast};
 use crate::robot::ParameterId;
 use crate::run::Stage;
+use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::models;
@@ -85,7 +85,7 @@ impl Store {
 
 /// Writes the factors of a cycle. `keys` are those of the model's parameters.
 pub(in crate::store) async fn record(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     cycle_id: i64,
     robot_model_id: i64,
     keys: &HashMap<ParameterId, i64>,
@@ -105,7 +105,7 @@ pub(in crate::store) async fn record(
 
 /// Writes how well the parameters of a cycle fit the start and the end of its warming stage.
 pub(in crate::store) async fn record_contrast(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     contrasts: &[WarmingContrast],
 ) -> Result<(), sqlx::Error> {
@@ -118,7 +118,7 @@ pub(in crate::store) async fn record_contrast(
             [("start", c.start), ("end", c.end)].map(|(part, of)| (joint_number(c.joint), part, of))
         })
         .collect();
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO warming_rmsd (cycle_id, joint, part, rmsd_nm, relative_rmsd, samples, moving_rmsd_nm,
                                    moving_relative_rmsd, moving_samples) ",
     )
@@ -138,7 +138,7 @@ pub(in crate::store) async fn record_contrast(
 
 /// Factors of the cycles of a run that have any, in the order of the cycles.
 pub(in crate::store) async fn of_run(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     wanted: FactorsWanted,
 ) -> Result<Vec<StoredCycle>, sqlx::Error> {
@@ -147,7 +147,7 @@ pub(in crate::store) async fn of_run(
 
 /// All factors of those of `cycles`, numbers in rising order, that have any.
 async fn of_cycles(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     cycles: &[u32],
 ) -> Result<Vec<StoredCycle>, sqlx::Error> {
@@ -158,7 +158,7 @@ async fn of_cycles(
 }
 
 async fn read(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     wanted: FactorsWanted,
     range: RangeInclusive<u32>,
@@ -204,7 +204,7 @@ pub(super) struct Head {
 }
 
 pub(super) async fn heads(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     range: &RangeInclusive<u32>,
 ) -> Result<Vec<Head>, sqlx::Error> {
@@ -215,13 +215,13 @@ pub(super) async fn heads(
          JOIN cycle_factor_layout USING (cycle_id)
          JOIN run USING (run_id)
          JOIN robot USING (robot_id)
-         WHERE run_id = ? AND cycle.number BETWEEN ? AND ?
+         WHERE run_id = $1 AND cycle.number BETWEEN $2 AND $3
          ORDER BY cycle.number",
     )
     .bind(run_id)
     .bind(range.start())
     .bind(range.end())
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(Head {
             cycle_id: row.try_get("cycle_id")?,
             robot: row.try_get("robot")?,
@@ -237,7 +237,7 @@ pub(super) async fn heads(
 }
 
 pub(super) async fn factors_by_cycle(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     wanted: FactorsWanted,
     range: &RangeInclusive<u32>,
@@ -246,15 +246,15 @@ pub(super) async fn factors_by_cycle(
         "SELECT cycle_id, joint, stage, motion, torque_factor.rows, factor
          FROM cycle
          JOIN torque_factor USING (cycle_id)
-         WHERE run_id = ? AND cycle.number BETWEEN ? AND ?
-               AND (? OR (stage = 'excitation' AND motion = 'moving'))
+         WHERE run_id = $1 AND cycle.number BETWEEN $2 AND $3
+               AND ($4 OR (stage = 'excitation' AND motion = 'moving'))
          ORDER BY cycle_id, torque_factor_id",
     )
     .bind(run_id)
     .bind(range.start())
     .bind(range.end())
     .bind(wanted == FactorsWanted::All)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let factor = TorqueFactor {
             joint: joint(&row, "joint")?,
             stage: named(&row, "stage", &STAGES, Stage::name)?,
@@ -274,14 +274,14 @@ pub(super) async fn factors_by_cycle(
 }
 
 async fn shares_by_cycle(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<HashMap<i64, Vec<f64>>, sqlx::Error> {
     let rows: Vec<(i64, f64)> = sqlx::query_as(
-        "SELECT cycle_id, ifnull(independent_share, 1.0)
+        "SELECT cycle_id, coalesce(independent_share, 1.0)
          FROM cycle
          JOIN joint_residual USING (cycle_id)
-         WHERE run_id = ?
+         WHERE run_id = $1
          ORDER BY cycle_id, joint",
     )
     .bind(run_id)
@@ -295,7 +295,7 @@ async fn shares_by_cycle(
 }
 
 pub(super) async fn layout(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     factor_layout_id: i64,
 ) -> Result<FactorLayout, sqlx::Error> {
     let (model, columns) = read_layout(&mut *connection, factor_layout_id).await?;
@@ -312,17 +312,17 @@ pub(super) async fn layout(
 }
 
 async fn read_layout(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     factor_layout_id: i64,
 ) -> Result<(StoredModel, String), sqlx::Error> {
     sqlx::query(
         "SELECT robot_model_id, name, description_hash, columns
          FROM factor_layout
          JOIN robot_model USING (robot_model_id)
-         WHERE factor_layout_id = ?",
+         WHERE factor_layout_id = $1",
     )
     .bind(factor_layout_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let model = StoredModel {
             robot_model_id: row.try_get("robot_model_id")?,
             name: row.try_get("name")?,
@@ -336,31 +336,33 @@ async fn read_layout(
 
 /// Key of a choice of columns, which is entered when it is first met.
 async fn layout_id(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_model_id: i64,
     columns: &str,
 ) -> Result<i64, sqlx::Error> {
     sqlx::query(
-        "INSERT INTO factor_layout (robot_model_id, columns) VALUES (?, ?)
+        "INSERT INTO factor_layout (robot_model_id, columns) VALUES ($1, $2)
          ON CONFLICT (robot_model_id, columns) DO NOTHING",
     )
     .bind(robot_model_id)
     .bind(columns)
     .execute(&mut *connection)
     .await?;
-    sqlx::query_scalar("SELECT factor_layout_id FROM factor_layout WHERE robot_model_id = ? AND columns = ?")
-        .bind(robot_model_id)
-        .bind(columns)
-        .fetch_one(connection)
-        .await
+    sqlx::query_scalar(
+        "SELECT factor_layout_id FROM factor_layout WHERE robot_model_id = $1 AND columns = $2",
+    )
+    .bind(robot_model_id)
+    .bind(columns)
+    .fetch_one(connection)
+    .await
 }
 
 async fn insert_cycle_layout(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     factor_layout_id: i64,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("INSERT INTO cycle_factor_layout (cycle_id, factor_layout_id) VALUES (?, ?)")
+    sqlx::query("INSERT INTO cycle_factor_layout (cycle_id, factor_layout_id) VALUES ($1, $2)")
         .bind(cycle_id)
         .bind(factor_layout_id)
         .execute(executor)
@@ -369,11 +371,11 @@ async fn insert_cycle_layout(
 }
 
 async fn insert_factors(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     rows: &[TorqueFactor],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new("INSERT INTO torque_factor (cycle_id, joint, stage, motion, rows, factor) ")
+    QueryBuilder::<Engine>::new("INSERT INTO torque_factor (cycle_id, joint, stage, motion, rows, factor) ")
         .push_values(rows, |mut row, factor| {
             row.push_bind(cycle_id)
                 .push_bind(joint_number(factor.joint))

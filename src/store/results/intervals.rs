@@ -1,10 +1,10 @@
 //! Intervals of parameters that were stored before their widths were: Student's quantile is no function of SQL, so that
 //! a migration cannot fill them.
 
-use sqlx::sqlite::SqliteExecutor;
-use sqlx::{QueryBuilder, Sqlite, SqliteConnection, SqlitePool};
+use sqlx::QueryBuilder;
 
 use crate::numerics::statistics::distributions::{LEVEL, student_quantile};
+use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EnginePool, begin_writing};
 use crate::store::values::{ROWS_PER_STATEMENT, finite};
 
 /// Cycles that are filled in one transaction: some ten thousand parameters, a tenth of a second.
@@ -21,9 +21,9 @@ struct KnownFreedom {
 
 /// Fills what is not filled yet, some cycles a transaction; a stop in between loses nothing. Without anything to do it
 /// costs one look at an empty table.
-pub(in crate::store) async fn fill(writer: &SqlitePool) -> Result<(), sqlx::Error> {
+pub(in crate::store) async fn fill(writer: &EnginePool) -> Result<(), sqlx::Error> {
     while reached(writer).await?.is_some() {
-        let mut transaction = writer.begin_with("BEGIN IMMEDIATE").await?;
+        let mut transaction = begin_writing(writer).await?;
         // another process may have gone on meanwhile
         if let Some(after) = reached(&mut *transaction).await? {
             fill_some(&mut transaction, after).await?;
@@ -33,11 +33,11 @@ pub(in crate::store) async fn fill(writer: &SqlitePool) -> Result<(), sqlx::Erro
     Ok(())
 }
 
-async fn reached(executor: impl SqliteExecutor<'_>) -> Result<Option<i64>, sqlx::Error> {
+async fn reached(executor: impl EngineExecutor<'_>) -> Result<Option<i64>, sqlx::Error> {
     sqlx::query_scalar("SELECT after_cycle_id FROM interval_fill").fetch_optional(executor).await
 }
 
-async fn fill_some(connection: &mut SqliteConnection, after: i64) -> Result<(), sqlx::Error> {
+async fn fill_some(connection: &mut EngineConnection, after: i64) -> Result<(), sqlx::Error> {
     let Some(last) = last_of_some(&mut *connection, after).await? else {
         sqlx::query("DELETE FROM interval_fill").execute(connection).await?;
         return Ok(());
@@ -46,14 +46,14 @@ async fn fill_some(connection: &mut SqliteConnection, after: i64) -> Result<(), 
     for rows in known.chunks(ROWS_PER_STATEMENT) {
         set_half_widths(&mut *connection, rows).await?;
     }
-    sqlx::query("UPDATE interval_fill SET after_cycle_id = ?").bind(last).execute(connection).await?;
+    sqlx::query("UPDATE interval_fill SET after_cycle_id = $1").bind(last).execute(connection).await?;
     Ok(())
 }
 
 /// Key of the last of the next cycles.
-async fn last_of_some(executor: impl SqliteExecutor<'_>, after: i64) -> Result<Option<i64>, sqlx::Error> {
+async fn last_of_some(executor: impl EngineExecutor<'_>, after: i64) -> Result<Option<i64>, sqlx::Error> {
     sqlx::query_scalar(
-        "SELECT max(cycle_id) FROM (SELECT cycle_id FROM cycle WHERE cycle_id > ? ORDER BY cycle_id LIMIT ?)",
+        "SELECT max(cycle_id) FROM (SELECT cycle_id FROM cycle WHERE cycle_id > $1 ORDER BY cycle_id LIMIT $2) AS next",
     )
     .bind(after)
     .bind(CYCLES_AT_ONCE)
@@ -62,14 +62,14 @@ async fn last_of_some(executor: impl SqliteExecutor<'_>, after: i64) -> Result<O
 }
 
 async fn parameters(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     after: i64,
     last: i64,
 ) -> Result<Vec<KnownFreedom>, sqlx::Error> {
     sqlx::query_as(
         "SELECT cycle_id, model_parameter_id, std_error, degrees_of_freedom
          FROM cycle_parameter
-         WHERE cycle_id > ? AND cycle_id <= ? AND std_error IS NOT NULL AND degrees_of_freedom IS NOT NULL
+         WHERE cycle_id > $1 AND cycle_id <= $2 AND std_error IS NOT NULL AND degrees_of_freedom IS NOT NULL
                AND half_width_95 IS NULL",
     )
     .bind(after)
@@ -79,11 +79,11 @@ async fn parameters(
 }
 
 async fn set_half_widths(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     rows: &[KnownFreedom],
 ) -> Result<(), sqlx::Error> {
     let mut query =
-        QueryBuilder::<Sqlite>::new("WITH filled (cycle_id, model_parameter_id, half_width) AS (");
+        QueryBuilder::<Engine>::new("WITH filled (cycle_id, model_parameter_id, half_width) AS (");
     query.push_values(rows, |mut row, of| {
         let quantile = student_quantile(0.5 + 0.5 * LEVEL, of.degrees_of_freedom);
         row.push_bind(of.cycle_id)

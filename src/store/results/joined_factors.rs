@@ -3,14 +3,14 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+use sqlx::{QueryBuilder, Row};
 
 use super::factors::{self, FactorLayout, FactorsWanted, STAGES};
 use super::production_evidence;
 use crate::analysis::{CycleFactors, Motion, TorqueFactor};
 use crate::robot::ParameterId;
 use crate::run::Stage;
+use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::models::StoredModel;
@@ -96,11 +96,11 @@ impl Store {
 }
 
 async fn joined_factors(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
 ) -> Result<Vec<JoinedFactors>, sqlx::Error> {
     let layouts: Vec<i64> = sqlx::query_scalar(
-        "SELECT DISTINCT factor_layout_id FROM log_factor WHERE run_id = ? ORDER BY factor_layout_id",
+        "SELECT DISTINCT factor_layout_id FROM log_factor WHERE run_id = $1 ORDER BY factor_layout_id",
     )
     .bind(run_id)
     .fetch_all(&mut *connection)
@@ -115,7 +115,7 @@ async fn joined_factors(
 }
 
 async fn windows_to_join(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     most: usize,
 ) -> Result<Option<WindowsToJoin>, sqlx::Error> {
@@ -134,18 +134,18 @@ async fn windows_to_join(
 }
 
 async fn of_layout(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     layout: i64,
 ) -> Result<Vec<TorqueFactor>, sqlx::Error> {
     sqlx::query(
         "SELECT joint, stage, motion, rows, factor FROM log_factor
-         WHERE run_id = ? AND factor_layout_id = ?
+         WHERE run_id = $1 AND factor_layout_id = $2
          ORDER BY log_factor_id",
     )
     .bind(run_id)
     .bind(layout)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(TorqueFactor {
             joint: joint(&row, "joint")?,
             stage: named(&row, "stage", &STAGES, Stage::name)?,
@@ -160,11 +160,11 @@ async fn of_layout(
 
 /// Whether the windows still have the factors that were read, and nothing is about to be read of their log.
 async fn are_as_read(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     windows: &WindowsToJoin,
 ) -> Result<bool, sqlx::Error> {
     let joined_rows: i64 = sqlx::query_scalar(
-        "SELECT ifnull(sum(rows), 0) FROM log_factor WHERE run_id = ? AND factor_layout_id = ?",
+        "SELECT CAST(coalesce(sum(rows), 0) AS BIGINT) FROM log_factor WHERE run_id = $1 AND factor_layout_id = $2",
     )
     .bind(windows.run_id)
     .bind(windows.layout)
@@ -172,7 +172,7 @@ async fn are_as_read(
     .await?;
     let left: Vec<i64> = sqlx::query_scalar(
         "SELECT cycle_id FROM run JOIN cycle USING (run_id) JOIN cycle_factor_layout USING (cycle_id)
-         WHERE run_id = ? AND factor_layout_id = ? AND run.status <> 'streaming'",
+         WHERE run_id = $1 AND factor_layout_id = $2 AND run.status <> 'streaming'",
     )
     .bind(windows.run_id)
     .bind(windows.layout)
@@ -183,11 +183,11 @@ async fn are_as_read(
 }
 
 async fn replace(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     windows: &WindowsToJoin,
     joined: &CycleFactors,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM log_factor WHERE run_id = ? AND factor_layout_id = ?")
+    sqlx::query("DELETE FROM log_factor WHERE run_id = $1 AND factor_layout_id = $2")
         .bind(windows.run_id)
         .bind(windows.layout)
         .execute(&mut *connection)
@@ -199,11 +199,11 @@ async fn replace(
 }
 
 async fn insert(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     windows: &WindowsToJoin,
     rows: &[TorqueFactor],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO log_factor (run_id, factor_layout_id, joint, stage, motion, rows, factor) ",
     )
     .push_values(rows, |mut row, factor| {
@@ -223,7 +223,7 @@ async fn insert(
 
 /// Takes away the factors of cycles and writes down what became of them.
 pub(in crate::store) async fn remove_of(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     cycle_ids: &[i64],
     gone: &str,
 ) -> Result<(), sqlx::Error> {
@@ -234,7 +234,7 @@ pub(in crate::store) async fn remove_of(
             ("DELETE FROM cycle_factor_layout WHERE cycle_id IN (", None),
             ("UPDATE cycle SET factors_gone = ", Some(" WHERE cycle_id IN (")),
         ] {
-            let mut query = QueryBuilder::<Sqlite>::new(statement);
+            let mut query = QueryBuilder::<Engine>::new(statement);
             if let Some(end) = end {
                 query.push_bind(gone).push(end);
             }

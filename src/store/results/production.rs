@@ -2,8 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+use sqlx::{QueryBuilder, Row};
 
 use super::production_evidence;
 use crate::analysis::work_evidence::JointEvidence;
@@ -13,6 +12,7 @@ use crate::analysis::{
 use crate::anomaly::ProductionSummary;
 use crate::numerics::production::evidence::log_evidence;
 use crate::numerics::production::window::summarise;
+use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::{
@@ -61,7 +61,7 @@ impl Store {
 
 /// Writes the check of a window that has none. Call in a transaction.
 pub(in crate::store) async fn record(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     cycle_id: i64,
     check: &ProductionCheck,
 ) -> Result<(), sqlx::Error> {
@@ -76,12 +76,12 @@ pub(in crate::store) async fn record(
 }
 
 async fn insert(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     of: &ProductionCheck,
     joints: &[JointCheck],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO production_check (cycle_id, joint, reference_run_id, estimator, rmsd_nm, relative_rmsd, samples,
                                        moving_rmsd_nm, moving_relative_rmsd, moving_samples, friction_excess, friction_share) ",
     )
@@ -107,7 +107,7 @@ async fn insert(
 /// At most so many complete tests with parameters of the robot of `run_id`, the latest no later than it first, then
 /// the first later one.
 pub(in crate::store) async fn reference_runs(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     most: usize,
 ) -> Result<Vec<i64>, sqlx::Error> {
@@ -115,11 +115,11 @@ pub(in crate::store) async fn reference_runs(
         "SELECT test.run_id
          FROM run
          JOIN run AS test USING (robot_id)
-         WHERE run.run_id = ? AND test.status = 'complete' AND test.kind = 'test'
+         WHERE run.run_id = $1 AND test.status = 'complete' AND test.kind = 'test'
                AND EXISTS (SELECT 1 FROM cycle WHERE cycle.run_id = test.run_id AND cycle.status = 'complete'
                            AND NOT cycle.doubtful)
          ORDER BY test.started_at > run.started_at, abs(test.started_at - run.started_at), test.content_hash DESC
-         LIMIT ?",
+         LIMIT $2",
     )
     .bind(run_id)
     .bind(count(most))
@@ -156,25 +156,25 @@ pub struct ProductionWindow {
 /// Complete tests of a robot with parameters, oldest first. Their order follows what was recorded, not when it
 /// was stored.
 pub(in crate::store) async fn reference_tests(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
 ) -> Result<Vec<ReferenceTest>, sqlx::Error> {
     sqlx::query_as(
         "SELECT run.run_id, run.started_at,
-                max(ifnull(factor_layout.robot_model_id, run.robot_model_id)) AS robot_model_id
+                max(coalesce(factor_layout.robot_model_id, run.robot_model_id)) AS robot_model_id
          FROM run
          JOIN cycle USING (run_id)
          LEFT JOIN cycle_factor_layout USING (cycle_id)
          LEFT JOIN factor_layout USING (factor_layout_id)
-         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'complete'
+         WHERE run.robot_id = $1 AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'complete'
                AND NOT cycle.doubtful
                -- a test whose factors were removed is among them: windows stay with the test that they were held against
                AND (factor_layout.factor_layout_id IS NOT NULL
                     OR cycle.factors_gone IS NOT NULL AND run.robot_model_id IS NOT NULL)
          GROUP BY run.run_id
          -- cycles of two descriptions cannot be taken together
-         HAVING min(ifnull(factor_layout.robot_model_id, run.robot_model_id))
-                = max(ifnull(factor_layout.robot_model_id, run.robot_model_id))
+         HAVING min(coalesce(factor_layout.robot_model_id, run.robot_model_id))
+                = max(coalesce(factor_layout.robot_model_id, run.robot_model_id))
          ORDER BY run.started_at, run.content_hash",
     )
     .bind(robot_id)
@@ -184,7 +184,7 @@ pub(in crate::store) async fn reference_tests(
 
 /// Windows of production of a robot, by run and number. Those of quarantined logs are among them: they are shown.
 pub(in crate::store) async fn windows(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
     estimator: Estimator,
 ) -> Result<Vec<ProductionWindow>, sqlx::Error> {
@@ -192,13 +192,13 @@ pub(in crate::store) async fn windows(
         "SELECT run.run_id, cycle.number AS cycle, cycle.started_at, factor_layout.robot_model_id,
                 (SELECT reference_run_id FROM production_check
                  WHERE production_check.cycle_id = cycle.cycle_id AND settled
-                       AND production_check.estimator = ?2
+                       AND production_check.estimator = $2
                  LIMIT 1) AS settled_against
          FROM run
          JOIN cycle USING (run_id)
          JOIN cycle_factor_layout USING (cycle_id)
          JOIN factor_layout USING (factor_layout_id)
-         WHERE run.robot_id = ?1 AND run.kind = 'production' AND run.superseded_by_run_id IS NULL
+         WHERE run.robot_id = $1 AND run.kind = 'production' AND run.superseded_by_run_id IS NULL
                AND cycle.status = 'complete' AND cycle.factors_gone IS NULL
          ORDER BY run.run_id, cycle.number",
     )
@@ -211,7 +211,7 @@ pub(in crate::store) async fn windows(
 /// Writes what windows of a run, given by their numbers, are held against from now on, in place of what was written
 /// before, and what the run comes to with it. Call in a transaction.
 pub(in crate::store) async fn settle(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     checks: &[(u32, ProductionCheck)],
 ) -> Result<(), sqlx::Error> {
@@ -227,12 +227,12 @@ pub(in crate::store) async fn settle(
 /// Summarises logs of a robot that have settled windows and no summary: one that was opened again and ended without a new
 /// window. Call in a transaction.
 pub(in crate::store) async fn summarise_rest(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
 ) -> Result<(), sqlx::Error> {
     let without: Vec<i64> = sqlx::query_scalar(
         "SELECT run_id FROM run
-         WHERE robot_id = ? AND kind = 'production' AND status <> 'streaming' AND superseded_by_run_id IS NULL
+         WHERE robot_id = $1 AND kind = 'production' AND status <> 'streaming' AND superseded_by_run_id IS NULL
                AND NOT EXISTS (SELECT 1 FROM production_summary AS summary WHERE summary.run_id = run.run_id)
                AND EXISTS (SELECT 1 FROM cycle JOIN production_check USING (cycle_id)
                            WHERE cycle.run_id = run.run_id AND settled)",
@@ -247,7 +247,7 @@ pub(in crate::store) async fn summarise_rest(
 }
 
 /// Writes what a log comes to with its settled windows, in place of what was written before.
-async fn summarise_run(connection: &mut SqliteConnection, run_id: i64) -> Result<(), sqlx::Error> {
+async fn summarise_run(connection: &mut EngineConnection, run_id: i64) -> Result<(), sqlx::Error> {
     let mut by_reference: BTreeMap<i64, BTreeMap<u32, Vec<JointCheck>>> = BTreeMap::new();
     for (reference, cycle, check) in checks_of_run(&mut *connection, run_id).await? {
         by_reference.entry(reference).or_default().entry(cycle).or_default().push(check);
@@ -275,24 +275,24 @@ async fn summarise_run(connection: &mut SqliteConnection, run_id: i64) -> Result
 }
 
 async fn cycle_id(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     number: u32,
 ) -> Result<Option<i64>, sqlx::Error> {
-    sqlx::query_scalar("SELECT cycle_id FROM cycle WHERE run_id = ? AND number = ?")
+    sqlx::query_scalar("SELECT cycle_id FROM cycle WHERE run_id = $1 AND number = $2")
         .bind(run_id)
         .bind(number)
         .fetch_optional(executor)
         .await
 }
 
-async fn delete(executor: impl SqliteExecutor<'_>, cycle_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM production_check WHERE cycle_id = ?").bind(cycle_id).execute(executor).await?;
+async fn delete(executor: impl EngineExecutor<'_>, cycle_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM production_check WHERE cycle_id = $1").bind(cycle_id).execute(executor).await?;
     Ok(())
 }
 
-async fn mark_settled(executor: impl SqliteExecutor<'_>, cycle_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE production_check SET settled = 1 WHERE cycle_id = ?")
+async fn mark_settled(executor: impl EngineExecutor<'_>, cycle_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE production_check SET settled = TRUE WHERE cycle_id = $1")
         .bind(cycle_id)
         .execute(executor)
         .await?;
@@ -301,7 +301,7 @@ async fn mark_settled(executor: impl SqliteExecutor<'_>, cycle_id: i64) -> Resul
 
 /// Settled checks of a run with the test and the number of the window; what no summary needs is left out.
 async fn checks_of_run(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<(i64, u32, JointCheck)>, sqlx::Error> {
     sqlx::query(
@@ -309,11 +309,11 @@ async fn checks_of_run(
                 friction_excess, friction_share
          FROM cycle
          JOIN production_check USING (cycle_id)
-         WHERE run_id = ? AND settled AND moving_relative_rmsd IS NOT NULL
+         WHERE run_id = $1 AND settled AND moving_relative_rmsd IS NOT NULL
          ORDER BY cycle.number, joint",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let relative = row.try_get("moving_relative_rmsd")?;
         let moving_rows = Rmsd { relative, samples: size(&row, "moving_samples")?, ..Rmsd::default() };
         let excess: Option<f64> = row.try_get("friction_excess")?;
@@ -329,18 +329,18 @@ async fn checks_of_run(
     .await
 }
 
-async fn delete_summaries(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM production_summary WHERE run_id = ?").bind(run_id).execute(executor).await?;
+async fn delete_summaries(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM production_summary WHERE run_id = $1").bind(run_id).execute(executor).await?;
     Ok(())
 }
 
 async fn insert_summaries(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     reference_run_id: i64,
     joints: &[ProductionJoint],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO production_summary (run_id, reference_run_id, joint, windows, relative_rmsd, friction_excess,
                                          friction_share) ",
     )
@@ -361,7 +361,7 @@ async fn insert_summaries(
 
 /// What a robot's complete logs of production come to, oldest first.
 pub(in crate::store) async fn summaries(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
 ) -> Result<Vec<ProductionSummary>, sqlx::Error> {
     let rows = sqlx::query(
@@ -373,11 +373,11 @@ pub(in crate::store) async fn summaries(
          JOIN run AS test ON test.run_id = summary.reference_run_id
          LEFT JOIN run_joint_summary AS of_test
                    ON of_test.run_id = summary.reference_run_id AND of_test.joint = summary.joint
-         WHERE run.robot_id = ? AND run.status = 'complete'
+         WHERE run.robot_id = $1 AND run.status = 'complete'
          ORDER BY run.started_at, run.content_hash, test.started_at, test.content_hash, summary.joint",
     )
     .bind(robot_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let of_joint = ProductionJoint {
             joint: joint(&row, "joint")?,
             windows: size(&row, "windows")?,
@@ -416,13 +416,13 @@ pub(in crate::store) async fn summaries(
 
 /// The run whose parameters a window was held against.
 pub(in crate::store) async fn checked_against(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     cycle: u32,
 ) -> Result<Option<i64>, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT reference_run_id FROM cycle JOIN production_check USING (cycle_id)
-         WHERE run_id = ? AND number = ?
+         WHERE run_id = $1 AND number = $2
          LIMIT 1",
     )
     .bind(run_id)

@@ -6,11 +6,11 @@
 
 use std::collections::BTreeMap;
 
-use sqlx::sqlite::SqliteExecutor;
-use sqlx::{QueryBuilder, Sqlite};
+use sqlx::QueryBuilder;
 
 use crate::analysis::work_evidence::{JointEvidence, PRODUCTS};
 use crate::robot::JointIndex;
+use crate::store::engine::{Engine, EngineExecutor};
 use crate::store::values::unreadable;
 
 /// Bytes before the products of a joint.
@@ -19,11 +19,11 @@ const BYTES_OF_JOINT: usize = HEAD + 8 * PRODUCTS;
 
 /// Writes the evidence of a window that has none.
 pub(super) async fn record_window(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     evidence: &[JointEvidence],
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("INSERT INTO window_evidence (cycle_id, numbers) VALUES (?, ?)")
+    sqlx::query("INSERT INTO window_evidence (cycle_id, numbers) VALUES ($1, $2)")
         .bind(cycle_id)
         .bind(packed(evidence))
         .execute(executor)
@@ -33,7 +33,7 @@ pub(super) async fn record_window(
 
 /// Evidence of the settled windows of a log with their tests; `None` for windows without.
 pub(super) async fn of_windows(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<(i64, Option<Vec<JointEvidence>>)>, sqlx::Error> {
     let rows: Vec<(i64, i64, Option<Vec<u8>>)> = sqlx::query_as(
@@ -41,9 +41,9 @@ pub(super) async fn of_windows(
          FROM cycle
          JOIN (SELECT DISTINCT production_check.cycle_id, reference_run_id
                FROM cycle JOIN production_check USING (cycle_id)
-               WHERE cycle.run_id = ?1 AND settled) AS settled USING (cycle_id)
+               WHERE cycle.run_id = $1 AND settled) AS settled USING (cycle_id)
          LEFT JOIN window_evidence USING (cycle_id)
-         WHERE cycle.run_id = ?1
+         WHERE cycle.run_id = $1
          ORDER BY cycle.number",
     )
     .bind(run_id)
@@ -59,27 +59,30 @@ pub(super) async fn of_windows(
 
 /// Writes the evidence of a log against one test, in place of what was written before.
 pub(super) async fn record_log(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     reference_run_id: i64,
     evidence: &[JointEvidence],
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("INSERT OR REPLACE INTO log_evidence (run_id, reference_run_id, numbers) VALUES (?, ?, ?)")
-        .bind(run_id)
-        .bind(reference_run_id)
-        .bind(packed(evidence))
-        .execute(executor)
-        .await?;
+    sqlx::query(
+        "INSERT INTO log_evidence (run_id, reference_run_id, numbers) VALUES ($1, $2, $3)
+         ON CONFLICT (run_id, reference_run_id) DO UPDATE SET numbers = excluded.numbers",
+    )
+    .bind(run_id)
+    .bind(reference_run_id)
+    .bind(packed(evidence))
+    .execute(executor)
+    .await?;
     Ok(())
 }
 
 /// Evidence of one log, by test.
 pub(super) async fn of_log(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<BTreeMap<i64, Vec<JointEvidence>>, sqlx::Error> {
     let rows: Vec<(i64, Vec<u8>)> =
-        sqlx::query_as("SELECT reference_run_id, numbers FROM log_evidence WHERE run_id = ?")
+        sqlx::query_as("SELECT reference_run_id, numbers FROM log_evidence WHERE run_id = $1")
             .bind(run_id)
             .fetch_all(executor)
             .await?;
@@ -91,11 +94,11 @@ pub(super) async fn of_log(
 
 /// Evidence of all logs of a robot, by log and test.
 pub(super) async fn of_robot(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
 ) -> Result<BTreeMap<(i64, i64), Vec<JointEvidence>>, sqlx::Error> {
     let rows: Vec<(i64, i64, Vec<u8>)> = sqlx::query_as(
-        "SELECT run_id, reference_run_id, numbers FROM run JOIN log_evidence USING (run_id) WHERE robot_id = ?",
+        "SELECT run_id, reference_run_id, numbers FROM run JOIN log_evidence USING (run_id) WHERE robot_id = $1",
     )
     .bind(robot_id)
     .fetch_all(executor)
@@ -108,10 +111,10 @@ pub(super) async fn of_robot(
 
 /// Takes away the evidence of windows: that of their logs stays.
 pub(super) async fn remove_windows(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_ids: &[i64],
 ) -> Result<(), sqlx::Error> {
-    let mut query = QueryBuilder::<Sqlite>::new("DELETE FROM window_evidence WHERE cycle_id IN (");
+    let mut query = QueryBuilder::<Engine>::new("DELETE FROM window_evidence WHERE cycle_id IN (");
     let mut listed = query.separated(", ");
     for id in cycle_ids {
         listed.push_bind(*id);

@@ -2,8 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use sqlx::sqlite::SqliteExecutor;
-use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
+use sqlx::QueryBuilder;
 
 use super::{channel_response, factors, production, temperatures, torque_noise};
 use crate::analysis::refusal::RefusalCause;
@@ -12,6 +11,7 @@ use crate::analysis::{
 };
 use crate::numerics::statistics::distributions::{LEVEL, half_width};
 use crate::robot::{ParameterId, Robot};
+use crate::store::engine::{Engine, EngineConnection, EngineExecutor};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::ledger::resume::ReadSoFar;
@@ -68,7 +68,7 @@ impl Store {
 
 /// Writes the rows of a cycle and moves the mark of progress. Call in a transaction.
 pub(in crate::store) async fn record_cycle(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     analysis: &CycleAnalysis,
     robot: &Robot,
@@ -120,7 +120,7 @@ pub(in crate::store) async fn record_cycle(
 
 /// Writes what identification gave: parameters, what is left of each joint's torque, and self-verification.
 pub(in crate::store) async fn record_identification(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     cycle_id: i64,
     keys: &HashMap<ParameterId, i64>,
     found: &Identification,
@@ -140,7 +140,7 @@ pub(in crate::store) async fn record_identification(
 
 /// Enters a cycle; `None` if the run has one of that number.
 async fn insert_cycle(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     run_start: i64,
     analysis: &CycleAnalysis,
@@ -152,7 +152,7 @@ async fn insert_cycle(
         "INSERT INTO cycle (run_id, number, started_at, duration_s, rows, sample_rate_hz, cutoff_hz, status, reason,
                             remarks, samples, condition_number, scaled_condition_number, residual_std_nm,
                             estimator, mean_speeds_rad_s, doubtful, error_basis, cut_by_end)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, $19)
          ON CONFLICT (run_id, number) DO NOTHING
          RETURNING cycle_id",
     )
@@ -180,12 +180,12 @@ async fn insert_cycle(
 }
 
 async fn insert_parameters(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     keys: &HashMap<ParameterId, i64>,
     rows: &[IdentifiedParameter],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO cycle_parameter (cycle_id, model_parameter_id, value, std_error, degrees_of_freedom,
                                       half_width_95) ",
     )
@@ -205,12 +205,12 @@ async fn insert_parameters(
 
 /// Enters why a cycle was refused.
 async fn insert_causes(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     causes: &[RefusalCause],
 ) -> Result<(), sqlx::Error> {
     let numbered: Vec<(i64, &RefusalCause)> = (1..).zip(causes).collect();
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO cycle_refusal (cycle_id, number, finding, channel, joint, sentence) ",
     )
     .push_values(numbered, |mut row, (number, cause)| {
@@ -228,11 +228,11 @@ async fn insert_causes(
 }
 
 async fn insert_residuals(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     rows: &[JointResidual],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO joint_residual (cycle_id, joint, residual_std_nm, independent_share) ",
     )
     .push_values(rows, |mut row, residual| {
@@ -249,12 +249,12 @@ async fn insert_residuals(
 
 /// Enters self-verification, or cross-verification with the parameters of a run by an estimator.
 pub(in crate::store) async fn insert_rmsd(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     reference: Option<(i64, Estimator)>,
     rows: &[TorqueRmsd],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO torque_rmsd (cycle_id, joint, stage, verification, reference_run_id, estimator, rmsd_nm,
                                   relative_rmsd, samples, moving_rmsd_nm, moving_relative_rmsd, moving_samples) ",
     )
@@ -278,11 +278,11 @@ pub(in crate::store) async fn insert_rmsd(
 }
 
 async fn insert_friction_points(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     rows: &[(i64, FrictionPoint)],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO friction_point (cycle_id, number, joint, time_s, speed_fraction, speed_rad_s, direction,
                                      torque_nm, std_nm, samples, gravity) ",
     )

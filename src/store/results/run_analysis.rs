@@ -2,17 +2,17 @@
 
 use std::collections::HashMap;
 
-use sqlx::sqlite::SqliteExecutor;
-use sqlx::{QueryBuilder, Sqlite, SqliteConnection};
+use sqlx::QueryBuilder;
 
 use crate::analysis::{Estimate, JointSummary, ParameterStatistics, RmsdSwing, RunAnalysis, WarmUpFit};
 use crate::robot::{JointIndex, ParameterId};
+use crate::store::engine::{Engine, EngineConnection, EngineExecutor};
 use crate::store::models;
 use crate::store::values::{ROWS_PER_STATEMENT, count, finite, joint_number};
 
 /// Replaces everything that is stored of a run as a whole. Call in a transaction.
 pub(in crate::store) async fn replace(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     run_id: i64,
     analysis: &RunAnalysis,
@@ -36,7 +36,7 @@ pub(in crate::store) async fn replace(
 /// Replaces what is stored of a run that follows from its cycles' parameters: their statistics, and the torque
 /// deviations of its summary. Nothing is written of a run that has no summary yet. Call in a transaction.
 pub(in crate::store) async fn replace_of_parameters(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     statistics: &[ParameterStatistics],
     deviations: &[JointDeviation],
@@ -66,21 +66,21 @@ pub struct JointDeviation {
     pub rmsd_swing: Option<RmsdSwing>,
 }
 
-async fn has_summary(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
-    sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run_joint_summary WHERE run_id = ?)")
+async fn has_summary(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run_joint_summary WHERE run_id = $1)")
         .bind(run_id)
         .fetch_one(executor)
         .await
 }
 
 async fn update_deviation(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     of: &JointDeviation,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "UPDATE run_joint_summary SET relative_rmsd = ?, rmsd_swing = ?, rmsd_swing_cycles = ?
-         WHERE run_id = ? AND joint = ?",
+        "UPDATE run_joint_summary SET relative_rmsd = $1, rmsd_swing = $2, rmsd_swing_cycles = $3
+         WHERE run_id = $4 AND joint = $5",
     )
     .bind(of.relative_rmsd.and_then(finite))
     .bind(of.rmsd_swing.and_then(|swing| finite(swing.value)))
@@ -94,12 +94,12 @@ async fn update_deviation(
 
 /// Writes down which estimator the torque deviations of a run's summary come from: that of its last identified cycle,
 /// which chose the cycles.
-async fn set_estimator(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+async fn set_estimator(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run_joint_summary
-         SET estimator = (SELECT estimator FROM cycle WHERE run_id = ?1 AND samples IS NOT NULL
+         SET estimator = (SELECT estimator FROM cycle WHERE run_id = $1 AND samples IS NOT NULL
                           ORDER BY number DESC LIMIT 1)
-         WHERE run_id = ?1",
+         WHERE run_id = $1",
     )
     .bind(run_id)
     .execute(executor)
@@ -109,7 +109,7 @@ async fn set_estimator(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result
 
 /// Replaces the fits over all runs of a robot. Call in a transaction.
 pub(in crate::store) async fn replace_mixed_fits(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     fits: &[WarmUpFit],
 ) -> Result<(), sqlx::Error> {
@@ -120,37 +120,37 @@ pub(in crate::store) async fn replace_mixed_fits(
     Ok(())
 }
 
-async fn delete_run_fits(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM warmup_fit WHERE run_id = ?").bind(run_id).execute(executor).await?;
+async fn delete_run_fits(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM warmup_fit WHERE run_id = $1").bind(run_id).execute(executor).await?;
     Ok(())
 }
 
-async fn delete_mixed_fits(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<(), sqlx::Error> {
+async fn delete_mixed_fits(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<(), sqlx::Error> {
     // ifnull() as in the unique index, which this then uses.
-    sqlx::query("DELETE FROM warmup_fit WHERE robot_id = ? AND ifnull(run_id, 0) = 0")
+    sqlx::query("DELETE FROM warmup_fit WHERE robot_id = $1 AND ifnull(run_id, 0) = 0")
         .bind(robot_id)
         .execute(executor)
         .await?;
     Ok(())
 }
 
-async fn delete_statistics(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM parameter_statistic WHERE run_id = ?").bind(run_id).execute(executor).await?;
+async fn delete_statistics(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM parameter_statistic WHERE run_id = $1").bind(run_id).execute(executor).await?;
     Ok(())
 }
 
-async fn delete_summaries(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM run_joint_summary WHERE run_id = ?").bind(run_id).execute(executor).await?;
+async fn delete_summaries(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM run_joint_summary WHERE run_id = $1").bind(run_id).execute(executor).await?;
     Ok(())
 }
 
 async fn insert_fits(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
     run_id: Option<i64>,
     rows: &[WarmUpFit],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO warmup_fit (robot_id, run_id, joint, speed_fraction, model, rmsd_nm, samples,
                                  first_min, last_min, a_extrapolated,
                                  a_nm, a_std_error_nm, b_nm, b_std_error_nm, t1_min, t1_std_error_min,
@@ -192,12 +192,12 @@ async fn insert_fits(
 }
 
 async fn insert_statistics(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     keys: &HashMap<ParameterId, i64>,
     rows: &[ParameterStatistics],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO parameter_statistic (run_id, model_parameter_id, \"window\", mean, min, max, d_mm, d_se, sdv,
                                           cycles) ",
     )
@@ -220,11 +220,11 @@ async fn insert_statistics(
 }
 
 async fn insert_summaries(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     rows: &[JointSummary],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO run_joint_summary (run_id, joint, warm_friction_nm, warm_friction_std_error_nm, warm_minute,
                                         warm_speed_fraction, relative_rmsd, rmsd_swing, rmsd_swing_cycles,
                                         relative_noise,

@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+use sqlx::{QueryBuilder, Row};
 
 use crate::analysis::CycleTemperatures;
 use crate::run::temperature::ZERO_CELSIUS;
+use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::values::{ROWS_PER_STATEMENT, finite, size};
 
 /// The hall among the joints, which count from 1.
@@ -14,7 +14,7 @@ const HALL: usize = 0;
 
 /// Enters the temperatures of a cycle. Call in a transaction.
 pub(in crate::store) async fn record(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     cycle_id: i64,
     temperatures: &CycleTemperatures,
 ) -> Result<(), sqlx::Error> {
@@ -28,11 +28,11 @@ pub(in crate::store) async fn record(
 }
 
 async fn insert(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     cycle_id: i64,
     rows: &[(usize, f64)],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new("INSERT INTO cycle_temperature (cycle_id, joint, temperature_degc) ")
+    QueryBuilder::<Engine>::new("INSERT INTO cycle_temperature (cycle_id, joint, temperature_degc) ")
         .push_values(rows, |mut row, (joint, kelvin)| {
             // what joint there is, is less than what an i64 holds
             row.push_bind(cycle_id).push_bind(*joint as i64).push_bind(finite(kelvin - ZERO_CELSIUS));
@@ -45,18 +45,18 @@ async fn insert(
 
 /// Temperatures of the cycles of a run, K, by the cycle's key.
 pub(in crate::store) async fn of_run(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<HashMap<i64, CycleTemperatures>, sqlx::Error> {
     let rows = sqlx::query(
         "SELECT cycle_id, joint, temperature_degc
          FROM cycle
          JOIN cycle_temperature USING (cycle_id)
-         WHERE run_id = ?
+         WHERE run_id = $1
          ORDER BY cycle_id, joint",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let celsius: f64 = row.try_get("temperature_degc")?;
         Ok((row.try_get::<i64, _>("cycle_id")?, size::<usize>(&row, "joint")?, celsius + ZERO_CELSIUS))
     })

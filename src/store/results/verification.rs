@@ -1,10 +1,10 @@
 //! Self-verification of a run's cycles, read back: what estimated and measured torque differ by.
 
 use sqlx::Row;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use crate::analysis::{Rmsd, RmsdPair, RmsdScope, TorqueRmsd, WarmingContrast};
 use crate::run::Stage;
+use crate::store::engine::{EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::{joint, named, size};
@@ -81,14 +81,14 @@ impl Store {
 
 /// All cycles of a run, in order.
 pub(in crate::store) async fn cycle_states(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<CycleState>, sqlx::Error> {
     sqlx::query(
-        "SELECT number, rows, cutoff_hz, reason, factors_gone FROM cycle WHERE run_id = ? ORDER BY number",
+        "SELECT number, rows, cutoff_hz, reason, factors_gone FROM cycle WHERE run_id = $1 ORDER BY number",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(CycleState {
             cycle: size(&row, "number")?,
             rows: size(&row, "rows")?,
@@ -106,7 +106,7 @@ pub(in crate::store) async fn cycle_states(
 
 /// RMSD of a run's cycles with their own parameters, by cycle, joint and stage.
 pub(in crate::store) async fn self_rmsd(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<OfCycle<TorqueRmsd>>, sqlx::Error> {
     const SCOPES: [RmsdScope; 4] = [
@@ -119,12 +119,12 @@ pub(in crate::store) async fn self_rmsd(
         "SELECT cycle, joint, stage, rmsd_nm, relative_rmsd, moving_rmsd_nm, moving_relative_rmsd, samples,
                 moving_samples
          FROM cycle_rmsd
-         WHERE run_id = ? AND verification = 'self'
+         WHERE run_id = $1 AND verification = 'self'
          ORDER BY cycle, joint, CASE stage WHEN 'excitation' THEN 1 WHEN 'friction' THEN 2
                                            WHEN 'warming' THEN 3 ELSE 4 END",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let RmsdPair { all_rows, moving_rows } = pair(&row, "")?;
         let scope = named(&row, "stage", &SCOPES, RmsdScope::name)?;
         let value = TorqueRmsd { joint: joint(&row, "joint")?, scope, all_rows, moving_rows };
@@ -136,7 +136,7 @@ pub(in crate::store) async fn self_rmsd(
 
 /// Start against end of the warming stages of a run's cycles, by cycle and joint.
 pub(in crate::store) async fn warming_contrasts(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<OfCycle<WarmingContrast>>, sqlx::Error> {
     sqlx::query(
@@ -145,11 +145,11 @@ pub(in crate::store) async fn warming_contrasts(
                 end_moving_relative_rmsd, start_samples, end_samples, start_moving_samples,
                 end_moving_samples
          FROM warming_contrast
-         WHERE run_id = ?
+         WHERE run_id = $1
          ORDER BY cycle, joint",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let (start, end) = (pair(&row, "start_")?, pair(&row, "end_")?);
         let value = WarmingContrast { joint: joint(&row, "joint")?, start, end };
         Ok(OfCycle { cycle: size(&row, "cycle")?, value })
@@ -159,7 +159,7 @@ pub(in crate::store) async fn warming_contrasts(
 }
 
 /// Reads the six columns of a deviation, whose names begin with `prefix`.
-fn pair(row: &SqliteRow, prefix: &str) -> Result<RmsdPair, sqlx::Error> {
+fn pair(row: &EngineRow, prefix: &str) -> Result<RmsdPair, sqlx::Error> {
     let rows = |motion: &str| -> Result<Rmsd, sqlx::Error> {
         let figure = |name: &str| -> Result<f64, sqlx::Error> {
             let value: Option<f64> = row.try_get(format!("{prefix}{motion}{name}").as_str())?;

@@ -1,13 +1,13 @@
 //! What people do with anomalies, the end of shelving, and what happened to each.
 
 use jiff::Timestamp;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{Row, SqliteConnection};
+use sqlx::Row;
 
 use super::alarm_state::{AlarmState, EventKind, Life};
 use super::anomalies::{AnomalyEvent, Person, record};
 use crate::anomaly::Severity;
 use crate::robot::JointIndex;
+use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::{joint, named, time, time_text};
@@ -218,7 +218,7 @@ impl Store {
 }
 
 async fn act(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     ids: &[i64],
     action: AlarmAction,
     by: Person<'_>,
@@ -254,10 +254,10 @@ struct Known {
     last_seen_at: Timestamp,
 }
 
-async fn find(executor: impl SqliteExecutor<'_>, anomaly_id: i64) -> Result<Option<Known>, sqlx::Error> {
-    sqlx::query("SELECT state, ended, withdrawn, last_seen_at FROM anomaly WHERE anomaly_id = ?")
+async fn find(executor: impl EngineExecutor<'_>, anomaly_id: i64) -> Result<Option<Known>, sqlx::Error> {
+    sqlx::query("SELECT state, ended, withdrawn, last_seen_at FROM anomaly WHERE anomaly_id = $1")
         .bind(anomaly_id)
-        .try_map(|row: SqliteRow| {
+        .try_map(|row: EngineRow| {
             Ok(Known {
                 state: named(&row, "state", &AlarmState::ALL, AlarmState::name)?,
                 ended: row.try_get("ended")?,
@@ -270,28 +270,30 @@ async fn find(executor: impl SqliteExecutor<'_>, anomaly_id: i64) -> Result<Opti
 }
 
 async fn set_life(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     anomaly_id: i64,
     life: &Life,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE anomaly SET state = ?, shelved_until = ?, resolved_seen_at = ? WHERE anomaly_id = ?")
-        .bind(life.state.name())
-        .bind(life.shelved_until.map(Timestamp::as_microsecond))
-        .bind(life.resolved_seen_at.map(Timestamp::as_microsecond))
-        .bind(anomaly_id)
-        .execute(executor)
-        .await?;
+    sqlx::query(
+        "UPDATE anomaly SET state = $1, shelved_until = $2, resolved_seen_at = $3 WHERE anomaly_id = $4",
+    )
+    .bind(life.state.name())
+    .bind(life.shelved_until.map(Timestamp::as_microsecond))
+    .bind(life.resolved_seen_at.map(Timestamp::as_microsecond))
+    .bind(anomaly_id)
+    .execute(executor)
+    .await?;
     Ok(())
 }
 
 /// Shelved anomalies whose time is over.
 async fn shelved_before(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     clock: Timestamp,
 ) -> Result<Vec<i64>, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT anomaly_id FROM anomaly
-         WHERE state = 'shelved' AND shelved_until <= ? AND NOT withdrawn
+         WHERE state = 'shelved' AND shelved_until <= $1 AND NOT withdrawn
          ORDER BY anomaly_id",
     )
     .bind(clock.as_microsecond())
@@ -300,7 +302,7 @@ async fn shelved_before(
 }
 
 async fn end_shelving(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     clock: Timestamp,
 ) -> Result<Vec<AnomalyEvent>, sqlx::Error> {
     let mut events = Vec::new();
@@ -313,7 +315,7 @@ async fn end_shelving(
 
 /// Events of one anomaly or all, with keys above the first and up to the second bound, in order.
 async fn history(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     anomaly_id: Option<i64>,
     (after, last): (i64, i64),
 ) -> Result<Vec<AnomalyHistoryRow>, sqlx::Error> {
@@ -321,18 +323,18 @@ async fn history(
         "SELECT anomaly_event_id, anomaly_id, robot, joint, kind, at, what, severity, score, value, message, who, why,
                 run_id
          FROM anomaly_history
-         WHERE anomaly_id = ifnull(?, anomaly_id) AND anomaly_event_id > ? AND anomaly_event_id <= ?
+         WHERE anomaly_id = coalesce($1, anomaly_id) AND anomaly_event_id > $2 AND anomaly_event_id <= $3
          ORDER BY anomaly_event_id",
     )
     .bind(anomaly_id)
     .bind(after)
     .bind(last)
-    .try_map(|row: SqliteRow| history_row(&row))
+    .try_map(|row: EngineRow| history_row(&row))
     .fetch_all(executor)
     .await
 }
 
-fn history_row(row: &SqliteRow) -> Result<AnomalyHistoryRow, sqlx::Error> {
+fn history_row(row: &EngineRow) -> Result<AnomalyHistoryRow, sqlx::Error> {
     let of_joint: Option<i64> = row.try_get("joint")?;
     Ok(AnomalyHistoryRow {
         anomaly_event_id: row.try_get("anomaly_event_id")?,
@@ -352,7 +354,7 @@ fn history_row(row: &SqliteRow) -> Result<AnomalyHistoryRow, sqlx::Error> {
     })
 }
 
-async fn evidence(executor: impl SqliteExecutor<'_>, robot: &str) -> Result<Vec<SeriesRun>, sqlx::Error> {
+async fn evidence(executor: impl EngineExecutor<'_>, robot: &str) -> Result<Vec<SeriesRun>, sqlx::Error> {
     sqlx::query(
         "SELECT run.run_id, run.started_at, summary.joint, summary.warm_friction_nm, summary.relative_rmsd,
                 summary.rmsd_swing, friction_index.friction_index, friction_index.friction_index_std_error
@@ -360,11 +362,11 @@ async fn evidence(executor: impl SqliteExecutor<'_>, robot: &str) -> Result<Vec<
          JOIN robot USING (robot_id)
          JOIN run_joint_summary AS summary USING (run_id)
          LEFT JOIN friction_index ON friction_index.run_id = run.run_id AND friction_index.joint = summary.joint
-         WHERE robot.name = ? AND run.status = 'complete' AND run.kind = 'test'
+         WHERE robot.name = $1 AND run.status = 'complete' AND run.kind = 'test'
          ORDER BY run.started_at, run.run_id, summary.joint",
     )
     .bind(robot)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(SeriesRun {
             run_id: row.try_get("run_id")?,
             started_at: time(&row, "started_at")?,

@@ -3,13 +3,13 @@
 use std::collections::HashMap;
 
 use jiff::Timestamp;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+use sqlx::{QueryBuilder, Row};
 
 use super::alarm_state::{AlarmState, Before, EventKind, Life, Now, Told, go_on};
 use super::episodes::{Episode, Starts, is_another_fault, same};
 use crate::anomaly::{Alternative, Anomaly, Findings, JointHealth, Severity};
 use crate::run::RunKind;
+use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::values::{finite, joint_number, known_time, named};
 
 /// What happened to an anomaly, as a row of the view `anomaly_history`.
@@ -88,7 +88,7 @@ impl Stored {
 /// shows that is still being written stays until it is complete. `clock` is the time at which shelving ends. Call in a
 /// transaction.
 pub(in crate::store) async fn reconcile(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     findings: &Findings,
     clock: Timestamp,
@@ -152,7 +152,7 @@ pub(super) fn episode(of: &Anomaly) -> Episode {
 
 /// All anomalies of a robot, withdrawn ones too, by number.
 pub(super) async fn stored_anomalies(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
 ) -> Result<Vec<Stored>, sqlx::Error> {
     let mut said = told(&mut *connection, robot_id).await?;
@@ -162,11 +162,11 @@ pub(super) async fn stored_anomalies(
                 open_run.status = 'complete' AS is_complete, open_run.started_at AS open_start
          FROM anomaly
          LEFT JOIN run AS open_run ON open_run.run_id = anomaly.open_run_id
-         WHERE anomaly.robot_id = ?
+         WHERE anomaly.robot_id = $1
          ORDER BY anomaly_id",
     )
     .bind(robot_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let anomaly_id = row.try_get("anomaly_id")?;
         let first: i64 = row.try_get("first_seen_at")?;
         let onset: Option<i64> = row.try_get("onset_at")?;
@@ -218,15 +218,15 @@ pub(super) async fn stored_anomalies(
 type Said = (Option<Told>, Option<Severity>);
 
 /// What people were told of the robot's anomalies, by key.
-async fn told(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<HashMap<i64, Said>, sqlx::Error> {
+async fn told(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<HashMap<i64, Said>, sqlx::Error> {
     let rows: Vec<(i64, EventKind, Told)> = sqlx::query(
         "SELECT anomaly_event.anomaly_id, anomaly_event.what, anomaly_event.severity, anomaly_event.score
          FROM anomaly_event JOIN anomaly USING (anomaly_id)
-         WHERE robot_id = ?
+         WHERE robot_id = $1
          ORDER BY anomaly_event_id",
     )
     .bind(robot_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let what = named(&row, "what", &EventKind::ALL, EventKind::name)?;
         Ok((row.try_get("anomaly_id")?, what, shown(&row)?))
     })
@@ -249,19 +249,19 @@ async fn told(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<HashMa
     Ok(said)
 }
 
-fn shown(row: &SqliteRow) -> Result<Told, sqlx::Error> {
+fn shown(row: &EngineRow) -> Result<Told, sqlx::Error> {
     let score: Option<f64> = row.try_get("score")?;
     Ok(Told { severity: named(row, "severity", &Severity::ALL, Severity::name)?, score: score.map(f64::abs) })
 }
 
 pub(super) async fn run_starts(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
 ) -> Result<Starts, sqlx::Error> {
     // one row a kind: of a long history, rows are what takes time
     let rows: Vec<(String, String)> = sqlx::query_as(
-        "SELECT kind, group_concat(started_at, ' ') FROM run
-         WHERE robot_id = ? AND status = 'complete'
+        "SELECT kind, string_agg(CAST(started_at AS TEXT), ' ') FROM run
+         WHERE robot_id = $1 AND status = 'complete'
          GROUP BY kind",
     )
     .bind(robot_id)
@@ -285,7 +285,7 @@ pub(super) struct Person<'a> {
 
 /// Writes down what happened to an anomaly, which is stored as it is after that. No person: the program did it.
 pub(super) async fn record(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     anomaly_id: i64,
     what: EventKind,
     by: Option<Person<'_>>,
@@ -296,7 +296,7 @@ pub(super) async fn record(
 
 /// As [`record`], of what the program does for a reason.
 async fn record_because(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     anomaly_id: i64,
     what: EventKind,
     why: Option<&str>,
@@ -305,7 +305,7 @@ async fn record_because(
 }
 
 async fn write_event(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     anomaly_id: i64,
     what: EventKind,
     who: Option<&str>,
@@ -313,9 +313,9 @@ async fn write_event(
 ) -> Result<AnomalyEvent, sqlx::Error> {
     let anomaly_event_id = sqlx::query_scalar(
         "INSERT INTO anomaly_event (anomaly_id, what, severity, score, value, message, run_id, who, why)
-         SELECT anomaly_id, ?2, severity, score, value, message, last_run_id, ?3, ?4
+         SELECT anomaly_id, $2, severity, score, value, message, last_run_id, $3, $4
          FROM anomaly
-         WHERE anomaly_id = ?1
+         WHERE anomaly_id = $1
          RETURNING anomaly_event_id",
     )
     .bind(anomaly_id)
@@ -329,7 +329,7 @@ async fn write_event(
 
 /// Enters an anomaly; `open_run_id` is the test that alone shows it while that is not complete.
 pub(super) async fn insert_anomaly(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     anomaly: &Anomaly,
     state: AlarmState,
@@ -337,7 +337,7 @@ pub(super) async fn insert_anomaly(
 ) -> Result<i64, sqlx::Error> {
     let anomaly_id: i64 = sqlx::query_scalar(
         "INSERT INTO anomaly (robot_id, joint, kind, quantity, severity, first_seen_at, last_seen_at, state, message)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)
          RETURNING anomaly_id",
     )
     .bind(robot_id)
@@ -357,7 +357,7 @@ pub(super) async fn insert_anomaly(
 
 /// Writes all that is known of an anomaly but its number and joint.
 pub(super) async fn update_anomaly(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     anomaly_id: i64,
     anomaly: &Anomaly,
     life: &Life,
@@ -365,11 +365,11 @@ pub(super) async fn update_anomaly(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE anomaly
-         SET kind = ?, quantity = ?, severity = ?, score = ?, threshold = ?, value = ?, baseline = ?, peak_value = ?,
-             peak_score = ?, first_run_id = ?, first_cycle = ?, last_run_id = ?, first_seen_at = ?, last_seen_at = ?,
-             onset_run_id = ?, onset_cycle = ?, onset_at = ?, odds = ?, alternatives = ?, message = ?, ended = ?,
-             state = ?, shelved_until = ?, resolved_seen_at = ?, withdrawn = 0, open_run_id = ?
-         WHERE anomaly_id = ?",
+         SET kind = $1, quantity = $2, severity = $3, score = $4, threshold = $5, value = $6, baseline = $7, peak_value = $8,
+             peak_score = $9, first_run_id = $10, first_cycle = $11, last_run_id = $12, first_seen_at = $13, last_seen_at = $14,
+             onset_run_id = $15, onset_cycle = $16, onset_at = $17, odds = $18, alternatives = $19, message = $20, ended = $21,
+             state = $22, shelved_until = $23, resolved_seen_at = $24, withdrawn = FALSE, open_run_id = $25
+         WHERE anomaly_id = $26",
     )
     .bind(anomaly.kind.name())
     .bind(anomaly.quantity)
@@ -408,8 +408,8 @@ fn alternatives(rejected: &[Alternative]) -> String {
     serde_json::Value::from_iter(rejected.iter().map(one)).to_string()
 }
 
-async fn withdraw_anomaly(executor: impl SqliteExecutor<'_>, anomaly_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE anomaly SET withdrawn = 1 WHERE anomaly_id = ?")
+async fn withdraw_anomaly(executor: impl EngineExecutor<'_>, anomaly_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE anomaly SET withdrawn = TRUE WHERE anomaly_id = $1")
         .bind(anomaly_id)
         .execute(executor)
         .await?;
@@ -417,18 +417,18 @@ async fn withdraw_anomaly(executor: impl SqliteExecutor<'_>, anomaly_id: i64) ->
 }
 
 async fn replace_health(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     health: &[JointHealth],
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM joint_health WHERE robot_id = ?")
+    sqlx::query("DELETE FROM joint_health WHERE robot_id = $1")
         .bind(robot_id)
         .execute(&mut *connection)
         .await?;
     if health.is_empty() {
         return Ok(());
     }
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO joint_health (robot_id, joint, friction_index, friction_quantity, knowledge, reason,
                                   last_result_run_id, trend, warning_by, warning_by_lower, warning_by_upper,
                                   critical_by, critical_by_lower, critical_by_upper) ",
@@ -457,12 +457,12 @@ async fn replace_health(
 
 /// Another expectation than before, as a new test brings it, ends that a robot is overdue.
 async fn set_expected_by(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
     expected_by: Option<Timestamp>,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "UPDATE robot SET expected_by = ?1, overdue = overdue AND expected_by IS ?1 WHERE robot_id = ?2",
+        "UPDATE robot SET expected_by = $1, overdue = overdue AND expected_by IS NOT DISTINCT FROM $1 WHERE robot_id = $2",
     )
     .bind(expected_by.map(as_text))
     .bind(robot_id)

@@ -4,8 +4,7 @@
 use std::collections::{HashMap, HashSet};
 
 use jiff::Timestamp;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+use sqlx::{QueryBuilder, Row};
 
 use super::conclude::ConclusionTransaction;
 use super::maintenance::DescriptionKey;
@@ -14,6 +13,7 @@ use crate::analysis::friction::{FrictionIndex, FrictionMap, MapLevel};
 use crate::anomaly::epoch::{EpochCause, Maintenance, TestMoment};
 use crate::numerics::friction::record::MapRun;
 use crate::robot::JointIndex;
+use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::results::temperatures;
@@ -176,11 +176,11 @@ impl Store {
     pub async fn baselines(&self, robot: &str) -> Result<Vec<BaselineRow>, StoreError> {
         let rows = sqlx::query(
             "SELECT joint, epoch, cause, started_at FROM baselines
-             WHERE robot = ? AND started_at IS NOT NULL
+             WHERE robot = $1 AND started_at IS NOT NULL
              ORDER BY joint, epoch, started_at",
         )
         .bind(robot)
-        .try_map(|row: SqliteRow| {
+        .try_map(|row: EngineRow| {
             Ok(BaselineRow {
                 joint: joint(&row, "joint")?,
                 epoch: size(&row, "epoch")?,
@@ -209,10 +209,10 @@ impl Store {
     pub async fn baseline_changes(&self, robot: &str) -> Result<Vec<BaselineChange>, StoreError> {
         let rows = sqlx::query(
             "SELECT joint, epoch, replaced_because FROM baseline_changes
-             WHERE robot = ? ORDER BY friction_baseline_id",
+             WHERE robot = $1 ORDER BY friction_baseline_id",
         )
         .bind(robot)
-        .try_map(|row: SqliteRow| {
+        .try_map(|row: EngineRow| {
             Ok(BaselineChange {
                 joint: joint(&row, "joint")?,
                 epoch: size(&row, "epoch")?,
@@ -240,7 +240,7 @@ impl ConclusionTransaction {
 }
 
 async fn friction_tests(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
 ) -> Result<FrictionTests, sqlx::Error> {
     let moments = maintenance::test_moments(&mut *connection, robot_id).await?;
@@ -250,9 +250,9 @@ async fn friction_tests(
         FrictionTest { run_id, moment, points, basis }
     };
     let tests = moments.into_iter().map(test).collect();
-    let maps = sqlx::query("SELECT joint, basis FROM friction_law WHERE robot_id = ? AND basis IS NOT NULL")
+    let maps = sqlx::query("SELECT joint, basis FROM friction_law WHERE robot_id = $1 AND basis IS NOT NULL")
         .bind(robot_id)
-        .try_map(|row: SqliteRow| Ok((joint(&row, "joint")?, basis(&row)?.unwrap_or_default())))
+        .try_map(|row: EngineRow| Ok((joint(&row, "joint")?, basis(&row)?.unwrap_or_default())))
         .fetch_all(&mut *connection)
         .await?;
     Ok(FrictionTests {
@@ -266,20 +266,20 @@ async fn friction_tests(
 type KnownPoints = (Option<Basis>, Vec<(JointIndex, usize)>);
 
 async fn points_by_run(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
 ) -> Result<HashMap<i64, KnownPoints>, sqlx::Error> {
     // one row a test: `joint points joint points ...`
     let rows = sqlx::query(
         "SELECT run.run_id, run_friction.run_id IS NOT NULL AS is_known, run_friction.basis,
-                (SELECT group_concat(joint || ' ' || points, ' ') FROM run_friction_points
+                (SELECT string_agg(joint || ' ' || points, ' ') FROM run_friction_points
                  WHERE run_friction_points.run_id = run.run_id) AS points
          FROM run
          LEFT JOIN run_friction USING (run_id)
-         WHERE robot_id = ? AND kind = 'test' AND status = 'complete'",
+         WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'",
     )
     .bind(robot_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let (is_known, points): (bool, Option<&str>) = (row.try_get("is_known")?, row.try_get("points")?);
         if !is_known && points.is_none() {
             return Ok(None);
@@ -307,22 +307,22 @@ fn points_by_joint(text: &str) -> Result<Vec<(JointIndex, usize)>, sqlx::Error> 
 }
 
 /// Reads the column `basis`; `None` also for one of another length, which stands for nothing.
-fn basis(row: &SqliteRow) -> Result<Option<Basis>, sqlx::Error> {
+fn basis(row: &EngineRow) -> Result<Option<Basis>, sqlx::Error> {
     let stored: Option<&[u8]> = row.try_get("basis")?;
     Ok(stored.and_then(|bytes| bytes.try_into().ok()))
 }
 
 async fn in_force(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
 ) -> Result<Vec<StoredBaseline>, sqlx::Error> {
     let mut found = sqlx::query(
         "SELECT friction_baseline_id, joint, epoch, basis FROM friction_baseline
-         WHERE robot_id = ? AND replaced_at IS NULL
+         WHERE robot_id = $1 AND replaced_at IS NULL
          ORDER BY joint, epoch",
     )
     .bind(robot_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(StoredBaseline {
             friction_baseline_id: row.try_get("friction_baseline_id")?,
             joint: joint(&row, "joint")?,
@@ -335,7 +335,7 @@ async fn in_force(
     .await?;
     for baseline in &mut found {
         baseline.run_ids = sqlx::query_scalar(
-            "SELECT run_id FROM friction_baseline_run WHERE friction_baseline_id = ? ORDER BY run_id",
+            "SELECT run_id FROM friction_baseline_run WHERE friction_baseline_id = $1 ORDER BY run_id",
         )
         .bind(baseline.friction_baseline_id)
         .fetch_all(&mut *connection)
@@ -345,7 +345,7 @@ async fn in_force(
 }
 
 async fn friction_run(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     test: &FrictionTest,
     with_points: bool,
 ) -> Result<MapRun, sqlx::Error> {
@@ -361,7 +361,7 @@ async fn friction_run(
 }
 
 async fn replace(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     found: &FrictionConclusion,
 ) -> Result<Vec<ReplacedBaseline>, sqlx::Error> {
@@ -375,7 +375,7 @@ async fn replace(
     }
     // a test may have left the history since it was read
     let complete: HashSet<i64> = sqlx::query_scalar(
-        "SELECT run_id FROM run WHERE robot_id = ? AND kind = 'test' AND status = 'complete'",
+        "SELECT run_id FROM run WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'",
     )
     .bind(robot_id)
     .fetch_all(&mut *connection)
@@ -391,12 +391,12 @@ async fn replace(
 }
 
 async fn set_basis(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     basis: Option<Basis>,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "INSERT INTO run_friction (run_id, basis) VALUES (?, ?)
+        "INSERT INTO run_friction (run_id, basis) VALUES ($1, $2)
          ON CONFLICT (run_id) DO UPDATE SET basis = excluded.basis",
     )
     .bind(run_id)
@@ -406,13 +406,13 @@ async fn set_basis(
     Ok(())
 }
 
-async fn replace_points(connection: &mut SqliteConnection, of: &NewIndices) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM run_friction_points WHERE run_id = ?")
+async fn replace_points(connection: &mut EngineConnection, of: &NewIndices) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM run_friction_points WHERE run_id = $1")
         .bind(of.run_id)
         .execute(&mut *connection)
         .await?;
     for rows in of.points.chunks(ROWS_PER_STATEMENT) {
-        QueryBuilder::<Sqlite>::new("INSERT INTO run_friction_points (run_id, joint, points) ")
+        QueryBuilder::<Engine>::new("INSERT INTO run_friction_points (run_id, joint, points) ")
             .push_values(rows, |mut row, (joint, points)| {
                 row.push_bind(of.run_id).push_bind(joint_number(*joint)).push_bind(count(*points));
             })
@@ -424,7 +424,7 @@ async fn replace_points(connection: &mut SqliteConnection, of: &NewIndices) -> R
 }
 
 async fn replace_baselines(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     found: &FrictionConclusion,
 ) -> Result<Vec<ReplacedBaseline>, sqlx::Error> {
@@ -437,11 +437,13 @@ async fn replace_baselines(
         replaced.push(ReplacedBaseline { joint: old.joint, epoch: old.epoch, because });
     }
     // ordinals move where an epoch turned up or went before others; no two are equal meanwhile
-    sqlx::query("UPDATE friction_baseline SET epoch = epoch + ? WHERE robot_id = ? AND replaced_at IS NULL")
-        .bind(MOST_EPOCHS)
-        .bind(robot_id)
-        .execute(&mut *connection)
-        .await?;
+    sqlx::query(
+        "UPDATE friction_baseline SET epoch = epoch + $1 WHERE robot_id = $2 AND replaced_at IS NULL",
+    )
+    .bind(MOST_EPOCHS)
+    .bind(robot_id)
+    .execute(&mut *connection)
+    .await?;
     for new in &found.baselines {
         if let Some(old) = stored.iter().find(|old| is_same(old, new)) {
             update_baseline(&mut *connection, old.friction_baseline_id, new).await?;
@@ -486,14 +488,14 @@ fn named(runs: &[&i64]) -> String {
 }
 
 async fn end_baseline(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     friction_baseline_id: i64,
     because: &str,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE friction_baseline
-         SET replaced_at = CAST(unixepoch('subsec') * 1000000 AS INTEGER), replaced_because = ?
-         WHERE friction_baseline_id = ?",
+         SET replaced_at = CAST(unixepoch('subsec') * 1000000 AS BIGINT), replaced_because = $1
+         WHERE friction_baseline_id = $2",
     )
     .bind(because)
     .bind(friction_baseline_id)
@@ -510,13 +512,13 @@ fn maintenance_id(cause: EpochCause) -> Option<i64> {
 }
 
 async fn update_baseline(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     friction_baseline_id: i64,
     new: &NewBaseline,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "UPDATE friction_baseline SET epoch = ?, cause = ?, maintenance_id = ?, begins_at = ?
-         WHERE friction_baseline_id = ?",
+        "UPDATE friction_baseline SET epoch = $1, cause = $2, maintenance_id = $3, begins_at = $4
+         WHERE friction_baseline_id = $5",
     )
     .bind(new.epoch)
     .bind(new.cause.name())
@@ -529,7 +531,7 @@ async fn update_baseline(
 }
 
 async fn insert_baseline(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     new: &NewBaseline,
 ) -> Result<(), sqlx::Error> {
@@ -539,7 +541,7 @@ async fn insert_baseline(
     let id: i64 = sqlx::query_scalar(
         "INSERT INTO friction_baseline (robot_id, joint, epoch, cause, maintenance_id, begins_at, basis, levels,
                                         remark)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)
          RETURNING friction_baseline_id",
     )
     .bind(robot_id)
@@ -554,7 +556,7 @@ async fn insert_baseline(
     .fetch_one(&mut *connection)
     .await?;
     for rows in new.run_ids.chunks(ROWS_PER_STATEMENT) {
-        QueryBuilder::<Sqlite>::new("INSERT INTO friction_baseline_run (friction_baseline_id, run_id) ")
+        QueryBuilder::<Engine>::new("INSERT INTO friction_baseline_run (friction_baseline_id, run_id) ")
             .push_values(rows, |mut row, run_id| {
                 row.push_bind(id).push_bind(*run_id);
             })

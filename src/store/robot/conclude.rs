@@ -5,14 +5,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 use jiff::Timestamp;
-use sqlx::sqlite::SqliteExecutor;
-use sqlx::{Sqlite, Transaction};
 
 use super::anomalies::Reconciled;
 use super::friction_series::{self, FrictionHistory};
 use super::{anomalies, conclusion_faults, history, run_brief, run_brief_rows};
 use crate::analysis::{ProductionCheck, WarmUpFit};
 use crate::anomaly::{Findings, ProductionSummary, RunSummary};
+use crate::store::engine::{EngineExecutor, EngineTransaction};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::results::{production, run_analysis};
@@ -33,7 +32,7 @@ pub struct StaleRobot {
 /// opening it.
 #[derive(Debug)]
 pub struct ConclusionTransaction {
-    pub(in crate::store) transaction: Transaction<'static, Sqlite>,
+    pub(in crate::store) transaction: EngineTransaction,
     pub(in crate::store) path: Arc<Path>,
     pub(in crate::store) robot_id: i64,
 }
@@ -190,33 +189,33 @@ impl Store {
 
 /// Robots whose history has changed since conclusions were drawn from it, by name.
 pub(in crate::store) async fn stale_robots(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
 ) -> Result<Vec<StaleRobot>, sqlx::Error> {
     sqlx::query_as("SELECT robot_id, name, history FROM robot WHERE history <> concluded ORDER BY name")
         .fetch_all(executor)
         .await
 }
 
-async fn history_of(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<i64, sqlx::Error> {
-    sqlx::query_scalar("SELECT history FROM robot WHERE robot_id = ?")
+async fn history_of(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<i64, sqlx::Error> {
+    sqlx::query_scalar("SELECT history FROM robot WHERE robot_id = $1")
         .bind(robot_id)
         .fetch_one(executor)
         .await
 }
 
-async fn is_concluded(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<bool, sqlx::Error> {
-    sqlx::query_scalar("SELECT history = concluded FROM robot WHERE robot_id = ?")
+async fn is_concluded(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar("SELECT history = concluded FROM robot WHERE robot_id = $1")
         .bind(robot_id)
         .fetch_one(executor)
         .await
 }
 
 async fn mark_concluded(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
     history: i64,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE robot SET concluded = ? WHERE robot_id = ?")
+    sqlx::query("UPDATE robot SET concluded = $1 WHERE robot_id = $2")
         .bind(history)
         .bind(robot_id)
         .execute(executor)

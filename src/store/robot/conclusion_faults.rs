@@ -1,8 +1,8 @@
 //! Robots whose conclusions could not be drawn, and why.
 
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{Row, SqliteConnection};
+use sqlx::Row;
 
+use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::size;
@@ -40,18 +40,18 @@ impl Store {
     }
 }
 
-async fn note(connection: &mut SqliteConnection, robot: &str, reason: &str) -> Result<bool, sqlx::Error> {
+async fn note(connection: &mut EngineConnection, robot: &str, reason: &str) -> Result<bool, sqlx::Error> {
     let known: Option<String> = sqlx::query_scalar(
-        "SELECT reason FROM conclusion_fault JOIN robot USING (robot_id) WHERE robot.name = ?",
+        "SELECT reason FROM conclusion_fault JOIN robot USING (robot_id) WHERE robot.name = $1",
     )
     .bind(robot)
     .fetch_optional(&mut *connection)
     .await?;
     sqlx::query(
         "INSERT INTO conclusion_fault (robot_id, reason)
-         SELECT robot_id, ?2 FROM robot WHERE name = ?1
+         SELECT robot_id, $2 FROM robot WHERE name = $1
          ON CONFLICT (robot_id) DO UPDATE
-         SET reason = excluded.reason, tries = tries + 1, last_at = excluded.last_at",
+         SET reason = excluded.reason, tries = conclusion_fault.tries + 1, last_at = excluded.last_at",
     )
     .bind(robot)
     .bind(reason)
@@ -60,9 +60,9 @@ async fn note(connection: &mut SqliteConnection, robot: &str, reason: &str) -> R
     Ok(known.as_deref() != Some(reason))
 }
 
-async fn all(executor: impl SqliteExecutor<'_>) -> Result<Vec<ConclusionFault>, sqlx::Error> {
+async fn all(executor: impl EngineExecutor<'_>) -> Result<Vec<ConclusionFault>, sqlx::Error> {
     sqlx::query("SELECT robot, reason, tries FROM conclusion_faults ORDER BY robot")
-        .try_map(|row: SqliteRow| {
+        .try_map(|row: EngineRow| {
             Ok(ConclusionFault {
                 robot: row.try_get("robot")?,
                 reason: row.try_get("reason")?,
@@ -75,10 +75,10 @@ async fn all(executor: impl SqliteExecutor<'_>) -> Result<Vec<ConclusionFault>, 
 
 /// Forgets that conclusions of a robot could not be drawn: they were.
 pub(in crate::store) async fn forget(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM conclusion_fault WHERE robot_id = ?").bind(robot_id).execute(executor).await?;
+    sqlx::query("DELETE FROM conclusion_fault WHERE robot_id = $1").bind(robot_id).execute(executor).await?;
     Ok(())
 }
 

@@ -3,16 +3,16 @@
 use std::collections::HashMap;
 
 use sqlx::Row;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use crate::analysis::friction::CycleFriction;
 use crate::anomaly::{CycleSeries, RunParameter};
 use crate::robot::{ParameterId, ParameterKind};
+use crate::store::engine::{EngineExecutor, EngineRow};
 use crate::store::values::{grouping_terms, joint, parameter, size};
 
 /// Friction of each cycle and joint of a run, in the order of cycles and joints.
 pub(super) async fn of_run(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<CycleSeries>, sqlx::Error> {
     sqlx::query(
@@ -20,11 +20,11 @@ pub(super) async fn of_run(
                 level.speed_fraction
          FROM cycle
          JOIN cycle_friction_level AS level USING (cycle_id)
-         WHERE cycle.run_id = ?
+         WHERE cycle.run_id = $1
          ORDER BY cycle.number, level.joint",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let friction = CycleFriction {
             joint: joint(&row, "joint")?,
             minute: row.try_get("minute")?,
@@ -56,9 +56,9 @@ pub(super) struct MeanParameter {
 pub(super) struct Inertial(HashMap<i64, (ParameterId, Vec<(f64, ParameterId)>)>);
 
 /// Reads what the inertial parameters of all descriptions stand for.
-pub(super) async fn inertial(executor: impl SqliteExecutor<'_>) -> Result<Inertial, sqlx::Error> {
+pub(super) async fn inertial(executor: impl EngineExecutor<'_>) -> Result<Inertial, sqlx::Error> {
     let rows = sqlx::query("SELECT model_parameter_id, joint, name, grouping FROM model_parameter")
-        .try_map(|row: SqliteRow| {
+        .try_map(|row: EngineRow| {
             let grouping: Option<String> = row.try_get("grouping")?;
             let terms = grouping.map(|text| grouping_terms(&text)).unwrap_or_default();
             Ok((row.try_get::<i64, _>("model_parameter_id")?, (parameter(&row, "joint", "name")?, terms)))

@@ -3,8 +3,7 @@
 use std::collections::{HashMap, HashSet};
 
 use jiff::Timestamp;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+use sqlx::{QueryBuilder, Row};
 
 use super::friction_series::{self, FrictionHistory, TestPoints};
 use super::history;
@@ -16,6 +15,7 @@ use crate::numerics::friction::record::CycleMotion;
 use crate::numerics::signal::filter::independent_fraction;
 use crate::robot::JointIndex;
 use crate::run::temperature::ZERO_CELSIUS;
+use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::{
@@ -83,7 +83,7 @@ impl Store {
 /// Friction points of the robot's first and latest complete runs at one nominal speed, oldest run first;
 /// times count from the start of each point's own run.
 pub(in crate::store) async fn friction_history(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     speed_fraction: f64,
 ) -> Result<FrictionHistory, sqlx::Error> {
@@ -103,19 +103,19 @@ pub(in crate::store) async fn friction_history(
 
 /// Key and start, in microseconds, of the first and latest complete runs of a robot, oldest first.
 async fn first_and_latest_runs(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
 ) -> Result<Vec<(i64, i64)>, sqlx::Error> {
     sqlx::query_as(
         "SELECT run_id, started_at FROM (
              SELECT run_id, started_at FROM run
-             WHERE robot_id = ?1 AND kind = 'test' AND status = 'complete'
-             ORDER BY started_at, run_id LIMIT ?2)
+             WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'
+             ORDER BY started_at, run_id LIMIT $2) AS earliest
          UNION
          SELECT run_id, started_at FROM (
              SELECT run_id, started_at FROM run
-             WHERE robot_id = ?1 AND kind = 'test' AND status = 'complete'
-             ORDER BY started_at DESC, run_id DESC LIMIT ?3)
+             WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'
+             ORDER BY started_at DESC, run_id DESC LIMIT $3) AS latest
          ORDER BY started_at, run_id",
     )
     .bind(robot_id)
@@ -128,17 +128,17 @@ async fn first_and_latest_runs(
 /// The cycles of a run as stretches of motion: a test moves from its first row to its last. `temperatures` are
 /// those of the cycles by their key.
 pub(super) async fn motion(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     run_started_at: i64,
     mut temperatures: HashMap<i64, CycleTemperatures>,
 ) -> Result<Vec<CycleMotion>, sqlx::Error> {
     sqlx::query(
         "SELECT cycle_id, started_at, duration_s, mean_speeds_rad_s FROM cycle
-         WHERE run_id = ? ORDER BY started_at",
+         WHERE run_id = $1 ORDER BY started_at",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let start = (row.try_get::<i64, _>("started_at")? - run_started_at) as f64 / MICROSECONDS;
         let duration: f64 = row.try_get("duration_s")?;
         let speeds: Option<&str> = row.try_get("mean_speeds_rad_s")?;
@@ -153,15 +153,15 @@ pub(super) async fn motion(
 
 /// Fraction of independent rows of each cycle of a run, by number; those without a low-pass left out.
 pub(in crate::store) async fn independent_fractions(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<HashMap<u32, f64>, sqlx::Error> {
     let rows = sqlx::query(
         "SELECT number, sample_rate_hz, cutoff_hz FROM cycle
-         WHERE run_id = ? AND sample_rate_hz > 0 AND cutoff_hz > 0",
+         WHERE run_id = $1 AND sample_rate_hz > 0 AND cutoff_hz > 0",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let fraction = independent_fraction(row.try_get("cutoff_hz")?, row.try_get("sample_rate_hz")?);
         Ok((size::<u32>(&row, "number")?, fraction))
     })
@@ -189,7 +189,7 @@ pub struct IndexRow {
 
 /// Indices of a robot's complete runs, by joint, oldest run first.
 pub(in crate::store) async fn indices(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot: &str,
 ) -> Result<Vec<IndexRow>, sqlx::Error> {
     sqlx::query(
@@ -197,11 +197,11 @@ pub(in crate::store) async fn indices(
          FROM run
          JOIN robot USING (robot_id)
          JOIN run_friction_index USING (run_id)
-         WHERE robot.name = ? AND run.status = 'complete'
+         WHERE robot.name = $1 AND run.status = 'complete'
          ORDER BY joint, run.started_at, run.run_id",
     )
     .bind(robot)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let std_error: Option<f64> = row.try_get("friction_index_std_error")?;
         Ok(IndexRow {
             run_id: row.try_get("run_id")?,
@@ -232,17 +232,17 @@ pub struct ThermalSourceRow {
 
 /// Sources of the maps of a robot, by joint.
 pub(in crate::store) async fn thermal_sources(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot: &str,
 ) -> Result<Vec<ThermalSourceRow>, sqlx::Error> {
     sqlx::query(
         "SELECT joint, thermal_source, remarks FROM friction_law
          JOIN robot USING (robot_id)
-         WHERE robot.name = ?
+         WHERE robot.name = $1
          ORDER BY joint",
     )
     .bind(robot)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(ThermalSourceRow {
             joint: joint(&row, "joint")?,
             source: row.try_get("thermal_source")?,
@@ -255,7 +255,7 @@ pub(in crate::store) async fn thermal_sources(
 
 /// Replaces the fits over speed of a run. Call in a transaction.
 pub(in crate::store) async fn replace_speed_fits(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     fits: &[CycleSpeedFits],
 ) -> Result<(), sqlx::Error> {
@@ -273,9 +273,9 @@ pub(in crate::store) async fn replace_speed_fits(
     Ok(())
 }
 
-async fn delete_speed_fits(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+async fn delete_speed_fits(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "DELETE FROM friction_speed_fit WHERE cycle_id IN (SELECT cycle_id FROM cycle WHERE run_id = ?)",
+        "DELETE FROM friction_speed_fit WHERE cycle_id IN (SELECT cycle_id FROM cycle WHERE run_id = $1)",
     )
     .bind(run_id)
     .execute(executor)
@@ -284,7 +284,7 @@ async fn delete_speed_fits(executor: impl SqliteExecutor<'_>, run_id: i64) -> Re
 }
 
 async fn insert_speed_fit(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     cycle: u32,
     joint: &JointSpeedFits,
@@ -295,7 +295,7 @@ async fn insert_speed_fit(
     sqlx::query_scalar(
         "INSERT INTO friction_speed_fit (cycle_id, joint, direction, model, slowest_rad_s, fastest_rad_s, rmsd_nm,
                                          reduced_chi_square, points, asymmetry_nm, asymmetry_std_error_nm)
-         SELECT cycle_id, ?, ?, ?, ?, ?, ?, ?, ?, ?, ? FROM cycle WHERE run_id = ? AND number = ?
+         SELECT cycle_id, $1, $2, $3, $4, $5, $6, $7, $8, $9, $10 FROM cycle WHERE run_id = $11 AND number = $12
          RETURNING friction_speed_fit_id",
     )
     .bind(joint_number(joint.joint))
@@ -315,11 +315,11 @@ async fn insert_speed_fit(
 }
 
 async fn insert_coefficients(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     fit_id: i64,
     coefficients: &[SpeedCoefficient],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO friction_speed_coefficient (friction_speed_fit_id, name, value, std_error, at_bound) ",
     )
     .push_values(coefficients, |mut row, coefficient| {
@@ -338,11 +338,11 @@ async fn insert_coefficients(
 
 /// Takes away the maps of a robot's joints that are not among `joints`.
 pub(super) async fn keep_maps(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     joints: &HashSet<JointIndex>,
 ) -> Result<(), sqlx::Error> {
-    let stored: Vec<i64> = sqlx::query_scalar("SELECT joint FROM friction_law WHERE robot_id = ?")
+    let stored: Vec<i64> = sqlx::query_scalar("SELECT joint FROM friction_law WHERE robot_id = $1")
         .bind(robot_id)
         .fetch_all(&mut *connection)
         .await?;
@@ -355,7 +355,7 @@ pub(super) async fn keep_maps(
 
 /// Replaces the map of a joint by one that was fitted on `basis`. Call in a transaction.
 pub(super) async fn replace_map(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     map: &FrictionMap,
     basis: &[u8; 32],
@@ -367,7 +367,7 @@ pub(super) async fn replace_map(
 
 /// Replaces the friction indices of a run. Call in a transaction.
 pub(super) async fn replace_indices(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
     indices: &[FrictionIndex],
 ) -> Result<(), sqlx::Error> {
@@ -378,9 +378,9 @@ pub(super) async fn replace_indices(
     Ok(())
 }
 
-async fn delete_map(executor: impl SqliteExecutor<'_>, robot_id: i64, joint: i64) -> Result<(), sqlx::Error> {
+async fn delete_map(executor: impl EngineExecutor<'_>, robot_id: i64, joint: i64) -> Result<(), sqlx::Error> {
     // levels go with their law
-    sqlx::query("DELETE FROM friction_law WHERE robot_id = ? AND joint = ?")
+    sqlx::query("DELETE FROM friction_law WHERE robot_id = $1 AND joint = $2")
         .bind(robot_id)
         .bind(joint)
         .execute(executor)
@@ -388,13 +388,13 @@ async fn delete_map(executor: impl SqliteExecutor<'_>, robot_id: i64, joint: i64
     Ok(())
 }
 
-async fn delete_indices(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM run_friction_index WHERE run_id = ?").bind(run_id).execute(executor).await?;
+async fn delete_indices(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM run_friction_index WHERE run_id = $1").bind(run_id).execute(executor).await?;
     Ok(())
 }
 
 async fn insert_law(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
     map: &FrictionMap,
     basis: &[u8; 32],
@@ -415,7 +415,7 @@ async fn insert_law(
                                    relative_rmsd, explained, runs, points, remarks, covariance, thermal_source,
                                    warm_degc, cold_degc, curvature, curvature_std_error, ambient_degc, coldness_1_k,
                                    coldness_std_error_1_k, basis)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, $22, $23, $24, $25)",
     )
     .bind(robot_id)
     .bind(joint_number(map.joint))
@@ -448,11 +448,11 @@ async fn insert_law(
 }
 
 async fn insert_levels(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
     map: &FrictionMap,
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO friction_level (robot_id, joint, speed_fraction, warm_nm, warm_std_error_nm, cold_nm,
                                      cold_std_error_nm) ",
     )
@@ -472,11 +472,11 @@ async fn insert_levels(
 }
 
 async fn insert_indices(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     rows: &[FrictionIndex],
 ) -> Result<(), sqlx::Error> {
-    QueryBuilder::<Sqlite>::new(
+    QueryBuilder::<Engine>::new(
         "INSERT INTO run_friction_index (run_id, joint, friction_index, friction_index_std_error, ambient_coldness,
                                          ambient_coldness_std_error, coldness_at_start, points, raw_index,
                                          short_run) ",

@@ -7,11 +7,9 @@
 
 use std::collections::HashMap;
 
-use sqlx::SqliteConnection;
-use sqlx::sqlite::SqliteExecutor;
-
 use super::packed::{Reader, add_count, add_joint, add_numbers};
 use crate::analysis::{FrictionPoint, GravityRemoval};
+use crate::store::engine::{EngineConnection, EngineExecutor};
 
 /// First byte of the numbers; other values are of another format.
 const FORMAT: u8 = 1;
@@ -49,12 +47,12 @@ impl FrictionHistory {
 
 /// The series of a robot at one speed level, by run.
 pub(super) async fn of_robot(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
     speed_fraction: f64,
 ) -> Result<HashMap<i64, Vec<FrictionPoint>>, sqlx::Error> {
     let rows: Vec<(i64, Vec<u8>)> = sqlx::query_as(
-        "SELECT run_id, numbers FROM run_friction_series WHERE robot_id = ? AND speed_fraction = ?",
+        "SELECT run_id, numbers FROM run_friction_series WHERE robot_id = $1 AND speed_fraction = $2",
     )
     .bind(robot_id)
     .bind(speed_fraction)
@@ -66,12 +64,12 @@ pub(super) async fn of_robot(
 /// Makes the stored series of a robot those of this history. Call in the transaction of a conclusion whose history is the
 /// one that was read.
 pub(super) async fn keep(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     history: &FrictionHistory,
 ) -> Result<(), sqlx::Error> {
     let stored: Vec<(i64, f64)> =
-        sqlx::query_as("SELECT run_id, speed_fraction FROM run_friction_series WHERE robot_id = ?")
+        sqlx::query_as("SELECT run_id, speed_fraction FROM run_friction_series WHERE robot_id = $1")
             .bind(robot_id)
             .fetch_all(&mut *connection)
             .await?;
@@ -86,7 +84,7 @@ pub(super) async fn keep(
     for test in history.tests.iter().filter(|test| !test.is_stored) {
         sqlx::query(
             "INSERT INTO run_friction_series (robot_id, run_id, speed_fraction, numbers)
-             SELECT ?1, run_id, ?3, ?4 FROM run WHERE run_id = ?2 AND robot_id = ?1",
+             SELECT $1, run_id, $3, $4 FROM run WHERE run_id = $2 AND robot_id = $1",
         )
         .bind(robot_id)
         .bind(test.run_id)
@@ -99,11 +97,11 @@ pub(super) async fn keep(
 }
 
 async fn remove(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     speed_fraction: f64,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM run_friction_series WHERE run_id = ? AND speed_fraction = ?")
+    sqlx::query("DELETE FROM run_friction_series WHERE run_id = $1 AND speed_fraction = $2")
         .bind(run_id)
         .bind(speed_fraction)
         .execute(executor)

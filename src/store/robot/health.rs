@@ -2,9 +2,9 @@
 
 use jiff::Timestamp;
 use sqlx::Row;
-use sqlx::sqlite::SqliteRow;
 
 use super::anomalies::as_text;
+use crate::store::engine::EngineRow;
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::size;
@@ -55,10 +55,10 @@ impl Store {
                             SELECT count(*) FROM cycle WHERE cycle.run_id = run.run_id AND status = 'refused')
                     END AS without_result
              FROM run
-             WHERE run_id = ? AND status = 'complete'",
+             WHERE run_id = $1 AND status = 'complete'",
         )
         .bind(run_id)
-        .try_map(|row: SqliteRow| {
+        .try_map(|row: EngineRow| {
             Ok(RunResult {
                 without_result: row.try_get("without_result")?,
                 cycles: size(&row, "cycles_stored")?,
@@ -77,12 +77,13 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn watch_for_tests(&self, robot: &str, now: Timestamp) -> Result<(), StoreError> {
-        let done =
-            sqlx::query("UPDATE robot SET watched = 1 WHERE name = ? AND NOT watched AND expected_by >= ?")
-                .bind(robot)
-                .bind(as_text(now))
-                .execute(&self.writer)
-                .await;
+        let done = sqlx::query(
+            "UPDATE robot SET watched = TRUE WHERE name = $1 AND NOT watched AND expected_by >= $2",
+        )
+        .bind(robot)
+        .bind(as_text(now))
+        .execute(&self.writer)
+        .await;
         self.checked(done).map(|_| ())
     }
 
@@ -94,7 +95,7 @@ impl Store {
     pub async fn mark_overdue(&self, now: Timestamp) -> Result<Vec<OverdueRobot>, StoreError> {
         let due: Result<Vec<(i64, String, String)>, sqlx::Error> = sqlx::query_as(
             "SELECT robot_id, name, expected_by FROM robot
-             WHERE watched AND NOT overdue AND expected_by < ?
+             WHERE watched AND NOT overdue AND expected_by < $1
              ORDER BY name",
         )
         .bind(as_text(now))
@@ -103,11 +104,12 @@ impl Store {
         let mut marked = Vec::new();
         for (robot_id, robot, expected_by) in self.checked(due)? {
             // a test may have come in between
-            let done = sqlx::query("UPDATE robot SET overdue = 1 WHERE robot_id = ? AND expected_by = ?")
-                .bind(robot_id)
-                .bind(&expected_by)
-                .execute(&self.writer)
-                .await;
+            let done =
+                sqlx::query("UPDATE robot SET overdue = TRUE WHERE robot_id = $1 AND expected_by = $2")
+                    .bind(robot_id)
+                    .bind(&expected_by)
+                    .execute(&self.writer)
+                    .await;
             if self.checked(done)?.rows_affected() > 0 {
                 marked.push(OverdueRobot { robot, expected_by });
             }

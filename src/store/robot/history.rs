@@ -3,8 +3,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::Arc;
 
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{Row, SqliteConnection};
+use sqlx::Row;
 
 use super::joint_summary::SummaryRow;
 use super::run_series::RunSeries;
@@ -14,6 +13,7 @@ use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{FrictionPoint, GravityRemoval, IdentifiedParameter};
 use crate::anomaly::{RunRefusal, RunSummary};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
+use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::results::{channel_response, torque_noise};
@@ -100,14 +100,14 @@ impl Store {
 }
 
 async fn latest_warm_levels(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
 ) -> Result<Vec<f64>, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT warm_speed_fraction FROM run_joint_summary
          WHERE warm_friction_nm IS NOT NULL AND warm_minute IS NOT NULL AND warm_speed_fraction IS NOT NULL
-               AND run_id = (SELECT run.run_id FROM run CROSS JOIN run_joint_summary AS summary USING (run_id)
-                             WHERE robot_id = ? AND kind = 'test' AND status = 'complete'
+               AND run_id = (SELECT run.run_id FROM run CROSS JOIN run_joint_summary AS summary
+                             WHERE summary.run_id = run.run_id AND robot_id = $1 AND kind = 'test' AND status = 'complete'
                                    AND warm_friction_nm IS NOT NULL AND warm_minute IS NOT NULL
                                    AND warm_speed_fraction IS NOT NULL
                              ORDER BY started_at DESC, run.run_id DESC LIMIT 1)
@@ -118,7 +118,7 @@ async fn latest_warm_levels(
     .await
 }
 
-async fn tested_robots(executor: impl SqliteExecutor<'_>) -> Result<Vec<(i64, String)>, sqlx::Error> {
+async fn tested_robots(executor: impl EngineExecutor<'_>) -> Result<Vec<(i64, String)>, sqlx::Error> {
     sqlx::query_as(
         "SELECT robot_id, name FROM robot
          WHERE EXISTS (SELECT 1 FROM run
@@ -130,7 +130,7 @@ async fn tested_robots(executor: impl SqliteExecutor<'_>) -> Result<Vec<(i64, St
 }
 
 pub(in crate::store) async fn run_measurements(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
 ) -> Result<RunMeasurements, sqlx::Error> {
     Ok(RunMeasurements {
@@ -144,7 +144,7 @@ pub(in crate::store) async fn run_measurements(
 
 /// What follows from the parameters of a run's cycles; friction points are left out.
 pub(in crate::store) async fn of_parameters(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
 ) -> Result<RunMeasurements, sqlx::Error> {
     Ok(RunMeasurements {
@@ -158,7 +158,7 @@ pub(in crate::store) async fn of_parameters(
 
 /// Every friction point of a run that counts.
 pub(in crate::store) async fn friction_points(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<CyclePoint>, sqlx::Error> {
     sqlx::query(
@@ -167,7 +167,7 @@ pub(in crate::store) async fn friction_points(
                     friction_point.samples, gravity
              FROM cycle
              JOIN friction_point USING (cycle_id)
-             WHERE cycle.run_id = ? AND ",
+             WHERE cycle.run_id = $1 AND ",
             friction_counts!(),
             " ORDER BY cycle.number, friction_point.number"
         )
@@ -181,7 +181,7 @@ pub(in crate::store) async fn friction_points(
 /// Parameters of every identified cycle of a run that counts and has the estimator of its last one: figures over cycles
 /// never mix two estimators.
 async fn parameters_by_cycle(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
 ) -> Result<Vec<CycleParameters>, sqlx::Error> {
     let rows = sqlx::query(
@@ -189,14 +189,14 @@ async fn parameters_by_cycle(
          FROM cycle
          JOIN cycle_parameter USING (cycle_id)
          JOIN model_parameter USING (model_parameter_id)
-         WHERE cycle.run_id = ?1 AND cycle.status = 'complete' AND NOT cycle.doubtful
+         WHERE cycle.run_id = $1 AND cycle.status = 'complete' AND NOT cycle.doubtful
                AND cycle.estimator = (SELECT last.estimator FROM cycle AS last
-                                      WHERE last.run_id = ?1 AND last.samples IS NOT NULL
+                                      WHERE last.run_id = $1 AND last.samples IS NOT NULL
                                       ORDER BY last.number DESC LIMIT 1)
          ORDER BY cycle.number",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| Ok((size::<u32>(&row, "cycle")?, identified(&row)?)))
+    .try_map(|row: EngineRow| Ok((size::<u32>(&row, "cycle")?, identified(&row)?)))
     .fetch_all(&mut *connection)
     .await?;
     let mut by_cycle: BTreeMap<u32, Vec<IdentifiedParameter>> = BTreeMap::new();
@@ -217,18 +217,18 @@ async fn parameters_by_cycle(
 
 /// Middle of each cycle of a run, min, and mean speeds of its joints.
 async fn motions(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     run_id: i64,
 ) -> Result<HashMap<u32, (f64, Vec<f64>)>, sqlx::Error> {
     let rows = sqlx::query(
-        "SELECT number AS cycle, (cycle.started_at - run.started_at) / 6e7 + duration_s / 120 AS minute,
+        "SELECT number AS cycle, CAST(cycle.started_at - run.started_at AS DOUBLE PRECISION) / 6e7 + duration_s / 120 AS minute,
                 mean_speeds_rad_s
          FROM cycle
          JOIN run USING (run_id)
-         WHERE run_id = ?",
+         WHERE run_id = $1",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let speeds: Option<&str> = row.try_get("mean_speeds_rad_s")?;
         let speeds = speeds.map_or(Ok(Vec::new()), serde_json::from_str);
         let speeds = speeds.map_err(|error| sqlx::Error::Decode(error.into()))?;
@@ -241,23 +241,23 @@ async fn motions(
 
 /// Moving relative RMSD of the excitation stage under self-verification, of the cycles as [`parameters_by_cycle`].
 async fn excitation_rmsd(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<CycleRmsd>, sqlx::Error> {
     sqlx::query(
         "SELECT cycle.number AS cycle, joint, moving_relative_rmsd
          FROM cycle
          JOIN torque_rmsd USING (cycle_id)
-         WHERE cycle.run_id = ?1 AND cycle.status = 'complete' AND NOT cycle.doubtful
+         WHERE cycle.run_id = $1 AND cycle.status = 'complete' AND NOT cycle.doubtful
                AND stage = 'excitation' AND verification = 'self'
                AND moving_relative_rmsd IS NOT NULL
                AND cycle.estimator = (SELECT last.estimator FROM cycle AS last
-                                      WHERE last.run_id = ?1 AND last.samples IS NOT NULL
+                                      WHERE last.run_id = $1 AND last.samples IS NOT NULL
                                       ORDER BY last.number DESC LIMIT 1)
          ORDER BY cycle.number, joint",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| cycle_rmsd::of_row(&row))
+    .try_map(|row: EngineRow| cycle_rmsd::of_row(&row))
     .fetch_all(executor)
     .await
 }
@@ -265,7 +265,7 @@ async fn excitation_rmsd(
 /// Summaries of a robot's complete tests, oldest first. Torque deviations are those of the estimator that made the
 /// latest: a test that was identified with another one has none to compare.
 pub(in crate::store) async fn run_summaries(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
 ) -> Result<Vec<RunSummary>, sqlx::Error> {
     let rows = sqlx::query(
@@ -273,11 +273,11 @@ pub(in crate::store) async fn run_summaries(
                 EXISTS (SELECT 1 FROM channel_response WHERE channel_response.run_id = run.run_id) AS has_response
          FROM run
          LEFT JOIN run_series USING (run_id)
-         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete'
+         WHERE run.robot_id = $1 AND run.kind = 'test' AND run.status = 'complete'
          ORDER BY run.started_at, run.run_id",
     )
     .bind(robot_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let numbers: Option<&[u8]> = row.try_get("numbers")?;
         Ok((test(&row)?, numbers.and_then(run_series::unpacked)))
     })
@@ -298,7 +298,7 @@ pub(in crate::store) async fn run_summaries(
 
 /// As [`run_summaries`], with the cycles left out of those tests of which something is known in brief.
 pub(in crate::store) async fn run_briefs(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
 ) -> Result<Vec<RunSummary>, sqlx::Error> {
     let rows = sqlx::query(
@@ -306,11 +306,11 @@ pub(in crate::store) async fn run_briefs(
                 EXISTS (SELECT 1 FROM channel_response WHERE channel_response.run_id = run.run_id) AS has_response
          FROM run
          LEFT JOIN run_brief USING (run_id)
-         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete'
+         WHERE run.robot_id = $1 AND run.kind = 'test' AND run.status = 'complete'
          ORDER BY run.started_at, run.run_id",
     )
     .bind(robot_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let (joints, brief): (Option<&[u8]>, Option<&[u8]>) =
             (row.try_get("joints")?, row.try_get("brief")?);
         let judgements: Option<&[u8]> = row.try_get("judgements")?;
@@ -346,7 +346,7 @@ pub(in crate::store) async fn run_briefs(
 
 /// Reads the cycles of the tests at these places that are left out.
 pub(in crate::store) async fn read_cycles(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     runs: &mut [RunSummary],
     places: &[usize],
 ) -> Result<(), sqlx::Error> {
@@ -369,7 +369,7 @@ struct Test {
     has_response: bool,
 }
 
-fn test(row: &SqliteRow) -> Result<Test, sqlx::Error> {
+fn test(row: &EngineRow) -> Result<Test, sqlx::Error> {
     let run = RunSummary {
         run_id: row.try_get("run_id")?,
         started_at: time(row, "started_at")?,
@@ -390,7 +390,7 @@ fn fill(run: &mut RunSummary, series: RunSeries, inertial: &cycle_friction::Iner
 
 /// Tests with what follows from all of them together.
 async fn together(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     tests: Vec<Test>,
 ) -> Result<Vec<RunSummary>, sqlx::Error> {
@@ -419,7 +419,7 @@ async fn together(
 /// Reads the response of the first run with one, of the runs that are compared with each other. Those of the others
 /// are the same but for the motion's own scatter; that of the first stays while tests come.
 async fn read_responses(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     with_response: &HashSet<i64>,
     runs: &mut [RunSummary],
 ) -> Result<(), sqlx::Error> {
@@ -435,14 +435,14 @@ async fn read_responses(
 
 /// Refused cycles of a robot's complete tests, and why they were refused, the cause of most cycles first, by run.
 async fn refusals(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
 ) -> Result<HashMap<i64, (u32, Vec<RunRefusal>)>, sqlx::Error> {
     let counts: Vec<(i64, u32)> = sqlx::query_as(
         "SELECT run.run_id, count(*)
          FROM run
          JOIN cycle USING (run_id)
-         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'refused'
+         WHERE run.robot_id = $1 AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'refused'
          GROUP BY run.run_id",
     )
     .bind(robot_id)
@@ -450,20 +450,27 @@ async fn refusals(
     .await?;
     let mut by_run: HashMap<i64, (u32, Vec<RunRefusal>)> =
         counts.into_iter().map(|(run_id, cycles)| (run_id, (cycles, Vec::new()))).collect();
-    // of a group, bare columns are those of the row with the smallest number
+    // the sentence of a cause is that of the cycle which names it first, and of these the first cycle's
     let causes = sqlx::query(
-        "SELECT run.run_id, ifnull(why.finding, 'nothing_to_identify') AS finding,
-                ifnull(why.channel, 'motion') AS channel, why.joint, ifnull(why.sentence, cycle.reason) AS sentence,
-                min(cycle.number * 1000 + ifnull(why.number, 0)) / 1000 AS first_cycle, count(*) AS cycles
-         FROM run
-         JOIN cycle USING (run_id)
-         LEFT JOIN cycle_refusal AS why USING (cycle_id)
-         WHERE run.robot_id = ? AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'refused'
-         GROUP BY run.run_id, finding, channel, why.joint
-         ORDER BY run.run_id, cycles DESC, min(ifnull(why.number, 0)), why.joint",
+        "SELECT run_id, finding, channel, joint, max(CASE WHEN nth = 1 THEN sentence END) AS sentence,
+                min(cycle) AS first_cycle, count(*) AS cycles
+         FROM (
+             SELECT run.run_id, coalesce(why.finding, 'nothing_to_identify') AS finding,
+                    coalesce(why.channel, 'motion') AS channel, why.joint,
+                    coalesce(why.sentence, cycle.reason) AS sentence, cycle.number AS cycle,
+                    coalesce(why.number, 0) AS place,
+                    row_number() OVER (PARTITION BY run.run_id, why.finding, why.channel, why.joint
+                                       ORDER BY coalesce(why.number, 0), cycle.number) AS nth
+             FROM run
+             JOIN cycle USING (run_id)
+             LEFT JOIN cycle_refusal AS why USING (cycle_id)
+             WHERE run.robot_id = $1 AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'refused'
+         ) AS found
+         GROUP BY run_id, finding, channel, joint
+         ORDER BY run_id, cycles DESC, min(place), joint NULLS FIRST",
     )
     .bind(robot_id)
-    .try_map(|row: SqliteRow| Ok((row.try_get::<i64, _>("run_id")?, refusal(&row)?)))
+    .try_map(|row: EngineRow| Ok((row.try_get::<i64, _>("run_id")?, refusal(&row)?)))
     .fetch_all(connection)
     .await?;
     for (run_id, cause) in causes {
@@ -472,7 +479,7 @@ async fn refusals(
     Ok(by_run)
 }
 
-fn refusal(row: &SqliteRow) -> Result<RunRefusal, sqlx::Error> {
+fn refusal(row: &EngineRow) -> Result<RunRefusal, sqlx::Error> {
     let of_joint = row.try_get::<Option<i64>, _>("joint")?.is_some();
     Ok(RunRefusal {
         cause: RefusalCause {
@@ -488,7 +495,7 @@ fn refusal(row: &SqliteRow) -> Result<RunRefusal, sqlx::Error> {
 
 /// Friction points of run `run_id` at one nominal speed, in the order of the cycles.
 pub(in crate::store) async fn friction_points_at(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     speed_fraction: f64,
 ) -> Result<Vec<FrictionPoint>, sqlx::Error> {
@@ -497,8 +504,8 @@ pub(in crate::store) async fn friction_points_at(
             "SELECT joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm, friction_point.samples,
                     gravity
              FROM cycle
-             CROSS JOIN friction_point USING (cycle_id)
-             WHERE cycle.run_id = ? AND speed_fraction BETWEEN ? AND ? AND ",
+             CROSS JOIN friction_point
+             WHERE friction_point.cycle_id = cycle.cycle_id AND cycle.run_id = $1 AND speed_fraction BETWEEN $2 AND $3 AND ",
             friction_counts!(),
             " ORDER BY cycle.number, friction_point.number"
         )
@@ -511,7 +518,7 @@ pub(in crate::store) async fn friction_points_at(
     .await
 }
 
-fn friction_point(row: &SqliteRow) -> Result<FrictionPoint, sqlx::Error> {
+fn friction_point(row: &EngineRow) -> Result<FrictionPoint, sqlx::Error> {
     let std: Option<f64> = row.try_get("std_nm")?;
     Ok(FrictionPoint {
         joint: joint(row, "joint")?,

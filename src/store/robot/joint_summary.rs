@@ -1,10 +1,10 @@
 //! What a test comes to for each joint, as rows and as bytes.
 
 use sqlx::Row;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
 
 use super::packed::{Reader, add_joint, add_numbers};
 use crate::analysis::{Estimate, JointSummary, RmsdSwing, WarmFriction};
+use crate::store::engine::{EngineExecutor, EngineRow};
 use crate::store::values::{joint, size};
 
 /// A joint's summary with the estimator of its torque deviations.
@@ -27,7 +27,7 @@ impl SummaryRow {
 
 /// Summaries of a run with the friction index that was stored last, by joint.
 pub(super) async fn of_run(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<SummaryRow>, sqlx::Error> {
     sqlx::query(
@@ -38,11 +38,11 @@ pub(super) async fn of_run(
                 summary.rmsd_swing_cycles, summary.relative_noise, summary.estimator, found.friction_index, found.friction_index_std_error
          FROM run_joint_summary AS summary
          LEFT JOIN run_friction_index AS found ON found.run_id = summary.run_id AND found.joint = summary.joint
-         WHERE summary.run_id = ?
+         WHERE summary.run_id = $1
          ORDER BY summary.joint",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(SummaryRow { summary: of_row(&row)?, estimator: row.try_get("estimator")? })
     })
     .fetch_all(executor)
@@ -50,7 +50,7 @@ pub(super) async fn of_run(
 }
 
 /// Reads the columns of a summary and of its friction index.
-pub(super) fn of_row(row: &SqliteRow) -> Result<JointSummary, sqlx::Error> {
+pub(super) fn of_row(row: &EngineRow) -> Result<JointSummary, sqlx::Error> {
     let warm = ["warm_friction_nm", "warm_friction_std_error_nm", "warm_minute", "warm_speed_fraction"];
     let excitation = [
         "excitation_friction_nm",
@@ -78,7 +78,7 @@ pub(super) fn of_row(row: &SqliteRow) -> Result<JointSummary, sqlx::Error> {
 }
 
 /// Reads friction of a run: columns of torque, standard error, minute and speed.
-fn warm_friction(row: &SqliteRow, columns: [&str; 4]) -> Result<Option<WarmFriction>, sqlx::Error> {
+fn warm_friction(row: &EngineRow, columns: [&str; 4]) -> Result<Option<WarmFriction>, sqlx::Error> {
     let [torque, std_error, minute, speed_fraction] =
         columns.map(|column| row.try_get::<Option<f64>, _>(column));
     Ok(match (torque?, std_error?, minute?, speed_fraction?) {

@@ -3,11 +3,11 @@
 use std::collections::HashMap;
 
 use jiff::Timestamp;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{Row, SqliteConnection};
+use sqlx::Row;
 
 use crate::anomaly::epoch::{Maintenance, TestMoment, epochs};
 use crate::robot::JointIndex;
+use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::{joint, joint_number, time};
@@ -81,9 +81,9 @@ impl Store {
     pub async fn known_joints(&self, robot: &str) -> Result<Option<usize>, StoreError> {
         let found: Option<i64> = self.checked(
             sqlx::query_scalar(
-                "SELECT ifnull((SELECT max(summary.joint) FROM run JOIN run_joint_summary AS summary USING (run_id)
+                "SELECT coalesce((SELECT max(summary.joint) FROM run JOIN run_joint_summary AS summary USING (run_id)
                                 WHERE run.robot_id = robot.robot_id), 0)
-                 FROM robot WHERE name = ?",
+                 FROM robot WHERE name = $1",
             )
             .bind(robot)
             .fetch_optional(&self.readers)
@@ -93,10 +93,10 @@ impl Store {
     }
 }
 
-async fn enter(executor: impl SqliteExecutor<'_>, of: &NewMaintenance) -> Result<Option<i64>, sqlx::Error> {
+async fn enter(executor: impl EngineExecutor<'_>, of: &NewMaintenance) -> Result<Option<i64>, sqlx::Error> {
     sqlx::query_scalar(
         "INSERT INTO maintenance (robot_id, joint, at, what, who)
-         SELECT robot_id, ?2, ?3, ?4, ?5 FROM robot WHERE name = ?1
+         SELECT robot_id, $2, $3, $4, $5 FROM robot WHERE name = $1
          RETURNING maintenance_id",
     )
     .bind(&of.robot)
@@ -109,12 +109,12 @@ async fn enter(executor: impl SqliteExecutor<'_>, of: &NewMaintenance) -> Result
 }
 
 async fn remove(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     maintenance_id: i64,
 ) -> Result<Option<MaintenanceRow>, sqlx::Error> {
     let all = rows(&mut *connection, None).await?;
     let removed = all.into_iter().find(|row| row.work.maintenance_id == maintenance_id);
-    sqlx::query("DELETE FROM maintenance WHERE maintenance_id = ?")
+    sqlx::query("DELETE FROM maintenance WHERE maintenance_id = $1")
         .bind(maintenance_id)
         .execute(connection)
         .await?;
@@ -122,17 +122,17 @@ async fn remove(
 }
 
 async fn rows(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot: Option<&str>,
 ) -> Result<Vec<MaintenanceRow>, sqlx::Error> {
     sqlx::query(
         "SELECT robot.name AS robot, maintenance_id, joint, at, what, who, recorded_at
          FROM maintenance JOIN robot USING (robot_id)
-         WHERE ?1 IS NULL OR robot.name = ?1
+         WHERE $1 IS NULL OR robot.name = $1
          ORDER BY at, maintenance_id",
     )
     .bind(robot)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(MaintenanceRow {
             robot: row.try_get("robot")?,
             work: maintenance(&row)?,
@@ -143,7 +143,7 @@ async fn rows(
     .await
 }
 
-fn maintenance(row: &SqliteRow) -> Result<Maintenance, sqlx::Error> {
+fn maintenance(row: &EngineRow) -> Result<Maintenance, sqlx::Error> {
     let of_joint = row.try_get::<Option<i64>, _>("joint")?.is_some();
     Ok(Maintenance {
         maintenance_id: row.try_get("maintenance_id")?,
@@ -156,15 +156,15 @@ fn maintenance(row: &SqliteRow) -> Result<Maintenance, sqlx::Error> {
 
 /// Work on one robot, in the order of its time.
 pub(in crate::store) async fn of_robot(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
 ) -> Result<Vec<Maintenance>, sqlx::Error> {
     sqlx::query(
         "SELECT maintenance_id, joint, at, what, who FROM maintenance
-         WHERE robot_id = ? ORDER BY at, maintenance_id",
+         WHERE robot_id = $1 ORDER BY at, maintenance_id",
     )
     .bind(robot_id)
-    .try_map(|row: SqliteRow| maintenance(&row))
+    .try_map(|row: EngineRow| maintenance(&row))
     .fetch_all(executor)
     .await
 }
@@ -175,7 +175,7 @@ pub type DescriptionKey = (Option<i64>, Option<Vec<u8>>);
 /// What epochs depend on of the robot's complete tests, with their keys, oldest first. Tests whose description was not
 /// stored in full have that of the oldest test of the same model that has one.
 pub(in crate::store) async fn test_moments(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
 ) -> Result<Vec<(i64, TestMoment<DescriptionKey>)>, sqlx::Error> {
     test_moments_with(executor, robot_id, None).await
@@ -183,18 +183,18 @@ pub(in crate::store) async fn test_moments(
 
 /// As [`test_moments`], with a test that is not complete.
 async fn test_moments_with(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
     open_run_id: Option<i64>,
 ) -> Result<Vec<(i64, TestMoment<DescriptionKey>)>, sqlx::Error> {
     let mut found = sqlx::query(
         "SELECT run_id, started_at, robot_model_id, figures_hash FROM run
-         WHERE robot_id = ?1 AND kind = 'test' AND (status = 'complete' OR run_id = ?2)
+         WHERE robot_id = $1 AND kind = 'test' AND (status = 'complete' OR run_id = $2)
          ORDER BY started_at, run_id",
     )
     .bind(robot_id)
     .bind(open_run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         let description: DescriptionKey = (row.try_get("robot_model_id")?, row.try_get("figures_hash")?);
         Ok((row.try_get("run_id")?, TestMoment { started_at: time(&row, "started_at")?, description }))
     })
@@ -217,7 +217,7 @@ async fn test_moments_with(
 /// Ordinals of the epochs of each joint, by run: `joints` of them. Those of a test that is not complete, if one is
 /// given, are with them.
 pub(in crate::store) async fn epoch_ordinals(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     joints: usize,
     open_run_id: Option<i64>,

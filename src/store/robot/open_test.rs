@@ -5,8 +5,7 @@
 //! history decides ([`super::anomalies::reconcile`]): the anomaly goes on or is withdrawn.
 
 use jiff::Timestamp;
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{Row, SqliteConnection};
+use sqlx::Row;
 
 use super::alarm_state::{AlarmState, EventKind, Life, Now, Told, go_on};
 use super::anomalies::{
@@ -16,6 +15,7 @@ use super::conclude::ConclusionTransaction;
 use super::episodes::{Episode, goes_on, is_another_fault, same};
 use super::maintenance;
 use crate::anomaly::Anomaly;
+use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::{finite, size, time};
@@ -81,7 +81,7 @@ impl ConclusionTransaction {
     }
 }
 
-async fn open_test(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<Option<OpenTest>, sqlx::Error> {
+async fn open_test(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Option<OpenTest>, sqlx::Error> {
     sqlx::query(
         "SELECT run.run_id, run.robot_id, robot.name AS robot, run.started_at, run.cycles_stored, robot.history,
                 robot.history = robot.concluded AS is_concluded,
@@ -89,10 +89,10 @@ async fn open_test(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<Opt
                             WHERE later.robot_id = run.robot_id AND later.kind = 'test' AND later.status = 'complete'
                                   AND later.started_at >= run.started_at) AS is_latest
          FROM run JOIN robot USING (robot_id)
-         WHERE run.run_id = ? AND run.kind = 'test' AND run.status = 'streaming'",
+         WHERE run.run_id = $1 AND run.kind = 'test' AND run.status = 'streaming'",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(OpenTest {
             run_id: row.try_get("run_id")?,
             robot_id: row.try_get("robot_id")?,
@@ -109,7 +109,7 @@ async fn open_test(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<Opt
 }
 
 async fn reconcile_open(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     test: &OpenTest,
     findings: &[Anomaly],
     clock: Timestamp,
@@ -169,17 +169,17 @@ fn now(anomaly: &Anomaly, known: &Episode) -> Now {
 
 /// Shows what an open test adds to an anomaly of complete ones. When and how that began stays theirs.
 async fn show_worse(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     anomaly_id: i64,
     anomaly: &Anomaly,
     life: &Life,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE anomaly
-         SET severity = ?1, score = ?2, threshold = ?3, value = ?4, baseline = ?5, message = ?6, last_run_id = ?7,
-             last_seen_at = ?8, peak_value = iif(?2 > ifnull(peak_score, 0), ?4, peak_value),
-             peak_score = max(?2, ifnull(peak_score, 0)), state = ?9, shelved_until = ?10, resolved_seen_at = ?11
-         WHERE anomaly_id = ?12",
+         SET severity = $1, score = $2, threshold = $3, value = $4, baseline = $5, message = $6, last_run_id = $7,
+             last_seen_at = $8, peak_value = CASE WHEN $2 > coalesce(peak_score, 0) THEN $4 ELSE peak_value END,
+             peak_score = max($2, coalesce(peak_score, 0)), state = $9, shelved_until = $10, resolved_seen_at = $11
+         WHERE anomaly_id = $12",
     )
     .bind(anomaly.severity.name())
     .bind(finite(anomaly.score))

@@ -1,12 +1,12 @@
 //! Robots of one model: their first tests, and which of them are to be compared anew.
 
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{Row, SqliteConnection};
+use sqlx::Row;
 
 use super::conclude::ConclusionTransaction;
 use super::joint_summary;
 use crate::analysis::JointSummary;
 use crate::anomaly::peer::{MOST_PEERS, Peer};
+use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 
@@ -50,7 +50,7 @@ struct Member {
 
 /// All robots of the model of a robot's latest test, by name.
 async fn members(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
     tests: usize,
 ) -> Result<Vec<Member>, sqlx::Error> {
@@ -66,9 +66,9 @@ async fn members(
                 (SELECT count(*) FROM (
                      SELECT 1 FROM run
                      WHERE run.robot_id = latest.robot_id AND status = 'complete' AND kind = 'test'
-                     LIMIT ?2)) AS tests
+                     LIMIT $2) AS first) AS tests
          FROM latest
-         JOIN latest AS own ON own.robot_id = ?1 AND own.model = latest.model
+         JOIN latest AS own ON own.robot_id = $1 AND own.model = latest.model
          ORDER BY latest.name",
     )
     .bind(robot_id)
@@ -78,7 +78,7 @@ async fn members(
 }
 
 async fn peers(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     tests: usize,
 ) -> Result<Vec<Peer>, sqlx::Error> {
@@ -93,7 +93,7 @@ async fn peers(
 }
 
 async fn first_tests(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     robot_id: i64,
     tests: i64,
 ) -> Result<Vec<Vec<JointSummary>>, sqlx::Error> {
@@ -104,26 +104,26 @@ async fn first_tests(
                 summary.excitation_speed_fraction, summary.relative_rmsd, summary.rmsd_swing,
                 summary.rmsd_swing_cycles, summary.relative_noise, NULL AS friction_index, NULL AS friction_index_std_error
          FROM (SELECT run_id, started_at FROM run
-               WHERE robot_id = ?1 AND status = 'complete' AND kind = 'test'
-               ORDER BY started_at, run_id LIMIT ?2) AS early
+               WHERE robot_id = $1 AND status = 'complete' AND kind = 'test'
+               ORDER BY started_at, run_id LIMIT $2) AS early
          JOIN run_joint_summary AS summary USING (run_id)
          ORDER BY early.started_at, early.run_id, summary.joint",
     )
     .bind(robot_id)
     .bind(tests)
-    .try_map(|row: SqliteRow| Ok((row.try_get::<i64, _>("run_id")?, joint_summary::of_row(&row)?)))
+    .try_map(|row: EngineRow| Ok((row.try_get::<i64, _>("run_id")?, joint_summary::of_row(&row)?)))
     .fetch_all(executor)
     .await?;
     Ok(rows.chunk_by(|a, b| a.0 == b.0).map(|test| test.iter().map(|(_, of)| *of).collect()).collect())
 }
 
 async fn compared_with(
-    connection: &mut SqliteConnection,
+    connection: &mut EngineConnection,
     robot_id: i64,
     peers: usize,
     tests: usize,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE robot SET peers_compared = ? WHERE robot_id = ?")
+    sqlx::query("UPDATE robot SET peers_compared = $1 WHERE robot_id = $2")
         .bind(i64::try_from(peers).unwrap_or(i64::MAX))
         .bind(robot_id)
         .execute(&mut *connection)
@@ -138,7 +138,7 @@ async fn compared_with(
             && (others <= COMPARED_AT_ONCE || others >= 2 * of.peers_compared || others == MOST_PEERS as i64);
         if is_due {
             // noted with it: until it is concluded, no other robot makes it stale once more
-            sqlx::query("UPDATE robot SET history = history + 1, peers_compared = ? WHERE robot_id = ?")
+            sqlx::query("UPDATE robot SET history = history + 1, peers_compared = $1 WHERE robot_id = $2")
                 .bind(others)
                 .bind(of.robot_id)
                 .execute(&mut *connection)

@@ -4,8 +4,6 @@
 //! The row follows from the test's series and goes with it (migration 0040). What was found in the cycles is kept with it,
 //! each with the hash of all that it follows from, so that detectors see by themselves whether it holds.
 
-use sqlx::sqlite::SqliteExecutor;
-
 use super::cycle_friction::Inertial;
 use super::joint_summary::{self, SummaryRow};
 use super::packed::{Reader, add_count, add_numbers};
@@ -13,6 +11,7 @@ use super::run_series::RunSeries;
 use crate::anomaly::RunSummary;
 use crate::anomaly::brief::{Brief, JointBrief};
 use crate::numerics::detect::runs::brief::brief;
+use crate::store::engine::EngineExecutor;
 
 /// First byte of each column; other values are of another format, whose rows a migration takes away.
 const FORMAT: u8 = 1;
@@ -22,11 +21,11 @@ pub(super) type Known = (Vec<SummaryRow>, Brief);
 
 /// Stores what is known in brief of a test of which nothing is, without judgements.
 pub(super) async fn insert(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     (joints, brief): &Known,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("INSERT INTO run_brief (run_id, joints, brief, judgements) VALUES (?, ?, ?, ?)")
+    sqlx::query("INSERT INTO run_brief (run_id, joints, brief, judgements) VALUES ($1, $2, $3, $4)")
         .bind(run_id)
         .bind(packed_joints(joints))
         .bind(packed(brief))
@@ -51,11 +50,11 @@ pub(super) fn of_series(series: RunSeries, run_id: i64, inertial: &Inertial) -> 
 
 /// Keeps what was found in the cycles of a test. Call in the transaction of the conclusion that found it.
 pub(super) async fn keep_judgements(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
     judgements: &[(u64, Vec<u8>)],
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE run_brief SET judgements = ? WHERE run_id = ?")
+    sqlx::query("UPDATE run_brief SET judgements = $1 WHERE run_id = $2")
         .bind(packed_judgements(judgements))
         .bind(run_id)
         .execute(executor)

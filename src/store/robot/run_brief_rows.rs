@@ -1,13 +1,11 @@
 //! Writes what is known of complete tests in brief, from their series.
 
-use sqlx::SqliteConnection;
-use sqlx::sqlite::SqliteExecutor;
-
 use super::{cycle_friction, cycle_friction_rows, run_brief, run_series};
+use crate::store::engine::{EngineConnection, EngineExecutor};
 
 /// Makes the rows of the robot's complete tests that have none: those that have changed since conclusions were drawn. Their
 /// series and friction by cycle are made, too. Call in a transaction.
-pub(super) async fn complete(connection: &mut SqliteConnection, robot_id: i64) -> Result<(), sqlx::Error> {
+pub(super) async fn complete(connection: &mut EngineConnection, robot_id: i64) -> Result<(), sqlx::Error> {
     let without = without(&mut *connection, robot_id).await?;
     if without.is_empty() {
         return Ok(());
@@ -22,10 +20,10 @@ pub(super) async fn complete(connection: &mut SqliteConnection, robot_id: i64) -
     Ok(())
 }
 
-async fn without(executor: impl SqliteExecutor<'_>, robot_id: i64) -> Result<Vec<i64>, sqlx::Error> {
+async fn without(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<Vec<i64>, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT run_id FROM run
-         WHERE robot_id = ? AND kind = 'test' AND status = 'complete'
+         WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'
                AND NOT EXISTS (SELECT 1 FROM run_brief WHERE run_brief.run_id = run.run_id)
          ORDER BY started_at, run_id",
     )

@@ -4,8 +4,7 @@
 //! The row follows from other tables and says nothing that they do not. Triggers take it away when one of them changes
 //! (migrations 0037 and 0038); where it is not there, or of another format, the tables are asked.
 
-use sqlx::sqlite::{SqliteExecutor, SqliteRow};
-use sqlx::{Row, SqliteConnection};
+use sqlx::Row;
 
 use super::cycle_friction::MeanParameter;
 use super::joint_summary::SummaryRow;
@@ -14,6 +13,7 @@ use super::{cycle_friction, cycle_rmsd, joint_summary};
 use crate::analysis::friction::CycleFriction;
 use crate::analysis::measurements::CycleRmsd;
 use crate::anomaly::CycleSeries;
+use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::values::size;
 
 /// First byte of the numbers; other values are of another format.
@@ -33,21 +33,24 @@ pub(super) struct RunSeries {
 }
 
 /// Writes the series of a complete test that has none. Call in a transaction, when all cycles have their friction levels.
-pub(super) async fn make(connection: &mut SqliteConnection, run_id: i64) -> Result<RunSeries, sqlx::Error> {
+pub(super) async fn make(connection: &mut EngineConnection, run_id: i64) -> Result<RunSeries, sqlx::Error> {
     if let Some(series) = stored(&mut *connection, run_id).await?.as_deref().and_then(unpacked) {
         return Ok(series);
     }
     let series = of_run(&mut *connection, run_id).await?;
-    sqlx::query("INSERT OR REPLACE INTO run_series (run_id, numbers) VALUES (?, ?)")
-        .bind(run_id)
-        .bind(packed(&series))
-        .execute(&mut *connection)
-        .await?;
+    sqlx::query(
+        "INSERT INTO run_series (run_id, numbers) VALUES ($1, $2)
+         ON CONFLICT (run_id) DO UPDATE SET numbers = excluded.numbers",
+    )
+    .bind(run_id)
+    .bind(packed(&series))
+    .execute(&mut *connection)
+    .await?;
     Ok(series)
 }
 
 /// The series of a run, as it is stored or as the tables have it.
-pub(super) async fn read(connection: &mut SqliteConnection, run_id: i64) -> Result<RunSeries, sqlx::Error> {
+pub(super) async fn read(connection: &mut EngineConnection, run_id: i64) -> Result<RunSeries, sqlx::Error> {
     let stored: Option<Vec<u8>> = stored(&mut *connection, run_id).await?;
     match stored.as_deref().and_then(unpacked) {
         Some(series) => Ok(series),
@@ -55,15 +58,15 @@ pub(super) async fn read(connection: &mut SqliteConnection, run_id: i64) -> Resu
     }
 }
 
-async fn stored(executor: impl SqliteExecutor<'_>, run_id: i64) -> Result<Option<Vec<u8>>, sqlx::Error> {
-    sqlx::query_scalar("SELECT numbers FROM run_series WHERE run_id = ?")
+async fn stored(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Option<Vec<u8>>, sqlx::Error> {
+    sqlx::query_scalar("SELECT numbers FROM run_series WHERE run_id = $1")
         .bind(run_id)
         .fetch_optional(executor)
         .await
 }
 
 /// The series of a run as the tables have it.
-pub(super) async fn of_run(connection: &mut SqliteConnection, run_id: i64) -> Result<RunSeries, sqlx::Error> {
+pub(super) async fn of_run(connection: &mut EngineConnection, run_id: i64) -> Result<RunSeries, sqlx::Error> {
     Ok(RunSeries {
         joints: joint_summary::of_run(&mut *connection, run_id).await?,
         friction: cycle_friction::of_run(&mut *connection, run_id).await?,
@@ -73,22 +76,23 @@ pub(super) async fn of_run(connection: &mut SqliteConnection, run_id: i64) -> Re
 }
 
 async fn parameters(
-    executor: impl SqliteExecutor<'_>,
+    executor: impl EngineExecutor<'_>,
     run_id: i64,
 ) -> Result<Vec<MeanParameter>, sqlx::Error> {
     sqlx::query(
         // one cycle has no scatter
         "SELECT model_parameter_id, mean, cycles,
-                ifnull(sdv, (SELECT of_cycle.std_error FROM cycle_parameter AS of_cycle JOIN cycle USING (cycle_id)
+                coalesce(sdv, (SELECT of_cycle.std_error FROM cycle_parameter AS of_cycle JOIN cycle USING (cycle_id)
                              WHERE cycle.run_id = parameter_statistic.run_id AND parameter_statistic.cycles = 1
                                    AND of_cycle.model_parameter_id = parameter_statistic.model_parameter_id
-                                   AND cycle.status = 'complete' AND NOT cycle.doubtful)) AS sdv
+                                   AND cycle.status = 'complete' AND NOT cycle.doubtful
+                            LIMIT 1)) AS sdv
          FROM parameter_statistic
-         WHERE run_id = ? AND \"window\" = 'all'
+         WHERE run_id = $1 AND \"window\" = 'all'
          ORDER BY model_parameter_id",
     )
     .bind(run_id)
-    .try_map(|row: SqliteRow| {
+    .try_map(|row: EngineRow| {
         Ok(MeanParameter {
             model_parameter_id: row.try_get("model_parameter_id")?,
             mean: row.try_get("mean")?,

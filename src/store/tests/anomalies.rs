@@ -32,7 +32,7 @@ impl<'a> Robot<'a> {
                 store.begin_run(&header(name, i64::try_from(day).expect("few"))).await.expect("a run");
             runs.push(begun.run_id);
         }
-        let robot_id: i64 = sqlx::query_scalar("SELECT robot_id FROM robot WHERE name = ?")
+        let robot_id: i64 = sqlx::query_scalar("SELECT robot_id FROM robot WHERE name = $1")
             .bind(name)
             .fetch_one(&store.readers)
             .await

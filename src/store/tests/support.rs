@@ -31,10 +31,29 @@ pub(in crate::store) fn fault(problem: &str, place: Option<(u64, &str)>) -> Expo
 }
 
 /// A fresh database; the folder lives as long as the first value.
+///
+/// With the feature `postgres`, `ARMWATCH_TEST_SERVER=postgres:///{}?host=/run/postgresql&user=armwatch` has it on that
+/// server, in a database of its own whose name takes the place of `{}`. Tests whose statements are SQLite's fail there.
 pub(in crate::store) async fn fresh() -> (TempDir, Store) {
     let folder = tempfile::tempdir().expect("a folder");
+    #[cfg(feature = "postgres")]
+    if let Ok(address) = std::env::var("ARMWATCH_TEST_SERVER") {
+        let store = on_server(&address, &folder).await;
+        return (folder, store);
+    }
     let store = Store::open(&folder.path().join("fleet.db")).await.expect("a store");
     (folder, store)
+}
+
+/// A database on a server, named after the folder of the test.
+#[cfg(feature = "postgres")]
+async fn on_server(address: &str, folder: &TempDir) -> Store {
+    use sqlx::Connection;
+    let name = folder.path().file_name().expect("a name").to_string_lossy().replace('.', "t_");
+    let mut server = sqlx::PgConnection::connect(&address.replace("{}", "postgres")).await.expect("a server");
+    let made = sqlx::raw_sql(AssertSqlSafe(format!("CREATE DATABASE \"{name}\""))).execute(&mut server).await;
+    made.expect("a database");
+    Store::open(address.replace("{}", &name).as_ref()).await.expect("a store")
 }
 
 /// 2026-01-05T06:00:00Z and `days` later.
@@ -334,7 +353,7 @@ pub(in crate::store) async fn finish(store: &Store, run_id: i64, cycles: u32, fi
 
 /// The robot of a run that was completed just now.
 pub(in crate::store) async fn stale(store: &Store, run_id: i64) -> StaleRobot {
-    let robot_id: i64 = sqlx::query_scalar("SELECT robot_id FROM run WHERE run_id = ?")
+    let robot_id: i64 = sqlx::query_scalar("SELECT robot_id FROM run WHERE run_id = $1")
         .bind(run_id)
         .fetch_one(&store.readers)
         .await
@@ -348,7 +367,7 @@ pub(in crate::store) fn totals(cycles: u32) -> RunTotals {
 }
 
 pub(in crate::store) async fn columns(store: &Store, table: &str) -> Vec<String> {
-    sqlx::query_scalar("SELECT name FROM pragma_table_info(?) ORDER BY cid")
+    sqlx::query_scalar("SELECT name FROM pragma_table_info($1) ORDER BY cid")
         .bind(table)
         .fetch_all(&store.readers)
         .await

@@ -183,6 +183,19 @@ fn files_are_found_by_their_declarations() {
 }
 
 #[test]
+fn drivers_of_engines_are_named_at_their_door_only() {
+    for code in [
+        "use sqlx::SqliteConnection;",
+        "use sqlx::{Row, sqlite::SqliteRow};",
+        "fn f(pool: &sqlx::PgPool) {}",
+        "fn f() { sqlx::postgres::PgConnectOptions::new(); }",
+    ] {
+        caught("store.rs", code, 1, "is named by crate::store::engine alone");
+    }
+    passes("store.rs", "use sqlx::{QueryBuilder, Row, query::Query};");
+}
+
+#[test]
 fn outside_crates_are_named_behind_their_door_only() {
     for code in [
         "use faer::Mat;",

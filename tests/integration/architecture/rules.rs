@@ -32,6 +32,17 @@ const PRINTER: &str = "cli/shared/output.rs";
 /// The file that gives the log its stream.
 const LOG: &str = "telemetry.rs";
 
+/// Files of the store that name the drivers of engines: the door, and what is of one engine alone.
+const OF_DRIVERS: [&str; 7] = [
+    "store/engine/",
+    "store/server/",
+    "store/open.rs",
+    "store/schema.rs",
+    "store/new_schema.rs",
+    "store/snapshot.rs",
+    "store/backup.rs",
+];
+
 /// Words that an SQL statement begins with.
 const STATEMENTS: [&str; 14] = [
     "ALTER ",
@@ -77,6 +88,7 @@ pub fn violations(codes: &[Code], rules: &Rules, dependencies: &BTreeSet<String>
                 room.and_then(|room| outside_crate(mention, room, rules, dependencies)),
                 room.and_then(|room| world(mention, room)),
                 room.and_then(|room| statement(mention, room)),
+                driver(mention, &code.file),
                 printing(mention, &code.file),
                 panicking(mention),
                 silenced(mention),
@@ -141,6 +153,15 @@ fn statement(mention: &Mention, room: &Room) -> Option<String> {
     let broken = room.name != "store" && STATEMENTS.iter().any(|statement| text.starts_with(statement));
     let first: String = text.chars().take(40).collect();
     broken.then(|| format!("{} holds SQL: {first:?}", room.name))
+}
+
+fn driver(mention: &Mention, file: &str) -> Option<String> {
+    let What::Path(path) = &mention.what else { return None };
+    let [first, second, ..] = path.as_slice() else { return None };
+    let is_of_one =
+        ["sqlite", "postgres", "Sqlite", "Postgres", "Pg"].iter().any(|of| second.starts_with(of));
+    let broken = first == "sqlx" && is_of_one && !OF_DRIVERS.iter().any(|place| file.starts_with(place));
+    broken.then(|| format!("{} is named by crate::store::engine alone", path.join("::")))
 }
 
 fn printing(mention: &Mention, file: &str) -> Option<String> {

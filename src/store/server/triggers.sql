@@ -1,0 +1,419 @@
+-- Triggers, as SQLite has them: each with the function of its name.
+
+CREATE FUNCTION run_changes_history() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    UPDATE robot SET history = history + 1 WHERE robot_id IN (OLD.robot_id, NEW.robot_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_changes_history AFTER UPDATE OF status ON run
+FOR EACH ROW
+WHEN (OLD.status = 'complete' OR NEW.status = 'complete')
+EXECUTE FUNCTION run_changes_history();
+
+CREATE FUNCTION run_leaves_history() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    UPDATE robot SET history = history + 1 WHERE robot_id = OLD.robot_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_leaves_history AFTER DELETE ON run
+FOR EACH ROW
+WHEN (OLD.status = 'complete')
+EXECUTE FUNCTION run_leaves_history();
+
+CREATE FUNCTION quarantined_production_changes_history() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    UPDATE robot SET history = history + 1 WHERE robot_id = NEW.robot_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER quarantined_production_changes_history AFTER UPDATE OF status ON run
+FOR EACH ROW
+WHEN (NEW.kind = 'production' AND NEW.status = 'quarantined' AND OLD.status = 'streaming')
+EXECUTE FUNCTION quarantined_production_changes_history();
+
+CREATE FUNCTION run_friction_is_looked_at_again() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_friction WHERE run_id = NEW.run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_friction_is_looked_at_again AFTER UPDATE OF status ON run
+FOR EACH ROW
+WHEN (NEW.status <> OLD.status)
+EXECUTE FUNCTION run_friction_is_looked_at_again();
+
+CREATE FUNCTION maintenance_changes_history() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    UPDATE robot SET history = history + 1 WHERE robot_id = NEW.robot_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER maintenance_changes_history AFTER INSERT ON maintenance
+FOR EACH ROW
+EXECUTE FUNCTION maintenance_changes_history();
+
+CREATE FUNCTION maintenance_taken_back_changes_history() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    UPDATE robot SET history = history + 1 WHERE robot_id = OLD.robot_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER maintenance_taken_back_changes_history AFTER DELETE ON maintenance
+FOR EACH ROW
+EXECUTE FUNCTION maintenance_taken_back_changes_history();
+
+CREATE FUNCTION open_run_changes_history() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    IF OLD.status = 'streaming' AND NEW.status NOT IN ('streaming', 'complete')
+        AND EXISTS (SELECT 1 FROM anomaly WHERE anomaly.open_run_id = OLD.run_id) THEN
+        UPDATE robot SET history = history + 1 WHERE robot_id = OLD.robot_id;
+    END IF;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER open_run_changes_history AFTER UPDATE OF status ON run
+FOR EACH ROW
+EXECUTE FUNCTION open_run_changes_history();
+
+CREATE FUNCTION open_run_leaves_history() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    IF OLD.status <> 'complete' AND EXISTS (SELECT 1 FROM anomaly WHERE anomaly.open_run_id = OLD.run_id) THEN
+        UPDATE robot SET history = history + 1 WHERE robot_id = OLD.robot_id;
+    END IF;
+    RETURN OLD;
+END $$;
+CREATE TRIGGER open_run_leaves_history BEFORE DELETE ON run
+FOR EACH ROW
+EXECUTE FUNCTION open_run_leaves_history();
+
+CREATE FUNCTION run_opens_again() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM warmup_fit WHERE run_id = OLD.run_id;
+    DELETE FROM parameter_statistic WHERE run_id = OLD.run_id;
+    DELETE FROM run_joint_summary WHERE run_id = OLD.run_id;
+    DELETE FROM run_friction_index WHERE run_id = OLD.run_id;
+    DELETE FROM production_summary WHERE run_id = OLD.run_id;
+    DELETE FROM friction_speed_fit
+    WHERE cycle_id IN (SELECT cycle.cycle_id FROM cycle WHERE cycle.run_id = OLD.run_id);
+    DELETE FROM cycle_friction_level
+    WHERE cycle_id IN (SELECT cycle.cycle_id FROM cycle WHERE cycle.run_id = OLD.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_opens_again AFTER UPDATE OF status ON run
+FOR EACH ROW
+WHEN (OLD.status = 'complete' AND NEW.status = 'streaming')
+EXECUTE FUNCTION run_opens_again();
+
+CREATE FUNCTION joined_window_goes() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM log_factor WHERE run_id = OLD.run_id;
+    UPDATE cycle SET factors_gone = 'removed' WHERE run_id = OLD.run_id AND factors_gone = 'joined';
+    RETURN NULL;
+END $$;
+CREATE TRIGGER joined_window_goes AFTER DELETE ON cycle
+FOR EACH ROW
+WHEN (OLD.factors_gone = 'joined')
+EXECUTE FUNCTION joined_window_goes();
+
+CREATE FUNCTION test_leaves_checks() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM production_check
+    WHERE reference_run_id = OLD.run_id
+          AND cycle_id IN (SELECT cycle_factor_layout.cycle_id FROM cycle_factor_layout);
+    DELETE FROM production_summary
+    WHERE reference_run_id = OLD.run_id
+          AND run_id IN (SELECT cycle.run_id FROM cycle JOIN cycle_factor_layout USING (cycle_id)
+                         WHERE cycle.run_id = production_summary.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER test_leaves_checks AFTER UPDATE OF status ON run
+FOR EACH ROW
+WHEN (OLD.status = 'complete' AND NEW.status <> 'complete' AND OLD.kind = 'test')
+EXECUTE FUNCTION test_leaves_checks();
+
+CREATE FUNCTION run_series_goes_with_status() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id = NEW.run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_status AFTER UPDATE OF status ON run
+FOR EACH ROW
+WHEN (NEW.status <> OLD.status)
+EXECUTE FUNCTION run_series_goes_with_status();
+
+CREATE FUNCTION run_series_goes_with_new_cycle() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id = NEW.run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_new_cycle AFTER INSERT ON cycle
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_new_cycle();
+
+CREATE FUNCTION run_series_goes_with_cycle() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id = OLD.run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_cycle AFTER DELETE ON cycle
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_cycle();
+
+CREATE FUNCTION run_series_goes_with_changed_cycle() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id IN (OLD.run_id, NEW.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_changed_cycle AFTER UPDATE OF run_id, number, status, doubtful ON cycle
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_changed_cycle();
+
+CREATE FUNCTION run_series_goes_with_new_rmsd() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = NEW.cycle_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_new_rmsd AFTER INSERT ON torque_rmsd
+FOR EACH ROW
+WHEN (NEW.stage = 'all' AND NEW.verification = 'self')
+EXECUTE FUNCTION run_series_goes_with_new_rmsd();
+
+CREATE FUNCTION run_series_goes_with_changed_rmsd() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series
+    WHERE run_id IN (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id IN (OLD.cycle_id, NEW.cycle_id));
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_changed_rmsd AFTER UPDATE ON torque_rmsd
+FOR EACH ROW
+WHEN ('all' IN (OLD.stage, NEW.stage))
+EXECUTE FUNCTION run_series_goes_with_changed_rmsd();
+
+CREATE FUNCTION run_series_goes_with_rmsd() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = OLD.cycle_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_rmsd AFTER DELETE ON torque_rmsd
+FOR EACH ROW
+WHEN (OLD.stage = 'all' AND OLD.verification = 'self')
+EXECUTE FUNCTION run_series_goes_with_rmsd();
+
+CREATE FUNCTION run_series_goes_with_new_level() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = NEW.cycle_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_new_level AFTER INSERT ON cycle_friction_level
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_new_level();
+
+CREATE FUNCTION run_series_goes_with_changed_level() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series
+    WHERE run_id IN (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id IN (OLD.cycle_id, NEW.cycle_id));
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_changed_level AFTER UPDATE ON cycle_friction_level
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_changed_level();
+
+CREATE FUNCTION run_series_goes_with_level() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = OLD.cycle_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_level AFTER DELETE ON cycle_friction_level
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_level();
+
+CREATE FUNCTION run_series_goes_with_new_parameter() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id = NEW.run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_new_parameter AFTER INSERT ON parameter_statistic
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_new_parameter();
+
+CREATE FUNCTION run_series_goes_with_changed_parameter() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id IN (OLD.run_id, NEW.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_changed_parameter AFTER UPDATE ON parameter_statistic
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_changed_parameter();
+
+CREATE FUNCTION run_series_goes_with_parameter() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id = OLD.run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_parameter AFTER DELETE ON parameter_statistic
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_parameter();
+
+CREATE FUNCTION run_series_goes_with_new_summary() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id = NEW.run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_new_summary AFTER INSERT ON run_joint_summary
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_new_summary();
+
+CREATE FUNCTION run_series_goes_with_changed_summary() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id IN (OLD.run_id, NEW.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_changed_summary AFTER UPDATE ON run_joint_summary
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_changed_summary();
+
+CREATE FUNCTION run_series_goes_with_summary() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id = OLD.run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_summary AFTER DELETE ON run_joint_summary
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_summary();
+
+CREATE FUNCTION run_series_goes_with_new_index() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id = NEW.run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_new_index AFTER INSERT ON run_friction_index
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_new_index();
+
+CREATE FUNCTION run_series_goes_with_changed_index() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id IN (OLD.run_id, NEW.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_changed_index AFTER UPDATE ON run_friction_index
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_changed_index();
+
+CREATE FUNCTION run_series_goes_with_index() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_series WHERE run_id = OLD.run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_series_goes_with_index AFTER DELETE ON run_friction_index
+FOR EACH ROW
+EXECUTE FUNCTION run_series_goes_with_index();
+
+CREATE FUNCTION run_friction_series_goes_with_run() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_friction_series WHERE run_id = NEW.run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_friction_series_goes_with_run AFTER UPDATE OF status, robot_id ON run
+FOR EACH ROW
+WHEN (NEW.status <> OLD.status OR NEW.robot_id IS DISTINCT FROM OLD.robot_id)
+EXECUTE FUNCTION run_friction_series_goes_with_run();
+
+CREATE FUNCTION run_friction_series_goes_with_cycle() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_friction_series WHERE run_id = OLD.run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_friction_series_goes_with_cycle AFTER DELETE ON cycle
+FOR EACH ROW
+EXECUTE FUNCTION run_friction_series_goes_with_cycle();
+
+CREATE FUNCTION run_friction_series_goes_with_changed_cycle() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_friction_series WHERE run_id IN (OLD.run_id, NEW.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_friction_series_goes_with_changed_cycle AFTER UPDATE OF run_id, number, status, doubtful ON cycle
+FOR EACH ROW
+EXECUTE FUNCTION run_friction_series_goes_with_changed_cycle();
+
+CREATE FUNCTION run_friction_series_goes_with_new_point() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_friction_series
+    WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = NEW.cycle_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_friction_series_goes_with_new_point AFTER INSERT ON friction_point
+FOR EACH ROW
+EXECUTE FUNCTION run_friction_series_goes_with_new_point();
+
+CREATE FUNCTION run_friction_series_goes_with_changed_point() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_friction_series
+    WHERE run_id IN (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id IN (OLD.cycle_id, NEW.cycle_id));
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_friction_series_goes_with_changed_point AFTER UPDATE ON friction_point
+FOR EACH ROW
+EXECUTE FUNCTION run_friction_series_goes_with_changed_point();
+
+CREATE FUNCTION run_friction_series_goes_with_point() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_friction_series
+    WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = OLD.cycle_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_friction_series_goes_with_point AFTER DELETE ON friction_point
+FOR EACH ROW
+EXECUTE FUNCTION run_friction_series_goes_with_point();
+
+CREATE FUNCTION run_friction_series_goes_with_new_refusal() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_friction_series
+    WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = NEW.cycle_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_friction_series_goes_with_new_refusal AFTER INSERT ON cycle_refusal
+FOR EACH ROW
+EXECUTE FUNCTION run_friction_series_goes_with_new_refusal();
+
+CREATE FUNCTION run_friction_series_goes_with_changed_refusal() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_friction_series
+    WHERE run_id IN (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id IN (OLD.cycle_id, NEW.cycle_id));
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_friction_series_goes_with_changed_refusal AFTER UPDATE OF cycle_id ON cycle_refusal
+FOR EACH ROW
+EXECUTE FUNCTION run_friction_series_goes_with_changed_refusal();
+
+CREATE FUNCTION run_friction_series_goes_with_refusal() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_friction_series
+    WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = OLD.cycle_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_friction_series_goes_with_refusal AFTER DELETE ON cycle_refusal
+FOR EACH ROW
+EXECUTE FUNCTION run_friction_series_goes_with_refusal();
+
+CREATE FUNCTION check_takes_evidence() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM window_evidence WHERE cycle_id = OLD.cycle_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER check_takes_evidence AFTER DELETE ON production_check
+FOR EACH ROW
+EXECUTE FUNCTION check_takes_evidence();
+
+CREATE FUNCTION summary_takes_evidence() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM log_evidence WHERE run_id = OLD.run_id AND reference_run_id = OLD.reference_run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER summary_takes_evidence AFTER DELETE ON production_summary
+FOR EACH ROW
+EXECUTE FUNCTION summary_takes_evidence();
+
+CREATE FUNCTION run_brief_goes_with_series() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM run_brief WHERE run_id = OLD.run_id;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER run_brief_goes_with_series AFTER DELETE ON run_series
+FOR EACH ROW
+EXECUTE FUNCTION run_brief_goes_with_series();

@@ -1,0 +1,437 @@
+//! The same exports into a file of SQLite and onto a PostgreSQL server: every public view says the same, row by row, and so
+//! do the commands. The server is a private one, of the installed package; where there is none, the tests say so.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use armwatch::store::public_views;
+use serde_json::{Map, Value};
+use sqlx::postgres::PgConnectOptions;
+use sqlx::{AssertSqlSafe, Connection, Row};
+
+use crate::small::{self, Export, export, work};
+use crate::support::{Workshop, assert_alike, text, wait_until};
+
+/// Where Debian's package has the programs of the server.
+const PROGRAMS: &str = "/usr/lib/postgresql/15/bin";
+
+/// A server of its own, with its files in a temporary folder and no address but a socket there.
+struct Server {
+    folder: tempfile::TempDir,
+}
+
+impl Server {
+    /// `None`, said on standard error, where the server's programs are not installed.
+    fn start() -> Option<Self> {
+        if !Path::new(PROGRAMS).join("initdb").exists() {
+            eprintln!("skipped: no PostgreSQL in {PROGRAMS}");
+            return None;
+        }
+        let folder = tempfile::Builder::new().prefix("pg").tempdir_in("/tmp").expect("a folder");
+        fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o777)).expect("a folder for all");
+        let server = Self { folder };
+        let data = server.data();
+        let data = data.to_str().expect("a path");
+        server.program(
+            "initdb",
+            &["-D", data, "-U", "armwatch", "-A", "trust", "-E", "UTF8", "--locale=C.UTF-8", "-N"],
+        );
+        server.control("start");
+        server.sql("CREATE DATABASE fleet");
+        Some(server)
+    }
+
+    fn data(&self) -> PathBuf {
+        self.folder.path().join("data")
+    }
+
+    /// Runs a program of the server, which refuses to run as root.
+    fn program(&self, name: &str, arguments: &[&str]) {
+        let program = Path::new(PROGRAMS).join(name);
+        let mut command = match rustix::process::getuid().is_root() {
+            true => {
+                let mut command = Command::new("setpriv");
+                command.args(["--reuid=nobody", "--regid=nogroup", "--clear-groups"]).arg(program);
+                command
+            }
+            false => Command::new(program),
+        };
+        command.args(arguments).current_dir(self.folder.path()).stdout(Stdio::null());
+        assert!(command.status().expect("it starts").success(), "{name} {arguments:?}");
+    }
+
+    fn control(&self, action: &str) {
+        let (data, folder) = (self.data(), self.folder.path().display());
+        let options = format!("-k {folder} -c listen_addresses='' -c fsync=off -c max_connections=60");
+        let log = self.folder.path().join("log");
+        let paths = [data.to_str().expect("a path"), log.to_str().expect("a path")];
+        self.program(
+            "pg_ctl",
+            &["-D", paths[0], "-l", paths[1], "-o", &options, "-m", "immediate", "-w", "-s", action],
+        );
+    }
+
+    fn fleet(&self) -> String {
+        format!("postgres:///fleet?host={}&user=armwatch", self.folder.path().display())
+    }
+
+    /// Rows of a statement in the database `postgres`, each a line.
+    fn sql(&self, statement: &str) -> Vec<String> {
+        self.sql_in("postgres", statement)
+    }
+
+    fn sql_in(&self, database: &str, statement: &str) -> Vec<String> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+        let options = PgConnectOptions::new_without_pgpass()
+            .socket(self.folder.path())
+            .username("armwatch")
+            .database(database);
+        runtime.block_on(async {
+            let mut connection = sqlx::PgConnection::connect_with(&options).await.expect("a connection");
+            let rows = sqlx::raw_sql(AssertSqlSafe(statement.to_owned())).fetch_all(&mut connection).await;
+            let cell = |row: &sqlx::postgres::PgRow, column: usize| -> String {
+                row.try_get::<Option<String>, _>(column).ok().flatten().unwrap_or_default()
+            };
+            let rows = rows.unwrap_or_else(|error| panic!("{statement}: {error}"));
+            let line = |row| (0..Row::len(row)).map(|column| cell(row, column)).collect::<Vec<_>>().join("|");
+            rows.iter().map(line).collect()
+        })
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        if self.data().join("postmaster.pid").exists() {
+            self.control("stop");
+        }
+    }
+}
+
+/// Columns that tell of the machine, its clock and the way to what is stored.
+const OF_THE_MACHINE: [(&str, &str); 14] = [
+    ("quarantine", "tries"),
+    ("quarantine", "first_at"),
+    ("quarantine", "last_at"),
+    ("quarantine", "retry_asked_at"),
+    ("quarantine", "dismissed_at"),
+    ("quarantine", "fault_id"),
+    ("anomaly_history", "at"),
+    ("baseline_changes", "formed_at"),
+    ("baseline_changes", "replaced_at"),
+    ("maintenance_log", "recorded_at"),
+    ("deliveries", "key"),
+    ("deliveries", "due_at"),
+    ("conclusion_faults", "first_at"),
+    ("conclusion_faults", "last_at"),
+];
+
+/// Every row of every public view, as the program reads it from a database, with numbers as they are: both engines give
+/// them in the same order where they have taken the same in the same order.
+fn dump(workshop: &Workshop, database: &str) -> String {
+    let mut dump = String::new();
+    for view in public_views() {
+        let name = view.name.as_str();
+        let asked = format!("SELECT * FROM {name}");
+        let rows = workshop.stdout(&["sql", "--db", database, "--json", &asked], 0);
+        let told = |line: &str| {
+            let mut row: Map<String, Value> = serde_json::from_str(line).expect("JSON");
+            row.retain(|column, _| !OF_THE_MACHINE.contains(&(name, column)));
+            Value::Object(row).to_string()
+        };
+        let mut rows: Vec<String> = rows.lines().map(told).collect();
+        rows.sort_unstable();
+        dump.push_str(&format!("# {name}\n{}\n", rows.join("\n")));
+    }
+    dump
+}
+
+fn rows(dump: &str, view: &str) -> usize {
+    let rest = dump.split_once(&format!("# {view}\n")).expect("a view").1;
+    rest.lines().take_while(|line| !line.starts_with("# ")).filter(|line| !line.is_empty()).count()
+}
+
+/// What a command said, but the time that it took.
+fn without_time(out: &str) -> String {
+    let said = |line: &str| match line.split_once("\"took_s\":") {
+        Some((before, after)) => before.to_owned() + after.trim_start_matches(|of: char| of != '}'),
+        None => line.to_owned(),
+    };
+    out.lines().map(said).collect::<Vec<_>>().join("\n")
+}
+
+/// A folder with a database of each engine, and commands that both get.
+struct Both {
+    workshop: Workshop,
+    databases: [String; 2],
+}
+
+impl Both {
+    fn new(workshop: Workshop, server: &Server) -> Self {
+        let file = workshop.path("armwatch.db").to_str().expect("a path").to_owned();
+        Self { workshop, databases: [file, server.fleet()] }
+    }
+
+    /// The same command on both, with the same status and the same words.
+    fn stdout(&self, arguments: &[&str], code: i32) -> String {
+        let [file, server] = self.databases.each_ref().map(|database| {
+            let out = self.workshop.stdout(&[&["--db", database][..], arguments].concat(), code);
+            without_time(&out).replace(database.as_str(), "DATABASE")
+        });
+        assert_eq!(server, file, "{arguments:?}");
+        file
+    }
+
+    /// Compares both, and gives what they say.
+    fn dump(&self, when: &str) -> String {
+        let [file, server] = self.databases.each_ref().map(|database| dump(&self.workshop, database));
+        assert_alike(&server, &file, when);
+        file
+    }
+
+    fn add(&self, export: &Export) {
+        fs::write(self.workshop.inbox(&export.name), &export.bytes).expect("written");
+    }
+}
+
+/// Plain and compressed tests, logs of work before and between them, a fault, a copy, an export that was written again.
+#[test]
+fn both_engines_keep_the_same_of_the_same_exports() {
+    let Some(server) = Server::start() else { return };
+    let both = Both::new(small::watching_work(), &server);
+    for export in [
+        export("A", 1, 5),
+        export("A", 11, 6).gzip(),
+        export("A", 12, 7),
+        export("B", 2, 5).zstd(),
+        export("C", 3, 5).spoiled(),
+        work("A", 21, 3),
+        work("A", 22, 6),
+        export("F", 6, 5),
+    ] {
+        both.add(&export);
+    }
+    both.stdout(&["ingest", "inbox", "--json"], 1);
+    let first = both.dump("the first exports");
+    for view in ["runs", "cycles", "cycle_parameters", "friction_points", "quarantine", "production_checks"] {
+        assert!(rows(&first, view) > 0, "no row in {view}");
+    }
+    // written again under its name, a copy under another one, and a corrected export
+    both.add(&export("F", 7, 5));
+    both.add(&export("A", 1, 5).named("again.csv"));
+    both.add(&export("C", 3, 5));
+    both.stdout(&["ingest", "inbox", "--json"], 0);
+    both.dump("what came again");
+    for question in [
+        &["status"][..],
+        &["robots"],
+        &["runs", "--json"],
+        &["cycles", "--json"],
+        &["alerts", "list"],
+        &["rmsd", "--run", "2"],
+        &["identify", "--run", "2", "--save", "kept"],
+    ] {
+        both.stdout(question, 0);
+    }
+    both.dump("kept parameters");
+    let exported = both.databases.each_ref().map(|database| {
+        let folder =
+            both.workshop.path(if database.starts_with("postgres") { "of_server" } else { "of_file" });
+        let of = folder.to_str().expect("a path");
+        both.workshop
+            .stdout(&["export", "--db", database, "--robot", "A", "--since", "2026-01-06", "--csv", of], 0);
+        sorted_lines(&folder.join("cycle_rmsd.csv"))
+    });
+    assert!(exported[0].len() > 1);
+    assert_eq!(exported[1], exported[0]);
+    for database in &both.databases {
+        both.workshop.stdout(&["prune", "--db", database, "--older-than", "0"], 0);
+    }
+    both.dump("factors are gone");
+    for (subject, database) in [("2", &both.databases[1]), ("A", &both.databases[1])] {
+        both.workshop.stdout(&["report", subject, "-o", "report.html", "--db", database], 0);
+    }
+}
+
+fn sorted_lines(file: &Path) -> Vec<String> {
+    let text = fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    lines.sort_unstable();
+    lines
+}
+
+/// A joint that wears: conclusions, and what people do with an alarm.
+#[test]
+fn an_alarm_has_the_same_life_on_both_engines() {
+    let Some(server) = Server::start() else { return };
+    let both = Both::new(Workshop::new(), &server);
+    let fault = ["--fault", "wear:joint=3,from=5,rate=0.08"];
+    let shape = ["--runs", "8", "--cycles", "2", "--name", "R01", "--seed", "11"];
+    both.workshop.simulate("made", &[&shape[..], &fault].concat());
+    both.stdout(&["ingest", "made", "--json"], 0);
+    let found = both.dump("a joint that wears");
+    for view in ["anomalies", "anomaly_history", "fleet_health", "warmup_fits"] {
+        assert!(rows(&found, view) > 0, "no row in {view}");
+    }
+    let listed = both.stdout(&["alerts", "list", "--state", "open", "--json"], 0);
+    let first: Value = serde_json::from_str(listed.lines().next().expect("an alarm")).expect("JSON");
+    let id = first["anomaly_id"].to_string();
+    let by = ["--by", "mueller", "--why", "seen"];
+    both.stdout(&[&["alerts", "ack", &id][..], &by].concat(), 0);
+    both.stdout(&[&["alerts", "shelve", &id, "--until", "2090-01-01"][..], &by].concat(), 0);
+    both.dump("shelved");
+    both.stdout(&[&["alerts", "false-alarm", &id][..], &by].concat(), 0);
+    both.stdout(
+        &["maintenance", "R01", "--joint", "3", "--what", "gearbox", "--at", "2026-01-08", "--by", "m"],
+        0,
+    );
+    both.dump("a gearbox changed");
+    both.stdout(&["maintenance", "--remove", "1"], 0);
+    both.dump("and taken back");
+}
+
+/// Killed while it stores, and once more, the daemon ends with what a command stores that nobody interrupts.
+#[test]
+fn a_killed_daemon_goes_on_where_the_server_has_it() {
+    let Some(server) = Server::start() else { return };
+    let both = Both::new(small::watching_work(), &server);
+    for (robot, seed) in [("A", 1), ("B", 2), ("D", 8), ("E", 9)] {
+        both.add(&export(robot, seed, 5));
+    }
+    let growing = export("G", 4, 5);
+    let path = both.workshop.inbox(&growing.name);
+    fs::write(&path, &growing.bytes[..growing.bytes.len() / 2]).expect("written");
+    let daemon = || {
+        let log = fs::OpenOptions::new().create(true).append(true).open(both.workshop.path("daemon.log"));
+        let mut command = both.workshop.command(&["run", "--db", &both.databases[1]]);
+        command.stdout(Stdio::null()).stderr(log.expect("a log"));
+        command.spawn().expect("the daemon starts")
+    };
+    let cycles = || {
+        let there = server.sql_in("fleet", "SELECT CAST(to_regclass('armwatch.cycle') AS text)");
+        if there != ["armwatch.cycle"] && there != ["cycle"] {
+            return 0;
+        }
+        server.sql_in("fleet", "SELECT CAST(count(*) AS text) FROM armwatch.cycle")[0].parse().unwrap_or(0)
+    };
+    for more in [1, 2] {
+        let wanted = cycles() + more;
+        let mut child = daemon();
+        wait_until(|| cycles() >= wanted, || format!("{} cycles\n{}", cycles(), both.workshop.log()));
+        child.kill().expect("killed");
+        child.wait().expect("ended");
+    }
+    fs::write(&path, &growing.bytes).expect("written");
+    let lives = || both.workshop.log().matches(" watching ").count();
+    let before = lives();
+    let mut child = daemon();
+    wait_until(|| lives() > before, || both.workshop.log());
+    let second = daemon().wait().expect("it ends");
+    let open = "SELECT CAST(count(*) AS text) FROM armwatch.run WHERE status = 'complete'";
+    wait_until(|| server.sql_in("fleet", open) == ["5"], || both.workshop.log());
+    // the server goes down in the middle of the daemon's life, and comes back
+    server.control("restart");
+    both.add(&export("H", 5, 5));
+    wait_until(|| server.sql_in("fleet", open) == ["6"], || both.workshop.log());
+    let stale = "SELECT CAST(count(*) AS text) FROM armwatch.robot WHERE history <> concluded";
+    wait_until(|| server.sql_in("fleet", stale) == ["0"], || both.workshop.log());
+    let term = Command::new("kill").args(["-TERM", &child.id().to_string()]).status();
+    assert!(term.expect("kill runs").success() && child.wait().expect("it ends").success());
+    assert_eq!(second.code(), Some(74), "a second daemon: {}", both.workshop.log());
+    both.workshop.stdout(&["ingest", "inbox"], 0);
+    let [file, server] = both.databases.each_ref().map(|database| by_robot(&both.workshop, database));
+    assert_alike(&server, &file, "killed");
+}
+
+/// Results without the numbers of runs, which follow the order of arrival.
+fn by_robot(workshop: &Workshop, database: &str) -> String {
+    const QUESTIONS: [&str; 3] = [
+        "SELECT robot, source_name, status, cycles, rows, content_hash FROM runs ORDER BY robot, source_name",
+        "SELECT robot, cycle, joint, parameter, value, std_error FROM cycle_parameters ORDER BY 1, 2, 3, 4",
+        "SELECT robot, joint, status, reason FROM fleet_health ORDER BY robot, joint",
+    ];
+    QUESTIONS.map(|asked| workshop.stdout(&["sql", "--db", database, "--json", asked], 0)).concat()
+}
+
+/// What a server cannot do, and what is left to it, is said with a remedy.
+#[test]
+fn what_a_server_refuses_is_told_in_plain_words() {
+    let Some(server) = Server::start() else { return };
+    let workshop = small::workshop();
+    let told = |arguments: &[&str], code: i32| {
+        let output = workshop.run(arguments);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+        said
+    };
+    let fleet = server.fleet();
+    assert!(told(&["runs", "--db", &fleet], 74).contains("there is no database postgres:///fleet"));
+    workshop.stdout(&["ingest", "inbox", "--db", &fleet], 0);
+    let nobody = "postgres://armwatch:secret@127.0.0.1:1/fleet";
+    let said = told(&["ingest", "inbox", "--db", nobody], 74);
+    assert!(said.contains("no server answers for database postgres://armwatch@127.0.0.1:1/fleet"), "{said}");
+    assert!(!said.contains("secret"), "{said}");
+    let gone = server.fleet().replace("/fleet?", "/other?");
+    assert!(told(&["ingest", "inbox", "--db", &gone], 74).contains("createdb"));
+    server.sql("CREATE ROLE reader LOGIN");
+    let reader = server.fleet().replace("user=armwatch", "user=reader");
+    assert!(told(&["runs", "--db", &reader], 74).contains("the user of"));
+    let unknown = server.fleet().replace("user=armwatch", "user=unknown");
+    assert!(told(&["runs", "--db", &unknown], 74).contains("does not let the user"));
+    assert!(told(&["backup", "copy.db", "--db", &fleet], 74).contains("pg_dump --schema armwatch"));
+    assert!(told(&["snapshot", "copy.db", "--db", &fleet], 74).contains("GRANT SELECT"));
+    assert!(told(&["sql", "--db", &fleet, "DELETE FROM run"], 2).contains("read-only"));
+    assert!(told(&["sql", "--db", &fleet, "SELECT robo FROM runs"], 2).contains("robo"));
+    let doctor = text(&workshop.run(&["doctor", "--all", "--db", &fleet]).stdout);
+    assert!(doctor.contains("is of this program's schema") && doctor.contains("pg_amcheck"), "{doctor}");
+    server.sql_in("fleet", "UPDATE armwatch.schema_version SET version = 1000");
+    assert!(told(&["runs", "--db", &fleet], 74).contains("use the newer program"));
+    server.sql("CREATE DATABASE latin TEMPLATE template0 ENCODING 'LATIN1' LOCALE 'C'");
+    let latin = server.fleet().replace("/fleet?", "/latin?");
+    assert!(told(&["ingest", "inbox", "--db", &latin], 74).contains("UTF8"));
+}
+
+/// Tables, columns and types are those of the file, but what only one engine needs.
+#[test]
+fn tables_and_views_of_both_engines_have_the_same_columns() {
+    let Some(server) = Server::start() else { return };
+    let both = Both::new(small::workshop(), &server);
+    both.stdout(&["ingest", "inbox"], 0);
+    let of_file = both.workshop.query(
+        "SELECT t.name, c.name, CASE WHEN t.type = 'view' THEN '' ELSE lower(c.type) END, c.\"notnull\"
+         FROM sqlite_schema AS t JOIN pragma_table_info(t.name) AS c
+         WHERE t.type IN ('table', 'view') AND t.name NOT LIKE 'sqlite%' AND t.name <> '_sqlx_migrations'
+         ORDER BY t.name, c.cid",
+    );
+    let of_server = server.sql_in(
+        "fleet",
+        "SELECT CAST(t.relname AS text), CAST(a.attname AS text),
+                CASE WHEN t.relkind = 'v' THEN ''
+                     ELSE CASE format_type(a.atttypid, a.atttypmod) WHEN 'bigint' THEN 'integer' WHEN 'boolean' THEN 'integer'
+                          WHEN 'double precision' THEN 'real' WHEN 'bytea' THEN 'blob'
+                          ELSE format_type(a.atttypid, a.atttypmod) END END,
+                CASE WHEN a.attnotnull THEN '1' ELSE '0' END
+         FROM pg_class AS t JOIN pg_attribute AS a ON a.attrelid = t.oid
+         WHERE t.relnamespace = CAST('armwatch' AS regnamespace) AND t.relkind IN ('r', 'v') AND a.attnum > 0
+               AND t.relname <> 'schema_version'
+         ORDER BY t.relname, a.attnum",
+    );
+    // a key is never NULL, which SQLite does not say of it
+    let without_null = |lines: &[String]| -> Vec<String> {
+        lines.iter().map(|line| line.rsplit_once('|').expect("four cells").0.to_owned()).collect()
+    };
+    assert_eq!(without_null(&of_server), without_null(&of_file));
+    assert!(of_file.len() > 500, "{} columns", of_file.len());
+    let indexes = both
+        .workshop
+        .query("SELECT name FROM sqlite_schema WHERE type = 'index' AND sql IS NOT NULL ORDER BY name");
+    let there = server.sql_in(
+        "fleet",
+        "SELECT CAST(c.relname AS text) FROM pg_class AS c JOIN pg_index AS i ON i.indexrelid = c.oid
+         WHERE c.relnamespace = CAST('armwatch' AS regnamespace)
+               AND NOT EXISTS (SELECT 1 FROM pg_constraint AS k WHERE k.conindid = c.oid)
+         ORDER BY c.relname",
+    );
+    assert_eq!(there, indexes);
+}
