@@ -45,6 +45,8 @@ pub struct CycleAnalysis {
     /// Self-verification at the start and at the end of the warming stage; empty without parameters
     /// or warming.
     pub warming_contrast: Vec<WarmingContrast>,
+    /// Noise of the torque channels in the excitation stage; empty without parameters.
+    pub torque_noise: Vec<TorqueNoise>,
     /// Mean magnitude of each joint's velocity over the cycle, rad/s (m/s), `[n]`: what warms it. Empty where the
     /// channels were refused.
     pub mean_speeds: Vec<f64>,
@@ -266,6 +268,18 @@ pub struct Rmsd {
     pub relative: f64,
     /// Rows.
     pub samples: usize,
+}
+
+/// Noise of a joint's torque channel in one cycle, as far as the analysis low-pass lets it through: the least that any model
+/// leaves unexplained.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TorqueNoise {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Standard deviation, Nm (N).
+    pub value: f64,
+    /// `value` divided by the RMS of the torque while the joint moves, as in [`Rmsd::relative`].
+    pub relative: f64,
 }
 
 /// How well one parameter set fits the first and the last third of a warming stage: friction falls
@@ -545,6 +559,8 @@ pub struct JointSummary {
     pub relative_rmsd: Option<f64>,
     /// How much that RMSD swings from cycle to cycle.
     pub rmsd_swing: Option<RmsdSwing>,
+    /// Median over the cycles of the noise of the torque channel, as a fraction of the torque ([`TorqueNoise::relative`]).
+    pub relative_noise: Option<f64>,
 }
 
 impl JointSummary {

@@ -14,6 +14,8 @@ pub struct RunMeasurements {
     pub relative_rmsd: Vec<CycleRmsd>,
     /// The same of the whole cycle, all stages.
     pub whole_cycle_rmsd: Vec<CycleRmsd>,
+    /// Noise of the torque channels by cycle and joint, where it is known.
+    pub torque_noise: Vec<CycleNoise>,
 }
 
 /// A friction point and its cycle.
@@ -49,6 +51,17 @@ pub struct CycleRmsd {
     pub relative_rmsd: f64,
 }
 
+/// Noise of the torque channel of one joint in one cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CycleNoise {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// The joint.
+    pub joint: JointIndex,
+    /// As a fraction of the torque's RMS ([`super::TorqueNoise::relative`]).
+    pub relative_noise: f64,
+}
+
 /// Values with the numbers of their cycles, in the order of cycles.
 pub type ByCycle = Vec<(u32, f64)>;
 
@@ -67,6 +80,12 @@ impl RunMeasurements {
             }
         }
         found
+    }
+
+    /// Noise of a joint's torque channel in each cycle.
+    #[must_use]
+    pub fn noise_of(&self, joint: JointIndex) -> Vec<f64> {
+        self.torque_noise.iter().filter(|of| of.joint == joint).map(|of| of.relative_noise).collect()
     }
 
     /// Moving relative RMSD of the excitation stage of each joint by cycle.

@@ -208,6 +208,7 @@ mod tests {
             friction_index: index.map(|value| Estimate { value, std_error: 0.01 }),
             relative_rmsd: None,
             rmsd_swing: None,
+            relative_noise: None,
         };
         RunSummary {
             run_id: at,

@@ -23,6 +23,8 @@ const YEAR_DAYS: f64 = 365.25;
 const LEFT_OUT: f64 = 0.05;
 /// Standard deviation of the logarithm of what is recorded of a rest.
 const REST_ERROR: f64 = 0.1;
+/// Standard deviation of the logarithm of a channel's noise from run to run.
+const NOISE_WALK: f64 = 0.03;
 /// Friction rises by this fraction for each kilogram, relative to the square root of the joint's torque, Nm.
 const FRICTION_OF_LOAD: f64 = 0.004;
 /// Step of the derivative by a position, rad.
@@ -411,6 +413,11 @@ fn joint_summary(
     let usual_nm = residual_nm(joint) * (joint.unexplained_walk * draws.noise(arm.tails)).exp();
     let more_nm = if has { event.unexplained_nm[j] } else { 0.0 };
     let is_own = has && j == event.joint;
+    let usual_noise_nm = joint.channel_noise_nm() * (NOISE_WALK * draws.aside().normal()).exp();
+    let noise_nm = match event.scenario {
+        Scenario::TorqueNoise if is_own => event.size * usual_noise_nm,
+        _ => usual_noise_nm,
+    };
     let swing = match event.scenario {
         Scenario::TorqueNoise if is_own => joint.swing * event.size,
         Scenario::Jitter if is_own => joint.swing.hypot(SWING_SHARE * event.size),
@@ -430,6 +437,7 @@ fn joint_summary(
         relative_rmsd: Some(usual_nm.hypot(more_nm) / joint.torque_nm),
         rmsd_swing: (cycles > 2)
             .then(|| RmsdSwing { value: swing * (1.0 + draws.normal() / freedom).max(0.1), cycles }),
+        relative_noise: Some(noise_nm / joint.torque_nm),
     }
 }
 

@@ -28,13 +28,15 @@ use super::model::base_parameters::{BaseParameters, base_parameters};
 use super::model::dynamics::DynamicModel;
 use super::model::regressor::KeptColumns;
 use super::signal::filter::{FilteredSignals, carried_cutoff, filter_signals_into};
+use super::signal::noise::{passed, white_noise};
 use super::signal::temperature::cycle_temperatures;
 use super::signal::time_grid::sample_rate;
 use super::spare_threads::SpareThreads;
 use crate::analysis::finding::{Finding, FindingKinds, FindingSeverity};
 use crate::analysis::response::ChannelResponse;
 use crate::analysis::{
-    CycleAnalysis, CycleFactors, Estimator, FrictionPoint, Identification, TorqueRmsd, WarmingContrast,
+    CycleAnalysis, CycleFactors, Estimator, FrictionPoint, Identification, RmsdScope, TorqueNoise,
+    TorqueRmsd, WarmingContrast,
 };
 use crate::robot::Robot;
 use crate::run::{Cycle, RunKind, Samples, Stage};
@@ -206,6 +208,7 @@ fn identify_and_verify(
         true => self::explained(method, number, recorded, None),
         false => explained,
     };
+    analysis.torque_noise = torque_noise(recorded, &explained.verification);
     analysis.verification = explained.verification;
     analysis.warming_contrast = explained.warming_contrast;
     analysis.response = explained.response;
@@ -262,6 +265,26 @@ fn explained(
     }
 }
 
+/// Noise of the torque channels in the excitation, of joints that move there.
+fn torque_noise(recorded: &Recorded<'_>, verification: &[TorqueRmsd]) -> Vec<TorqueNoise> {
+    let Recorded { samples, filtered, .. } = *recorded;
+    if verification.is_empty() {
+        return Vec::new();
+    }
+    let rows = recorded.excitation();
+    let passed = passed(filtered.cutoff, filtered.sample_rate);
+    let of_joint = |of: &TorqueRmsd| {
+        let moving = of.moving_rows;
+        let torque = moving.value / moving.relative;
+        let j = of.joint.index();
+        let value = passed * white_noise(&samples.torque[j], &filtered.tau[j], &rows)?;
+        let found = TorqueNoise { joint: of.joint, value, relative: value / torque };
+        (found.relative.is_finite() && torque > 0.0).then_some(found)
+    };
+    let of_excitation = |of: &&TorqueRmsd| of.scope == RmsdScope::Stage(Stage::Excitation);
+    verification.iter().filter(of_excitation).filter_map(of_joint).collect()
+}
+
 /// Whether a log has no positions; then says what it would need, and how large its torques are.
 pub(super) fn without_positions(samples: &Samples, analysis: &mut CycleAnalysis) -> bool {
     if samples.has_positions() {
@@ -301,6 +324,7 @@ pub(super) fn unanalysed(method: &Method, number: u32, samples: &Samples) -> Cyc
         refusal_causes: Vec::new(),
         verification: Vec::new(),
         warming_contrast: Vec::new(),
+        torque_noise: Vec::new(),
         mean_speeds: Vec::new(),
         temperatures,
         friction_points: Vec::new(),

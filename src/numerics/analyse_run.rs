@@ -29,7 +29,10 @@ pub fn analyse_run_on(
 ) -> RunAnalysis {
     let points: Vec<FrictionPoint> = measurements.friction_points.iter().map(|of| of.point).collect();
     let rmsd_by_joint = measurements.rmsd_by_joint();
-    let summary = |joint| summary(joint, settings, &measurements.friction_points, &rmsd_by_joint);
+    let summary = |joint| JointSummary {
+        relative_noise: median(&measurements.noise_of(joint)),
+        ..summary(joint, settings, &measurements.friction_points, &rmsd_by_joint)
+    };
     RunAnalysis {
         warm_up_fits: warm_up_fits_on(spare, &points),
         statistics: measurements
@@ -92,6 +95,7 @@ fn summary(
         friction_index: None,
         relative_rmsd: median(&rmsd),
         rmsd_swing: swing(&rmsd),
+        relative_noise: None,
     }
 }
 

@@ -19,6 +19,7 @@ pub fn first_cycles(run: &RunSummary, measurements: &RunMeasurements, last_cycle
         parameters: kept(&measurements.parameters, |of| of.cycle <= last_cycle),
         relative_rmsd: kept(&measurements.relative_rmsd, |of| of.cycle <= last_cycle),
         whole_cycle_rmsd: kept(&measurements.whole_cycle_rmsd, |of| of.cycle <= last_cycle),
+        torque_noise: kept(&measurements.torque_noise, |of| of.cycle <= last_cycle),
     };
     let cycle_friction: Vec<CycleSeries> = measured
         .friction_points
@@ -58,6 +59,7 @@ pub fn first_cycles(run: &RunSummary, measurements: &RunMeasurements, last_cycle
             friction_index: None,
             relative_rmsd: median(&of_joint.map(|(_, value)| *value).collect::<Vec<f64>>()),
             rmsd_swing: None,
+            relative_noise: median(&measured.noise_of(joint)),
         }
     };
     RunSummary {

@@ -1,4 +1,4 @@
--- made from migrations be5b6caa759a08686e9d6ecb1c92251545050ee4b4b0fdce2cc43259a78c10c1
+-- made from migrations 3ca68b3b29221a7e209435ebbd8d364e179a9b289ae172d2bf22f5cf9b3720e0
 PRAGMA application_id = 1098343522;
 CREATE TABLE _sqlx_migrations (
     version BIGINT PRIMARY KEY,
@@ -183,7 +183,7 @@ CREATE TABLE run_joint_summary (
     relative_rmsd              REAL,
     -- How much that RMSD swings from cycle to cycle, and over how many cycles.
     rmsd_swing                 REAL,
-    rmsd_swing_cycles          INTEGER, estimator TEXT CHECK (estimator IN ('ordinary', 'weighted', 'huber')), excitation_friction_nm REAL, excitation_friction_std_error_nm REAL, excitation_minute REAL, excitation_speed_fraction REAL,
+    rmsd_swing_cycles          INTEGER, estimator TEXT CHECK (estimator IN ('ordinary', 'weighted', 'huber')), excitation_friction_nm REAL, excitation_friction_std_error_nm REAL, excitation_minute REAL, excitation_speed_fraction REAL, relative_noise REAL,
     PRIMARY KEY (run_id, joint)
 ) STRICT, WITHOUT ROWID;
 CREATE VIEW friction_points AS
@@ -1759,6 +1759,24 @@ CREATE TRIGGER run_brief_goes_with_series AFTER DELETE ON run_series
 BEGIN
     DELETE FROM run_brief WHERE run_id = OLD.run_id;
 END;
+CREATE TABLE channel_noise (
+    cycle_id       INTEGER NOT NULL REFERENCES cycle ON DELETE CASCADE,
+    joint          INTEGER NOT NULL CHECK (joint >= 1),
+    noise_nm       REAL NOT NULL,
+    relative_noise REAL NOT NULL,
+    PRIMARY KEY (cycle_id, joint)
+) STRICT, WITHOUT ROWID;
+CREATE VIEW torque_noise AS
+SELECT robot.name   AS robot,
+       run.run_id   AS run_id,
+       cycle.number AS cycle,
+       noise.joint  AS joint,
+       noise.noise_nm,
+       noise.relative_noise
+FROM channel_noise AS noise
+JOIN cycle USING (cycle_id)
+JOIN run USING (run_id)
+JOIN robot USING (robot_id);
 INSERT INTO database_identity (only_one, identity) VALUES (1, lower(hex(randomblob(6))));
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly', 0);
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly_event', 0);

@@ -330,23 +330,37 @@ pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
+/// Rows of a statement, as text. None where there is no database yet, or one that is just being made. Beside a daemon
+/// that is killed a database cannot be opened for a moment.
 pub fn query(database: &Path, sql: &str) -> Vec<String> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
-    runtime.block_on(async {
-        let options = SqliteConnectOptions::new()
-            .filename(database)
-            .read_only(true)
-            .busy_timeout(Duration::from_secs(10));
-        let Ok(mut connection) = SqliteConnection::connect_with(&options).await else { return Vec::new() };
-        let rows = sqlx::query(sqlx::AssertSqlSafe(sql)).fetch_all(&mut connection).await;
-        let rows = match rows {
-            Ok(rows) => rows,
-            // the daemon may be creating the schema just now
-            Err(error) if error.to_string().contains("no such table") => Vec::new(),
-            Err(error) => panic!("{sql}: {error}"),
-        };
-        rows.iter().map(cells).collect()
-    })
+    let mut answer = None;
+    let failure = std::cell::RefCell::new(String::new());
+    wait_until(
+        || {
+            if std::fs::metadata(database).map_or(true, |file| file.len() == 0) {
+                answer = Some(Vec::new());
+                return true;
+            }
+            match runtime.block_on(rows_of(database, sql)) {
+                Ok(rows) => answer = Some(rows),
+                // the daemon may be creating the schema just now
+                Err(error) if error.to_string().contains("no such table") => answer = Some(Vec::new()),
+                Err(error) => *failure.borrow_mut() = error.to_string(),
+            }
+            answer.is_some()
+        },
+        || format!("{}: {sql}: {}", database.display(), failure.borrow()),
+    );
+    answer.unwrap_or_default()
+}
+
+async fn rows_of(database: &Path, sql: &str) -> Result<Vec<String>, sqlx::Error> {
+    let options =
+        SqliteConnectOptions::new().filename(database).read_only(true).busy_timeout(Duration::from_secs(10));
+    let mut connection = SqliteConnection::connect_with(&options).await?;
+    let rows = sqlx::query(sqlx::AssertSqlSafe(sql)).fetch_all(&mut connection).await?;
+    Ok(rows.iter().map(cells).collect())
 }
 
 fn cells(row: &SqliteRow) -> String {

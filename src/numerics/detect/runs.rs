@@ -13,6 +13,7 @@ mod curve;
 mod judgement;
 mod parts;
 mod like_length;
+mod arm_cause;
 mod arm;
 mod series;
 mod common_change;

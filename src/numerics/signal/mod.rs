@@ -5,3 +5,4 @@ pub mod filter;
 pub mod temperature;
 pub mod time_grid;
 pub mod channel_delay;
+pub mod noise;

@@ -93,6 +93,7 @@ fn cycle(test: Test, number: u32) -> CycleAnalysis {
         refusal_causes: Vec::new(),
         verification: Vec::new(),
         warming_contrast: Vec::new(),
+        torque_noise: Vec::new(),
         friction_points: points(test, number),
         factors: CycleFactors::default(),
         response: None,
@@ -138,6 +139,7 @@ impl Fleet {
             friction_index: None,
             relative_rmsd: None,
             rmsd_swing: None,
+            relative_noise: None,
         };
         let summaries = (0..JOINTS).map(summary).collect();
         let mut end = self.store().finish_run(run_id).await.expect("a transaction");

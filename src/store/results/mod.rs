@@ -6,6 +6,7 @@ pub(super) mod joined_factors;
 pub(super) mod channel_response;
 pub(super) mod intervals;
 pub(super) mod temperatures;
+pub(super) mod torque_noise;
 pub(super) mod verification;
 mod production_evidence;
 pub(super) mod production;

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use sqlx::QueryBuilder;
 
-use super::{channel_response, factors, production, temperatures};
+use super::{channel_response, factors, production, temperatures, torque_noise};
 use crate::analysis::refusal::RefusalCause;
 use crate::analysis::{
     CycleAnalysis, Estimator, FrictionPoint, Identification, IdentifiedParameter, JointResidual, TorqueRmsd,
@@ -102,6 +102,7 @@ pub(in crate::store) async fn record_cycle(
         channel_response::record(&mut *connection, run_id, response).await?;
     }
     temperatures::record(&mut *connection, cycle_id, &analysis.temperatures).await?;
+    torque_noise::record(&mut *connection, cycle_id, &analysis.torque_noise).await?;
     let numbered: Vec<(i64, FrictionPoint)> = (1..).zip(analysis.friction_points.iter().copied()).collect();
     for rows in numbered.chunks(ROWS_PER_STATEMENT) {
         insert_friction_points(&mut *connection, cycle_id, rows).await?;

@@ -16,7 +16,7 @@ use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
-use crate::store::results::channel_response;
+use crate::store::results::{channel_response, torque_noise};
 use crate::store::values::{identified, joint, named, size, time};
 
 const GRAVITY_REMOVALS: [GravityRemoval; 3] =
@@ -138,7 +138,8 @@ pub(in crate::store) async fn run_measurements(
         friction_points: friction_points(&mut *connection, run_id).await?,
         parameters: parameters_by_cycle(&mut *connection, run_id).await?,
         relative_rmsd: excitation_rmsd(&mut *connection, run_id).await?,
-        whole_cycle_rmsd: cycle_rmsd::of_run(connection, run_id).await?,
+        whole_cycle_rmsd: cycle_rmsd::of_run(&mut *connection, run_id).await?,
+        torque_noise: torque_noise::of_run(connection, run_id).await?,
     })
 }
 
@@ -152,6 +153,7 @@ pub(in crate::store) async fn of_parameters(
         parameters: parameters_by_cycle(&mut *connection, run_id).await?,
         relative_rmsd: excitation_rmsd(connection, run_id).await?,
         whole_cycle_rmsd: Vec::new(),
+        torque_noise: Vec::new(),
     })
 }
 

@@ -35,7 +35,7 @@ pub(super) async fn of_run(
                 summary.warm_speed_fraction, summary.excitation_friction_nm,
                 summary.excitation_friction_std_error_nm, summary.excitation_minute,
                 summary.excitation_speed_fraction, summary.relative_rmsd, summary.rmsd_swing,
-                summary.rmsd_swing_cycles, summary.estimator, found.friction_index, found.friction_index_std_error
+                summary.rmsd_swing_cycles, summary.relative_noise, summary.estimator, found.friction_index, found.friction_index_std_error
          FROM run_joint_summary AS summary
          LEFT JOIN run_friction_index AS found ON found.run_id = summary.run_id AND found.joint = summary.joint
          WHERE summary.run_id = $1
@@ -73,6 +73,7 @@ pub(super) fn of_row(row: &EngineRow) -> Result<JointSummary, sqlx::Error> {
         friction_index,
         relative_rmsd: row.try_get("relative_rmsd")?,
         rmsd_swing,
+        relative_noise: row.try_get("relative_noise")?,
     })
 }
 
@@ -95,11 +96,19 @@ const INDEX: u8 = 4;
 const RMSD: u8 = 8;
 const SWING: u8 = 16;
 const ESTIMATOR: u8 = 32;
+const NOISE: u8 = 64;
 
 /// Adds the joint, which figures it has, and these.
 pub(super) fn pack(bytes: &mut Vec<u8>, row: &SummaryRow) {
-    let JointSummary { joint, warm_friction, excitation_friction, friction_index, relative_rmsd, rmsd_swing } =
-        row.summary;
+    let JointSummary {
+        joint,
+        warm_friction,
+        excitation_friction,
+        friction_index,
+        relative_rmsd,
+        rmsd_swing,
+        relative_noise,
+    } = row.summary;
     let bit = |bit: u8, is_there: bool| if is_there { bit } else { 0 };
     add_joint(bytes, joint);
     bytes.push(
@@ -108,7 +117,8 @@ pub(super) fn pack(bytes: &mut Vec<u8>, row: &SummaryRow) {
             | bit(INDEX, friction_index.is_some())
             | bit(RMSD, relative_rmsd.is_some())
             | bit(SWING, rmsd_swing.is_some())
-            | bit(ESTIMATOR, row.estimator.is_some()),
+            | bit(ESTIMATOR, row.estimator.is_some())
+            | bit(NOISE, relative_noise.is_some()),
     );
     for WarmFriction { torque, std_error, minute, speed_fraction } in
         warm_friction.iter().chain(&excitation_friction).copied()
@@ -123,6 +133,9 @@ pub(super) fn pack(bytes: &mut Vec<u8>, row: &SummaryRow) {
     }
     if let Some(RmsdSwing { value, cycles }) = rmsd_swing {
         add_numbers(bytes, [value, cycles as f64]);
+    }
+    if let Some(noise) = relative_noise {
+        add_numbers(bytes, [noise]);
     }
     if let Some(name) = &row.estimator {
         // names of estimators are short words
@@ -156,12 +169,20 @@ pub(super) fn unpack(reader: &mut Reader<'_>) -> Option<SummaryRow> {
         let [value, cycles] = reader.numbers()?;
         rmsd_swing = Some(RmsdSwing { value, cycles: cycles as usize });
     }
+    let relative_noise = if bits & NOISE != 0 { Some(reader.f64()?) } else { None };
     if bits & ESTIMATOR != 0 {
         let length = usize::from(reader.u8()?);
         estimator = Some(std::str::from_utf8(reader.bytes(length)?).ok()?.to_owned());
     }
-    let summary =
-        JointSummary { joint, warm_friction, excitation_friction, friction_index, relative_rmsd, rmsd_swing };
+    let summary = JointSummary {
+        joint,
+        warm_friction,
+        excitation_friction,
+        friction_index,
+        relative_rmsd,
+        rmsd_swing,
+        relative_noise,
+    };
     Some(SummaryRow { summary, estimator })
 }
 
@@ -173,7 +194,7 @@ mod tests {
     #[test]
     fn any_choice_of_figures_comes_back() {
         let warm = WarmFriction { torque: 1.0 / 3.0, std_error: 0.1, minute: 60.0, speed_fraction: 0.6 };
-        for bits in 0..64_u8 {
+        for bits in 0..128_u8 {
             let is = |bit: u8| bits & bit != 0;
             let summary = JointSummary {
                 joint: JointIndex::new(3),
@@ -182,6 +203,7 @@ mod tests {
                 friction_index: is(INDEX).then_some(Estimate { value: 1.1, std_error: 0.01 }),
                 relative_rmsd: is(RMSD).then_some(0.07),
                 rmsd_swing: is(SWING).then_some(RmsdSwing { value: 0.002, cycles: 24 }),
+                relative_noise: is(NOISE).then_some(0.013),
             };
             let row = SummaryRow { summary, estimator: is(ESTIMATOR).then(|| "weighted".to_owned()) };
             let mut bytes = Vec::new();

@@ -181,6 +181,7 @@ mod tests {
             friction_index: None,
             relative_rmsd: Some(0.05),
             rmsd_swing: None,
+            relative_noise: None,
         };
         let series = RunSeries {
             joints: vec![SummaryRow { summary, estimator: None }],

@@ -8,7 +8,7 @@ use crate::store::error::StoreError;
 
 /// The version of this schema, which counts with the migrations of SQLite's: what one of them changes is changed in the
 /// files here too, and comes to a database that is there by a step of [`STEPS`].
-pub(super) const VERSION: i64 = 40;
+pub(super) const VERSION: i64 = 41;
 
 /// How a database with an older version is brought up to date: the version that a step leads to, and its statements.
 const STEPS: [(i64, &str); 0] = [];

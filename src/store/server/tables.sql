@@ -224,6 +224,8 @@ CREATE TABLE run_joint_summary (
     excitation_friction_std_error_nm double precision,
     excitation_minute double precision,
     excitation_speed_fraction double precision,
+    -- Median over the cycles of a test.
+    relative_noise double precision,
     PRIMARY KEY (run_id, joint)
 );
 
@@ -307,6 +309,15 @@ CREATE TABLE joint_residual (
     -- Independent rows over the joint's rows, for errors from factors alone. Above 1 where the noise is
     -- less at the frequencies of the motion than above them.
     independent_share double precision CHECK (independent_share > 0),
+    PRIMARY KEY (cycle_id, joint)
+);
+
+-- Of the excitation stage of cycles with parameters.
+CREATE TABLE channel_noise (
+    cycle_id bigint NOT NULL REFERENCES cycle ON DELETE CASCADE,
+    joint bigint NOT NULL CHECK (joint >= 1),
+    noise_nm double precision NOT NULL,
+    relative_noise double precision NOT NULL,
     PRIMARY KEY (cycle_id, joint)
 );
 

@@ -56,6 +56,18 @@ JOIN cycle USING (cycle_id)
 JOIN run USING (run_id)
 JOIN robot USING (robot_id);
 
+CREATE VIEW torque_noise AS
+SELECT robot.name AS robot,
+       cycle.run_id,
+       cycle.number AS cycle,
+       channel_noise.joint,
+       channel_noise.noise_nm,
+       channel_noise.relative_noise
+FROM channel_noise
+JOIN cycle USING (cycle_id)
+JOIN run USING (run_id)
+JOIN robot USING (robot_id);
+
 CREATE VIEW parameter_sets AS
 SELECT parameter_set.name AS parameter_set,
        robot_model.name AS model,

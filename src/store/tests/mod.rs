@@ -16,6 +16,7 @@ pub(in crate::store) mod support;
 
 use self::support::*;
 use super::error::StoreError;
+use crate::analysis::CycleAnalysis;
 use crate::numerics::statistics::distributions::half_width;
 use crate::robot::JointIndex;
 use crate::run::{ContentHash, RunStatus};
@@ -76,6 +77,7 @@ async fn views_have_the_promised_columns_in_order() {
         ),
         ("parameter_set_sources", "parameter_set robot run_id cycle"),
         ("joint_residuals", "robot run_id cycle joint residual_std_nm independent_share"),
+        ("torque_noise", "robot run_id cycle joint noise_nm relative_noise"),
     ];
     let (_folder, store) = fresh().await;
     for &(view, names) in promised {
@@ -106,6 +108,11 @@ async fn a_cycle_reads_back_as_it_was_given() {
         .collect();
     let read: Vec<_> = read.relative_rmsd.iter().map(|r| (r.cycle, r.joint, r.relative_rmsd)).collect();
     assert_eq!(read, excitation);
+    let noises = store.run_measurements(run_id).await.expect("measurements").torque_noise;
+    let noises: Vec<_> = noises.iter().map(|n| (n.cycle, n.joint, n.relative_noise)).collect();
+    let of_cycle =
+        |c: &CycleAnalysis| c.torque_noise.iter().map(|n| (c.cycle, n.joint, n.relative)).collect::<Vec<_>>();
+    assert_eq!(noises, given.iter().flat_map(of_cycle).collect::<Vec<_>>());
 }
 
 #[tokio::test]

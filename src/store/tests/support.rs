@@ -7,8 +7,8 @@ use tempfile::TempDir;
 use crate::analysis::{
     CycleAnalysis, CycleFactors, CycleTemperatures, Decay, Estimate, Estimator, FastShown, FrictionPoint,
     GravityRemoval, Identification, IdentifiedParameter, JointResidual, JointSummary, ParameterStatistics,
-    Rmsd, RmsdScope, RmsdSwing, RunAnalysis, StatisticsWindow, TorqueRmsd, WarmFriction, WarmUpFit,
-    WarmUpModel,
+    Rmsd, RmsdScope, RmsdSwing, RunAnalysis, StatisticsWindow, TorqueNoise, TorqueRmsd, WarmFriction,
+    WarmUpFit, WarmUpModel,
 };
 use crate::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Knowledge, Onset, Severity};
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
@@ -123,6 +123,7 @@ pub(in crate::store) fn cycle(number: u32) -> CycleAnalysis {
         refusal_causes: Vec::new(),
         verification: verification(base),
         warming_contrast: Vec::new(),
+        torque_noise: torque_noise(),
         friction_points: friction_points(start),
         factors: CycleFactors::default(),
         response: None,
@@ -131,6 +132,12 @@ pub(in crate::store) fn cycle(number: u32) -> CycleAnalysis {
         remarks: vec!["velocity is derived".into(), "joint 4 starts late".into()],
         findings: Vec::new(),
     }
+}
+
+fn torque_noise() -> Vec<TorqueNoise> {
+    let of_joint =
+        |joint: JointIndex| TorqueNoise { joint, value: 0.25, relative: 0.01 * joint.number() as f64 };
+    er3a().joint_indices().map(of_joint).collect()
 }
 
 fn residuals() -> Vec<JointResidual> {
@@ -275,6 +282,7 @@ fn summary(joint: JointIndex, seed: f64) -> JointSummary {
         friction_index: None,
         relative_rmsd: known.then_some(0.05 + seed / 1000.0),
         rmsd_swing: known.then_some(RmsdSwing { value: 0.002, cycles: 24 }),
+        relative_noise: known.then_some(0.01 + seed / 1e4),
     }
 }
 

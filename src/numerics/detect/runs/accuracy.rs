@@ -59,10 +59,9 @@ impl Detector<JointSeries<'_>> for Accuracy {
                 }
             }
         };
-        let one = |(run, of)| match series.is_signal_at_fault(run) {
-            // what it says of a joint is the signal's
-            Some(_) => Verdict::Unknown,
-            None => verdict(of),
+        let one = |(run, of)| match series.is_rest_explained(run) {
+            true => Verdict::Unknown,
+            false => verdict(of),
         };
         values.into_iter().enumerate().map(one).collect()
     }

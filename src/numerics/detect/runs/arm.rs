@@ -3,22 +3,25 @@
 //!
 //! Inertial parameters do not depend on warmth. A body at the last link changes them along known directions, its mass
 //! and first moments in the first place; a torque channel that reads wrong changes those of its own joint, turns
-//! friction over unevenly or leaves more unexplained. What a gain or offset of a torque and an offset of a position do to
+//! friction over unevenly or leaves more unexplained. What is left unexplained and is no noise of the channel is the
+//! joint's mechanics, such as play of its gear. What a gain or offset of a torque and an offset of a position do to
 //! the parameters is known from the test motion ([`crate::analysis::response::ChannelResponse`]), so that each has one
 //! unknown, its size. Every cause has a price for its parameters, and the cause with the least unexplained rest wins
 //! (likelihood ratio with the Schwarz price).
 
 mod baseline;
+pub(super) mod signal;
 
 use nalgebra::{DMatrix, DVector};
 
-use self::baseline::{Baseline, Direction, Usual, friction, offsets, rmsd};
+use self::baseline::{Baseline, Direction, MOST_CHI_SQUARE, Usual, rmsd};
+use self::signal::{Signal, own_causes, signal};
+use super::arm_cause::{ArmCause, Load, SignalFault};
 use super::like_length::of_like_length;
 use crate::analysis::response::{ChannelFault, ChannelResponse};
 use crate::anomaly::RunSummary;
 use crate::numerics::detect::rate::budget::advantage;
 use crate::numerics::detect::verdict::DetectSettings;
-use crate::numerics::statistics::descriptive::mean;
 use crate::robot::JointIndex;
 
 /// Prior standard deviations of a load: mass, kg, first moments, kg m, and inertia, kg m². Wide for what an arm of
@@ -29,25 +32,14 @@ const PATTERN_ERROR: f64 = 0.05;
 /// The same of the direction of a known fault, which is computed from the motion: a load, which has more unknowns, must not
 /// be taken for it.
 const DIRECTION_ERROR: f64 = 0.015;
-/// Least mass that is called a load, kg, and how many of its standard errors.
-const LEAST_MASS: f64 = 0.1;
+/// Standard errors that a mass must be to be called a load.
 const MASS_ERRORS: f64 = 5.0;
 /// The same of a load that the run before had.
 const MASS_ERRORS_STILL: f64 = 3.0;
-/// Standard error of a mass, kg, from which on the test says nothing of it: no joint carries the last link's weight.
-const UNSEEN_MASS: f64 = 2.0;
-/// Deviation of an offset or of an unexplained rest, in standard deviations, from which on it is looked at.
-const SIGNAL_DEVIATIONS: f64 = 8.0;
-/// Least offset of a torque signal, as a fraction of the joint's friction.
-const LEAST_OFFSET: f64 = 0.03;
 /// Least change of a gain.
 pub(super) const LEAST_GAIN: f64 = 0.02;
 /// Least offset of a position, rad (m).
 pub(super) const LEAST_POSITION_OFFSET: f64 = 0.003;
-/// Least ratio of the unexplained rest to the usual one.
-const LEAST_RMSD_RATIO: f64 = 1.6;
-/// A single deviation counts no more than this many squared: beyond, all models are wrong.
-const MOST_CHI_SQUARE: f64 = 2000.0;
 /// Mean square of the deviations of all parameters from which on they have changed: a baseline of a few runs knows the
 /// deviations badly, and nothing of a season.
 const LEAST_MEAN_SQUARE: f64 = 25.0;
@@ -68,79 +60,6 @@ const SECOND_FAULT_PRICE: f64 = 60.0;
 const UNKNOWN_PRICE: f64 = 150.0;
 /// Ratio of a change along one direction below which no rate of false alarms asks for it: twice the margin, and the prices.
 const LEAST_RATIO: f64 = 2.0 * ARM_MARGIN + CHANNEL_PRICE + PARAMETER_PRICE;
-
-/// Why the arm of a run differs from that of the first runs.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum ArmCause {
-    /// It does not.
-    None,
-    /// A body at the last link.
-    Load(Load),
-    /// The torque signal of a joint.
-    TorqueSignal { joint: JointIndex, fault: SignalFault },
-    /// The position signal of a joint reads too much by so many rad (m).
-    PositionSignal { joint: JointIndex, offset: f64 },
-    /// Parameters changed in another way.
-    Unknown,
-}
-
-/// A body at the last link, or one taken away where the mass is negative.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Load {
-    /// Mass, kg.
-    pub(super) mass: f64,
-    /// Its standard error, kg.
-    pub(super) std_error: f64,
-    /// Centre in the frame of the last link, m; means something where the motion shows the mass.
-    pub(super) centre: [f64; 3],
-}
-
-impl Load {
-    /// Whether the motion shows the mass. Where it does not, other parameters of the load still show that there is one.
-    pub(super) fn has_seen_mass(&self) -> bool {
-        self.std_error < UNSEEN_MASS
-    }
-
-    /// Whether a mass that the motion shows is so many standard errors.
-    fn is_at_least(&self, mass_errors: f64) -> bool {
-        !self.has_seen_mass() || self.mass.abs() >= LEAST_MASS.max(mass_errors * self.std_error)
-    }
-}
-
-/// What is wrong with a torque signal.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum SignalFault {
-    /// Friction does not turn over evenly: half the sum of both directions, Nm (N), beyond the usual.
-    Offset(f64),
-    /// Torque that the model does not explain, as a multiple of the usual.
-    Unexplained(f64),
-    /// The joint's own parameters have changed by this fraction.
-    Gain(f64),
-}
-
-impl ArmCause {
-    /// What it would be, in words that follow "rather than".
-    pub(super) fn words(&self) -> String {
-        match self {
-            Self::None => "no change of the arm".into(),
-            Self::Load(load) if load.has_seen_mass() => format!("a load of {:+.2} kg", load.mass),
-            Self::Load(_) => "a load of unknown mass".into(),
-            Self::TorqueSignal { joint, fault: SignalFault::Offset(_) } => {
-                format!("an offset of the torque signal of joint {joint}")
-            }
-            Self::TorqueSignal { joint, fault: SignalFault::Gain(part) } => {
-                format!("a gain of {:+.1} % of the torque signal of joint {joint}", 100.0 * part)
-            }
-            Self::TorqueSignal { joint, fault: SignalFault::Unexplained(_) } => {
-                format!("noise of the torque signal of joint {joint}")
-            }
-            Self::PositionSignal { joint, offset } => {
-                format!("an offset of {offset:+.4} rad (m) of the position of joint {joint}")
-            }
-            Self::Unknown => "a change of the arm that is not known".into(),
-        }
-    }
-}
 
 /// The causes of a run, each with its cost in units of chi², the least first.
 #[derive(Debug, Clone, PartialEq)]
@@ -354,15 +273,6 @@ impl Change {
     }
 }
 
-/// A joint's torque signal in one run.
-#[derive(Debug, Clone, Copy, Default)]
-struct Signal {
-    /// Offset beyond the usual, Nm (N), and chi² of it where it counts.
-    offset: (f64, f64),
-    /// Unexplained rest as a multiple of the usual, and chi² of it where it counts.
-    unexplained: (f64, f64),
-}
-
 /// Causes with their costs, the least first; empty where none can be clear.
 fn costs(
     run: &RunSummary,
@@ -376,15 +286,14 @@ fn costs(
         return None;
     }
     let inertial = change.map_or(0.0, |change| change.square);
-    let signal_cost = |of: &Signal| of.offset.1 + of.unexplained.1;
-    let all_signals: f64 = signals.iter().map(signal_cost).sum();
+    let all_signals: f64 = signals.iter().map(Signal::cost).sum();
     let mut causes = vec![(ArmCause::None, inertial + all_signals)];
     if let Some(change) = change.filter(|_| inertial > 0.0)
         && let Some((load, left)) = load(change, baseline)
         && load.is_at_least(MASS_ERRORS_STILL)
     {
         let rest = (left - PATTERN_ERROR).max(0.0) * inertial;
-        let signals = signals.iter().map(|of| of.offset.1.min(SECOND_FAULT_PRICE) + of.unexplained.1);
+        let signals = signals.iter().map(|of| of.cost() - (of.offset.1 - SECOND_FAULT_PRICE).max(0.0));
         causes.push((ArmCause::Load(load), rest + signals.sum::<f64>() + 10.0 * PARAMETER_PRICE));
     }
     for joint in (0..joints).map(JointIndex::new) {
@@ -400,21 +309,19 @@ fn costs(
             Some(change) if own.offset.1 > 0.0 => offset_rest(change, joint, baseline),
             Some(_) => (elsewhere - PATTERN_ERROR).max(0.0) * inertial,
         };
-        let silent = if signal_cost(own) > 0.0 { 0.0 } else { SILENT_SIGNAL_PRICE };
+        let silent = if own.cost() > 0.0 { 0.0 } else { SILENT_SIGNAL_PRICE };
         // a torque that reads wrong spoils the fit of the joint before as well, but less than its own
         let part = |other: usize| match is_near(JointIndex::new(other), joint) {
-            true if signals[other].unexplained.0 < signals[joint.index()].unexplained.0 => 0.0,
+            true if signals[other].unexplained.0 < own.ratio() => 0.0,
             _ => 1.0,
         };
         let others = signals.iter().enumerate().filter(|(j, _)| *j != joint.index());
-        let others: f64 = others.map(|(j, of)| of.offset.1 + part(j) * of.unexplained.1).sum();
-        let fault = fault(&signals[joint.index()], run, baseline, joint);
-        // where it is known what a gain does, that is looked for below
-        if matches!(fault, SignalFault::Gain(_)) && !baseline.directions.is_empty() {
-            continue;
+        let others: f64 =
+            others.map(|(j, of)| of.offset.1 + of.noise_cost() + part(j) * of.unexplained.1).sum();
+        let beside = rest + others + silent + 4.0 * PARAMETER_PRICE;
+        for (cause, left) in own_causes(own, run, baseline, joint) {
+            causes.push((cause, beside + left));
         }
-        causes
-            .push((ArmCause::TorqueSignal { joint, fault }, rest + others + silent + 4.0 * PARAMETER_PRICE));
     }
     if let Some(change) = change.filter(|_| inertial > 0.0) {
         // of the strengths of a fault the one that explains most
@@ -496,6 +403,7 @@ fn channel(
             ChannelFault::TorqueOffset if other == joint.index() => 0.0,
             _ => signal.offset.1,
         };
+        cost += signal.noise_cost();
         cost += match (baseline.rmsd[other], rmsd(run, JointIndex::new(other))) {
             (Some(usual), Some(now)) => {
                 let expected = usual.value.exp().hypot(size * direction.unexplained[other]);
@@ -507,53 +415,10 @@ fn channel(
     (cause, cost)
 }
 
-impl Usual {
-    /// Ratio of a relative RMSD to this one, whose logarithm this is, and chi² of it where it counts.
-    fn excess_of_rmsd(&self, rmsd: f64) -> (f64, f64) {
-        let (ratio, deviations) = ((rmsd.ln() - self.value).exp(), self.deviations(rmsd.ln()));
-        let counts = deviations >= SIGNAL_DEVIATIONS && ratio >= LEAST_RMSD_RATIO;
-        (ratio, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 })
-    }
-}
-
 /// Whether the parameters of `of` are among those that a wrong torque signal of `joint` changes: its own, and those of
 /// the joint before it, whose torque has most of the same columns.
 fn is_near(of: JointIndex, joint: JointIndex) -> bool {
     of == joint || of.index() + 1 == joint.index()
-}
-
-fn signal(run: &RunSummary, baseline: &Baseline, joint: JointIndex) -> Signal {
-    let mut found = Signal::default();
-    if let (Some(usual), Some(offset)) = (baseline.offsets[joint.index()], mean(&offsets(run, joint))) {
-        let (beyond, deviations) = (offset - usual.value, usual.deviations(offset));
-        let enough = beyond.abs() >= LEAST_OFFSET * friction(run, joint).unwrap_or(0.0);
-        let counts = deviations.abs() >= SIGNAL_DEVIATIONS && enough;
-        found.offset = (beyond, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 });
-    }
-    if let (Some(usual), Some(rmsd)) = (baseline.rmsd[joint.index()], rmsd(run, joint)) {
-        found.unexplained = usual.excess_of_rmsd(rmsd);
-    }
-    found
-}
-
-/// What is most likely wrong with the torque signal of a joint.
-fn fault(signal: &Signal, run: &RunSummary, baseline: &Baseline, joint: JointIndex) -> SignalFault {
-    if signal.offset.1 > 0.0 {
-        return SignalFault::Offset(signal.offset.0);
-    }
-    if signal.unexplained.1 > 0.0 {
-        return SignalFault::Unexplained(signal.unexplained.0);
-    }
-    // least squares of the joint's parameters against their usual values
-    let (mut with, mut own) = (0.0, 0.0);
-    for (id, usual, _) in baseline.parameters.iter().filter(|(id, ..)| id.joint == joint) {
-        if let Some(of) = run.parameters.iter().find(|of| of.id == *id) {
-            let weight = usual.deviation.powi(-2);
-            with += weight * usual.value * (of.mean - usual.value);
-            own += weight * usual.value * usual.value;
-        }
-    }
-    SignalFault::Gain(if own > 0.0 { with / own } else { 0.0 })
 }
 
 /// The body at the last link that explains most of a change, and the part of its square that it leaves; generalised least

@@ -1,12 +1,15 @@
 //! What the parameters and torque signals of the whole arm show: a load (`payload`), a torque signal that reads wrong
-//! (`sensor`), a change of the arm that neither explains (`accuracy`).
+//! (`sensor`), torque of a joint that neither its model nor its signal's noise explains, and a change of the arm that nothing
+//! explains (`accuracy`).
 //!
 //! Each run is compared with the robot's first runs ([`super::arm`]). A run is out if the likeliest cause is clear: a
 //! warning if it is plain or the run before shows it too, else worth knowing.
 
 use jiff::Timestamp;
 
-use super::arm::{ArmCause, ArmEvidence, LEAST_GAIN, LEAST_POSITION_OFFSET, Load, SignalFault};
+use super::arm::signal::{LEAST_NOISE_RATIO, LEAST_RMSD_RATIO};
+use super::arm::{ArmEvidence, LEAST_GAIN, LEAST_POSITION_OFFSET};
+use super::arm_cause::{ArmCause, Load, SignalFault};
 use crate::anomaly::{Alternative, Anomaly, AnomalyKind, Severity};
 use crate::numerics::detect::episodes::episodes;
 use crate::numerics::detect::verdict::{MOST_ODDS, Verdict, Why};
@@ -14,8 +17,8 @@ use crate::robot::JointIndex;
 
 /// Advantage of a cause over none, in units of chi², that no second test has to confirm.
 const PLAIN: f64 = 1000.0;
-/// The same of torque that nothing explains: noise does not come by a test's chance.
-const PLAIN_NOISE: f64 = 300.0;
+/// The same of torque that no model explains: neither noise nor play comes by a test's chance.
+const PLAIN_REST: f64 = 300.0;
 /// Least advantage of a change that is not known, for a warning: seasons move parameters by some standard deviations.
 const LEAST_UNKNOWN: f64 = 4000.0;
 
@@ -32,9 +35,12 @@ pub(super) fn arm_changes(
             Some(of) => {
                 let figure = judge(if before { of.still() } else { of.clear() });
                 // one odd test alone is worth knowing
-                let is_noise =
-                    matches!(of.clear(), ArmCause::TorqueSignal { fault: SignalFault::Unexplained(_), .. });
-                let plain = if is_noise { PLAIN_NOISE } else { PLAIN };
+                let is_rest = matches!(
+                    of.clear(),
+                    ArmCause::TorqueSignal { fault: SignalFault::Noise(_), .. }
+                        | ArmCause::UnexplainedTorque { .. }
+                );
+                let plain = if is_rest { PLAIN_REST } else { PLAIN };
                 let confirmed = std::mem::replace(&mut before, figure.is_some()) || of.advantage() >= plain;
                 let confirmed = confirmed && of.advantage() >= least;
                 figure.map_or(Verdict::Quiet, |figure| figure.verdict(of, confirmed))
@@ -58,6 +64,11 @@ pub(super) fn arm_changes(
             _ => None,
         });
         found.extend(episodes(runs, Some(joint), AnomalyKind::Sensor, "position_offset_rad", position));
+        let rest = verdicts(0.0, &|cause| match cause {
+            ArmCause::UnexplainedTorque { joint: of, ratio } if of == joint => Some(of_rest(ratio)),
+            _ => None,
+        });
+        found.extend(episodes(runs, Some(joint), AnomalyKind::Accuracy, "unexplained_torque", rest));
     }
     let unknown = verdicts(LEAST_UNKNOWN, &|cause| (cause == ArmCause::Unknown).then(of_unknown));
     found.extend(episodes(runs, None, AnomalyKind::Accuracy, "inertial_parameters", unknown));
@@ -140,14 +151,13 @@ fn of_signal(fault: SignalFault) -> Figure {
                 2.0 * torque
             ),
         },
-        SignalFault::Unexplained(ratio) => Figure {
+        SignalFault::Noise(ratio) => Figure {
             score: ratio,
-            threshold: 1.6,
+            threshold: LEAST_NOISE_RATIO,
             value: ratio,
             baseline: 1.0,
             message: format!(
-                "the torque signal has {ratio:.1} times the usual part that no motion explains, and no other figure of \
-                 the joint tells why; check sensor, cable and shield"
+                "the torque signal has {ratio:.1} times the usual noise; check sensor, cable and shield"
             ),
         },
         SignalFault::Gain(part) => Figure {
@@ -162,6 +172,19 @@ fn of_signal(fault: SignalFault) -> Figure {
                 if part > 0.0 { "more" } else { "less" }
             ),
         },
+    }
+}
+
+fn of_rest(ratio: f64) -> Figure {
+    Figure {
+        score: ratio,
+        threshold: LEAST_RMSD_RATIO,
+        value: ratio,
+        baseline: 1.0,
+        message: format!(
+            "the model leaves {ratio:.1} times as much of this joint's torque unexplained as usual, which noise of the signal does \
+             not account for; look for play in gear and coupling, a loose or damaged part, something that rubs"
+        ),
     }
 }
 

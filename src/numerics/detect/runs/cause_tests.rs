@@ -48,6 +48,9 @@ pub(super) struct State {
     pub(super) offset: Option<(usize, f64)>,
     /// Unexplained torque of a joint as a multiple of the usual.
     pub(super) unexplained: Option<(usize, f64)>,
+    /// Noise of the torque signals, half of the unexplained torque usually, and by how much that of a joint is larger; `None`
+    /// where it is not measured.
+    pub(super) noise: Option<(usize, f64)>,
     /// Load, kg.
     pub(super) mass: f64,
     /// Logarithm of friction of all joints at the start, as a hall has it.
@@ -98,6 +101,9 @@ fn test(run: i64, noise: &Noise, state: State) -> RunSummary {
             }),
             relative_rmsd: Some(0.02 * unexplained * (0.01 * noise.normal()).exp()),
             rmsd_swing: Some(RmsdSwing { value: 0.001, cycles: CYCLES as usize }),
+            relative_noise: state
+                .noise
+                .map(|(of, ratio)| 0.01 * if of == j { ratio } else { 1.0 } * (0.01 * noise.normal()).exp()),
         });
     }
     RunSummary {
@@ -309,6 +315,38 @@ fn a_torque_signal_that_reads_wrong_is_named_and_no_other_joint_is() {
     // also beyond the limit of accuracy
     let bad = |run: i64| State { unexplained: (run >= 7).then_some((0, 9.0)), ..State::default() };
     only(&fleet(9, 10, bad), AnomalyKind::Sensor, Some(1));
+}
+
+#[test]
+fn play_is_told_from_noise_and_both_at_once_are_one_of_them() {
+    // half of the unexplained torque is noise: four times as much makes it 2.2 times
+    let with = |noise: f64, unexplained: f64| {
+        move |run: i64| {
+            let [noise, unexplained] = if run >= 7 { [noise, unexplained] } else { [1.0, 1.0] };
+            State { noise: Some((3, noise)), unexplained: Some((3, unexplained)), ..State::default() }
+        }
+    };
+    let noisy = only(&fleet(9, 9, with(4.0, 2.18)), AnomalyKind::Sensor, Some(4));
+    assert!((noisy.value / 4.0 - 1.0).abs() < 0.05 && noisy.message.contains("noise"), "{noisy:?}");
+    let loose = only(&fleet(9, 9, with(1.0, 3.0)), AnomalyKind::Accuracy, Some(4));
+    assert_eq!(loose.quantity, "unexplained_torque");
+    assert!((loose.value / 3.0 - 1.0).abs() < 0.1 && loose.message.contains("play"), "{loose:?}");
+    // more than the model may miss, by either: told once
+    only(&fleet(9, 9, with(1.0, 9.0)), AnomalyKind::Accuracy, Some(4));
+    only(&fleet(9, 9, with(9.0, 9.0)), AnomalyKind::Accuracy, Some(4));
+    assert_eq!(alarms(&fleet(40, 11, with(1.0, 1.0))), vec![]);
+    assert_eq!(alarms(&fleet(40, 12, with(1.3, 1.1))), vec![]);
+}
+
+#[test]
+fn noise_that_the_first_tests_did_not_measure_is_not_known() {
+    let mut history = fleet(9, 9, |run| State {
+        noise: Some((3, 1.0)),
+        unexplained: (run >= 7).then_some((3, 4.0)),
+        ..State::default()
+    });
+    history[1].joints[3].relative_noise = None;
+    only(&history, AnomalyKind::Sensor, Some(4));
 }
 
 /// A short check of the same arm: one cold cycle, whose parameters are off by more than chance makes of whole tests.

@@ -8,7 +8,8 @@
 
 use jiff::Timestamp;
 
-use super::arm::{ArmCause, ArmEvidence};
+use super::arm::ArmEvidence;
+use super::arm_cause::ArmCause;
 use super::friction_history::FrictionHistory;
 use crate::anomaly::{Anomaly, AnomalyKind, Severity};
 use crate::numerics::detect::control_chart::{EWMA_WEIGHT, Ewma};

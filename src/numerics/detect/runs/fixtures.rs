@@ -32,6 +32,7 @@ pub(super) fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSumm
         friction_index: None,
         relative_rmsd: Some(rmsd),
         rmsd_swing: Some(RmsdSwing { value: swing, cycles: 24 }),
+        relative_noise: None,
     };
     let quiet = |j: usize| JointSummary {
         joint: JointIndex::new(j),
@@ -40,6 +41,7 @@ pub(super) fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSumm
         friction_index: None,
         relative_rmsd: None,
         rmsd_swing: None,
+        relative_noise: None,
     };
     RunSummary {
         run_id: i64::try_from(index).expect("small") + 1,
@@ -82,6 +84,7 @@ pub(super) fn indexed(day: i64, index: Option<f64>) -> RunSummary {
         friction_index: index.map(|value| Estimate { value, std_error: 0.004 }),
         relative_rmsd: index.map(|_| 0.03),
         rmsd_swing: None,
+        relative_noise: None,
     };
     RunSummary {
         run_id: day + 1,

@@ -98,6 +98,7 @@ fn life(seed: u64, tests: i64) -> Vec<RunSummary> {
         slower: is_in(3, run).then_some((0, 2.0)),
         offset: is_in(4, run).then_some((1, 1.1)),
         unexplained: is_in(5, run).then_some((3, 4.0)),
+        noise: seed.is_multiple_of(2).then_some((4, if is_in(7, run) { 2.0 } else { 1.0 })),
         mass: if is_in(6, run) { 0.8 } else { 0.0 },
         hall: if is_in(7, run) { 0.1 } else { 0.0 },
     };

@@ -8,7 +8,8 @@
 use std::fmt::{self, Write};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-use super::arm::{ArmCause, ArmJudgement, Load, SignalFault, UsualArm};
+use super::arm::{ArmJudgement, UsualArm};
+use super::arm_cause::{ArmCause, Load, SignalFault};
 use super::brief::content;
 use super::curve::causes::UsualCurves;
 use super::curve::hypothesis::Cause;
@@ -18,7 +19,7 @@ use crate::robot::JointIndex;
 
 /// Changes whenever the program finds something else in the same cycles, or keeps it in another form. What another version
 /// of the program has kept is not believed either.
-const METHOD: (u64, &str) = (1, env!("CARGO_PKG_VERSION"));
+const METHOD: (u64, &str) = (2, env!("CARGO_PKG_VERSION"));
 
 /// What is found in the cycles of a test.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,7 +73,7 @@ pub(super) fn key(frame: u64, run: &RunSummary, together: &[&RunSummary]) -> u64
     frame.hash(&mut hasher);
     content(run).hash(&mut hasher);
     for of in &run.joints {
-        (of.joint, of.relative_rmsd.map(f64::to_bits)).hash(&mut hasher);
+        (of.joint, of.relative_rmsd.map(f64::to_bits), of.relative_noise.map(f64::to_bits)).hash(&mut hasher);
     }
     together.iter().for_each(|run| content(run).hash(&mut hasher));
     hasher.finish()
@@ -154,9 +155,10 @@ impl Packed {
                 ArmCause::PositionSignal { joint, offset } => self.of_joint(3, joint, offset),
                 ArmCause::TorqueSignal { joint, fault } => match fault {
                     SignalFault::Offset(torque) => self.of_joint(4, joint, torque),
-                    SignalFault::Unexplained(ratio) => self.of_joint(5, joint, ratio),
+                    SignalFault::Noise(ratio) => self.of_joint(5, joint, ratio),
                     SignalFault::Gain(part) => self.of_joint(6, joint, part),
                 },
+                ArmCause::UnexplainedTorque { joint, ratio } => self.of_joint(7, joint, ratio),
             }
             self.numbers([*cost]);
         }
@@ -256,8 +258,9 @@ impl Reader<'_> {
                 }
                 3 => ArmCause::PositionSignal { joint: self.joint()?, offset: self.number()? },
                 4 => signal(self.joint()?, SignalFault::Offset(self.number()?)),
-                5 => signal(self.joint()?, SignalFault::Unexplained(self.number()?)),
+                5 => signal(self.joint()?, SignalFault::Noise(self.number()?)),
                 6 => signal(self.joint()?, SignalFault::Gain(self.number()?)),
+                7 => ArmCause::UnexplainedTorque { joint: self.joint()?, ratio: self.number()? },
                 _ => return None,
             };
             Some((cause, self.number()?))

@@ -2,7 +2,8 @@
 
 use jiff::Timestamp;
 
-use super::arm::{ArmCause, ArmEvidence};
+use super::arm::ArmEvidence;
+use super::arm_cause::ArmCause;
 use super::curve::hypothesis::Cause;
 use super::curve::run_cause::RunCause;
 use super::friction_history::FrictionHistory;
@@ -101,6 +102,13 @@ impl<'a> JointSeries<'a> {
             ArmCause::TorqueSignal { joint, .. } | ArmCause::PositionSignal { joint, .. } => Some(joint),
             _ => None,
         }
+    }
+
+    /// Whether the joint's unexplained torque in a run has a cause that is told by itself.
+    pub(super) fn is_rest_explained(&self, run: usize) -> bool {
+        let of_own = |of: &ArmEvidence| matches!(of.clear(), ArmCause::UnexplainedTorque { joint, .. } if joint == self.joint);
+        self.is_signal_at_fault(run).is_some()
+            || self.arm.get(run).and_then(Option::as_ref).is_some_and(of_own)
     }
 }
 

@@ -34,6 +34,7 @@ fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
             friction_index: index.filter(|_| with_index),
             relative_rmsd: None,
             rmsd_swing: None,
+            relative_noise: None,
         }
     };
     (0..arm.runs.len())

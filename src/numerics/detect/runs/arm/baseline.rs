@@ -9,10 +9,14 @@ use crate::numerics::detect::runs::first_tests::first_tests;
 use crate::numerics::statistics::descriptive::{mean, median, robust_deviation};
 use crate::robot::{JointIndex, ParameterId, shares_of_link};
 
+/// A single deviation counts no more than this many squared: beyond, all models are wrong.
+pub(super) const MOST_CHI_SQUARE: f64 = 2000.0;
 /// Least standard deviation of a parameter from run to run, as a fraction of it.
 const LEAST_DEVIATION: f64 = 1e-3;
 /// Least standard deviation of the logarithm of the unexplained rest from run to run.
 const LEAST_RMSD_DEVIATION: f64 = 0.05;
+/// Least standard deviation of the logarithm of a channel's noise from run to run.
+const LEAST_NOISE_DEVIATION: f64 = 0.05;
 
 /// Change of the parameters by a fault of size 1, in their standard deviations, that is none but for rounding: as of a
 /// constant torque, which the offset column of a friction law takes whole.
@@ -52,6 +56,8 @@ pub(super) struct Baseline {
     inflation: f64,
     pub(super) offsets: Vec<Option<Usual>>,
     pub(super) rmsd: Vec<Option<Usual>>,
+    /// Logarithm of the noise of the torque channels, where all of the first runs have it.
+    pub(super) noise: Vec<Option<Usual>>,
     /// What faults of channels do to the parameters; empty where no test says it. Faults that move none are left out.
     pub(super) directions: Vec<Direction>,
 }
@@ -105,6 +111,7 @@ impl Baseline {
             inflation: 1.0,
             offsets: (0..joints).map(|j| Usual::of_offsets(history, JointIndex::new(j), count)).collect(),
             rmsd: (0..joints).map(|j| Usual::of_rmsd(history, JointIndex::new(j), count)).collect(),
+            noise: (0..joints).map(|j| Usual::of_noise(history, JointIndex::new(j), count)).collect(),
             directions: Vec::new(),
         };
         let own: Vec<f64> = history
@@ -205,6 +212,14 @@ impl Usual {
         let values = history.iter().filter_map(|run| rmsd(run, joint)).map(f64::ln);
         Self::of(values, count, LEAST_RMSD_DEVIATION)
     }
+
+    /// Of the first runs with an RMSD; `None` where one of them has no noise: it was analysed by a program that did not
+    /// measure it.
+    fn of_noise(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
+        let first = history.iter().filter(|run| rmsd(run, joint).is_some()).take(count);
+        let noises: Option<Vec<f64>> = first.map(|run| noise(run, joint)).collect();
+        Self::of(noises?.into_iter().map(f64::ln), count, LEAST_NOISE_DEVIATION)
+    }
 }
 
 pub(super) fn offsets(run: &RunSummary, joint: JointIndex) -> Vec<f64> {
@@ -220,4 +235,9 @@ pub(super) fn friction(run: &RunSummary, joint: JointIndex) -> Option<f64> {
 
 pub(super) fn rmsd(run: &RunSummary, joint: JointIndex) -> Option<f64> {
     run.joints.iter().find(|of| of.joint == joint)?.relative_rmsd.filter(|rmsd| *rmsd > 0.0)
+}
+
+/// Noise of a joint's torque channel, as a fraction of the torque.
+pub(super) fn noise(run: &RunSummary, joint: JointIndex) -> Option<f64> {
+    run.joints.iter().find(|of| of.joint == joint)?.relative_noise.filter(|noise| *noise > 0.0)
 }
