@@ -212,7 +212,7 @@ mod tests {
             "watched folder            inbox",
             "scan interval             5 s",
             "settling time of a file   3 s",
-            "growing files at once     16",
+            "growing files at once     32",
             "rewritten files           supersede",
             "archive                   off, exports stay",
             "exports at once           2 small and 2 large, from 64 MiB",

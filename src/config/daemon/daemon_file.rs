@@ -34,7 +34,7 @@ const DEFAULT_DATABASE: &str = "armwatch.db";
 const DEFAULT_FOLDER: &str = "inbox";
 const DEFAULT_SCAN_INTERVAL_S: f64 = 5.0;
 const DEFAULT_SETTLE_S: f64 = 3.0;
-const DEFAULT_LIVE_FILES: usize = 16;
+const DEFAULT_LIVE_FILES: usize = 32;
 
 /// Most growing exports at once: each holds an open file, a thread and the rows of its current cycle.
 const MAX_LIVE_FILES: i64 = 256;
