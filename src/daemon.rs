@@ -43,13 +43,13 @@ use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::take::follow::{Ends, Followed};
 use crate::run::FileId;
-use crate::store::{Counts, DaemonClaim};
+use crate::store::{ConclusionFault, Counts, DaemonClaim, StaleRobot};
 use judging::OpenTests;
 use outcome_log::log_outcome;
 use service::ServiceManager;
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
-use start::{begun_before, reweight};
+use start::{begun_before, patiently, reweight};
 use turn::{Class, ReadMode, named_robot, robot_of};
 use vanished::Missing;
 
@@ -153,7 +153,8 @@ pub async fn watch(
     mut report: impl FnMut(Event<'_>),
 ) -> Result<(), PipelineError> {
     let Control { claim: _claim, stop, reload, reread } = control;
-    let Counts { quarantined_runs, open_anomalies, .. } = pipeline.store().counts().await?;
+    let counts = patiently(&stop, async || Ok(pipeline.store().counts().await?)).await?;
+    let Some(Counts { quarantined_runs, open_anomalies, .. }) = counts else { return Ok(()) };
     if quarantined_runs > 0 {
         tracing::info!(
             quarantined = quarantined_runs,
@@ -163,10 +164,12 @@ pub async fn watch(
     if open_anomalies > 0 {
         tracing::info!(open_anomalies, "anomalies are open; `armwatch alerts list` shows them");
     }
-    if !reweight(pipeline, &stop).await? {
+    if patiently(&stop, async || reweight(pipeline, &stop).await).await? != Some(true) {
         return Ok(());
     }
-    let begun = begun_before(&pipeline.store().unfinished_sources().await?);
+    let unfinished = patiently(&stop, async || Ok(pipeline.store().unfinished_sources().await?)).await?;
+    let Some(unfinished) = unfinished else { return Ok(()) };
+    let begun = begun_before(&unfinished);
     let mut work = Work::new(pipeline, reread, stop.child_token(), begun);
     let missed = tokio::spawn(archive::take_missed(pipeline.clone(), work.stop.clone()));
     let watched = work.run_loop(reload, &mut report).await;
@@ -249,7 +252,11 @@ impl<'r> Work<'r> {
         let mut complaints = Complaints::default();
         let mut next_scan = Instant::now();
         let mut earliest = next_scan;
-        self.take_over_stale().await?;
+        let stop = self.stop.clone();
+        let pipeline = self.pipeline.clone();
+        let stale = patiently(&stop, async || Ok(pipeline.store().stale_robots().await?)).await?;
+        let faults = patiently(&stop, async || Ok(pipeline.store().conclusion_faults().await?)).await?;
+        self.take_over_stale(&stale.unwrap_or_default(), &faults.unwrap_or_default());
         let mut manager = ServiceManager::ready(Instant::now());
         while !self.stop.is_cancelled() {
             if std::mem::take(&mut self.is_reloaded) {
@@ -521,14 +528,11 @@ impl<'r> Work<'r> {
     }
 
     /// Takes over the robots that wait for conclusions, and says of which of them they failed.
-    async fn take_over_stale(&mut self) -> Result<(), PipelineError> {
-        let store = self.pipeline.store();
-        let (stale, faults) = (store.stale_robots().await?, store.conclusion_faults().await?);
-        for fault in &faults {
+    fn take_over_stale(&mut self, stale: &[StaleRobot], faults: &[ConclusionFault]) {
+        for fault in faults {
             tracing::warn!(robot = fault.robot, "nothing new is concluded of this robot: {}", fault.reason);
         }
-        self.stale.take_over(&stale, &faults, Instant::now());
-        Ok(())
+        self.stale.take_over(stale, faults, Instant::now());
     }
 
     /// Begins conclusions for the robot whose turn it is.
@@ -568,6 +572,10 @@ impl<'r> Work<'r> {
             Ok(Conclusion::Faulty(_)) => {
                 self.pipeline.metrics().conclusion_failed();
                 self.stale.failed(robot, Instant::now());
+            }
+            Ok(Conclusion::Elsewhere) => {
+                tracing::debug!(robot, "another daemon draws conclusions");
+                self.stale.again(robot, Instant::now());
             }
             Ok(Conclusion::UpToDate) => self.stale.concluded(&robot),
             Ok(Conclusion::Drawn(concluded)) => {

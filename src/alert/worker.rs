@@ -13,7 +13,7 @@ use super::receiver::{Receiver, SendError};
 use super::receivers::open::open;
 use super::route::{judge, quiet_until};
 use crate::config::{AlertSettings, ReceiverSettings, Route};
-use crate::store::{Again, AlarmEvent, DueMessage, Held, Store, StoreError};
+use crate::store::{Again, AlarmEvent, ClaimKind, DueMessage, Held, Store, StoreError};
 
 /// Time between two looks for events: other processes write them too. Short beside the seconds that a mail takes.
 const LOOK: Duration = Duration::from_secs(2);
@@ -69,7 +69,7 @@ impl Worker {
         };
         loop {
             let is_last = self.end.is_cancelled();
-            let pause = match self.step(&begun).await {
+            let pause = match self.step_if_ours(&begun).await {
                 Ok(pause) => pause,
                 Err(error) => {
                     tracing::warn!(route = self.route.name, %error, "nothing is sent now; trying again");
@@ -77,6 +77,7 @@ impl Worker {
                 }
             };
             if is_last {
+                self.store.release_work(&[(ClaimKind::Route, &self.route.name)]).await;
                 return;
             }
             tokio::select! {
@@ -110,6 +111,14 @@ impl Worker {
             let _ = self.send(&message).await;
         }
         Ok(())
+    }
+
+    /// A route is one daemon's, where there are several: that of the one that was first, until it ends.
+    async fn step_if_ours(&mut self, begun: &Begun) -> Result<Duration, StoreError> {
+        if !self.store.claim_work(ClaimKind::Route, &self.route.name).await? {
+            return Ok(LOOK);
+        }
+        self.step(begun).await
     }
 
     /// Hands on, and sends all that is due. Gives the time after which there may be more to do.

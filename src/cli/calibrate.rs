@@ -29,7 +29,7 @@ pub(super) struct CalibrateArgs {
 pub(super) fn calibrate(global: &Global, args: &CalibrateArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     runtime()?.block_on(async {
-        let Some(store) = Store::open_existing(&config.database).await? else {
+        let Some(store) = Store::open_existing_as(&config.database, &config.cluster).await? else {
             let words = format!(
                 "there is no database {} yet, so there is nothing to calibrate from: `armwatch run` and `armwatch ingest` \
                  make it",

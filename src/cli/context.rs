@@ -118,7 +118,7 @@ pub(super) fn runtime() -> Result<tokio::runtime::Runtime, CliError> {
 /// Opens the database of a command that only reads: nothing is made or brought up to date, and a user who may not
 /// write can ask.
 pub(super) async fn open_to_read(config: &Config) -> Result<Store, CliError> {
-    let store = Store::open_existing(&config.database).await?;
+    let store = Store::open_existing_as(&config.database, &config.cluster).await?;
     store.ok_or_else(|| {
         CliError::Io(format!(
             "there is no database {}: `armwatch run` and `armwatch ingest` make it; name another one with --db",
@@ -129,7 +129,7 @@ pub(super) async fn open_to_read(config: &Config) -> Result<Store, CliError> {
 
 /// Opens the database of a command that writes; makes it if there is none.
 pub(super) async fn open_store(config: &Config) -> Result<Store, CliError> {
-    Ok(Store::open(&config.database).await?)
+    Ok(Store::open_as(&config.database, &config.cluster).await?)
 }
 
 /// As [`open_store`]; `None` if `stop` comes first, which leaves the database as it was.

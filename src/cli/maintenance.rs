@@ -14,7 +14,7 @@ use crate::config::Config;
 use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::Pipeline;
 use crate::robot::JointIndex;
-use crate::store::{MaintenanceRow, NewMaintenance, Store, StoreError};
+use crate::store::{MaintenanceRow, NewMaintenance, Store};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -195,15 +195,13 @@ impl Judged {
 
 /// Judges the robot's history again, unless a daemon works on the database, which does it.
 async fn judge(config: Config, store: &Store, robot: &str) -> Result<Judged, CliError> {
-    match store.claim().await {
-        Err(StoreError::Claimed { .. }) => return Ok(Judged::ByDaemon),
-        Err(error) => return Err(error.into()),
-        // not kept: a daemon that starts now takes over
-        Ok(_) => {}
+    if store.has_daemon().await? {
+        return Ok(Judged::ByDaemon);
     }
     let pipeline = Pipeline::new(shared(config), store.clone());
     Ok(match pipeline.conclude_isolated(robot).await? {
         Conclusion::Drawn(_) | Conclusion::UpToDate => Judged::Now,
+        Conclusion::Elsewhere => Judged::ByDaemon,
         Conclusion::Faulty(reason) => Judged::Failed(reason),
     })
 }

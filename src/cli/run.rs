@@ -7,7 +7,7 @@ use tokio::sync::watch;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store_until, runtime, shared};
 use crate::alert::dispatcher::Dispatcher;
-use crate::config::{Config, ConfigErrors, shown_database};
+use crate::config::{Config, ConfigErrors, host_name, shown_database};
 use crate::daemon::overdue::OverdueWatch;
 use crate::daemon::preflight::preflight;
 use crate::daemon::retention::Pruning;
@@ -16,6 +16,7 @@ use crate::daemon::{Control, Event};
 use crate::metrics::Metrics;
 use crate::pipeline::context::Pipeline;
 use crate::serve::ServeError;
+use crate::store::SessionKind;
 use crate::{daemon, serve};
 
 #[derive(Debug, Args)]
@@ -23,6 +24,7 @@ use crate::{daemon, serve};
 Examples:
   armwatch run
   armwatch run --config /etc/armwatch/armwatch.toml --log-format json
+  armwatch run --db postgres://armwatch@db.plant/fleet --host line1
 
 Watches the folders of the configuration, takes exports cycle by cycle while they are written and others
 when they have settled, and keeps going until SIGTERM or SIGINT; then it finishes the cycles in hand and
@@ -30,11 +32,17 @@ stops. Killed at any moment, it continues after the last stored cycle. SIGHUP re
 one with problems is logged, and the earlier one stays. With [serve] in the configuration
 it takes exports over HTTP too, see docs/upload.md:
   curl -T R00_20260105_0847.csv.gz -H \"Authorization: Bearer $TOKEN\" \\
-       http://127.0.0.1:8650/v1/exports/")]
-pub(super) struct RunArgs {}
+       http://127.0.0.1:8650/v1/exports/
 
-pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
-    let config = checked(global.read_config()?)?;
+Several daemons may share a database on a PostgreSQL server, each with a name of its own, see docs/fleet.md.")]
+pub(super) struct RunArgs {
+    /// Name of this daemon among several on a database of a server, instead of the configuration's
+    #[arg(long, value_name = "NAME", value_parser = host_name)]
+    host: Option<String>,
+}
+
+pub(super) fn run(global: &Global, args: &RunArgs) -> Result<u8, CliError> {
+    let config = checked(as_host(global.read_config()?, args))?;
     runtime()?.block_on(async {
         let internal = |error: std::io::Error| CliError::Internal(error.to_string());
         let stop = daemon::stop_on_signal().map_err(internal)?;
@@ -42,6 +50,7 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
         let Some(store) = open_store_until(&stop, &config).await? else { return Ok(EXIT_DONE) };
         // before anything listens: a second daemon is told of the first, not of its port
         let claim = store.claim().await?;
+        let session = store.join(SessionKind::Daemon).await?;
         let folders: Vec<String> = config.watch.folders.iter().map(|f| f.display().to_string()).collect();
         tracing::info!(database = shown_database(&config.database), folders = folders.join(", "), "watching");
         let config = shared(config);
@@ -60,7 +69,7 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
             None => None,
         };
         let reread = || {
-            let config = keep_what_runs(reread(global)?, &config);
+            let config = keep_what_runs(reread(global, args)?, &config);
             in_force.send_replace(shared(config.clone()));
             Some(config)
         };
@@ -87,6 +96,7 @@ pub(super) fn run(global: &Global, _args: &RunArgs) -> Result<u8, CliError> {
         if let Some(server) = server {
             server.ended().await;
         }
+        session.leave().await;
         watched?;
         pipeline.close().await?;
         tracing::info!("stopped");
@@ -103,9 +113,17 @@ fn checked(config: Config) -> Result<Config, CliError> {
     if found.refusals.is_empty() { Ok(config) } else { Err(ConfigErrors(found.refusals).into()) }
 }
 
+/// The configuration, with the command line's name of this daemon.
+fn as_host(mut config: Config, args: &RunArgs) -> Config {
+    if let Some(host) = &args.host {
+        config.cluster.host = Some(host.clone());
+    }
+    config
+}
+
 /// The configuration as it is now, for a daemon at work; every problem of one that cannot be used is logged.
-fn reread(global: &Global) -> Option<Config> {
-    match global.read_config().and_then(checked) {
+fn reread(global: &Global, args: &RunArgs) -> Option<Config> {
+    match global.read_config().and_then(|config| checked(as_host(config, args))) {
         Ok(config) => Some(config),
         Err(CliError::Config(ConfigErrors(problems))) => {
             for problem in problems {
@@ -126,6 +144,10 @@ fn keep_what_runs(mut config: Config, running: &Config) -> Config {
     if config.database != running.database {
         tracing::warn!("`database` has changed; that takes effect at the next start");
         config.database.clone_from(&running.database);
+    }
+    if config.cluster != running.cluster {
+        tracing::warn!("[cluster] has changed; that takes effect at the next start");
+        config.cluster.clone_from(&running.cluster);
     }
     if config.snapshot != running.snapshot {
         tracing::warn!("[snapshot] has changed; that takes effect at the next start");

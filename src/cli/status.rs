@@ -12,7 +12,8 @@ use super::shared::output;
 use crate::anomaly::Severity;
 use crate::run::{RunKind, RunStatus};
 use crate::store::{
-    AnomalyRow, Counts, FaultState, FleetHealthRow, HealthStatus, QuarantineRow, RunRow, Store,
+    AnomalyRow, Counts, FaultState, FleetHealthRow, HealthStatus, HostRow, HostState, QuarantineRow, RunRow,
+    Store,
 };
 
 #[derive(Debug, Args)]
@@ -36,6 +37,8 @@ struct Fleet {
     open: Vec<AnomalyRow>,
     quarantine: Vec<QuarantineRow>,
     runs: Vec<RunRow>,
+    /// Daemons of a database on a server that have a name.
+    hosts: Vec<HostRow>,
 }
 
 pub(super) fn status(global: &Global, _args: &StatusArgs) -> Result<u8, CliError> {
@@ -54,6 +57,16 @@ pub(super) fn status(global: &Global, _args: &StatusArgs) -> Result<u8, CliError
     Ok(EXIT_DONE)
 }
 
+/// A daemon, and since when nothing was heard of it.
+fn host_in_words(row: &HostRow) -> String {
+    let seen = words::minute(row.seen_at);
+    match (row.state, row.is_lost()) {
+        (HostState::AtWork, _) => format!("{} at work", row.host),
+        (_, true) => format!("{} silent since {seen}", row.host),
+        (_, false) => format!("{} stopped at {seen}", row.host),
+    }
+}
+
 impl Fleet {
     async fn read(store: &Store, now: Timestamp) -> Result<Self, CliError> {
         let mut open = words::all(store, now).await?;
@@ -61,7 +74,10 @@ impl Fleet {
         open.sort_by_key(|row| (Reverse(row.severity), Reverse(row.last_seen_at), row.anomaly_id));
         let mut quarantine = store.faults().await?;
         quarantine.retain(|fault| fault.state == FaultState::Open);
+        let mut hosts = store.hosts().await?;
+        hosts.retain(|row| !row.host.is_empty());
         Ok(Self {
+            hosts,
             counts: store.counts().await?,
             health: store.fleet_health().await?,
             open,
@@ -103,6 +119,10 @@ impl Fleet {
             output::counted(robots.len(), "robot"),
             output::counted(tests.count(), "complete test"),
         ));
+        if !self.hosts.is_empty() {
+            let hosts: Vec<String> = self.hosts.iter().map(host_in_words).collect();
+            output::line(&format!("daemons     {}", hosts.join(", ")));
+        }
         output::line(&format!("alarms      {}", self.alarms_in_words()));
         if !self.quarantine.is_empty() {
             let count = output::counted(self.quarantine.len(), "export");
@@ -194,7 +214,14 @@ impl Fleet {
             .map(|run| json!({"robot": run.robot, "run_id": run.run_id, "source_name": run.source_name, "cycles": run.cycles}))
             .collect();
         let Counts { complete_runs, cycles, .. } = self.counts;
+        let host = |row: &HostRow| {
+            json!({
+                "host": row.host, "state": row.state.name(), "end_reason": row.end_reason,
+                "seen_at": row.seen_at.to_string(),
+            })
+        };
         json!({
+            "hosts": self.hosts.iter().map(host).collect::<Vec<_>>(),
             "robots": robots,
             "anomalies": self.open.iter().map(words::as_value).collect::<Vec<_>>(),
             "quarantined": self.quarantine.len(), "live": live, "complete_runs": complete_runs, "cycles": cycles,

@@ -7,6 +7,7 @@ mod robot;
 mod layout;
 mod daemon;
 mod settings;
+mod cluster;
 mod date_format;
 #[cfg(test)]
 mod fixtures;
@@ -23,6 +24,7 @@ pub use self::alerts::settings::{
     Address, AlertSettings, AlertmanagerSettings, CommandSettings, DEFAULT_ROUTE, EmailSettings, Encryption,
     HttpLogin, MqttSettings, QuietHours, ReceiverSettings, Route, Secret, Site, WebhookSettings,
 };
+pub use self::cluster::{ClusterSettings, host_name};
 pub use self::daemon::recognition::{RecogniseError, Recognised};
 pub use self::date_format::DateFormats;
 pub use self::layout::channels::{

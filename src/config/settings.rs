@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::address::is_on_server;
 use super::alerts::settings::AlertSettings;
+use super::cluster::ClusterSettings;
 use super::date_format::DateFormats;
 use super::layout::channels::Layout;
 use super::pattern::{self, FilePatterns};
@@ -21,6 +22,8 @@ use crate::robot::Robot;
 pub struct Config {
     /// Database file, or the address of one on a server.
     pub database: PathBuf,
+    /// What this daemon is among several on the database.
+    pub cluster: ClusterSettings,
     /// Folders to watch and how.
     pub watch: WatchSettings,
     /// What the work may take.

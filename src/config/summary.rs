@@ -21,6 +21,9 @@ pub fn summary(config: &Config) -> String {
         let _ = writeln!(out, "{name:<25} {value}");
     };
     line("database", shown_database(&config.database));
+    if let Some(host) = &config.cluster.host {
+        line("host", format!("{host}, whose lease ends after {} of silence", seconds(config.cluster.lease)));
+    }
     for folder in &config.watch.folders {
         line("watched folder", folder.display().to_string());
     }

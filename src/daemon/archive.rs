@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use tokio_util::sync::CancellationToken;
 
-use crate::ingest::bytes::source::path_text;
 use crate::ingest::find::archive::{Archived, archive};
 use crate::ingest::find::watch;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
@@ -53,7 +52,7 @@ async fn moved(
         && let Some(state) = intake::source_state(target)
     {
         // commands that read samples again find the export there
-        store.remember_source(&path_text(target), state, run_id).await?;
+        store.remember_source(&intake::ledger_path(store, target), state, run_id).await?;
     }
     Ok(Some(archived))
 }
@@ -93,7 +92,7 @@ async fn take_if_missed(
         Some(folder.join(path.strip_prefix(from_root(folder)).ok()?).display().to_string())
     });
     let earlier = SourceState { modified: intake::file_time(path), ..state };
-    for (name, state) in [(Some(path_text(path)), state), (given, earlier)] {
+    for (name, state) in [(Some(intake::ledger_path(pipeline.store(), path)), state), (given, earlier)] {
         if let Some(name) = name
             && pipeline.store().known_source(&name, state).await?.is_some()
         {

@@ -34,7 +34,8 @@ pub(super) fn log_outcome(path: &Path, outcome: &Outcome) {
             tracing::warn!(%file, "cannot be read now, trying again: {rejection}");
         }
         Outcome::Changed => tracing::info!(%file, "changed while being read; looking again"),
-        Outcome::InWork { run_id } => {
+        Outcome::InWork { run_id: None } => tracing::debug!(%file, "another daemon reads it"),
+        Outcome::InWork { run_id: Some(run_id) } => {
             tracing::debug!(%file, run_id, "the same content is being read under another name");
         }
     }

@@ -35,6 +35,7 @@ pub fn preflight(config: &Config) -> Preflight {
             hint,
         ));
     }
+    cluster(config, &mut found);
     folders(&config.watch, &mut found);
     for (route, unusable) in trial::problems(&config.alerts) {
         let key = format!("alerts.route {route}");
@@ -53,6 +54,23 @@ pub fn preflight(config: &Config) -> Preflight {
         }
     }
     found
+}
+
+/// What of `[cluster]` has no effect.
+fn cluster(config: &Config, found: &mut Preflight) {
+    let settings = &config.cluster;
+    let mut remark = |key: &str, problem: &str, hint: &str| {
+        let [key, problem, hint] = [key, problem, hint].map(str::to_owned);
+        found.remarks.push(ConfigProblem { key, problem, hint: Some(hint), ..empty() });
+    };
+    if settings.host.is_some() && config.database_file().is_some() {
+        let problem = "has no effect: a database in a file has one daemon";
+        remark("cluster.host", problem, "several share one on a PostgreSQL server, see docs/fleet.md");
+    }
+    if settings.host.is_none() && !settings.shared_folders.is_empty() {
+        let problem = "has no effect without a name of this daemon";
+        remark("cluster.shared_folders", problem, "set host, or start with `armwatch run --host NAME`");
+    }
 }
 
 fn folders(watch: &WatchSettings, found: &mut Preflight) {

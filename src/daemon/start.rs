@@ -9,10 +9,37 @@ use tokio_util::sync::CancellationToken;
 use super::book::Begun;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::reweight::{Reweighted, Reweighting};
-use crate::store::UnfinishedSource;
+use crate::store::{StoreError, UnfinishedSource};
 
 /// While stored cycles are identified again at the start, progress is said so often.
 const REWEIGHTING_SAID: Duration = Duration::from_secs(5);
+
+/// Pause before the database is asked again that did not answer.
+const STORE_PAUSE: Duration = Duration::from_secs(1);
+
+/// Does what a start needs of the database, again and again while another program keeps it or its server does not answer;
+/// `None` if a stop comes first.
+pub(super) async fn patiently<T>(
+    stop: &CancellationToken,
+    mut attempt: impl AsyncFnMut() -> Result<T, PipelineError>,
+) -> Result<Option<T>, PipelineError> {
+    loop {
+        match attempt().await {
+            Err(PipelineError::Store(
+                error @ (StoreError::Busy { .. }
+                | StoreError::Unreachable { .. }
+                | StoreError::LeaseEnded { .. }),
+            )) => {
+                tracing::warn!(%error, "the daemon does not begin now; trying again");
+            }
+            done => return done.map(Some),
+        }
+        tokio::select! {
+            () = stop.cancelled() => return Ok(None),
+            () = tokio::time::sleep(STORE_PAUSE) => {}
+        }
+    }
+}
 
 /// How files whose runs are not complete are taken up again.
 pub(super) fn begun_before(unfinished: &[UnfinishedSource]) -> HashMap<PathBuf, Begun> {

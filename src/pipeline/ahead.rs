@@ -23,7 +23,7 @@ use super::take::decide::Decision;
 use super::take::intake::Recognised;
 use super::take::{decide, intake, record, resume};
 use crate::config::{Config, FleetEntry};
-use crate::ingest::bytes::{fingerprint, source};
+use crate::ingest::bytes::fingerprint;
 use crate::numerics::analyse::Method;
 use crate::numerics::buffers::Buffers;
 use crate::robot::Robot;
@@ -119,7 +119,11 @@ impl Pipeline {
         let beginning = tokio::spawn(async move {
             for export in exports {
                 let Ok(turn) = to_turn.reserve().await else { return };
-                let ahead = pipeline.read_ahead_hashing(&export, retry, &stop, ONCE).await;
+                let ahead = match pipeline.store.is_shared(&export) {
+                    // it is claimed in its turn, so that not two daemons read it until then
+                    true => Ok(None),
+                    false => pipeline.read_ahead_hashing(&export, retry, &stop, ONCE).await,
+                };
                 let has_read = ahead.as_ref().ok().and_then(Option::as_ref).map(ReadAhead::has_read);
                 turn.send(ahead);
                 if let Some(has_read) = has_read {
@@ -153,7 +157,7 @@ impl Pipeline {
         hashing: Hashing,
     ) -> Result<Option<ReadAhead>, PipelineError> {
         let Some(state) = intake::source_state(path) else { return Ok(None) };
-        let name = source::path_text(path);
+        let name = intake::ledger_path(&self.store, path);
         let known = self.store.known_source(&name, state).await?;
         if known.is_some_and(|known| decide::is_decided(&known, retry)) {
             return Ok(None);
@@ -180,8 +184,15 @@ impl Pipeline {
         let Config { limits, analysis, .. } = self.config();
         let made_with = resume::settings_hash(layout, description, limits, analysis);
         let no_hash = fingerprint::nothing().hash;
-        let header =
-            intake::header(path, &recognised.robot, &description.model, recognised.started_at, no_hash, 0);
+        let header = intake::header(
+            path,
+            name,
+            &recognised.robot,
+            &description.model,
+            recognised.started_at,
+            no_hash,
+            0,
+        );
         let export = AdmittedExport {
             path: path.to_path_buf(),
             run_id: 0,
@@ -258,23 +269,44 @@ impl Pipeline {
         // stands in until the content is whole
         let no_hash = ContentHash([0; 32]);
         let Recognised { entry, robot, started_at, .. } = &recognised;
-        let header = intake::header(path, robot, &entry.description.model, *started_at, no_hash, state.bytes);
+        let header = intake::header(
+            path,
+            intake::ledger_path(&self.store, path),
+            robot,
+            &entry.description.model,
+            *started_at,
+            no_hash,
+            state.bytes,
+        );
         let identity = Identity::Growing(start.read);
         let export = intake::begin(self, path, &recognised, header, identity, start, state).await?;
-        let _open = self.open(export.run_id);
+        let open = self.open(export.run_id);
+        let taken = self.take_begun(&export, (ahead, state), progress).await;
+        open.close(&self.store).await;
+        taken
+    }
+
+    /// Takes an export that is read ahead, whose run is begun; `Err` as [`take_unhashed`](Self::take_unhashed).
+    async fn take_begun(
+        &self,
+        export: &AdmittedExport,
+        (ahead, state): (ReadAhead, SourceState),
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Result<Outcome, Option<ReadAhead>>, PipelineError> {
+        let is_as_read = || intake::source_state(&export.path) == Some(state);
         progress(Progress::Begun);
         if export.made_with != ahead.made_with {
             return Ok(Err(Some(ahead)));
         }
-        let Ok(method) = self.method(&export, Some(Arc::clone(&ahead.method))).await? else {
+        let Ok(method) = self.method(export, Some(Arc::clone(&ahead.method))).await? else {
             return Ok(Err(None));
         };
-        let done = match self.record_ahead(&export, &method, ahead, progress).await {
+        let done = match self.record_ahead(export, &method, ahead, progress).await {
             Ok((ReadEnd::Complete(totals), refused))
                 if is_as_read() && totals.content.bytes == state.bytes =>
             {
                 let written_at = Some(export.header.started_at);
-                record::finish(self, &export, &method, totals, refused, written_at).await
+                record::finish(self, export, &method, totals, refused, written_at).await
             }
             Ok((ReadEnd::Interrupted, _)) => Ok(Outcome::Interrupted),
             // the file is read again, which finds its place

@@ -17,7 +17,7 @@ use crate::metrics::Metrics;
 use crate::numerics::analyse::Method;
 use crate::numerics::detect::runs::open_run::UsualTests;
 use crate::numerics::detect::verdict::DetectSettings;
-use crate::store::{ReadSoFar, Store, StoreError};
+use crate::store::{ClaimKind, ReadSoFar, Store, StoreError};
 
 /// Growing exports and settled ones do not wait for each other's analyses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -74,6 +74,15 @@ pub(super) type OpenRuns = Arc<Mutex<HashSet<i64>>>;
 #[derive(Debug)]
 pub(super) struct OpenRun(pub(super) OpenRuns, pub(super) i64);
 
+impl OpenRun {
+    /// Lets other daemons read the run, where there are several. One that is dropped keeps it from them until the session of
+    /// this program ends.
+    pub(super) async fn close(self, store: &Store) {
+        let run_id = self.1.to_string();
+        store.release_work(&[(ClaimKind::Run, &run_id)]).await;
+    }
+}
+
 impl Drop for OpenRun {
     fn drop(&mut self) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.1);
@@ -110,10 +119,10 @@ pub enum Outcome {
         /// What the system says.
         rejection: Rejection,
     },
-    /// The same content is being read under another name; it is looked at again later.
+    /// The same content is being read under another name, or another daemon reads the file; it is looked at again later.
     InWork {
-        /// The run that it becomes.
-        run_id: i64,
+        /// The run that it becomes, where this is known.
+        run_id: Option<i64>,
     },
 }
 

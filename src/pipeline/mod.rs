@@ -30,7 +30,6 @@ use tokio::sync::{Semaphore, mpsc};
 use tokio_util::sync::CancellationToken;
 
 use crate::config::Config;
-use crate::ingest::bytes::source;
 use crate::ingest::find::watch::FoundFile;
 use crate::ingest::rejection::Rejection;
 use crate::metrics::Metrics;
@@ -38,7 +37,7 @@ use crate::numerics::analyse::Method;
 use crate::numerics::buffers::Buffers;
 use crate::numerics::spare_threads::SpareThreads;
 use crate::robot::Robot;
-use crate::store::{Store, StoreError};
+use crate::store::{SourceState, Store, StoreError};
 use ahead::ReadAhead;
 use context::{Lane, OpenRun, Outcome, Pipeline, PipelineError, Progress, Retry};
 use open_rows::OpenRows;
@@ -119,8 +118,7 @@ impl Pipeline {
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
-        let ahead = self.read_ahead(path, retry, stop).await?;
-        self.process_ahead(path, ahead, retry, stop, progress).await
+        self.process_reading(path, Reading::NotBegun, retry, stop, progress).await
     }
 
     /// As [`process`](Self::process), of an export that may be read ahead.
@@ -135,17 +133,69 @@ impl Pipeline {
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
-        let name = source::path_text(path);
+        self.process_reading(path, Reading::Begun(ahead), retry, stop, progress).await
+    }
+
+    async fn process_reading(
+        &self,
+        path: &Path,
+        reading: Reading,
+        retry: Retry,
+        stop: &CancellationToken,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Outcome, PipelineError> {
+        let name = take::intake::ledger_path(&self.store, path);
         let state = take::intake::source_state(path);
-        if let (Retry::Never, Some(state)) = (retry, state)
-            && let Some(known) = self.store.known_source(&name, state).await?
-            && take::decide::is_decided(&known, retry)
-        {
-            return Ok(take::intake::decided(path, known));
+        let known = self.known_outcome(path, &name, (retry, state)).await?;
+        if let Some(outcome) = known {
+            return Ok(outcome);
         }
+        let Some(claimed) = self.claim_export(path).await? else {
+            return Ok(Outcome::InWork { run_id: None });
+        };
+        let taken = match claimed.is_shared() {
+            // another daemon may have read it since
+            true => self.known_outcome(path, &name, (retry, state)).await,
+            false => Ok(None),
+        };
+        let taken = match taken {
+            Ok(Some(outcome)) => Ok(outcome),
+            Ok(None) => self.take_and_remember(path, (&name, state), reading, retry, stop, progress).await,
+            Err(error) => Err(error),
+        };
+        self.release_export(claimed).await;
+        taken
+    }
+
+    /// What is said of a file that lies there as it did when its fate was decided.
+    async fn known_outcome(
+        &self,
+        path: &Path,
+        name: &str,
+        (retry, state): (Retry, Option<SourceState>),
+    ) -> Result<Option<Outcome>, PipelineError> {
+        let (Retry::Never, Some(state)) = (retry, state) else { return Ok(None) };
+        let known = self.store.known_source(name, state).await?;
+        let decided = known.filter(|known| take::decide::is_decided(known, retry));
+        Ok(decided.map(|known| take::intake::decided(path, known)))
+    }
+
+    async fn take_and_remember(
+        &self,
+        path: &Path,
+        (name, state): (&str, Option<SourceState>),
+        reading: Reading,
+        retry: Retry,
+        stop: &CancellationToken,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Outcome, PipelineError> {
+        let ahead = match reading {
+            Reading::NotBegun => self.read_ahead(path, retry, stop).await?,
+            Reading::Begun(ahead) => ahead,
+        };
         let outcome = self.take(path, ahead, retry, stop, progress).await?;
         if let (Some(run_id), Some(state)) = (outcome.run_id(), state) {
-            self.store.remember_source(&name, state, run_id).await?;
+            self.store.remember_source(name, state, run_id).await?;
         }
         Ok(outcome)
     }
@@ -156,7 +206,8 @@ impl Pipeline {
     /// # Errors
     /// Those of the store.
     pub async fn known_as_they_are(&self, files: &[&FoundFile]) -> Result<Vec<PathBuf>, PipelineError> {
-        let names: Vec<String> = files.iter().map(|file| source::path_text(&file.path)).collect();
+        let names: Vec<String> =
+            files.iter().map(|file| take::intake::ledger_path(&self.store, &file.path)).collect();
         let known = self.store.known_sources(&names).await?;
         let is_known = |(file, name): &(&&FoundFile, &String)| {
             known.get(*name).is_some_and(|(bytes, modified, run)| {
@@ -188,9 +239,23 @@ impl Pipeline {
             Admission::Read(intake) => *intake,
             Admission::Decided(outcome) => return Ok(outcome),
         };
-        let _open = self.open(intake.run_id);
+        let open = self.open(intake.run_id);
         progress(Progress::Begun);
-        let reason = match self.take_admitted(&intake, ahead, stop, progress).await {
+        let taken = self.take_begun_export(path, &intake, ahead, stop, progress).await;
+        open.close(&self.store).await;
+        taken
+    }
+
+    /// Takes an export whose run is begun. What cannot be stored of it is a fault of this export alone.
+    async fn take_begun_export(
+        &self,
+        path: &Path,
+        intake: &AdmittedExport,
+        ahead: Option<ReadAhead>,
+        stop: &CancellationToken,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Outcome, PipelineError> {
+        let reason = match self.take_admitted(intake, ahead, stop, progress).await {
             Err(PipelineError::Store(StoreError::Refused { detail, .. })) => {
                 format!("results that the database refuses: {detail}")
             }
@@ -204,7 +269,7 @@ impl Pipeline {
              file",
             intake.run_id
         );
-        take::record::quarantine(self, &intake, Rejection::of_file(path, reason, remedy)).await
+        take::record::quarantine(self, intake, Rejection::of_file(path, reason, remedy)).await
     }
 
     async fn take_admitted(
@@ -360,6 +425,14 @@ impl Pipeline {
         let methods = self.methods.lock().unwrap_or_else(PoisonError::into_inner);
         methods.iter().find(|method| method.robot == *robot).cloned()
     }
+}
+
+/// Whether an export is read ahead when its turn comes.
+enum Reading {
+    /// It is to be read ahead now.
+    NotBegun,
+    /// It was looked at before.
+    Begun(Option<ReadAhead>),
 }
 
 /// An end of reading that an analysis may have cut short.

@@ -1,4 +1,4 @@
-//! One daemon a database: two would analyse every export twice.
+//! One daemon a database in a file, and one a host on a server: two would analyse every export twice.
 
 use std::fs::{File, TryLockError};
 use std::io::Write;
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::engine::Dialect;
 #[cfg(feature = "postgres")]
-use super::engine::{EnginePool, daemon_lock::DaemonLock};
+use super::engine::{EnginePool, host_lock::HostLock};
 use super::error::StoreError;
 use crate::store::handle::Store;
 
@@ -24,7 +24,7 @@ enum Held {
         _locked: File,
     },
     #[cfg(feature = "postgres")]
-    Server(DaemonLock, EnginePool),
+    Server(HostLock, EnginePool),
 }
 
 #[cfg(feature = "postgres")]
@@ -46,10 +46,36 @@ impl Store {
             Dialect::Sqlite => claim(&self.path),
             #[cfg(feature = "postgres")]
             Dialect::Postgres => {
-                if !self.checked(self.daemon.claim(&self.writer).await)? {
-                    return Err(StoreError::Claimed { path: self.path.to_path_buf(), process: None });
+                let lock = self.own_host.lock();
+                if !self.checked(lock.claim(&self.writer).await)? {
+                    let host = self.own_host.place().host().to_owned();
+                    return Err(StoreError::HostAtWork { path: self.path.to_path_buf(), host });
                 }
-                Ok(DaemonClaim { _held: Held::Server(self.daemon.clone(), self.writer.clone()) })
+                Ok(DaemonClaim { _held: Held::Server(lock.clone(), self.writer.clone()) })
+            }
+        }
+    }
+}
+
+impl Store {
+    /// Whether a daemon works on the database, which draws conclusions itself. On a server, one that has not said that it
+    /// ends counts until its lease is over.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn has_daemon(&self) -> Result<bool, StoreError> {
+        match self.dialect() {
+            Dialect::Sqlite => match claim(&self.path) {
+                Err(StoreError::Claimed { .. }) => Ok(true),
+                Err(error) => Err(error),
+                // not kept: a daemon that starts now takes over
+                Ok(_) => Ok(false),
+            },
+            #[cfg(feature = "postgres")]
+            Dialect::Postgres => {
+                let daemon = "SELECT EXISTS (SELECT 1 FROM host_session
+                                             WHERE kind = 'daemon' AND ended_at IS NULL AND alive_until > clock_us())";
+                self.checked(sqlx::query_scalar(daemon).fetch_one(&self.readers).await)
             }
         }
     }

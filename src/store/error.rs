@@ -129,6 +129,28 @@ pub enum StoreError {
         /// Number of its process, where it has left one.
         process: Option<u32>,
     },
+    /// Another daemon of this host, or one without a name, works on a database of a server.
+    #[error(
+        "another armwatch daemon{} works on database {}; stop it first, or give each daemon a name of its own with \
+         `armwatch run --host NAME`",
+        if .host.is_empty() { String::new() } else { format!(" called {host}") }, .path.display()
+    )]
+    HostAtWork {
+        /// Address of the database, without a password.
+        path: PathBuf,
+        /// The name; empty for one that has none.
+        host: String,
+    },
+    /// This program was silent for longer than its lease, and others have taken over. Worth another try.
+    #[error(
+        "the lease of this program on database {} has ended, and others have taken over its work; it goes on by itself, \
+         raise lease_s under [cluster] if that happens often",
+        .path.display()
+    )]
+    LeaseEnded {
+        /// Address of the database, without a password.
+        path: PathBuf,
+    },
     /// A rule of the schema refuses the values. The database itself is well.
     #[error("database {} refuses these values ({detail}); please report this with the export", .path.display())]
     Refused {
@@ -263,7 +285,11 @@ impl StoreError {
     pub fn is_fatal(&self) -> bool {
         !matches!(
             self,
-            Self::Busy { .. } | Self::Unreachable { .. } | Self::Refused { .. } | Self::RunNotOpen { .. }
+            Self::Busy { .. }
+                | Self::Unreachable { .. }
+                | Self::Refused { .. }
+                | Self::RunNotOpen { .. }
+                | Self::LeaseEnded { .. }
         )
     }
 

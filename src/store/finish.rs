@@ -145,8 +145,8 @@ impl Store {
     /// [`StoreError::RunNotOpen`] if the run is unknown or quarantined.
     pub async fn finish_run(&self, run_id: i64) -> Result<FinishTransaction, StoreError> {
         let mut transaction = self.begin().await?;
-        let robot =
-            self.checked(crate::store::ledger::runs::robot_of_run(&mut *transaction, run_id).await)?;
+        let robot = runs::robot_of_run(&mut *transaction, run_id, self.session()).await;
+        let robot = self.checked(robot)?;
         let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
         Ok(FinishTransaction { transaction, path: Arc::clone(&self.path), run_id, robot_id, replaced: None })
     }

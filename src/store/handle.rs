@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::error::StoreError;
 #[cfg(feature = "postgres")]
-use crate::store::engine::daemon_lock::DaemonLock;
+use super::own_host::OwnHost;
 use crate::store::engine::{Dialect, EnginePool, EngineTransaction, begin_writing, dialect};
 
 /// An open database. Clones share it.
@@ -18,9 +18,9 @@ pub struct Store {
     pub(super) probe: EnginePool,
     /// Whether it was opened to look into it.
     pub(super) is_read_only: bool,
-    /// Whether the connection that writes is the one daemon's.
+    /// The host that this program is on.
     #[cfg(feature = "postgres")]
-    pub(super) daemon: DaemonLock,
+    pub(super) own_host: OwnHost,
 }
 
 impl Store {
@@ -43,10 +43,17 @@ impl Store {
             }
             #[cfg(feature = "postgres")]
             Dialect::Postgres => {
+                self.control().close().await;
                 self.writer.close().await;
                 Ok(())
             }
         }
+    }
+
+    /// A connection of its own for leases and claims, which must not wait for a turn at the writer.
+    #[cfg(feature = "postgres")]
+    pub(in crate::store) fn control(&self) -> EnginePool {
+        self.own_host.control(&self.writer)
     }
 
     pub(in crate::store) fn dialect(&self) -> Dialect {
@@ -60,6 +67,24 @@ impl Store {
     }
 
     /// A transaction that has the write lock.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseEnded`] where others have taken over this program's work, and others of the database.
+    #[cfg(feature = "postgres")]
+    pub(in crate::store) async fn begin(&self) -> Result<EngineTransaction, StoreError> {
+        let mut transaction = self.checked(begin_writing(&self.writer).await)?;
+        if self.checked(self.own_host.is_alive(&mut *transaction).await)? {
+            Ok(transaction)
+        } else {
+            Err(StoreError::LeaseEnded { path: self.path.to_path_buf() })
+        }
+    }
+
+    /// A transaction that has the write lock.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    #[cfg(not(feature = "postgres"))]
     pub(in crate::store) async fn begin(&self) -> Result<EngineTransaction, StoreError> {
         self.checked(begin_writing(&self.writer).await)
     }

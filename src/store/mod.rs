@@ -17,6 +17,9 @@ mod claim;
 mod error;
 mod finish;
 mod handle;
+mod hosts;
+#[cfg(feature = "postgres")]
+mod own_host;
 mod models;
 mod monitoring;
 mod soundness;
@@ -45,6 +48,8 @@ pub use delivery::routes::{Fate, Held, RouteEntry};
 pub use error::StoreError;
 pub use finish::{FinishTransaction, Replaced};
 pub use handle::Store;
+pub use hosts::list::{HostRow, HostState};
+pub use hosts::{ClaimKind, HostSession, SessionKind};
 pub use kept::estimates::{EstimateTransaction, NewEstimate, OtherEstimate};
 pub use kept::parameter_sets::{ParameterSet, SourceCycle};
 pub use kept::reestimates::{

@@ -1,4 +1,4 @@
--- made from migrations 3ca68b3b29221a7e209435ebbd8d364e179a9b289ae172d2bf22f5cf9b3720e0
+-- made from migrations 0cead4105f88adf56ce40ec5c9694c7fb66744be250b063f7ccb06ff1cf8e563
 PRAGMA application_id = 1098343522;
 CREATE TABLE _sqlx_migrations (
     version BIGINT PRIMARY KEY,
@@ -54,7 +54,7 @@ CREATE TABLE run (
     reason_column  TEXT,
     -- Wall time, for people who look for what arrived when. In no view: views of two databases fed
     -- alike are alike.
-    ingested_at    INTEGER NOT NULL DEFAULT (CAST(unixepoch('subsec') * 1000000 AS INTEGER)), growing INTEGER NOT NULL DEFAULT 0 CHECK (growing IN (0, 1)), prefix_bytes INTEGER CHECK (prefix_bytes >= 0), prefix_hash BLOB CHECK (length(prefix_hash) = 32), replaces_run_id INTEGER REFERENCES run ON DELETE SET NULL, superseded_by_run_id INTEGER REFERENCES run ON DELETE SET NULL, device INTEGER, inode INTEGER, kind TEXT NOT NULL DEFAULT 'test' CHECK (kind IN ('test', 'production')), retry_asked_at INTEGER, made_with BLOB CHECK (length(made_with) = 32), first_rows BLOB CHECK (length(first_rows) = 32), rows_skipped INTEGER CHECK (rows_skipped >= 0), figures_hash BLOB CHECK (length(figures_hash) = 32), started_at_text TEXT, retry_asked_at_text TEXT,
+    ingested_at    INTEGER NOT NULL DEFAULT (CAST(unixepoch('subsec') * 1000000 AS INTEGER)), growing INTEGER NOT NULL DEFAULT 0 CHECK (growing IN (0, 1)), prefix_bytes INTEGER CHECK (prefix_bytes >= 0), prefix_hash BLOB CHECK (length(prefix_hash) = 32), replaces_run_id INTEGER REFERENCES run ON DELETE SET NULL, superseded_by_run_id INTEGER REFERENCES run ON DELETE SET NULL, device INTEGER, inode INTEGER, kind TEXT NOT NULL DEFAULT 'test' CHECK (kind IN ('test', 'production')), retry_asked_at INTEGER, made_with BLOB CHECK (length(made_with) = 32), first_rows BLOB CHECK (length(first_rows) = 32), rows_skipped INTEGER CHECK (rows_skipped >= 0), figures_hash BLOB CHECK (length(figures_hash) = 32), started_at_text TEXT, retry_asked_at_text TEXT, host_session_id INTEGER REFERENCES host_session,
     CHECK ((status = 'quarantined') = (reason IS NOT NULL)),
     CHECK (status <> 'complete' OR (rows IS NOT NULL AND cycles_total = cycles_stored))
 ) STRICT;
@@ -1101,25 +1101,6 @@ BEGIN
         sent_at_text = strftime('%Y-%m-%dT%H:%M:%fZ', NEW.sent_at / 1000000.0, 'unixepoch')
     WHERE delivery_id = NEW.delivery_id;
 END;
-CREATE VIEW runs AS
-SELECT run.run_id,
-       robot.name AS robot,
-       run.started_at_text AS started_at,
-       run.source_name,
-       CASE WHEN NOT run.growing THEN lower(hex(run.content_hash)) END AS content_hash,
-       run.rows,
-       run.sample_rate_hz,
-       run.cycles_stored AS cycles,
-       CASE WHEN run.superseded_by_run_id IS NULL THEN run.status ELSE 'superseded' END AS status,
-       run.reason,
-       run.reason_line,
-       run.reason_column,
-       run.model,
-       run.superseded_by_run_id,
-       run.kind,
-       run.rows_skipped
-FROM run
-JOIN robot USING (robot_id);
 CREATE VIEW cycles AS
 SELECT cycle.run_id,
        robot.name AS robot,
@@ -1777,6 +1758,70 @@ FROM channel_noise AS noise
 JOIN cycle USING (cycle_id)
 JOIN run USING (run_id)
 JOIN robot USING (robot_id);
+CREATE TABLE host_session (
+    host_session_id INTEGER PRIMARY KEY AUTOINCREMENT,
+    -- The name that --host or [cluster] gives; empty without one.
+    host        TEXT NOT NULL,
+    kind        TEXT NOT NULL CHECK (kind IN ('daemon', 'command')),
+    version     TEXT NOT NULL,
+    started_at  INTEGER NOT NULL,
+    seen_at     INTEGER NOT NULL,
+    -- When the lease ends unless it is renewed.
+    alive_until INTEGER NOT NULL,
+    ended_at    INTEGER,
+    end_reason  TEXT CHECK (end_reason IN ('stopped', 'restarted', 'lease_ended')),
+    started_at_text TEXT GENERATED ALWAYS AS (strftime('%Y-%m-%dT%H:%M:%fZ', started_at / 1000000.0, 'unixepoch')) STORED,
+    seen_at_text TEXT GENERATED ALWAYS AS (strftime('%Y-%m-%dT%H:%M:%fZ', seen_at / 1000000.0, 'unixepoch')) STORED,
+    CHECK ((ended_at IS NULL) = (end_reason IS NULL))
+) STRICT;
+CREATE INDEX host_session_alive ON host_session (alive_until) WHERE ended_at IS NULL;
+CREATE INDEX host_session_by_host ON host_session (host, host_session_id);
+CREATE TABLE claim (
+    kind            TEXT NOT NULL CHECK (kind IN ('export', 'run', 'robot', 'route')),
+    subject         TEXT NOT NULL,
+    host_session_id INTEGER NOT NULL REFERENCES host_session ON DELETE CASCADE,
+    claimed_at      INTEGER NOT NULL,
+    PRIMARY KEY (kind, subject)
+) STRICT, WITHOUT ROWID;
+CREATE INDEX claim_by_session ON claim (host_session_id);
+CREATE INDEX run_by_session ON run (host_session_id) WHERE host_session_id IS NOT NULL;
+CREATE INDEX run_by_bytes ON run (source_bytes);
+CREATE VIEW runs AS
+SELECT run.run_id,
+       robot.name AS robot,
+       run.started_at_text AS started_at,
+       run.source_name,
+       CASE WHEN NOT run.growing THEN lower(hex(run.content_hash)) END AS content_hash,
+       run.rows,
+       run.sample_rate_hz,
+       run.cycles_stored AS cycles,
+       CASE WHEN run.superseded_by_run_id IS NULL THEN run.status ELSE 'superseded' END AS status,
+       run.reason,
+       run.reason_line,
+       run.reason_column,
+       run.model,
+       run.superseded_by_run_id,
+       run.kind,
+       run.rows_skipped,
+       nullif(host_session.host, '') AS host
+FROM run
+JOIN robot USING (robot_id)
+LEFT JOIN host_session USING (host_session_id);
+CREATE VIEW hosts AS
+SELECT latest.host,
+       CASE WHEN latest.ended_at IS NOT NULL THEN 'ended'
+            WHEN latest.alive_until < unixepoch('subsec') * 1000000.0 THEN 'silent'
+            ELSE 'at_work' END AS state,
+       latest.end_reason,
+       latest.version,
+       latest.started_at_text AS started_at,
+       latest.seen_at_text AS seen_at,
+       (SELECT count(*) FROM claim WHERE claim.host_session_id = latest.host_session_id AND claim.kind = 'run') AS runs_in_work,
+       (SELECT count(*) FROM host_session AS own JOIN run USING (host_session_id) WHERE own.host = latest.host) AS runs
+FROM host_session AS latest
+WHERE latest.kind = 'daemon'
+  AND latest.host_session_id = (SELECT max(own.host_session_id) FROM host_session AS own
+                                WHERE own.host = latest.host AND own.kind = 'daemon');
 INSERT INTO database_identity (only_one, identity) VALUES (1, lower(hex(randomblob(6))));
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly', 0);
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly_event', 0);

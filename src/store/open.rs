@@ -7,19 +7,19 @@ use std::time::{Duration, Instant};
 use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
 
-#[cfg(feature = "postgres")]
-use super::engine::daemon_lock::DaemonLock;
 use super::engine::{Dialect, EnginePool, EnginePoolOptions, catalog, of_sqlite};
 use super::error::StoreError;
 use super::handle::Store;
+#[cfg(feature = "postgres")]
+use super::own_host::OwnHost;
 use super::results::intervals;
 use super::schema::{latest_schema, migrate};
 #[cfg(feature = "postgres")]
 use super::server;
 use super::{view_columns, write_ahead_log};
-use crate::config::is_on_server;
 #[cfg(not(feature = "postgres"))]
 use crate::config::shown_database;
+use crate::config::{ClusterSettings, is_on_server};
 
 /// How long a write waits for another process. Longer than any transaction of this program, shorter
 /// than a person waits for an answer.
@@ -53,8 +53,16 @@ impl Store {
     /// [`StoreError::NotADatabase`], [`StoreError::Newer`], [`StoreError::NotWritable`] and others;
     /// a file that is refused is left as it is.
     pub async fn open(path: &Path) -> Result<Self, StoreError> {
+        Self::open_as(path, &ClusterSettings::default()).await
+    }
+
+    /// As [`Store::open`], as one of several daemons on a server. A file has one.
+    ///
+    /// # Errors
+    /// As [`Store::open`].
+    pub async fn open_as(path: &Path, cluster: &ClusterSettings) -> Result<Self, StoreError> {
         if is_on_server(path) {
-            return open_on_server(path).await;
+            return open_on_server(path, cluster).await;
         }
         open(path, BUSY_TIMEOUT).await
     }
@@ -65,8 +73,19 @@ impl Store {
     /// # Errors
     /// As [`Store::open`], [`StoreError::NotReadable`], and [`StoreError::Older`] for a schema that is not up to date.
     pub async fn open_existing(path: &Path) -> Result<Option<Self>, StoreError> {
+        Self::open_existing_as(path, &ClusterSettings::default()).await
+    }
+
+    /// As [`Store::open_existing`], on one of several hosts, which says which files are here.
+    ///
+    /// # Errors
+    /// As [`Store::open_existing`].
+    pub async fn open_existing_as(
+        path: &Path,
+        cluster: &ClusterSettings,
+    ) -> Result<Option<Self>, StoreError> {
         if is_on_server(path) {
-            return open_existing_on_server(path).await;
+            return open_existing_on_server(path, cluster).await;
         }
         open_existing(path).await
     }
@@ -109,23 +128,29 @@ impl Store {
 
 /// Opens a database on a server; see [`Store::open`].
 #[cfg(feature = "postgres")]
-async fn open_on_server(address: &Path) -> Result<Store, StoreError> {
-    server::open(address, BUSY_TIMEOUT).await
+async fn open_on_server(address: &Path, cluster: &ClusterSettings) -> Result<Store, StoreError> {
+    server::open(address, cluster, BUSY_TIMEOUT).await
 }
 
 /// Opens what is there on a server for reading only; see [`Store::open_existing`].
 #[cfg(feature = "postgres")]
-async fn open_existing_on_server(address: &Path) -> Result<Option<Store>, StoreError> {
-    server::open_existing(address, BUSY_TIMEOUT).await
+async fn open_existing_on_server(
+    address: &Path,
+    cluster: &ClusterSettings,
+) -> Result<Option<Store>, StoreError> {
+    server::open_existing(address, cluster, BUSY_TIMEOUT).await
 }
 
 #[cfg(not(feature = "postgres"))]
-async fn open_on_server(address: &Path) -> Result<Store, StoreError> {
+async fn open_on_server(address: &Path, _cluster: &ClusterSettings) -> Result<Store, StoreError> {
     Err(StoreError::NoServerEngine { path: shown_database(address).into() })
 }
 
 #[cfg(not(feature = "postgres"))]
-async fn open_existing_on_server(address: &Path) -> Result<Option<Store>, StoreError> {
+async fn open_existing_on_server(
+    address: &Path,
+    _cluster: &ClusterSettings,
+) -> Result<Option<Store>, StoreError> {
     Err(StoreError::NoServerEngine { path: shown_database(address).into() })
 }
 
@@ -175,7 +200,7 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
         probe,
         is_read_only: false,
         #[cfg(feature = "postgres")]
-        daemon: DaemonLock::default(),
+        own_host: OwnHost::none(&ClusterSettings::default()),
     })
 }
 
@@ -212,7 +237,7 @@ pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreErr
         probe,
         is_read_only: true,
         #[cfg(feature = "postgres")]
-        daemon: DaemonLock::default(),
+        own_host: OwnHost::none(&ClusterSettings::default()),
     }))
 }
 

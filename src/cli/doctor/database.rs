@@ -4,13 +4,13 @@ use jiff::Timestamp;
 
 use super::finding::Finding;
 use crate::config::{Config, is_on_server, shown_database};
-use crate::store::{Store, StoreError};
+use crate::store::{HostRow, HostState, Store, StoreError};
 
 const CHECK: &str = "database";
 
 pub(super) async fn check(config: &Config, quick: bool) -> Vec<Finding> {
     let path = shown_database(&config.database);
-    let store = match Store::open_existing(&config.database).await {
+    let store = match Store::open_existing_as(&config.database, &config.cluster).await {
         Ok(Some(store)) => store,
         Ok(None) => return vec![Finding::ok(CHECK, format!("{path} is not there yet; the daemon makes it"))],
         Err(error @ StoreError::Older { .. }) => {
@@ -20,6 +20,7 @@ pub(super) async fn check(config: &Config, quick: bool) -> Vec<Finding> {
     };
     let mut found = vec![Finding::ok(CHECK, format!("{path} is of this program's schema"))];
     found.extend(entered(store.last_entered_at().await));
+    found.extend(hosts(store.hosts().await));
     if is_on_server(&config.database) {
         let said = "pages are looked after by the server: data checksums, pg_amcheck, pg_dump";
         found.push(Finding::ok("integrity", said));
@@ -49,6 +50,29 @@ async fn looked_through(store: &Store) -> Vec<Finding> {
             vec![Finding::problem("integrity", said, remedy)]
         }
         Err(error) => vec![Finding::problem("integrity", error, remedy)],
+    }
+}
+
+/// Daemons that share the database and are gone without having been stopped.
+fn hosts(hosts: Result<Vec<HostRow>, StoreError>) -> Vec<Finding> {
+    let hosts = match hosts {
+        Ok(hosts) => hosts,
+        Err(error) => return vec![Finding::problem("hosts", error, "look at the database")],
+    };
+    let lost = hosts.iter().filter(|row| row.is_lost()).map(|row| {
+        let said = format!("nothing was heard of the daemon of {:?} since {}", row.host, row.seen_at);
+        Finding::warning(
+            "hosts",
+            said,
+            "start it again there; what it was reading waits for it or was taken over",
+        )
+    });
+    let lost: Vec<Finding> = lost.collect();
+    let at_work = hosts.iter().filter(|row| row.state == HostState::AtWork).count();
+    match (lost.is_empty(), at_work) {
+        (false, _) => lost,
+        (true, 0) => Vec::new(),
+        (true, at_work) => vec![Finding::ok("hosts", format!("daemons at work on the database: {at_work}"))],
     }
 }
 

@@ -24,7 +24,7 @@ use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, Retry};
 use crate::pipeline::look::replay;
 use crate::run::RunStatus;
-use crate::store::{EventKind, RunResult};
+use crate::store::{EventKind, RunResult, SessionKind};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -71,11 +71,13 @@ pub(super) fn ingest(global: &Global, args: &IngestArgs) -> Result<u8, CliError>
     runtime()?.block_on(async {
         let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
         let Some(store) = open_store_until(&stop, &config).await? else { return Ok(EXIT_STOPPED) };
+        let session = store.join(SessionKind::Command).await?;
         let pipeline = Pipeline::new(shared(config), store);
         let done = match args.again.is_empty() {
             true => take_all(&pipeline, &exports, &stop, global.json).await,
             false => take_again(&pipeline, &args.again, &stop, global.json).await,
         };
+        session.leave().await;
         pipeline.close().await?;
         done
     })
@@ -190,6 +192,9 @@ async fn conclude(
             bar.pause(|| print_conclusions(&concluded, as_json));
         }
         Conclusion::UpToDate => {}
+        Conclusion::Elsewhere => {
+            bar.pause(|| output::print_hint(&format!("{robot}: a daemon judges its history now")));
+        }
         Conclusion::Faulty(reason) => {
             bar.pause(|| output::print_hint(&format!("{robot}: nothing new is concluded: {reason}")));
             return Ok(false);

@@ -102,7 +102,12 @@ fn as_text(path: &Path, outcome: &Outcome) -> String {
         }
         Outcome::Unreadable { rejection } => format!("unreadable   {rejection}; then run again"),
         Outcome::Interrupted => format!("interrupted  {file}: run again to continue"),
-        Outcome::InWork { run_id } => format!("in work      {file}: being read as run {run_id}; run again"),
+        Outcome::InWork { run_id: Some(run_id) } => {
+            format!("in work      {file}: being read as run {run_id}; run again")
+        }
+        Outcome::InWork { run_id: None } => {
+            format!("in work      {file}: another daemon reads it; run again")
+        }
         Outcome::Changed => format!("changed      {file}: changed or vanished while it was read; run again"),
     }
 }

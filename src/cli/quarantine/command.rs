@@ -20,7 +20,7 @@ use crate::daemon;
 use crate::ingest::bytes::fingerprint::{fingerprint, of_bytes};
 use crate::pipeline::context::Pipeline;
 use crate::run::RunStatus;
-use crate::store::{FaultState, QuarantineRow, Store, StoreError};
+use crate::store::{FaultState, QuarantineRow, Store};
 
 /// Time between two looks at what the daemon has made of an export.
 const LOOK_INTERVAL: Duration = Duration::from_millis(200);
@@ -271,7 +271,7 @@ impl Retries<'_> {
             return Ok(EXIT_DONE);
         }
         let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
-        let under_daemon = matches!(self.store.claim().await, Err(StoreError::Claimed { .. }));
+        let under_daemon = self.store.has_daemon().await.unwrap_or(false);
         let (mut code, mut asked, mut own) = (EXIT_DONE, Vec::new(), Vec::new());
         for fault in chosen {
             self.store.withdraw_dismissal(fault.run_id).await?;

@@ -11,6 +11,7 @@ use crate::analysis::Estimator;
 use crate::analysis::finding::{FindingKind, FindingKinds};
 use crate::config::alerts::routes::read_alerts;
 use crate::config::alerts::settings::AlertSettings;
+use crate::config::cluster::read_cluster;
 use crate::config::layout::channels::{Channel, Layout, TorqueQuantity};
 use crate::config::layout::layout_file::parse_layout;
 use crate::config::pattern::FilePatterns;
@@ -56,6 +57,7 @@ pub(in crate::config) fn read(path: &Path, read_text: &ReadText<'_>) -> Result<C
 
 fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config> {
     let database = root.text_or("database", DEFAULT_DATABASE);
+    let cluster = read_cluster(root.table("cluster").as_ref());
     let watch = read_watch(root.table("watch").as_ref());
     let limits = root.table("limits").map_or(Some(WorkLimits::default()), |t| read_work_limits(&t));
     let serve = read_serve(root.table("serve").as_ref());
@@ -69,6 +71,7 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
     let detect = root.table("detect").map_or_else(|| Some(DetectSettings::default()), |t| read_detect(&t));
     Some(Config {
         database: PathBuf::from(database?),
+        cluster: cluster?,
         watch: with_spool(watch?, serve.as_ref()?.0.as_ref()),
         limits: limits?,
         clients: serve.as_ref()?.1.clone(),

@@ -5,7 +5,7 @@ use tokio::task::JoinError;
 
 use super::history::Concluded;
 use crate::pipeline::context::{Pipeline, PipelineError};
-use crate::store::StoreError;
+use crate::store::{ClaimKind, StoreError};
 
 /// What came of drawing conclusions.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,6 +16,8 @@ pub enum Conclusion {
     UpToDate,
     /// They cannot be drawn from this history; the robot is marked with the reason.
     Faulty(String),
+    /// Another daemon draws them.
+    Elsewhere,
 }
 
 impl Pipeline {
@@ -25,6 +27,15 @@ impl Pipeline {
     /// # Errors
     /// Those of the store that concern every robot, such as a full disk, and a lock that stays.
     pub async fn conclude_isolated(&self, robot: &str) -> Result<Conclusion, PipelineError> {
+        if !self.store.claim_work(ClaimKind::Robot, robot).await? {
+            return Ok(Conclusion::Elsewhere);
+        }
+        let concluded = self.conclude_claimed(robot).await;
+        self.store.release_work(&[(ClaimKind::Robot, robot)]).await;
+        concluded
+    }
+
+    async fn conclude_claimed(&self, robot: &str) -> Result<Conclusion, PipelineError> {
         let (pipeline, name) = (self.clone(), robot.to_owned());
         let drawn = isolated(async move { pipeline.conclude_named(&name).await }).await?;
         let reason = match drawn {

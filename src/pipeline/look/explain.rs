@@ -155,7 +155,7 @@ pub struct Explainer {
 impl Explainer {
     /// With the database of `config`, if there is one.
     pub async fn new(config: Arc<Config>) -> Self {
-        let pipeline = match Store::open_existing(&config.database).await {
+        let pipeline = match Store::open_existing_as(&config.database, &config.cluster).await {
             Ok(Some(store)) => Ok(Pipeline::new(Arc::clone(&config), store)),
             Ok(None) => Err(Ledger::NoDatabase),
             Err(error) => Err(Ledger::Unreadable(error.to_string())),

@@ -70,6 +70,21 @@ impl Pipeline {
         ends: &Ends,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Followed, PipelineError> {
+        let Some(claimed) = self.claim_export(path).await? else {
+            return Ok(Followed::Outcome(Outcome::InWork { run_id: None }));
+        };
+        let followed = self.follow_claimed(path, settle, ends, progress).await;
+        self.release_export(claimed).await;
+        followed
+    }
+
+    async fn follow_claimed(
+        &self,
+        path: &Path,
+        settle: Duration,
+        ends: &Ends,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Followed, PipelineError> {
         let recognised = match intake::recognise(self.config(), path, intake::file_time(path)) {
             Ok(recognised) => recognised,
             // the row that says the start may not be written yet
@@ -88,7 +103,21 @@ impl Pipeline {
             Ok(intake) => intake,
             Err(rejection) => return Ok(until_settled(&rejection)),
         };
-        let _open = self.open(intake.run_id);
+        let open = self.open(intake.run_id);
+        let followed = self.follow_begun((opened, intake), settle, ends, progress).await;
+        open.close(&self.store).await;
+        followed
+    }
+
+    /// Reads a growing export whose run is begun.
+    async fn follow_begun(
+        &self,
+        (opened, intake): (Opened, AdmittedExport),
+        settle: Duration,
+        ends: &Ends,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Followed, PipelineError> {
+        let path = &*intake.path;
         progress(Progress::Begun);
         let method = match self.method(&intake, None).await? {
             Ok(method) => method,
@@ -165,7 +194,15 @@ impl Pipeline {
         let no_hash = ContentHash([0; 32]);
         let Recognised { entry, robot, started_at, .. } = recognised;
         let model = &entry.description.model;
-        let header = intake::header(path, robot, model, *started_at, no_hash, state.bytes);
+        let header = intake::header(
+            path,
+            intake::ledger_path(&self.store, path),
+            robot,
+            model,
+            *started_at,
+            no_hash,
+            state.bytes,
+        );
         let identity = Identity::Growing(start.read);
         let intake = intake::begin(self, path, recognised, header, identity, start, state).await?;
         let (run_id, cycles) = (intake.run_id, intake.cycles_stored);

@@ -25,7 +25,7 @@ use crate::numerics::buffers::Buffers;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::take::admitted::UNKNOWN_ROBOT;
 use crate::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
-use crate::store::{EarlierRun, Identity, KnownRun, Recording, RunStart, SourceState};
+use crate::store::{EarlierRun, Identity, KnownRun, Recording, RunStart, SourceState, Store};
 
 /// Whether an export needs reading.
 #[derive(Debug)]
@@ -60,7 +60,16 @@ pub async fn admit(
         }
         (Err(error), file_time) => {
             let rejection = Rejection::from_io(path, &error);
-            let header = header(path, UNKNOWN_ROBOT, "", file_time, path_identity(path), 0);
+            let ledger_path = ledger_path(pipeline.store(), path);
+            let header = header(
+                path,
+                ledger_path,
+                UNKNOWN_ROBOT,
+                "",
+                file_time,
+                path_identity(pipeline.store(), path),
+                0,
+            );
             let outcome = quarantined(pipeline, &header, rejection.clone()).await?;
             let passing = rejection.is_passing;
             return Ok(Admission::Decided(if passing { Outcome::Unreadable { rejection } } else { outcome }));
@@ -85,23 +94,34 @@ async fn admit_content(
         Err(rejection) => return Ok(Admission::Decided(Outcome::Unreadable { rejection })),
     };
     forget_unreadable(pipeline, path).await?;
+    let ledger_path = ledger_path(pipeline.store(), path);
     let start = match decide::decide(&facts) {
         Decision::Known { run, unfinished } => {
             leave(pipeline, run.run_id, unfinished).await?;
             return Ok(Admission::Decided(decided(path, run)));
         }
-        Decision::InWork { run_id } => return Ok(Admission::Decided(Outcome::InWork { run_id })),
+        Decision::InWork { run_id } => {
+            return Ok(Admission::Decided(Outcome::InWork { run_id: Some(run_id) }));
+        }
         Decision::Read(start) => start,
     };
     let recognised = match recognised {
         Ok(recognised) => recognised,
         Err(rejection) => {
-            let header = header(path, UNKNOWN_ROBOT, "", file_time, content_hash, source_bytes);
+            let header = header(path, ledger_path, UNKNOWN_ROBOT, "", file_time, content_hash, source_bytes);
             return Ok(Admission::Decided(quarantined(pipeline, &header, rejection).await?));
         }
     };
     let model = &recognised.entry.description.model;
-    let header = header(path, &recognised.robot, model, recognised.started_at, content_hash, source_bytes);
+    let header = header(
+        path,
+        ledger_path,
+        &recognised.robot,
+        model,
+        recognised.started_at,
+        content_hash,
+        source_bytes,
+    );
     let identity = Identity::Content(content_hash);
     let intake = begin(pipeline, path, &recognised, header, identity, start, state).await?;
     Ok(Admission::Read(Box::new(intake)))
@@ -170,10 +190,12 @@ pub(in crate::pipeline) async fn facts(
     let name = file_name(path);
     let recording = recognised.and_then(Recognised::recording);
     let recording = recording.map(|(robot, started_at)| Recording { robot, started_at, source_name: &name });
-    let path_text = source::path_text(path);
-    let mut earlier = pipeline.store().earlier_runs(&path_text, state.file, recording).await?;
+    let ledger_path = ledger_path(pipeline.store(), path);
+    let mut earlier = pipeline.store().earlier_runs(&ledger_path, state.file, recording).await?;
+    let of_others = pipeline.store().runs_of_others().await?;
+    let is_open = |run_id: i64| pipeline.is_open(run_id) || of_others.contains(&run_id);
     // what is being read is another file's, which had this name
-    earlier.retain(|run| !pipeline.is_open(run.run.run_id));
+    earlier.retain(|run| !is_open(run.run.run_id));
     let read: Vec<ContentPrefix> = earlier.iter().map(|run| run.read).collect();
     let owned = path.to_path_buf();
     let compared = tokio::task::spawn_blocking(move || {
@@ -198,7 +220,7 @@ pub(in crate::pipeline) async fn facts(
         same_file: earlier.same_file,
     });
     Ok(Ok(Facts {
-        known_is_open: known.as_ref().is_some_and(|known| pipeline.is_open(known.run_id)),
+        known_is_open: known.as_ref().is_some_and(|known| is_open(known.run_id)),
         known,
         names_recording: recognised.is_some_and(|of| of.recording().is_some()),
         earlier: compared.collect(),
@@ -228,7 +250,7 @@ pub(in crate::pipeline) async fn forget_unreadable(
     pipeline: &Pipeline,
     path: &Path,
 ) -> Result<(), PipelineError> {
-    let known = pipeline.store().lookup(&path_identity(path)).await?;
+    let known = pipeline.store().lookup(&path_identity(pipeline.store(), path)).await?;
     if let Some(run) = known.filter(|run| run.status == RunStatus::Quarantined) {
         pipeline.store().discard_run(run.run_id).await?;
     }
@@ -431,10 +453,11 @@ async fn quarantined(
     Ok(Outcome::Quarantined { run_id, rejection, cycles: 0, known: false })
 }
 
-/// What is known of an export before its rows are read.
+/// What is known of an export before its rows are read; `ledger_path` is [`ledger_path`]'s.
 #[must_use]
 pub fn header(
     path: &Path,
+    ledger_path: String,
     robot: &str,
     model: &str,
     started_at: Timestamp,
@@ -446,7 +469,7 @@ pub fn header(
         model: model.to_owned(),
         started_at,
         source_name: file_name(path),
-        source_path: source::path_text(path),
+        source_path: ledger_path,
         content_hash,
         source_bytes,
     }
@@ -459,9 +482,18 @@ fn file_name(path: &Path) -> String {
     original_name(&name).into_owned()
 }
 
+/// A path as the ledger has it.
+#[must_use]
+pub fn ledger_path(store: &Store, path: &Path) -> String {
+    store.located(source::path_text(path))
+}
+
 /// Identity of a file whose content cannot be read: its path stands in.
-fn path_identity(path: &Path) -> ContentHash {
-    crate::ingest::bytes::fingerprint::of_bytes(path.as_os_str().as_encoded_bytes())
+fn path_identity(store: &Store, path: &Path) -> ContentHash {
+    let text = source::path_text(path);
+    let located = store.located(text.clone());
+    let bytes = if located == text { path.as_os_str().as_encoded_bytes() } else { located.as_bytes() };
+    fingerprint::of_bytes(bytes)
 }
 
 /// Modification time of a file, the best guess at its recording where its name has none.

@@ -4,6 +4,7 @@ pub mod decide;
 pub mod cycles;
 pub mod resume_point;
 pub mod admitted;
+mod claimed;
 pub mod resume;
 pub mod cutting;
 pub mod record;

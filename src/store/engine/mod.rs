@@ -13,7 +13,7 @@ use sqlx::sqlite::SqliteConnectOptions;
 
 pub(in crate::store) mod catalog;
 #[cfg(feature = "postgres")]
-pub(in crate::store) mod daemon_lock;
+pub(in crate::store) mod host_lock;
 #[cfg(feature = "postgres")]
 mod either;
 #[cfg(feature = "postgres")]

@@ -129,6 +129,9 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn quarantine(&self, header: &RunHeader, fault: &ExportFault) -> Result<i64, StoreError> {
         let mut transaction = self.begin().await?;
+        if let Some(run) = self.checked(find_run(&mut *transaction, &header.content_hash).await)? {
+            self.refuse_run_of_another(&mut transaction, run.run_id).await?;
+        }
         let run_id = self.checked(quarantine(&mut transaction, header, fault).await)?;
         self.commit(transaction).await?;
         Ok(run_id)
@@ -156,8 +159,9 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn paths_to_retry(&self) -> Result<Vec<PathBuf>, StoreError> {
         let paths = self.checked(paths_to_retry(&self.readers).await)?;
+        let here = paths.iter().filter_map(|path| self.local_path(path));
         // earlier versions stored paths as they were given
-        Ok(paths.into_iter().map(|path| std::path::absolute(&path).unwrap_or_else(|_| path.into())).collect())
+        Ok(here.map(|path| std::path::absolute(&path).unwrap_or(path)).collect())
     }
 }
 

@@ -111,7 +111,11 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn give_up_run(&self, run_id: i64, reason: &str) -> Result<bool, StoreError> {
-        self.checked(give_up(&self.writer, run_id, reason).await)
+        let mut transaction = self.begin().await?;
+        self.refuse_run_of_another(&mut transaction, run_id).await?;
+        let is_given_up = self.checked(give_up(&mut *transaction, run_id, reason).await)?;
+        self.commit(transaction).await?;
+        Ok(is_given_up)
     }
 
     /// Begins a run. A run with this content that was begun before, or is complete, is returned as it
@@ -466,26 +470,27 @@ async fn identify_growing(
     Ok(())
 }
 
-/// Start of a run that takes cycles, in microseconds; `None` if it takes none.
+/// Start of a run that takes cycles from this session, in microseconds; `None` if it takes none.
 pub(in crate::store) async fn open_run_start(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
+    session: Option<i64>,
 ) -> Result<Option<i64>, sqlx::Error> {
-    sqlx::query_scalar("SELECT started_at FROM run WHERE run_id = $1 AND status = 'streaming'")
-        .bind(run_id)
-        .fetch_optional(executor)
-        .await
+    let start = "SELECT started_at FROM run
+                 WHERE run_id = $1 AND status = 'streaming' AND host_session_id IS NOT DISTINCT FROM $2";
+    sqlx::query_scalar(start).bind(run_id).bind(session).fetch_optional(executor).await
 }
 
-/// Robot of a run that is not quarantined.
+/// Robot of a run that is not quarantined, and not read by another session.
 pub(in crate::store) async fn robot_of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
+    session: Option<i64>,
 ) -> Result<Option<i64>, sqlx::Error> {
-    sqlx::query_scalar("SELECT robot_id FROM run WHERE run_id = $1 AND status <> 'quarantined'")
-        .bind(run_id)
-        .fetch_optional(executor)
-        .await
+    let robot = "SELECT robot_id FROM run
+                 WHERE run_id = $1 AND status <> 'quarantined'
+                       AND (status <> 'streaming' OR host_session_id IS NOT DISTINCT FROM $2)";
+    sqlx::query_scalar(robot).bind(run_id).bind(session).fetch_optional(executor).await
 }
 
 /// The description that a cycle was analysed with.

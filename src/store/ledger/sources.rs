@@ -111,7 +111,8 @@ impl Store {
         let begun = self.checked(runs::begin(&mut transaction, header, identity, beginning).await)?;
         let run_id = begun.run.run_id;
         self.checked(remember(&mut *transaction, &header.source_path, source, run_id).await)?;
-        self.checked(set_file(&mut *transaction, run_id, source.file).await)?;
+        self.checked(set_file(&mut *transaction, run_id, self.numbered(source.file), self.session()).await)?;
+        self.claim_run(&mut transaction, run_id).await?;
         self.commit(transaction).await?;
         Ok(begun)
     }
@@ -160,15 +161,23 @@ impl Store {
         file: FileId,
         recording: Option<Recording<'_>>,
     ) -> Result<Vec<EarlierRun>, StoreError> {
-        self.checked(earlier_runs(&self.readers, path, file, recording).await)
+        self.checked(earlier_runs(&self.readers, path, self.numbered(file), recording).await)
     }
 
-    /// Files of runs that are not complete, as they were when the runs were last begun.
+    /// Files of runs that are not complete, as they were when the runs were last begun. Those of other hosts, and what
+    /// other programs are reading, are left out.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn unfinished_sources(&self) -> Result<Vec<UnfinishedSource>, StoreError> {
-        self.checked(unfinished(&self.readers).await)
+        let mut found = self.checked(unfinished(&self.readers).await)?;
+        let of_others = self.runs_of_others().await?;
+        found.retain_mut(|source| {
+            let Some(path) = self.local_path(&source.path) else { return false };
+            source.path = from_root(path);
+            !of_others.contains(&source.run_id)
+        });
+        Ok(found)
     }
 
     /// What tells the export of a run; `None` for an unknown run.
@@ -183,6 +192,12 @@ impl Store {
             let path = PathBuf::from(path);
             if !source.paths.contains(&path) {
                 source.paths.push(path);
+            }
+        }
+        // what lies on another host is told with its name, and is no file here
+        for path in &mut source.paths {
+            if let Some(here) = path.to_str().and_then(|located| self.local_path(located)) {
+                *path = here;
             }
         }
         Ok(Some(source))
@@ -317,7 +332,7 @@ pub(in crate::store) async fn unfinished(
     .try_map(|row: EngineRow| {
         Ok(UnfinishedSource {
             run_id: row.try_get("run_id")?,
-            path: from_root(row.try_get("path")?),
+            path: row.try_get("path")?,
             bytes: size(&row, "bytes")?,
             modified: time(&row, "modified")?,
             growing: row.try_get("growing")?,
@@ -329,9 +344,9 @@ pub(in crate::store) async fn unfinished(
 
 /// A path from the root on. Earlier versions stored paths as they were given, mostly by a daemon that is still started
 /// in the same folder.
-fn from_root(path: String) -> String {
-    let absolute = std::path::absolute(&path).ok();
-    absolute.and_then(|path| path.into_os_string().into_string().ok()).unwrap_or(path)
+fn from_root(path: PathBuf) -> String {
+    let absolute = std::path::absolute(&path).unwrap_or(path);
+    absolute.to_string_lossy().into_owned()
 }
 
 pub(in crate::store) async fn remember(
@@ -354,12 +369,18 @@ pub(in crate::store) async fn remember(
     Ok(())
 }
 
-/// Writes down which file a run is read from.
-async fn set_file(executor: impl EngineExecutor<'_>, run_id: i64, file: FileId) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE run SET device = $1, inode = $2 WHERE run_id = $3")
+/// Writes down which file a run is read from, and by which session.
+async fn set_file(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    file: FileId,
+    session: Option<i64>,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET device = $1, inode = $2, host_session_id = $4 WHERE run_id = $3")
         .bind(file.device.cast_signed())
         .bind(file.inode.cast_signed())
         .bind(run_id)
+        .bind(session)
         .execute(executor)
         .await?;
     Ok(())

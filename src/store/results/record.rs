@@ -58,7 +58,9 @@ impl Store {
         read: Option<&ReadSoFar>,
     ) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
-        match self.checked(record_cycle(&mut transaction, run_id, analysis, robot, read).await)? {
+        let session = self.session();
+        let recorded = record_cycle(&mut transaction, (run_id, session), analysis, robot, read).await;
+        match self.checked(recorded)? {
             Recorded::Stored => self.commit(transaction).await.map(|()| true),
             Recorded::Known => Ok(false),
             Recorded::RunNotOpen => Err(self.run_not_open(run_id)),
@@ -66,15 +68,15 @@ impl Store {
     }
 }
 
-/// Writes the rows of a cycle and moves the mark of progress. Call in a transaction.
+/// Writes the rows of a cycle of a run that the session reads, and moves the mark of progress. Call in a transaction.
 pub(in crate::store) async fn record_cycle(
     connection: &mut EngineConnection,
-    run_id: i64,
+    (run_id, session): (i64, Option<i64>),
     analysis: &CycleAnalysis,
     robot: &Robot,
     read: Option<&ReadSoFar>,
 ) -> Result<Recorded, sqlx::Error> {
-    let Some(run_start) = runs::open_run_start(&mut *connection, run_id).await? else {
+    let Some(run_start) = runs::open_run_start(&mut *connection, run_id, session).await? else {
         return Ok(Recorded::RunNotOpen);
     };
     let cut_by_end = read.is_some_and(|read| read.cut_by_end);

@@ -51,3 +51,8 @@ WHERE CASE WHEN doubtful THEN 'doubtful' ELSE status END = 'refused';
 CREATE INDEX cycle_with_remarks ON cycle (started_at_text)
 WHERE remarks IS NOT NULL OR CASE WHEN doubtful THEN 'doubtful' ELSE status END = 'doubtful';
 CREATE INDEX log_evidence_by_reference ON log_evidence (reference_run_id);
+CREATE INDEX host_session_alive ON host_session (alive_until) WHERE ended_at IS NULL;
+CREATE INDEX host_session_by_host ON host_session (host, host_session_id);
+CREATE INDEX claim_by_session ON claim (host_session_id);
+CREATE INDEX run_by_session ON run (host_session_id) WHERE host_session_id IS NOT NULL;
+CREATE INDEX run_by_bytes ON run (source_bytes);

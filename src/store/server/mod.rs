@@ -9,12 +9,13 @@ use std::time::Duration;
 use sqlx::postgres::{PgConnectOptions, PgConnection};
 use sqlx::{ConnectOptions, Connection};
 
-use super::engine::daemon_lock::DaemonLock;
+use super::engine::host_lock::HostLock;
 use super::engine::{EngineConnectOptions, EnginePool, EnginePoolOptions};
 use super::error::StoreError;
 use super::handle::Store;
+use super::own_host::OwnHost;
 use super::view_columns;
-use crate::config::shown_database;
+use crate::config::{ClusterSettings, shown_database};
 
 /// How long a question about the database's health waits.
 const PROBE_TIMEOUT: Duration = Duration::from_secs(2);
@@ -29,15 +30,19 @@ const READERS: u32 = 4;
 /// Where the schema lies, before what the server has itself, so that the functions of the schema are found first.
 const SEARCH_PATH: (&str, &str) = ("search_path", "armwatch,pg_catalog");
 
-/// A transaction that does nothing for so long is ended by the server: what it has locked waits for a program that hangs.
-/// Longer than a conclusion computes.
-const IDLE_LIMIT: (&str, &str) = ("idle_in_transaction_session_timeout", "600000");
+/// A transaction that does nothing for the time of a lease is ended by the server: what it has locked waits for a program
+/// that hangs.
+const IDLE_LIMIT: &str = "idle_in_transaction_session_timeout";
 
 /// Seconds without a word after which the server is asked whether it is there. A host that is switched off says nothing.
 const KEEPALIVE: (&str, &str) = ("tcp_keepalives_idle", "60");
 
 /// Opens the database at an address, makes its tables if there are none; see [`Store::open`].
-pub(super) async fn open(address: &Path, busy_timeout: Duration) -> Result<Store, StoreError> {
+pub(super) async fn open(
+    address: &Path,
+    cluster: &ClusterSettings,
+    busy_timeout: Duration,
+) -> Result<Store, StoreError> {
     let path: Arc<Path> = Path::new(&shown_database(address)).into();
     let options = options(&path, address)?;
     let mut connection = connect(&path, &options).await?;
@@ -45,26 +50,35 @@ pub(super) async fn open(address: &Path, busy_timeout: Duration) -> Result<Store
     // what was made is committed, and what was not is told; an unfinished goodbye changes neither
     let _ = connection.close().await;
     made?;
-    let milliseconds = busy_timeout.as_millis().to_string();
-    let writing = options.clone().options([("lock_timeout", milliseconds.as_str()), IDLE_LIMIT]);
-    let daemon = DaemonLock::default();
+    let [lock_timeout, idle_limit] = [busy_timeout, cluster.lease].map(|of| of.as_millis().to_string());
+    let writing = [("lock_timeout", lock_timeout.as_str()), (IDLE_LIMIT, idle_limit.as_str())];
+    let writing = options.clone().options(writing);
+    let lock = HostLock::of(cluster.host.as_deref().unwrap_or_default());
+    let control = pool(1, busy_timeout).connect_lazy_with(EngineConnectOptions::Postgres(writing.clone()));
     let writer =
-        daemon.of_writer(pool(1, busy_timeout)).connect_lazy_with(EngineConnectOptions::Postgres(writing));
+        lock.of_writer(pool(1, busy_timeout)).connect_lazy_with(EngineConnectOptions::Postgres(writing));
+    let own_host = OwnHost::new(cluster, lock, Some(control));
     view_columns::fill(&writer).await.map_err(|error| StoreError::from_sqlx(&path, &error))?;
     let (readers, probe) = readers(&options, busy_timeout);
-    Ok(Store { path, writer, readers, probe, is_read_only: false, daemon })
+    Ok(Store { path, writer, readers, probe, is_read_only: false, own_host })
 }
 
 /// Opens what is there for reading only; see [`Store::open_existing`].
-pub(super) async fn open_existing(address: &Path, timeout: Duration) -> Result<Option<Store>, StoreError> {
+pub(super) async fn open_existing(
+    address: &Path,
+    cluster: &ClusterSettings,
+    timeout: Duration,
+) -> Result<Option<Store>, StoreError> {
     let path: Arc<Path> = Path::new(&shown_database(address)).into();
-    look(path.clone(), options(&path, address)?, timeout).await
+    look(path.clone(), options(&path, address)?, OwnHost::none(cluster), timeout).await
 }
 
 /// Another handle for reading of the same database.
 pub(super) async fn open_again(store: &Store, timeout: Duration) -> Result<Option<Store>, StoreError> {
     match &*store.readers.connect_options() {
-        EngineConnectOptions::Postgres(options) => look(store.path.clone(), options.clone(), timeout).await,
+        EngineConnectOptions::Postgres(options) => {
+            look(store.path.clone(), options.clone(), store.own_host.to_look(), timeout).await
+        }
         EngineConnectOptions::Sqlite(_) => Ok(None),
     }
 }
@@ -72,6 +86,7 @@ pub(super) async fn open_again(store: &Store, timeout: Duration) -> Result<Optio
 async fn look(
     path: Arc<Path>,
     options: PgConnectOptions,
+    own_host: OwnHost,
     timeout: Duration,
 ) -> Result<Option<Store>, StoreError> {
     let mut connection = connect(&path, &options).await?;
@@ -81,8 +96,7 @@ async fn look(
         return Ok(None);
     }
     let (readers, probe) = readers(&options, timeout);
-    let daemon = DaemonLock::default();
-    Ok(Some(Store { path, writer: readers.clone(), readers, probe, is_read_only: true, daemon }))
+    Ok(Some(Store { path, writer: readers.clone(), readers, probe, is_read_only: true, own_host }))
 }
 
 fn options(path: &Path, address: &Path) -> Result<PgConnectOptions, StoreError> {

@@ -273,9 +273,27 @@ SELECT run.run_id,
        run.model,
        run.superseded_by_run_id,
        run.kind,
-       run.rows_skipped
+       run.rows_skipped,
+       nullif(host_session.host, '') AS host
 FROM run
-JOIN robot USING (robot_id);
+JOIN robot USING (robot_id)
+LEFT JOIN host_session USING (host_session_id);
+
+CREATE VIEW hosts AS
+SELECT latest.host,
+       CASE WHEN latest.ended_at IS NOT NULL THEN 'ended'
+            WHEN latest.alive_until < clock_us() THEN 'silent'
+            ELSE 'at_work' END AS state,
+       latest.end_reason,
+       latest.version,
+       latest.started_at_text AS started_at,
+       latest.seen_at_text AS seen_at,
+       (SELECT count(*) FROM claim WHERE claim.host_session_id = latest.host_session_id AND claim.kind = 'run') AS runs_in_work,
+       (SELECT count(*) FROM host_session AS own JOIN run USING (host_session_id) WHERE own.host = latest.host) AS runs
+FROM host_session AS latest
+WHERE latest.kind = 'daemon'
+  AND latest.host_session_id = (SELECT max(own.host_session_id) FROM host_session AS own
+                                WHERE own.host = latest.host AND own.kind = 'daemon');
 
 CREATE VIEW cycles AS
 SELECT cycle.run_id,

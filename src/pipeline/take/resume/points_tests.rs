@@ -322,7 +322,7 @@ static EXPORTS: LazyLock<Exports> = LazyLock::new(|| {
         let (content, bytes) = fingerprint(&path).expect("a file");
         let start = "2026-03-01T08:00:00Z".parse().expect("a time");
         let intake = AdmittedExport {
-            header: header(&path, "A", "er3a", start, content, bytes),
+            header: header(&path, path.display().to_string(), "A", "er3a", start, content, bytes),
             path,
             run_id: 1,
             robot: Arc::clone(&robot),
