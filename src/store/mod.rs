@@ -48,8 +48,9 @@ pub use delivery::routes::{Fate, Held, RouteEntry};
 pub use error::StoreError;
 pub use finish::{FinishTransaction, Replaced};
 pub use handle::Store;
+pub use hosts::HostSession;
+pub use hosts::kinds::{ClaimKind, SessionKind};
 pub use hosts::list::{HostRow, HostState};
-pub use hosts::{ClaimKind, HostSession, SessionKind};
 pub use kept::estimates::{EstimateTransaction, NewEstimate, OtherEstimate};
 pub use kept::parameter_sets::{ParameterSet, SourceCycle};
 pub use kept::reestimates::{

@@ -1,161 +1,21 @@
 //! The same exports into a file of SQLite and onto a PostgreSQL server: every public view says the same, row by row, and so
 //! do the commands. The server is a private one, of the installed package; where there is none, the tests say so.
 
+mod server;
+mod several_daemons;
+
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use armwatch::store::public_views;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use serde_json::{Map, Value};
-use sqlx::postgres::PgConnectOptions;
-use sqlx::{AssertSqlSafe, Connection, Row};
+use serde_json::Value;
+use server::{Server, dump, dump_in_any_order, is_made, is_open};
 
 use crate::small::{self, Export, export, work};
 use crate::support::{Daemon, Workshop, assert_alike, pass, text, wait_until};
-
-/// Where Debian's package has the programs of the server.
-const PROGRAMS: &str = "/usr/lib/postgresql/15/bin";
-
-/// A server of its own, with its files in a temporary folder and no address but a socket there.
-struct Server {
-    folder: tempfile::TempDir,
-}
-
-impl Server {
-    /// `None`, said on standard error, where the server's programs are not installed.
-    fn start() -> Option<Self> {
-        if !Path::new(PROGRAMS).join("initdb").exists() {
-            eprintln!("skipped: no PostgreSQL in {PROGRAMS}");
-            return None;
-        }
-        let folder = tempfile::Builder::new().prefix("pg").tempdir_in("/tmp").expect("a folder");
-        fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o777)).expect("a folder for all");
-        let server = Self { folder };
-        let data = server.data();
-        let data = data.to_str().expect("a path");
-        server.program(
-            "initdb",
-            &["-D", data, "-U", "armwatch", "-A", "trust", "-E", "UTF8", "--locale=C.UTF-8", "-N"],
-        );
-        server.control("start");
-        server.sql("CREATE DATABASE fleet");
-        Some(server)
-    }
-
-    fn data(&self) -> PathBuf {
-        self.folder.path().join("data")
-    }
-
-    /// Runs a program of the server, which refuses to run as root.
-    fn program(&self, name: &str, arguments: &[&str]) {
-        let program = Path::new(PROGRAMS).join(name);
-        let mut command = match rustix::process::getuid().is_root() {
-            true => {
-                let mut command = Command::new("setpriv");
-                command.args(["--reuid=nobody", "--regid=nogroup", "--clear-groups"]).arg(program);
-                command
-            }
-            false => Command::new(program),
-        };
-        command.args(arguments).current_dir(self.folder.path()).stdout(Stdio::null());
-        assert!(command.status().expect("it starts").success(), "{name} {arguments:?}");
-    }
-
-    fn control(&self, action: &str) {
-        let (data, folder) = (self.data(), self.folder.path().display());
-        let options = format!("-k {folder} -c listen_addresses='' -c fsync=off -c max_connections=60");
-        let log = self.folder.path().join("log");
-        let paths = [data.to_str().expect("a path"), log.to_str().expect("a path")];
-        self.program(
-            "pg_ctl",
-            &["-D", paths[0], "-l", paths[1], "-o", &options, "-m", "immediate", "-w", "-s", action],
-        );
-    }
-
-    fn fleet(&self) -> String {
-        format!("postgres:///fleet?host={}&user=armwatch", self.folder.path().display())
-    }
-
-    /// Rows of a statement in the database `postgres`, each a line.
-    fn sql(&self, statement: &str) -> Vec<String> {
-        self.sql_in("postgres", statement)
-    }
-
-    fn sql_in(&self, database: &str, statement: &str) -> Vec<String> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
-        let options = PgConnectOptions::new_without_pgpass()
-            .socket(self.folder.path())
-            .username("armwatch")
-            .database(database);
-        runtime.block_on(async {
-            let mut connection = sqlx::PgConnection::connect_with(&options).await.expect("a connection");
-            let rows = sqlx::raw_sql(AssertSqlSafe(statement.to_owned())).fetch_all(&mut connection).await;
-            let cell = |row: &sqlx::postgres::PgRow, column: usize| -> String {
-                row.try_get::<Option<String>, _>(column).ok().flatten().unwrap_or_default()
-            };
-            let rows = rows.unwrap_or_else(|error| panic!("{statement}: {error}"));
-            let line = |row| (0..Row::len(row)).map(|column| cell(row, column)).collect::<Vec<_>>().join("|");
-            rows.iter().map(line).collect()
-        })
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        if self.data().join("postmaster.pid").exists() {
-            self.control("stop");
-        }
-    }
-}
-
-/// Columns that tell of the machine, its clock and the way to what is stored.
-const OF_THE_MACHINE: [(&str, &str); 14] = [
-    ("quarantine", "tries"),
-    ("quarantine", "first_at"),
-    ("quarantine", "last_at"),
-    ("quarantine", "retry_asked_at"),
-    ("quarantine", "dismissed_at"),
-    ("quarantine", "fault_id"),
-    ("anomaly_history", "at"),
-    ("baseline_changes", "formed_at"),
-    ("baseline_changes", "replaced_at"),
-    ("maintenance_log", "recorded_at"),
-    ("deliveries", "key"),
-    ("deliveries", "due_at"),
-    ("conclusion_faults", "first_at"),
-    ("conclusion_faults", "last_at"),
-];
-
-/// Views of what the program and people did and when.
-const OF_DEEDS: [&str; 3] = ["anomaly_history", "baseline_changes", "maintenance_log"];
-
-/// Every row of every public view, as the program reads it from a database, with all digits of numbers: both engines give
-/// the same where they have taken the same in the same order.
-fn dump(workshop: &Workshop, database: &str) -> String {
-    rows_of_views(workshop, database, |_, _| true)
-}
-
-fn rows_of_views(workshop: &Workshop, database: &str, is_told: impl Fn(&str, &str) -> bool) -> String {
-    let mut dump = String::new();
-    for view in public_views() {
-        let name = view.name.as_str();
-        let asked = format!("SELECT * FROM {name}");
-        let rows = workshop.stdout(&["sql", "--db", database, "--json", &asked], 0);
-        let told = |line: &str| {
-            let mut row: Map<String, Value> = serde_json::from_str(line).expect("JSON");
-            row.retain(|column, _| !OF_THE_MACHINE.contains(&(name, column)) && is_told(name, column));
-            Value::Object(row).to_string()
-        };
-        let mut rows: Vec<String> = rows.lines().map(told).filter(|row| row != "{}").collect();
-        rows.sort_unstable();
-        dump.push_str(&format!("# {name}\n{}\n", rows.join("\n")));
-    }
-    dump
-}
 
 fn rows(dump: &str, view: &str) -> usize {
     let rest = dump.split_once(&format!("# {view}\n")).expect("a view").1;
@@ -367,14 +227,6 @@ fn a_killed_daemon_goes_on_where_the_server_has_it() {
     assert_alike(&server, &file, "killed");
 }
 
-/// As [`dump`], of databases that have taken the same in another order: without the numbers of rows, and without what was
-/// done when.
-fn dump_in_any_order(workshop: &Workshop, database: &str) -> String {
-    rows_of_views(workshop, database, |view, column| {
-        !OF_DEEDS.contains(&view) && !column.ends_with("_id") && (view, column) != ("baselines", "epoch")
-    })
-}
-
 /// Events of a test that takes minutes; `ARMWATCH_KILLS` says how many.
 fn events() -> u32 {
     std::env::var("ARMWATCH_KILLS").ok().map_or(60, |count| count.parse().expect("a number of kills"))
@@ -446,19 +298,6 @@ fn disturbed(most: u32) {
         assert_alike(&dump_in_any_order(&both.workshop, &address), &golden, &format!("round {round}"));
         println!("round {round}: {events:?} kills, falls of the server, cuts of connections");
     }
-}
-
-fn is_made(server: &Server, database: &str) -> bool {
-    let there = "SELECT CAST(to_regclass('armwatch.schema_version') IS NOT NULL AS text)";
-    server.sql_in(database, there) == ["true"]
-}
-
-/// Whether the daemon is at work on a database: it has made the schema, and holds its claim.
-fn is_open(server: &Server, database: &str) -> bool {
-    let claims =
-        "SELECT CAST(count(*) AS text) FROM pg_locks AS held JOIN pg_database AS of ON of.oid = held.database
-                  WHERE held.locktype = 'advisory' AND held.objid = 3 AND of.datname = current_database()";
-    is_made(server, database) && server.sql_in(database, claims) == ["1"]
 }
 
 #[test]

@@ -3,7 +3,7 @@
 
 use std::collections::HashSet;
 
-use super::ClaimKind;
+use super::kinds::ClaimKind;
 use crate::store::engine::EngineExecutor;
 
 /// The session that has claimed a subject.

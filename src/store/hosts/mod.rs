@@ -4,53 +4,20 @@
 #[cfg(feature = "postgres")]
 pub(super) mod claims;
 pub(super) mod list;
+pub(super) mod kinds;
 #[cfg(feature = "postgres")]
 pub(super) mod session;
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
+use self::kinds::{ClaimKind, SessionKind};
 use super::error::StoreError;
 use super::handle::Store;
 use crate::run::FileId;
 #[cfg(feature = "postgres")]
 use crate::store::engine::Dialect;
 use crate::store::engine::EngineTransaction;
-
-/// What one daemon works on and no other may.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ClaimKind {
-    /// An export in a shared folder; its subject is the path.
-    Export,
-    /// A run that is being read; its subject is its key.
-    Run,
-    /// Conclusions of a robot; its subject is the name.
-    Robot,
-    /// A route of alarms; its subject is the name.
-    Route,
-}
-
-impl ClaimKind {
-    /// Name as in the database.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Export => "export",
-            Self::Run => "run",
-            Self::Robot => "robot",
-            Self::Route => "route",
-        }
-    }
-}
-
-/// What kind of program joins.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum SessionKind {
-    /// The one daemon of its host.
-    Daemon,
-    /// A command that reads exports.
-    Command,
-}
 
 /// Membership among the programs that write to a database, until it is left or the process ends. A lease that is renewed
 /// in the background says that it is there.

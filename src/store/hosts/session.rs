@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use tokio::task::JoinHandle;
 
-use super::SessionKind;
+use super::kinds::SessionKind;
 use crate::store::engine::{EngineExecutor, begin_writing};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;

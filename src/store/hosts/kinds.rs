@@ -1,0 +1,36 @@
+//! What programs are on a database, and what they claim.
+
+/// What one daemon works on and no other may.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ClaimKind {
+    /// An export in a shared folder; its subject is the path.
+    Export,
+    /// A run that is being read; its subject is its key.
+    Run,
+    /// Conclusions of a robot; its subject is the name.
+    Robot,
+    /// A route of alarms; its subject is the name.
+    Route,
+}
+
+impl ClaimKind {
+    /// Name as in the database.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Export => "export",
+            Self::Run => "run",
+            Self::Robot => "robot",
+            Self::Route => "route",
+        }
+    }
+}
+
+/// What kind of program joins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SessionKind {
+    /// The one daemon of its host.
+    Daemon,
+    /// A command that reads exports.
+    Command,
+}

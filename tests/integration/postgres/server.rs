@@ -1,0 +1,255 @@
+//! A PostgreSQL server of a test's own, and what a database says as a whole.
+
+use std::ffi::OsString;
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use armwatch::store::public_views;
+use serde_json::{Map, Value};
+use sqlx::postgres::PgConnectOptions;
+use sqlx::{AssertSqlSafe, Connection, Row};
+
+use crate::support::{Workshop, pass};
+
+/// Where Debian's package has the programs of the server.
+pub const PROGRAMS: &str = "/usr/lib/postgresql/15/bin";
+
+/// A server of its own, with its files in a temporary folder and no address but a socket there.
+pub struct Server {
+    folder: tempfile::TempDir,
+    disk: Option<Disk>,
+}
+
+/// A file system of its own for the data of a server, which can be filled. A process keeps it.
+struct Disk(Child);
+
+impl Disk {
+    const MEGABYTES: u32 = 400;
+
+    /// `None` where the machine gives no file system.
+    fn mount(at: &Path) -> Option<Self> {
+        let script = "mount -t tmpfs -o size=$0m,mode=777 tmpfs \"$1\" && echo there && exec sleep infinity";
+        let mut command = Command::new("unshare");
+        command.args(["--mount", "sh", "-c", script, &Self::MEGABYTES.to_string()]).arg(at);
+        let mut keeper = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().ok()?;
+        let mut said = String::new();
+        let out = keeper.stdout.take()?;
+        BufReader::new(out).read_line(&mut said).ok()?;
+        let disk = Self(keeper);
+        if said.trim() == "there" { Some(disk) } else { None }
+    }
+
+    /// A path as seen by who sees this file system.
+    fn path(&self, path: &Path) -> PathBuf {
+        Path::new("/proc")
+            .join(self.0.id().to_string())
+            .join("root")
+            .join(path.strip_prefix("/").expect("from the root"))
+    }
+}
+
+impl Drop for Disk {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Server {
+    /// `None`, said on standard error, where the server's programs are not installed.
+    pub fn start() -> Option<Self> {
+        Self::start_on(false)
+    }
+
+    /// As [`Self::start`], on a file system that can be filled where the machine gives one.
+    pub fn start_on_its_own_disk() -> Option<Self> {
+        Self::start_on(true)
+    }
+
+    fn start_on(own_disk: bool) -> Option<Self> {
+        if !Path::new(PROGRAMS).join("initdb").exists() {
+            eprintln!("skipped: no PostgreSQL in {PROGRAMS}");
+            return None;
+        }
+        let folder = tempfile::Builder::new().prefix("pg").tempdir_in("/tmp").expect("a folder");
+        fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o777)).expect("a folder for all");
+        let mut server = Self { folder, disk: None };
+        let data = server.data();
+        if own_disk && rustix::process::getuid().is_root() {
+            fs::create_dir(data.parent().expect("a folder")).expect("a mount point");
+            server.disk = Disk::mount(data.parent().expect("a folder"));
+        }
+        let data = data.to_str().expect("a path");
+        let made = server.program(
+            "initdb",
+            &["-D", data, "-U", "armwatch", "-A", "trust", "-E", "UTF8", "--locale=C.UTF-8", "-N"],
+        );
+        assert!(made, "initdb");
+        server.control("start");
+        server.sql("CREATE DATABASE fleet");
+        Some(server)
+    }
+
+    pub fn data(&self) -> PathBuf {
+        self.folder.path().join("disk/data")
+    }
+
+    /// Runs a program of the server, which refuses to run as root.
+    fn program(&self, name: &str, arguments: &[&str]) -> bool {
+        let program = Path::new(PROGRAMS).join(name);
+        let of_user = match rustix::process::getuid().is_root() {
+            true => {
+                vec!["setpriv", "--reuid=nobody", "--regid=nogroup", "--clear-groups"]
+            }
+            false => Vec::new(),
+        };
+        let keeper = self.disk.as_ref().map(|disk| disk.0.id().to_string());
+        let of_disk = keeper.iter().flat_map(|keeper| ["nsenter", "--mount", "--target", keeper.as_str()]);
+        let mut words = of_disk.chain(of_user).map(OsString::from).chain([program.into_os_string()]);
+        let mut command = Command::new(words.next().expect("a program"));
+        command.args(words);
+        command.args(arguments).current_dir(self.folder.path()).stdout(Stdio::null());
+        command.status().expect("it starts").success()
+    }
+
+    pub fn control(&self, action: &str) {
+        assert!(self.try_control(action), "pg_ctl {action}");
+    }
+
+    fn try_control(&self, action: &str) -> bool {
+        let (data, folder) = (self.data(), self.folder.path().display());
+        let options = format!("-k {folder} -c listen_addresses='' -c fsync=off -c max_connections=60");
+        let log = self.folder.path().join("log");
+        let paths = [data.to_str().expect("a path"), log.to_str().expect("a path")];
+        self.program(
+            "pg_ctl",
+            &["-D", paths[0], "-l", paths[1], "-o", &options, "-m", "immediate", "-w", "-s", action],
+        )
+    }
+
+    /// Leaves no room on the file system of the server for a time; `false` if it has none of its own.
+    pub fn fill_disk_for(&self, time: Duration) -> bool {
+        let Some(disk) = &self.disk else { return false };
+        let filler = disk.path(&self.data().with_file_name("filler"));
+        let mut file = fs::File::create(&filler).expect("a file");
+        let block = vec![0; 1 << 16];
+        while file.write_all(&block).is_ok() {}
+        pass(time);
+        drop(file);
+        fs::remove_file(filler).expect("removed");
+        // it may have given up, since it could not log its last words
+        if !self.try_control("status") {
+            self.control("start");
+        }
+        true
+    }
+
+    pub fn fleet(&self) -> String {
+        format!("postgres:///fleet?host={}&user=armwatch", self.folder.path().display())
+    }
+
+    /// Rows of a statement in the database `postgres`, each a line.
+    pub fn sql(&self, statement: &str) -> Vec<String> {
+        self.sql_in("postgres", statement)
+    }
+
+    pub fn sql_in(&self, database: &str, statement: &str) -> Vec<String> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+        let options = PgConnectOptions::new_without_pgpass()
+            .socket(self.folder.path())
+            .username("armwatch")
+            .database(database);
+        runtime.block_on(async {
+            let mut connection = sqlx::PgConnection::connect_with(&options).await.expect("a connection");
+            let rows = sqlx::raw_sql(AssertSqlSafe(statement.to_owned())).fetch_all(&mut connection).await;
+            let cell = |row: &sqlx::postgres::PgRow, column: usize| -> String {
+                row.try_get::<Option<String>, _>(column).ok().flatten().unwrap_or_default()
+            };
+            let rows = rows.unwrap_or_else(|error| panic!("{statement}: {error}"));
+            let line = |row| (0..Row::len(row)).map(|column| cell(row, column)).collect::<Vec<_>>().join("|");
+            rows.iter().map(line).collect()
+        })
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        // one that has ended already cannot be stopped
+        self.try_control("stop");
+    }
+}
+
+/// Columns that tell of the machine, its clock and the way to what is stored.
+pub const OF_THE_MACHINE: [(&str, &str); 15] = [
+    ("runs", "host"),
+    ("quarantine", "tries"),
+    ("quarantine", "first_at"),
+    ("quarantine", "last_at"),
+    ("quarantine", "retry_asked_at"),
+    ("quarantine", "dismissed_at"),
+    ("quarantine", "fault_id"),
+    ("anomaly_history", "at"),
+    ("baseline_changes", "formed_at"),
+    ("baseline_changes", "replaced_at"),
+    ("maintenance_log", "recorded_at"),
+    ("deliveries", "key"),
+    ("deliveries", "due_at"),
+    ("conclusion_faults", "first_at"),
+    ("conclusion_faults", "last_at"),
+];
+
+/// Views of what the program and people did and when.
+pub const OF_DEEDS: [&str; 3] = ["anomaly_history", "baseline_changes", "maintenance_log"];
+
+/// Every row of every public view, as the program reads it from a database, with all digits of numbers: both engines give
+/// the same where they have taken the same in the same order.
+pub fn dump(workshop: &Workshop, database: &str) -> String {
+    rows_of_views(workshop, database, |_, _| true)
+}
+
+pub fn rows_of_views(workshop: &Workshop, database: &str, is_told: impl Fn(&str, &str) -> bool) -> String {
+    let mut dump = String::new();
+    for view in public_views() {
+        let name = view.name.as_str();
+        // tells of programs, not of what they have stored
+        if name == "hosts" {
+            continue;
+        }
+        let asked = format!("SELECT * FROM {name}");
+        let rows = workshop.stdout(&["sql", "--db", database, "--json", &asked], 0);
+        let told = |line: &str| {
+            let mut row: Map<String, Value> = serde_json::from_str(line).expect("JSON");
+            row.retain(|column, _| !OF_THE_MACHINE.contains(&(name, column)) && is_told(name, column));
+            Value::Object(row).to_string()
+        };
+        let mut rows: Vec<String> = rows.lines().map(told).filter(|row| row != "{}").collect();
+        rows.sort_unstable();
+        dump.push_str(&format!("# {name}\n{}\n", rows.join("\n")));
+    }
+    dump
+}
+
+/// As [`dump`], of databases that have taken the same in another order: without the numbers of rows, and without what was
+/// done when.
+pub fn dump_in_any_order(workshop: &Workshop, database: &str) -> String {
+    rows_of_views(workshop, database, |view, column| {
+        !OF_DEEDS.contains(&view) && !column.ends_with("_id") && (view, column) != ("baselines", "epoch")
+    })
+}
+
+pub fn is_made(server: &Server, database: &str) -> bool {
+    let there = "SELECT CAST(to_regclass('armwatch.schema_version') IS NOT NULL AS text)";
+    server.sql_in(database, there) == ["true"]
+}
+
+/// Whether the daemon is at work on a database: it has made the schema, and holds its claim.
+pub fn is_open(server: &Server, database: &str) -> bool {
+    let claims =
+        "SELECT CAST(count(*) AS text) FROM pg_locks AS held JOIN pg_database AS of ON of.oid = held.database
+                  WHERE held.locktype = 'advisory' AND held.objsubid = 1 AND of.datname = current_database()";
+    is_made(server, database) && server.sql_in(database, claims) == ["1"]
+}
