@@ -2,7 +2,6 @@
 //! do the commands. The server is a private one, of the installed package; where there is none, the tests say so.
 
 mod server;
-mod several_daemons;
 
 use std::fs;
 use std::path::Path;
