@@ -7,6 +7,7 @@
 
 mod archive;
 mod book;
+mod export_tasks;
 mod judging;
 mod outcome_log;
 pub mod overdue;
@@ -25,11 +26,10 @@ mod vanished;
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use book::{Begun, Closing, FileSchedule, NextAttempt};
-use places::{Place, Places};
+use book::{Begun, Closing, FileSchedule};
+use export_tasks::{Closed, ExportTasks, Happened, closing};
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
@@ -37,20 +37,19 @@ use tokio_util::sync::CancellationToken;
 use crate::config::{Config, WatchSettings};
 use crate::ingest::find::watch::{Complaints, FoundFile, Scan};
 use crate::ingest::find::{tail, watch};
-use crate::metrics::{ExportEnd, LiveFile, Queue, Stage};
+use crate::metrics::{ExportEnd, Stage};
 use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::conclude::isolation::Conclusion;
-use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
-use crate::pipeline::take::follow::{Ends, Followed};
-use crate::run::FileId;
+use crate::pipeline::context::{Outcome, Pipeline, PipelineError};
+use crate::pipeline::take::follow::Followed;
 use crate::store::{ConclusionFault, Counts, DaemonClaim, StaleRobot};
 use judging::OpenTests;
-use outcome_log::log_outcome;
+use outcome_log::{end_of, log_outcome};
 use service::ServiceManager;
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
 use start::{begun_before, patiently, reweight};
-use turn::{Class, ReadMode, named_robot, robot_of};
+use turn::{ReadMode, robot_of};
 use vanished::Missing;
 
 /// Hints that arrive within this time cause one scan: a copy of a large file makes thousands.
@@ -67,9 +66,6 @@ const CONCLUDE_AT_STOP: Duration = Duration::from_secs(5);
 /// Files about which the database is asked in one statement.
 const FILES_ASKED_AT_ONCE: usize = 500;
 
-/// Counting the files that wait may take at most one part in so many of the daemon's time.
-const COUNTING_SHARE: u32 = 100;
-
 /// What the daemon has to say.
 #[derive(Debug)]
 pub enum Event<'a> {
@@ -82,16 +78,6 @@ pub enum Event<'a> {
 /// Why a run ends whose file is gone.
 const VANISHED: &str = "the file vanished before it was read to its end; put it back, or export it again";
 
-/// A file whose task has ended.
-struct Closed {
-    due: NextAttempt,
-    way: ReadMode,
-    result: Result<Followed, PipelineError>,
-}
-
-/// How far which file has come.
-type Progressed = (FileId, Progress);
-
 /// Reads the configuration again; says why itself where it cannot be used.
 pub type Reread<'r> = dyn Fn() -> Option<Config> + 'r;
 
@@ -102,22 +88,11 @@ struct Work<'r> {
     stop: CancellationToken,
     book: FileSchedule,
     missing: Missing,
-    tasks: JoinSet<Closed>,
-    /// Growing files being read.
-    places: Places,
+    exports: ExportTasks,
     /// The configuration was read again, and what watches the folders does not know it yet.
     is_reloaded: bool,
     /// Files that were to be read again at the last look.
     asked: HashSet<PathBuf>,
-    /// When the files that wait are counted again at the earliest.
-    next_count: Instant,
-    /// Robots with a settled file being read.
-    robots: HashSet<String>,
-    /// Settled files being read, of each class.
-    settled: [usize; Class::ALL.len()],
-    /// A settled file of each class whose run has no number yet. One at a time, so that numbers follow names,
-    /// and of two files with one content, which have one size, the first by name is taken.
-    admitting: [Option<FileId>; Class::ALL.len()],
     /// Robots that wait for conclusions.
     stale: Stale,
     /// Conclusions being drawn, one robot at a time.
@@ -126,7 +101,6 @@ struct Work<'r> {
     concluded_robot: Option<String>,
     /// Tests that are judged while they are written.
     open_tests: OpenTests,
-    progress: (mpsc::UnboundedSender<Progressed>, mpsc::UnboundedReceiver<Progressed>),
 }
 
 /// What a daemon works with besides its pipeline.
@@ -176,8 +150,8 @@ pub async fn watch(
     // after a failure the others finish their cycles too
     work.stop.cancel();
     missed.await?;
-    while let Some(closed) = work.tasks.join_next().await {
-        let ended = closed.map_err(PipelineError::from).and_then(|closed| work.close(closed, &mut report));
+    while let Some(closed) = work.exports.next().await {
+        let ended = closed.and_then(|closed| work.close(closed, &mut report));
         if watched.is_ok() {
             ended?;
         }
@@ -212,25 +186,20 @@ impl<'r> Work<'r> {
         stop: CancellationToken,
         begun: HashMap<PathBuf, Begun>,
     ) -> Self {
+        let exports = ExportTasks::new(stop.clone());
         Self {
             pipeline: pipeline.clone(),
             reread,
             stop,
             book: FileSchedule::new(pipeline.config().watch.settle, begun),
             missing: Missing::default(),
-            tasks: JoinSet::new(),
-            places: Places::default(),
+            exports,
             is_reloaded: false,
             asked: HashSet::new(),
-            next_count: Instant::now(),
-            robots: HashSet::new(),
-            settled: [0; Class::ALL.len()],
-            admitting: [None; Class::ALL.len()],
             stale: Stale::default(),
             concluding: JoinSet::new(),
             concluded_robot: None,
             open_tests: OpenTests::default(),
-            progress: mpsc::unbounded_channel(),
         }
     }
 
@@ -267,17 +236,20 @@ impl<'r> Work<'r> {
                 (next_scan, settings) = (Instant::now(), new);
                 earliest = next_scan;
             }
-            self.take_what_is_due();
+            self.exports.begin(&self.pipeline, &mut self.book);
             self.conclude_what_is_due();
-            self.count_queues();
+            self.exports.count_queues(&self.pipeline, &self.book);
             self.open_tests.begin(&self.pipeline);
             let next_look = self.next_look();
             tokio::select! {
                 () = self.stop.cancelled() => {}
-                Some(closed) = self.tasks.join_next() => self.close(closed?, report)?,
+                happened = self.exports.happened() => match happened {
+                    Happened::Ended(closed) => self.close(closed?, report)?,
+                    Happened::Grown(run_id) => self.open_tests.grew(run_id),
+                    Happened::Progressed => {}
+                },
                 Some(concluded) = self.concluding.join_next() => self.concluded(concluded?, report)?,
                 Some(judged) = self.open_tests.next() => if let Some(of) = judged? { announce(&of, report) },
-                Some((file, progress)) = self.progress.1.recv() => self.progressed(file, progress),
                 Some(()) = hints.recv(), if next_scan > earliest => next_scan = earliest,
                 Some(()) = reload.recv() => self.reload(),
                 () = until(next_look) => {}
@@ -306,8 +278,8 @@ impl<'r> Work<'r> {
     fn at_work(&self) -> String {
         format!(
             "{} exports being read, {} wait, {} robots to conclude",
-            self.tasks.len(),
-            self.book.waiting(Instant::now()).saturating_sub(self.tasks.len()),
+            self.exports.count(),
+            self.book.waiting(Instant::now()).saturating_sub(self.exports.count()),
             self.stale.count() + self.concluding.len()
         )
     }
@@ -329,7 +301,7 @@ impl<'r> Work<'r> {
         tracing::trace!(
             files = scan.files.len(),
             waiting = self.book.waiting(Instant::now()),
-            open = self.tasks.len(),
+            open = self.exports.count(),
             to_conclude = stale.len() + self.concluding.len(),
             "looked at the watched folders"
         );
@@ -396,135 +368,13 @@ impl<'r> Work<'r> {
         Ok(())
     }
 
-    /// Starts as many tasks as there may be, for growing files first.
-    fn take_what_is_due(&mut self) {
-        let (now, most) = (Instant::now(), self.pipeline.config().watch.live_files);
-        self.places.say_hanging(now);
-        while self.places.has_free(most, now)
-            && let Some(due) = self.book.next_growing()
-        {
-            self.follow(due, now);
-        }
-        let waiting = self.book.growing_waiting();
-        if waiting > 0 && self.places.are_taken(most, now) {
-            self.places.say_short(waiting, most);
-            self.places.ask(waiting, now);
-        }
-        let config = self.pipeline.config();
-        let most = config.limits.backlog_files;
-        let mut starting = Vec::new();
-        for class in Class::ALL {
-            let place = class as usize;
-            if self.settled[place] < most
-                && self.admitting[place].is_none()
-                && let Some((due, robot)) =
-                    self.book.next_settled(&self.robots, |bytes| Class::of(bytes, config) == class)
-            {
-                self.robots.insert(robot.clone());
-                self.settled[place] += 1;
-                self.admitting[place] = Some(due.file);
-                starting.push((due, robot, class));
-            }
-        }
-        starting.into_iter().for_each(|(due, robot, class)| self.take(due, robot, class));
-    }
-
-    /// Tells how many files wait and are being read. Each file that waits is looked at, so that of a long queue it is
-    /// not told with every event.
-    fn count_queues(&mut self) {
-        let began = Instant::now();
-        if began < self.next_count {
-            return;
-        }
-        let (metrics, config) = (self.pipeline.metrics(), self.pipeline.config());
-        metrics.queue(Queue::Growing, self.book.growing_waiting(), self.places.count());
-        for (class, queue) in [(Class::Small, Queue::Small), (Class::Large, Queue::Large)] {
-            let waiting = self.book.settled_waiting(|bytes| Class::of(bytes, config) == class);
-            metrics.queue(queue, waiting, self.settled[class as usize]);
-        }
-        self.next_count = Instant::now() + COUNTING_SHARE * began.elapsed();
-    }
-
-    fn progressed(&mut self, file: FileId, progress: Progress) {
-        match progress {
-            Progress::Begun => self.admitted(file),
-            Progress::CaughtUp => self.places.caught_up(file, Instant::now()),
-            Progress::Grown(run_id) => self.open_tests.grew(run_id),
-            Progress::Reading | Progress::Read(_) | Progress::Cycle(_) => {}
-        }
-    }
-
     /// When something is due though nothing happens.
     fn next_look(&self) -> Option<Instant> {
         let now = Instant::now();
-        let places = self.places.next_look(self.book.growing_waiting() > 0, now);
+        let places = self.exports.next_look(&self.book, now);
         // while conclusions are drawn, their end is waited for
         let stale = if self.concluding.is_empty() { self.stale.next_look(now) } else { None };
         places.into_iter().chain(stale).min()
-    }
-
-    /// Notes that the run of a file has its number, or that the file is closed.
-    fn admitted(&mut self, file: FileId) {
-        for place in &mut self.admitting {
-            place.take_if(|admitting| *admitting == file);
-        }
-    }
-
-    /// Begins to read a growing file.
-    fn follow(&mut self, due: NextAttempt, now: Instant) {
-        let Place { sign, give_way } = self.places.give(due.file, &due.path, &self.stop, now);
-        let (pipeline, sender) = (self.pipeline.clone(), self.progress.0.clone());
-        let (ends, file) = (Ends { stop: self.stop.clone(), give_way }, due.file);
-        let live = named_robot(pipeline.config(), &due.path).map(|robot| pipeline.metrics().live(&robot));
-        let live = Arc::new(live);
-        let progress = move |progress| {
-            match progress {
-                Progress::Reading => sign.reads(Instant::now()),
-                Progress::Read(bytes) => {
-                    if sign.has_read(bytes) {
-                        live.iter().for_each(LiveFile::read);
-                    }
-                }
-                Progress::Begun | Progress::CaughtUp => {
-                    sign.waits_for_others();
-                    // nobody listens any more when the daemon ends
-                    let _ = sender.send((file, progress));
-                }
-                Progress::Grown(_) => {
-                    let _ = sender.send((file, progress));
-                }
-                Progress::Cycle(_) => live.iter().for_each(LiveFile::stored),
-            }
-        };
-        self.tasks.spawn(async move {
-            let (path, patience) = (due.path.clone(), due.patience);
-            let reading =
-                tokio::spawn(async move { pipeline.follow(&path, patience, &ends, progress).await });
-            let result = reading.await.unwrap_or_else(|panic| Err(panic.into()));
-            Closed { due, way: ReadMode::Growing, result }
-        });
-    }
-
-    /// Begins to read a settled file.
-    fn take(&mut self, due: NextAttempt, robot: String, class: Class) {
-        let (pipeline, stop) = (self.pipeline.clone(), self.stop.clone());
-        let (sender, file) = (self.progress.0.clone(), due.file);
-        let progress = move |progress| {
-            if progress == Progress::Begun {
-                // nobody listens any more when the daemon ends
-                let _ = sender.send((file, progress));
-            }
-        };
-        self.tasks.spawn(async move {
-            let path = due.path.clone();
-            let reading = tokio::spawn(async move {
-                let outcome = pipeline.process(&path, Retry::Never, &stop, progress).await?;
-                archive::after(&pipeline, &path, &outcome).await;
-                Ok(Followed::Outcome(outcome))
-            });
-            let result = reading.await.unwrap_or_else(|panic| Err(panic.into()));
-            Closed { due, way: ReadMode::Settled(robot, class), result }
-        });
     }
 
     /// Takes over the robots that wait for conclusions, and says of which of them they failed.
@@ -540,7 +390,7 @@ impl<'r> Work<'r> {
         if !self.concluding.is_empty() {
             return;
         }
-        let is_through = |robot: &str| !self.robots.contains(robot) && !self.book.has_settled(robot);
+        let is_through = |robot: &str| !self.exports.reads_settled(robot) && !self.book.has_settled(robot);
         let Some(robot) = self.stale.next(Instant::now(), is_through) else { return };
         self.concluded_robot = Some(robot.clone());
         let pipeline = self.pipeline.clone();
@@ -589,16 +439,8 @@ impl<'r> Work<'r> {
     /// Notes, logs and reports what became of a file.
     fn close(&mut self, closed: Closed, report: &mut impl FnMut(Event<'_>)) -> Result<(), PipelineError> {
         let Closed { due, way, result } = closed;
-        self.admitted(due.file);
         self.asked.remove(&due.path);
-        let mut read = 0;
-        match &way {
-            ReadMode::Growing => read = self.places.take_back(due.file),
-            ReadMode::Settled(robot, class) => {
-                self.robots.remove(robot);
-                self.settled[*class as usize] -= 1;
-            }
-        }
+        let read = self.exports.free(&due, &way);
         let followed = match result {
             Err(PipelineError::Store(error)) if !error.is_fatal() => {
                 tracing::warn!(file = %due.path.display(), %error, "not stored now; trying again");
@@ -627,37 +469,10 @@ impl<'r> Work<'r> {
     }
 }
 
-/// What becomes of a file of which so many bytes were read while it grew.
-fn closing(followed: &Followed, way: &ReadMode, read: u64) -> Closing {
-    match (followed, way) {
-        (Followed::GaveWay, _) => Closing::GaveWay(read),
-        (Followed::UntilSettled, _) => Closing::UntilSettled,
-        (Followed::NotYet, _) => Closing::Again,
-        (Followed::Outcome(Outcome::Changed | Outcome::InWork { .. } | Outcome::Interrupted), _) => {
-            Closing::Again
-        }
-        (Followed::Outcome(Outcome::Unreadable { .. }), _) => Closing::Unreadable,
-        (Followed::Outcome(_), ReadMode::Growing) => Closing::Done,
-        (Followed::Outcome(_), ReadMode::Settled(..)) => Closing::Taken,
-    }
-}
-
 /// Waits until then, or for ever.
 async fn until(moment: Option<Instant>) {
     match moment {
         Some(moment) => tokio::time::sleep_until(moment.into()).await,
         None => std::future::pending().await,
-    }
-}
-
-/// How what became of an export is counted.
-fn end_of(outcome: &Outcome) -> ExportEnd {
-    match outcome {
-        Outcome::Stored(_) => ExportEnd::Stored,
-        Outcome::AlreadyStored { .. } | Outcome::Quarantined { known: true, .. } => ExportEnd::Known,
-        Outcome::Quarantined { .. } => ExportEnd::Quarantined,
-        Outcome::Interrupted | Outcome::Changed | Outcome::Unreadable { .. } | Outcome::InWork { .. } => {
-            ExportEnd::Later
-        }
     }
 }

@@ -1,7 +1,8 @@
-//! What became of an export, in the log.
+//! What became of an export, in the log and in the counters.
 
 use std::path::Path;
 
+use crate::metrics::ExportEnd;
 use crate::pipeline::context::Outcome;
 
 /// Logs what became of an export, by consequence.
@@ -37,6 +38,18 @@ pub(super) fn log_outcome(path: &Path, outcome: &Outcome) {
         Outcome::InWork { run_id: None } => tracing::debug!(%file, "another daemon reads it"),
         Outcome::InWork { run_id: Some(run_id) } => {
             tracing::debug!(%file, run_id, "the same content is being read under another name");
+        }
+    }
+}
+
+/// How what became of an export is counted.
+pub(super) fn end_of(outcome: &Outcome) -> ExportEnd {
+    match outcome {
+        Outcome::Stored(_) => ExportEnd::Stored,
+        Outcome::AlreadyStored { .. } | Outcome::Quarantined { known: true, .. } => ExportEnd::Known,
+        Outcome::Quarantined { .. } => ExportEnd::Quarantined,
+        Outcome::Interrupted | Outcome::Changed | Outcome::Unreadable { .. } | Outcome::InWork { .. } => {
+            ExportEnd::Later
         }
     }
 }

@@ -2,8 +2,10 @@
 
 use std::time::SystemTime;
 
+use super::turn::Class;
 use super::*;
 use crate::ingest::find::watch::FoundFile;
+use crate::run::FileId;
 use crate::store::Store;
 
 const NAMES: [&str; 2] = ["A_20260101_0000.csv", "B_20260101_0000.csv"];
@@ -30,14 +32,15 @@ async fn a_panic_over_one_export_leaves_its_place_and_the_daemon_at_work() {
     look(&mut work, start);
     look(&mut work, start + settle);
     let (due, lane) = work.book.next_settled(&HashSet::new(), |_| true).unwrap();
-    work.robots.insert(lane.clone());
-    work.settled[Class::Small as usize] += 1;
-    work.admitting[Class::Small as usize] = Some(due.file);
+    work.exports.admit(due.file, &lane, Class::Small);
+    assert!(work.exports.reads_settled(&lane));
+    assert_eq!(Class::ALL.map(|class| work.exports.has_place(class, 1)), [false, true]);
 
     let panic = tokio::spawn(async { panic!("index 7 of 3") }).await.unwrap_err();
     let way = ReadMode::Settled(lane, Class::Small);
     work.close(Closed { due, way, result: Err(panic.into()) }, &mut |_| ()).unwrap();
-    assert_eq!((work.settled, work.robots.len(), work.admitting), ([0, 0], 0, [None, None]));
+    assert!(!work.exports.reads_settled(NAMES[0]));
+    assert_eq!(Class::ALL.map(|class| work.exports.has_place(class, 1)), [true, true]);
     let next = |work: &mut Work<'_>, at: Duration| {
         look(work, start + at);
         let due = work.book.next_settled(&HashSet::new(), |_| true);
