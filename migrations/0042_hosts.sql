@@ -15,10 +15,25 @@ CREATE TABLE host_session (
     alive_until INTEGER NOT NULL,
     ended_at    INTEGER,
     end_reason  TEXT CHECK (end_reason IN ('stopped', 'restarted', 'lease_ended')),
-    started_at_text TEXT GENERATED ALWAYS AS (strftime('%Y-%m-%dT%H:%M:%fZ', started_at / 1000000.0, 'unixepoch')) STORED,
-    seen_at_text TEXT GENERATED ALWAYS AS (strftime('%Y-%m-%dT%H:%M:%fZ', seen_at / 1000000.0, 'unixepoch')) STORED,
+    started_at_text TEXT,
+    seen_at_text TEXT,
     CHECK ((ended_at IS NULL) = (end_reason IS NULL))
 ) STRICT;
+
+CREATE TRIGGER host_session_times_as_text AFTER INSERT ON host_session
+BEGIN
+    UPDATE host_session
+    SET started_at_text = strftime('%Y-%m-%dT%H:%M:%fZ', NEW.started_at / 1000000.0, 'unixepoch'),
+        seen_at_text = strftime('%Y-%m-%dT%H:%M:%fZ', NEW.seen_at / 1000000.0, 'unixepoch')
+    WHERE host_session_id = NEW.host_session_id;
+END;
+CREATE TRIGGER host_session_times_change AFTER UPDATE OF started_at, seen_at ON host_session
+BEGIN
+    UPDATE host_session
+    SET started_at_text = strftime('%Y-%m-%dT%H:%M:%fZ', NEW.started_at / 1000000.0, 'unixepoch'),
+        seen_at_text = strftime('%Y-%m-%dT%H:%M:%fZ', NEW.seen_at / 1000000.0, 'unixepoch')
+    WHERE host_session_id = NEW.host_session_id;
+END;
 
 CREATE INDEX host_session_alive ON host_session (alive_until) WHERE ended_at IS NULL;
 CREATE INDEX host_session_by_host ON host_session (host, host_session_id);
@@ -67,11 +82,11 @@ FROM run
 JOIN robot USING (robot_id)
 LEFT JOIN host_session USING (host_session_id);
 
--- The latest session of each host.
+-- The latest session of each host. On a server it tells by the clock which of them are silent; in a file there is none,
+-- and DuckDB, which computes views itself, has no function for the clock that SQLite has too.
 CREATE VIEW hosts AS
 SELECT latest.host,
        CASE WHEN latest.ended_at IS NOT NULL THEN 'ended'
-            WHEN latest.alive_until < unixepoch('subsec') * 1000000.0 THEN 'silent'
             ELSE 'at_work' END AS state,
        latest.end_reason,
        latest.version,

@@ -1,4 +1,4 @@
--- made from migrations 0cead4105f88adf56ce40ec5c9694c7fb66744be250b063f7ccb06ff1cf8e563
+-- made from migrations 658311e40d4c9a6887ff1fe92d9129645c434f6b27b1a76fed0adc70c9139092
 PRAGMA application_id = 1098343522;
 CREATE TABLE _sqlx_migrations (
     version BIGINT PRIMARY KEY,
@@ -1770,10 +1770,24 @@ CREATE TABLE host_session (
     alive_until INTEGER NOT NULL,
     ended_at    INTEGER,
     end_reason  TEXT CHECK (end_reason IN ('stopped', 'restarted', 'lease_ended')),
-    started_at_text TEXT GENERATED ALWAYS AS (strftime('%Y-%m-%dT%H:%M:%fZ', started_at / 1000000.0, 'unixepoch')) STORED,
-    seen_at_text TEXT GENERATED ALWAYS AS (strftime('%Y-%m-%dT%H:%M:%fZ', seen_at / 1000000.0, 'unixepoch')) STORED,
+    started_at_text TEXT,
+    seen_at_text TEXT,
     CHECK ((ended_at IS NULL) = (end_reason IS NULL))
 ) STRICT;
+CREATE TRIGGER host_session_times_as_text AFTER INSERT ON host_session
+BEGIN
+    UPDATE host_session
+    SET started_at_text = strftime('%Y-%m-%dT%H:%M:%fZ', NEW.started_at / 1000000.0, 'unixepoch'),
+        seen_at_text = strftime('%Y-%m-%dT%H:%M:%fZ', NEW.seen_at / 1000000.0, 'unixepoch')
+    WHERE host_session_id = NEW.host_session_id;
+END;
+CREATE TRIGGER host_session_times_change AFTER UPDATE OF started_at, seen_at ON host_session
+BEGIN
+    UPDATE host_session
+    SET started_at_text = strftime('%Y-%m-%dT%H:%M:%fZ', NEW.started_at / 1000000.0, 'unixepoch'),
+        seen_at_text = strftime('%Y-%m-%dT%H:%M:%fZ', NEW.seen_at / 1000000.0, 'unixepoch')
+    WHERE host_session_id = NEW.host_session_id;
+END;
 CREATE INDEX host_session_alive ON host_session (alive_until) WHERE ended_at IS NULL;
 CREATE INDEX host_session_by_host ON host_session (host, host_session_id);
 CREATE TABLE claim (
@@ -1810,7 +1824,6 @@ LEFT JOIN host_session USING (host_session_id);
 CREATE VIEW hosts AS
 SELECT latest.host,
        CASE WHEN latest.ended_at IS NOT NULL THEN 'ended'
-            WHEN latest.alive_until < unixepoch('subsec') * 1000000.0 THEN 'silent'
             ELSE 'at_work' END AS state,
        latest.end_reason,
        latest.version,

@@ -42,6 +42,8 @@ CREATE TABLE host_session (
     alive_until bigint NOT NULL,
     ended_at bigint,
     end_reason text COLLATE "C" CHECK (end_reason IN ('stopped', 'restarted', 'lease_ended')),
+    started_at_text text COLLATE "C" GENERATED ALWAYS AS (time_text(started_at)) STORED,
+    seen_at_text text COLLATE "C" GENERATED ALWAYS AS (time_text(seen_at)) STORED,
     CHECK ((ended_at IS NULL) = (end_reason IS NULL))
 );
 

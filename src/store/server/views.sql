@@ -286,8 +286,8 @@ SELECT latest.host,
             ELSE 'at_work' END AS state,
        latest.end_reason,
        latest.version,
-       time_text(latest.started_at) AS started_at,
-       time_text(latest.seen_at) AS seen_at,
+       latest.started_at_text AS started_at,
+       latest.seen_at_text AS seen_at,
        (SELECT count(*) FROM claim WHERE claim.host_session_id = latest.host_session_id AND claim.kind = 'run') AS runs_in_work,
        (SELECT count(*) FROM host_session AS own JOIN run USING (host_session_id) WHERE own.host = latest.host) AS runs
 FROM host_session AS latest

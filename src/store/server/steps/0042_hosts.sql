@@ -10,6 +10,8 @@ CREATE TABLE host_session (
     alive_until bigint NOT NULL,
     ended_at bigint,
     end_reason text COLLATE "C" CHECK (end_reason IN ('stopped', 'restarted', 'lease_ended')),
+    started_at_text text COLLATE "C" GENERATED ALWAYS AS (time_text(started_at)) STORED,
+    seen_at_text text COLLATE "C" GENERATED ALWAYS AS (time_text(seen_at)) STORED,
     CHECK ((ended_at IS NULL) = (end_reason IS NULL))
 );
 
@@ -58,8 +60,8 @@ SELECT latest.host,
             ELSE 'at_work' END AS state,
        latest.end_reason,
        latest.version,
-       time_text(latest.started_at) AS started_at,
-       time_text(latest.seen_at) AS seen_at,
+       latest.started_at_text AS started_at,
+       latest.seen_at_text AS seen_at,
        (SELECT count(*) FROM claim WHERE claim.host_session_id = latest.host_session_id AND claim.kind = 'run') AS runs_in_work,
        (SELECT count(*) FROM host_session AS own JOIN run USING (host_session_id) WHERE own.host = latest.host) AS runs
 FROM host_session AS latest
