@@ -1,8 +1,8 @@
 //! The same exports into a file of SQLite and onto a PostgreSQL server: every public view says the same, row by row, and so
 //! do the commands. The server is a private one, of the installed package; where there is none, the tests say so.
 
-#[expect(dead_code, reason = "a disk that is full is for tests of several daemons")]
 mod server;
+mod several_daemons;
 
 use std::fs;
 use std::path::Path;
