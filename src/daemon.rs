@@ -243,8 +243,8 @@ impl<'r> Work<'r> {
             let next_look = self.next_look();
             tokio::select! {
                 () = self.stop.cancelled() => {}
-                happened = self.exports.happened() => match happened {
-                    Happened::Ended(closed) => self.close(closed?, report)?,
+                happened = self.exports.happened() => match happened? {
+                    Happened::Ended(closed) => self.close(*closed, report)?,
                     Happened::Grown(run_id) => self.open_tests.grew(run_id),
                     Happened::Progressed => {}
                 },

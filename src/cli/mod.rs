@@ -213,6 +213,8 @@ enum LayoutCommand {
 enum BenchmarkCommand {
     /// How often 95 % intervals of the parameters hold the truth
     Coverage(benchmark::coverage::CoverageArgs),
+    /// Exports a minute of one daemon and of several on one database of a server
+    Daemons(benchmark::daemons::DaemonsArgs),
     /// Time of questions about a long history
     History(benchmark::history::HistoryArgs),
     /// Time and memory of `ingest` beside a plain read of the same export
@@ -313,6 +315,9 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Layout { command: LayoutCommand::Infer(args) } => layout::infer::infer(&cli.global, &args),
         Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {
             benchmark::coverage::coverage(&cli.global, &args)
+        }
+        Command::Benchmark { command: BenchmarkCommand::Daemons(args) } => {
+            benchmark::daemons::daemons(&cli.global, &args)
         }
         Command::Benchmark { command: BenchmarkCommand::History(args) } => {
             benchmark::history::history(&cli.global, &args)

@@ -33,7 +33,7 @@ type Progressed = (FileId, Progress);
 /// What became of exports that are being read.
 pub(super) enum Happened {
     /// The task of one has ended.
-    Ended(Result<Closed, PipelineError>),
+    Ended(Box<Closed>),
     /// Cycles of a run that is still being written were stored.
     Grown(i64),
     /// Others can be begun.
@@ -88,10 +88,10 @@ impl ExportTasks {
     }
 
     /// Waits until something becomes of an export; may be dropped before.
-    pub(super) async fn happened(&mut self) -> Happened {
+    pub(super) async fn happened(&mut self) -> Result<Happened, PipelineError> {
         tokio::select! {
-            Some(closed) = self.tasks.join_next() => Happened::Ended(closed.map_err(PipelineError::from)),
-            Some((file, progress)) = self.progress.1.recv() => self.progressed(file, progress),
+            Some(closed) = self.tasks.join_next() => Ok(Happened::Ended(Box::new(closed?))),
+            Some((file, progress)) = self.progress.1.recv() => Ok(self.progressed(file, progress)),
             else => std::future::pending().await,
         }
     }

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 
+use super::processor_time::process_cpu_s;
 use super::throughput::memory_mb;
 use crate::cli::context::CliError;
 
@@ -16,7 +17,17 @@ const TO_END: Duration = Duration::from_secs(60);
 /// How often it is looked whether it has ended.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// A daemon on the shipped configuration, with database and inbox in a folder of its own.
+/// How a daemon is started.
+pub(super) struct Launch<'l> {
+    /// Of its socket, in the folder that it works in.
+    pub(super) name: &'l str,
+    /// Without one, the shipped configuration.
+    pub(super) config: Option<&'l Path>,
+    /// The only processor that it may use.
+    pub(super) processor: Option<usize>,
+}
+
+/// A daemon with its inbox in a folder of its own.
 pub(super) struct ChildDaemon {
     child: Child,
     /// What it says to the service manager arrives here.
@@ -24,23 +35,47 @@ pub(super) struct ChildDaemon {
 }
 
 impl ChildDaemon {
-    /// Starts `armwatch run` in `folder`.
+    /// Starts `armwatch run` in `folder` on the shipped configuration.
     pub(super) fn start(folder: &Path) -> Result<Self, CliError> {
+        Self::launch(folder, &Launch { name: "notify", config: None, processor: None })
+    }
+
+    /// Starts `armwatch run` in `folder`.
+    pub(super) fn launch(folder: &Path, launch: &Launch<'_>) -> Result<Self, CliError> {
         let io = |error: std::io::Error| CliError::Io(format!("{}: {error}", folder.display()));
-        let socket = folder.join("notify");
+        let socket = folder.join(launch.name);
         let said = UnixDatagram::bind(&socket).map_err(io)?;
         said.set_nonblocking(true).map_err(io)?;
         let program = std::env::current_exe().map_err(io)?;
-        let child = Command::new(program)
-            .args(["run", "-q"])
+        let mut command = match launch.processor {
+            None => Command::new(program),
+            Some(processor) => {
+                let mut command = Command::new("taskset");
+                command.arg("--cpu-list").arg(processor.to_string()).arg(program);
+                command
+            }
+        };
+        command.args(["run", "-q"]);
+        if let Some(config) = launch.config {
+            command.arg("--config").arg(config);
+        }
+        let child = command
             .env_remove("ARMWATCH_CONFIG")
             .env("NOTIFY_SOCKET", &socket)
             .current_dir(folder)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .spawn()
-            .map_err(io)?;
+            .spawn();
+        let child = child.map_err(|error| match launch.processor {
+            Some(_) => CliError::Io(format!("taskset: {error}; it is part of util-linux")),
+            None => io(error),
+        })?;
         Ok(Self { child, said })
+    }
+
+    /// Processor time of all its threads, s; `None` where the system does not tell.
+    pub(super) fn cpu_s(&self) -> Option<f64> {
+        process_cpu_s(self.child.id())
     }
 
     /// What it has said since it was asked last, the latest first: lines such as `READY=1` and `STATUS=0 exports ...`.

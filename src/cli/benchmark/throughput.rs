@@ -10,6 +10,7 @@ use clap::Args;
 use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
+use super::processor_time::children_cpu_s;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::simulate::command::shipped_robot;
@@ -241,15 +242,6 @@ fn run(child: &Child<'_>, arguments: &[PathBuf]) -> Result<(Cost, String), CliEr
     Ok((Cost { wall_s, cpu_s, peak_mb }, text))
 }
 
-/// Processor time of the children that ended, s, where the system tells: fields 16 and 17 of `/proc/self/stat`, in
-/// hundredths of a second (proc(5), `USER_HZ`). The name before them may hold spaces, and ends with a bracket.
-fn children_cpu_s() -> f64 {
-    const TICKS_A_SECOND: f64 = 100.0;
-    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let fields = text.rsplit(')').next().unwrap_or_default().split_whitespace();
-    fields.skip(13).take(2).filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / TICKS_A_SECOND
-}
-
 /// Memory of a process by a field of its `/proc/PID/status`, MB: `VmRSS:` is resident now, `VmHWM:` at most so far; `None`
 /// where the system does not tell.
 pub(super) fn memory_mb(status: &Path, field: &str) -> Option<f64> {
@@ -310,7 +302,7 @@ fn write_small(folder: &Path, count: u32) -> Result<(), CliError> {
 }
 
 /// Copies an export with its first column, time, moved by `by` seconds.
-fn shift_time(from: &Path, to: &Path, by: f64) -> std::io::Result<()> {
+pub(super) fn shift_time(from: &Path, to: &Path, by: f64) -> std::io::Result<()> {
     let mut copy = BufWriter::new(File::create_new(to)?);
     for (number, line) in BufReader::new(File::open(from)?).lines().enumerate() {
         let line = line?;
