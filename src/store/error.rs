@@ -194,6 +194,18 @@ pub enum StoreError {
         /// What the server said.
         detail: String,
     },
+    /// The server shows a certificate that this program does not accept.
+    #[error(
+        "the certificate of the server of {} is not accepted ({detail}); name the file of the authority that signed it with \
+         sslrootcert=FILE in the address, and the server as its certificate names it",
+        .path.display()
+    )]
+    Certificate {
+        /// Address of the database, without a password.
+        path: PathBuf,
+        /// What is wrong with it.
+        detail: String,
+    },
     /// The server has no such database.
     #[error("database {} is not there ({detail}); make it with `createdb --encoding UTF8`", .path.display())]
     NoDatabase {
@@ -329,6 +341,9 @@ impl StoreError {
         };
         match (fault_of(error), error) {
             (Some(ServerFault::Busy | ServerFault::Cancelled), _) => Self::Busy { path, detail },
+            (None, sqlx::Error::Io(io)) if io.to_string().contains("peer certificate") => {
+                Self::Certificate { path, detail: io.to_string() }
+            }
             (Some(ServerFault::Unreachable), _)
             | (None, sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut | sqlx::Error::BeginFailed) => {
                 Self::Unreachable { path, detail }
@@ -396,6 +411,7 @@ mod tests {
         for error in [
             StoreError::Unreachable { path: path(), detail: detail() },
             StoreError::Login { path: path(), detail: detail() },
+            StoreError::Certificate { path: path(), detail: detail() },
             StoreError::NoDatabase { path: path(), detail: detail() },
             StoreError::Rights { path: path(), detail: detail() },
             StoreError::ServerTooOld { path: path(), version: "12.1, which causes".into() },

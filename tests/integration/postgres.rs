@@ -1,6 +1,7 @@
 //! The same exports into a file of SQLite and onto a PostgreSQL server: every public view says the same, row by row, and so
 //! do the commands. The server is a private one, of the installed package; where there is none, the tests say so.
 
+mod encrypted;
 mod server;
 mod several_daemons;
 

@@ -15,8 +15,8 @@ use crate::config::{is_on_server, shipped_files};
 use crate::numerics::statistics::descriptive::median;
 use crate::store::{ClaimKind, SessionKind, Store};
 
-/// How often it is looked whether all is stored.
-const LOOK: Duration = Duration::from_millis(20);
+/// How often it is looked whether all is stored; looking takes time of the server.
+const LOOK: Duration = Duration::from_millis(150);
 /// Exports of one turn that are not stored by then never will be.
 const LONGEST: Duration = Duration::from_secs(1800);
 /// Claims whose time is measured.
@@ -51,7 +51,7 @@ pub(in crate::cli) struct DaemonsArgs {
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(2..=64))]
     daemons: u32,
     /// Exports of each turn, each of a robot of its own
-    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(2..=1000))]
+    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u32).range(2..=1000))]
     exports: u32,
     /// Cycles of each export, five minutes each
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=24))]

@@ -17,7 +17,7 @@ use crate::store::{Store, StoreError};
 /// How often robots write.
 const TICK: Duration = Duration::from_millis(20);
 /// How often the database is asked; latencies are known to this.
-const ASKED: Duration = Duration::from_millis(100);
+const ASKED: Duration = TICK;
 /// How often memory and open files are looked at.
 const LOOK: Duration = Duration::from_secs(1);
 /// How long the last tests may take.
@@ -38,10 +38,10 @@ const TABLE_ROWS: usize = 10;
 Starts `armwatch run` in a temporary folder with the shipped configuration. Simulated robots write one test after the
 other, each as it grows, so many times as fast as it was recorded; each test is a day later than the one before. Printed
 are, over time, the daemon's memory and open files, and the time from the last row of a test until it is stored, and
-until the robot is concluded from it. The first quarter of the time does not count. The verdict stands on the median of the
-slopes between all pairs of 24 parts of the rest, with its 95 % interval: `flat` where the interval says that the figure
-changes by less than 5 % over the time, `grows` or `falls` where it excludes zero, else `undecided`. Exit status 1 unless each
-figure is flat or falls.
+until the robot is concluded from it. Robots begin one after the other, spread over the time of a test. The first
+quarter of the time does not count. The verdict stands on the median of the slopes between all pairs of 24 parts of the
+rest, with its 95 % interval: `flat` where the interval says that the figure changes by less than 5 % over the time,
+`grows` or `falls` where it excludes zero, else `undecided`. Exit status 1 unless each figure is flat or falls.
 
 Examples:
   armwatch benchmark soak --minutes 15

@@ -41,6 +41,8 @@ pub(super) struct Writers {
     origins: Vec<Origin>,
     robots: Vec<Robot>,
     speed: f64,
+    /// When they began, at the first call of [`Writers::write`].
+    began: Option<Instant>,
     /// Recording time that is written, s.
     pub(super) recorded_s: f64,
 }
@@ -98,7 +100,7 @@ impl Writers {
         let robot =
             |number| Robot { name: format!("R{number:02}"), tests: 0, open: None, lying: VecDeque::new() };
         let robots = (1..=pace.robots).map(robot).collect();
-        Ok(Self { inbox, origins, robots, speed: pace.speed, recorded_s: 0.0 })
+        Ok(Self { inbox, origins, robots, speed: pace.speed, began: None, recorded_s: 0.0 })
     }
 
     /// Tests that were begun.
@@ -106,10 +108,21 @@ impl Writers {
         self.robots.iter().map(|robot| robot.tests).sum()
     }
 
+    /// When a robot begins its first test: all are spread over the time of one, since robots of a plant do not end theirs
+    /// together.
+    fn first_begin(&self, place: usize) -> Duration {
+        let of_a_test = self.origins[0].recorded.as_secs_f64() / self.speed;
+        Duration::from_secs_f64(of_a_test * place as f64 / self.robots.len() as f64)
+    }
+
     /// Lets every robot write what it has recorded by now; the tests that came to their end.
     pub(super) fn write(&mut self) -> Result<Vec<Written>, CliError> {
+        let began = *self.began.get_or_insert_with(Instant::now);
         let mut written = Vec::new();
         for place in 0..self.robots.len() {
+            if self.robots[place].tests == 0 && began.elapsed() < self.first_begin(place) {
+                continue;
+            }
             if self.robots[place].open.is_none() {
                 self.begin(place)?;
             }

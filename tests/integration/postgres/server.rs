@@ -3,7 +3,7 @@
 use std::ffi::OsString;
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
@@ -22,6 +22,9 @@ pub const PROGRAMS: &str = "/usr/lib/postgresql/15/bin";
 pub struct Server {
     folder: tempfile::TempDir,
     disk: Option<Disk>,
+    /// Of the socket, and of the address of this machine where it listens there.
+    port: u16,
+    listens: bool,
 }
 
 /// A file system of its own for the data of a server, which can be filled. A process keeps it.
@@ -77,7 +80,7 @@ impl Server {
         }
         let folder = tempfile::Builder::new().prefix("pg").tempdir_in("/tmp").expect("a folder");
         fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o777)).expect("a folder for all");
-        let mut server = Self { folder, disk: None };
+        let mut server = Self { folder, disk: None, port: 5432, listens: false };
         let data = server.data();
         if own_disk && rustix::process::getuid().is_root() {
             fs::create_dir(data.parent().expect("a folder")).expect("a mount point");
@@ -122,7 +125,11 @@ impl Server {
 
     fn try_control(&self, action: &str) -> bool {
         let (data, folder) = (self.data(), self.folder.path().display());
-        let options = format!("-k {folder} -c listen_addresses='' -c fsync=off -c max_connections=60");
+        let addresses = if self.listens { "127.0.0.1" } else { "" };
+        let options = format!(
+            "-k {folder} -p {} -c listen_addresses='{addresses}' -c fsync=off -c max_connections=60",
+            self.port
+        );
         let log = self.folder.path().join("log");
         let paths = [data.to_str().expect("a path"), log.to_str().expect("a path")];
         self.program(
@@ -149,7 +156,48 @@ impl Server {
     }
 
     pub fn fleet(&self) -> String {
-        format!("postgres:///fleet?host={}&user=armwatch", self.folder.path().display())
+        format!("postgres:///fleet?host={}&port={}&user=armwatch", self.folder.path().display(), self.port)
+    }
+
+    /// Lets it listen at `localhost`, encrypted, to users with a password. Gives the port and the file of the authority that
+    /// signed its certificate; `None`, said on standard error, where there is no `openssl` to make one.
+    pub fn listen_encrypted(&mut self) -> Option<(u16, PathBuf)> {
+        let at = |name: &str| self.folder.path().join(name);
+        let certificate = at("ca.crt");
+        fs::write(at("names"), "subjectAltName=DNS:localhost\n").expect("a file");
+        let made = [
+            "req -new -x509 -days 2 -nodes -subj /CN=authority -keyout ca.key -out ca.crt",
+            "req -new -nodes -subj /CN=localhost -keyout server.key -out server.csr",
+            "x509 -req -in server.csr -CA ca.crt -CAkey ca.key -CAcreateserial -days 2 -extfile names -out server.crt",
+        ];
+        for words in made {
+            let mut command = Command::new("openssl");
+            command.args(words.split(' ')).current_dir(self.folder.path()).stderr(Stdio::null());
+            if !command.status().is_ok_and(|status| status.success()) {
+                eprintln!("skipped: no certificate can be made with openssl");
+                return None;
+            }
+        }
+        // the server's own copies, since it takes no key that another user may read
+        let data = self.data();
+        for name in ["server.key", "server.crt"] {
+            let copy = data.join(name);
+            fs::copy(at(name), &copy).expect("a copy");
+            fs::set_permissions(&copy, fs::Permissions::from_mode(0o600)).expect("private");
+            let of = fs::metadata(&data).expect("the data");
+            std::os::unix::fs::chown(&copy, Some(of.uid()), Some(of.gid())).expect("the server's");
+        }
+        let free =
+            std::net::TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("a port").port();
+        self.control("stop");
+        (self.port, self.listens) = (free, true);
+        let mut settings =
+            fs::OpenOptions::new().append(true).open(data.join("postgresql.conf")).expect("settings");
+        writeln!(settings, "ssl = on").expect("written");
+        let rules = "local all all trust\nhostssl all all 127.0.0.1/32 scram-sha-256\n";
+        fs::write(data.join("pg_hba.conf"), rules).expect("written");
+        self.control("start");
+        Some((free, certificate))
     }
 
     /// Rows of a statement in the database `postgres`, each a line.
@@ -161,6 +209,7 @@ impl Server {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
         let options = PgConnectOptions::new_without_pgpass()
             .socket(self.folder.path())
+            .port(self.port)
             .username("armwatch")
             .database(database);
         runtime.block_on(async {

@@ -16,19 +16,22 @@ use super::{STARTING, events};
 use crate::small::{self, Export, export, work};
 use crate::support::{Daemon, Workshop, assert_alike, pass, text, wait_until};
 
-/// Seconds without a word after which a daemon of these tests is taken to be gone: the shortest that can be set.
+/// Seconds without a word after which a daemon is taken to be gone, where that is tested: the shortest that can be set.
 const LEASE_S: u64 = 1;
+/// The same where all stay: a machine that is busy with other things may keep a daemon waiting.
+const LONG_LEASE_S: u64 = 20;
 
 /// Hosts of one workshop: the folder `inbox` and a folder of its own for each, a log and a configuration.
 struct Cluster<'s> {
     server: &'s Server,
     workshop: Workshop,
     address: String,
+    lease_s: u64,
 }
 
 impl<'s> Cluster<'s> {
-    fn new(server: &'s Server, workshop: Workshop, address: String) -> Self {
-        Self { server, workshop, address }
+    fn new(server: &'s Server, workshop: Workshop, address: String, lease_s: u64) -> Self {
+        Self { server, workshop, address, lease_s }
     }
 
     /// Writes the configuration of a host. All see `inbox`, and know that of each other if it `is_shared`.
@@ -39,7 +42,8 @@ impl<'s> Cluster<'s> {
         let text = text.replacen("folders = [\"inbox\"]", &format!("folders = [\"inbox\", \"{own}\"]"), 1);
         let shared = if is_shared { "\"inbox\"" } else { "" };
         let cluster = format!(
-            "\n[cluster]\nhost = \"{host}\"\nlease_s = {LEASE_S}\nshared_folders = [{shared}]\n{more}\n"
+            "\n[cluster]\nhost = \"{host}\"\nlease_s = {}\nshared_folders = [{shared}]\n{more}\n",
+            self.lease_s
         );
         let path = self.workshop.path(&format!("{host}.toml"));
         fs::write(path, text + &cluster).expect("a configuration");
@@ -113,7 +117,7 @@ fn contents(workshop: &Workshop, database: &str) -> String {
 #[test]
 fn two_daemons_divide_what_both_see() {
     let Some(server) = Server::start() else { return };
-    let cluster = Cluster::new(&server, small::watching_work(), server.fleet());
+    let cluster = Cluster::new(&server, small::watching_work(), server.fleet(), LONG_LEASE_S);
     let shared: Vec<Export> = (0..8)
         .map(|place| export(["A", "B", "D", "E"][place % 4], 60 + place as u32, 5 + place as u32))
         .collect();
@@ -156,7 +160,7 @@ fn two_daemons_divide_what_both_see() {
 #[test]
 fn a_frozen_daemon_loses_its_work_and_wakes_harmless() {
     let Some(server) = Server::start() else { return };
-    let cluster = Cluster::new(&server, small::watching_work(), server.fleet());
+    let cluster = Cluster::new(&server, small::watching_work(), server.fleet(), LEASE_S);
     let growing = export("A", 1, 5);
     let path = cluster.workshop.inbox(&growing.name);
     let mut parts = growing.bytes.chunks(growing.bytes.len() / 30 + 1);
@@ -209,7 +213,7 @@ fn a_frozen_daemon_loses_its_work_and_wakes_harmless() {
 #[test]
 fn a_route_is_one_daemons_and_goes_on_without_it() {
     let Some(server) = Server::start() else { return };
-    let cluster = Cluster::new(&server, Workshop::new(), server.fleet());
+    let cluster = Cluster::new(&server, Workshop::new(), server.fleet(), LEASE_S);
     let sent = cluster.workshop.path("sent");
     let route = format!(
         "[[alerts.route]]\nname = \"notes\"\n[alerts.route.command]\nrun = [\"sh\", \"-c\", \"cat >> {}\"]\n",
@@ -319,7 +323,7 @@ fn disturbed(most: u32) {
         let name = format!("fleet{round}");
         server.sql(&format!("CREATE DATABASE {name}"));
         let address = server.fleet().replace("/fleet?", &format!("/{name}?"));
-        let cluster = Cluster::new(&server, small::watching_work(), address);
+        let cluster = Cluster::new(&server, small::watching_work(), address, LEASE_S);
         // where they do not know of each other, what all read is stored once all the same, and a fault is said by each
         let is_shared = round % 3 != 0;
         for (host, export) in hosts.iter().zip(&own) {
