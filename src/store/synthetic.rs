@@ -12,6 +12,9 @@ const STATEMENTS: &str = include_str!("synthetic.sql");
 /// Size of each file that a synthetic history names, bytes; it was last written a microsecond after 1970 began.
 pub const SYNTHETIC_FILE_BYTES: u64 = 1000;
 
+/// Cycles that are entered in one transaction, some 300 MB: the write-ahead log holds it until its end.
+const CYCLES_AT_ONCE: u32 = 24_000;
+
 /// How long a synthetic history is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SyntheticSize {
@@ -39,14 +42,20 @@ impl Store {
     /// # Errors
     /// [`StoreError::Refused`] for a database with runs; others of the database.
     pub async fn fill_synthetic(&self, size: SyntheticSize, inbox: &Path) -> Result<(), StoreError> {
-        let statements = STATEMENTS
-            .replace(":robots", &size.robots.to_string())
-            .replace(":runs", &size.runs.to_string())
-            .replace(":cycles", &size.cycles.to_string())
-            .replace(":inbox", &inbox.display().to_string().replace('\'', "''"));
-        let mut transaction = self.begin().await?;
-        let filled = sqlx::raw_sql(AssertSqlSafe(statements)).execute(&mut *transaction).await;
-        self.checked(filled)?;
-        self.commit(transaction).await
+        let runs = size.robots * size.runs;
+        let at_once = (CYCLES_AT_ONCE / size.cycles).max(1);
+        for first in (0..runs).step_by(at_once as usize) {
+            let statements = STATEMENTS
+                .replace(":robots", &size.robots.to_string())
+                .replace(":cycles", &size.cycles.to_string())
+                .replace(":first", &first.to_string())
+                .replace(":last", &(first + at_once).min(runs).to_string())
+                .replace(":inbox", &inbox.display().to_string().replace('\'', "''"));
+            let mut transaction = self.begin().await?;
+            let filled = sqlx::raw_sql(AssertSqlSafe(statements)).execute(&mut *transaction).await;
+            self.checked(filled)?;
+            self.commit(transaction).await?;
+        }
+        Ok(())
     }
 }

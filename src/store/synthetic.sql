@@ -1,10 +1,11 @@
 -- A history that nobody recorded, for measurements of the time that questions about a long one take: `:robots` robots of
 -- `:runs` tests each with `:cycles` cycles and six joints, one test a day from 2020 on, their files in the folder `:inbox`.
--- Figures are near one another and stand for nothing.
-CREATE TEMP TABLE size (robots INTEGER, runs INTEGER, cycles INTEGER, joints INTEGER);
-INSERT INTO size VALUES (:robots, :runs, :cycles, 6);
+-- Figures are near one another and stand for nothing. Of the tests, counted from 0 over all robots, day by day, those from
+-- `:first` to before `:last`.
+CREATE TEMP TABLE size (robots INTEGER, cycles INTEGER, joints INTEGER);
+INSERT INTO size VALUES (:robots, :cycles, 6);
 CREATE TEMP TABLE of_run (run_id INTEGER PRIMARY KEY, robot INTEGER, at INTEGER);
-INSERT INTO of_run WITH RECURSIVE n (k) AS (SELECT 0 UNION ALL SELECT k + 1 FROM n, size WHERE k + 1 < robots * runs)
+INSERT INTO of_run WITH RECURSIVE n (k) AS (SELECT :first UNION ALL SELECT k + 1 FROM n WHERE k + 1 < :last)
     SELECT k + 1, k % robots + 1, k / robots FROM n, size;
 CREATE TEMP TABLE of_cycle (cycle_id INTEGER PRIMARY KEY, run_id INTEGER, number INTEGER);
 INSERT INTO of_cycle WITH RECURSIVE c (number) AS (SELECT 1 UNION ALL SELECT number + 1 FROM c, size WHERE number <
@@ -12,9 +13,9 @@ INSERT INTO of_cycle WITH RECURSIVE c (number) AS (SELECT 1 UNION ALL SELECT num
 CREATE TEMP TABLE joints (joint INTEGER PRIMARY KEY);
 INSERT INTO joints WITH RECURSIVE j (joint) AS (SELECT 1 UNION ALL SELECT joint + 1 FROM j, size WHERE joint < joints)
     SELECT joint FROM j;
-INSERT INTO robot (robot_id, name, history, concluded) SELECT DISTINCT robot, format('S%03d', robot), 1, 1 FROM of_run;
-INSERT INTO robot_model VALUES (1, 'er3a', zeroblob(32));
-INSERT INTO model_parameter (robot_model_id, joint, name, unit, grouping) SELECT 1, joint, name, 'x', format('J%d_%s',
+INSERT OR IGNORE INTO robot (robot_id, name, history, concluded) SELECT DISTINCT robot, format('S%03d', robot), 1, 1 FROM of_run;
+INSERT OR IGNORE INTO robot_model VALUES (1, 'er3a', zeroblob(32));
+INSERT OR IGNORE INTO model_parameter (robot_model_id, joint, name, unit, grouping) SELECT 1, joint, name, 'x', format('J%d_%s',
     joint, name) FROM joints, (SELECT 'Izz' AS name UNION ALL SELECT 'mPx' UNION ALL SELECT 'mPy' UNION ALL SELECT
     'Ixx' UNION ALL SELECT 'f1' UNION ALL SELECT 'f2');
 INSERT INTO run (run_id, robot_id, model, robot_model_id, started_at, source_name, source_path, source_bytes,
@@ -22,7 +23,7 @@ INSERT INTO run (run_id, robot_id, model, robot_model_id, started_at, source_nam
     SELECT run_id, robot, 'er3a', 1, 1577836800000000 + at * 86400000000, format('S%03d_%06d.csv', robot, at),
     ':inbox/' || format('S%03d_%06d.csv', robot, at), 1000, CAST(format('%032d', run_id) AS BLOB), 1000, 250.0, cycles,
     cycles, 'complete', zeroblob(32), 1, run_id, 1 FROM of_run, size;
-INSERT INTO source_file SELECT source_path, 1000, 1, run_id FROM run ORDER BY 1;
+INSERT INTO source_file SELECT source_path, 1000, 1, run_id FROM run JOIN of_run USING (run_id) ORDER BY 1;
 INSERT INTO cycle (cycle_id, run_id, number, started_at, duration_s, rows, sample_rate_hz, cutoff_hz, status, samples,
     condition_number, scaled_condition_number, residual_std_nm, estimator, mean_speeds_rad_s) SELECT cycle_id,
     of_cycle.run_id, number, run.started_at + number * 300000000, 290.0, 72500, 250.0, 10.0, 'complete', 2000, 30.0,
