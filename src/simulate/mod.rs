@@ -34,8 +34,6 @@ pub mod truth;
 pub mod unit;
 mod warmth;
 
-pub use self::settings::SimulationSettings;
-use crate::simulate::error::SimulateError;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -46,7 +44,9 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
+pub use self::settings::SimulationSettings;
 use crate::robot::{JointIndex, MAX_JOINTS, Robot, WarmUpShape};
+use crate::simulate::error::SimulateError;
 use dynamics::rigid_chain;
 use export::{ExportWriter, column_count};
 use fault::in_run::RunFaults;
@@ -62,6 +62,7 @@ use unit::unit;
 
 /// Rows between two reports of progress.
 const PROGRESS_ROWS: u64 = 10_000;
+
 /// How far a run is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SimulationProgress {
