@@ -102,16 +102,6 @@ fn robot(settings: &ExportSettings, number: usize) -> Result<Outcome, CliError> 
         settings.tests as usize,
         (settings.seed, number % settings.robots.max(1)),
     );
-    if std::env::var_os("DBG_ARM").is_some() {
-        eprintln!(
-            "DBGROBOT {number} {scenario:?} joint {} onset run {} size {} noise {:?} units {:?}",
-            drawn.joint + 1,
-            drawn.onset + 1,
-            drawn.size,
-            described.joints[drawn.joint].nominal.map(|n| n.torque_noise),
-            drawn.units[drawn.joint]
-        );
-    }
     let folder = tempfile::Builder::new().prefix("armwatch-evaluate-").tempdir();
     let folder = folder.map_err(|error| CliError::Io(format!("no temporary folder: {error}")))?;
     config.database = folder.path().join("armwatch.db");
@@ -149,19 +139,6 @@ async fn watch(
             pipeline.conclude_isolated(&stale.name).await?;
         }
         said.push(alarms(pipeline.store(), &starts).await?);
-        if std::env::var_os("DBG_ARM").is_some() {
-            for row in pipeline.store().anomalies_after(0).await? {
-                eprintln!(
-                    "DBGROW after run {} {} joint {:?} {} {:?}: {}",
-                    run + 1,
-                    row.kind,
-                    row.joint,
-                    row.quantity,
-                    row.severity,
-                    row.message
-                );
-            }
-        }
         let removed = std::fs::remove_file(&files.export).and_then(|()| std::fs::remove_file(&files.truth));
         removed.map_err(|error| CliError::Io(format!("{}: {error}", folder.display())))?;
     }

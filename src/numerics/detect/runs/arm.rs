@@ -267,7 +267,8 @@ fn costs(
         }
     }
     if let Some(change) = change {
-        causes.extend(Shown { change, signals: &signals, run, baseline }.channels());
+        let channels = Shown { change, signals: &signals, run, baseline }.channels();
+        channels.into_iter().for_each(|of| add_channel(&mut causes, of));
     }
     causes.push((ArmCause::Unknown, UNKNOWN_PRICE));
     causes.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -276,6 +277,24 @@ fn costs(
         causes.clear();
     }
     Some(causes)
+}
+
+/// Adds a fault of a channel. An offset of a torque that the friction stage shows as well is one cause with it: at the lower
+/// cost, and of the size that explains the rest of the test, where there is one. The friction stage sees a part of an offset,
+/// since the cycle's parameters have taken some of it.
+fn add_channel(causes: &mut Vec<(ArmCause, f64)>, (cause, cost): (ArmCause, f64)) {
+    let offset_of = |of: &ArmCause| match of {
+        ArmCause::TorqueSignal { joint, fault: SignalFault::Offset(_) } => Some(*joint),
+        _ => None,
+    };
+    let own =
+        offset_of(&cause).and_then(|joint| causes.iter_mut().find(|of| offset_of(&of.0) == Some(joint)));
+    match own {
+        Some(own) if cost < UNKNOWN_PRICE => *own = (cause, cost.min(own.1)),
+        Some(own) if cost < own.1 => *own = (cause, cost),
+        Some(_) => {}
+        None => causes.push((cause, cost)),
+    }
 }
 
 /// Price of a change that says nothing of how the parameters near a joint move, in units of chi²: of normal ones with the

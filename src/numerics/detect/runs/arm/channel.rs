@@ -103,7 +103,8 @@ impl Shown<'_> {
             let size = (own * along + weight * sign * by_rest) / (own + weight);
             let missed = (size - sign * by_rest).powi(2) * weight;
             let cost = self.rest(&direction, size) + self.signals(&direction, size, Some(joint)) + missed;
-            (cause(&direction, size), cost)
+            // how far parameters move at a strength is known worse than what is left
+            (cause(&direction, sign * by_rest), cost)
         };
         let found = [1.0, -1.0].map(of_sign).into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
         found.filter(|(_, cost)| cost.is_finite())
@@ -152,7 +153,10 @@ impl Shown<'_> {
             cost += match (self.baseline.rmsd[other], rmsd(self.run, JointIndex::new(other))) {
                 (Some(usual), Some(now)) => {
                     let expected = usual.value.exp().hypot(size * direction.unexplained[other]);
-                    Usual { value: expected.ln(), ..usual }.excess_of_rmsd(now).1
+                    let beyond = |value| Usual { value, ..usual };
+                    // a fault that leaves more than there is, is none
+                    let less = beyond(now.ln().max(usual.value)).excess_of_rmsd(expected).1;
+                    beyond(expected.ln()).excess_of_rmsd(now).1 + less
                 }
                 _ => 0.0,
             };
