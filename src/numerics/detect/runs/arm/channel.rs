@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::baseline::{Baseline, Direction, Usual, rmsd};
+use super::baseline::{Baseline, Direction, MOST_CHI_SQUARE, Usual, rmsd};
 use super::change::{Change, LEAST_MEAN_SQUARE};
 use super::price::{CHANNEL_PRICE, PARAMETER_PRICE, PATTERN_ERROR};
 use super::signal::Signal;
@@ -102,7 +102,10 @@ impl Shown<'_> {
             let weight = (error * by_rest).powi(-2);
             let size = (own * along + weight * sign * by_rest) / (own + weight);
             let missed = (size - sign * by_rest).powi(2) * weight;
-            let cost = self.rest(&direction, size) + self.signals(&direction, size, Some(joint)) + missed;
+            // parameters may take so much of it that the friction stage sees it turned round
+            let turned = if sign * signal.offset.0 < 0.0 { PARAMETER_PRICE } else { 0.0 };
+            let signals = self.signals(&direction, size, Some(joint));
+            let cost = self.rest(&direction, size) + signals + missed + turned;
             // how far parameters move at a strength is known worse than what is left
             (cause(&direction, sign * by_rest), cost)
         };
@@ -153,16 +156,22 @@ impl Shown<'_> {
             cost += match (self.baseline.rmsd[other], rmsd(self.run, JointIndex::new(other))) {
                 (Some(usual), Some(now)) => {
                     let expected = usual.value.exp().hypot(size * direction.unexplained[other]);
-                    let beyond = |value| Usual { value, ..usual };
-                    // a fault that leaves more than there is, is none
-                    let less = beyond(now.ln().max(usual.value)).excess_of_rmsd(expected).1;
-                    beyond(expected.ln()).excess_of_rmsd(now).1 + less
+                    match other == direction.joint.index() {
+                        true => missed(expected, now, &usual),
+                        false => Usual { value: expected.ln(), ..usual }.excess_of_rmsd(now).1,
+                    }
                 }
                 _ => 0.0,
             };
         }
         cost
     }
+}
+
+/// By how much a fault leaves more or less of its own joint's torque than there is, `now`, in units of chi².
+fn missed(expected: f64, now: f64, usual: &Usual) -> f64 {
+    let error = usual.deviation.hypot(PATTERN_ERROR);
+    ((expected / now).ln() / error).powi(2).min(MOST_CHI_SQUARE)
 }
 
 /// Square of a change that a constant torque of a joint does not explain; zero where no test says what that does to the
