@@ -15,6 +15,12 @@ use crate::robot::JointIndex;
 /// taken for it.
 const DIRECTION_ERROR: f64 = 0.015;
 
+/// Part of an offset that the friction stage may see turned round: the model of the cycle takes all of it there, or hardly more.
+const TURNED: f64 = 0.1;
+
+/// Least part of what an offset does to the parameters at a known strength: how far the estimate trusts its joint is known badly.
+const LEAST_ANSWER: f64 = 0.3;
+
 /// What faults of channels are held against.
 pub(super) struct Shown<'a> {
     pub(super) change: &'a Change,
@@ -82,35 +88,32 @@ impl Shown<'_> {
         {
             return None;
         }
-        let usual = self.baseline.rmsd[joint.index()]?;
-        let now = rmsd(self.run, joint)?;
-        let times = ((now / usual.value.exp()).powi(2) - 1.0).max(0.0).sqrt();
+        let usual = self.baseline.rmsd[joint.index()]?.value.exp();
+        let times = ((rmsd(self.run, joint)? / usual).powi(2) - 1.0).max(0.0).sqrt();
         let is_weaker = |of: &&&Direction| STRENGTHS[of.strength] <= times;
-        let direction = match (strengths.iter().rfind(is_weaker), strengths.iter().find(|of| !is_weaker(of)))
-        {
-            (Some(weak), Some(strong)) => weak.at_strength(strong, times),
-            _ => last.beyond(times),
-        };
-        let left = direction.unexplained[joint.index()];
-        let by_rest = times * usual.value.exp() / left;
-        // the size by the parameters, each way with what is known of it by the rest
+        let (direction, least) =
+            match (strengths.iter().rfind(is_weaker), strengths.iter().find(|of| !is_weaker(of))) {
+                (Some(weak), Some(strong)) => (weak.at_strength(strong, times), LEAST_ANSWER),
+                _ => (last.beyond(times), 0.0),
+            };
+        let size = times * usual / direction.unexplained[joint.index()];
+        if !size.is_finite() {
+            return None;
+        }
         let Change { deviations, scale, .. } = self.change;
-        let own = direction.change.norm_squared() * scale * scale / self.variance(&direction);
-        let along = direction.change.dot(deviations) / direction.change.norm_squared() / scale;
-        let error = usual.deviation.hypot(PATTERN_ERROR);
+        let squares = direction.change.norm_squared().max(f64::MIN_POSITIVE);
+        let along = direction.change.dot(deviations) / squares / scale;
         let of_sign = |sign: f64| {
-            let weight = (error * by_rest).powi(-2);
-            let size = (own * along + weight * sign * by_rest) / (own + weight);
-            let missed = (size - sign * by_rest).powi(2) * weight;
-            // parameters may take so much of it that the friction stage sees it turned round
-            let turned = if sign * signal.offset.0 < 0.0 { PARAMETER_PRICE } else { 0.0 };
-            let signals = self.signals(&direction, size, Some(joint));
-            let cost = self.rest(&direction, size) + signals + missed + turned;
-            // how far parameters move at a strength is known worse than what is left
-            (cause(&direction, sign * by_rest), cost)
+            let answer = (sign * along).clamp(least * size, size);
+            let explained = answer * (2.0 * sign * along - answer) * squares * scale * scale;
+            let turned =
+                if sign * signal.offset.0 < 0.0 { (signal.offset.0 / (TURNED * size)).powi(2) } else { 0.0 };
+            let signals = self.signals(&direction, sign * size, Some(joint));
+            let cost = self.rest(&direction, sign * answer) + signals + turned;
+            (cause(&direction, sign * size), cost, turned - explained / self.variance(&direction))
         };
-        let found = [1.0, -1.0].map(of_sign).into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
-        found.filter(|(_, cost)| cost.is_finite())
+        let found = [1.0, -1.0].map(of_sign).into_iter().min_by(|a, b| a.2.total_cmp(&b.2));
+        found.map(|(cause, cost, _)| (cause, cost)).filter(|(_, cost)| cost.is_finite())
     }
 
     /// Variance of the deviations of the parameters about the best multiple of a direction, one at least: seasons move
@@ -122,7 +125,7 @@ impl Shown<'_> {
             return (all / square).max(1.0);
         }
         let along = direction.change.dot(deviations);
-        let left = all - along * along / direction.change.norm_squared();
+        let left = all - along * along / direction.change.norm_squared().max(f64::MIN_POSITIVE);
         (left / (deviations.len() as f64 - 1.0).max(1.0)).max(1.0)
     }
 
