@@ -6,6 +6,8 @@ pub mod friction;
 pub mod measurements;
 pub mod refusal;
 pub mod response;
+mod torque_noise;
+mod torque_rmsd;
 pub mod work_evidence;
 
 use std::sync::Arc;
@@ -14,6 +16,8 @@ use finding::{Finding, FindingSeverity};
 
 use self::refusal::RefusalCause;
 use self::response::ChannelResponse;
+pub use self::torque_noise::TorqueNoise;
+pub use self::torque_rmsd::{Rmsd, RmsdPair, RmsdScope, TorqueRmsd, WarmingContrast};
 use self::work_evidence::JointEvidence;
 use crate::robot::{JointIndex, ParameterId};
 use crate::run::{RunKind, Stage};
@@ -224,83 +228,6 @@ pub struct JointResidual {
     /// come out as the clustered ones. Above 1 where the noise is less at the frequencies of the motion
     /// than above them, as that of a differentiated velocity.
     pub independent_share: f64,
-}
-
-/// Rows over which a torque RMSD is taken.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum RmsdScope {
-    /// Rows of one stage.
-    Stage(Stage),
-    /// All rows of the cycle.
-    WholeCycle,
-}
-
-impl RmsdScope {
-    /// Name as in the view `cycle_rmsd`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Stage(stage) => stage.name(),
-            Self::WholeCycle => "all",
-        }
-    }
-}
-
-/// Root-mean-square deviation between estimated and measured torque of a joint [5.1].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TorqueRmsd {
-    /// The joint.
-    pub joint: JointIndex,
-    /// Rows considered.
-    pub scope: RmsdScope,
-    /// Over all rows.
-    pub all_rows: Rmsd,
-    /// Over the rows in which the joint moves; zero samples if it never does.
-    pub moving_rows: Rmsd,
-}
-
-/// An RMSD with its reference.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Rmsd {
-    /// Root of the mean squared deviation, Nm.
-    pub value: f64,
-    /// `value` divided by the RMS of the measured, low-passed torque over the same rows.
-    pub relative: f64,
-    /// Rows.
-    pub samples: usize,
-}
-
-/// Noise of a joint's torque channel in one cycle, as far as the analysis low-pass lets it through: the least that any model
-/// leaves unexplained.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TorqueNoise {
-    /// The joint.
-    pub joint: JointIndex,
-    /// Standard deviation, Nm (N).
-    pub value: f64,
-    /// `value` divided by the RMS of the torque while the joint moves, as in [`Rmsd::relative`].
-    pub relative: f64,
-}
-
-/// How well one parameter set fits the first and the last third of a warming stage: friction falls
-/// inside a cycle (thesis 5.1.6).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WarmingContrast {
-    /// The joint.
-    pub joint: JointIndex,
-    /// The first third, by time.
-    pub start: RmsdPair,
-    /// The last third.
-    pub end: RmsdPair,
-}
-
-/// An RMSD with and without low-speed rows.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct RmsdPair {
-    /// Over all rows.
-    pub all_rows: Rmsd,
-    /// Over the rows in which the joint moves.
-    pub moving_rows: Rmsd,
 }
 
 /// Whether a joint moves in a row.

@@ -117,14 +117,24 @@ fn robot(settings: &FleetSettings, designs: &[Design], number: usize) -> Vec<Out
 
 /// The history of robot `number`, all scenarios after each other.
 pub(super) fn drawn(settings: &FleetSettings, designs: &[Design], number: usize) -> History {
-    let place = number / settings.robots.max(1);
-    let scenario = settings.scenarios[place];
+    let scenario = settings.scenarios[number / settings.robots.max(1)];
+    let (arm, mut draws) = drawn_arm(settings, designs, number);
+    let size = settings.sizes.iter().find(|(of, _)| *of == scenario).map(|(_, size)| *size);
+    history(arm, scenario, size, settings.years, &mut draws)
+}
+
+/// The arm of that robot, and the numbers that what happens to it is drawn from.
+pub(super) fn drawn_arm<'a>(
+    settings: &FleetSettings,
+    designs: &'a [Design],
+    number: usize,
+) -> (Arm<'a>, Draws) {
+    let scenario = settings.scenarios[number / settings.robots.max(1)];
     // a scenario's robots are the same whichever others are asked for
     let own = Scenario::ALL.iter().position(|of| *of == scenario).unwrap_or(0);
     let unit = number % settings.robots.max(1);
     let stream = FIRST_ROBOT * (1 + own as u64) + unit as u64;
     let mut draws = Draws::new(settings.seed, stream);
     let arm = Arm::draw(&designs[unit % designs.len()], &mut draws);
-    let size = settings.sizes.iter().find(|(of, _)| *of == scenario).map(|(_, size)| *size);
-    history(arm, scenario, size, settings.years, &mut draws)
+    (arm, draws)
 }

@@ -22,21 +22,20 @@ use super::identify::filtered_columns::{FilteredColumn, filtered_coulomb_columns
 use super::identify::joint_factors::{
     FactorColumns, Factored, FactoredRows, embedded, pack, used_for_identification,
 };
+use super::identify::torque_noise::torque_noise;
 use super::identify::verify::{torque_rmsd, warming_contrast};
 use super::least_squares::factor::TriangularFactor;
 use super::model::base_parameters::{BaseParameters, base_parameters};
 use super::model::dynamics::DynamicModel;
 use super::model::regressor::KeptColumns;
 use super::signal::filter::{FilteredSignals, carried_cutoff, filter_signals_into};
-use super::signal::noise::{passed, white_noise};
 use super::signal::temperature::cycle_temperatures;
 use super::signal::time_grid::sample_rate;
 use super::spare_threads::SpareThreads;
 use crate::analysis::finding::{Finding, FindingKinds, FindingSeverity};
 use crate::analysis::response::ChannelResponse;
 use crate::analysis::{
-    CycleAnalysis, CycleFactors, Estimator, FrictionPoint, Identification, RmsdScope, TorqueNoise,
-    TorqueRmsd, WarmingContrast,
+    CycleAnalysis, CycleFactors, Estimator, FrictionPoint, Identification, TorqueRmsd, WarmingContrast,
 };
 use crate::robot::Robot;
 use crate::run::{Cycle, RunKind, Samples, Stage};
@@ -208,7 +207,10 @@ fn identify_and_verify(
         true => self::explained(method, number, recorded, None),
         false => explained,
     };
-    analysis.torque_noise = torque_noise(recorded, &explained.verification);
+    if !explained.verification.is_empty() {
+        let rows = recorded.excitation();
+        analysis.torque_noise = torque_noise(samples, filtered, &rows, &explained.verification);
+    }
     analysis.verification = explained.verification;
     analysis.warming_contrast = explained.warming_contrast;
     analysis.response = explained.response;
@@ -263,26 +265,6 @@ fn explained(
         response,
         friction: friction_points(&method.robot, samples, filtered, model.as_ref()),
     }
-}
-
-/// Noise of the torque channels in the excitation, of joints that move there.
-fn torque_noise(recorded: &Recorded<'_>, verification: &[TorqueRmsd]) -> Vec<TorqueNoise> {
-    let Recorded { samples, filtered, .. } = *recorded;
-    if verification.is_empty() {
-        return Vec::new();
-    }
-    let rows = recorded.excitation();
-    let passed = passed(filtered.cutoff, filtered.sample_rate);
-    let of_joint = |of: &TorqueRmsd| {
-        let moving = of.moving_rows;
-        let torque = moving.value / moving.relative;
-        let j = of.joint.index();
-        let value = passed * white_noise(&samples.torque[j], &filtered.tau[j], &rows)?;
-        let found = TorqueNoise { joint: of.joint, value, relative: value / torque };
-        (found.relative.is_finite() && torque > 0.0).then_some(found)
-    };
-    let of_excitation = |of: &&TorqueRmsd| of.scope == RmsdScope::Stage(Stage::Excitation);
-    verification.iter().filter(of_excitation).filter_map(of_joint).collect()
 }
 
 /// Whether a log has no positions; then says what it would need, and how large its torques are.

@@ -1,9 +1,14 @@
 //! Whole runs: what is in the files, and how it follows from the settings.
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use super::test_arms::{er3a_with_excitation, nine_joints, one_joint};
 use super::*;
+use crate::simulate::hall::{HallSettings, WorkingHours};
+use crate::simulate::recording::SensorSettings;
+use crate::simulate::servo::ServoSettings;
+use crate::simulate::unit::UnitSpread;
 
 fn quick() -> SimulationSettings {
     SimulationSettings { cycles: 2, warming_s: 5.0, ambient_std_k: 0.0, ..SimulationSettings::default() }
@@ -336,8 +341,8 @@ fn a_controller_that_is_late_records_the_motion_it_makes() {
     // a cycle must not begin while the arm is still in the one before
     let far_behind = ServoSettings { lag_s: 0.15, delay_s: 0.1 };
     let settings = |rest_s: f64| SimulationSettings { servo: far_behind, rest_s, ..quick() };
-    assert!(check_settings(&robot, &settings(0.0)).is_err());
-    assert!(check_settings(&robot, &settings(0.2)).is_ok());
+    assert!(settings::check(&robot, &settings(0.0)).is_err());
+    assert!(settings::check(&robot, &settings(0.2)).is_ok());
     let behind = silent(&robot, |of| of.servo = ServoSettings { lag_s: 0.05, delay_s: 0.0 });
     let furthest = |rows: &[recording::Row]| {
         rows.iter().zip(&plain).map(|(a, b)| (a.position[0] - b.position[0]).abs()).fold(0.0, f64::max)

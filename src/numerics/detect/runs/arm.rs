@@ -10,15 +10,24 @@
 //! (likelihood ratio with the Schwarz price).
 
 mod baseline;
+mod change;
+mod channel;
+mod price;
 pub(super) mod signal;
 
 use nalgebra::{DMatrix, DVector};
 
-use self::baseline::{Baseline, Direction, MOST_CHI_SQUARE, Usual, rmsd};
+use self::baseline::Baseline;
+use self::change::{Change, MOST_TOGETHER};
+use self::channel::{Shown, offset_rest};
+use self::price::{
+    ARM_MARGIN, CHANNEL_PRICE, PARAMETER_PRICE, PATTERN_ERROR, SECOND_FAULT_PRICE, SILENT_SIGNAL_PRICE,
+    UNKNOWN_PRICE,
+};
 use self::signal::{Signal, own_causes, signal};
 use super::arm_cause::{ArmCause, Load, SignalFault};
 use super::like_length::of_like_length;
-use crate::analysis::response::{ChannelFault, ChannelResponse};
+use crate::analysis::response::ChannelResponse;
 use crate::anomaly::RunSummary;
 use crate::numerics::detect::rate::budget::advantage;
 use crate::numerics::detect::verdict::DetectSettings;
@@ -27,11 +36,6 @@ use crate::robot::JointIndex;
 /// Prior standard deviations of a load: mass, kg, first moments, kg m, and inertia, kg m². Wide for what an arm of
 /// some ten kilograms carries.
 const LOAD_PRIOR: [f64; 10] = [20.0, 5.0, 5.0, 5.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0];
-/// Part of a change that a pattern may miss: patterns are models.
-const PATTERN_ERROR: f64 = 0.05;
-/// The same of the direction of a known fault, which is computed from the motion: a load, which has more unknowns, must not
-/// be taken for it.
-const DIRECTION_ERROR: f64 = 0.015;
 /// Standard errors that a mass must be to be called a load.
 const MASS_ERRORS: f64 = 5.0;
 /// The same of a load that the run before had.
@@ -40,26 +44,6 @@ const MASS_ERRORS_STILL: f64 = 3.0;
 pub(super) const LEAST_GAIN: f64 = 0.02;
 /// Least offset of a position, rad (m).
 pub(super) const LEAST_POSITION_OFFSET: f64 = 0.003;
-/// Mean square of the deviations of all parameters from which on they have changed: a baseline of a few runs knows the
-/// deviations badly, and nothing of a season.
-const LEAST_MEAN_SQUARE: f64 = 25.0;
-/// Latest runs in whose mean a change is looked for that one run does not show.
-const MOST_TOGETHER: usize = 8;
-/// Advantage of a cause over none, in logarithms, beyond what the rate of false alarms asks for: a baseline of a few runs
-/// knows the deviations of the parameters to a fifth, and nothing of a season.
-const ARM_MARGIN: f64 = 17.0;
-/// Price of one parameter, in units of chi².
-const PARAMETER_PRICE: f64 = 4.0;
-/// Further price of a torque signal that shows in parameters alone: a load does that too.
-const SILENT_SIGNAL_PRICE: f64 = 60.0;
-/// Further price of a channel whose fault is known but for its size.
-const CHANNEL_PRICE: f64 = 20.0;
-/// Further price of an offset of a torque that comes with a load: two faults at once are rare.
-const SECOND_FAULT_PRICE: f64 = 60.0;
-/// Price of a cause that is not known: it explains anything.
-const UNKNOWN_PRICE: f64 = 150.0;
-/// Ratio of a change along one direction below which no rate of false alarms asks for it: twice the margin, and the prices.
-const LEAST_RATIO: f64 = 2.0 * ARM_MARGIN + CHANNEL_PRICE + PARAMETER_PRICE;
 
 /// The causes of a run, each with its cost in units of chi², the least first.
 #[derive(Debug, Clone, PartialEq)]
@@ -228,51 +212,6 @@ impl ArmJudgement {
     }
 }
 
-/// How the inertial parameters differ from those of the first runs.
-struct Change {
-    /// In their standard deviations.
-    deviations: DVector<f64>,
-    /// These are as many times as large as those of one run, since they are of the mean of several.
-    scale: f64,
-    /// What of the square counts: zero where it is no change.
-    square: f64,
-}
-
-impl Change {
-    /// Of the latest run, whose change is the last of `changes`; `None` where it has no parameters. What one run does not
-    /// show is looked for in the mean of the latest runs: where that points along a fault, it comes with the ratio by
-    /// which it does. `own_variance` is that of the baseline in the variances of a run.
-    fn of(
-        changes: &[Option<&DVector<f64>>],
-        directions: &[Direction],
-        own_variance: f64,
-    ) -> (Option<Self>, Vec<(f64, Self)>) {
-        let Some(latest) = changes.last().copied().flatten().cloned() else { return (None, Vec::new()) };
-        let chi_square: f64 = latest.iter().map(|x| (x * x).min(MOST_CHI_SQUARE)).sum();
-        // what chance makes of so many parameters is no change
-        if chi_square > LEAST_MEAN_SQUARE * latest.len() as f64 {
-            return (Some(Self { deviations: latest, scale: 1.0, square: chi_square }), Vec::new());
-        }
-        let mut sum = DVector::zeros(latest.len());
-        let mut together = Vec::new();
-        for (runs, change) in (1..).zip(changes.iter().rev().flatten().take(MOST_TOGETHER)) {
-            sum += *change;
-            if !usize::is_power_of_two(runs) {
-                continue;
-            }
-            // the baseline is the same for all runs
-            let variance = ((runs as f64).recip() + own_variance) / (1.0 + own_variance);
-            let scale = variance.sqrt().recip();
-            let deviations = &sum * (scale / runs as f64);
-            let (ratio, square) = along_one_direction(&deviations, directions);
-            if ratio >= LEAST_RATIO {
-                together.push((ratio, Self { deviations, scale, square }));
-            }
-        }
-        (Some(Self { deviations: latest, scale: 1.0, square: 0.0 }), together)
-    }
-}
-
 /// Causes with their costs, the least first; empty where none can be clear.
 fn costs(
     run: &RunSummary,
@@ -320,23 +259,16 @@ fn costs(
             others.map(|(j, of)| of.offset.1 + of.noise_cost() + part(j) * of.unexplained.1).sum();
         let beside = rest + others + silent + 4.0 * PARAMETER_PRICE;
         for (cause, left) in own_causes(own, run, baseline, joint) {
-            causes.push((cause, beside + left));
+            let anywhere = match (cause, change) {
+                (ArmCause::UnexplainedTorque { .. }, Some(change)) => moved_anywhere(change, joint, baseline),
+                _ => 0.0,
+            };
+            causes.push((cause, beside + left + anywhere));
         }
     }
-    if let Some(change) = change.filter(|_| inertial > 0.0) {
-        // of the strengths of a fault the one that explains most
-        let mut best: Vec<(&Direction, (ArmCause, f64))> = Vec::new();
-        for of in &baseline.directions {
-            let found = channel(of, change, &signals, run, baseline);
-            let is_same =
-                |(known, _): &&mut (&Direction, _)| (known.joint, known.fault) == (of.joint, of.fault);
-            match best.iter_mut().find(is_same) {
-                Some((_, known)) if known.1 > found.1 => *known = found,
-                Some(_) => {}
-                None => best.push((of, found)),
-            }
-        }
-        causes.extend(best.into_iter().map(|(_, found)| found));
+    if let Some(change) = change {
+        let channels = Shown { change, signals: &signals, run, baseline }.channels();
+        channels.into_iter().for_each(|of| add_channel(&mut causes, of));
     }
     causes.push((ArmCause::Unknown, UNKNOWN_PRICE));
     causes.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -347,72 +279,31 @@ fn costs(
     Some(causes)
 }
 
-/// For a change that is small but points where one fault of a channel moves the parameters: by how much more of it than by
-/// chance, and its square in the variance of what that fault leaves. A season moves the parameters more than their errors
-/// say, but in no such direction, so the first is an F ratio, for which the scale of the errors does not matter.
-fn along_one_direction(change: &DVector<f64>, directions: &[Direction]) -> (f64, f64) {
-    let rest = |of: &Direction| {
-        let along = of.change.dot(change);
-        change.norm_squared() - along * along / of.change.norm_squared().max(f64::MIN_POSITIVE)
+/// Adds a fault of a channel. An offset of a torque that the friction stage shows as well is one cause with it: at the lower
+/// cost, and of the size that explains the rest of the test, where there is one. The friction stage sees a part of an offset,
+/// since the cycle's parameters have taken some of it.
+fn add_channel(causes: &mut Vec<(ArmCause, f64)>, (cause, cost): (ArmCause, f64)) {
+    let offset_of = |of: &ArmCause| match of {
+        ArmCause::TorqueSignal { joint, fault: SignalFault::Offset(_) } => Some(*joint),
+        _ => None,
     };
-    let Some(least) = directions.iter().map(rest).min_by(f64::total_cmp) else { return (0.0, 0.0) };
-    let variance = (least / (change.len() as f64 - 1.0).max(1.0)).max(1.0);
-    ((change.norm_squared() - least) / variance, change.norm_squared() / variance)
+    let own =
+        offset_of(&cause).and_then(|joint| causes.iter_mut().find(|of| offset_of(&of.0) == Some(joint)));
+    match own {
+        Some(own) if cost < UNKNOWN_PRICE => *own = (cause, cost.min(own.1)),
+        Some(own) if cost < own.1 => *own = (cause, cost),
+        Some(_) => {}
+        None => causes.push((cause, cost)),
+    }
 }
 
-/// Square of a change that a constant torque of a joint does not explain; zero where no test says what that does to the
-/// parameters, and where the rest is no more than seasons make.
-fn offset_rest(change: &Change, joint: JointIndex, baseline: &Baseline) -> f64 {
-    if baseline.directions.is_empty() {
-        return 0.0;
-    }
-    let own = |of: &&Direction| of.joint == joint && of.fault == ChannelFault::TorqueOffset;
-    let left = |of: &Direction| {
-        let size = of.change.dot(&change.deviations) / of.change.norm_squared();
-        (&change.deviations - &of.change * size).norm_squared() / change.deviations.norm_squared()
-    };
-    let least = baseline.directions.iter().filter(own).map(left).min_by(f64::total_cmp);
-    let rest = (least.unwrap_or(1.0) - DIRECTION_ERROR).max(0.0) * change.square;
-    if rest > LEAST_MEAN_SQUARE * change.deviations.len() as f64 { rest } else { 0.0 }
-}
-
-/// A fault of one channel with the size that explains most of a change of parameters, and its cost.
-fn channel(
-    direction: &Direction,
-    change: &Change,
-    signals: &[Signal],
-    run: &RunSummary,
-    baseline: &Baseline,
-) -> (ArmCause, f64) {
-    let Change { deviations, scale, square } = change;
-    let along = direction.change.dot(deviations) / direction.change.norm_squared();
-    let left = (deviations - &direction.change * along).norm_squared() / deviations.norm_squared();
-    let rest = (left - DIRECTION_ERROR).max(0.0) * square;
-    let size = along / scale;
-    let joint = direction.joint;
-    let cause = match direction.fault {
-        ChannelFault::TorqueGain => ArmCause::TorqueSignal { joint, fault: SignalFault::Gain(size) },
-        ChannelFault::TorqueOffset => ArmCause::TorqueSignal { joint, fault: SignalFault::Offset(size) },
-        ChannelFault::PositionOffset => ArmCause::PositionSignal { joint, offset: size },
-    };
-    let mut cost = rest + CHANNEL_PRICE + PARAMETER_PRICE;
-    for (other, signal) in signals.iter().enumerate() {
-        // gravity in another posture than is believed is an offset of every joint that carries it
-        cost += match direction.fault {
-            ChannelFault::PositionOffset => 0.0,
-            ChannelFault::TorqueOffset if other == joint.index() => 0.0,
-            _ => signal.offset.1,
-        };
-        cost += signal.noise_cost();
-        cost += match (baseline.rmsd[other], rmsd(run, JointIndex::new(other))) {
-            (Some(usual), Some(now)) => {
-                let expected = usual.value.exp().hypot(size * direction.unexplained[other]);
-                Usual { value: expected.ln(), ..usual }.excess_of_rmsd(now).1
-            }
-            _ => 0.0,
-        };
-    }
-    (cause, cost)
+/// Price of a change that says nothing of how the parameters near a joint move, in units of chi²: of normal ones with the
+/// variance that they show.
+fn moved_anywhere(change: &Change, joint: JointIndex, baseline: &Baseline) -> f64 {
+    let all = baseline.parameters.iter().zip(change.deviations.iter());
+    let near: Vec<f64> = all.filter(|((id, ..), _)| is_near(id.joint, joint)).map(|(_, x)| x * x).collect();
+    let variance = near.iter().sum::<f64>() / near.len().max(1) as f64;
+    if change.square > 0.0 { near.len() as f64 * variance.max(1.0).ln() } else { 0.0 }
 }
 
 /// Whether the parameters of `of` are among those that a wrong torque signal of `joint` changes: its own, and those of

@@ -8,7 +8,7 @@ use jiff::{SignedDuration, Timestamp};
 
 use super::*;
 use crate::analysis::friction::CycleFriction;
-use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
+use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
 use crate::analysis::{Estimate, JointSummary, RmsdSwing};
 use crate::anomaly::{Anomaly, AnomalyKind, CycleSeries, RunParameter, Severity};
 use crate::robot::{ParameterId, ParameterKind};
@@ -304,6 +304,82 @@ fn an_offset_of_a_torque_does_not_excuse_a_load() {
     }
     let found = only(&history[..8], AnomalyKind::Payload, None);
     assert!((found.value / 0.8 - 1.0).abs() < 0.15, "{found:?}");
+}
+
+/// An answer of the parameters as least squares with weights have it: the more a fault leaves of a joint's torque, the less
+/// do that joint's own parameters move. `change` and `left`, a fraction of the torque, are by unit of the fault's size.
+fn answers(history: &mut [RunSummary], joint: usize, fault: ChannelFault, change: f64, left: f64) {
+    let parameters: Vec<ParameterId> = history[0].parameters.iter().map(|of| of.id).collect();
+    let of_strength = |(strength, times): (usize, f64)| FaultResponse {
+        joint: JointIndex::new(joint),
+        fault,
+        strength,
+        change: parameters
+            .iter()
+            .map(|id| if id.joint.index() == joint { change / (1.0 + times * times) } else { 0.0 })
+            .collect(),
+        unexplained: (0..JOINTS).map(|of| if of == joint { left } else { 0.0 }).collect(),
+    };
+    let faults = STRENGTHS.into_iter().enumerate().map(of_strength).collect();
+    let response = Arc::new(ChannelResponse { parameters: parameters.clone(), faults });
+    for run in history {
+        run.response = Some(Arc::clone(&response));
+    }
+}
+
+/// An offset of 2 Nm that goes into the parameters: the friction stage shows 0.1 Nm of it, less than 3 % of friction, and the
+/// model leaves ten times as much unexplained as usual. Play leaves as much and turns friction over evenly.
+#[test]
+fn an_offset_that_goes_into_the_parameters_is_told_from_play() {
+    let state = |offset: f64| {
+        move |run: i64| match run {
+            0..=6 => State { noise: Some((3, 1.0)), ..State::default() },
+            _ => State {
+                noise: Some((3, 1.0)),
+                unexplained: Some((3, 10.05)),
+                offset: Some((3, offset)),
+                ..State::default()
+            },
+        }
+    };
+    for size in [2.0, -2.0] {
+        let mut history = fleet(9, 13, state(0.05 * size));
+        // 0.02 Nm (N) a unit of torque is usual
+        answers(&mut history, 3, ChannelFault::TorqueOffset, 0.8, 0.1);
+        for (run, of) in (0..).zip(&mut history) {
+            let moved = if run >= 7 { 0.8 * size / 101.0 } else { 0.0 };
+            let own = of.parameters.iter_mut().filter(|of| of.id.joint.index() == 3);
+            own.for_each(|of| of.mean += moved);
+        }
+        let found = only(&history[..8], AnomalyKind::Sensor, Some(4));
+        assert!((found.value / size - 1.0).abs() < 0.15, "{found:?}");
+        assert!(found.message.contains("offset") && found.odds.is_some_and(|odds| odds > 100.0), "{found:?}");
+    }
+    let mut history = fleet(9, 13, state(0.0));
+    answers(&mut history, 3, ChannelFault::TorqueOffset, 0.8, 0.1);
+    let found = only(&history[..8], AnomalyKind::Accuracy, Some(4));
+    assert_eq!(found.quantity, "unexplained_torque");
+}
+
+/// A gain of 6 % that moves the parameters along its own direction and leaves three times as much of the joint's torque
+/// unexplained as usual, which no noise accounts for.
+#[test]
+fn a_gain_that_leaves_torque_unexplained_is_no_play() {
+    let rest = 10.0_f64.sqrt();
+    let state = |run: i64| State {
+        noise: Some((3, 1.0)),
+        unexplained: (run >= 7).then_some((3, rest)),
+        ..State::default()
+    };
+    let mut history = fleet(9, 14, state);
+    answers(&mut history, 3, ChannelFault::TorqueGain, 3.0, 1.0);
+    for (run, of) in (0..).zip(&mut history) {
+        let moved = if run >= 7 { 0.06 * 3.0 / 10.0 } else { 0.0 };
+        let own = of.parameters.iter_mut().filter(|of| of.id.joint.index() == 3);
+        own.for_each(|of| of.mean += moved);
+    }
+    let found = only(&history, AnomalyKind::Sensor, Some(4));
+    assert!((found.value - 1.06).abs() < 0.01, "{found:?}");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
+use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
 use crate::anomaly::brief::Brief;
 use crate::anomaly::{RunParameter, RunSummary};
 use crate::numerics::detect::runs::first_tests::first_tests;
@@ -67,6 +67,8 @@ pub(super) struct Baseline {
 pub(super) struct Direction {
     pub(super) joint: JointIndex,
     pub(super) fault: ChannelFault,
+    /// Place in [`crate::analysis::response::STRENGTHS`].
+    pub(super) strength: usize,
     /// Change of the parameters, in their standard deviations.
     pub(super) change: DVector<f64>,
     /// Unexplained torque of each joint, as a fraction of its torque.
@@ -172,6 +174,7 @@ impl Baseline {
         let scaled = |of: &FaultResponse| Direction {
             joint: of.joint,
             fault: of.fault,
+            strength: of.strength.min(STRENGTHS.len() - 1),
             change: DVector::from_fn(places.len(), |row, _| of.change[places[row]] / self.deviation(row)),
             unexplained: of.unexplained.clone(),
         };

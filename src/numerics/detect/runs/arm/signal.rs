@@ -1,6 +1,7 @@
 //! The torque signal of a joint in one run: what of it is not as usual, and what may be wrong with the joint itself.
 
 use super::baseline::{Baseline, MOST_CHI_SQUARE, Usual, friction, noise, offsets, rmsd};
+use super::price::MECHANICAL_PRICE;
 use crate::anomaly::RunSummary;
 use crate::numerics::detect::runs::arm_cause::{ArmCause, SignalFault};
 use crate::numerics::statistics::descriptive::mean;
@@ -15,15 +16,14 @@ pub(in crate::numerics::detect::runs) const LEAST_RMSD_RATIO: f64 = 1.6;
 /// Least ratio of a channel's noise to the usual one, and least noise as a fraction of the torque.
 pub(in crate::numerics::detect::runs) const LEAST_NOISE_RATIO: f64 = 1.5;
 const LEAST_NOISE: f64 = 0.002;
-/// Further price, in units of chi², of a fault of the mechanics: it says nothing of the parameters, where a channel that reads
-/// wrong says how they change.
-const MECHANICAL_PRICE: f64 = 60.0;
 
 /// A joint's torque signal in one run.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Signal {
     /// Offset beyond the usual, Nm (N), and chi² of it where it counts.
     pub(super) offset: (f64, f64),
+    /// The offset beyond the usual in standard deviations, whether it counts or not.
+    offset_deviations: f64,
     /// Unexplained rest as a multiple of what is expected at the channel's noise, and chi² of it where it counts.
     pub(super) unexplained: (f64, f64),
     /// Noise as a multiple of the usual, and chi² of it where it counts; `None` where it is not known.
@@ -33,6 +33,11 @@ pub(super) struct Signal {
 impl Signal {
     pub(super) fn noise_cost(&self) -> f64 {
         self.noise.map_or(0.0, |(_, cost)| cost)
+    }
+
+    /// Whether the friction stage shows an offset, however small against friction.
+    pub(super) fn shows_offset(&self) -> bool {
+        self.offset_deviations.abs() >= SIGNAL_DEVIATIONS
     }
 
     pub(super) fn cost(&self) -> f64 {
@@ -52,6 +57,7 @@ pub(super) fn signal(run: &RunSummary, baseline: &Baseline, joint: JointIndex) -
         let (beyond, deviations) = (offset - usual.value, usual.deviations(offset));
         let enough = beyond.abs() >= LEAST_OFFSET * friction(run, joint).unwrap_or(0.0);
         let counts = deviations.abs() >= SIGNAL_DEVIATIONS && enough;
+        found.offset_deviations = deviations;
         found.offset = (beyond, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 });
     }
     let mut more_noise = 0.0;

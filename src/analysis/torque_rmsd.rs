@@ -1,0 +1,69 @@
+//! How well estimated torques agree with measured ones.
+
+use crate::robot::JointIndex;
+use crate::run::Stage;
+
+/// Rows over which a torque RMSD is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum RmsdScope {
+    /// Rows of one stage.
+    Stage(Stage),
+    /// All rows of the cycle.
+    WholeCycle,
+}
+
+impl RmsdScope {
+    /// Name as in the view `cycle_rmsd`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Stage(stage) => stage.name(),
+            Self::WholeCycle => "all",
+        }
+    }
+}
+
+/// Root-mean-square deviation between estimated and measured torque of a joint [5.1].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TorqueRmsd {
+    /// The joint.
+    pub joint: JointIndex,
+    /// Rows considered.
+    pub scope: RmsdScope,
+    /// Over all rows.
+    pub all_rows: Rmsd,
+    /// Over the rows in which the joint moves; zero samples if it never does.
+    pub moving_rows: Rmsd,
+}
+
+/// An RMSD with its reference.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Rmsd {
+    /// Root of the mean squared deviation, Nm.
+    pub value: f64,
+    /// `value` divided by the RMS of the measured, low-passed torque over the same rows.
+    pub relative: f64,
+    /// Rows.
+    pub samples: usize,
+}
+
+/// How well one parameter set fits the first and the last third of a warming stage: friction falls
+/// inside a cycle (thesis 5.1.6).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WarmingContrast {
+    /// The joint.
+    pub joint: JointIndex,
+    /// The first third, by time.
+    pub start: RmsdPair,
+    /// The last third.
+    pub end: RmsdPair,
+}
+
+/// An RMSD with and without low-speed rows.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RmsdPair {
+    /// Over all rows.
+    pub all_rows: Rmsd,
+    /// Over the rows in which the joint moves.
+    pub moving_rows: Rmsd,
+}
