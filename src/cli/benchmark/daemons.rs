@@ -41,10 +41,10 @@ the daemons for each export, that of everything else on this machine, which is t
 several daemons to one. Then, while nothing else works on the database, the time of a claim and of giving it back, which is
 each a statement with its commit.
 
-The database on the server must be empty; the robots of the benchmark stay in it.
+The database on the server must be empty, as `createdb trial` makes it; the robots of the benchmark stay in it.
 
 Examples:
-  createdb trial && armwatch benchmark daemons --db postgres:///trial
+  armwatch benchmark daemons --db postgres:///trial
   armwatch benchmark daemons --db postgres://armwatch@db.plant/trial --daemons 4 --exports 48 --json")]
 pub(in crate::cli) struct DaemonsArgs {
     /// Daemons beside each other, each on a processor of its own
