@@ -163,10 +163,12 @@ fn a_frozen_daemon_loses_its_work_and_wakes_harmless() {
     let cluster = Cluster::new(&server, small::watching_work(), server.fleet(), LEASE_S);
     let growing = export("A", 1, 5);
     let path = cluster.workshop.inbox(&growing.name);
-    let mut parts = growing.bytes.chunks(growing.bytes.len() / 30 + 1);
+    let mut parts = growing.bytes.chunks(growing.bytes.len() / 1000 + 1);
     let mut file = fs::File::create(&path).expect("a file");
-    let mut grow = || parts.next().map(|part| file.write_all(part).expect("written"));
-    grow();
+    let mut grow = |count: usize| {
+        parts.by_ref().take(count).map(|part| file.write_all(part).expect("written")).count() == count
+    };
+    grow(1);
     ["a", "b"].iter().for_each(|host| cluster.describe(host, true, ""));
     // what stands still for a while in this test is not at its end, which a mark says
     let slow = |host: &str| {
@@ -180,7 +182,7 @@ fn a_frozen_daemon_loses_its_work_and_wakes_harmless() {
     wait_until(|| cluster.log("a").contains(" watching "), || cluster.log("a"));
     // a file is followed once it is seen to grow
     while !cluster.is(stored, "1") {
-        assert!(grow().is_some(), "{}", cluster.log("a"));
+        assert!(grow(20), "{}", cluster.log("a"));
         pass(Duration::from_millis(200));
     }
     assert!(cluster.is("SELECT status FROM armwatch.runs", "streaming"), "{}", cluster.log("a"));
@@ -190,7 +192,13 @@ fn a_frozen_daemon_loses_its_work_and_wakes_harmless() {
     pass(Duration::from_secs(1));
     assert!(cluster.is("SELECT host FROM armwatch.runs", "a"));
     first.signal("STOP");
-    wait_until(|| cluster.is("SELECT host FROM armwatch.runs", "b"), || cluster.logs(&["a", "b"]));
+    // the other one follows a file that it sees growing
+    let is_followed = || {
+        grow(1);
+        pass(Duration::from_millis(100));
+        cluster.is("SELECT host FROM armwatch.runs", "b")
+    };
+    wait_until(is_followed, || cluster.logs(&["a", "b"]));
     let ended = "SELECT state || ' ' || end_reason FROM armwatch.hosts WHERE host = 'a'";
     assert!(cluster.is(ended, "ended lease_ended"));
     let status = cluster.workshop.stdout(&["status", "--db", &cluster.address], 0);
@@ -199,7 +207,7 @@ fn a_frozen_daemon_loses_its_work_and_wakes_harmless() {
     assert!(doctor.contains("nothing was heard of the daemon of \"a\" since"), "{doctor}");
     // both see the rest at once
     first.signal("CONT");
-    while grow().is_some() {}
+    while grow(20) {}
     fs::write(cluster.workshop.inbox(&format!("{}.done", growing.name)), "").expect("written");
     wait_until(|| cluster.log("a").contains("joined again"), || cluster.log("a"));
     let is_whole = "SELECT cycles || ' ' || status FROM armwatch.runs";
