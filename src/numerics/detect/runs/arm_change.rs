@@ -146,9 +146,9 @@ fn of_signal(fault: SignalFault) -> Figure {
             value: torque,
             baseline: 0.0,
             message: format!(
-                "the torque signal has an offset of {torque:+.2} Nm (N) beyond the usual, as friction in both directions, the \
-                 arm's parameters and what they do not explain show; check the zero of the torque sensor or of the motor \
-                 current"
+                "the torque signal has an offset of {torque:+.2} Nm beyond the usual; friction in both directions, the arm's \
+                 parameters and the torque that they leave unexplained show it; check the zero of the torque sensor or of \
+                 the motor current"
             ),
         },
         SignalFault::Noise(ratio) => Figure {
