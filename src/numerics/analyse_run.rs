@@ -51,7 +51,9 @@ pub fn warm_up_fits(points: &[FrictionPoint]) -> Vec<WarmUpFit> {
     warm_up_fits_on(&SpareThreads::default(), points)
 }
 
-fn warm_up_fits_on(spare: &SpareThreads, points: &[FrictionPoint]) -> Vec<WarmUpFit> {
+/// As [`warm_up_fits`], on more threads than one while some are `spare`.
+#[must_use]
+pub fn warm_up_fits_on(spare: &SpareThreads, points: &[FrictionPoint]) -> Vec<WarmUpFit> {
     let mut keys: Vec<(JointIndex, f64)> = points.iter().map(|p| (p.joint, p.speed_fraction)).collect();
     keys.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
     keys.dedup();

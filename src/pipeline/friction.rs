@@ -14,13 +14,14 @@ use crate::numerics::friction::index::{Reference, run_indices};
 use crate::numerics::friction::over_speed::friction_over_speed;
 use crate::numerics::friction::record::MapRun;
 use crate::numerics::friction::run_record::coverage;
+use crate::numerics::spare_threads::SpareThreads;
 use crate::robot::JointIndex;
 use crate::store::{
     CycleSpeedFits, FrictionConclusion, FrictionPlan, FrictionTests, NewBaseline, NewIndices, PlannedMap,
     Store, plan,
 };
 
-/// Fits friction over speed of each cycle of run `run_id`.
+/// Fits friction over speed of each cycle of run `run_id`, on more threads than one while some are `spare`.
 ///
 /// # Errors
 /// Those of the store.
@@ -28,27 +29,32 @@ pub async fn over_speed(
     store: &Store,
     run_id: i64,
     points: &[CyclePoint],
+    spare: SpareThreads,
 ) -> Result<Vec<CycleSpeedFits>, PipelineError> {
     let fractions = store.independent_fractions(run_id).await?;
     let points = points.to_vec();
-    Ok(tokio::task::spawn_blocking(move || speed_fits(&points, &fractions)).await?)
+    Ok(tokio::task::spawn_blocking(move || speed_fits(&spare, &points, &fractions)).await?)
 }
 
 /// Friction over speed by cycle; joints with too few speeds have said so as cycle remarks already.
-fn speed_fits(points: &[CyclePoint], fractions: &HashMap<u32, f64>) -> Vec<CycleSpeedFits> {
-    points
-        .chunk_by(|a, b| a.cycle == b.cycle)
-        .filter_map(|of_cycle| {
-            let cycle = of_cycle.first()?.cycle;
-            let fraction = *fractions.get(&cycle)?;
-            let points: Vec<FrictionPoint> = of_cycle.iter().map(|row| row.point).collect();
-            let mut joints: Vec<JointIndex> = points.iter().map(|p| p.joint).collect();
-            joints.sort_unstable();
-            joints.dedup();
-            let fits = joints.into_iter().filter_map(|j| friction_over_speed(j, &points, fraction).ok());
-            Some(CycleSpeedFits { cycle, joints: fits.collect() })
-        })
-        .collect()
+fn speed_fits(
+    spare: &SpareThreads,
+    points: &[CyclePoint],
+    fractions: &HashMap<u32, f64>,
+) -> Vec<CycleSpeedFits> {
+    let cycles: Vec<&[CyclePoint]> = points.chunk_by(|a, b| a.cycle == b.cycle).collect();
+    let fits_of = |of_cycle: &[CyclePoint]| {
+        let cycle = of_cycle.first()?.cycle;
+        let fraction = *fractions.get(&cycle)?;
+        let points: Vec<FrictionPoint> = of_cycle.iter().map(|row| row.point).collect();
+        let mut joints: Vec<JointIndex> = points.iter().map(|p| p.joint).collect();
+        joints.sort_unstable();
+        joints.dedup();
+        let fits = joints.into_iter().filter_map(|j| friction_over_speed(j, &points, fraction).ok());
+        Some(CycleSpeedFits { cycle, joints: fits.collect() })
+    };
+    let fits = spare.each(cycles.len(), || (), |(), at| fits_of(cycles[at]));
+    fits.into_iter().flatten().collect()
 }
 
 /// Friction of a robot as its history now has it: baselines and maps by the rule of [`plan`], and the index of every test

@@ -1,6 +1,6 @@
 //! An export cut into blocks of whole lines, with the line numbers that messages need.
 
-use std::io::{ErrorKind, Read};
+use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
 use super::encoding::{Found, TextReader, Wide, narrow_encoding, wide_encoding, without_bom};
@@ -271,8 +271,7 @@ impl<R: Read> Blocks<R> {
         if missing == 0 || self.at_end {
             return;
         }
-        self.pending.reserve(missing);
-        let read = self.reader.by_ref().take(missing as u64).read_to_end(&mut self.pending);
+        let read = read_up_to(&mut self.reader, missing, &mut self.pending);
         self.paused = matches!(&read, Err(error) if error.kind() == ErrorKind::WouldBlock);
         match read {
             Ok(count) => self.at_end = count < missing,
@@ -352,6 +351,29 @@ fn last_line_end(bytes: &[u8]) -> Option<usize> {
     bytes[content..].iter().position(|byte| *byte == b'\n').map(|at| content + at + 1)
 }
 
+/// Appends bytes until there are `wanted` more or nothing is left, in pieces of a block: a hash takes many bytes at once
+/// far faster than few. Returns how many; what was read before an error stays.
+fn read_up_to(reader: &mut impl Read, wanted: usize, bytes: &mut Vec<u8>) -> io::Result<usize> {
+    let before = bytes.len();
+    loop {
+        let read = bytes.len() - before;
+        let piece = (wanted - read).min(BLOCK_BYTES);
+        if piece == 0 {
+            return Ok(read);
+        }
+        let here = bytes.len();
+        bytes.resize(here + piece, 0);
+        let count = reader.read(&mut bytes[here..]);
+        bytes.truncate(here + count.as_ref().map_or(0, |count| *count));
+        match count {
+            Ok(0) => return Ok(read),
+            Ok(_) => {}
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+}
+
 fn line_text(line: &[u8], path: &Path) -> Result<String, Rejection> {
     if let Some(encoding) = wide_encoding(line) {
         return Err(wide(path, encoding));
@@ -401,6 +423,32 @@ mod tests {
             blocks.push(block);
         }
         (header, blocks)
+    }
+
+    #[test]
+    fn bytes_are_read_as_far_as_wanted_and_those_before_an_error_stay() {
+        struct Interrupted<'t>(&'t [u8], u32);
+        impl Read for Interrupted<'_> {
+            fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+                self.1 += 1;
+                match self.1 % 3 {
+                    1 => Err(ErrorKind::Interrupted.into()),
+                    _ if self.0.is_empty() => Err(ErrorKind::TimedOut.into()),
+                    _ => {
+                        let most = buffer.len().min(7);
+                        self.0.read(&mut buffer[..most])
+                    }
+                }
+            }
+        }
+        let text = b"some bytes that come in small pieces";
+        let mut found = b"before ".to_vec();
+        assert_eq!(read_up_to(&mut Interrupted(text, 0), 20, &mut found).ok(), Some(20));
+        assert_eq!(found, b"before some bytes that come");
+        let mut reader = Interrupted(text, 0);
+        let error = read_up_to(&mut reader, 100, &mut found).expect_err("no end");
+        assert_eq!((error.kind(), &found[27..]), (ErrorKind::TimedOut, &text[..]));
+        assert_eq!(read_up_to(&mut &text[..], 100, &mut found).ok(), Some(text.len()));
     }
 
     /// Gives its parts one by one, with a pause before each and at the end of the last.

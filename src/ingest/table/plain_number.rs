@@ -4,6 +4,8 @@
 //! one division rounds once, which gives the nearest double (Clinger 1990, How to read floating point numbers
 //! accurately). Longer numbers go to the standard library, which gives the nearest double too.
 
+use std::num::NonZeroUsize;
+
 /// Bytes of a word.
 const WORD: usize = 8;
 
@@ -16,8 +18,10 @@ const POWERS: [f64; 2 * WORD] =
 
 /// The number that begins at `start`, digits with a decimal mark `point` or without and a minus or no sign, and where
 /// it ends; `None` for anything else. What follows it is not looked at, but must follow: text ends with a line end.
+///
+/// The end is not zero, so that the processor returns all of it in registers: the next number waits for the end of this one.
 #[inline(always)]
-pub(super) fn number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, usize)> {
+pub(super) fn number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, NonZeroUsize)> {
     let negative = *text.get(start)? == b'-';
     let digits = start + usize::from(negative);
     let Some(bytes) = text.get(digits..digits + 2 * WORD) else { return long_number_at(text, start, point) };
@@ -49,8 +53,11 @@ pub(super) fn number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, us
         }
         _ => return long_number_at(text, start, point),
     };
-    let size = value as f64 / POWERS[end - first - with_point];
-    Some((if negative { -size } else { size }, digits + end))
+    // fifteen digits are a signed number, too, which takes one instruction to convert
+    let size = value.cast_signed() as f64 / POWERS[end - first - with_point];
+    // signs of noise cannot be guessed: no branch
+    let signed = f64::from_bits(size.to_bits() | (u64::from(negative) << (u64::BITS - 1)));
+    Some((signed, NonZeroUsize::new(digits + end)?))
 }
 
 #[inline(always)]
@@ -87,7 +94,7 @@ fn eight_digits(digits: u64) -> u64 {
 
 #[cold]
 #[inline(never)]
-fn long_number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, usize)> {
+fn long_number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, NonZeroUsize)> {
     let rest = &text[start..];
     let digits = usize::from(rest.first() == Some(&b'-'));
     let is_part = |byte: &u8| byte.is_ascii_digit() || *byte == point;
@@ -100,7 +107,7 @@ fn long_number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, usize)> 
     if length == points || points > 1 || length == LONGEST {
         return None;
     }
-    Some((std::str::from_utf8(written).ok()?.parse().ok()?, start + end))
+    Some((std::str::from_utf8(written).ok()?.parse().ok()?, NonZeroUsize::new(start + end)?))
 }
 
 #[cfg(test)]
@@ -128,6 +135,7 @@ mod tests {
                 let written = if point == b',' { cell.replace('.', ",") } else { cell.to_owned() };
                 let text = format!("{before}{written}{behind}");
                 let found = number_at(text.as_bytes(), before.len(), point);
+                let found = found.map(|(number, end)| (number, end.get()));
                 // what is no number may be one with something behind it, which its reader refuses
                 let whole =
                     found.filter(|(_, end)| *end == before.len() + cell.len()).map(|(number, _)| number);
@@ -176,7 +184,7 @@ mod tests {
         ] {
             assert_number(cell);
         }
-        assert_eq!(number_at(b"5", 0, b'.'), Some((5.0, 1)));
+        assert_eq!(number_at(b"5", 0, b'.'), NonZeroUsize::new(1).map(|end| (5.0, end)));
         assert_eq!(number_at(b"", 0, b'.'), None);
         assert_eq!(number_at(&[b'1'; 80], 0, b'.'), None);
     }

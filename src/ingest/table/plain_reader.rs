@@ -68,7 +68,7 @@ impl PlainReader {
                     Kind::Number => {
                         let (number, end) = number_at(text, at, self.point)?;
                         values.push(number);
-                        end
+                        end.get()
                     }
                     Kind::Ignored => self.cell_end(text, at)?,
                 };

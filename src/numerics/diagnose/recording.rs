@@ -84,9 +84,9 @@ fn stuck(view: &View<'_>) -> Vec<Finding> {
         let (dq, qd) = (&view.dq[j], &view.filtered.qd[j]);
         let low = view.joint(joint).low_speed;
         // Speed has to change by this much within the repeats, so that a plateau is none.
-        let swing = (0.2 * view.rms(qd).max(view.rms(dq))).max(2.0 * low);
+        let swing = (0.2 * view.qd_rms[j].max(view.dq_rms[j])).max(2.0 * low);
         let torque = &view.samples.torque[j];
-        let peaks = view.extent(torque);
+        let peaks = view.torque_extents[j];
         let channels = [
             ("position", Some(&view.samples.position[j]), qd),
             ("velocity", view.samples.velocity.as_ref().map(|velocity| &velocity[j]), dq),
@@ -185,7 +185,6 @@ fn motion(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Op
     let mut speeds: Vec<f64> =
         view.excitation.iter().map(|&row| qd[row].abs()).filter(|speed| *speed >= low).collect();
     let share = speeds.len() as f64 / view.excitation.len() as f64;
-    speeds.sort_unstable_by(f64::total_cmp);
     if share < settings.moving_share {
         let fastest = view.excitation.iter().map(|&row| qd[row].abs()).fold(0.0, f64::max);
         return Some(finding(
@@ -200,7 +199,8 @@ fn motion(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Op
             &[("moving_share", share), ("fastest_si", fastest)],
         ));
     }
-    let at = |part: f64| speeds[((speeds.len() - 1) as f64 * part) as usize];
+    let last = (speeds.len() - 1) as f64;
+    let mut at = |part: f64| *speeds.select_nth_unstable_by((last * part) as usize, f64::total_cmp).1;
     let (median, spread) = (at(0.5), at(0.9) - at(0.1));
     (spread < settings.speed_spread * median).then(|| {
         finding(
@@ -222,7 +222,7 @@ fn motion(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Op
 /// as many of either.
 fn saturation(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
     let torque = &view.samples.torque[joint.index()];
-    let [low, high] = view.extent(torque);
+    let [low, high] = view.torque_extents[joint.index()];
     let mut worst: Option<(f64, f64)> = None;
     for (peak, sign) in [(high, 1.0), (-low, -1.0)] {
         if !(peak > 0.0 && high > low) {

@@ -40,7 +40,9 @@ pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Ve
         let qd = &filtered.qd[joint.index()];
         for (place, &term) in model.terms().iter().enumerate().filter(|(_, term)| term.jumps()) {
             let id = ParameterId { joint, kind: ParameterKind::Friction(term) };
-            add(id, joint, series(filtered, |row| model.columns(qd[row])[place]));
+            let mut values = filtered.room();
+            values.extend(qd.iter().map(|qd| model.columns(*qd)[place]));
+            add(id, joint, values);
         }
     }
     for coupling in &robot.couplings {

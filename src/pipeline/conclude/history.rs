@@ -13,7 +13,7 @@
 use std::collections::HashSet;
 
 use super::in_brief::detected;
-use crate::numerics::analyse_run::warm_up_fits;
+use crate::numerics::analyse_run::warm_up_fits_on;
 use crate::numerics::detect::production::detect_production;
 use crate::numerics::friction::level_means::nearest_level;
 use crate::pipeline::context::{Pipeline, PipelineError};
@@ -104,7 +104,8 @@ impl Pipeline {
         let level = nearest_level(levels.into_iter(), reference).unwrap_or(reference);
         let over_tests = self.store.friction_history(robot.robot_id, level).await?;
         let points = over_tests.points();
-        let mixed = tokio::task::spawn_blocking(move || warm_up_fits(&points)).await?;
+        let spare = self.spare_threads();
+        let mixed = tokio::task::spawn_blocking(move || warm_up_fits_on(&spare, &points)).await?;
         let baseline_runs = self.config.detect.baseline_runs;
         let friction = friction_conclusion(&self.store, robot.robot_id, baseline_runs).await?;
         for remark in &friction.remarks {

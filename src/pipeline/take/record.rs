@@ -152,8 +152,8 @@ async fn analyse_test(
         }
         analysis
     });
-    let speed_fits =
-        friction::over_speed(pipeline.store(), intake.run_id, &measurements.friction_points).await?;
+    let (points, spare) = (&measurements.friction_points, pipeline.spare_threads());
+    let speed_fits = friction::over_speed(pipeline.store(), intake.run_id, points, spare).await?;
     Ok((analysis.await?, speed_fits))
 }
 

@@ -8,7 +8,7 @@ use sqlx::{QueryBuilder, Row};
 use super::friction_series::{self, FrictionHistory, TestPoints};
 use super::history;
 use crate::analysis::friction::{
-    FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient, ThermalSource,
+    FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient, SpeedFit, ThermalSource,
 };
 use crate::analysis::{CycleTemperatures, Estimate};
 use crate::numerics::friction::record::CycleMotion;
@@ -260,17 +260,54 @@ pub(in crate::store) async fn replace_speed_fits(
     fits: &[CycleSpeedFits],
 ) -> Result<(), sqlx::Error> {
     delete_speed_fits(&mut *connection, run_id).await?;
+    let cycles = cycle_keys(&mut *connection, run_id).await?;
+    let mut sides: Vec<SideOfCycle<'_>> = Vec::new();
     for of_cycle in fits {
-        for joint in &of_cycle.joints {
-            for direction in 0..joint.directions.len() {
-                let fit_id =
-                    insert_speed_fit(&mut *connection, run_id, of_cycle.cycle, joint, direction).await?;
-                let coefficients = &joint.directions[direction].coefficients;
-                insert_coefficients(&mut *connection, fit_id, coefficients).await?;
-            }
+        let Some(&cycle_id) = cycles.get(&of_cycle.cycle) else { continue };
+        for of_joint in &of_cycle.joints {
+            let directions = of_joint.directions.iter();
+            sides.extend(directions.map(|fit| SideOfCycle { cycle_id, of_joint, fit }));
+        }
+    }
+    for sides in sides.chunks(ROWS_PER_STATEMENT) {
+        let keys = insert_speed_fits(&mut *connection, sides).await?;
+        let mut coefficients: Vec<(i64, SpeedCoefficient)> = Vec::new();
+        for side in sides {
+            let Some(&fit_id) = keys.get(&side.place()) else { continue };
+            coefficients.extend(side.fit.coefficients.iter().map(|of| (fit_id, *of)));
+        }
+        for rows in coefficients.chunks(ROWS_PER_STATEMENT) {
+            insert_coefficients(&mut *connection, rows).await?;
         }
     }
     Ok(())
+}
+
+/// The fit of one direction of a joint in a cycle.
+struct SideOfCycle<'f> {
+    cycle_id: i64,
+    of_joint: &'f JointSpeedFits,
+    fit: &'f SpeedFit,
+}
+
+impl SideOfCycle<'_> {
+    /// Cycle, joint and direction, which no other fit has.
+    fn place(&self) -> (i64, i64, i64) {
+        (self.cycle_id, joint_number(self.of_joint.joint), i64::from(self.fit.direction))
+    }
+}
+
+/// Keys of a run's cycles by their numbers.
+async fn cycle_keys(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+) -> Result<HashMap<u32, i64>, sqlx::Error> {
+    let rows = sqlx::query("SELECT number, cycle_id FROM cycle WHERE run_id = $1")
+        .bind(run_id)
+        .try_map(|row: EngineRow| Ok((size(&row, "number")?, row.try_get("cycle_id")?)))
+        .fetch_all(executor)
+        .await?;
+    Ok(rows.into_iter().collect())
 }
 
 async fn delete_speed_fits(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
@@ -283,48 +320,51 @@ async fn delete_speed_fits(executor: impl EngineExecutor<'_>, run_id: i64) -> Re
     Ok(())
 }
 
-async fn insert_speed_fit(
+/// Returns the key of each fit by its place.
+async fn insert_speed_fits(
     executor: impl EngineExecutor<'_>,
-    run_id: i64,
-    cycle: u32,
-    joint: &JointSpeedFits,
-    direction: usize,
-) -> Result<i64, sqlx::Error> {
-    let fit = &joint.directions[direction];
-    let difference = joint.asymmetry.map(|asymmetry| asymmetry.difference);
-    sqlx::query_scalar(
-        "INSERT INTO friction_speed_fit (cycle_id, joint, direction, model, slowest_rad_s, fastest_rad_s, rmsd_nm,
-                                         reduced_chi_square, points, asymmetry_nm, asymmetry_std_error_nm)
-         SELECT cycle_id, $1, $2, $3, $4, $5, $6, $7, $8, $9, $10 FROM cycle WHERE run_id = $11 AND number = $12
-         RETURNING friction_speed_fit_id",
-    )
-    .bind(joint_number(joint.joint))
-    .bind(fit.direction)
-    .bind(fit.model.name())
-    .bind(fit.speeds[0])
-    .bind(fit.speeds[1])
-    .bind(finite(fit.rmsd))
-    .bind(fit.reduced_chi_square.and_then(finite))
-    .bind(count(fit.points))
-    .bind(difference.and_then(|d| finite(d.value)))
-    .bind(difference.and_then(|d| finite(d.std_error)))
-    .bind(run_id)
-    .bind(cycle)
-    .fetch_one(executor)
-    .await
+    sides: &[SideOfCycle<'_>],
+) -> Result<HashMap<(i64, i64, i64), i64>, sqlx::Error> {
+    let mut query = QueryBuilder::<Engine>::new(
+        "INSERT INTO friction_speed_fit (cycle_id, joint, direction, model, slowest_rad_s, fastest_rad_s, rmsd_nm, \
+                                         reduced_chi_square, points, asymmetry_nm, asymmetry_std_error_nm) ",
+    );
+    query.push_values(sides, |mut row, SideOfCycle { cycle_id, of_joint, fit }| {
+        let difference = of_joint.asymmetry.map(|asymmetry| asymmetry.difference);
+        row.push_bind(*cycle_id)
+            .push_bind(joint_number(of_joint.joint))
+            .push_bind(i64::from(fit.direction))
+            .push_bind(fit.model.name())
+            .push_bind(fit.speeds[0])
+            .push_bind(fit.speeds[1])
+            .push_bind(finite(fit.rmsd))
+            .push_bind(fit.reduced_chi_square.and_then(finite))
+            .push_bind(count(fit.points))
+            .push_bind(difference.and_then(|d| finite(d.value)))
+            .push_bind(difference.and_then(|d| finite(d.std_error)));
+    });
+    query.push(" RETURNING friction_speed_fit_id, cycle_id, joint, direction");
+    let rows = query
+        .build()
+        .try_map(|row: EngineRow| {
+            let place = (row.try_get("cycle_id")?, row.try_get("joint")?, row.try_get("direction")?);
+            Ok((place, row.try_get("friction_speed_fit_id")?))
+        })
+        .fetch_all(executor)
+        .await?;
+    Ok(rows.into_iter().collect())
 }
 
 async fn insert_coefficients(
     executor: impl EngineExecutor<'_>,
-    fit_id: i64,
-    coefficients: &[SpeedCoefficient],
+    coefficients: &[(i64, SpeedCoefficient)],
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO friction_speed_coefficient (friction_speed_fit_id, name, value, std_error, at_bound) ",
     )
-    .push_values(coefficients, |mut row, coefficient| {
+    .push_values(coefficients, |mut row, (fit_id, coefficient)| {
         let error = finite(coefficient.estimate.std_error).filter(|_| !coefficient.at_bound);
-        row.push_bind(fit_id)
+        row.push_bind(*fit_id)
             .push_bind(coefficient.name)
             .push_bind(finite(coefficient.estimate.value))
             .push_bind(error)

@@ -30,24 +30,38 @@ pub(super) fn spikes(view: &View<'_>) -> Vec<Finding> {
         let limits = &view.joint(joint).limits;
         let velocity = view.samples.velocity.as_ref().map(|velocity| &velocity[j]);
         let channels = [
-            ("position", Some(&view.samples.position[j]), limits.position_max - limits.position_min),
-            ("velocity", velocity, limits.velocity),
-            ("torque", Some(&view.samples.torque[j]), 0.0),
+            (
+                "position",
+                Some(&view.samples.position[j]),
+                limits.position_max - limits.position_min,
+                view.position_extents[j],
+            ),
+            (
+                "velocity",
+                velocity,
+                limits.velocity,
+                velocity.map_or([0.0; 2], |velocity| view.extent(velocity)),
+            ),
+            ("torque", Some(&view.samples.torque[j]), 0.0, view.torque_extents[j]),
         ];
-        let channels =
-            channels.into_iter().filter_map(|(name, channel, least)| Some((name, channel?, least)));
-        found.extend(channels.filter_map(|(name, channel, least)| spike(view, joint, name, channel, least)));
+        let channels = channels
+            .into_iter()
+            .filter_map(|(name, channel, least, extent)| Some((name, channel?, least, extent)));
+        found.extend(
+            channels.filter_map(|(name, channel, least, extent)| {
+                spike(view, joint, (name, channel, extent), least)
+            }),
+        );
     }
     found
 }
 
-/// The worst value of one channel, if it is beyond all measure. `least` is a range that the channel
-/// may always have.
+/// The worst value of one channel with its name and extent, if it is beyond all measure. `least` is a range that the
+/// channel may always have.
 fn spike(
     view: &View<'_>,
     joint: JointIndex,
-    name: &'static str,
-    channel: &[f64],
+    (name, channel, [lowest, highest]): (&'static str, &[f64], [f64; 2]),
     least: f64,
 ) -> Option<Finding> {
     let stride = view.row_count.div_ceil(RANGE_ROWS).max(1);
@@ -57,7 +71,6 @@ fn spike(
     let (low, high) = (at(TAIL), at(1.0 - TAIL));
     let reach = BEYOND * (high - low).max(least);
     let beyond = |value: f64| (low - value).max(value - high);
-    let [lowest, highest] = view.extent(channel);
     if reach <= 0.0 || beyond(lowest).max(beyond(highest)) <= reach {
         return None;
     }
@@ -93,7 +106,7 @@ pub(super) fn leaps(view: &View<'_>, known: &[Finding]) -> Vec<Finding> {
 
 fn leap(view: &View<'_>, joint: JointIndex) -> Option<Finding> {
     let channel = &view.samples.position[joint.index()];
-    let [low, high] = view.extent(channel);
+    let [low, high] = view.position_extents[joint.index()];
     let time = &view.samples.time;
     let reached = |row: usize| LEAP * view.joint(joint).limits.velocity * (time[row] - time[row - 1]);
     let resolution = RESOLUTION * (high - low);
@@ -142,20 +155,22 @@ fn leap(view: &View<'_>, joint: JointIndex) -> Option<Finding> {
 pub(super) fn repeats(view: &View<'_>) -> Option<Finding> {
     let joints = || view.robot.joint_indices().map(JointIndex::index);
     let moves = |row: usize| joints().any(|j| view.dq[j][row].abs() > 2.0 * view.robot.joints[j].low_speed);
-    let same = |row: usize| {
-        let equal = |channel: &[f64]| (channel[row] - channel[row - 1]).abs() <= 0.0;
+    let same = |row: &usize| {
+        let equal = |channel: &[f64]| (channel[*row] - channel[row - 1]).abs() <= 0.0;
+        // torques are restless, so that one of them tells most rows apart
         joints().all(|j| {
-            equal(&view.samples.position[j])
-                && equal(&view.samples.torque[j])
+            equal(&view.samples.torque[j])
+                && equal(&view.samples.position[j])
                 && view.samples.velocity.as_ref().is_none_or(|velocity| equal(&velocity[j]))
         })
     };
-    let (mut moving, mut repeated) = (0_usize, 0_usize);
-    for row in view.rows().filter(|&row| row > 0 && moves(row)) {
-        moving += 1;
-        repeated += usize::from(same(row));
+    let rows = || view.rows().filter(|row| *row > 0);
+    let repeated = rows().filter(same).filter(|row| moves(*row)).count();
+    if repeated == 0 {
+        return None;
     }
-    let share = repeated as f64 / moving.max(1) as f64;
+    let moving = rows().filter(|row| moves(*row)).count();
+    let share = repeated as f64 / moving as f64;
     (share > REPEATED).then(|| {
         finding(
             FindingKind::Repeated,

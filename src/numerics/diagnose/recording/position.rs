@@ -35,7 +35,7 @@ pub(super) fn positions(view: &View<'_>, settings: &DiagnoseSettings) -> Vec<Fin
 pub(super) fn small_motion(view: &View<'_>, settings: &DiagnoseSettings) -> Option<Finding> {
     let share = |joint: JointIndex| {
         let limits = &view.joint(joint).limits;
-        let [min, max] = view.extent(&view.filtered.q[joint.index()]);
+        let [min, max] = view.q_extents[joint.index()];
         (max - min) / (limits.position_max - limits.position_min)
     };
     let turning = view.robot.joint_indices().filter(|&joint| view.joint(joint).kind == JointKind::Revolute);
@@ -61,7 +61,7 @@ fn outside_limits(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSetting
     let described = view.joint(joint);
     let (low, high) = (described.limits.position_min, described.limits.position_max);
     let range = high - low;
-    let [min, max] = view.extent(&view.filtered.q[joint.index()]);
+    let [min, max] = view.q_extents[joint.index()];
     let excess = (low - min).max(max - high);
     if excess <= settings.limit_margins[0] * range {
         return None;

@@ -2,7 +2,7 @@
 
 use super::view::{View, finding};
 use crate::analysis::finding::{Finding, FindingKind, FindingSeverity};
-use crate::numerics::least_squares::factor::FactorBuilder;
+use crate::numerics::least_squares::factor::{BLOCK_ROWS, FactorBuilder};
 use crate::numerics::signal::filter::FilteredSignals;
 use crate::robot::JointIndex;
 
@@ -25,21 +25,25 @@ fn explain(view: &View<'_>, joint: JointIndex) -> Vec<Option<Explained>> {
     let j = joint.index();
     let FilteredSignals { q, qd, qdd, tau, .. } = view.filtered;
     let low = view.joint(joint).low_speed;
-    let moving = || view.rows().filter(|&row| qd[j][row].abs() >= low);
-    let stride = moving().count().div_ceil(FIT_ROWS).max(1);
-    let rows: Vec<usize> = moving().step_by(stride).collect();
-    let column = |row: usize, k: usize| match k {
-        0 => 1.0,
-        1 => q[j][row].cos(),
-        2 => q[j][row].sin(),
-        3 => qdd[j][row],
-        4 => qd[j][row].signum(),
-        5 => qd[j][row],
-        _ => tau[k - OWN.len()][row],
-    };
-    let width = OWN.len() + tau.len();
-    let mut builder = FactorBuilder::new(width - 1);
-    rows.iter().for_each(|&row| builder.push((0..width).map(|k| column(row, k))));
+    let moving: Vec<usize> = view.rows().filter(|&row| qd[j][row].abs() >= low).collect();
+    let stride = moving.len().div_ceil(FIT_ROWS).max(1);
+    let rows: Vec<usize> = moving.into_iter().step_by(stride).collect();
+    let mut builder = FactorBuilder::new(OWN.len() + tau.len() - 1);
+    for rows in rows.chunks(BLOCK_ROWS) {
+        let turns: Vec<(f64, f64)> = rows.iter().map(|&row| q[j][row].sin_cos()).collect();
+        builder.push_columns(rows.len(), |k, entries| {
+            let at_row = entries.iter_mut().zip(rows);
+            match k {
+                0 => entries.fill(1.0),
+                1 => entries.iter_mut().zip(&turns).for_each(|(entry, (_, cosine))| *entry = *cosine),
+                2 => entries.iter_mut().zip(&turns).for_each(|(entry, (sine, _))| *entry = *sine),
+                3 => at_row.for_each(|(entry, &row)| *entry = qdd[j][row]),
+                4 => at_row.for_each(|(entry, &row)| *entry = qd[j][row].signum()),
+                5 => at_row.for_each(|(entry, &row)| *entry = qd[j][row]),
+                _ => at_row.for_each(|(entry, &row)| *entry = tau[k - OWN.len()][row]),
+            }
+        });
+    }
     let factor = builder.take();
     let count = rows.len() as f64;
     let of_torque = |torque: usize| {

@@ -17,12 +17,12 @@ pub(super) fn velocity_against_position(
 ) -> Vec<Finding> {
     let qd = &view.filtered.qd;
     let n = qd.len();
-    let (dq_rms, qd_rms): (Vec<f64>, Vec<f64>) =
-        (0..n).map(|j| (view.rms(&view.dq[j]), view.rms(&qd[j]))).unzip();
-    let correlation = |i: usize, j: usize| {
+    let (dq_rms, qd_rms) = (&view.dq_rms, &view.qd_rms);
+    let correlated = |i: usize, j: usize, product: f64| {
         let scale = dq_rms[i] * qd_rms[j];
-        if scale > 0.0 { view.product(&view.dq[i], &qd[j]) / scale } else { 0.0 }
+        if scale > 0.0 { product / scale } else { 0.0 }
     };
+    let correlation = |i: usize, j: usize| correlated(i, j, view.product(&view.dq[i], &qd[j]));
     let mut found = Vec::new();
     let mut gains: Vec<(JointIndex, f64)> = Vec::new();
     for joint in view.robot.joint_indices() {
@@ -31,9 +31,10 @@ pub(super) fn velocity_against_position(
         if broken[i] || still {
             continue;
         }
-        let own = correlation(i, i);
+        let product = view.product(&view.dq[i], &qd[i]);
+        let own = correlated(i, i, product);
         if own.abs() > BELONGS[0] {
-            gains.push((joint, view.product(&view.dq[i], &qd[i]) / (dq_rms[i] * dq_rms[i])));
+            gains.push((joint, product / (dq_rms[i] * dq_rms[i])));
             continue;
         }
         let best = (0..n).max_by(|&a, &b| correlation(i, a).abs().total_cmp(&correlation(i, b).abs()));

@@ -62,6 +62,13 @@ pub(super) struct View<'a> {
     pub(super) has_excitation: bool,
     /// Derivative of the low-passed position, `[n][rows of the recording]`.
     pub(super) dq: Vec<Vec<f64>>,
+    /// Root mean square of `dq` and of the low-passed velocity of each joint, `[n]`.
+    pub(super) dq_rms: Vec<f64>,
+    pub(super) qd_rms: Vec<f64>,
+    /// Smallest and largest recorded position and torque, and low-passed position of each joint, `[n]`.
+    pub(super) position_extents: Vec<[f64; 2]>,
+    pub(super) torque_extents: Vec<[f64; 2]>,
+    pub(super) q_extents: Vec<[f64; 2]>,
     /// Shortest time from one of the rows to the next, s; infinite where there is no next one.
     pub(super) shortest_step: f64,
 }
@@ -73,7 +80,7 @@ impl<'a> View<'a> {
             usable().filter(|&row| samples.stage[row] == Stage::Excitation).collect();
         let has_excitation = !excitation.is_empty();
         let excitation = if has_excitation { excitation } else { usable().collect() };
-        Self {
+        let mut view = Self {
             robot,
             samples,
             filtered,
@@ -81,8 +88,23 @@ impl<'a> View<'a> {
             excitation,
             has_excitation,
             dq: filtered.q.iter().map(|q| filtered.derivative(q)).collect(),
+            dq_rms: Vec::new(),
+            qd_rms: Vec::new(),
+            position_extents: Vec::new(),
+            torque_extents: Vec::new(),
+            q_extents: Vec::new(),
             shortest_step: shortest_step(samples, filtered),
-        }
+        };
+        let rms = |channels: &[Vec<f64>]| channels.iter().map(|channel| view.rms(channel)).collect();
+        let extents = |channels: &[Vec<f64>]| channels.iter().map(|channel| view.extent(channel)).collect();
+        (view.dq_rms, view.qd_rms, view.position_extents, view.torque_extents, view.q_extents) = (
+            rms(&view.dq),
+            rms(&filtered.qd),
+            extents(&samples.position),
+            extents(&samples.torque),
+            extents(&filtered.q),
+        );
+        view
     }
 
     /// Gives back the memory of what was made for the checks.
@@ -111,7 +133,7 @@ impl<'a> View<'a> {
         self.filtered.usable.iter().map(move |stretch| &channel[stretch.clone()])
     }
 
-    pub(super) fn rms(&self, channel: &[f64]) -> f64 {
+    fn rms(&self, channel: &[f64]) -> f64 {
         self.product(channel, channel).sqrt()
     }
 
