@@ -21,7 +21,8 @@ health AS (
     SELECT robot,
            max(friction_index) AS friction_index,
            max(moving_relative_rmsd) AS moving_relative_rmsd,
-           max(last_result_at) AS last_result_at
+           max(last_result_at) AS last_result_at,
+           max(last_run_at) AS last_run_at
     FROM joint
     GROUP BY robot
 ),
@@ -31,8 +32,7 @@ trouble AS (
 tested AS (
     SELECT robot,
            sum(status = 'complete' AND kind = 'test') AS complete_runs,
-           sum(status = 'quarantined') AS quarantined_runs,
-           max(CASE WHEN status = 'complete' AND kind = 'test' THEN started_at END) AS last_run_at
+           sum(status = 'quarantined') AS quarantined_runs
     FROM runs
     WHERE run_id NOT IN (SELECT run_id FROM quarantine WHERE state = 'dismissed')
     GROUP BY robot
@@ -43,7 +43,7 @@ SELECT tested.robot,
        coalesce(trouble.open_anomalies, 0) AS open_anomalies,
        round(health.friction_index, 3) AS friction_index,
        round(health.moving_relative_rmsd, 4) AS moving_relative_rmsd,
-       tested.last_run_at,
+       health.last_run_at,
        tested.complete_runs,
        tested.quarantined_runs,
        health.last_result_at,

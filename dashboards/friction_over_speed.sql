@@ -11,7 +11,7 @@
 --   :cycle    only this cycle; all if left out
 WITH robot AS (
     SELECT coalesce(nullif(:robot, ''),
-                    (SELECT robot FROM runs WHERE status = 'complete' AND kind = 'test' ORDER BY started_at DESC LIMIT 1)) AS robot
+                    (SELECT robot FROM runs WHERE status = 'complete' AND kind <> 'production' ORDER BY started_at DESC LIMIT 1)) AS robot
 ),
 chosen AS (
     SELECT robot.robot,

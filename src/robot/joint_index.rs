@@ -5,20 +5,23 @@ use std::fmt;
 /// A joint of a chain. Counts from 0 inside; people read [`JointIndex::number`], which counts
 /// from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct JointIndex(usize);
+pub struct JointIndex(
+    // every row of a friction stage has one
+    u16,
+);
 
 impl JointIndex {
-    /// The joint at `index`, counted from 0 at the base.
+    /// The joint at `index`, counted from 0 at the base; beyond 65,535, which no chain has, the last one.
     #[must_use]
     pub const fn new(index: usize) -> Self {
-        Self(index)
+        Self(if index < u16::MAX as usize { index as u16 } else { u16::MAX })
     }
 
     /// The joint that people call `number`, counted from 1 at the base; `None` for 0.
     #[must_use]
     pub const fn from_number(number: usize) -> Option<Self> {
         match number.checked_sub(1) {
-            Some(index) => Some(Self(index)),
+            Some(index) => Some(Self::new(index)),
             None => None,
         }
     }
@@ -26,13 +29,13 @@ impl JointIndex {
     /// Position in the chain, from 0 at the base.
     #[must_use]
     pub const fn index(self) -> usize {
-        self.0
+        self.0 as usize
     }
 
     /// The number people read, from 1 at the base.
     #[must_use]
     pub const fn number(self) -> usize {
-        self.0 + 1
+        self.index() + 1
     }
 }
 
