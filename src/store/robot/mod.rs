@@ -22,4 +22,5 @@ pub(super) mod alarm_state;
 pub(super) mod alarm_life;
 pub(super) mod open_test;
 pub(super) mod peers;
+mod settled;
 mod episodes;
