@@ -107,3 +107,51 @@ CREATE TRIGGER settled_history_goes_with_work AFTER DELETE ON maintenance
 BEGIN
     DELETE FROM settled_history WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
 END;
+
+-- What the next tests of a robot with a long history are compared with for their friction index (store::robot::friction_plan has
+-- the format). It follows from the tests until follows_until and goes as what is settled does.
+CREATE TABLE friction_plan (
+    robot_id      INTEGER PRIMARY KEY REFERENCES robot ON DELETE CASCADE,
+    follows_until INTEGER NOT NULL,
+    basis         INTEGER NOT NULL,
+    numbers       BLOB NOT NULL
+) STRICT;
+
+CREATE TRIGGER friction_plan_goes_with_new_test AFTER INSERT ON run
+WHEN NEW.status = 'complete' AND NEW.kind = 'test'
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+END;
+CREATE TRIGGER friction_plan_goes_with_changed_test AFTER UPDATE OF robot_id, kind, status, started_at, robot_model_id, figures_hash ON run
+WHEN 'complete' IN (OLD.status, NEW.status) AND 'test' IN (OLD.kind, NEW.kind)
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+END;
+CREATE TRIGGER friction_plan_goes_with_test AFTER DELETE ON run
+WHEN OLD.status = 'complete' AND OLD.kind = 'test'
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+END;
+CREATE TRIGGER friction_plan_goes_with_friction AFTER DELETE ON run_friction
+BEGIN
+    DELETE FROM friction_plan
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
+END;
+CREATE TRIGGER friction_plan_goes_with_new_work AFTER INSERT ON maintenance
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
+END;
+CREATE TRIGGER friction_plan_goes_with_changed_work AFTER UPDATE ON maintenance
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
+END;
+CREATE TRIGGER friction_plan_goes_with_work AFTER DELETE ON maintenance
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
+END;
+
+-- Logs of ordinary work of a robot, without the tests between them.
+CREATE INDEX run_production ON run (robot_id, status, started_at, run_id) WHERE kind = 'production';

@@ -11,10 +11,12 @@ use super::shipped_queries::shipped_queries;
 use crate::analysis::Estimator;
 use crate::cli::context::{CliError, EXIT_DONE, Global, runtime};
 use crate::cli::shared::output;
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::numerics::detect::runs::window::Lengths;
+use crate::numerics::detect::verdict::DetectSettings;
 use crate::pipeline::conclude::windows::judged;
-use crate::store::{Store, StoreError, SyntheticSize};
+use crate::pipeline::context::PipelineError;
+use crate::pipeline::friction::planned;
+use crate::store::{Store, SyntheticSize};
 
 /// A query that took longer is not asked a second time.
 const ASKED_AGAIN: Duration = Duration::from_secs(5);
@@ -119,7 +121,7 @@ struct Conclusion {
 }
 
 /// The questions of a conclusion of the first robot, in its order, and its detectors.
-async fn of_conclusion(store: &Store) -> Result<Conclusion, StoreError> {
+async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
     let names = [
         "latest warm friction",
         "friction of the first and latest tests",
@@ -143,7 +145,7 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, StoreError> {
         lap(0);
         let over_tests = store.friction_history(1, 1.0).await?;
         lap(1);
-        store.friction_tests(1).await?;
+        let friction = planned(store, 1, BASELINE_RUNS, false).await?;
         lap(2);
         let peers = store.peers(1, BASELINE_RUNS).await?;
         lap(3);
@@ -152,6 +154,9 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, StoreError> {
         let mut conclusion = store.conclude(1).await?;
         let history = conclusion.history().await?;
         conclusion.keep_friction_points(&over_tests).await?;
+        if let Some(plan) = &friction.known {
+            conclusion.keep_friction_plan(plan, BASELINE_RUNS).await?;
+        }
         let found = judged(&mut conclusion, None, &peers, &settings, &Lengths::default()).await?;
         conclusion.commit(history).await?;
         lap(5);

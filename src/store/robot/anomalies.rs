@@ -292,17 +292,20 @@ async fn starts_behind(
     kind: RunKind,
     to: i64,
 ) -> Result<Vec<i64>, sqlx::Error> {
-    sqlx::query_scalar(
-        "SELECT started_at FROM run
-         WHERE robot_id = $1 AND status = 'complete' AND kind = $2 AND started_at > $3
-         ORDER BY started_at LIMIT $4",
-    )
-    .bind(robot_id)
-    .bind(kind.name())
-    .bind(to)
-    .bind(count(RUNS_APART))
-    .fetch_all(executor)
-    .await
+    // each kind has an index of its own
+    let statement = match kind {
+        RunKind::Test => {
+            "SELECT started_at FROM run
+             WHERE robot_id = $1 AND status = 'complete' AND kind = 'test' AND started_at > $2
+             ORDER BY started_at LIMIT $3"
+        }
+        RunKind::Production => {
+            "SELECT started_at FROM run
+             WHERE robot_id = $1 AND status = 'complete' AND kind = 'production' AND started_at > $2
+             ORDER BY started_at LIMIT $3"
+        }
+    };
+    sqlx::query_scalar(statement).bind(robot_id).bind(to).bind(count(RUNS_APART)).fetch_all(executor).await
 }
 
 /// Who did something to an anomaly, and why.

@@ -6,6 +6,7 @@ use std::collections::{HashMap, HashSet};
 use jiff::Timestamp;
 use sqlx::{QueryBuilder, Row};
 
+use super::baseline_plan::known::KnownPlan;
 use super::conclude::ConclusionTransaction;
 use super::maintenance::DescriptionKey;
 use super::{friction, history, maintenance};
@@ -17,7 +18,9 @@ use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::results::temperatures;
-use crate::store::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, size, time_text};
+use crate::store::values::{
+    ROWS_PER_STATEMENT, count, finite, joint, joint_number, json_list, size, time_text,
+};
 
 /// More epochs than a joint has.
 const MOST_EPOCHS: i64 = 1_000_000;
@@ -112,7 +115,7 @@ pub struct ReplacedBaseline {
 /// Friction of a robot as its history now has it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrictionConclusion {
-    /// All tests that it stands on, oldest first.
+    /// The tests that it stands on, oldest first.
     pub run_ids: Vec<i64>,
     /// All baselines in force.
     pub baselines: Vec<NewBaseline>,
@@ -122,6 +125,10 @@ pub struct FrictionConclusion {
     pub maps: Vec<(JointIndex, Basis, Option<FrictionMap>)>,
     /// Why joints have no map, in sentences.
     pub remarks: Vec<String>,
+    /// Whether it stands on all tests. Otherwise on the latest ones, which change no baseline and no map.
+    pub is_whole: bool,
+    /// What the next tests are compared with, where the history is long.
+    pub plan: Option<KnownPlan>,
 }
 
 impl Store {
@@ -244,7 +251,26 @@ async fn friction_tests(
     robot_id: i64,
 ) -> Result<FrictionTests, sqlx::Error> {
     let moments = maintenance::test_moments(&mut *connection, robot_id).await?;
-    let mut points = points_by_run(&mut *connection, robot_id).await?;
+    of_moments(connection, robot_id, moments).await
+}
+
+/// What is known of the tests of these keys.
+pub(super) async fn friction_tests_of(
+    connection: &mut EngineConnection,
+    robot_id: i64,
+    keys: &[i64],
+) -> Result<FrictionTests, sqlx::Error> {
+    let moments = maintenance::moments_of(&mut *connection, robot_id, keys).await?;
+    of_moments(connection, robot_id, moments).await
+}
+
+async fn of_moments(
+    connection: &mut EngineConnection,
+    robot_id: i64,
+    moments: Vec<(i64, TestMoment<DescriptionKey>)>,
+) -> Result<FrictionTests, sqlx::Error> {
+    let keys: Vec<i64> = moments.iter().map(|(run_id, _)| *run_id).collect();
+    let mut points = points_by_run(&mut *connection, &keys).await?;
     let test = |(run_id, moment): (i64, TestMoment<DescriptionKey>)| {
         let (basis, points) = points.remove(&run_id).map_or((None, None), |(basis, of)| (basis, Some(of)));
         FrictionTest { run_id, moment, points, basis }
@@ -267,7 +293,7 @@ type KnownPoints = (Option<Basis>, Vec<(JointIndex, usize)>);
 
 async fn points_by_run(
     connection: &mut EngineConnection,
-    robot_id: i64,
+    keys: &[i64],
 ) -> Result<HashMap<i64, KnownPoints>, sqlx::Error> {
     // one row a test: `joint points joint points ...`
     let rows = sqlx::query(
@@ -276,9 +302,9 @@ async fn points_by_run(
                  WHERE run_friction_points.run_id = run.run_id) AS points
          FROM run
          LEFT JOIN run_friction USING (run_id)
-         WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'",
+         WHERE run.run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1))",
     )
-    .bind(robot_id)
+    .bind(json_list(keys))
     .try_map(|row: EngineRow| {
         let (is_known, points): (bool, Option<&str>) = (row.try_get("is_known")?, row.try_get("points")?);
         if !is_known && points.is_none() {
@@ -365,9 +391,12 @@ async fn replace(
     robot_id: i64,
     found: &FrictionConclusion,
 ) -> Result<Vec<ReplacedBaseline>, sqlx::Error> {
-    let replaced = replace_baselines(&mut *connection, robot_id, found).await?;
-    let joints: HashSet<JointIndex> = found.maps.iter().map(|(joint, ..)| *joint).collect();
-    friction::keep_maps(&mut *connection, robot_id, &joints).await?;
+    let mut replaced = Vec::new();
+    if found.is_whole {
+        replaced = replace_baselines(&mut *connection, robot_id, found).await?;
+        let joints: HashSet<JointIndex> = found.maps.iter().map(|(joint, ..)| *joint).collect();
+        friction::keep_maps(&mut *connection, robot_id, &joints).await?;
+    }
     for (_, basis, map) in &found.maps {
         if let Some(map) = map {
             friction::replace_map(&mut *connection, robot_id, map, basis).await?;
@@ -375,9 +404,12 @@ async fn replace(
     }
     // a test may have left the history since it was read
     let complete: HashSet<i64> = sqlx::query_scalar(
-        "SELECT run_id FROM run WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'",
+        "SELECT run_id FROM run
+         WHERE run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($2)) AND robot_id = $1 AND kind = 'test'
+               AND status = 'complete'",
     )
     .bind(robot_id)
+    .bind(json_list(&found.indices.iter().map(|of| of.run_id).collect::<Vec<i64>>()))
     .fetch_all(&mut *connection)
     .await?
     .into_iter()

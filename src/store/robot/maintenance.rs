@@ -192,7 +192,7 @@ pub(in crate::store) async fn test_moments(
 }
 
 /// As [`test_moments`], of the tests of these keys, of which one may not be complete.
-async fn moments_of(
+pub(super) async fn moments_of(
     connection: &mut EngineConnection,
     robot_id: i64,
     keys: &[i64],

@@ -23,4 +23,5 @@ pub(super) mod alarm_life;
 pub(super) mod open_test;
 pub(super) mod peers;
 mod settled;
+mod friction_plan;
 mod episodes;

@@ -178,7 +178,10 @@ async fn forget_others(
         None => true,
     };
     if !is_readable {
-        sqlx::query("DELETE FROM settled_history WHERE robot_id = $1").bind(robot_id).execute(connection).await?;
+        sqlx::query("DELETE FROM settled_history WHERE robot_id = $1")
+            .bind(robot_id)
+            .execute(connection)
+            .await?;
     }
     Ok(())
 }
@@ -273,7 +276,15 @@ fn pack(bytes: &mut Vec<u8>, of: &Anomaly) {
     bytes.push(u8::from(of.ended));
     add_numbers(
         bytes,
-        [of.score, of.threshold, of.value, of.baseline, of.peak_value, of.peak_score, of.odds.unwrap_or(-1.0)],
+        [
+            of.score,
+            of.threshold,
+            of.value,
+            of.baseline,
+            of.peak_value,
+            of.peak_score,
+            of.odds.unwrap_or(-1.0),
+        ],
     );
     // no cycle has the number 0
     for cycle in [of.first_cycle, of.onset.cycle] {
@@ -306,7 +317,8 @@ fn anomaly(reader: &mut Reader<'_>) -> Option<Anomaly> {
     let (first_seen_at, last_seen_at) = (moment_of(reader)?, moment_of(reader)?);
     let onset = Onset { run_id: onset_run_id, cycle: onset_cycle, at: moment_of(reader)? };
     let (quantity, message) = (quantity(&text(reader)?)?, text(reader)?);
-    let alternatives = reader.list(|reader| Some(Alternative { cause: text(reader)?, odds: reader.f64()? }))?;
+    let alternatives =
+        reader.list(|reader| Some(Alternative { cause: text(reader)?, odds: reader.f64()? }))?;
     Some(Anomaly {
         joint: if joint == 0 { None } else { Some(JointIndex::from_number(joint)?) },
         kind,

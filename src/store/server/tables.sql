@@ -871,3 +871,10 @@ CREATE TABLE run_brief (
     brief bytea NOT NULL,
     judgements bytea NOT NULL
 );
+
+CREATE TABLE friction_plan (
+    robot_id bigint PRIMARY KEY REFERENCES robot ON DELETE CASCADE,
+    follows_until bigint NOT NULL,
+    basis bigint NOT NULL,
+    numbers bytea NOT NULL
+);

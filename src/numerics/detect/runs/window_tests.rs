@@ -35,7 +35,8 @@ impl Said {
 /// Tests of the window behind a boundary, and no more than are asked for.
 fn window(history: &[RunSummary], settled: &Settled, lengths: &Lengths) -> Vec<RunSummary> {
     let read = history.iter().filter(|run| settled.read.contains(&run.run_id));
-    let behind = |run: &&RunSummary| settled.leads_from.is_none_or(|from| (run.started_at, run.run_id) >= from);
+    let behind =
+        |run: &&RunSummary| settled.leads_from.is_none_or(|from| (run.started_at, run.run_id) >= from);
     let behind = history.iter().filter(behind).take(lengths.most_behind(settled));
     read.chain(behind).cloned().collect()
 }
@@ -124,7 +125,8 @@ fn whatever_came_when_the_same_is_settled() {
 #[test]
 fn a_late_test_changes_what_it_would_have_changed_in_time() {
     // the second of two tests that show a load comes late
-    let state = |run: i64| State { mass: if (60..62).contains(&run) { 0.8 } else { 0.0 }, ..State::default() };
+    let state =
+        |run: i64| State { mass: if (60..62).contains(&run) { 0.8 } else { 0.0 }, ..State::default() };
     let whole = fleet(200, 3, state);
     let mut without = whole.clone();
     let late = without.remove(61);
@@ -154,7 +156,10 @@ fn spans(of: &[&Anomaly]) -> Vec<(AnomalyKind, Option<JointIndex>, i64, i64)> {
 #[test]
 fn a_fault_that_stays_is_one_anomaly_over_all_boundaries() {
     let faults: [(AnomalyKind, fn(State) -> State); 4] = [
-        (AnomalyKind::Step, |of| State { friction: Some(|joint, _| if joint == 2 { 0.2 } else { 0.0 }), ..of }),
+        (AnomalyKind::Step, |of| State {
+            friction: Some(|joint, _| if joint == 2 { 0.2 } else { 0.0 }),
+            ..of
+        }),
         (AnomalyKind::Payload, |of| State { mass: 0.8, ..of }),
         (AnomalyKind::Oscillation, |of| State { friction: Some(swinging), ..of }),
         (AnomalyKind::Sensor, |of| State { offset: Some((1, 1.1)), ..of }),
@@ -169,7 +174,9 @@ fn a_fault_that_stays_is_one_anomaly_over_all_boundaries() {
         for tests in (52..=290).step_by(17) {
             let now = said(&history[..tests], std::mem::take(&mut known), &SHORT);
             let of_kind: Vec<&Anomaly> = now.all().into_iter().filter(|of| of.kind == kind).collect();
-            let [of] = of_kind[..] else { panic!("{kind}: one after {tests} tests: {:?}", spans(&now.all())) };
+            let [of] = of_kind[..] else {
+                panic!("{kind}: one after {tests} tests: {:?}", spans(&now.all()))
+            };
             assert!(!of.ended && of.last_run_id == tests as i64, "{kind} after {tests} tests: {of:?}");
             first.insert((of.first_run_id, of.onset.run_id));
             known = now.settled;
@@ -181,13 +188,15 @@ fn a_fault_that_stays_is_one_anomaly_over_all_boundaries() {
 
 #[test]
 fn what_has_ended_stays_as_it_is() {
-    let state = |run: i64| State { mass: if (20..30).contains(&run) { 0.8 } else { 0.0 }, ..State::default() };
+    let state =
+        |run: i64| State { mass: if (20..30).contains(&run) { 0.8 } else { 0.0 }, ..State::default() };
     let history = fleet(280, 4, state);
     let mut known = Vec::new();
     let mut seen = BTreeSet::new();
     for tests in (33..=280).step_by(19) {
         let now = said(&history[..tests], std::mem::take(&mut known), &SHORT);
-        let loads: Vec<&Anomaly> = now.all().into_iter().filter(|of| of.kind == AnomalyKind::Payload).collect();
+        let loads: Vec<&Anomaly> =
+            now.all().into_iter().filter(|of| of.kind == AnomalyKind::Payload).collect();
         assert_eq!(loads.len(), 1, "after {tests} tests: {loads:?}");
         seen.insert(format!("{:?}", loads[0]));
         known = now.settled;
@@ -197,7 +206,8 @@ fn what_has_ended_stays_as_it_is() {
 
 #[test]
 fn work_on_the_arm_ends_what_was_open_and_windows_stay_short() {
-    let state = |run: i64| State { mass: if (30..150).contains(&run) { 0.8 } else { 0.0 }, ..State::default() };
+    let state =
+        |run: i64| State { mass: if (30..150).contains(&run) { 0.8 } else { 0.0 }, ..State::default() };
     let mut history = fleet(520, 6, state);
     for run in &mut history[150..] {
         run.epochs = vec![1; 6];

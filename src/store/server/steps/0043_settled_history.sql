@@ -168,3 +168,82 @@ END $$;
 CREATE TRIGGER settled_history_goes_with_work AFTER DELETE ON maintenance
 FOR EACH ROW
 EXECUTE FUNCTION settled_history_goes_with_work();
+
+CREATE TABLE friction_plan (
+    robot_id bigint PRIMARY KEY REFERENCES robot ON DELETE CASCADE,
+    follows_until bigint NOT NULL,
+    basis bigint NOT NULL,
+    numbers bytea NOT NULL
+);
+
+CREATE FUNCTION friction_plan_goes_with_new_test() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_new_test AFTER INSERT ON run
+FOR EACH ROW
+WHEN (NEW.status = 'complete' AND NEW.kind = 'test')
+EXECUTE FUNCTION friction_plan_goes_with_new_test();
+
+CREATE FUNCTION friction_plan_goes_with_changed_test() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_changed_test AFTER UPDATE OF robot_id, kind, status, started_at, robot_model_id, figures_hash ON run
+FOR EACH ROW
+WHEN ('complete' IN (OLD.status, NEW.status) AND 'test' IN (OLD.kind, NEW.kind))
+EXECUTE FUNCTION friction_plan_goes_with_changed_test();
+
+CREATE FUNCTION friction_plan_goes_with_test() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_test AFTER DELETE ON run
+FOR EACH ROW
+WHEN (OLD.status = 'complete' AND OLD.kind = 'test')
+EXECUTE FUNCTION friction_plan_goes_with_test();
+
+CREATE FUNCTION friction_plan_goes_with_friction() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_friction AFTER DELETE ON run_friction
+FOR EACH ROW
+EXECUTE FUNCTION friction_plan_goes_with_friction();
+
+CREATE FUNCTION friction_plan_goes_with_new_work() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_new_work AFTER INSERT ON maintenance
+FOR EACH ROW
+EXECUTE FUNCTION friction_plan_goes_with_new_work();
+
+CREATE FUNCTION friction_plan_goes_with_changed_work() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_changed_work AFTER UPDATE ON maintenance
+FOR EACH ROW
+EXECUTE FUNCTION friction_plan_goes_with_changed_work();
+
+CREATE FUNCTION friction_plan_goes_with_work() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_work AFTER DELETE ON maintenance
+FOR EACH ROW
+EXECUTE FUNCTION friction_plan_goes_with_work();
+
+CREATE INDEX run_production ON run (robot_id, status, started_at, run_id) WHERE kind = 'production';
