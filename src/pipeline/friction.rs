@@ -91,7 +91,8 @@ pub async fn planned(
 
 /// Friction of a robot as its history now has it: baselines and maps by the rule of [`plan`], and the index of every test
 /// whose stored one stands on something else. A test is computed once, so that the work follows from what is new; tests
-/// are read one at a time. `of_all` as for [`planned`].
+/// are read one at a time. With it, what the next tests are compared with, where the history is long. `of_all` as for
+/// [`planned`].
 ///
 /// # Errors
 /// Those of the store.
@@ -100,7 +101,7 @@ pub async fn friction_conclusion(
     robot_id: i64,
     baseline_runs: usize,
     of_all: bool,
-) -> Result<FrictionConclusion, PipelineError> {
+) -> Result<(FrictionConclusion, Option<KnownPlan>), PipelineError> {
     let Planned { found, plan, unseen, is_whole, known } =
         planned(store, robot_id, baseline_runs, of_all).await?;
     let is_due = |at: usize| {
@@ -123,7 +124,6 @@ pub async fn friction_conclusion(
         baselines: if is_whole { baselines(&plan, &found, &maps) } else { Vec::new() },
         remarks: maps.remarks(),
         is_whole,
-        plan: known,
         ..FrictionConclusion::default()
     };
     for (at, joint) in current {
@@ -137,7 +137,7 @@ pub async fn friction_conclusion(
         }
     }
     conclusion.indices = compare(store, &found, &plan, &Arc::new(maps), &due).await?;
-    Ok(conclusion)
+    Ok((conclusion, known))
 }
 
 /// Counts the friction points of tests that nobody has looked at; their positions.

@@ -129,9 +129,10 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
         "peers",
         "windows of ordinary work",
         "tests of the window",
+        "logs, stored anomalies",
     ];
     let settings = DetectSettings::default();
-    let mut times = [[Duration::ZERO; 6]; 2];
+    let mut times = [[Duration::ZERO; 7]; 2];
     let mut detectors = [Duration::ZERO; 2];
     let (mut read, mut judged_tests) = ([0; 2], [0; 2]);
     for turn in 0..2 {
@@ -158,8 +159,13 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
             conclusion.keep_friction_plan(plan, BASELINE_RUNS).await?;
         }
         let found = judged(&mut conclusion, None, &peers, &settings, &Lengths::default()).await?;
-        conclusion.commit(history).await?;
         lap(5);
+        conclusion.summarise_settled_logs().await?;
+        conclusion.production_summaries().await?;
+        conclusion.reconcile_with(&found.findings, &found.settled).await?;
+        conclusion.settle_withdrawn(&found.at).await?;
+        conclusion.commit(history).await?;
+        lap(6);
         times[5] = times[5].saturating_sub(found.computing);
         (detectors[turn], read[turn], judged_tests[turn]) = (found.computing, found.read, found.tests);
     }

@@ -108,7 +108,8 @@ impl Pipeline {
         let mixed = tokio::task::spawn_blocking(move || warm_up_fits(&points)).await?;
         let baseline_runs = self.config.detect.baseline_runs;
         // what completes meanwhile is told from what is known by the keys of all tests
-        let friction = friction_conclusion(&self.store, robot.robot_id, baseline_runs, in_any_case).await?;
+        let (friction, plan) =
+            friction_conclusion(&self.store, robot.robot_id, baseline_runs, in_any_case).await?;
         for remark in &friction.remarks {
             tracing::debug!(robot = robot.name, "{remark}");
         }
@@ -132,8 +133,8 @@ impl Pipeline {
         }
         conclusion.replace_mixed_fits(&mixed).await?;
         let replaced = conclusion.replace_friction(&friction).await?;
-        if let Some(plan) = friction.plan.as_ref().filter(|_| now == history) {
-            conclusion.keep_friction_plan(plan, baseline_runs).await?;
+        if let Some(plan) = plan.filter(|_| now == history) {
+            conclusion.keep_friction_plan(&plan, baseline_runs).await?;
         }
         // detectors watch the indices that were stored just now; a test that completed meanwhile has none yet
         let known: HashSet<i64> = friction.run_ids.iter().copied().collect();

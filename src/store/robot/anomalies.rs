@@ -7,7 +7,7 @@ use sqlx::{QueryBuilder, Row};
 
 use super::alarm_state::{AlarmState, Before, EventKind, Life, Now, Told, go_on};
 use super::episodes::{Episode, RUNS_APART, Starts, is_another_fault, same};
-use super::settled;
+use super::settled_rows;
 use crate::anomaly::{Alternative, Anomaly, Findings, JointHealth, Severity};
 use crate::run::RunKind;
 use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
@@ -120,7 +120,7 @@ pub(in crate::store) async fn reconcile(
         let Some(known) = known.map(|o| &stored[o]) else {
             let state = if anomaly.ended { AlarmState::Resolved } else { AlarmState::Open };
             let id = insert_anomaly(&mut *connection, robot_id, anomaly, state, None).await?;
-            settled::settle_anomaly(&mut *connection, id, settled_by).await?;
+            settled_rows::settle_anomaly(&mut *connection, id, settled_by).await?;
             if !anomaly.ended {
                 events.push(record(&mut *connection, id, EventKind::Opened, None).await?);
             }
@@ -139,7 +139,7 @@ pub(in crate::store) async fn reconcile(
         for what in happened {
             events.push(record(&mut *connection, known.anomaly_id, what, None).await?);
         }
-        settled::settle_anomaly(&mut *connection, known.anomaly_id, settled_by).await?;
+        settled_rows::settle_anomaly(&mut *connection, known.anomaly_id, settled_by).await?;
     }
     replace_health(&mut *connection, robot_id, &findings.health).await?;
     set_expected_by(connection, robot_id, findings.expected_by).await?;

@@ -4,8 +4,9 @@
 //! (migration 0043). Where it is not there, all tests are read.
 
 use super::baseline_plan::known::{KnownMap, KnownPlan};
-use super::baselines::{self, FrictionTests};
+use super::baselines::FrictionTests;
 use super::conclude::ConclusionTransaction;
+use super::friction_tests;
 use super::packed::{Reader, add_count, add_joint};
 use crate::robot::JointIndex;
 use crate::store::engine::EngineExecutor;
@@ -47,7 +48,7 @@ impl Store {
         let mut connection = self.checked(self.readers.acquire().await)?;
         let keys = behind(&mut *connection, robot_id, plan.remembers_from()).await;
         let keys = [plan.tests(), self.checked(keys)?].concat();
-        self.checked(baselines::friction_tests_of(&mut connection, robot_id, &keys).await)
+        self.checked(friction_tests::of_keys(&mut connection, robot_id, &keys).await)
     }
 }
 

@@ -155,7 +155,8 @@ fn spans(of: &[&Anomaly]) -> Vec<(AnomalyKind, Option<JointIndex>, i64, i64)> {
 
 #[test]
 fn a_fault_that_stays_is_one_anomaly_over_all_boundaries() {
-    let faults: [(AnomalyKind, fn(State) -> State); 4] = [
+    type Fault = fn(State) -> State;
+    let faults: [(AnomalyKind, Fault); 4] = [
         (AnomalyKind::Step, |of| State {
             friction: Some(|joint, _| if joint == 2 { 0.2 } else { 0.0 }),
             ..of
