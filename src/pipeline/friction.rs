@@ -17,8 +17,8 @@ use crate::numerics::friction::run_record::coverage;
 use crate::numerics::spare_threads::SpareThreads;
 use crate::robot::JointIndex;
 use crate::store::{
-    CycleSpeedFits, FrictionConclusion, FrictionPlan, FrictionTests, NewBaseline, NewIndices, PlannedMap,
-    Store, plan,
+    CycleSpeedFits, FrictionConclusion, FrictionPlan, FrictionTests, KnownPlan, NewBaseline, NewIndices,
+    PlannedMap, Store, plan,
 };
 
 /// Fits friction over speed of each cycle of run `run_id`, on more threads than one while some are `spare`.
@@ -57,9 +57,48 @@ fn speed_fits(
     fits.into_iter().flatten().collect()
 }
 
+/// Tests of a robot by which friction is concluded, and the plan of them.
+#[derive(Debug)]
+pub struct Planned {
+    found: FrictionTests,
+    plan: FrictionPlan,
+    /// Positions of tests whose points were counted now.
+    unseen: HashSet<usize>,
+    /// Whether it is the plan of all tests.
+    is_whole: bool,
+    /// What the next tests are compared with.
+    pub known: Option<KnownPlan>,
+}
+
+/// Reads the tests of a robot by which friction is concluded. Of a long history these are the latest and those that they are
+/// compared with, unless all are asked for: the plan of these says of the latest what that of all tests says.
+///
+/// # Errors
+/// Those of the store.
+pub async fn planned(
+    store: &Store,
+    robot_id: i64,
+    baseline_runs: usize,
+    of_all: bool,
+) -> Result<Planned, PipelineError> {
+    if !of_all && let Some(known) = store.friction_plan(robot_id, baseline_runs).await? {
+        let mut found = store.friction_tests_of(robot_id, &known).await?;
+        let unseen = look_at_points(store, &mut found).await?;
+        if let Some((plan, known)) = known.extended(&found, baseline_runs) {
+            return Ok(Planned { found, plan, unseen, is_whole: false, known: Some(known) });
+        }
+    }
+    let mut found = store.friction_tests(robot_id).await?;
+    let unseen = look_at_points(store, &mut found).await?;
+    let plan = plan(&found, baseline_runs);
+    let known = KnownPlan::of(&found, &plan);
+    Ok(Planned { found, plan, unseen, is_whole: true, known })
+}
+
 /// Friction of a robot as its history now has it: baselines and maps by the rule of [`plan`], and the index of every test
 /// whose stored one stands on something else. A test is computed once, so that the work follows from what is new; tests
-/// are read one at a time.
+/// are read one at a time. With it, what the next tests are compared with, where the history is long. `of_all` as for
+/// [`planned`].
 ///
 /// # Errors
 /// Those of the store.
@@ -67,21 +106,30 @@ pub async fn friction_conclusion(
     store: &Store,
     robot_id: i64,
     baseline_runs: usize,
-) -> Result<FrictionConclusion, PipelineError> {
-    let mut found = store.friction_tests(robot_id).await?;
-    let unseen = look_at_points(store, &mut found).await?;
-    let plan = plan(&found, baseline_runs);
-    let is_due = |at: usize| unseen.contains(&at) || plan.tests[at].basis != found.tests[at].basis;
+    of_all: bool,
+) -> Result<(FrictionConclusion, Option<KnownPlan>), PipelineError> {
+    let Planned { found, plan, unseen, is_whole, known } =
+        planned(store, robot_id, baseline_runs, of_all).await?;
+    let is_due = |at: usize| {
+        let basis = plan.tests[at].basis;
+        unseen.contains(&at) || (basis != found.tests[at].basis && (is_whole || basis.is_some()))
+    };
     let due: Vec<usize> = (0..found.tests.len()).filter(|at| is_due(*at)).collect();
-    let current = current_maps(&plan);
+    let current = if is_whole { current_maps(&plan) } else { Vec::new() };
     let mut maps = HeldMaps::default();
-    for at in needed_maps(&plan, &found, &due, &current) {
+    let needed = match is_whole {
+        true => needed_maps(&plan, &found, &due, &current),
+        false if due.is_empty() => BTreeSet::new(),
+        false => (0..plan.maps.len()).collect(),
+    };
+    for at in needed {
         maps.form(store, &found, &plan, at).await?;
     }
     let mut conclusion = FrictionConclusion {
         run_ids: found.tests.iter().map(|test| test.run_id).collect(),
-        baselines: baselines(&plan, &found, &maps),
+        baselines: if is_whole { baselines(&plan, &found, &maps) } else { Vec::new() },
         remarks: maps.remarks(),
+        is_whole,
         ..FrictionConclusion::default()
     };
     for (at, joint) in current {
@@ -95,7 +143,7 @@ pub async fn friction_conclusion(
         }
     }
     conclusion.indices = compare(store, &found, &plan, &Arc::new(maps), &due).await?;
-    Ok(conclusion)
+    Ok((conclusion, known))
 }
 
 /// Counts the friction points of tests that nobody has looked at; their positions.

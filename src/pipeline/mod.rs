@@ -12,7 +12,7 @@ pub mod stored;
 pub mod look;
 mod open_rows;
 pub mod context;
-mod friction;
+pub mod friction;
 mod production;
 mod streaming;
 pub mod ahead;

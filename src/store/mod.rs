@@ -73,6 +73,7 @@ pub use retention::{DueRun, FreeSpace, KeptSince, MOST_REFERENCES};
 pub use robot::alarm_life::{AlarmAction, AnomalyHistoryRow, NotDone, SeriesRun};
 pub use robot::alarm_state::{AlarmState, EventKind};
 pub use robot::anomalies::{AnomalyEvent, Reconciled};
+pub use robot::baseline_plan::known::{KnownMap, KnownPlan};
 pub use robot::baseline_plan::{FrictionPlan, PlannedMap, PlannedTest, plan};
 pub use robot::baselines::{
     BaselineChange, BaselineRow, Basis, FrictionConclusion, FrictionTest, FrictionTests, NewBaseline,

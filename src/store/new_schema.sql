@@ -1,4 +1,4 @@
--- made from migrations 658311e40d4c9a6887ff1fe92d9129645c434f6b27b1a76fed0adc70c9139092
+-- made from migrations c3d883559f2c73abe6eb9d342f5e5264d0f332baab55d54b65913411733ac5d0
 PRAGMA application_id = 1098343522;
 CREATE TABLE _sqlx_migrations (
     version BIGINT PRIMARY KEY,
@@ -768,7 +768,7 @@ CREATE TABLE "anomaly" (
     resolved_seen_at INTEGER CHECK (resolved_seen_at IS NULL OR state = 'resolved'),
     -- Whether the history has it no longer; `state` then is what people had said, in case it comes back.
     withdrawn     INTEGER NOT NULL DEFAULT 0 CHECK (withdrawn IN (0, 1))
-, open_run_id INTEGER REFERENCES run ON DELETE SET NULL, first_seen_at_text TEXT, last_seen_at_text TEXT, onset_at_text TEXT, shelved_until_text TEXT) STRICT;
+, open_run_id INTEGER REFERENCES run ON DELETE SET NULL, first_seen_at_text TEXT, last_seen_at_text TEXT, onset_at_text TEXT, shelved_until_text TEXT, settled_history_id INTEGER REFERENCES settled_history ON DELETE SET NULL) STRICT;
 CREATE INDEX anomaly_by_robot ON anomaly (robot_id, kind, joint);
 CREATE INDEX anomaly_by_first_run ON anomaly (first_run_id);
 CREATE INDEX anomaly_by_last_run ON anomaly (last_run_id);
@@ -1835,6 +1835,145 @@ FROM host_session AS latest
 WHERE latest.kind = 'daemon'
   AND latest.host_session_id = (SELECT max(own.host_session_id) FROM host_session AS own
                                 WHERE own.host = latest.host AND own.kind = 'daemon');
+CREATE TABLE settled_history (
+    settled_history_id INTEGER PRIMARY KEY AUTOINCREMENT,
+    robot_id           INTEGER NOT NULL REFERENCES robot ON DELETE CASCADE,
+    tests              INTEGER NOT NULL CHECK (tests > 0),
+    -- Start of the latest test that it follows from, microseconds since 1970.
+    follows_until      INTEGER NOT NULL,
+    basis              INTEGER NOT NULL,
+    numbers            BLOB NOT NULL,
+    UNIQUE (robot_id, tests)
+) STRICT;
+CREATE INDEX settled_history_by_time ON settled_history (robot_id, follows_until);
+CREATE INDEX anomaly_by_settled_history ON anomaly (settled_history_id) WHERE settled_history_id IS NOT NULL;
+CREATE INDEX anomaly_not_settled ON anomaly (robot_id, anomaly_id) WHERE settled_history_id IS NULL;
+CREATE TRIGGER settled_history_goes_with_new_test AFTER INSERT ON run
+WHEN NEW.status = 'complete' AND NEW.kind = 'test'
+BEGIN
+    DELETE FROM settled_history WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+END;
+CREATE TRIGGER settled_history_goes_with_changed_test AFTER UPDATE OF robot_id, kind, status, started_at, cycles_stored, robot_model_id, figures_hash ON run
+WHEN 'complete' IN (OLD.status, NEW.status) AND 'test' IN (OLD.kind, NEW.kind)
+BEGIN
+    DELETE FROM settled_history WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+    DELETE FROM settled_history WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+END;
+CREATE TRIGGER settled_history_goes_with_test AFTER DELETE ON run
+WHEN OLD.status = 'complete' AND OLD.kind = 'test'
+BEGIN
+    DELETE FROM settled_history WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+END;
+CREATE TRIGGER settled_history_goes_with_brief AFTER DELETE ON run_brief
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
+END;
+CREATE TRIGGER settled_history_goes_with_changed_reason AFTER UPDATE OF reason ON cycle
+WHEN 'refused' IN (OLD.status, NEW.status)
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
+END;
+CREATE TRIGGER settled_history_goes_with_new_refusal AFTER INSERT ON cycle_refusal
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = NEW.cycle_id)
+          AND follows_until >= (SELECT run.started_at FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = NEW.cycle_id);
+END;
+CREATE TRIGGER settled_history_goes_with_changed_refusal AFTER UPDATE ON cycle_refusal
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = OLD.cycle_id)
+          AND follows_until >= (SELECT run.started_at FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = OLD.cycle_id);
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = NEW.cycle_id)
+          AND follows_until >= (SELECT run.started_at FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = NEW.cycle_id);
+END;
+CREATE TRIGGER settled_history_goes_with_refusal AFTER DELETE ON cycle_refusal
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = OLD.cycle_id)
+          AND follows_until >= (SELECT run.started_at FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = OLD.cycle_id);
+END;
+CREATE TRIGGER settled_history_goes_with_new_response AFTER INSERT ON channel_response
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
+END;
+CREATE TRIGGER settled_history_goes_with_changed_response AFTER UPDATE ON channel_response
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
+END;
+CREATE TRIGGER settled_history_goes_with_response AFTER DELETE ON channel_response
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
+END;
+CREATE TRIGGER settled_history_goes_with_new_work AFTER INSERT ON maintenance
+BEGIN
+    DELETE FROM settled_history WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
+END;
+CREATE TRIGGER settled_history_goes_with_changed_work AFTER UPDATE ON maintenance
+BEGIN
+    DELETE FROM settled_history WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
+    DELETE FROM settled_history WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
+END;
+CREATE TRIGGER settled_history_goes_with_work AFTER DELETE ON maintenance
+BEGIN
+    DELETE FROM settled_history WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
+END;
+CREATE TABLE friction_plan (
+    robot_id      INTEGER PRIMARY KEY REFERENCES robot ON DELETE CASCADE,
+    follows_until INTEGER NOT NULL,
+    basis         INTEGER NOT NULL,
+    numbers       BLOB NOT NULL
+) STRICT;
+CREATE TRIGGER friction_plan_goes_with_new_test AFTER INSERT ON run
+WHEN NEW.status = 'complete' AND NEW.kind = 'test'
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+END;
+CREATE TRIGGER friction_plan_goes_with_changed_test AFTER UPDATE OF robot_id, kind, status, started_at, robot_model_id, figures_hash ON run
+WHEN 'complete' IN (OLD.status, NEW.status) AND 'test' IN (OLD.kind, NEW.kind)
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+END;
+CREATE TRIGGER friction_plan_goes_with_test AFTER DELETE ON run
+WHEN OLD.status = 'complete' AND OLD.kind = 'test'
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+END;
+CREATE TRIGGER friction_plan_goes_with_friction AFTER DELETE ON run_friction
+BEGIN
+    DELETE FROM friction_plan
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
+END;
+CREATE TRIGGER friction_plan_goes_with_new_work AFTER INSERT ON maintenance
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
+END;
+CREATE TRIGGER friction_plan_goes_with_changed_work AFTER UPDATE ON maintenance
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
+END;
+CREATE TRIGGER friction_plan_goes_with_work AFTER DELETE ON maintenance
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
+END;
+CREATE INDEX run_production ON run (robot_id, status, started_at, run_id) WHERE kind = 'production';
 INSERT INTO database_identity (only_one, identity) VALUES (1, lower(hex(randomblob(6))));
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly', 0);
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly_event', 0);

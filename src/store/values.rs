@@ -22,6 +22,12 @@ pub(super) fn json_numbers(values: &[f64]) -> String {
     format!("[{}]", texts.join(","))
 }
 
+/// Keys as a JSON array.
+pub(super) fn json_list(keys: &[i64]) -> String {
+    let texts: Vec<String> = keys.iter().map(i64::to_string).collect();
+    format!("[{}]", texts.join(","))
+}
+
 /// A count as SQLite holds it. Nothing counted here comes near the limit.
 pub(super) fn count(value: impl TryInto<i64>) -> i64 {
     value.try_into().unwrap_or(i64::MAX)

@@ -11,9 +11,12 @@ use super::shipped_queries::shipped_queries;
 use crate::analysis::Estimator;
 use crate::cli::context::{CliError, EXIT_DONE, Global, runtime};
 use crate::cli::shared::output;
+use crate::numerics::detect::runs::window::Lengths;
 use crate::numerics::detect::verdict::DetectSettings;
-use crate::pipeline::conclude::in_brief::detected;
-use crate::store::{Store, StoreError, SyntheticSize};
+use crate::pipeline::conclude::windows::judged;
+use crate::pipeline::context::PipelineError;
+use crate::pipeline::friction::planned;
+use crate::store::{Store, SyntheticSize};
 
 /// A query that took longer is not asked a second time.
 const ASKED_AGAIN: Duration = Duration::from_secs(5);
@@ -113,24 +116,27 @@ struct Conclusion {
     detectors: Asked,
     /// Tests whose cycles were read, the first time and then.
     read: [usize; 2],
+    /// Tests that the detectors had.
+    judged: [usize; 2],
 }
 
 /// The questions of a conclusion of the first robot, in its order, and its detectors.
-async fn of_conclusion(store: &Store) -> Result<Conclusion, StoreError> {
+async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
     let names = [
         "latest warm friction",
         "friction of the first and latest tests",
         "tests of baselines",
         "peers",
         "windows of ordinary work",
-        "tests in brief",
-        "cycles of some tests",
+        "tests of the window",
+        "logs, stored anomalies",
     ];
     let settings = DetectSettings::default();
     let mut times = [[Duration::ZERO; 7]; 2];
     let mut detectors = [Duration::ZERO; 2];
-    let mut read = [0; 2];
-    for ((times, detectors), read) in times.iter_mut().zip(&mut detectors).zip(&mut read) {
+    let (mut read, mut judged_tests) = ([0; 2], [0; 2]);
+    for turn in 0..2 {
+        let times = &mut times[turn];
         let mut began = Instant::now();
         let mut lap = |place: usize| {
             times[place] += began.elapsed();
@@ -140,7 +146,7 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, StoreError> {
         lap(0);
         let over_tests = store.friction_history(1, 1.0).await?;
         lap(1);
-        store.friction_tests(1).await?;
+        let friction = planned(store, 1, BASELINE_RUNS, false).await?;
         lap(2);
         let peers = store.peers(1, BASELINE_RUNS).await?;
         lap(3);
@@ -149,14 +155,19 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, StoreError> {
         let mut conclusion = store.conclude(1).await?;
         let history = conclusion.history().await?;
         conclusion.keep_friction_points(&over_tests).await?;
-        let mut tests = conclusion.run_briefs().await?;
+        if let Some(plan) = &friction.known {
+            conclusion.keep_friction_plan(plan, BASELINE_RUNS).await?;
+        }
+        let found = judged(&mut conclusion, None, &peers, &settings, &Lengths::default()).await?;
         lap(5);
-        let found = detected(&mut conclusion, &mut tests, &peers, &settings).await?;
+        conclusion.summarise_settled_logs().await?;
+        conclusion.production_summaries().await?;
+        conclusion.reconcile_with(&found.findings, &found.settled).await?;
+        conclusion.settle_withdrawn(&found.at).await?;
         conclusion.commit(history).await?;
         lap(6);
-        times[6] = times[6].saturating_sub(found.computing);
-        *detectors = found.computing;
-        *read = found.read;
+        times[5] = times[5].saturating_sub(found.computing);
+        (detectors[turn], read[turn], judged_tests[turn]) = (found.computing, found.read, found.tests);
     }
     let [first, then] = times;
     let asked = names.into_iter().zip(first.into_iter().zip(then));
@@ -168,7 +179,7 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, StoreError> {
     };
     let [first, then] = detectors;
     let detectors = Asked { collection: "conclusion", question: "detectors".into(), first, then };
-    Ok(Conclusion { asked: asked.map(row).collect(), detectors, read })
+    Ok(Conclusion { asked: asked.map(row).collect(), detectors, read, judged: judged_tests })
 }
 
 fn report(
@@ -180,7 +191,7 @@ fn report(
     mut queries: Vec<Asked>,
 ) {
     let ms = |time: Duration| (time.as_secs_f64() * 1e5).round() / 100.0;
-    let Conclusion { asked: conclusion, detectors, read } = conclusion;
+    let Conclusion { asked: conclusion, detectors, read, judged } = conclusion;
     let together = |of: fn(&Asked) -> Duration| ms(conclusion.iter().map(of).sum());
     let (first, then) = (together(|asked| asked.first), together(|asked| asked.then));
     queries.sort_by_key(|asked| asked.then);
@@ -198,7 +209,7 @@ fn report(
         return output::json(&json!({
             "robots": robots, "runs": runs, "cycles": cycles, "joint_cycles": joint_cycles, "bytes": bytes,
             "made_s": made.as_secs_f64(), "conclusion": rows(conclusion), "conclusion_first_ms": first,
-            "conclusion_then_ms": then, "detectors": rows(std::slice::from_ref(detectors)), "tests_read": read,
+            "conclusion_then_ms": then, "detectors": rows(std::slice::from_ref(detectors)), "tests_read": read, "tests_judged": judged,
             "queries": rows(&queries), "queries_p95_ms": p95(&all),
         }));
     }
@@ -213,7 +224,10 @@ fn report(
     rows.push(vec!["together".into(), format!("{first:.1}"), format!("{then:.1}")]);
     rows.push(row(detectors));
     output::line(&output::table(&["conclusion of one robot", "first_ms", "then_ms"], &rows));
-    output::line(&format!("cycles of {} tests were read the first time, then of {}", read[0], read[1]));
+    output::line(&format!(
+        "cycles of {} tests were read the first time, then of {}; {} tests were judged, then {}",
+        read[0], read[1], judged[0], judged[1]
+    ));
     let rows: Vec<Vec<String>> = queries.iter().rev().take(SLOWEST).map(row).collect();
     output::line(&output::table(&["shipped queries, the slowest", "first_ms", "then_ms"], &rows));
     let number = |p95: Option<f64>| p95.map_or_else(|| "-".to_owned(), |p95| format!("{p95:.1}"));

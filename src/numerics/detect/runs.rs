@@ -36,6 +36,7 @@ mod health;
 mod next_test;
 pub mod calibration;
 pub mod open_run;
+pub mod window;
 
 use self::accuracy::Accuracy;
 use self::arm_change::arm_changes;
@@ -146,3 +147,5 @@ mod fixtures;
 mod in_brief_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod window_tests;

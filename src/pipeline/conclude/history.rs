@@ -12,9 +12,10 @@
 
 use std::collections::HashSet;
 
-use super::in_brief::detected;
+use super::windows::{judged, release};
 use crate::numerics::analyse_run::warm_up_fits_on;
 use crate::numerics::detect::production::detect_production;
+use crate::numerics::detect::runs::window::Lengths;
 use crate::numerics::friction::level_means::nearest_level;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::friction::friction_conclusion;
@@ -107,7 +108,9 @@ impl Pipeline {
         let spare = self.spare_threads();
         let mixed = tokio::task::spawn_blocking(move || warm_up_fits_on(&spare, &points)).await?;
         let baseline_runs = self.config.detect.baseline_runs;
-        let friction = friction_conclusion(&self.store, robot.robot_id, baseline_runs).await?;
+        // what completes meanwhile is told from what is known by the keys of all tests
+        let (friction, plan) =
+            friction_conclusion(&self.store, robot.robot_id, baseline_runs, in_any_case).await?;
         for remark in &friction.remarks {
             tracing::debug!(robot = robot.name, "{remark}");
         }
@@ -131,22 +134,28 @@ impl Pipeline {
         }
         conclusion.replace_mixed_fits(&mixed).await?;
         let replaced = conclusion.replace_friction(&friction).await?;
+        if let Some(plan) = plan.filter(|_| now == history) {
+            conclusion.keep_friction_plan(&plan, baseline_runs).await?;
+        }
         // detectors watch the indices that were stored just now; a test that completed meanwhile has none yet
-        let mut tests = conclusion.run_briefs().await?;
         let known: HashSet<i64> = friction.run_ids.iter().copied().collect();
-        tests.retain(|run| known.contains(&run.run_id));
-        let found = detected(&mut conclusion, &mut tests, &peers, &self.config.detect).await?;
+        let settings = &self.config.detect;
+        let known = Some(&known).filter(|_| now != history);
+        let judged = judged(&mut conclusion, known, &peers, settings, &Lengths::default()).await?;
         tracing::debug!(
             robot = robot.name,
-            tests = tests.len(),
-            read = found.read,
-            computing_ms = found.computing.as_secs_f64() * 1e3,
+            tests = judged.tests,
+            read = judged.read,
+            settled = judged.settled.len(),
+            computing_ms = judged.computing.as_secs_f64() * 1e3,
             "judged"
         );
-        let mut findings = found.findings;
+        let mut findings = judged.findings.clone();
         let logs = conclusion.production_summaries().await?;
-        findings.anomalies.extend(detect_production(&logs, &self.config.detect));
-        let reconciled = conclusion.reconcile(&findings).await?;
+        findings.anomalies.extend(detect_production(&logs, settings));
+        let reconciled = conclusion.reconcile_with(&findings, &judged.settled).await?;
+        conclusion.settle_withdrawn(&judged.at).await?;
+        release(&mut conclusion, &judged).await?;
         conclusion.compared_with(peers.len(), baseline_runs).await?;
         conclusion.commit(history).await?;
         for of in &replaced {

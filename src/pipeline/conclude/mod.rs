@@ -4,3 +4,4 @@ pub mod history;
 pub mod in_brief;
 pub mod isolation;
 pub mod open_test;
+pub mod windows;

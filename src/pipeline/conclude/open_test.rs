@@ -109,7 +109,7 @@ impl Pipeline {
         if let Some(usual) = known.filter(holds) {
             return Ok(usual);
         }
-        let mut history = self.store.run_briefs(test.robot_id).await?;
+        let mut history = self.store.latest_window(test.robot_id).await?;
         let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
         let of_open = self.store.run_measurements(test.run_id).await?;
         let of_open = first_cycles(&RunSummary::default(), &of_open, test.cycles).joints.len();

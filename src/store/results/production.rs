@@ -373,7 +373,7 @@ pub(in crate::store) async fn summaries(
          JOIN run AS test ON test.run_id = summary.reference_run_id
          LEFT JOIN run_joint_summary AS of_test
                    ON of_test.run_id = summary.reference_run_id AND of_test.joint = summary.joint
-         WHERE run.robot_id = $1 AND run.status = 'complete'
+         WHERE run.robot_id = $1 AND run.kind = 'production' AND run.status = 'complete'
          ORDER BY run.started_at, run.content_hash, test.started_at, test.content_hash, summary.joint",
     )
     .bind(robot_id)

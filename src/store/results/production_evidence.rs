@@ -98,7 +98,8 @@ pub(super) async fn of_robot(
     robot_id: i64,
 ) -> Result<BTreeMap<(i64, i64), Vec<JointEvidence>>, sqlx::Error> {
     let rows: Vec<(i64, i64, Vec<u8>)> = sqlx::query_as(
-        "SELECT run_id, reference_run_id, numbers FROM run JOIN log_evidence USING (run_id) WHERE robot_id = $1",
+        "SELECT run_id, reference_run_id, numbers FROM run JOIN log_evidence USING (run_id)
+         WHERE robot_id = $1 AND kind = 'production'",
     )
     .bind(robot_id)
     .fetch_all(executor)

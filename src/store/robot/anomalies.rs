@@ -6,11 +6,12 @@ use jiff::Timestamp;
 use sqlx::{QueryBuilder, Row};
 
 use super::alarm_state::{AlarmState, Before, EventKind, Life, Now, Told, go_on};
-use super::episodes::{Episode, Starts, is_another_fault, same};
+use super::episodes::{Episode, RUNS_APART, Starts, is_another_fault, same};
+use super::settled_rows;
 use crate::anomaly::{Alternative, Anomaly, Findings, JointHealth, Severity};
 use crate::run::RunKind;
 use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
-use crate::store::values::{finite, joint_number, known_time, named};
+use crate::store::values::{count, finite, joint_number, known_time, named};
 
 /// What happened to an anomaly, as a row of the view `anomaly_history`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,7 +81,8 @@ impl Stored {
 }
 
 /// Makes the stored anomalies and health of a robot agree with `findings`, the outcome of its whole history, and
-/// writes down what happened to them.
+/// writes down what happened to them. Anomalies that `settled` has, by the key of what has settled them, are part of the
+/// outcome and are not looked at any more; those that were settled before are no part of it.
 ///
 /// An episode keeps its number, its audit and what people said of it. All else that is shown depends on the history
 /// alone, not on how much of it was known when: also the run with which it begins, which a refit may move; the events
@@ -91,12 +93,16 @@ pub(in crate::store) async fn reconcile(
     connection: &mut EngineConnection,
     robot_id: i64,
     findings: &Findings,
+    settled: &[(i64, Vec<Anomaly>)],
     clock: Timestamp,
 ) -> Result<Reconciled, sqlx::Error> {
     let stored = stored_anomalies(&mut *connection, robot_id).await?;
-    let starts = run_starts(&mut *connection, robot_id).await?;
+    let starts = run_starts(&mut *connection, robot_id, &stored).await?;
     let episodes: Vec<Episode> = stored.iter().map(|of| of.episode.clone()).collect();
-    let found: Vec<Episode> = findings.anomalies.iter().map(episode).collect();
+    let now_settled = settled.iter().flat_map(|(by, of)| of.iter().map(|anomaly| (anomaly, Some(*by))));
+    let anomalies: Vec<(&Anomaly, Option<i64>)> =
+        now_settled.chain(findings.anomalies.iter().map(|anomaly| (anomaly, None))).collect();
+    let found: Vec<Episode> = anomalies.iter().map(|(anomaly, _)| episode(anomaly)).collect();
     let chosen = same(&episodes, &found, &starts);
     let mut events = Vec::new();
     for (o, known) in stored.iter().enumerate() {
@@ -110,10 +116,11 @@ pub(in crate::store) async fn reconcile(
             events.push(record_because(&mut *connection, known.anomaly_id, what, why).await?);
         }
     }
-    for (anomaly, known) in findings.anomalies.iter().zip(chosen) {
+    for ((anomaly, settled_by), known) in anomalies.into_iter().zip(chosen) {
         let Some(known) = known.map(|o| &stored[o]) else {
             let state = if anomaly.ended { AlarmState::Resolved } else { AlarmState::Open };
             let id = insert_anomaly(&mut *connection, robot_id, anomaly, state, None).await?;
+            settled_rows::settle_anomaly(&mut *connection, id, settled_by).await?;
             if !anomaly.ended {
                 events.push(record(&mut *connection, id, EventKind::Opened, None).await?);
             }
@@ -132,6 +139,7 @@ pub(in crate::store) async fn reconcile(
         for what in happened {
             events.push(record(&mut *connection, known.anomaly_id, what, None).await?);
         }
+        settled_rows::settle_anomaly(&mut *connection, known.anomaly_id, settled_by).await?;
     }
     replace_health(&mut *connection, robot_id, &findings.health).await?;
     set_expected_by(connection, robot_id, findings.expected_by).await?;
@@ -150,7 +158,7 @@ pub(super) fn episode(of: &Anomaly) -> Episode {
     }
 }
 
-/// All anomalies of a robot, withdrawn ones too, by number.
+/// All anomalies of a robot that are not settled, withdrawn ones too, by number.
 pub(super) async fn stored_anomalies(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -162,7 +170,7 @@ pub(super) async fn stored_anomalies(
                 open_run.status = 'complete' AS is_complete, open_run.started_at AS open_start
          FROM anomaly
          LEFT JOIN run AS open_run ON open_run.run_id = anomaly.open_run_id
-         WHERE anomaly.robot_id = $1
+         WHERE anomaly.robot_id = $1 AND settled_history_id IS NULL
          ORDER BY anomaly_id",
     )
     .bind(robot_id)
@@ -217,12 +225,12 @@ pub(super) async fn stored_anomalies(
 /// What people were told of an anomaly since it was opened last, and its severity when it was shelved last.
 type Said = (Option<Told>, Option<Severity>);
 
-/// What people were told of the robot's anomalies, by key.
+/// What people were told of the robot's anomalies that are not settled, by key.
 async fn told(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<HashMap<i64, Said>, sqlx::Error> {
     let rows: Vec<(i64, EventKind, Told)> = sqlx::query(
         "SELECT anomaly_event.anomaly_id, anomaly_event.what, anomaly_event.severity, anomaly_event.score
          FROM anomaly_event JOIN anomaly USING (anomaly_id)
-         WHERE robot_id = $1
+         WHERE robot_id = $1 AND settled_history_id IS NULL
          ORDER BY anomaly_event_id",
     )
     .bind(robot_id)
@@ -254,26 +262,50 @@ fn shown(row: &EngineRow) -> Result<Told, sqlx::Error> {
     Ok(Told { severity: named(row, "severity", &Severity::ALL, Severity::name)?, score: score.map(f64::abs) })
 }
 
+/// Starts of the robot's complete runs that say whether something goes on with one of these anomalies: of those behind each
+/// that has not ended the first ones, as many as are counted.
 pub(super) async fn run_starts(
+    connection: &mut EngineConnection,
+    robot_id: i64,
+    stored: &[Stored],
+) -> Result<Starts, sqlx::Error> {
+    let mut starts = Starts::default();
+    for of in stored.iter().filter(|of| !of.episode.ended) {
+        for kind in [RunKind::Test, RunKind::Production] {
+            let behind = starts_behind(&mut *connection, robot_id, kind, of.episode.to).await?;
+            match kind {
+                RunKind::Test => starts.tests.extend(behind),
+                RunKind::Production => starts.production.extend(behind),
+            }
+        }
+    }
+    for of_kind in [&mut starts.tests, &mut starts.production] {
+        of_kind.sort_unstable();
+        of_kind.dedup();
+    }
+    Ok(starts)
+}
+
+async fn starts_behind(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
-) -> Result<Starts, sqlx::Error> {
-    // one row a kind: of a long history, rows are what takes time
-    let rows: Vec<(String, String)> = sqlx::query_as(
-        "SELECT kind, string_agg(CAST(started_at AS TEXT), ' ') FROM run
-         WHERE robot_id = $1 AND status = 'complete'
-         GROUP BY kind",
-    )
-    .bind(robot_id)
-    .fetch_all(executor)
-    .await?;
-    let of = |kind: RunKind| -> Vec<i64> {
-        let texts = rows.iter().filter(|(of, _)| of == kind.name()).flat_map(|(_, starts)| starts.split(' '));
-        let mut starts: Vec<i64> = texts.filter_map(|start| start.parse().ok()).collect();
-        starts.sort_unstable();
-        starts
+    kind: RunKind,
+    to: i64,
+) -> Result<Vec<i64>, sqlx::Error> {
+    // each kind has an index of its own
+    let statement = match kind {
+        RunKind::Test => {
+            "SELECT started_at FROM run
+             WHERE robot_id = $1 AND status = 'complete' AND kind = 'test' AND started_at > $2
+             ORDER BY started_at LIMIT $3"
+        }
+        RunKind::Production => {
+            "SELECT started_at FROM run
+             WHERE robot_id = $1 AND status = 'complete' AND kind = 'production' AND started_at > $2
+             ORDER BY started_at LIMIT $3"
+        }
     };
-    Ok(Starts { tests: of(RunKind::Test), production: of(RunKind::Production) })
+    sqlx::query_scalar(statement).bind(robot_id).bind(to).bind(count(RUNS_APART)).fetch_all(executor).await
 }
 
 /// Who did something to an anomaly, and why.

@@ -8,6 +8,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+pub mod known;
+
 use super::baselines::{Basis, FrictionTest, FrictionTests};
 use crate::anomaly::epoch::{Epoch, epochs};
 use crate::numerics::friction::index::{REMEMBERED_S, learnt_runs, stages};
@@ -115,10 +117,7 @@ fn joint_maps(found: &FrictionTests, needed: usize) -> Vec<JointMap> {
         found.tests.iter().flat_map(|test| test.points.iter().flatten().map(|(joint, _)| *joint)).collect();
     joints.sort_unstable();
     joints.dedup();
-    let is_full = |test: usize, joint: JointIndex| {
-        let mut points = found.tests[test].points.iter().flatten();
-        points.any(|(of, points)| *of == joint && *points >= FULL_RUN_POINTS)
-    };
+    let is_full = |test: usize, joint: JointIndex| is_full(&found.tests[test], joint);
     let mut maps = Vec::new();
     for joint in joints {
         for (ordinal, epoch) in (0..).zip(epochs(joint, &moments, &found.work)) {
@@ -138,6 +137,12 @@ fn joint_maps(found: &FrictionTests, needed: usize) -> Vec<JointMap> {
         }
     }
     maps
+}
+
+/// Whether a baseline of the joint may be learnt from a test.
+fn is_full(test: &FrictionTest, joint: JointIndex) -> bool {
+    let mut points = test.points.iter().flatten();
+    points.any(|(of, points)| *of == joint && *points >= FULL_RUN_POINTS)
 }
 
 /// Maps of joints with the same tests together, in the order in which they became complete.

@@ -8,7 +8,7 @@ use sqlx::{QueryBuilder, Row};
 
 use super::conclude::ConclusionTransaction;
 use super::maintenance::DescriptionKey;
-use super::{friction, history, maintenance};
+use super::{friction, history};
 use crate::analysis::friction::{FrictionIndex, FrictionMap, MapLevel};
 use crate::anomaly::epoch::{EpochCause, Maintenance, TestMoment};
 use crate::numerics::friction::record::MapRun;
@@ -17,7 +17,9 @@ use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::results::temperatures;
-use crate::store::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, size, time_text};
+use crate::store::values::{
+    ROWS_PER_STATEMENT, count, finite, joint, joint_number, json_list, size, time_text,
+};
 
 /// More epochs than a joint has.
 const MOST_EPOCHS: i64 = 1_000_000;
@@ -112,7 +114,7 @@ pub struct ReplacedBaseline {
 /// Friction of a robot as its history now has it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrictionConclusion {
-    /// All tests that it stands on, oldest first.
+    /// The tests that it stands on, oldest first.
     pub run_ids: Vec<i64>,
     /// All baselines in force.
     pub baselines: Vec<NewBaseline>,
@@ -122,18 +124,11 @@ pub struct FrictionConclusion {
     pub maps: Vec<(JointIndex, Basis, Option<FrictionMap>)>,
     /// Why joints have no map, in sentences.
     pub remarks: Vec<String>,
+    /// Whether it stands on all tests. Otherwise on the latest ones, which change no baseline and no map.
+    pub is_whole: bool,
 }
 
 impl Store {
-    /// What is known of a robot's complete tests for their friction indices.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn friction_tests(&self, robot_id: i64) -> Result<FrictionTests, StoreError> {
-        let mut connection = self.checked(self.readers.acquire().await)?;
-        self.checked(friction_tests(&mut connection, robot_id).await)
-    }
-
     /// Motion of a run and, on request, its friction.
     ///
     /// # Errors
@@ -239,80 +234,13 @@ impl ConclusionTransaction {
     }
 }
 
-async fn friction_tests(
-    connection: &mut EngineConnection,
-    robot_id: i64,
-) -> Result<FrictionTests, sqlx::Error> {
-    let moments = maintenance::test_moments(&mut *connection, robot_id).await?;
-    let mut points = points_by_run(&mut *connection, robot_id).await?;
-    let test = |(run_id, moment): (i64, TestMoment<DescriptionKey>)| {
-        let (basis, points) = points.remove(&run_id).map_or((None, None), |(basis, of)| (basis, Some(of)));
-        FrictionTest { run_id, moment, points, basis }
-    };
-    let tests = moments.into_iter().map(test).collect();
-    let maps = sqlx::query("SELECT joint, basis FROM friction_law WHERE robot_id = $1 AND basis IS NOT NULL")
-        .bind(robot_id)
-        .try_map(|row: EngineRow| Ok((joint(&row, "joint")?, basis(&row)?.unwrap_or_default())))
-        .fetch_all(&mut *connection)
-        .await?;
-    Ok(FrictionTests {
-        tests,
-        work: maintenance::of_robot(&mut *connection, robot_id).await?,
-        baselines: in_force(connection, robot_id).await?,
-        maps: maps.into_iter().collect(),
-    })
-}
-
-type KnownPoints = (Option<Basis>, Vec<(JointIndex, usize)>);
-
-async fn points_by_run(
-    connection: &mut EngineConnection,
-    robot_id: i64,
-) -> Result<HashMap<i64, KnownPoints>, sqlx::Error> {
-    // one row a test: `joint points joint points ...`
-    let rows = sqlx::query(
-        "SELECT run.run_id, run_friction.run_id IS NOT NULL AS is_known, run_friction.basis,
-                (SELECT string_agg(joint || ' ' || points, ' ') FROM run_friction_points
-                 WHERE run_friction_points.run_id = run.run_id) AS points
-         FROM run
-         LEFT JOIN run_friction USING (run_id)
-         WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'",
-    )
-    .bind(robot_id)
-    .try_map(|row: EngineRow| {
-        let (is_known, points): (bool, Option<&str>) = (row.try_get("is_known")?, row.try_get("points")?);
-        if !is_known && points.is_none() {
-            return Ok(None);
-        }
-        let known = (basis(&row)?, points_by_joint(points.unwrap_or_default())?);
-        Ok(Some((row.try_get::<i64, _>("run_id")?, known)))
-    })
-    .fetch_all(connection)
-    .await?;
-    Ok(rows.into_iter().flatten().collect())
-}
-
-/// Reads `joint points joint points ...`, by joint.
-fn points_by_joint(text: &str) -> Result<Vec<(JointIndex, usize)>, sqlx::Error> {
-    let unknown = || sqlx::Error::Decode(format!("friction points of joints: {text}").into());
-    let words: Vec<&str> = text.split_whitespace().collect();
-    let pair = |pair: &[&str]| {
-        let [joint, points] = pair else { return None };
-        Some((JointIndex::from_number(joint.parse().ok()?)?, points.parse().ok()?))
-    };
-    let found: Option<Vec<(JointIndex, usize)>> = words.chunks(2).map(pair).collect();
-    let mut found = found.ok_or_else(unknown)?;
-    found.sort_unstable();
-    Ok(found)
-}
-
 /// Reads the column `basis`; `None` also for one of another length, which stands for nothing.
-fn basis(row: &EngineRow) -> Result<Option<Basis>, sqlx::Error> {
+pub(super) fn basis(row: &EngineRow) -> Result<Option<Basis>, sqlx::Error> {
     let stored: Option<&[u8]> = row.try_get("basis")?;
     Ok(stored.and_then(|bytes| bytes.try_into().ok()))
 }
 
-async fn in_force(
+pub(super) async fn in_force(
     connection: &mut EngineConnection,
     robot_id: i64,
 ) -> Result<Vec<StoredBaseline>, sqlx::Error> {
@@ -365,9 +293,12 @@ async fn replace(
     robot_id: i64,
     found: &FrictionConclusion,
 ) -> Result<Vec<ReplacedBaseline>, sqlx::Error> {
-    let replaced = replace_baselines(&mut *connection, robot_id, found).await?;
-    let joints: HashSet<JointIndex> = found.maps.iter().map(|(joint, ..)| *joint).collect();
-    friction::keep_maps(&mut *connection, robot_id, &joints).await?;
+    let mut replaced = Vec::new();
+    if found.is_whole {
+        replaced = replace_baselines(&mut *connection, robot_id, found).await?;
+        let joints: HashSet<JointIndex> = found.maps.iter().map(|(joint, ..)| *joint).collect();
+        friction::keep_maps(&mut *connection, robot_id, &joints).await?;
+    }
     for (_, basis, map) in &found.maps {
         if let Some(map) = map {
             friction::replace_map(&mut *connection, robot_id, map, basis).await?;
@@ -375,9 +306,12 @@ async fn replace(
     }
     // a test may have left the history since it was read
     let complete: HashSet<i64> = sqlx::query_scalar(
-        "SELECT run_id FROM run WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'",
+        "SELECT run_id FROM run
+         WHERE run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($2)) AND robot_id = $1 AND kind = 'test'
+               AND status = 'complete'",
     )
     .bind(robot_id)
+    .bind(json_list(&found.indices.iter().map(|of| of.run_id).collect::<Vec<i64>>()))
     .fetch_all(&mut *connection)
     .await?
     .into_iter()

@@ -10,7 +10,7 @@ use super::anomalies::Reconciled;
 use super::friction_series::{self, FrictionHistory};
 use super::{anomalies, conclusion_faults, history, run_brief, run_brief_rows};
 use crate::analysis::{ProductionCheck, WarmUpFit};
-use crate::anomaly::{Findings, ProductionSummary, RunSummary};
+use crate::anomaly::{Anomaly, Findings, ProductionSummary, RunSummary};
 use crate::store::engine::{EngineExecutor, EngineTransaction};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
@@ -113,7 +113,9 @@ impl ConclusionTransaction {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn run_briefs(&mut self) -> Result<Vec<RunSummary>, StoreError> {
-        let completed = run_brief_rows::complete(&mut self.transaction, self.robot_id).await;
+        let keys = history::complete_tests(&mut *self.transaction, self.robot_id).await;
+        let keys = self.checked(keys)?;
+        let completed = run_brief_rows::complete(&mut self.transaction, &keys).await;
         self.checked(completed)?;
         let result = history::run_briefs(&mut self.transaction, self.robot_id).await;
         self.checked(result)
@@ -145,8 +147,21 @@ impl ConclusionTransaction {
     /// # Errors
     /// [`StoreError::Refused`] for findings that name a run which is not stored.
     pub async fn reconcile(&mut self, findings: &Findings) -> Result<Reconciled, StoreError> {
-        let result =
-            anomalies::reconcile(&mut self.transaction, self.robot_id, findings, Timestamp::now()).await;
+        self.reconcile_with(findings, &[]).await
+    }
+
+    /// The same of a history of which something is settled: `settled` has the anomalies that are settled from now on, with the
+    /// key of what has settled them. Those that were settled before are left alone.
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] for findings that name a run which is not stored.
+    pub async fn reconcile_with(
+        &mut self,
+        findings: &Findings,
+        settled: &[(i64, Vec<Anomaly>)],
+    ) -> Result<Reconciled, StoreError> {
+        let (robot_id, clock) = (self.robot_id, Timestamp::now());
+        let result = anomalies::reconcile(&mut self.transaction, robot_id, findings, settled, clock).await;
         self.checked(result)
     }
 

@@ -21,7 +21,8 @@ pub(super) struct Episode {
     pub(super) withdrawn: bool,
 }
 
-/// Starts of the robot's complete runs, ascending: tests, and logs of ordinary work.
+/// Starts of the robot's complete runs, ascending: tests, and logs of ordinary work. At least the first [`RUNS_APART`] behind
+/// each stored episode that has not ended.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Starts {
     pub(super) tests: Vec<i64>,
@@ -29,7 +30,7 @@ pub(super) struct Starts {
 }
 
 /// Quiet runs after which what is found again is another episode, as for the detectors.
-const RUNS_APART: usize = 2;
+pub(super) const RUNS_APART: usize = 2;
 
 /// Quantities that stand for one another: a run has the best of them that it can have.
 const FRICTION: [&str; 3] = ["friction_index", "warm_friction_nm", "excitation_friction_nm"];

@@ -17,7 +17,7 @@ use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::results::{channel_response, torque_noise};
-use crate::store::values::{identified, joint, named, size, time};
+use crate::store::values::{identified, joint, json_list, named, size, time};
 
 const GRAVITY_REMOVALS: [GravityRemoval; 3] =
     [GravityRemoval::AxisVertical, GravityRemoval::Fitted, GravityRemoval::Model];
@@ -295,7 +295,21 @@ pub(in crate::store) async fn run_summaries(
         test.joints = fill(&mut test.run, series, &inertial);
         tests.push(test);
     }
-    together(connection, robot_id, tests).await
+    together(connection, robot_id, tests, &[]).await
+}
+
+/// Keys of a robot's complete tests, oldest first.
+pub(super) async fn complete_tests(
+    executor: impl EngineExecutor<'_>,
+    robot_id: i64,
+) -> Result<Vec<i64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT run_id FROM run WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'
+         ORDER BY started_at, run_id",
+    )
+    .bind(robot_id)
+    .fetch_all(executor)
+    .await
 }
 
 /// As [`run_summaries`], with the cycles left out of those tests of which something is known in brief.
@@ -303,15 +317,29 @@ pub(in crate::store) async fn run_briefs(
     connection: &mut EngineConnection,
     robot_id: i64,
 ) -> Result<Vec<RunSummary>, sqlx::Error> {
+    let keys = complete_tests(&mut *connection, robot_id).await?;
+    briefs(connection, robot_id, &keys, &[]).await
+}
+
+/// The same of those of the robot's tests that have these keys. Epochs are told apart by these and the tests with which others
+/// began.
+pub(super) async fn briefs(
+    connection: &mut EngineConnection,
+    robot_id: i64,
+    keys: &[i64],
+    first_of_epochs: &[i64],
+) -> Result<Vec<RunSummary>, sqlx::Error> {
     let rows = sqlx::query(
         "SELECT run.run_id, run.started_at, run.cycles_stored, run_brief.joints, run_brief.brief, run_brief.judgements,
                 EXISTS (SELECT 1 FROM channel_response WHERE channel_response.run_id = run.run_id) AS has_response
          FROM run
          LEFT JOIN run_brief USING (run_id)
-         WHERE run.robot_id = $1 AND run.kind = 'test' AND run.status = 'complete'
+         WHERE run.run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($2)) AND run.robot_id = $1 AND run.kind = 'test'
+               AND run.status = 'complete'
          ORDER BY run.started_at, run.run_id",
     )
     .bind(robot_id)
+    .bind(json_list(keys))
     .try_map(|row: EngineRow| {
         let (joints, brief): (Option<&[u8]>, Option<&[u8]>) =
             (row.try_get("joints")?, row.try_get("brief")?);
@@ -343,7 +371,7 @@ pub(in crate::store) async fn run_briefs(
         }
         tests.push(test);
     }
-    together(connection, robot_id, tests).await
+    together(connection, robot_id, tests, first_of_epochs).await
 }
 
 /// Reads the cycles of the tests at these places that are left out.
@@ -390,13 +418,15 @@ fn fill(run: &mut RunSummary, series: RunSeries, inertial: &cycle_friction::Iner
     joints
 }
 
-/// Tests with what follows from all of them together.
+/// Tests with what follows from all of them together; `first_of_epochs` are others with which epochs began.
 async fn together(
     connection: &mut EngineConnection,
     robot_id: i64,
     tests: Vec<Test>,
+    first_of_epochs: &[i64],
 ) -> Result<Vec<RunSummary>, sqlx::Error> {
-    let mut refused = refusals(&mut *connection, robot_id).await?;
+    let keys: Vec<i64> = tests.iter().map(|test| test.run.run_id).collect();
+    let mut refused = refusals(&mut *connection, &keys).await?;
     let known = |row: &&SummaryRow| row.summary.relative_rmsd.is_some();
     let mut latest_first = tests.iter().rev().flat_map(|test| test.joints.iter().rev());
     let latest = latest_first.find(known).and_then(|row| row.estimator.clone());
@@ -410,7 +440,8 @@ async fn together(
         runs.push(run);
     }
     let joints = runs.iter().flat_map(|run| &run.joints).map(|of| of.joint.number()).max().unwrap_or(0);
-    let mut epochs = maintenance::epoch_ordinals(&mut *connection, robot_id, joints, None).await?;
+    let among = [&keys, first_of_epochs].concat();
+    let mut epochs = maintenance::epoch_ordinals(&mut *connection, robot_id, joints, &among).await?;
     for run in &mut runs {
         run.epochs = epochs.remove(&run.run_id).unwrap_or_default();
     }
@@ -435,19 +466,19 @@ async fn read_responses(
     Ok(())
 }
 
-/// Refused cycles of a robot's complete tests, and why they were refused, the cause of most cycles first, by run.
+/// Refused cycles of the tests of these keys, and why they were refused, the cause of most cycles first, by run.
 async fn refusals(
     connection: &mut EngineConnection,
-    robot_id: i64,
+    keys: &[i64],
 ) -> Result<HashMap<i64, (u32, Vec<RunRefusal>)>, sqlx::Error> {
+    let keys = json_list(keys);
     let counts: Vec<(i64, u32)> = sqlx::query_as(
-        "SELECT run.run_id, count(*)
-         FROM run
-         JOIN cycle USING (run_id)
-         WHERE run.robot_id = $1 AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'refused'
-         GROUP BY run.run_id",
+        "SELECT run_id, count(*)
+         FROM cycle
+         WHERE run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1)) AND status = 'refused'
+         GROUP BY run_id",
     )
-    .bind(robot_id)
+    .bind(&keys)
     .fetch_all(&mut *connection)
     .await?;
     let mut by_run: HashMap<i64, (u32, Vec<RunRefusal>)> =
@@ -457,21 +488,20 @@ async fn refusals(
         "SELECT run_id, finding, channel, joint, max(CASE WHEN nth = 1 THEN sentence END) AS sentence,
                 min(cycle) AS first_cycle, count(*) AS cycles
          FROM (
-             SELECT run.run_id, coalesce(why.finding, 'nothing_to_identify') AS finding,
+             SELECT cycle.run_id, coalesce(why.finding, 'nothing_to_identify') AS finding,
                     coalesce(why.channel, 'motion') AS channel, why.joint,
                     coalesce(why.sentence, cycle.reason) AS sentence, cycle.number AS cycle,
                     coalesce(why.number, 0) AS place,
-                    row_number() OVER (PARTITION BY run.run_id, why.finding, why.channel, why.joint
+                    row_number() OVER (PARTITION BY cycle.run_id, why.finding, why.channel, why.joint
                                        ORDER BY coalesce(why.number, 0), cycle.number) AS nth
-             FROM run
-             JOIN cycle USING (run_id)
+             FROM cycle
              LEFT JOIN cycle_refusal AS why USING (cycle_id)
-             WHERE run.robot_id = $1 AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'refused'
+             WHERE cycle.run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1)) AND cycle.status = 'refused'
          ) AS found
          GROUP BY run_id, finding, channel, joint
          ORDER BY run_id, cycles DESC, min(place), joint NULLS FIRST",
     )
-    .bind(robot_id)
+    .bind(&keys)
     .try_map(|row: EngineRow| Ok((row.try_get::<i64, _>("run_id")?, refusal(&row)?)))
     .fetch_all(connection)
     .await?;

@@ -1,6 +1,7 @@
 //! Work on robots: entered by people, and what epochs of joints follow from it.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 
 use jiff::Timestamp;
 use sqlx::Row;
@@ -10,7 +11,7 @@ use crate::robot::JointIndex;
 use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
-use crate::store::values::{joint, joint_number, time};
+use crate::store::values::{joint, joint_number, json_list, time};
 
 /// Work on a robot with its name and when it was entered.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -175,54 +176,99 @@ pub type DescriptionKey = (Option<i64>, Option<Vec<u8>>);
 /// What epochs depend on of the robot's complete tests, with their keys, oldest first. Tests whose description was not
 /// stored in full have that of the oldest test of the same model that has one.
 pub(in crate::store) async fn test_moments(
-    executor: impl EngineExecutor<'_>,
+    connection: &mut EngineConnection,
     robot_id: i64,
 ) -> Result<Vec<(i64, TestMoment<DescriptionKey>)>, sqlx::Error> {
-    test_moments_with(executor, robot_id, None).await
-}
-
-/// As [`test_moments`], with a test that is not complete.
-async fn test_moments_with(
-    executor: impl EngineExecutor<'_>,
-    robot_id: i64,
-    open_run_id: Option<i64>,
-) -> Result<Vec<(i64, TestMoment<DescriptionKey>)>, sqlx::Error> {
-    let mut found = sqlx::query(
+    let found = sqlx::query(
         "SELECT run_id, started_at, robot_model_id, figures_hash FROM run
-         WHERE robot_id = $1 AND kind = 'test' AND (status = 'complete' OR run_id = $2)
+         WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'
          ORDER BY started_at, run_id",
     )
     .bind(robot_id)
-    .bind(open_run_id)
-    .try_map(|row: EngineRow| {
-        let description: DescriptionKey = (row.try_get("robot_model_id")?, row.try_get("figures_hash")?);
-        Ok((row.try_get("run_id")?, TestMoment { started_at: time(&row, "started_at")?, description }))
-    })
-    .fetch_all(executor)
+    .try_map(|row: EngineRow| test_moment(&row))
+    .fetch_all(&mut *connection)
     .await?;
-    let mut oldest: HashMap<Option<i64>, Vec<u8>> = HashMap::new();
-    for (_, TestMoment { description: (model, hash), .. }) in &found {
-        if let Some(hash) = hash {
-            oldest.entry(*model).or_insert_with(|| hash.clone());
-        }
-    }
-    for (_, TestMoment { description: (model, hash), .. }) in &mut found {
-        if hash.is_none() {
-            hash.clone_from(&oldest.get(model).cloned());
-        }
-    }
-    Ok(found)
+    described(connection, robot_id, found).await
 }
 
-/// Ordinals of the epochs of each joint, by run: `joints` of them. Those of a test that is not complete, if one is
-/// given, are with them.
+/// As [`test_moments`], of the tests of these keys, of which one may not be complete.
+pub(super) async fn moments_of(
+    connection: &mut EngineConnection,
+    robot_id: i64,
+    keys: &[i64],
+) -> Result<Vec<(i64, TestMoment<DescriptionKey>)>, sqlx::Error> {
+    let found = sqlx::query(
+        "SELECT run_id, started_at, robot_model_id, figures_hash FROM run
+         WHERE run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1))
+         ORDER BY started_at, run_id",
+    )
+    .bind(json_list(keys))
+    .try_map(|row: EngineRow| test_moment(&row))
+    .fetch_all(&mut *connection)
+    .await?;
+    described(connection, robot_id, found).await
+}
+
+fn test_moment(row: &EngineRow) -> Result<(i64, TestMoment<DescriptionKey>), sqlx::Error> {
+    let description: DescriptionKey = (row.try_get("robot_model_id")?, row.try_get("figures_hash")?);
+    Ok((row.try_get("run_id")?, TestMoment { started_at: time(row, "started_at")?, description }))
+}
+
+/// Gives tests without a description that of the oldest of the robot's tests of the same model that has one.
+async fn described(
+    connection: &mut EngineConnection,
+    robot_id: i64,
+    mut tests: Vec<(i64, TestMoment<DescriptionKey>)>,
+) -> Result<Vec<(i64, TestMoment<DescriptionKey>)>, sqlx::Error> {
+    let mut given: HashMap<Option<i64>, Vec<u8>> = HashMap::new();
+    for (_, TestMoment { description: (model, hash), .. }) in &tests {
+        if let Some(hash) = hash {
+            given.entry(*model).or_insert_with(|| hash.clone());
+        }
+    }
+    let mut oldest: HashMap<Option<i64>, Option<Vec<u8>>> = HashMap::new();
+    for (_, TestMoment { description: (model, hash), .. }) in &mut tests {
+        if hash.is_some() {
+            continue;
+        }
+        let known = match oldest.entry(*model) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(new) => {
+                let of_complete = oldest_description(&mut *connection, robot_id, *model).await?;
+                // of a test that is not complete, where no other has one
+                new.insert(of_complete.or_else(|| given.get(model).cloned()))
+            }
+        };
+        hash.clone_from(known);
+    }
+    Ok(tests)
+}
+
+async fn oldest_description(
+    executor: impl EngineExecutor<'_>,
+    robot_id: i64,
+    model: Option<i64>,
+) -> Result<Option<Vec<u8>>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT figures_hash FROM run
+         WHERE robot_id = $1 AND kind = 'test' AND status = 'complete' AND robot_model_id IS NOT DISTINCT FROM $2
+               AND figures_hash IS NOT NULL
+         ORDER BY started_at, run_id LIMIT 1",
+    )
+    .bind(robot_id)
+    .bind(model)
+    .fetch_optional(executor)
+    .await
+}
+
+/// Ordinals of the epochs of each joint, by run, for tests among which there is the first one of each epoch: `joints` of them.
 pub(in crate::store) async fn epoch_ordinals(
     connection: &mut EngineConnection,
     robot_id: i64,
     joints: usize,
-    open_run_id: Option<i64>,
+    among: &[i64],
 ) -> Result<HashMap<i64, Vec<u32>>, sqlx::Error> {
-    let tests = test_moments_with(&mut *connection, robot_id, open_run_id).await?;
+    let tests = moments_of(&mut *connection, robot_id, among).await?;
     let work = of_robot(connection, robot_id).await?;
     let (run_ids, moments): (Vec<i64>, Vec<TestMoment<DescriptionKey>>) = tests.into_iter().unzip();
     let mut by_run = vec![vec![0; joints]; run_ids.len()];

@@ -22,4 +22,8 @@ pub(super) mod alarm_state;
 pub(super) mod alarm_life;
 pub(super) mod open_test;
 pub(super) mod peers;
+mod settled;
+mod settled_rows;
+mod friction_plan;
+mod friction_tests;
 mod episodes;

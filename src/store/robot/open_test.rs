@@ -13,7 +13,7 @@ use super::anomalies::{
 };
 use super::conclude::ConclusionTransaction;
 use super::episodes::{Episode, goes_on, is_another_fault, same};
-use super::maintenance;
+use super::{maintenance, settled_rows};
 use crate::anomaly::Anomaly;
 use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
@@ -58,7 +58,9 @@ impl Store {
     pub async fn open_test_epochs(&self, test: &OpenTest, joints: usize) -> Result<Vec<u32>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         let (robot_id, run_id) = (test.robot_id, test.run_id);
-        let of = maintenance::epoch_ordinals(&mut connection, robot_id, joints, Some(run_id)).await;
+        let among = self.checked(settled_rows::latest_keys(&mut connection, robot_id).await)?;
+        let among = [&among[..], &[run_id]].concat();
+        let of = maintenance::epoch_ordinals(&mut connection, robot_id, joints, &among).await;
         Ok(self.checked(of)?.remove(&run_id).unwrap_or_default())
     }
 }
@@ -118,9 +120,9 @@ async fn reconcile_open(
     if open_test(&mut *connection, run_id).await?.is_none() {
         return Ok(None);
     }
-    let starts = run_starts(&mut *connection, test.robot_id).await?;
     let is_own = |of: &Stored| of.open_test.as_ref().is_some_and(|open| open.run_id == run_id);
     let all = stored_anomalies(&mut *connection, test.robot_id).await?;
+    let starts = run_starts(&mut *connection, test.robot_id, &all).await?;
     let (own, others): (Vec<Stored>, Vec<Stored>) = all.into_iter().partition(is_own);
     let mut events = Vec::new();
     let mut new = Vec::new();

@@ -2,11 +2,12 @@
 
 use super::{cycle_friction, cycle_friction_rows, run_brief, run_series};
 use crate::store::engine::{EngineConnection, EngineExecutor};
+use crate::store::values::json_list;
 
-/// Makes the rows of the robot's complete tests that have none: those that have changed since conclusions were drawn. Their
-/// series and friction by cycle are made, too. Call in a transaction.
-pub(super) async fn complete(connection: &mut EngineConnection, robot_id: i64) -> Result<(), sqlx::Error> {
-    let without = without(&mut *connection, robot_id).await?;
+/// Makes the rows of those of these tests that have none, which have changed since conclusions were drawn. Their series and
+/// friction by cycle are made, too. Call in a transaction.
+pub(super) async fn complete(connection: &mut EngineConnection, keys: &[i64]) -> Result<(), sqlx::Error> {
+    let without = without(&mut *connection, keys).await?;
     if without.is_empty() {
         return Ok(());
     }
@@ -20,14 +21,14 @@ pub(super) async fn complete(connection: &mut EngineConnection, robot_id: i64) -
     Ok(())
 }
 
-async fn without(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<Vec<i64>, sqlx::Error> {
+async fn without(executor: impl EngineExecutor<'_>, keys: &[i64]) -> Result<Vec<i64>, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT run_id FROM run
-         WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'
+         WHERE run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1)) AND kind = 'test' AND status = 'complete'
                AND NOT EXISTS (SELECT 1 FROM run_brief WHERE run_brief.run_id = run.run_id)
          ORDER BY started_at, run_id",
     )
-    .bind(robot_id)
+    .bind(json_list(keys))
     .fetch_all(executor)
     .await
 }

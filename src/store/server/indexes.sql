@@ -56,3 +56,7 @@ CREATE INDEX host_session_by_host ON host_session (host, host_session_id);
 CREATE INDEX claim_by_session ON claim (host_session_id);
 CREATE INDEX run_by_session ON run (host_session_id) WHERE host_session_id IS NOT NULL;
 CREATE INDEX run_by_bytes ON run (source_bytes);
+CREATE INDEX settled_history_by_time ON settled_history (robot_id, follows_until);
+CREATE INDEX anomaly_by_settled_history ON anomaly (settled_history_id) WHERE settled_history_id IS NOT NULL;
+CREATE INDEX anomaly_not_settled ON anomaly (robot_id, anomaly_id) WHERE settled_history_id IS NULL;
+CREATE INDEX run_production ON run (robot_id, status, started_at, run_id) WHERE kind = 'production';

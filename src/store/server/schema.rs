@@ -8,10 +8,11 @@ use crate::store::error::StoreError;
 
 /// The version of this schema, which counts with the migrations of SQLite's: what one of them changes is changed in the
 /// files here too, and comes to a database that is there by a step of [`STEPS`].
-pub(super) const VERSION: i64 = 42;
+pub(super) const VERSION: i64 = 43;
 
 /// How a database with an older version is brought up to date: the version that a step leads to, and its statements.
-const STEPS: [(i64, &str); 1] = [(42, include_str!("steps/0042_hosts.sql"))];
+const STEPS: [(i64, &str); 2] =
+    [(42, include_str!("steps/0042_hosts.sql")), (43, include_str!("steps/0043_settled_history.sql"))];
 
 /// Oldest server that the schema works with: earlier ones know no `gen_random_uuid` of their own.
 const OLDEST_SERVER: i32 = 130_000;

@@ -417,3 +417,227 @@ END $$;
 CREATE TRIGGER run_brief_goes_with_series AFTER DELETE ON run_series
 FOR EACH ROW
 EXECUTE FUNCTION run_brief_goes_with_series();
+
+CREATE FUNCTION settled_history_goes_with_new_test() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_new_test AFTER INSERT ON run
+FOR EACH ROW
+WHEN (NEW.status = 'complete' AND NEW.kind = 'test')
+EXECUTE FUNCTION settled_history_goes_with_new_test();
+
+CREATE FUNCTION settled_history_goes_with_changed_test() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+    DELETE FROM settled_history WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_changed_test AFTER UPDATE OF robot_id, kind, status, started_at, cycles_stored, robot_model_id, figures_hash ON run
+FOR EACH ROW
+WHEN ('complete' IN (OLD.status, NEW.status) AND 'test' IN (OLD.kind, NEW.kind))
+EXECUTE FUNCTION settled_history_goes_with_changed_test();
+
+CREATE FUNCTION settled_history_goes_with_test() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_test AFTER DELETE ON run
+FOR EACH ROW
+WHEN (OLD.status = 'complete' AND OLD.kind = 'test')
+EXECUTE FUNCTION settled_history_goes_with_test();
+
+CREATE FUNCTION settled_history_goes_with_brief() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_brief AFTER DELETE ON run_brief
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_brief();
+
+CREATE FUNCTION settled_history_goes_with_changed_reason() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_changed_reason AFTER UPDATE OF reason ON cycle
+FOR EACH ROW
+WHEN ('refused' IN (OLD.status, NEW.status))
+EXECUTE FUNCTION settled_history_goes_with_changed_reason();
+
+CREATE FUNCTION settled_history_goes_with_new_refusal() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = NEW.cycle_id)
+          AND follows_until >= (SELECT run.started_at FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = NEW.cycle_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_new_refusal AFTER INSERT ON cycle_refusal
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_new_refusal();
+
+CREATE FUNCTION settled_history_goes_with_changed_refusal() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = OLD.cycle_id)
+          AND follows_until >= (SELECT run.started_at FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = OLD.cycle_id);
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = NEW.cycle_id)
+          AND follows_until >= (SELECT run.started_at FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = NEW.cycle_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_changed_refusal AFTER UPDATE ON cycle_refusal
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_changed_refusal();
+
+CREATE FUNCTION settled_history_goes_with_refusal() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = OLD.cycle_id)
+          AND follows_until >= (SELECT run.started_at FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = OLD.cycle_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_refusal AFTER DELETE ON cycle_refusal
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_refusal();
+
+CREATE FUNCTION settled_history_goes_with_new_response() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_new_response AFTER INSERT ON channel_response
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_new_response();
+
+CREATE FUNCTION settled_history_goes_with_changed_response() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_changed_response AFTER UPDATE ON channel_response
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_changed_response();
+
+CREATE FUNCTION settled_history_goes_with_response() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_response AFTER DELETE ON channel_response
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_response();
+
+CREATE FUNCTION settled_history_goes_with_new_work() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_new_work AFTER INSERT ON maintenance
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_new_work();
+
+CREATE FUNCTION settled_history_goes_with_changed_work() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
+    DELETE FROM settled_history WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_changed_work AFTER UPDATE ON maintenance
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_changed_work();
+
+CREATE FUNCTION settled_history_goes_with_work() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_work AFTER DELETE ON maintenance
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_work();
+
+CREATE FUNCTION friction_plan_goes_with_new_test() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_new_test AFTER INSERT ON run
+FOR EACH ROW
+WHEN (NEW.status = 'complete' AND NEW.kind = 'test')
+EXECUTE FUNCTION friction_plan_goes_with_new_test();
+
+CREATE FUNCTION friction_plan_goes_with_changed_test() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_changed_test AFTER UPDATE OF robot_id, kind, status, started_at, robot_model_id, figures_hash ON run
+FOR EACH ROW
+WHEN ('complete' IN (OLD.status, NEW.status) AND 'test' IN (OLD.kind, NEW.kind))
+EXECUTE FUNCTION friction_plan_goes_with_changed_test();
+
+CREATE FUNCTION friction_plan_goes_with_test() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_test AFTER DELETE ON run
+FOR EACH ROW
+WHEN (OLD.status = 'complete' AND OLD.kind = 'test')
+EXECUTE FUNCTION friction_plan_goes_with_test();
+
+CREATE FUNCTION friction_plan_goes_with_friction() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan
+    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_friction AFTER DELETE ON run_friction
+FOR EACH ROW
+EXECUTE FUNCTION friction_plan_goes_with_friction();
+
+CREATE FUNCTION friction_plan_goes_with_new_work() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_new_work AFTER INSERT ON maintenance
+FOR EACH ROW
+EXECUTE FUNCTION friction_plan_goes_with_new_work();
+
+CREATE FUNCTION friction_plan_goes_with_changed_work() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
+    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_changed_work AFTER UPDATE ON maintenance
+FOR EACH ROW
+EXECUTE FUNCTION friction_plan_goes_with_changed_work();
+
+CREATE FUNCTION friction_plan_goes_with_work() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER friction_plan_goes_with_work AFTER DELETE ON maintenance
+FOR EACH ROW
+EXECUTE FUNCTION friction_plan_goes_with_work();

@@ -12,6 +12,7 @@ mod open;
 mod open_test;
 mod reestimates;
 mod verification;
+mod windows;
 pub(in crate::store) mod support;
 
 use self::support::*;

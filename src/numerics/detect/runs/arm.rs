@@ -26,7 +26,7 @@ use self::price::{
 };
 use self::signal::{Signal, own_causes, signal};
 use super::arm_cause::{ArmCause, Load, SignalFault};
-use super::like_length::of_like_length;
+use super::like_length::{has_parameters, of_like_length};
 use crate::analysis::response::ChannelResponse;
 use crate::anomaly::RunSummary;
 use crate::numerics::detect::rate::budget::advantage;
@@ -136,10 +136,7 @@ pub(super) fn response_of(history: &[RunSummary]) -> Option<&ChannelResponse> {
 /// Places of the latest tests of like length until the one at `at`, this included, in whose mean a change is looked for.
 /// Empty where that test has no parameters.
 pub(super) fn together(runs: &[&RunSummary], at: usize) -> Vec<usize> {
-    let has_parameters = |place: &usize| match runs[*place].left_out() {
-        Some(brief) => brief.has_parameters,
-        None => !runs[*place].parameters.is_empty(),
-    };
+    let has_parameters = |place: &usize| has_parameters(runs[*place]);
     if !has_parameters(&at) {
         return Vec::new();
     }

@@ -80,7 +80,7 @@ fn response(run: &RunSummary) -> Arc<ChannelResponse> {
 }
 
 /// A life with faults of all kinds, short checks, contacts and maintenance.
-fn life(seed: u64, tests: i64) -> Vec<RunSummary> {
+pub(super) fn life(seed: u64, tests: i64) -> Vec<RunSummary> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let begin: Vec<i64> = (0..9).map(|_| rng.random_range(3..tests)).collect();
     let lasts: Vec<i64> = (0..9).map(|_| rng.random_range(1..12)).collect();

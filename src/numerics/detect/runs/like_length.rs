@@ -15,10 +15,18 @@ pub(super) fn length(run: &RunSummary) -> u32 {
     }
 }
 
+/// Whether inertial parameters were identified from a test.
+pub(super) fn has_parameters(run: &RunSummary) -> bool {
+    match run.left_out() {
+        Some(brief) => brief.has_parameters,
+        None => !run.parameters.is_empty(),
+    }
+}
+
 /// Places of the tests of each group, both in the order of the history.
-pub(super) fn of_like_length(history: &[RunSummary]) -> Vec<Vec<usize>> {
+pub(super) fn of_like_length<'h>(history: impl IntoIterator<Item = &'h RunSummary>) -> Vec<Vec<usize>> {
     let mut groups: Vec<(u32, Vec<usize>)> = Vec::new();
-    for (place, run) in history.iter().enumerate() {
+    for (place, run) in history.into_iter().enumerate() {
         let own = length(run);
         let is_like = |first: u32| own == first || (own < LIKE * first && first < LIKE * own);
         match groups.iter_mut().find(|(first, _)| is_like(*first)) {

@@ -17,13 +17,13 @@ fn joint(index: usize) -> JointIndex {
     JointIndex::new(index)
 }
 
-fn day(days: i64) -> Timestamp {
+pub(super) fn day(days: i64) -> Timestamp {
     let first: Timestamp = "2026-01-05T06:00:00Z".parse().expect("a time");
     first + SignedDuration::from_hours(24 * days)
 }
 
 /// A test a day with so many friction points in every joint.
-fn daily(points: impl IntoIterator<Item = usize>) -> FrictionTests {
+pub(super) fn daily(points: impl IntoIterator<Item = usize>) -> FrictionTests {
     let test = |(at, points): (i64, usize)| FrictionTest {
         run_id: at + 1,
         moment: TestMoment { started_at: day(at), description: (Some(1), None) },
