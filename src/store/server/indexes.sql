@@ -45,7 +45,8 @@ CREATE INDEX cycle_refused ON cycle (run_id) WHERE status = 'refused';
 CREATE INDEX cycle_with_factors ON cycle (run_id, number) WHERE factors_gone IS NULL AND status = 'complete';
 CREATE INDEX run_friction_series_by_robot ON run_friction_series (robot_id);
 CREATE INDEX run_by_start_text ON run (started_at_text);
-CREATE INDEX run_of_robot_by_start_text ON run (robot_id, started_at_text, run_id);
+CREATE INDEX run_of_robot_by_start_text
+ON run (robot_id, started_at_text, run_id, status, superseded_by_run_id, kind, model);
 CREATE INDEX cycle_shown_as_refused ON cycle (run_id)
 WHERE CASE WHEN doubtful THEN 'doubtful' ELSE status END = 'refused';
 CREATE INDEX cycle_with_remarks ON cycle (started_at_text)

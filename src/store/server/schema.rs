@@ -8,11 +8,14 @@ use crate::store::error::StoreError;
 
 /// The version of this schema, which counts with the migrations of SQLite's: what one of them changes is changed in the
 /// files here too, and comes to a database that is there by a step of [`STEPS`].
-pub(super) const VERSION: i64 = 43;
+pub(super) const VERSION: i64 = 44;
 
 /// How a database with an older version is brought up to date: the version that a step leads to, and its statements.
-const STEPS: [(i64, &str); 2] =
-    [(42, include_str!("steps/0042_hosts.sql")), (43, include_str!("steps/0043_settled_history.sql"))];
+const STEPS: [(i64, &str); 3] = [
+    (42, include_str!("steps/0042_hosts.sql")),
+    (43, include_str!("steps/0043_settled_history.sql")),
+    (44, include_str!("steps/0044_runs_by_index.sql")),
+];
 
 /// Oldest server that the schema works with: earlier ones know no `gen_random_uuid` of their own.
 const OLDEST_SERVER: i32 = 130_000;

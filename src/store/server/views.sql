@@ -274,10 +274,10 @@ SELECT run.run_id,
        run.superseded_by_run_id,
        run.kind,
        run.rows_skipped,
-       nullif(host_session.host, '') AS host
+       (SELECT nullif(host_session.host, '') FROM host_session
+        WHERE host_session.host_session_id = run.host_session_id) AS host
 FROM run
-JOIN robot USING (robot_id)
-LEFT JOIN host_session USING (host_session_id);
+JOIN robot USING (robot_id);
 
 CREATE VIEW hosts AS
 SELECT latest.host,

@@ -1,0 +1,29 @@
+-- What statements about all runs ask for most stands in one index, so that they read no row of a run: of 100,000 runs, which
+-- robot has how many took 95 ms and takes 13.
+DROP INDEX run_of_robot_by_start_text;
+CREATE INDEX run_of_robot_by_start_text
+ON run (robot_id, started_at_text, run_id, status, superseded_by_run_id, kind, model);
+
+-- The host is looked up where it is asked for only: sums over runs joined it row by row.
+DROP VIEW runs;
+CREATE VIEW runs AS
+SELECT run.run_id,
+       robot.name AS robot,
+       run.started_at_text AS started_at,
+       run.source_name,
+       CASE WHEN NOT run.growing THEN lower(hex(run.content_hash)) END AS content_hash,
+       run.rows,
+       run.sample_rate_hz,
+       run.cycles_stored AS cycles,
+       CASE WHEN run.superseded_by_run_id IS NULL THEN run.status ELSE 'superseded' END AS status,
+       run.reason,
+       run.reason_line,
+       run.reason_column,
+       run.model,
+       run.superseded_by_run_id,
+       run.kind,
+       run.rows_skipped,
+       (SELECT nullif(host_session.host, '') FROM host_session
+        WHERE host_session.host_session_id = run.host_session_id) AS host
+FROM run
+JOIN robot USING (robot_id);
