@@ -147,5 +147,3 @@ mod fixtures;
 mod in_brief_tests;
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod window_tests;

@@ -6,7 +6,7 @@
 use super::baseline_plan::known::{KnownMap, KnownPlan};
 use super::baselines::FrictionTests;
 use super::conclude::ConclusionTransaction;
-use super::friction_tests;
+use super::known_friction;
 use super::packed::{Reader, add_count, add_joint};
 use crate::robot::JointIndex;
 use crate::store::engine::EngineExecutor;
@@ -48,7 +48,7 @@ impl Store {
         let mut connection = self.checked(self.readers.acquire().await)?;
         let keys = behind(&mut *connection, robot_id, plan.remembers_from()).await;
         let keys = [plan.tests(), self.checked(keys)?].concat();
-        self.checked(friction_tests::of_keys(&mut connection, robot_id, &keys).await)
+        self.checked(known_friction::of_keys(&mut connection, robot_id, &keys).await)
     }
 }
 

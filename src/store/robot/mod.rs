@@ -25,5 +25,5 @@ pub(super) mod peers;
 mod settled;
 mod settled_rows;
 mod friction_plan;
-mod friction_tests;
+mod known_friction;
 mod episodes;

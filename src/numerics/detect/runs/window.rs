@@ -308,3 +308,6 @@ fn has_curve(run: &RunSummary, joint: JointIndex) -> bool {
         None => run.cycle_friction.iter().any(|of| of.friction.joint == joint),
     }
 }
+
+#[cfg(test)]
+mod tests;

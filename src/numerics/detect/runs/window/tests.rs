@@ -6,11 +6,11 @@ use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::cause_tests::{State, fleet};
-use super::detect;
-use super::in_brief_tests::life;
-use super::window::{Lengths, Settled, quantity};
+use super::{Lengths, Settled, quantity};
 use crate::anomaly::{Anomaly, AnomalyKind, RunSummary};
+use crate::numerics::detect::runs::cause_tests::{State, fleet};
+use crate::numerics::detect::runs::detect;
+use crate::numerics::detect::runs::in_brief_tests::life;
 use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::JointIndex;
 
