@@ -1,4 +1,4 @@
--- made from migrations c3d883559f2c73abe6eb9d342f5e5264d0f332baab55d54b65913411733ac5d0
+-- made from migrations 25030137aea9e248d48db010525a4b7cbb09e26a815910b855250459076c30fe
 PRAGMA application_id = 1098343522;
 CREATE TABLE _sqlx_migrations (
     version BIGINT PRIMARY KEY,
@@ -1706,7 +1706,6 @@ BEGIN
     WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = OLD.cycle_id);
 END;
 CREATE INDEX run_by_start_text ON run (started_at_text);
-CREATE INDEX run_of_robot_by_start_text ON run (robot_id, started_at_text, run_id);
 CREATE INDEX cycle_shown_as_refused ON cycle (run_id)
 WHERE CASE WHEN doubtful THEN 'doubtful' ELSE status END COLLATE BINARY = 'refused';
 CREATE INDEX cycle_with_remarks ON cycle (started_at_text)
@@ -1800,27 +1799,6 @@ CREATE TABLE claim (
 CREATE INDEX claim_by_session ON claim (host_session_id);
 CREATE INDEX run_by_session ON run (host_session_id) WHERE host_session_id IS NOT NULL;
 CREATE INDEX run_by_bytes ON run (source_bytes);
-CREATE VIEW runs AS
-SELECT run.run_id,
-       robot.name AS robot,
-       run.started_at_text AS started_at,
-       run.source_name,
-       CASE WHEN NOT run.growing THEN lower(hex(run.content_hash)) END AS content_hash,
-       run.rows,
-       run.sample_rate_hz,
-       run.cycles_stored AS cycles,
-       CASE WHEN run.superseded_by_run_id IS NULL THEN run.status ELSE 'superseded' END AS status,
-       run.reason,
-       run.reason_line,
-       run.reason_column,
-       run.model,
-       run.superseded_by_run_id,
-       run.kind,
-       run.rows_skipped,
-       nullif(host_session.host, '') AS host
-FROM run
-JOIN robot USING (robot_id)
-LEFT JOIN host_session USING (host_session_id);
 CREATE VIEW hosts AS
 SELECT latest.host,
        CASE WHEN latest.ended_at IS NOT NULL THEN 'ended'
@@ -1974,6 +1952,29 @@ BEGIN
     DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
 END;
 CREATE INDEX run_production ON run (robot_id, status, started_at, run_id) WHERE kind = 'production';
+CREATE INDEX run_of_robot_by_start_text
+ON run (robot_id, started_at_text, run_id, status, superseded_by_run_id, kind, model);
+CREATE VIEW runs AS
+SELECT run.run_id,
+       robot.name AS robot,
+       run.started_at_text AS started_at,
+       run.source_name,
+       CASE WHEN NOT run.growing THEN lower(hex(run.content_hash)) END AS content_hash,
+       run.rows,
+       run.sample_rate_hz,
+       run.cycles_stored AS cycles,
+       CASE WHEN run.superseded_by_run_id IS NULL THEN run.status ELSE 'superseded' END AS status,
+       run.reason,
+       run.reason_line,
+       run.reason_column,
+       run.model,
+       run.superseded_by_run_id,
+       run.kind,
+       run.rows_skipped,
+       (SELECT nullif(host_session.host, '') FROM host_session
+        WHERE host_session.host_session_id = run.host_session_id) AS host
+FROM run
+JOIN robot USING (robot_id);
 INSERT INTO database_identity (only_one, identity) VALUES (1, lower(hex(randomblob(6))));
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly', 0);
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly_event', 0);
