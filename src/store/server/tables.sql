@@ -664,12 +664,12 @@ CREATE TABLE anomaly (
     -- Whether the history has it no longer; `state` then is what people had said, in case it comes back.
     withdrawn boolean NOT NULL DEFAULT FALSE,
     open_run_id bigint REFERENCES run ON DELETE SET NULL,
-    -- What has settled it; NULL while conclusions look at it.
-    settled_history_id bigint REFERENCES settled_history ON DELETE SET NULL,
     first_seen_at_text text COLLATE "C" GENERATED ALWAYS AS (time_text(first_seen_at)) STORED,
     last_seen_at_text text COLLATE "C" GENERATED ALWAYS AS (time_text(last_seen_at)) STORED,
     onset_at_text text COLLATE "C" GENERATED ALWAYS AS (time_text(onset_at)) STORED,
-    shelved_until_text text COLLATE "C" GENERATED ALWAYS AS (time_text(shelved_until)) STORED
+    shelved_until_text text COLLATE "C" GENERATED ALWAYS AS (time_text(shelved_until)) STORED,
+    -- What has settled it; NULL while conclusions look at it.
+    settled_history_id bigint REFERENCES settled_history ON DELETE SET NULL
 );
 
 CREATE TABLE anomaly_event (
