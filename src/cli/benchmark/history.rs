@@ -162,7 +162,7 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
         lap(5);
         conclusion.summarise_settled_logs().await?;
         conclusion.production_summaries().await?;
-        conclusion.reconcile_with(&found.findings, &found.settled).await?;
+        conclusion.reconcile(&found.findings, &found.settled).await?;
         conclusion.settle_withdrawn(&found.at).await?;
         conclusion.commit(history).await?;
         lap(6);

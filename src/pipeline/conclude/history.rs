@@ -153,7 +153,7 @@ impl Pipeline {
         let mut findings = judged.findings.clone();
         let logs = conclusion.production_summaries().await?;
         findings.anomalies.extend(detect_production(&logs, settings));
-        let reconciled = conclusion.reconcile_with(&findings, &judged.settled).await?;
+        let reconciled = conclusion.reconcile(&findings, &judged.settled).await?;
         conclusion.settle_withdrawn(&judged.at).await?;
         release(&mut conclusion, &judged).await?;
         conclusion.compared_with(peers.len(), baseline_runs).await?;

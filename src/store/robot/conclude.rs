@@ -8,7 +8,7 @@ use jiff::Timestamp;
 
 use super::anomalies::Reconciled;
 use super::friction_series::{self, FrictionHistory};
-use super::{anomalies, conclusion_faults, history, run_brief, run_brief_rows};
+use super::{anomalies, conclusion_faults, history, run_brief};
 use crate::analysis::{ProductionCheck, WarmUpFit};
 use crate::anomaly::{Anomaly, Findings, ProductionSummary, RunSummary};
 use crate::store::engine::{EngineExecutor, EngineTransaction};
@@ -107,20 +107,6 @@ impl ConclusionTransaction {
         self.checked(result)
     }
 
-    /// Reads the summaries of the robot's complete runs, ordered by start, then key, with the friction index that
-    /// was stored last. Their cycles are left out.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn run_briefs(&mut self) -> Result<Vec<RunSummary>, StoreError> {
-        let keys = history::complete_tests(&mut *self.transaction, self.robot_id).await;
-        let keys = self.checked(keys)?;
-        let completed = run_brief_rows::complete(&mut self.transaction, &keys).await;
-        self.checked(completed)?;
-        let result = history::run_briefs(&mut self.transaction, self.robot_id).await;
-        self.checked(result)
-    }
-
     /// Reads the cycles of the tests at these places that are left out.
     ///
     /// # Errors
@@ -142,20 +128,12 @@ impl ConclusionTransaction {
 
     /// Makes the stored anomalies and health of the robot agree with its whole history, and writes down what happened
     /// to them. Known anomalies keep their number and what people said of them; those that ended are resolved, those
-    /// that vanished withdrawn.
+    /// that vanished withdrawn. `settled` has the anomalies that are settled from now on, with the key of what has settled
+    /// them; those that were settled before are left alone.
     ///
     /// # Errors
     /// [`StoreError::Refused`] for findings that name a run which is not stored.
-    pub async fn reconcile(&mut self, findings: &Findings) -> Result<Reconciled, StoreError> {
-        self.reconcile_with(findings, &[]).await
-    }
-
-    /// The same of a history of which something is settled: `settled` has the anomalies that are settled from now on, with the
-    /// key of what has settled them. Those that were settled before are left alone.
-    ///
-    /// # Errors
-    /// [`StoreError::Refused`] for findings that name a run which is not stored.
-    pub async fn reconcile_with(
+    pub async fn reconcile(
         &mut self,
         findings: &Findings,
         settled: &[(i64, Vec<Anomaly>)],

@@ -63,15 +63,6 @@ impl Store {
         self.checked(run_summaries(&mut connection, robot_id).await)
     }
 
-    /// The same with their cycles left out, but for tests of which nothing is known in brief.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn run_briefs(&self, robot_id: i64) -> Result<Vec<RunSummary>, StoreError> {
-        let mut connection = self.checked(self.readers.acquire().await)?;
-        self.checked(run_briefs(&mut connection, robot_id).await)
-    }
-
     /// Reads the cycles of the tests at these places that are left out.
     ///
     /// # Errors
@@ -298,31 +289,8 @@ pub(in crate::store) async fn run_summaries(
     together(connection, robot_id, tests, &[]).await
 }
 
-/// Keys of a robot's complete tests, oldest first.
-pub(super) async fn complete_tests(
-    executor: impl EngineExecutor<'_>,
-    robot_id: i64,
-) -> Result<Vec<i64>, sqlx::Error> {
-    sqlx::query_scalar(
-        "SELECT run_id FROM run WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'
-         ORDER BY started_at, run_id",
-    )
-    .bind(robot_id)
-    .fetch_all(executor)
-    .await
-}
-
-/// As [`run_summaries`], with the cycles left out of those tests of which something is known in brief.
-pub(in crate::store) async fn run_briefs(
-    connection: &mut EngineConnection,
-    robot_id: i64,
-) -> Result<Vec<RunSummary>, sqlx::Error> {
-    let keys = complete_tests(&mut *connection, robot_id).await?;
-    briefs(connection, robot_id, &keys, &[]).await
-}
-
-/// The same of those of the robot's tests that have these keys. Epochs are told apart by these and the tests with which others
-/// began.
+/// As [`run_summaries`], of the tests of these keys, with the cycles left out of those of which something is known in brief.
+/// Epochs are told apart by these and the tests with which others began.
 pub(super) async fn briefs(
     connection: &mut EngineConnection,
     robot_id: i64,

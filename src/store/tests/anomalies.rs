@@ -56,7 +56,7 @@ impl<'a> Robot<'a> {
 
     async fn reconcile(&self, anomalies: Vec<Anomaly>) -> Reconciled {
         let mut conclusion = self.store.conclude(self.robot_id).await.expect("a transaction");
-        let outcome = conclusion.reconcile(&findings(anomalies)).await.expect("findings");
+        let outcome = conclusion.reconcile(&findings(anomalies), &[]).await.expect("findings");
         conclusion.commit(0).await.expect("a commit");
         outcome
     }
@@ -277,7 +277,7 @@ async fn programs_that_conclude_the_same_at_once_write_it_down_once() {
                 tokio::spawn(async move {
                     let own = Store::open(&path).await.expect("a store of its own");
                     let mut conclusion = own.conclude(robot_id).await.expect("a transaction");
-                    let events = conclusion.reconcile(&found).await.expect("findings").events.len();
+                    let events = conclusion.reconcile(&found, &[]).await.expect("findings").events.len();
                     conclusion.commit(0).await.expect("a commit");
                     events
                 })

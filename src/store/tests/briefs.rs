@@ -9,6 +9,7 @@ use crate::anomaly::brief::Brief;
 use crate::anomaly::{AnomalyKind, Findings};
 use crate::numerics::detect::runs::brief::brief;
 use crate::numerics::detect::runs::detect_among;
+use crate::numerics::detect::runs::window::Settled;
 use crate::numerics::detect::verdict::DetectSettings;
 use crate::pipeline::conclude::in_brief::{Detected, detected};
 use crate::store::handle::Store;
@@ -23,7 +24,7 @@ fn said(findings: &Findings) -> Vec<String> {
 async fn in_brief(store: &Store) -> Detected {
     let mut conclusion = store.conclude(1).await.expect("a transaction");
     let history = conclusion.history().await.expect("a history");
-    let mut tests = conclusion.run_briefs().await.expect("tests in brief");
+    let mut tests = conclusion.window(&Settled::default(), usize::MAX).await.expect("tests in brief");
     assert!(tests.iter().all(|test| test.is_brief && test.cycle_friction.is_empty()));
     let settings = DetectSettings::default();
     let found = detected(&mut conclusion, &mut tests, &[], &settings).await.expect("findings");
@@ -34,7 +35,7 @@ async fn in_brief(store: &Store) -> Detected {
 async fn of_all_cycles(store: &Store) -> Findings {
     let tests = store.run_summaries(1).await.expect("summaries");
     // what readers see in brief is of the same cycles
-    let mut briefs = store.run_briefs(1).await.expect("briefs");
+    let mut briefs = store.latest_window(1).await.expect("briefs");
     for (test, of) in tests.iter().zip(&mut briefs) {
         let stored = of.brief.take().expect("a brief");
         assert_eq!(Brief { judgements: Vec::new(), ..(*stored).clone() }, brief(test));

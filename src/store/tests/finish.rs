@@ -9,6 +9,7 @@ use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{CycleAnalysis, Estimate};
 use crate::anomaly::forecast::{Crossing, Forecast, Trend};
 use crate::anomaly::{Anomaly, Findings, JointHealth, Knowledge, Severity};
+use crate::numerics::detect::runs::window::Settled;
 use crate::run::RunStatus;
 use crate::store::error::StoreError;
 use crate::store::robot::baselines::{FrictionConclusion, NewIndices};
@@ -53,7 +54,7 @@ async fn the_end_of_a_run_reads_what_it_needs_and_stores_the_rest() {
     assert_eq!(points, expected);
     let mut conclusion = store.conclude(robot.robot_id).await.expect("a transaction");
     conclusion.replace_mixed_fits(&fits(20.0)).await.expect("fits");
-    conclusion.reconcile(&findings(vec![])).await.expect("findings");
+    conclusion.reconcile(&findings(vec![]), &[]).await.expect("findings");
     conclusion.commit(robot.history).await.expect("a commit");
     assert_eq!(store.stale_robots().await.expect("robots"), []);
     assert!(store.discard_run(unfinished).await.expect("an answer"));
@@ -112,7 +113,7 @@ async fn a_whole_run_may_be_stored_from_a_spawned_task() {
             store.friction_tests(robot.robot_id).await?;
             let mut conclusion = store.conclude(robot.robot_id).await?;
             conclusion.replace_mixed_fits(&fits(1.0)).await?;
-            conclusion.reconcile(&findings(vec![])).await?;
+            conclusion.reconcile(&findings(vec![]), &[]).await?;
             conclusion.commit(robot.history).await?;
         }
         store.quarantine(&header("R00", 1), &fault("no rows", None)).await?;
@@ -196,7 +197,7 @@ async fn a_transaction_dropped_half_way_leaves_nothing() {
     drop(end);
     let mut conclusion = store.conclude(1).await.expect("a transaction");
     let found = findings(vec![anomaly(joint(1), run_id, Severity::Critical)]);
-    conclusion.reconcile(&found).await.expect("findings");
+    conclusion.reconcile(&found, &[]).await.expect("findings");
     drop(conclusion);
     // The writer is free again, and nothing of the dropped work is there.
     assert!(!store.record_cycle(run_id, &cycle(1), &er3a()).await.expect("the writer"));
@@ -217,7 +218,7 @@ async fn findings_of_a_robot_leave_other_robots_alone() {
         finish(&store, run_id, 1, &findings(vec![])).await;
         let mut conclusion = store.conclude(1).await.expect("a transaction");
         let found = findings(vec![anomaly(joint(1), 999, Severity::Info)]);
-        conclusion.reconcile(&found).await.expect_err("no such run")
+        conclusion.reconcile(&found, &[]).await.expect_err("no such run")
     };
     assert!(matches!(error, StoreError::Refused { .. }), "{error}");
 }
@@ -301,7 +302,7 @@ async fn only_a_robot_that_was_seen_in_time_becomes_overdue_and_a_new_test_ends_
         let store = &store;
         async move {
             let mut conclusion = store.conclude(1).await.expect("a transaction");
-            conclusion.reconcile(&expecting(expected_by)).await.expect("findings");
+            conclusion.reconcile(&expecting(expected_by), &[]).await.expect("findings");
             conclusion.commit(0).await.expect("a commit");
         }
     };
@@ -501,7 +502,7 @@ async fn detectors_get_the_index_of_each_run_and_people_too() {
     let found =
         FrictionConclusion { run_ids: vec![run_id], indices: vec![new], ..FrictionConclusion::default() };
     conclusion.replace_friction(&found).await.expect("an index");
-    let summaries = conclusion.run_briefs().await.expect("summaries");
+    let summaries = conclusion.window(&Settled::default(), usize::MAX).await.expect("summaries");
     let known: Vec<_> =
         summaries[0].joints.iter().filter_map(|of| Some((of.joint, of.friction_index?))).collect();
     assert_eq!(known, [(joint(2), index.index)]);

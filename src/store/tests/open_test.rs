@@ -178,7 +178,7 @@ async fn a_test_that_is_not_read_to_its_end_takes_its_alarm_with_it() {
     let stale = store.stale_robots().await.expect("robots");
     assert_eq!(stale.len(), 1, "it is judged without it");
     let mut conclusion = store.conclude(stale[0].robot_id).await.expect("a transaction");
-    let events = conclusion.reconcile(&findings(vec![])).await.expect("findings").events;
+    let events = conclusion.reconcile(&findings(vec![]), &[]).await.expect("findings").events;
     conclusion.commit(stale[0].history).await.expect("a commit");
     assert_eq!(events.iter().map(|event| event.what).collect::<Vec<_>>(), [Withdrawn]);
     assert_eq!(told(&store).await, "opened, withdrawn: the test was not read to its end");
@@ -211,7 +211,7 @@ async fn a_start_that_is_known_at_the_end_makes_no_other_episode() {
         };
         let stale = store.stale_robots().await.expect("robots").remove(0);
         let mut conclusion = store.conclude(stale.robot_id).await.expect("a transaction");
-        conclusion.reconcile(&findings(vec![moved])).await.expect("findings");
+        conclusion.reconcile(&findings(vec![moved]), &[]).await.expect("findings");
         conclusion.commit(stale.history).await.expect("a commit");
         assert_eq!(told(&store).await, "opened", "{hours} hours");
     }

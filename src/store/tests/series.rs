@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::support::*;
+use crate::numerics::detect::runs::window::Settled;
 use crate::store::handle::Store;
 
 async fn summaries(store: &Store) -> String {
@@ -22,7 +23,7 @@ async fn series(store: &Store) -> i64 {
 async fn conclude(store: &Store) {
     let mut conclusion = store.conclude(1).await.expect("a transaction");
     let history = conclusion.history().await.expect("a history");
-    conclusion.run_briefs().await.expect("summaries");
+    conclusion.window(&Settled::default(), usize::MAX).await.expect("summaries");
     conclusion.commit(history).await.expect("a commit");
 }
 

@@ -347,7 +347,7 @@ pub(in crate::store) async fn finish(store: &Store, run_id: i64, cycles: u32, fi
     let robot = stale(store, run_id).await;
     let mut conclusion = store.conclude(robot.robot_id).await.expect("a transaction");
     conclusion.replace_mixed_fits(&fits(50.0)).await.expect("fits");
-    conclusion.reconcile(findings).await.expect("findings");
+    conclusion.reconcile(findings, &[]).await.expect("findings");
     conclusion.commit(robot.history).await.expect("a commit");
 }
 

@@ -25,7 +25,7 @@ async fn conclude(store: &Store, settings: &DetectSettings, lengths: &Lengths) -
     let mut conclusion = store.conclude(1).await.expect("a transaction");
     let history = conclusion.history().await.expect("a history");
     let found = judged(&mut conclusion, None, &[], settings, lengths).await.expect("findings");
-    let reconciled = conclusion.reconcile_with(&found.findings, &found.settled).await.expect("reconciled");
+    let reconciled = conclusion.reconcile(&found.findings, &found.settled).await.expect("reconciled");
     conclusion.settle_withdrawn(&found.at).await.expect("settled");
     conclusion.commit(history).await.expect("a commit");
     (found, reconciled)
