@@ -362,7 +362,8 @@ impl<'r> Work<'r> {
         let asked: HashSet<PathBuf> = asked.into_iter().collect();
         if !asked.is_subset(&self.asked) {
             self.reload();
-            asked.iter().for_each(|path| self.book.again(path));
+            let (config, now) = (self.pipeline.config(), Instant::now());
+            asked.iter().for_each(|path| self.book.again(path, now, |path| robot_of(config, path)));
         }
         self.asked = asked;
         Ok(())

@@ -61,7 +61,18 @@ pub enum Closing {
     GaveWay(u64),
 }
 
-/// What is known of a path.
+/// A file that was read as it lies there. A folder may hold a hundred thousand of them, so that little is kept of each.
+#[derive(Debug)]
+struct ReadFile {
+    size: u64,
+    modified: SystemTime,
+    file: FileId,
+    patience: Duration,
+    /// It was done once before.
+    done: bool,
+}
+
+/// What is known of a file that is not read as it lies there.
 #[derive(Debug)]
 struct Entry {
     seen: Observation,
@@ -71,8 +82,6 @@ struct Entry {
     grown: bool,
     /// It is to be read only when it has settled.
     waits: bool,
-    /// It was read as it is.
-    taken: bool,
     /// It was done once.
     done: bool,
     patience: Duration,
@@ -93,7 +102,9 @@ type Turn<'e> = (u64, u64, SystemTime, Option<&'e OsStr>, &'e Path);
 #[derive(Debug)]
 pub struct FileSchedule {
     settle: Duration,
-    entries: BTreeMap<PathBuf, Entry>,
+    entries: HashMap<PathBuf, Entry>,
+    /// Files that are left alone until they change.
+    read: HashMap<Box<Path>, ReadFile>,
     /// Files that the database knows and that are not seen yet.
     begun: HashMap<PathBuf, Begun>,
     /// Growing files that are not read yet.
@@ -114,7 +125,8 @@ impl FileSchedule {
     pub fn new(settle: Duration, begun: HashMap<PathBuf, Begun>) -> Self {
         Self {
             settle,
-            entries: BTreeMap::new(),
+            entries: HashMap::new(),
+            read: HashMap::new(),
             begun,
             growing: BTreeSet::new(),
             settled: BTreeMap::new(),
@@ -127,14 +139,17 @@ impl FileSchedule {
     /// Lets files settle in `settle` from now on; those whose writers were found to be slow keep their longer time.
     pub fn settle_in(&mut self, settle: Duration) {
         let before = std::mem::replace(&mut self.settle, settle);
-        for entry in self.entries.values_mut().filter(|entry| entry.patience <= before.max(settle)) {
-            entry.patience = settle;
+        let waiting = self.entries.values_mut().map(|entry| &mut entry.patience);
+        let read = self.read.values_mut().map(|read| &mut read.patience);
+        for patience in waiting.chain(read).filter(|patience| **patience <= before.max(settle)) {
+            *patience = settle;
         }
     }
 
     /// Files of a look that no earlier look has found.
     pub fn unseen<'f>(&self, files: &'f [FoundFile]) -> impl Iterator<Item = &'f FoundFile> {
-        files.iter().filter(|file| !self.entries.contains_key(&file.path))
+        let is_known = |path: &Path| self.entries.contains_key(path) || self.read.contains_key(path);
+        files.iter().filter(move |file| !is_known(&file.path))
     }
 
     /// Notes that the fate of files is decided as they lie there. Call it before the look that finds them is noted.
@@ -153,23 +168,18 @@ impl FileSchedule {
     ) {
         let found: HashSet<&Path> = files.iter().map(|file| file.path.as_path()).collect();
         self.entries.retain(|path, _| found.contains(path.as_path()));
+        self.read.retain(|path, _| found.contains(&**path));
+        drop(found);
         self.growing.clear();
         self.settled.clear();
         self.count += 1;
         let mut longest_wait = self.count;
         for file in files {
             let seen = Observation { size: file.size, modified: file.modified, at: now };
-            let settle = self.settle;
-            let entry = self
-                .entries
-                .entry(file.path.clone())
-                .and_modify(|entry| entry.see(seen, file.file))
-                .or_insert_with(|| {
-                    let begun = self.begun.remove(&file.path);
-                    Entry::new(seen, file.file, settle, lane_of(&file.path)).begun(begun)
-                });
+            self.look_at(file, seen, &lane_of);
+            let Some(entry) = self.entries.get_mut(&file.path) else { continue };
             let rests = entry.rests_until.is_some_and(|end| now < end);
-            if entry.taken || rests || self.open.contains(&entry.file) {
+            if rests || self.open.contains(&entry.file) {
                 entry.queued = None;
                 continue;
             }
@@ -186,6 +196,27 @@ impl FileSchedule {
         }
         // turns from before the oldest waiting file was queued cannot change the order any more
         self.turns.retain(|_, turn| *turn > longest_wait);
+    }
+
+    /// Notes how a file was seen.
+    fn look_at(&mut self, file: &FoundFile, seen: Observation, lane_of: impl Fn(&Path) -> String) {
+        let path = &file.path;
+        if self.read.get(&**path).is_some_and(|read| read.is(file)) {
+            return;
+        }
+        if let Some(read) = self.read.remove(&**path) {
+            self.entries.insert(path.clone(), Entry::reopened(&read, seen.at, lane_of(path)));
+        }
+        if let Some(entry) = self.entries.get_mut(path) {
+            return entry.see(seen, file.file);
+        }
+        let begun = self.begun.remove(path);
+        let entry = Entry::new(seen, file.file, self.settle, lane_of(path));
+        if begun == Some(Begun::Taken) {
+            self.read.insert(path.clone().into(), entry.read());
+        } else {
+            self.entries.insert(path.clone(), entry.begun(begun));
+        }
     }
 
     /// The next growing file, of the robot that has waited longest; it counts as open from now on.
@@ -254,7 +285,7 @@ impl FileSchedule {
     #[must_use]
     pub fn waiting(&self, now: Instant) -> usize {
         let rests = |entry: &Entry| entry.rests_until.is_some_and(|end| now < end);
-        self.entries.values().filter(|entry| !entry.taken && !rests(entry)).count()
+        self.entries.values().filter(|entry| !rests(entry)).count()
     }
 
     fn open(&mut self, path: &Path) -> Option<NextAttempt> {
@@ -270,9 +301,9 @@ impl FileSchedule {
     }
 
     /// Lets a file that was taken be taken again at the next look; others are left as they are.
-    pub fn again(&mut self, path: &Path) {
-        if let Some(entry) = self.entries.get_mut(path) {
-            entry.taken = false;
+    pub fn again(&mut self, path: &Path, now: Instant, lane_of: impl Fn(&Path) -> String) {
+        if let Some(read) = self.read.remove(path) {
+            self.entries.insert(path.to_owned(), Entry::reopened(&read, now, lane_of(path)));
         }
     }
 
@@ -289,7 +320,12 @@ impl FileSchedule {
         let unchanged = entry.seen.size == due.seen.size && entry.seen.modified == due.seen.modified;
         entry.grown &= closing == Closing::Taken && !unchanged;
         match closing {
-            Closing::Taken => entry.taken = unchanged,
+            Closing::Taken if unchanged => {
+                let read = entry.read();
+                self.entries.remove(&due.path);
+                self.read.insert(due.path.clone().into(), read);
+            }
+            Closing::Taken => {}
             // what was read of it is compared with what lies there when it has settled
             Closing::Done => entry.done = true,
             Closing::UntilSettled => entry.waits = true,
@@ -297,6 +333,13 @@ impl FileSchedule {
             Closing::Unreadable => entry.rest(),
             Closing::GaveWay(read) => entry.grown = entry.file == due.file && entry.seen.size > read,
         }
+    }
+}
+
+impl ReadFile {
+    /// Whether it still lies there as it was read.
+    fn is(&self, found: &FoundFile) -> bool {
+        (self.size, self.modified, self.file) == (found.size, found.modified, found.file)
     }
 }
 
@@ -308,7 +351,6 @@ impl Entry {
             settling: Settling::first(seen),
             grown: false,
             waits: false,
-            taken: false,
             done: false,
             patience,
             rests_until: None,
@@ -322,16 +364,28 @@ impl Entry {
     fn begun(mut self, begun: Option<Begun>) -> Self {
         match begun {
             Some(Begun::Growing) => self.grown = true,
-            Some(Begun::Taken) => self.taken = true,
             Some(Begun::Settled(size, modified)) => {
                 let seen = Timestamp::try_from(self.seen.modified).map(Timestamp::as_microsecond);
                 if size == self.seen.size && seen.is_ok_and(|seen| seen == modified) {
                     self.settling = Settling::settled_before(self.seen);
                 }
             }
-            None => {}
+            Some(Begun::Taken) | None => {}
         }
         self
+    }
+
+    /// A file that was read, and is to be looked at again: it has settled unless it is another one when it is seen.
+    fn reopened(read: &ReadFile, now: Instant, lane: String) -> Self {
+        let seen = Observation { size: read.size, modified: read.modified, at: now };
+        let settling = Settling::settled_before(seen);
+        Self { settling, done: read.done, ..Self::new(seen, read.file, read.patience, lane) }
+    }
+
+    /// What is kept of it once it is read as it was seen.
+    fn read(&self) -> ReadFile {
+        let Self { seen, file, patience, done, .. } = *self;
+        ReadFile { size: seen.size, modified: seen.modified, file, patience, done }
     }
 
     fn rest(&mut self) {
@@ -350,7 +404,6 @@ impl Entry {
         if std::mem::take(&mut self.done) {
             self.patience = (2 * self.patience).min(LONGEST_PATIENCE.max(self.patience));
         }
-        self.taken = false;
         (self.rests_until, self.refusals) = (None, 0);
         // a touched file has not grown, and one that was cut has not grown yet
         self.grown = same_file && seen.size > before.size;

@@ -17,6 +17,10 @@ const TO_END: Duration = Duration::from_secs(60);
 /// How often it is looked whether it has ended.
 const LOOK: Duration = Duration::from_millis(20);
 
+/// Arenas of glibc's allocator, as the unit of the service and the container set them. With its eight for each processor,
+/// what the threads free lies in more places than is used again.
+const ARENAS: (&str, &str) = ("MALLOC_ARENA_MAX", "2");
+
 /// How a daemon is started.
 pub(super) struct Launch<'l> {
     /// Of its socket, in the folder that it works in.
@@ -58,6 +62,9 @@ impl ChildDaemon {
         command.args(["run", "-q"]);
         if let Some(config) = launch.config {
             command.arg("--config").arg(config);
+        }
+        if std::env::var_os(ARENAS.0).is_none() {
+            command.env(ARENAS.0, ARENAS.1);
         }
         let child = command
             .env_remove("ARMWATCH_CONFIG")

@@ -32,7 +32,6 @@ impl Desk {
 
     fn look(&mut self, at_s: u64) {
         let now = self.start + Duration::from_secs(at_s);
-        let lane = |path: &Path| path.display().to_string()[..1].to_owned();
         self.book.note(&self.files, now, |path| path.ends_with("marked1"), lane);
     }
 
@@ -44,6 +43,10 @@ impl Desk {
         let busy = busy.iter().map(|lane| (*lane).to_owned()).collect();
         self.book.next_settled(&busy, |_| true).map(|(due, _)| due)
     }
+}
+
+fn lane(path: &Path) -> String {
+    path.display().to_string()[..1].to_owned()
 }
 
 fn name(due: Option<&NextAttempt>) -> Option<&str> {
@@ -249,8 +252,9 @@ fn a_file_that_is_asked_for_is_taken_again() {
     [0, 3].into_iter().for_each(|at| desk.look(at));
     let due = desk.settled(&[]).expect("settled");
     desk.book.close(&due, Closing::Taken);
-    desk.book.again(&due.path);
-    desk.book.again(Path::new("unknown"));
+    for path in [&*due.path, Path::new("unknown")] {
+        desk.book.again(path, desk.start, lane);
+    }
     assert!(desk.settled(&[]).is_none(), "the next look queues it");
     desk.look(4);
     assert_eq!(name(desk.settled(&[]).as_ref()), Some("a1"));
