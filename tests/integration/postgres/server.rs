@@ -15,8 +15,10 @@ use sqlx::{AssertSqlSafe, Connection, Row};
 
 use crate::support::{Workshop, pass};
 
-/// Where Debian's package has the programs of the server.
-pub const PROGRAMS: &str = "/usr/lib/postgresql/15/bin";
+/// Where the programs of the server are: `ARMWATCH_POSTGRES`, or where Debian's package has them.
+fn programs() -> PathBuf {
+    std::env::var_os("ARMWATCH_POSTGRES").unwrap_or_else(|| "/usr/lib/postgresql/15/bin".into()).into()
+}
 
 /// A server of its own, with its files in a temporary folder and no address but a socket there.
 pub struct Server {
@@ -74,8 +76,8 @@ impl Server {
     }
 
     fn start_on(own_disk: bool) -> Option<Self> {
-        if !Path::new(PROGRAMS).join("initdb").exists() {
-            eprintln!("skipped: no PostgreSQL in {PROGRAMS}");
+        if !programs().join("initdb").exists() {
+            eprintln!("skipped: no PostgreSQL in {}", programs().display());
             return None;
         }
         let folder = tempfile::Builder::new().prefix("pg").tempdir_in("/tmp").expect("a folder");
@@ -103,7 +105,7 @@ impl Server {
 
     /// Runs a program of the server, which refuses to run as root.
     fn program(&self, name: &str, arguments: &[&str]) -> bool {
-        let program = Path::new(PROGRAMS).join(name);
+        let program = programs().join(name);
         let of_user = match rustix::process::getuid().is_root() {
             true => {
                 vec!["setpriv", "--reuid=nobody", "--regid=nogroup", "--clear-groups"]
