@@ -19,6 +19,8 @@ mod series;
 mod common_change;
 mod friction_change;
 mod forecast;
+mod quiet_scatter;
+mod whitened;
 mod level_limit;
 mod steady_rise;
 mod friction_drift;

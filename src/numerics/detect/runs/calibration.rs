@@ -83,7 +83,7 @@ fn level(series: &JointSeries<'_>) -> LevelCalibration {
     let friction = series.friction;
     let limit = judged(series).limit;
     let is_judged = friction.runs.iter().any(|of| !friction.is_learnt_from(of))
-        || limit.learnt >= series.settings.baseline_runs.max(1);
+        || limit.learnt() >= series.settings.baseline_runs.max(1);
     let figures = || {
         let (scatter, change) = (limit.scatter(), limit.threshold(steady_variance(friction.spread)));
         let delay = |of: f64| mean_run_length(EWMA_WEIGHT, change / scatter, of / scatter);
@@ -92,10 +92,10 @@ fn level(series: &JointSeries<'_>) -> LevelCalibration {
     LevelCalibration {
         joint: series.joint,
         quantity: friction.source.quantity(),
-        learnt: limit.learnt,
+        learnt: limit.learnt(),
         phase: match is_judged {
             false => Phase::NoHistory,
-            true if limit.learnt < OWN_FROM => Phase::Short,
+            true if limit.learnt() < OWN_FROM => Phase::Short,
             true => Phase::Own,
         },
         limit: is_judged.then(figures),

@@ -3,33 +3,25 @@
 //! A change must be worth an alarm, `drift_warning`, and more than chance: the smoothed change has the limit whose mean run
 //! length is the joint's share of the rate of false alarms ([`Budget`], [`average::limit`]), in standard deviations of the
 //! smoothed value and of the baseline together. These come from the joint's own tests, with their autocorrelation
-//! ([`Whitener`]), which are shrunk towards a stated prior while they are few; Student's distribution widens the limit
-//! for as long. A test is learnt when [`LAG`] later ones are quiet, so that a drift that begins is not taken for scatter,
-//! and after [`OWN_FROM`] tests nothing is learnt any more: wear of a year would be. `drift_sigma` overrules all of this.
+//! ([`QuietScatter`]), which are shrunk towards a stated prior while they are few; Student's distribution widens the limit
+//! for as long. After [`OWN_FROM`] tests nothing is learnt any more: wear of a year would be. `drift_sigma` overrules all of this.
 
 use std::cell::Cell;
-use std::collections::VecDeque;
 
 use super::friction_history::{Observed, Source};
+use super::quiet_scatter::QuietScatter;
 use super::series::JointSeries;
-use super::steady_rise::Scatter;
+use super::whitened::Scatter;
 use crate::analysis::Estimate;
 use crate::numerics::detect::control_chart::{EWMA_WEIGHT, Limits};
 use crate::numerics::detect::rate::average;
 use crate::numerics::detect::rate::budget::Budget;
 use crate::numerics::detect::rate::monitor::OWN_FROM;
-use crate::numerics::detect::rate::whitening::{Likeness, Prior, Whitener};
+use crate::numerics::detect::rate::whitening::Likeness;
 use crate::numerics::statistics::descriptive::median;
-
-/// Quiet tests after one until it is learnt: as many as a drift of half a per cent a test needs to show.
-const LAG: usize = 8;
 
 /// Tests that the prior is worth.
 const WORTH: f64 = 10.0;
-
-/// Lag-1 autocorrelation before any test, and its standard deviation between joints. Indices of simulated healthy joints
-/// have -0.04 (docs/method.md, "Friction index"); real ones have their surroundings in them too.
-const CORRELATION: Estimate = Estimate { value: 0.2, std_error: 0.2 };
 
 /// The limit of one joint, with what has been learnt until now.
 pub(super) struct LevelLimit {
@@ -39,10 +31,7 @@ pub(super) struct LevelLimit {
     /// How many count as far as is known, until the next test is learnt: a quantile that takes long to find.
     estimated: Cell<Option<f64>>,
     alpha: f64,
-    whitener: Whitener,
-    waiting: VecDeque<(f64, f64)>,
-    /// Tests learnt.
-    pub(super) learnt: usize,
+    scatter: QuietScatter,
     /// Tests of the baseline.
     baseline: usize,
     /// Standard deviation that variances are stated for, that of the baseline, and the least one that is believed: the usual
@@ -66,9 +55,7 @@ impl LevelLimit {
             overruled: settings.drift_sigma.is_some(),
             estimated: Cell::new(None),
             alpha: budget.alpha(),
-            whitener: Whitener::new(Prior { scale: least, worth: WORTH, correlation: CORRELATION }),
-            waiting: VecDeque::new(),
-            learnt: 0,
+            scatter: QuietScatter::new(least, WORTH, OWN_FROM),
             baseline: friction.learnt_runs,
             stated: friction.spread,
             least,
@@ -78,29 +65,25 @@ impl LevelLimit {
 
     /// Learns a test of the baseline.
     pub(super) fn learn(&mut self, observed: &Observed) {
-        self.whitener.learn(observed.ratio, observed.std_error);
+        self.scatter.learn(estimate(observed));
         self.estimated.set(None);
-        self.learnt += 1;
     }
 
     /// Takes a quiet test, which is learnt when others have followed it.
     pub(super) fn quiet(&mut self, observed: &Observed) {
-        if self.learnt >= OWN_FROM {
-            return;
-        }
-        self.waiting.push_back((observed.ratio, observed.std_error));
-        if self.waiting.len() > LAG
-            && let Some((ratio, std_error)) = self.waiting.pop_front()
-        {
-            self.whitener.learn(ratio, std_error);
+        if self.scatter.quiet(estimate(observed)) {
             self.estimated.set(None);
-            self.learnt += 1;
         }
     }
 
     /// A test is out: the ones before it may belong to what it shows.
     pub(super) fn out(&mut self) {
-        self.waiting.clear();
+        self.scatter.out();
+    }
+
+    /// Tests learnt.
+    pub(super) fn learnt(&self) -> usize {
+        self.scatter.learnt()
     }
 
     /// The smoothed change at which an alarm begins; `average` is the variance of the average for values of the
@@ -114,7 +97,7 @@ impl LevelLimit {
         let sigma = match self.overruled {
             true => self.limits.sigma,
             false => {
-                let found = || self.whitener.likeness().estimated_limit(self.limits.sigma);
+                let found = || self.scatter.likeness().estimated_limit(self.limits.sigma);
                 let estimated = self.estimated.get().unwrap_or_else(found);
                 self.estimated.set(Some(estimated));
                 estimated
@@ -128,7 +111,7 @@ impl LevelLimit {
         if self.overruled {
             return (average + self.baseline_variance).sqrt();
         }
-        let likeness = self.whitener.likeness();
+        let likeness = self.scatter.likeness();
         let known = (self.spread(&likeness) / self.stated).powi(2);
         let of_average = average * likeness.average_inflation(EWMA_WEIGHT);
         let of_baseline = self.baseline_variance * likeness.mean_inflation(self.baseline);
@@ -137,12 +120,12 @@ impl LevelLimit {
 
     /// Standard deviation of a test about the level, as far as it is known.
     pub(super) fn scatter(&self) -> f64 {
-        if self.overruled { self.stated } else { self.spread(&self.whitener.likeness()) }
+        if self.overruled { self.stated } else { self.spread(&self.scatter.likeness()) }
     }
 
     /// The same with its autocorrelation and what both stand on.
     pub(super) fn known_scatter(&self) -> Scatter {
-        let likeness = self.whitener.likeness();
+        let likeness = self.scatter.likeness();
         Scatter {
             deviation: if self.overruled { self.stated } else { self.spread(&likeness) },
             correlation: likeness.correlation,
@@ -157,9 +140,13 @@ impl LevelLimit {
 
     /// The baseline's own scatter is a floor until the joint has a history.
     fn spread(&self, likeness: &Likeness) -> f64 {
-        let floor = if self.learnt < OWN_FROM { self.stated } else { self.least };
+        let floor = if self.learnt() < OWN_FROM { self.stated } else { self.least };
         likeness.variance().sqrt().max(floor)
     }
+}
+
+fn estimate(of: &Observed) -> Estimate {
+    Estimate { value: of.ratio, std_error: of.std_error }
 }
 
 /// Smallest standard deviation from test to test that is believed, as a fraction of friction. It is the prior's too.

@@ -14,8 +14,9 @@
 //! Only the friction index is looked at. The seasons move friction torques for months as wear does.
 
 use super::friction_history::{COMMON_SPREAD, FrictionHistory, Observed, Source};
+use super::whitened::{Scatter, Whitened};
+use crate::analysis::Estimate;
 use crate::numerics::detect::rate::budget::beyond_chance;
-use crate::numerics::statistics::descriptive::median;
 
 /// Tests that are fitted at most: a slower rise reaches the limit of a change before it is told from chance.
 const WINDOW: usize = 40;
@@ -27,17 +28,6 @@ const PART_OF_WARNING: f64 = 0.5;
 const LEAD: f64 = 1.1;
 /// Standard errors of the joint's share in a change of all joints.
 const SHARE_ERRORS: f64 = 3.0;
-
-/// What is known of a joint's scatter.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Scatter {
-    /// Standard deviation of a test about the level, as a fraction of friction.
-    pub(super) deviation: f64,
-    /// Lag-1 autocorrelation.
-    pub(super) correlation: f64,
-    /// Tests that both stand on.
-    pub(super) freedom: f64,
-}
 
 /// A rise that is more than chance.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -78,27 +68,26 @@ pub(super) fn steady_rise(
     }
     let begins = FEWEST..(tests.len() + 1).checked_sub(FEWEST)?;
     let tried = begins.len().max(1) as f64;
-    let whitened = Whitened::new(tests, scatter);
+    let of = |of: &Observed| Estimate { value: of.ratio, std_error: of.std_error };
+    let whitened = Whitened::new(&tests.iter().map(of).collect::<Vec<Estimate>>(), scatter);
     let line = |begin: usize| move |i: usize| if i < begin { 0.0 } else { (i - begin + 1) as f64 };
     let fits = begins.map(|begin| (begin, whitened.fit(line(begin))));
     let (begin, fit) = fits.min_by(|a, b| a.1.rest.total_cmp(&b.1.rest))?;
     let count = tests.len() - begin;
-    let size = fit.slope * count as f64;
+    let size = fit.size * count as f64;
     let latest = tests.last()?;
     let before = tests[..begin].iter().map(Observed::common).sum::<f64>() / begin as f64;
     let of_share = SHARE_ERRORS * COMMON_SPREAD * (latest.common() - before).abs();
     let least = least_rise(warning).max(of_share);
     // cheap questions first
-    if size < least || fit.slope < beyond_chance(alpha / tried, scatter.freedom) * fit.slope_error {
+    if size < least || fit.size < beyond_chance(alpha / tried, scatter.freedom) * fit.size_error {
         return None;
     }
-    let jump = |begin: usize| move |i: usize| f64::from(u8::from(i >= begin));
-    let best_jump =
-        (1..tests.len()).map(|begin| whitened.fit(jump(begin)).rest).fold(f64::INFINITY, f64::min);
+    let best_jump = (1..tests.len()).map(|begin| whitened.jump(begin).rest).fold(f64::INFINITY, f64::min);
     (fit.rest + 2.0 * LEAD <= best_jump).then_some(Rise {
         run: tests[begin].run,
         level: fit.level,
-        rate: fit.slope,
+        rate: fit.size,
         size,
         tests: count,
         least,
@@ -111,65 +100,6 @@ fn is_higher(tests: &[Observed], least: f64) -> bool {
     let means = || tests.windows(FEWEST).map(|of| of.iter().map(|of| of.ratio).sum::<f64>() / FEWEST as f64);
     let lowest = means().fold(f64::INFINITY, f64::min);
     means().next_back().is_some_and(|latest| latest - lowest >= 0.5 * least)
-}
-
-/// Values of which each is independent of those before, each with its weight.
-struct Whitened {
-    correlation: f64,
-    /// Values and roots of their weights.
-    values: Vec<f64>,
-    roots: Vec<f64>,
-}
-
-/// Level and slope of a pattern.
-struct Fit {
-    level: f64,
-    slope: f64,
-    slope_error: f64,
-    /// Weighted sum of squares that is left.
-    rest: f64,
-}
-
-impl Whitened {
-    fn new(tests: &[Observed], scatter: &Scatter) -> Self {
-        let correlation = scatter.correlation;
-        // most of a standard error is alike in all tests: it says which ones are less certain than usual, no more
-        let usual = median(&tests.iter().map(|of| of.std_error).collect::<Vec<f64>>()).unwrap_or(0.0);
-        let root = |(place, of): (usize, &Observed)| {
-            let first = if place == 0 { 1.0 } else { (1.0 - correlation * correlation).sqrt() };
-            let less_certain = if usual > 0.0 { (of.std_error / usual).max(1.0) } else { 1.0 };
-            (first * scatter.deviation * less_certain).recip()
-        };
-        let mut whitened =
-            Self { correlation, values: Vec::new(), roots: tests.iter().enumerate().map(root).collect() };
-        whitened.values = whitened.of(|i| tests[i].ratio);
-        whitened
-    }
-
-    /// A pattern, whitened as the values are.
-    fn of(&self, pattern: impl Fn(usize) -> f64) -> Vec<f64> {
-        let one = |i: usize| match i {
-            0 => pattern(0),
-            _ => pattern(i) - self.correlation * pattern(i - 1),
-        };
-        (0..self.roots.len()).map(|i| self.roots[i] * one(i)).collect()
-    }
-
-    /// Least squares of a level and a pattern.
-    fn fit(&self, pattern: impl Fn(usize) -> f64) -> Fit {
-        let (level, pattern) = (self.of(|_| 1.0), self.of(pattern));
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let (aa, ab, bb) = (dot(&level, &level), dot(&level, &pattern), dot(&pattern, &pattern));
-        let (ay, by) = (dot(&level, &self.values), dot(&pattern, &self.values));
-        let determinant = aa * bb - ab * ab;
-        let (at_start, slope) = ((bb * ay - ab * by) / determinant, (aa * by - ab * ay) / determinant);
-        Fit {
-            level: at_start,
-            slope,
-            slope_error: (aa / determinant).sqrt(),
-            rest: dot(&self.values, &self.values) - at_start * ay - slope * by,
-        }
-    }
 }
 
 #[cfg(test)]
