@@ -26,6 +26,7 @@ mod steady_rise;
 mod friction_drift;
 mod friction_step;
 mod friction_swing;
+mod warm_up_jump;
 mod warm_up;
 mod arm_change;
 mod contact;

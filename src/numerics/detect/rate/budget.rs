@@ -35,7 +35,7 @@ const MOST_TESTS_PER_YEAR: f64 = 52_600.0;
 /// What a comparison of causes must know beyond chance, in units of log-likelihood: its model of the noise is not exact.
 /// A factor of twenty on the likelihood covers a standard deviation that is taken for a tenth too small where five
 /// standard deviations decide: `5² / 2 (1 - 0.9²) = 2.4`.
-const MODEL_MARGIN: f64 = 3.0;
+pub const MODEL_MARGIN: f64 = 3.0;
 
 /// Usual interval between tests, s: the median of the latest. `None` with too few of them.
 #[must_use]

@@ -14,12 +14,13 @@ use super::brief::content;
 use super::curve::causes::UsualCurves;
 use super::curve::hypothesis::Cause;
 use super::curve::run_cause::{Kind, RunCause};
+use crate::analysis::Estimate;
 use crate::anomaly::RunSummary;
 use crate::robot::JointIndex;
 
 /// Changes whenever the program finds something else in the same cycles, or keeps it in another form. What another version
 /// of the program has kept is not believed either.
-const METHOD: (u64, &str) = (3, env!("CARGO_PKG_VERSION"));
+const METHOD: (u64, &str) = (4, env!("CARGO_PKG_VERSION"));
 
 /// What is found in the cycles of a test.
 #[derive(Debug, Clone, PartialEq)]
@@ -121,16 +122,20 @@ impl Packed {
     }
 
     fn run_cause(&mut self, cause: Option<&RunCause>) {
-        let Some(RunCause { kinds, advantage, lead, slowing, effect, cycles, .. }) = cause else {
+        let Some(RunCause { kinds, advantage, lead, slowing, warm_up, effect, cycles, .. }) = cause else {
             return self.byte(0);
         };
         // no change, and nothing that comes near it
         let is_quiet = matches!(kinds[..], [Kind { cause: Cause::None, .. }]);
-        self.byte(1 + usize::from(slowing.is_some()) + 2 * usize::from(!is_quiet));
+        let form = [slowing.is_some(), !is_quiet, warm_up.is_some()];
+        self.byte(1 + form.iter().rev().fold(0, |sum, is| 2 * sum + usize::from(*is)));
         self.cycle(u32::try_from(*cycles).unwrap_or(u32::MAX));
         self.numbers([*lead]);
         if let Some((factor, gain)) = *slowing {
             self.numbers([factor, gain]);
+        }
+        if let Some(Estimate { value, std_error }) = *warm_up {
+            self.numbers([value, std_error]);
         }
         if !is_quiet {
             self.numbers([*advantage, *effect]);
@@ -223,7 +228,7 @@ impl Reader<'_> {
     fn run_cause(&mut self, joint: usize, curves: &UsualCurves) -> Option<Option<RunCause>> {
         let form = match self.byte()? {
             0 => return Some(None),
-            form @ 1..=4 => form - 1,
+            form @ 1..=8 => form - 1,
             _ => return None,
         };
         let cycles = self.cycle()? as usize;
@@ -232,9 +237,13 @@ impl Reader<'_> {
             0 => None,
             _ => Some((self.number()?, self.number()?)),
         };
+        let warm_up = match form & 4 {
+            0 => None,
+            _ => Some(Estimate { value: self.number()?, std_error: self.number()? }),
+        };
         let (mut advantage, mut effect) = (0.0, 0.0);
         let mut kinds = vec![Kind { cause: Cause::None, weight: 1.0 }];
-        if form >= 2 {
+        if form & 2 != 0 {
             [advantage, effect] = self.numbers()?;
             let count = self.byte()?;
             let kind = |_| Some(Kind { cause: self.cause()?, weight: self.number()? });
@@ -242,7 +251,17 @@ impl Reader<'_> {
         }
         let scatter = curves.scatter(joint, cycles);
         let least_advantage = curves.least_advantage;
-        Some(Some(RunCause { kinds, advantage, lead, slowing, scatter, effect, cycles, least_advantage }))
+        Some(Some(RunCause {
+            kinds,
+            advantage,
+            lead,
+            slowing,
+            warm_up,
+            scatter,
+            effect,
+            cycles,
+            least_advantage,
+        }))
     }
 
     fn arm_causes(&mut self) -> Option<Vec<(ArmCause, f64)>> {
@@ -270,7 +289,7 @@ impl Reader<'_> {
 }
 
 impl Judgement {
-    /// As bytes; a quiet test of six joints takes some 200.
+    /// As bytes; a quiet test of six joints takes some 300.
     pub(super) fn packed(&self) -> Vec<u8> {
         let Self { causes, arm: ArmJudgement { plain, together } } = self;
         let mut packed = Packed::default();

@@ -4,12 +4,15 @@
 //! ([`super::curve`]) tells it from another level of friction and from another warmth at the start: a time constant
 //! changes nothing in the first cycle and most in the middle of the warm-up. A run is out if this cause is clear and
 //! moves friction of some cycle by 1.5 % or more. A smaller effect is found over several runs: the likelihood ratio
-//! against the best other cause is summed, never below zero (CUSUM, Page 1954), until it is as much as one run needs.
+//! against the best other cause is summed, never below zero (CUSUM, Page 1954), until it is as much as one run needs. And
+//! what the runs say of the factor is looked at as a series ([`super::warm_up_jump`]).
 
 use super::curve::hypothesis::Cause;
 use super::series::JointSeries;
+use super::warm_up_jump::{LEAST_FACTOR, WarmUpJump};
 use crate::anomaly::{Alternative, AnomalyKind, Severity};
 use crate::numerics::detect::detector::Detector;
+use crate::numerics::detect::rate::budget::Budget;
 use crate::numerics::detect::verdict::{Verdict, Why};
 
 pub(super) struct WarmUp;
@@ -26,6 +29,8 @@ impl Detector<JointSeries<'_>> for WarmUp {
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
         // evidence for a longer and for a shorter time constant, over the runs
         let mut evidence = [0.0_f64; 2];
+        let budget = Budget::new(series.settings.false_alarms_per_robot_year, series.joints, &series.starts);
+        let mut jumps = WarmUpJump::new(series.settings.baseline_runs, budget.alpha());
         let verdict = |run: usize| {
             let Some(found) = series.causes[run].as_ref().filter(|_| series.runs[run].is_some()) else {
                 return Verdict::Unknown;
@@ -39,13 +44,18 @@ impl Detector<JointSeries<'_>> for WarmUp {
                 *sum =
                     (*sum + own.map_or(AGAINST, |(_, gain)| gain)).clamp(0.0, MOST_EVIDENCE * found.needed());
             }
+            let jump = jumps.add(found);
             let clear = match found.clear() {
                 Some(Cause::TimeConstant(factor)) => Some(factor),
                 _ => slowing
                     .map(|(factor, _)| factor)
                     .filter(|factor| evidence[usize::from(*factor < 1.0)] >= found.needed()),
             };
-            let Some(factor) = clear else { return Verdict::Quiet };
+            let (factor, usual) = match (clear, jump) {
+                (Some(factor), _) => (factor, "in the joint's first tests".to_owned()),
+                (None, Some(jump)) => (jump.size.exp(), format!("before its latest {} tests", jump.tests)),
+                (None, None) => return Verdict::Quiet,
+            };
             let rejected = |(cause, odds): (Cause, f64)| Alternative { cause: cause.words(), odds };
             let side = if factor > 1.0 { "longer" } else { "less" };
             let is_own = matches!(found.likeliest(), Cause::TimeConstant(_));
@@ -56,8 +66,8 @@ impl Detector<JointSeries<'_>> for WarmUp {
                 value: factor,
                 baseline: 1.0,
                 message: format!(
-                    "warming up takes {side} than in the joint's first tests, about {factor:.1} times as long, while \
-                     cold and warm friction fit; check the lubricant and what cools the joint"
+                    "warming up takes {side} than {usual}, about {factor:.1} times as long, while cold and warm friction \
+                     fit; check the lubricant and what cools the joint"
                 ),
                 why: Why {
                     onset: None,
@@ -74,8 +84,6 @@ impl Detector<JointSeries<'_>> for WarmUp {
     }
 }
 
-/// Least ratio of time constants that is tried.
-const LEAST_FACTOR: f64 = 1.25;
 /// Evidence of a run that shows nothing of it, in logarithms of likelihood.
 const AGAINST: f64 = -3.0;
 /// Most evidence that is kept, as a multiple of what an alarm needs, so that an alarm ends when its cause does.

@@ -132,7 +132,8 @@ fn against(
         }
         _ => 0.0,
     };
-    RunCause { effect, ..RunCause::of(&judged, *scatter, curve.len(), least_advantage) }
+    let warm_up = evidence.warm_up(template);
+    RunCause { effect, warm_up, ..RunCause::of(&judged, *scatter, curve.len(), least_advantage) }
 }
 
 fn of_joint(run: &RunSummary, joint: usize) -> impl Iterator<Item = (u32, CycleFriction)> {

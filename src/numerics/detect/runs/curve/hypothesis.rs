@@ -10,6 +10,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::template::{self, Template};
+use crate::analysis::Estimate;
 use crate::numerics::detect::runs::friction_history::COMMON_SPREAD;
 
 /// Logarithm of the prior odds of one named cause against none, of one joint in one run: one in a thousand.
@@ -225,6 +226,37 @@ impl Evidence<'_> {
         }
     }
 
+    /// Natural logarithm of the factor of the slow time constant, with its standard error, whatever the level is. `None`
+    /// without a slow decay.
+    ///
+    /// A first-order fit: its error is normal where the factor is one. The factor is then the one that such a fit takes
+    /// for its size, within those that are tried.
+    pub(super) fn warm_up(&self, template: &Template) -> Option<Estimate> {
+        let n = self.cycles.len();
+        let level = RandomEffects { level: ANYTHING, ..self.random };
+        let weighed = Evidence { random: level, ..*self }.weighed(template)?;
+        let pattern = DVector::from_fn(n, |i, _| template.slowing(self.minutes[i]));
+        let pulled = &weighed.inverse * &pattern;
+        let own = pattern.dot(&pulled);
+        let size = pattern.dot(&weighed.pull) / own;
+        if !size.is_finite() {
+            return None;
+        }
+        let fitted = |factor: f64| {
+            let of = DVector::from_fn(n, |i, _| template.slower(factor, self.minutes[i]));
+            (pulled.dot(&of) / own, factor.ln())
+        };
+        let (shorter, longer) = FACTORS.split_at(FACTORS.partition_point(|factor| *factor < 1.0));
+        let value = match size < 0.0 {
+            true => between(size, shorter.iter().rev().map(|factor| fitted(*factor))),
+            false => between(size, longer.iter().map(|factor| fitted(*factor))),
+        };
+        // a run that the fit leaves more of than usual says less; level and factor were taken from its cycles
+        let freedom = n.saturating_sub(2).max(1) as f64;
+        let rest = (weighed.chi_square - size * size * own) / freedom;
+        Some(Estimate { value, std_error: (rest.max(1.0) / own).sqrt() })
+    }
+
     /// Standard deviation of one cycle, with what patterns may miss.
     fn sigma(&self) -> f64 {
         let largest = self.differences.iter().fold(0.0_f64, |largest, d| largest.max(d.abs()));
@@ -273,6 +305,18 @@ impl Evidence<'_> {
     }
 }
 
+/// The value at `at` on the lines through zero and these points, which go away from zero; at most that of the last point.
+fn between(at: f64, points: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let mut from = (0.0, 0.0);
+    for to in points {
+        if to.0 * at.signum() >= at.abs() {
+            return from.1 + (to.1 - from.1) * (at - from.0) / (to.0 - from.0);
+        }
+        from = to;
+    }
+    from.1
+}
+
 /// Differences with the inverse of their covariance.
 struct Weighed {
     inverse: DMatrix<f64>,
@@ -298,5 +342,69 @@ impl Weighed {
     /// Logarithm of the likelihood with a pattern of known size.
     fn with_known(&self, pattern: &DVector<f64>) -> f64 {
         self.none() + pattern.dot(&self.pull) - 0.5 * pattern.dot(&(&self.inverse * pattern))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    use super::*;
+    use crate::numerics::detect::runs::curve::points::{Curve, CurvePoint};
+
+    const SCATTER: f64 = 0.003;
+
+    /// Twelve cycles of three minutes that warm with two decays, the slow one `factor` times as slow as 30 min.
+    fn run(rng: &mut ChaCha8Rng, level: f64, factor: f64) -> Curve {
+        let mut point = |cycle: u32| {
+            let minute = 3.0 * f64::from(cycle) - 1.5;
+            let warm_up = 0.15 * (-minute / 4.0).exp() + 0.25 * (-minute / (30.0 * factor)).exp();
+            let ln_torque = level + warm_up + SCATTER * rng.sample::<f64, _>(StandardNormal);
+            CurvePoint { cycle, minute, ln_torque }
+        };
+        (1..=12).map(&mut point).collect()
+    }
+
+    /// The factor's logarithm that each of so many runs says, against a usual curve of many runs.
+    fn said(factor: f64, count: usize) -> Vec<Estimate> {
+        let mut rng = ChaCha8Rng::seed_from_u64(9);
+        let usual: Vec<Curve> = (0..200).map(|_| run(&mut rng, 2.0, 1.0)).collect();
+        let template = Template::of(&usual.iter().collect::<Vec<&Curve>>()).expect("a usual curve");
+        let one = |place: usize| {
+            // levels that no baseline has seen
+            let curve = run(&mut rng, 2.0 + 0.1 * (place % 5) as f64, factor);
+            let differences: Vec<f64> = template.difference(&curve).iter().map(|(_, of)| *of).collect();
+            let evidence = Evidence {
+                cycles: &curve.iter().map(|of| of.cycle).collect::<Vec<u32>>(),
+                minutes: &curve.iter().map(|of| of.minute).collect::<Vec<f64>>(),
+                differences: &differences,
+                common: &vec![0.0; curve.len()],
+                scatter: SCATTER,
+                random: RandomEffects { level: 0.01, start: 0.001 },
+            };
+            evidence.warm_up(&template).expect("a slow decay")
+        };
+        (0..count).map(one).collect()
+    }
+
+    #[test]
+    fn what_a_run_says_of_an_unchanged_warm_up_errs_as_it_says_whatever_the_level() {
+        let scores: Vec<f64> = said(1.0, 400).iter().map(|of| of.value / of.std_error).collect();
+        let count = scores.len() as f64;
+        let mean = scores.iter().sum::<f64>() / count;
+        let deviation = (scores.iter().map(|z| z * z).sum::<f64>() / count).sqrt();
+        // the level's pattern error widens what is said; the usual curve's own error shifts it by 0.07
+        assert!(mean.abs() < 0.3 && (0.2..1.15).contains(&deviation), "{mean} {deviation}");
+    }
+
+    #[test]
+    fn the_factor_comes_out_though_the_fit_is_of_first_order() {
+        for factor in [0.5, 0.8, 1.4, 2.0] {
+            let said = said(factor, 100);
+            let mean = said.iter().map(|of| of.value).sum::<f64>() / said.len() as f64;
+            assert!((mean.exp() / factor - 1.0).abs() < 0.12, "{factor}: {}", mean.exp());
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! What explains the curve of one run, and when that is clear.
 
 use super::hypothesis::{Cause, Judged, PRIOR};
+use crate::analysis::Estimate;
 use crate::anomaly::RunSummary;
 use crate::numerics::detect::rate::budget::advantage;
 use crate::numerics::detect::verdict::{DetectSettings, MOST_ODDS};
@@ -29,6 +30,9 @@ pub(in crate::numerics::detect::runs) struct RunCause {
     /// The factor of the slow time constant that explains the run best, with how much likelier it is than the best cause
     /// of another kind, in logarithms, without the prior; `None` where it was not looked for.
     pub(in crate::numerics::detect::runs) slowing: Option<(f64, f64)>,
+    /// Natural logarithm of the factor of the slow time constant, if nothing else has changed; `None` of runs that are held
+    /// against no usual curve.
+    pub(in crate::numerics::detect::runs) warm_up: Option<Estimate>,
     /// Usual scatter of one cycle.
     pub(in crate::numerics::detect::runs) scatter: f64,
     /// Largest effect of the winning cause on a cycle.
@@ -77,11 +81,18 @@ impl RunCause {
             advantage,
             lead: lead_of(judged),
             slowing: slowing_of(judged),
+            warm_up: None,
             scatter,
             effect: 0.0,
             cycles,
             least_advantage,
         }
+    }
+
+    /// Of a run in which nothing changed.
+    #[cfg(test)]
+    pub(in crate::numerics::detect::runs) fn of_nothing() -> Self {
+        Self::of(&[Judged { cause: Cause::None, log_posterior: 0.0 }], 0.01, 8, 30.0)
     }
 
     /// The likeliest cause.

@@ -159,6 +159,11 @@ impl Template {
         decay([size, constant * factor], minute) - decay(self.slow, minute)
     }
 
+    /// The same for a small factor, for each unit of its logarithm.
+    pub(super) fn slowing(&self, minute: f64) -> f64 {
+        decay(self.slow, minute) * minute / self.slow[1]
+    }
+
     /// How a curve differs from the usual one, by cycle.
     pub(in crate::numerics::detect::runs) fn difference(&self, curve: &Curve) -> Vec<(u32, f64)> {
         curve.iter().map(|point| (point.cycle, point.ln_torque - self.value(point.minute))).collect()
