@@ -6,8 +6,8 @@
 //! order of the names.
 
 mod archive;
-mod book;
 mod export_tasks;
+mod file_schedule;
 mod judging;
 mod outcome_log;
 pub mod overdue;
@@ -28,8 +28,8 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use book::{Begun, Closing, FileSchedule};
 use export_tasks::{Closed, ExportTasks, Happened, closing};
+use file_schedule::{Begun, Closing, FileSchedule};
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
@@ -86,7 +86,7 @@ struct Work<'r> {
     pipeline: Pipeline,
     reread: &'r Reread<'r>,
     stop: CancellationToken,
-    book: FileSchedule,
+    schedule: FileSchedule,
     missing: Missing,
     exports: ExportTasks,
     /// The configuration was read again, and what watches the folders does not know it yet.
@@ -191,7 +191,7 @@ impl<'r> Work<'r> {
             pipeline: pipeline.clone(),
             reread,
             stop,
-            book: FileSchedule::new(pipeline.config().watch.settle, begun),
+            schedule: FileSchedule::new(pipeline.config().watch.settle, begun),
             missing: Missing::default(),
             exports,
             is_reloaded: false,
@@ -236,9 +236,9 @@ impl<'r> Work<'r> {
                 (next_scan, settings) = (Instant::now(), new);
                 earliest = next_scan;
             }
-            self.exports.begin(&self.pipeline, &mut self.book);
+            self.exports.begin(&self.pipeline, &mut self.schedule);
             self.conclude_what_is_due();
-            self.exports.count_queues(&self.pipeline, &self.book);
+            self.exports.count_queues(&self.pipeline, &self.schedule);
             self.open_tests.begin(&self.pipeline);
             let next_look = self.next_look();
             tokio::select! {
@@ -279,7 +279,7 @@ impl<'r> Work<'r> {
         format!(
             "{} exports being read, {} wait, {} robots to conclude",
             self.exports.count(),
-            self.book.waiting(Instant::now()).saturating_sub(self.exports.count()),
+            self.schedule.waiting(Instant::now()).saturating_sub(self.exports.count()),
             self.stale.count() + self.concluding.len()
         )
     }
@@ -292,7 +292,7 @@ impl<'r> Work<'r> {
         let retries = self.note_retries().await;
         self.leave_known(&scan).await?;
         let lane_of = |path: &Path| robot_of(self.pipeline.config(), path);
-        self.book.note(&scan.files, Instant::now(), tail::is_marked, lane_of);
+        self.schedule.note(&scan.files, Instant::now(), tail::is_marked, lane_of);
         // files are taken also while the database is busy
         retries?;
         self.give_up_vanished(folders, &scan).await?;
@@ -300,7 +300,7 @@ impl<'r> Work<'r> {
         self.stale.look(&stale, self.concluded_robot.as_deref(), Instant::now());
         tracing::trace!(
             files = scan.files.len(),
-            waiting = self.book.waiting(Instant::now()),
+            waiting = self.schedule.waiting(Instant::now()),
             open = self.exports.count(),
             to_conclude = stale.len() + self.concluding.len(),
             "looked at the watched folders"
@@ -315,14 +315,14 @@ impl<'r> Work<'r> {
         if self.pipeline.config().watch.archive.is_some() {
             return Ok(());
         }
-        let unseen: Vec<&FoundFile> = self.book.unseen(&scan.files).collect();
+        let unseen: Vec<&FoundFile> = self.schedule.unseen(&scan.files).collect();
         for some in unseen.chunks(FILES_ASKED_AT_ONCE) {
             let known = self.pipeline.known_as_they_are(some).await?;
             for path in &known {
                 tracing::debug!(file = %path.display(), "known as it lies there");
                 self.pipeline.metrics().export(ExportEnd::Known);
             }
-            self.book.taken_before(known.into_iter());
+            self.schedule.taken_before(known.into_iter());
         }
         Ok(())
     }
@@ -351,7 +351,7 @@ impl<'r> Work<'r> {
     fn reload(&mut self) {
         let Some(config) = (self.reread)() else { return };
         tracing::info!("configuration read again");
-        self.book.settle_in(config.watch.settle);
+        self.schedule.settle_in(config.watch.settle);
         self.pipeline = self.pipeline.with_config(config.into());
         self.is_reloaded = true;
     }
@@ -363,7 +363,7 @@ impl<'r> Work<'r> {
         if !asked.is_subset(&self.asked) {
             self.reload();
             let (config, now) = (self.pipeline.config(), Instant::now());
-            asked.iter().for_each(|path| self.book.again(path, now, |path| robot_of(config, path)));
+            asked.iter().for_each(|path| self.schedule.again(path, now, |path| robot_of(config, path)));
         }
         self.asked = asked;
         Ok(())
@@ -372,7 +372,7 @@ impl<'r> Work<'r> {
     /// When something is due though nothing happens.
     fn next_look(&self) -> Option<Instant> {
         let now = Instant::now();
-        let places = self.exports.next_look(&self.book, now);
+        let places = self.exports.next_look(&self.schedule, now);
         // while conclusions are drawn, their end is waited for
         let stale = if self.concluding.is_empty() { self.stale.next_look(now) } else { None };
         places.into_iter().chain(stale).min()
@@ -391,7 +391,8 @@ impl<'r> Work<'r> {
         if !self.concluding.is_empty() {
             return;
         }
-        let is_through = |robot: &str| !self.exports.reads_settled(robot) && !self.book.has_settled(robot);
+        let is_through =
+            |robot: &str| !self.exports.reads_settled(robot) && !self.schedule.has_settled(robot);
         let Some(robot) = self.stale.next(Instant::now(), is_through) else { return };
         self.concluded_robot = Some(robot.clone());
         let pipeline = self.pipeline.clone();
@@ -445,19 +446,20 @@ impl<'r> Work<'r> {
         let followed = match result {
             Err(PipelineError::Store(error)) if !error.is_fatal() => {
                 tracing::warn!(file = %due.path.display(), %error, "not stored now; trying again");
-                self.book.close(&due, Closing::Again);
+                self.schedule.close(&due, Closing::Again);
                 return Ok(());
             }
             Err(PipelineError::Task(error)) if error.is_panic() => {
                 tracing::error!(file = %due.path.display(), %error, "internal error; other exports go on");
                 self.pipeline.metrics().export(ExportEnd::Failed);
                 let is_growing = way == ReadMode::Growing;
-                self.book.close(&due, if is_growing { Closing::UntilSettled } else { Closing::Unreadable });
+                self.schedule
+                    .close(&due, if is_growing { Closing::UntilSettled } else { Closing::Unreadable });
                 return Ok(());
             }
             result => result?,
         };
-        self.book.close(&due, closing(&followed, &way, read));
+        self.schedule.close(&due, closing(&followed, &way, read));
         if let Followed::Outcome(outcome) = &followed {
             log_outcome(&due.path, outcome);
             self.pipeline.metrics().export(end_of(outcome));

@@ -9,7 +9,7 @@ use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
 use super::archive;
-use super::book::{Closing, FileSchedule, NextAttempt};
+use super::file_schedule::{Closing, FileSchedule, NextAttempt};
 use super::places::{Place, Places};
 use super::turn::{Class, ReadMode, named_robot};
 use crate::metrics::{LiveFile, Queue};
@@ -107,8 +107,8 @@ impl ExportTasks {
     }
 
     /// When a place falls free though nothing happens.
-    pub(super) fn next_look(&self, book: &FileSchedule, now: Instant) -> Option<Instant> {
-        self.places.next_look(book.growing_waiting() > 0, now)
+    pub(super) fn next_look(&self, schedule: &FileSchedule, now: Instant) -> Option<Instant> {
+        self.places.next_look(schedule.growing_waiting() > 0, now)
     }
 
     /// Whether another settled export of a class may be begun, where so many are read at once.
@@ -137,15 +137,15 @@ impl ExportTasks {
     }
 
     /// Starts as many tasks as there may be, for growing files first.
-    pub(super) fn begin(&mut self, pipeline: &Pipeline, book: &mut FileSchedule) {
+    pub(super) fn begin(&mut self, pipeline: &Pipeline, schedule: &mut FileSchedule) {
         let (now, most) = (Instant::now(), pipeline.config().watch.live_files);
         self.places.say_hanging(now);
         while self.places.has_free(most, now)
-            && let Some(due) = book.next_growing()
+            && let Some(due) = schedule.next_growing()
         {
             self.follow(pipeline, due, now);
         }
-        let waiting = book.growing_waiting();
+        let waiting = schedule.growing_waiting();
         if waiting > 0 && self.places.are_taken(most, now) {
             self.places.say_short(waiting, most);
             self.places.ask(waiting, now);
@@ -156,7 +156,7 @@ impl ExportTasks {
         for class in Class::ALL {
             if self.has_place(class, most)
                 && let Some((due, robot)) =
-                    book.next_settled(&self.robots, |bytes| Class::of(bytes, config) == class)
+                    schedule.next_settled(&self.robots, |bytes| Class::of(bytes, config) == class)
             {
                 self.admit(due.file, &robot, class);
                 starting.push((due, robot, class));
@@ -167,15 +167,15 @@ impl ExportTasks {
 
     /// Tells how many files wait and are being read. Each file that waits is looked at, so that of a long queue it is
     /// not told with every event.
-    pub(super) fn count_queues(&mut self, pipeline: &Pipeline, book: &FileSchedule) {
+    pub(super) fn count_queues(&mut self, pipeline: &Pipeline, schedule: &FileSchedule) {
         let began = Instant::now();
         if began < self.next_count {
             return;
         }
         let (metrics, config) = (pipeline.metrics(), pipeline.config());
-        metrics.queue(Queue::Growing, book.growing_waiting(), self.places.count());
+        metrics.queue(Queue::Growing, schedule.growing_waiting(), self.places.count());
         for (class, queue) in [(Class::Small, Queue::Small), (Class::Large, Queue::Large)] {
-            let waiting = book.settled_waiting(|bytes| Class::of(bytes, config) == class);
+            let waiting = schedule.settled_waiting(|bytes| Class::of(bytes, config) == class);
             metrics.queue(queue, waiting, self.settled[class as usize]);
         }
         self.next_count = Instant::now() + COUNTING_SHARE * began.elapsed();

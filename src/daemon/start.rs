@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use tokio_util::sync::CancellationToken;
 
-use super::book::Begun;
+use super::file_schedule::Begun;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::reweight::{Reweighted, Reweighting};
 use crate::store::{StoreError, UnfinishedSource};

@@ -18,7 +18,7 @@ fn look(work: &mut Work<'_>, now: Instant) {
         file: FileId { device: 1, inode },
     };
     let files: Vec<FoundFile> = (1..).zip(NAMES).map(found).collect();
-    work.book.note(&files, now, |_| false, |path| path.display().to_string());
+    work.schedule.note(&files, now, |_| false, |path| path.display().to_string());
 }
 
 #[tokio::test]
@@ -31,7 +31,7 @@ async fn a_panic_over_one_export_leaves_its_place_and_the_daemon_at_work() {
     let start = Instant::now();
     look(&mut work, start);
     look(&mut work, start + settle);
-    let (due, lane) = work.book.next_settled(&HashSet::new(), |_| true).unwrap();
+    let (due, lane) = work.schedule.next_settled(&HashSet::new(), |_| true).unwrap();
     work.exports.admit(due.file, &lane, Class::Small);
     assert!(work.exports.reads_settled(&lane));
     assert_eq!(Class::ALL.map(|class| work.exports.has_place(class, 1)), [false, true]);
@@ -43,7 +43,7 @@ async fn a_panic_over_one_export_leaves_its_place_and_the_daemon_at_work() {
     assert_eq!(Class::ALL.map(|class| work.exports.has_place(class, 1)), [true, true]);
     let next = |work: &mut Work<'_>, at: Duration| {
         look(work, start + at);
-        let due = work.book.next_settled(&HashSet::new(), |_| true);
+        let due = work.schedule.next_settled(&HashSet::new(), |_| true);
         due.map(|(due, _)| due.path.display().to_string())
     };
     assert_eq!(next(&mut work, settle).as_deref(), Some(NAMES[1]));

@@ -120,7 +120,7 @@ pub struct FileSchedule {
 }
 
 impl FileSchedule {
-    /// A book that knows of no file but those that were `begun` earlier; files settle in `settle`.
+    /// A schedule that knows of no file but those that were `begun` earlier; files settle in `settle`.
     #[must_use]
     pub fn new(settle: Duration, begun: HashMap<PathBuf, Begun>) -> Self {
         Self {
