@@ -17,9 +17,11 @@ const TO_END: Duration = Duration::from_secs(60);
 /// How often it is looked whether it has ended.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Arenas of glibc's allocator, as the unit of the service and the container set them. With its eight for each processor,
-/// what the threads free lies in more places than is used again.
-const ARENAS: (&str, &str) = ("MALLOC_ARENA_MAX", "2");
+/// Settings of glibc's allocator, as the unit of the service and the container have them. With its eight arenas for each
+/// processor, what threads free lies in more places than is used again; without fixed thresholds, it keeps ever larger pieces
+/// for itself.
+const ALLOCATOR: [(&str, &str); 3] =
+    [("MALLOC_ARENA_MAX", "2"), ("MALLOC_MMAP_THRESHOLD_", "262144"), ("MALLOC_TRIM_THRESHOLD_", "1000000")];
 
 /// How a daemon is started.
 pub(super) struct Launch<'l> {
@@ -63,9 +65,8 @@ impl ChildDaemon {
         if let Some(config) = launch.config {
             command.arg("--config").arg(config);
         }
-        if std::env::var_os(ARENAS.0).is_none() {
-            command.env(ARENAS.0, ARENAS.1);
-        }
+        let unset = ALLOCATOR.into_iter().filter(|(name, _)| std::env::var_os(name).is_none());
+        command.envs(unset);
         let child = command
             .env_remove("ARMWATCH_CONFIG")
             .env("NOTIFY_SOCKET", &socket)

@@ -35,13 +35,14 @@ const TABLE_ROWS: usize = 10;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Starts `armwatch run` in a temporary folder with the shipped configuration and, unless it is set, MALLOC_ARENA_MAX=2 as
-the unit of the service has it. Simulated robots write one test after the other, each as it grows, so many times as fast
-as it was recorded; each test is a day later than the one before. Printed are, over time, the daemon's memory and open files, and the time from the last row of a test until it is stored, and
-until the robot is concluded from it. Robots begin one after the other, spread over the time of a test. The first
-quarter of the time does not count. The verdict stands on the median of the slopes between all pairs of 24 parts of the
-rest, with its 95 % interval: `flat` where the interval says that the figure changes by less than 5 % over the time,
-`grows` or `falls` where it excludes zero, else `undecided`. Exit status 1 unless each figure is flat or falls.
+Starts `armwatch run` in a temporary folder with the shipped configuration and the settings of the allocator that the
+unit of the service has (MALLOC_ARENA_MAX and two thresholds), where they are not set. Simulated robots write one test
+after the other, each as it grows, so many times as fast as it was recorded; each test is a day later than the one
+before. Printed are, over time, the daemon's memory and open files, and the time from the last row of a test until it
+is stored, and until the robot is concluded from it. Robots begin one after the other, spread over the time of a test.
+The first quarter of the time does not count. The verdict stands on the median of the slopes between all pairs of 24
+parts of the rest, with its 95 % interval: `flat` where the interval says that the figure changes by less than 5 % over
+the time, `grows` or `falls` where it excludes zero, else `undecided`. Exit status 1 unless all are flat or fall.
 
 Examples:
   armwatch benchmark soak --minutes 15
