@@ -271,5 +271,6 @@ fn most_time_constants_are_named_that_a_baseline_can_know() {
         named[class] += usize::from(found.iter().any(is_right));
     }
     println!("named {named:?} of {all:?}: known against five tests, against forty, not known");
-    assert!(10 * named[0] >= 7 * all[0] && named[2] == 0, "{named:?} of {all:?}");
+    // a robot may have more than forty tests before the change
+    assert!(10 * named[0] >= 7 * all[0] && 20 * named[2] <= all[2], "{named:?} of {all:?}");
 }

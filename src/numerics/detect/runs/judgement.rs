@@ -13,14 +13,14 @@ use super::arm_cause::{ArmCause, Load, SignalFault};
 use super::brief::content;
 use super::curve::causes::UsualCurves;
 use super::curve::hypothesis::Cause;
-use super::curve::run_cause::{Kind, RunCause};
+use super::curve::run_cause::{Kind, RunCause, WarmUpOfRun};
 use crate::analysis::Estimate;
 use crate::anomaly::RunSummary;
 use crate::robot::JointIndex;
 
 /// Changes whenever the program finds something else in the same cycles, or keeps it in another form. What another version
 /// of the program has kept is not believed either.
-const METHOD: (u64, &str) = (4, env!("CARGO_PKG_VERSION"));
+const METHOD: (u64, &str) = (5, env!("CARGO_PKG_VERSION"));
 
 /// What is found in the cycles of a test.
 #[derive(Debug, Clone, PartialEq)]
@@ -134,8 +134,8 @@ impl Packed {
         if let Some((factor, gain)) = *slowing {
             self.numbers([factor, gain]);
         }
-        if let Some(Estimate { value, std_error }) = *warm_up {
-            self.numbers([value, std_error]);
+        if let Some(WarmUpOfRun { ln_factor: Estimate { value, std_error }, common }) = *warm_up {
+            self.numbers([value, std_error, common]);
         }
         if !is_quiet {
             self.numbers([*advantage, *effect]);
@@ -239,7 +239,10 @@ impl Reader<'_> {
         };
         let warm_up = match form & 4 {
             0 => None,
-            _ => Some(Estimate { value: self.number()?, std_error: self.number()? }),
+            _ => Some(WarmUpOfRun {
+                ln_factor: Estimate { value: self.number()?, std_error: self.number()? },
+                common: self.number()?,
+            }),
         };
         let (mut advantage, mut effect) = (0.0, 0.0);
         let mut kinds = vec![Kind { cause: Cause::None, weight: 1.0 }];

@@ -11,7 +11,7 @@ use std::cell::Cell;
 use super::friction_history::{Observed, Source};
 use super::quiet_scatter::QuietScatter;
 use super::series::JointSeries;
-use super::whitened::Scatter;
+use super::steady_rise::Scatter;
 use crate::analysis::Estimate;
 use crate::numerics::detect::control_chart::{EWMA_WEIGHT, Limits};
 use crate::numerics::detect::rate::average;

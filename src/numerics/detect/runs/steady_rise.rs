@@ -14,7 +14,7 @@
 //! Only the friction index is looked at. The seasons move friction torques for months as wear does.
 
 use super::friction_history::{COMMON_SPREAD, FrictionHistory, Observed, Source};
-use super::whitened::{Scatter, Whitened};
+use super::whitened::Whitened;
 use crate::analysis::Estimate;
 use crate::numerics::detect::rate::budget::beyond_chance;
 
@@ -28,6 +28,17 @@ const PART_OF_WARNING: f64 = 0.5;
 const LEAD: f64 = 1.1;
 /// Standard errors of the joint's share in a change of all joints.
 const SHARE_ERRORS: f64 = 3.0;
+
+/// What is known of how much a quantity scatters from test to test.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scatter {
+    /// Standard deviation of a test about the level.
+    pub(super) deviation: f64,
+    /// Lag-1 autocorrelation.
+    pub(super) correlation: f64,
+    /// Tests that both stand on.
+    pub(super) freedom: f64,
+}
 
 /// A rise that is more than chance.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,7 +80,8 @@ pub(super) fn steady_rise(
     let begins = FEWEST..(tests.len() + 1).checked_sub(FEWEST)?;
     let tried = begins.len().max(1) as f64;
     let of = |of: &Observed| Estimate { value: of.ratio, std_error: of.std_error };
-    let whitened = Whitened::new(&tests.iter().map(of).collect::<Vec<Estimate>>(), scatter);
+    let estimates: Vec<Estimate> = tests.iter().map(of).collect();
+    let whitened = Whitened::new(&estimates, scatter.deviation, scatter.correlation);
     let line = |begin: usize| move |i: usize| if i < begin { 0.0 } else { (i - begin + 1) as f64 };
     let fits = begins.map(|begin| (begin, whitened.fit(line(begin))));
     let (begin, fit) = fits.min_by(|a, b| a.1.rest.total_cmp(&b.1.rest))?;
@@ -83,7 +95,7 @@ pub(super) fn steady_rise(
     if size < least || fit.size < beyond_chance(alpha / tried, scatter.freedom) * fit.size_error {
         return None;
     }
-    let best_jump = (1..tests.len()).map(|begin| whitened.jump(begin).rest).fold(f64::INFINITY, f64::min);
+    let best_jump = whitened.jumps().iter().map(|of| of.rest).fold(f64::INFINITY, f64::min);
     (fit.rest + 2.0 * LEAD <= best_jump).then_some(Rise {
         run: tests[begin].run,
         level: fit.level,

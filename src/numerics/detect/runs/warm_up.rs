@@ -30,7 +30,7 @@ impl Detector<JointSeries<'_>> for WarmUp {
         // evidence for a longer and for a shorter time constant, over the runs
         let mut evidence = [0.0_f64; 2];
         let budget = Budget::new(series.settings.false_alarms_per_robot_year, series.joints, &series.starts);
-        let mut jumps = WarmUpJump::new(series.settings.baseline_runs, budget.alpha());
+        let mut jumps = WarmUpJump::new(budget.alpha());
         let verdict = |run: usize| {
             let Some(found) = series.causes[run].as_ref().filter(|_| series.runs[run].is_some()) else {
                 return Verdict::Unknown;

@@ -2,16 +2,22 @@
 //!
 //! Each test says by which factor the slow time constant differs from that of the usual curve, with a standard error that
 //! may be a half. The usual curve's own error is alike in all tests, so that later ones are compared with earlier ones and
-//! not with it: the latest [`WINDOW`] tests are fitted as a level and a jump at any of them, as [`super::steady_rise`] fits a
-//! rise. A jump counts if it is a factor of [`LEAST_FACTOR`] or its inverse, and beyond chance: of Student's distribution,
-//! with the probability that a channel has at the rate of false alarms asked for, divided by the number of places that are
-//! tried, and with the margin for the model of the noise that other comparisons of causes have. It goes on until the mean of
-//! the latest [`LATEST`] tests differs from that before by less than half of the least factor's logarithm.
+//! not with it: the latest [`WINDOW`] tests are fitted as a level and a jump at any of them, by least squares on whitened
+//! values. What this fit leaves says how far tests scatter and how they remember each other; both are shrunk towards a
+//! prior. (Scatter about one level would grow with a jump that is not found at once.) A jump counts if
+//!
+//! * it is a factor of [`LEAST_FACTOR`] or its inverse,
+//! * it is beyond chance: of Student's distribution, with the probability that a channel has at the rate of false alarms asked
+//!   for, divided by the number of places that are tried, and with the margin for the model of the noise that other comparisons
+//!   of causes have,
+//! * it is more than goes with a change that all joints have in common.
+//!
+//! It goes on until the mean of the latest [`LATEST`] tests differs from that before by less than half of the least factor's
+//! logarithm.
 
 use super::curve::hypothesis::Cause;
-use super::curve::run_cause::RunCause;
-use super::quiet_scatter::QuietScatter;
-use super::whitened::{Scatter, Whitened};
+use super::curve::run_cause::{RunCause, WarmUpOfRun};
+use super::whitened::{Fit, Whitened};
 use crate::analysis::Estimate;
 use crate::numerics::detect::rate::budget::{MODEL_MARGIN, beyond_chance};
 use crate::numerics::statistics::descriptive::{mean, median};
@@ -24,12 +30,20 @@ const WINDOW: usize = 80;
 const FEWEST: usize = 5;
 /// Tests whose mean says whether a jump goes on.
 const LATEST: usize = 5;
-/// Tests that the scatter is learnt from: more than the level of friction needs, since memory shows in many tests.
-const MOST_LEARNT: usize = 200;
-/// Tests that the standard error of one, the prior of the scatter, is worth.
-const WORTH: f64 = 20.0;
+/// Logarithm of the factor that goes with a change of all joints' friction, for each part of that change: a hall that is
+/// colder makes the warm-up another one.
+const WITH_COMMON: f64 = 10.0;
+/// Prior of the standard deviation from test to test, as a part of the standard error of one test, and the tests that it is
+/// worth. Simulated robots have 0.6 in the median: the usual curve's own error is in every standard error.
+const PART_OF_ERROR: f64 = 0.7;
+const WORTH: f64 = 10.0;
 /// Least standard deviation from test to test that is believed, of the factor's logarithm.
 const LEAST_DEVIATION: f64 = 0.03;
+/// Prior of the lag-1 autocorrelation, and the tests that it is worth: a standard deviation of 0.2.
+const CORRELATION: f64 = 0.2;
+const CORRELATION_WORTH: f64 = 25.0;
+/// Most autocorrelation that is believed.
+const MOST_CORRELATION: f64 = 0.9;
 /// Standard error from which on a test says nothing.
 const SAYS_NOTHING: f64 = 1.0;
 
@@ -45,39 +59,32 @@ pub(super) struct Jump {
 
 /// The tests of a joint as they come.
 pub(super) struct WarmUpJump {
-    baseline: usize,
     alpha: f64,
     tests: Vec<Estimate>,
-    /// `None` before the first test.
-    scatter: Option<QuietScatter>,
+    /// Change of friction that all joints have in common in each, in logarithms.
+    common: Vec<f64>,
     jump: Option<Jump>,
 }
 
 impl WarmUpJump {
-    /// Before the first test. `baseline` tests are learnt at once; `alpha` is the probability of a false alarm that the
-    /// channel has with each test.
-    pub(super) fn new(baseline: usize, alpha: f64) -> Self {
-        Self { baseline: baseline.max(2), alpha, tests: Vec::new(), scatter: None, jump: None }
+    /// Before the first test. `alpha` is the probability of a false alarm that the channel has with each test.
+    pub(super) fn new(alpha: f64) -> Self {
+        Self { alpha, tests: Vec::new(), common: Vec::new(), jump: None }
     }
 
     /// Takes a test; the jump that it belongs to.
     pub(super) fn add(&mut self, cause: &RunCause) -> Option<Jump> {
         let is_of_level = matches!(cause.clear(), None | Some(Cause::TimeConstant(_)));
-        let Some(test) = cause.warm_up.filter(|of| is_of_level && of.std_error < SAYS_NOTHING) else {
+        let told = |of: &WarmUpOfRun| is_of_level && of.ln_factor.std_error < SAYS_NOTHING;
+        let Some(test) = cause.warm_up.filter(told) else {
             return self.jump;
         };
-        self.tests.push(test);
+        self.tests.push(test.ln_factor);
+        self.common.push(test.common);
         self.jump = match self.jump.take() {
             Some(jump) => self.goes_on(jump),
             None => self.begins(),
         };
-        let prior = || QuietScatter::new(test.std_error.max(LEAST_DEVIATION), WORTH, MOST_LEARNT);
-        let scatter = self.scatter.get_or_insert_with(prior);
-        match self.jump {
-            Some(_) => scatter.out(),
-            None if self.tests.len() <= self.baseline => scatter.learn(test),
-            None => _ = scatter.quiet(test),
-        }
         self.jump
     }
 
@@ -92,32 +99,57 @@ impl WarmUpJump {
         // what was out says nothing of what is usual
         let begin = self.tests.len().saturating_sub(tests);
         self.tests.truncate(begin);
+        self.common.truncate(begin);
         None
     }
 
     fn begins(&self) -> Option<Jump> {
         let tests = &self.tests[self.tests.len().saturating_sub(WINDOW)..];
-        let begins = FEWEST..(tests.len() + 1).checked_sub(FEWEST)?;
-        let tried = begins.len();
-        let likeness = self.scatter.as_ref()?.likeness();
+        let tried = (tests.len() + 1).checked_sub(2 * FEWEST).filter(|tried| *tried > 0)?;
         let usual = median(&tests.iter().map(|of| of.std_error).collect::<Vec<f64>>())?;
-        let scatter = Scatter {
-            deviation: likeness.variance().sqrt().max(usual).max(LEAST_DEVIATION),
-            correlation: likeness.correlation,
-            freedom: likeness.freedom,
-        };
-        let whitened = Whitened::new(tests, &scatter);
-        let fits = begins.map(|begin| (begin, whitened.jump(begin)));
-        let (begin, fit) = fits.min_by(|a, b| a.1.rest.total_cmp(&b.1.rest))?;
+        let prior = (PART_OF_ERROR * usual).max(LEAST_DEVIATION);
+        let (begin, fit) = likeliest(tests, prior, CORRELATION)?;
+        let correlation = correlation(tests, begin, &fit, prior);
+        let (begin, fit) = likeliest(tests, prior, correlation)?;
+        // two were fitted
+        let freedom = WORTH + tests.len() as f64 - 2.0;
+        let size_error = fit.size_error * ((WORTH + fit.rest) / freedom).sqrt();
         // a log-likelihood is half a square of standard deviations
-        let chance = beyond_chance(0.5 * self.alpha / tried as f64, scatter.freedom);
-        let needed = chance.hypot((2.0 * MODEL_MARGIN).sqrt()) * fit.size_error;
+        let chance = beyond_chance(0.5 * self.alpha / tried as f64, freedom);
+        let by_chance = chance.hypot((2.0 * MODEL_MARGIN).sqrt()) * size_error;
+        let common = &self.common[self.common.len() - tests.len()..];
+        let change = mean(&common[begin..])? - mean(&common[..begin])?;
+        let needed = by_chance.hypot(WITH_COMMON * change);
         (fit.size.abs() >= needed.max(LEAST_FACTOR.ln())).then_some(Jump {
             size: fit.size,
             tests: tests.len() - begin,
             before: fit.level,
         })
     }
+}
+
+/// The place with which a jump explains tests best that scatter by `deviation`, and the fit.
+fn likeliest(tests: &[Estimate], deviation: f64, correlation: f64) -> Option<(usize, Fit)> {
+    let fits = Whitened::new(tests, deviation, correlation).jumps();
+    let places = fits.into_iter().zip(1..).map(|(fit, begin)| (begin, fit));
+    let tried = places.filter(|(begin, _)| (FEWEST..=tests.len() - FEWEST).contains(begin));
+    tried.min_by(|a, b| a.1.rest.total_cmp(&b.1.rest))
+}
+
+/// Lag-1 autocorrelation of what a jump leaves, shrunk towards its prior. Two means were fitted, which takes from the
+/// products of neighbours.
+fn correlation(tests: &[Estimate], begin: usize, fit: &Fit, deviation: f64) -> f64 {
+    let rest: Vec<f64> = tests
+        .iter()
+        .enumerate()
+        .map(|(place, of)| of.value - fit.level - if place < begin { 0.0 } else { fit.size })
+        .collect();
+    let squares: f64 = rest.iter().map(|of| of * of).sum();
+    let variance = (WORTH * deviation * deviation + squares) / (WORTH + tests.len() as f64 - 2.0);
+    let products: f64 = rest.windows(2).map(|of| of[0] * of[1]).sum();
+    let taken = 2.0 * (1.0 + CORRELATION) / (1.0 - CORRELATION);
+    let found = CORRELATION_WORTH * CORRELATION + products / variance + taken;
+    (found / (CORRELATION_WORTH + tests.len() as f64 - 1.0)).clamp(-MOST_CORRELATION, MOST_CORRELATION)
 }
 
 #[cfg(test)]
@@ -137,13 +169,13 @@ mod tests {
         let (mut state, deviation) = (0.0, 0.2);
         // what the usual curve has wrong is alike in all tests
         let common = 0.1 * rng.sample::<f64, _>(StandardNormal);
-        let mut of = WarmUpJump::new(5, ALPHA);
+        let mut of = WarmUpJump::new(ALPHA);
         (0..count).find_map(|test| {
             let fresh = deviation * rng.sample::<f64, _>(StandardNormal);
             state = correlation * state + fresh * f64::sqrt(1.0 - correlation * correlation);
             let value = common + state + if test >= at { size } else { 0.0 };
-            let cause =
-                RunCause { warm_up: Some(Estimate { value, std_error: 0.15 }), ..RunCause::of_nothing() };
+            let warm_up = WarmUpOfRun { ln_factor: Estimate { value, std_error: 0.15 }, common: 0.0 };
+            let cause = RunCause { warm_up: Some(warm_up), ..RunCause::of_nothing() };
             of.add(&cause).map(|jump| (test, jump))
         })
     }

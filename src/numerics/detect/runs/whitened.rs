@@ -3,17 +3,6 @@
 use crate::analysis::Estimate;
 use crate::numerics::statistics::descriptive::median;
 
-/// What is known of how much a quantity scatters from test to test.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Scatter {
-    /// Standard deviation of a test about the level.
-    pub(super) deviation: f64,
-    /// Lag-1 autocorrelation.
-    pub(super) correlation: f64,
-    /// Tests that both stand on.
-    pub(super) freedom: f64,
-}
-
 /// Values of which each is independent of those before, each with its weight.
 pub(super) struct Whitened {
     correlation: f64,
@@ -32,15 +21,14 @@ pub(super) struct Fit {
 }
 
 impl Whitened {
-    /// Of tests, oldest first.
-    pub(super) fn new(tests: &[Estimate], scatter: &Scatter) -> Self {
-        let correlation = scatter.correlation;
+    /// Of tests, oldest first, with the standard deviation of one about the level and the lag-1 autocorrelation.
+    pub(super) fn new(tests: &[Estimate], deviation: f64, correlation: f64) -> Self {
         // most of a standard error is alike in all tests: it says which ones are less certain than usual, no more
         let usual = median(&tests.iter().map(|of| of.std_error).collect::<Vec<f64>>()).unwrap_or(0.0);
         let root = |(place, of): (usize, &Estimate)| {
             let first = if place == 0 { 1.0 } else { (1.0 - correlation * correlation).sqrt() };
             let less_certain = if usual > 0.0 { (of.std_error / usual).max(1.0) } else { 1.0 };
-            (first * scatter.deviation * less_certain).recip()
+            (first * deviation * less_certain).recip()
         };
         let mut whitened =
             Self { correlation, values: Vec::new(), roots: tests.iter().enumerate().map(root).collect() };
@@ -60,21 +48,101 @@ impl Whitened {
     /// Least squares of a level and a pattern.
     pub(super) fn fit(&self, pattern: impl Fn(usize) -> f64) -> Fit {
         let (level, pattern) = (self.of(|_| 1.0), self.of(pattern));
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let (aa, ab, bb) = (dot(&level, &level), dot(&level, &pattern), dot(&pattern, &pattern));
-        let (ay, by) = (dot(&level, &self.values), dot(&pattern, &self.values));
-        let determinant = aa * bb - ab * ab;
-        let (at_start, size) = ((bb * ay - ab * by) / determinant, (aa * by - ab * ay) / determinant);
-        Fit {
-            level: at_start,
-            size,
-            size_error: (aa / determinant).sqrt(),
-            rest: dot(&self.values, &self.values) - at_start * ay - size * by,
-        }
+        let sums = Sums {
+            level: dot(&level, &level),
+            both: dot(&level, &pattern),
+            pattern: dot(&pattern, &pattern),
+            level_value: dot(&level, &self.values),
+            pattern_value: dot(&pattern, &self.values),
+            value: dot(&self.values, &self.values),
+        };
+        sums.fit()
     }
 
-    /// The same of a jump with the test at the place `begin`.
-    pub(super) fn jump(&self, begin: usize) -> Fit {
-        self.fit(|i| f64::from(u8::from(i >= begin)))
+    /// The same of a jump with the test at each place from 1 on, the first place first.
+    pub(super) fn jumps(&self) -> Vec<Fit> {
+        let level = self.of(|_| 1.0);
+        let whole = (dot(&level, &level), dot(&level, &self.values), dot(&self.values, &self.values));
+        // behind the place at which it begins, a jump is the level; there, nothing of it is remembered
+        let (mut behind, mut behind_value) = (0.0, 0.0);
+        let mut fits: Vec<Fit> = (1..self.roots.len())
+            .rev()
+            .map(|begin| {
+                let (root, value) = (self.roots[begin], self.values[begin]);
+                let sums = Sums {
+                    level: whole.0,
+                    both: level[begin] * root + behind,
+                    pattern: root * root + behind,
+                    level_value: whole.1,
+                    pattern_value: root * value + behind_value,
+                    value: whole.2,
+                };
+                behind += level[begin] * level[begin];
+                behind_value += level[begin] * value;
+                sums.fit()
+            })
+            .collect();
+        fits.reverse();
+        fits
+    }
+}
+
+/// Sums of products of a level, a pattern and the values.
+struct Sums {
+    level: f64,
+    both: f64,
+    pattern: f64,
+    level_value: f64,
+    pattern_value: f64,
+    value: f64,
+}
+
+impl Sums {
+    fn fit(&self) -> Fit {
+        let determinant = self.level * self.pattern - self.both * self.both;
+        let level = (self.pattern * self.level_value - self.both * self.pattern_value) / determinant;
+        let size = (self.level * self.pattern_value - self.both * self.level_value) / determinant;
+        Fit {
+            level,
+            size,
+            size_error: (self.level / determinant).sqrt(),
+            rest: self.value - level * self.level_value - size * self.pattern_value,
+        }
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn jumps_by_running_sums_are_those_of_the_pattern() {
+        let tests: Vec<Estimate> = (0..30)
+            .map(|place| {
+                let wave = (f64::from(place) * 2.3).sin();
+                Estimate { value: wave + f64::from(u8::from(place > 11)), std_error: 0.2 + 0.1 * wave }
+            })
+            .collect();
+        for correlation in [0.0, 0.4, -0.2] {
+            let whitened = Whitened::new(&tests, 0.3, correlation);
+            let jumps = whitened.jumps();
+            assert_eq!(jumps.len(), 29);
+            for (fit, begin) in jumps.iter().zip(1..) {
+                let other = whitened.fit(|i| f64::from(u8::from(i >= begin)));
+                let pairs = [
+                    (fit.level, other.level),
+                    (fit.size, other.size),
+                    (fit.size_error, other.size_error),
+                    (fit.rest, other.rest),
+                ];
+                for (fit, other) in pairs {
+                    assert!((fit - other).abs() < 1e-9 * other.abs().max(1.0), "{begin}: {fit} {other}");
+                }
+            }
+        }
     }
 }

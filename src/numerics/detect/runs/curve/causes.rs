@@ -4,13 +4,14 @@ pub(in crate::numerics::detect::runs) mod open_run;
 
 use super::hypothesis::{Cause, Evidence, PRIOR};
 use super::points::{Curve, CurvePoint, curves};
-use super::run_cause::{LEAST_SCATTER, RunCause};
+use super::run_cause::{LEAST_SCATTER, RunCause, WarmUpOfRun};
 use super::template;
 use super::usual::{JointCurves, Usual, common_of, joint_curves, usuals};
 use super::within_run;
 use crate::analysis::friction::CycleFriction;
 use crate::anomaly::RunSummary;
 use crate::numerics::detect::runs::first_tests::first_tests;
+use crate::numerics::statistics::descriptive::mean;
 use crate::robot::JointIndex;
 
 /// Likelihood, in logarithms, that causes together must be able to gain for any of them to be looked for.
@@ -132,7 +133,8 @@ fn against(
         }
         _ => 0.0,
     };
-    let warm_up = evidence.warm_up(template);
+    let common = mean(common).unwrap_or(0.0);
+    let warm_up = evidence.warm_up(template).map(|ln_factor| WarmUpOfRun { ln_factor, common });
     RunCause { effect, warm_up, ..RunCause::of(&judged, *scatter, curve.len(), least_advantage) }
 }
 

@@ -30,9 +30,8 @@ pub(in crate::numerics::detect::runs) struct RunCause {
     /// The factor of the slow time constant that explains the run best, with how much likelier it is than the best cause
     /// of another kind, in logarithms, without the prior; `None` where it was not looked for.
     pub(in crate::numerics::detect::runs) slowing: Option<(f64, f64)>,
-    /// Natural logarithm of the factor of the slow time constant, if nothing else has changed; `None` of runs that are held
-    /// against no usual curve.
-    pub(in crate::numerics::detect::runs) warm_up: Option<Estimate>,
+    /// What it says of the warm-up, if nothing else has changed; `None` of runs that are held against no usual curve.
+    pub(in crate::numerics::detect::runs) warm_up: Option<WarmUpOfRun>,
     /// Usual scatter of one cycle.
     pub(in crate::numerics::detect::runs) scatter: f64,
     /// Largest effect of the winning cause on a cycle.
@@ -41,6 +40,15 @@ pub(in crate::numerics::detect::runs) struct RunCause {
     pub(in crate::numerics::detect::runs) cycles: usize,
     /// Least advantage over none, in logarithms, of a cause that is clear.
     pub(in crate::numerics::detect::runs) least_advantage: f64,
+}
+
+/// What a run says of a joint's warm-up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::numerics::detect::runs) struct WarmUpOfRun {
+    /// Natural logarithm of the factor of the slow time constant.
+    pub(in crate::numerics::detect::runs) ln_factor: Estimate,
+    /// Mean change of friction that all joints have in common, in logarithms.
+    pub(in crate::numerics::detect::runs) common: f64,
 }
 
 /// The best cause of a kind.
