@@ -3,8 +3,8 @@
 //! Each test says by which factor the slow time constant differs from that of the usual curve, with a standard error that
 //! may be a half. The usual curve's own error is alike in all tests, so that later ones are compared with earlier ones and
 //! not with it: the latest [`WINDOW`] tests are fitted as a level and a jump at any of them, by least squares on whitened
-//! values. What this fit leaves says how far tests scatter and how they remember each other; both are shrunk towards a
-//! prior. (Scatter about one level would grow with a jump that is not found at once.) A jump counts if
+//! values. Scatter and autocorrelation are those of its residuals, shrunk towards a prior. (About one level, a jump that is not
+//! found at once would count as scatter.) A jump counts if
 //!
 //! * it is a factor of [`LEAST_FACTOR`] or its inverse,
 //! * it is beyond chance: of Student's distribution, with the probability that a channel has at the rate of false alarms asked
@@ -75,10 +75,8 @@ impl WarmUpJump {
     /// Takes a test; the jump that it belongs to.
     pub(super) fn add(&mut self, cause: &RunCause) -> Option<Jump> {
         let is_of_level = matches!(cause.clear(), None | Some(Cause::TimeConstant(_)));
-        let told = |of: &WarmUpOfRun| is_of_level && of.ln_factor.std_error < SAYS_NOTHING;
-        let Some(test) = cause.warm_up.filter(told) else {
-            return self.jump;
-        };
+        let is_known = |of: &WarmUpOfRun| is_of_level && of.ln_factor.std_error < SAYS_NOTHING;
+        let Some(test) = cause.warm_up.filter(is_known) else { return self.jump };
         self.tests.push(test.ln_factor);
         self.common.push(test.common);
         self.jump = match self.jump.take() {
@@ -111,7 +109,7 @@ impl WarmUpJump {
         let (begin, fit) = likeliest(tests, prior, CORRELATION)?;
         let correlation = correlation(tests, begin, &fit, prior);
         let (begin, fit) = likeliest(tests, prior, correlation)?;
-        // two were fitted
+        // level and size are fitted
         let freedom = WORTH + tests.len() as f64 - 2.0;
         let size_error = fit.size_error * ((WORTH + fit.rest) / freedom).sqrt();
         // a log-likelihood is half a square of standard deviations
@@ -136,20 +134,18 @@ fn likeliest(tests: &[Estimate], deviation: f64, correlation: f64) -> Option<(us
     tried.min_by(|a, b| a.1.rest.total_cmp(&b.1.rest))
 }
 
-/// Lag-1 autocorrelation of what a jump leaves, shrunk towards its prior. Two means were fitted, which takes from the
-/// products of neighbours.
+/// Lag-1 autocorrelation of the residuals of a jump, shrunk towards its prior. That the two means are fitted lowers the
+/// products of neighbours, by what is added again here.
 fn correlation(tests: &[Estimate], begin: usize, fit: &Fit, deviation: f64) -> f64 {
-    let rest: Vec<f64> = tests
-        .iter()
-        .enumerate()
-        .map(|(place, of)| of.value - fit.level - if place < begin { 0.0 } else { fit.size })
-        .collect();
-    let squares: f64 = rest.iter().map(|of| of * of).sum();
+    let expected = |place: usize| fit.level + if place < begin { 0.0 } else { fit.size };
+    let residuals: Vec<f64> =
+        tests.iter().enumerate().map(|(place, of)| of.value - expected(place)).collect();
+    let squares: f64 = residuals.iter().map(|of| of * of).sum();
     let variance = (WORTH * deviation * deviation + squares) / (WORTH + tests.len() as f64 - 2.0);
-    let products: f64 = rest.windows(2).map(|of| of[0] * of[1]).sum();
-    let taken = 2.0 * (1.0 + CORRELATION) / (1.0 - CORRELATION);
-    let found = CORRELATION_WORTH * CORRELATION + products / variance + taken;
-    (found / (CORRELATION_WORTH + tests.len() as f64 - 1.0)).clamp(-MOST_CORRELATION, MOST_CORRELATION)
+    let products: f64 = residuals.windows(2).map(|of| of[0] * of[1]).sum();
+    let bias = 2.0 * (1.0 + CORRELATION) / (1.0 - CORRELATION);
+    let sum = CORRELATION_WORTH * CORRELATION + products / variance + bias;
+    (sum / (CORRELATION_WORTH + tests.len() as f64 - 1.0)).clamp(-MOST_CORRELATION, MOST_CORRELATION)
 }
 
 #[cfg(test)]
@@ -165,16 +161,28 @@ mod tests {
 
     /// Tests until the first jump, of a series that jumps by `size` with the test `at`.
     fn first(seed: u64, count: usize, correlation: f64, at: usize, size: f64) -> Option<(usize, Jump)> {
+        first_with_hall(seed, count, correlation, at, [size, 0.0])
+    }
+
+    /// The same where friction of all joints changes with that test, too, by this part.
+    fn first_with_hall(
+        seed: u64,
+        count: usize,
+        correlation: f64,
+        at: usize,
+        [size, hall]: [f64; 2],
+    ) -> Option<(usize, Jump)> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let (mut state, deviation) = (0.0, 0.2);
         // what the usual curve has wrong is alike in all tests
-        let common = 0.1 * rng.sample::<f64, _>(StandardNormal);
+        let usual = 0.1 * rng.sample::<f64, _>(StandardNormal);
         let mut of = WarmUpJump::new(ALPHA);
         (0..count).find_map(|test| {
             let fresh = deviation * rng.sample::<f64, _>(StandardNormal);
             state = correlation * state + fresh * f64::sqrt(1.0 - correlation * correlation);
-            let value = common + state + if test >= at { size } else { 0.0 };
-            let warm_up = WarmUpOfRun { ln_factor: Estimate { value, std_error: 0.15 }, common: 0.0 };
+            let [size, hall] = if test >= at { [size, hall] } else { [0.0; 2] };
+            let value = usual + state + size;
+            let warm_up = WarmUpOfRun { ln_factor: Estimate { value, std_error: 0.15 }, common: hall };
             let cause = RunCause { warm_up: Some(warm_up), ..RunCause::of_nothing() };
             of.add(&cause).map(|jump| (test, jump))
         })
@@ -192,6 +200,15 @@ mod tests {
             late += usize::from(test > 40 + 15);
         }
         assert!(late <= 5, "{late} of 100 not within 15 tests");
+    }
+
+    #[test]
+    fn what_goes_with_a_change_of_all_joints_is_no_jump() {
+        let found = |hall: f64| {
+            (0..50).filter(|seed| first_with_hall(*seed, 100, 0.2, 40, [0.5, hall]).is_some()).count()
+        };
+        let (alone, with_hall) = (found(0.0), found(0.1));
+        assert!(alone >= 45 && with_hall == 0, "{alone} and {with_hall} of 50");
     }
 
     /// 400 series of a year: 0.02 are to be expected of each.

@@ -1,4 +1,4 @@
-//! Least squares of a level and a pattern over tests that remember each other.
+//! Least squares of a level and a pattern over autocorrelated tests.
 
 use crate::analysis::Estimate;
 use crate::numerics::statistics::descriptive::median;
@@ -50,7 +50,7 @@ impl Whitened {
         let (level, pattern) = (self.of(|_| 1.0), self.of(pattern));
         let sums = Sums {
             level: dot(&level, &level),
-            both: dot(&level, &pattern),
+            level_pattern: dot(&level, &pattern),
             pattern: dot(&pattern, &pattern),
             level_value: dot(&level, &self.values),
             pattern_value: dot(&pattern, &self.values),
@@ -63,7 +63,7 @@ impl Whitened {
     pub(super) fn jumps(&self) -> Vec<Fit> {
         let level = self.of(|_| 1.0);
         let whole = (dot(&level, &level), dot(&level, &self.values), dot(&self.values, &self.values));
-        // behind the place at which it begins, a jump is the level; there, nothing of it is remembered
+        // whitened, a jump is zero before its first test, that test's root there, and the level's pattern from the next on
         let (mut behind, mut behind_value) = (0.0, 0.0);
         let mut fits: Vec<Fit> = (1..self.roots.len())
             .rev()
@@ -71,7 +71,7 @@ impl Whitened {
                 let (root, value) = (self.roots[begin], self.values[begin]);
                 let sums = Sums {
                     level: whole.0,
-                    both: level[begin] * root + behind,
+                    level_pattern: level[begin] * root + behind,
                     pattern: root * root + behind,
                     level_value: whole.1,
                     pattern_value: root * value + behind_value,
@@ -90,7 +90,7 @@ impl Whitened {
 /// Sums of products of a level, a pattern and the values.
 struct Sums {
     level: f64,
-    both: f64,
+    level_pattern: f64,
     pattern: f64,
     level_value: f64,
     pattern_value: f64,
@@ -99,9 +99,9 @@ struct Sums {
 
 impl Sums {
     fn fit(&self) -> Fit {
-        let determinant = self.level * self.pattern - self.both * self.both;
-        let level = (self.pattern * self.level_value - self.both * self.pattern_value) / determinant;
-        let size = (self.level * self.pattern_value - self.both * self.level_value) / determinant;
+        let determinant = self.level * self.pattern - self.level_pattern * self.level_pattern;
+        let level = (self.pattern * self.level_value - self.level_pattern * self.pattern_value) / determinant;
+        let size = (self.level * self.pattern_value - self.level_pattern * self.level_value) / determinant;
         Fit {
             level,
             size,
