@@ -8,7 +8,7 @@ mod several_daemons;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -32,8 +32,10 @@ fn without_time(out: &str) -> String {
     out.lines().map(said).collect::<Vec<_>>().join("\n")
 }
 
-/// A daemon that is younger may still be starting.
-const STARTING: Duration = Duration::from_secs(3);
+/// Whether a daemon has opened its database, by what it has logged.
+fn is_watching(said: &str) -> bool {
+    said.contains(" watching database=")
+}
 
 /// A folder with a database of each engine, and commands that both get.
 struct Both {
@@ -49,11 +51,12 @@ impl Both {
 
     /// Starts a daemon again that has ended since the server went while it was starting, as its unit does; later no fall of
     /// the server may end it.
-    fn revive(&self, life: &mut (Daemon, Instant), daemon: &impl Fn() -> Daemon) {
+    fn revive(&self, life: &mut (Daemon, usize), daemon: &impl Fn() -> (Daemon, usize)) {
         let Some(ended) = life.0.child.try_wait().expect("a child") else { return };
-        let is_start = ended.code() == Some(74) && life.1.elapsed() < STARTING;
-        assert!(is_start, "the daemon ended by itself: {ended:?}\n{}", self.workshop.log());
-        *life = (daemon(), Instant::now());
+        let log = self.workshop.log();
+        let is_due = ended.code() == Some(74) && !is_watching(&log[life.1..]);
+        assert!(is_due, "the daemon ended by itself: {ended:?}\n{log}");
+        *life = daemon();
     }
 
     /// The same command on both, with the same status and the same words.
@@ -256,13 +259,15 @@ fn disturbed(most: u32) {
         let name = format!("fleet{round}");
         server.sql(&format!("CREATE DATABASE {name}"));
         let address = server.fleet().replace("/fleet?", &format!("/{name}?"));
+        // with the length of the log when it was started
         let daemon = || {
+            let logged = both.workshop.log().len();
             let log = fs::OpenOptions::new().create(true).append(true).open(both.workshop.path("daemon.log"));
             let mut command = both.workshop.command(&["run", "--db", &address]);
             command.stdout(Stdio::null()).stderr(log.expect("a log"));
-            Daemon { child: command.spawn().expect("the daemon starts") }
+            (Daemon { child: command.spawn().expect("the daemon starts") }, logged)
         };
-        let mut life = (daemon(), Instant::now());
+        let mut life = daemon();
         // a round has so many events that some fall into every phase, and few enough to come to its end
         for _ in 0..random.random_range(4..10) {
             pass(Duration::from_millis(random.random_range(20..900)));
@@ -272,7 +277,7 @@ fn disturbed(most: u32) {
             match event {
                 0 => {
                     drop(life);
-                    life = (daemon(), Instant::now());
+                    life = daemon();
                 }
                 1 if is_open(&server, &name) => server.control("restart"),
                 _ if is_open(&server, &name) => {

@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
 use super::server::{Server, dump_in_any_order, is_made};
-use super::{STARTING, events};
+use super::{events, is_watching};
 use crate::small::{self, Export, export, work};
 use crate::support::{Daemon, Workshop, assert_alike, pass, text, wait_until};
 
@@ -285,26 +285,34 @@ enum Event {
 
 const EVENTS: [Event; 5] = [Event::Kill, Event::Freeze, Event::Restart, Event::Cut, Event::FullDisk];
 
+/// A daemon that found the disk of its server full has ended by then.
+const ENDING: Duration = Duration::from_secs(3);
+
 /// A daemon of a host, which is started again when the server's state has ended it, as its unit does.
 struct Life {
     host: &'static str,
     daemon: Daemon,
-    since: Instant,
-    /// The disk of the server was full until then.
+    /// Length of its host's log when it was started.
+    logged: usize,
+    /// The disk of the server was full until then, and the daemon may have ended since.
     full_until: Option<Instant>,
 }
 
 impl Life {
     fn begin(cluster: &Cluster<'_>, host: &'static str) -> Self {
-        Self { host, daemon: cluster.start(host), since: Instant::now(), full_until: None }
+        let logged = cluster.log(host).len();
+        Self { host, daemon: cluster.start(host), logged, full_until: None }
     }
 
     fn revive(&mut self, cluster: &Cluster<'_>) {
-        let Some(ended) = self.daemon.child.try_wait().expect("a child") else { return };
-        let is_start = self.since.elapsed() < STARTING;
-        let was_full = self.full_until.is_some_and(|until| until.elapsed() < STARTING);
-        let is_due = ended.code() == Some(74) && (is_start || was_full);
-        assert!(is_due, "the daemon of {} ended by itself: {ended:?}\n{}", self.host, cluster.log(self.host));
+        let Some(ended) = self.daemon.child.try_wait().expect("a child") else {
+            self.full_until.take_if(|until| until.elapsed() > ENDING);
+            return;
+        };
+        let log = cluster.log(self.host);
+        let is_due =
+            ended.code() == Some(74) && (self.full_until.is_some() || !is_watching(&log[self.logged..]));
+        assert!(is_due, "the daemon of {} ended by itself: {ended:?}\n{log}", self.host);
         *self = Self { full_until: self.full_until, ..Self::begin(cluster, self.host) };
     }
 }
