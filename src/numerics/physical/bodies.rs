@@ -11,19 +11,21 @@ use super::data_share::{BodyEstimate, Estimated, body_estimate};
 use super::pseudo_inertia::{coordinates, definiteness, directions, lifted, pseudo_inertia, symmetric};
 use crate::numerics::NumericsError;
 use crate::numerics::least_squares::factor::TriangularFactor;
+use crate::numerics::least_squares::orthonormal::dot;
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::numerics::model::dynamics::DynamicModel;
 use crate::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
 
-/// Weight of the data, in the order of the descents, each from the end of the one before: near a
-/// solution Newton's method takes whole steps.
-const DATA_SHARES: [f64; 7] = [1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0];
-/// Part of the way to the border of bodies that a step may go.
-const TO_THE_BORDER: f64 = 0.9;
-/// Part of the decrease that the slope promises which a step must bring (Armijo).
-const PROMISED: f64 = 1e-4;
-/// Shortest part of a step that is tried.
-const SHORTEST: f64 = 1e-10;
+/// Factor of the data's weight from one descent to the next, which starts where the one before ended: near a solution
+/// Newton's method takes whole steps.
+const SHARE_STEP: f64 = 3.0;
+/// Largest part of the way to the border of bodies that a step goes.
+const TO_THE_BORDER: f64 = 0.99;
+/// Halvings by which the lowest point along a step is found.
+const HALVINGS: usize = 40;
+/// Largest length of Newton's step, in units in which the prior's curvature is one, at which its decrement says how far
+/// the cost is above its least (Nesterov & Nemirovskii 1994).
+const LOCAL: f64 = 0.25;
 /// Standard deviation about zero of friction and coupling parameters, in their SI units: far beyond
 /// any arm's, so that it decides only what neither data nor anything else does.
 const FREE_STD: f64 = 1e4;
@@ -36,10 +38,10 @@ pub struct PhysicalSettings {
     pub prior_std: f64,
     /// Share of the data's rows that are independent.
     pub independent_fraction: f64,
-    /// Most steps at each of seven weights of the data.
+    /// Most steps at each weight of the data.
     pub max_steps: usize,
     /// Newton decrement, in units of the noise's variance and relative to the cost above one, at which the
-    /// fit has settled.
+    /// fit has settled, unless the step is long.
     pub settled: f64,
 }
 
@@ -89,7 +91,7 @@ pub struct PhysicalEstimate {
 /// into base parameters, `D = tr(J0⁻¹ J) - ln det(J0⁻¹ J) - 4` for the pseudo-inertia `J` of a link and
 /// its nominal one, `k` is a motor's inertia over its nominal one, and `s` the prior's standard deviation.
 /// Friction and couplings are free: they are drawn to zero by 1e4 of their unit, which is nowhere.
-/// Newton's method with a line search; each step is a least-squares problem in the coordinates of
+/// Newton's method to the lowest point along each step, with data that count more and more; each step is a least-squares problem in the coordinates of
 /// `directions`, solved by folding its rows into a triangular factor.
 ///
 /// # Errors
@@ -113,12 +115,18 @@ pub fn physical(
     }
     let mut problem = Problem::new(robot, base, factor, nominal, settings)?;
     let mut phi = problem.nominal.clone();
-    let (mut steps, mut settled) = (0, false);
-    for share in DATA_SHARES {
-        problem.data_share = share;
-        (phi, settled) = problem.descend(phi, settings, &mut steps)?;
+    // at the start, data cost no more than one row of noise does
+    let residuals = problem.data_residuals(&phi);
+    problem.data_share = 1.0 / dot(&residuals, &residuals).sqrt().max(1.0);
+    let mut steps = 0;
+    loop {
+        let (end, settled) = problem.descend(phi, settings, &mut steps)?;
+        if problem.data_share >= 1.0 {
+            return problem.estimate(robot, end, steps, settled);
+        }
+        phi = end;
+        problem.data_share = (SHARE_STEP * problem.data_share).min(1.0);
     }
-    problem.estimate(robot, phi, steps, settled)
 }
 
 /// `r11 G` `[b x p]`: what the factor's rows see of each parameter in natural order.
@@ -219,12 +227,14 @@ impl<'a> Problem<'a> {
         })
     }
 
+    /// What the data see of parameters or of their change.
+    fn seen(&self, phi: &[f64]) -> Vec<f64> {
+        let row = |i| self.map.row(i).iter().zip(phi).map(|(map, phi)| map * phi).sum::<f64>();
+        (0..self.right.len()).map(|i| self.data_share * row(i)).collect()
+    }
+
     fn data_residuals(&self, phi: &[f64]) -> Vec<f64> {
-        let residual = |(i, right): (usize, &f64)| {
-            let estimated: f64 = self.map.row(i).iter().zip(phi).map(|(map, phi)| map * phi).sum();
-            self.data_share * (right - estimated)
-        };
-        self.right.iter().enumerate().map(residual).collect()
+        self.seen(phi).iter().zip(&self.right).map(|(seen, right)| self.data_share * right - seen).collect()
     }
 
     /// What is minimised; endless where there is no body.
@@ -298,7 +308,7 @@ impl<'a> Problem<'a> {
         slopes
     }
 
-    /// Newton's method from `phi`; the end, and whether it settled there.
+    /// Newton's method from `phi`, at one weight of the data; the end, and whether it settled there.
     fn descend(
         &self,
         mut phi: Vec<f64>,
@@ -306,7 +316,6 @@ impl<'a> Problem<'a> {
         steps: &mut usize,
     ) -> Result<(Vec<f64>, bool), NumericsError> {
         let p = phi.len();
-        let mut cost = self.cost(&phi);
         for _ in 0..settings.max_steps {
             *steps += 1;
             let Some(local) = self.local(&phi) else { return Ok((phi, false)) };
@@ -316,27 +325,55 @@ impl<'a> Problem<'a> {
             let s = factor.inverse_of_upper()? * right;
             let s: Vec<f64> = (0..p).map(|k| s[(k, 0)]).collect();
             let change = local.change(&s);
-            let mut part = (TO_THE_BORDER * local.border(&s, |k| self.is_motor(k))).min(1.0);
-            let moved =
-                |part: f64| phi.iter().zip(&change).map(|(x, dx)| x + part * dx).collect::<Vec<f64>>();
-            let mut trial = moved(part);
-            // What rounding leaves of the cost cannot judge the last step.
-            if decrement <= settings.settled * cost.max(1.0) {
-                let better = self.cost(&trial) <= cost;
-                return Ok((if better { trial } else { phi }, true));
+            let cost = self.cost(&phi);
+            let is_local = decrement <= (LOCAL * self.firmness).powi(2);
+            let settled = is_local && decrement <= settings.settled * cost.max(1.0);
+            // what rounding leaves of the slope cannot judge the last step
+            let part = if settled { 1.0 } else { self.lowest(&phi, &change, &local, &s) };
+            let moved: Vec<f64> = phi.iter().zip(&change).map(|(x, dx)| x + part * dx).collect();
+            let is_better = self.cost(&moved) <= cost;
+            if is_better {
+                phi = moved;
             }
-            let mut trial_cost = self.cost(&trial);
-            while trial_cost.is_nan() || trial_cost > cost - 2.0 * PROMISED * part * decrement {
-                part *= 0.5;
-                if part < SHORTEST {
-                    return Ok((phi, false));
-                }
-                trial = moved(part);
-                trial_cost = self.cost(&trial);
+            if settled || !is_better {
+                return Ok((phi, settled));
             }
-            (phi, cost) = (trial, trial_cost);
         }
         Ok((phi, false))
+    }
+
+    /// Part of a step at which the cost is least along it. The cost is convex there: the only root of its slope.
+    fn lowest(&self, phi: &[f64], change: &[f64], local: &Local, s: &[f64]) -> f64 {
+        let first = StandardParameters::COUNT * self.links();
+        let (links, beside) = s.split_at(first);
+        let [fixed, seen] = [self.data_residuals(phi), self.seen(change)];
+        let data = [dot(&seen, &seen), dot(&fixed, &seen)];
+        let eigenvalues: Vec<f64> = links
+            .chunks_exact(StandardParameters::COUNT)
+            .flat_map(|s| symmetric(s).symmetric_eigenvalues().as_slice().to_vec())
+            .chain((first..phi.len()).zip(beside).filter(|(k, _)| self.is_motor(*k)).map(|(_, s)| *s))
+            .collect();
+        let of_link = |link: usize| (self.inverse[link] * pseudo_inertia(&self.link(change, link))).trace();
+        let of_motor = |k: usize| change[k] / self.nominal[k];
+        let trace = (0..self.links()).map(of_link).sum::<f64>()
+            + (first..phi.len()).filter(|k| self.is_motor(*k)).map(of_motor).sum::<f64>();
+        let free = (first..phi.len()).filter(|k| !self.is_motor(*k));
+        let free = free.fold([0.0; 2], |[square, product], k| {
+            [square + (change[k] / FREE_STD).powi(2), product + phi[k] * change[k] / FREE_STD.powi(2)]
+        });
+        let slope = |part: f64| {
+            let barrier: f64 = eigenvalues.iter().map(|value| value / (1.0 + part * value)).sum();
+            part * data[0] - data[1] + self.firmness.powi(2) * (trace - barrier) + free[0] * part + free[1]
+        };
+        let (mut low, mut high) = (0.0, (TO_THE_BORDER * local.border(s, |k| self.is_motor(k))).min(1.0));
+        if slope(high) <= 0.0 {
+            return high;
+        }
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            *(if slope(middle) < 0.0 { &mut low } else { &mut high }) = middle;
+        }
+        low
     }
 
     fn estimate(

@@ -11,7 +11,7 @@ use crate::robot::{JointIndex, Robot};
 
 /// Noise of a torque signal relative to its RMS, below which no joint's is taken to be: without noise,
 /// rows would weigh without end.
-const NOISE_FLOOR: f64 = 1e-4;
+pub(super) const NOISE_FLOOR: f64 = 1e-4;
 /// Largest relative change of a joint's noise at which weights have settled.
 const SETTLED: f64 = 1e-6;
 /// Weights settle in some five rounds.

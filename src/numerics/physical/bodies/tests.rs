@@ -3,12 +3,14 @@
 use faer::Mat;
 use proptest::prelude::*;
 
+use super::{PhysicalSettings, Problem};
 use crate::config::parse_robot;
 use crate::numerics::least_squares::factor::TriangularFactor;
+use crate::numerics::least_squares::weighted::{WeightRule, joined};
 use crate::numerics::model::base_parameters::{BaseParameters, PROBE_STATES, base_parameters, probe_state};
 use crate::numerics::model::kinematics::tests::any_arm;
 use crate::numerics::model::regressor::{KeptColumns, Regressor, joint_torque_regressor};
-use crate::numerics::physical::fit::{PhysicalFit, physical_fit};
+use crate::numerics::physical::fit::{NOISE_FLOOR, PhysicalFit, physical_fit};
 use crate::numerics::physical::pseudo_inertia::POSITIVE;
 use crate::numerics::physical::uniform_bodies::{BodySource, uniform_bodies};
 use crate::robot::{CouplingTerm, FrictionTerm, ParameterId, ParameterKind, Robot, Transform};
@@ -166,14 +168,25 @@ fn rows_that_do_not_show_the_arm_are_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(6))]
+    #![proptest_config(ProptestConfig::with_cases(12))]
 
     #[test]
     fn any_arm_is_reached_from_cylinders(robot in any_arm()) {
         prop_assume!(robot.joint_count() <= 4 && base_parameters(&robot).is_ok());
-        let (_, fit) = fitted(&robot, 0.0);
+        let (base, fit) = fitted(&robot, 0.0);
+        prop_assert!(fit.estimate.settled, "{} steps", fit.estimate.steps);
         for price in &fit.price {
             prop_assert!(price.consistent_rmsd < 1e-4 * price.torque_rms.max(1e-9), "{price:?}");
         }
+        // the truth is a body too, so that what costs least costs no more
+        let factors = probed(&robot, &base, &truth(&robot), 0.0);
+        let mut rule = WeightRule::equal(factors.len());
+        for price in &fit.price {
+            rule.sigma[price.joint.index()] = NOISE_FLOOR * price.torque_rms;
+        }
+        let (factor, settings) = (joined(&factors, &rule, base.kept.len()), PhysicalSettings::default());
+        let problem = Problem::new(&robot, &base, &factor, &fit.start.nominal, &settings).expect("a problem");
+        let [found, true_cost] = [&fit.estimate.phi, &truth(&robot)].map(|phi| problem.cost(phi));
+        prop_assert!(found <= true_cost, "{found} {true_cost}");
     }
 }
