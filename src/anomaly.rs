@@ -259,6 +259,8 @@ pub struct Anomaly {
     pub peak_value: f64,
     /// That score.
     pub peak_score: f64,
+    /// Largest severity of a run that showed it.
+    pub peak_severity: Severity,
     /// Cycle of the first run with which it began, where it is a cycle's.
     pub first_cycle: Option<u32>,
     /// Run with which the episode began.
@@ -292,6 +294,7 @@ impl Anomaly {
         *self = Self {
             peak_value,
             peak_score,
+            peak_severity: self.peak_severity.max(later.peak_severity),
             first_cycle: self.first_cycle,
             onset: self.onset,
             first_run_id: self.first_run_id,

@@ -29,7 +29,7 @@ pub enum Detector {
     Cusum,
 }
 
-/// An anomaly of severity warning or critical.
+/// An anomaly that was a warning or critical in one run at least.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Alarm {
     /// Its kind.
@@ -99,13 +99,13 @@ fn of_program(history: &[RunSummary]) -> Vec<Alarm> {
     detect(history, &DetectSettings::default())
         .anomalies
         .iter()
-        .filter(|anomaly| anomaly.severity >= Severity::Warning)
+        .filter(|anomaly| anomaly.peak_severity >= Severity::Warning)
         .map(|anomaly| Alarm {
             kind: anomaly.kind,
             joint: anomaly.joint,
             first: place(anomaly.first_run_id),
             last: place(anomaly.last_run_id),
-            severity: anomaly.severity,
+            severity: anomaly.peak_severity,
             odds: anomaly.odds.unwrap_or(0.0),
             onset: (place(anomaly.onset.run_id), anomaly.onset.cycle),
             value: anomaly.value,

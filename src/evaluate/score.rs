@@ -28,8 +28,10 @@ pub struct Outcome {
     pub false_alarms: Vec<AnomalyKind>,
     /// The first alarm since the event, where there was an event and an alarm.
     pub found: Option<Found>,
-    /// Further alarms since the event, of other joints or kinds than the right one.
-    pub beside: usize,
+    /// Kinds of further alarms since the event, of other joints or kinds than the right one.
+    pub further: Vec<AnomalyKind>,
+    /// Alarms of the right joint and kind since the event, but for the first.
+    pub repeated: usize,
     /// Size of the event, in the unit of [`Scenario::size`].
     pub size: f64,
 }
@@ -87,7 +89,8 @@ pub fn outcome(truth: &Truth, alarms: &[Alarm], first_said: impl Fn(usize) -> Ve
         years: truth.years,
         false_alarms: Vec::new(),
         found: None,
-        beside: 0,
+        further: Vec::new(),
+        repeated: 0,
         size: truth.size,
     };
     let Some(kind) = truth.scenario.kind() else {
@@ -99,7 +102,8 @@ pub fn outcome(truth: &Truth, alarms: &[Alarm], first_said: impl Fn(usize) -> Ve
     found.false_alarms = before.map(|alarm| alarm.kind).collect();
     let since: Vec<&Alarm> = alarms.iter().filter(|alarm| alarm.first >= truth.onset).collect();
     let is_right = |alarm: &Alarm| alarm.kind == kind && alarm.joint == joint;
-    found.beside = since.iter().filter(|alarm| !is_right(alarm)).count();
+    found.repeated = since.iter().filter(|alarm| is_right(alarm)).count().saturating_sub(1);
+    found.further = since.iter().filter(|alarm| !is_right(alarm)).map(|alarm| alarm.kind).collect();
     let Some(first) = foremost(since.iter().copied()) else { return found };
     let said = first_said(first.first);
     let said = foremost(said.iter().filter(|alarm| alarm.first >= truth.onset && alarm.last == first.first));
@@ -172,8 +176,10 @@ pub struct ScenarioScore {
     pub delay_runs: f64,
     /// See [`Self::delay_runs`].
     pub delay_days: f64,
-    /// Alarms since the event beside the right one, for each robot.
-    pub beside: f64,
+    /// Alarms since the event beside the right one, by kind.
+    pub further_kinds: BTreeMap<&'static str, usize>,
+    /// Right alarms since the event but for the first of each robot: the fault was taken for over meanwhile.
+    pub repeated: usize,
     /// Robots by what the first alarm says, `missed` where there was none.
     pub said: BTreeMap<&'static str, usize>,
     /// Detection over size.
@@ -205,10 +211,13 @@ impl ScenarioScore {
         let delays = |of: fn(&Found) -> f64| {
             median(&found.iter().map(|found| of(found)).collect::<Vec<f64>>()).unwrap_or(f64::NAN)
         };
-        let mut false_kinds = BTreeMap::new();
-        for kind in outcomes.iter().flat_map(|of| &of.false_alarms) {
-            *false_kinds.entry(kind.name()).or_default() += 1;
-        }
+        let by_kind = |of: fn(&Outcome) -> &[AnomalyKind]| {
+            let mut counts = BTreeMap::new();
+            for kind in outcomes.iter().flat_map(|outcome| of(outcome)) {
+                *counts.entry(kind.name()).or_default() += 1;
+            }
+            counts
+        };
         let mut said = BTreeMap::new();
         if scenario.kind().is_some() {
             for of in outcomes {
@@ -221,7 +230,7 @@ impl ScenarioScore {
             robots,
             years: outcomes.iter().map(|of| of.years).sum(),
             false_alarms: outcomes.iter().map(|of| of.false_alarms.len()).sum(),
-            false_kinds,
+            false_kinds: by_kind(|of| &of.false_alarms),
             detected: found.len(),
             right_joint: count(&|found| found.is_right_joint),
             right_kind: count(&|found| Some(found.kind) == scenario.kind()),
@@ -233,10 +242,23 @@ impl ScenarioScore {
             most_delay_runs: most_delay(outcomes),
             delay_runs: delays(|found| found.delay_runs as f64),
             delay_days: delays(|found| found.delay_days),
-            beside: outcomes.iter().map(|of| of.beside).sum::<usize>() as f64 / robots.max(1) as f64,
+            further_kinds: by_kind(|of| &of.further),
+            repeated: outcomes.iter().map(|of| of.repeated).sum(),
             said,
             by_size: if scenario.kind().is_some() { by_size(scenario, outcomes) } else { Vec::new() },
         }
+    }
+
+    /// Alarms since the event beside the right one, a robot.
+    #[must_use]
+    pub fn further_a_robot(&self) -> f64 {
+        self.further_kinds.values().sum::<usize>() as f64 / self.robots.max(1) as f64
+    }
+
+    /// Right alarms since the event but for the first, a robot.
+    #[must_use]
+    pub fn repeated_a_robot(&self) -> f64 {
+        self.repeated as f64 / self.robots.max(1) as f64
     }
 
     /// False alarms a robot-year with their 95 % interval.
@@ -376,7 +398,7 @@ mod tests {
         });
         let found = found.filter(|_| scenario.kind().is_some());
         let false_alarms = if scenario.kind().is_none() { said.into_iter().collect() } else { Vec::new() };
-        Outcome { scenario, years: 1.0, false_alarms, found, beside: 0, size: 0.1 }
+        Outcome { scenario, years: 1.0, false_alarms, found, further: Vec::new(), repeated: 0, size: 0.1 }
     }
 
     #[test]

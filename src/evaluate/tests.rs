@@ -165,7 +165,7 @@ fn a_pair_that_swings_together_is_named_as_one() {
     let settings = FleetSettings { years: 0.5, sizes: vec![(of, 0.12)], ..settings(10, vec![of]) };
     let scores = evaluate(&settings, &|| ()).unwrap();
     let own = &scores[0].scenarios[0];
-    println!("found {}, as a pair {}, beside it {:.1}", own.detected, own.right_joint, own.beside);
+    println!("found {}, as a pair {}, beside it {:.1}", own.detected, own.right_joint, own.further_a_robot());
     assert!(own.detected >= 9 && own.right_kind >= 9, "{own:?}");
     // one of the pair may swing too little to be seen, by half as much in the draw
     assert!(own.right_joint >= 7, "{own:?}");

@@ -45,7 +45,9 @@ pub(super) fn as_json(score: &DetectorScore, seed: u64) -> Value {
             "right_figure": of.right_figure.0, "with_figure": of.right_figure.1,
             "delay_tests_of_95_percent": finite(of.most_delay_runs),
             "median_delay_tests": finite(of.delay_runs), "median_delay_days": finite(of.delay_days),
-            "further_alarms_a_robot": of.beside, "said": of.said, "size": of.scenario.size(),
+            "further_alarms_a_robot": of.further_a_robot(),
+            "further_alarm_kinds": of.further_kinds, "repeated_alarms_a_robot": of.repeated_a_robot(),
+            "said": of.said, "size": of.scenario.size(),
             "by_size": of.by_size.iter().map(|bin| json!({
                 "size": bin.size, "robots": bin.robots, "detected": bin.detected,
                 "median_delay_tests": finite(bin.delay_runs),
@@ -91,8 +93,10 @@ pub(super) fn as_text(scores: &[DetectorScore]) -> String {
                     "tests",
                     "95 %",
                     "days",
+                    "again",
                     "further",
                     "first alarm says",
+                    "further ones say",
                 ],
                 &events,
             );
@@ -114,7 +118,7 @@ pub(super) fn as_text(scores: &[DetectorScore]) -> String {
     );
     text += "\n\ndetected, joint and kind in per cent of robots with a fault; figure: the mass of a load to 15 %, the onset of a \
              step to one cycle, of alarms of the right kind; tests, days: median delay; 95 %: tests within which so many \
-             robots have an alarm";
+             robots have an alarm; again: right alarms a robot after the first; further: alarms a robot of other joints or kinds";
     text
 }
 
@@ -158,8 +162,10 @@ fn event_row(of: &ScenarioScore) -> Vec<String> {
         delay(of.delay_runs),
         delay(of.most_delay_runs),
         delay(of.delay_days),
-        format!("{:.2}", of.beside),
+        format!("{:.2}", of.repeated_a_robot()),
+        format!("{:.2}", of.further_a_robot()),
         counts(&of.said),
+        counts(&of.further_kinds),
     ]
 }
 

@@ -7,8 +7,13 @@ use super::verdict::Verdict;
 use crate::anomaly::{Anomaly, AnomalyKind, Onset};
 use crate::robot::JointIndex;
 
-/// Quiet runs that end an episode. This hysteresis makes one episode of a joint that stays about its limit.
+/// Quiet runs that end an episode.
 const QUIET_RUNS: usize = 2;
+/// How many times more quiet runs it takes where an episode came back. What stays about its limit would otherwise open and
+/// end again and again (a chattering alarm, EEMUA 191).
+const AGAIN: usize = 4;
+/// Most quiet runs that it takes. What comes back after as many is another episode, which two quiet runs end.
+const MOST_QUIET_RUNS: usize = 32;
 
 /// Anomalies of one joint, detector by detector. `runs` has key and start of each entry of the history.
 pub(super) fn anomalies<Series>(
@@ -23,7 +28,8 @@ pub(super) fn anomalies<Series>(
     detectors.iter().flat_map(of_detector).collect()
 }
 
-/// Joins the verdicts of successive runs into episodes; `joint` is `None` for the whole arm.
+/// Joins the verdicts of successive runs about a state into episodes; `joint` is `None` for the whole arm. What comes back
+/// soon needs more quiet runs to end.
 pub(super) fn episodes(
     runs: &[(i64, Timestamp)],
     joint: Option<JointIndex>,
@@ -31,14 +37,34 @@ pub(super) fn episodes(
     quantity: &'static str,
     verdicts: Vec<Verdict>,
 ) -> Vec<Anomaly> {
+    join(runs, (joint, kind, quantity), verdicts, AGAIN)
+}
+
+/// Joins verdicts about events, such as a contact or a load that is taken up: one that comes back is another one.
+pub(super) fn events(
+    runs: &[(i64, Timestamp)],
+    joint: Option<JointIndex>,
+    kind: AnomalyKind,
+    quantity: &'static str,
+    verdicts: Vec<Verdict>,
+) -> Vec<Anomaly> {
+    join(runs, (joint, kind, quantity), verdicts, 1)
+}
+
+fn join(
+    runs: &[(i64, Timestamp)],
+    (joint, kind, quantity): (Option<JointIndex>, AnomalyKind, &'static str),
+    verdicts: Vec<Verdict>,
+    again: usize,
+) -> Vec<Anomaly> {
     let mut found: Vec<Anomaly> = Vec::new();
-    let mut quiet = QUIET_RUNS;
+    let (mut quiet, mut needed) = (0, QUIET_RUNS);
     for (place, (&(run_id, started_at), verdict)) in runs.iter().zip(verdicts).enumerate() {
         match verdict {
             Verdict::Unknown => {}
             Verdict::Quiet => {
                 quiet += 1;
-                if quiet >= QUIET_RUNS {
+                if quiet >= needed {
                     found.iter_mut().for_each(|anomaly| anomaly.ended = true);
                 }
             }
@@ -56,6 +82,7 @@ pub(super) fn episodes(
                     baseline,
                     peak_value: value,
                     peak_score: score,
+                    peak_severity: severity,
                     first_cycle: cycle.filter(|_| began == place),
                     first_run_id: run_id,
                     last_run_id: run_id,
@@ -67,13 +94,102 @@ pub(super) fn episodes(
                     ended: false,
                     message: joint.map_or(message.clone(), |joint| format!("joint {joint}: {message}")),
                 };
+                let goes_on =
+                    |of: &Anomaly| !of.ended && (quiet < QUIET_RUNS || severity <= of.peak_severity);
+                if found.last().is_some_and(|last| !goes_on(last)) {
+                    found.iter_mut().for_each(|anomaly| anomaly.ended = true);
+                }
                 match found.last_mut().filter(|anomaly| !anomaly.ended) {
                     Some(open) => open.go_on(now),
-                    None => found.push(now),
+                    None => {
+                        let came_back = !found.is_empty() && quiet < MOST_QUIET_RUNS;
+                        needed = if came_back { (again * needed).min(MOST_QUIET_RUNS) } else { QUIET_RUNS };
+                        found.push(now);
+                    }
                 }
                 quiet = 0;
             }
         }
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::anomaly::Severity;
+    use crate::numerics::detect::verdict::Why;
+
+    fn found(out: impl Fn(usize) -> bool, count: usize) -> Vec<(i64, i64, bool)> {
+        joined(|run| out(run).then_some(Severity::Warning), count, episodes)
+    }
+
+    fn joined(
+        out: impl Fn(usize) -> Option<Severity>,
+        count: usize,
+        join: fn(
+            &[(i64, Timestamp)],
+            Option<JointIndex>,
+            AnomalyKind,
+            &'static str,
+            Vec<Verdict>,
+        ) -> Vec<Anomaly>,
+    ) -> Vec<(i64, i64, bool)> {
+        let runs: Vec<(i64, Timestamp)> = (0..count as i64)
+            .map(|run| (run, Timestamp::from_second(86_400 * run).expect("a time")))
+            .collect();
+        let verdict = |run| match out(run) {
+            None => Verdict::Quiet,
+            Some(severity) => Verdict::Out {
+                severity,
+                score: 1.0,
+                threshold: 1.0,
+                value: 1.0,
+                baseline: 1.0,
+                message: String::new(),
+                why: Why::default(),
+            },
+        };
+        let verdicts = (0..count).map(verdict).collect();
+        let all = join(&runs, None, AnomalyKind::Oscillation, "friction_swing", verdicts);
+        all.iter().map(|of| (of.first_run_id, of.last_run_id, of.ended)).collect()
+    }
+
+    #[test]
+    fn two_quiet_runs_end_an_episode() {
+        assert_eq!(found(|run| run == 3 || run == 5, 8), [(3, 5, true)]);
+        assert_eq!(found(|run| run == 3 || run == 5, 7), [(3, 5, false)]);
+    }
+
+    #[test]
+    fn what_comes_back_again_and_again_becomes_one_episode() {
+        // once in seven runs: the second episode takes eight quiet runs to end
+        assert_eq!(found(|run| run % 7 == 6, 365), [(6, 6, true), (13, 363, false)]);
+        assert_eq!(found(|run| run % 7 == 6 && run < 100, 365), [(6, 6, true), (13, 97, true)]);
+    }
+
+    #[test]
+    fn something_worse_is_another_episode() {
+        let severity = |run: usize| match run {
+            3 | 7 => Some(Severity::Info),
+            // two quiet runs before the one, none before the other
+            12 => Some(Severity::Warning),
+            13 => Some(Severity::Critical),
+            _ => None,
+        };
+        let found = joined(severity, 20, episodes);
+        assert_eq!(found, [(3, 3, true), (7, 7, true), (12, 13, false)]);
+    }
+
+    #[test]
+    fn events_that_come_back_stay_events() {
+        let often = joined(|run| (run % 7 == 6).then_some(Severity::Warning), 28, events);
+        assert_eq!(often, [(6, 6, true), (13, 13, true), (20, 20, true), (27, 27, false)]);
+    }
+
+    #[test]
+    fn what_comes_back_after_long_is_another_episode() {
+        let late = |run: usize| [3, 40, 80].contains(&run);
+        assert_eq!(found(late, 83), [(3, 3, true), (40, 40, true), (80, 80, true)]);
+    }
 }

@@ -195,7 +195,9 @@ fn pack(bytes: &mut Vec<u8>, of: &Anomaly) {
     let place = |position: Option<usize>| u8::try_from(position.unwrap_or_default()).unwrap_or_default();
     bytes.push(of.joint.map_or(0, |joint| u8::try_from(joint.number()).unwrap_or(u8::MAX)));
     bytes.push(place(AnomalyKind::ALL.iter().position(|kind| *kind == of.kind)));
-    bytes.push(place(Severity::ALL.iter().position(|severity| *severity == of.severity)));
+    for of in [of.severity, of.peak_severity] {
+        bytes.push(place(Severity::ALL.iter().position(|severity| *severity == of)));
+    }
     bytes.push(u8::from(of.ended));
     add_numbers(
         bytes,
@@ -232,6 +234,7 @@ fn anomaly(reader: &mut Reader<'_>) -> Option<Anomaly> {
     let joint = usize::from(reader.u8()?);
     let kind = *AnomalyKind::ALL.get(usize::from(reader.u8()?))?;
     let severity = *Severity::ALL.get(usize::from(reader.u8()?))?;
+    let peak_severity = *Severity::ALL.get(usize::from(reader.u8()?))?;
     let ended = reader.u8()? != 0;
     let [score, threshold, value, baseline, peak_value, peak_score, odds] = reader.numbers()?;
     let cycle = |number: u32| (number > 0).then_some(number);
@@ -253,6 +256,7 @@ fn anomaly(reader: &mut Reader<'_>) -> Option<Anomaly> {
         baseline,
         peak_value,
         peak_score,
+        peak_severity,
         first_cycle,
         first_run_id,
         last_run_id,
@@ -287,13 +291,14 @@ mod tests {
             joint,
             kind,
             quantity,
-            severity: Severity::Critical,
+            severity: Severity::Warning,
             score: 1.0 / 3.0,
             threshold: f64::MIN_POSITIVE,
             value: -0.25,
             baseline: 1e300,
             peak_value: 2.0,
             peak_score: 3.0,
+            peak_severity: Severity::Critical,
             first_cycle: cycle,
             first_run_id: 7,
             last_run_id: i64::MAX,

@@ -298,6 +298,7 @@ pub(in crate::store) fn anomaly(joint: JointIndex, first_run_id: i64, severity: 
         baseline: 10.0,
         peak_value: 14.0,
         peak_score: 7.0,
+        peak_severity: severity,
         first_cycle: None,
         first_run_id,
         last_run_id: first_run_id,

@@ -178,6 +178,7 @@ fn one_alarm(group: &[&Anomaly], same: &[&Anomaly], coupling: Coupling) -> Anoma
     Anomaly {
         joint: None,
         severity: all().map(|of| of.severity).max().unwrap_or(strongest.severity),
+        peak_severity: all().map(|of| of.peak_severity).max().unwrap_or(strongest.peak_severity),
         first_run_id: first.first_run_id,
         first_seen_at: first.first_seen_at,
         first_cycle: first.first_cycle,

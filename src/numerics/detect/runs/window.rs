@@ -47,7 +47,7 @@ impl Default for Lengths {
 
 /// Changes whenever the program settles something else in the same history. What another version of the program has settled is
 /// not believed either.
-const METHOD: (u64, &str) = (3, env!("CARGO_PKG_VERSION"));
+const METHOD: (u64, &str) = (4, env!("CARGO_PKG_VERSION"));
 
 /// Hash of what is settled in a history, beside its tests: settings, lengths and the other robots of the model.
 #[must_use]

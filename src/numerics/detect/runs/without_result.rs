@@ -63,6 +63,7 @@ impl Shown {
             baseline: f64::NAN,
             peak_value: f64::NAN,
             peak_score: 1.0,
+            peak_severity: Severity::Warning,
             first_cycle: self.first_cycle,
             first_run_id: run.run_id,
             last_run_id: run.run_id,
