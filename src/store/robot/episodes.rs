@@ -73,13 +73,10 @@ pub(super) fn same(stored: &[Episode], found: &[Episode], starts: &Starts) -> Ve
     chosen
 }
 
-/// Whether a found episode goes on with a stored one of the same cause.
-pub(super) fn goes_on(old: &Episode, new: &Episode, starts: &Starts) -> bool {
-    !old.withdrawn
-        && !old.ended
-        && old.joint == new.joint
-        && is_of_one_cause(old, new)
-        && overlap(old, new, starts).is_some()
+/// Whether what a test shows that is being written goes on with a stored episode of the same cause. The detectors have
+/// judged all tests before it, so that one which has not ended is waited for, however many quiet tests there were.
+pub(super) fn goes_on(old: &Episode, new: &Episode) -> bool {
+    !old.withdrawn && !old.ended && old.joint == new.joint && is_of_one_cause(old, new) && old.from <= new.to
 }
 
 /// Whether a kind is so much another than before that what people said of the fault does not hold for it.
