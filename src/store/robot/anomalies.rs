@@ -264,7 +264,7 @@ fn shown(row: &EngineRow) -> Result<Told, sqlx::Error> {
 
 /// Starts of the robot's complete runs that say whether something goes on with one of these anomalies: of those behind each
 /// that has not ended the first ones, as many as are counted.
-async fn run_starts(
+pub(super) async fn run_starts(
     connection: &mut EngineConnection,
     robot_id: i64,
     stored: &[Stored],

@@ -9,7 +9,7 @@ use sqlx::Row;
 
 use super::alarm_state::{AlarmState, EventKind, Life, Now, Told, go_on};
 use super::anomalies::{
-    Reconciled, Stored, episode, insert_anomaly, record, stored_anomalies, update_anomaly,
+    Reconciled, Stored, episode, insert_anomaly, record, run_starts, stored_anomalies, update_anomaly,
 };
 use super::conclude::ConclusionTransaction;
 use super::episodes::{Episode, goes_on, is_another_fault, same};
@@ -122,6 +122,7 @@ async fn reconcile_open(
     }
     let is_own = |of: &Stored| of.open_test.as_ref().is_some_and(|open| open.run_id == run_id);
     let all = stored_anomalies(&mut *connection, test.robot_id).await?;
+    let starts = run_starts(&mut *connection, test.robot_id, &all).await?;
     let (own, others): (Vec<Stored>, Vec<Stored>) = all.into_iter().partition(is_own);
     let mut events = Vec::new();
     let mut new = Vec::new();
