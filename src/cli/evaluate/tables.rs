@@ -95,11 +95,12 @@ pub(super) fn as_text(scores: &[DetectorScore]) -> String {
                     "days",
                     "again",
                     "further",
-                    "first alarm says",
-                    "further ones say",
                 ],
                 &events,
             );
+            text += "\n\nWhat is said of them, robots and alarms\n\n";
+            let said: Vec<Vec<String>> = own.scenarios.iter().filter(is_event).map(said_row).collect();
+            text += &output::table(&["scenario", "the first alarm", "further ones"], &said);
             text += "\n\n";
         }
     }
@@ -164,9 +165,11 @@ fn event_row(of: &ScenarioScore) -> Vec<String> {
         delay(of.delay_days),
         format!("{:.2}", of.repeated_a_robot()),
         format!("{:.2}", of.further_a_robot()),
-        counts(&of.said),
-        counts(&of.further_kinds),
     ]
+}
+
+fn said_row(of: &ScenarioScore) -> Vec<String> {
+    vec![of.scenario.name().into(), counts(&of.said), counts(&of.further_kinds)]
 }
 
 fn detector_row(score: &DetectorScore) -> Vec<String> {

@@ -40,7 +40,7 @@ pub(super) fn episodes(
     join(runs, (joint, kind, quantity), verdicts, AGAIN)
 }
 
-/// Joins verdicts about events, such as a contact or a load that is taken up: one that comes back is another one.
+/// Joins verdicts about events, such as a contact or a load that is put on: one that comes back is another one.
 pub(super) fn events(
     runs: &[(i64, Timestamp)],
     joint: Option<JointIndex>,
