@@ -121,19 +121,13 @@ mod tests {
     use crate::numerics::detect::verdict::Why;
 
     fn found(out: impl Fn(usize) -> bool, count: usize) -> Vec<(i64, i64, bool)> {
-        joined(|run| out(run).then_some(Severity::Warning), count, episodes)
+        joined(|run| out(run).then_some(Severity::Warning), count, false)
     }
 
     fn joined(
         out: impl Fn(usize) -> Option<Severity>,
         count: usize,
-        join: fn(
-            &[(i64, Timestamp)],
-            Option<JointIndex>,
-            AnomalyKind,
-            &'static str,
-            Vec<Verdict>,
-        ) -> Vec<Anomaly>,
+        are_events: bool,
     ) -> Vec<(i64, i64, bool)> {
         let runs: Vec<(i64, Timestamp)> = (0..count as i64)
             .map(|run| (run, Timestamp::from_second(86_400 * run).expect("a time")))
@@ -151,6 +145,7 @@ mod tests {
             },
         };
         let verdicts = (0..count).map(verdict).collect();
+        let join = if are_events { events } else { episodes };
         let all = join(&runs, None, AnomalyKind::Oscillation, "friction_swing", verdicts);
         all.iter().map(|of| (of.first_run_id, of.last_run_id, of.ended)).collect()
     }
@@ -177,13 +172,13 @@ mod tests {
             13 => Some(Severity::Critical),
             _ => None,
         };
-        let found = joined(severity, 20, episodes);
+        let found = joined(severity, 20, false);
         assert_eq!(found, [(3, 3, true), (7, 7, true), (12, 13, false)]);
     }
 
     #[test]
     fn events_that_come_back_stay_events() {
-        let often = joined(|run| (run % 7 == 6).then_some(Severity::Warning), 28, events);
+        let often = joined(|run| (run % 7 == 6).then_some(Severity::Warning), 28, true);
         assert_eq!(often, [(6, 6, true), (13, 13, true), (20, 20, true), (27, 27, false)]);
     }
 
